@@ -1,0 +1,121 @@
+"""The language the back end accepts: measurements as frozen dataclasses over numpy.
+
+Conventions, written down here once:
+
+* ``a_T_b`` is a (4, 4) rigid transform that takes coordinates in b to coordinates in a.
+* Covariances of poses are 6x6, **rotation first** (rad, then m), of a right perturbation in body
+  axes: ``w_T_b = w_T_b_hat Exp(xi)`` with ``xi = (rotation, translation)``. This is gtsam's order.
+* World ``w``: z up, the mean floor at ``z = floor_z`` (0 where nothing else is known).
+  Body ``b``: x forward, y left, z up.
+* Keyframes are numbered 0..n-1 in order of time; every measurement names them by that number.
+
+Only numpy is imported, so that the front end can speak this language without the back end.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+EdgeKind = Literal["odometry", "loop", "inertial"]
+
+
+@dataclass(frozen=True)
+class RelativePose:
+    """Pose of keyframe ``j`` seen from keyframe ``i``."""
+
+    i: int
+    j: int
+    i_T_j: Array
+    """(4, 4), metres."""
+    covariance: Array
+    """(6, 6), rotation first, right perturbation of ``i_T_j``."""
+    kind: EdgeKind
+
+
+@dataclass(frozen=True)
+class Attitude:
+    """Roll, pitch, yaw of the body at keyframe ``k``: ``R_wb = Rz(yaw) Ry(pitch) Rx(roll)``."""
+
+    k: int
+    roll_pitch_yaw_rad: Array
+    """(3,)."""
+    std_rad: Array
+    """(3,), one figure an axis; ``inf`` for an axis that was not measured."""
+
+
+@dataclass(frozen=True)
+class SlantRange:
+    """Distance from the body origin to the floor along the body's -z axis at keyframe ``k``."""
+
+    k: int
+    range_m: float
+    std_m: float
+
+
+@dataclass(frozen=True)
+class Position:
+    """Position of the body origin in the world at keyframe ``k`` (GPS after conversion)."""
+
+    k: int
+    w_p_b_m: Array
+    """(3,)."""
+    std_m: Array
+    """(3,), one figure an axis."""
+
+
+@dataclass(frozen=True)
+class PinholeModel:
+    """What the back end must know of a camera: where it sits and how it projects.
+
+    Pixel coordinates are OpenCV's (the centre of the first pixel is (0, 0)) with distortion
+    already removed.
+    """
+
+    focal_px: tuple[float, float]
+    center_px: tuple[float, float]
+    b_T_c: Array
+    """(4, 4)."""
+    focal_std_ratio: float = 0.0
+    """Relative uncertainty of the focal length; 0 holds it, above 0 it is estimated."""
+    radial_std: float = 0.0
+    """Uncertainty of the first radial coefficient beyond what was removed; 0 holds it."""
+
+
+@dataclass(frozen=True)
+class FloorTracks:
+    """Points of the floor seen from several keyframes: one row an observation."""
+
+    keyframe: NDArray[np.int64]
+    """(m,) number of the keyframe that saw the point."""
+    track: NDArray[np.int64]
+    """(m,) number of the point, 0..t-1; each has two observations or more."""
+    pixel: Array
+    """(m, 2) undistorted pixel coordinates."""
+    std_px: Array
+    """(m,) standard deviation of one coordinate."""
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """All that is known of a flight's keyframes: the input of the back end."""
+
+    stamps_s: Array
+    """(n,) times of the keyframes on the flight's clock."""
+    relative_poses: tuple[RelativePose, ...] = ()
+    attitudes: tuple[Attitude, ...] = ()
+    ranges: tuple[SlantRange, ...] = ()
+    positions: tuple[Position, ...] = ()
+    tracks: FloorTracks | None = None
+    camera: PinholeModel | None = None
+    names: tuple[str, ...] = field(default=())
+    """What to call each keyframe in messages; its number where empty."""
+
+    @property
+    def count(self) -> int:
+        """Number of keyframes."""
+        return len(self.stamps_s)

@@ -1,0 +1,1 @@
+"""Front end: from pixels to relative poses with covariance, loops and mosaics."""

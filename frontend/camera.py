@@ -1,0 +1,100 @@
+"""A pinhole camera with radial-tangential distortion, looking at a floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+NADIR_B_T_C: Array = np.array([[0.0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]])
+"""Down-looking camera at the body origin with the nose at the top of the picture."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Intrinsics and mount of one camera; pixel (0, 0) is the centre of the first pixel."""
+
+    focal_px: tuple[float, float]
+    center_px: tuple[float, float]
+    size_px: tuple[int, int]
+    """(width, height)."""
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    """OpenCV's (k1, k2, p1, p2[, k3])."""
+    b_T_c: Array = field(default_factory=lambda: NADIR_B_T_C.copy())
+    """(4, 4), camera coordinates to body coordinates."""
+    focal_std_ratio: float = 0.0
+    """Relative uncertainty of the focal length; above 0 it may be estimated from the flight."""
+    radial_std: float = 0.0
+    """Uncertainty of the first radial coefficient; above 0 it may be estimated from the flight."""
+
+    @property
+    def matrix(self) -> Array:
+        """The (3, 3) intrinsic matrix K."""
+        (fu, fv), (cu, cv) = self.focal_px, self.center_px
+        return np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1.0]])
+
+    @property
+    def is_distorted(self) -> bool:
+        """Whether any distortion coefficient differs from zero."""
+        return any(self.distortion)
+
+    @property
+    def corners_px(self) -> Array:
+        """(4, 2) centres of the corner pixels, clockwise from the top left."""
+        w, h = self.size_px
+        return np.array([[0, 0], [w - 1, 0], [w - 1, h - 1], [0, h - 1]], dtype=float)
+
+    def undistort(self, pixel: Array) -> Array:
+        """Pixels as an ideal pinhole with the same K would have them. (n, 2) -> (n, 2)."""
+        pixel = np.asarray(pixel, dtype=float).reshape(-1, 2)
+        if not self.is_distorted or len(pixel) == 0:
+            return pixel
+        return cv2.undistortPoints(
+            pixel[:, None], self.matrix, np.array(self.distortion), P=self.matrix
+        ).reshape(-1, 2)
+
+    def rays(self, pixel: Array) -> Array:
+        """Directions in camera axes with z = 1 of **undistorted** pixels. (n, 2) -> (n, 3)."""
+        pixel = np.asarray(pixel, dtype=float).reshape(-1, 2)
+        xy = (pixel - self.center_px) / self.focal_px
+        return np.column_stack([xy, np.ones(len(xy))])
+
+    def project(self, c_p: Array) -> Array:
+        """Distorted pixels of points in camera coordinates. (n, 3) -> (n, 2); NaN behind the camera."""
+        c_p = np.asarray(c_p, dtype=float).reshape(-1, 3)
+        pixel = np.full((len(c_p), 2), np.nan)
+        front = c_p[:, 2] > 1e-9
+        if front.any():
+            pixel[front] = cv2.projectPoints(
+                c_p[front, None], np.zeros(3), np.zeros(3), self.matrix, np.array(self.distortion)
+            )[0].reshape(-1, 2)
+        return pixel
+
+    def floor_H_image(self, w_T_b: Array, floor_z: float = 0.0) -> Array:
+        """Homography from undistorted pixels to world (x, y) on the plane z = floor_z. (4, 4) -> (3, 3).
+
+        Source: IMAV 2011 paper, section 3.1 (the map is a plane); Hartley and Zisserman 2004, section 8.1.
+        """
+        w_T_c = w_T_b @ self.b_T_c
+        R, t = w_T_c[:3, :3], w_T_c[:3, 3]
+        image_H_floor = (
+            self.matrix @ R.T @ np.column_stack([[1.0, 0, 0], [0, 1.0, 0], np.array([0, 0, floor_z]) - t])
+        )
+        return np.linalg.inv(image_H_floor)
+
+    def floor_points(self, w_T_b: Array, pixel: Array, floor_z: float = 0.0) -> Array:
+        """World (x, y) where the rays of undistorted pixels meet the floor; NaN above the horizon."""
+        w_T_c = w_T_b @ self.b_T_c
+        direction = self.rays(pixel) @ w_T_c[:3, :3].T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            s = (floor_z - w_T_c[2, 3]) / direction[:, 2]
+        s = np.where(s > 0, s, np.nan)
+        return w_T_c[:2, 3] + s[:, None] * direction[:, :2]
+
+    def footprint(self, w_T_b: Array, floor_z: float = 0.0) -> Array:
+        """(4, 2) world corners of the piece of floor that the picture shows."""
+        return self.floor_points(w_T_b, self.undistort(self.corners_px), floor_z)

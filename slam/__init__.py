@@ -1,0 +1,30 @@
+"""Lemniscate: drift-free maps from a down-looking camera."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from slam.evaluation import evaluate
+    from slam.flight import Flight
+    from slam.pipeline import optimize
+    from slam.simulation import simulate
+
+__version__ = "0.1.0"
+__all__ = ["Flight", "evaluate", "optimize", "simulate"]
+
+_HOME = {
+    "Flight": "slam.flight",
+    "evaluate": "slam.evaluation",
+    "optimize": "slam.pipeline",
+    "simulate": "slam.simulation",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import on first use, so that ``slam --help`` need not wait for gtsam and OpenCV."""
+    if name in _HOME:
+        from importlib import import_module
+
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'slam' has no attribute {name!r}")

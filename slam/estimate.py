@@ -1,0 +1,73 @@
+"""What the pipeline gives back: the optimized flight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.measurements import RelativePose
+from frontend.camera import Camera
+from slam.flight import GeoOrigin
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LoopVerdict:
+    """What became of one loop candidate."""
+
+    i: int
+    j: int
+    """Keyframe numbers, i < j."""
+    verdict: Literal["kept", "rejected"]
+    reason: str
+    """Empty for a kept loop; else what spoke against it, in words with figures."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Optimized keyframe poses with covariances, and how they came about."""
+
+    name: str
+    status: str
+    """``ok``, or in one sentence what is not observed or could not be placed."""
+    epoch_ns: int
+    stamps_s: Array
+    """(n,) keyframe times, seconds since epoch_ns."""
+    frame_names: tuple[str, ...]
+    frame_index: NDArray[np.int64]
+    """(n,) which frame of the flight each keyframe is."""
+    w_T_b: Array
+    """(n, 4, 4) optimized poses; NaN where a keyframe could not be placed."""
+    covariances: Array
+    """(n, 6, 6), rotation first, right perturbation; NaN where unknown."""
+    component: NDArray[np.int64]
+    """(n,) connected part of the graph each keyframe belongs to; 0 is the largest, -1 not placed."""
+    camera: Camera | None
+    """As estimated, where focal length or distortion were."""
+    floor_z_m: float
+    origin: GeoOrigin | None
+    """Set where the world is east-north-up on Earth."""
+    relative_poses: tuple[RelativePose, ...]
+    loops: tuple[LoopVerdict, ...]
+    chain_w_T_b: Array
+    """(n, 4, 4) the paper's way: homographies of consecutive frames composed, nothing else."""
+    odometry_w_T_b: Array
+    """(n, 4, 4) optimized without loops."""
+    frames: int = 0
+    """Frames read."""
+    rejected: dict[str, int] = field(default_factory=dict)
+    """Frames, edges and values dropped, counted by reason."""
+    timing_s: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    graph_error: float = float("nan")
+    """Half the squared whitened residuals over all kept factors."""
+    iterations: int = 0
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """(n,) keyframe times on the recorder's clock."""
+        return self.epoch_ns + np.round(self.stamps_s * 1e9).astype(np.int64)
