@@ -1,0 +1,1 @@
+"""Back end: from measurements in metres to one consistent trajectory. Imports nothing here, by design."""
