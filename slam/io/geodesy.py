@@ -1,0 +1,97 @@
+"""Where on Earth: WGS 84 geodetic, Earth-centred (ECEF) and local east-north-up coordinates.
+
+The conversions are exact on the ellipsoid (no flat-Earth approximation), so distances between points
+survive. Altitude is height above the ellipsoid; a height above sea level may stand in for it, as the two
+differ by a figure that is nearly constant over a flight. Frames: ``e`` Earth-centred Earth-fixed, ``w``
+east-north-up at the origin.
+
+Source: National Geospatial-Intelligence Agency, WGS 84, NGA.STND.0036 (2014); Bowring, "Transformation from
+spatial to geographical coordinates", Survey Review 181 (1976).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from slam.flight import GeoOrigin
+
+Array = NDArray[np.float64]
+
+EQUATOR_M = 6378137.0
+FLATTENING = 1 / 298.257223563
+ECCENTRICITY_2 = FLATTENING * (2 - FLATTENING)
+POLE_M = EQUATOR_M * (1 - FLATTENING)
+
+_BOWRING_STEPS = 5
+"""Each step gains about three digits near Earth, so that five reach the last bit from any altitude in use."""
+
+
+def ecef_from_geodetic(latitude_deg: ArrayLike, longitude_deg: ArrayLike, altitude_m: ArrayLike) -> Array:
+    """Earth-centred coordinates in metres; broadcasts its arguments. (n,) each -> (n, 3)."""
+    lat, lon = np.radians(np.asarray(latitude_deg, float)), np.radians(np.asarray(longitude_deg, float))
+    alt = np.asarray(altitude_m, float)
+    across = EQUATOR_M / np.sqrt(1 - ECCENTRICITY_2 * np.sin(lat) ** 2)
+    from_axis = (across + alt) * np.cos(lat)
+    x, y = from_axis * np.cos(lon), from_axis * np.sin(lon)
+    return np.stack(np.broadcast_arrays(x, y, (across * (1 - ECCENTRICITY_2) + alt) * np.sin(lat)), axis=-1)
+
+
+def geodetic_from_ecef(e_p_m: ArrayLike) -> tuple[Array, Array, Array]:
+    """Latitude [deg], longitude [deg] and altitude [m] of Earth-centred points. (n, 3) -> three (n,).
+
+    Bowring's iteration on the parametric latitude; good to rounding (2e-9 m near the ground).
+    """
+    x, y, z = np.moveaxis(np.asarray(e_p_m, float), -1, 0)
+    from_axis = np.hypot(x, y)
+    parametric = np.arctan2(z, (1 - FLATTENING) * from_axis)
+    lat = parametric
+    for _ in range(_BOWRING_STEPS):
+        lat = np.arctan2(
+            z + ECCENTRICITY_2 / (1 - FLATTENING) * EQUATOR_M * np.sin(parametric) ** 3,
+            from_axis - ECCENTRICITY_2 * EQUATOR_M * np.cos(parametric) ** 3,
+        )
+        parametric = np.arctan2((1 - FLATTENING) * np.sin(lat), np.cos(lat))
+    # The projection on the ellipsoid's normal keeps its digits at the poles and the equator alike.
+    height = (
+        from_axis * np.cos(lat) + z * np.sin(lat) - EQUATOR_M * np.sqrt(1 - ECCENTRICITY_2 * np.sin(lat) ** 2)
+    )
+    return np.degrees(lat), np.degrees(np.arctan2(y, x)), height
+
+
+def enu_from_geodetic(
+    latitude_deg: ArrayLike, longitude_deg: ArrayLike, altitude_m: ArrayLike, origin: GeoOrigin
+) -> Array:
+    """East, north, up in metres from ``origin``. (n,) each -> (n, 3).
+
+    Where the altitude is NaN, east and north are those at the origin's altitude (off by 1.6 cm for each 100 m
+    of height and km of distance) and up is NaN.
+    """
+    lat, lon, alt = np.broadcast_arrays(
+        *(np.atleast_1d(np.asarray(a, float)) for a in (latitude_deg, longitude_deg, altitude_m))
+    )
+    known = np.isfinite(alt)
+    e_p = ecef_from_geodetic(lat, lon, np.where(known, alt, origin.altitude_m))
+    w_p = (e_p - _origin_in_ecef(origin)) @ _ecef_R_enu(origin)
+    w_p[~known, 2] = np.nan
+    return w_p
+
+
+def geodetic_from_enu(w_p_m: ArrayLike, origin: GeoOrigin) -> tuple[Array, Array, Array]:
+    """Latitude [deg], longitude [deg] and altitude [m] of east-north-up points. (n, 3) -> three (n,)."""
+    w_p = np.asarray(w_p_m, float).reshape(-1, 3)
+    return geodetic_from_ecef(w_p @ _ecef_R_enu(origin).T + _origin_in_ecef(origin))
+
+
+def _origin_in_ecef(origin: GeoOrigin) -> Array:
+    return ecef_from_geodetic(origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
+
+
+def _ecef_R_enu(origin: GeoOrigin) -> Array:
+    """(3, 3); its columns are east, north and up at the origin."""
+    lat, lon = np.radians(origin.latitude_deg), np.radians(origin.longitude_deg)
+    (sin_lat, cos_lat), (sin_lon, cos_lon) = (np.sin(lat), np.cos(lat)), (np.sin(lon), np.cos(lon))
+    east = [-sin_lon, cos_lon, 0.0]
+    north = [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat]
+    up = [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat]
+    return np.column_stack([east, north, up])
