@@ -1,0 +1,294 @@
+"""The tags of one photograph: who took it, when, where, and which way the camera looked.
+
+Angles stay as the maker wrote them here (degrees, yaw clockwise from north); ``slam.io.gimbal`` turns them
+into the flight's axes. A tag that is absent, not finite or out of its range is ``None``. Sources: CIPA
+DC-008-2019 (Exif 2.32), sections 4.6.3 to 4.6.6; DJI's XMP names as its cameras write them.
+"""
+
+from __future__ import annotations
+
+import mmap
+import re
+import warnings
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from PIL.ExifTags import GPS, IFD, Base
+
+from slam.errors import InputError
+from slam.io.xmp import Xmp, parse_xmp
+
+Angles = tuple[float, float, float]
+"""Yaw, pitch, roll in degrees."""
+
+_MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
+"""FocalPlaneResolutionUnit: inch, centimetre and, beyond the standard, millimetre and micrometre."""
+
+
+@dataclass(frozen=True)
+class PhotoTags:
+    """What one photograph says of itself."""
+
+    size_px: tuple[int, int]
+    """(width, height) of the stored pixels."""
+    make: str = ""
+    model: str = ""
+    original_size_px: tuple[float, float] | None = None
+    """(width, height) when it was taken, where the tags tell it."""
+    focal_mm: float | None = None
+    focal_35mm: float | None = None
+    """Focal length of the same diagonal view on 35 mm film [mm]."""
+    sensor_px_per_mm: float | None = None
+    """Original pixels in a millimetre of the sensor."""
+    calibrated_focal_px: float | None = None
+    """At the original size."""
+    dewarp: tuple[float, ...] | None = None
+    """fx, fy, cx, cy (from the middle), k1, k2, p1, p2, k3 at the original size."""
+    dewarped: bool = False
+    """The distortion was taken out in the camera already."""
+    camera_time_ns: int | None = None
+    """The camera's calendar clock read as if it were UTC, since 1970."""
+    utc_offset_ns: int | None = None
+    """What to take from it for UTC."""
+    gps_time_ns: int | None = None
+    """UTC since 1970."""
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    altitude_m: float | None = None
+    exif_altitude_m: float | None = None
+    """The plain Exif altitude where ``altitude_m`` comes from the maker's own tag."""
+    position_std_m: Angles | None = None
+    """East, north, up."""
+    height_above_takeoff_m: float | None = None
+    gimbal: Angles | None = None
+    """DJI's and Parrot's: pitch 0 is the horizon, -90 straight down."""
+    mount: Angles | None = None
+    """Pix4D's: pitch 0 is straight down, +90 the horizon ahead."""
+    airframe: Angles | None = None
+    """The vehicle's own attitude."""
+    xmp_damaged: bool = False
+
+
+def read_tags(path: Path) -> PhotoTags:
+    """Read the tags of a JPEG, PNG or TIFF; no pixel is decoded.
+
+    Raises ``InputError`` where the file is no such picture, is damaged, or ends before its picture does.
+    """
+    try:
+        if path.stat().st_size == 0:
+            raise InputError("empty file")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow warns of damaged tags, which count as absent here
+            with Image.open(path, formats=("JPEG", "PNG", "TIFF")) as image:
+                complete = _is_complete(path, image)
+                exif = image.getexif()
+                tags = {**exif, **exif.get_ifd(IFD.Exif)}
+                gps = dict(exif.get_ifd(IFD.GPSInfo))
+                packet = image.info.get("xmp", b"")
+                size = image.size
+    except InputError:
+        raise
+    except PermissionError as error:
+        raise InputError("no permission to read it") from error
+    except Image.DecompressionBombError as error:
+        raise InputError("more pixels than a photograph has") from error
+    except Exception as error:  # Pillow lets any exception out of a damaged file
+        raise InputError("not a readable picture") from error
+    if not complete:
+        raise InputError("cut short or damaged")
+    xmp = parse_xmp(packet.encode() if isinstance(packet, str) else bytes(packet or b""))
+    return PhotoTags(size, **_camera(tags, xmp), **_time(tags, gps), **_place(gps, xmp), **_view(xmp))
+
+
+def _is_complete(path: Path, image: Image.Image) -> bool:
+    """Whether the file holds its picture to the end, told from the container."""
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        if image.format == "PNG":
+            return data.rfind(b"IEND") > 0
+        if image.format == "TIFF":
+            layout: Any = image
+            pieces = ((273, 279), (324, 325))  # strips, tiles: offsets and byte counts
+            ends = [
+                int(offset) + int(count)
+                for offsets, counts in pieces
+                for offset, count in zip(
+                    layout.tag_v2.get(offsets, ()), layout.tag_v2.get(counts, ()), strict=True
+                )
+            ]
+            return bool(ends) and max(ends) <= len(data)
+        at = 2
+        while at + 4 <= len(data) and data[at] == 0xFF:
+            marker = data[at + 1]
+            if marker == 0xDA:
+                # Only the end-of-image after the scan counts: thumbnails before it have their own.
+                return data.rfind(b"\xff\xd9", at) > 0
+            at += 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+    return False
+
+
+def _camera(tags: dict[int, Any], xmp: Xmp) -> dict[str, Any]:
+    unit_mm = _MM_PER_UNIT.get(int(_number(tags.get(Base.FocalPlaneResolutionUnit)) or 2))
+    per_unit = _positive(tags.get(Base.FocalPlaneXResolution))
+    dewarp = [_number(v) for v in re.split(r"[,;\s]+", xmp.text("drone", "DewarpData"))[1:]]
+    width, height = _positive(tags.get(Base.ExifImageWidth)), _positive(tags.get(Base.ExifImageHeight))
+    known = len(dewarp) >= 9 and all(v is not None for v in dewarp[:9])
+    return {
+        "make": _text(tags.get(Base.Make)),
+        "model": _text(tags.get(Base.Model)),
+        "original_size_px": (width, height) if width and height else None,
+        "focal_mm": _positive(tags.get(Base.FocalLength)),
+        "focal_35mm": _positive(tags.get(Base.FocalLengthIn35mmFilm)),
+        "sensor_px_per_mm": per_unit / unit_mm if per_unit and unit_mm else None,
+        "calibrated_focal_px": _positive(xmp.text("drone", "CalibratedFocalLength")),
+        "dewarp": tuple(v for v in dewarp[:9] if v is not None) if known else None,
+        "dewarped": bool(_number(xmp.text("drone", "DewarpFlag"))),
+        "xmp_damaged": xmp.damaged,
+    }
+
+
+def _time(tags: dict[int, Any], gps: dict[int, Any]) -> dict[str, Any]:
+    camera, offset = None, None
+    for date, fraction, zone in (
+        (Base.DateTimeOriginal, Base.SubsecTimeOriginal, Base.OffsetTimeOriginal),
+        (Base.DateTimeDigitized, Base.SubsecTimeDigitized, Base.OffsetTimeDigitized),
+    ):
+        camera = _calendar_ns(_text(tags.get(date)))
+        if camera is not None:
+            digits = re.match(r"\d{1,9}", _text(tags.get(fraction)))
+            camera += int(digits[0].ljust(9, "0")) if digits else 0
+            offset = _utc_offset_ns(_text(tags.get(zone)))
+            break
+    clock = _numbers(gps.get(GPS.GPSTimeStamp), 3)
+    midnight = _calendar_ns(_text(gps.get(GPS.GPSDateStamp)) + " 00:00:00")
+    satellite = None
+    if clock is not None and midnight is not None and 0 <= clock @ [3600, 60, 1] <= 86401:
+        satellite = midnight + round(float(clock @ [3600, 60, 1]) * 1e9)
+    return {"camera_time_ns": camera, "utc_offset_ns": offset, "gps_time_ns": satellite}
+
+
+def _place(gps: dict[int, Any], xmp: Xmp) -> dict[str, Any]:
+    """The maker's own tags before Exif's: they carry more digits, and the RTK altitude stands only there."""
+    lat, lon = (
+        _number(xmp.text("drone", "GpsLatitude", "GPSLatitude")),
+        # Older DJI cameras write the second name.
+        _number(xmp.text("drone", "GpsLongitude", "GpsLongtitude", "GPSLongitude")),
+    )
+    if not _is_place(lat, lon):
+        lat = _sexagesimal(gps.get(GPS.GPSLatitude), _text(gps.get(GPS.GPSLatitudeRef)), "NS")
+        lon = _sexagesimal(gps.get(GPS.GPSLongitude), _text(gps.get(GPS.GPSLongitudeRef)), "EW")
+        if not _is_place(lat, lon) or _text(gps.get(GPS.GPSStatus)) == "V":
+            lat = lon = None
+    exif_altitude = _number(gps.get(GPS.GPSAltitude))
+    if exif_altitude is not None and _below_sea(gps.get(GPS.GPSAltitudeRef)):
+        exif_altitude = -exif_altitude
+    altitude = _number(xmp.text("drone", "AbsoluteAltitude"))
+    std = [_positive(xmp.text("drone", f"RtkStd{axis}")) for axis in ("Lon", "Lat", "Hgt")]
+    if None in std:
+        across = _positive(xmp.text("camera", "GPSXYAccuracy"))
+        std = [across, across, _positive(xmp.text("camera", "GPSZAccuracy"))]
+    return {
+        "latitude_deg": lat,
+        "longitude_deg": lon,
+        "altitude_m": exif_altitude if altitude is None else altitude,
+        "exif_altitude_m": exif_altitude,
+        "position_std_m": None if None in std else tuple(std),
+        "height_above_takeoff_m": _number(xmp.text("drone", "RelativeAltitude")),
+    }
+
+
+def _view(xmp: Xmp) -> dict[str, Any]:
+    return {
+        # Parrot keeps DJI's convention under names of its own.
+        "gimbal": _angles(xmp, "drone", "GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree")
+        or _angles(xmp, "drone", "CameraYawDegree", "CameraPitchDegree", "CameraRollDegree"),
+        "mount": _angles(xmp, "camera", "Yaw", "Pitch", "Roll"),
+        "airframe": _angles(xmp, "drone", "FlightYawDegree", "FlightPitchDegree", "FlightRollDegree"),
+    }
+
+
+def _angles(xmp: Xmp, family: Any, *names: str) -> Angles | None:
+    yaw, pitch, roll = (_number(xmp.text(family, name)) for name in names)
+    if yaw is None or pitch is None or abs(yaw) > 360 or abs(pitch) > 180:
+        return None
+    return yaw, pitch, roll if roll is not None and abs(roll) <= 180 else 0.0
+
+
+def _number(value: Any) -> float | None:
+    """A finite float out of a rational, a one-tuple, "+1.5" or "3/2"; None where there is none."""
+    if isinstance(value, (tuple, list)):
+        value = value[0] if len(value) == 1 else None
+    if isinstance(value, bytes):
+        value = value.decode("ascii", "replace")
+    try:
+        if isinstance(value, str) and "/" in value:
+            above, below = value.split("/", 1)
+            value = float(above) / float(below)
+        number = float(value)
+    except (TypeError, ValueError, ArithmeticError):
+        return None
+    return number if np.isfinite(number) else None
+
+
+def _numbers(value: Any, count: int) -> np.ndarray | None:
+    if not isinstance(value, (tuple, list)) or len(value) != count:
+        return None
+    numbers = [_number(v) for v in value]
+    return None if None in numbers else np.array(numbers, dtype=float)
+
+
+def _positive(value: Any) -> float | None:
+    number = _number(value)
+    return number if number is not None and number > 0 else None
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bytes):
+        value = value.decode("utf-8", "replace")
+    text = value.split("\0")[0] if isinstance(value, str) else ""
+    return "".join(c for c in text if c.isprintable()).strip()
+
+
+def _sexagesimal(value: Any, reference: str, signs: str) -> float | None:
+    """Degrees, minutes, seconds with N/S or E/W. Without the letter the sign is unknown, so the value is."""
+    parts = _numbers(value, 3)
+    letter = reference[:1].upper()
+    if parts is None or letter not in tuple(signs):
+        return None
+    degrees = float(parts @ [1, 1 / 60, 1 / 3600])
+    return -degrees if letter == signs[1] else degrees
+
+
+def _is_place(lat: float | None, lon: float | None) -> bool:
+    """Whether both are there and on Earth; (0, 0) is what a receiver without a fix writes."""
+    return lat is not None and lon is not None and abs(lat) <= 90 and abs(lon) <= 180 and (lat, lon) != (0, 0)
+
+
+def _below_sea(reference: Any) -> bool:
+    """GPSAltitudeRef 1, or 3 of Exif 3.0: below sea level, below the ellipsoid."""
+    code = reference[0] if isinstance(reference, bytes) and len(reference) == 1 else _number(reference)
+    return code in (1, 3)
+
+
+def _calendar_ns(text: str) -> int | None:
+    """Nanoseconds from 1970 to "YYYY:MM:DD hh:mm:ss"; None for the zeros of a clock never set."""
+    match = re.match(r"(\d{4})[:-](\d\d)[:-](\d\d)[ T](\d\d):(\d\d):(\d\d)", text)
+    if match is None:
+        return None
+    try:
+        since = datetime.strptime(" ".join(match.groups()), "%Y %m %d %H %M %S") - datetime(1970, 1, 1)
+    except ValueError:
+        return None
+    return since // timedelta(seconds=1) * 10**9 if since >= timedelta(0) else None
+
+
+def _utc_offset_ns(text: str) -> int | None:
+    match = re.fullmatch(r"([+-])(\d\d):(\d\d)|Z", text)
+    if match is None:
+        return None
+    if match[1] is None:
+        return 0
+    return (1 if match[1] == "+" else -1) * (int(match[2]) * 60 + int(match[3])) * 60 * 10**9

@@ -1,0 +1,125 @@
+"""The camera of a set of photographs, from what their tags say about lens and sensor.
+
+In order of trust: the maker's calibration (``DewarpData``, ``CalibratedFocalLength``), the focal length with
+the sensor's resolution, the focal length on 35 mm film, and where nothing is known a usual field of view.
+Photographs are often scaled down after the flight while these tags stay as they were, so the pixel counts
+refer to the original size. The stored pixels count: an orientation tag turns the view, not the intrinsics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from frontend.camera import Camera
+from slam.io.exif import PhotoTags
+
+ASSUMED_VIEW_DEG = 65.0
+"""Field of view along the longer side where the tags say nothing: a 28 mm lens on 35 mm film."""
+
+_FILM_DIAGONAL_MM = float(np.hypot(36, 24))
+_FOCAL_STD_RATIO = {"dewarp": 0.005, "calibrated": 0.01, "tags": 0.03, "assumed": 0.1}
+"""CalibratedFocalLength is often the model's nominal figure, so it is not believed as far as DewarpData."""
+_PLAUSIBLE_FOCAL = (0.3, 30.0)
+"""Focal length over the longer side: 118 degrees of view to 2."""
+_AGREEMENT = 1.15
+"""How far the two Exif focal lengths may lie apart: rounding to a millimetre and crops stay below."""
+
+
+@dataclass(frozen=True)
+class _Focal:
+    px: float
+    trust: str
+    remark: str
+
+
+def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[str, ...]]:
+    """The camera that took all of ``photos`` (one model, one size), and what was assumed, one line each."""
+    # One damaged tag must not bend the camera of all the others.
+    focals = [_focal(tags) for tags in photos]
+    best = min(_FOCAL_STD_RATIO, key=lambda trust: -sum(f.trust == trust for f in focals))
+    agreed = [f for f in focals if f.trust == best]
+    middle = agreed[int(np.argsort([f.px for f in agreed])[len(agreed) // 2])]
+    tags = photos[focals.index(middle)]
+    width, height = tags.size_px
+    camera = Camera(
+        (middle.px, middle.px),
+        ((width - 1) / 2, (height - 1) / 2),
+        tags.size_px,
+        focal_std_ratio=_FOCAL_STD_RATIO[best],
+        radial_std=0.01 if best == "dewarp" else 0.1,
+    )
+    if best == "dewarp":
+        camera = _dewarped(camera, tags)
+    distortion = "" if best == "dewarp" else "; no lens distortion assumed"
+    return camera, (f"focal length {middle.px:.1f} px {middle.remark}{distortion}",)
+
+
+def _focal(tags: PhotoTags) -> _Focal:
+    width, height = tags.size_px
+    scale, scaled = _scale(tags)
+    candidates: list[_Focal] = []
+    if tags.dewarp is not None and abs(tags.dewarp[4]) < 2:
+        fx, fy = tags.dewarp[:2]
+        if 0.9 < fx / max(fy, 1e-9) < 1.1:
+            candidates.append(
+                _Focal(fx * scale, "dewarp", f"from the maker's calibration (DewarpData){scaled}")
+            )
+    if tags.calibrated_focal_px:
+        px = tags.calibrated_focal_px * scale
+        candidates.append(_Focal(px, "calibrated", f"from the maker's CalibratedFocalLength{scaled}"))
+    film = None
+    if tags.focal_35mm:
+        px = tags.focal_35mm / _FILM_DIAGONAL_MM * float(np.hypot(width, height))
+        film = _Focal(px, "tags", f"from {tags.focal_35mm:g} mm on 35 mm film (Exif)")
+    if tags.focal_mm and tags.sensor_px_per_mm:
+        px = tags.focal_mm * tags.sensor_px_per_mm * scale
+        remark = f"from {tags.focal_mm:g} mm and {tags.sensor_px_per_mm:.1f} px/mm of sensor (Exif){scaled}"
+        if film is None or not _is_plausible(film.px, tags) or 1 / _AGREEMENT < px / film.px < _AGREEMENT:
+            candidates.append(_Focal(px, "tags", remark))
+        else:
+            # The film figure survives any scaling of the picture, the sensor's resolution does not.
+            film = replace(film, remark=f"{film.remark}; the sensor's resolution would give {px:.0f} px")
+    if film is not None:
+        candidates.append(film)
+    assumed = max(width, height) / 2 / float(np.tan(np.radians(ASSUMED_VIEW_DEG / 2)))
+    fallback = _Focal(
+        assumed,
+        "assumed",
+        f"assumed: a view of {ASSUMED_VIEW_DEG:g} degrees along the longer side, as the tags say nothing",
+    )
+    return next((c for c in candidates if _is_plausible(c.px, tags)), fallback)
+
+
+def _is_plausible(focal_px: float, tags: PhotoTags) -> bool:
+    low, high = _PLAUSIBLE_FOCAL
+    return low < focal_px / max(tags.size_px) < high
+
+
+def _scale(tags: PhotoTags) -> tuple[float, str]:
+    """Stored pixels over original pixels, and the words for it where they differ."""
+    if tags.original_size_px is None:
+        return 1.0, ""
+    (width, height), (long, short) = tags.size_px, tags.original_size_px
+    for across, down in ((long, short), (short, long)):
+        ratio = width / across
+        if abs(height / down / ratio - 1) < 0.01 and ratio < 0.999:
+            return ratio, f", scaled from {across:.0f} to {width} px"
+    # Equal, or cropped: a crop keeps the pixel size.
+    return 1.0, ""
+
+
+def _dewarped(camera: Camera, tags: PhotoTags) -> Camera:
+    """With the principal point and distortion of ``DewarpData``; OpenCV's order is DJI's."""
+    assert tags.dewarp is not None
+    fx, fy, cx, cy, *distortion = tags.dewarp
+    scale, _ = _scale(tags)
+    u, v = camera.center_px
+    return replace(
+        camera,
+        focal_px=(fx * scale, fy * scale),
+        center_px=(u + cx * scale, v + cy * scale),
+        distortion=(0.0, 0.0, 0.0, 0.0) if tags.dewarped else tuple(distortion),
+    )

@@ -1,0 +1,66 @@
+"""What drone makers write into a picture's XMP packet: names and values of two families.
+
+``drone``: DJI's names (``drone-dji:GimbalYawDegree``) and those of makers that copy them under a namespace of
+their own. ``camera``: Pix4D's names (``Camera:Yaw``), used by Parrot, senseFly, Autel, MicaSense and others.
+Values stand as attributes or as elements; both are read. Source: Adobe, XMP Specification Part 1 (2012),
+section 7; Pix4D, "Specifications of xmp.camera tags".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Literal
+from xml.etree.ElementTree import Element, ParseError
+
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import fromstring
+
+Family = Literal["drone", "camera"]
+
+_LARGEST_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class Xmp:
+    """Values of one packet as text, by family and name."""
+
+    values: dict[tuple[Family, str], str] = field(default_factory=dict)
+    damaged: bool = False
+    """A packet was there but could not be read."""
+
+    def text(self, family: Family, *names: str) -> str:
+        """The first of the names that has a value; empty where none has."""
+        return next((v for n in names if (v := self.values.get((family, n), "").strip())), "")
+
+
+def parse_xmp(packet: bytes) -> Xmp:
+    """Read a packet; a damaged one, or one with XML entities in it, is marked and left."""
+    # Padding and stray bytes around the document are common and not XML.
+    start, end = packet.find(b"<x:xmpmeta"), packet.rfind(b"</x:xmpmeta>")
+    document = packet[start : end + len(b"</x:xmpmeta>")] if 0 <= start < end else packet.strip(b"\0 \r\n\t")
+    if not document:
+        return Xmp()
+    if len(document) > _LARGEST_BYTES:
+        return Xmp(damaged=True)
+    try:
+        root = fromstring(document, forbid_dtd=True)
+    except (ParseError, DefusedXmlException, ValueError, LookupError):
+        return Xmp(damaged=True)
+    return Xmp({(family, name): value for family, name, value in _named_values(root)})
+
+
+def _named_values(root: Element) -> Iterator[tuple[Family, str, str]]:
+    for element in root.iter():
+        for tag, value in ((str(element.tag), element.text or ""), *element.attrib.items()):
+            uri, _, name = tag.removeprefix("{").rpartition("}")
+            family = _family(uri)
+            if family is not None and value.strip():
+                yield family, name, value
+
+
+def _family(uri: str) -> Family | None:
+    uri = uri.casefold()
+    if "pix4d.com/camera" in uri or "sensefly.com/camera" in uri:
+        return "camera"
+    return "drone" if "drone" in uri else None
