@@ -1,0 +1,73 @@
+"""The command ``slam``: one module a command, each importing what it needs only when it runs."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import warnings
+from typing import Annotated
+
+import typer
+
+from slam import __version__
+from slam.cli.demo import demo
+from slam.cli.evaluate import evaluate
+from slam.cli.flights import import_flight, info
+from slam.cli.guard import guarded, show_traceback
+from slam.cli.optimize import optimize
+from slam.cli.simulate import simulate
+
+app = typer.Typer(
+    name="slam",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    help="Drift-free maps from a down-looking camera: a flight in, trajectory, graph and mosaic out.",
+    epilog="Exit codes: 0 done, 1 the input was refused (one line says why), 2 wrong usage, 130 interrupted.",
+)
+for name, command in (
+    ("demo", demo),
+    ("optimize", optimize),
+    ("evaluate", evaluate),
+    ("simulate", simulate),
+    ("import", import_flight),
+    ("info", info),
+):
+    app.command(name)(guarded(command))
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        print(f"slam {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+    debug: Annotated[
+        bool,
+        typer.Option(
+            "--debug", envvar="SLAM_DEBUG", help="On an error, print where in the program it arose."
+        ),
+    ] = False,
+) -> None:
+    """Options of every command."""
+    show_traceback.set(debug)
+
+
+def main() -> None:
+    """The entry point of the command ``slam``."""
+    os.environ.setdefault(
+        "OPENCV_LOG_LEVEL", "SILENT"
+    )  # what a picture lacks is counted, not printed by OpenCV
+    if not sys.warnoptions:
+        warnings.simplefilter("ignore")
+    signal.signal(
+        signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM)
+    )  # lets outputs clean up after themselves
+    app()

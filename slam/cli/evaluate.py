@@ -1,0 +1,53 @@
+"""``slam evaluate``: an optimization beside the truth, or the GPS, of its flight."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from slam.evaluation import Evaluation
+
+
+def evaluate(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder that slam optimize wrote.")],
+    truth: Annotated[Path, typer.Option("--truth", metavar="FLIGHT", help="The flight, with truth or GPS.")],
+) -> None:
+    """Measure how far a map is from the truth; adds evaluation.json and pictures to DIR."""
+    from slam.cli.source import open_flight
+    from slam.cli.tables import shown, written
+    from slam.console import console
+    from slam.evaluation import evaluate as compare
+    from slam.io.estimate import read_estimate
+    from slam.outputs import EVALUATE_NAMES, locked
+    from slam.progress import silent
+    from slam.report.accuracy import accuracy_tables
+
+    screen = console()
+    folder = Path(os.path.realpath(folder))
+    estimate = read_estimate(folder)
+    flight, _ = open_flight(truth, silent)
+    evaluation = compare(estimate, flight)
+    with locked(folder):
+        write_evaluation(folder, evaluation)
+    for table in accuracy_tables(evaluation):
+        screen.print(shown(table))
+    screen.print(written([folder / name for name in EVALUATE_NAMES]))
+
+
+def write_evaluation(folder: Path, evaluation: Evaluation) -> None:
+    """Write evaluation.json and its pictures, each whole. Raises ``InputError`` where the disk refuses."""
+    from slam.io.whole_file import write_whole
+    from slam.report.pictures import error_picture, tracks_picture
+    from slam.summary import json_text
+
+    contents = {
+        "evaluation_trajectory.png": tracks_picture(evaluation.tracks),
+        "evaluation_error.png": error_picture(evaluation.tracks),
+        "evaluation.json": json_text(evaluation.to_json()).encode(),
+    }
+    for name, content in contents.items():
+        write_whole(folder / name, content)

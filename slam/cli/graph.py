@@ -1,0 +1,114 @@
+"""A pose graph from a file, for which the back end runs alone."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from backend.measurements import RelativePose
+from slam.estimate import Estimate, LoopVerdict
+from slam.progress import Progress
+
+if TYPE_CHECKING:
+    from backend.pose_graph import PoseGraph
+    from backend.solution import Solution
+    from slam.report.accuracy import FigureTable
+
+
+def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
+    """Read and solve a g2o graph; gives back the estimate and the graph at the solution, kept edges alone.
+
+    Stamps are the numbers of the vertices. Raises ``BackendError``.
+    """
+    from backend.g2o import read_g2o
+    from backend.pose_graph import solve_pose_graph
+
+    start = time.perf_counter()
+    graph = read_g2o(path)
+    read_s = time.perf_counter() - start
+    solution = solve_pose_graph(graph, on_step=lambda done, error: progress("solve", done, 0))
+    timing_s = {"read": read_s, "solve": time.perf_counter() - start - read_s}
+    kept = solution.edge_kept
+    solved = replace(
+        graph,
+        poses=solution.w_T_b,
+        i=graph.i[kept],
+        j=graph.j[kept],
+        ij_T=graph.ij_T[kept],
+        information=graph.information[kept],
+    )
+    return _estimate(path.stem, graph, solution, timing_s), solved
+
+
+def graph_figures(path: Path) -> FigureTable:
+    """What a g2o file holds, for ``slam info``."""
+    from backend.g2o import read_g2o
+    from slam.report.accuracy import FigureTable
+
+    graph = read_g2o(path)
+    loops = int((np.abs(graph.i - graph.j) != 1).sum())
+    rows = [
+        ("pose graph", f"{graph.dimension}-D"),
+        ("vertices", str(len(graph.ids))),
+        ("vertices with a given pose", str(int(graph.has_pose.sum()))),
+        ("vertices held in place", str(int(graph.fixed.sum()))),
+        ("edges between neighbours", str(len(graph.i) - loops)),
+        ("other edges", str(loops)),
+        *(("odd", warning) for warning in graph.warnings),
+    ]
+    return FigureTable(str(path), (), tuple(rows))
+
+
+def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[str, float]) -> Estimate:
+    count = len(graph.ids)
+    unknown = np.full((count, 6, 6), np.nan)
+    is_loop = np.abs(graph.i - graph.j) != 1
+    covariance = _covariances(graph)
+    edges = zip(graph.i.tolist(), graph.j.tolist(), graph.ij_T, covariance, is_loop.tolist(), strict=True)
+    verdicts = zip(
+        graph.i.tolist(), graph.j.tolist(), solution.edge_kept.tolist(), solution.edge_reason, strict=True
+    )
+    rejected = int((~solution.edge_kept).sum())
+    return Estimate(
+        name=name,
+        status=solution.status,
+        epoch_ns=0,
+        stamps_s=graph.ids.astype(np.float64),
+        frame_names=tuple(str(number) for number in graph.ids.tolist()),
+        frame_index=np.arange(count),
+        w_T_b=solution.w_T_b,
+        covariances=unknown if solution.covariances is None else solution.covariances,
+        component=solution.component,
+        camera=None,
+        floor_z_m=0.0,
+        origin=None,
+        relative_poses=tuple(
+            RelativePose(i, j, T, P, "loop" if loop else "odometry")
+            for (i, j, T, P, loop), kept in zip(edges, solution.edge_kept.tolist(), strict=True)
+            if kept
+        ),
+        loops=tuple(
+            LoopVerdict(min(i, j), max(i, j), "kept" if kept else "rejected", reason)
+            for (i, j, kept, reason), loop in zip(verdicts, is_loop.tolist(), strict=True)
+            if loop or not kept
+        ),
+        chain_w_T_b=graph.poses,
+        odometry_w_T_b=np.full((count, 4, 4), np.nan),
+        frames=count,
+        rejected={"edge disagrees with the rest of the graph": rejected} if rejected else {},
+        timing_s=timing_s,
+        warnings=(*graph.warnings, *solution.warnings, *solution.unobserved),
+        graph_error=solution.error,
+        iterations=solution.iterations,
+    )
+
+
+def _covariances(graph: PoseGraph) -> np.ndarray:
+    """(m, 6, 6) of the edges; what a planar edge does not measure, and a singular direction, is NaN."""
+    if graph.dimension == 2:
+        return np.full((len(graph.i), 6, 6), np.nan)
+    return np.linalg.pinv(graph.information, hermitian=True)

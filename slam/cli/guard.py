@@ -1,0 +1,66 @@
+"""Between a command and the shell: every way to fail ends in one line on standard error and an exit code.
+
+0 done, 1 the input was refused (or a fault of our own, which says so), 2 wrong usage (typer's), 130 Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import sys
+import traceback
+from collections.abc import Callable
+from contextvars import ContextVar
+from functools import wraps
+from typing import NoReturn, ParamSpec
+
+import typer
+
+from slam.errors import InputError, one_line
+
+P = ParamSpec("P")
+
+show_traceback: ContextVar[bool] = ContextVar("show_traceback", default=False)
+"""Set by ``slam --debug``."""
+
+
+def guarded(command: Callable[P, None]) -> Callable[P, None]:
+    """Wrap a command so that no exception gets past it; the shell sees one line and an exit code."""
+
+    @wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> None:
+        try:
+            command(*args, **kwargs)
+        except KeyboardInterrupt:
+            _leave("interrupted; nothing was written", 130)
+        except (typer.Exit, BrokenPipeError):
+            raise
+        except Exception as error:  # noqa: BLE001  the last place where one can be caught
+            if show_traceback.get():
+                traceback.print_exc()
+            _leave(_told(error), 1)
+
+    return run
+
+
+def _told(error: Exception) -> str:
+    from backend.errors import BackendError
+    from slam.outputs import explain
+
+    if isinstance(error, (InputError, BackendError)):
+        return str(error)
+    if isinstance(error, MemoryError) or _is_opencv_out_of_memory(error):
+        return "not enough memory; choose a coarser mosaic (a larger --gsd) or none (--no-mosaic)"
+    if isinstance(error, OSError):
+        return explain(error)
+    return (
+        f"internal error: {type(error).__name__}: {error}; a fault of slam, not of the input: run again as "
+        "`slam --debug ...` and report what it prints"
+    )
+
+
+def _is_opencv_out_of_memory(error: Exception) -> bool:
+    return type(error).__module__.startswith("cv2") and getattr(error, "code", 0) == -4  # cv::Error::StsNoMem
+
+
+def _leave(line: str, code: int) -> NoReturn:
+    print(f"slam: {one_line(line)}", file=sys.stderr)
+    raise typer.Exit(code)

@@ -1,0 +1,79 @@
+"""``slam optimize``: the whole post-flight job, or the back end alone where the input is a graph."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from slam.cli.results import MosaicWish, Results
+
+Features = Literal["sift", "orb", "orb-teblid", "akaze", "surf"]
+
+_SOURCE = typer.Argument(
+    metavar="FLIGHT", help="A flight folder, a folder of photos, or a .g2o pose graph.", show_default=False
+)
+_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
+_GSD = typer.Option(metavar="M", min=1e-6, help="Metres a pixel of the mosaic; default: as the camera saw.")
+_CONFIG = typer.Option(metavar="FILE.toml", help="Settings of the stages; an unknown key is refused.")
+
+
+def optimize(
+    source: Annotated[Path, _SOURCE],
+    out: Annotated[Path, _OUT],
+    gsd: Annotated[float | None, _GSD] = None,
+    mosaic: Annotated[bool, typer.Option("--mosaic/--no-mosaic", help="Render the map.")] = True,
+    config: Annotated[Path | None, _CONFIG] = None,
+    features: Annotated[Features | None, typer.Option(help="What pictures are matched by.")] = None,
+) -> None:
+    """Turn a flight into one consistent map: trajectory, graph, mosaic and a report."""
+    from slam.cli.results import MosaicWish
+    from slam.cli.source import kind_of
+    from slam.cli.tables import outcome, written
+    from slam.console import console
+
+    screen = console()
+    if kind_of(source) == "graph":
+        results = _graph(source, out, screen)
+    else:
+        results = _flight(source, out, MosaicWish(mosaic, gsd), config, features, screen)
+    screen.print(outcome(results.facts, results.summary))
+    first = [out / "report.html", out / "mosaic.png"]
+    screen.print(written([path for path in first if path.exists()]))
+
+
+def _flight(
+    source: Path, out: Path, wish: MosaicWish, config: Path | None, features: str | None, screen: Console
+) -> Results:
+    from slam.cli.results import write_results
+    from slam.cli.settings import pipeline_config
+    from slam.cli.source import open_flight
+    from slam.console import progress_shown
+    from slam.outputs import output_folder
+    from slam.pipeline import optimize as run
+
+    settings = pipeline_config(config, features)
+    with output_folder(out) as folder, progress_shown(screen) as progress:
+        flight, kind = open_flight(source, progress)
+        if kind != "flight":
+            screen.print(f"{source}: {kind}, imported on the fly", markup=False)
+        return write_results(folder, run(flight, settings, progress), flight, wish, progress)
+
+
+def _graph(source: Path, out: Path, screen: Console) -> Results:
+    from backend.g2o import write_g2o
+    from slam.cli.graph import solve_graph
+    from slam.cli.results import write_account
+    from slam.console import progress_shown
+    from slam.io.estimate import write_estimate
+    from slam.outputs import output_folder
+
+    with output_folder(out) as folder, progress_shown(screen) as progress:
+        estimate, solved = solve_graph(source, progress)
+        write_estimate(estimate, folder)
+        write_g2o(folder / "graph.g2o", solved)
+        return write_account(folder, estimate, None)

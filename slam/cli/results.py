@@ -1,0 +1,106 @@
+"""All files of one optimization, written into a folder that the caller puts into place."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from slam.errors import InputError
+from slam.estimate import Estimate
+from slam.flight import Flight
+from slam.io.estimate import write_estimate
+from slam.progress import Progress
+from slam.report.accuracy import FigureTable
+from slam.report.facts import Facts, gather
+from slam.report.optimize_report import Mosaics, write_report
+from slam.summary import Summary, json_text, summarise
+
+
+@dataclass(frozen=True)
+class MosaicWish:
+    """What the user asked for."""
+
+    wanted: bool = True
+    gsd_m: float | None = None
+    """Metres a pixel; None leaves it to the mosaic."""
+
+
+@dataclass(frozen=True)
+class Results:
+    """What a command tells at its end."""
+
+    facts: Facts
+    summary: Summary
+
+
+def write_results(
+    folder: Path,
+    estimate: Estimate,
+    flight: Flight,
+    wish: MosaicWish,
+    progress: Progress,
+    accuracy: tuple[FigureTable, ...] = (),
+) -> Results:
+    """Write trajectory, graph, mosaics, summary and report of a flight. Raises ``InputError``."""
+    from backend.g2o import write_g2o
+    from backend.pose_graph import pose_graph
+
+    write_estimate(estimate, folder)
+    write_g2o(folder / "graph.g2o", pose_graph(estimate.w_T_b, estimate.relative_poses))
+    start = time.perf_counter()
+    mosaics, warning = _write_mosaics(folder, estimate, flight, wish, progress)
+    if wish.wanted:
+        timing_s = {**estimate.timing_s, "mosaic": time.perf_counter() - start}
+        estimate = replace(estimate, timing_s=timing_s, warnings=(*estimate.warnings, *warning))
+    return write_account(folder, estimate, flight, mosaics, accuracy)
+
+
+def write_account(
+    folder: Path,
+    estimate: Estimate,
+    flight: Flight | None,
+    mosaics: Mosaics = Mosaics(),
+    accuracy: tuple[FigureTable, ...] = (),
+) -> Results:
+    """Write summary.json and report.html; ``flight`` is None where the input was a graph."""
+    landmarks = len(flight.landmarks) if flight is not None else 0
+    summary = summarise(estimate, landmarks, graph_alone=flight is None)
+    write_report(folder / "report.html", estimate, summary, flight, mosaics, accuracy)
+    (folder / "summary.json").write_text(json_text(summary.to_json()), encoding="utf-8")
+    return Results(gather(estimate, flight), summary)
+
+
+def _write_mosaics(
+    folder: Path, estimate: Estimate, flight: Flight, wish: MosaicWish, progress: Progress
+) -> tuple[Mosaics, tuple[str, ...]]:
+    """The map, and the chain's beside it; a map that cannot be drawn is told and costs nothing else."""
+    from frontend.mosaic_plan import MosaicError
+    from slam.mosaic import write_mosaic
+
+    if not wish.wanted:
+        return Mosaics(), ()
+    if not np.isfinite(estimate.w_T_b).all(axis=(1, 2)).any():
+        return Mosaics(), ("no mosaic: no keyframe could be placed",)
+    before: Path | None = None
+    try:
+        made = write_mosaic(estimate, flight, folder, wish.gsd_m, progress)
+    except InputError as refusal:
+        if not isinstance(refusal.__context__, MosaicError):
+            raise
+        return Mosaics(), (f"no mosaic: {refusal}",)
+    notes = [f"mosaic: {count} keyframes left out: {reason}" for reason, count in made.left_out.items()]
+    if made.note:
+        notes.append(f"mosaic: {made.note}")
+    try:
+        chain, gsd_m = estimate.chain_w_T_b, made.png_gsd_m
+        before = write_mosaic(
+            estimate, flight, folder, gsd_m, progress, poses=chain, stem="mosaic_chain", picture_only=True
+        ).png
+    except InputError as refusal:
+        if not isinstance(refusal.__context__, MosaicError):
+            raise
+        notes.append(f"no mosaic of the plain chain: {refusal}")
+    return Mosaics(made.png, before), tuple(notes)

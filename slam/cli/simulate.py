@@ -1,0 +1,32 @@
+"""``slam simulate``: a recipe flown on the spot, written as a flight folder with truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+_RECIPE = typer.Argument(
+    metavar="RECIPE", help="A recipe that comes with slam (figure_eight, square), or a .toml file."
+)
+
+
+def simulate(
+    recipe: Annotated[str, _RECIPE],
+    out: Annotated[
+        Path, typer.Option("--out", metavar="FLIGHT", help="The flight folder to write; must not exist yet.")
+    ],
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all that is random.")] = 0,
+) -> None:
+    """Simulate a flight with camera, sensors and truth."""
+    from slam.cli.flights import show
+    from slam.console import console, progress_shown
+    from slam.io.flight_folder import write_flight
+    from slam.simulation import simulate as fly
+
+    screen = console()
+    with progress_shown(screen) as progress:
+        flight = fly(recipe, seed)
+        write_flight(flight, out, progress)
+    show(flight, screen)

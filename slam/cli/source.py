@@ -1,0 +1,92 @@
+"""What a path on the command line is: told by what is there, not by what it is called."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from slam.errors import InputError
+
+if TYPE_CHECKING:
+    from slam.flight import Flight
+    from slam.progress import Progress
+
+Kind = Literal["flight", "euroc", "photos", "graph"]
+
+_PHOTO_ENDINGS = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".dng"}
+_GRAPH_WORDS = (b"VERTEX_", b"EDGE_", b"FIX ")
+_EUROC_ONLY = ("body.yaml", "cam1", "leica0", "vicon0")
+"""What recordings of EuRoC's rig hold and flights of ours do not."""
+_LATER = {
+    ".bag": "a ROS 1 bag",
+    ".db3": "a ROS 2 bag",
+    ".mcap": "an MCAP recording",
+    ".ulg": "a PX4 log",
+    ".mp4": "a video",
+    ".zip": "an archive",
+}
+
+
+def kind_of(path: Path) -> Kind:
+    """Tell a flight folder, a EuRoC folder, a folder of photos and a g2o graph apart.
+
+    Raises ``InputError`` that names what was found instead.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: does not exist; give a flight folder, a folder of photos or a .g2o graph")
+    if path.is_dir():
+        return _kind_of_folder(path)
+    if not path.is_file():
+        raise InputError(
+            f"{path}: neither a file nor a folder; give a flight folder, a folder of photos or a .g2o graph"
+        )
+    if path.suffix.lower() == ".g2o" or _reads_like_graph(path):
+        return "graph"
+    found = _LATER.get(path.suffix.lower(), "a file of another kind")
+    raise InputError(f"{path}: {found}; give a flight folder, a folder of photos or a .g2o graph")
+
+
+def open_flight(path: Path, progress: Progress) -> tuple[Flight, Kind]:
+    """The flight at ``path``, photos and EuRoC recordings imported on the fly. Raises ``InputError``."""
+    kind = kind_of(path)
+    if kind == "flight":
+        from slam.io.flight_folder import read_flight
+
+        return read_flight(path), kind
+    return import_source(path, progress), kind
+
+
+def import_source(path: Path, progress: Progress) -> Flight:
+    """Photos or a EuRoC recording as a flight. Raises ``InputError``."""
+    kind = kind_of(path)
+    if kind == "graph":
+        raise InputError(f"{path}: a pose graph holds no flight; give a flight folder or a folder of photos")
+    if kind == "photos":
+        from slam.io.photos import import_photos
+
+        return import_photos(path, progress)
+    if (path / "flight.yaml").exists():
+        raise InputError(f"{path}: is a flight folder already; use it as it is")
+    from slam.io.euroc import import_euroc
+
+    return import_euroc(path)
+
+
+def _kind_of_folder(path: Path) -> Kind:
+    names = {entry.name for entry in path.iterdir()}
+    if not names:
+        raise InputError(f"{path}: is empty; give a flight folder (with mav0/) or a folder of photos")
+    if "mav0" in names:
+        euroc = "flight.yaml" not in names and any((path / "mav0" / name).exists() for name in _EUROC_ONLY)
+        return "euroc" if euroc else "flight"
+    if any(Path(name).suffix.lower() in _PHOTO_ENDINGS for name in names):
+        return "photos"
+    raise InputError(
+        f"{path}: neither a flight (no mav0/) nor photos (no .jpg, .png or .tif) among its {len(names)} "
+        "entries; give the folder that holds them"
+    )
+
+
+def _reads_like_graph(path: Path) -> bool:
+    with path.open("rb") as stream:
+        return stream.read(200).lstrip().startswith(_GRAPH_WORDS)

@@ -1,0 +1,77 @@
+"""The short tables that a command ends with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich import box
+from rich.table import Table
+from rich.text import Text
+
+from slam.errors import one_line
+from slam.report.facts import Facts, length
+
+if TYPE_CHECKING:
+    from slam.report.accuracy import FigureTable
+    from slam.summary import Summary
+
+_MOST_WARNINGS = 8
+"""Shown on the terminal; summary.json and the report have all."""
+
+
+def shown(figures: FigureTable) -> Table:
+    """A table of the report for the terminal; names from outside are printed as text, never as markup."""
+    made = Table(
+        title=figures.title,
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        show_header=bool(figures.columns),
+    )
+    for k in range(max((len(row) for row in figures.rows), default=1)):
+        heading = figures.columns[k] if figures.columns else ""
+        made.add_column(heading, justify="left" if k == 0 else "right", overflow="fold")
+    for row in figures.rows:
+        made.add_row(*(Text(one_line(cell)) for cell in row))
+    return made
+
+
+def outcome(facts: Facts, summary: Summary) -> Table:
+    """What came out of an optimization."""
+    made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_header=False)
+    made.add_column(style="bold")
+    made.add_column(overflow="fold")
+    for name, value in _outcome_rows(facts, summary):
+        made.add_row(name, Text(one_line(value)))
+    return made
+
+
+def written(paths: list[Path]) -> Text:
+    """Where the files are that a person opens first."""
+    return Text("\n".join(one_line(str(path)) for path in paths))
+
+
+def _outcome_rows(facts: Facts, summary: Summary) -> list[tuple[str, str]]:
+    placed = f"{facts.placed} of {facts.keyframes} placed"
+    if not facts.is_graph:
+        placed += f", from {facts.frames} pictures"
+    if facts.maps > 1:
+        placed += f", in {facts.maps} separate maps"
+    rejected = ", ".join(f"{count} x {reason}" for reason, count in summary.rejected.items())
+    rows = [
+        ("status", summary.status),
+        ("poses" if facts.is_graph else "keyframes", placed),
+        ("edges", f"{summary.odometry_edges} between neighbours, {summary.loop_edges} loop closures"),
+        ("left out", rejected or "nothing"),
+        ("position, 1σ", f"{length(facts.sigma_median_m)} median, {length(facts.sigma_max_m)} largest"),
+        ("lengths from", facts.scale_source),
+        ("time, memory", f"{sum(summary.timing_s.values()):.1f} s, {summary.peak_rss_mb:.0f} MB"),
+    ]
+    if summary.error is not None:
+        rows.insert(3, ("error", f"{summary.error:.6g} after {summary.iterations} iterations"))
+    told = summary.warnings[:_MOST_WARNINGS]
+    rows += [("warning", warning) for warning in told]
+    if len(summary.warnings) > len(told):
+        rows.append(("", f"and {len(summary.warnings) - len(told)} more warnings in summary.json"))
+    return rows

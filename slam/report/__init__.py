@@ -1,0 +1,1 @@
+"""Pages and pictures for a person: what came out of a flight and how good it is, in one offline page."""

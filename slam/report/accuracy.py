@@ -1,0 +1,111 @@
+"""The tables of an evaluation: figures against the reference, and the paper's landmarks in three ways."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from slam.report.facts import length
+from slam.report.paper import EKF_PERCENT, STITCHED_PERCENT
+
+if TYPE_CHECKING:
+    from slam.evaluation.score import Evaluation
+
+UNKNOWN = "–"
+
+
+@dataclass(frozen=True)
+class FigureTable:
+    """A table for a person, the same on the terminal and in the report: names first, figures after."""
+
+    title: str
+    columns: tuple[str, ...]
+    """Empty where the rows speak for themselves."""
+    rows: tuple[tuple[str, ...], ...]
+
+
+def accuracy_tables(evaluation: Evaluation) -> tuple[FigureTable, ...]:
+    """All tables of an evaluation; the landmarks' only where there are some."""
+    against = _against_reference(evaluation)
+    if not evaluation.landmarks:
+        return (against,)
+    return landmark_table(evaluation), against
+
+
+def landmark_table(evaluation: Evaluation) -> FigureTable:
+    """Errors of landmark distances: our three ways, beside the paper's two where its pairs were flown."""
+    names = [row.name for row in evaluation.landmarks]
+    theirs = (STITCHED_PERCENT, EKF_PERCENT) if set(names) <= set(STITCHED_PERCENT) else ()
+    rows = []
+    for row in evaluation.landmarks:
+        way = row.error_percent
+        figures = [*(column[row.name] for column in theirs), way.chain, way.odometry, way.loops]
+        rows.append((row.name, f"{row.truth_m:.3f} m", *(_percent(figure) for figure in figures)))
+    ways = [row.error_percent for row in evaluation.landmarks]
+    columns = [
+        *([column[name] for name in names] for column in theirs),
+        [way.chain for way in ways],
+        [way.odometry for way in ways],
+        [way.loops for way in ways],
+    ]
+    rows.append(("largest", "", *(_percent(_largest(column)) for column in columns)))
+    for gap in evaluation.loop_gaps:
+        errors = (gap.error_m.chain, gap.error_m.odometry, gap.error_m.loops)
+        ours = (length(error) if np.isfinite(error) else UNKNOWN for error in errors)
+        rows.append((f"gap {gap.name}", f"{gap.truth_m:.3f} m", *("" for _ in theirs), *ours))
+    headings = ("paper, stitched", "paper, EKF") if theirs else ()
+    return FigureTable(
+        "Error of the distances between landmarks on the map",
+        ("landmarks", "true", *headings, "chain", "without loops", "with loops"),
+        tuple(rows),
+    )
+
+
+def _against_reference(evaluation: Evaluation) -> FigureTable:
+    start = "nothing aligned" if evaluation.reference == "gps" else "start and heading aligned"
+    rows = [
+        (
+            f"keyframes compared with {evaluation.reference}",
+            f"{evaluation.associated} of {evaluation.keyframes}",
+        ),
+        (f"position error, {start}", _spread(evaluation.ate_m.rmse, evaluation.ate_m.max)),
+        (
+            "position error, rigidly aligned",
+            _spread(evaluation.ate_aligned_m.rmse, evaluation.ate_aligned_m.max),
+        ),
+        (
+            f"position error, aligned with scale {evaluation.scale:.4f}",
+            _spread(evaluation.ate_sim3_m.rmse, evaluation.ate_sim3_m.max),
+        ),
+    ]
+    if evaluation.nees is not None:
+        pose = evaluation.nees.pose
+        band = f"{pose.lower95:.2f} to {pose.upper95:.2f}"
+        rows.append(("mean NEES of the poses (95 % band)", f"{pose.mean:.2f} ({band})"))
+    if evaluation.loops is not None:
+        loops = evaluation.loops
+        rows.append(
+            ("loops kept that are true", f"{_share(loops.precision)} of {loops.true_kept + loops.false_kept}")
+        )
+        rows.append(("true loops that were kept", f"{_share(loops.recall)} of {loops.true_pairs}"))
+        rows.append(("keyframes with a true loop that have one", _share(loops.keyframe_recall)))
+    return FigureTable("Against the reference", (), tuple(rows))
+
+
+def _largest(figures: list[float]) -> float:
+    known = [figure for figure in figures if np.isfinite(figure)]
+    return max(known) if known else float("nan")
+
+
+def _percent(value: float) -> str:
+    return f"{value:.2f} %" if np.isfinite(value) else UNKNOWN
+
+
+def _share(value: float) -> str:
+    return f"{100 * value:.0f} %" if np.isfinite(value) else UNKNOWN
+
+
+def _spread(rmse: float, largest: float) -> str:
+    return f"{length(rmse)} RMSE, {length(largest)} largest"

@@ -1,0 +1,155 @@
+"""The figures of a report, computed once: what came out of a flight and how well it is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.estimate import Estimate
+
+if TYPE_CHECKING:
+    from slam.flight import Flight
+
+Array = NDArray[np.float64]
+
+_SPACE = "\N{NO-BREAK SPACE}"
+"""Between a figure and its unit."""
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What the report says in figures; lengths in metres, NaN where a figure is not known."""
+
+    keyframes: int
+    placed: int
+    frames: int
+    maps: int
+    """Connected parts with more than one keyframe."""
+    extent_m: tuple[float, float]
+    """East-west and north-south size of the flown path of the largest part."""
+    path_m: float
+    """Length of the flown path of the largest part, keyframe to keyframe."""
+    duration_s: float
+    loops_kept: int
+    loops_rejected: int
+    sigma_median_m: float
+    """Position of a keyframe: one standard deviation over the three axes together."""
+    sigma_max_m: float
+    chain_moved_m: float
+    """Largest distance of a keyframe from where the plain chain has it, the first ones laid together."""
+    scale_source: str
+    is_graph: bool
+
+
+def gather(estimate: Estimate, flight: Flight | None) -> Facts:
+    """Compute the figures; ``flight`` is None where the input was a graph."""
+    known = is_placed(estimate)
+    main = np.flatnonzero(known & (estimate.component == 0))
+    position = estimate.w_T_b[main, :3, 3]
+    sigma = position_sigma_m(estimate.covariances[known])
+    verdicts = [loop.verdict for loop in estimate.loops]
+    sizes = (
+        np.bincount(estimate.component[estimate.component >= 0]) if len(estimate.component) else np.zeros(0)
+    )
+    extent = np.ptp(position[:, :2], axis=0) if len(position) else np.full(2, np.nan)
+    kinds = [edge.kind for edge in estimate.relative_poses]
+    return Facts(
+        keyframes=len(known),
+        placed=int(known.sum()),
+        frames=estimate.frames,
+        maps=int((sizes > 1).sum()),
+        extent_m=(float(extent[0]), float(extent[1])),
+        path_m=float(np.linalg.norm(np.diff(position, axis=0), axis=1).sum()),
+        duration_s=float(np.ptp(estimate.stamps_s)) if flight is not None and len(known) else float("nan"),
+        loops_kept=kinds.count("loop") if flight is None else verdicts.count("kept"),
+        loops_rejected=verdicts.count("rejected"),
+        sigma_median_m=float(np.median(sigma)) if len(sigma) else float("nan"),
+        sigma_max_m=float(sigma.max()) if len(sigma) else float("nan"),
+        chain_moved_m=_moved_m(estimate, main),
+        scale_source=_scale_source(flight),
+        is_graph=flight is None,
+    )
+
+
+def is_placed(estimate: Estimate) -> NDArray[np.bool_]:
+    """(n,) whether a keyframe has a pose."""
+    finite: NDArray[np.bool_] = np.isfinite(estimate.w_T_b.reshape(-1, 16)).all(axis=1)
+    return finite
+
+
+def position_sigma_m(covariances: Array) -> Array:
+    """Standard deviation of a position over its three axes together, where known. (n, 6, 6) -> (m,)."""
+    variance = np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2)
+    return np.sqrt(variance[np.isfinite(variance) & (variance >= 0)])
+
+
+def sentence(facts: Facts) -> str:
+    """What came out and how good it is, for a pilot."""
+    thing = "poses" if facts.is_graph else "keyframes"
+    if facts.placed == 0:
+        return f"Nothing could be placed: none of {facts.keyframes} {thing} has a position."
+    whole = (
+        f"All {facts.keyframes}"
+        if facts.placed == facts.keyframes
+        else f"{facts.placed} of {facts.keyframes}"
+    )
+    maps = (
+        "one consistent map" if facts.maps <= 1 else f"{facts.maps} separate maps that share no common ground"
+    )
+    said = f"{whole} {thing} lie on {maps}"
+    if np.isfinite(facts.sigma_median_m):
+        median, worst = length(facts.sigma_median_m), length(facts.sigma_max_m)
+        said += f"; a position is known to ±{_SPACE}{median} (median), ±{_SPACE}{worst} at worst"
+    said += "."
+    if facts.loops_kept:
+        closures = "loop closure holds" if facts.loops_kept == 1 else "loop closures hold"
+        said += f" {facts.loops_kept} {closures} it together."
+    else:
+        said += " No place was seen twice for certain, so errors add up along the way."
+    if facts.scale_source == "none":
+        said += " Nothing measured height or position, so lengths are relative, not metres."
+    return said
+
+
+def length(metres: float) -> str:
+    """A length with three significant figures and the unit that reads best."""
+    if not np.isfinite(metres):
+        return "not known"
+    if abs(metres) < 0.0995:
+        return f"{_significant(metres * 1e3)}{_SPACE}mm"
+    if abs(metres) < 9995:
+        return f"{_significant(metres)}{_SPACE}m"
+    return f"{_significant(metres / 1e3)}{_SPACE}km"
+
+
+def _significant(value: float) -> str:
+    digits = 2 if value == 0 else int(np.clip(2 - np.floor(np.log10(abs(value))), 0, 2))
+    return f"{value:.{digits}f}"
+
+
+def _moved_m(estimate: Estimate, main: NDArray[np.int64]) -> float:
+    chain = estimate.chain_w_T_b[main]
+    known = np.isfinite(chain).all(axis=(1, 2))
+    if not known.any():
+        return float("nan")
+    both, first = main[known], main[known][0]
+    laid = estimate.w_T_b[first] @ np.linalg.inv(estimate.chain_w_T_b[first]) @ estimate.chain_w_T_b[both]
+    return float(np.linalg.norm(laid[:, :3, 3] - estimate.w_T_b[both, :3, 3], axis=1).max())
+
+
+def _scale_source(flight: Flight | None) -> str:
+    if flight is None:
+        return "the graph's own edges"
+    sources = [
+        name
+        for name, stream in (
+            ("height sensor", flight.sonar),
+            ("GPS", flight.gps),
+            ("barometer", flight.barometer),
+        )
+        if stream is not None
+    ]
+    return " and ".join(sources) if sources else "none"

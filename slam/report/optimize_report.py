@@ -1,0 +1,151 @@
+"""The page ``report.html`` of one optimization: a pilot reads the first sentence, an engineer the tables."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import slam
+from slam.errors import one_line
+from slam.estimate import Estimate
+from slam.report.facts import Facts, gather, length, sentence
+from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture
+from slam.summary import Summary
+
+if TYPE_CHECKING:
+    from slam.flight import Flight
+    from slam.report.accuracy import FigureTable
+
+_MOST_REJECTED = 40
+"""Rejected loops listed on the page; loops.csv has all of them."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """A figure with its name."""
+
+    label: str
+    value: str
+
+
+@dataclass(frozen=True)
+class RejectedLoop:
+    """One line of the table of rejected loops."""
+
+    pair: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Mosaics:
+    """The pictures of the map that were written; None where there is none."""
+
+    after: Path | None = None
+    before: Path | None = None
+
+
+def write_report(
+    path: Path,
+    estimate: Estimate,
+    summary: Summary,
+    flight: Flight | None = None,
+    mosaics: Mosaics = Mosaics(),
+    accuracy: tuple[FigureTable, ...] = (),
+) -> None:
+    """Write the page to ``path``; ``flight`` is None where the input was a graph."""
+    path.write_text(render(estimate, summary, flight, mosaics, accuracy), encoding="utf-8", errors="replace")
+
+
+def render(
+    estimate: Estimate,
+    summary: Summary,
+    flight: Flight | None = None,
+    mosaics: Mosaics = Mosaics(),
+    accuracy: tuple[FigureTable, ...] = (),
+) -> str:
+    """The page as HTML; every name from outside is escaped and stripped of control characters."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    facts = gather(estimate, flight)
+    environment = Environment(
+        loader=PackageLoader("slam.report", "."),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=lambda value: (
+            one_line(value) if isinstance(value, str) and not value.isprintable() else value
+        ),
+    )
+    drawable = facts.placed > 0
+    return environment.get_template("page.html.j2").render(
+        name=estimate.name,
+        version=slam.__version__,
+        facts=facts,
+        sentence=sentence(facts),
+        summary=summary,
+        tiles=_tiles(facts),
+        mosaic=_embedded(mosaics.after),
+        chain_mosaic=_embedded(mosaics.before),
+        trajectory=_png(trajectory_picture(estimate, flight.landmarks if flight else {}))
+        if drawable
+        else None,
+        altitude=_png(altitude_picture(estimate)) if drawable and not facts.is_graph else None,
+        georeferenced=estimate.origin is not None,
+        rejected_loops=_rejected_loops(estimate),
+        figures=_figures(estimate, summary, facts),
+        accuracy=accuracy,
+    )
+
+
+def _tiles(facts: Facts) -> tuple[Item, ...]:
+    tiles = [
+        Item("poses placed" if facts.is_graph else "keyframes placed", f"{facts.placed} / {facts.keyframes}"),
+        Item("loop closures kept", str(facts.loops_kept)),
+        Item("position, 1σ (median)", length(facts.sigma_median_m)),
+        Item("length of the path", length(facts.path_m)),
+    ]
+    if np.isfinite(facts.chain_moved_m) and not facts.is_graph:
+        tiles.append(Item("drift of the chain alone", length(facts.chain_moved_m)))
+    return tuple(tiles)
+
+
+def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, ...]:
+    rows = [
+        Item("Keyframes, of pictures read", f"{facts.keyframes} of {facts.frames}"),
+        Item("Separate maps", str(facts.maps)),
+        Item("Extent of the path", " x ".join(length(side) for side in facts.extent_m)),
+        Item("Duration", f"{facts.duration_s:.1f} s"),
+        Item("Edges between neighbours", str(summary.odometry_edges)),
+        Item("Loop closures kept, rejected", f"{facts.loops_kept}, {facts.loops_rejected}"),
+        Item("Lengths come from", facts.scale_source),
+        Item("Position of a keyframe, 1σ: median", length(facts.sigma_median_m)),
+        Item("Position of a keyframe, 1σ: largest", length(facts.sigma_max_m)),
+        Item(
+            "Final error of the graph", f"{estimate.graph_error:.6g} after {estimate.iterations} iterations"
+        ),
+        *(Item(f"Time: {stage}", f"{seconds:.2f} s") for stage, seconds in summary.timing_s.items()),
+        Item("Peak memory", f"{summary.peak_rss_mb:.0f} MB"),
+    ]
+    return tuple(row for row in rows if not (facts.is_graph and row.label in _FLIGHT_ONLY))
+
+
+_FLIGHT_ONLY = ("Keyframes, of pictures read", "Duration")
+
+
+def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:
+    rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"][:_MOST_REJECTED]
+    names = estimate.frame_names
+    return tuple(RejectedLoop(f"{names[loop.i]} – {names[loop.j]}", loop.reason) for loop in rejected)
+
+
+def _embedded(path: Path | None) -> str | None:
+    if path is None or not path.exists():
+        return None
+    return "data:image/jpeg;base64," + base64.b64encode(thumbnail(path)).decode()
+
+
+def _png(picture: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(picture).decode()

@@ -1,0 +1,245 @@
+"""The pictures of a report as PNG or JPEG bytes: no global state, legible in print, colour-blind safe."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.estimate import Estimate
+from slam.report.facts import is_placed
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from slam.evaluation.score import Tracks
+
+Array = NDArray[np.float64]
+
+# Okabe and Ito's colours, told apart by colour-blind readers (jfly.uni-koeln.de/color, 2008).
+BLUE, GREEN, VERMILLION, GREY, ORANGE = "#0072b2", "#009e73", "#d55e00", "#8a8f98", "#e69f00"
+_MOST_LOOPS = 400
+"""Rejected candidates drawn at most: a thousand lines hide the map they are about."""
+_MOST_ELLIPSES = 60
+_ELLIPSE_SHARE = 0.03
+"""An ellipse is drawn enlarged until the median one spans this share of the map."""
+
+
+def trajectory_picture(estimate: Estimate, landmarks: dict[str, Array]) -> bytes:
+    """Top view: path, 2-sigma ellipses, loops kept (solid) and rejected (dashed), the plain chain behind."""
+    figure, axes = _canvas(6.4, 6.0)
+    known = is_placed(estimate)
+    position = np.where(known[:, None], estimate.w_T_b[:, :3, 3], np.nan)
+    _path(
+        axes, _laid_on(estimate.chain_w_T_b, estimate.w_T_b), color=GREY, linewidth=0.9, label="chain alone"
+    )
+    _loops(axes, estimate, position)
+    for part in range(int(estimate.component.max(initial=0)) + 1):
+        own = np.where((estimate.component == part)[:, None], position, np.nan)
+        _path(axes, own, color=BLUE, linewidth=1.6, label="path" if part == 0 else None)
+    enlarged = _ellipses(axes, estimate, position, known)
+    _landmarks(axes, landmarks)
+    if known.any():
+        start = position[known][0]
+        axes.plot(start[0], start[1], "o", color=BLUE, markersize=6, markerfacecolor="white", label="start")
+    axes.set_xlabel("east [m]" if estimate.origin else "x [m]")
+    axes.set_ylabel("north [m]" if estimate.origin else "y [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+    if enlarged:
+        axes.plot([], [], "o", color=ORANGE, markerfacecolor="none", label=f"2σ ellipse{enlarged}")
+    _legend_below(axes)
+    return _png(figure)
+
+
+def altitude_picture(estimate: Estimate) -> bytes:
+    """Height above the floor over time, with its 2-sigma band and the height without loops."""
+    figure, axes = _canvas(6.4, 3.0)
+    time = estimate.stamps_s - estimate.stamps_s[0]
+    height = estimate.w_T_b[:, 2, 3] - estimate.floor_z_m
+    up = np.einsum(
+        "ni,nij,nj->n", estimate.w_T_b[:, 2, :3], estimate.covariances[:, 3:, 3:], estimate.w_T_b[:, 2, :3]
+    )
+    sigma = np.sqrt(np.where(up >= 0, up, np.nan))
+    before = estimate.odometry_w_T_b[:, 2, 3] - estimate.floor_z_m
+    if np.isfinite(before).any():
+        axes.plot(time, before, color=GREY, linewidth=1.0, label="without loops")
+    axes.fill_between(
+        time, height - 2 * sigma, height + 2 * sigma, color=BLUE, alpha=0.2, linewidth=0, label="± 2σ"
+    )
+    axes.plot(time, height, color=BLUE, linewidth=1.5, label="height above the floor")
+    axes.set_xlabel("time since the first keyframe [s]")
+    axes.set_ylabel("height [m]")
+    _legend_below(axes)
+    return _png(figure)
+
+
+def tracks_picture(tracks: Tracks) -> bytes:
+    """Top view of the three ways to place the keyframes beside the reference."""
+    figure, axes = _canvas(6.4, 6.0)
+    for label, position, style in _three_ways(tracks):
+        _path(axes, position, label=label, **style)
+    _path(axes, tracks.reference_m, color="black", linewidth=0.9, label="reference")
+    _landmarks(axes, tracks.landmarks_m)
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.set_aspect("equal", adjustable="datalim")
+    _legend_below(axes)
+    return _png(figure)
+
+
+def error_picture(tracks: Tracks) -> bytes:
+    """Distance to the reference over time, logarithmic, beside what the estimate says of itself."""
+    figure, axes = _canvas(6.4, 3.4)
+    for label, position, style in _three_ways(tracks):
+        error = np.linalg.norm(position - tracks.reference_m, axis=1)
+        if np.nanmax(error, initial=0.0) > 0:
+            axes.plot(tracks.stamps_s, np.where(error > 0, error, np.nan), label=label, **style)
+    predicted = np.linalg.norm(tracks.std_m, axis=1)
+    if np.isfinite(predicted).any():
+        axes.plot(tracks.stamps_s, predicted, color="black", linewidth=0.9, label="predicted (1σ)")
+    axes.set_yscale("log")
+    axes.set_xlabel("time since the first keyframe [s]")
+    axes.set_ylabel("position error [m]")
+    _legend_below(axes)
+    return _png(figure)
+
+
+def thumbnail(path: Path, most_px: int = 2000) -> bytes:
+    """A picture of any size as JPEG of at most ``most_px``; what is transparent becomes white."""
+    from PIL import Image
+    from rasterio.env import Env
+    from rasterio.errors import NotGeoreferencedWarning
+
+    with warnings.catch_warnings(), Env(GDAL_CACHEMAX=64, GDAL_PAM_ENABLED="NO"):
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a plain picture needs no place on Earth
+        pixels = _shrunk(path, most_px)
+    if len(pixels) in (2, 4):
+        alpha = pixels[-1:].astype(np.float32) / 255
+        pixels = (pixels[:-1] * alpha + 255 * (1 - alpha)).astype(np.uint8)
+    picture = Image.fromarray(np.moveaxis(pixels, 0, -1) if len(pixels) == 3 else pixels[0])
+    stream = io.BytesIO()
+    picture.save(stream, "JPEG", quality=88)
+    return stream.getvalue()
+
+
+def _shrunk(path: Path, most_px: int) -> NDArray[np.uint8]:
+    import rasterio
+    from rasterio.enums import Resampling
+
+    with rasterio.open(path) as source:
+        shrink = max(1.0, source.width / most_px, source.height / most_px)
+        size = max(1, round(source.height / shrink)), max(1, round(source.width / shrink))
+        pixels: NDArray[np.uint8] = source.read(
+            out_shape=(source.count, *size), resampling=Resampling.average
+        )
+    return pixels
+
+
+def _canvas(width_in: float, height_in: float) -> tuple[Figure, Axes]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_in, height_in), dpi=160, layout="constrained")
+    axes = figure.add_subplot()
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(color="#e4e7eb", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.tick_params(colors="#444c56", labelsize=9)
+    return figure, axes
+
+
+def _png(figure: Figure) -> bytes:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png")
+    return stream.getvalue()
+
+
+def _legend_below(axes: Axes) -> None:
+    axes.figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+
+
+def _path(axes: Axes, position: Array, **style: Any) -> None:
+    if np.isfinite(position).any():
+        axes.plot(position[:, 0], position[:, 1], **style)
+
+
+def _laid_on(chain: Array, w_T_b: Array) -> Array:
+    """(n, 3) positions of the chain, its first pose laid on the result's where both are known."""
+    known = np.flatnonzero(np.isfinite(chain).all(axis=(1, 2)) & np.isfinite(w_T_b).all(axis=(1, 2)))
+    if len(known) == 0:
+        return np.full((len(chain), 3), np.nan)
+    k = known[0]
+    return (w_T_b[k] @ np.linalg.inv(chain[k]) @ chain)[:, :3, 3]
+
+
+def _loops(axes: Axes, estimate: Estimate, position: Array) -> None:
+    from matplotlib.collections import LineCollection
+
+    kept = [(edge.i, edge.j) for edge in estimate.relative_poses if edge.kind == "loop"]
+    rejected = [(loop.i, loop.j) for loop in estimate.loops if loop.verdict == "rejected"]
+    shown = rejected[:: max(1, -(-len(rejected) // _MOST_LOOPS))]
+    for pairs, color, dash, width, label in (
+        (shown, VERMILLION, (0, (4, 3)), 0.7, f"loop rejected ({len(rejected)})"),
+        (kept, GREEN, "-", 1.1, f"loop kept ({len(kept)})"),
+    ):
+        lines = [(position[i, :2], position[j, :2]) for i, j in pairs]
+        lines = [line for line in lines if np.isfinite(line).all()]
+        if lines:
+            axes.add_collection(
+                LineCollection(
+                    lines, colors=color, linestyles=[dash], linewidths=width, alpha=0.75, label=label
+                )
+            )
+
+
+def _ellipses(axes: Axes, estimate: Estimate, position: Array, placed: NDArray[np.bool_]) -> str:
+    """Draw 2-sigma ellipses of the horizontal position; gives back how they were enlarged, empty if none."""
+    from matplotlib.collections import EllipseCollection
+
+    R = estimate.w_T_b[:, :3, :3]
+    covariance = (R @ estimate.covariances[:, 3:, 3:] @ np.swapaxes(R, 1, 2))[:, :2, :2]
+    known = np.flatnonzero(placed & np.isfinite(covariance).all(axis=(1, 2)))
+    if len(known) == 0:
+        return ""
+    known = known[:: max(1, -(-len(known) // _MOST_ELLIPSES))]
+    variance, direction = np.linalg.eigh(covariance[known])
+    diameter = 4 * np.sqrt(np.maximum(variance, 0))
+    typical = float(np.median(diameter[:, 1]))
+    extent = float(np.ptp(position[placed][:, :2], axis=0).max())
+    factor = _round_factor(_ELLIPSE_SHARE * extent / typical) if typical > 0 else 1
+    axes.add_collection(
+        EllipseCollection(
+            diameter[:, 1] * factor, diameter[:, 0] * factor,
+            np.degrees(np.arctan2(direction[:, 1, 1], direction[:, 0, 1])),
+            units="xy", offsets=position[known, :2], offset_transform=axes.transData,
+            facecolors="none", edgecolors=ORANGE, linewidths=1.0, zorder=3,
+        )
+    )  # fmt: skip
+    return f", enlarged {factor} x" if factor > 1 else ""
+
+
+def _round_factor(factor: float) -> int:
+    """The nearest of 1, 2, 5, 10, 20, 50, ... below ``factor``."""
+    steps = [mantissa * 10**power for power in range(7) for mantissa in (1, 2, 5)]
+    return max([step for step in steps if step <= factor], default=1)
+
+
+def _landmarks(axes: Axes, landmarks: dict[str, Array]) -> None:
+    for name, point in landmarks.items():
+        axes.plot(point[0], point[1], "+", color="black", markersize=7)
+        shown = name.encode("ascii", "replace").decode()  # the fonts at hand may lack other letters
+        axes.annotate(
+            shown, (point[0], point[1]), (4, 4), textcoords="offset points", fontsize=9, parse_math=False
+        )
+
+
+def _three_ways(tracks: Tracks) -> tuple[tuple[str, Array, dict[str, Any]], ...]:
+    return (
+        ("chain alone", tracks.chain_m, {"color": GREY, "linewidth": 1.2}),
+        ("without loops", tracks.odometry_m, {"color": ORANGE, "linewidth": 1.4, "linestyle": "--"}),
+        ("with loops", tracks.loops_m, {"color": BLUE, "linewidth": 1.6}),
+    )
