@@ -76,8 +76,7 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
 
 def is_placed(estimate: Estimate) -> NDArray[np.bool_]:
     """(n,) whether a keyframe has a pose."""
-    finite: NDArray[np.bool_] = np.isfinite(estimate.w_T_b.reshape(-1, 16)).all(axis=1)
-    return finite
+    return np.isfinite(estimate.w_T_b.sum(axis=(1, 2)))
 
 
 def position_sigma_m(covariances: Array) -> Array:

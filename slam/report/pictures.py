@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.errors import one_line
 from slam.estimate import Estimate
 from slam.report.facts import is_placed
 
@@ -231,7 +232,7 @@ def _round_factor(factor: float) -> int:
 def _landmarks(axes: Axes, landmarks: dict[str, Array]) -> None:
     for name, point in landmarks.items():
         axes.plot(point[0], point[1], "+", color="black", markersize=7)
-        shown = name.encode("ascii", "replace").decode()  # the fonts at hand may lack other letters
+        shown = one_line(name).encode("ascii", "replace").decode()  # the fonts at hand may lack other letters
         axes.annotate(
             shown, (point[0], point[1]), (4, 4), textcoords="offset points", fontsize=9, parse_math=False
         )

@@ -1,0 +1,220 @@
+"""The report: one offline page that says what came out, whatever names the flight holds."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from slam.estimate import LoopVerdict
+from slam.flight import GeoOrigin
+from slam.report.facts import gather, length, sentence
+from slam.report.optimize_report import Mosaics, render, write_report
+from slam.report.pictures import thumbnail, trajectory_picture
+from slam.summary import json_text, summarise
+from tests.slam.made_estimate import REJECTION, made_estimate, made_flight
+
+HOSTILE = "<script>alert(1)</script>\n../../etc\x1b[31m\u202egnp.exe & \"quoted\" '$\\frac{x'"
+
+
+class Page(HTMLParser):
+    """What a browser would make of the page: the elements, their links, and the text."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.links: list[str] = []
+        self.text = ""
+        self.feed(html)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.links += [value or "" for name, value in attrs if name in ("src", "href", "action", "data")]
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def page(estimate, flight=None, **more) -> Page:
+    return Page(render(estimate, summarise(estimate, graph_alone=flight is None), flight, **more))
+
+
+def test_the_page_needs_no_network_and_runs_no_script():
+    made = page(made_estimate(), made_flight())
+    assert made.links
+    assert all(link.startswith("data:image/") for link in made.links)
+    assert not {"script", "link", "iframe", "object"} & set(made.tags)
+
+
+def test_hostile_names_stay_text():
+    estimate = made_estimate(name=HOSTILE)
+    hostile_loop = LoopVerdict(0, 9, "rejected", HOSTILE)
+    estimate = replace(
+        estimate,
+        status=HOSTILE,
+        frame_names=(HOSTILE,) * len(estimate.frame_names),
+        loops=(*estimate.loops, hostile_loop),
+        rejected={HOSTILE: 3},
+        warnings=(HOSTILE, "lone surrogate \udcff"),
+    )
+    flight = replace(made_flight(), name=HOSTILE, landmarks={HOSTILE: np.zeros(3)})
+    html = render(estimate, summarise(estimate), flight)
+    made = Page(html)
+    assert "script" not in made.tags
+    assert made.text.count("<script>alert(1)</script>") >= 6, "shown as it is written, not run"
+    assert not re.search("[\x00-\x08\x0b-\x1f\x7f\u202e]", html)
+
+
+def test_a_lone_surrogate_in_a_name_can_be_written(tmp_path):
+    estimate = replace(made_estimate(), warnings=("\udcff.jpg cannot be read",))
+    write_report(tmp_path / "report.html", estimate, summarise(estimate), made_flight())
+    assert ".jpg cannot be read" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_page_says_what_was_dropped_and_why():
+    estimate = made_estimate()
+    text = page(estimate, made_flight()).text
+    for reason, count in estimate.rejected.items():
+        assert reason in text
+        assert str(count) in text
+    assert REJECTION in text
+    assert estimate.warnings[0] in text
+
+
+def test_the_sentence_names_what_is_wrong():
+    estimate = made_estimate()
+    good = sentence(gather(estimate, made_flight()))
+    assert good.startswith("All 60 keyframes")
+    assert "relative" not in good
+    assert "relative" in sentence(gather(estimate, made_flight(with_sonar=False)))
+    open_chain = replace(estimate, loops=(), relative_poses=estimate.relative_poses[:59])
+    assert "errors add up" in sentence(gather(open_chain, made_flight()))
+    torn = replace(estimate, component=np.repeat([0, 1], 30))
+    assert "2 separate maps" in sentence(gather(torn, made_flight()))
+    lost = replace(estimate, w_T_b=np.where(np.arange(60)[:, None, None] < 10, np.nan, estimate.w_T_b))
+    assert sentence(gather(lost, made_flight())).startswith("50 of 60")
+    nothing = replace(estimate, w_T_b=estimate.w_T_b * np.nan, component=np.full(60, -1))
+    assert sentence(gather(nothing, made_flight())).startswith("Nothing could be placed")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {},
+        {"covariances": np.full((60, 6, 6), np.nan)},
+        {"loops": (), "relative_poses": ()},
+        {"w_T_b": np.full((60, 4, 4), np.nan), "component": np.full(60, -1)},
+        {"chain_w_T_b": np.full((60, 4, 4), np.nan), "odometry_w_T_b": np.full((60, 4, 4), np.nan)},
+        {"component": np.repeat([0, 1, -1], 20)},
+        {"origin": GeoOrigin(47.0, 8.0, 400.0)},
+        {"warnings": (), "rejected": {}, "timing_s": {}},
+        {"graph_error": float("nan")},
+    ],
+    ids=lambda change: "+".join(change) or "whole",
+)
+@pytest.mark.parametrize(
+    "flight", [made_flight(), made_flight(with_sonar=False), None], ids=["full", "bare", "graph"]
+)
+def test_whatever_is_missing_a_page_comes_out(change, flight):
+    made = page(replace(made_estimate(), **change), flight)
+    assert "h1" in made.tags
+    assert not re.search(r"\b(nan|None|inf)\b", made.text)
+
+
+def test_one_keyframe_is_enough_for_a_page():
+    estimate = made_estimate(2)
+    rows = ("stamps_s", "frame_names", "frame_index", "w_T_b", "covariances", "component")
+    single = {name: getattr(estimate, name)[:1] for name in (*rows, "chain_w_T_b", "odometry_w_T_b")}
+    assert "1 / 1" in page(replace(estimate, relative_poses=(), loops=(), **single), made_flight()).text
+
+
+def test_figures_agree_with_the_estimate():
+    estimate = made_estimate(sigma_m=0.006)
+    facts = gather(estimate, made_flight())
+    assert facts.sigma_median_m == pytest.approx(
+        np.median(np.sqrt(np.trace(estimate.covariances[:, 3:, 3:], axis1=1, axis2=2)))
+    )
+    # The chain is the path enlarged by up to 15 % about its first keyframe.
+    away = np.linalg.norm(estimate.w_T_b[:, :3, 3] - estimate.w_T_b[0, :3, 3], axis=1)
+    assert facts.chain_moved_m == pytest.approx((np.linspace(0, 0.15, 60) * away).max(), rel=1e-6)
+    # A turned and shifted chain is the same chain.
+    G = np.array([[0.0, -1, 0, 5], [1, 0, 0, -3], [0, 0, 1, 1], [0, 0, 0, 1]])
+    turned = replace(estimate, chain_w_T_b=G @ estimate.chain_w_T_b)
+    assert gather(turned, made_flight()).chain_moved_m == pytest.approx(facts.chain_moved_m)
+    assert facts.path_m == pytest.approx(
+        np.linalg.norm(np.diff(estimate.w_T_b[:, :3, 3], axis=0), axis=1).sum()
+    )
+    assert (facts.loops_kept, facts.loops_rejected) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("metres", "said"),
+    [(0.00123, "1.23 mm"), (0.0456, "45.6 mm"), (0.0996, "0.10 m"), (1.234, "1.23 m"), (123.4, "123 m"),
+     (26400.0, "26.4 km"), (float("nan"), "not known"), (0.0, "0.00 mm"), (4.8, "4.80 m")],
+)  # fmt: skip
+def test_lengths_read_well(metres, said):
+    assert length(metres).replace("\N{NO-BREAK SPACE}", " ") == said
+
+
+def test_ellipses_lie_along_the_uncertain_direction():
+    """A flight that knows x and not y: the picture differs from one that knows y and not x."""
+    estimate = made_estimate()
+    wide = estimate.covariances.copy()
+    wide[:, 3, 3], wide[:, 4, 4] = 1e-2, 1e-6
+    tall = estimate.covariances.copy()
+    tall[:, 3, 3], tall[:, 4, 4] = 1e-6, 1e-2
+    orange = [
+        _extent_of_orange(trajectory_picture(replace(estimate, covariances=c), {})) for c in (wide, tall)
+    ]
+    assert orange[0][0] > orange[1][0], "wider where x is not known"
+    assert orange[1][1] > orange[0][1], "taller where y is not known"
+
+
+def _extent_of_orange(png: bytes) -> tuple[int, int]:
+    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:850]
+    rows, columns = np.nonzero(np.abs(pixels - [0xE6, 0x9F, 0x00]).sum(axis=2) < 30)
+    return int(np.ptp(columns)), int(np.ptp(rows))
+
+
+def test_a_thumbnail_is_small_and_white_where_there_is_nothing(tmp_path):
+    picture = np.zeros((300, 5000, 4), np.uint8)
+    picture[:, 2500:] = [10, 200, 30, 255]
+    Image.fromarray(picture).save(tmp_path / "mosaic.png")
+    small = np.asarray(Image.open(io.BytesIO(thumbnail(tmp_path / "mosaic.png"))))
+    assert small.shape == (120, 2000, 3)
+    assert np.abs(small[:, :900].astype(int) - 255).max() <= 2
+    assert np.abs(small[:, 1100:].astype(int) - [10, 200, 30]).max() <= 4
+
+
+def test_before_and_after_stand_side_by_side(tmp_path):
+    for name in ("a.png", "b.png"):
+        Image.fromarray(np.full((40, 50, 4), 128, np.uint8)).save(tmp_path / name)
+    both = page(made_estimate(), made_flight(), mosaics=Mosaics(tmp_path / "a.png", tmp_path / "b.png"))
+    assert sum(link.startswith("data:image/jpeg") for link in both.links) == 2
+    assert "Before" in both.text
+    assert "After" in both.text
+    one = page(made_estimate(), made_flight(), mosaics=Mosaics(tmp_path / "a.png"))
+    assert "Before" not in one.text
+
+
+def test_summary_has_the_keys_of_the_contract():
+    estimate = made_estimate()
+    record = summarise(estimate, landmarks=2).to_json()
+    assert set(record) == {
+        "status", "frames", "keyframes", "edges", "landmarks", "timing_s", "peak_rss_mb", "warnings",
+    }  # fmt: skip
+    assert record["edges"] == {"odometry": 59, "loop": 2, "rejected": estimate.rejected}
+    assert 10 < record["peak_rss_mb"] < 10_000
+    graph = summarise(estimate, graph_alone=True).to_json()
+    assert set(graph) - set(record) == {"error", "iterations"}
+
+
+def test_json_has_no_nan():
+    text = json_text({"a": float("nan"), "b": [float("inf"), 1.5], "c": ("x",)})
+    assert json.loads(text) == {"a": None, "b": [None, 1.5], "c": ["x"]}
