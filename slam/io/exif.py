@@ -20,6 +20,7 @@ from PIL import Image
 from PIL.ExifTags import GPS, IFD, Base
 
 from slam.errors import InputError
+from slam.io.images import MAX_PIXELS
 from slam.io.xmp import Xmp, parse_xmp
 
 Angles = tuple[float, float, float]
@@ -95,9 +96,11 @@ def read_tags(path: Path) -> PhotoTags:
     except PermissionError as error:
         raise InputError("no permission to read it") from error
     except Image.DecompressionBombError as error:
-        raise InputError("more pixels than a photograph has") from error
+        raise InputError(f"more than {MAX_PIXELS // 10**6} million pixels") from error
     except Exception as error:  # Pillow lets any exception out of a damaged file
         raise InputError("not a readable picture") from error
+    if size[0] * size[1] > MAX_PIXELS:
+        raise InputError(f"more than {MAX_PIXELS // 10**6} million pixels")
     if not complete:
         raise InputError("cut short or damaged")
     xmp = parse_xmp(packet.encode() if isinstance(packet, str) else bytes(packet or b""))

@@ -55,6 +55,8 @@ def jpeg(
             where[GPS.GPSAltitudeRef] = b"\x01" if altitude < 0 else b"\x00"
             where[GPS.GPSAltitude] = IFDRational(round(abs(altitude) * 1000), 1000)
     where.update(gps or {})
+    if container == "TIFF":  # Pillow writes a TIFF's inner directories only where they are values
+        exif[IFD.Exif], exif[IFD.GPSInfo] = dict(inner), dict(where)
     pixels = np.random.default_rng(seed).integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
     out = io.BytesIO()
     Image.fromarray(pixels).save(out, container, exif=exif)

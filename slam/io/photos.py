@@ -1,0 +1,188 @@
+"""A folder of geotagged photographs as a flight: every photograph is a keyframe.
+
+What the tags do not tell is assumed and said in ``Flight.warnings``; what cannot be used is left out, counted
+and named there. Altitude: where the maker's ``AbsoluteAltitude`` stands it is taken, as Exif's often repeats
+it with fewer digits or holds the uncorrected receiver's; above sea level or above the ellipsoid makes a
+constant difference, which the map does not feel. Times: the camera's clock where every photograph has it,
+else the satellites', else the order of the names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.flight import AttitudeSeries, Flight, Frames, Gps, Image, Scalar
+from slam.io.exif import PhotoTags
+from slam.io.gimbal import roll_pitch_yaw
+from slam.io.images import PictureFiles
+from slam.io.photo_camera import photo_camera
+from slam.io.photo_set import AttitudeSource, Photo, select_photos
+from slam.progress import Progress, silent
+
+Array = NDArray[np.float64]
+
+_BAROMETER_STD_M = 1.0
+_SECOND_NS = 10**9
+_TIFF = (".tif", ".tiff")
+
+
+def import_photos(folder: str | Path, progress: Progress = silent) -> Flight:
+    """Read a folder of photographs; the pictures stay where they are until asked for.
+
+    Only the folder itself is searched, unless it holds photographs in its subfolders alone. Raises
+    ``InputError`` where there is no folder, no photograph in it, or none that can be used.
+    """
+    folder = Path(folder)
+    chosen = select_photos(folder, progress)
+    photos, stamps_ns, time_remarks = _in_order_of_time(chosen.photos)
+    epoch_ns = int(stamps_ns[0])
+    stamps_s = (stamps_ns - epoch_ns) / _SECOND_NS
+    tags = [photo.tags for photo in photos]
+    camera, camera_remarks = photo_camera(tags)
+    gps, gps_remarks = _gps(tags, stamps_s)
+    vehicle = tags[0].model if tags[0].model.startswith(tags[0].make) else f"{tags[0].make} {tags[0].model}"
+    date = datetime.fromtimestamp(epoch_ns // _SECOND_NS, UTC).date().isoformat() if epoch_ns else ""
+    notes = {"vehicle": vehicle.strip(), "date": date}
+    return Flight(
+        name=folder.resolve().name or "photos",
+        epoch_ns=epoch_ns,
+        camera=camera,
+        frames=_frames(photos, stamps_s),
+        attitude=_attitude(photos, chosen.attitude, stamps_s),
+        barometer=_heights_above_takeoff(tags, stamps_s),
+        gps=gps,
+        notes={key: value for key, value in notes.items() if value},
+        warnings=(
+            *chosen.remarks,
+            *time_remarks,
+            *camera_remarks,
+            *gps_remarks,
+            *_damaged_tags(tags),
+        ),
+        all_keyframes=True,
+    )
+
+
+def _in_order_of_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.int64], tuple[str, ...]]:
+    """Photographs by time, strictly increasing stamps on one clock [ns], and what was assumed."""
+    zoned = all(photo.tags.utc_offset_ns is not None for photo in photos)
+    camera = [
+        None if t.camera_time_ns is None else t.camera_time_ns - ((t.utc_offset_ns or 0) if zoned else 0)
+        for t in (photo.tags for photo in photos)
+    ]
+    satellite = [photo.tags.gps_time_ns for photo in photos]
+    for times, remark in (
+        (camera, "" if zoned else "times from the camera's clock, its time zone unknown and taken as UTC"),
+        (satellite, "times from the satellites' clock"),
+    ):
+        known = [time for time in times if time is not None]
+        if len(known) == len(photos) and (len(set(known)) > 1 or len(photos) == 1):
+            order = sorted(range(len(photos)), key=lambda k: known[k])  # stable: equal times stay by name
+            stamps = np.array([known[k] for k in order], dtype=np.int64)
+            spread, moved = _spread(stamps)
+            equal = (f"{moved} equal time stamps spread evenly, in the order of the names",) if moved else ()
+            return [photos[k] for k in order], spread, (remark,) * bool(remark) + equal
+    remark = "no time of its own in every photograph: the order of the names, 1 s apart, assumed"
+    return photos, np.arange(len(photos), dtype=np.int64) * _SECOND_NS, (remark,)
+
+
+def _spread(stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
+    """Sorted stamps made strictly increasing: equal ones share the time to the next, a second at most."""
+    distinct, start, count = np.unique(stamps_ns, return_index=True, return_counts=True)
+    room = np.minimum(np.diff(distinct, append=distinct[-1] + _SECOND_NS), _SECOND_NS)
+    rank = np.arange(len(stamps_ns)) - np.repeat(start, count)
+    spread = stamps_ns + rank * np.repeat(room // count, count)
+    # Closer together than a nanosecond each they cannot be spread, only pushed on.
+    index = np.arange(len(spread))
+    return np.maximum.accumulate(spread - index) + index, int((count - 1).sum())
+
+
+def _gps(tags: Sequence[PhotoTags], stamps_s: Array) -> tuple[Gps | None, tuple[str, ...]]:
+    known = [k for k, t in enumerate(tags) if t.latitude_deg is not None]
+    if not known:
+        return None, ("no photograph has a GPS position: the map has no metric scale and no place on Earth",)
+    fixes = [tags[k] for k in known]
+    altitude = np.array([t.altitude_m if t.altitude_m is not None else np.nan for t in fixes])
+    gaps = [
+        abs(t.altitude_m - t.exif_altitude_m)
+        for t in fixes
+        if t.altitude_m is not None and t.exif_altitude_m is not None
+    ]
+    remarks = []
+    if len(known) < len(tags):
+        remarks.append(f"{len(tags) - len(known)} of {len(tags)} photographs have no GPS position")
+    if np.isnan(altitude).any():
+        remarks.append(f"{int(np.isnan(altitude).sum())} of {len(known)} GPS positions have no altitude")
+    if gaps and max(gaps) > 1:
+        remarks.append(f"altitude from the maker's tag; Exif's differs by up to {max(gaps):.0f} m")
+    stds = [t.position_std_m for t in fixes if t.position_std_m is not None]
+    gps = Gps(
+        stamps_s[known],
+        np.array([t.latitude_deg for t in fixes], dtype=float),
+        np.array([t.longitude_deg for t in fixes], dtype=float),
+        altitude,
+    )
+    if len(stds) == len(known):
+        east, north, up = np.sqrt(np.mean(np.square(stds), axis=0))
+        gps = Gps(
+            gps.stamps_s,
+            gps.latitude_deg,
+            gps.longitude_deg,
+            altitude,
+            (float(east), float(north), float(up)),
+        )
+    else:
+        remarks.append("accuracy of the GPS assumed: {:g}, {:g}, {:g} m".format(*gps.noise_std_m))
+    return gps, tuple(remarks)
+
+
+def _attitude(
+    photos: Sequence[Photo], source: AttitudeSource | None, stamps_s: Array
+) -> AttitudeSeries | None:
+    known = [k for k, photo in enumerate(photos) if photo.w_R_b is not None]
+    if source is None or not known:
+        return None
+    angles = np.array([roll_pitch_yaw(w_R_b) for p in photos if (w_R_b := p.w_R_b) is not None])
+    roll, pitch, yaw = np.radians(source.std_deg)
+    return AttitudeSeries(stamps_s[known], angles, (float(roll), float(pitch), float(yaw)))
+
+
+def _heights_above_takeoff(tags: Sequence[PhotoTags], stamps_s: Array) -> Scalar | None:
+    known = [k for k, t in enumerate(tags) if t.height_above_takeoff_m is not None]
+    height_m = np.array([tags[k].height_above_takeoff_m for k in known], dtype=float)
+    return Scalar(stamps_s[known], height_m, _BAROMETER_STD_M) if known else None
+
+
+def _frames(photos: Sequence[Photo], stamps_s: Array) -> Frames:
+    files = PictureFiles(tuple(photo.path for photo in photos), photos[0].tags.size_px)
+    has_tiff = any(photo.path.suffix.casefold() in _TIFF for photo in photos)
+    load = _WithTiff(files) if has_tiff else files
+    return Frames(stamps_s, tuple(photo.name for photo in photos), load)
+
+
+@dataclass(frozen=True)
+class _WithTiff:
+    """Loads TIFF too, which a flight folder does not hold but a folder of photographs may."""
+
+    files: PictureFiles
+
+    def __call__(self, k: int) -> Image | None:
+        path = self.files.paths[k]
+        if path.suffix.casefold() not in _TIFF:
+            return self.files(k)
+        picture = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        if picture is None:
+            self.files.failures[k] = "damaged"
+        return picture
+
+
+def _damaged_tags(tags: Sequence[PhotoTags]) -> tuple[str, ...]:
+    damaged = sum(t.xmp_damaged for t in tags)
+    return (f"{damaged} photographs have XMP tags that cannot be read, ignored",) if damaged else ()
