@@ -1,0 +1,181 @@
+"""Measurements of a single pose against the world, as gtsam's own factors, and what they say of where it stands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from backend import se3
+from backend.gauge import HOLD_STD
+from backend.measurements import Attitude, Position, SlantRange
+
+Array = NDArray[np.float64]
+
+OUTLIER_SIGMA = 3.0
+"""Whitened residual from which positions and ranges pull with constant force: Huber's loss; at 3 it costs less
+than 1 % of the accuracy where all measurements are good."""
+
+
+@dataclass(frozen=True)
+class Absolute:
+    """One measurement of a single pose against the world."""
+
+    k: int
+    factor: gtsam.NonlinearFactor
+    """As solved, with its robust loss where it has one."""
+    plain: gtsam.NonlinearFactor
+    """The same with Gaussian noise."""
+    kind: Literal["attitude", "range", "position", "fixed"]
+    w_R_b: Array | None = None
+    """(3, 3) where roll and pitch are measured."""
+    heading_known: bool = False
+    w_p_b_m: Array = field(default_factory=lambda: np.full(3, np.nan))
+    """(3,), NaN where not measured."""
+    range_m: float = float("nan")
+
+    def renumbered(self, k: int) -> Absolute:
+        """The same measurement on another key."""
+        return replace(self, k=k, factor=self.factor.rekey([k]), plain=self.plain.rekey([k]))
+
+
+def gtsam_poses(T: Array, dimension: int) -> list[gtsam.Pose2] | list[gtsam.Pose3]:
+    """Transforms (n, 4, 4) as gtsam's poses."""
+    if dimension == 2:
+        return [gtsam.Pose2(*row) for row in se3.to_planar(T).tolist()]
+    return [gtsam.Pose3(matrix) for matrix in T]
+
+
+def fixed(k: int, w_T: Array, dimension: int) -> Absolute:
+    """A pose (4, 4) that is held where it is."""
+    make = gtsam.PriorFactorPose2 if dimension == 2 else gtsam.PriorFactorPose3
+    noise = gtsam.noiseModel.Isotropic.Sigma(3 if dimension == 2 else 6, HOLD_STD)
+    factor = make(k, gtsam_poses(w_T[None], dimension)[0], noise)
+    return Absolute(k, factor, factor, "fixed", w_T[:3, :3], True, w_T[:3, 3])
+
+
+def attitude(measured: Attitude) -> Absolute | None:
+    """Roll, pitch and heading; None where no angle was measured.
+
+    With the heading unknown gtsam's tilt factor takes over: a rotation's logarithm mixes the axes when the heading
+    is far off. It knows no heading, so the larger of the two tilt deviations stands for both.
+    """
+    angle = measured.roll_pitch_yaw_rad
+    with np.errstate(divide="ignore"):
+        weight = np.where(np.isfinite(angle), 1 / measured.std_rad, 0)
+    if not weight.any():
+        return None
+    R = Rotation.from_euler("xyz", np.where(np.isfinite(angle), angle, 0)).as_matrix()
+    if weight[2] == 0 and weight[:2].all():
+        up = gtsam.Unit3(np.array([0, 0, 1.0]))
+        noise = gtsam.noiseModel.Isotropic.Sigma(2, float(1 / weight[:2].min()))
+        factor = gtsam.AttitudeFactorPose3(measured.k, up, noise, gtsam.Unit3(R[2]))
+    else:
+        # Columns: body-axis rotation rates of roll, pitch and yaw for R = Rz Ry Rx.
+        roll = Rotation.from_euler("x", np.nan_to_num(angle[0])).as_matrix()
+        rates = np.column_stack([[1.0, 0, 0], roll[1], R[2]])
+        root = weight[:, None] * np.linalg.inv(rates)
+        noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
+        factor = gtsam.PoseRotationPrior3D(measured.k, gtsam.Rot3(R), noise)
+    level = bool(weight[:2].all())
+    return Absolute(measured.k, factor, factor, "attitude", R if level else None, bool(weight[2]))
+
+
+def slant_range(measured: SlantRange, cos_tilt: float = 1.0) -> Absolute:
+    """Range along the body's -z to the plane z = 0: the point that it hits has height 0.
+
+    gtsam's position factor with a lever arm (0, 0, -range) says just that when x and y weigh nothing. ``cos_tilt``
+    takes the deviation along the beam to the one in height.
+    """
+    root = np.diag([0, 0, 1 / (measured.std_m * cos_tilt)])
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
+    arm = np.array([0, 0, -measured.range_m])
+    plain = gtsam.GPSFactorArm(measured.k, np.zeros(3), arm, noise)
+    factor = gtsam.GPSFactorArm(measured.k, np.zeros(3), arm, _robust(noise))
+    return Absolute(measured.k, factor, plain, "range", range_m=measured.range_m)
+
+
+def position(measured: Position) -> Absolute | None:
+    """Position of the body; NaN or an infinite deviation leaves an axis open; None where no axis was measured."""
+    with np.errstate(divide="ignore"):
+        weight = np.where(np.isfinite(measured.w_p_b_m), 1 / measured.std_m, 0)
+    if not weight.any():
+        return None
+    place = np.where(weight > 0, measured.w_p_b_m, 0)
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(np.diag(weight), False)
+    plain = gtsam.GPSFactor(measured.k, place, noise)
+    factor = gtsam.GPSFactor(measured.k, place, _robust(noise))
+    return Absolute(measured.k, factor, plain, "position", w_p_b_m=np.where(weight > 0, place, np.nan))
+
+
+def _robust(noise: gtsam.noiseModel.Base) -> gtsam.noiseModel.Robust:
+    return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(OUTLIER_SIGMA), noise)
+
+
+def jacobian(absolute: Absolute, w_T: Array) -> Array:
+    """(r, 6) whitened derivative of a spatial measurement with respect to a right perturbation at ``w_T`` (4, 4)."""
+    values = gtsam.Values()
+    values.insert(absolute.k, gtsam.Pose3(w_T))
+    return np.asarray(absolute.plain.linearize(values).jacobian()[0])
+
+
+def aligned(w_T: Array, absolutes: tuple[Absolute, ...]) -> Array:
+    """Move a rigid trajectory (n, 4, 4) to where its absolute measurements want it: a start, not an estimate."""
+    w_T = w_T.copy()
+    rotations = [a for a in absolutes if a.w_R_b is not None]
+    places = [a for a in absolutes if np.isfinite(a.w_p_b_m).any()]
+    known = [a for a in places if np.isfinite(a.w_p_b_m).all()]
+    if rotations:
+        w_T = _turned(w_T, _mean_rotation(w_T, rotations))
+    elif len(known) >= 3:
+        w_T = _turned(w_T, _procrustes(w_T, known, planar=False))
+    flat = [a for a in places if np.isfinite(a.w_p_b_m[:2]).all()]
+    if not any(a.heading_known for a in rotations) and len(flat) >= 2:
+        w_T = _turned(w_T, _procrustes(w_T, flat, planar=True))
+    for axis in range(3):
+        shift = [a.w_p_b_m[axis] - w_T[a.k, axis, 3] for a in places if np.isfinite(a.w_p_b_m[axis])]
+        if axis == 2 and not shift:
+            shift = [a.range_m * w_T[a.k, 2, 2] - w_T[a.k, 2, 3] for a in absolutes if a.kind == "range"]
+        if shift:
+            w_T[:, axis, 3] += np.median(shift)
+    return w_T
+
+
+def _turned(w_T: Array, R: Array) -> Array:
+    turn = np.eye(4)
+    turn[:3, :3] = R
+    return turn @ w_T
+
+
+def _mean_rotation(w_T: Array, rotations: list[Absolute]) -> Array:
+    full = [a for a in rotations if a.heading_known]
+    if full:
+        total = sum((a.w_R_b @ w_T[a.k, :3, :3].T for a in full if a.w_R_b is not None), np.zeros((3, 3)))
+        return se3.nearest_rotations(total[None])[0]
+    up = sum((w_T[a.k, :3, :3] @ a.w_R_b[2] for a in rotations if a.w_R_b is not None), np.zeros(3))
+    return Rotation.align_vectors([[0, 0, 1.0]], [up / max(np.linalg.norm(up), 1e-12)])[0].as_matrix()
+
+
+def _procrustes(w_T: Array, places: list[Absolute], planar: bool) -> Array:
+    """Rotation that takes trajectory to measured positions; what is far off is left out of the second pass."""
+    p = np.array([w_T[a.k, :3, 3] for a in places])
+    q = np.array([a.w_p_b_m for a in places])
+    if planar:
+        p[:, 2] = q[:, 2] = 0
+    use = np.ones(len(p), dtype=bool)
+    R = np.eye(3)
+    for _ in range(3):
+        M = (q[use] - q[use].mean(axis=0)).T @ (p[use] - p[use].mean(axis=0))
+        if planar:
+            angle = np.arctan2(M[1, 0] - M[0, 1], M[0, 0] + M[1, 1])
+            R = Rotation.from_euler("z", angle).as_matrix()
+        else:
+            R = se3.nearest_rotations(M[None])[0]
+        off = q - p @ R.T
+        miss = np.linalg.norm(off - np.median(off, axis=0), axis=1)
+        use = miss <= 3 * max(float(np.median(miss)), 1e-9)
+    return R

@@ -1,0 +1,299 @@
+"""Reading and writing pose graphs in g2o's text format, planar and spatial.
+
+g2o writes the information of a spatial edge with translation before rotation; this project and gtsam put
+rotation first. The two are swapped here and nowhere else. Source of the format: g2o's ``types/slam2d`` and
+``types/slam3d``; as gtsam does, rotational information is taken per radian of the rotation vector.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+import tempfile
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from backend import se3
+from backend.errors import BackendError, runs
+from backend.pose_graph import PoseGraph
+
+Array = NDArray[np.float64]
+
+_ROTATION_FIRST = np.array([3, 4, 5, 0, 1, 2])
+_UNIT_TOLERANCE = 1e-3
+
+
+@dataclass(frozen=True)
+class _Tag:
+    dimension: Literal[2, 3]
+    ids: int
+    figures: int
+
+
+_TAGS = {
+    "VERTEX_SE2": _Tag(2, 1, 3),
+    "EDGE_SE2": _Tag(2, 2, 9),
+    "VERTEX_SE3:QUAT": _Tag(3, 1, 7),
+    "EDGE_SE3:QUAT": _Tag(3, 2, 28),
+}
+
+
+@dataclass(frozen=True)
+class _Block:
+    """All lines of one tag."""
+
+    lines: NDArray[np.int64]
+    ids: NDArray[np.int64]
+    figures: Array
+
+
+def read_g2o(path: str | Path) -> PoseGraph:
+    """Read a planar or spatial pose graph.
+
+    Unknown tags, self edges and an unfinished last line are dropped and counted in ``warnings``.
+    Raises ``BackendError`` with file, line and what to do for everything else that is not a pose graph.
+    """
+    name = str(path)
+    text = _text(Path(path))
+    warnings: list[str] = []
+    rows, fixed_rows = _rows(text, name, warnings)
+    dimensions = {_TAGS[tag].dimension for tag in rows if rows[tag]}
+    if len(dimensions) == 2:
+        raise BackendError(f"{name}: holds planar (SE2) and spatial (SE3) lines; split it into two files")
+    if not dimensions:
+        raise BackendError(f"{name}: no VERTEX_SE2, EDGE_SE2, VERTEX_SE3:QUAT or EDGE_SE3:QUAT line in it")
+    dimension = dimensions.pop()
+    blocks = {tag: _block(rows[tag], tag, name) for tag in rows if _TAGS[tag].dimension == dimension}
+    vertex, edge = (blocks[tag] for tag in _TAGS if tag in blocks)
+    if len(edge.ids) == 0:
+        raise BackendError(f"{name}: has vertices but no edge; there is nothing to optimize")
+    edge = _without_self_edges(edge, warnings)
+    ids, poses = _vertices(vertex, edge, dimension, name, warnings)
+    index = np.searchsorted(ids, edge.ids)
+    fixed = np.zeros(len(ids), dtype=bool)
+    for line, number in fixed_rows:
+        if number not in ids:
+            raise BackendError(f"{name}:{line}: FIX names vertex {number}, which the file does not hold")
+        fixed[np.searchsorted(ids, number)] = True
+    return PoseGraph(
+        dimension=dimension,
+        ids=ids,
+        poses=poses,
+        i=index[:, 0],
+        j=index[:, 1],
+        ij_T=_transforms(edge, dimension, name, warnings),
+        information=_information(edge, dimension, name),
+        fixed=fixed,
+        warnings=tuple(warnings),
+    )
+
+
+def _text(path: Path) -> str:
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise BackendError(f"{path}: is not a file; name a .g2o file")
+        raw = path.read_bytes()
+    except OSError as error:
+        raise BackendError(f"{path}: cannot be read ({error.strerror}); name a .g2o file") from error
+    if not raw.strip():
+        raise BackendError(f"{path}: is empty; name a .g2o file")
+    if b"\0" in raw[:4096]:
+        raise BackendError(f"{path}: is a binary file; name a .g2o text file")
+    return raw.decode("utf-8", errors="replace")
+
+
+def _rows(
+    text: str, name: str, warnings: list[str]
+) -> tuple[dict[str, list[tuple[int, list[str]]]], list[tuple[int, int]]]:
+    """Lines by tag as (line number, fields), and the vertices that FIX names."""
+    rows: dict[str, list[tuple[int, list[str]]]] = {tag: [] for tag in _TAGS}
+    fixed: list[tuple[int, int]] = []
+    unknown: Counter[str] = Counter()
+    lines = text.split("\n")
+    for number, line in enumerate(lines, 1):
+        fields = line.split()
+        if not fields or fields[0].startswith("#"):
+            continue
+        tag = _TAGS.get(fields[0])
+        if tag is None and fields[0] != "FIX":
+            unknown[fields[0][:40]] += 1
+        elif tag is None:
+            fixed += [(number, _integer(field, name, number)) for field in fields[1:]]
+        elif len(fields) == 1 + tag.ids + tag.figures:
+            rows[fields[0]].append((number, fields))
+        elif number == len(lines) and len(fields) < 1 + tag.ids + tag.figures:
+            warnings.append(f"line {number} ends in mid-line: the file is truncated, that line is dropped")
+        else:
+            raise BackendError(
+                f"{name}:{number}: {fields[0]} has {len(fields) - 1} fields instead of"
+                f" {tag.ids + tag.figures}; mend or remove the line"
+            )
+    if unknown:
+        listed = ", ".join(f"{count} {tag}" for tag, count in unknown.most_common(5))
+        warnings.append(f"{unknown.total()} lines of kinds that are not used here were skipped: {listed}")
+    return rows, fixed
+
+
+def _integer(field: str, name: str, line: int) -> int:
+    try:
+        number = int(field)
+    except ValueError:
+        number = -1
+    if not 0 <= number < 2**62:
+        raise BackendError(
+            f"{name}:{line}: vertex {field[:40]!r} is not a whole number from 0 on; mend the line"
+        )
+    return number
+
+
+def _block(rows: list[tuple[int, list[str]]], tag: str, name: str) -> _Block:
+    """The figures of one tag as arrays, converted at once; a bad line is looked for afterwards."""
+    shape = _TAGS[tag]
+    lines = np.array([number for number, _ in rows], dtype=np.int64)
+    ids = np.array(
+        [[_integer(f, name, n) for f in fields[1 : 1 + shape.ids]] for n, fields in rows], dtype=np.int64
+    )
+    try:
+        figures = np.array([fields[1 + shape.ids :] for _, fields in rows], dtype=np.float64)
+    except ValueError:
+        figures = np.array([[_float(f) for f in fields[1 + shape.ids :]] for _, fields in rows])
+    figures = figures.reshape(len(rows), shape.figures)
+    bad = np.flatnonzero(~np.isfinite(figures).all(axis=1))
+    if len(bad):
+        raise BackendError(f"{name}:{lines[bad[0]]}: {tag} holds a field that is no finite number; mend it")
+    return _Block(lines, ids.reshape(len(rows), shape.ids), figures)
+
+
+def _float(field: str) -> float:
+    try:
+        return float(field)
+    except ValueError:
+        return float("nan")
+
+
+def _without_self_edges(edge: _Block, warnings: list[str]) -> _Block:
+    ok = edge.ids[:, 0] != edge.ids[:, 1]
+    if not ok.all():
+        warnings.append(
+            f"{(~ok).sum()} edges from a vertex to itself were dropped (first: line {edge.lines[~ok][0]})"
+        )
+    return _Block(edge.lines[ok], edge.ids[ok], edge.figures[ok])
+
+
+def _vertices(
+    vertex: _Block, edge: _Block, dimension: int, name: str, warnings: list[str]
+) -> tuple[NDArray[np.int64], Array]:
+    """Sorted vertex numbers and their poses, NaN throughout where the file holds edges only."""
+    used = np.unique(edge.ids)
+    if len(vertex.ids) == 0:
+        warnings.append(f"no vertices in the file: the {len(used)} that the edges name start from the edges")
+        return used, np.full((len(used), 4, 4), np.nan)
+    order = np.argsort(vertex.ids[:, 0], kind="stable")
+    ids = vertex.ids[order, 0]
+    twice = np.flatnonzero(ids[1:] == ids[:-1])
+    if len(twice):
+        a, b = vertex.lines[order[twice[0]]], vertex.lines[order[twice[0] + 1]]
+        raise BackendError(f"{name}:{b}: vertex {ids[twice[0]]} stands there and on line {a}; remove one")
+    missing = np.setdiff1d(used, ids)
+    if len(missing):
+        line = edge.lines[np.isin(edge.ids, missing).any(axis=1)][0]
+        raise BackendError(
+            f"{name}:{line}: an edge names a vertex that the file does not hold"
+            f" (missing: {runs(missing.tolist())}); add the vertices or remove the edges"
+        )
+    return ids, _transforms(vertex, dimension, name, warnings)[order]
+
+
+def _transforms(block: _Block, dimension: int, name: str, warnings: list[str]) -> Array:
+    if dimension == 2:
+        return se3.from_planar(block.figures[:, :3])
+    T = np.tile(np.eye(4), (len(block.figures), 1, 1))
+    quaternion = block.figures[:, 3:7]
+    length = np.linalg.norm(quaternion, axis=1)
+    zero = np.flatnonzero(length < 1e-6)
+    if len(zero):
+        raise BackendError(f"{name}:{block.lines[zero[0]]}: the quaternion is zero; mend the line")
+    off = np.abs(length - 1) > _UNIT_TOLERANCE
+    if off.any():
+        warnings.append(
+            f"{off.sum()} quaternions not of length 1 were normalised (first: line {block.lines[off][0]},"
+            f" length {length[off][0]:.4g})"
+        )
+    if len(T):
+        T[:, :3, :3] = Rotation.from_quat(quaternion).as_matrix()
+    T[:, :3, 3] = block.figures[:, :3]
+    return T
+
+
+def _information(edge: _Block, dimension: int, name: str) -> Array:
+    """(m, d, d) symmetric matrices from upper triangles, in this project's tangent order."""
+    d = 3 if dimension == 2 else 6
+    upper = np.triu_indices(d)
+    matrix = np.zeros((len(edge.figures), d, d))
+    matrix[:, upper[0], upper[1]] = matrix[:, upper[1], upper[0]] = edge.figures[:, -len(upper[0]) :]
+    lowest = np.linalg.eigvalsh(matrix)
+    bad = np.flatnonzero((lowest[:, 0] < -1e-9 * lowest[:, -1]) | (lowest[:, -1] <= 0))
+    if len(bad):
+        raise BackendError(
+            f"{name}:{edge.lines[bad[0]]}: the information matrix is not positive"
+            f" (smallest eigenvalue {lowest[bad[0], 0]:.3g}; {len(bad)} such edges); mend or remove the line"
+        )
+    return matrix if d == 3 else matrix[:, _ROTATION_FIRST[:, None], _ROTATION_FIRST]
+
+
+def write_g2o(target: str | Path | TextIO, graph: PoseGraph) -> None:
+    """Write vertices that have a pose, held vertices and edges, with full precision.
+
+    A path gets the whole file or none: it is written beside the target and renamed.
+    """
+    if not isinstance(target, (str, Path)):
+        target.write(_lines(graph))
+        return
+    path = Path(target)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="ascii") as stream:
+            stream.write(_lines(graph))
+            stream.flush()
+            os.fsync(stream.fileno())
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _lines(graph: PoseGraph) -> str:
+    vertex, edge = [tag for tag, shape in _TAGS.items() if shape.dimension == graph.dimension]
+    information = graph.information
+    if graph.dimension == 3:
+        inverse = np.argsort(_ROTATION_FIRST)
+        information = information[:, inverse[:, None], inverse]
+    upper = np.triu_indices(information.shape[-1])
+    placed = np.flatnonzero(graph.has_pose)
+    out = _format(vertex, graph.ids[placed, None], _figures(graph.poses[placed], graph.dimension))
+    out += [f"FIX {number}" for number in graph.ids[graph.fixed]]
+    pairs = np.column_stack([graph.ids[graph.i], graph.ids[graph.j]])
+    figures = np.hstack([_figures(graph.ij_T, graph.dimension), information[:, upper[0], upper[1]]])
+    out += _format(edge, pairs, figures)
+    return "\n".join(out) + "\n"
+
+
+def _figures(T: Array, dimension: int) -> Array:
+    if dimension == 2:
+        return se3.to_planar(T)
+    quaternion = Rotation.from_matrix(T[:, :3, :3]).as_quat() if len(T) else np.zeros((0, 4))
+    return np.hstack([T[:, :3, 3], quaternion])
+
+
+def _format(tag: str, ids: NDArray[np.int64], figures: Array) -> list[str]:
+    pattern = tag + " %d" * ids.shape[1] + " %.17g" * figures.shape[1]
+    return [pattern % (*a, *b) for a, b in zip(ids.tolist(), figures.tolist(), strict=True)]

@@ -1,0 +1,119 @@
+"""What no measurement ties to the world: found from the structure of the graph, and held on purpose."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from backend import se3
+from backend.errors import runs
+
+Array = NDArray[np.float64]
+
+HOLD_STD = 1e-6
+"""rad and m: how tightly a direction that nothing measures is held."""
+
+_DIRECTIONS = ("roll", "pitch", "heading", "x", "y", "height")
+_ROTATION_STD_RAD = 1.0
+_POSITION_STD_M = 1e4
+_SYMBOL_SHIFT = 56
+_PLURAL = {"vertex": "vertices"}
+
+
+def key_name(key: int) -> str:
+    """What a key stands for: ``keyframe 7`` for 7 and for the symbol x7, else the symbol itself."""
+    letter, number = key >> _SYMBOL_SHIFT, key & ((1 << _SYMBOL_SHIFT) - 1)
+    return f"keyframe {number}" if letter in (0, ord("x")) else f"{chr(letter)}{number}"
+
+
+def key_runs(keys: Iterable[int], name: Callable[[int], str] = key_name) -> str:
+    """Keys as a person lists them: ``keyframe 0-57, 60``."""
+    keys = sorted(keys)
+    if len(keys) == 1:
+        return name(keys[0])
+    groups: dict[str, list[int]] = {}
+    for key in keys:
+        word, _, number = name(key).rpartition(" ")
+        if number.isdigit():
+            groups.setdefault(word, []).append(int(number))
+        else:
+            groups.setdefault(name(key), [])
+    said = [
+        f"{_PLURAL.get(word, word + 's')} {runs(numbers)}" if numbers else word
+        for word, numbers in groups.items()
+    ]
+    return ", ".join(said[:6]) + (f" and {len(said) - 6} more" if len(said) > 6 else "")
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The connected parts of a factor graph."""
+
+    parts: list[list[int]]
+    floating: list[list[int]]
+    """Those without any factor on a single variable: nothing can tie them to the world."""
+
+
+def floating_parts(graph: gtsam.NonlinearFactorGraph) -> Parts:
+    """Connected parts of a graph by its keys, and those that float."""
+    touched = [list(f.keys()) for f in (graph.at(k) for k in range(graph.size())) if f is not None]
+    keys, flat = np.unique(
+        np.array([key for t in touched for key in t], dtype=np.uint64), return_inverse=True
+    )
+    if len(keys) == 0:
+        return Parts([], [])
+    sizes = np.array([len(t) for t in touched])
+    first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    owner = np.repeat(flat[first[sizes > 0]], sizes[sizes > 0])
+    shape = (len(keys), len(keys))
+    count, label = connected_components(coo_array((np.ones(len(flat)), (owner, flat)), shape=shape), False)
+    tied = np.zeros(count, dtype=bool)
+    tied[label[flat[first[sizes == 1]]]] = True
+    order = np.argsort(label, kind="stable")
+    parts = [part.tolist() for part in np.split(keys[order], np.cumsum(np.bincount(label))[:-1])]
+    return Parts(parts, [part for part, t in zip(parts, tied, strict=True) if not t])
+
+
+def open_directions(jacobians: list[Array], w_T_b: Array, anchor: Array) -> Array:
+    """Rigid motions of a connected part that its absolute measurements leave open.
+
+    ``jacobians`` are whitened (r, 6), each with respect to a right perturbation of the pose in the same row of
+    ``w_T_b`` (k, 4, 4). Returns orthonormal rows (d, 6): directions of a motion in world axes about the origin
+    of ``anchor`` (4, 4), rotation first. A direction counts as open where its standard deviation would exceed
+    1 rad or 10 km: that is no knowledge, and a solver would wander along it.
+    """
+    a_origin = np.eye(4)
+    a_origin[:3, 3] = anchor[:3, 3]
+    information = np.zeros((6, 6))
+    for jacobian, T in zip(jacobians, w_T_b, strict=True):
+        J = jacobian @ se3.adjoint(se3.inverse(T) @ a_origin)
+        information += J.T @ J
+    scale = np.array([_ROTATION_STD_RAD] * 3 + [_POSITION_STD_M] * 3)
+    values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
+    rows = vectors[:, values < 1].T / scale
+    return np.linalg.qr(rows.T)[0].T if len(rows) else rows
+
+
+def hold_factor(key: int, pose: Array, directions: Array) -> gtsam.NonlinearFactor:
+    """A prior that holds a pose (4, 4) in the given directions (d, 6) of motion about it, and in no other."""
+    R = pose[:3, :3]
+    rows = np.zeros((6, 6))
+    # World axes to body axes: xi_w = blkdiag(R, R) xi_b. Rows of zeros leave the other directions free.
+    rows[: len(directions), :3] = directions[:, :3] @ R
+    rows[: len(directions), 3:] = directions[:, 3:] @ R
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(rows / HOLD_STD, False)
+    return gtsam.PriorFactorPose3(key, gtsam.Pose3(pose), noise)
+
+
+def direction_words(directions: Array) -> str:
+    """``x, y and heading`` for rows of motions, rotation first."""
+    part = np.abs(directions) > 0.3 * np.abs(directions).max(axis=1, keepdims=True)
+    words = [word for word, used in zip(_DIRECTIONS, part.any(axis=0), strict=True) if used]
+    words = words[3:] + words[:3] if len(words) == 6 else words
+    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + f" and {words[-1]}"

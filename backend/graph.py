@@ -1,0 +1,133 @@
+"""From measurements or a pose graph to one consistent trajectory.
+
+Each connected part is anchored where nothing observes it, started, solved plainly, and tested as a whole. Only
+where that test fails are edges rejected, each with its reason, and the rest solved again.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.accept import components, from_measurements
+from backend.errors import BackendError
+from backend.gauge import key_runs
+from backend.measurements import Measurements
+from backend.part import Options, placed_alone, solve_part
+from backend.pose_graph import PoseGraph
+from backend.problem import Problem, from_pose_graph
+from backend.solution import Solution
+from backend.solve import OnStep
+
+Array = NDArray[np.float64]
+
+
+def solve(
+    measurements: Measurements,
+    *,
+    loops_robust: bool = True,
+    initial: Array | None = None,
+    covariances: bool = True,
+    max_iterations: int = 100,
+    relative_tolerance: float = 1e-5,
+    on_step: OnStep | None = None,
+    time_limit_s: float | None = None,
+) -> Solution:
+    """The most likely trajectory of a flight's keyframes.
+
+    ``initial`` (n, 4, 4), NaN where unknown, starts the descent; without it the odometry does. ``loops_robust``
+    allows the rejection of edges where the whole does not fit. Raises ``BackendError`` for bad figures.
+    """
+    problem, warnings = from_measurements(measurements, initial)
+    deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
+    options = Options(loops_robust, covariances, max_iterations, relative_tolerance, on_step, deadline)
+    return _solve(problem, options, warnings)
+
+
+def solve_pose_graph(
+    graph: PoseGraph,
+    *,
+    loops_robust: bool = True,
+    covariances: bool = True,
+    max_iterations: int = 100,
+    relative_tolerance: float = 1e-5,
+    on_step: OnStep | None = None,
+    time_limit_s: float | None = None,
+) -> Solution:
+    """The same for a g2o graph, planar or spatial. Fixed vertices are held; else the first of each part."""
+    deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
+    options = Options(loops_robust, covariances, max_iterations, relative_tolerance, on_step, deadline)
+    return _solve(from_pose_graph(graph), options, [])
+
+
+def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
+    """Solve each connected part and put the parts together."""
+    n, m = problem.count, len(problem.i)
+    label = components(problem)
+    w_T = np.full((n, 4, 4), np.nan)
+    covariances = np.full((n, 6, 6), np.nan) if options.covariances else None
+    component = np.full(n, -1, dtype=np.int64)
+    kept, residual, reasons = np.zeros(m, dtype=bool), np.full(m, np.nan), [""] * m
+    error, iterations, converged, solved = 0.0, 0, True, 0
+    unobserved: list[str] = []
+    lonely: list[int] = []
+    size = np.bincount(label)
+    for number in range(len(size)):
+        members = np.flatnonzero(label == number)
+        edges = np.flatnonzero(label[problem.i] == number) if m else np.zeros(0, dtype=np.int64)
+        part_problem = problem.restricted(members)
+        if len(members) == 1 and n > 1 and not placed_alone(part_problem):
+            lonely += members.tolist()
+            continue
+        try:
+            part = solve_part(part_problem, options)
+        except BackendError as refused:
+            if len(members) == n:
+                raise
+            for e in edges:
+                reasons[e] = "its part of the graph could not be solved"
+            warnings.append(f"{key_runs(members.tolist(), problem.name)} could not be solved: {refused}")
+            converged = False
+            continue
+        w_T[members], component[members] = part.w_T, solved
+        if covariances is not None and part.covariances is not None:
+            covariances[members] = part.covariances
+        kept[edges], residual[edges] = part.kept, part.residual
+        for e, why in zip(edges.tolist(), part.reasons, strict=True):
+            reasons[e] = why
+        error, iterations, solved = error + part.error, max(iterations, part.iterations), solved + 1
+        converged = converged and part.converged
+        warnings += part.warnings
+        unobserved += [part.held] if part.held else []
+    if lonely:
+        unobserved.append(f"{key_runs(lonely, problem.name)} not placed: no edge and no position")
+    return Solution(
+        w_T_b=w_T,
+        covariances=covariances,
+        component=component,
+        edge_kept=kept,
+        edge_reason=tuple(reasons),
+        edge_residual=residual,
+        error=error,
+        iterations=iterations,
+        converged=converged,
+        status=_status(solved, lonely, converged, warnings),
+        unobserved=tuple(unobserved),
+        warnings=tuple(warnings),
+    )
+
+
+def _status(solved: int, lonely: list[int], converged: bool, warnings: list[str]) -> str:
+    said = []
+    if solved > 1:
+        said.append(f"{solved} parts are not connected to each other")
+    if lonely:
+        said.append(f"{len(lonely)} poses could not be placed")
+    if not converged:
+        said.append(
+            next((w for w in warnings if "solved" in w or "converge" in w), "the solve did not converge")
+        )
+    return "; ".join(said) or "ok"

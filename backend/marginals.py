@@ -1,0 +1,86 @@
+"""Covariances of poses at a solution, never an exception for a part that is not determined."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.gauge import floating_parts
+
+Array = NDArray[np.float64]
+
+_DEEP = 5_000
+"""Keys from which METIS orders: shortcuts recurse down the tree, which COLAMD makes as deep as a chain."""
+
+_NO_KNOWLEDGE = 1e10
+"""Variance (rad^2, m^2) above which rounding, not measurement, speaks."""
+
+_PLANAR = np.array([3, 4, 2])
+"""Where gtsam's planar tangent (x, y, heading) stands in the spatial one (rotation, translation)."""
+
+
+def pose_covariances(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> Array:
+    """Marginal covariances of poses. Returns (n, 6, 6), rotation first, right perturbation, rad and m.
+
+    Planar poses are embedded with zeros for what cannot move. NaN where a pose is not determined: the parts of
+    the graph that are, are still answered.
+    """
+    out = np.full((len(keys), 6, 6), np.nan)
+    tree = bayes_tree(graph, values)
+    if tree is not None and not floating_parts(graph).floating:
+        _fill(out, tree, keys, range(len(keys)))
+        return out
+    for part in floating_parts(graph).parts:
+        inside = set(part)
+        mine = [k for k, key in enumerate(keys) if key in inside]
+        tree = bayes_tree(*_part(graph, values, inside)) if mine else None
+        if tree is not None and part not in floating_parts(graph).floating:
+            _fill(out, tree, keys, mine)
+    return out
+
+
+def bayes_tree(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.GaussianBayesTree | None:
+    """The linear system at ``values``, eliminated; None where it is singular."""
+    kinds = gtsam.Ordering.OrderingType
+    kind = kinds.METIS if values.size() > _DEEP else kinds.COLAMD
+    try:
+        linear = graph.linearize(values)
+        try:
+            return linear.eliminateMultifrontal(kind)
+        except RuntimeError:
+            return linear.eliminateMultifrontal(kind, gtsam.EliminateQR)
+    except RuntimeError:
+        return None
+
+
+def _part(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: set[int]
+) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    factors = gtsam.NonlinearFactorGraph()
+    for factor in (graph.at(k) for k in range(graph.size())):
+        if factor is not None and set(factor.keys()) <= keys:
+            factors.push_back(factor)
+    rest = gtsam.Values(values)
+    for key in values.keys():  # noqa: SIM118
+        if key not in keys:
+            rest.erase(key)
+    return factors, rest
+
+
+def _fill(out: Array, tree: gtsam.GaussianBayesTree, keys: Sequence[int], which: Sequence[int]) -> None:
+    for k in which:
+        try:
+            covariance = tree.marginalCovariance(keys[k])
+        except (RuntimeError, IndexError):
+            continue
+        variance = np.diag(covariance)
+        if not (np.isfinite(covariance).all() and (variance >= 0).all() and (variance < _NO_KNOWLEDGE).all()):
+            continue
+        if len(covariance) == 6:
+            out[k] = covariance
+        else:
+            out[k] = 0
+            out[k][np.ix_(_PLANAR, _PLANAR)] = covariance

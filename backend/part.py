@@ -1,0 +1,252 @@
+"""One connected part of a graph: anchor it, start it, solve it plainly, and reject edges only where it must."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from backend import se3
+from backend.absolutes import OUTLIER_SIGMA, aligned, fixed, jacobian
+from backend.consistency import ChiSquare, agreeing_edges, chi_square, edge_limit, innovations, reason
+from backend.errors import BackendError
+from backend.gauge import direction_words, hold_factor, key_runs, open_directions
+from backend.initialize import chordal, spanning_tree, tree_edges
+from backend.marginals import pose_covariances
+from backend.problem import Problem
+from backend.solve import Minimum, OnStep, check, gauss_newton, levenberg_marquardt
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_LOOP_DETOUR = 1e6
+"""Factor on the cost of a loop in the spanning tree: one false loop spoils all poses behind it."""
+_ROUNDS = 4
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to solve."""
+
+    loops_robust: bool = True
+    covariances: bool = True
+    max_iterations: int = 100
+    relative_tolerance: float = 1e-5
+    on_step: OnStep | None = None
+    deadline: float = math.inf
+    """On ``time.monotonic``'s clock."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A solved part; arrays in the order of its poses and edges."""
+
+    w_T: Array
+    covariances: Array | None
+    kept: Mask
+    reasons: tuple[str, ...]
+    residual: Array
+    error: float
+    iterations: int
+    converged: bool
+    held: str
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Anchored:
+    """A problem with what is held, and the options: everything that a plain solve of some edges needs."""
+
+    problem: Problem
+    ties: gtsam.NonlinearFactorGraph
+    """Absolute measurements and what is held."""
+    options: Options
+
+    def graph(self, kept: Mask) -> gtsam.NonlinearFactorGraph:
+        graph = self.problem.with_edges(kept).edge_factors()
+        graph.push_back(self.ties)
+        return graph
+
+
+def solve_part(problem: Problem, options: Options) -> Part:
+    """Solve one connected part. Raises ``BackendError`` where it has no answer."""
+    start = _start(problem)
+    ties, held = _ties(problem, start)
+    anchored = _Anchored(problem, ties, options)
+    kept = np.ones(len(problem.i), dtype=bool)
+    minimum = _plain(anchored, kept, start)
+    w_T = problem.poses(minimum.values)
+    test = chi_square(problem, w_T)
+    sigma = np.full(len(kept), np.nan)
+    if not test.passed and options.loops_robust:
+        kept, minimum, sigma = _rejected(anchored, w_T, minimum)
+        w_T = problem.poses(minimum.values)
+        test = chi_square(problem.with_edges(kept), w_T)
+    covariances = None
+    if options.covariances:
+        covariances = pose_covariances(anchored.graph(kept), minimum.values, range(problem.count))
+    return Part(
+        w_T=w_T,
+        covariances=covariances,
+        kept=kept,
+        reasons=tuple("" if k else reason(problem, e, w_T, sigma[e]) for e, k in enumerate(kept.tolist())),
+        residual=np.linalg.norm(problem.residuals(w_T), axis=1),
+        error=minimum.error,
+        iterations=minimum.iterations,
+        converged=minimum.converged,
+        held=held,
+        warnings=tuple(_warnings(problem, minimum, test)),
+    )
+
+
+def _warnings(problem: Problem, minimum: Minimum, test: ChiSquare) -> list[str]:
+    who = key_runs(range(problem.count), problem.name)
+    said = []
+    if not minimum.converged:
+        said.append(f"{who}: no start converged ({minimum.reason}); the best point found is given")
+    if not test.passed:
+        ratio = math.sqrt(test.statistic / test.freedom)
+        said.append(
+            f"{who}: the edges disagree more than their covariances allow (chi-square {test.statistic:.4g} for"
+            f" {test.freedom} degrees of freedom): deviations are {ratio:.2g} times what is stated"
+        )
+    for kind in ("position", "range"):
+        of_kind = [a for a in problem.absolutes if a.kind == kind]
+        far = sum(2 * a.plain.error(minimum.values) > OUTLIER_SIGMA**2 for a in of_kind)
+        if far:
+            said.append(f"{far} of {len(of_kind)} {kind}s lie beyond {OUTLIER_SIGMA:.0f} sigma: weighed down")
+    return said
+
+
+def placed_alone(problem: Problem) -> bool:
+    """Whether absolute measurements place the single pose of a problem."""
+    if any(a.kind == "fixed" for a in problem.absolutes):
+        return True
+    if problem.dimension == 2:
+        return False
+    return len(_open(problem, _start(problem))) == 0
+
+
+def _ties(problem: Problem, start: Array) -> tuple[gtsam.NonlinearFactorGraph, str]:
+    """Absolute factors plus a hold on what they leave open, and a sentence about the hold."""
+    ties = problem.absolute_factors()
+    if any(a.kind == "fixed" for a in problem.absolutes):
+        return ties, ""
+    who, first = key_runs(range(problem.count), problem.name), problem.name(0)
+    if problem.dimension == 2 or not problem.absolutes:
+        ties.push_back(fixed(0, start[0], problem.dimension).factor)
+        return ties, f"position and attitude of {who}: nothing measures them, {first} is held where it starts"
+    directions = _open(problem, start)
+    if len(directions) == 0:
+        return ties, ""
+    ties.push_back(hold_factor(0, start[0], directions))
+    return ties, f"{direction_words(directions)} of {who}: nothing measures them, held at {first}"
+
+
+def _open(problem: Problem, start: Array) -> Array:
+    at = np.array([start[a.k] for a in problem.absolutes]).reshape(-1, 4, 4)
+    jacobians = [jacobian(a, T) for a, T in zip(problem.absolutes, at, strict=True)]
+    return open_directions(jacobians, at, start[0])
+
+
+def _start(problem: Problem) -> Array:
+    """The given poses where all are known; else a tree from a known one, or moved to the absolute measurements."""
+    given = np.isfinite(problem.initial).all(axis=(1, 2))
+    if given.all():
+        w_T = problem.initial.copy()
+        w_T[:, :3, :3] = se3.nearest_rotations(w_T[:, :3, :3])
+        return w_T
+    root = int(np.argmax(given))
+    first = problem.initial[root] if given.any() else np.eye(4)
+    R = problem.sqrt_information
+    cost = 1 / np.maximum((R**2).sum(axis=(1, 2)), 1e-300) * np.where(problem.trusted, 1, _LOOP_DETOUR)
+    w_T = spanning_tree(problem.count, problem.i, problem.j, problem.ij_T, cost, root, first)
+    return w_T if given.any() else aligned(w_T, problem.absolutes)
+
+
+def _chordal_start(problem: Problem, w_T_root: Array) -> Array | None:
+    weight = (problem.sqrt_information**2).sum(axis=1)
+    planar = problem.dimension == 2
+    kappa = weight[:, 2] if planar else weight[:, :3].mean(axis=1)
+    tau = weight[:, :2].mean(axis=1) if planar else weight[:, 3:].mean(axis=1)
+    if not ((kappa > 0) & (tau > 0)).all():
+        return None
+    return chordal(problem.i, problem.j, problem.ij_T, kappa, tau, w_T_root, problem.count, planar)
+
+
+def _plain(anchored: _Anchored, kept: Mask, start: Array) -> Minimum:
+    """All kept edges as they are: from the start, and from the chordal relaxation where that does not end well."""
+    problem, options = anchored.problem.with_edges(kept), anchored.options
+    graph = anchored.graph(kept)
+    limits = (options.max_iterations, options.relative_tolerance, options.on_step, options.deadline)
+    attempts: list[Minimum] = []
+    refused: BackendError | None = None
+    for begin in (lambda: start, lambda: _chordal_start(problem, start[0])):
+        w_T = begin()
+        if w_T is None or (attempts and time.monotonic() > options.deadline):
+            continue
+        values = problem.values(w_T)
+        try:
+            if not attempts:
+                check(graph, values, problem.name)
+            attempts.append(gauss_newton(graph, values, *limits, problem.name))
+        except BackendError as error:
+            refused = error
+            continue
+        if attempts[-1].converged and chi_square(problem, problem.poses(attempts[-1].values)).passed:
+            return attempts[-1]
+    if not attempts:
+        raise refused or BackendError("no start was found")
+    best = min(attempts, key=lambda minimum: (not minimum.converged, minimum.error))
+    return best if best.converged else levenberg_marquardt(graph, best, *limits)
+
+
+def _rejected(anchored: _Anchored, w_T: Array, minimum: Minimum) -> tuple[Mask, Minimum, Array]:
+    """Which edges agree, the solution from them, and by how many sigmas (m,) each other one disagrees."""
+    trusted = anchored.problem.trusted
+    best = None
+    for candidate in (~trusted, np.ones_like(trusted)):
+        if not candidate.any():
+            continue
+        kept, at = agreeing_edges(anchored.problem, anchored.ties, w_T, candidate, anchored.options.on_step)
+        kept = _connected(anchored.problem, kept, at)
+        found = _settled(anchored, kept, candidate, at)
+        if best is None or found[0].sum() > best[0].sum():
+            best = found
+        if chi_square(anchored.problem.with_edges(found[0]), anchored.problem.poses(found[1].values)).passed:
+            break
+    if best is None:
+        return np.ones_like(trusted), minimum, np.full(len(trusted), np.nan)
+    return best
+
+
+def _connected(problem: Problem, kept: Mask, w_T: Array) -> Mask:
+    """Kept edges, and of the others those that agree best where the graph would fall apart without them."""
+    cost = np.where(kept, 1e-9, 1) * (1 + (problem.residuals(w_T) ** 2).sum(axis=1))
+    tree = tree_edges(problem.count, problem.i, problem.j, cost)
+    return kept | np.isin(np.arange(len(kept)), tree)
+
+
+def _settled(anchored: _Anchored, kept: Mask, candidate: Mask, w_T: Array) -> tuple[Mask, Minimum, Array]:
+    """Solve the kept edges plainly; take back what the prediction's uncertainty explains, drop what sticks out."""
+    problem, limit = anchored.problem, edge_limit(anchored.problem)
+    banned = np.zeros_like(kept)
+    for remaining in reversed(range(_ROUNDS)):
+        minimum = _plain(anchored, kept, w_T)
+        w_T = problem.poses(minimum.values)
+        sigma = np.full(len(kept), np.nan)
+        out = np.flatnonzero(~kept)
+        sigma[out] = innovations(problem, anchored.graph(kept), w_T, out)
+        back = ~kept & ~banned & (np.nan_to_num(sigma, nan=np.inf) <= limit)
+        sticks_out = np.zeros_like(kept)
+        if not chi_square(problem.with_edges(kept), w_T).passed:
+            sticks_out = kept & candidate & (np.linalg.norm(problem.residuals(w_T), axis=1) > limit)
+        if remaining == 0 or not (back.any() or sticks_out.any()):
+            break
+        banned |= sticks_out
+        kept = _connected(problem, (kept | back) & ~sticks_out, w_T)
+    return kept, minimum, sigma

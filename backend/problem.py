@@ -1,0 +1,158 @@
+"""What is to be solved, the same for a flight's measurements and a g2o file: arrays of edges, and single factors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from backend import se3
+from backend.absolutes import Absolute, fixed, gtsam_poses
+from backend.pose_graph import PoseGraph
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Poses 0..n-1, edges between them, and absolute measurements of single poses."""
+
+    dimension: int
+    names: tuple[str, ...]
+    """(n,) what to call each pose in messages: ``keyframe 7``, ``vertex 12``."""
+    i: Index
+    j: Index
+    """(m,)."""
+    ij_T: Array
+    """(m, 4, 4)."""
+    sqrt_information: Array
+    """(m, d, d) R with R^T R the information, in gtsam's tangent order."""
+    trusted: NDArray[np.bool_]
+    """(m,) edges that are rejected only when nothing else explains the disagreement: odometry."""
+    initial: Array
+    """(n, 4, 4), NaN where unknown."""
+    absolutes: tuple[Absolute, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of poses."""
+        return len(self.names)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of a pose: 3 or 6."""
+        return 3 if self.dimension == 2 else 6
+
+    def name(self, key: int) -> str:
+        """What to call a key in messages."""
+        return self.names[key]
+
+    def restricted(self, members: Index) -> Problem:
+        """The part of the problem that lives on some poses (sorted), renumbered from 0."""
+        if len(members) == self.count:
+            return self
+        number = np.full(self.count, -1, dtype=np.int64)
+        number[members] = np.arange(len(members))
+        edge = (number[self.i] >= 0) & (number[self.j] >= 0)
+        return Problem(
+            dimension=self.dimension,
+            names=tuple(self.names[k] for k in members),
+            i=number[self.i[edge]],
+            j=number[self.j[edge]],
+            ij_T=self.ij_T[edge],
+            sqrt_information=self.sqrt_information[edge],
+            trusted=self.trusted[edge],
+            initial=self.initial[members],
+            absolutes=tuple(a.renumbered(int(number[a.k])) for a in self.absolutes if number[a.k] >= 0),
+        )
+
+    def with_edges(self, which: NDArray[np.bool_]) -> Problem:
+        """The same poses with some of the edges."""
+        return replace(
+            self,
+            i=self.i[which],
+            j=self.j[which],
+            ij_T=self.ij_T[which],
+            sqrt_information=self.sqrt_information[which],
+            trusted=self.trusted[which],
+        )
+
+    def residuals(self, w_T: Array) -> Array:
+        """(m, d) whitened residuals of the edges, gtsam's own: the chart of Pose2, the logarithm of Pose3."""
+        error = se3.inverse(self.ij_T) @ se3.inverse(w_T[self.i]) @ w_T[self.j]
+        tangent = se3.to_planar(error) if self.dimension == 2 else se3.log(error)
+        return np.einsum("mab,mb->ma", self.sqrt_information, tangent)
+
+    def edge_factors(self, weight: Array | None = None) -> gtsam.NonlinearFactorGraph:
+        """One between factor an edge; ``weight`` (m,) multiplies the information, 0 leaves the edge out."""
+        graph = gtsam.NonlinearFactorGraph()
+        R = (
+            self.sqrt_information
+            if weight is None
+            else np.sqrt(weight)[:, None, None] * self.sqrt_information
+        )
+        used = np.arange(len(self.i)) if weight is None else np.flatnonzero(weight > 0)
+        make = gtsam.BetweenFactorPose2 if self.dimension == 2 else gtsam.BetweenFactorPose3
+        poses = gtsam_poses(self.ij_T[used], self.dimension)
+        models: dict[bytes, gtsam.noiseModel.Gaussian] = {}
+        for a, b, pose, k in zip(self.i[used].tolist(), self.j[used].tolist(), poses, used, strict=True):
+            code = R[k].tobytes()
+            model = models.get(code)
+            if model is None:
+                # A zero on the diagonal leaves a direction open; gtsam's shortcut would make it infinite.
+                smart = bool((np.abs(np.diagonal(R[k])) > 0).all())
+                model = models[code] = gtsam.noiseModel.Gaussian.SqrtInformation(R[k], smart)
+            graph.push_back(make(a, b, pose, model))
+        return graph
+
+    def absolute_factors(self) -> gtsam.NonlinearFactorGraph:
+        """The absolute measurements as they are solved."""
+        graph = gtsam.NonlinearFactorGraph()
+        for absolute in self.absolutes:
+            graph.push_back(absolute.factor)
+        return graph
+
+    def values(self, w_T: Array) -> gtsam.Values:
+        """Poses (n, 4, 4) as gtsam's values under the keys 0..n-1."""
+        values = gtsam.Values()
+        for k, pose in enumerate(gtsam_poses(w_T, self.dimension)):
+            values.insert(k, pose)
+        return values
+
+    def poses(self, values: gtsam.Values) -> Array:
+        """The inverse of ``values``."""
+        if self.dimension == 2:
+            return se3.from_planar(np.asarray(gtsam.utilities.extractPose2(values)).reshape(-1, 3))
+        rows = np.asarray(gtsam.utilities.extractPose3(values)).reshape(-1, 12)
+        w_T = np.tile(np.eye(4), (len(rows), 1, 1))
+        w_T[:, :3, :3] = rows[:, :9].reshape(-1, 3, 3)
+        w_T[:, :3, 3] = rows[:, 9:]
+        return w_T
+
+
+def square_roots(information: Array) -> Array:
+    """R (m, d, d) with R^T R = information, upper triangular where it is positive definite."""
+    try:
+        return np.swapaxes(np.linalg.cholesky(information), 1, 2).copy()
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(information)
+        return np.sqrt(np.maximum(values, 0))[:, :, None] * np.swapaxes(vectors, 1, 2)
+
+
+def from_pose_graph(graph: PoseGraph) -> Problem:
+    """The problem of a g2o graph: edges between neighbours in number are odometry."""
+    held = np.flatnonzero(graph.fixed & graph.has_pose).tolist()
+    return Problem(
+        dimension=graph.dimension,
+        names=tuple(f"vertex {number}" for number in graph.ids.tolist()),
+        i=graph.i,
+        j=graph.j,
+        ij_T=graph.ij_T,
+        sqrt_information=square_roots(graph.information),
+        trusted=np.abs(graph.ids[graph.i] - graph.ids[graph.j]) == 1,
+        initial=graph.poses,
+        absolutes=tuple(fixed(k, graph.poses[k], graph.dimension) for k in held),
+    )

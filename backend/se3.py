@@ -1,0 +1,68 @@
+"""Rigid transforms as stacks of (n, 4, 4) matrices, with the few operations that the back end needs."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+
+Array = NDArray[np.float64]
+
+
+def inverse(T: Array) -> Array:
+    """Inverse of rigid transforms. (..., 4, 4) -> (..., 4, 4)."""
+    out = np.zeros_like(T)
+    Rt = np.swapaxes(T[..., :3, :3], -1, -2)
+    out[..., :3, :3] = Rt
+    out[..., :3, 3] = -(Rt @ T[..., :3, 3:])[..., 0]
+    out[..., 3, 3] = 1
+    return out
+
+
+def log(T: Array) -> Array:
+    """Tangent vectors (rotation, translation) of finite transforms. (n, 4, 4) -> (n, 6), rad and m."""
+    return RigidTransform.from_matrix(T).as_exp_coords() if len(T) else np.zeros((0, 6))
+
+
+def exp(xi: Array) -> Array:
+    """Transforms of tangent vectors (rotation, translation). (n, 6) -> (n, 4, 4)."""
+    return RigidTransform.from_exp_coords(xi).as_matrix() if len(xi) else np.zeros((0, 4, 4))
+
+
+def adjoint(T: Array) -> Array:
+    """``T Exp(xi) T^-1 = Exp(adjoint(T) xi)``, rotation first. (..., 4, 4) -> (..., 6, 6)."""
+    R, t = T[..., :3, :3], T[..., :3, 3]
+    out = np.zeros((*T.shape[:-2], 6, 6))
+    out[..., :3, :3] = out[..., 3:, 3:] = R
+    out[..., 3:, :3] = cross_matrix(t) @ R
+    return out
+
+
+def cross_matrix(v: Array) -> Array:
+    """``cross_matrix(v) @ u == cross(v, u)``. (..., 3) -> (..., 3, 3)."""
+    out = np.zeros((*v.shape[:-1], 3, 3))
+    out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
+    out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
+    out[..., 2, 0], out[..., 2, 1] = -v[..., 1], v[..., 0]
+    return out
+
+
+def from_planar(xyt: Array) -> Array:
+    """Planar poses (x, y, heading) in space. (n, 3) -> (n, 4, 4)."""
+    T = np.tile(np.eye(4), (len(xyt), 1, 1))
+    c, s = np.cos(xyt[:, 2]), np.sin(xyt[:, 2])
+    T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1] = c, -s, s, c
+    T[:, :2, 3] = xyt[:, :2]
+    return T
+
+
+def to_planar(T: Array) -> Array:
+    """(x, y, heading) of transforms that lie in the plane. (n, 4, 4) -> (n, 3)."""
+    return np.column_stack([T[:, 0, 3], T[:, 1, 3], np.arctan2(T[:, 1, 0], T[:, 0, 0])])
+
+
+def nearest_rotations(M: Array) -> Array:
+    """Rotations nearest to matrices in the Frobenius norm. (n, d, d) -> (n, d, d)."""
+    U, _, Vt = np.linalg.svd(M)
+    U[..., -1] *= np.sign(np.linalg.det(U @ Vt))[:, None]
+    return U @ Vt

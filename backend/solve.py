@@ -1,0 +1,251 @@
+"""Minimise a nonlinear factor graph one step at a time, so that it can be watched, stopped and trusted.
+
+gtsam answers a bad graph with the initial guess, with NaN, or by ending the interpreter. Here what can be known
+is checked before and after, each step is taken from Python (Ctrl-C works between steps), Gauss-Newton hands over
+to Levenberg-Marquardt where the error rises, and Cholesky to QR where it calls a long chain singular.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+
+from backend.errors import BackendError, one_line
+from backend.gauge import floating_parts, key_name, key_runs
+from backend.observability import unobserved
+
+OnStep = Callable[[int, float], None]
+Name = Callable[[int], str]
+
+DEEP_GRAPH = 10_000
+"""Keys from which METIS orders the elimination: COLAMD's tree of a long chain is as deep as the chain, and
+gtsam recurses down it (a thread with a stack of 512 KB dies at 10 000 poses, one of 8 MB at 100 000)."""
+
+_ABSOLUTE_TOLERANCE = 1e-7
+_GROWTH = 1e-6
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """Where the descent ended."""
+
+    values: gtsam.Values
+    error: float
+    """Half the squared whitened residuals (robust losses where the graph has them)."""
+    initial_error: float
+    iterations: int
+    converged: bool
+    reason: str
+    """Why it ended, in words."""
+
+
+def minimise(
+    graph: gtsam.NonlinearFactorGraph,
+    initial: gtsam.Values,
+    *,
+    max_iterations: int = 100,
+    relative_tolerance: float = 1e-5,
+    on_step: OnStep | None = None,
+    time_limit_s: float | None = None,
+    name: Name = key_name,
+) -> Minimum:
+    """Gauss-Newton while the error falls, Levenberg-Marquardt from the best point on where it rises.
+
+    ``on_step(iteration, error)`` is called after each step; what it raises passes through. ``name`` says what to
+    call a key in messages. Raises ``BackendError`` where the graph or the start is not finite, a part of the graph
+    is tied to nothing, or a direction is not observed (named).
+    """
+    check(graph, initial, name)
+    deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
+    first = gauss_newton(graph, initial, max_iterations, relative_tolerance, on_step, deadline, name)
+    if first.converged or first.iterations >= max_iterations or time.monotonic() >= deadline:
+        return first
+    return levenberg_marquardt(graph, first, max_iterations, relative_tolerance, on_step, deadline)
+
+
+def check(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, name: Name = key_name) -> None:
+    """Refuse what gtsam would not survive or silently accept. Raises ``BackendError``."""
+    if graph.size() == 0 or initial.size() == 0:
+        raise BackendError("the graph is empty: there is nothing to solve")
+    parts = floating_parts(graph)
+    known = set(initial.keys())
+    used = {key for part in parts.parts for key in part}
+    if used - known:
+        raise BackendError(
+            f"{key_runs(used - known, name)} has measurements but no initial value; give it one"
+        )
+    if known - used:
+        raise BackendError(f"{key_runs(known - used, name)} has a value but no measurement; leave it out")
+    if parts.floating:
+        where = "; ".join(key_runs(part, name) for part in parts.floating[:4])
+        raise BackendError(f"nothing ties {where} to the world: hold one pose of each connected part")
+    _check_values(initial, name)
+    if not math.isfinite(_error(graph, initial)):
+        raise BackendError(_not_finite(graph, initial, name))
+
+
+def _check_values(values: gtsam.Values, name: Name) -> None:
+    keys = list(values.keys())
+    for extract in (gtsam.utilities.extractPose3, gtsam.utilities.extractPose2):
+        rows = np.asarray(extract(values))
+        if len(rows) and not np.isfinite(rows).all():
+            bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))[0]
+            # Positions of rows are positions of keys only where all values are poses.
+            who = name(keys[bad]) if len(rows) == len(keys) else "a pose"
+            raise BackendError(f"the initial value of {who} is not finite; give it a start")
+
+
+def _error(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> float:
+    try:
+        return float(graph.error(values))
+    except (RuntimeError, ValueError, TypeError, IndexError) as error:
+        raise BackendError(f"the graph cannot be evaluated: {one_line(error)}") from error
+
+
+def _not_finite(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, name: Name) -> str:
+    """Name the first factor whose error is not finite."""
+    for k in range(graph.size()):
+        factor = graph.at(k)
+        if factor is not None and not math.isfinite(factor.error(values)):
+            keys = ", ".join(name(key) for key in factor.keys())
+            kind = type(factor).__name__
+            return f"the {kind} on {keys} has no finite error: its measurement or its noise is NaN, infinite or zero"
+    return "the error of the graph overflows: the start is too far from the measurements"
+
+
+def gauss_newton(
+    graph: gtsam.NonlinearFactorGraph,
+    initial: gtsam.Values,
+    max_iterations: int,
+    relative_tolerance: float,
+    on_step: OnStep | None,
+    deadline: float,
+    name: Name = key_name,
+) -> Minimum:
+    """Undamped steps while the error falls; ``converged`` is False at the best point where one raised it.
+
+    The graph must have passed ``check``. Raises ``BackendError`` where a direction is not observed.
+    """
+    limits = (max_iterations, relative_tolerance, on_step, deadline)
+    try:
+        return _gauss_newton(graph, initial, "MULTIFRONTAL_CHOLESKY", *limits)
+    except _Singular:
+        pass
+    try:
+        # Cholesky squares the condition number: a long well-posed chain fails with it, not with QR.
+        return _gauss_newton(graph, initial, "MULTIFRONTAL_QR", *limits)
+    except _Singular as singular:
+        raise BackendError(_singular_message(graph, singular, name)) from singular
+
+
+class _Singular(Exception):
+    """The linear system has no unique answer at ``values``."""
+
+    def __init__(self, message: str, values: gtsam.Values) -> None:
+        super().__init__(message)
+        self.values = values
+
+
+def _singular_message(graph: gtsam.NonlinearFactorGraph, singular: _Singular, name: Name) -> str:
+    sentences = unobserved(graph, singular.values, name)
+    if sentences:
+        return "under-determined: " + "; ".join(sentences)
+    return f"under-determined: {translated(str(singular), name)}"
+
+
+def translated(message: str, name: Name = key_name) -> str:
+    """gtsam's account of a singular system in the words of the flight."""
+    found = re.search(r"near variable (\d+)", message) or re.search(r"\(Symbol: ([a-z]\d+)\)", message)
+    if not found:
+        return one_line(RuntimeError(message))
+    word = found.group(1)
+    key = int(word) if word.isdigit() else gtsam.symbol(word[0], int(word[1:]))
+    return f"the measurements around {name(key)} leave a direction open"
+
+
+def _gauss_newton(
+    graph: gtsam.NonlinearFactorGraph,
+    initial: gtsam.Values,
+    solver: str,
+    max_iterations: int,
+    relative_tolerance: float,
+    on_step: OnStep | None,
+    deadline: float,
+) -> Minimum:
+    params = gtsam.GaussNewtonParams()
+    params.setLinearSolverType(solver)
+    params.setOrderingType("METIS" if initial.size() > DEEP_GRAPH else "COLAMD")
+    optimizer = gtsam.GaussNewtonOptimizer(graph, initial, params)
+    start = error = float(optimizer.error())
+    for iteration in range(1, max_iterations + 1):
+        # A copy: gtsam hands out a view of a state that the next step frees.
+        before = gtsam.Values(optimizer.values())
+        try:
+            optimizer.iterate()
+        except RuntimeError as exception:
+            raise _Singular(str(exception), before) from exception
+        previous, error = error, float(optimizer.error())
+        if not error <= previous * (1 + _GROWTH) + _ABSOLUTE_TOLERANCE:
+            return Minimum(before, previous, start, iteration, False, "the error rose")
+        if on_step is not None:
+            on_step(iteration, error)
+        if _settled(previous, error, relative_tolerance):
+            return Minimum(gtsam.Values(optimizer.values()), error, start, iteration, True, "converged")
+        if time.monotonic() >= deadline:
+            return Minimum(
+                gtsam.Values(optimizer.values()), error, start, iteration, False, "the time limit was reached"
+            )
+    return Minimum(
+        optimizer.values(), error, start, max_iterations, False, f"{max_iterations} iterations done"
+    )
+
+
+def levenberg_marquardt(
+    graph: gtsam.NonlinearFactorGraph,
+    start: Minimum,
+    max_iterations: int,
+    relative_tolerance: float,
+    on_step: OnStep | None,
+    deadline: float,
+) -> Minimum:
+    """Damped steps, which never raise the error. The graph must have passed ``check``."""
+    params = gtsam.LevenbergMarquardtParams()
+    params.setOrderingType("METIS" if start.values.size() > DEEP_GRAPH else "COLAMD")
+    params.setlambdaUpperBound(1e10)
+    optimizer = gtsam.LevenbergMarquardtOptimizer(graph, start.values, params)
+    error, iteration = float(optimizer.error()), start.iterations
+
+    def ended(converged: bool, reason: str) -> Minimum:
+        return Minimum(
+            gtsam.Values(optimizer.values()), error, start.initial_error, iteration, converged, reason
+        )
+
+    while iteration < max_iterations:
+        iteration += 1
+        try:
+            optimizer.iterate()
+        except RuntimeError as exception:
+            return ended(False, f"the linear solver failed: {one_line(exception)}")
+        previous, error = error, float(optimizer.error())
+        if not math.isfinite(error):
+            raise BackendError("the solve left the finite numbers: a measurement is not finite")
+        if on_step is not None:
+            on_step(iteration, error)
+        if optimizer.lambda_() >= 1e10:
+            return ended(False, "no step lowers the error further")
+        if _settled(previous, error, relative_tolerance):
+            return ended(True, "converged")
+        if time.monotonic() >= deadline:
+            return ended(False, "the time limit was reached")
+    return ended(False, f"{max_iterations} iterations done")
+
+
+def _settled(previous: float, error: float, relative_tolerance: float) -> bool:
+    decrease = previous - error
+    return decrease <= _ABSOLUTE_TOLERANCE or decrease <= relative_tolerance * previous

@@ -1,0 +1,215 @@
+"""Standard pose graphs: error reached, and time against raw gtsam in the same run.
+
+``python -m tests.benchmarks.graphs`` with SLAM_DATA set prints both tables.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import gtsam
+import numpy as np
+
+from backend import se3
+from backend.g2o import read_g2o
+from backend.graph import solve_pose_graph
+from backend.solution import Solution
+
+T = TypeVar("T")
+
+REPEATS = 3
+FALSE_LOOP_M = 1.0
+
+
+@dataclass(frozen=True)
+class GraphResult:
+    """One graph, solved both ways."""
+
+    name: str
+    published: float
+    error: float
+    raw_error: float
+    solve_s: float
+    """Solving alone: graph building, start, descent, tests."""
+    raw_solve_s: float
+    """The raw descent alone, with its chordal start where the given one diverges."""
+    total_s: float
+    """From the file to the poses."""
+    raw_total_s: float
+
+    @property
+    def ratio(self) -> float:
+        """Time of the solve over raw gtsam's."""
+        return self.solve_s / self.raw_solve_s
+
+    @property
+    def total_ratio(self) -> float:
+        """Time from the file to the poses over raw gtsam's."""
+        return self.total_s / self.raw_total_s
+
+
+@dataclass(frozen=True)
+class FalseLoopResult:
+    """Rejection on a graph with false loops and truth."""
+
+    loops: int
+    false_loops: int
+    rejected: int
+    precision: float
+    """Share of the rejected loops that are false."""
+    recall: float
+    """Share of the false loops that were rejected."""
+    ate_before_m: float
+    ate_after_m: float
+    ate_odometry_m: float
+    solve_s: float
+
+
+def graph_folder() -> Path | None:
+    """The folder of standard graphs; None where SLAM_DATA does not name one."""
+    data = os.environ.get("SLAM_DATA")
+    folder = Path(data) / "graphs" if data else None
+    return folder if folder is not None and folder.is_dir() else None
+
+
+def published(folder: Path) -> dict[str, float]:
+    """gtsam's error at the optimum, by graph."""
+    with (folder / "optima.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    errors = {row["name"]: row["gtsam_gauss_newton_error"] for row in rows}
+    return {name: float(error) for name, error in errors.items() if error}
+
+
+def raw_read(path: Path) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    """gtsam's own reading, with the first vertex held."""
+    spatial = b"SE3" in path.read_bytes()[:100_000]
+    graph, values = gtsam.readG2o(str(path), spatial)
+    first = min(values.keys())
+    if spatial:
+        noise = gtsam.noiseModel.Isotropic.Sigma(6, 1e-6)
+        graph.add(gtsam.PriorFactorPose3(first, values.atPose3(first), noise))
+    else:
+        noise = gtsam.noiseModel.Isotropic.Sigma(3, 1e-6)
+        graph.add(gtsam.PriorFactorPose2(first, values.atPose2(first), noise))
+    return graph, values
+
+
+def raw_solve(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, from_chordal: bool
+) -> tuple[gtsam.Values, float]:
+    """Plain Gauss-Newton."""
+    if from_chordal:
+        values = gtsam.InitializePose3.initialize(graph)
+    optimizer = gtsam.GaussNewtonOptimizer(graph, values, gtsam.GaussNewtonParams())
+    return gtsam.Values(optimizer.optimize()), float(optimizer.error())
+
+
+def compare(path: Path, optimum: float) -> GraphResult:
+    """Both ways on one graph, in turns, the best of three each."""
+    from_chordal = path.stem == "torus3D"
+    read, raw, solved, plain = [], [], [], []
+    for _ in range(REPEATS):
+        seconds, pair = _timed(lambda: raw_read(path))
+        raw.append(seconds)
+        seconds, (_, raw_error) = _timed(lambda: raw_solve(*pair, from_chordal))  # noqa: B023
+        plain.append(seconds)
+        seconds, graph = _timed(lambda: read_g2o(path))
+        read.append(seconds)
+        seconds, solution = _timed(lambda: solve_pose_graph(graph, covariances=False))  # noqa: B023
+        solved.append(seconds)
+    return GraphResult(
+        name=path.stem,
+        published=optimum,
+        error=solution.error,
+        raw_error=raw_error,
+        solve_s=min(solved),
+        raw_solve_s=min(plain),
+        total_s=min(read) + min(solved),
+        raw_total_s=min(raw) + min(plain),
+    )
+
+
+def _timed(call: Callable[[], T]) -> tuple[float, T]:
+    begin = time.perf_counter()
+    result = call()
+    return time.perf_counter() - begin, result
+
+
+def false_loops(folder: Path) -> FalseLoopResult:
+    """Bicocca 25b with its real false loops: a loop is false where it is off by more than 1 m from truth."""
+    graph = read_g2o(folder / "bicocca25b_0.300.g2o")
+    truth, known = _truth(folder)
+    seconds, solution = _timed(lambda: solve_pose_graph(graph, covariances=False))
+    loop = np.abs(graph.i - graph.j) != 1
+    judged = loop & known[graph.i] & known[graph.j]
+    off = np.full(len(graph.i), np.nan)
+    e = np.flatnonzero(judged)
+    error = se3.inverse(graph.ij_T[e]) @ se3.inverse(truth[graph.i[e]]) @ truth[graph.j[e]]
+    off[e] = np.linalg.norm(error[:, :3, 3], axis=1)
+    false = judged & (off > FALSE_LOOP_M)
+    rejected = judged & ~solution.edge_kept
+    plain = solve_pose_graph(graph, covariances=False, loops_robust=False)
+    return FalseLoopResult(
+        loops=int(judged.sum()),
+        false_loops=int(false.sum()),
+        rejected=int(rejected.sum()),
+        precision=float((rejected & false).sum() / max(rejected.sum(), 1)),
+        recall=float((rejected & false).sum() / max(false.sum(), 1)),
+        ate_before_m=_ate(plain, truth, known),
+        ate_after_m=_ate(solution, truth, known),
+        ate_odometry_m=_aligned_rmse(graph.poses[known, :2, 3], truth[known, :2, 3]),
+        solve_s=seconds,
+    )
+
+
+def _truth(folder: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Poses at the vertices' stamps (n, 4, 4), and where a sample of the truth lies within a quarter second."""
+    rows = np.loadtxt(folder / "bicocca25b_truth.csv", delimiter=",")
+    stamps = np.loadtxt(folder / "bicocca25b_timestamps.txt")
+    planar = [np.interp(stamps, rows[:, 0], column) for column in (rows[:, 1], rows[:, 2], np.unwrap(rows[:, 3]))]
+    after = np.clip(np.searchsorted(rows[:, 0], stamps), 1, len(rows) - 1)
+    gap = np.minimum(np.abs(rows[after, 0] - stamps), np.abs(rows[after - 1, 0] - stamps))
+    return se3.from_planar(np.column_stack(planar)), gap < 0.25
+
+
+def _ate(solution: Solution, truth: np.ndarray, known: np.ndarray) -> float:
+    return _aligned_rmse(solution.w_T_b[known, :2, 3], truth[known, :2, 3])
+
+
+def _aligned_rmse(p: np.ndarray, q: np.ndarray) -> float:
+    """RMSE in metres after the best planar rigid motion (Umeyama 1991 without scale)."""
+    a, b = p - p.mean(axis=0), q - q.mean(axis=0)
+    R = se3.nearest_rotations((b.T @ a)[None])[0]
+    return float(np.sqrt(((b - a @ R.T) ** 2).sum(axis=1).mean()))
+
+
+def main() -> None:
+    """Print both tables."""
+    folder = graph_folder()
+    if folder is None:
+        raise SystemExit("set SLAM_DATA to the folder of measured data")
+    print("| graph | published | error | raw error | solve s | raw s | ratio | file to poses | raw | ratio |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    for name, optimum in published(folder).items():
+        r = compare(folder / f"{name}.g2o", optimum)
+        print(
+            f"| {r.name} | {r.published:.6g} | {r.error:.6g} | {r.raw_error:.6g} | {r.solve_s:.3f}"
+            f" | {r.raw_solve_s:.3f} | {r.ratio:.2f} | {r.total_s:.3f} | {r.raw_total_s:.3f} | {r.total_ratio:.2f} |"
+        )
+    f = false_loops(folder)
+    print(
+        f"\nbicocca25b: {f.loops} judged loops, {f.false_loops} off by more than {FALSE_LOOP_M:g} m,"
+        f" {f.rejected} rejected, precision {f.precision:.2f}, recall {f.recall:.2f};"
+        f" ATE odometry {f.ate_odometry_m:.2f} m, all loops {f.ate_before_m:.2f} m,"
+        f" after rejection {f.ate_after_m:.2f} m; {f.solve_s:.1f} s"
+    )
+
+
+if __name__ == "__main__":
+    main()
