@@ -1,0 +1,174 @@
+"""Which keyframes can be compared with the reference, and where the reference was at their times."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from slam.errors import InputError, one_line
+from slam.estimate import Estimate
+from slam.flight import Flight, Truth
+from slam.io.geodesy import enu_from_geodetic
+
+Array = NDArray[np.float64]
+
+_GAP_S = 0.2
+"""The truth is interpolated across an interval this long, or across three of its median intervals."""
+_STAMP_TOLERANCE_S = 1e-6
+"""Stamps nearer than this are the same: seconds as float64 on two epochs do not agree to the last digit."""
+
+
+@dataclass(frozen=True)
+class Association:
+    """The reference at the times of the keyframes that it covers."""
+
+    reference: Literal["truth", "gps"]
+    keyframe: NDArray[np.int64]
+    """(m,) numbers of the keyframes, increasing."""
+    position_m: Array
+    """(m, 3) where the reference puts the body origin."""
+    w_T_b: Array | None
+    """(m, 4, 4) reference poses; None where the reference is GPS."""
+    left_out: dict[str, int]
+    """Keyframes that are not compared, counted by reason."""
+    dimensions: int = 3
+    """2 where the reference has no height: its z and the estimate's are then left out of every error."""
+
+
+def associate(estimate: Estimate, flight: Flight) -> Association:
+    """Find the reference of each placed keyframe: the truth, or GPS where there is none.
+
+    The truth's position is interpolated linearly and its rotation along the shortest arc, inside its time
+    range and across short intervals only. A GPS fix counts within half a median interval of a keyframe.
+    Without a common origin on Earth the parts of a graph in several pieces have nothing to do with each
+    other; then the largest part alone is compared. Raises ``InputError`` where nothing can be compared.
+    """
+    stamps_s = estimate.stamps_s + (estimate.epoch_ns - flight.epoch_ns) * 1e-9
+    comparable, left_out = _comparable(estimate)
+    if flight.truth is not None and len(flight.truth.stamps_s) > 0:
+        found = _with_truth(stamps_s, comparable, left_out, flight.truth)
+        span_s = flight.truth.stamps_s[[0, -1]]
+    elif flight.gps is not None and len(flight.gps.stamps_s) > 0:
+        found = _with_gps(estimate, flight, stamps_s, comparable, left_out)
+        span_s = flight.gps.stamps_s[[0, -1]]
+    else:
+        raise InputError(
+            f"{one_line(flight.name)}: has neither truth nor GPS to compare with; "
+            "add state_groundtruth_estimate0 or gps0 to the flight"
+        )
+    if len(found.keyframe) == 0:
+        raise InputError(_nothing_in_common(estimate, flight, found, stamps_s, span_s))
+    return found
+
+
+def _nothing_in_common(
+    estimate: Estimate, flight: Flight, found: Association, stamps_s: Array, span_s: Array
+) -> str:
+    reasons = ", ".join(f"{count} {reason}" for reason, count in found.left_out.items()) or "no keyframes"
+    times = ""
+    if len(stamps_s):
+        times = (
+            f"; keyframes from {stamps_s[0]:.3f} to {stamps_s[-1]:.3f} s, "
+            f"{found.reference} from {span_s[0]:.3f} to {span_s[1]:.3f} s"
+        )
+    return one_line(
+        f"{flight.name}: no keyframe of {estimate.name} can be compared with its {found.reference} "
+        f"({reasons}{times}); check that it is the same flight on the same clock"
+    )
+
+
+def _comparable(estimate: Estimate) -> tuple[NDArray[np.bool_], dict[str, int]]:
+    placed = np.asarray(np.isfinite(estimate.w_T_b).all(axis=(1, 2)))
+    one_world: NDArray[np.bool_] = (
+        estimate.component >= 0 if estimate.origin is not None else estimate.component == 0
+    )
+    left_out: dict[str, int] = {}
+    _count(left_out, "not placed", ~placed)
+    _count(left_out, "in a part that is not connected to the largest", placed & ~one_world)
+    return placed & one_world, left_out
+
+
+def _count(left_out: dict[str, int], reason: str, mask: NDArray[np.bool_]) -> None:
+    if mask.any():
+        left_out[reason] = int(mask.sum())
+
+
+def _with_truth(
+    stamps_s: Array, comparable: NDArray[np.bool_], left_out: dict[str, int], truth: Truth
+) -> Association:
+    known = np.isfinite(truth.w_T_b).all(axis=(1, 2)) & np.isfinite(truth.stamps_s)
+    times_s, first = np.unique(truth.stamps_s[known], return_index=True)
+    poses = truth.w_T_b[known][first]
+    if len(times_s) == 0:
+        raise InputError(
+            "state_groundtruth_estimate0: holds no complete row; mend it or compare with another flight"
+        )
+    inside = np.abs(stamps_s - np.clip(stamps_s, times_s[0], times_s[-1])) <= _STAMP_TOLERANCE_S
+    _count(left_out, "outside the truth's time range", comparable & ~inside)
+    at_s = np.clip(stamps_s, times_s[0], times_s[-1])
+    left, right = _neighbours(times_s, at_s)
+    interval_s = times_s[right] - times_s[left]
+    longest_s = max(_GAP_S, 3 * float(np.median(np.diff(times_s)))) if len(times_s) > 1 else 0.0
+    on_a_row: NDArray[np.bool_] = (
+        np.minimum(at_s - times_s[left], times_s[right] - at_s) <= _STAMP_TOLERANCE_S
+    )
+    covered: NDArray[np.bool_] = (interval_s < longest_s) | on_a_row
+    _count(left_out, "in a gap of the truth", comparable & inside & ~covered)
+    keyframe = np.flatnonzero(comparable & inside & covered)
+    w_T_b = _interpolated(times_s, poses, at_s[keyframe], left[keyframe], right[keyframe])
+    return Association("truth", keyframe, w_T_b[:, :3, 3].copy(), w_T_b, left_out)
+
+
+def _neighbours(times_s: Array, at_s: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    right = np.clip(np.searchsorted(times_s, at_s, side="left"), 0, len(times_s) - 1)
+    left = np.where(times_s[right] > at_s, np.maximum(right - 1, 0), right)
+    return left, right
+
+
+def _interpolated(
+    times_s: Array, poses: Array, at_s: Array, left: NDArray[np.int64], right: NDArray[np.int64]
+) -> Array:
+    w_T_b = np.tile(np.eye(4), (len(at_s), 1, 1))
+    if len(at_s) == 0:
+        return w_T_b
+    span_s = times_s[right] - times_s[left]
+    share = np.divide(at_s - times_s[left], span_s, out=np.zeros_like(at_s), where=span_s > 0)[:, None]
+    w_T_b[:, :3, 3] = (1 - share) * poses[left, :3, 3] + share * poses[right, :3, 3]
+    rotations = Rotation.from_matrix(poses[:, :3, :3])
+    if len(times_s) == 1:
+        w_T_b[:, :3, :3] = rotations.as_matrix()
+    else:
+        w_T_b[:, :3, :3] = Slerp(times_s, rotations)(at_s).as_matrix()
+    return w_T_b
+
+
+def _with_gps(
+    estimate: Estimate,
+    flight: Flight,
+    stamps_s: Array,
+    comparable: NDArray[np.bool_],
+    left_out: dict[str, int],
+) -> Association:
+    gps, origin = flight.gps, estimate.origin or flight.geo_origin()
+    if gps is None or origin is None:
+        raise InputError("gps0: holds no complete fix; mend it or compare with a flight that has truth")
+    known = np.isfinite(gps.latitude_deg) & np.isfinite(gps.longitude_deg)
+    flat = not np.isfinite(gps.altitude_m[known]).any()
+    if not flat:
+        known &= np.isfinite(gps.altitude_m)
+    altitude_m = np.full(int(known.sum()), origin.altitude_m) if flat else gps.altitude_m[known]
+    fixes_m = enu_from_geodetic(gps.latitude_deg[known], gps.longitude_deg[known], altitude_m, origin)
+    times_s = gps.stamps_s[known]
+    half_s = max(0.5 * float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.0, _STAMP_TOLERANCE_S)
+    after = np.clip(np.searchsorted(times_s, stamps_s), 0, len(times_s) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(np.abs(times_s[before] - stamps_s) <= np.abs(times_s[after] - stamps_s), before, after)
+    matched = np.abs(times_s[nearest] - stamps_s) <= half_s
+    _count(left_out, "without a GPS fix at their time", comparable & ~matched)
+    keyframe = np.flatnonzero(comparable & matched)
+    position_m = fixes_m[nearest[keyframe]]
+    return Association("gps", keyframe, position_m, None, left_out, dimensions=2 if flat else 3)

@@ -1,0 +1,206 @@
+"""Distances between landmarks on the map: the paper's measure of drift.
+
+A landmark's pixel is where the true camera sees it; the estimated pose carries that pixel to the floor; the
+plain mean over all keyframes that see it is where the map has the landmark. (IMAV 2011 paper, section 4.1.)
+
+That mean runs over all visits, so drift between two visits shows in it by half at most. A **gap** therefore
+compares single visits: its first landmark from the first visit to it, its second from the first visit that
+begins at least 10 s after that one has ended, and the error is the length of the difference between the
+estimated and the true vector from one to the other, with the first keyframe's position and yaw put on the
+truth's. It cannot be small by chance, as a difference of lengths can.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from slam.estimate import Estimate
+from slam.evaluation.association import Association
+from slam.evaluation.maps import Map, Maps
+from slam.flight import Flight
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_VISIT_BREAK_S = 10.0
+"""A landmark that was out of sight for this long is visited anew; true loops lie as far apart."""
+
+
+@dataclass(frozen=True)
+class MapWays:
+    """One figure for each way to place the keyframes."""
+
+    chain: float
+    """Homographies of neighbouring frames composed: the paper's map stitching."""
+    odometry: float
+    """Optimized without loops."""
+    loops: float
+    """Optimized with loops: the estimate."""
+
+
+@dataclass(frozen=True)
+class LandmarkDistance:
+    """Distance between two landmarks on the floor and on the map made in three ways."""
+
+    name: str
+    """"A-B"."""
+    truth_m: float
+    measured_m: MapWays
+    """NaN where one of the two was not seen."""
+
+    @property
+    def error_m(self) -> MapWays:
+        """Unsigned, as the paper's."""
+        m = self.measured_m
+        return MapWays(*(abs(way - self.truth_m) for way in (m.chain, m.odometry, m.loops)))
+
+    @property
+    def error_percent(self) -> MapWays:
+        """Of the true distance; NaN where that is zero."""
+        error, share = self.error_m, 100 / self.truth_m if self.truth_m > 0 else float("nan")
+        return MapWays(error.chain * share, error.odometry * share, error.loops * share)
+
+
+PAPER_DISTANCES_M = {
+    "A-B": 2.1, "B-C": 4.5, "C-D": 2.1, "D-E": 4.5, "E-F": 2.1,
+    "F-G": 4.5, "G-H": 2.1, "H-A": 4.5, "B-G": 6.36,
+}  # fmt: skip
+"""The paper's own, which its errors in metres over those in percent give back."""
+_SAME_GROUND = 0.01
+"""Relative difference; the eight's D-E and H-A run from one bar to the next and are 4.51 m."""
+
+
+@dataclass(frozen=True)
+class LoopGap:
+    """Vector between two landmarks that lie close together but far apart along the flight."""
+
+    name: str
+    truth_m: float
+    error_m: MapWays
+    """NaN where the second landmark was not visited 10 s after the first."""
+
+
+@dataclass(frozen=True)
+class _Sightings:
+    """Where each map has one landmark, keyframe by keyframe."""
+
+    stamps_s: Array
+    """(m,) times of the keyframes that see it."""
+    chain_m: Array
+    """(m, 3) world points; NaN where this map did not place the keyframe."""
+    odometry_m: Array
+    loops_m: Array
+
+
+def over_papers_ground(distances: tuple[LandmarkDistance, ...]) -> bool:
+    """Whether these are distances of the paper's figure eight, so that its figures may stand beside them."""
+    return len(distances) > 0 and all(
+        abs(row.truth_m / PAPER_DISTANCES_M.get(row.name, float("inf")) - 1) <= _SAME_GROUND
+        for row in distances
+    )
+
+
+def landmark_table(
+    estimate: Estimate, flight: Flight, association: Association, maps: Maps
+) -> tuple[tuple[LandmarkDistance, ...], tuple[LoopGap, ...]]:
+    """Distances of the flight's named pairs and its gaps, on the three maps.
+
+    Without named pairs neighbours in the list of landmarks are compared. Empty without landmarks, truth or
+    a camera.
+    """
+    true_camera = flight.camera or estimate.camera
+    if not flight.landmarks or association.w_T_b is None or true_camera is None:
+        return (), ()
+    names = tuple(flight.landmarks)
+    sightings = {}
+    for name, w_p in flight.landmarks.items():
+        pixel, seen = seen_at(true_camera, association.w_T_b, w_p)
+        k = np.flatnonzero(seen)
+        stamps_s = estimate.stamps_s[association.keyframe[k]]
+        sightings[name] = _carried(estimate.camera or true_camera, pixel[k], k, stamps_s, float(w_p[2]), maps)
+    pairs = flight.landmark_pairs or tuple(pairwise(names))
+    distances = tuple(_distance(a, b, flight, sightings) for a, b in pairs if {a, b} <= set(names))
+    gaps = tuple(_gap(a, b, flight, sightings) for a, b in flight.gaps if {a, b} <= set(names))
+    return distances, gaps
+
+
+def seen_at(camera: Camera, w_T_b: Array, w_p: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Distorted pixels (n, 2) of one world point from (n, 4, 4) poses, and which lie in the picture."""
+    c_T_w = np.linalg.inv(w_T_b @ camera.b_T_c)
+    c_p = c_T_w[:, :3, :3] @ w_p + c_T_w[:, :3, 3]
+    pixel = camera.project(c_p)
+    width, height = camera.size_px
+    with np.errstate(invalid="ignore"):
+        inside = (pixel >= -0.5).all(axis=1) & (pixel[:, 0] < width - 0.5) & (pixel[:, 1] < height - 0.5)
+    # A distortion polynomial folds back far outside the picture: such a pixel does not undistort to the ray.
+    ray = c_p[inside, :2] / c_p[inside, 2:]
+    inside[inside] = np.linalg.norm(camera.rays(camera.undistort(pixel[inside]))[:, :2] - ray, axis=1) < 1e-2
+    return pixel, inside
+
+
+def _carried(
+    camera: Camera, pixel: Array, k: Indices, stamps_s: Array, height_m: float, maps: Maps
+) -> _Sightings:
+    ideal = camera.undistort(pixel)
+
+    def on(made: Map) -> Array:
+        points = np.full((len(k), 3), np.nan)
+        points[:, 2] = made.floor_z_m + height_m
+        for row, pose in enumerate(made.w_T_b[k]):
+            points[row, :2] = camera.floor_points(pose, ideal[row : row + 1], made.floor_z_m + height_m)[0]
+        return points
+
+    return _Sightings(stamps_s, on(maps.chain), on(maps.odometry), on(maps.loops))
+
+
+def _between(a: _Sightings, b: _Sightings, of_a: Indices, of_b: Indices) -> tuple[Array, Array, Array]:
+    """Vectors from one landmark to the other on the chain's map, without loops and with loops."""
+    return (
+        _mean(b.chain_m[of_b]) - _mean(a.chain_m[of_a]),
+        _mean(b.odometry_m[of_b]) - _mean(a.odometry_m[of_a]),
+        _mean(b.loops_m[of_b]) - _mean(a.loops_m[of_a]),
+    )
+
+
+def _mean(points: Array) -> Array:
+    known = points[np.isfinite(points).all(axis=1)]
+    return known.mean(axis=0) if len(known) else np.full(3, np.nan)
+
+
+def _distance(a: str, b: str, flight: Flight, sightings: dict[str, _Sightings]) -> LandmarkDistance:
+    truth_m = float(np.linalg.norm(flight.landmarks[b] - flight.landmarks[a]))
+    one, other = sightings[a], sightings[b]
+    vectors = _between(one, other, np.arange(len(one.stamps_s)), np.arange(len(other.stamps_s)))
+    return LandmarkDistance(f"{a}-{b}", truth_m, MapWays(*(float(np.linalg.norm(v)) for v in vectors)))
+
+
+def _gap(a: str, b: str, flight: Flight, sightings: dict[str, _Sightings]) -> LoopGap:
+    truth = flight.landmarks[b] - flight.landmarks[a]
+    one, other = sightings[a], sightings[b]
+    first = _first_visit(one.stamps_s)
+    end_s = one.stamps_s[first[-1]] if len(first) else np.inf
+    later = _visit_after(other.stamps_s, end_s + _VISIT_BREAK_S)
+    errors = (float(np.linalg.norm(vector - truth)) for vector in _between(one, other, first, later))
+    return LoopGap(f"{a}-{b}", float(np.linalg.norm(truth)), MapWays(*errors))
+
+
+def _first_visit(stamps_s: Array) -> Indices:
+    """Which of the sightings belong to the first visit."""
+    breaks = np.flatnonzero(np.diff(stamps_s) >= _VISIT_BREAK_S)
+    return np.arange(breaks[0] + 1 if len(breaks) else len(stamps_s))
+
+
+def _visit_after(stamps_s: Array, from_s: float) -> Indices:
+    """Which of the sightings belong to the first visit that begins after a moment."""
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(stamps_s) >= _VISIT_BREAK_S) + 1])
+    starts = starts[: len(stamps_s)]
+    ends = np.append(starts[1:], len(stamps_s))
+    for start, end in zip(starts, ends, strict=True):
+        if stamps_s[start] >= from_s:
+            return np.arange(start, end)
+    return np.zeros(0, dtype=np.int64)

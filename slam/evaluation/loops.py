@@ -1,0 +1,113 @@
+"""Whether the loops that were kept are loops, and how many were missed.
+
+A true loop is a pair of keyframes at least 10 s apart whose pictures, taken from the true poses, share at
+least 30 % of the smaller one's piece of floor. A share of 10 to 30 % counts neither way: such a pair may be
+matched or not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from slam.estimate import LoopVerdict
+
+Array = NDArray[np.float64]
+
+TRUE_OVERLAP = 0.30
+FALSE_OVERLAP = 0.10
+APART_S = 10.0
+
+
+@dataclass(frozen=True)
+class LoopScore:
+    """Kept loops against the truth; a ratio is NaN where it has nothing to count."""
+
+    precision: float
+    """Share of true ones among the kept loops that count."""
+    recall: float
+    """Share of kept ones among all true pairs of keyframes."""
+    keyframe_recall: float
+    """Share of the keyframes with a true loop that have a kept one: of many pairs one is enough."""
+    true_kept: int
+    false_kept: int
+    undecided_kept: int
+    """Overlap of 10 to 30 %, or of a keyframe whose view is not known: counted neither way."""
+    true_pairs: int
+
+
+def score_loops(
+    loops: Iterable[LoopVerdict],
+    stamps_s: Array,
+    keyframe: NDArray[np.int64],
+    w_T_b_true: Array,
+    camera: Camera,
+) -> LoopScore:
+    """Precision and recall of the kept loops.
+
+    ``stamps_s`` (n,) of all keyframes; ``keyframe`` (m,) and ``w_T_b_true`` (m, 4, 4) of those with truth.
+    Kept loops less than 10 s apart are not looked at. The true floor is z = 0.
+    """
+    footprints = np.stack([camera.footprint(pose) for pose in w_T_b_true])
+    overlap = pair_overlaps(footprints, stamps_s[keyframe])
+    known = set(keyframe[np.isfinite(footprints).all(axis=(1, 2))].tolist())
+    overlap_of = {(int(keyframe[a]), int(keyframe[b])): share for (a, b), share in overlap.items()}
+    true_pairs = {pair for pair, share in overlap_of.items() if share >= TRUE_OVERLAP}
+    kept = {
+        (min(loop.i, loop.j), max(loop.i, loop.j))
+        for loop in loops
+        if loop.verdict == "kept" and abs(stamps_s[loop.j] - stamps_s[loop.i]) >= APART_S
+    }
+    judged = {pair for pair in kept if pair[0] in known and pair[1] in known}
+    true_kept = judged & true_pairs
+    false_kept = {pair for pair in judged if overlap_of.get(pair, 0.0) < FALSE_OVERLAP}
+    loopy = {k for pair in true_pairs for k in pair}
+    found = {k for pair in true_kept for k in pair}
+    return LoopScore(
+        precision=_ratio(len(true_kept), len(true_kept) + len(false_kept)),
+        recall=_ratio(len(true_kept), len(true_pairs)),
+        keyframe_recall=_ratio(len(found), len(loopy)),
+        true_kept=len(true_kept),
+        false_kept=len(false_kept),
+        undecided_kept=len(kept) - len(true_kept) - len(false_kept),
+        true_pairs=len(true_pairs),
+    )
+
+
+def _ratio(part: int, whole: int) -> float:
+    return part / whole if whole else float("nan")
+
+
+def pair_overlaps(footprints_m: Array, stamps_s: Array) -> dict[tuple[int, int], float]:
+    """Shares of overlap, above 0, of (m, 4, 2) footprints at least 10 s apart: (a, b) with a < b -> share."""
+    centre = footprints_m.mean(axis=1)
+    radius = np.linalg.norm(footprints_m - centre[:, None], axis=2).max(axis=1)
+    overlaps: dict[tuple[int, int], float] = {}
+    for a in range(len(footprints_m) - 1):
+        # One row at a time: all pairs of a long flight at once would not fit into memory.
+        distance = np.linalg.norm(centre[a + 1 :] - centre[a], axis=1)
+        with np.errstate(invalid="ignore"):
+            near = (distance < radius[a + 1 :] + radius[a]) & (
+                np.abs(stamps_s[a + 1 :] - stamps_s[a]) >= APART_S
+            )
+        for b in np.flatnonzero(near) + a + 1:
+            share = overlap_share(footprints_m[a], footprints_m[b])
+            if share > 0:
+                overlaps[a, int(b)] = share
+    return overlaps
+
+
+def overlap_share(one_m: Array, other_m: Array) -> float:
+    """Area that two convex quadrilaterals (4, 2) share over the area of the smaller."""
+    # cv2 computes in float32: metres from the pair's own middle keep the digits.
+    origin = 0.5 * (one_m.mean(axis=0) + other_m.mean(axis=0))
+    p, q = (one_m - origin).astype(np.float32), (other_m - origin).astype(np.float32)
+    smaller = min(float(cv2.contourArea(p)), float(cv2.contourArea(q)))
+    if smaller <= 0:
+        return 0.0
+    return float(cv2.intersectConvexConvex(p, q)[0]) / smaller

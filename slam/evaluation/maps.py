@@ -1,0 +1,54 @@
+"""The three maps of one flight, each put into the reference's world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.estimate import Estimate
+from slam.evaluation.association import Association
+from slam.evaluation.trajectory import gauge
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Map:
+    """Keyframe poses of one way to place them, over their floor."""
+
+    w_T_b: Array
+    """(m, 4, 4) of the associated keyframes; NaN where not placed."""
+    floor_z_m: float
+
+
+@dataclass(frozen=True)
+class Maps:
+    """Each with its first keyframe's position and yaw on the truth's; as it is where the reference is GPS."""
+
+    chain: Map
+    """Homographies of neighbouring frames composed: the paper's map stitching."""
+    odometry: Map
+    """Optimized without loops."""
+    loops: Map
+    """Optimized with loops: the estimate."""
+
+
+def maps_of(estimate: Estimate, association: Association) -> Maps:
+    """Align each map by its own first associated keyframe."""
+    return Maps(
+        chain=_map(estimate.chain_w_T_b, estimate.floor_z_m, association),
+        odometry=_map(estimate.odometry_w_T_b, estimate.floor_z_m, association),
+        loops=_map(estimate.w_T_b, estimate.floor_z_m, association),
+    )
+
+
+def _map(w_T_b: Array, floor_z_m: float, association: Association) -> Map:
+    poses = w_T_b[association.keyframe]
+    placed = np.flatnonzero(np.isfinite(poses).all(axis=(1, 2)))
+    if association.w_T_b is None or len(placed) == 0:
+        return Map(poses, floor_z_m)
+    G = gauge(poses[placed[0]], association.w_T_b[placed[0]])
+    # A turn about z and a shift leave the floor level.
+    return Map(G @ poses, floor_z_m + float(G[2, 3]))

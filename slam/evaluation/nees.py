@@ -1,0 +1,132 @@
+"""Whether the covariances tell the truth: the normalised estimation error squared (NEES).
+
+Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 5.4.
+For ``xi = Log(w_T_b_hat^-1 w_T_b_true)`` of covariance P, ``xi' P^-1 xi`` is chi-square with 6 degrees of
+freedom: its mean over keyframes is 6 where the covariances are right, above where they are too small.
+
+The band of that mean. Errors of neighbouring keyframes are nearly the same error, so n keyframes are worth
+far fewer independent ones, and the textbook band (chi-square with 6 n degrees) would reject a consistent
+estimate nearly always. Here each of the six whitened errors z is taken as a first-order Markov sequence,
+which is what integrated odometry with measurement noise on top looks like. Under the hypothesis that is
+tested z has unit variance, so the mean squared step between neighbours gives its correlation:
+``rho = 1 - E[(z_k+1 - z_k)^2] / 2``. For Gaussian z the squares correlate as rho^(2 lag), the variance of
+the mean is ``12 / n_eff`` with ``n_eff = n / mean over the six of [1 + 2 sum_lag (1 - lag/n) rho^(2 lag)]``,
+and the band is that of a chi-square with ``6 n_eff`` degrees divided by n_eff (Satterthwaite's match of mean
+and variance). Over simulated Markov, random-walk and pinned-walk errors it holds 90 to 97 % of the time;
+for errors much smoother than those it is wider than need be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
+from scipy.stats import chi2
+
+Array = NDArray[np.float64]
+
+_SINGULAR = 1e-12
+"""Smallest eigenvalue of the correlation matrix below which a covariance cannot be inverted."""
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """Mean NEES over keyframes and the band that it should lie in."""
+
+    dof: int
+    """What the mean should be."""
+    mean: float
+    lower95: float
+    upper95: float
+    n_eff: float
+    """Number of independent keyframes that carry as much evidence."""
+
+    @property
+    def consistent(self) -> bool:
+        """Whether the mean lies in its 95 % band."""
+        return self.lower95 <= self.mean <= self.upper95
+
+
+@dataclass(frozen=True)
+class Nees:
+    """Consistency of poses, and of their position and rotation blocks alone."""
+
+    pose: Consistency
+    position: Consistency
+    rotation: Consistency
+    per_keyframe: Array
+    """(n,) NEES of each pose, 6 expected; NaN where it has no usable covariance."""
+    left_out: int
+    """Keyframes without a positive definite covariance."""
+
+
+def nees(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array) -> Nees | None:
+    """NEES of (n, 4, 4) poses in order of time with their (n, 6, 6) covariances.
+
+    The poses must stand in one gauge and the pose that fixes it must not be among them: its error is zero by
+    construction. None where no covariance is usable.
+    """
+    xi_w, P_w = world_errors(w_T_b_hat, w_T_b_true, covariances)
+    usable = np.array([_invertible(P) for P in P_w], dtype=bool)
+    if not usable.any():
+        return None
+    xi_w, P_w = xi_w[usable], P_w[usable]
+    whitened = _whiten(xi_w, P_w)
+    per_keyframe = np.full(len(usable), np.nan)
+    per_keyframe[usable] = np.sum(whitened**2, axis=1)
+    return Nees(
+        pose=consistency(whitened),
+        position=consistency(_whiten(xi_w[:, 3:], P_w[:, 3:, 3:])),
+        rotation=consistency(_whiten(xi_w[:, :3], P_w[:, :3, :3])),
+        per_keyframe=per_keyframe,
+        left_out=int((~usable).sum()),
+    )
+
+
+def world_errors(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array) -> tuple[Array, Array]:
+    """Right perturbations (n, 6) and their covariances (n, 6, 6), both turned to world axes.
+
+    The NEES is the same in any axes; in the world's a turn of the vehicle does not hide that the errors
+    before and after it are one error.
+    """
+    xi = RigidTransform.from_matrix(np.linalg.inv(w_T_b_hat) @ w_T_b_true).as_exp_coords()
+    B = np.zeros((len(xi), 6, 6))
+    B[:, :3, :3] = B[:, 3:, 3:] = w_T_b_hat[:, :3, :3]
+    return np.einsum("nij,nj->ni", B, xi), B @ covariances @ B.transpose(0, 2, 1)
+
+
+def consistency(whitened: Array) -> Consistency:
+    """Mean NEES and its band from (n, dof) whitened errors in order of time."""
+    n, dof = whitened.shape
+    n_eff = effective_count(whitened)
+    lower, upper = (float(chi2.ppf(quantile, dof * n_eff)) / n_eff for quantile in (0.025, 0.975))
+    return Consistency(dof, float(np.sum(whitened**2) / n), lower, upper, n_eff)
+
+
+def effective_count(whitened: Array) -> float:
+    """How many independent samples (n, dof) whitened errors are worth; between 1 and n."""
+    n = len(whitened)
+    if n == 1:
+        return 1.0
+    rho = np.clip(1 - 0.5 * np.mean(np.diff(whitened, axis=0) ** 2, axis=0), 0.0, 1.0)
+    lag = np.arange(1, n)[:, None]
+    inflation = 1 + 2 * np.sum((1 - lag / n) * rho ** (2 * lag), axis=0)
+    return float(n / inflation.mean())
+
+
+def _invertible(P: Array) -> bool:
+    diagonal = np.diag(P)
+    if not (np.isfinite(P).all() and (diagonal > 0).all()):
+        return False
+    scale = np.sqrt(diagonal)
+    return bool(np.linalg.eigvalsh(P / np.outer(scale, scale))[0] > _SINGULAR)
+
+
+def _whiten(xi: Array, P: Array) -> Array:
+    """(n, d) errors of unit covariance from errors of (n, d, d) covariances."""
+    scale: Array = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
+    # Radians and metres differ by orders of magnitude: factor the correlation matrices, not the covariances.
+    factor = np.linalg.cholesky(P / (scale[:, :, None] * scale[:, None, :]))
+    return np.asarray(np.linalg.solve(factor, (xi / scale)[:, :, None])[:, :, 0], dtype=float)

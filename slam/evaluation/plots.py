@@ -1,0 +1,152 @@
+"""Pictures of an evaluation. No global state of the plotting library is touched."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import chi2
+
+from slam.evaluation.landmarks import over_papers_ground
+from slam.evaluation.score import Evaluation, Tracks
+from slam.io.whole_file import write_whole
+from slam.report.paper import EKF_PERCENT, STITCHED_PERCENT
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_REFERENCE, _LOOPS, _ODOMETRY, _CHAIN = "#222222", "#1b7837", "#e08214", "#b2182b"
+_PAPER, _PAPER_EKF = "#9ecae1", "#6baed6"
+_AXES = "xyz"
+
+TRAJECTORY_NAME = "evaluation_trajectory.png"
+ERROR_NAME = "evaluation_error.png"
+
+
+def write_plots(evaluation: Evaluation, out_dir: str | Path) -> tuple[Path, ...]:
+    """Write the top view with the landmark errors, and the errors over time; each file whole or not at all.
+
+    Raises ``InputError`` where the folder cannot be written.
+    """
+    figures = {
+        TRAJECTORY_NAME: trajectory_figure(evaluation),
+        ERROR_NAME: error_figure(evaluation),
+    }
+    paths = []
+    for name, figure in figures.items():
+        encoded = BytesIO()
+        figure.savefig(encoded, format="png", dpi=120)
+        path = Path(out_dir) / name
+        write_whole(path, encoded.getvalue())
+        paths.append(path)
+    return tuple(paths)
+
+
+def trajectory_figure(evaluation: Evaluation) -> Figure:
+    """Top view of the reference and the three maps; landmark errors beside the paper's if there are any."""
+    from matplotlib.figure import Figure
+
+    with_landmarks = bool(evaluation.landmarks)
+    figure = Figure(figsize=(13 if with_landmarks else 7.5, 6.5), layout="constrained")
+    if with_landmarks:
+        top, bars = figure.subplots(1, 2)
+        _landmark_bars(bars, evaluation)
+    else:
+        top = figure.subplots()
+    _top_view(top, evaluation)
+    return figure
+
+
+def _top_view(axes: Axes, evaluation: Evaluation) -> None:
+    tracks = evaluation.tracks
+    reference = "truth" if evaluation.reference == "truth" else "GPS"
+    axes.plot(*tracks.chain_m[:, :2].T, color=_CHAIN, lw=1, label="chain of homographies")
+    axes.plot(*tracks.odometry_m[:, :2].T, color=_ODOMETRY, lw=1, label="without loops")
+    axes.plot(*tracks.reference_m[:, :2].T, color=_REFERENCE, lw=2.5, alpha=0.5, label=reference)
+    axes.plot(*tracks.loops_m[:, :2].T, ".-", color=_LOOPS, lw=1, ms=3, label="with loops")
+    for name, point in tracks.landmarks_m.items():
+        axes.plot(point[0], point[1], "+", color=_REFERENCE, ms=8)
+        axes.annotate(_plain(name), (point[0], point[1]), xytext=(4, 4), textcoords="offset points")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.set_title(
+        f"{_plain(evaluation.name)}: {evaluation.ate_m.rmse:.3g} m rms, "
+        f"{evaluation.ate_aligned_m.rmse:.3g} m aligned"
+    )
+    axes.legend(loc="upper left", fontsize="small")
+
+
+def _landmark_bars(axes: Axes, evaluation: Evaluation) -> None:
+    rows = evaluation.landmarks
+    series = [
+        ("chain of homographies", _CHAIN, [row.error_percent.chain for row in rows]),
+        ("without loops", _ODOMETRY, [row.error_percent.odometry for row in rows]),
+        ("with loops", _LOOPS, [row.error_percent.loops for row in rows]),
+    ]
+    if over_papers_ground(rows):
+        series += [
+            ("paper, stitched (table 3)", _PAPER, [STITCHED_PERCENT[row.name] for row in rows]),
+            ("paper, EKF (table 4)", _PAPER_EKF, [EKF_PERCENT[row.name] for row in rows]),
+        ]
+    width = 0.8 / len(series)
+    for k, (label, color, percent) in enumerate(series):
+        shown = np.where(np.isfinite(percent), percent, 0.0)
+        left = np.arange(len(rows)) - 0.4 + k * width
+        axes.bar(left, shown, width, align="edge", color=color, label=label)
+    axes.set_xticks(range(len(rows)), [_plain(row.name) for row in rows])
+    # The maps differ by orders of magnitude: below 0.1 % the scale is linear down to zero.
+    axes.set_yscale("symlog", linthresh=0.1)
+    axes.set_ylim(bottom=0)
+    axes.set_yticks([0, 0.1, 1, 10, 100], ["0", "0.1", "1", "10", "100"])
+    axes.set_ylabel("error of the distance [%]")
+    axes.set_title("Distances between landmarks")
+    axes.legend(fontsize="small")
+
+
+def error_figure(evaluation: Evaluation) -> Figure:
+    """Position error along x, y, z with two standard deviations, and NEES below where there is any."""
+    from matplotlib.figure import Figure
+
+    tracks = evaluation.tracks
+    rows = evaluation.dimensions + (evaluation.nees is not None)
+    figure = Figure(figsize=(10, 2.3 * rows), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(rows, 1, sharex=True))
+    for k in range(evaluation.dimensions):
+        _error_panel(panels[k], tracks, k)
+    panels[0].legend(loc="upper left", fontsize="small", ncols=2)
+    panels[0].set_title(f"{_plain(evaluation.name)}: estimate minus reference")
+    if evaluation.nees is not None:
+        _nees_panel(panels[-1], evaluation)
+    panels[-1].set_xlabel("time since the first keyframe [s]")
+    return figure
+
+
+def _error_panel(axes: Axes, tracks: Tracks, k: int) -> None:
+    error_mm = 1e3 * (tracks.loops_m[:, k] - tracks.reference_m[:, k])
+    band_mm = 2e3 * tracks.std_m[:, k]
+    axes.fill_between(tracks.stamps_s, -band_mm, band_mm, color=_LOOPS, alpha=0.2, lw=0, label="two sigma")
+    axes.plot(tracks.stamps_s, error_mm, ".-", color=_LOOPS, lw=1, ms=3, label="error")
+    axes.axhline(0, color=_REFERENCE, lw=0.5)
+    axes.set_ylabel(f"{_AXES[k]} [mm]")
+
+
+def _nees_panel(axes: Axes, evaluation: Evaluation) -> None:
+    assert evaluation.nees is not None
+    pose = evaluation.nees.pose
+    low, high = (float(chi2.ppf(quantile, pose.dof)) for quantile in (0.025, 0.975))
+    axes.axhspan(low, high, color=_REFERENCE, alpha=0.08, lw=0, label="95 % of single poses")
+    axes.axhspan(pose.lower95, pose.upper95, color=_LOOPS, alpha=0.25, lw=0, label="95 % band of the mean")
+    axes.plot(evaluation.tracks.stamps_s, evaluation.tracks.nees, ".", color=_LOOPS, ms=3)
+    axes.axhline(pose.mean, color=_LOOPS, lw=1.5, label=f"mean {pose.mean:.2f}, expected {pose.dof}")
+    axes.set_yscale("log")
+    axes.set_ylabel("NEES")
+    axes.legend(loc="upper left", fontsize="small", ncols=3)
+
+
+def _plain(text: str) -> str:
+    """A name from outside, not read as a formula."""
+    return text.replace("$", r"\$")

@@ -1,0 +1,230 @@
+"""All figures of one evaluation, computed once: the table, the pictures and evaluation.json read them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.estimate import Estimate
+from slam.evaluation.association import Association, associate
+from slam.evaluation.landmarks import LandmarkDistance, LoopGap, landmark_table
+from slam.evaluation.loops import LoopScore, score_loops
+from slam.evaluation.maps import Maps, maps_of
+from slam.evaluation.nees import Nees, nees
+from slam.evaluation.trajectory import RelativeError, Spread, position_error, relative_errors, umeyama
+from slam.flight import Flight
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """What the pictures draw: the associated keyframes, with the first one's position and yaw on the truth's.
+
+    With GPS as reference nothing is aligned.
+    """
+
+    stamps_s: Array
+    """(m,) seconds since the flight's first keyframe."""
+    reference_m: Array
+    """(m, 3)."""
+    chain_m: Array
+    """(m, 3); NaN where not placed."""
+    odometry_m: Array
+    """(m, 3)."""
+    loops_m: Array
+    """(m, 3)."""
+    std_m: Array
+    """(m, 3) standard deviations of the position in world axes; NaN where unknown."""
+    nees: Array
+    """(m,) NEES of each pose; NaN where there is none."""
+    landmarks_m: dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """How far an estimate is from its reference."""
+
+    name: str
+    reference: str
+    """"truth", or "gps" where there was none."""
+    dimensions: int
+    """2 where the reference has no height."""
+    keyframes: int
+    associated: int
+    left_out: dict[str, int]
+    """Keyframes that were not compared, counted by reason."""
+    ate_m: Spread
+    """Positions with the first keyframe's position and yaw on the truth's; with GPS nothing is aligned."""
+    ate_aligned_m: Spread
+    """After the rigid motion of least squares."""
+    ate_sim3_m: Spread
+    """After the similarity of least squares."""
+    scale: float
+    """Of that similarity: above 1 where the estimate is too small."""
+    rpe: tuple[RelativeError, ...]
+    """Empty where the reference is GPS."""
+    nees: Nees | None
+    landmarks: tuple[LandmarkDistance, ...]
+    loop_gaps: tuple[LoopGap, ...]
+    loops: LoopScore | None
+    """None without truth or camera."""
+    tracks: Tracks
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``evaluation.json`` holds it; a figure that is not finite becomes null."""
+        record = {
+            "name": self.name,
+            "reference": self.reference,
+            "dimensions": self.dimensions,
+            "keyframes": self.keyframes,
+            "associated": self.associated,
+            "left_out": self.left_out,
+            "ate_m": _spread(self.ate_m),
+            "ate_aligned_m": _spread(self.ate_aligned_m),
+            "ate_sim3_m": {**_spread(self.ate_sim3_m), "scale": self.scale},
+            "rpe": {error.step: _relative(error) for error in self.rpe},
+            "nees": _nees(self.nees),
+            "landmarks": {row.name: _landmark(row) for row in self.landmarks},
+            "loop_gap_m": {gap.name: _gap(gap) for gap in self.loop_gaps},
+            "loops": None if self.loops is None else dict(vars(self.loops)),
+        }
+        return _finite(record)
+
+
+def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
+    """Compare an estimate with the truth of its flight, or with its GPS where it has no truth.
+
+    Raises ``InputError`` where the flight has neither or nothing in common with the estimate.
+    """
+    association = associate(estimate, flight)
+    maps = maps_of(estimate, association)
+    used = slice(0, association.dimensions)
+    estimated_m, reference_m = maps.loops.w_T_b[:, :3, 3].copy(), association.position_m.copy()
+    estimated_m[:, 2] *= association.dimensions == 3
+    reference_m[:, 2] *= association.dimensions == 3
+    rigid = umeyama(estimated_m, reference_m, with_scale=False)
+    similar = umeyama(estimated_m, reference_m, with_scale=True)
+    consistency, per_keyframe = _consistency(estimate, association, maps.loops.w_T_b)
+    landmarks, gaps = landmark_table(estimate, flight, association, maps)
+    return Evaluation(
+        name=estimate.name,
+        reference=association.reference,
+        dimensions=association.dimensions,
+        keyframes=len(estimate.stamps_s),
+        associated=len(association.keyframe),
+        left_out=association.left_out,
+        ate_m=position_error(estimated_m[:, used], reference_m[:, used]),
+        ate_aligned_m=position_error(rigid.apply(estimated_m), reference_m),
+        ate_sim3_m=position_error(similar.apply(estimated_m), reference_m),
+        scale=similar.scale,
+        rpe=_relative_errors(estimate, association),
+        nees=consistency,
+        landmarks=landmarks,
+        loop_gaps=gaps,
+        loops=_loops(estimate, flight, association),
+        tracks=_tracks(estimate, flight, association, maps, per_keyframe),
+    )
+
+
+def _relative_errors(estimate: Estimate, association: Association) -> tuple[RelativeError, ...]:
+    if association.w_T_b is None:
+        return ()
+    k = association.keyframe
+    return relative_errors(estimate.stamps_s[k], k, estimate.w_T_b[k], association.w_T_b)
+
+
+def _consistency(
+    estimate: Estimate, association: Association, aligned_w_T_b: Array
+) -> tuple[Nees | None, Array]:
+    """NEES of all but the first keyframe, which fixes the gauge: its errors are zero by construction."""
+    per_keyframe = np.full(len(association.keyframe), np.nan)
+    if association.w_T_b is None or len(per_keyframe) < 2:
+        return None, per_keyframe
+    covariances = estimate.covariances[association.keyframe[1:]]
+    result = nees(aligned_w_T_b[1:], association.w_T_b[1:], covariances)
+    if result is not None:
+        per_keyframe[1:] = result.per_keyframe
+    return result, per_keyframe
+
+
+def _loops(estimate: Estimate, flight: Flight, association: Association) -> LoopScore | None:
+    camera = flight.camera or estimate.camera
+    if association.w_T_b is None or camera is None:
+        return None
+    return score_loops(estimate.loops, estimate.stamps_s, association.keyframe, association.w_T_b, camera)
+
+
+def _tracks(
+    estimate: Estimate, flight: Flight, association: Association, maps: Maps, per_keyframe: Array
+) -> Tracks:
+    k = association.keyframe
+    w_R_b = maps.loops.w_T_b[:, :3, :3]
+    P_w = w_R_b @ estimate.covariances[k][:, 3:, 3:] @ w_R_b.transpose(0, 2, 1)
+    variance = np.diagonal(P_w, axis1=1, axis2=2)
+    return Tracks(
+        stamps_s=estimate.stamps_s[k] - estimate.stamps_s[0],
+        reference_m=association.position_m,
+        chain_m=maps.chain.w_T_b[:, :3, 3],
+        odometry_m=maps.odometry.w_T_b[:, :3, 3],
+        loops_m=maps.loops.w_T_b[:, :3, 3],
+        std_m=np.sqrt(np.where(variance >= 0, variance, np.nan)),
+        nees=per_keyframe,
+        landmarks_m=dict(flight.landmarks) if association.w_T_b is not None else {},
+    )
+
+
+def _spread(spread: Spread) -> dict[str, float]:
+    return {"rmse": spread.rmse, "max": spread.max}
+
+
+def _relative(error: RelativeError) -> dict[str, Any]:
+    return {
+        "pairs": error.pairs,
+        "translation_m": _spread(error.translation_m),
+        "translation_percent": error.translation_percent,
+        "rotation_deg": _spread(error.rotation_deg),
+    }
+
+
+def _nees(result: Nees | None) -> dict[str, Any]:
+    if result is None:
+        return {"mean": None, "lower95": None, "upper95": None, "dof": 6}
+    return {
+        **vars(result.pose),
+        "position": dict(vars(result.position)),
+        "rotation": dict(vars(result.rotation)),
+        "left_out": result.left_out,
+    }
+
+
+def _landmark(row: LandmarkDistance) -> dict[str, float]:
+    return {
+        "truth_m": row.truth_m,
+        "measured_m": row.measured_m.loops,
+        "error_m": row.error_m.loops,
+        "error_percent": row.error_percent.loops,
+        "odometry_error_percent": row.error_percent.odometry,
+        "chain_error_percent": row.error_percent.chain,
+    }
+
+
+def _gap(gap: LoopGap) -> dict[str, float]:
+    return {
+        "truth_m": gap.truth_m,
+        "chain_error_m": gap.error_m.chain,
+        "odometry_error_m": gap.error_m.odometry,
+        "error_m": gap.error_m.loops,
+    }
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

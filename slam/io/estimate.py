@@ -1,0 +1,279 @@
+"""The files of an estimate: trajectory.tum, estimate.npz and loops.csv.
+
+``estimate.npz`` holds all of an estimate; the other two hold what other tools and people read. Its arrays, n
+keyframes, m edges, l loops:
+
+| name | shape, type | what |
+|---|---|---|
+| stamps | (n,) int64 | nanoseconds on the recorder's clock |
+| w_T_b, chain_w_T_b, odometry_w_T_b | (n, 4, 4) | NaN where not placed |
+| covariances | (n, 6, 6) | rotation first, right perturbation; NaN where unknown |
+| component, frame_index | (n,) int64 | |
+| frame_names | (n,) text | |
+| edge_ij, edge_i_T_j, edge_covariance, edge_kind | (m, 2) int64, (m, 4, 4), (m, 6, 6), (m,) text | |
+| loop_ij, loop_verdict, loop_reason | (l, 2) int64, (l,) text, (l,) text | |
+| record | () text | JSON: name, status, epoch_ns, camera, floor_z_m, origin, counts, warnings |
+
+Nothing in it is pickled, and nothing pickled is read.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import tokenize
+import zipfile
+import zlib
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from backend.measurements import RelativePose
+from frontend.camera import Camera
+from slam.errors import InputError, one_line
+from slam.estimate import Estimate, LoopVerdict
+from slam.flight import GeoOrigin
+from slam.io.whole_file import write_whole
+
+Array = NDArray[np.float64]
+
+_NS = 1_000_000_000
+_LARGEST_EXPANSION = 20
+"""We store without compression; a file that unpacks to more than this many times its size is an attack."""
+_ALWAYS_FINE_BYTES = 1 << 26
+
+_SHAPES: dict[str, tuple[str, tuple[int, ...], str]] = {
+    "stamps": ("n", (), "i"),
+    "w_T_b": ("n", (4, 4), "f"),
+    "covariances": ("n", (6, 6), "f"),
+    "chain_w_T_b": ("n", (4, 4), "f"),
+    "odometry_w_T_b": ("n", (4, 4), "f"),
+    "component": ("n", (), "i"),
+    "frame_index": ("n", (), "i"),
+    "frame_names": ("n", (), "U"),
+    "edge_ij": ("m", (2,), "i"),
+    "edge_i_T_j": ("m", (4, 4), "f"),
+    "edge_covariance": ("m", (6, 6), "f"),
+    "edge_kind": ("m", (), "U"),
+    "loop_ij": ("l", (2,), "i"),
+    "loop_verdict": ("l", (), "U"),
+    "loop_reason": ("l", (), "U"),
+}
+"""name -> what it has a row for, the shape of a row, the kind of number."""
+
+
+def write_estimate(estimate: Estimate, out_dir: str | Path) -> tuple[Path, ...]:
+    """Write the three files into a folder; gives back their paths.
+
+    Raises ``InputError`` where the folder cannot be written.
+    """
+    out_dir = Path(out_dir)
+    contents = {
+        "trajectory.tum": trajectory_text(estimate).encode(),
+        "estimate.npz": _packed(estimate),
+        "loops.csv": loops_text(estimate).encode("utf-8"),
+    }
+    for name, content in contents.items():
+        write_whole(out_dir / name, content)
+    return tuple(out_dir / name for name in contents)
+
+
+def trajectory_text(estimate: Estimate) -> str:
+    """The placed keyframes as TUM lines: ``stamp tx ty tz qx qy qz qw`` of w_T_b, seconds with 9 decimals.
+
+    The stamps are written from integers, exact to the nanosecond. A keyframe that could not be placed has no
+    pose and so no line; estimate.npz has a row for it.
+    """
+    lines = ["# timestamp [s] tx ty tz [m] qx qy qz qw of w_T_b"]
+    placed = np.flatnonzero(np.isfinite(estimate.w_T_b).all(axis=(1, 2)))
+    if len(placed):
+        quaternions = Rotation.from_matrix(estimate.w_T_b[placed, :3, :3]).as_quat()
+        for k, q in zip(placed, quaternions, strict=True):
+            numbers = " ".join(f"{v:.9f}" for v in estimate.w_T_b[k, :3, 3])
+            turn = " ".join(f"{v:.12f}" for v in q)
+            lines.append(f"{_seconds(int(estimate.stamps_ns[k]))} {numbers} {turn}")
+    return "\n".join(lines) + "\n"
+
+
+def _seconds(stamp_ns: int) -> str:
+    whole, rest = divmod(abs(stamp_ns), _NS)
+    return f"{'-' if stamp_ns < 0 else ''}{whole}.{rest:09d}"
+
+
+def loops_text(estimate: Estimate) -> str:
+    """Every loop candidate with its verdict and reason, as CSV."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["i", "j", "verdict", "reason", "stamp_i [ns]", "stamp_j [ns]"])
+    stamps_ns = estimate.stamps_ns
+    for loop in estimate.loops:
+        rows.writerow(
+            [loop.i, loop.j, loop.verdict, loop.reason, int(stamps_ns[loop.i]), int(stamps_ns[loop.j])]
+        )
+    return text.getvalue()
+
+
+def _packed(estimate: Estimate) -> bytes:
+    edges, loops = estimate.relative_poses, estimate.loops
+    content = io.BytesIO()
+    np.savez(
+        content,
+        allow_pickle=False,
+        stamps=estimate.stamps_ns,
+        w_T_b=estimate.w_T_b,
+        covariances=estimate.covariances,
+        chain_w_T_b=estimate.chain_w_T_b,
+        odometry_w_T_b=estimate.odometry_w_T_b,
+        component=np.asarray(estimate.component, dtype=np.int64),
+        frame_index=np.asarray(estimate.frame_index, dtype=np.int64),
+        frame_names=np.array(estimate.frame_names, dtype=np.str_),
+        edge_ij=np.array([(e.i, e.j) for e in edges], dtype=np.int64).reshape(-1, 2),
+        edge_i_T_j=np.array([e.i_T_j for e in edges], dtype=float).reshape(-1, 4, 4),
+        edge_covariance=np.array([e.covariance for e in edges], dtype=float).reshape(-1, 6, 6),
+        edge_kind=np.array([e.kind for e in edges], dtype=np.str_),
+        loop_ij=np.array([(v.i, v.j) for v in loops], dtype=np.int64).reshape(-1, 2),
+        loop_verdict=np.array([v.verdict for v in loops], dtype=np.str_),
+        loop_reason=np.array([v.reason for v in loops], dtype=np.str_),
+        record=np.array(json.dumps(_record(estimate))),
+    )
+    return content.getvalue()
+
+
+def _record(estimate: Estimate) -> dict[str, Any]:
+    camera = estimate.camera
+    return {
+        "name": estimate.name,
+        "status": estimate.status,
+        "epoch_ns": int(estimate.epoch_ns),
+        "camera": None if camera is None else {**asdict(camera), "b_T_c": camera.b_T_c.tolist()},
+        "floor_z_m": float(estimate.floor_z_m),
+        "origin": None if estimate.origin is None else asdict(estimate.origin),
+        "frames": int(estimate.frames),
+        "rejected": estimate.rejected,
+        "timing_s": estimate.timing_s,
+        "warnings": list(estimate.warnings),
+        "graph_error": float(estimate.graph_error),
+        "iterations": int(estimate.iterations),
+    }
+
+
+def read_estimate(out_dir: str | Path) -> Estimate:
+    """Rebuild an estimate from the folder that ``write_estimate`` wrote into; estimate.npz alone is read.
+
+    Raises ``InputError`` where the file is missing, damaged, of another shape, or expands out of proportion.
+    """
+    path = Path(out_dir) / "estimate.npz"
+    if not path.is_file():
+        raise InputError(f"{path}: does not exist; name the folder that `slam optimize --out` wrote")
+    try:
+        arrays = _unpacked(path)
+        return _estimate(arrays, json.loads(str(arrays["record"])))
+    except (OSError, EOFError, MemoryError, OverflowError, RecursionError) as error:
+        raise _refused(path, error) from None
+    except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:
+        raise _refused(path, error) from None
+    except (ValueError, KeyError, TypeError, AttributeError, SyntaxError, tokenize.TokenError) as error:
+        raise _refused(path, error) from None
+
+
+def _refused(path: Path, error: Exception) -> InputError:
+    detail = one_line(" ".join(str(error).split()))[:200] or type(error).__name__
+    return InputError(f"{path}: damaged or not an estimate ({detail}); run `slam optimize` again")
+
+
+def _unpacked(path: Path) -> dict[str, NDArray[Any]]:
+    size = os.path.getsize(path)
+    with zipfile.ZipFile(path) as archive:
+        entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
+        if len(entries) > 2 * len(_SHAPES):
+            raise ValueError(f"{len(entries)} entries")
+        missing = [name for name in (*_SHAPES, "record") if name not in entries]
+        if missing:
+            raise ValueError(f"{missing[0]} is missing")
+        wanted = {name: entries[name] for name in (*_SHAPES, "record")}
+        total = sum(entry.file_size for entry in wanted.values())
+        if total > max(_ALWAYS_FINE_BYTES, _LARGEST_EXPANSION * size):
+            raise ValueError(f"unpacks to {total} bytes from {size}")
+        # A whole read, unlike a partial one, makes zipfile compare the checksum.
+        arrays = {name: _array(archive.read(entry)) for name, entry in wanted.items()}
+    _check(arrays)
+    return arrays
+
+
+def _array(content: bytes) -> NDArray[Any]:
+    file = io.BytesIO(content)
+    version = npy.read_magic(file)
+    if version not in ((1, 0), (2, 0)):
+        raise ValueError(f"array format {version}")
+    shape, _, dtype = (
+        npy.read_array_header_1_0(file) if version == (1, 0) else npy.read_array_header_2_0(file)
+    )
+    # Declared against present, before anything of the declared size is made.
+    if dtype.hasobject or dtype.itemsize * int(np.prod(shape, dtype=object)) != len(content) - file.tell():
+        raise ValueError("an array is not as long as it says, or pickled")
+    file.seek(0)
+    return npy.read_array(file, allow_pickle=False)
+
+
+def _check(arrays: dict[str, NDArray[Any]]) -> None:
+    rows = {"n": len(arrays["stamps"]), "m": len(arrays["edge_ij"]), "l": len(arrays["loop_ij"])}
+    for name, (per, row, kind) in _SHAPES.items():
+        found = arrays[name]
+        if found.shape != (rows[per], *row) or found.dtype.kind != kind:
+            raise ValueError(f"{name} has shape {found.shape} and type {found.dtype}")
+    for name in ("edge_ij", "loop_ij"):
+        if len(arrays[name]) and not (arrays[name].min() >= 0 and arrays[name].max() < rows["n"]):
+            raise ValueError(f"{name} names a keyframe that is not there")
+
+
+def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estimate:
+    epoch_ns, camera, origin = int(record["epoch_ns"]), record["camera"], record["origin"]
+    edges = zip(
+        arrays["edge_ij"].tolist(),
+        arrays["edge_i_T_j"],
+        arrays["edge_covariance"],
+        arrays["edge_kind"].tolist(),
+        strict=True,
+    )
+    loops = zip(
+        arrays["loop_ij"].tolist(),
+        arrays["loop_verdict"].tolist(),
+        arrays["loop_reason"].tolist(),
+        strict=True,
+    )
+    return Estimate(
+        name=str(record["name"]),
+        status=str(record["status"]),
+        epoch_ns=epoch_ns,
+        stamps_s=(arrays["stamps"] - epoch_ns) / 1e9,
+        frame_names=tuple(arrays["frame_names"].tolist()),
+        frame_index=arrays["frame_index"],
+        w_T_b=arrays["w_T_b"],
+        covariances=arrays["covariances"],
+        component=arrays["component"],
+        camera=None if camera is None else _camera(camera),
+        floor_z_m=float(record["floor_z_m"]),
+        origin=None if origin is None else GeoOrigin(**origin),
+        relative_poses=tuple(RelativePose(i, j, T, P, kind) for (i, j), T, P, kind in edges),
+        loops=tuple(LoopVerdict(i, j, verdict, reason) for (i, j), verdict, reason in loops),
+        chain_w_T_b=arrays["chain_w_T_b"],
+        odometry_w_T_b=arrays["odometry_w_T_b"],
+        frames=int(record["frames"]),
+        rejected=dict(record["rejected"]),
+        timing_s=dict(record["timing_s"]),
+        warnings=tuple(record["warnings"]),
+        graph_error=float(record["graph_error"]),
+        iterations=int(record["iterations"]),
+    )
+
+
+def _camera(record: dict[str, Any]) -> Camera:
+    tuples = {name: tuple(record[name]) for name in ("focal_px", "center_px", "size_px", "distortion")}
+    return Camera(**{**record, **tuples, "b_T_c": np.array(record["b_T_c"], dtype=float).reshape(4, 4)})

@@ -1,0 +1,135 @@
+"""The reference at the keyframes' times: interpolated where it may be, counted where it may not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from slam.errors import InputError
+from slam.evaluation import evaluate
+from slam.evaluation.association import associate
+from slam.flight import Flight, GeoOrigin, Gps, Truth
+from slam.io.geodesy import geodetic_from_enu
+from tests.slam.evaluation.scene import estimate_of, flight_of, smooth_poses
+
+ORIGIN = GeoOrigin(48.1, 11.5, 520.0)
+
+
+def turning(times_s):
+    """Constant velocity and constant rate of turn: what interpolation must reproduce exactly."""
+    w_T_b = np.tile(np.eye(4), (len(times_s), 1, 1))
+    w_T_b[:, :3, :3] = Rotation.from_rotvec(np.outer(times_s, [0.1, -0.2, 0.4])).as_matrix()
+    w_T_b[:, :3, 3] = np.outer(times_s, [1.0, 2.0, -0.1])
+    return w_T_b
+
+
+def test_uniform_motion_is_interpolated_exactly():
+    times_s = np.arange(0, 10, 0.19)
+    keyframes_s = np.arange(40) * 0.25
+    flight = flight_of(turning(times_s), truth=Truth(times_s, turning(times_s)))
+    found = associate(estimate_of(turning(keyframes_s)), flight)
+    assert len(found.keyframe) == 40
+    np.testing.assert_allclose(found.w_T_b, turning(keyframes_s), atol=1e-12)
+
+
+def test_what_the_truth_does_not_cover_is_counted():
+    times_s = np.concatenate([np.arange(2.0, 4.0, 0.01), np.arange(6.0, 8.0, 0.01)])
+    flight = flight_of(turning(times_s), truth=Truth(times_s, turning(times_s)))
+    estimate = estimate_of(turning(np.arange(40) * 0.25))
+    found = associate(estimate, flight)
+    inside = (estimate.stamps_s >= 2) & (estimate.stamps_s < 8)
+    gap = (estimate.stamps_s > 3.995) & (estimate.stamps_s < 6)
+    np.testing.assert_array_equal(found.keyframe, np.flatnonzero(inside & ~gap))
+    assert found.left_out == {"outside the truth's time range": 16, "in a gap of the truth": 8}
+
+
+def test_slow_truth_is_still_interpolated_but_not_over_three_intervals():
+    times_s = np.array([0, 0.5, 1.0, 1.5, 2.0, 2.5, 4.1, 4.6])
+    flight = flight_of(turning(times_s), truth=Truth(times_s, turning(times_s)))
+    found = associate(estimate_of(turning(np.arange(18) * 0.25)), flight)
+    assert found.left_out == {"in a gap of the truth": 6}
+
+
+def test_other_epochs_and_truth_out_of_order_change_nothing():
+    truth = smooth_poses(np.random.default_rng(0), 30)
+    estimate, flight = estimate_of(truth[:, :, :]), flight_of(truth)
+    order = np.random.default_rng(1).permutation(30)
+    shifted = replace(
+        flight,
+        epoch_ns=flight.epoch_ns - 5_000_000_000,
+        truth=Truth(flight.truth.stamps_s[order] + 5.0, truth[order]),
+    )
+    assert evaluate(estimate, shifted).ate_m.max < 1e-9
+    assert evaluate(estimate, shifted).associated == 30
+
+
+def test_another_clock_is_refused_with_both_time_ranges():
+    truth = smooth_poses(np.random.default_rng(0), 30)
+    late = replace(flight_of(truth), epoch_ns=0)
+    with pytest.raises(
+        InputError, match=r"30 outside the truth's time range.* 0\.000 to 7\.250 s"
+    ) as refused:
+        evaluate(estimate_of(truth), late)
+    assert "\n" not in str(refused.value)
+
+
+def test_without_truth_and_gps_it_refuses():
+    with pytest.raises(InputError, match="neither truth nor GPS"):
+        evaluate(estimate_of(smooth_poses(np.random.default_rng(0), 5)), Flight(name="bare"))
+
+
+def gps_flight(positions_m, stamps_s, with_altitude=True):
+    latitude, longitude, altitude = geodetic_from_enu(positions_m, ORIGIN)
+    altitude = altitude if with_altitude else np.full(len(altitude), np.nan)
+    gps = Gps(stamps_s, latitude, longitude, altitude)
+    return Flight(name="outdoors", epoch_ns=1_700_000_000_123_456_789, gps=gps)
+
+
+def test_gps_is_the_reference_without_truth_and_nothing_is_aligned():
+    poses = smooth_poses(np.random.default_rng(2), 20, size_m=50.0)
+    moved = poses.copy()
+    moved[:, :3, 3] += [3.0, 4.0, 12.0]
+    flight = gps_flight(poses[:, :3, 3], np.arange(20) * 0.25)
+    found = evaluate(estimate_of(moved, origin=ORIGIN), flight)
+    assert found.reference == "gps"
+    assert found.ate_m.rmse == pytest.approx(13.0, rel=1e-6)
+    assert found.ate_aligned_m.rmse < 1e-6
+    record = found.to_json()
+    assert record["loops"] is None
+    assert record["rpe"] == {}
+    assert record["landmarks"] == {}
+    assert record["nees"]["mean"] is None
+
+
+def test_gps_without_altitude_is_compared_in_the_plane():
+    poses = smooth_poses(np.random.default_rng(2), 20, size_m=50.0)
+    moved = poses.copy()
+    moved[:, :3, 3] += [3.0, 4.0, 12.0]
+    flight = gps_flight(poses[:, :3, 3], np.arange(20) * 0.25, with_altitude=False)
+    found = evaluate(estimate_of(moved, origin=ORIGIN), flight)
+    assert found.dimensions == 2
+    assert found.ate_m.rmse == pytest.approx(5.0, rel=1e-3)
+
+
+def test_a_fix_counts_within_half_an_interval():
+    poses = smooth_poses(np.random.default_rng(2), 20, size_m=50.0)
+    fixes = np.arange(10)
+    flight = gps_flight(poses[fixes, :3, 3], fixes * 1.0)
+    found = associate(estimate_of(poses, step_s=0.55, origin=ORIGIN), flight)
+    assert len(found.keyframe) == 18
+    assert found.left_out == {"without a GPS fix at their time": 2}
+
+
+def test_parts_without_a_common_origin_are_not_compared():
+    truth = smooth_poses(np.random.default_rng(5), 20)
+    estimated = truth.copy()
+    estimated[12:, :3, 3] += 100.0
+    component = np.repeat([0, 1], [12, 8])
+    found = evaluate(estimate_of(estimated, component=component), flight_of(truth))
+    assert found.ate_m.max < 1e-9
+    assert found.left_out == {"in a part that is not connected to the largest": 8}
+    on_earth = evaluate(estimate_of(estimated, component=component, origin=ORIGIN), flight_of(truth))
+    assert on_earth.ate_m.max > 100

@@ -1,0 +1,171 @@
+"""NEES: the statistics of errors whose covariance is known, both ways."""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+import pytest
+from scipy.stats import chi2, kstest, wishart
+
+from slam.evaluation import evaluate
+from slam.evaluation.nees import consistency, nees, world_errors
+from tests.slam.evaluation.scene import estimate_of, exponential, flight_of, smooth_poses, yaw_shift
+
+STD = np.array([0.01, 0.02, 0.03, 0.05, 0.03, 0.1])
+
+
+def with_known_errors(seed, count=120):
+    """Truth, estimate and full covariances: each error is one draw of its own covariance."""
+    rng = np.random.default_rng(seed)
+    hat = smooth_poses(rng, count)
+    P = np.outer(STD, STD) * wishart(df=12, scale=np.eye(6) / 12, seed=seed).rvs(count)
+    xi = np.stack([rng.multivariate_normal(np.zeros(6), p) for p in P])
+    return hat @ exponential(xi), hat, P
+
+
+def test_the_error_is_gtsams_logarithm():
+    truth, hat, P = with_known_errors(0)
+    xi_w, P_w = world_errors(hat, truth, P)
+    for k in range(0, 120, 7):
+        ours = np.concatenate([hat[k, :3, :3].T @ part for part in (xi_w[k, :3], xi_w[k, 3:])])
+        theirs = gtsam.Pose3.Logmap(gtsam.Pose3(hat[k]).between(gtsam.Pose3(truth[k])))
+        np.testing.assert_allclose(ours, theirs, atol=1e-12)
+        assert xi_w[k] @ np.linalg.solve(P_w[k], xi_w[k]) == pytest.approx(
+            theirs @ np.linalg.solve(P[k], theirs)
+        )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_single_values_are_chi_square_with_six_degrees(seed):
+    truth, hat, P = with_known_errors(seed, 400)
+    found = nees(hat, truth, P)
+    assert kstest(found.per_keyframe, chi2(6).cdf).pvalue > 1e-3
+    assert found.pose.dof == 6
+    assert found.position.dof == found.rotation.dof == 3
+
+
+def bands(seeds, factor=1.0):
+    for seed in seeds:
+        truth, hat, P = with_known_errors(seed)
+        yield nees(hat, truth, factor * P)
+
+
+def test_the_band_holds_and_is_not_too_wide():
+    found = list(bands(range(200)))
+    for block, dof in (("pose", 6), ("position", 3), ("rotation", 3)):
+        blocks = [getattr(each, block) for each in found]
+        inside = np.mean([each.consistent for each in blocks])
+        assert 0.90 <= inside <= 0.995, block
+        assert np.mean([each.mean for each in blocks]) == pytest.approx(dof, rel=0.02)
+        assert np.mean([each.upper95 - each.lower95 for each in blocks]) < 0.6 * dof
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_covariances_off_by_two_are_found(factor):
+    found = list(bands(range(40), factor))
+    assert not any(each.pose.consistent for each in found)
+    assert np.mean([each.position.consistent for each in found]) < 0.1
+    outside = [each.pose.mean > each.pose.upper95 for each in found]
+    assert all(outside) if factor < 1 else not any(outside)
+
+
+@pytest.mark.parametrize("mistake", ["translation first", "left perturbation", "inverse"])
+def test_another_convention_is_found(mistake):
+    truth, hat, P = with_known_errors(1)
+    if mistake == "translation first":
+        order = [3, 4, 5, 0, 1, 2]
+        P = P[:, order][:, :, order]
+    elif mistake == "left perturbation":
+        P = np.stack(
+            [
+                gtsam.Pose3(T).AdjointMap() @ p @ gtsam.Pose3(T).AdjointMap().T
+                for T, p in zip(hat, P, strict=True)
+            ]
+        )
+    else:
+        P = np.linalg.inv(P)
+    assert not nees(hat, truth, P).pose.consistent
+
+
+def markov(rng, count, length):
+    rho = np.exp(-1 / length)
+    z = rng.normal(size=(count, 6))
+    for k in range(1, count):
+        z[k] = rho * z[k - 1] + np.sqrt(1 - rho**2) * z[k]
+    return z
+
+
+def pinned_walk(rng, count, _):
+    """Odometry with a loop at its end: a random walk that both ends hold."""
+    walk, share = np.cumsum(rng.normal(size=(count + 1, 6)), axis=0), np.arange(1, count + 1) / (count + 1)
+    return (walk[:-1] - share[:, None] * walk[-1]) / np.sqrt((count + 1) * share * (1 - share))[:, None]
+
+
+@pytest.mark.parametrize(
+    ("process", "length", "least"),
+    [(markov, 3, 0.9), (markov, 10, 0.9), (markov, 50, 0.9), (pinned_walk, 0, 0.85)],
+)
+def test_the_band_allows_for_correlated_errors(process, length, least):
+    rng = np.random.default_rng(7)
+    found = [consistency(process(rng, 150, length)) for _ in range(200)]
+    textbook = [chi2.ppf([0.025, 0.975], 900) / 150] * 200
+    assert least <= np.mean([each.consistent for each in found]) <= 0.995
+    naive = np.mean([low <= each.mean <= high for each, (low, high) in zip(found, textbook, strict=True)])
+    assert naive < 0.85
+    assert np.mean([each.mean for each in found]) == pytest.approx(6, rel=0.1)
+
+
+def test_independent_errors_keep_nearly_all_their_weight():
+    rng = np.random.default_rng(3)
+    counts = [consistency(rng.normal(size=(150, 6))).n_eff for _ in range(50)]
+    assert 135 < np.mean(counts) <= 150
+    assert max(counts) <= 150
+
+
+def test_covariances_that_cannot_be_used_are_left_out():
+    truth, hat, P = with_known_errors(4)
+    broken = P.copy()
+    broken[3] = np.nan
+    broken[4] = 0.0
+    broken[5, 0, 0] = -1.0
+    broken[6] = np.outer(STD, STD)
+    found = nees(hat, truth, broken)
+    assert found.left_out == 4
+    assert np.isnan(found.per_keyframe[3:7]).all()
+    np.testing.assert_allclose(found.per_keyframe[7:], nees(hat, truth, P).per_keyframe[7:])
+    assert nees(hat, truth, np.full_like(P, np.nan)) is None
+
+
+def dead_reckoning(seed, count=60):
+    """Odometry composed from a known first pose, and its covariance by first-order propagation."""
+    rng = np.random.default_rng(seed)
+    truth = smooth_poses(rng, count)
+    Q = np.diag(np.square([1e-3, 1e-3, 2e-3, 4e-3, 3e-3, 2e-3]))
+    hat, P = truth.copy(), np.zeros((count, 6, 6))
+    for k in range(1, count):
+        step = np.linalg.inv(truth[k - 1]) @ truth[k]
+        measured = step @ exponential(rng.multivariate_normal(np.zeros(6), Q))
+        hat[k] = hat[k - 1] @ measured
+        A = gtsam.Pose3(measured).inverse().AdjointMap()
+        P[k] = A @ P[k - 1] @ A.T + Q
+    return truth, hat, P
+
+
+def test_propagated_covariances_are_consistent_through_evaluate_in_any_gauge():
+    found = []
+    for seed in range(60):
+        truth, hat, P = dead_reckoning(seed)
+        G = yaw_shift(0.1 * seed, np.array([seed, -2.0, 0.5]))
+        found.append(evaluate(estimate_of(G @ hat, covariances=P), flight_of(truth)).nees)
+    assert np.mean([each.pose.mean for each in found]) == pytest.approx(6, rel=0.15)
+    assert 0.8 <= np.mean([each.pose.consistent for each in found]) <= 1.0
+    assert all(len(each.per_keyframe) == 59 and each.left_out == 0 for each in found)
+
+
+def test_propagated_covariances_that_are_too_small_are_found_through_evaluate():
+    above = []
+    for seed in range(12):
+        truth, hat, P = dead_reckoning(seed)
+        pose = evaluate(estimate_of(hat, covariances=0.2 * P), flight_of(truth)).nees.pose
+        above.append(pose.mean > pose.upper95)
+    assert np.mean(above) > 0.9

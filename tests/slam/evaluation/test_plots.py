@@ -1,0 +1,82 @@
+"""The pictures: written whole, of any evaluation, with what they are about in them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from slam.errors import InputError
+from slam.evaluation import evaluate
+from slam.evaluation.plots import error_figure, trajectory_figure, write_plots
+from slam.flight import Flight, GeoOrigin, Gps
+from tests.slam.evaluation.scene import disturbed, estimate_of, flight_of, smooth_poses
+
+STD = np.array([0.002, 0.002, 0.005, 0.01, 0.01, 0.005])
+P = np.tile(np.diag(STD**2), (50, 1, 1))
+
+
+@pytest.fixture
+def evaluation():
+    rng = np.random.default_rng(0)
+    truth = smooth_poses(rng, 50)
+    landmarks = {"A": truth[5, :3, 3] * [1, 1, 0], "$B_": truth[40, :3, 3] * [1, 1, 0]}
+    chain = truth.copy()
+    chain[:, :3, 3] *= 1.2
+    chain[45:] = np.nan
+    estimate = estimate_of(disturbed(rng, truth, STD), covariances=P, chain_w_T_b=chain)
+    return evaluate(estimate, flight_of(truth, landmarks=landmarks))
+
+
+def test_two_pictures_appear_and_nothing_else(evaluation, tmp_path):
+    paths = write_plots(evaluation, tmp_path)
+    assert sorted(tmp_path.iterdir()) == sorted(paths)
+    for path in paths:
+        with Image.open(path) as picture:
+            assert min(picture.size) > 400
+            assert len(np.unique(np.asarray(picture.convert("L")))) > 20
+
+
+def test_the_top_view_shows_all_maps_and_the_bars_every_pair(evaluation):
+    top, bars = trajectory_figure(evaluation).axes
+    labels = [text.get_text() for text in top.get_legend().get_texts()]
+    assert labels == ["chain of homographies", "without loops", "truth", "with loops"]
+    assert [label.get_text() for label in bars.get_xticklabels()] == [r"A-\$B\_".replace(r"\_", "_")]
+    assert len(bars.patches) == 3
+
+
+def test_the_error_picture_holds_the_band_and_the_nees(evaluation):
+    figure = error_figure(evaluation)
+    assert len(figure.axes) == 4
+    band = figure.axes[0].collections[0].get_paths()[0].get_extents()
+    assert band.ymax == pytest.approx(2e3 * evaluation.tracks.std_m[:, 0].max())
+    line = figure.axes[2].lines[0].get_ydata()
+    expected = 1e3 * (evaluation.tracks.loops_m - evaluation.tracks.reference_m)[:, 2]
+    np.testing.assert_allclose(line, expected)
+
+
+def test_gps_without_altitude_has_two_error_panels_and_no_nees(tmp_path):
+    poses = smooth_poses(np.random.default_rng(1), 20, size_m=30.0)
+    fixes = Gps(np.arange(20) * 0.25, np.full(20, 48.0), 11.0 + 1e-5 * np.arange(20), np.full(20, np.nan))
+    flight = Flight(name="outdoors", epoch_ns=estimate_of(poses).epoch_ns, gps=fixes)
+    found = evaluate(estimate_of(poses, origin=GeoOrigin(48.0, 11.0, 0.0)), flight)
+    assert len(error_figure(found).axes) == 2
+    assert len(write_plots(found, tmp_path)) == 2
+
+
+def test_no_global_state_is_touched(evaluation):
+    from matplotlib import _pylab_helpers
+
+    before = dict(_pylab_helpers.Gcf.figs)
+    trajectory_figure(replace(evaluation, landmarks=()))
+    assert before == dict(_pylab_helpers.Gcf.figs)
+
+
+def test_a_place_that_cannot_be_written_is_one_line(evaluation, tmp_path):
+    (tmp_path / "file").write_text("x")
+    with pytest.raises(InputError) as refused:
+        write_plots(evaluation, tmp_path / "file")
+    assert "\n" not in str(refused.value)
+    assert (tmp_path / "file").read_text() == "x"

@@ -1,0 +1,234 @@
+"""An estimate comes back from its files as it was, and a damaged file is one line, never a guess."""
+
+from __future__ import annotations
+
+import csv
+import io
+import pickle
+import zipfile
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from evo.tools import file_interface
+from numpy.lib import format as npy
+
+from backend.measurements import RelativePose
+from frontend.camera import Camera
+from slam.errors import InputError
+from slam.estimate import Estimate, LoopVerdict
+from slam.flight import GeoOrigin
+from slam.io.estimate import loops_text, read_estimate, trajectory_text, write_estimate
+from tests.slam.evaluation.scene import estimate_of, smooth_poses
+
+
+def full_estimate(seed=0, count=20) -> Estimate:
+    rng = np.random.default_rng(seed)
+    poses = smooth_poses(rng, count)
+    poses[7] = np.nan
+    component = np.where(np.arange(count) == 7, -1, 0)
+    edges = tuple(
+        RelativePose(i, j, np.linalg.inv(poses[i]) @ poses[j], np.eye(6) * 1e-4, kind)
+        for i, j, kind in ((0, 1, "odometry"), (1, 2, "odometry"), (0, 15, "loop"))
+    )
+    return estimate_of(
+        poses,
+        component=component,
+        camera=Camera(
+            (301.5, 300.25), (159.5, 119.5), (320, 240), (-0.1, 0.01, 0.0, 0.001), np.diag([1.0, -1, -1, 1])
+        ),
+        origin=GeoOrigin(48.1, 11.5, 520.25),
+        floor_z_m=-0.25,
+        relative_poses=edges,
+        loops=(LoopVerdict(0, 15, "kept", ""), LoopVerdict(2, 9, "rejected", 'gate, "12" of 30\nß=1')),
+        frames=80,
+        rejected={"blurred": 3},
+        timing_s={"solve": 0.1},
+        warnings=("one", "two"),
+        iterations=9,
+        frame_names=tuple(f"bild ü {k}.jpg" for k in range(count)),
+    )
+
+
+def same(one, other):
+    if isinstance(one, np.ndarray):
+        return one.dtype.kind == other.dtype.kind and np.array_equal(
+            one, other, equal_nan=one.dtype.kind == "f"
+        )
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(same(a, b) for a, b in zip(one, other, strict=True))
+    if hasattr(one, "__dataclass_fields__"):
+        return all(same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
+    return one == other or (one != one and other != other)
+
+
+@pytest.mark.parametrize(
+    "made", [full_estimate(), estimate_of(np.zeros((0, 4, 4))), estimate_of(np.eye(4)[None])]
+)
+def test_what_was_written_comes_back_whole(made, tmp_path):
+    paths = write_estimate(made, tmp_path)
+    assert sorted(tmp_path.iterdir()) == sorted(paths)
+    back = read_estimate(tmp_path)
+    for field in fields(Estimate):
+        if field.name != "stamps_s":
+            assert same(getattr(made, field.name), getattr(back, field.name)), field.name
+    np.testing.assert_allclose(back.stamps_s, made.stamps_s, atol=1e-9)
+    np.testing.assert_array_equal(back.stamps_ns, made.stamps_ns)
+
+
+def test_the_documented_arrays_are_there_without_pickle(tmp_path):
+    made = full_estimate()
+    write_estimate(made, tmp_path)
+    with np.load(tmp_path / "estimate.npz", allow_pickle=False) as arrays:
+        assert arrays["stamps"].dtype == np.int64
+        np.testing.assert_array_equal(arrays["stamps"], made.stamps_ns)
+        np.testing.assert_array_equal(arrays["w_T_b"], made.w_T_b)
+        np.testing.assert_array_equal(arrays["covariances"], made.covariances)
+        assert all(arrays[name].dtype != object for name in arrays.files)
+
+
+def test_tum_stamps_are_exact_and_evo_reads_the_poses(tmp_path):
+    made = full_estimate()
+    write_estimate(made, tmp_path)
+    lines = [
+        line.split() for line in (tmp_path / "trajectory.tum").read_text().splitlines() if line[0] != "#"
+    ]
+    placed = np.flatnonzero(np.isfinite(made.w_T_b).all(axis=(1, 2)))
+    assert [line[0] for line in lines] == [
+        f"{ns // 10**9}.{ns % 10**9:09d}" for ns in made.stamps_ns[placed].tolist()
+    ]
+    theirs = file_interface.read_tum_trajectory_file(tmp_path / "trajectory.tum")
+    np.testing.assert_allclose(np.stack(theirs.poses_se3), made.w_T_b[placed], atol=1e-9)
+
+
+def test_a_stamp_before_zero_keeps_its_sign():
+    made = replace(estimate_of(np.eye(4)[None]), epoch_ns=-1_500_000_000)
+    assert trajectory_text(made).splitlines()[1].startswith("-1.500000000 ")
+
+
+def test_loops_csv_survives_any_reason():
+    made = full_estimate()
+    rows = list(csv.DictReader(io.StringIO(loops_text(made))))
+    assert [(row["i"], row["j"], row["verdict"]) for row in rows] == [
+        ("0", "15", "kept"),
+        ("2", "9", "rejected"),
+    ]
+    assert rows[1]["reason"] == made.loops[1].reason
+    assert int(rows[1]["stamp_j [ns]"]) == made.stamps_ns[9]
+
+
+@pytest.fixture
+def written(tmp_path):
+    write_estimate(full_estimate(), tmp_path)
+    return tmp_path / "estimate.npz"
+
+
+def refused(path):
+    with pytest.raises(InputError) as error:
+        read_estimate(path.parent)
+    assert "\n" not in str(error.value)
+    assert str(path) in str(error.value)
+    return str(error.value)
+
+
+def rewritten(path, change):
+    with zipfile.ZipFile(path) as archive:
+        contents = {name: archive.read(name) for name in archive.namelist()}
+    contents |= change
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in contents.items():
+            if content is not None:
+                archive.writestr(name, content)
+
+
+def stored(array, **options):
+    content = io.BytesIO()
+    np.save(content, array, **options)
+    return content.getvalue()
+
+
+def test_a_missing_file_names_what_makes_it(tmp_path):
+    assert "slam optimize" in refused(tmp_path / "estimate.npz")
+
+
+def test_recompressed_by_another_tool_it_is_read(written):
+    rewritten(written, {})
+    assert read_estimate(written.parent).frames == 80
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("w_T_b.npy", None),
+        ("w_T_b.npy", b""),
+        ("w_T_b.npy", stored(np.zeros((20, 4, 3)))),
+        ("w_T_b.npy", stored(np.zeros((19, 4, 4)))),
+        ("w_T_b.npy", stored(np.zeros((20, 4, 4), dtype=complex))),
+        ("stamps.npy", stored(np.zeros(20))),
+        ("stamps.npy", stored(np.array(3))),
+        ("loop_ij.npy", stored(np.array([[0, 99], [0, 1]]))),
+        ("frame_names.npy", stored(np.array([{"a": 1}] * 20), allow_pickle=True)),
+        ("record.npy", stored(np.array("[" * 100_000))),
+        ("record.npy", stored(np.array("{}"))),
+        ("record.npy", stored(np.array('["name"]'))),
+    ],
+)
+def test_another_shape_or_content_is_refused(written, name, content):
+    rewritten(written, {name: content})
+    refused(written)
+
+
+def test_a_pickle_is_never_run(written):
+    class Bomb:
+        def __reduce__(self):
+            return (pytest.fail, ("the pickle was run",))
+
+    rewritten(written, {"frame_names.npy": stored(np.array([Bomb()] * 20, dtype=object), allow_pickle=True)})
+    refused(written)
+    written.write_bytes(pickle.dumps([Bomb()]))
+    refused(written)
+
+
+def header(shape):
+    content = io.BytesIO()
+    npy.write_array_header_1_0(content, {"descr": "<f8", "fortran_order": False, "shape": shape})
+    return content.getvalue()
+
+
+@pytest.mark.parametrize(
+    "content", [header((20_000_000_000, 4, 4)), header((-20, 4, 4)), header((20, 4, 4)).replace(b"}", b" ")]
+)
+def test_an_array_that_lies_about_its_length_is_refused_before_it_is_made(written, content):
+    rewritten(written, {"w_T_b.npy": content})
+    refused(written)
+
+
+def test_a_bomb_is_refused_by_its_directory(written):
+    rewritten(written, {"w_T_b.npy": stored(np.zeros((1_000_000, 4, 4)))})
+    assert written.stat().st_size < 1_000_000
+    assert "unpacks to" in refused(written)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_any_damage_is_refused_or_harmless(written, seed):
+    """Cut, zeroed or flipped at random: one line, or the very same estimate where only padding was hit."""
+    rng = np.random.default_rng(seed)
+    content = bytearray(written.read_bytes())
+    place = int(rng.integers(0, len(content)))
+    kind = seed % 3
+    if kind == 0:
+        content = content[:place]
+    elif kind == 1:
+        content[place:] = bytes(len(content) - place)
+    else:
+        content[place] ^= 1 << int(rng.integers(0, 8))
+    written.write_bytes(content)
+    try:
+        back = read_estimate(written.parent)
+    except InputError:
+        refused(written)
+        return
+    assert kind == 2
+    for field in fields(Estimate):
+        if field.name != "stamps_s":
+            assert same(getattr(full_estimate(), field.name), getattr(back, field.name))
