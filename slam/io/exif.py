@@ -285,7 +285,8 @@ def _calendar_ns(text: str) -> int | None:
         since = datetime.strptime(" ".join(match.groups()), "%Y %m %d %H %M %S") - datetime(1970, 1, 1)
     except ValueError:
         return None
-    return since // timedelta(seconds=1) * 10**9 if since >= timedelta(0) else None
+    # A year beyond 2200 is damage, and its nanoseconds soon leave 64 bits.
+    return since // timedelta(seconds=1) * 10**9 if timedelta(0) <= since < timedelta(days=84000) else None
 
 
 def _utc_offset_ns(text: str) -> int | None:

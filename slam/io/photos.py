@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image as Pillow
 
 from slam.flight import AttitudeSeries, Flight, Frames, Gps, Image, Scalar
 from slam.io.exif import PhotoTags
@@ -177,10 +177,14 @@ class _WithTiff:
         path = self.files.paths[k]
         if path.suffix.casefold() not in _TIFF:
             return self.files(k)
-        picture = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-        if picture is None:
+        try:
+            with Pillow.open(path, formats=("TIFF",)) as picture:
+                if picture.mode.startswith("I;16"):
+                    return (np.asarray(picture).astype(np.uint16) >> 8).astype(np.uint8)
+                return np.ascontiguousarray(np.asarray(picture.convert("RGB"))[..., ::-1])
+        except Exception:  # noqa: BLE001 - Pillow lets any exception out of a damaged file
             self.files.failures[k] = "damaged"
-        return picture
+            return None
 
 
 def _damaged_tags(tags: Sequence[PhotoTags]) -> tuple[str, ...]:

@@ -219,7 +219,15 @@ def test_satellite_time_where_the_camera_has_none(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "time", [None, "0000:00:00 00:00:00", "2024:05:06 07:08:09", "yesterday", "2024:13:40 99:00:00"]
+    "time",
+    [
+        None,
+        "0000:00:00 00:00:00",
+        "2024:05:06 07:08:09",
+        "yesterday",
+        "9024:05:06 07:08:09",
+        "2024:13:40 99:00:00",
+    ],
 )
 def test_without_times_the_names_give_the_order(tmp_path, time):
     files = {f"DJI_{k}.jpg": jpeg(time=time) for k in (9, 10, 100, 1)}
