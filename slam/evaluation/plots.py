@@ -13,13 +13,14 @@ from slam.evaluation.landmarks import over_papers_ground
 from slam.evaluation.score import Evaluation, Tracks
 from slam.io.whole_file import write_whole
 from slam.report.paper import EKF_PERCENT, STITCHED_PERCENT
+from slam.report.pictures import BLUE, GREY, ORANGE, VERMILLION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_REFERENCE, _LOOPS, _ODOMETRY, _CHAIN = "#222222", "#1b7837", "#e08214", "#b2182b"
-_PAPER, _PAPER_EKF = "#9ecae1", "#6baed6"
+_REFERENCE, _LOOPS, _ODOMETRY, _CHAIN = "black", BLUE, ORANGE, GREY
+_PAPER, _PAPER_EKF = VERMILLION, "#eab08f"
 _AXES = "xyz"
 
 TRAJECTORY_NAME = "evaluation_trajectory.png"
@@ -77,7 +78,7 @@ def _top_view(axes: Axes, evaluation: Evaluation) -> None:
         f"{_plain(evaluation.name)}: {evaluation.ate_m.rmse:.3g} m rms, "
         f"{evaluation.ate_aligned_m.rmse:.3g} m aligned"
     )
-    axes.legend(loc="upper left", fontsize="small")
+    _legend_below(axes, 4)
 
 
 def _landmark_bars(axes: Axes, evaluation: Evaluation) -> None:
@@ -104,7 +105,7 @@ def _landmark_bars(axes: Axes, evaluation: Evaluation) -> None:
     axes.set_yticks([0, 0.1, 1, 10, 100], ["0", "0.1", "1", "10", "100"])
     axes.set_ylabel("error of the distance [%]")
     axes.set_title("Distances between landmarks")
-    axes.legend(fontsize="small")
+    _legend_below(axes, 3)
 
 
 def error_figure(evaluation: Evaluation) -> Figure:
@@ -115,23 +116,23 @@ def error_figure(evaluation: Evaluation) -> Figure:
     rows = evaluation.dimensions + (evaluation.nees is not None)
     figure = Figure(figsize=(10, 2.3 * rows), layout="constrained")
     panels = np.atleast_1d(figure.subplots(rows, 1, sharex=True))
+    factor, unit = (1e3, "mm") if evaluation.ate_m.max < 1 else (1.0, "m")
     for k in range(evaluation.dimensions):
-        _error_panel(panels[k], tracks, k)
-    panels[0].legend(loc="upper left", fontsize="small", ncols=2)
-    panels[0].set_title(f"{_plain(evaluation.name)}: estimate minus reference")
+        _error_panel(panels[k], tracks, k, factor, unit)
+    panels[0].set_title(f"{_plain(evaluation.name)}: estimate minus reference, with two sigma")
     if evaluation.nees is not None:
         _nees_panel(panels[-1], evaluation)
     panels[-1].set_xlabel("time since the first keyframe [s]")
     return figure
 
 
-def _error_panel(axes: Axes, tracks: Tracks, k: int) -> None:
-    error_mm = 1e3 * (tracks.loops_m[:, k] - tracks.reference_m[:, k])
-    band_mm = 2e3 * tracks.std_m[:, k]
-    axes.fill_between(tracks.stamps_s, -band_mm, band_mm, color=_LOOPS, alpha=0.2, lw=0, label="two sigma")
-    axes.plot(tracks.stamps_s, error_mm, ".-", color=_LOOPS, lw=1, ms=3, label="error")
+def _error_panel(axes: Axes, tracks: Tracks, k: int, factor: float, unit: str) -> None:
+    error = factor * (tracks.loops_m[:, k] - tracks.reference_m[:, k])
+    band = 2 * factor * tracks.std_m[:, k]
+    axes.fill_between(tracks.stamps_s, -band, band, color=_LOOPS, alpha=0.2, lw=0)
+    axes.plot(tracks.stamps_s, error, ".-", color=_LOOPS, lw=1, ms=3)
     axes.axhline(0, color=_REFERENCE, lw=0.5)
-    axes.set_ylabel(f"{_AXES[k]} [mm]")
+    axes.set_ylabel(f"{_AXES[k]} [{unit}]")
 
 
 def _nees_panel(axes: Axes, evaluation: Evaluation) -> None:
@@ -144,7 +145,14 @@ def _nees_panel(axes: Axes, evaluation: Evaluation) -> None:
     axes.axhline(pose.mean, color=_LOOPS, lw=1.5, label=f"mean {pose.mean:.2f}, expected {pose.dof}")
     axes.set_yscale("log")
     axes.set_ylabel("NEES")
-    axes.legend(loc="upper left", fontsize="small", ncols=3)
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=3, fontsize="small", frameon=False)
+
+
+def _legend_below(axes: Axes, columns: int) -> None:
+    axes.legend(
+        loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=columns, fontsize="small", frameon=False
+    )
 
 
 def _plain(text: str) -> str:
