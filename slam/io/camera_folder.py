@@ -1,0 +1,148 @@
+"""``cam0``: intrinsics from ``sensor.yaml``, pictures listed in ``data.csv`` and read when asked for."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from frontend.camera import NADIR_B_T_C, Camera
+from slam.flight import Frames
+from slam.io.csv_stream import Table
+from slam.io.files import check_inside, one_line, refusal
+from slam.io.images import PictureFiles, UnreadableImageError, image_size
+from slam.io.sensor_yaml import YamlFile
+
+PICTURES = (".png", ".jpg", ".jpeg")
+RADTAN = ("radial-tangential", "radtan", "plumb_bob", "none", "")
+SIZES_CHECKED = 32
+"""Headers looked at on reading; every picture is checked again when it is loaded."""
+
+
+def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
+    """The camera. Raises ``InputError`` where the intrinsics are missing or mean nothing."""
+    model = sensor.text("camera_model", "pinhole")
+    if model != "pinhole":
+        raise sensor.refuse(
+            "camera_model", f"is {model}", "only pinhole is known; undistort the pictures first"
+        )
+    width, height = sensor.numbers("resolution", (2,))
+    if min(width, height) < 1 or width % 1 or height % 1:
+        raise sensor.refuse(
+            "resolution", f"is {width:g} x {height:g}", "write two positive integers: width, height"
+        )
+    fu, fv, cu, cv = sensor.numbers("intrinsics", (4,))
+    if min(fu, fv) <= 0:
+        raise sensor.refuse(
+            "intrinsics", f"has focal lengths {fu:g}, {fv:g}", "write [fu, fv, cu, cv] in px, all positive"
+        )
+    if not (-0.5 * width < cu < 1.5 * width and -0.5 * height < cv < 1.5 * height):
+        raise sensor.refuse(
+            "intrinsics", f"puts the centre at {cu:g}, {cv:g}", "write [fu, fv, cu, cv] in px"
+        )
+    if not 0.1 < fu / width < 20 or not 0.5 < fu / fv < 2:
+        notes.append(f"focal lengths {fu:g}, {fv:g} px are unusual for a picture {width:g} px wide")
+    if not sensor.has("T_BS"):
+        notes.append("sensor.yaml has no T_BS: camera taken as looking down with the nose at the top")
+    return Camera(
+        (fu, fv),
+        (cu, cv),
+        (int(width), int(height)),
+        _distortion(sensor),
+        sensor.transform() if sensor.has("T_BS") else NADIR_B_T_C.copy(),
+        sensor.number("focal_std_ratio", 0.0),
+        sensor.number("radial_std", 0.0),
+    )
+
+
+def _distortion(sensor: YamlFile) -> tuple[float, ...]:
+    model = sensor.text("distortion_model", "")
+    if model.lower() not in RADTAN:
+        raise sensor.refuse(
+            "distortion_model",
+            f"is {one_line(model, 40)}",
+            "only radial-tangential is known; undistort first",
+        )
+    if not sensor.has("distortion_coefficients"):
+        if model.lower() in ("none", ""):
+            return (0.0, 0.0, 0.0, 0.0)
+        raise refusal(
+            sensor.path, "has no distortion_coefficients", "add [k1, k2, p1, p2], zeros where it has none"
+        )
+    coefficients = sensor.numbers("distortion_coefficients", (4, 5))
+    if max(map(abs, coefficients)) > 100:
+        raise sensor.refuse(
+            "distortion_coefficients", "are beyond 100", "write OpenCV's k1, k2, p1, p2[, k3]"
+        )
+    return coefficients
+
+
+def frames_of(table: Table, camera: Camera, epoch_ns: int, root: Path, notes: list[str]) -> Frames | None:
+    """The pictures that ``data.csv`` lists; None where it lists none. Raises ``InputError``."""
+    folder = table.path.parent / "data"
+    if not len(table.stamps_ns):
+        return None
+    paths = tuple(folder / name for name in table.names)
+    there = _entries(folder, root)
+    missing = 0
+    for path, name, line in zip(paths, table.names, table.lines, strict=True):
+        if there.get(name) is not False:  # absent, a link, or a name with folders in it
+            _check_name(path, name, table.path, int(line), folder, root)
+            missing += not path.is_file()
+    if missing == len(paths):
+        raise refusal(
+            folder, f"holds none of the {len(paths)} pictures that data.csv lists", "copy them there"
+        )
+    if missing:
+        notes.append(f"{missing} of {len(paths)} pictures are missing")
+    unlisted = len(set(there) - set(table.names))
+    if unlisted:
+        notes.append(f"{unlisted} files in data/ are not listed in data.csv and are ignored")
+    _check_sizes(paths, camera, notes)
+    stamps_s = ((table.stamps_ns - epoch_ns) * 1e-9).astype(float)
+    return Frames(stamps_s, table.names, PictureFiles(paths, camera.size_px))
+
+
+def _entries(folder: Path, root: Path) -> dict[str, bool]:
+    """Pictures in the folder -> whether it is a symbolic link."""
+    check_inside(folder, root)
+    try:
+        with os.scandir(folder) as entries:
+            return {e.name: e.is_symlink() for e in entries if e.name.lower().endswith(PICTURES)}
+    except FileNotFoundError:
+        raise refusal(folder, "does not exist", "put the pictures there") from None
+    except OSError as error:
+        raise refusal(folder, f"cannot be read ({error.strerror})", "check its permissions") from None
+
+
+def _check_name(path: Path, name: str, table: Path, line: int, folder: Path, root: Path) -> None:
+    if "\0" in name or max(map(len, name.split("/"))) > 200 or len(name) > 1000:
+        raise refusal(table, f"names the picture {name[:40]!r}", "repair or remove the line", line)
+    if not os.path.normpath(path).startswith(os.path.join(folder, "")):
+        raise refusal(table, f"names the picture {name[:80]!r} outside data/", "copy it into data/", line)
+    check_inside(path, root)
+
+
+def _check_sizes(paths: tuple[Path, ...], camera: Camera, notes: list[str]) -> None:
+    """Refuse where pictures and ``resolution`` disagree as a rule; odd ones are left out when loaded."""
+    chosen = [paths[k] for k in np.unique(np.linspace(0, len(paths) - 1, SIZES_CHECKED).astype(int))]
+    other: dict[tuple[int, int], Path] = {}
+    right = 0
+    for path in chosen:
+        try:
+            size = image_size(path)
+        except UnreadableImageError:
+            continue  # counted when it is loaded
+        if size == camera.size_px:
+            right += 1
+        else:
+            other.setdefault(size, path)
+    if not other:
+        return
+    (width, height), path = next(iter(other.items()))
+    w, h = camera.size_px
+    what = f"is {width} x {height} px where sensor.yaml says {w} x {h}"
+    if right == 0:
+        raise refusal(path, what, "correct resolution and intrinsics in cam0/sensor.yaml")
+    notes.append(f"pictures change their size: {path.name} {what}; those are left out")

@@ -1,0 +1,351 @@
+"""One ``data.csv``: a header that names columns and units, then rows of a stamp and numbers.
+
+Rows are parsed in bulk; only where that fails does a careful pass look for the line at fault. What a recorder
+that lost power leaves behind (a zeroed tail, a last line cut short, stamps that are no numbers) is dropped,
+counted and told; what would change the meaning (units, missing columns, text in a number) is refused.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.io.files import one_line, read_bytes, refusal
+
+Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+MAX_BYTES = 1 << 31
+MAX_STAMP_NS = 4 * 10**18
+"""Stamps beyond (the year 2096) are refused: their differences would overflow."""
+
+_TIME_UNITS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "µs": "microseconds"}
+_GUESSES = {
+    **dict.fromkeys(("mm", "mm s^-1", "mV"), "multiply by 0.001"),
+    **dict.fromkeys(("cm", "%"), "multiply by 0.01"),
+    **dict.fromkeys(("deg", "deg s^-1", "deg/s"), "multiply by pi/180"),
+    "g": "multiply by 9.80665",
+    "rad": "multiply by 180/pi",
+    "ft": "multiply by 0.3048",
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of numbers, found by its name."""
+
+    name: str
+    unit: str
+    limit: float
+    """A magnitude no such sensor can give: values beyond are missing, and many of them mean a wrong unit."""
+    optional: bool = False
+
+    @property
+    def title(self) -> str:
+        """As the header has it."""
+        return f"{self.name} [{self.unit}]"
+
+
+@dataclass(frozen=True)
+class Table:
+    """The rows of one ``data.csv``, in the order of the file."""
+
+    path: Path
+    stamps_ns: Stamps
+    """(n,)."""
+    values: Array
+    """(n, c), one column each ``Column`` asked for; NaN where missing."""
+    names: tuple[str, ...]
+    """(n,) second column as text where it was asked for instead of numbers; else empty."""
+    lines: NDArray[np.int64]
+    """(n,) line in the file."""
+    notes: tuple[str, ...] = ()
+    """What was dropped, one line each, without the file's name."""
+    cut_short: bool = False
+    """The file ends as a recorder without power leaves it."""
+
+    def rows(self, keep: NDArray[np.int64], stamps_ns: Stamps) -> Table:
+        """Rows ``keep`` in that order, with these stamps."""
+        names = tuple(self.names[k] for k in keep) if self.names else ()
+        return Table(
+            self.path, stamps_ns, self.values[keep], names, self.lines[keep], self.notes, self.cut_short
+        )
+
+
+@dataclass(frozen=True)
+class _Text:
+    """Lines of a file after the header, with what happened to its end."""
+
+    path: Path
+    header: list[str]
+    lines: list[bytes]
+    numbers: list[int]
+    notes: list[str]
+    unterminated: bool
+
+
+def read_numbers(path: Path, root: Path, columns: tuple[Column, ...]) -> Table:
+    """A csv of numbers. Raises ``InputError`` naming file and line where its meaning cannot be known."""
+    text = _read_text(path, root, header_of(columns))
+    places = _places(text, columns)
+    width = len(text.header)
+    notes, cut = list(text.notes), bool(text.notes)
+    if text.lines and text.unterminated and _last_is_cut(text.lines, width):
+        text.lines.pop(), text.numbers.pop()
+        notes.append("the last line is cut short and was dropped (1 row)")
+        cut = True
+    if not text.lines:
+        empty = np.empty((0, len(columns)))
+        return Table(path, np.empty(0, np.int64), empty, (), np.empty(0, np.int64), tuple(notes), cut)
+    try:
+        stamps, values = _bulk(text.lines, width, places)
+        lines = np.array(text.numbers)
+    except (ValueError, OverflowError):
+        stamps, values, lines, found = _careful(text, places, columns)
+        notes += [f"{count} {what}" for what, count in found.items()]
+    if len(extra := _extra(text, columns)):
+        notes.append(f"columns not of this stream ignored: {one_line(', '.join(extra), 120)}")
+    return _plausible(Table(path, stamps, values, (), lines, tuple(notes), cut), columns)
+
+
+def read_names(path: Path, root: Path, title: str) -> Table:
+    """A csv of stamps and one text each (the camera's). Raises ``InputError`` as ``read_numbers`` does."""
+    text = _read_text(path, root, f"#timestamp [ns],{title}")
+    names_at = [c.split("[")[0].strip().lower() for c in text.header]
+    if title not in names_at:
+        raise refusal(path, f"has no column {title}", f"write the header #timestamp [ns],{title}", 1)
+    at, width = names_at.index(title), len(names_at)
+    stamps, names, lines = [], [], []
+    lost: Counter[str] = Counter()
+    for raw, number in zip(text.lines, text.numbers, strict=True):
+        try:
+            fields = next(csv.reader([raw.decode("utf-8")]))
+        except (UnicodeDecodeError, csv.Error):
+            raise refusal(path, "is not UTF-8 text", "repair or remove the line", number) from None
+        if len(fields) != width or not fields[at].strip():
+            if text.unterminated and number == text.numbers[-1]:
+                lost["last line, cut short, dropped"] += 1
+                continue
+            raise refusal(
+                path, f"has {len(fields)} fields instead of {width} or no name", "repair the line", number
+            )
+        stamp = _stamp(fields[0], path, number)
+        if stamp is None:
+            lost["rows without a finite stamp dropped"] += 1
+            continue
+        stamps.append(stamp)
+        names.append(fields[at].strip())
+        lines.append(number)
+    notes = (*text.notes, *(f"{n} {what}" for what, n in lost.items()))
+    none = np.empty((len(stamps), 0))
+    return Table(
+        path, np.array(stamps, np.int64), none, tuple(names), np.array(lines, np.int64), notes, bool(notes)
+    )
+
+
+def header_of(columns: tuple[Column, ...]) -> str:
+    """The header line that a stream of these columns has."""
+    return ",".join(["#timestamp [ns]", *(c.title for c in columns)])
+
+
+def _read_text(path: Path, root: Path, expected: str) -> _Text:
+    data = read_bytes(path, root, MAX_BYTES)
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise refusal(path, "is UTF-16 text", "save it as UTF-8")
+    data = data.removeprefix(b"\xef\xbb\xbf")
+    notes = []
+    if zeros := len(data) - len(data.rstrip(b"\0")):
+        data = data[:-zeros]
+        notes.append(f"the last {zeros} bytes are zeros (power loss?) and were dropped")
+    if not data.strip():
+        raise refusal(path, "is empty", f"write the header {expected}, or remove the folder")
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    first, *lines = data.split(b"\n")
+    unterminated = bool(lines and lines[-1].strip())
+    numbers = list(range(2, len(lines) + 2))
+    if not all(lines) or b"#" in data[len(first) :] or any(not x.strip() for x in lines if x[:1].isspace()):
+        kept = [(x, n) for x, n in zip(lines, numbers, strict=True) if x.strip() and not x.startswith(b"#")]
+        lines, numbers = [x for x, _ in kept], [n for _, n in kept]
+    return _Text(path, _header(path, first, expected), lines, numbers, notes, unterminated)
+
+
+def _header(path: Path, first: bytes, expected: str) -> list[str]:
+    """Titles of the columns; the first is checked to be a stamp in nanoseconds."""
+    try:
+        line = first.decode("utf-8").strip().lstrip("#").strip()
+    except UnicodeDecodeError:
+        raise refusal(path, "is not a text file", f"its first line is to be {expected}", 1) from None
+    titles = [t.strip().strip('"') for t in line.split(",")]
+    name, unit = _split(titles[0])
+    if name.lower() not in ("timestamp", "time", "stamp", "t"):
+        what = (
+            "has no header line"
+            if re.fullmatch(r"[-+0-9.eE]+", titles[0])
+            else f"starts with {titles[0][:40]!r}"
+        )
+        if len(titles) == 1 and re.search(r"[;\t]", line):
+            what = "separates its columns with something else than commas"
+        raise refusal(path, what, f"write {expected} there", 1)
+    if unit in _TIME_UNITS:
+        raise refusal(
+            path, f"gives stamps in {_TIME_UNITS[unit]} ([{unit}])", "convert them to integers in [ns]", 1
+        )
+    if unit not in ("ns", None):
+        raise refusal(
+            path, f"gives stamps in the unknown unit [{unit}]", "convert them to integers in [ns]", 1
+        )
+    return titles
+
+
+def _split(title: str) -> tuple[str, str | None]:
+    """Name and unit of ``name [unit]``; None where it has no unit."""
+    found = re.fullmatch(r"([^\[]*)\[([^\]]*)\]", title)
+    return (found[1].strip(), found[2].strip()) if found else (title.strip(), None)
+
+
+def _places(text: _Text, columns: tuple[Column, ...]) -> list[int | None]:
+    """Where each column stands in a row; None for an optional one that is absent."""
+    titles = [_split(t) for t in text.header[1:]]
+    names = [name for name, _ in titles]
+    places: list[int | None] = []
+    for column in columns:
+        if names.count(column.name) > 1:
+            raise refusal(text.path, f"has the column {column.name} twice", "keep one of them", 1)
+        if column.name not in names:
+            if not column.optional:
+                raise refusal(
+                    text.path, f"has no column {column.title}", f"the header is {header_of(columns)}", 1
+                )
+            places.append(None)
+            continue
+        at = names.index(column.name)
+        unit = titles[at][1]
+        # EuRoC writes the quaternion's unit as [].
+        if unit is not None and unit != column.unit and {unit, column.unit} != {"", "1"}:
+            guess = _GUESSES.get(unit)
+            do = f"convert it to [{column.unit}]" + (f" ({guess})" if guess else "")
+            raise refusal(text.path, f"gives {column.name} in [{unit}]", do, 1)
+        places.append(at + 1)
+    return places
+
+
+def _extra(text: _Text, columns: tuple[Column, ...]) -> list[str]:
+    known = {c.name for c in columns}
+    return [t for t in text.header[1:] if _split(t)[0] not in known]
+
+
+def _last_is_cut(lines: list[bytes], width: int) -> bool:
+    """Whether a last line without a line end lost fields or, its last number shorter than all, digits."""
+    fields = lines[-1].split(b",")
+    if len(fields) != width:
+        return True
+    others = [len(line.rsplit(b",", 1)[-1].strip()) for line in lines[-50:-1]]
+    return bool(others) and len(fields[-1].strip()) < min(others)
+
+
+def _bulk(lines: list[bytes], width: int, places: list[int | None]) -> tuple[Stamps, Array]:
+    """All rows at once. Raises ValueError or OverflowError where any field is not as usual."""
+    commas = width - 1
+    if any(line.count(b",") != commas for line in lines):
+        raise ValueError("uneven rows")
+    joined = b",".join(lines)
+    if b"_" in joined or b'"' in joined:
+        raise ValueError("no number holds this")
+    tokens = joined.split(b",")
+    stamps = np.array(list(map(int, tokens[::width])), dtype=np.int64)
+    if np.abs(stamps).max() > MAX_STAMP_NS:
+        raise OverflowError("stamp")
+    values = np.full((len(lines), len(places)), np.nan)
+    for k, at in enumerate(places):
+        if at is not None:
+            values[:, k] = [float(t) if t else np.nan for t in tokens[at::width]]
+    if np.isinf(values).any():
+        raise ValueError("infinite")
+    return stamps, values
+
+
+def _careful(
+    text: _Text, places: list[int | None], columns: tuple[Column, ...]
+) -> tuple[Stamps, Array, NDArray[np.int64], Counter[str]]:
+    """Line by line: refuse the first that has no meaning, leave out and count what can be spared."""
+    width = len(text.header)
+    stamps, values, lines = [], [], []
+    found: Counter[str] = Counter()
+    for raw, number in zip(text.lines, text.numbers, strict=True):
+        fields = [f.strip().strip('"') for f in raw.decode("utf-8", "backslashreplace").split(",")]
+        if len(fields) != width:
+            raise refusal(
+                text.path, f"has {len(fields)} fields instead of {width}", "repair or remove the line", number
+            )
+        stamp = _stamp(fields[0], text.path, number)
+        if stamp is None:
+            found["rows without a finite stamp dropped"] += 1
+            continue
+        row = []
+        for column, at in zip(columns, places, strict=True):
+            value = np.nan if at is None else _number(fields[at], column, text.path, number)
+            if np.isinf(value):
+                found["infinite values taken as missing"] += 1
+                value = np.nan
+            row.append(value)
+        stamps.append(stamp)
+        values.append(row)
+        lines.append(number)
+    return (
+        np.array(stamps, np.int64),
+        np.array(values).reshape(-1, len(columns)),
+        np.array(lines, np.int64),
+        found,
+    )
+
+
+def _stamp(field: str, path: Path, line: int) -> int | None:
+    """A stamp; None where it is empty, NaN or infinite."""
+    field = field.strip()
+    if field.lower().lstrip("+-") in ("", "nan", "inf", "infinity"):
+        return None
+    if not re.fullmatch(r"[+-]?[0-9]+", field):
+        seconds = re.fullmatch(r"[+-]?[0-9]+\.[0-9]*([eE][+-]?[0-9]+)?", field)
+        guess = " (seconds?)" if seconds and "e" not in field.lower() else ""
+        raise refusal(path, f"has the stamp {field[:40]!r}{guess}", "write integers in nanoseconds", line)
+    if len(field) > 20 or abs(int(field)) > MAX_STAMP_NS:
+        raise refusal(
+            path, f"has the stamp {field[:40]}, beyond the year 2096", "repair or remove the line", line
+        )
+    return int(field)
+
+
+def _number(field: str, column: Column, path: Path, line: int) -> float:
+    try:
+        if "_" in field:
+            raise ValueError
+        return float(field) if field else float("nan")
+    except ValueError:
+        what = f"has {field[:40]!r} where {column.title} belongs"
+        raise refusal(path, what, "write a number, or nothing where it is missing", line) from None
+
+
+def _plausible(table: Table, columns: tuple[Column, ...]) -> Table:
+    """Take values that no such sensor gives as missing; refuse where they are the rule."""
+    notes = list(table.notes)
+    for k, column in enumerate(columns):
+        beyond = np.abs(table.values[:, k]) > column.limit
+        count = int(beyond.sum())
+        if not count:
+            continue
+        first = int(np.argmax(beyond))
+        value, line = table.values[first, k], int(table.lines[first])
+        if count > 0.5 * np.isfinite(table.values[:, k]).sum() and count > 1:
+            what = f"has {column.name} = {value:g} and most others beyond {column.limit:g} {column.unit}"
+            raise refusal(table.path, what, f"check that the column is in [{column.unit}]", line)
+        table.values[beyond, k] = np.nan
+        beyond_what = f"{column.name} beyond {column.limit:g} {column.unit}"
+        notes.append(f"{count} values of {beyond_what} taken as missing (first: line {line})")
+    return Table(table.path, table.stamps_ns, table.values, (), table.lines, tuple(notes), table.cut_short)

@@ -1,0 +1,56 @@
+"""Opening what a stranger gave us: a regular file, inside the folder, of bounded size; else one line."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from slam.errors import InputError
+
+
+def one_line(text: object, limit: int = 200) -> str:
+    """Text from outside made fit for a message: printable, on one line, at most ``limit`` characters."""
+    shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(text))
+    return shown if len(shown) <= limit else shown[: limit - 3] + "..."
+
+
+def refusal(path: Path | str, what: str, do: str, line: int | None = None) -> InputError:
+    """The error to raise: where (file and line), what is wrong, what to do."""
+    where = one_line(path, 400) + ("" if line is None else f", line {line}")
+    return InputError(f"{where}: {one_line(what, 600)}; {one_line(do, 400)}")
+
+
+def check_inside(path: Path, root: Path) -> None:
+    """Refuse a path that leads out of ``root``, by a symbolic link or by ``..``. Raises ``InputError``."""
+    if not os.path.realpath(path).startswith(os.path.join(os.path.realpath(root), "")):
+        raise refusal(path, f"leads out of the folder {root}", "copy the file into the folder")
+
+
+def read_bytes(path: Path, root: Path, limit_bytes: int) -> bytes:
+    """The content of a regular file inside ``root``.
+
+    Raises ``InputError`` where it is missing, not a regular file, too large, unreadable or outside.
+    """
+    check_inside(path, root)
+    try:
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise refusal(path, f"is {_kind(status.st_mode)}, not a file", "put the file itself there")
+        if status.st_size > limit_bytes:
+            raise refusal(
+                path,
+                f"has {status.st_size:,} bytes, more than the {limit_bytes:,} allowed",
+                "check what it is",
+            )
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise refusal(path, "does not exist", "check the folder is complete") from None
+    except OSError as error:
+        raise refusal(path, f"cannot be read ({error.strerror})", "check its permissions") from None
+
+
+def _kind(mode: int) -> str:
+    if stat.S_ISDIR(mode):
+        return "a folder"
+    return "a named pipe" if stat.S_ISFIFO(mode) else "a device or socket"

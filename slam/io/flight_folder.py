@@ -1,0 +1,208 @@
+"""Reading a flight folder: ASL layout, every rule of the format checked.
+
+What would change the meaning of the data is refused in one line; what can be survived is repaired, counted
+and told in ``Flight.warnings``. Pictures stay on disk until asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from frontend.camera import Camera
+from slam.flight import Flight
+from slam.io.camera_folder import camera_of, frames_of
+from slam.io.clock import in_order
+from slam.io.csv_stream import Table, read_names, read_numbers
+from slam.io.files import check_inside, one_line, refusal
+from slam.io.flight_writer import write_flight
+from slam.io.landmarks import check_pairs, read_landmarks
+from slam.io.plausibility import check_imu_units, check_stamp_unit, check_stamps_agree
+from slam.io.sensor_yaml import YamlFile, read_yaml
+from slam.io.streams import COLUMNS, FIELDS, KNOWN_KEYS, Source, build
+
+__all__ = ["read_flight", "write_flight"]
+
+_TOLD_KEYS = ("vehicle", "place", "date", "source", "licence", "notes")
+_OWN_KEYS = ("name", "landmark_pairs", "gaps", "all_keyframes")
+_SCENES = 8
+"""Flights named when a folder of flights is given for a flight."""
+
+
+@dataclass
+class _Recording:
+    """What was found on disk, before it is put in order."""
+
+    root: Path
+    about: YamlFile
+    tables: dict[str, Table] = field(default_factory=dict)
+    sensors: dict[str, YamlFile] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+    def note(self, folder: str, notes: list[str] | tuple[str, ...]) -> None:
+        self.warnings += [f"{folder}: {note}" for note in notes]
+
+
+def read_flight(path: Path | str) -> Flight:
+    """Read the flight in the folder ``path``.
+
+    Returns a ``Flight`` whose clock starts at the smallest first stamp of all streams. Raises ``InputError``,
+    naming file and line, where a rule of the format is broken in a way that leaves no sure meaning.
+    """
+    root = _flight_root(Path(path))
+    about = (
+        read_yaml(root / "flight.yaml", root)
+        if _exists(root / "flight.yaml")
+        else YamlFile(root / "flight.yaml")
+    )
+    recording = _Recording(root, about)
+    all_keyframes = _flag(about, "all_keyframes")
+    _read_streams(recording)
+    check_stamps_agree(recording.tables)
+    cut_short = [name for name, table in recording.tables.items() if table.cut_short]
+    # Photographs are taken one by one, hours apart if need be: their pauses are no fault of a clock.
+    recording.tables, remarks = in_order(recording.tables, trust_clock=all_keyframes)
+    recording.warnings += remarks
+    firsts = [int(t.stamps_ns[0]) for t in recording.tables.values() if len(t.stamps_ns)]
+    epoch_ns = min(firsts, default=0)
+    parts = _build(recording, epoch_ns)
+    _tell_cut(recording, cut_short)
+    landmarks = read_landmarks(root) if _exists(root / "landmarks.csv") else {}
+    return Flight(
+        name=one_line(about.text("name", "") or root.resolve().name, 120),
+        epoch_ns=epoch_ns,
+        landmarks=landmarks,
+        landmark_pairs=check_pairs(about, "landmark_pairs", landmarks),
+        gaps=check_pairs(about, "gaps", landmarks),
+        notes=_notes(recording),
+        warnings=tuple(recording.warnings),
+        all_keyframes=all_keyframes,
+        **parts,
+    )
+
+
+def _flight_root(root: Path) -> Path:
+    """The folder, once it is known to be that of a flight."""
+    try:
+        if not root.exists():
+            raise refusal(root, "does not exist", "name the folder of a flight")
+        if not root.is_dir():
+            kind = f"a {root.suffix} file" if root.suffix else "a file"
+            raise refusal(
+                root, f"is {kind}, not a folder", "name a flight folder, or convert it with slam import"
+            )
+        if (root / "mav0").is_dir():
+            return root
+        flights = sorted(
+            str(p.parent.relative_to(root)) for depth in ("*", "*/*") for p in root.glob(f"{depth}/mav0")
+        )
+        names = [p.name for p in root.iterdir()]
+    except (OSError, ValueError) as error:
+        raise refusal(root, f"cannot be read ({error})", "check the name and its permissions") from None
+    if flights:
+        more = f" and {len(flights) - _SCENES} more" if len(flights) > _SCENES else ""
+        raise refusal(root, f"holds flights: {', '.join(flights[:_SCENES])}{more}", "name one of them")
+    if root.resolve().name == "mav0":
+        raise refusal(root, "is the inner folder of a flight", "name the folder above it")
+    if any(n.lower().endswith((".jpg", ".jpeg", ".png")) for n in names):
+        raise refusal(root, "holds pictures but no mav0 folder", "convert photographs with slam import")
+    what = "is empty" if not names else "has no mav0 folder, so it is no flight"
+    raise refusal(root, what, "name a folder with mav0/<sensor>/data.csv in it")
+
+
+def _exists(path: Path) -> bool:
+    return path.exists() or path.is_symlink()
+
+
+def _read_streams(recording: _Recording) -> None:
+    mav0 = recording.root / "mav0"
+    check_inside(mav0, recording.root)
+    try:
+        folders = sorted(p for p in mav0.iterdir() if not p.name.startswith("."))
+    except OSError as error:
+        raise refusal(mav0, f"cannot be read ({error.strerror})", "check its permissions") from None
+    known = {"cam0", *COLUMNS}
+    if not any(p.name in known for p in folders):
+        found = one_line(", ".join(p.name for p in folders) or "nothing", 120)
+        raise refusal(
+            mav0, f"has no stream that is known (found: {found})", f"add one of {', '.join(sorted(known))}"
+        )
+    for folder in folders:
+        if folder.name in known:
+            _read_stream(recording, folder)
+        else:
+            recording.warnings.append(
+                f"{one_line(folder.name, 60)}: not a stream of the flight format, skipped"
+            )
+
+
+def _read_stream(recording: _Recording, folder: Path) -> None:
+    name, root = folder.name, recording.root
+    if not folder.is_dir():
+        raise refusal(folder, "is not a folder", "write it as a folder with sensor.yaml and data.csv")
+    for part in ("sensor.yaml", "data.csv"):
+        if not _exists(folder / part) and (part == "data.csv" or name == "cam0"):
+            raise refusal(folder / part, "does not exist", f"add it, or remove the folder {name}")
+    if _exists(folder / "sensor.yaml"):
+        sensor = read_yaml(folder / "sensor.yaml", root)
+        recording.note(name, sensor.misspelt(KNOWN_KEYS))
+    else:
+        sensor = YamlFile(folder / "sensor.yaml")
+        recording.note(name, ["has no sensor.yaml: nominal figures assumed"])
+    csv = folder / "data.csv"
+    table = read_names(csv, root, "filename") if name == "cam0" else read_numbers(csv, root, COLUMNS[name])
+    notes = list(table.notes)
+    check_stamp_unit(table, sensor, notes)
+    if not len(table.stamps_ns):
+        notes.append("data.csv has no rows; taken as not recorded")
+    recording.note(name, notes)
+    recording.tables[name], recording.sensors[name] = table, sensor
+
+
+def _build(recording: _Recording, epoch_ns: int) -> dict[str, Any]:
+    """Fields of ``Flight`` from the ordered tables."""
+    parts: dict[str, Any] = {}
+    for name, table in recording.tables.items():
+        notes: list[str] = []
+        if name == "cam0":
+            camera: Camera = camera_of(recording.sensors[name], notes)
+            parts["camera"] = camera
+            parts["frames"] = frames_of(table, camera, epoch_ns, recording.root, notes)
+        else:
+            series = build(name, Source(table, recording.sensors[name], epoch_ns, notes))
+            if series is None and len(table.stamps_ns):
+                notes.append("no row is left; taken as not recorded")
+            parts[FIELDS[name]] = series
+        recording.note(name, notes)
+    if parts.get("imu") is not None:
+        check_imu_units(parts["imu"], parts.get("attitude"), recording.tables["imu0"].path)
+    return parts
+
+
+def _tell_cut(recording: _Recording, cut_short: list[str]) -> None:
+    """How many seconds a file that was cut short lost, by the streams that went on."""
+    ends = {name: int(t.stamps_ns[-1]) for name, t in recording.tables.items() if len(t.stamps_ns)}
+    for name in cut_short:
+        if name in ends and (lost := (max(ends.values()) - ends[name]) * 1e-9) > 0.5:
+            recording.note(name, [f"was cut short: its last {lost:.1f} s are lost"])
+
+
+def _flag(about: YamlFile, key: str) -> bool:
+    text = about.text(key, "false").lower() or "false"
+    if text not in ("true", "false", "yes", "no"):
+        raise about.refuse(key, f"is {text[:40]!r}", "write true or false")
+    return text in ("true", "yes")
+
+
+def _notes(recording: _Recording) -> dict[str, str]:
+    notes = {}
+    for key, value in recording.about.fields.items():
+        if key in _OWN_KEYS or value == "":
+            continue
+        if isinstance(value, str):
+            notes[key] = value
+        else:
+            recording.warnings.append(f"flight.yaml: {one_line(key, 40)} is not plain text, ignored")
+    recording.note("flight.yaml", recording.about.misspelt((*_OWN_KEYS, *_TOLD_KEYS)))
+    return notes

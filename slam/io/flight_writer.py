@@ -1,0 +1,258 @@
+"""Writing a flight folder: the whole folder appears at once, numbers come back as they were."""
+
+from __future__ import annotations
+
+import csv
+import math
+import shutil
+from pathlib import Path, PurePosixPath
+from typing import assert_never
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from PIL import Image as Pillow
+from scipy.spatial.transform import Rotation
+
+from frontend.camera import Camera
+from slam.flight import (
+    AttitudeSeries,
+    Command,
+    Flight,
+    Frames,
+    Gps,
+    Image,
+    Imu,
+    Motor,
+    Scalar,
+    Sonar,
+    Truth,
+    Velocity,
+)
+from slam.io.atomic import atomic_folder
+from slam.io.csv_stream import header_of
+from slam.io.images import PictureFiles, UnreadableImageError, image_size
+from slam.io.landmarks import HEADER
+from slam.io.streams import COLUMNS, FIELDS, IMU_DENSITIES, METRES_PER_DEGREE, Series, metres_per_degree_east
+from slam.progress import Progress, silent
+
+Array = NDArray[np.float64]
+
+JPEG_QUALITY = 92
+_SUFFIXES = {"png": (".png",), "jpg": (".jpg", ".jpeg")}
+
+
+def write_flight(
+    flight: Flight, path: Path | str, progress: Progress = silent, image_format: str = "png"
+) -> None:
+    """Write ``flight`` as the new folder ``path``; it appears complete or not at all.
+
+    Pictures that are files already are copied as they are; others are encoded as ``image_format`` ("png" or
+    "jpg") under their own name with that suffix. One that cannot be read is listed without a file. Raises
+    ``InputError`` where the target is not empty or cannot be written, ``ValueError`` for another format.
+    """
+    if image_format not in _SUFFIXES:
+        raise ValueError(f"image_format {image_format!r}: png or jpg")
+    with atomic_folder(path) as folder:
+        (folder / "flight.yaml").write_text(_about(flight), encoding="utf-8")
+        if flight.landmarks:
+            _write_landmarks(flight.landmarks, folder / "landmarks.csv")
+        mav0 = folder / "mav0"
+        mav0.mkdir()
+        if flight.camera is not None:
+            (mav0 / "cam0" / "data").mkdir(parents=True)
+            _write_camera(flight.camera, flight.frames, mav0 / "cam0")
+        if flight.frames is not None:
+            _write_frames(flight.frames, mav0 / "cam0", flight.epoch_ns, progress, image_format)
+        for name, field in FIELDS.items():
+            series: Series | None = getattr(flight, field)
+            if series is not None:
+                _write_series(series, name, mav0 / name, flight.epoch_ns)
+
+
+def _stamps_ns(stamps_s: Array, epoch_ns: int) -> list[int]:
+    return [int(s) + epoch_ns for s in np.round(np.asarray(stamps_s) * 1e9)]
+
+
+def _about(flight: Flight) -> str:
+    about: dict[str, object] = {"name": flight.name, **{k: str(v) for k, v in flight.notes.items()}}
+    for key, pairs in (("landmark_pairs", flight.landmark_pairs), ("gaps", flight.gaps)):
+        if pairs:
+            about[key] = [list(pair) for pair in pairs]
+    if flight.all_keyframes:
+        about["all_keyframes"] = True
+    return yaml.safe_dump(about, sort_keys=False, allow_unicode=True, width=110)
+
+
+def _write_landmarks(landmarks: dict[str, Array], path: Path) -> None:
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(HEADER)
+        rows.writerows([name, *map(repr, np.asarray(p, float).tolist())] for name, p in landmarks.items())
+
+
+def _write_series(series: Series, name: str, folder: Path, epoch_ns: int) -> None:
+    folder.mkdir()
+    values = _values(series, len(COLUMNS[name])).tolist()
+    with open(folder / "data.csv", "w", encoding="ascii", newline="") as file:
+        file.write(header_of(COLUMNS[name]) + "\n")
+        for stamp, row in zip(_stamps_ns(series.stamps_s, epoch_ns), values, strict=True):
+            file.write(f"{stamp},{','.join(repr(v) if math.isfinite(v) else '' for v in row)}\n")
+    mount = series.b_T_s if isinstance(series, Imu | Sonar) else np.eye(4)
+    _write_sensor(folder, name[:-1], mount, series.stamps_s, _nominal(series))
+
+
+def _values(series: Series, width: int) -> Array:
+    """(n, width) values in the format's order; NaN where the series holds none."""
+    match series:
+        case Imu():
+            return np.hstack([series.gyro_rad_s, series.accel_m_s2])
+        case Sonar():
+            return np.asarray(series.range_m, dtype=float)[:, None]
+        case AttitudeSeries():
+            return series.roll_pitch_yaw_rad
+        case Velocity():
+            return series.v_m_s
+        case Command():
+            return series.stick
+        case Scalar():
+            return np.asarray(series.value, dtype=float)[:, None]
+        case Motor():
+            return series.drive
+        case Gps():
+            return np.column_stack([series.latitude_deg, series.longitude_deg, series.altitude_m])
+        case Truth():
+            values = np.full((len(series.stamps_s), width), np.nan)
+            values[:, :3] = series.w_T_b[:, :3, 3]
+            values[:, 3:7] = Rotation.from_matrix(series.w_T_b[:, :3, :3]).as_quat(
+                canonical=True, scalar_first=True
+            )
+            if series.w_v_m_s is not None:
+                values[:, 7:10] = series.w_v_m_s
+            return values
+    assert_never(series)
+
+
+def _nominal(series: Series) -> dict[str, object]:
+    """What the series' ``sensor.yaml`` says beside mount and rate."""
+    match series:
+        case Imu():
+            return {key: getattr(series, name) for key, name in IMU_DENSITIES.items()}
+        case Sonar():
+            return {
+                "noise_std": [series.noise_std_m],
+                "min_range": series.min_range_m,
+                "max_range": series.max_range_m,
+                "beam_width": series.beam_width_rad,
+            }
+        case AttitudeSeries():
+            return {"noise_std": list(series.noise_std_rad)}
+        case Velocity():
+            return {"noise_std": list(series.noise_std_m_s)}
+        case Command():
+            return {"noise_std": [0.0] * 4, "max_tilt": series.max_tilt_rad}
+        case Scalar():
+            return {"noise_std": [series.noise_std]}
+        case Motor():
+            return {"noise_std": [0.0] * 4}
+        case Gps():
+            east, north, up = series.noise_std_m
+            latitude = float(series.latitude_deg[0]) if len(series.latitude_deg) else 0.0
+            return {"noise_std": [north / METRES_PER_DEGREE, east / metres_per_degree_east(latitude), up]}
+        case Truth():
+            return {"noise_std": [0.0] * 16}
+    assert_never(series)
+
+
+def _write_camera(camera: Camera, frames: Frames | None, folder: Path) -> None:
+    nominal: dict[str, object] = {
+        "resolution": list(camera.size_px),
+        "camera_model": "pinhole",
+        "intrinsics": [*camera.focal_px, *camera.center_px],
+        "distortion_model": "radial-tangential",
+        "distortion_coefficients": list(camera.distortion),
+    }
+    for key in ("focal_std_ratio", "radial_std"):
+        if getattr(camera, key):
+            nominal[key] = getattr(camera, key)
+    stamps = frames.stamps_s if frames is not None else np.empty(0)
+    _write_sensor(folder, "camera", camera.b_T_c, stamps, nominal)
+    (folder / "data.csv").write_text("#timestamp [ns],filename\n")
+
+
+def _write_sensor(folder: Path, kind: str, mount: Array, stamps_s: Array, nominal: dict[str, object]) -> None:
+    rows = [", ".join(repr(v) for v in row) for row in np.asarray(mount, dtype=float).tolist()]
+    lines = [
+        f"sensor_type: {kind}",
+        "T_BS:",
+        "  cols: 4",
+        "  rows: 4",
+        "  data: [" + ",\n         ".join(rows) + "]",
+    ]
+    if len(stamps_s) > 1:
+        lines.append(f"rate_hz: {1 / max(float(np.median(np.diff(stamps_s))), 1e-9):.6g}")
+    for key, value in nominal.items():
+        if isinstance(value, list):
+            lines.append(f"{key}: [{', '.join(repr(_plain(v)) for v in value)}]")
+        else:
+            lines.append(f"{key}: {value if isinstance(value, str) else repr(_plain(value))}")
+    (folder / "sensor.yaml").write_text("\n".join(lines) + "\n")
+
+
+def _plain(value: object) -> object:
+    """numpy scalars print with their type; Python's own print as numbers."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _write_frames(frames: Frames, folder: Path, epoch_ns: int, progress: Progress, image_format: str) -> None:
+    used: set[str] = set()
+    with open(folder / "data.csv", "w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(["#timestamp [ns]", "filename"])
+        for k, stamp in enumerate(_stamps_ns(frames.stamps_s, epoch_ns)):
+            source = frames.load.paths[k] if isinstance(frames.load, PictureFiles) else None
+            name = _file_name(frames.names[k], k, source, image_format, used)
+            target = folder / "data" / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            if source is not None:
+                _copy(source, target)
+            elif (image := frames.load(k)) is not None:
+                _encode(image, target, image_format)
+            rows.writerow([stamp, name])
+            progress("writing pictures", k + 1, len(frames))
+
+
+def _file_name(name: str, k: int, source: Path | None, image_format: str, used: set[str]) -> str:
+    """The frame's own name where a file can bear it, with the suffix its content has."""
+    path = PurePosixPath(name.strip())
+    suffixes = _SUFFIXES[image_format] if source is None else (source.suffix.lower(),)
+    if path.suffix.lower() not in suffixes:
+        path = path.with_name(path.name + suffixes[0]) if path.name else path
+    if (
+        path.is_absolute()
+        or ".." in path.parts
+        or not str(path).isprintable()
+        or not path.name
+        or len(str(path)) > 180
+    ):
+        path = PurePosixPath(f"{k:06d}{suffixes[0]}")
+    if str(path).lower() in used:
+        path = path.with_name(f"{path.stem}_{k:06d}{path.suffix}")
+    used.add(str(path).lower())
+    return str(path)
+
+
+def _copy(source: Path, target: Path) -> None:
+    try:
+        image_size(source)
+    except UnreadableImageError:
+        return
+    shutil.copyfile(source, target)
+
+
+def _encode(image: Image, target: Path, image_format: str) -> None:
+    picture = Pillow.fromarray(image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1]))
+    if image_format == "png":
+        picture.save(target, format="PNG", compress_level=3)
+    else:
+        picture.save(target, format="JPEG", quality=JPEG_QUALITY, subsampling=0)

@@ -1,0 +1,150 @@
+"""Reading one picture that may be anything: its header is checked before a pixel is decoded.
+
+Pillow decodes, because it refuses a picture that ends early where OpenCV fills the rest with grey. EXIF
+orientation is not applied: the intrinsics belong to the pixels as the sensor gave them.
+"""
+
+from __future__ import annotations
+
+import io
+import struct
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from PIL import Image as Pillow
+
+from slam.flight import Image
+
+MAX_PIXELS = 89_000_000
+"""Largest picture read, in pixels: just below where Pillow suspects a decompression bomb."""
+MAX_BYTES = 1 << 29
+HEADER_BYTES = 1 << 18
+"""Enough for the EXIF, XMP and maker's blocks that precede the size in a JPEG."""
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG_SIZE_MARKERS = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_FOREIGN = {b"II*\0": "a TIFF", b"MM\0*": "a TIFF", b"GIF8": "a GIF", b"RIFF": "a WebP", b"BM": "a BMP"}
+
+
+class UnreadableImageError(Exception):
+    """A picture that cannot be used; the message is the reason, short enough to count by."""
+
+
+@dataclass
+class PictureFiles:
+    """Loads picture k of a list of files; can be sent to another process."""
+
+    paths: tuple[Path, ...]
+    size_px: tuple[int, int] | None
+    """(width, height) that every picture must have; None takes any."""
+    failures: dict[int, str] = field(default_factory=dict)
+    """Why picture k could not be read, for those that were asked for and could not."""
+
+    def __call__(self, k: int) -> Image | None:
+        """Picture k, or None with the reason kept in ``failures``."""
+        try:
+            return read_image(self.paths[k], self.size_px)
+        except UnreadableImageError as reason:
+            self.failures[k] = str(reason)
+            return None
+
+
+def read_image(path: Path, size_px: tuple[int, int] | None = None) -> Image:
+    """A PNG or JPEG as (h, w, 3) BGR or (h, w) grey, 8 bit.
+
+    16-bit grey keeps its upper byte, 1-bit becomes 0 and 255, palettes are resolved, alpha is dropped.
+    Raises ``UnreadableImageError`` where it is missing, damaged, too large, or not of ``size_px``.
+    """
+    size = image_size(path)
+    if size_px is not None and size != size_px:
+        raise UnreadableImageError(f"is {size[0]} x {size[1]} px, not {size_px[0]} x {size_px[1]}")
+    data = _bytes(path, MAX_BYTES)
+    try:
+        if data.startswith(_PNG):
+            # Pillow checks no CRC while decoding: a flipped bit would pass unseen.
+            Pillow.open(io.BytesIO(data), formats=["PNG"]).verify()
+        with Pillow.open(io.BytesIO(data), formats=["PNG", "JPEG", "MPO"]) as picture:
+            return _eight_bit(picture)
+    except UnreadableImageError:
+        raise
+    except (
+        OSError,
+        ValueError,
+        SyntaxError,
+        EOFError,
+        struct.error,
+        OverflowError,
+        IndexError,
+        TypeError,
+    ) as e:
+        reason = "truncated" if "truncated" in str(e).lower() else "damaged"
+        raise UnreadableImageError(reason) from e
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """(width, height) from the header alone. Raises ``UnreadableImageError``."""
+    head = _bytes(path, HEADER_BYTES, whole=False)
+    if head.startswith(_PNG) and head[12:16] == b"IHDR" and len(head) >= 24:
+        width, height = struct.unpack(">II", head[16:24])
+    elif head.startswith(b"\xff\xd8"):
+        width, height = _jpeg_size(head)
+    else:
+        raise UnreadableImageError(_not_a_picture(head))
+    if width <= 0 or height <= 0:
+        raise UnreadableImageError("damaged")
+    if width * height > MAX_PIXELS:
+        raise UnreadableImageError(f"is {width} x {height} px, more than {MAX_PIXELS // 10**6} million")
+    return width, height
+
+
+def _jpeg_size(head: bytes) -> tuple[int, int]:
+    """Walk the marker segments to the frame header (ITU T.81, annex B)."""
+    at = 2
+    while at + 9 <= len(head):
+        if head[at] != 0xFF:
+            break
+        marker = head[at + 1]
+        if marker == 0xFF:
+            at += 1
+        elif marker in _JPEG_SIZE_MARKERS:
+            height, width = struct.unpack(">HH", head[at + 5 : at + 9])
+            return width, height
+        elif marker == 0x01 or 0xD0 <= marker <= 0xD8:
+            at += 2
+        else:
+            at += 2 + struct.unpack(">H", head[at + 2 : at + 4])[0]
+    raise UnreadableImageError("truncated" if len(head) < HEADER_BYTES else "damaged")
+
+
+def _eight_bit(picture: Pillow.Image) -> Image:
+    mode = picture.mode
+    if mode.startswith("I;16"):
+        return (np.asarray(picture).astype(np.uint16) >> 8).astype(np.uint8)
+    if mode in ("I", "F"):
+        raise UnreadableImageError("has 32-bit or float pixels; convert to 8 bit")
+    if mode in ("1", "L", "LA", "La"):
+        return np.array(picture.convert("L"))
+    return np.ascontiguousarray(np.asarray(picture.convert("RGB"))[..., ::-1])
+
+
+def _bytes(path: Path, limit: int, whole: bool = True) -> bytes:
+    try:
+        if not path.is_file():
+            raise UnreadableImageError("missing" if not path.exists() else "not a file")
+        with open(path, "rb") as file:
+            data = file.read(limit + 1 if whole else limit)
+    except OSError as error:
+        raise UnreadableImageError(f"unreadable ({error.strerror})") from error
+    if len(data) > limit:
+        raise UnreadableImageError(f"larger than {limit >> 20} MB")
+    return data
+
+
+def _not_a_picture(head: bytes) -> str:
+    if not head.strip(b"\0"):
+        return "empty" if not head else "zeroed"
+    if _PNG.startswith(head[:8]) or head.startswith(_PNG):
+        return "truncated"
+    foreign = next((name for magic, name in _FOREIGN.items() if head.startswith(magic)), "neither")
+    return "neither a PNG nor a JPEG" if foreign == "neither" else f"is {foreign}, not a PNG or JPEG"

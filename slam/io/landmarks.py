@@ -1,0 +1,90 @@
+"""``landmarks.csv`` (surveyed points of the floor) and the pairs of them that ``flight.yaml`` names."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.io.files import one_line, read_bytes, refusal
+from slam.io.sensor_yaml import YamlFile
+
+Array = NDArray[np.float64]
+
+HEADER = ("name", "x [m]", "y [m]", "z [m]")
+MAX_BYTES = 1 << 24
+
+
+def read_landmarks(root: Path) -> dict[str, Array]:
+    """Name -> (3,) metres in the world. Raises ``InputError`` naming the line at fault."""
+    path = root / "landmarks.csv"
+    header = ",".join(HEADER)
+    try:
+        text = read_bytes(path, root, MAX_BYTES).rstrip(b"\0").decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise refusal(path, "is not UTF-8 text", "save it as UTF-8") from None
+    rows = csv.reader(io.StringIO(text.replace("\r\n", "\n").replace("\r", "\n")))
+    landmarks: dict[str, Array] = {}
+    try:
+        titles = [t.strip().lstrip("#").strip() for t in next(rows, [])]
+        places = [_place(titles, title) for title in HEADER]
+        if None in places:
+            raise refusal(path, f"has the header {','.join(titles)[:80]!r}", f"write {header}", 1)
+        for fields in rows:
+            if any(f.strip() for f in fields):
+                name, point = _landmark(
+                    path, rows.line_num, fields, [p for p in places if p is not None], len(titles)
+                )
+                if name in landmarks:
+                    raise refusal(path, f"names {name[:40]!r} twice", "keep one of them", rows.line_num)
+                landmarks[name] = point
+    except csv.Error as error:
+        raise refusal(path, f"is not a csv file ({error})", f"write {header}", rows.line_num) from None
+    return landmarks
+
+
+def check_pairs(about: YamlFile, key: str, landmarks: dict[str, Array]) -> tuple[tuple[str, str], ...]:
+    """Pairs of landmark names from ``flight.yaml``. Raises ``InputError`` where one is not known."""
+    value = about.fields.get(key, [])
+    if value == "":
+        return ()
+    do = "write [[A, B], ...] with names of landmarks.csv"
+    if not isinstance(value, list):
+        raise about.refuse(key, "is not a list of pairs", do)
+    pairs = []
+    for pair in value:
+        if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(p, str) for p in pair)):
+            raise about.refuse(key, f"holds {one_line(pair, 40)!r}", do)
+        first, second = str(pair[0]), str(pair[1])
+        for name in (first, second):
+            if name not in landmarks:
+                raise about.refuse(key, f"names {one_line(name, 40)!r}, which landmarks.csv has not", do)
+        pairs.append((first, second))
+    return tuple(pairs)
+
+
+def _place(titles: list[str], title: str) -> int | None:
+    """Where a column stands, its unit left out or as it must be."""
+    for k, found in enumerate(titles):
+        if found == title or found == title.split(" ")[0]:
+            return k
+    return None
+
+
+def _landmark(path: Path, line: int, fields: list[str], places: list[int], width: int) -> tuple[str, Array]:
+    if len(fields) != width:
+        raise refusal(path, f"has {len(fields)} fields instead of {width}", "repair the line", line)
+    name = fields[places[0]].strip()
+    if not name:
+        raise refusal(path, "has no name", "name the landmark", line)
+    try:
+        point = [float(fields[p]) for p in places[1:]]
+    except ValueError:
+        point = [math.nan]
+    if not all(map(math.isfinite, point)):
+        raise refusal(path, f"has no finite x, y, z for {name[:40]!r}", "write three numbers", line)
+    return name, np.array(point)

@@ -1,0 +1,177 @@
+"""``sensor.yaml`` and ``flight.yaml``: small YAML from strangers.
+
+Every scalar is kept as text until someone asks for a number, so that ``1e-5``, dates and ``1:30`` mean what
+they say. Size, depth, aliases and tags are checked on the stream of events, before anything is built.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from slam.io.files import one_line, read_bytes, refusal
+
+Array = NDArray[np.float64]
+Value = str | list["Value"] | dict[str, "Value"]
+
+MAX_BYTES = 1 << 20
+MAX_DEPTH = 8
+RIGID_TOLERANCE = 1e-3
+"""Largest departure of R^T R from the identity that rounding by hand explains."""
+
+
+@dataclass(frozen=True)
+class YamlFile:
+    """A mapping read from a YAML file, with the line of each of its keys."""
+
+    path: Path
+    fields: dict[str, Value] = field(default_factory=dict)
+    lines: dict[str, int] = field(default_factory=dict)
+
+    def has(self, key: str) -> bool:
+        """Whether the key is there with something behind it."""
+        return self.fields.get(key, "") not in ("", "~", "null")
+
+    def text(self, key: str, default: str) -> str:
+        """A plain text. Raises ``InputError`` where a list or mapping stands there."""
+        value = self.fields.get(key, default)
+        if not isinstance(value, str):
+            raise self.refuse(key, "is not plain text", "write one value")
+        return value
+
+    def number(self, key: str, default: float | None = None, positive: bool = False) -> float:
+        """One finite number, >= 0 (> 0 where ``positive``). Raises ``InputError``, also where missing."""
+        if not self.has(key):
+            if default is None:
+                raise refusal(self.path, f"has no {key}", "add it")
+            return default
+        value = self._finite(key, self.fields[key])
+        if value < 0 or (positive and value == 0):
+            raise self.refuse(key, f"is {value:g}", "write a positive number")
+        return value
+
+    def numbers(self, key: str, count: tuple[int, ...]) -> tuple[float, ...]:
+        """Finite numbers, as many as one of ``count``. Raises ``InputError``, also where missing."""
+        wanted = " or ".join(map(str, count))
+        if not self.has(key):
+            raise refusal(self.path, f"has no {key}", f"add it with {wanted} numbers")
+        value = self.fields[key]
+        if not isinstance(value, list) or len(value) not in count:
+            raise self.refuse(key, "is not a list of the right length", f"write {wanted} numbers in [ ]")
+        return tuple(self._finite(key, v) for v in value)
+
+    def transform(self, key: str = "T_BS") -> Array:
+        """The (4, 4) rigid transform in EuRoC's form; identity where absent. Raises ``InputError``."""
+        if not self.has(key):
+            return np.eye(4)
+        body = self.fields[key]
+        if not isinstance(body, dict):
+            raise self.refuse(key, "is not a matrix", "write rows: 4, cols: 4 and data: [16 numbers]")
+        if (body.get("rows", "4"), body.get("cols", "4")) != ("4", "4"):
+            raise self.refuse(key, "is not 4 x 4", "write rows: 4, cols: 4 and data: [16 numbers]")
+        data = body.get("data")
+        if not isinstance(data, list) or len(data) != 16:
+            raise self.refuse(key, "has no 16 numbers", "write rows: 4, cols: 4 and data: [16 numbers]")
+        T = np.array([self._finite(key, v) for v in data]).reshape(4, 4)
+        R = T[:3, :3]
+        error = float(np.abs(R.T @ R - np.eye(3)).max())
+        if not np.allclose(T[3], (0, 0, 0, 1), atol=1e-9):
+            raise self.refuse(key, "does not end in 0, 0, 0, 1", "write a rigid transform, row by row")
+        if error > RIGID_TOLERANCE or np.linalg.det(R) < 0:
+            what = "is mirrored" if error <= RIGID_TOLERANCE else f"is not a rotation (off by {error:.2g})"
+            raise self.refuse(key, what, "write a rigid transform, row by row")
+        if error > 1e-9:
+            u, _, vt = np.linalg.svd(R)
+            T[:3, :3] = u @ vt
+        return T
+
+    def misspelt(self, known: tuple[str, ...]) -> list[str]:
+        """One remark for each key that looks like a known one and is none."""
+        remarks = []
+        for key in self.fields:
+            near = difflib.get_close_matches(key, known, n=1, cutoff=0.8)
+            if key not in known and near:
+                remarks.append(
+                    f"{self.path.name} has {one_line(key, 40)}, which was ignored: {near[0]} meant?"
+                )
+        return remarks
+
+    def refuse(self, key: str, what: str, do: str) -> Exception:
+        """The error to raise about this key."""
+        return refusal(self.path, f"{key} {what}", do, self.lines.get(key))
+
+    def _finite(self, key: str, value: Value) -> float:
+        try:
+            number = float(value) if isinstance(value, str) and "_" not in value else math.nan
+        except ValueError:
+            number = math.nan
+        if not math.isfinite(number):
+            raise self.refuse(key, f"holds {one_line(value, 40)!r}", "write a number")
+        return number
+
+
+def read_yaml(path: Path, root: Path) -> YamlFile:
+    """A mapping of text, lists and mappings. Raises ``InputError`` for anything else or anything hostile."""
+    data = read_bytes(path, root, MAX_BYTES).rstrip(b"\0")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise refusal(path, "is not UTF-8 text", "save it as UTF-8") from None
+    try:
+        _check_events(path, text)
+        node = yaml.compose(text, Loader=yaml.CBaseLoader)
+    except yaml.MarkedYAMLError as error:
+        line = None if error.problem_mark is None else error.problem_mark.line + 1
+        raise refusal(path, f"is not YAML ({error.problem})", "repair it", line) from None
+    except (yaml.YAMLError, ValueError) as error:
+        raise refusal(path, f"is not YAML ({error})", "repair it") from None
+    if node is None:
+        return YamlFile(path)
+    if not isinstance(node, yaml.MappingNode):
+        raise refusal(path, "is not a list of `key: value` lines", "repair it")
+    fields = _plain(path, node)
+    assert isinstance(fields, dict)
+    lines = {str(key.value): _line(key) for key, _ in node.value}
+    return YamlFile(path, fields, lines)
+
+
+def _check_events(path: Path, text: str) -> None:
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.CBaseLoader):
+        line = event.start_mark.line + 1
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
+            raise refusal(path, "uses YAML anchors or aliases", "write the values out", line)
+        if tag := getattr(event, "tag", None):
+            raise refusal(path, f"uses the YAML tag {tag}", "write plain values", line)
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        if isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        if depth > MAX_DEPTH:
+            raise refusal(path, f"nests deeper than {MAX_DEPTH} levels", "write plain values", line)
+
+
+def _plain(path: Path, node: yaml.Node) -> Value:
+    if isinstance(node, yaml.ScalarNode):
+        return str(node.value)
+    if isinstance(node, yaml.SequenceNode):
+        return [_plain(path, n) for n in node.value]
+    fields: dict[str, Value] = {}
+    for key, value in node.value:
+        line = _line(key)
+        if not isinstance(key, yaml.ScalarNode):
+            raise refusal(path, "has a key that is no text", "repair it", line)
+        if key.value in fields:
+            raise refusal(path, f"has {key.value} twice", "keep one of them", line)
+        fields[key.value] = _plain(path, value)
+    return fields
+
+
+def _line(node: yaml.Node) -> int:
+    return 1 if node.start_mark is None else node.start_mark.line + 1

@@ -1,0 +1,277 @@
+"""The streams of a flight folder: their columns, and how a table and its ``sensor.yaml`` become a series."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from slam.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
+from slam.io.csv_stream import Column, Table
+from slam.io.files import refusal
+from slam.io.sensor_yaml import YamlFile
+
+Array = NDArray[np.float64]
+Series = Imu | Sonar | AttitudeSeries | Velocity | Command | Scalar | Motor | Gps | Truth
+
+METRES_PER_DEGREE = 111_319.49
+"""Of latitude, WGS 84 equatorial: good to 1 % anywhere, enough for a standard deviation."""
+
+
+def _axes(name: str, axes: str, unit: str, limit: float, optional: bool = False) -> tuple[Column, ...]:
+    return tuple(Column(f"{name}_{axis}", unit, limit, optional) for axis in axes)
+
+
+COLUMNS: dict[str, tuple[Column, ...]] = {
+    "imu0": _axes("w_RS_S", "xyz", "rad s^-1", 1e4) + _axes("a_RS_S", "xyz", "m s^-2", 1e5),
+    "sonar0": (Column("range", "m", 1e6),),
+    "attitude0": tuple(Column(name, "rad", 1e5) for name in ("roll", "pitch", "yaw")),
+    "velocity0": _axes("v", "xy", "m s^-1", 300.0),
+    "command0": tuple(Column(name, "1", 1e6) for name in ("forward", "left", "up", "yaw")),
+    "battery0": (Column("voltage", "V", 1e3),),
+    "gps0": (Column("latitude", "deg", 1e10), Column("longitude", "deg", 1e10), Column("altitude", "m", 5e4)),
+    "barometer0": (Column("altitude", "m", 5e4),),
+    "motor0": tuple(Column(f"m{k}", "1", 1e6) for k in range(1, 5)),
+    "state_groundtruth_estimate0": (
+        *_axes("p_RS_R", "xyz", "m", 1e8),
+        *_axes("q_RS", "wxyz", "", 1e3),
+        *_axes("v_RS_R", "xyz", "m s^-1", 1e3, optional=True),
+        *_axes("b_w_RS_S", "xyz", "rad s^-1", 1e3, optional=True),
+        *_axes("b_a_RS_S", "xyz", "m s^-2", 1e4, optional=True),
+    ),
+}
+"""Folder -> columns after the stamp, in the format's order."""
+
+FIELDS = {
+    "imu0": "imu", "sonar0": "sonar", "attitude0": "attitude", "velocity0": "velocity", "command0": "command",
+    "battery0": "battery", "gps0": "gps", "barometer0": "barometer", "motor0": "motor",
+    "state_groundtruth_estimate0": "truth",
+}  # fmt: skip
+"""Folder -> field of ``Flight``."""
+
+IMU_DENSITIES = {
+    "gyroscope_noise_density": "gyro_noise_density",
+    "accelerometer_noise_density": "accel_noise_density",
+    "gyroscope_random_walk": "gyro_random_walk",
+    "accelerometer_random_walk": "accel_random_walk",
+}
+"""Key of imu0's ``sensor.yaml`` -> field of ``Imu``."""
+
+KNOWN_KEYS = (
+    "sensor_type", "comment", "T_BS", "rate_hz", "noise_std", "min_range", "max_range", "beam_width",
+    "max_tilt", "resolution", "camera_model", "intrinsics", "distortion_model", "distortion_coefficients",
+    "focal_std_ratio", "radial_std", *IMU_DENSITIES,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a series is built from: ordered rows, nominal figures, and where to tell what was done."""
+
+    table: Table
+    sensor: YamlFile
+    epoch_ns: int
+    notes: list[str]
+
+    @property
+    def stamps_s(self) -> Array:
+        """(n,) seconds since the flight's epoch."""
+        return ((self.table.stamps_ns - self.epoch_ns) * 1e-9).astype(float)
+
+    def only(self, rows: NDArray[np.bool_] | np.bool_, why: str) -> Source:
+        """The rows that pass, telling how many did not and why."""
+        rows = np.atleast_1d(rows)
+        if rows.all():
+            return self
+        self.notes.append(f"{int((~rows).sum())} rows dropped: {why}")
+        keep = np.flatnonzero(rows)
+        return Source(
+            self.table.rows(keep, self.table.stamps_ns[keep]), self.sensor, self.epoch_ns, self.notes
+        )
+
+    def without(self, bad: NDArray[np.bool_], column: int, why: str) -> None:
+        """Take values of one column as missing, telling how many and why."""
+        if bad.any():
+            self.notes.append(f"{int(bad.sum())} values taken as missing: {why}")
+            self.table.values[bad, column] = np.nan
+
+    def refuse_row(self, row: int, what: str, do: str) -> Exception:
+        """The error to raise about one row."""
+        return refusal(self.table.path, what, do, int(self.table.lines[row]))
+
+    def noise(self, count: int, default: tuple[float, ...]) -> tuple[float, ...]:
+        """``noise_std``, one figure a column; the default where it is absent."""
+        if not self.sensor.has("noise_std"):
+            return default
+        noise = self.sensor.numbers("noise_std", (count,))
+        if min(noise) < 0:
+            raise self.sensor.refuse("noise_std", "is negative", "write one standard deviation a column")
+        return noise
+
+    def mount_ignored(self) -> None:
+        """Check T_BS of a stream that has no place for it; tell where it would have mattered."""
+        if not np.array_equal(self.sensor.transform(), np.eye(4)):
+            self.notes.append("T_BS in sensor.yaml is not the identity; values are taken as in body axes")
+
+
+def build(folder: str, source: Source) -> Series | None:
+    """The series of one stream; None where no row is left. Raises ``InputError``."""
+    if len(source.table.stamps_ns) == 0:
+        return None
+    series = _BUILDERS[folder](source)
+    return series if len(series.stamps_s) else None
+
+
+def _imu(source: Source) -> Imu:
+    source = source.only(np.isfinite(source.table.values).all(axis=1), "a value is missing")
+    values = source.table.values
+    return Imu(
+        source.stamps_s,
+        values[:, :3],
+        values[:, 3:],
+        **{
+            name: source.sensor.number(key, getattr(Imu, name), positive=key.endswith("density"))
+            for key, name in IMU_DENSITIES.items()
+        },
+        b_T_s=source.sensor.transform(),
+    )
+
+
+def _sonar(source: Source) -> Sonar:
+    sensor, values = source.sensor, source.table.values
+    low = sensor.number("min_range", Sonar.min_range_m)
+    high = sensor.number("max_range", Sonar.max_range_m, positive=True)
+    if low >= high:
+        raise sensor.refuse(
+            "max_range", f"is {high:g} where min_range is {low:g}", "write min_range < max_range"
+        )
+    median = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
+    if median > 20 * high:
+        unit = "millimetres" if median > 200 * high else "centimetres"
+        raise source.refuse_row(0, f"has a median range of {median:g} m", f"convert it to metres ({unit}?)")
+    source.without(values[:, 0] <= 0, 0, "a range of zero or less")
+    source.without(values[:, 0] > high, 0, f"beyond max_range {high:g} m")
+    return Sonar(
+        source.stamps_s,
+        values[:, 0],
+        source.noise(1, (Sonar.noise_std_m,))[0],
+        low,
+        high,
+        sensor.number("beam_width", Sonar.beam_width_rad),
+        sensor.transform(),
+    )
+
+
+def _attitude(source: Source) -> AttitudeSeries:
+    source.mount_ignored()
+    tilt = source.table.values[:, :2]
+    beyond = np.abs(tilt) > math.pi + 1e-6
+    if beyond.sum() > max(1, 0.02 * np.isfinite(tilt).sum()):
+        row = int(np.argmax(beyond.any(axis=1)))
+        raise source.refuse_row(row, "has roll or pitch beyond pi", "convert to radians (degrees?)")
+    for column, name in enumerate(("roll", "pitch")):
+        source.without(beyond[:, column], column, f"{name} beyond pi")
+    noise = source.noise(3, AttitudeSeries.noise_std_rad)
+    return AttitudeSeries(source.stamps_s, source.table.values, (noise[0], noise[1], noise[2]))
+
+
+def _velocity(source: Source) -> Velocity:
+    source.mount_ignored()
+    noise = source.noise(2, Velocity.noise_std_m_s)
+    return Velocity(source.stamps_s, source.table.values, (noise[0], noise[1]))
+
+
+def _command(source: Source) -> Command:
+    source.noise(4, (0.0,) * 4)
+    beyond = (np.abs(source.table.values) > 1 + 1e-9).any(axis=1)
+    if beyond.any():
+        row = int(np.argmax(beyond))
+        value = source.table.values[row][np.nanargmax(np.abs(source.table.values[row]))]
+        guess = " (percent?)" if np.nanmax(np.abs(source.table.values)) > 20 else ""
+        raise source.refuse_row(row, f"has the command {value:g}", f"scale the stick to -1..1{guess}")
+    return Command(
+        source.stamps_s,
+        source.table.values,
+        source.sensor.number("max_tilt", Command.max_tilt_rad, positive=True),
+    )
+
+
+def _scalar(source: Source) -> Scalar:
+    source.mount_ignored()
+    return Scalar(source.stamps_s, source.table.values[:, 0], source.noise(1, (Scalar.noise_std,))[0])
+
+
+def _motor(source: Source) -> Motor:
+    source.noise(4, (0.0,) * 4)
+    return Motor(source.stamps_s, source.table.values)
+
+
+def _gps(source: Source) -> Gps:
+    source.mount_ignored()
+    for column, name, limit in ((0, "latitude", 90), (1, "longitude", 180)):
+        beyond = np.abs(source.table.values[:, column]) > limit
+        if beyond.any():
+            row = int(np.argmax(beyond))
+            value = source.table.values[row, column]
+            guess = " (1e7 times?)" if abs(value) > 1e6 else ""
+            raise source.refuse_row(row, f"has {name} {value:g} deg", f"write -{limit}..{limit}{guess}")
+    latitude, longitude = source.table.values[:, 0], source.table.values[:, 1]
+    source = source.only(np.isfinite(latitude) & np.isfinite(longitude), "no position")
+    fixed = (source.table.values[:, 0] != 0) | (source.table.values[:, 1] != 0)
+    source = source.only(fixed, "latitude and longitude are both 0 (no fix yet)")
+    latitude, longitude, altitude = source.table.values.T
+    return Gps(source.stamps_s, latitude, longitude, altitude, _gps_noise(source, latitude))
+
+
+def _gps_noise(source: Source, latitude_deg: Array) -> tuple[float, float, float]:
+    """East, north, up in metres from ``noise_std`` in the columns' units (deg, deg, m)."""
+    if not source.sensor.has("noise_std") or not len(latitude_deg):
+        return Gps.noise_std_m
+    north, east, up = source.noise(3, ())
+    if max(north, east) > 0.1:
+        source.notes.append("noise_std of latitude and longitude is beyond 0.1 deg: taken as metres")
+        return east, north, up
+    return east * metres_per_degree_east(float(latitude_deg[0])), north * METRES_PER_DEGREE, up
+
+
+def metres_per_degree_east(latitude_deg: float) -> float:
+    """Length of a degree of longitude there, on a sphere; never 0."""
+    return METRES_PER_DEGREE * max(math.cos(math.radians(latitude_deg)), 1e-6)
+
+
+def _truth(source: Source) -> Truth:
+    source.mount_ignored()
+    source = source.only(np.isfinite(source.table.values[:, :7]).all(axis=1), "part of the pose is missing")
+    norm = np.linalg.norm(source.table.values[:, 3:7], axis=1)
+    unit = np.abs(norm - 1) < 1e-2
+    if (~unit).sum() > 0.5 * len(norm):
+        row = int(np.argmin(unit))
+        raise source.refuse_row(
+            row, f"has a quaternion of length {norm[row]:g}", "write unit quaternions, w x y z"
+        )
+    source = source.only(unit, "the quaternion's length is not 1")
+    values = source.table.values
+    w_T_b = np.tile(np.eye(4), (len(values), 1, 1))
+    w_T_b[:, :3, 3] = values[:, :3]
+    if len(values):
+        w_T_b[:, :3, :3] = Rotation.from_quat(values[:, 3:7], scalar_first=True).as_matrix()
+    velocity = values[:, 7:10]
+    return Truth(source.stamps_s, w_T_b, velocity if np.isfinite(velocity).any() else None)
+
+
+_BUILDERS: dict[str, Callable[[Source], Series]] = {
+    "imu0": _imu,
+    "sonar0": _sonar,
+    "attitude0": _attitude,
+    "velocity0": _velocity,
+    "command0": _command,
+    "battery0": _scalar,
+    "gps0": _gps,
+    "barometer0": _scalar,
+    "motor0": _motor,
+    "state_groundtruth_estimate0": _truth,
+}
