@@ -25,7 +25,7 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
     Stamps are the numbers of the vertices. Raises ``BackendError``.
     """
     from backend.g2o import read_g2o
-    from backend.pose_graph import solve_pose_graph
+    from backend.graph import solve_pose_graph
 
     start = time.perf_counter()
     graph = read_g2o(path)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from slam.flight import Flight
     from slam.report.accuracy import FigureTable
 
-_MOST_REJECTED = 40
+_MOST_REJECTED = 20
 """Rejected loops listed on the page; loops.csv has all of them."""
 
 
@@ -36,7 +36,8 @@ class Item:
 class RejectedLoop:
     """One line of the table of rejected loops."""
 
-    pair: str
+    keyframes: str
+    pictures: str
     reason: str
 
 
@@ -80,6 +81,8 @@ def render(
         ),
     )
     drawable = facts.placed > 0
+    landmarks = flight.landmarks if flight else {}
+    before = "as given" if facts.is_graph else "chain alone"
     return environment.get_template("page.html.j2").render(
         name=estimate.name,
         version=slam.__version__,
@@ -89,9 +92,7 @@ def render(
         tiles=_tiles(facts),
         mosaic=_embedded(mosaics.after),
         chain_mosaic=_embedded(mosaics.before),
-        trajectory=_png(trajectory_picture(estimate, flight.landmarks if flight else {}))
-        if drawable
-        else None,
+        trajectory=_png(trajectory_picture(estimate, landmarks, before)) if drawable else None,
         altitude=_png(altitude_picture(estimate)) if drawable and not facts.is_graph else None,
         georeferenced=estimate.origin is not None,
         rejected_loops=_rejected_loops(estimate),
@@ -138,7 +139,10 @@ _FLIGHT_ONLY = ("Keyframes, of pictures read", "Duration")
 def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:
     rejected = [loop for loop in estimate.loops if loop.verdict == "rejected"][:_MOST_REJECTED]
     names = estimate.frame_names
-    return tuple(RejectedLoop(f"{names[loop.i]} – {names[loop.j]}", loop.reason) for loop in rejected)
+    return tuple(
+        RejectedLoop(f"{loop.i} – {loop.j}", f"{names[loop.i]} – {names[loop.j]}", loop.reason)
+        for loop in rejected
+    )
 
 
 def _embedded(path: Path | None) -> str | None:

@@ -31,14 +31,15 @@ _ELLIPSE_SHARE = 0.03
 """An ellipse is drawn enlarged until the median one spans this share of the map."""
 
 
-def trajectory_picture(estimate: Estimate, landmarks: dict[str, Array]) -> bytes:
-    """Top view: path, 2-sigma ellipses, loops kept (solid) and rejected (dashed), the plain chain behind."""
+def trajectory_picture(estimate: Estimate, landmarks: dict[str, Array], before: str = "chain alone") -> bytes:
+    """Top view: path, 2-sigma ellipses, loops kept (solid) and rejected (dashed).
+
+    ``before`` says what ``chain_w_T_b`` is, which is drawn behind.
+    """
     figure, axes = _canvas(6.4, 6.0)
     known = is_placed(estimate)
     position = np.where(known[:, None], estimate.w_T_b[:, :3, 3], np.nan)
-    _path(
-        axes, _laid_on(estimate.chain_w_T_b, estimate.w_T_b), color=GREY, linewidth=0.9, label="chain alone"
-    )
+    _path(axes, _laid_on(estimate.chain_w_T_b, estimate.w_T_b), color=GREY, linewidth=0.9, label=before)
     _loops(axes, estimate, position)
     for part in range(int(estimate.component.max(initial=0)) + 1):
         own = np.where((estimate.component == part)[:, None], position, np.nan)
@@ -52,7 +53,8 @@ def trajectory_picture(estimate: Estimate, landmarks: dict[str, Array]) -> bytes
     axes.set_ylabel("north [m]" if estimate.origin else "y [m]")
     axes.set_aspect("equal", adjustable="datalim")
     if enlarged:
-        axes.plot([], [], "o", color=ORANGE, markerfacecolor="none", label=f"2σ ellipse{enlarged}")
+        size = f", enlarged {enlarged} x" if enlarged > 1 else ""
+        axes.plot([], [], "o", color=ORANGE, markerfacecolor="none", label=f"2σ ellipse{size}")
     _legend_below(axes)
     return _png(figure)
 
@@ -160,7 +162,7 @@ def _png(figure: Figure) -> bytes:
 
 
 def _legend_below(axes: Axes) -> None:
-    axes.figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    axes.figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=9)
 
 
 def _path(axes: Axes, position: Array, **style: Any) -> None:
@@ -197,15 +199,15 @@ def _loops(axes: Axes, estimate: Estimate, position: Array) -> None:
             )
 
 
-def _ellipses(axes: Axes, estimate: Estimate, position: Array, placed: NDArray[np.bool_]) -> str:
-    """Draw 2-sigma ellipses of the horizontal position; gives back how they were enlarged, empty if none."""
+def _ellipses(axes: Axes, estimate: Estimate, position: Array, placed: NDArray[np.bool_]) -> int:
+    """Draw 2-sigma ellipses of the horizontal position; gives back how often enlarged, 0 if none."""
     from matplotlib.collections import EllipseCollection
 
     R = estimate.w_T_b[:, :3, :3]
     covariance = (R @ estimate.covariances[:, 3:, 3:] @ np.swapaxes(R, 1, 2))[:, :2, :2]
     known = np.flatnonzero(placed & np.isfinite(covariance).all(axis=(1, 2)))
     if len(known) == 0:
-        return ""
+        return 0
     known = known[:: max(1, -(-len(known) // _MOST_ELLIPSES))]
     variance, direction = np.linalg.eigh(covariance[known])
     diameter = 4 * np.sqrt(np.maximum(variance, 0))
@@ -220,7 +222,7 @@ def _ellipses(axes: Axes, estimate: Estimate, position: Array, placed: NDArray[n
             facecolors="none", edgecolors=ORANGE, linewidths=1.0, zorder=3,
         )
     )  # fmt: skip
-    return f", enlarged {factor} x" if factor > 1 else ""
+    return factor
 
 
 def _round_factor(factor: float) -> int:

@@ -1,0 +1,260 @@
+"""The command line as the shell sees it: exit codes, one line on standard error, outputs whole or absent."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import slam.cli.graph
+from slam.cli import app
+from slam.io.estimate import read_estimate
+
+GRAPH_FILES = {"trajectory.tum", "graph.g2o", "estimate.npz", "loops.csv", "summary.json", "report.html"}
+SQUARE = """VERTEX_SE2 0 0 0 0
+VERTEX_SE2 1 1.1 0 1.5708
+VERTEX_SE2 2 1 1.2 3.1416
+VERTEX_SE2 3 -0.1 1 -1.5708
+EDGE_SE2 0 1 1 0 1.5707963 100 0 0 100 0 1000
+EDGE_SE2 1 2 1 0 1.5707963 100 0 0 100 0 1000
+EDGE_SE2 2 3 1 0 1.5707963 100 0 0 100 0 1000
+EDGE_SE2 3 0 1 0 1.5707963 100 0 0 100 0 1000
+"""
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def shell(*arguments: object, **options):
+    command = [sys.executable, "-c", "from slam.cli import main; main()", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, **options)
+
+
+def assert_refused(result, saying: str = "", code: int = 1) -> None:
+    assert result.exit_code == code, result.output
+    assert re.fullmatch(rf"slam: [^\n]*{saying}[^\n]*\n", result.stderr), result.stderr
+    assert "Traceback" not in result.output
+
+
+@pytest.fixture
+def graph(tmp_path) -> Path:
+    path = tmp_path / "square.g2o"
+    path.write_text(SQUARE)
+    return path
+
+
+def test_version_and_help():
+    assert run("--version").stdout == f"slam {slam.__version__}\n"
+    for command in ("", "demo", "optimize", "evaluate", "simulate", "import", "info"):
+        result = run(*command.split(), "--help")
+        assert result.exit_code == 0
+        assert "Usage" in result.stdout
+    listed = run("--help").stdout
+    assert all(
+        command in listed for command in ("demo", "optimize", "evaluate", "simulate", "import", "info")
+    )
+
+
+def test_help_answers_at_once():
+    """The best of five: what it costs by itself, not what else the machine does."""
+    times = []
+    for _ in range(5):
+        start = time.perf_counter()
+        assert shell("--help").returncode == 0
+        times.append(time.perf_counter() - start)
+    assert min(times) < 0.4
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("optimise",),
+        ("optimize",),
+        ("optimize", "flight"),
+        ("optimize", "flight", "--out", "o", "--features", "brisk"),
+        ("optimize", "flight", "--out", "o", "--gsd", "0"),
+        ("optimize", "flight", "--out", "o", "--gsd", "-1"),
+        ("simulate", "figure_eight", "--out", "o", "--seed", "one"),
+        ("demo", "--seed", "-1"),
+        ("--nonsense",),
+    ],
+)
+def test_wrong_usage_is_exit_code_2(arguments):
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert "Traceback" not in result.output
+
+
+# ---- graphs: the back end alone
+
+
+def test_a_graph_is_solved_and_every_file_is_there(graph, tmp_path):
+    result = run("optimize", graph, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert set(os.listdir(tmp_path / "out")) == GRAPH_FILES
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["status"] == "ok"
+    assert summary["error"] < 1e-9, "a square closes"
+    assert summary["edges"] == {"odometry": 3, "loop": 1, "rejected": {}}
+    assert summary["iterations"] >= 1
+    assert any("held" in warning for warning in summary["warnings"]), "no gauge: held, and said so"
+    trajectory = np.loadtxt(tmp_path / "out" / "trajectory.tum")
+    np.testing.assert_array_equal(trajectory[:, 0], [0, 1, 2, 3])
+    np.testing.assert_allclose(trajectory[:, 1:3], [[0, 0], [1, 0], [1, 1], [0, 1]], atol=1e-6)
+    assert "loop closure holds it together" in (tmp_path / "out" / "report.html").read_text()
+    estimate = read_estimate(tmp_path / "out")
+    np.testing.assert_allclose(estimate.w_T_b[2, :2, 3], [1, 1], atol=1e-6)
+
+
+def test_the_written_graph_is_at_its_minimum(graph, tmp_path):
+    """Solving what was written changes nothing: vertices are the solution, edges are those given."""
+    assert run("optimize", graph, "--out", tmp_path / "a").exit_code == 0
+    assert run("optimize", tmp_path / "a" / "graph.g2o", "--out", tmp_path / "b").exit_code == 0
+    a, b = (np.loadtxt(tmp_path / name / "trajectory.tum") for name in "ab")
+    np.testing.assert_allclose(a, b, atol=1e-7)
+    assert (tmp_path / "b" / "graph.g2o").read_text().count("EDGE_SE2") == 4
+
+
+def test_a_graph_without_vertices_starts_from_the_edges(graph, tmp_path):
+    edges = [line for line in SQUARE.splitlines() if line.startswith("EDGE")]
+    graph.write_text("\n".join(edges) + "\n")
+    assert run("optimize", graph, "--out", tmp_path / "out").exit_code == 0
+    trajectory = np.loadtxt(tmp_path / "out" / "trajectory.tum")
+    np.testing.assert_allclose(trajectory[:, 1:3], [[0, 0], [1, 0], [1, 1], [0, 1]], atol=1e-6)
+
+
+def test_two_parts_are_told(graph, tmp_path):
+    other = re.sub(r"(VERTEX_SE2|EDGE_SE2) (\d)( \d(?= ))?", _shifted, SQUARE)
+    graph.write_text(SQUARE + other)
+    assert run("optimize", graph, "--out", tmp_path / "out").exit_code == 0
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert "2 parts" in summary["status"]
+    assert "2 separate maps" in (tmp_path / "out" / "report.html").read_text()
+
+
+def _shifted(found: re.Match) -> str:
+    if found[1] == "VERTEX_SE2":
+        return f"VERTEX_SE2 1{found[2]}{found[3] or ''}"
+    return f"EDGE_SE2 1{found[2]} 1{found[3].strip()}"
+
+
+@pytest.mark.parametrize(
+    ("content", "saying"),
+    [
+        ("", "empty"),
+        ("VERTEX_SE2 0 0 0 0\nEDGE_SE2 0 7 1 0 0 1 0 0 1 0 1\n", ":2: .*7"),
+        ("EDGE_SE2 0 1 nan 0 0 1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0 1 0 0 1 0 1\n", "finite"),
+        ("EDGE_SE2 0 1 1 0 0 -1 0 0 1 0 1\nEDGE_SE2 1 2 1 0 0 1 0 0 1 0 1\n", "information"),
+        ("hello\n", ""),
+        ("\0\0\0\0", ""),
+    ],
+)
+def test_a_bad_graph_is_refused_and_nothing_is_written(graph, tmp_path, content, saying):
+    graph.write_text(content)
+    assert_refused(run("optimize", graph, "--out", tmp_path / "new" / "out"), saying)
+    assert os.listdir(tmp_path) == ["square.g2o"]
+
+
+# ---- inputs that are not what they should be
+
+
+@pytest.mark.parametrize("command", ["optimize", "import"])
+def test_what_is_no_flight_is_refused(command, tmp_path):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "others").mkdir()
+    (tmp_path / "others" / "thesis.tex").write_text("mine")
+    (tmp_path / "log.bag").write_bytes(b"#ROSBAG V2.0\n")
+    (tmp_path / "no\nlines").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    before = sorted(os.listdir(tmp_path))
+    for name, saying in (
+        ("missing", "does not exist"),
+        ("empty", "is empty"),
+        ("others", "neither a flight"),
+        ("log.bag", "a ROS 1 bag"),
+        ("no\nlines", "is empty"),
+        ("pipe", "neither a file nor a folder"),
+    ):
+        assert_refused(run(command, tmp_path / name, "--out", tmp_path / "out"), saying)
+    assert sorted(os.listdir(tmp_path)) == before
+
+
+def test_info_of_a_graph_counts(graph):
+    result = run("info", graph)
+    assert result.exit_code == 0
+    assert re.search(r"vertices\s+4\b", result.stdout)
+    assert re.search(r"other edges\s+1\b", result.stdout)
+
+
+def test_evaluate_needs_an_output_of_ours(tmp_path):
+    assert_refused(run("evaluate", tmp_path, "--truth", tmp_path), "slam optimize")
+    assert os.listdir(tmp_path) == []
+
+
+# ---- outputs
+
+
+def test_foreign_files_stay(graph, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.tex").write_text("mine")
+    assert_refused(run("optimize", graph, "--out", tmp_path / "out"), "thesis.tex")
+    assert os.listdir(tmp_path / "out") == ["thesis.tex"]
+
+
+@pytest.mark.parametrize(
+    ("failure", "saying", "code"),
+    [
+        (KeyboardInterrupt(), "interrupted", 130),
+        (MemoryError(), "memory", 1),
+        (OSError(28, "No space left on device", "/out/mosaic.tif"), "disk is full", 1),
+        (OSError(30, "Read-only file system", "/out/mosaic.tif"), "read-only", 1),
+        (ZeroDivisionError("a\nb"), "internal error: ZeroDivisionError", 1),
+    ],
+)
+def test_a_failure_in_the_middle_leaves_the_old_output(graph, tmp_path, monkeypatch, failure, saying, code):
+    assert run("optimize", graph, "--out", tmp_path / "out").exit_code == 0
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+
+    def fail(*_: object) -> None:
+        raise failure
+
+    monkeypatch.setattr(slam.cli.graph, "_estimate", fail)
+    assert_refused(run("optimize", graph, "--out", tmp_path / "out"), saying, code)
+    assert_refused(run("optimize", graph, "--out", tmp_path / "fresh"), saying, code)
+    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before
+    assert sorted(os.listdir(tmp_path)) == ["out", "square.g2o"]
+
+
+def test_debug_shows_where_it_arose(graph, tmp_path, monkeypatch):
+    monkeypatch.setattr(slam.cli.graph, "_estimate", lambda *_: 1 / 0)
+    result = run("--debug", "optimize", graph, "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    assert "Traceback" in result.stderr
+    assert "ZeroDivisionError" in result.stderr
+
+
+def test_a_full_disk_is_one_line(graph, tmp_path):
+    """A real refusal of the system, by a limit on the size of files, in a process of its own."""
+    assert shell("optimize", graph, "--out", tmp_path / "out").returncode == 0
+    before = (tmp_path / "out" / "summary.json").read_bytes()
+
+    def limit() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+
+    done = shell("optimize", graph, "--out", tmp_path / "out", preexec_fn=limit)
+    assert done.returncode == 1
+    assert re.fullmatch(r"slam: [^\n]+\n", done.stderr), done.stderr
+    assert (tmp_path / "out" / "summary.json").read_bytes() == before
+    assert sorted(os.listdir(tmp_path)) == ["out", "square.g2o"]
