@@ -40,14 +40,9 @@ def evaluate(
 
 def write_evaluation(folder: Path, evaluation: Evaluation) -> None:
     """Write evaluation.json and its pictures, each whole. Raises ``InputError`` where the disk refuses."""
+    from slam.evaluation.plots import write_plots
     from slam.io.whole_file import write_whole
-    from slam.report.pictures import error_picture, tracks_picture
     from slam.summary import json_text
 
-    contents = {
-        "evaluation_trajectory.png": tracks_picture(evaluation.tracks),
-        "evaluation_error.png": error_picture(evaluation.tracks),
-        "evaluation.json": json_text(evaluation.to_json()).encode(),
-    }
-    for name, content in contents.items():
-        write_whole(folder / name, content)
+    write_plots(evaluation, folder)
+    write_whole(folder / "evaluation.json", json_text(evaluation.to_json()).encode())

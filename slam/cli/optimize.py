@@ -47,7 +47,7 @@ def optimize(
 
 
 def _flight(
-    source: Path, out: Path, wish: MosaicWish, config: Path | None, features: str | None, screen: Console
+    source: Path, out: Path, wish: MosaicWish, config: Path | None, features: Features | None, screen: Console
 ) -> Results:
     from slam.cli.results import write_results
     from slam.cli.settings import pipeline_config

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from slam.evaluation.score import Tracks
-
 Array = NDArray[np.float64]
 
 # Okabe and Ito's colours, told apart by colour-blind readers (jfly.uni-koeln.de/color, 2008).
@@ -77,37 +75,6 @@ def altitude_picture(estimate: Estimate) -> bytes:
     axes.plot(time, height, color=BLUE, linewidth=1.5, label="height above the floor")
     axes.set_xlabel("time since the first keyframe [s]")
     axes.set_ylabel("height [m]")
-    _legend_below(axes)
-    return _png(figure)
-
-
-def tracks_picture(tracks: Tracks) -> bytes:
-    """Top view of the three ways to place the keyframes beside the reference."""
-    figure, axes = _canvas(6.4, 6.0)
-    for label, position, style in _three_ways(tracks):
-        _path(axes, position, label=label, **style)
-    _path(axes, tracks.reference_m, color="black", linewidth=0.9, label="reference")
-    _landmarks(axes, tracks.landmarks_m)
-    axes.set_xlabel("x [m]")
-    axes.set_ylabel("y [m]")
-    axes.set_aspect("equal", adjustable="datalim")
-    _legend_below(axes)
-    return _png(figure)
-
-
-def error_picture(tracks: Tracks) -> bytes:
-    """Distance to the reference over time, logarithmic, beside what the estimate says of itself."""
-    figure, axes = _canvas(6.4, 3.4)
-    for label, position, style in _three_ways(tracks):
-        error = np.linalg.norm(position - tracks.reference_m, axis=1)
-        if np.nanmax(error, initial=0.0) > 0:
-            axes.plot(tracks.stamps_s, np.where(error > 0, error, np.nan), label=label, **style)
-    predicted = np.linalg.norm(tracks.std_m, axis=1)
-    if np.isfinite(predicted).any():
-        axes.plot(tracks.stamps_s, predicted, color="black", linewidth=0.9, label="predicted (1σ)")
-    axes.set_yscale("log")
-    axes.set_xlabel("time since the first keyframe [s]")
-    axes.set_ylabel("position error [m]")
     _legend_below(axes)
     return _png(figure)
 
@@ -238,11 +205,3 @@ def _landmarks(axes: Axes, landmarks: dict[str, Array]) -> None:
         axes.annotate(
             shown, (point[0], point[1]), (4, 4), textcoords="offset points", fontsize=9, parse_math=False
         )
-
-
-def _three_ways(tracks: Tracks) -> tuple[tuple[str, Array, dict[str, Any]], ...]:
-    return (
-        ("chain alone", tracks.chain_m, {"color": GREY, "linewidth": 1.2}),
-        ("without loops", tracks.odometry_m, {"color": ORANGE, "linewidth": 1.4, "linestyle": "--"}),
-        ("with loops", tracks.loops_m, {"color": BLUE, "linewidth": 1.6}),
-    )
