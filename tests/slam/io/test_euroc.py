@@ -57,12 +57,12 @@ def sensor(kind, rate, T, more=""):
     )
 
 
-def trajectory():
+def trajectory(n_R_b=N_R_B):
     """EuRoC's body poses: level up to a few degrees, turning and moving."""
     s = np.linspace(0, 1, N)
     w_R_n = Rotation.from_euler("ZYX", np.column_stack([s, 0.1 * s, -0.05 * s]))
     w_T_b = np.tile(np.eye(4), (N, 1, 1))
-    w_T_b[:, :3, :3] = w_R_n.as_matrix() @ N_R_B
+    w_T_b[:, :3, :3] = w_R_n.as_matrix() @ n_R_b
     w_T_b[:, :3, 3] = np.column_stack([s, 2 * s, 1 + s])
     return w_T_b
 
@@ -82,9 +82,9 @@ def stream(root, name, values, yaml, step_ns=50_000_000):
     (folder / "data.csv").write_bytes("\r\n".join([HEADERS[name], *lines, ""]).encode())
 
 
-def recording(root, *streams, T_cam=T_BC, vicon_T=np.eye(4)):
+def recording(root, *streams, T_cam=T_BC, vicon_T=np.eye(4), n_R_b=N_R_B):
     """A recording with camera, IMU and the named references."""
-    w_T_b = trajectory()
+    w_T_b = trajectory(n_R_b)
     specific_force = w_T_b[:, :3, :3].transpose(0, 2, 1) @ [0, 0, 9.81]
     stream(root, "imu0", np.hstack([np.zeros((N, 3)), specific_force]), sensor("imu", 20, np.eye(4), IMU))
     cam = root / "mav0" / "cam0"
@@ -141,11 +141,19 @@ def test_the_first_line_of_the_published_files(tmp_path):
     assert import_euroc(root).camera.focal_px == (458.654, 457.296)
 
 
-def test_axes_are_renamed_and_nothing_moves(tmp_path):
-    flight = import_euroc(recording(tmp_path, "truth"))
-    recorded = trajectory()
+AHEAD = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+"""A level camera that looks forward, in forward-left-up axes."""
+CYCLIC = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
+"""A body of which x is up and y forward: unlike EuRoC's, not its own inverse."""
+
+
+@pytest.mark.parametrize("n_R_b", [N_R_B, CYCLIC], ids=["euroc", "cyclic"])
+def test_axes_are_renamed_and_nothing_moves(tmp_path, n_R_b):
+    T_cam = T_BC if n_R_b is N_R_B else _rigid(n_R_b.T @ AHEAD)
+    flight = import_euroc(recording(tmp_path, "truth", T_cam=T_cam, n_R_b=n_R_b))
+    recorded = trajectory(n_R_b)
     # Where the camera is and looks in the world, and the specific force in the world, are as recorded.
-    assert_allclose(flight.truth.w_T_b @ flight.camera.b_T_c, recorded @ T_BC, atol=1e-6)
+    assert_allclose(flight.truth.w_T_b @ flight.camera.b_T_c, recorded @ T_cam, atol=1e-6)
     force = flight.imu.b_T_s[:3, :3] @ flight.imu.accel_m_s2[:, :, None]
     assert_allclose((flight.truth.w_T_b[:, :3, :3] @ force)[..., 0], np.tile([0, 0, 9.81], (N, 1)), atol=1e-9)
     # The new body is level with x where the camera looks.
