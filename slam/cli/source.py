@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
 Kind = Literal["flight", "euroc", "photos", "graph"]
 
-_PHOTO_ENDINGS = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".dng"}
 _GRAPH_WORDS = (b"VERTEX_", b"EDGE_", b"FIX ")
 _EUROC_ONLY = ("body.yaml", "cam1", "leica0", "vicon0")
 """What recordings of EuRoC's rig hold and flights of ours do not."""
@@ -73,18 +72,16 @@ def import_source(path: Path, progress: Progress) -> Flight:
 
 
 def _kind_of_folder(path: Path) -> Kind:
-    names = {entry.name for entry in path.iterdir()}
-    if not names:
-        raise InputError(f"{path}: is empty; give a flight folder (with mav0/) or a folder of photos")
-    if "mav0" in names:
-        euroc = "flight.yaml" not in names and any((path / "mav0" / name).exists() for name in _EUROC_ONLY)
-        return "euroc" if euroc else "flight"
-    if any(Path(name).suffix.lower() in _PHOTO_ENDINGS for name in names):
-        return "photos"
-    raise InputError(
-        f"{path}: neither a flight (no mav0/) nor photos (no .jpg, .png or .tif) among its {len(names)} "
-        "entries; give the folder that holds them"
-    )
+    mav0 = path if path.resolve().name == "mav0" else path / "mav0"
+    if mav0.is_dir():
+        own = (path / "flight.yaml").exists()
+        return "euroc" if not own and any((mav0 / name).exists() for name in _EUROC_ONLY) else "flight"
+    from slam.io.photo_set import SUFFIXES
+
+    for depth in ("*", "*/*", "*/*/*"):
+        if any(entry.suffix.casefold() in SUFFIXES for entry in path.glob(depth)):
+            return "photos"
+    return "flight"  # whose reader says what is missing
 
 
 def _reads_like_graph(path: Path) -> bool:

@@ -69,7 +69,7 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         sigma_median_m=float(np.median(sigma)) if len(sigma) else float("nan"),
         sigma_max_m=float(sigma.max()) if len(sigma) else float("nan"),
         chain_moved_m=_moved_m(estimate, main),
-        scale_source=_scale_source(flight),
+        scale_source=_scale_source(estimate, flight),
         is_graph=flight is None,
     )
 
@@ -139,16 +139,11 @@ def _moved_m(estimate: Estimate, main: NDArray[np.int64]) -> float:
     return float(np.linalg.norm(laid[:, :3, 3] - estimate.w_T_b[both, :3, 3], axis=1).max())
 
 
-def _scale_source(flight: Flight | None) -> str:
+def _scale_source(estimate: Estimate, flight: Flight | None) -> str:
     if flight is None:
         return "the graph's own edges"
-    sources = [
-        name
-        for name, stream in (
-            ("height sensor", flight.sonar),
-            ("GPS", flight.gps),
-            ("barometer", flight.barometer),
-        )
-        if stream is not None
-    ]
-    return " and ".join(sources) if sources else "none"
+    sources = (
+        ["height sensor"] if flight.sonar is not None and np.isfinite(flight.sonar.range_m).any() else []
+    )
+    sources += ["GPS"] if estimate.origin is not None else []
+    return " and ".join(sources) or "none"

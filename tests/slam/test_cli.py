@@ -181,7 +181,7 @@ def test_what_is_no_flight_is_refused(command, tmp_path):
     for name, saying in (
         ("missing", "does not exist"),
         ("empty", "is empty"),
-        ("others", "neither a flight"),
+        ("others", "no mav0 folder"),
         ("log.bag", "a ROS 1 bag"),
         ("no\nlines", "is empty"),
         ("pipe", "neither a file nor a folder"),

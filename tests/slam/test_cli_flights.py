@@ -1,0 +1,280 @@
+"""The commands that handle flights, on one of five seconds: files, refusals, interruption, repetition."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from typer.testing import CliRunner
+
+from slam.cli import app
+from slam.outputs import EVALUATE_NAMES, OPTIMIZE_NAMES, locked
+
+RECIPE = """name = "tiny"
+landmark_pairs = [["A", "B"]]
+[landmarks]
+A = [0.3, 0.3]
+B = [1.1, 0.3]
+[maneuver]
+way_points = ["A", "B", "A"]
+height_m = 0.8
+cruise_m_s = 0.4
+[world]
+texture = "{texture}"
+extent_m = [0.0, 0.0, 1.6, 1.6]
+[camera]
+size_px = [176, 144]
+rate_hz = 8.0
+"""
+MAIN = [sys.executable, "-c", "from slam.cli import main; main()"]
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def assert_refused(result, saying: str) -> None:
+    assert result.exit_code == 1, result.output
+    assert re.fullmatch(rf"slam: [^\n]*{saying}[^\n]*\n", result.stderr), result.stderr
+
+
+def simulated(folder: Path, texture: str = "puzzle", seed: int = 3) -> Path:
+    recipe = folder / "tiny.toml"
+    recipe.write_text(RECIPE.format(texture=texture))
+    result = run("simulate", recipe, "--out", folder / "flight", "--seed", seed)
+    assert result.exit_code == 0, result.output
+    return folder / "flight"
+
+
+def bytes_of(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory) -> Path:
+    return simulated(tmp_path_factory.mktemp("tiny"))
+
+
+@pytest.fixture(scope="module")
+def done(flight, tmp_path_factory) -> Path:
+    """An output of the whole job; tests copy it before they change it."""
+    out = tmp_path_factory.mktemp("done") / "out"
+    result = run("optimize", flight, "--out", out)
+    assert result.exit_code == 0, result.output
+    return out
+
+
+@pytest.fixture
+def own(flight, tmp_path) -> Path:
+    """A copy of the flight to damage."""
+    return shutil.copytree(flight, tmp_path / "own")
+
+
+def test_a_simulated_flight_is_the_same_for_the_same_seed(flight, tmp_path):
+    assert bytes_of(simulated(tmp_path)) == bytes_of(flight)
+    (tmp_path / "other").mkdir()
+    assert bytes_of(simulated(tmp_path / "other", seed=4)) != bytes_of(flight)
+
+
+def test_an_existing_flight_is_not_overwritten(own):
+    before = bytes_of(own)
+    assert_refused(run("simulate", "square", "--out", own), "exists already")
+    assert bytes_of(own) == before
+
+
+def test_an_unknown_recipe_is_refused(tmp_path):
+    assert_refused(run("simulate", "figure_nine", "--out", tmp_path / "flight"), "figure_eight")
+    assert os.listdir(tmp_path) == []
+
+
+def test_info_shows_the_streams(flight):
+    result = run("info", flight)
+    assert result.exit_code == 0
+    for stream in ("cam0", "imu0", "sonar0", "attitude0"):
+        assert stream in result.stdout
+    assert "no GPS" in result.stdout
+
+
+def test_optimize_writes_every_file(done):
+    assert set(os.listdir(done)) == set(OPTIMIZE_NAMES)
+    summary = json.loads((done / "summary.json").read_text())
+    assert set(summary) == {
+        "status", "frames", "keyframes", "edges", "landmarks", "timing_s", "peak_rss_mb", "warnings",
+    }  # fmt: skip
+    assert summary["status"] == "ok"
+    assert summary["landmarks"] == 2
+    assert summary["frames"] > summary["keyframes"] >= 4
+    trajectory = np.loadtxt(done / "trajectory.tum")
+    assert len(trajectory) == summary["keyframes"]
+    assert re.match(r"\d+\.\d{9} ", (done / "trajectory.tum").read_text().splitlines()[1])
+    with rasterio.open(done / "mosaic.tif") as mosaic:
+        assert mosaic.crs is not None
+        width_m = mosaic.width * mosaic.transform.a
+    assert 1.0 < width_m < 3.5, "0.8 m flown under a view of about 1 m"
+    report = (done / "report.html").read_text()
+    assert report.count("data:image/jpeg;base64,") == 2, "before and after"
+
+
+def test_a_second_run_replaces_the_first_with_the_same(flight, done, tmp_path):
+    again = shutil.copytree(done, tmp_path / "out")
+    assert run("optimize", flight, "--out", again, "--no-mosaic").exit_code == 0
+    assert set(os.listdir(again)) == {n for n in OPTIMIZE_NAMES if not n.startswith("mosaic")}
+    for name in ("trajectory.tum", "loops.csv"):
+        assert (again / name).read_bytes() == (done / name).read_bytes()
+
+
+def test_evaluate_adds_its_files_and_leaves_the_rest(flight, done, tmp_path):
+    out = shutil.copytree(done, tmp_path / "out")
+    result = run("evaluate", out, "--truth", flight)
+    assert result.exit_code == 0, result.output
+    assert "A-B" in result.stdout
+    assert set(os.listdir(out)) == {*OPTIMIZE_NAMES, *EVALUATE_NAMES}
+    assert {n: b for n, b in bytes_of(out).items() if n in OPTIMIZE_NAMES} == bytes_of(done)
+    record = json.loads((out / "evaluation.json").read_text())
+    assert {"ate_m", "ate_aligned_m", "ate_sim3_m", "rpe", "nees", "landmarks", "loops"} <= set(record)
+    assert record["ate_m"]["rmse"] < 0.1
+    # An output with an evaluation in it is still ours to replace.
+    assert run("optimize", flight, "--out", out, "--no-mosaic").exit_code == 0
+    assert not (out / "evaluation.json").exists(), "it spoke of the output before"
+
+
+def test_evaluate_without_a_reference_is_refused(own, done, tmp_path):
+    shutil.rmtree(own / "mav0" / "state_groundtruth_estimate0")
+    out = shutil.copytree(done, tmp_path / "out")
+    assert_refused(run("evaluate", out, "--truth", own), "neither truth nor GPS")
+    assert bytes_of(out) == bytes_of(done)
+
+
+def test_demo_does_all_of_it(flight, tmp_path):
+    result = run(
+        "demo", "--recipe", flight.parent / "tiny.toml", "--seed", 3, "--out", tmp_path / "new" / "demo"
+    )
+    assert result.exit_code == 0, result.output
+    out = tmp_path / "new" / "demo"
+    assert set(os.listdir(out)) == {*OPTIMIZE_NAMES, *EVALUATE_NAMES}
+    for said in ("chain", "without loops", "with loops", "A-B", "mosaic.png", "report.html"):
+        assert said in result.stdout
+    assert "Against the reference" in (out / "report.html").read_text()
+
+
+# ---- refusals and damage
+
+
+def test_a_second_run_at_the_same_time_is_refused(flight, tmp_path):
+    with locked(tmp_path / "out"):
+        assert_refused(run("optimize", flight, "--out", tmp_path / "out"), "another run")
+    assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "saying"),
+    [("[keyframes]\nmin_overlop = 0.5\n", "overlap"), ("keyframes = 3\n", "keyframes"), ("[", "TOML")],
+)
+def test_bad_settings_are_refused(flight, tmp_path, text, saying):
+    (tmp_path / "settings.toml").write_text(text)
+    result = run("optimize", flight, "--out", tmp_path / "out", "--config", tmp_path / "settings.toml")
+    assert_refused(result, saying)
+    assert os.listdir(tmp_path) == ["settings.toml"]
+
+
+def edit(path: Path, change) -> None:
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(change(lines)) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("damage", "saying"),
+    [
+        (lambda f: shutil.rmtree(f / "mav0" / "cam0"), "no camera"),
+        (lambda f: shutil.rmtree(f / "mav0"), ""),
+        (lambda f: (f / "mav0" / "cam0" / "sensor.yaml").write_text("intrinsics: [1, 2\n"), "sensor.yaml"),
+        (lambda f: (f / "mav0" / "cam0" / "data.csv").unlink(), "data.csv"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_refused_and_nothing_written(own, tmp_path, damage, saying):
+    damage(own)
+    assert_refused(run("optimize", own, "--out", tmp_path / "new" / "out"), saying)
+    assert os.listdir(tmp_path) == ["own"]
+
+
+def test_a_featureless_flight_is_refused(tmp_path):
+    flight = simulated(tmp_path, texture="plain")
+    edit(flight.parent / "tiny.toml", lambda lines: [*lines, "noise_std = 0.0"])
+    assert_refused(run("optimize", flight, "--out", tmp_path / "out"), "texture")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (lambda f: _halve(sorted((f / "mav0/cam0/data").iterdir())[5]), "picture"),
+        (lambda f: edit(f / "mav0/sonar0/data.csv", _without_ninth_value), "sonar"),
+        (lambda f: edit(f / "mav0/imu0/data.csv", lambda r: [*r[:9], r[10], r[9], *r[11:]]), "imu"),
+        (lambda f: edit(f / "mav0/attitude0/data.csv", lambda r: [*r[:9], r[8], *r[9:]]), "attitude"),
+    ],
+    ids=["half a picture", "NaN in the sonar", "IMU unsorted", "attitude twice"],
+)  # fmt: skip
+def test_damage_is_counted_and_told(own, tmp_path, damage, said):
+    damage(own)
+    result = run("optimize", own, "--out", tmp_path / "out", "--no-mosaic")
+    if result.exit_code == 0:
+        summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+        assert said in json.dumps([summary["warnings"], summary["edges"]["rejected"]])
+    else:  # the format may refuse instead: in one line that names the place
+        assert_refused(result, said)
+
+
+def _without_ninth_value(rows: list[str]) -> list[str]:
+    return [*rows[:9], rows[9].split(",")[0] + ",nan", *rows[10:]]
+
+
+def _halve(path: Path) -> None:
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+
+
+# ---- interruption
+
+
+def started(flight: Path, out: Path) -> subprocess.Popen:
+    """A run in a process of its own that has begun to work."""
+    command = [*MAIN, "optimize", str(flight), "--out", str(out), "--no-mosaic"]
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline(), process.communicate()[1]
+    return process
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupted_run_leaves_nothing(flight, tmp_path, sent, code):
+    process = started(flight, tmp_path / "out")
+    process.send_signal(sent)
+    _, stderr = process.communicate(timeout=30)
+    assert process.returncode == code
+    assert stderr == ("slam: interrupted; nothing was written\n" if sent == signal.SIGINT else "")
+    assert os.listdir(tmp_path) == []
+
+
+def test_after_a_kill_the_next_run_gets_the_same_result(flight, done, tmp_path):
+    process = started(flight, tmp_path / "out")
+    process.kill()
+    process.communicate(timeout=30)
+    assert not (tmp_path / "out").exists()
+    assert run("optimize", flight, "--out", tmp_path / "out", "--no-mosaic").exit_code == 0
+    assert (tmp_path / "out" / "trajectory.tum").read_bytes() == (done / "trajectory.tum").read_bytes()
+    assert os.listdir(tmp_path) == ["out"], "what the killed run left is cleared away"
