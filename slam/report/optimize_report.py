@@ -81,7 +81,6 @@ def render(
         ),
     )
     drawable = facts.placed > 0
-    landmarks = flight.landmarks if flight else {}
     before = "as given" if facts.is_graph else "chain alone"
     return environment.get_template("page.html.j2").render(
         name=estimate.name,
@@ -92,7 +91,7 @@ def render(
         tiles=_tiles(facts),
         mosaic=_embedded(mosaics.after),
         chain_mosaic=_embedded(mosaics.before),
-        trajectory=_png(trajectory_picture(estimate, landmarks, before)) if drawable else None,
+        trajectory=_png(trajectory_picture(estimate, before)) if drawable else None,
         altitude=_png(altitude_picture(estimate)) if drawable and not facts.is_graph else None,
         georeferenced=estimate.origin is not None,
         rejected_loops=_rejected_loops(estimate),

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.errors import one_line
 from slam.estimate import Estimate
 from slam.report.facts import is_placed
 
@@ -29,7 +28,7 @@ _ELLIPSE_SHARE = 0.03
 """An ellipse is drawn enlarged until the median one spans this share of the map."""
 
 
-def trajectory_picture(estimate: Estimate, landmarks: dict[str, Array], before: str = "chain alone") -> bytes:
+def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes:
     """Top view: path, 2-sigma ellipses, loops kept (solid) and rejected (dashed).
 
     ``before`` says what ``chain_w_T_b`` is, which is drawn behind.
@@ -43,7 +42,6 @@ def trajectory_picture(estimate: Estimate, landmarks: dict[str, Array], before: 
         own = np.where((estimate.component == part)[:, None], position, np.nan)
         _path(axes, own, color=BLUE, linewidth=1.6, label="path" if part == 0 else None)
     enlarged = _ellipses(axes, estimate, position, known)
-    _landmarks(axes, landmarks)
     if known.any():
         start = position[known][0]
         axes.plot(start[0], start[1], "o", color=BLUE, markersize=6, markerfacecolor="white", label="start")
@@ -152,16 +150,16 @@ def _loops(axes: Axes, estimate: Estimate, position: Array) -> None:
     kept = [(edge.i, edge.j) for edge in estimate.relative_poses if edge.kind == "loop"]
     rejected = [(loop.i, loop.j) for loop in estimate.loops if loop.verdict == "rejected"]
     shown = rejected[:: max(1, -(-len(rejected) // _MOST_LOOPS))]
-    for pairs, color, dash, width, label in (
-        (shown, VERMILLION, (0, (4, 3)), 0.7, f"loop rejected ({len(rejected)})"),
-        (kept, GREEN, "-", 1.1, f"loop kept ({len(kept)})"),
+    for pairs, color, dash, alpha, label in (
+        (shown, VERMILLION, (0, (4, 3)), 0.45, f"loop rejected ({len(rejected)})"),
+        (kept, GREEN, "-", 0.75, f"loop kept ({len(kept)})"),
     ):
         lines = [(position[i, :2], position[j, :2]) for i, j in pairs]
         lines = [line for line in lines if np.isfinite(line).all()]
         if lines:
             axes.add_collection(
                 LineCollection(
-                    lines, colors=color, linestyles=[dash], linewidths=width, alpha=0.75, label=label
+                    lines, colors=color, linestyles=[dash], linewidths=0.8, alpha=alpha, label=label
                 )
             )
 
@@ -196,12 +194,3 @@ def _round_factor(factor: float) -> int:
     """The nearest of 1, 2, 5, 10, 20, 50, ... below ``factor``."""
     steps = [mantissa * 10**power for power in range(7) for mantissa in (1, 2, 5)]
     return max([step for step in steps if step <= factor], default=1)
-
-
-def _landmarks(axes: Axes, landmarks: dict[str, Array]) -> None:
-    for name, point in landmarks.items():
-        axes.plot(point[0], point[1], "+", color="black", markersize=7)
-        shown = one_line(name).encode("ascii", "replace").decode()  # the fonts at hand may lack other letters
-        axes.annotate(
-            shown, (point[0], point[1]), (4, 4), textcoords="offset points", fontsize=9, parse_math=False
-        )

@@ -169,9 +169,7 @@ def test_ellipses_lie_along_the_uncertain_direction():
     wide[:, 3, 3], wide[:, 4, 4] = 1e-2, 1e-6
     tall = estimate.covariances.copy()
     tall[:, 3, 3], tall[:, 4, 4] = 1e-6, 1e-2
-    orange = [
-        _extent_of_orange(trajectory_picture(replace(estimate, covariances=c), {})) for c in (wide, tall)
-    ]
+    orange = [_extent_of_orange(trajectory_picture(replace(estimate, covariances=c))) for c in (wide, tall)]
     assert orange[0][0] > orange[1][0], "wider where x is not known"
     assert orange[1][1] > orange[0][1], "taller where y is not known"
 
