@@ -1,0 +1,108 @@
+"""Exposure of each picture and vignetting of the lens, jointly from all overlaps.
+
+Every picture i that sees floor point p reads log I_ip = m_p - g_i - a1 rho^2 - a2 rho^4 + noise, a
+channel at a time: m_p is the floor's own brightness, g_i the log gain that the picture needs, rho the
+distance from the principal point over that of the farthest corner. Least squares over all points at once
+(m_p eliminated: it is a weighted mean), Huber weights, priors g ~ 0 and a ~ 0 that hold what the overlaps
+don't tell.
+
+Source: Brown and Lowe 2007, Automatic panoramic image stitching using invariant features, section 6
+(gains over overlaps with a prior towards 1), here in logs so that the system is linear; Goldman 2010,
+Vignette and exposure calibration and compensation (even polynomial for the vignetting).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+Array = NDArray[np.float64]
+
+SAMPLE_STD = 0.1
+"""Of one log brightness: patches are small, off by a pixel, and their neighbours err alike."""
+GAIN_STD = 0.2
+VIGNETTE_STD = 0.3
+HUBER = 0.1
+GAIN_LIMIT = 2.5
+ROUNDS = 5
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Brightness of floor points in the pictures that see them, one row an observation."""
+
+    point: NDArray[np.int64]
+    """(m,) number of the floor point."""
+    view: NDArray[np.int64]
+    """(m,) number of the picture."""
+    rho2: Array
+    """(m,) squared distance from the principal point; 1 at the farthest corner."""
+    log_bgr: Array
+    """(m, 3) natural logarithm of the mean grey levels around the point."""
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """What to multiply pictures by."""
+
+    gain: Array
+    """(views, 3), blue, green, red."""
+    vignette: Array
+    """(2, 3): corrected = read * gain * exp(vignette[0] rho^2 + vignette[1] rho^4)."""
+    seam_before: float
+    """Root mean square brightness difference between pictures of one point, as a share of the brightness."""
+    seam_after: float
+
+    @staticmethod
+    def neutral(views: int) -> Exposure:
+        """Leave every picture as it is."""
+        return Exposure(np.ones((views, 3)), np.zeros((2, 3)), float("nan"), float("nan"))
+
+
+def estimate_exposure(samples: Samples, views: int) -> Exposure:
+    """Gains of ``views`` pictures and the vignetting that they share."""
+    count = np.bincount(samples.point)
+    shared = count[samples.point] > 1
+    if not shared.any():
+        return Exposure.neutral(views)
+    _, point = np.unique(samples.point[shared], return_inverse=True)
+    view, rho2, y = samples.view[shared], samples.rho2[shared], samples.log_bgr[shared]
+    m = len(y)
+    gains = sparse.csr_matrix((np.ones(m), (np.arange(m), view)), (m, views))
+    X = sparse.hstack([gains, sparse.csr_matrix(np.column_stack([rho2, rho2**2]))], format="csr")
+    B = sparse.csr_matrix((np.ones(m), (np.arange(m), point)))
+    prior = np.full(views + 2, (SAMPLE_STD / GAIN_STD) ** 2)
+    prior[views:] = (SAMPLE_STD / VIGNETTE_STD) ** 2
+    theta = np.zeros((views + 2, 3))
+    weight = np.ones(m)
+    before = _spread(y, B, np.ones(m))
+    for _ in range(ROUNDS):
+        W = sparse.diags_array(weight)
+        mean = sparse.diags_array(1 / np.asarray(B.T @ weight))
+        C = B.T @ W @ X
+        normal = X.T @ W @ X - C.T @ mean @ C + sparse.diags_array(prior)
+        right = -(X.T @ (W @ y) - C.T @ (mean @ (B.T @ (W @ y))))
+        theta = spsolve(normal.tocsc(), right).reshape(views + 2, 3)
+        residual = _residual(y + X @ theta, B, weight)
+        size = np.sqrt((residual**2).mean(axis=1))
+        weight = np.minimum(1, HUBER / np.maximum(size, 1e-9))
+    gain = np.clip(np.exp(theta[:views]), 1 / GAIN_LIMIT, GAIN_LIMIT)
+    after = _spread(y + X @ theta, B, np.ones(m))
+    return Exposure(gain, theta[views:], before, after)
+
+
+def _residual(y: Array, B: sparse.csr_matrix, weight: Array) -> Array:
+    """Difference of each observation from the weighted mean over its point."""
+    mean = (B.T @ (weight[:, None] * y)) / (B.T @ weight)[:, None]
+    return y - B @ mean
+
+
+def _spread(y: Array, B: sparse.csr_matrix, weight: Array) -> float:
+    """Root mean square difference of the grey brightness of two observations of one point."""
+    residual = _residual(y.mean(axis=1, keepdims=True), B, weight)
+    free = len(y) - B.shape[1]
+    return float(np.sqrt(2 * (residual**2).sum() / max(free, 1)))

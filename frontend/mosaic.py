@@ -1,0 +1,282 @@
+"""Renders a planned mosaic, tile by tile, with memory that does not grow with the number of pictures.
+
+A tile is rendered from the plan alone: each of its pictures is warped from the floor in one step (reduced
+first where the mosaic is coarser, lens distortion included), owners are refined from cells to pixels, and
+the pictures are blended in bands over a margin wide enough that the tile's border does not show.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.blending import REACH_PX, MultiBand
+from frontend.exposure import Exposure, Samples, estimate_exposure
+from frontend.mosaic_plan import CELL_PX, MosaicPlan, Tile
+from frontend.mosaic_view import Lattice, pixel_maps, visible
+
+Array = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+Image = NDArray[np.uint8]
+Load = Callable[[int], "Image | None"]
+Report = Callable[[str, int, int], None]
+
+SOFT_CELLS = 2
+"""Owners are smoothed over this many cells; a picture that ends early is replaced from as far."""
+DARK, BRIGHT = 3, 252
+"""Grey levels beyond which a pixel tells nothing of the exposure."""
+POINTS_A_SIDE = 20
+"""Exposure is sampled on about this many points along the side of a picture."""
+
+
+@dataclass(frozen=True)
+class RenderedTile:
+    """One finished piece of the mosaic."""
+
+    tile: Tile
+    rgba: Image
+    """(rows, cols, 4); alpha is 255 where a picture shows the floor and 0 elsewhere."""
+
+
+class Pictures:
+    """The plan's pictures, at no more than the mosaic's resolution, the last used ones kept in memory."""
+
+    def __init__(self, plan: MosaicPlan, load: Load, max_mb: float = 256) -> None:
+        self._plan, self._load, self._max_bytes = plan, load, max_mb * 1e6
+        self._kept: OrderedDict[int, Image] = OrderedDict()
+        self._bytes = 0
+        self.unusable: dict[int, str] = {}
+        """Pose number -> why its picture could not be used."""
+
+    def __getitem__(self, index: int) -> Image | None:
+        """Picture of ``plan.views[index]`` as (h, w, 3) BGR; None where it is unusable."""
+        if index in self._kept:
+            self._kept.move_to_end(index)
+            return self._kept[index]
+        view = self._plan.views[index]
+        if view.k in self.unusable:
+            return None
+        picture = self._load(view.k)
+        reason = _objection(picture, self._plan.camera.size_px)
+        if picture is None or reason:
+            self.unusable[view.k] = reason
+            return None
+        if picture.ndim == 2:
+            picture = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
+        ratio = self._plan.gsd_m / view.gsd_m
+        if ratio > 1.2:
+            h, w = picture.shape[:2]
+            size = (max(2, round(w / ratio)), max(2, round(h / ratio)))
+            picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        self._kept[index] = picture
+        self._bytes += picture.nbytes
+        while self._bytes > self._max_bytes and len(self._kept) > 1:
+            self._bytes -= self._kept.popitem(last=False)[1].nbytes
+        return picture
+
+
+def _objection(picture: Image | None, size_px: tuple[int, int]) -> str:
+    if picture is None:
+        return "cannot be read"
+    if picture.dtype != np.uint8 or picture.shape[2:] not in ((), (3,)):
+        return "neither 8-bit grey nor colour"
+    if picture.shape[1::-1] != size_px:
+        return "of another size than the camera's"
+    extreme = np.count_nonzero((picture <= DARK) | (picture >= BRIGHT))
+    return "black or blown out" if extreme > 0.95 * picture.size else ""
+
+
+def measure_exposure(plan: MosaicPlan, pictures: Pictures, report: Report | None = None) -> Exposure:
+    """Gains and vignetting from all points that two or more of the plan's pictures see.
+
+    Reads each picture once; those that cannot be used stand in ``pictures.unusable`` afterwards.
+    """
+    sides = [np.sqrt(np.prod(v.bounds_m[2:] - v.bounds_m[:2])) for v in plan.views]
+    pitch = max(CELL_PX, round(float(np.median(sides)) / plan.gsd_m / POINTS_A_SIDE))
+    parts: list[tuple[Array, ...]] = []
+    for index in range(len(plan.views)):
+        if report:
+            report("exposure", index, len(plan.views))
+        picture = pictures[index]
+        if picture is not None:
+            parts.append(_brightness(plan, index, picture, pitch))
+    if report:
+        report("exposure", len(plan.views), len(plan.views))
+    if not parts:
+        return Exposure.neutral(len(plan.views))
+    point, view, rho2, log_bgr = (np.concatenate(column) for column in zip(*parts, strict=True))
+    samples = Samples(point.astype(np.int64), view.astype(np.int64), rho2, log_bgr)
+    return estimate_exposure(samples, len(plan.views))
+
+
+def _brightness(plan: MosaicPlan, index: int, picture: Image, pitch: int) -> tuple[Array, ...]:
+    """Point, view, rho^2 and log brightness of one picture on the mosaic's lattice of sampling points."""
+    camera, view = plan.camera, plan.views[index]
+    rows, cols = -(-plan.height // pitch), -(-plan.width // pitch)
+    r0, r1, c0, c1 = _window(plan, view.bounds_m, pitch, rows, cols)
+    lattice = plan.lattice(r0 * pitch + pitch // 2, c0 * pitch + pitch // 2, r1 - r0, c1 - c0)
+    lattice = Lattice(lattice.x0_m, lattice.y0_m, plan.gsd_m * pitch, lattice.rows, lattice.cols)
+    seen, _, _ = visible(view, lattice)
+    u, v = pixel_maps(camera, view, lattice)
+    sx, sy = picture.shape[1] / camera.size_px[0], picture.shape[0] / camera.size_px[1]
+    side = int(np.clip(round(pitch * plan.gsd_m / view.gsd_m * sx / 2), 3, 63)) | 1
+    usable = ((picture > DARK) & (picture < BRIGHT)).all(axis=2).astype(np.float32)
+    mean = cv2.blur(picture.astype(np.float32), (side, side))
+    at = ((u + 0.5) * sx - 0.5, (v + 0.5) * sy - 0.5)
+    bgr = cv2.remap(mean, *at, cv2.INTER_LINEAR)
+    share = cv2.remap(cv2.blur(usable, (side, side)), *at, cv2.INTER_LINEAR)
+    inside = np.minimum(
+        np.minimum(at[0], picture.shape[1] - 1 - at[0]), np.minimum(at[1], picture.shape[0] - 1 - at[1])
+    )
+    good = seen & (inside >= side // 2) & (share > 0.9)
+    r, c = np.nonzero(good)
+    point = (r + r0) * cols + c + c0
+    log_bgr = np.log(np.maximum(bgr[good], 1.0).astype(float))
+    return (
+        point.astype(float),
+        np.full(len(r), float(index)),
+        _rho2(plan, u[good], v[good]).astype(float),
+        log_bgr,
+    )
+
+
+def _window(plan: MosaicPlan, bounds_m: Array, pitch: int, rows: int, cols: int) -> tuple[int, int, int, int]:
+    """First and last+1 row and column of the pitch lattice under some ground."""
+    west, south, east, north = bounds_m
+    step = pitch * plan.gsd_m
+    r0, r1 = int((plan.north_m - north) / step), int((plan.north_m - south) / step) + 1
+    c0, c1 = int((west - plan.west_m) / step), int((east - plan.west_m) / step) + 1
+    return max(r0, 0), min(r1, rows), max(c0, 0), min(c1, cols)
+
+
+def _rho2(plan: MosaicPlan, u: Float32, v: Float32) -> Float32:
+    """Squared distance from the principal point over that of the farthest corner."""
+    (cu, cv), corners = plan.camera.center_px, plan.camera.corners_px
+    farthest = ((corners - (cu, cv)) ** 2).sum(axis=1).max()
+    return (((u - cu) ** 2 + (v - cv) ** 2) / farthest).astype(np.float32)
+
+
+def render_tiles(
+    plan: MosaicPlan, pictures: Pictures, exposure: Exposure, report: Report | None = None
+) -> Iterator[RenderedTile]:
+    """All tiles of the plan, row by row."""
+    tiles = list(plan.tiles)
+    for done, tile in enumerate(tiles):
+        if report:
+            report("mosaic", done, len(tiles))
+        yield render_tile(plan, tile, pictures, exposure)
+    if report:
+        report("mosaic", len(tiles), len(tiles))
+
+
+def render_tile(plan: MosaicPlan, tile: Tile, pictures: Pictures, exposure: Exposure) -> RenderedTile:
+    """One tile; the same pixels whichever other tiles are rendered."""
+    rows, cols = (-(-n // CELL_PX) * CELL_PX + 2 * REACH_PX for n in (tile.rows, tile.cols))
+    window = Tile(tile.row - REACH_PX, tile.col - REACH_PX, rows, cols)
+    owner = _pixel_owners(plan, window, pictures)
+    inner = (slice(REACH_PX, REACH_PX + tile.rows), slice(REACH_PX, REACH_PX + tile.cols))
+    rgba = np.zeros((tile.rows, tile.cols, 4), np.uint8)
+    present = np.unique(owner[owner >= 0])
+    if (owner[inner] >= 0).any():
+        band = MultiBand(rows, cols)
+        for index in present:
+            mask = owner == index
+            r0, r1, c0, c1 = _reach(mask)
+            part = Tile(window.row + r0, window.col + c0, r1 - r0, c1 - c0)
+            band.add(
+                _warp(plan, int(index), part, pictures, exposure),
+                mask[r0:r1, c0:c1].astype(np.float32),
+                r0,
+                c0,
+            )
+        covered = owner[inner] >= 0
+        bgr = np.clip(np.rint(band.blend()[inner]), 0, 255)
+        rgba[covered, :3] = bgr[covered][:, ::-1]
+        rgba[covered, 3] = 255
+    return RenderedTile(tile, rgba)
+
+
+def _pixel_owners(plan: MosaicPlan, window: Tile, pictures: Pictures) -> NDArray[np.int32]:
+    """Which view each pixel of the window takes its content from; -1 where none sees the floor.
+
+    Cell owners are smoothed to soft memberships; the strongest among the views that truly see the pixel wins.
+    """
+    cells = _cells(plan, window)
+    pad = SOFT_CELLS + 1
+    owner = np.full((window.rows, window.cols), -1, np.int32)
+    strongest = np.zeros(owner.shape, np.float32)
+    w, h = plan.camera.size_px
+    side = 2 * SOFT_CELLS + 1
+    for index in np.unique(cells[cells >= 0]):
+        if pictures[index] is None:
+            continue
+        soft = cv2.GaussianBlur((cells == index).astype(np.float32), (side, side), 1.0)
+        r, c = np.nonzero(soft)
+        # One cell more on each side, as far as linear interpolation carries.
+        r0, r1 = max(r.min() - 1, 0), min(r.max() + 2, soft.shape[0])
+        c0, c1 = max(c.min() - 1, 0), min(c.max() + 2, soft.shape[1])
+        size = ((c1 - c0) * CELL_PX, (r1 - r0) * CELL_PX)
+        member = cv2.resize(soft[r0:r1, c0:c1], size, interpolation=cv2.INTER_LINEAR)
+        top, left = (r0 - pad) * CELL_PX, (c0 - pad) * CELL_PX
+        a, b = max(top, 0), min(top + size[1], window.rows)
+        d, e = max(left, 0), min(left + size[0], window.cols)
+        if a >= b or d >= e:
+            continue
+        member = member[a - top : b - top, d - left : e - left]
+        lattice = plan.lattice(window.row + a, window.col + d, b - a, e - d)
+        seen, _, _ = visible(plan.views[index], lattice)
+        u, v = pixel_maps(plan.camera, plan.views[index], lattice)
+        seen &= (u >= 0) & (u <= w - 1) & (v >= 0) & (v <= h - 1)
+        here = strongest[a:b, d:e]
+        wins = seen & (member > here)
+        here[wins] = member[wins]
+        owner[a:b, d:e][wins] = index
+    return owner
+
+
+def _cells(plan: MosaicPlan, window: Tile) -> NDArray[np.int32]:
+    """Owners of the cells under the window and ``SOFT_CELLS`` + 1 around it; -1 beyond the mosaic."""
+    pad = SOFT_CELLS + 1
+    r0, c0 = window.row // CELL_PX - pad, window.col // CELL_PX - pad
+    rows, cols = window.rows // CELL_PX + 2 * pad, window.cols // CELL_PX + 2 * pad
+    cells = np.full((rows, cols), -1, np.int32)
+    a, b = max(r0, 0), min(r0 + rows, plan.owner.shape[0])
+    d, e = max(c0, 0), min(c0 + cols, plan.owner.shape[1])
+    cells[a - r0 : b - r0, d - c0 : e - c0] = plan.owner[a:b, d:e]
+    return cells
+
+
+def _reach(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    """First and last+1 row and column of the mask and what it blends with, in whole cells."""
+    ends = []
+    for axis in (1, 0):
+        hit = np.flatnonzero(mask.any(axis=axis))
+        first, last = hit[0] - REACH_PX, hit[-1] + 1 + REACH_PX
+        size = mask.shape[1 - axis]
+        ends += [max(first // CELL_PX * CELL_PX, 0), min(-(-last // CELL_PX) * CELL_PX, size)]
+    return ends[0], ends[1], ends[2], ends[3]
+
+
+def _warp(plan: MosaicPlan, index: int, part: Tile, pictures: Pictures, exposure: Exposure) -> Float32:
+    """(rows, cols, 3) BGR: a picture on the mosaic's pixels, exposure corrected, mirrored beyond its end."""
+    picture = pictures[index]
+    assert picture is not None
+    u, v = pixel_maps(plan.camera, plan.views[index], plan.lattice(part.row, part.col, part.rows, part.cols))
+    vignette = exposure.vignette.astype(np.float32)
+    gain = exposure.gain[index].astype(np.float32)
+    rho2 = _rho2(plan, u, v)
+    sx, sy = picture.shape[1] / plan.camera.size_px[0], picture.shape[0] / plan.camera.size_px[1]
+    at = (
+        (u + np.float32(0.5)) * np.float32(sx) - np.float32(0.5),
+        (v + np.float32(0.5)) * np.float32(sy) - np.float32(0.5),
+    )
+    warped = cv2.remap(picture, *at, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101).astype(np.float32)
+    if vignette.any():
+        inside = np.minimum(rho2, 1)[..., None]
+        return warped * (gain * np.exp(inside * vignette[0] + inside**2 * vignette[1]))
+    return warped * gain

@@ -1,0 +1,125 @@
+"""How a picture sees the floor: from a lattice over the floor to pixels, and how good the view is there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+
+Array = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+MAX_AXIS_OFF_NADIR = np.radians(60.0)
+"""Pictures tilted more are not used."""
+MAX_OFF_NADIR = np.radians(70.0)
+"""Floor seen flatter than this is not used."""
+
+
+@dataclass(frozen=True)
+class View:
+    """One picture that looks at the floor."""
+
+    k: int
+    """Number of the pose it came with."""
+    pixel_H_floor: Array
+    """(3, 3), floor (x, y, 1) in metres to undistorted pixels times the depth along the optical axis."""
+    w_p_c_m: Array
+    """(3,) camera position."""
+    height_m: float
+    """Above the floor."""
+    bounds_m: Array
+    """(4,) west, south, east, north end of the ground that it shows."""
+    gsd_m: float
+    """Ground sample distance in the middle of the picture."""
+    max_off_axis_cos: float
+    """Cosine of the largest angle off the optical axis: beyond it the distortion model means nothing."""
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """A piece of a regular grid over the floor, rows to the south."""
+
+    x0_m: float
+    y0_m: float
+    """Floor position of the first node."""
+    step_m: float
+    rows: int
+    cols: int
+
+
+def view_of(camera: Camera, k: int, w_T_b: Array, floor_z_m: float) -> View | str:
+    """How picture k sees the floor, or the reason why it is of no use."""
+    if not np.isfinite(w_T_b).all():
+        return "not placed"
+    w_T_c = w_T_b @ camera.b_T_c
+    height = float(w_T_c[2, 3] - floor_z_m)
+    if height <= 0:
+        return "camera below the floor"
+    if -w_T_c[2, 2] < np.cos(MAX_AXIS_OFF_NADIR):
+        return "looks towards the horizon"
+    pixel_H_floor = np.linalg.inv(camera.floor_H_image(w_T_b, floor_z_m))
+    rays = camera.rays(camera.undistort(_border(camera)))
+    off_axis_cos = 1.0 / np.linalg.norm(rays, axis=1)
+    # Rays above the limit are drawn in to it, so that a picture that sees the horizon keeps its near part.
+    direction = rays @ w_T_c[:3, :3].T
+    level = np.linalg.norm(direction[:, :2], axis=1)
+    slope = np.divide(level, -direction[:, 2], out=np.full(len(level), np.inf), where=direction[:, 2] < 0)
+    reach = height * np.minimum(slope, np.tan(MAX_OFF_NADIR))
+    edge = w_T_c[:2, 3] + direction[:, :2] / np.maximum(level, 1e-12)[:, None] * reach[:, None]
+    depth = height / -w_T_c[2, 2]
+    gsd = float(np.sqrt(depth**3 / abs(np.linalg.det(pixel_H_floor))))
+    bounds: Array = np.concatenate([edge.min(axis=0), edge.max(axis=0)])
+    return View(
+        k, np.asarray(pixel_H_floor, float), w_T_c[:3, 3], height, bounds, gsd, float(off_axis_cos.min())
+    )
+
+
+def _border(camera: Camera) -> Array:
+    """(64, 2) pixels along the border of the picture."""
+    t = np.linspace(0, 1, 16, endpoint=False)
+    corner = camera.corners_px
+    sides = [corner[i] + t[:, None] * (corner[(i + 1) % 4] - corner[i]) for i in range(4)]
+    return np.concatenate(sides)
+
+
+def pixel_maps(camera: Camera, view: View, lattice: Lattice) -> tuple[Float32, Float32]:
+    """Distorted pixel (u, v) of each node of the lattice; without meaning behind the camera."""
+    floor_H_node = np.array(
+        [[lattice.step_m, 0, lattice.x0_m], [0, -lattice.step_m, lattice.y0_m], [0, 0, 1.0]]
+    )
+    ray_H_node = np.linalg.inv(camera.matrix) @ view.pixel_H_floor @ floor_H_node
+    # OpenCV inverts its "new camera matrix" to go from a node to a ray: any homography will do.
+    u, v = cv2.initUndistortRectifyMap(
+        camera.matrix,
+        np.array(camera.distortion),
+        np.eye(3),
+        np.linalg.inv(ray_H_node),
+        (lattice.cols, lattice.rows),
+        cv2.CV_32FC1,
+    )
+    # Bounds keep numbers finite at the horizon; far outside only mirrored content is read anyway.
+    w, h = camera.size_px
+    np.nan_to_num(u, copy=False, nan=-w), np.nan_to_num(v, copy=False, nan=-h)
+    return np.clip(u, -w, 2 * w, out=u), np.clip(v, -h, 2 * h, out=v)
+
+
+def visible(view: View, lattice: Lattice) -> tuple[Mask, Float32, Float32]:
+    """Which nodes the lens sees, and not too flat; their cosine off nadir; the picture's pixels per metre."""
+    x = lattice.x0_m + lattice.step_m * np.arange(lattice.cols)
+    y = lattice.y0_m - lattice.step_m * np.arange(lattice.rows)
+    a, b, c = view.pixel_H_floor[2]
+    depth = ((a * x + c)[None] + (b * y)[:, None]).astype(np.float32)
+    dx2, dy2 = (x - view.w_p_c_m[0]) ** 2 + view.height_m**2, (y - view.w_p_c_m[1]) ** 2
+    distance = np.sqrt((dx2[None] + dy2[:, None]).astype(np.float32))
+    seen = (depth > distance * np.float32(view.max_off_axis_cos - 1e-6)) & (
+        distance < view.height_m / np.cos(MAX_OFF_NADIR)
+    )
+    # Jacobian determinant of a homography: det(H) / depth^3 (Hartley and Zisserman 2004, section 2.3).
+    scale = np.float32(abs(np.linalg.det(view.pixel_H_floor)))
+    resolution = np.sqrt(scale / np.where(seen, depth, np.float32(np.inf)) ** 3)
+    return seen, np.float32(view.height_m) / distance, resolution

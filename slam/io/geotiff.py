@@ -1,0 +1,158 @@
+"""A mosaic on disk: a Cloud-Optimised GeoTIFF with overviews, and a PNG with a world file.
+
+Both are written from tiles, with memory bounded by GDAL's block cache. The affine of a GeoTIFF refers to the
+outer corner of the first pixel, a world file to its centre (ESRI, World files for raster datasets).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rasterio
+import rasterio.shutil
+from affine import Affine
+from numpy.typing import NDArray
+from rasterio.crs import CRS
+from rasterio.errors import RasterioError
+from rasterio.windows import Window
+
+from slam.errors import InputError
+from slam.flight import GeoOrigin
+from slam.io.atomic import atomic_file
+
+BLOCK_PX = 512
+CACHE_MB = 64
+LOCAL_METRES = 'LOCAL_CS["local metres",UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
+"""A plane in metres that is nowhere on Earth in particular."""
+
+_RGBA = {
+    "count": 4, "dtype": "uint8", "photometric": "RGB", "alpha": "non-premultiplied", "BIGTIFF": "IF_SAFER",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Where the pixels of a north-up raster lie in the world."""
+
+    west_m: float
+    north_m: float
+    """Outer corner of the first pixel."""
+    gsd_m: float
+    width: int
+    height: int
+    origin: GeoOrigin | None = None
+    """Where x = y = 0 stands on Earth, x to the east and y to the north; None for a local plane."""
+
+    @property
+    def affine(self) -> Affine:
+        """(column, row) of a pixel corner to (x, y)."""
+        return Affine(self.gsd_m, 0.0, self.west_m, 0.0, -self.gsd_m, self.north_m)
+
+    @property
+    def crs(self) -> CRS:
+        """Azimuthal equidistant about the origin, so that distances from it are true; or the local plane.
+
+        A map lies on the ellipsoid: ground at altitude h is drawn larger by h / 6371 km (5e-5 at 300 m).
+        """
+        if self.origin is None:
+            return CRS.from_wkt(LOCAL_METRES)
+        return CRS.from_proj4(
+            f"+proj=aeqd +lat_0={self.origin.latitude_deg!r} +lon_0={self.origin.longitude_deg!r} "
+            "+datum=WGS84 +units=m +no_defs"
+        )
+
+
+@dataclass(frozen=True)
+class Block:
+    """A rectangle of finished pixels."""
+
+    row: int
+    col: int
+    rgba: NDArray[np.uint8]
+    """(rows, cols, 4); alpha 0 where nothing was seen."""
+
+
+def write_geotiff(path: Path, grid: Grid, blocks: Iterator[Block]) -> None:
+    """Cloud-Optimised GeoTIFF at ``path``, whole or not at all.
+
+    Blocks first go into a plain tiled file beside it, since overviews need all of them.
+
+    Raises ``InputError`` where the disk refuses.
+    """
+    profile = {
+        "driver": "GTiff", "width": grid.width, "height": grid.height, "crs": grid.crs,
+        "transform": grid.affine, "tiled": True, "blockxsize": BLOCK_PX, "blockysize": BLOCK_PX,
+        "compress": "deflate", "zlevel": 1,
+        "SPARSE_OK": True, **_RGBA,
+    }  # fmt: skip
+    with _gdal(path), atomic_file(path) as partial, _scratch(path) as plain:
+        with rasterio.open(plain, "w", **profile) as raster:
+            for block in blocks:
+                rows, cols = block.rgba.shape[:2]
+                if block.rgba[..., 3].any():
+                    window = Window(block.col, block.row, cols, rows)
+                    raster.write(np.moveaxis(block.rgba, 2, 0), window=window)
+        rasterio.shutil.copy(
+            plain, partial, driver="COG", compress="DEFLATE", predictor="YES", blocksize=BLOCK_PX,
+            overview_resampling="AVERAGE", bigtiff="IF_SAFER",
+        )  # fmt: skip
+
+
+def write_png(geotiff: Path, path: Path, max_pixels: int, world_file: bool = True) -> float:
+    """PNG of a GeoTIFF of ours, from the first overview with at most ``max_pixels``; gives back its m/pixel.
+
+    The world file beside it (``.pgw``) says where the centre of the first pixel lies.
+
+    Raises ``InputError`` where the disk refuses.
+    """
+    with _gdal(path), atomic_file(path) as partial, _scratch(path) as plain:
+        with _reduced(geotiff, max_pixels) as raster:
+            affine = raster.transform
+            profile = {"driver": "GTiff", "width": raster.width, "height": raster.height, "transform": affine}
+            # PNG is made line by line: from tiles that takes twenty times as long as from strips.
+            with rasterio.open(plain, "w", blockysize=16, **profile, **_RGBA) as strips:
+                for row in range(0, raster.height, BLOCK_PX):
+                    window = Window(0, row, raster.width, min(BLOCK_PX, raster.height - row))
+                    strips.write(raster.read(window=window), window=window)
+        rasterio.shutil.copy(plain, partial, driver="PNG", zlevel=6)
+    if world_file:
+        lines = (affine.a, 0.0, 0.0, affine.e, affine.c + affine.a / 2, affine.f + affine.e / 2)
+        with atomic_file(path.with_suffix(".pgw")) as partial:
+            partial.write_text("".join(f"{value:.12g}\n" for value in lines))
+    return float(affine.a)
+
+
+def _reduced(geotiff: Path, max_pixels: int) -> rasterio.DatasetReader:
+    """The file itself or its largest overview with at most ``max_pixels``."""
+    with rasterio.open(geotiff) as raster:
+        factors = [1, *raster.overviews(1)]
+        sizes = [-(-raster.width // f) * -(-raster.height // f) for f in factors]
+    level = next((i for i, size in enumerate(sizes) if size <= max_pixels), len(sizes) - 1)
+    return rasterio.open(geotiff) if level == 0 else rasterio.open(geotiff, overview_level=level - 1)
+
+
+@contextmanager
+def _scratch(path: Path) -> Iterator[Path]:
+    """A name beside ``path`` for a file that is gone afterwards."""
+    scratch = path.with_name(f".{path.name}.scratch")
+    try:
+        yield scratch
+    finally:
+        scratch.unlink(missing_ok=True)
+
+
+@contextmanager
+def _gdal(path: Path) -> Iterator[None]:
+    """Bounded block cache, no side-car files; what GDAL cannot write becomes one line."""
+    try:
+        with rasterio.Env(GDAL_CACHEMAX=CACHE_MB, GDAL_PAM_ENABLED=False, GDAL_NUM_THREADS=2):
+            yield
+    except RasterioError as error:
+        reason = " ".join(str(error).split())
+        raise InputError(
+            f"{path}: cannot be written ({reason}); free some space or choose another folder"
+        ) from None

@@ -1,0 +1,163 @@
+"""From an estimate and its flight to mosaic files."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.exposure import Exposure
+from frontend.mosaic import Pictures, measure_exposure, render_tiles
+from frontend.mosaic_plan import MosaicError, MosaicPlan, plan_mosaic
+from slam.errors import InputError
+from slam.estimate import Estimate
+from slam.flight import Flight, Image
+from slam.io.geotiff import Block, Grid, write_geotiff, write_png
+from slam.progress import Progress, silent
+
+Array = NDArray[np.float64]
+
+MAX_MOSAIC_PIXELS = 60_000_000
+MAX_PNG_PIXELS = 40_000_000
+CACHE_MB = 256
+"""Pictures held in memory while tiles are rendered."""
+
+
+@dataclass(frozen=True)
+class MosaicFiles:
+    """What was written, and from what."""
+
+    geotiff: Path | None
+    png: Path
+    world_file: Path | None
+    gsd_m: float
+    """Metres a pixel of the GeoTIFF."""
+    png_gsd_m: float
+    """Of the PNG, which is reduced where it would be too large to view."""
+    width: int
+    height: int
+    """Pixels of the GeoTIFF."""
+    pictures: int
+    """In the mosaic."""
+    redundant: int
+    """Usable, but others show their ground as well."""
+    left_out: dict[str, int]
+    """Reason -> number of keyframes that could not be used."""
+    seam_before: float
+    """Brightness difference (rms share) between pictures of one point, as read; NaN without overlap."""
+    seam_after: float
+    """The same after exposure and vignetting were compensated."""
+    note: str
+    """What was decided for the user; empty where nothing was."""
+
+
+def write_mosaic(
+    estimate: Estimate,
+    flight: Flight,
+    out_dir: str | Path,
+    gsd_m: float | None = None,
+    progress: Progress = silent,
+    poses: Array | None = None,
+    stem: str = "mosaic",
+    picture_only: bool = False,
+) -> MosaicFiles:
+    """Render the keyframes over the floor into ``stem``.tif, .png and .pgw, or into the PNG alone.
+
+    ``poses`` (n, 4, 4) replace the optimized ones (to show the chain beside them). Parts of the graph that
+    are tied to nothing have no place relative to the largest one: without GPS only the largest is drawn.
+
+    Raises ``InputError`` where there is no camera or picture, where no picture sees the floor, or where the
+    disk refuses; the files of an earlier run then stand as they were.
+    """
+    camera, frames = estimate.camera or flight.camera, flight.frames
+    if camera is None or frames is None:
+        raise InputError(f"{flight.name}: no camera pictures, so no mosaic; use `slam estimate` for the rest")
+    if gsd_m is not None and not (math.isfinite(gsd_m) and gsd_m > 0):
+        raise InputError(f"ground resolution {gsd_m} m/pixel: give a number above 0")
+    w_T_b = estimate.w_T_b if poses is None else np.asarray(poses, dtype=float)
+    leave_out: dict[int, str] = {}
+    if estimate.origin is None and poses is None:
+        apart = np.flatnonzero(estimate.component > 0)
+        leave_out = {int(k): "in a part of the flight that is not tied to the largest" for k in apart}
+
+    def load(k: int) -> Image | None:
+        return frames[int(estimate.frame_index[k])].read()
+
+    out_dir = Path(out_dir)
+    try:
+        plan = plan_mosaic(camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out)
+        while True:
+            pictures = Pictures(plan, load, CACHE_MB)
+            exposure = measure_exposure(plan, pictures, _stage(progress, stem))
+            if not pictures.unusable:
+                break
+            # What the unusable pictures owned goes to others, perhaps to some not read so far.
+            leave_out = leave_out | pictures.unusable
+            plan = plan_mosaic(camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out)
+    except MosaicError as error:
+        raise InputError(f"{flight.name}: {error}") from None
+    return _write(plan, pictures, exposure, estimate, out_dir, progress, stem, picture_only)
+
+
+def _write(
+    plan: MosaicPlan,
+    pictures: Pictures,
+    exposure: Exposure,
+    estimate: Estimate,
+    out_dir: Path,
+    progress: Progress,
+    stem: str,
+    picture_only: bool,
+) -> MosaicFiles:
+    """All files of one mosaic are complete before the first takes its place."""
+    grid = Grid(plan.west_m, plan.north_m, plan.gsd_m, plan.width, plan.height, estimate.origin)
+    try:
+        out_dir.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{stem}-", dir=out_dir) as name:
+            work = Path(name)
+            tif, png = work / f"{stem}.tif", work / f"{stem}.png"
+            write_geotiff(tif, grid, _blocks(plan, pictures, exposure, _stage(progress, stem)))
+            png_gsd_m = write_png(tif, png, MAX_PNG_PIXELS, world_file=not picture_only)
+            if picture_only:
+                tif.unlink()
+            for path in sorted(work.iterdir()):
+                path.replace(out_dir / path.name)
+    except OSError as error:
+        raise InputError(
+            f"{out_dir}: cannot be written ({error.strerror or error}); choose another folder or free space"
+        ) from None
+    return MosaicFiles(
+        geotiff=None if picture_only else out_dir / f"{stem}.tif",
+        png=out_dir / f"{stem}.png",
+        world_file=None if picture_only else out_dir / f"{stem}.pgw",
+        gsd_m=plan.gsd_m,
+        png_gsd_m=png_gsd_m,
+        width=plan.width,
+        height=plan.height,
+        pictures=len(plan.views),
+        redundant=plan.redundant,
+        left_out=dict(Counter(plan.left_out.values())),
+        seam_before=exposure.seam_before,
+        seam_after=exposure.seam_after,
+        note=plan.note,
+    )
+
+
+def _blocks(plan: MosaicPlan, pictures: Pictures, exposure: Exposure, progress: Progress) -> Iterator[Block]:
+    for done in render_tiles(plan, pictures, exposure, progress):
+        yield Block(done.tile.row, done.tile.col, done.rgba)
+
+
+def _stage(progress: Progress, stem: str) -> Progress:
+    """Name the stages after the file that is made."""
+
+    def tell(stage: str, done: int, total: int) -> None:
+        progress(stem if stage == "mosaic" else f"{stem} {stage}", done, total)
+
+    return tell

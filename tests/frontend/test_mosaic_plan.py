@@ -1,0 +1,179 @@
+"""Canvas, picture choice and owners, before a picture is read."""
+
+from __future__ import annotations
+
+import time
+
+import cv2
+import numpy as np
+import pytest
+
+from frontend.camera import Camera
+from frontend.mosaic_plan import CELL_PX, GOOD_ENOUGH, MosaicError, plan_mosaic
+from frontend.mosaic_view import Lattice, View, pixel_maps, view_of
+from tests.frontend.mosaic_scene import CAMERA, FLOOR_Z_M, pose, survey
+
+WIDE = Camera((90.0, 95.0), (101.0, 73.0), (200, 150), (-0.2, 0.05, 0.003, -0.002))
+
+
+def hover(seed: int, count: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.array(
+        [
+            pose(*rng.normal(0, 0.03, 2), 2 + rng.normal(0, 0.03), *rng.normal(0, 0.02, 3))
+            for _ in range(count)
+        ]
+    )
+
+
+@pytest.mark.parametrize("camera", [CAMERA, WIDE])
+def test_pixel_maps_agree_with_projecting_the_floor_point_by_point(camera: Camera) -> None:
+    T = pose(0.3, -0.2, 1.7, 0.8, 0.25, -0.3)
+    view = view_of(camera, 0, T, FLOOR_Z_M)
+    assert isinstance(view, View)
+    lattice = Lattice(-0.4, 0.5, 0.07, 20, 15)
+    u, v = pixel_maps(camera, view, lattice)
+    r, c = np.mgrid[:20, :15]
+    w_p = np.column_stack(
+        [lattice.x0_m + 0.07 * c.ravel(), lattice.y0_m - 0.07 * r.ravel(), np.full(300, FLOOR_Z_M)]
+    )
+    w_T_c = T @ camera.b_T_c
+    pixel = camera.project((w_p - w_T_c[:3, 3]) @ w_T_c[:3, :3])
+    np.testing.assert_allclose(np.column_stack([u.ravel(), v.ravel()]), pixel, atol=2e-3)
+
+
+def test_ground_sample_distance_is_that_of_two_neighbouring_pixels() -> None:
+    T = pose(0, 0, 3.0, 0.3, 0.4, 0.1)
+    view = view_of(CAMERA, 0, T, FLOOR_Z_M)
+    assert isinstance(view, View)
+    middle = np.array(CAMERA.center_px)
+    p, right, down = CAMERA.floor_points(T, middle + [[0, 0], [1e-3, 0], [0, 1e-3]], FLOOR_Z_M)
+    area = abs(np.linalg.det(np.array([right - p, down - p]) / 1e-3))
+    assert view.gsd_m == pytest.approx(np.sqrt(area), rel=1e-3)
+
+
+def test_unusable_poses_are_counted_with_their_reason() -> None:
+    poses = np.array(
+        [
+            pose(0, 0, 2),
+            np.full((4, 4), np.nan),
+            pose(0, 0, -1),
+            pose(0, 0, 2, 0, 1.2),
+            pose(500, 0, 2),
+            pose(0.5, 0, 2, 0, 0.6),
+        ]
+    )
+    plan = plan_mosaic(CAMERA, poses, FLOOR_Z_M, leave_out={5: "blurred"})
+    assert plan.left_out == {
+        1: "not placed",
+        2: "camera below the floor",
+        3: "looks towards the horizon",
+        4: "lies far from the rest",
+        5: "blurred",
+    }
+    assert [v.k for v in plan.views] == [0]
+    assert plan.width * plan.height < 1.1 * 200 * 150
+
+
+def test_no_usable_picture_is_an_error_that_says_why() -> None:
+    with pytest.raises(MosaicError, match="camera below the floor"):
+        plan_mosaic(CAMERA, np.array([pose(0, 0, -1)]))
+    with pytest.raises(MosaicError, match="there are none"):
+        plan_mosaic(CAMERA, np.zeros((0, 4, 4)))
+
+
+def test_picture_that_sees_the_horizon_keeps_its_near_part() -> None:
+    plan = plan_mosaic(WIDE, np.array([pose(0, 0, 2, 0, 0.8)]), FLOOR_Z_M)
+    assert plan.views[0].bounds_m[0] >= -2 * np.tan(np.radians(70)) - 1e-9
+    assert (plan.owner >= 0).any()
+
+
+def test_two_distant_parts_that_fill_their_canvas_both_stay() -> None:
+    poses = np.array([pose(x, 0, 2) for x in (0, 0.5, 1, 9, 9.5, 10)])
+    plan = plan_mosaic(CAMERA, poses, FLOOR_Z_M)
+    assert not plan.left_out
+
+
+def test_canvas_holds_every_footprint_and_lies_on_whole_pixels() -> None:
+    poses = survey(1)
+    plan = plan_mosaic(CAMERA, poses, FLOOR_Z_M, gsd_m=0.013)
+    corners = np.concatenate([CAMERA.footprint(T, FLOOR_Z_M) for T in poses])
+    low = np.array([plan.west_m, plan.north_m - plan.height * plan.gsd_m])
+    high = np.array([plan.west_m + plan.width * plan.gsd_m, plan.north_m])
+    assert (corners.min(axis=0) >= low - 1e-9).all()
+    assert (corners.max(axis=0) <= high + 1e-9).all()
+    assert (corners.min(axis=0) - low < plan.gsd_m + 1e-9).all()
+    assert np.array([plan.west_m, plan.north_m]) / 0.013 == pytest.approx(
+        np.round(np.array([plan.west_m, plan.north_m]) / 0.013), abs=1e-6
+    )
+
+
+def test_default_resolution_gives_way_to_the_pixel_budget_and_says_so() -> None:
+    poses = survey(2)
+    free = plan_mosaic(CAMERA, poses, FLOOR_Z_M)
+    assert free.note == ""
+    assert free.gsd_m == pytest.approx(0.01, rel=0.1)
+    for budget in (20_000, 5_000, 300):
+        tight = plan_mosaic(CAMERA, poses, FLOOR_Z_M, max_pixels=budget)
+        assert 0.6 * budget < tight.width * tight.height <= budget
+        assert f"{tight.gsd_m:.3g} m/pixel" in tight.note
+    with pytest.raises(MosaicError, match="coarser"):
+        plan_mosaic(CAMERA, poses, FLOOR_Z_M, gsd_m=1e-6)
+
+
+def test_hovering_needs_few_pictures_and_little_time() -> None:
+    began = time.perf_counter()
+    many = plan_mosaic(CAMERA, hover(3, 1000), FLOOR_Z_M)
+    assert time.perf_counter() - began < 10
+    few = plan_mosaic(CAMERA, hover(3, 100), FLOOR_Z_M)
+    assert len(many.views) < 2 * len(few.views) < 60
+    assert len(many.views) + many.redundant == 1000
+
+
+def test_kept_pictures_see_all_ground_nearly_as_well_as_all_pictures_together() -> None:
+    poses = np.concatenate([hover(4, 60), survey(5)])
+    plan = plan_mosaic(CAMERA, poses, FLOOR_Z_M)
+    step = CELL_PX * plan.gsd_m
+    rows, cols = plan.owner.shape
+    x, y = np.meshgrid(
+        plan.west_m + (np.arange(cols) + 0.5) * step, plan.north_m - (np.arange(rows) + 0.5) * step
+    )
+    w_p = np.stack([x.ravel(), y.ravel(), np.full(x.size, FLOOR_Z_M)], axis=1)
+
+    def quality(T: np.ndarray) -> np.ndarray:
+        w_T_c = T @ CAMERA.b_T_c
+        uv = CAMERA.project((w_p - w_T_c[:3, 3]) @ w_T_c[:3, :3])
+        border = np.minimum(uv, np.array(CAMERA.size_px) - 1 - uv).min(axis=1)
+        return np.nan_to_num(border, nan=-1)
+
+    everyone = np.array([quality(T) for T in poses])
+    chosen = np.array([quality(poses[v.k]) for v in plan.views])
+    owned = plan.owner.ravel() >= 0
+    assert (owned | (everyone.max(axis=0) < 0)).all()
+    own = chosen[plan.owner.ravel()[owned], np.flatnonzero(owned)]
+    best = everyone.max(axis=0)[owned]
+    assert (own[best > 20] > 0).all()
+    # Distance to the border is one of three parts of the quality, so the bound holds for most cells only.
+    assert (own[best > 20] >= 0.5 * GOOD_ENOUGH * best[best > 20]).mean() > 0.95
+
+
+def test_owners_do_not_depend_on_pictures_elsewhere() -> None:
+    poses = survey(6)
+    alone = plan_mosaic(CAMERA, poses, FLOOR_Z_M, gsd_m=0.01)
+    far = np.concatenate([poses, [pose(6.5, 0, 2.0)]])
+    both = plan_mosaic(CAMERA, far, FLOOR_Z_M, gsd_m=0.01)
+    assert both.width > alone.width
+    kept = {v.k for v in alone.views}
+    assert kept | {len(poses)} == {v.k for v in both.views}
+
+
+def test_footprint_bounds_hold_a_bulging_lens() -> None:
+    T = pose(0, 0, 2.0, 0.4, 0.1, 0.1)
+    view = view_of(WIDE, 0, T, FLOOR_Z_M)
+    assert isinstance(view, View)
+    t = np.linspace(0, 1, 200)
+    edge = np.concatenate([np.column_stack([t * 199, np.full(200, b)]) for b in (0, 149)])
+    ideal = cv2.undistortPoints(edge[:, None], WIDE.matrix, np.array(WIDE.distortion), P=WIDE.matrix)
+    floor = WIDE.floor_points(T, ideal.reshape(-1, 2), FLOOR_Z_M)
+    assert (floor > view.bounds_m[:2] - 0.02).all()
+    assert (floor < view.bounds_m[2:] + 0.02).all()

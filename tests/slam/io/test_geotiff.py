@@ -1,0 +1,129 @@
+"""Mosaic files, read back with rasterio and OpenCV."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import rasterio
+from rasterio.enums import ColorInterp
+from rasterio.warp import transform
+
+from slam.errors import InputError
+from slam.flight import GeoOrigin
+from slam.io.geodesy import geodetic_from_enu
+from slam.io.geotiff import Block, Grid, write_geotiff, write_png
+
+ORIGIN = GeoOrigin(30.1712345678, -98.0897654321, 300.0)
+
+
+def picture(height: int, width: int, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    rgba = rng.integers(0, 256, (height, width, 4), np.uint8)
+    rgba[..., 3] = 255
+    rgba[: height // 4, : width // 3] = 0
+    return rgba
+
+
+def blocks(rgba: np.ndarray, side: int = 512) -> Iterator[Block]:
+    for r in range(0, rgba.shape[0], side):
+        for c in range(0, rgba.shape[1], side):
+            yield Block(r, c, rgba[r : r + side, c : c + side])
+
+
+@pytest.mark.parametrize("origin", [None, ORIGIN])
+@pytest.mark.parametrize("shape", [(1, 1), (37, 700), (1300, 1025)])
+def test_pixels_and_place_come_back(tmp_path: Path, shape: tuple[int, int], origin: GeoOrigin | None) -> None:
+    rgba = picture(*shape)
+    grid = Grid(-12.5, 40.25, 0.05, shape[1], shape[0], origin)
+    write_geotiff(tmp_path / "m.tif", grid, blocks(rgba))
+    with rasterio.open(tmp_path / "m.tif") as raster:
+        np.testing.assert_array_equal(np.moveaxis(raster.read(), 0, 2), rgba)
+        assert raster.xy(0, 0) == pytest.approx((-12.5 + 0.025, 40.25 - 0.025))
+        assert raster.colorinterp[3] == ColorInterp.alpha
+        assert raster.crs.is_projected == (origin is not None)
+        assert 'UNIT["metre",1' in raster.crs.to_wkt()
+    assert [p.name for p in tmp_path.iterdir()] == ["m.tif"]
+
+
+@pytest.mark.parametrize("altitude_m", [0.0, 300.0])
+def test_world_is_east_and_north_of_the_origin(tmp_path: Path, altitude_m: float) -> None:
+    origin = GeoOrigin(ORIGIN.latitude_deg, ORIGIN.longitude_deg, altitude_m)
+    grid = Grid(-4, 4, 1.0, 8, 8, origin)
+    write_geotiff(tmp_path / "m.tif", grid, blocks(picture(8, 8)))
+    w_p_m = np.array([[0, 0, 0], [150, 0, 0], [0, 150, 0], [-400, 300, 0.0]])
+    lat, lon, _ = geodetic_from_enu(w_p_m, origin)
+    with rasterio.open(tmp_path / "m.tif") as raster:
+        x, y = transform("EPSG:4326", raster.crs, lon, lat)
+    on_ellipsoid = w_p_m[:, :2] / (1 + altitude_m / 6.371e6)
+    np.testing.assert_allclose(np.column_stack([x, y]), on_ellipsoid, atol=2e-3)
+    assert abs(x[0]) < 1e-4
+    assert abs(y[0]) < 1e-4
+
+
+def test_file_is_cloud_optimised(tmp_path: Path) -> None:
+    rgba = picture(2100, 2300)
+    write_geotiff(tmp_path / "m.tif", Grid(0, 0, 0.1, 2300, 2100, ORIGIN), blocks(rgba))
+    with rasterio.open(tmp_path / "m.tif") as raster:
+        assert raster.tags(ns="IMAGE_STRUCTURE")["LAYOUT"] == "COG"
+        assert raster.block_shapes[0] == (512, 512)
+        assert raster.overviews(1) == [2, 4, 8]
+        assert raster.compression.name == "deflate"
+    with rasterio.open(tmp_path / "m.tif", overview_level=0) as half:
+        small = np.moveaxis(half.read(), 0, 2)
+    want = cv2.resize(rgba[-1000:, -1000:, :3].astype(float), (500, 500), interpolation=cv2.INTER_AREA)
+    assert np.abs(small[-500:, -500:, :3] - want).max() <= 1
+
+
+def test_png_and_world_file_say_the_same_as_the_geotiff(tmp_path: Path) -> None:
+    rgba = picture(900, 1200)
+    write_geotiff(tmp_path / "m.tif", Grid(-3.0, 7.0, 0.02, 1200, 900), blocks(rgba))
+    assert write_png(tmp_path / "m.tif", tmp_path / "m.png", 2_000_000) == 0.02
+    read = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(cv2.cvtColor(read, cv2.COLOR_BGRA2RGBA), rgba)
+    world = [float(line) for line in (tmp_path / "m.pgw").read_text().split()]
+    assert world == pytest.approx([0.02, 0, 0, -0.02, -2.99, 6.99])
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["m.pgw", "m.png", "m.tif"]
+
+
+@pytest.mark.parametrize("shape", [(1800, 2400), (1801, 2403)])
+def test_large_png_is_reduced_and_its_world_file_follows(tmp_path: Path, shape: tuple[int, int]) -> None:
+    rows, cols = np.mgrid[: shape[0], : shape[1]]
+    mark = 255 * np.exp(-((rows - 1203.0) ** 2 + (cols - 1607.0) ** 2) / (2 * 12.0**2))
+    rgba = np.dstack([mark.astype(np.uint8)] * 3 + [np.full(shape, 255, np.uint8)])
+    write_geotiff(tmp_path / "m.tif", Grid(100.0, 50.0, 0.5, shape[1], shape[0]), blocks(rgba))
+    gsd = write_png(tmp_path / "m.tif", tmp_path / "m.png", 300_000)
+    read = cv2.imread(str(tmp_path / "m.png"), cv2.IMREAD_UNCHANGED)[..., 0].astype(float)
+    assert read.size <= 300_000
+    a, _, _, e, x0, y0 = (float(line) for line in (tmp_path / "m.pgw").read_text().split())
+    assert gsd == pytest.approx(a)
+    assert a == pytest.approx(2.0, rel=0.01)
+    r, c = np.mgrid[: read.shape[0], : read.shape[1]]
+    x, y = x0 + a * (read * c).sum() / read.sum(), y0 + e * (read * r).sum() / read.sum()
+    truth = (100.0 + 0.5 * 1607.5, 50.0 - 0.5 * 1203.5)
+    # A tenth of a pixel of the reduced picture.
+    assert np.hypot(x - truth[0], y - truth[1]) < 0.2
+
+
+def test_failure_on_the_way_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "m.tif").write_text("old")
+
+    def breaks() -> Iterator[Block]:
+        yield Block(0, 0, picture(64, 64))
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_geotiff(tmp_path / "m.tif", Grid(-4, 4, 1, 128, 128), breaks())
+    assert (tmp_path / "m.tif").read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["m.tif"]
+
+
+def test_place_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError) as caught:
+        write_geotiff(tmp_path / "file" / "m.tif", Grid(-4, 4, 1, 8, 8), blocks(picture(8, 8)))
+    assert "\n" not in str(caught.value)
+    assert "m.tif" in str(caught.value) or "file" in str(caught.value)
