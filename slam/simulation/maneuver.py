@@ -1,0 +1,157 @@
+"""Maneuvers: way points become a smooth path of position and heading.
+
+The vehicle flies straight legs at cruising speed. At each way point its velocity goes from that of one leg
+to that of the next by a smooth step in time, so that position, velocity, acceleration and jerk are
+continuous and no corner asks for more than the acceleration limit. The same step turns the heading.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.interpolate import BPoly
+
+from slam.errors import InputError
+
+Array = NDArray[np.float64]
+
+WayPoint = str | tuple[float, float] | tuple[float, float, float]
+
+STEP_PEAK_RATE = 35 / 16
+"""Largest slope of the septic smooth step from 0 to 1 in unit time (the heading's)."""
+STEP_PEAK_ACCELERATION = 15 / 8
+"""Largest slope of the quintic smooth step (the velocity's: the septic's neighbour below)."""
+MAX_YAW_RATE_RAD_S = 1.5
+"""Yaw rate at full stick; a corner takes long enough to stay below."""
+MIN_HEIGHT_M = 0.10
+"""The landing gear stands 0.08 m high."""
+MAX_DURATION_S = 6 * 3600.0
+
+
+@dataclass(frozen=True)
+class Maneuver:
+    """Where the vehicle flies and how fast."""
+
+    way_points: Annotated[tuple[WayPoint, ...], Field(min_length=1, max_length=10_000)]
+    """Names of landmarks, or (x, y) or (x, y, z) in metres; the same point twice is a stop there."""
+    height_m: Annotated[float, Field(gt=0, le=100)] = 0.8
+    """Height of way points that don't give their own."""
+    cruise_m_s: Annotated[float, Field(ge=0.01, le=20)] = 0.5
+    acceleration_m_s2: Annotated[float, Field(ge=0.01, le=5)] = 1.0
+    """Limit in corners, and when starting and stopping."""
+    heading: Literal["fixed", "along_path"] = "fixed"
+    heading_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    """Where the nose points when the heading is fixed; 0 is along +x."""
+    laps: Annotated[int, Field(ge=1, le=1000)] = 1
+    """How often the way points are flown; above 1 they must end where they begin."""
+    rest_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
+    """Hover before the first leg and after the last."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """(x, y, z, yaw) as a function of time from 0 to ``duration_s``, continuous to the third derivative."""
+
+    derivatives: tuple[BPoly, BPoly, BPoly, BPoly]
+    """The path in m and rad, and its derivatives in s."""
+    duration_s: float
+
+
+def plan(maneuver: Maneuver, landmarks: dict[str, tuple[float, float]], extent_m: tuple[float, ...]) -> Path:
+    """The path through the way points, on the floor ``extent_m`` = (x0, y0, x1, y1).
+
+    Raises ``InputError`` for a way point that is unknown, below ground or beyond the floor, for laps of an
+    open path, and for a flight that lasts longer than six hours.
+    """
+    points = _stations(maneuver, landmarks, extent_m)
+    yaws = _headings(maneuver, points)
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    cruise = maneuver.cruise_m_s
+    direction = np.diff(points, axis=0) / np.where(length > 0, length, 1.0)[:, None]
+    turns = np.abs(np.diff(yaws)).max(initial=0.0)
+    changes = np.diff(np.vstack([np.zeros(3), cruise * direction, np.zeros(3)]), axis=0)
+    corner_s = max(
+        STEP_PEAK_ACCELERATION * np.linalg.norm(changes, axis=1).max() / maneuver.acceleration_m_s2,
+        STEP_PEAK_RATE * turns / MAX_YAW_RATE_RAD_S,
+        0.1,
+    )
+    # A leg outlasts its corners, so that no two of them ask for acceleration at once.
+    leg_s = np.maximum(length / cruise, 1.1 * corner_s)
+    center_s = maneuver.rest_s + corner_s / 2 + np.concatenate([[0.0], np.cumsum(leg_s)])
+    duration_s = float(center_s[-1] + corner_s / 2 + maneuver.rest_s)
+    if duration_s > MAX_DURATION_S:
+        raise InputError(
+            f"maneuver: the flight would last {duration_s / 3600:.1f} h; 6 h is the most: "
+            "fly faster or fewer laps"
+        )
+    velocity = np.vstack([np.zeros(3), np.diff(points, axis=0) / leg_s[:, None], np.zeros(3)])
+    return Path(_corners(points, velocity, yaws, center_s, corner_s, maneuver.rest_s), duration_s)
+
+
+def _corners(
+    points: Array, velocity: Array, yaws: Array, center_s: Array, corner_s: float, rest_s: float
+) -> tuple[BPoly, BPoly, BPoly, BPoly]:
+    """Hermite pieces between the begin and the end of each corner, where the path is straight."""
+    duration_s = center_s[-1] + corner_s / 2 + rest_s
+    begin_end_s = np.column_stack([center_s - corner_s / 2, center_s + corner_s / 2])
+    states = np.zeros((2 * len(points), 4, 4))
+    for k, p in enumerate(points):
+        for side, sign in ((0, -1), (1, 1)):
+            state, leg = states[2 * k + side], k + side
+            state[0] = [*(p + sign * corner_s / 2 * velocity[leg]), yaws[leg]]
+            state[1, :3] = velocity[leg]
+    times_s = begin_end_s.ravel()
+    times_s[0], times_s[-1] = rest_s, duration_s - rest_s
+    if rest_s > 0:
+        times_s = np.concatenate([[0.0], times_s, [duration_s]])
+        states = np.concatenate([states[:1], states, states[-1:]])
+    path = BPoly.from_derivatives(times_s, list(states))
+    return path, path.derivative(1), path.derivative(2), path.derivative(3)
+
+
+def _headings(maneuver: Maneuver, points: Array) -> Array:
+    """(n + 1,) yaw before, on and after the n - 1 legs, unwrapped."""
+    if maneuver.heading == "fixed":
+        return np.full(len(points) + 1, np.radians(maneuver.heading_deg))
+    step = np.diff(points[:, :2], axis=0)
+    moving = np.hypot(*step.T) > 1e-6
+    yaws = np.arctan2(step[:, 1], step[:, 0])[moving]
+    if len(yaws) == 0:
+        return np.full(len(points) + 1, np.radians(maneuver.heading_deg))
+    # A leg that goes straight up or stays keeps the heading of the one before.
+    on_legs = np.unwrap(yaws)[np.maximum(np.cumsum(moving) - 1, 0)]
+    return np.concatenate([on_legs[:1], on_legs, on_legs[-1:]])
+
+
+def _stations(
+    maneuver: Maneuver, landmarks: dict[str, tuple[float, float]], extent_m: tuple[float, ...]
+) -> Array:
+    """(n, 3) the way points of all laps in metres."""
+    once = [_station(k, way_point, maneuver, landmarks) for k, way_point in enumerate(maneuver.way_points)]
+    x0, y0, x1, y1 = extent_m
+    for k, (x, y, z) in enumerate(once):
+        name = f"maneuver.way_points[{k}] ({x:g}, {y:g}, {z:g})"
+        if not (x0 <= x <= x1 and y0 <= y <= y1):
+            raise InputError(
+                f"{name} leaves the floor, which spans x {x0:g} to {x1:g} and y {y0:g} to {y1:g} m"
+            )
+        if not MIN_HEIGHT_M <= z <= 100:
+            raise InputError(f"{name} is too near the ground or below: fly between {MIN_HEIGHT_M} and 100 m")
+    if maneuver.laps > 1 and once[0] != once[-1]:
+        raise InputError("maneuver.laps: way points flown more than once must end where they begin")
+    return np.array(once + once[1:] * (maneuver.laps - 1), dtype=float)
+
+
+def _station(
+    k: int, way_point: WayPoint, maneuver: Maneuver, landmarks: dict[str, tuple[float, float]]
+) -> tuple[float, float, float]:
+    if isinstance(way_point, str):
+        if way_point not in landmarks:
+            known = ", ".join(landmarks) or "none"
+            raise InputError(f"maneuver.way_points[{k}]: no landmark {way_point!r}; there are: {known}")
+        return (*landmarks[way_point], maneuver.height_m)
+    return (way_point[0], way_point[1], way_point[2] if len(way_point) == 3 else maneuver.height_m)

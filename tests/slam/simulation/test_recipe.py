@@ -1,0 +1,130 @@
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from slam.errors import InputError
+from slam.simulation import recipe as recipes
+from slam.simulation.recipe import load_recipe, recipe_from, shipped_recipes
+
+MINIMAL = {"name": "m", "maneuver": {"way_points": [[0, 0], [1, 0]]}}
+
+
+def refused(mapping, folder=Path()):
+    with pytest.raises(InputError) as caught:
+        recipe_from(mapping, "flight.toml", folder)
+    message = str(caught.value)
+    assert message.startswith("flight.toml: ")
+    assert "\n" not in message
+    return message
+
+
+def merged(**tables):
+    return {**MINIMAL, **tables}
+
+
+@pytest.mark.parametrize("name", ["figure_eight", "square"])
+def test_shipped_recipes_are_found_by_name(name):
+    assert name in shipped_recipes()
+    assert load_recipe(name).name == name
+    assert load_recipe(Path(recipes.shipped_folder()) / f"{name}.toml") == load_recipe(name)
+
+
+def test_the_installed_place_comes_before_the_checkout(tmp_path, monkeypatch):
+    installed = tmp_path / "slam"
+    (installed / "datasets").mkdir(parents=True)
+    monkeypatch.setattr(recipes.resources, "files", lambda package: tmp_path / package)
+    assert recipes.shipped_folder() == installed / "datasets"
+    (installed / "datasets").rmdir()
+    assert recipes.shipped_folder() == tmp_path / "datasets"
+
+
+def test_the_figure_eight_is_the_papers():
+    """Distances of the paper's tables 3 and 4, given back by its errors in metres over errors in percent."""
+    recipe = load_recipe("figure_eight")
+    place = {name: np.array(xy) for name, xy in recipe.landmarks.items()}
+    distance = {a + b: np.linalg.norm(place[a] - place[b]) for a, b in recipe.landmark_pairs + recipe.gaps}
+    paper = {
+        "AB": 2.1, "BC": 4.5, "CD": 2.1, "DE": 4.5, "EF": 2.1, "FG": 4.5, "GH": 2.1, "HA": 4.5,
+        "BG": 6.36, "AE": 0.3,
+    }  # fmt: skip
+    assert distance == pytest.approx(paper, rel=0.003)
+    assert recipe.maneuver.way_points == tuple("ABCDEFGHA")
+    assert recipe.sonar.datum_m == 0
+
+
+def test_the_square_is_the_papers():
+    recipe = load_recipe("square")
+    place = {name: np.array(xy) for name, xy in recipe.landmarks.items()}
+    distance = {a + b: np.linalg.norm(place[a] - place[b]) for a, b in recipe.landmark_pairs}
+    assert distance == pytest.approx({"AB": 1.3, "BC": 1.3, "CD": 1.3, "DA": 1.3, "BD": 1.84}, rel=0.003)
+    assert recipe.camera.camera().focal_px[0] == pytest.approx(140.8, abs=0.05)
+
+
+def test_a_texture_starts_at_the_recipes_folder(tmp_path):
+    cv2.imwrite(str(tmp_path / "floor.png"), np.zeros((20, 20, 3), np.uint8))
+    file = tmp_path / "r.toml"
+    file.write_text('name = "r"\n[maneuver]\nway_points = [[0, 0], [1, 0]]\n[world]\ntexture = "floor.png"\n')
+    assert load_recipe(file).world.texture == str(tmp_path / "floor.png")
+
+
+@pytest.mark.parametrize(
+    ("mapping", "said"),
+    [
+        (merged(camera={"rate_h": 15}), "unknown key 'camera.rate_h'; did you mean 'camera.rate_hz'?"),
+        (merged(sonr={}), "did you mean 'sonar'?"),
+        (merged(sonar={"rate_hz": 0}), "sonar.rate_hz: should be greater than 0, got 0"),
+        (merged(imu={"rate_hz": -1}), "imu.rate_hz: should be greater than 0"),
+        (merged(attitude={"rate_hz": float("inf")}), "attitude.rate_hz: should be less than"),
+        (merged(camera={"rate_hz": 0}), "camera.rate_hz"),
+        (merged(camera={"size_px": [0, 240]}), "camera.size_px[0]"),
+        (merged(camera={"horizontal_fov_deg": 180}), "camera.horizontal_fov_deg"),
+        (merged(sonar={"min_range_m": 3, "max_range_m": 2}), "min_range_m must be below"),
+        (merged(maneuver={"way_points": [[0, 0], [7, 0]]}), "leaves the floor"),
+        (merged(maneuver={"way_points": [[0, 0, -1]]}), "ground"),
+        (merged(maneuver={"way_points": ["A"]}), "no landmark 'A'; there are: none"),
+        (merged(maneuver={"way_points": []}), "maneuver.way_points"),
+        (merged(maneuver={"way_points": [[0, 0]], "height_m": -0.8}), "maneuver.height_m"),
+        (merged(maneuver={"way_points": [[0, 0]], "heading": "wobble"}), "'fixed' or 'along_path'"),
+        (merged(world={"texture": "gone.jpg"}), "gone.jpg': no such file"),
+        (merged(landmarks={"A": [9, 9]}), "landmarks.A (9, 9) lies off the floor"),
+        (merged(landmarks={"A\n,B": [0, 0]}), "use 1 to 8 letters"),
+        (merged(landmark_pairs=[["A", "B"]]), "landmark_pairs[0]: no landmark 'A'"),
+        (merged(name="../../x"), "name:"),
+        ({"name": "m"}, "'maneuver' is missing"),
+    ],
+)  # fmt: skip
+def test_a_bad_recipe_is_refused_in_one_line(mapping, said):
+    assert said in refused(mapping)
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("figure_eight.toml", "did you mean 'figure_eight'"),
+        ("figure_eigth", "did you mean 'figure_eight'"),
+        ("nowhere/flight.toml", "no such file"),
+        ("", "no such recipe"),
+    ],
+)
+def test_a_recipe_that_is_not_there_is_refused_in_one_line(source, said):
+    with pytest.raises(InputError, match=said) as caught:
+        load_recipe(source)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_changed_recipe_is_checked_again():
+    recipe = load_recipe("figure_eight")
+    high = replace(recipe, maneuver=replace(recipe.maneuver, way_points=("A", "Z")))
+    with pytest.raises(InputError, match=r"recipe.*no landmark 'Z'"):
+        recipes.check(high, "recipe")
+
+
+def test_the_readme_names_every_key_of_a_recipe():
+    text = (recipes.shipped_folder() / "README.md").read_text(encoding="utf-8")
+    parts = [load_recipe("square"), *vars(load_recipe("square")).values()]
+    keys = {field.name for part in parts if is_dataclass(part) for field in fields(part)}
+    assert len(keys) > 30
+    assert {key for key in keys if f"`{key}`" not in text and f"[{key}]" not in text} == set()

@@ -1,0 +1,107 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from slam import simulate
+from slam.errors import InputError
+from slam.simulation import Recipe
+from slam.simulation.recipe import load_recipe, recipe_from
+
+SHORT = recipe_from(
+    {
+        "name": "short",
+        "landmarks": {"A": [0.3, 0.3], "B": [1.0, 0.8]},
+        "maneuver": {"way_points": ["A", "B", [0.3, 0.8, 1.0], "A"]},
+        "world": {"extent_m": [0, 0, 1.3, 1.3], "margin_m": 0.5, "metres_per_px": 0.004},
+    },
+    "test",
+)
+
+
+def test_the_figure_eight_has_the_shape_of_the_published_one():
+    flight = simulate("figure_eight", 0)
+    assert 780 <= len(flight.frames) <= 805
+    assert flight.frames[0].read().shape == (240, 320, 3)
+    assert 50 < flight.truth.stamps_s[-1] < 56
+    steps = np.diff(flight.truth.w_T_b[:, :3, 3], axis=0)
+    assert np.linalg.norm(np.diff(flight.truth.w_T_b[::50, :3, 3], axis=0), axis=1).sum() == pytest.approx(
+        26.4, rel=0.03
+    )
+    assert np.linalg.norm(steps, axis=1).max() < 0.01
+    assert list(flight.landmarks) == list("ABCDEFGH")
+    assert flight.gaps == (("A", "E"),)
+    assert len(flight.landmark_pairs) == 9
+    assert np.all(flight.truth.w_T_b[:, 2, 3] > 0.7)
+
+
+def test_every_landmark_of_the_figure_eight_is_seen():
+    flight = simulate("figure_eight", 1)
+    poses = flight.frames.load.w_T_b
+    for mark in flight.landmarks.values():
+        c_T_w = np.linalg.inv(poses @ flight.camera.b_T_c)
+        pixel = flight.camera.project(c_T_w[:, :3, :3] @ mark + c_T_w[:, :3, 3])
+        inside = ((pixel >= 0) & (pixel <= np.array(flight.camera.size_px) - 1)).all(1)
+        assert inside.sum() >= 10
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_another_flight():
+    one, again, other = simulate(SHORT, 4), simulate(SHORT, 4), simulate(SHORT, 5)
+    for a, b in ((one.imu.accel_m_s2, again.imu.accel_m_s2), (one.sonar.range_m, again.sonar.range_m)):
+        assert a.tobytes() == b.tobytes()
+    assert one.truth.w_T_b.tobytes() == again.truth.w_T_b.tobytes()
+    assert one.attitude.roll_pitch_yaw_rad.tobytes() == again.attitude.roll_pitch_yaw_rad.tobytes()
+    assert one.frames[11].read().tobytes() == again.frames[11].read().tobytes()
+    assert one.frames.names == again.frames.names
+    assert not np.array_equal(one.truth.w_T_b[:50], other.truth.w_T_b[:50])
+
+
+def test_changing_one_instrument_leaves_the_others_as_they_were():
+    changed = simulate(replace(SHORT, sonar=replace(SHORT.sonar, rate_hz=10.0)), 4)
+    one = simulate(SHORT, 4)
+    assert len(changed.sonar.range_m) < len(one.sonar.range_m)
+    assert np.array_equal(changed.imu.gyro_rad_s, one.imu.gyro_rad_s)
+    assert np.array_equal(changed.truth.w_T_b, one.truth.w_T_b)
+    assert np.array_equal(changed.frames[3].read(), one.frames[3].read())
+
+
+def test_truth_covers_every_stamp_and_interpolates_to_the_camera():
+    flight = simulate(SHORT, 2)
+    truth = flight.truth.stamps_s
+    for stream in (flight.frames, flight.imu, flight.attitude, flight.sonar):
+        assert truth[0] <= stream.stamps_s[0]
+        assert stream.stamps_s[-1] <= truth[-1] + 1e-9
+    exact = flight.frames.load.w_T_b
+    for axis in range(3):
+        between = np.interp(flight.frames.stamps_s, truth, flight.truth.w_T_b[:, axis, 3])
+        assert np.abs(between - exact[:, axis, 3]).max() < 2e-5
+    nearest = np.abs(truth[:, None] - flight.frames.stamps_s).argmin(0)
+    turn = Rotation.from_matrix(flight.truth.w_T_b[nearest, :3, :3]).inv() * Rotation.from_matrix(
+        exact[:, :3, :3]
+    )
+    assert turn.magnitude().max() < 0.003
+
+
+def test_picture_names_are_their_stamps():
+    flight = simulate(SHORT, 0)
+    stamps_ns = [int(name.removesuffix(".png")) - flight.epoch_ns for name in flight.frames.names]
+    assert np.array_equal(stamps_ns, np.round(flight.frames.stamps_s * 1e9).astype(int))
+
+
+def test_ten_laps_make_a_flight_ten_times_as_long():
+    recipe = load_recipe("figure_eight")
+    once = simulate(recipe, 0)
+    long = simulate(replace(recipe, maneuver=replace(recipe.maneuver, laps=10)), 0)
+    assert len(long.frames) == pytest.approx(10 * len(once.frames), rel=0.03)
+    assert np.all(np.isfinite(long.truth.w_T_b))
+    wander = long.truth.w_T_b[-1, :3, 3] - [0.0, 2.1, 0.8]
+    assert np.linalg.norm(wander) < 0.15
+
+
+def test_a_recipe_made_in_python_is_checked():
+    with pytest.raises(InputError, match=r"recipe 'short'.*no landmark 'Q'"):
+        simulate(replace(SHORT, gaps=(("A", "Q"),)))
+    with pytest.raises(InputError, match="seed -1"):
+        simulate(SHORT, -1)
+    assert isinstance(SHORT, Recipe)
