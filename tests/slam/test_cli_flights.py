@@ -216,12 +216,12 @@ def test_a_featureless_flight_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        (lambda f: _halve(sorted((f / "mav0/cam0/data").iterdir())[5]), "picture"),
+        (lambda f: _halve(sorted((f / "mav0/cam0/data").iterdir())[5]), "unreadable"),
         (lambda f: edit(f / "mav0/sonar0/data.csv", _without_ninth_value), "sonar"),
         (lambda f: edit(f / "mav0/imu0/data.csv", lambda r: [*r[:9], r[10], r[9], *r[11:]]), "imu"),
         (lambda f: edit(f / "mav0/attitude0/data.csv", lambda r: [*r[:9], r[8], *r[9:]]), "attitude"),
     ],
-    ids=["half a picture", "NaN in the sonar", "IMU unsorted", "attitude twice"],
+    ids=["half a picture", "infinity in the sonar", "IMU unsorted", "attitude twice"],
 )  # fmt: skip
 def test_damage_is_counted_and_told(own, tmp_path, damage, said):
     damage(own)
@@ -234,7 +234,7 @@ def test_damage_is_counted_and_told(own, tmp_path, damage, said):
 
 
 def _without_ninth_value(rows: list[str]) -> list[str]:
-    return [*rows[:9], rows[9].split(",")[0] + ",nan", *rows[10:]]
+    return [*rows[:9], rows[9].split(",")[0] + ",inf", *rows[10:]]
 
 
 def _halve(path: Path) -> None:
