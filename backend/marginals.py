@@ -25,8 +25,8 @@ _PLANAR = np.array([3, 4, 2])
 def pose_covariances(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> Array:
     """Marginal covariances of poses. Returns (n, 6, 6), rotation first, right perturbation, rad and m.
 
-    Planar poses are embedded with zeros for what cannot move. NaN where a pose is not determined: the parts of
-    the graph that are, are still answered.
+    Planar poses are embedded with zeros for what cannot move. NaN where a pose is not determined: the parts
+    of the graph that are, are still answered.
     """
     out = np.full((len(keys), 6, 6), np.nan)
     tree = bayes_tree(graph, values)
@@ -84,3 +84,21 @@ def _fill(out: Array, tree: gtsam.GaussianBayesTree, keys: Sequence[int], which:
         else:
             out[k] = 0
             out[k][np.ix_(_PLANAR, _PLANAR)] = covariance
+
+
+def joint_covariances(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int], common: int
+) -> Array:
+    """Joint marginals of each pose with one common variable, (n, 6 + d, 6 + d), pose first; NaN if singular."""
+    size = 6 + len(values.atVector(common))
+    out = np.full((len(keys), size, size), np.nan)
+    tree = bayes_tree(graph, values)
+    if tree is None:
+        return out
+    for k, key in enumerate(keys):
+        try:
+            joint = tree.jointMarginalCovariance([key, common])
+        except (RuntimeError, IndexError):
+            continue
+        out[k] = np.block([[joint.at(a, b) for b in (key, common)] for a in (key, common)])
+    return out

@@ -82,6 +82,8 @@ class Sonar:
     max_range_m: float = 6.0
     beam_width_rad: float = 0.44
     b_T_s: Array = field(default_factory=lambda: np.eye(4))
+    scale_std: float = 0.03
+    """Relative uncertainty of the sensor's own scale; 0 for one known to be exact."""
 
 
 @dataclass(frozen=True)

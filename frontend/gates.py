@@ -1,0 +1,79 @@
+"""When a homography is not to be believed: the paper's two gates, and those that experience asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from frontend.homography import HomographyFit, transfer
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GateConfig:
+    """Limits that a registration must keep."""
+
+    max_outlier_share: float = 0.8
+    """gamma_1 of the paper (section 3.1)."""
+    max_relative_change: float = 4.0
+    """gamma_2 of the paper (section 3.1, equation 2); 1 is no change."""
+    min_inliers: int = 15
+    min_spread: float = 0.03
+    """Share of the picture that the hull of the inliers covers."""
+    max_corner_std: float = 0.03
+    """Largest standard deviation of a carried corner, in picture widths."""
+    max_scale: float = 3.5
+    """Largest ratio of heights."""
+    min_overlap: float = 0.1
+
+
+def reject_reason(
+    fit: HomographyFit, pixel_j: Array, camera: Camera, overlap: float, gates: GateConfig
+) -> str:
+    """Why the fit is refused; empty where it is not. ``pixel_j`` (m, 2): all matches, inliers or not."""
+    inliers = int(fit.inlier.sum())
+    if inliers < gates.min_inliers:
+        return "too few inliers"
+    if 1.0 - inliers / len(fit.inlier) > gates.max_outlier_share:
+        return "outlier share above gamma_1"
+    if overlap < gates.min_overlap:
+        return "folded or no overlap"
+    scale = local_scale(fit.i_H_j, camera)
+    if not 1.0 / gates.max_scale < scale < gates.max_scale:
+        return "implausible change of scale"
+    w, h = camera.size_px
+    hull = cv2.convexHull(pixel_j[fit.inlier].astype(np.float32))
+    if cv2.contourArea(hull) < gates.min_spread * w * h:
+        return "inliers crowded in one place"
+    std = float(np.sqrt(np.diag(fit.corner_covariance).max()))
+    if not std < gates.max_corner_std * w * max(1.0, scale):
+        return "homography poorly determined"
+    return ""
+
+
+def local_scale(i_H_j: Array, camera: Camera) -> float:
+    """How much larger the centre of picture j appears in picture i."""
+    w, h = camera.size_px
+    c = np.array([(w - 1) / 2, (h - 1) / 2])
+    p = transfer(i_H_j, np.array([c, c + [1.0, 0], c + [0, 1.0]]))
+    return float(np.sqrt(abs(np.linalg.det(np.column_stack([p[1] - p[0], p[2] - p[0]])))))
+
+
+def relative_change(before_H0: Array, after_H0: Array, camera: Camera) -> float:
+    """Mean |delta H| of equation 2: the old global homography divided by the new, element by element.
+
+    As printed the ratio is unbounded wherever an element passes through zero (any translation does). So both
+    are written in picture widths, where 1 is the natural size of every element, and 1 is added above
+    and below: an unchanged homography gives 1, one that doubles gives about 2.
+    """
+    w = camera.size_px[0]
+    to_widths = np.diag([1.0 / w, 1.0 / w, 1.0])
+    a = to_widths @ (before_H0 / before_H0[2, 2]) @ np.linalg.inv(to_widths)
+    b = to_widths @ (after_H0 / after_H0[2, 2]) @ np.linalg.inv(to_widths)
+    ratio = (1.0 + np.abs(a - b) + np.abs(b)) / (1.0 + np.abs(b))
+    return float(ratio.mean())

@@ -1,0 +1,148 @@
+"""The homography between two pictures of a floor: robust fit, covariance, transfer.
+
+``i_H_j`` takes undistorted pixels of picture j to pixels of picture i, as ``H_(i-1)i`` of the paper does
+(section 3.1). Its uncertainty is told where one can picture it: as the 8x8 covariance in px² of the four
+corners of picture j after transfer into picture i, (x0, y0, x1, y1, ...).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HomographyConfig:
+    """Robust fit."""
+
+    threshold_px: float = 3.0
+    """epsilon of the paper: a match farther than this from its transfer is an outlier. For pictures of up to
+    500 px; in wider ones it grows with the width, because relief moves points by a share of the picture."""
+    max_iterations: int = 2000
+    confidence: float = 0.9999
+    noise_floor_px: float = 0.05
+    """Feature positions are never believed better than this."""
+
+    def for_width(self, width_px: int) -> HomographyConfig:
+        """The same for pictures of a given width."""
+        return replace(self, threshold_px=self.threshold_px * max(1.0, width_px / 500))
+
+
+@dataclass(frozen=True)
+class HomographyFit:
+    """A homography with what is known of its quality."""
+
+    i_H_j: Array
+    """(3, 3), scaled to [2, 2] = 1."""
+    corner_covariance: Array
+    """(8, 8) px², of the corners of picture j transferred into picture i."""
+    inlier: NDArray[np.bool_]
+    """(m,) which matches agree."""
+    noise_px: float
+    """Standard deviation of one coordinate of one feature, as the residuals show it."""
+
+
+def transfer(a_H_b: Array, pixel: Array) -> Array:
+    """Pixels of b carried into a. (3, 3), (n, 2) -> (n, 2)."""
+    h = np.asarray(pixel, dtype=float).reshape(-1, 2) @ a_H_b[:, :2].T + a_H_b[:, 2]
+    return h[:, :2] / h[:, 2:]
+
+
+def fit_homography(
+    pixel_i: Array, pixel_j: Array, corners_px: Array, config: HomographyConfig = HomographyConfig()
+) -> HomographyFit | None:
+    """MAGSAC++ fit refined on its inliers by weighted Gauss-Newton; None where no plane explains the matches.
+
+    ``pixel_i``, ``pixel_j``: (m, 2) matched undistorted pixels; ``corners_px``: (4, 2) corners of picture j.
+    Source: Barath et al. 2020 (MAGSAC++); Hartley and Zisserman 2004, sections 4.3 and 5.2 (covariance).
+    """
+    if len(pixel_i) < 4:
+        return None
+    params = cv2.UsacParams()
+    params.threshold = config.threshold_px
+    params.maxIterations = config.max_iterations
+    params.confidence = config.confidence
+    params.score = cv2.SCORE_METHOD_MAGSAC
+    params.sampler = cv2.SAMPLING_UNIFORM
+    params.loMethod = cv2.LOCAL_OPTIM_SIGMA
+    params.loIterations = 10
+    params.loSampleSize = 50
+    params.randomGeneratorState = 0
+    try:
+        H, mask = cv2.findHomography(pixel_j.reshape(-1, 1, 2), pixel_i.reshape(-1, 1, 2), params)
+    except cv2.error:
+        return None
+    if H is None or mask is None or not np.isfinite(H).all() or abs(H[2, 2]) < 1e-12:
+        return None
+    inlier = mask.ravel().astype(bool)
+    if inlier.sum() < 5:
+        return None
+    return _refine(H / H[2, 2], pixel_i, pixel_j, inlier, corners_px, config)
+
+
+def _refine(
+    H: Array,
+    pixel_i: Array,
+    pixel_j: Array,
+    inlier: NDArray[np.bool_],
+    corners_px: Array,
+    config: HomographyConfig,
+) -> HomographyFit | None:
+    """Gauss-Newton on the inliers with Cauchy weights, then the covariance of the carried corners.
+
+    Both pictures carry noise: the residual in i has variance noise² (1 + J J') with J the local scale of H.
+    """
+    noise = max(config.noise_floor_px, 0.3)
+    for _ in range(5):
+        residual, jacobian, spread = _transfer_residuals(H, pixel_i, pixel_j)
+        distance = np.linalg.norm(residual, axis=1) / spread
+        inlier = distance < config.threshold_px
+        if inlier.sum() < 5:
+            return None
+        noise = max(config.noise_floor_px, 1.4826 * float(np.median(distance[inlier])) / 1.1774)
+        weight = np.sqrt(inlier / (1.0 + (distance / (3.0 * noise)) ** 2)) / spread
+        A = (jacobian * weight[:, None, None]).reshape(-1, 8)
+        b = (residual * weight[:, None]).ravel()
+        information = A.T @ A
+        try:
+            step = np.linalg.solve(information + 1e-12 * np.diag(np.diag(information)), A.T @ b)
+        except np.linalg.LinAlgError:
+            return None
+        H = H + np.append(step, 0.0).reshape(3, 3)
+        if not np.isfinite(H).all():
+            return None
+        if np.abs(step[[2, 5]]).max() < 1e-4:
+            break
+    used = weight * spread  # robust weights, 1 for a perfect match
+    noise = float(np.sqrt(b @ b / max(1.0, 2 * float(used @ used) - 8)))
+    noise = max(config.noise_floor_px, noise)
+    _, corner_jacobian, _ = _transfer_residuals(H, transfer(H, corners_px), corners_px)
+    C = corner_jacobian.reshape(8, 8)
+    try:
+        covariance = noise**2 * C @ np.linalg.solve(information, C.T)
+    except np.linalg.LinAlgError:
+        return None
+    return HomographyFit(H, 0.5 * (covariance + covariance.T), inlier, noise)
+
+
+def _transfer_residuals(H: Array, pixel_i: Array, pixel_j: Array) -> tuple[Array, Array, Array]:
+    """Residual (m, 2) in i, its Jacobian (m, 2, 8) for the first eight entries of H, its spread (m,)."""
+    x, y = pixel_j[:, 0], pixel_j[:, 1]
+    u = pixel_j @ H[:, :2].T + H[:, 2]
+    w = 1.0 / u[:, 2]
+    p = u[:, :2] * w[:, None]
+    J = np.zeros((len(x), 2, 8))
+    J[:, 0, 0] = J[:, 1, 3] = x * w
+    J[:, 0, 1] = J[:, 1, 4] = y * w
+    J[:, 0, 2] = J[:, 1, 5] = w
+    J[:, :, 6] = -p * (x * w)[:, None]
+    J[:, :, 7] = -p * (y * w)[:, None]
+    # Local scale of the map j -> i: mean squared size of d p / d pixel_j.
+    local = (H[None, :2, :2] - p[:, :, None] * H[None, 2:, :2]) * w[:, None, None]
+    spread = np.sqrt(1.0 + 0.5 * np.einsum("nij,nij->n", local, local))
+    return pixel_i - p, J, spread

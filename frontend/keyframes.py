@@ -1,0 +1,142 @@
+"""Tracking: each frame registered to the last keyframe, a new one when too little of that is left in view."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from frontend.features import Extractor, Features
+from frontend.gates import GateConfig, relative_change
+from frontend.homography import HomographyConfig
+from frontend.registration import Registration, register
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class KeyframeConfig:
+    """When a frame becomes a keyframe."""
+
+    min_overlap: float = 0.75
+    """A frame that shares less than this with the last keyframe makes a new one."""
+    patience: int = 5
+    """Frames in a row that may fail before tracking starts anew without a link."""
+
+
+@dataclass(frozen=True)
+class Keyframe:
+    """A frame that stays in the map."""
+
+    frame: int
+    """Number of the frame in the flight."""
+    features: Features
+    link: Registration | None
+    """Registration to the previous keyframe (i = previous, j = this); None where tracking started anew."""
+
+
+@dataclass(frozen=True)
+class _Tracked:
+    frame: int
+    features: Features
+    link: Registration
+
+
+class Tracker:
+    """Goes through the frames once; ``rejected`` counts what was dropped, by reason."""
+
+    def __init__(
+        self,
+        camera: Camera,
+        extractor: Extractor,
+        homography: HomographyConfig,
+        gates: GateConfig,
+        config: KeyframeConfig,
+    ) -> None:
+        self.camera, self.extractor = camera, extractor
+        self.homography, self.gates, self.config = homography, gates, config
+        self.rejected: Counter[str] = Counter()
+        self.frames = 0
+
+    def keyframes(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
+        """Keyframes in order of time."""
+        number = -1
+        last: Keyframe | None = None
+        best: _Tracked | None = None
+        failures = 0
+        H_first = np.eye(3)
+        for frame, image in enumerate(images):
+            self.frames += 1
+            features = self._features(image)
+            if features is None:
+                continue
+            if last is None:
+                last, number = Keyframe(frame, features, None), number + 1
+                yield last
+                continue
+            tracked = self._track(number, frame, last, features, H_first)
+            if (tracked is None or tracked.link.overlap < self.config.min_overlap) and best is not None:
+                # The frame before was still well in view: it becomes the keyframe.
+                H_first = H_first @ best.link.i_H_j
+                last, number, best = Keyframe(best.frame, best.features, best.link), number + 1, None
+                yield last
+                tracked = self._track(number, frame, last, features, H_first)
+            if tracked is None:
+                failures += 1
+                if failures > self.config.patience:
+                    self.rejected["tracking started anew"] += 1
+                    last, number, failures, H_first = (
+                        Keyframe(frame, features, None),
+                        number + 1,
+                        0,
+                        np.eye(3),
+                    )
+                    yield last
+                continue
+            failures, best = 0, tracked
+        if best is not None:
+            yield Keyframe(best.frame, best.features, best.link)
+
+    def every(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
+        """Each readable picture as a keyframe, linked to the one before where the two overlap."""
+        number = -1
+        before: Features | None = None
+        for frame, image in enumerate(images):
+            self.frames += 1
+            features = self._features(image)
+            if features is None:
+                continue
+            link = None
+            if before is not None:
+                link = register(
+                    number, number + 1, before, features, self.camera, self.homography, self.gates
+                )
+            number, before = number + 1, features
+            yield Keyframe(frame, features, link if link is not None and link.ok else None)
+
+    def _features(self, image: Image | None) -> Features | None:
+        if image is None:
+            self.rejected["unreadable"] += 1
+            return None
+        features = self.extractor(image, self.camera)
+        if len(features) < self.gates.min_inliers:
+            self.rejected["too few features"] += 1
+            return None
+        return features
+
+    def _track(
+        self, number: int, frame: int, last: Keyframe, features: Features, H_first: NDArray[np.float64]
+    ) -> _Tracked | None:
+        link = register(number, number + 1, last.features, features, self.camera, self.homography, self.gates)
+        if link.ok:
+            change = relative_change(H_first, H_first @ link.i_H_j, self.camera)
+            if change <= self.gates.max_relative_change:
+                return _Tracked(frame, features, link)
+            self.rejected["change above gamma_2"] += 1
+        else:
+            self.rejected[link.reason] += 1
+        return None

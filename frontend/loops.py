@@ -1,0 +1,81 @@
+"""Loop closure: which keyframes to compare, and what comparing them gave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from frontend.camera import Camera
+from frontend.gates import GateConfig
+from frontend.homography import HomographyConfig
+from frontend.registration import Registration, register
+from frontend.retrieval import RetrievalConfig, candidates, signature, vocabulary
+from frontend.store import FeatureStore
+
+Array = NDArray[np.float64]
+Pair = tuple[int, int]
+
+
+def look_alikes(store: FeatureStore, stamps_s: Array, config: RetrievalConfig) -> list[Pair]:
+    """Pairs i < j of keyframes that look alike, by descriptor retrieval."""
+    n = len(store)
+    if n < 2:
+        return []
+    every = max(1, n // 200)  # a vocabulary needs a sample of the flight, not all of it
+    centres = vocabulary((store[k].descriptor for k in range(0, n, every)), config)
+    signatures = np.array([signature(store[k].descriptor, centres) for k in range(n)])
+    return candidates(signatures, stamps_s, 0.0, config.neighbours)
+
+
+def overlapping(
+    camera: Camera, w_T_b: Array, floor_z: float, min_overlap: float, neighbours: int
+) -> list[Pair]:
+    """Pairs i < j whose footprints overlap by the poses (n, 4, 4), each keyframe's largest overlaps."""
+    placed = np.flatnonzero(np.isfinite(w_T_b).all(axis=(1, 2)))
+    quads = {int(k): camera.footprint(w_T_b[k], floor_z) for k in placed}
+    quads = {k: q.astype(np.float32) for k, q in quads.items() if np.isfinite(q).all()}
+    if len(quads) < 2:
+        return []
+    keys = np.array(list(quads))
+    centre = np.array([quads[k].mean(axis=0) for k in keys])
+    size = np.array([np.linalg.norm(quads[k] - quads[k].mean(axis=0), axis=1).max() for k in keys])
+    area = {k: float(cv2.contourArea(q)) for k, q in quads.items()}
+    found: set[Pair] = set()
+    tree = cKDTree(centre)
+    for a, k in enumerate(keys):
+        near = tree.query_ball_point(centre[a], 2 * size[a])
+        share: dict[int, float] = {}
+        for b in near:
+            other = int(keys[b])
+            if other != k:
+                shared, _ = cv2.intersectConvexConvex(quads[int(k)], quads[other])
+                share[other] = shared / max(1e-12, min(area[int(k)], area[other]))
+        best = sorted((o for o in share if share[o] >= min_overlap), key=lambda o: -share[o])[:neighbours]
+        found.update((min(int(k), o), max(int(k), o)) for o in best)
+    return sorted(found)
+
+
+def verify(
+    pairs: Sequence[Pair],
+    store: FeatureStore,
+    camera: Camera,
+    homography: HomographyConfig,
+    gates: GateConfig,
+    workers: int = 2,
+    on_done: Callable[[int], None] = lambda done: None,
+) -> Iterable[Registration]:
+    """Geometric verification of candidates, in their order; each result holds or tells why not."""
+
+    def compare(pair: Pair) -> Registration:
+        i, j = pair
+        return register(i, j, store[i], store[j], camera, homography, gates)
+
+    with ThreadPoolExecutor(workers) as pool:
+        for done, result in enumerate(pool.map(compare, pairs), 1):
+            on_done(done)
+            yield result

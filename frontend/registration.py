@@ -1,0 +1,87 @@
+"""Two pictures registered: match, robust homography, gates. The unit of all front-end work."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from frontend.features import Features
+from frontend.gates import GateConfig, reject_reason
+from frontend.homography import HomographyConfig, fit_homography, transfer
+from frontend.matching import match
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Picture j registered to picture i, or the reason why not."""
+
+    i: int
+    j: int
+    reason: str
+    """Empty where the registration holds."""
+    matches: NDArray[np.int64]
+    """(m, 2) inlier matches: feature of i, feature of j."""
+    i_H_j: Array
+    """(3, 3) undistorted pixels of j to pixels of i; NaN where there is none."""
+    corner_covariance: Array
+    """(8, 8) px², corners of j carried into i."""
+    noise_px: float
+    overlap: float
+    """Share of picture j that picture i shows too."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the registration holds."""
+        return not self.reason
+
+
+def register(
+    i: int,
+    j: int,
+    a: Features,
+    b: Features,
+    camera: Camera,
+    homography: HomographyConfig,
+    gates: GateConfig,
+) -> Registration:
+    """Register picture j to picture i from their features."""
+    pairs = match(a, b)
+    if len(pairs) < gates.min_inliers:
+        return _failed(i, j, "too few matches")
+    pixel_i, pixel_j = a.pixel[pairs[:, 0]], b.pixel[pairs[:, 1]]
+    corners = camera.undistort(camera.corners_px)
+    fit = fit_homography(pixel_i, pixel_j, corners, homography)
+    if fit is None:
+        return _failed(i, j, "no plane fits the matches")
+    covered = overlap(fit.i_H_j, camera)
+    reason = reject_reason(fit, pixel_j, camera, covered, gates)
+    return Registration(
+        i, j, reason, pairs[fit.inlier], fit.i_H_j, fit.corner_covariance, fit.noise_px, covered
+    )
+
+
+def overlap(i_H_j: Array, camera: Camera) -> float:
+    """Share of picture j that lies inside picture i after transfer; 0 where the transfer folds."""
+    corners = camera.corners_px
+    w = corners @ i_H_j[2, :2] + i_H_j[2, 2]
+    if (w <= 0).any():
+        return 0.0
+    quad = transfer(i_H_j, corners).astype(np.float32)
+    area = cv2.contourArea(quad)
+    if not np.isfinite(quad).all() or area < 1.0 or not cv2.isContourConvex(quad):
+        return 0.0
+    shared, _ = cv2.intersectConvexConvex(quad, corners.astype(np.float32))
+    return float(min(1.0, max(0.0, shared) / area))
+
+
+def _failed(i: int, j: int, reason: str) -> Registration:
+    nothing = np.full((3, 3), np.nan)
+    return Registration(
+        i, j, reason, np.empty((0, 2), np.int64), nothing, np.full((8, 8), np.nan), np.nan, 0.0
+    )

@@ -1,0 +1,74 @@
+"""Which keyframes look alike: aggregated local descriptors (VLAD) and their nearest neighbours.
+
+Source: Jegou et al. 2010 (VLAD); Arandjelovic and Zisserman 2013 (intra-normalisation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class RetrievalConfig:
+    """Size of the vocabulary and of the answer."""
+
+    words: int = 64
+    sample: int = 30_000
+    """Descriptors that the vocabulary is built from."""
+    neighbours: int = 10
+    """Candidates a keyframe."""
+
+
+def vocabulary(descriptors: Iterable[NDArray], config: RetrievalConfig, seed: int = 0) -> Float:
+    """(words, d) cluster centres of a sample of the flight's own descriptors."""
+    pool = np.concatenate([as_float(d) for d in descriptors])
+    rng = np.random.default_rng(seed)
+    if len(pool) > config.sample:
+        pool = pool[rng.choice(len(pool), config.sample, replace=False)]
+    words = min(config.words, max(1, len(pool) // 8))
+    cv2.setRNGSeed(seed)
+    stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 12, 1e-4)
+    _, _, centres = cv2.kmeans(pool, words, None, stop, 1, cv2.KMEANS_RANDOM_CENTERS)
+    return np.ascontiguousarray(centres, dtype=np.float32)
+
+
+def signature(descriptor: NDArray, centres: Float) -> Float:
+    """(words * d,) VLAD of one picture, unit length; zeros for a picture without features."""
+    words, d = centres.shape
+    out = np.zeros((words, d), np.float32)
+    if len(descriptor):
+        x = as_float(descriptor)
+        nearest = np.argmin(np.sum(centres**2, axis=1) - 2 * x @ centres.T, axis=1)
+        np.add.at(out, nearest, x - centres[nearest])
+        out /= np.linalg.norm(out, axis=1, keepdims=True) + 1e-12
+    norm = np.linalg.norm(out)
+    return (out / norm if norm > 0 else out).ravel()
+
+
+def candidates(
+    signatures: Float, stamps_s: NDArray[np.float64], min_separation_s: float, neighbours: int
+) -> list[tuple[int, int]]:
+    """Pairs i < j that look alike and lie apart in time, the most alike first. ``signatures`` (n, w)."""
+    found: dict[tuple[int, int], float] = {}
+    for j in range(len(signatures)):
+        likeness = signatures @ signatures[j]
+        likeness[np.abs(stamps_s - stamps_s[j]) < min_separation_s] = -np.inf
+        likeness[j] = -np.inf
+        for i in np.argsort(-likeness, kind="stable")[:neighbours]:
+            if np.isfinite(likeness[i]):
+                found[min(i, j), max(i, j)] = float(likeness[i])
+    return [(int(i), int(j)) for i, j in sorted(found, key=lambda pair: -found[pair])]
+
+
+def as_float(descriptor: NDArray) -> Float:
+    """Descriptors as vectors: bit strings are unpacked to one value a bit."""
+    if descriptor.dtype == np.uint8:
+        return np.unpackbits(descriptor, axis=1).astype(np.float32)
+    return descriptor.astype(np.float32, copy=False)

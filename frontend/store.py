@@ -1,0 +1,45 @@
+"""Features of all keyframes, descriptors on disk: memory does not grow with the length of the flight."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.features import Features
+
+Array = NDArray[np.float64]
+
+
+class FeatureStore:
+    """Append-only; positions stay in memory (16 bytes a feature), descriptors in a temporary file."""
+
+    def __init__(self) -> None:
+        self._file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  it lives as long as the store
+        self._offset: list[int] = []
+        self._shape: list[tuple[int, int]] = []
+        self._dtype: np.dtype[Any] = np.dtype(np.float32)
+        self._end = 0
+        self.pixels: list[Array] = []
+        """(n_k, 2) undistorted positions of each keyframe's features."""
+
+    def append(self, features: Features) -> None:
+        """Keep the features of the next keyframe."""
+        data = np.ascontiguousarray(features.descriptor)
+        self._dtype = data.dtype
+        os.pwrite(self._file.fileno(), data.tobytes(), self._end)
+        self._offset.append(self._end)
+        self._shape.append((data.shape[0], data.shape[1]))
+        self._end += data.nbytes
+        self.pixels.append(features.pixel)
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    def __getitem__(self, k: int) -> Features:
+        rows, width = self._shape[k]
+        data = os.pread(self._file.fileno(), rows * width * self._dtype.itemsize, self._offset[k])
+        return Features(self.pixels[k], np.frombuffer(data, self._dtype).reshape(rows, width))

@@ -1,0 +1,90 @@
+"""Floor points followed through all keyframes: pairwise matches joined into tracks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from backend.measurements import FloorTracks
+from frontend.camera import Camera
+from frontend.registration import Registration
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TrackConfig:
+    """How many points are enough: the longest tracks, spread over each picture."""
+
+    grid: tuple[int, int] = (8, 6)
+    """Cells across and down a picture."""
+    per_cell: int = 1
+
+
+def join_tracks(
+    pixels: Sequence[Array], registrations: Sequence[Registration], camera: Camera, config: TrackConfig
+) -> FloorTracks:
+    """Tracks from the inliers of all kept registrations.
+
+    ``pixels``: (n_k, 2) undistorted feature positions of each keyframe. A component that holds two features
+    of one keyframe joins two different points: it is left out whole.
+    """
+    start = np.concatenate([[0], np.cumsum([len(p) for p in pixels])])
+    keyframe = np.repeat(np.arange(len(pixels)), np.diff(start))
+    if registrations:
+        a = np.concatenate([start[r.i] + r.matches[:, 0] for r in registrations])
+        b = np.concatenate([start[r.j] + r.matches[:, 1] for r in registrations])
+    else:
+        a = b = np.empty(0, np.int64)
+    noise = _noise_of_keyframes(len(pixels), registrations)
+    _, label = connected_components(
+        coo_matrix((np.ones(len(a)), (a, b)), shape=(start[-1],) * 2), directed=False
+    )
+    length = np.bincount(label)
+    node = np.flatnonzero(length[label] >= 2)
+    order = node[np.lexsort((keyframe[node], label[node]))]
+    twice = (np.diff(label[order]) == 0) & (np.diff(keyframe[order]) == 0)
+    broken = np.unique(label[order][1:][twice])
+    order = order[~np.isin(label[order], broken)]
+    pixel = np.concatenate(list(pixels))[order] if len(order) else np.empty((0, 2))
+    chosen = _choose(keyframe[order], label[order], length, pixel, camera, config)
+    keep = np.isin(label[order], chosen)
+    _, track = np.unique(label[order][keep], return_inverse=True)
+    k = keyframe[order][keep]
+    return FloorTracks(k, track, pixel[keep], noise[k])
+
+
+def _choose(
+    keyframe: NDArray[np.int64],
+    label: NDArray[np.int64],
+    length: NDArray[np.int64],
+    pixel: Array,
+    camera: Camera,
+    config: TrackConfig,
+) -> NDArray[np.int64]:
+    """Labels of the longest tracks of each cell of each picture."""
+    across, down = config.grid
+    w, h = camera.size_px
+    column = np.clip(pixel[:, 0] * across / w, 0, across - 1).astype(int)
+    row = np.clip(pixel[:, 1] * down / h, 0, down - 1).astype(int)
+    cell = (keyframe * down + row) * across + column
+    order = np.lexsort((label, -length[label], cell))
+    cell = cell[order]
+    first = np.concatenate([[True], cell[1:] != cell[:-1]]) if len(cell) else np.empty(0, bool)
+    begin = np.maximum.accumulate(np.where(first, np.arange(len(cell)), 0)) if len(cell) else cell
+    return np.unique(label[order][np.arange(len(cell)) - begin < config.per_cell])
+
+
+def _noise_of_keyframes(count: int, registrations: Sequence[Registration]) -> Array:
+    """(n,) px: median noise of the registrations that each keyframe takes part in."""
+    told: list[list[float]] = [[] for _ in range(count)]
+    for r in registrations:
+        told[r.i].append(r.noise_px)
+        told[r.j].append(r.noise_px)
+    overall = float(np.median([r.noise_px for r in registrations])) if registrations else 1.0
+    return np.array([float(np.median(t)) if t else overall for t in told])

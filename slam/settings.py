@@ -1,0 +1,54 @@
+"""All settings of the pipeline, each part's its own; the defaults run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from backend.bundle import BundleConfig
+from frontend.features import FeatureConfig
+from frontend.gates import GateConfig
+from frontend.homography import HomographyConfig
+from frontend.keyframes import KeyframeConfig
+from frontend.retrieval import RetrievalConfig
+from frontend.tracks import TrackConfig
+
+
+@dataclass(frozen=True)
+class SensorTrust:
+    """What is assumed of sensors beyond what their makers say."""
+
+    attitude_floor_rad: float = 0.005
+    """No attitude is believed better than this."""
+    attitude_graph_rad: float = 0.05
+    """Roll and pitch in the pose graph, before the pictures have had their say: wind misleads attitudes."""
+    level_std_rad: float = 0.1
+    """Roll and pitch of a camera that is only said to look straight down."""
+    range_floor_m: float = 0.005
+    """No range is believed better than this."""
+
+
+@dataclass(frozen=True)
+class LoopConfig:
+    """Which pairs count as loops, and how many are looked at."""
+
+    min_separation_s: float = 10.0
+    """Closer in time is odometry."""
+    min_overlap: float = 0.3
+    """Pairs that the poses say overlap by this share of a footprint are compared."""
+    max_pairs: int = 6000
+    """Pairs that the poses suggest and that are compared, over the whole flight."""
+
+
+@dataclass(frozen=True)
+class PipelineConfig:
+    """Settings of the whole post-flight job."""
+
+    features: FeatureConfig = field(default_factory=FeatureConfig)
+    homography: HomographyConfig = field(default_factory=HomographyConfig)
+    gates: GateConfig = field(default_factory=GateConfig)
+    keyframes: KeyframeConfig = field(default_factory=KeyframeConfig)
+    retrieval: RetrievalConfig = field(default_factory=RetrievalConfig)
+    loops: LoopConfig = field(default_factory=LoopConfig)
+    tracks: TrackConfig = field(default_factory=TrackConfig)
+    bundle: BundleConfig = field(default_factory=BundleConfig)
+    trust: SensorTrust = field(default_factory=SensorTrust)

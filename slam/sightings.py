@@ -1,0 +1,124 @@
+"""From pictures to registrations: track, gate, keyframe, retrieve, verify."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from frontend.features import Extractor
+from frontend.keyframes import Tracker
+from frontend.loops import look_alikes, overlapping, verify
+from frontend.registration import Registration, overlap
+from frontend.store import FeatureStore
+from slam.flight import Flight, Image
+from slam.progress import Progress
+from slam.settings import PipelineConfig
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """What the pictures say."""
+
+    store: FeatureStore
+    frame_index: NDArray[np.int64]
+    """(n,) frame of each keyframe."""
+    stamps_s: Array
+    """(n,)."""
+    links: tuple[Registration | None, ...]
+    """(n,) registration of each keyframe to the one before; None where tracking started anew."""
+    registrations: tuple[Registration, ...]
+    """All that hold, links included."""
+    refused: tuple[Registration, ...]
+    """Candidates that did not verify."""
+    frames: int
+    rejected: Counter[str]
+
+
+class Sighter:
+    """The front end with its settings for one flight."""
+
+    def __init__(self, flight: Flight, camera: Camera, config: PipelineConfig, progress: Progress) -> None:
+        width = camera.size_px[0]
+        self.flight, self.camera, self.config, self.progress = flight, camera, config, progress
+        self.homography = config.homography.for_width(width)
+        self.extractor = Extractor(config.features.for_width(width))
+
+    def watch(self) -> Sightings:
+        """Go through the frames once: track, gate, keyframe."""
+        flight = self.flight
+        assert flight.frames is not None
+        tracker = Tracker(
+            self.camera, self.extractor, self.homography, self.config.gates, self.config.keyframes
+        )
+        store, frame_index, links = FeatureStore(), [], []
+        images = read_ahead(flight, self.progress)
+        found = tracker.every(images) if flight.all_keyframes else tracker.keyframes(images)
+        for keyframe in found:
+            store.append(keyframe.features)
+            frame_index.append(keyframe.frame)
+            links.append(keyframe.link)
+        index = np.array(frame_index, dtype=np.int64)
+        kept = tuple(link for link in links if link is not None)
+        stamps_s = flight.frames.stamps_s[index] if len(index) else np.empty(0)
+        return Sightings(store, index, stamps_s, tuple(links), kept, (), tracker.frames, tracker.rejected)
+
+    def neighbours(self, sightings: Sightings) -> Sightings:
+        """Compare each keyframe with the ones just before the last: a chain alone is weak."""
+        pairs = []
+        for k in range(2, len(sightings.links)):
+            i_H_k, i = np.eye(3), k
+            while i > 0 and k - i < 4 and (link := sightings.links[i]) is not None:
+                i_H_k, i = link.i_H_j @ i_H_k, i - 1
+                if k - i > 1 and overlap(i_H_k, self.camera) >= self.config.loops.min_overlap:
+                    pairs.append((i, k))
+        return self._compare(sightings, pairs, "neighbours")
+
+    def retrieve(self, sightings: Sightings) -> Sightings:
+        """Compare keyframes that look alike."""
+        pairs = look_alikes(sightings.store, sightings.stamps_s, self.config.retrieval)
+        return self._compare(sightings, pairs, "loops")
+
+    def revisit(self, sightings: Sightings, w_T_b: Array, floor_z_m: float) -> Sightings:
+        """Compare keyframes that the poses say overlap."""
+        loops = self.config.loops
+        neighbours = int(np.clip(2 * loops.max_pairs / max(1, len(w_T_b)), 8, 80))
+        pairs = overlapping(self.camera, w_T_b, floor_z_m, loops.min_overlap, neighbours)
+        return self._compare(sightings, pairs, "overlaps")
+
+    def _compare(self, sightings: Sightings, pairs: Sequence[tuple[int, int]], stage: str) -> Sightings:
+        known = {(r.i, r.j) for r in (*sightings.registrations, *sightings.refused)}
+        pairs = [pair for pair in dict.fromkeys(pairs) if pair not in known]
+        held, refused = list(sightings.registrations), list(sightings.refused)
+        verdicts = verify(
+            pairs,
+            sightings.store,
+            self.camera,
+            self.homography,
+            self.config.gates,
+            on_done=lambda done: self.progress(stage, done, len(pairs)),
+        )
+        for registration in verdicts:
+            (held if registration.ok else refused).append(registration)
+        return replace(sightings, registrations=tuple(held), refused=tuple(refused))
+
+
+def read_ahead(flight: Flight, progress: Progress) -> Iterator[Image | None]:
+    """Pictures in order, the next one decoded while the last is worked on."""
+    assert flight.frames is not None
+    frames, total = flight.frames, len(flight.frames)
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(frames.load, 0) if total else None
+        for k in range(total):
+            assert coming is not None
+            image = coming.result()
+            coming = pool.submit(frames.load, k + 1) if k + 1 < total else None
+            yield image
+            progress("track", k + 1, total)

@@ -1,0 +1,97 @@
+"""What each sensor says at the times of the keyframes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.measurements import Attitude, Position, SlantRange
+from slam.flight import AttitudeSeries, Flight, GeoOrigin, Sonar
+from slam.io.geodesy import enu_from_geodetic
+
+Array = NDArray[np.float64]
+
+MAX_GAP_S = 0.3
+"""A keyframe farther than this from any sample of a stream has no value of that stream."""
+
+
+def local_value(stamps_s: Array, values: Array, at_s: Array, half_window_s: float) -> tuple[Array, Array]:
+    """Straight line fitted to the samples around each time; between two samples, interpolation.
+
+    ``values`` (n, d), ``at_s`` (k,). Returns (k, d) values, NaN where there is a gap, and (k,) the
+    factor that the fit puts on the standard deviation of one sample (white noise averages out).
+    """
+    order = np.argsort(stamps_s, kind="stable")
+    stamps_s, values = stamps_s[order], values[order]
+    out = np.full((len(at_s), values.shape[1]), np.nan)
+    factor = np.ones(len(at_s))
+    for k, t in enumerate(at_s):
+        lo, hi = np.searchsorted(stamps_s, [t - half_window_s, t + half_window_s])
+        # One sample on each side at least, or there is nothing to interpolate.
+        lo = max(0, min(lo, np.searchsorted(stamps_s, t, side="right") - 1))
+        hi = min(len(stamps_s), max(hi, lo + 2))
+        dt = stamps_s[lo:hi] - t
+        if len(dt) == 0 or np.abs(dt).min() > MAX_GAP_S or np.ptp(stamps_s[lo:hi]) > 4 * MAX_GAP_S:
+            continue
+        centre = dt.mean()
+        spread = np.sum((dt - centre) ** 2)
+        weight = np.full(len(dt), 1.0 / len(dt))
+        if spread > 0:
+            weight = weight - centre * (dt - centre) / spread
+        out[k] = weight @ values[lo:hi]
+        factor[k] = np.sqrt(np.sum(weight**2))
+    return out, factor
+
+
+def attitudes_at(series: AttitudeSeries | None, at_s: Array, floor_std_rad: float) -> tuple[Attitude, ...]:
+    """Attitude at each keyframe; ``floor_std_rad`` bounds from below what a maker's figure may claim."""
+    if series is None:
+        return ()
+    unwrapped = np.unwrap(series.roll_pitch_yaw_rad, axis=0)
+    value, factor = local_value(series.stamps_s, unwrapped, at_s, 0.05)
+    std = np.hypot(np.array(series.noise_std_rad)[None] * factor[:, None], floor_std_rad)
+    return tuple(Attitude(int(k), value[k], std[k]) for k in np.flatnonzero(np.isfinite(value).all(axis=1)))
+
+
+def ranges_at(sonar: Sonar | None, at_s: Array, floor_std_m: float) -> tuple[SlantRange, ...]:
+    """Slant range at each keyframe; readings outside the sensor's limits are left out."""
+    if sonar is None:
+        return ()
+    good = (sonar.range_m >= sonar.min_range_m) & (sonar.range_m <= sonar.max_range_m)
+    if not good.any():
+        return ()
+    value, factor = local_value(sonar.stamps_s[good], sonar.range_m[good, None], at_s, 0.1)
+    std = np.hypot(sonar.noise_std_m * factor, floor_std_m)
+    return tuple(
+        SlantRange(int(k), float(value[k, 0]), float(std[k]))
+        for k in np.flatnonzero(np.isfinite(value[:, 0]))
+    )
+
+
+def positions_at(flight: Flight, at_s: Array, origin: GeoOrigin | None) -> tuple[Position, ...]:
+    """GPS position in the local east-north-up world at each keyframe."""
+    gps = flight.gps
+    if gps is None or origin is None:
+        return ()
+    altitude = np.where(np.isfinite(gps.altitude_m), gps.altitude_m, origin.altitude_m)
+    enu = enu_from_geodetic(gps.latitude_deg, gps.longitude_deg, altitude, origin)
+    good = np.isfinite(enu).all(axis=1)
+    stamps_s, enu, flat = gps.stamps_s[good], enu[good], ~np.isfinite(gps.altitude_m[good])
+    positions = []
+    for k, t in enumerate(at_s):
+        after = int(np.searchsorted(stamps_s, t))
+        nearest = min(
+            (q for q in (after - 1, after) if 0 <= q < len(stamps_s)), key=lambda q: abs(stamps_s[q] - t)
+        )
+        std = np.array(gps.noise_std_m, dtype=float)
+        if abs(stamps_s[nearest] - t) < 1e-6:  # a geotag
+            value = enu[nearest]
+        elif 0 < after < len(stamps_s) and stamps_s[after] - stamps_s[after - 1] < 2.0:
+            share = (t - stamps_s[after - 1]) / (stamps_s[after] - stamps_s[after - 1])
+            value = (1 - share) * enu[after - 1] + share * enu[after]
+        else:
+            continue
+        if flat[nearest]:
+            std[2] = 1e3
+        positions.append(Position(k, value, std))
+    return tuple(positions)
