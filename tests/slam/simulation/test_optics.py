@@ -115,6 +115,17 @@ def test_a_pixel_shows_the_mean_over_its_footprint(height_m, rms):
     assert np.abs(shift).max() < 0.005
 
 
+@pytest.mark.parametrize("height_m", [2.4, 3.1, 5.0])
+def test_detail_below_a_pixel_does_not_alias(tmp_path, height_m):
+    """A chessboard of single texels, several of them to a pixel, is an even grey from high up."""
+    board = (np.indices((1200, 1200)).sum(0) % 2 * 200 + 20).astype(np.uint8)
+    cv2.imwrite(str(tmp_path / "board.png"), np.repeat(board[..., None], 3, 2))
+    floor = build_floor(World(str(tmp_path / "board.png"), (0.0, 0.0, 2.4, 2.4), 0.0), ())
+    picture = expose(floor, CAMERA, pose(1.2, 1.2, height_m, 1, 2, 30))
+    assert picture.std() < 2
+    assert picture.mean() == pytest.approx(120, abs=1)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_features_move_as_the_true_homography_says(seed):
     rng = np.random.default_rng(seed)
