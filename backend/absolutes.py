@@ -1,9 +1,10 @@
-"""Measurements of a single pose against the world, as gtsam's own factors, and what they say of where it stands."""
+"""Measurements of a single pose against the world, as gtsam's own factors, and what they say of where it
+stands."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import gtsam
 import numpy as np
@@ -17,8 +18,8 @@ from backend.measurements import Attitude, Position, SlantRange
 Array = NDArray[np.float64]
 
 OUTLIER_SIGMA = 3.0
-"""Whitened residual from which positions and ranges pull with constant force: Huber's loss; at 3 it costs less
-than 1 % of the accuracy where all measurements are good."""
+"""Whitened residual from which positions and ranges pull with constant force: Huber's loss; at 3 it costs
+less than 1 % of the accuracy where all measurements are good."""
 
 
 @dataclass(frozen=True)
@@ -43,11 +44,12 @@ class Absolute:
         return replace(self, k=k, factor=self.factor.rekey([k]), plain=self.plain.rekey([k]))
 
 
-def gtsam_poses(T: Array, dimension: int) -> list[gtsam.Pose2] | list[gtsam.Pose3]:
+def gtsam_poses(T: Array, dimension: int) -> list[Any]:
     """Transforms (n, 4, 4) as gtsam's poses."""
     if dimension == 2:
         return [gtsam.Pose2(*row) for row in se3.to_planar(T).tolist()]
-    return [gtsam.Pose3(matrix) for matrix in T]
+    rotations = T[:, :3, :3].reshape(-1, 9).tolist()
+    return [gtsam.Pose3(gtsam.Rot3(*R), t) for R, t in zip(rotations, T[:, :3, 3], strict=True)]
 
 
 def fixed(k: int, w_T: Array, dimension: int) -> Absolute:
@@ -61,8 +63,8 @@ def fixed(k: int, w_T: Array, dimension: int) -> Absolute:
 def attitude(measured: Attitude) -> Absolute | None:
     """Roll, pitch and heading; None where no angle was measured.
 
-    With the heading unknown gtsam's tilt factor takes over: a rotation's logarithm mixes the axes when the heading
-    is far off. It knows no heading, so the larger of the two tilt deviations stands for both.
+    With the heading unknown gtsam's tilt factor takes over: a rotation's logarithm mixes the axes when the
+    heading is far off. It knows no heading, so the larger of the two tilt deviations stands for both.
     """
     angle = measured.roll_pitch_yaw_rad
     with np.errstate(divide="ignore"):
@@ -72,8 +74,8 @@ def attitude(measured: Attitude) -> Absolute | None:
     R = Rotation.from_euler("xyz", np.where(np.isfinite(angle), angle, 0)).as_matrix()
     if weight[2] == 0 and weight[:2].all():
         up = gtsam.Unit3(np.array([0, 0, 1.0]))
-        noise = gtsam.noiseModel.Isotropic.Sigma(2, float(1 / weight[:2].min()))
-        factor = gtsam.AttitudeFactorPose3(measured.k, up, noise, gtsam.Unit3(R[2]))
+        tilt = gtsam.noiseModel.Isotropic.Sigma(2, float(1 / weight[:2].min()))
+        factor: gtsam.NonlinearFactor = gtsam.AttitudeFactorPose3(measured.k, up, tilt, gtsam.Unit3(R[2]))
     else:
         # Columns: body-axis rotation rates of roll, pitch and yaw for R = Rz Ry Rx.
         roll = Rotation.from_euler("x", np.nan_to_num(angle[0])).as_matrix()
@@ -88,8 +90,8 @@ def attitude(measured: Attitude) -> Absolute | None:
 def slant_range(measured: SlantRange, cos_tilt: float = 1.0) -> Absolute:
     """Range along the body's -z to the plane z = 0: the point that it hits has height 0.
 
-    gtsam's position factor with a lever arm (0, 0, -range) says just that when x and y weigh nothing. ``cos_tilt``
-    takes the deviation along the beam to the one in height.
+    gtsam's position factor with a lever arm (0, 0, -range) says just that when x and y weigh nothing.
+    ``cos_tilt`` takes the deviation along the beam to the one in height.
     """
     root = np.diag([0, 0, 1 / (measured.std_m * cos_tilt)])
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
@@ -100,7 +102,8 @@ def slant_range(measured: SlantRange, cos_tilt: float = 1.0) -> Absolute:
 
 
 def position(measured: Position) -> Absolute | None:
-    """Position of the body; NaN or an infinite deviation leaves an axis open; None where no axis was measured."""
+    """Position of the body; NaN or an infinite deviation leaves an axis open; None where no axis was
+    measured."""
     with np.errstate(divide="ignore"):
         weight = np.where(np.isfinite(measured.w_p_b_m), 1 / measured.std_m, 0)
     if not weight.any():
@@ -116,15 +119,27 @@ def _robust(noise: gtsam.noiseModel.Base) -> gtsam.noiseModel.Robust:
     return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(OUTLIER_SIGMA), noise)
 
 
-def jacobian(absolute: Absolute, w_T: Array) -> Array:
-    """(r, 6) whitened derivative of a spatial measurement with respect to a right perturbation at ``w_T`` (4, 4)."""
+def jacobian(absolute: Absolute, w_T: Array, origin_m: Array) -> Array:
+    """(r, 6) whitened derivative of a spatial measurement at the pose ``w_T`` (4, 4).
+
+    With respect to a motion in world axes, rotation first, about the point ``origin_m`` (3,).
+    """
+    if absolute.w_R_b is not None and not absolute.heading_known:
+        # A tilt left over would turn with the heading and feign knowledge of it: look where none is left.
+        up = w_T[:3, :3] @ absolute.w_R_b[2]
+        w_T = w_T.copy()
+        w_T[:3, :3] = Rotation.align_vectors([[0, 0, 1.0]], up[None])[0].as_matrix() @ w_T[:3, :3]
     values = gtsam.Values()
     values.insert(absolute.k, gtsam.Pose3(w_T))
-    return np.asarray(absolute.plain.linearize(values).jacobian()[0])
+    origin = np.eye(4)
+    origin[:3, 3] = origin_m
+    J = np.asarray(absolute.plain.linearize(values).jacobian()[0])
+    return J @ se3.adjoint(se3.inverse(w_T) @ origin)
 
 
 def aligned(w_T: Array, absolutes: tuple[Absolute, ...]) -> Array:
-    """Move a rigid trajectory (n, 4, 4) to where its absolute measurements want it: a start, not an estimate."""
+    """Move a rigid trajectory (n, 4, 4) to where its absolute measurements want it: a start, not an
+    estimate."""
     w_T = w_T.copy()
     rotations = [a for a in absolutes if a.w_R_b is not None]
     places = [a for a in absolutes if np.isfinite(a.w_p_b_m).any()]
@@ -156,12 +171,13 @@ def _mean_rotation(w_T: Array, rotations: list[Absolute]) -> Array:
     if full:
         total = sum((a.w_R_b @ w_T[a.k, :3, :3].T for a in full if a.w_R_b is not None), np.zeros((3, 3)))
         return se3.nearest_rotations(total[None])[0]
-    up = sum((w_T[a.k, :3, :3] @ a.w_R_b[2] for a in rotations if a.w_R_b is not None), np.zeros(3))
+    up = np.sum([w_T[a.k, :3, :3] @ a.w_R_b[2] for a in rotations if a.w_R_b is not None], axis=0)
     return Rotation.align_vectors([[0, 0, 1.0]], [up / max(np.linalg.norm(up), 1e-12)])[0].as_matrix()
 
 
 def _procrustes(w_T: Array, places: list[Absolute], planar: bool) -> Array:
-    """Rotation that takes trajectory to measured positions; what is far off is left out of the second pass."""
+    """Rotation that takes trajectory to measured positions; what is far off is left out of the second
+    pass."""
     p = np.array([w_T[a.k, :3, 3] for a in places])
     q = np.array([a.w_p_b_m for a in places])
     if planar:

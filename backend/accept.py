@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
@@ -20,7 +22,8 @@ _NOT_RIGID = 1e-3
 
 
 def from_measurements(measurements: Measurements, initial: Array | None) -> tuple[Problem, list[str]]:
-    """The problem of a flight and warnings about what was dropped. Raises ``BackendError`` for bad figures."""
+    """The problem of a flight and warnings about what was dropped. Raises ``BackendError`` for bad
+    figures."""
     n = measurements.count
     if n == 0:
         raise BackendError("there is no keyframe: nothing to solve")
@@ -48,7 +51,7 @@ def from_measurements(measurements: Measurements, initial: Array | None) -> tupl
         absolutes=(),
     )
     singles, warnings = _absolutes(measurements)
-    return Problem(**{**problem.__dict__, "absolutes": singles}), warnings
+    return replace(problem, absolutes=singles), warnings
 
 
 def _rigid(edges: tuple[RelativePose, ...], n: int) -> Array:
@@ -56,7 +59,7 @@ def _rigid(edges: tuple[RelativePose, ...], n: int) -> Array:
     for e in edges:
         if not (0 <= e.i < n and 0 <= e.j < n) or e.i == e.j:
             raise BackendError(f"a {e.kind} edge joins keyframes {e.i} and {e.j} of {n}; drop it")
-    finite = np.isfinite(T).all(axis=(1, 2))
+    finite = np.asarray(np.isfinite(T).all(axis=(1, 2)))
     R = np.where(finite[:, None, None], T[:, :3, :3], np.eye(3))
     off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0)
     bad = np.flatnonzero(~finite | (off > _NOT_RIGID) | (np.linalg.det(R) < 0))
@@ -72,7 +75,7 @@ def _rigid(edges: tuple[RelativePose, ...], n: int) -> Array:
 
 def _roots(edges: tuple[RelativePose, ...]) -> Array:
     covariance = np.array([e.covariance for e in edges], dtype=np.float64).reshape(-1, 6, 6)
-    finite = np.isfinite(covariance).all(axis=(1, 2))
+    finite = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
     safe = np.where(finite[:, None, None], covariance, np.eye(6))
     # Radians and metres differ in size: judge the matrix with its diagonal brought to one.
     scale = np.sqrt(np.maximum(np.diagonal(safe, axis1=1, axis2=2), 1e-300))

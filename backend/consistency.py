@@ -1,4 +1,5 @@
-"""Do all edges fit together, and which of them do not: a global test first, edge rejection only if it fails."""
+"""Do all edges fit together, and which of them do not: a global test first, edge rejection only if it
+fails."""
 
 from __future__ import annotations
 
@@ -38,16 +39,16 @@ class ChiSquare:
         return self.statistic <= self.limit
 
 
-def chi_square(problem: Problem, w_T: Array) -> ChiSquare:
+def chi_square(problem: Problem, statistic: float) -> ChiSquare:
     """Test whether the edges agree with each other and with the absolute measurements.
 
-    The freedom is that of the edges' loops, plus what absolute measurements may ask of them.
+    ``statistic`` is the sum of the edges' squared whitened residuals. The freedom is that of the edges'
+    loops, plus what absolute measurements may ask of them.
     """
     d = problem.freedom
     tree = d * (problem.count - 1)
     rows = sum(absolute.plain.dim() for absolute in problem.absolutes)
     freedom = d * len(problem.i) - tree + min(rows, tree)
-    statistic = float((problem.residuals(w_T) ** 2).sum())
     # A tree of edges always fits: its residuals are rounding.
     return ChiSquare(statistic, freedom, float(chi2.ppf(CONFIDENCE, freedom)) if freedom > 0 else np.inf)
 
@@ -66,9 +67,9 @@ def agreeing_edges(
 ) -> tuple[NDArray[np.bool_], Array]:
     """Graduated non-convexity with truncated least squares over the candidate edges.
 
-    Starts from the convex problem in which all count and lets the loss become truncated step by step; one damped
-    step a stage suffices since each starts where the last ended. Returns (m,) kept and the poses it ended at.
-    Source: Yang, Antonante, Tzoumas, Carlone 2020 (RA-L), equations 12 to 14.
+    Starts from the convex problem in which all count and lets the loss become truncated step by step; one
+    damped step a stage suffices since each starts where the last ended. Returns (m,) kept and the poses it
+    ended at. Source: Yang, Antonante, Tzoumas, Carlone 2020 (RA-L), equations 12 to 14.
     """
     c2 = edge_limit(problem) ** 2
     sure = problem.with_edges(~candidate).edge_factors()
@@ -127,17 +128,17 @@ def innovations(
     tree = bayes_tree(graph, values)
     factors = some.edge_factors()
     out = plain.copy()
-    for k in np.argsort(plain)[:_MOST_TESTED] if tree is not None else []:
+    if tree is None:
+        return plain
+    for k in np.argsort(plain)[:_MOST_TESTED].tolist():
         a, b = int(some.i[k]), int(some.j[k])
         try:
             joint = tree.jointMarginalCovariance([a, b]).fullMatrix()
-            A, e = factors.at(int(k)).linearize(values).jacobian()
+            A, e = factors.at(k).linearize(values).jacobian()
         except RuntimeError:
             continue
-        if list(factors.at(int(k)).keys()) != [a, b]:
-            continue
         S = np.eye(len(e)) + A @ joint @ A.T
-        out[k] = float(np.sqrt(max(e @ np.linalg.solve(S, e), 0)))
+        out[k] = float(np.sqrt(max(float(e @ np.linalg.solve(S, e)), 0.0)))
     return out
 
 

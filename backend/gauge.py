@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from backend import se3
 from backend.errors import runs
 
 Array = NDArray[np.float64]
@@ -80,19 +79,16 @@ def floating_parts(graph: gtsam.NonlinearFactorGraph) -> Parts:
     return Parts(parts, [part for part, t in zip(parts, tied, strict=True) if not t])
 
 
-def open_directions(jacobians: list[Array], w_T_b: Array, anchor: Array) -> Array:
+def open_directions(jacobians: list[Array]) -> Array:
     """Rigid motions of a connected part that its absolute measurements leave open.
 
-    ``jacobians`` are whitened (r, 6), each with respect to a right perturbation of the pose in the same row of
-    ``w_T_b`` (k, 4, 4). Returns orthonormal rows (d, 6): directions of a motion in world axes about the origin
-    of ``anchor`` (4, 4), rotation first. A direction counts as open where its standard deviation would exceed
-    1 rad or 10 km: that is no knowledge, and a solver would wander along it.
+    ``jacobians`` are whitened (r, 6) derivatives with respect to a motion of the whole part, all about the
+    same point in world axes, rotation first. Returns orthonormal rows (d, 6) of such motions. A direction
+    counts as open where its standard deviation would exceed 1 rad or 10 km: that is no knowledge, and a
+    solver would wander along it.
     """
-    a_origin = np.eye(4)
-    a_origin[:3, 3] = anchor[:3, 3]
     information = np.zeros((6, 6))
-    for jacobian, T in zip(jacobians, w_T_b, strict=True):
-        J = jacobian @ se3.adjoint(se3.inverse(T) @ a_origin)
+    for J in jacobians:
         information += J.T @ J
     scale = np.array([_ROTATION_STD_RAD] * 3 + [_POSITION_STD_M] * 3)
     values, vectors = np.linalg.eigh(scale[:, None] * information * scale)

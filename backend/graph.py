@@ -1,7 +1,7 @@
 """From measurements or a pose graph to one consistent trajectory.
 
-Each connected part is anchored where nothing observes it, started, solved plainly, and tested as a whole. Only
-where that test fails are edges rejected, each with its reason, and the rest solved again.
+Each connected part is anchored where nothing observes it, started, solved plainly, and tested as a whole.
+Only where that test fails are edges rejected, each with its reason, and the rest solved again.
 """
 
 from __future__ import annotations
@@ -38,8 +38,9 @@ def solve(
 ) -> Solution:
     """The most likely trajectory of a flight's keyframes.
 
-    ``initial`` (n, 4, 4), NaN where unknown, starts the descent; without it the odometry does. ``loops_robust``
-    allows the rejection of edges where the whole does not fit. Raises ``BackendError`` for bad figures.
+    ``initial`` (n, 4, 4), NaN where unknown, starts the descent; without it the odometry does.
+    ``loops_robust`` allows the rejection of edges where the whole does not fit. Raises ``BackendError`` for
+    bad figures.
     """
     problem, warnings = from_measurements(measurements, initial)
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
@@ -87,7 +88,7 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
         except BackendError as refused:
             if len(members) == n:
                 raise
-            for e in edges:
+            for e in edges.tolist():
                 reasons[e] = "its part of the graph could not be solved"
             warnings.append(f"{key_runs(members.tolist(), problem.name)} could not be solved: {refused}")
             converged = False

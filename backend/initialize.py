@@ -17,13 +17,13 @@ Index = NDArray[np.int64]
 def spanning_tree(n: int, i: Index, j: Index, ij_T: Array, cost: Array, root: int, w_T_root: Array) -> Array:
     """Poses composed from the root outwards along the paths of least cost. Returns (n, 4, 4).
 
-    ``cost`` (m,) > 0 is an edge's variance; poses that no edge reaches stay NaN. Among all spanning trees the one
-    of shortest paths gives each pose the least accumulated variance.
+    ``cost`` (m,) > 0 is an edge's variance; poses that no edge reaches stay NaN. Among all spanning trees
+    the one of shortest paths gives each pose the least accumulated variance.
     """
     w_T = np.full((n, 4, 4), np.nan)
     w_T[root] = w_T_root
     links, code, order = _links(n, i, j, cost)
-    distance, parent = dijkstra(links, directed=False, indices=root, return_predecessors=True)
+    distance, parent = dijkstra(links, directed=False, indices=np.array(root), return_predecessors=True)
     reached = np.flatnonzero(np.isfinite(distance) & (np.arange(n) != root))
     reached = reached[np.argsort(distance[reached], kind="stable")]
     above = parent[reached].astype(np.int64)
@@ -62,8 +62,8 @@ def chordal(
 ) -> Array | None:
     """Rotations by linear least squares, then positions by another; pose 0 stands at ``w_T_root``.
 
-    ``kappa`` and ``tau`` (m,) weigh rotation and translation. The graph must be connected. Returns (n, 4, 4), or
-    None where the linear system has no answer.
+    ``kappa`` and ``tau`` (m,) weigh rotation and translation. The graph must be connected. Returns (n, 4,
+    4), or None where the linear system has no answer.
     Source: Martinec and Pajdla 2007, section 3; Carlone et al. 2015 (ICRA), section III-B.
     """
     d = 2 if planar else 3
@@ -87,7 +87,8 @@ def chordal(
 def _laplacian_solve(
     i: Index, j: Index, weight: Array, block: Array, first: Array, rhs: Array, n: int
 ) -> Array | None:
-    """Minimise sum weight |x_j - block x_i - ...|^2 with x_0 = ``first``; ``rhs`` (n d, c) holds the constant part."""
+    """Minimise sum weight |x_j - block x_i - ...|^2 with x_0 = ``first``; ``rhs`` (n d, c) holds the
+    constant part."""
     d = block.shape[1]
     degree = np.bincount(i, weight, n) + np.bincount(j, weight, n)
     a, b = np.meshgrid(np.arange(d), np.arange(d), indexing="ij")

@@ -27,8 +27,8 @@ def unobserved(
 ) -> list[str]:
     """Sentences about the directions that no measurement fixes at ``values``; empty where all are fixed.
 
-    Rigid motions in world axes about the mean position, and the scale, are recognised per connected part of the
-    graph; what remains is told by the variables that take part.
+    Rigid motions in world axes about the mean position, and the scale, are recognised per connected part of
+    the graph; what remains is told by the variables that take part.
     """
     keys = sorted(values.keys())
     dims = values.dims()
@@ -48,8 +48,15 @@ def unobserved(
         if inside.any():
             said = ", ".join(word for word, yes in zip(words, inside, strict=True) if yes)
             sentences.append(f"{said} of {key_runs(part, name)} not observed")
-            basis = np.linalg.qr(G[:, inside])[0]
-            null = _orthonormal(null - basis @ (basis.T @ null))
+            null = _without(null, np.linalg.qr(G[:, inside])[0])
+        if "scale" in words:
+            # A held pose moves the center of the scale: it is then open together with a shift.
+            share = np.linalg.lstsq(G, null, rcond=None)[0]
+            whole = np.linalg.norm(G @ share - null, axis=0) < 1e-3
+            grows = whole & (np.abs(share[words.index("scale")]) > 0.05)
+            if grows.any():
+                sentences.append(f"scale of {key_runs(part, name)} not observed")
+                null = null[:, ~grows]
     if null.shape[1]:
         share = np.array([np.linalg.norm(null[where[key]]) for key in keys])
         some = [key for key, s in zip(keys, share, strict=True) if s > 0.1 * share.max()]
@@ -61,8 +68,8 @@ def unobserved(
 def null_space(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, width: NDArray[np.int64]) -> Array:
     """(dim, k) orthonormal directions that leave all linearised residuals as they are; at most 14 of them.
 
-    Columns of the system are first brought to unit length, so that radians and metres compare. Dense below 1200
-    unknowns, shift-invert Lanczos above.
+    Columns of the system are first brought to unit length, so that radians and metres compare. Dense below
+    1200 unknowns, shift-invert Lanczos above.
     """
     triplets = np.asarray(graph.linearize(values).sparseJacobian_())
     dim = int(width.sum())
@@ -78,7 +85,8 @@ def null_space(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, width: N
     else:
         eigenvalues, vectors = _smallest(H)
     open_ = eigenvalues < _OPEN
-    return _orthonormal(vectors[:, open_] / length[:, None])
+    null = vectors[:, open_] / length[:, None]
+    return _orthonormal(np.linalg.qr(null)[0])
 
 
 def _smallest(H: csc_array) -> tuple[Array, Array]:
@@ -92,11 +100,14 @@ def _smallest(H: csc_array) -> tuple[Array, Array]:
     return 1 / inverse - 1e-9, vectors
 
 
+def _without(null: Array, basis: Array) -> Array:
+    return _orthonormal(null - basis @ (basis.T @ null))
+
+
 def _orthonormal(A: Array) -> Array:
-    if A.shape[1] == 0:
-        return A
-    U, s, _ = np.linalg.svd(A / np.abs(A).max(), full_matrices=False)
-    return U[:, s > 1e-6 * s[0]] if s[0] > 0 else U[:, :0]
+    """Basis of the column space; columns that are rounding beside unit length are dropped."""
+    U, s, _ = np.linalg.svd(A, full_matrices=False)
+    return U[:, s > 1e-3]
 
 
 def _generators(values: gtsam.Values, part: list[int], where: dict[int, slice], dim: int) -> Array:

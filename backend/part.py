@@ -1,9 +1,11 @@
-"""One connected part of a graph: anchor it, start it, solve it plainly, and reject edges only where it must."""
+"""One connected part of a graph: anchor it, start it, solve it plainly, and reject edges only where it
+must."""
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import gtsam
@@ -18,7 +20,7 @@ from backend.gauge import direction_words, hold_factor, key_runs, open_direction
 from backend.initialize import chordal, spanning_tree, tree_edges
 from backend.marginals import pose_covariances
 from backend.problem import Problem
-from backend.solve import Minimum, OnStep, check, gauss_newton, levenberg_marquardt
+from backend.solve import Minimum, OnStep, check_finite, gauss_newton, levenberg_marquardt
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -58,6 +60,15 @@ class Part:
 
 
 @dataclass(frozen=True)
+class _Fit:
+    """A plain solve of some edges."""
+
+    minimum: Minimum
+    w_T: Array
+    test: ChiSquare
+
+
+@dataclass(frozen=True)
 class _Anchored:
     """A problem with what is held, and the options: everything that a plain solve of some edges needs."""
 
@@ -78,14 +89,11 @@ def solve_part(problem: Problem, options: Options) -> Part:
     ties, held = _ties(problem, start)
     anchored = _Anchored(problem, ties, options)
     kept = np.ones(len(problem.i), dtype=bool)
-    minimum = _plain(anchored, kept, start)
-    w_T = problem.poses(minimum.values)
-    test = chi_square(problem, w_T)
+    fit = _plain(anchored, kept, start)
     sigma = np.full(len(kept), np.nan)
-    if not test.passed and options.loops_robust:
-        kept, minimum, sigma = _rejected(anchored, w_T, minimum)
-        w_T = problem.poses(minimum.values)
-        test = chi_square(problem.with_edges(kept), w_T)
+    if not fit.test.passed and options.loops_robust:
+        kept, fit, sigma = _rejected(anchored, fit)
+    minimum, w_T = fit.minimum, fit.w_T
     covariances = None
     if options.covariances:
         covariances = pose_covariances(anchored.graph(kept), minimum.values, range(problem.count))
@@ -99,20 +107,21 @@ def solve_part(problem: Problem, options: Options) -> Part:
         iterations=minimum.iterations,
         converged=minimum.converged,
         held=held,
-        warnings=tuple(_warnings(problem, minimum, test)),
+        warnings=tuple(_warnings(problem, fit)),
     )
 
 
-def _warnings(problem: Problem, minimum: Minimum, test: ChiSquare) -> list[str]:
-    who = key_runs(range(problem.count), problem.name)
-    said = []
+def _warnings(problem: Problem, fit: _Fit) -> list[str]:
+    minimum, test, said = fit.minimum, fit.test, []
+    if not (minimum.converged and test.passed):
+        who = key_runs(range(problem.count), problem.name)
     if not minimum.converged:
         said.append(f"{who}: no start converged ({minimum.reason}); the best point found is given")
     if not test.passed:
         ratio = math.sqrt(test.statistic / test.freedom)
         said.append(
-            f"{who}: the edges disagree more than their covariances allow (chi-square {test.statistic:.4g} for"
-            f" {test.freedom} degrees of freedom): deviations are {ratio:.2g} times what is stated"
+            f"{who}: the edges disagree more than their covariances allow (chi-square {test.statistic:.4g}"
+            f" for {test.freedom} degrees of freedom): deviations are {ratio:.2g} times what is stated"
         )
     for kind in ("position", "range"):
         of_kind = [a for a in problem.absolutes if a.kind == kind]
@@ -148,17 +157,18 @@ def _ties(problem: Problem, start: Array) -> tuple[gtsam.NonlinearFactorGraph, s
 
 
 def _open(problem: Problem, start: Array) -> Array:
-    at = np.array([start[a.k] for a in problem.absolutes]).reshape(-1, 4, 4)
-    jacobians = [jacobian(a, T) for a, T in zip(problem.absolutes, at, strict=True)]
-    return open_directions(jacobians, at, start[0])
+    return open_directions([jacobian(a, start[a.k], start[0, :3, 3]) for a in problem.absolutes])
 
 
 def _start(problem: Problem) -> Array:
-    """The given poses where all are known; else a tree from a known one, or moved to the absolute measurements."""
+    """The given poses where all are known; else a tree from a known one, or moved to the absolute
+    measurements."""
     given = np.isfinite(problem.initial).all(axis=(1, 2))
     if given.all():
         w_T = problem.initial.copy()
-        w_T[:, :3, :3] = se3.nearest_rotations(w_T[:, :3, :3])
+        R = w_T[:, :3, :3]
+        off = np.abs(np.einsum("nab,ncb->nac", R, R) - np.eye(3)).max(axis=(1, 2)) > 1e-9
+        w_T[off, :3, :3] = se3.nearest_rotations(R[off])
         return w_T
     root = int(np.argmax(given))
     first = problem.initial[root] if given.any() else np.eye(4)
@@ -175,52 +185,86 @@ def _chordal_start(problem: Problem, w_T_root: Array) -> Array | None:
     tau = weight[:, :2].mean(axis=1) if planar else weight[:, 3:].mean(axis=1)
     if not ((kappa > 0) & (tau > 0)).all():
         return None
-    return chordal(problem.i, problem.j, problem.ij_T, kappa, tau, w_T_root, problem.count, planar)
+    w_T = chordal(problem.i, problem.j, problem.ij_T, kappa, tau, w_T_root, problem.count, planar)
+    given = np.isfinite(problem.initial).any()
+    return w_T if w_T is None or given else aligned(w_T, problem.absolutes)
 
 
-def _plain(anchored: _Anchored, kept: Mask, start: Array) -> Minimum:
-    """All kept edges as they are: from the start, and from the chordal relaxation where that does not end well."""
+def _plain(anchored: _Anchored, kept: Mask, start: Array) -> _Fit:
+    """All kept edges as they are, from the better of the start and the chordal relaxation; from the other one
+    where that does not end well."""
     problem, options = anchored.problem.with_edges(kept), anchored.options
     graph = anchored.graph(kept)
     limits = (options.max_iterations, options.relative_tolerance, options.on_step, options.deadline)
-    attempts: list[Minimum] = []
+    attempts: list[_Fit] = []
     refused: BackendError | None = None
-    for begin in (lambda: start, lambda: _chordal_start(problem, start[0])):
-        w_T = begin()
-        if w_T is None or (attempts and time.monotonic() > options.deadline):
-            continue
-        values = problem.values(w_T)
+    for values in _starts(problem, graph, start):
+        if attempts and time.monotonic() > options.deadline:
+            break
         try:
-            if not attempts:
-                check(graph, values, problem.name)
-            attempts.append(gauss_newton(graph, values, *limits, problem.name))
+            attempts.append(_fit(anchored, problem, gauss_newton(graph, values, *limits, problem.name)))
         except BackendError as error:
             refused = error
             continue
-        if attempts[-1].converged and chi_square(problem, problem.poses(attempts[-1].values)).passed:
+        if attempts[-1].minimum.converged and attempts[-1].test.passed:
             return attempts[-1]
     if not attempts:
         raise refused or BackendError("no start was found")
-    best = min(attempts, key=lambda minimum: (not minimum.converged, minimum.error))
-    return best if best.converged else levenberg_marquardt(graph, best, *limits)
+    best = min(attempts, key=lambda fit: (not fit.minimum.converged, fit.minimum.error))
+    if best.minimum.converged:
+        return best
+    return _fit(anchored, problem, levenberg_marquardt(graph, best.minimum, *limits))
 
 
-def _rejected(anchored: _Anchored, w_T: Array, minimum: Minimum) -> tuple[Mask, Minimum, Array]:
+def _starts(problem: Problem, graph: gtsam.NonlinearFactorGraph, start: Array) -> Iterator[gtsam.Values]:
+    """The given start and the chordal one, the one of lower error first."""
+    if not np.isfinite(start).all():
+        bad = int(np.argmin(np.isfinite(start).all(axis=(1, 2))))
+        raise BackendError(f"the start of {problem.name(bad)} is not finite; give it a pose or none at all")
+    # Edges that agree with the start to within their noise need no better one; a tree has none.
+    before = _edge_statistic(problem, start)
+    looped = len(problem.i) >= problem.count
+    relaxed = _chordal_start(problem, start[0]) if looped and not chi_square(problem, before).passed else None
+    starts = [start] if relaxed is None else [start, relaxed]
+    if relaxed is not None and _edge_statistic(problem, relaxed) < before:
+        starts.reverse()
+    for number, w_T in enumerate(starts):
+        values = problem.values(w_T)
+        if number == 0:
+            check_finite(graph, values, problem.name)
+        yield values
+    relaxed = _chordal_start(problem, start[0]) if looped and relaxed is None else None
+    if relaxed is not None:
+        yield problem.values(relaxed)
+
+
+def _edge_statistic(problem: Problem, w_T: Array) -> float:
+    return float((problem.residuals(w_T) ** 2).sum())
+
+
+def _fit(anchored: _Anchored, edges: Problem, minimum: Minimum) -> _Fit:
+    statistic = 2 * (minimum.error - float(anchored.ties.error(minimum.values)))
+    return _Fit(minimum, edges.poses(minimum.values), chi_square(edges, statistic))
+
+
+def _rejected(anchored: _Anchored, fit: _Fit) -> tuple[Mask, _Fit, Array]:
     """Which edges agree, the solution from them, and by how many sigmas (m,) each other one disagrees."""
     trusted = anchored.problem.trusted
     best = None
     for candidate in (~trusted, np.ones_like(trusted)):
         if not candidate.any():
             continue
-        kept, at = agreeing_edges(anchored.problem, anchored.ties, w_T, candidate, anchored.options.on_step)
+        kept, at = agreeing_edges(
+            anchored.problem, anchored.ties, fit.w_T, candidate, anchored.options.on_step
+        )
         kept = _connected(anchored.problem, kept, at)
         found = _settled(anchored, kept, candidate, at)
         if best is None or found[0].sum() > best[0].sum():
             best = found
-        if chi_square(anchored.problem.with_edges(found[0]), anchored.problem.poses(found[1].values)).passed:
+        if found[1].test.passed:
             break
     if best is None:
-        return np.ones_like(trusted), minimum, np.full(len(trusted), np.nan)
+        return np.ones_like(trusted), fit, np.full(len(trusted), np.nan)
     return best
 
 
@@ -231,22 +275,23 @@ def _connected(problem: Problem, kept: Mask, w_T: Array) -> Mask:
     return kept | np.isin(np.arange(len(kept)), tree)
 
 
-def _settled(anchored: _Anchored, kept: Mask, candidate: Mask, w_T: Array) -> tuple[Mask, Minimum, Array]:
-    """Solve the kept edges plainly; take back what the prediction's uncertainty explains, drop what sticks out."""
+def _settled(anchored: _Anchored, kept: Mask, candidate: Mask, w_T: Array) -> tuple[Mask, _Fit, Array]:
+    """Solve the kept edges plainly; take back what the prediction's uncertainty explains, drop what sticks
+    out."""
     problem, limit = anchored.problem, edge_limit(anchored.problem)
     banned = np.zeros_like(kept)
     for remaining in reversed(range(_ROUNDS)):
-        minimum = _plain(anchored, kept, w_T)
-        w_T = problem.poses(minimum.values)
+        fit = _plain(anchored, kept, w_T)
+        w_T = fit.w_T
         sigma = np.full(len(kept), np.nan)
         out = np.flatnonzero(~kept)
         sigma[out] = innovations(problem, anchored.graph(kept), w_T, out)
         back = ~kept & ~banned & (np.nan_to_num(sigma, nan=np.inf) <= limit)
         sticks_out = np.zeros_like(kept)
-        if not chi_square(problem.with_edges(kept), w_T).passed:
+        if not fit.test.passed:
             sticks_out = kept & candidate & (np.linalg.norm(problem.residuals(w_T), axis=1) > limit)
         if remaining == 0 or not (back.any() or sticks_out.any()):
             break
         banned |= sticks_out
         kept = _connected(problem, (kept | back) & ~sticks_out, w_T)
-    return kept, minimum, sigma
+    return kept, fit, sigma

@@ -1,4 +1,5 @@
-"""What is to be solved, the same for a flight's measurements and a g2o file: arrays of edges, and single factors."""
+"""What is to be solved, the same for a flight's measurements and a g2o file: arrays of edges, and single
+factors."""
 
 from __future__ import annotations
 
@@ -14,6 +15,9 @@ from backend.pose_graph import PoseGraph
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+_PLANAR = [3, 4, 2]
+"""(x, y, heading) in the spatial tangent."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +85,9 @@ class Problem:
         )
 
     def residuals(self, w_T: Array) -> Array:
-        """(m, d) whitened residuals of the edges, gtsam's own: the chart of Pose2, the logarithm of Pose3."""
+        """(m, d) whitened residuals of the edges, gtsam's own: the logarithm of what is left over."""
         error = se3.inverse(self.ij_T) @ se3.inverse(w_T[self.i]) @ w_T[self.j]
-        tangent = se3.to_planar(error) if self.dimension == 2 else se3.log(error)
+        tangent = se3.log(error)[:, _PLANAR] if self.dimension == 2 else se3.log(error)
         return np.einsum("mab,mb->ma", self.sqrt_information, tangent)
 
     def edge_factors(self, weight: Array | None = None) -> gtsam.NonlinearFactorGraph:
@@ -97,15 +101,10 @@ class Problem:
         used = np.arange(len(self.i)) if weight is None else np.flatnonzero(weight > 0)
         make = gtsam.BetweenFactorPose2 if self.dimension == 2 else gtsam.BetweenFactorPose3
         poses = gtsam_poses(self.ij_T[used], self.dimension)
-        models: dict[bytes, gtsam.noiseModel.Gaussian] = {}
-        for a, b, pose, k in zip(self.i[used].tolist(), self.j[used].tolist(), poses, used, strict=True):
-            code = R[k].tobytes()
-            model = models.get(code)
-            if model is None:
-                # A zero on the diagonal leaves a direction open; gtsam's shortcut would make it infinite.
-                smart = bool((np.abs(np.diagonal(R[k])) > 0).all())
-                model = models[code] = gtsam.noiseModel.Gaussian.SqrtInformation(R[k], smart)
-            graph.push_back(make(a, b, pose, model))
+        models, which = _models(R[used])
+        pairs = zip(self.i[used].tolist(), self.j[used].tolist(), poses, which, strict=True)
+        for a, b, pose, k in pairs:
+            graph.add(make(a, b, pose, models[k]))
         return graph
 
     def absolute_factors(self) -> gtsam.NonlinearFactorGraph:
@@ -131,6 +130,19 @@ class Problem:
         w_T[:, :3, :3] = rows[:, :9].reshape(-1, 3, 3)
         w_T[:, :3, 3] = rows[:, 9:]
         return w_T
+
+
+def _models(R: Array) -> tuple[list[gtsam.noiseModel.Gaussian], list[int]]:
+    """Noise models of root information matrices (m, d, d), one for all equal ones, and the model of each."""
+    rows = np.ascontiguousarray(R.reshape(len(R), R.shape[1] ** 2)) + 0.0
+    code = rows.view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
+    _, first, which = np.unique(code, return_index=True, return_inverse=True)
+    some = R[first]
+    # A zero on the diagonal leaves a direction open; gtsam's diagonal model would make it infinite.
+    diagonal = (np.diagonal(some, axis1=1, axis2=2) > 0).all(axis=1)
+    smart = diagonal & (np.count_nonzero(some, axis=(1, 2)) == R.shape[1])
+    make = gtsam.noiseModel.Gaussian.SqrtInformation
+    return [make(matrix, s) for matrix, s in zip(some, smart.tolist(), strict=True)], which.tolist()
 
 
 def square_roots(information: Array) -> Array:

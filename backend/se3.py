@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 Array = NDArray[np.float64]
 
@@ -20,8 +20,26 @@ def inverse(T: Array) -> Array:
 
 
 def log(T: Array) -> Array:
-    """Tangent vectors (rotation, translation) of finite transforms. (n, 4, 4) -> (n, 6), rad and m."""
-    return RigidTransform.from_matrix(T).as_exp_coords() if len(T) else np.zeros((0, 6))
+    """Tangent vectors (rotation, translation) of finite transforms. (n, 4, 4) -> (n, 6), rad and m.
+
+    Source: Barfoot 2017, State Estimation for Robotics, section 7.1.
+    """
+    R, t = T[:, :3, :3], T[:, :3, 3]
+    twice = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
+    sine = np.sqrt((twice * twice).sum(axis=1)) / 2
+    angle = np.arctan2(sine, (R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2] - 1) / 2)
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    ratio = np.where(small, 0.5 + angle**2 / 12, safe / np.where(small, 2.0, 2 * np.maximum(sine, 1e-300)))
+    w = ratio[:, None] * twice
+    half_turn = angle > 3.1
+    if half_turn.any():
+        # The skew part vanishes at half a turn: there the symmetric part tells the axis.
+        w[half_turn] = Rotation.from_matrix(R[half_turn]).as_rotvec()
+    curve = np.where(small, 1 / 12 + angle**2 / 720, (1 - safe / 2 / np.tan(safe / 2)) / safe**2)
+    across = np.cross(w, t)
+    v = t - across / 2 + curve[:, None] * np.cross(w, across)
+    return np.hstack([w, v])
 
 
 def exp(xi: Array) -> Array:

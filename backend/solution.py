@@ -17,7 +17,8 @@ class Solution:
     w_T_b: Array
     """(n, 4, 4) poses; NaN where nothing places a keyframe."""
     covariances: Array | None
-    """(n, 6, 6), rotation first, right perturbation, given what was held; NaN where unknown; None: not asked."""
+    """(n, 6, 6), rotation first, right perturbation, given what was held; NaN where unknown; None: not
+    asked."""
     component: NDArray[np.int64]
     """(n,) connected part of the graph; 0 is the largest, -1 not placed."""
     edge_kept: NDArray[np.bool_]
@@ -27,7 +28,8 @@ class Solution:
     edge_residual: Array
     """(m,) norm of the whitened residual of each relative pose at the solution, in sigmas."""
     error: float
-    """Half the squared whitened residuals over all kept factors; positions and ranges by their robust loss."""
+    """Half the squared whitened residuals over all kept factors; positions and ranges by their robust
+    loss."""
     iterations: int
     converged: bool
     status: str

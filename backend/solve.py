@@ -1,8 +1,9 @@
 """Minimise a nonlinear factor graph one step at a time, so that it can be watched, stopped and trusted.
 
-gtsam answers a bad graph with the initial guess, with NaN, or by ending the interpreter. Here what can be known
-is checked before and after, each step is taken from Python (Ctrl-C works between steps), Gauss-Newton hands over
-to Levenberg-Marquardt where the error rises, and Cholesky to QR where it calls a long chain singular.
+gtsam answers a bad graph with the initial guess, with NaN, or by ending the interpreter. Here what can be
+known is checked before and after, each step is taken from Python (Ctrl-C works between steps), Gauss-Newton
+hands over to Levenberg-Marquardt where the error rises, and Cholesky to QR where it calls a long chain
+singular.
 """
 
 from __future__ import annotations
@@ -29,6 +30,10 @@ gtsam recurses down it (a thread with a stack of 512 KB dies at 10 000 poses, on
 
 _ABSOLUTE_TOLERANCE = 1e-7
 _GROWTH = 1e-6
+_MODEL_SHARE = 0.2
+"""A step ends at the minimum of a linear model. Where the error there is what the model promised, to within
+this share of the tolerance, what curvature is left cannot lower it by more: the confirming step is saved. It
+must also be a hundred times closer than one step before, so that a chance agreement is not taken for one."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +62,9 @@ def minimise(
 ) -> Minimum:
     """Gauss-Newton while the error falls, Levenberg-Marquardt from the best point on where it rises.
 
-    ``on_step(iteration, error)`` is called after each step; what it raises passes through. ``name`` says what to
-    call a key in messages. Raises ``BackendError`` where the graph or the start is not finite, a part of the graph
-    is tied to nothing, or a direction is not observed (named).
+    ``on_step(iteration, error)`` is called after each step; what it raises passes through. ``name`` says
+    what to call a key in messages. Raises ``BackendError`` where the graph or the start is not finite, a
+    part of the graph is tied to nothing, or a direction is not observed (named).
     """
     check(graph, initial, name)
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
@@ -85,6 +90,11 @@ def check(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, name: Name =
     if parts.floating:
         where = "; ".join(key_runs(part, name) for part in parts.floating[:4])
         raise BackendError(f"nothing ties {where} to the world: hold one pose of each connected part")
+    check_finite(graph, initial, name)
+
+
+def check_finite(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, name: Name = key_name) -> None:
+    """The part of ``check`` that looks at figures, not at structure."""
     _check_values(initial, name)
     if not math.isfinite(_error(graph, initial)):
         raise BackendError(_not_finite(graph, initial, name))
@@ -113,9 +123,9 @@ def _not_finite(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, name: N
     for k in range(graph.size()):
         factor = graph.at(k)
         if factor is not None and not math.isfinite(factor.error(values)):
-            keys = ", ".join(name(key) for key in factor.keys())
+            keys = ", ".join(name(key) for key in list(factor.keys()))
             kind = type(factor).__name__
-            return f"the {kind} on {keys} has no finite error: its measurement or its noise is NaN, infinite or zero"
+            return f"the {kind} on {keys} has no finite error: look for NaN, infinite or zero figures in it"
     return "the error of the graph overflows: the start is too far from the measurements"
 
 
@@ -135,16 +145,16 @@ def gauss_newton(
     limits = (max_iterations, relative_tolerance, on_step, deadline)
     try:
         return _gauss_newton(graph, initial, "MULTIFRONTAL_CHOLESKY", *limits)
-    except _Singular:
+    except _SingularError:
         pass
     try:
         # Cholesky squares the condition number: a long well-posed chain fails with it, not with QR.
         return _gauss_newton(graph, initial, "MULTIFRONTAL_QR", *limits)
-    except _Singular as singular:
+    except _SingularError as singular:
         raise BackendError(_singular_message(graph, singular, name)) from singular
 
 
-class _Singular(Exception):
+class _SingularError(Exception):
     """The linear system has no unique answer at ``values``."""
 
     def __init__(self, message: str, values: gtsam.Values) -> None:
@@ -152,7 +162,7 @@ class _Singular(Exception):
         self.values = values
 
 
-def _singular_message(graph: gtsam.NonlinearFactorGraph, singular: _Singular, name: Name) -> str:
+def _singular_message(graph: gtsam.NonlinearFactorGraph, singular: _SingularError, name: Name) -> str:
     sentences = unobserved(graph, singular.values, name)
     if sentences:
         return "under-determined: " + "; ".join(sentences)
@@ -183,27 +193,32 @@ def _gauss_newton(
     params.setOrderingType("METIS" if initial.size() > DEEP_GRAPH else "COLAMD")
     optimizer = gtsam.GaussNewtonOptimizer(graph, initial, params)
     start = error = float(optimizer.error())
+    gap = math.inf
+    iteration = 0
+
+    def ended(converged: bool, reason: str) -> Minimum:
+        return Minimum(gtsam.Values(optimizer.values()), error, start, iteration, converged, reason)
+
     for iteration in range(1, max_iterations + 1):
         # A copy: gtsam hands out a view of a state that the next step frees.
-        before = gtsam.Values(optimizer.values())
+        best = gtsam.Values(optimizer.values())
         try:
-            optimizer.iterate()
+            linear = optimizer.iterate()
         except RuntimeError as exception:
-            raise _Singular(str(exception), before) from exception
+            raise _SingularError(str(exception), best) from exception
         previous, error = error, float(optimizer.error())
         if not error <= previous * (1 + _GROWTH) + _ABSOLUTE_TOLERANCE:
-            return Minimum(before, previous, start, iteration, False, "the error rose")
+            return Minimum(best, previous, start, iteration, False, "the error rose")
         if on_step is not None:
             on_step(iteration, error)
         if _settled(previous, error, relative_tolerance):
-            return Minimum(gtsam.Values(optimizer.values()), error, start, iteration, True, "converged")
+            return ended(True, "converged")
+        before, gap = gap, abs(error - float(linear.error(best.localCoordinates(optimizer.values()))))
+        if gap <= _MODEL_SHARE * relative_tolerance * error and gap <= 0.01 * before < math.inf:
+            return ended(True, "converged")
         if time.monotonic() >= deadline:
-            return Minimum(
-                gtsam.Values(optimizer.values()), error, start, iteration, False, "the time limit was reached"
-            )
-    return Minimum(
-        optimizer.values(), error, start, max_iterations, False, f"{max_iterations} iterations done"
-    )
+            return ended(False, "the time limit was reached")
+    return ended(False, f"{max_iterations} iterations done")
 
 
 def levenberg_marquardt(

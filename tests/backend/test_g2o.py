@@ -1,0 +1,156 @@
+import io
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import gtsam
+import numpy as np
+import pytest
+
+from backend.errors import BackendError
+from backend.g2o import read_g2o, write_g2o
+from backend.pose_graph import PoseGraph, pose_graph
+from backend.problem import from_pose_graph
+from tests.backend.synthetic import flight, graph
+
+V = "VERTEX_SE2 {} {} 0 0\n"
+E = "EDGE_SE2 {} {} 1 0 0 10 0 0 10 0 10\n"
+PLANAR = V.format(0, 0) + V.format(1, 1) + E.format(0, 1)
+SPATIAL = (
+    "VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\nVERTEX_SE3:QUAT 1 1 0 0 0 0 0 1\n"
+    "EDGE_SE3:QUAT 0 1 1 0 0 0 0 0 1 1 0 0 0 0 0 2 0 0 0 0 3 0 0 0 4 0 0 5 0 6\n"
+)
+
+
+def _read(tmp_path: Path, text: str) -> PoseGraph:
+    path = tmp_path / "g.g2o"
+    path.write_text(text)
+    return read_g2o(path)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_gtsam_reads_what_we_write_and_has_the_same_error(tmp_path: Path, dimension: int):
+    ours = graph(3, dimension)
+    path = tmp_path / "g.g2o"
+    write_g2o(path, ours)
+    theirs, values = gtsam.readG2o(str(path), dimension == 3)
+    problem = from_pose_graph(ours)
+    mine = problem.edge_factors().error(problem.values(ours.poses))
+    assert mine > 1
+    assert theirs.error(values) == pytest.approx(mine, rel=1e-9)
+    np.testing.assert_allclose((problem.residuals(ours.poses) ** 2).sum() / 2, mine, rtol=1e-9)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_we_read_what_gtsam_writes(tmp_path: Path, dimension: int):
+    ours = from_pose_graph(graph(4, dimension))
+    path = tmp_path / "g.g2o"
+    gtsam.writeG2o(ours.edge_factors(), ours.values(ours.initial), str(path))
+    read = from_pose_graph(read_g2o(path))
+    mine = read.edge_factors().error(read.values(read.initial))
+    # gtsam writes six digits.
+    assert mine == pytest.approx(ours.edge_factors().error(ours.values(ours.initial)), rel=5e-2)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_round_trip_is_exact(tmp_path: Path, dimension: int):
+    ours = graph(5, dimension)
+    ours = replace(ours, ids=ours.ids * 3 + 7, fixed=ours.ids == 2)
+    write_g2o(tmp_path / "g.g2o", ours)
+    back = read_g2o(tmp_path / "g.g2o")
+    for name in ("ids", "i", "j", "fixed"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(ours, name))
+    for name in ("poses", "ij_T", "information"):
+        np.testing.assert_allclose(getattr(back, name), getattr(ours, name), rtol=1e-12, atol=1e-12)
+    assert back.warnings == ()
+
+
+def test_spatial_information_is_turned_rotation_first(tmp_path: Path):
+    read = _read(tmp_path, SPATIAL)
+    np.testing.assert_array_equal(np.diag(read.information[0]), [4, 5, 6, 1, 2, 3])
+
+
+def test_stream_and_keyframes_without_a_pose():
+    made = flight(1, n=10, loops=2)
+    truth = made.truth.copy()
+    truth[4] = np.nan
+    stream = io.StringIO()
+    write_g2o(stream, pose_graph(truth, made.measurements.relative_poses))
+    tags = [line.split()[:2] for line in stream.getvalue().splitlines()]
+    assert ["VERTEX_SE3:QUAT", "4"] not in tags
+    assert sum(tag == "VERTEX_SE3:QUAT" for tag, _ in tags) == 9
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (PLANAR + "VERTEX_XY 5 1 2\nEDGE_SE2_XY 0 5 1 2 3 4 5\n# note\n\n", "2 lines of kinds"),
+        (PLANAR + E.format(1, 1), "1 edges from a vertex to itself"),
+        (E.format(0, 1) + E.format(1, 2), "no vertices in the file: the 3"),
+        (PLANAR + "EDGE_SE2 0 1 1 0 0 10 0", "truncated"),
+        (SPATIAL.replace("0 0 0 0 0 0 0 1\n", "0 0 0 0 0 0 0 2\n", 1), "1 quaternions not of length 1"),
+    ],
+)
+def test_what_is_dropped_or_mended_is_counted(tmp_path: Path, text: str, expected: str):
+    read = _read(tmp_path, text)
+    assert len(read.warnings) == 1
+    assert expected in read.warnings[0]
+    assert len(read.i) == text.count("EDGE_SE2 ") - ("itself" in expected) - ("truncated" in expected) or (
+        read.dimension == 3
+    )
+
+
+def test_non_unit_quaternion_becomes_a_rotation(tmp_path: Path):
+    read = _read(tmp_path, SPATIAL.replace("QUAT 1 1 0 0 0 0 0 1", "QUAT 1 1 0 0 0 0 2 2"))
+    np.testing.assert_allclose(read.poses[1, :3, :3], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "is empty"),
+        ("hello world\n", "no VERTEX_SE2"),
+        ("\0\1\2", "binary"),
+        (PLANAR + SPATIAL, "split it"),
+        (V.format(0, 0), "no edge"),
+        (V.format(0, 0) + E.format(0, 1), ":2: an edge names a vertex"),
+        (PLANAR + V.format(1, 1), ":4: vertex 1 stands there and on line 2"),
+        (PLANAR + "EDGE_SE2 0 1 1 0\n" + E.format(0, 1), ":4: EDGE_SE2 has 4 fields instead of 11"),
+        (PLANAR.replace("1 0 0 10", "nan 0 0 10"), ":3: EDGE_SE2 holds a field"),
+        (PLANAR.replace("1 0 0 10", "inf 0 0 10"), ":3: EDGE_SE2 holds a field"),
+        (PLANAR.replace("1 0 0 10", "abc 0 0 10"), ":3: EDGE_SE2 holds a field"),
+        (PLANAR.replace("EDGE_SE2 0", "EDGE_SE2 x"), ":3: vertex 'x'"),
+        (PLANAR.replace("EDGE_SE2 0", "EDGE_SE2 -1"), ":3: vertex '-1'"),
+        (PLANAR.replace("10 0 10\n", "-10 0 10\n"), ":3: the information matrix is not positive"),
+        (PLANAR.replace("10 0 0 10 0 10", "0 0 0 0 0 0"), ":3: the information matrix is not positive"),
+        (SPATIAL.replace("QUAT 0 1 1 0 0 0 0 0 1", "QUAT 0 1 1 0 0 0 0 0 0"), ":3: the quaternion is zero"),
+        (PLANAR + "FIX 9\n", ":4: FIX names vertex 9"),
+    ],
+)
+def test_bad_files_are_refused_in_one_line_that_names_the_place(tmp_path: Path, text: str, expected: str):
+    with pytest.raises(BackendError) as refused:
+        _read(tmp_path, text)
+    assert expected in str(refused.value)
+    assert "g.g2o" in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_missing_file_and_folder_are_refused(tmp_path: Path):
+    with pytest.raises(BackendError, match="cannot be read"):
+        read_g2o(tmp_path / "none.g2o")
+    with pytest.raises(BackendError, match="is not a file"):
+        read_g2o(tmp_path)
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = tmp_path / "g.g2o"
+    path.write_text("old")
+
+    def fail(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(OSError, match="No space"):
+        write_g2o(path, graph(1, 2))
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
