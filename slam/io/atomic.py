@@ -27,6 +27,7 @@ _DISK_FAULTS = {
 _PLACE_FAULTS = {
     errno.EACCES: "choose a folder that can be written",
     errno.EPERM: "choose a folder that can be written",
+    errno.ENOTEMPTY: "another run is writing it; wait for it",
     errno.EEXIST: "a file stands where a folder is needed; choose another place",
     errno.ENOTDIR: "a file stands where a folder is needed; choose another place",
     errno.EISDIR: "a folder stands where a file is needed; choose another name",
@@ -54,8 +55,11 @@ def atomic_file(path: Path | str) -> Iterator[Path]:
             _sync(temporary)
             os.replace(temporary, target)
             _sync(target.parent)
-        finally:
+        except BaseException:
+            # Only here: after the rename the name may be another run's already.
             temporary.unlink(missing_ok=True)
+            raise
+        finally:
             os.close(lock)
 
 
@@ -85,20 +89,25 @@ def atomic_folder(path: Path | str, replace: bool = False) -> Iterator[Path]:
             os.rename(temporary, target)
             _sync(target.parent)
             shutil.rmtree(old, ignore_errors=True)
-        finally:
+        except BaseException:
+            # Only here: after the rename the name may be another run's already.
             shutil.rmtree(temporary, ignore_errors=True)
+            raise
+        finally:
             os.close(lock)
 
 
 def _lock(temporary: Path, target: Path, flags: int) -> int:
-    descriptor = os.open(temporary, flags, 0o666)
+    descriptor = -1
     try:
+        descriptor = os.open(temporary, flags, 0o666)
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         # The other run may have renamed what we opened just before we got the lock.
-        if not (temporary.exists() and os.path.samestat(os.fstat(descriptor), temporary.stat())):
+        if not os.path.samestat(os.fstat(descriptor), temporary.stat()):
             raise BlockingIOError
-    except BlockingIOError:
-        os.close(descriptor)
+    except (BlockingIOError, FileNotFoundError):
+        if descriptor >= 0:
+            os.close(descriptor)
         raise refusal(target, "another run is writing it", "wait for it or name another place") from None
     return descriptor
 
@@ -108,7 +117,7 @@ def _recover(target: Path, old: Path) -> None:
     if not old.exists():
         return
     if target.exists():
-        shutil.rmtree(old)
+        shutil.rmtree(old, ignore_errors=True)
     else:
         os.rename(old, target)
 

@@ -10,7 +10,7 @@ import numpy as np
 from frontend.camera import NADIR_B_T_C, Camera
 from slam.flight import Frames
 from slam.io.csv_stream import Table
-from slam.io.files import check_inside, one_line, refusal
+from slam.io.files import brief, check_inside, refusal
 from slam.io.images import PictureFiles, UnreadableImageError, image_size
 from slam.io.sensor_yaml import YamlFile
 
@@ -61,7 +61,7 @@ def _distortion(sensor: YamlFile) -> tuple[float, ...]:
     if model.lower() not in RADTAN:
         raise sensor.refuse(
             "distortion_model",
-            f"is {one_line(model, 40)}",
+            f"is {brief(model, 40)}",
             "only radial-tangential is known; undistort first",
         )
     if not sensor.has("distortion_coefficients"):

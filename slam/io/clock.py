@@ -73,8 +73,8 @@ def _interval_ns(stamps_ns: NDArray[np.int64]) -> float:
 def _breaks(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     """File rows where the clock, not the sensor, made the step.
 
-    A step back is the clock's where the stretch it jumps over is then recorded twice (rows stand denser there
-    than the sensor gives them), or where it is long and almost empty; else rows are merely out of order.
+    A step back is the clock's where the runs before and after it share a stretch of time (rows stand denser
+    there than the sensor gives them), or where it is long and almost empty; else rows are out of order.
     """
     steps = np.diff(stamps_ns)
     back = np.flatnonzero(steps < 0) + 1
@@ -83,13 +83,21 @@ def _breaks(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
     interval = _interval_ns(stamps_ns)
     rows = (np.flatnonzero(steps > max(JUMP_NS, 100 * interval)) + 1).tolist()
     ordered = np.sort(stamps_ns)
-    for row in back:
-        early, late = stamps_ns[row], stamps_ns[row - 1]
-        inside = np.searchsorted(ordered, late) - np.searchsorted(ordered, early)
-        expected = (late - early) / interval
-        if inside > 1.25 * expected + 3 or (late - early > JUMP_NS and inside < 0.5 * expected):
-            rows.append(int(row))
+    edges = [0, *back.tolist(), len(stamps_ns)]
+    for start, row, end in zip(edges, edges[1:], edges[2:], strict=False):
+        shared_from = max(stamps_ns[start], stamps_ns[row])
+        shared_to = min(stamps_ns[row - 1], stamps_ns[end - 1])
+        twice = _rows_per_expected(ordered, shared_from, shared_to, interval) > 1.5
+        far = stamps_ns[row - 1] - stamps_ns[row] > JUMP_NS
+        if twice or (far and _rows_per_expected(ordered, stamps_ns[row], stamps_ns[row - 1], interval) < 0.5):
+            rows.append(row)
     return np.unique(np.array(rows, dtype=np.int64))
+
+
+def _rows_per_expected(ordered_ns: NDArray[np.int64], first: int, last: int, interval_ns: float) -> float:
+    """How much denser rows stand between two stamps than the sensor gives them; 0 where too few to tell."""
+    inside = int(np.searchsorted(ordered_ns, last, "right") - np.searchsorted(ordered_ns, first))
+    return max(inside - MIN_ROWS, 0) / max((last - first) / interval_ns, 1.0)
 
 
 def _find_jumps(name: str, table: Table, remarks: list[str]) -> tuple[Table, list[_Jump]]:
@@ -98,8 +106,8 @@ def _find_jumps(name: str, table: Table, remarks: list[str]) -> tuple[Table, lis
     if not len(starts):
         return table, []
     pieces = np.split(np.arange(len(table.stamps_ns)), starts)
-    kept = [piece for piece in pieces if len(piece) >= MIN_ROWS]
-    rows = np.concatenate(kept or pieces)
+    kept = _without_strays(table.stamps_ns, pieces)
+    rows = np.concatenate(kept)
     if dropped := len(table.stamps_ns) - len(rows):
         remarks.append(f"{name}: {dropped} rows dropped whose stamps lie far from all others")
     stamps = table.stamps_ns[rows]
@@ -110,6 +118,20 @@ def _find_jumps(name: str, table: Table, remarks: list[str]) -> tuple[Table, lis
         if step < 0 or step > JUMP_NS:
             jumps.append(_Jump(int(row), step - interval))
     return table.rows(rows, stamps), jumps
+
+
+def _without_strays(stamps_ns: NDArray[np.int64], pieces: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
+    """Pieces of some rows, and tiny ones that fit in between; all where every one is tiny."""
+    long = [k for k, piece in enumerate(pieces) if len(piece) >= MIN_ROWS]
+    kept = []
+    for k, piece in enumerate(pieces):
+        first, last = stamps_ns[piece[0]], stamps_ns[piece[-1]]
+        before = [stamps_ns[pieces[j][-1]] for j in long if j < k][-1:]
+        after = [stamps_ns[pieces[j][0]] for j in long if j > k][:1]
+        distances = [*(first - b for b in before), *(a - last for a in after)]
+        if k in long or not long or (min(distances) > 0 and min(distances) <= JUMP_NS):
+            kept.append(piece)
+    return kept
 
 
 def _agree(tables: dict[str, Table], jumps: dict[str, list[_Jump]]) -> None:

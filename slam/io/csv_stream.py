@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.io.files import one_line, read_bytes, refusal
+from slam.io.csv_header import Column, column_places, extra_columns, header_of, parse_header
+from slam.io.files import brief, read_bytes, refusal
 
 Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -24,32 +25,6 @@ Stamps = NDArray[np.int64]
 MAX_BYTES = 1 << 31
 MAX_STAMP_NS = 4 * 10**18
 """Stamps beyond (the year 2096) are refused: their differences would overflow."""
-
-_TIME_UNITS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "µs": "microseconds"}
-_GUESSES = {
-    **dict.fromkeys(("mm", "mm s^-1", "mV"), "multiply by 0.001"),
-    **dict.fromkeys(("cm", "%"), "multiply by 0.01"),
-    **dict.fromkeys(("deg", "deg s^-1", "deg/s"), "multiply by pi/180"),
-    "g": "multiply by 9.80665",
-    "rad": "multiply by 180/pi",
-    "ft": "multiply by 0.3048",
-}
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column of numbers, found by its name."""
-
-    name: str
-    unit: str
-    limit: float
-    """A magnitude no such sensor can give: values beyond are missing, and many of them mean a wrong unit."""
-    optional: bool = False
-
-    @property
-    def title(self) -> str:
-        """As the header has it."""
-        return f"{self.name} [{self.unit}]"
 
 
 @dataclass(frozen=True)
@@ -93,7 +68,7 @@ class _Text:
 def read_numbers(path: Path, root: Path, columns: tuple[Column, ...]) -> Table:
     """A csv of numbers. Raises ``InputError`` naming file and line where its meaning cannot be known."""
     text = _read_text(path, root, header_of(columns))
-    places = _places(text, columns)
+    places = column_places(path, text.header, columns)
     width = len(text.header)
     notes, cut = list(text.notes), bool(text.notes)
     if text.lines and text.unterminated and _last_is_cut(text.lines, width):
@@ -109,8 +84,8 @@ def read_numbers(path: Path, root: Path, columns: tuple[Column, ...]) -> Table:
     except (ValueError, OverflowError):
         stamps, values, lines, found = _careful(text, places, columns)
         notes += [f"{count} {what}" for what, count in found.items()]
-    if len(extra := _extra(text, columns)):
-        notes.append(f"columns not of this stream ignored: {one_line(', '.join(extra), 120)}")
+    if extra := extra_columns(text.header, columns):
+        notes.append(f"columns not of this stream ignored: {brief(', '.join(extra), 120)}")
     return _plausible(Table(path, stamps, values, (), lines, tuple(notes), cut), columns)
 
 
@@ -149,11 +124,6 @@ def read_names(path: Path, root: Path, title: str) -> Table:
     )
 
 
-def header_of(columns: tuple[Column, ...]) -> str:
-    """The header line that a stream of these columns has."""
-    return ",".join(["#timestamp [ns]", *(c.title for c in columns)])
-
-
 def _read_text(path: Path, root: Path, expected: str) -> _Text:
     data = read_bytes(path, root, MAX_BYTES)
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -173,72 +143,7 @@ def _read_text(path: Path, root: Path, expected: str) -> _Text:
     if not all(lines) or b"#" in data[len(first) :] or any(not x.strip() for x in lines if x[:1].isspace()):
         kept = [(x, n) for x, n in zip(lines, numbers, strict=True) if x.strip() and not x.startswith(b"#")]
         lines, numbers = [x for x, _ in kept], [n for _, n in kept]
-    return _Text(path, _header(path, first, expected), lines, numbers, notes, unterminated)
-
-
-def _header(path: Path, first: bytes, expected: str) -> list[str]:
-    """Titles of the columns; the first is checked to be a stamp in nanoseconds."""
-    try:
-        line = first.decode("utf-8").strip().lstrip("#").strip()
-    except UnicodeDecodeError:
-        raise refusal(path, "is not a text file", f"its first line is to be {expected}", 1) from None
-    titles = [t.strip().strip('"') for t in line.split(",")]
-    name, unit = _split(titles[0])
-    if name.lower() not in ("timestamp", "time", "stamp", "t"):
-        what = (
-            "has no header line"
-            if re.fullmatch(r"[-+0-9.eE]+", titles[0])
-            else f"starts with {titles[0][:40]!r}"
-        )
-        if len(titles) == 1 and re.search(r"[;\t]", line):
-            what = "separates its columns with something else than commas"
-        raise refusal(path, what, f"write {expected} there", 1)
-    if unit in _TIME_UNITS:
-        raise refusal(
-            path, f"gives stamps in {_TIME_UNITS[unit]} ([{unit}])", "convert them to integers in [ns]", 1
-        )
-    if unit not in ("ns", None):
-        raise refusal(
-            path, f"gives stamps in the unknown unit [{unit}]", "convert them to integers in [ns]", 1
-        )
-    return titles
-
-
-def _split(title: str) -> tuple[str, str | None]:
-    """Name and unit of ``name [unit]``; None where it has no unit."""
-    found = re.fullmatch(r"([^\[]*)\[([^\]]*)\]", title)
-    return (found[1].strip(), found[2].strip()) if found else (title.strip(), None)
-
-
-def _places(text: _Text, columns: tuple[Column, ...]) -> list[int | None]:
-    """Where each column stands in a row; None for an optional one that is absent."""
-    titles = [_split(t) for t in text.header[1:]]
-    names = [name for name, _ in titles]
-    places: list[int | None] = []
-    for column in columns:
-        if names.count(column.name) > 1:
-            raise refusal(text.path, f"has the column {column.name} twice", "keep one of them", 1)
-        if column.name not in names:
-            if not column.optional:
-                raise refusal(
-                    text.path, f"has no column {column.title}", f"the header is {header_of(columns)}", 1
-                )
-            places.append(None)
-            continue
-        at = names.index(column.name)
-        unit = titles[at][1]
-        # EuRoC writes the quaternion's unit as [].
-        if unit is not None and unit != column.unit and {unit, column.unit} != {"", "1"}:
-            guess = _GUESSES.get(unit)
-            do = f"convert it to [{column.unit}]" + (f" ({guess})" if guess else "")
-            raise refusal(text.path, f"gives {column.name} in [{unit}]", do, 1)
-        places.append(at + 1)
-    return places
-
-
-def _extra(text: _Text, columns: tuple[Column, ...]) -> list[str]:
-    known = {c.name for c in columns}
-    return [t for t in text.header[1:] if _split(t)[0] not in known]
+    return _Text(path, parse_header(path, first, expected), lines, numbers, notes, unterminated)
 
 
 def _last_is_cut(lines: list[bytes], width: int) -> bool:

@@ -6,19 +6,19 @@ import os
 import stat
 from pathlib import Path
 
-from slam.errors import InputError
+from slam.errors import InputError, one_line
 
 
-def one_line(text: object, limit: int = 200) -> str:
-    """Text from outside made fit for a message: printable, on one line, at most ``limit`` characters."""
-    shown = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(text))
+def brief(text: object, limit: int = 200) -> str:
+    """Text from outside made fit for a message: on one line, at most ``limit`` characters."""
+    shown = one_line(str(text))
     return shown if len(shown) <= limit else shown[: limit - 3] + "..."
 
 
 def refusal(path: Path | str, what: str, do: str, line: int | None = None) -> InputError:
     """The error to raise: where (file and line), what is wrong, what to do."""
-    where = one_line(path, 400) + ("" if line is None else f", line {line}")
-    return InputError(f"{where}: {one_line(what, 600)}; {one_line(do, 400)}")
+    where = brief(path, 400) + ("" if line is None else f", line {line}")
+    return InputError(f"{where}: {brief(what, 600)}; {brief(do, 400)}")
 
 
 def check_inside(path: Path, root: Path) -> None:

@@ -15,7 +15,7 @@ from slam.flight import Flight
 from slam.io.camera_folder import camera_of, frames_of
 from slam.io.clock import in_order
 from slam.io.csv_stream import Table, read_names, read_numbers
-from slam.io.files import check_inside, one_line, refusal
+from slam.io.files import brief, check_inside, refusal
 from slam.io.flight_writer import write_flight
 from slam.io.landmarks import check_pairs, read_landmarks
 from slam.io.plausibility import check_imu_units, check_stamp_unit, check_stamps_agree
@@ -70,7 +70,7 @@ def read_flight(path: Path | str) -> Flight:
     _tell_cut(recording, cut_short)
     landmarks = read_landmarks(root) if _exists(root / "landmarks.csv") else {}
     return Flight(
-        name=one_line(about.text("name", "") or root.resolve().name, 120),
+        name=brief(about.text("name", "") or root.resolve().name, 120),
         epoch_ns=epoch_ns,
         landmarks=landmarks,
         landmark_pairs=check_pairs(about, "landmark_pairs", landmarks),
@@ -124,7 +124,7 @@ def _read_streams(recording: _Recording) -> None:
         raise refusal(mav0, f"cannot be read ({error.strerror})", "check its permissions") from None
     known = {"cam0", *COLUMNS}
     if not any(p.name in known for p in folders):
-        found = one_line(", ".join(p.name for p in folders) or "nothing", 120)
+        found = brief(", ".join(p.name for p in folders) or "nothing", 120)
         raise refusal(
             mav0, f"has no stream that is known (found: {found})", f"add one of {', '.join(sorted(known))}"
         )
@@ -132,9 +132,7 @@ def _read_streams(recording: _Recording) -> None:
         if folder.name in known:
             _read_stream(recording, folder)
         else:
-            recording.warnings.append(
-                f"{one_line(folder.name, 60)}: not a stream of the flight format, skipped"
-            )
+            recording.warnings.append(f"{brief(folder.name, 60)}: not a stream of the flight format, skipped")
 
 
 def _read_stream(recording: _Recording, folder: Path) -> None:
@@ -203,6 +201,6 @@ def _notes(recording: _Recording) -> dict[str, str]:
         if isinstance(value, str):
             notes[key] = value
         else:
-            recording.warnings.append(f"flight.yaml: {one_line(key, 40)} is not plain text, ignored")
+            recording.warnings.append(f"flight.yaml: {brief(key, 40)} is not plain text, ignored")
     recording.note("flight.yaml", recording.about.misspelt((*_OWN_KEYS, *_TOLD_KEYS)))
     return notes

@@ -30,7 +30,7 @@ from slam.flight import (
     Velocity,
 )
 from slam.io.atomic import atomic_folder
-from slam.io.csv_stream import header_of
+from slam.io.csv_header import header_of
 from slam.io.images import PictureFiles, UnreadableImageError, image_size
 from slam.io.landmarks import HEADER
 from slam.io.streams import COLUMNS, FIELDS, IMU_DENSITIES, METRES_PER_DEGREE, Series, metres_per_degree_east
@@ -81,7 +81,9 @@ def _about(flight: Flight) -> str:
             about[key] = [list(pair) for pair in pairs]
     if flight.all_keyframes:
         about["all_keyframes"] = True
-    return yaml.safe_dump(about, sort_keys=False, allow_unicode=True, width=110)
+    # Unescaped, these would come back as a blank.
+    odd_breaks = any(c in "".join(map(str, about.values())) for c in ("\x85", "\u2028", "\u2029"))
+    return yaml.safe_dump(about, sort_keys=False, allow_unicode=not odd_breaks, width=110)
 
 
 def _write_landmarks(landmarks: dict[str, Array], path: Path) -> None:
@@ -144,6 +146,7 @@ def _nominal(series: Series) -> dict[str, object]:
                 "min_range": series.min_range_m,
                 "max_range": series.max_range_m,
                 "beam_width": series.beam_width_rad,
+                "scale_std": series.scale_std,
             }
         case AttitudeSeries():
             return {"noise_std": list(series.noise_std_rad)}

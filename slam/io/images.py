@@ -64,7 +64,7 @@ def read_image(path: Path, size_px: tuple[int, int] | None = None) -> Image:
         if data.startswith(_PNG):
             # Pillow checks no CRC while decoding: a flipped bit would pass unseen.
             Pillow.open(io.BytesIO(data), formats=["PNG"]).verify()
-        with Pillow.open(io.BytesIO(data), formats=["PNG", "JPEG", "MPO"]) as picture:
+        with Pillow.open(io.BytesIO(data), formats=["PNG", "JPEG"]) as picture:
             return _eight_bit(picture)
     except UnreadableImageError:
         raise

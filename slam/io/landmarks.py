@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.io.files import one_line, read_bytes, refusal
+from slam.io.files import brief, read_bytes, refusal
 from slam.io.sensor_yaml import YamlFile
 
 Array = NDArray[np.float64]
@@ -58,11 +58,11 @@ def check_pairs(about: YamlFile, key: str, landmarks: dict[str, Array]) -> tuple
     pairs = []
     for pair in value:
         if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(p, str) for p in pair)):
-            raise about.refuse(key, f"holds {one_line(pair, 40)!r}", do)
+            raise about.refuse(key, f"holds {brief(pair, 40)!r}", do)
         first, second = str(pair[0]), str(pair[1])
         for name in (first, second):
             if name not in landmarks:
-                raise about.refuse(key, f"names {one_line(name, 40)!r}, which landmarks.csv has not", do)
+                raise about.refuse(key, f"names {brief(name, 40)!r}, which landmarks.csv has not", do)
         pairs.append((first, second))
     return tuple(pairs)
 

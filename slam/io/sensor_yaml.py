@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from slam.io.files import one_line, read_bytes, refusal
+from slam.io.files import brief, read_bytes, refusal
 
 Array = NDArray[np.float64]
 Value = str | list["Value"] | dict[str, "Value"]
@@ -97,9 +97,7 @@ class YamlFile:
         for key in self.fields:
             near = difflib.get_close_matches(key, known, n=1, cutoff=0.8)
             if key not in known and near:
-                remarks.append(
-                    f"{self.path.name} has {one_line(key, 40)}, which was ignored: {near[0]} meant?"
-                )
+                remarks.append(f"{self.path.name} has {brief(key, 40)}, which was ignored: {near[0]} meant?")
         return remarks
 
     def refuse(self, key: str, what: str, do: str) -> Exception:
@@ -112,7 +110,7 @@ class YamlFile:
         except ValueError:
             number = math.nan
         if not math.isfinite(number):
-            raise self.refuse(key, f"holds {one_line(value, 40)!r}", "write a number")
+            raise self.refuse(key, f"holds {brief(value, 40)!r}", "write a number")
         return number
 
 
@@ -144,7 +142,7 @@ def read_yaml(path: Path, root: Path) -> YamlFile:
 def _check_events(path: Path, text: str) -> None:
     depth = 0
     for event in yaml.parse(text, Loader=yaml.CBaseLoader):
-        line = event.start_mark.line + 1
+        line = 1 if event.start_mark is None else event.start_mark.line + 1
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
             raise refusal(path, "uses YAML anchors or aliases", "write the values out", line)
         if tag := getattr(event, "tag", None):

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from slam.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
-from slam.io.csv_stream import Column, Table
+from slam.io.csv_header import Column
+from slam.io.csv_stream import Table
 from slam.io.files import refusal
 from slam.io.sensor_yaml import YamlFile
 
@@ -64,7 +65,7 @@ IMU_DENSITIES = {
 KNOWN_KEYS = (
     "sensor_type", "comment", "T_BS", "rate_hz", "noise_std", "min_range", "max_range", "beam_width",
     "max_tilt", "resolution", "camera_model", "intrinsics", "distortion_model", "distortion_coefficients",
-    "focal_std_ratio", "radial_std", *IMU_DENSITIES,
+    "focal_std_ratio", "radial_std", "scale_std", *IMU_DENSITIES,
 )  # fmt: skip
 
 
@@ -162,7 +163,8 @@ def _sonar(source: Source) -> Sonar:
         low,
         high,
         sensor.number("beam_width", Sonar.beam_width_rad),
-        sensor.transform(),
+        scale_std=sensor.number("scale_std", Sonar.scale_std),
+        b_T_s=sensor.transform(),
     )
 
 

@@ -1,0 +1,219 @@
+"""Outputs appear whole or not at all."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from slam.errors import InputError
+from slam.io.atomic import atomic_file, atomic_folder
+
+ROOT = Path(__file__).parents[3]
+
+
+def names(folder):
+    return sorted(p.name for p in folder.iterdir())
+
+
+def test_file_is_there_only_when_done(tmp_path):
+    target = tmp_path / "deep" / "a.tif"
+    with atomic_file(target) as temporary:
+        assert temporary.suffix == ".tif"
+        assert temporary.parent == target.parent
+        temporary.write_text("new")
+        assert not target.exists()
+    assert target.read_text() == "new"
+    assert names(target.parent) == ["a.tif"]
+
+
+def test_failure_keeps_the_old_file(tmp_path):
+    target = tmp_path / "a.txt"
+    target.write_text("old")
+
+    def interrupted():
+        with atomic_file(target) as temporary:
+            temporary.write_text("half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert target.read_text() == "old"
+    assert names(tmp_path) == ["a.txt"]
+
+
+def test_file_may_be_recreated_by_its_writer(tmp_path):
+    with atomic_file(tmp_path / "a.bin") as temporary:
+        temporary.unlink()
+        temporary.write_bytes(b"1")
+    assert names(tmp_path) == ["a.bin"]
+
+
+def test_permissions_are_the_users(tmp_path):
+    with atomic_file(tmp_path / "a") as temporary:
+        temporary.write_text("x")
+    (tmp_path / "b").write_text("x")
+    assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode
+
+
+def test_folder_is_there_only_when_done(tmp_path):
+    target = tmp_path / "deep" / "out"
+    with atomic_folder(target) as temporary:
+        (temporary / "sub").mkdir()
+        (temporary / "sub/a").write_text("x")
+        assert not target.exists()
+    assert (target / "sub/a").read_text() == "x"
+    assert names(target.parent) == ["out"]
+
+
+def test_empty_folder_is_taken(tmp_path):
+    (tmp_path / "out").mkdir()
+    with atomic_folder(tmp_path / "out") as temporary:
+        (temporary / "a").touch()
+    assert names(tmp_path / "out") == ["a"]
+
+
+@pytest.mark.parametrize("kind", ["folder", "file"])
+def test_what_is_there_is_refused_and_kept(tmp_path, kind):
+    target = tmp_path / "out"
+    if kind == "folder":
+        target.mkdir()
+        (target / "mine").touch()
+    else:
+        target.touch()
+    with pytest.raises(InputError, match="exists already"), atomic_folder(target):
+        pytest.fail("must not start")
+    assert names(tmp_path) == ["out"]
+    assert kind == "file" or names(target) == ["mine"]
+
+
+def test_replacing_keeps_the_old_until_done(tmp_path):
+    target = tmp_path / "out"
+    target.mkdir()
+    (target / "old").touch()
+
+    def failing():
+        with atomic_folder(target, replace=True) as temporary:
+            (temporary / "new").touch()
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        failing()
+    assert names(target) == ["old"]
+    with atomic_folder(target, replace=True) as temporary:
+        (temporary / "new").touch()
+        assert names(target) == ["old"]
+    assert names(target) == ["new"]
+    assert names(tmp_path) == ["out"]
+
+
+def test_second_run_is_refused(tmp_path):
+    with atomic_folder(tmp_path / "out") as one:
+        (one / "a").touch()
+        with pytest.raises(InputError, match="another run"), atomic_folder(tmp_path / "out"):
+            pytest.fail("must not start")
+        assert names(one) == ["a"]
+    with (
+        atomic_file(tmp_path / "f") as _,
+        pytest.raises(InputError, match="another run"),
+        atomic_file(tmp_path / "f"),
+    ):
+        pytest.fail("must not start")
+
+
+CHILD = """
+import sys, time
+sys.path.insert(0, sys.argv[1])
+from slam.io.atomic import atomic_folder
+with atomic_folder(sys.argv[2], replace=True) as folder:
+    (folder / "half").write_text("x")
+    print("ready", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("old", [True, False])
+def test_after_kill_the_next_run_starts_clean(tmp_path, old):
+    target = tmp_path / "out"
+    if old:
+        target.mkdir()
+        (target / "old").touch()
+    child = subprocess.Popen([sys.executable, "-c", CHILD, ROOT, target], stdout=subprocess.PIPE)
+    assert child.stdout.readline() == b"ready\n"
+    child.send_signal(signal.SIGKILL)
+    child.wait()
+    child.stdout.close()
+    assert target.exists() == old
+    with atomic_folder(target, replace=True) as folder:
+        assert names(folder) == []
+        (folder / "whole").touch()
+    assert names(target) == ["whole"]
+    assert names(tmp_path) == ["out"]
+
+
+def test_killed_between_the_renames(tmp_path):
+    """The old folder stands aside and the new one has not come: the old one comes back."""
+    (tmp_path / ".out.old").mkdir()
+    (tmp_path / ".out.old/a").touch()
+    with pytest.raises(InputError, match="exists already"), atomic_folder(tmp_path / "out"):
+        pytest.fail("must not start")
+    assert names(tmp_path / "out") == ["a"]
+    assert names(tmp_path) == ["out"]
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EIO])
+def test_disk_faults_are_one_line_about_the_target(tmp_path, number):
+    with (
+        pytest.raises(InputError, match=r"out.*cannot be written") as caught,
+        atomic_folder(tmp_path / "out"),
+    ):
+        raise OSError(number, os.strerror(number))
+    assert "\n" not in str(caught.value)
+    assert names(tmp_path) == []
+
+
+def test_a_missing_input_is_not_blamed_on_the_target(tmp_path):
+    with pytest.raises(FileNotFoundError), atomic_file(tmp_path / "out"):
+        Path("/nowhere/in.txt").read_text()
+    with pytest.raises(PermissionError), atomic_file(tmp_path / "out"):
+        raise PermissionError(errno.EACCES, "denied", "/nowhere/in.txt")
+    assert names(tmp_path) == []
+
+
+def test_places_that_cannot_be(tmp_path):
+    (tmp_path / "file").touch()
+    for place in (tmp_path / "file" / "a", tmp_path / ("x" * 300)):
+        with pytest.raises(InputError), atomic_file(place):
+            pytest.fail("must not start")
+        with pytest.raises(InputError), atomic_folder(place):
+            pytest.fail("must not start")
+    with pytest.raises(InputError, match="folder"), atomic_file(tmp_path):
+        pytest.fail("must not start")
+
+
+def test_many_runs_on_one_target_leave_one_whole_output(tmp_path):
+    """Whoever wins, the output holds one run's two files and nothing else is left."""
+    script = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from slam.errors import InputError
+from slam.io.atomic import atomic_folder
+for k in range(15):
+    try:
+        with atomic_folder(sys.argv[2], replace=True) as folder:
+            (folder / "a").write_text(sys.argv[3])
+            (folder / "b").write_text(sys.argv[3])
+    except InputError:
+        pass
+"""
+    runs = [
+        subprocess.Popen([sys.executable, "-c", script, ROOT, tmp_path / "out", str(k)]) for k in range(3)
+    ]
+    deadline = time.monotonic() + 60
+    assert all(run.wait(timeout=max(1, deadline - time.monotonic())) == 0 for run in runs)
+    assert names(tmp_path) == ["out"]
+    assert (tmp_path / "out/a").read_text() == (tmp_path / "out/b").read_text()

@@ -1,0 +1,149 @@
+"""Stamps that a recorder garbled: out of order, twice, or by a clock that was set in flight."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slam.io.clock import in_order
+from slam.io.csv_stream import Table
+
+START = 1_600_000_000 * 10**9
+HOUR = 3600 * 10**9
+
+
+def table(stamps_ns, values=None):
+    stamps_ns = np.asarray(stamps_ns, dtype=np.int64)
+    n = len(stamps_ns)
+    values = np.arange(n, dtype=float) if values is None else values
+    return Table(Path("data.csv"), stamps_ns, np.asarray(values, float)[:, None], (), np.arange(2, n + 2))
+
+
+def regular(rate_hz, seconds=60, seed=0, jitter=0.2):
+    n = int(rate_hz * seconds)
+    steps = np.arange(n) + np.random.default_rng(seed).uniform(-jitter, jitter, n)
+    return START + (steps * 1e9 / rate_hz).astype(np.int64)
+
+
+def one(stamps_ns, **options):
+    tables, remarks = in_order({"s": table(stamps_ns)}, **options)
+    return tables["s"], remarks
+
+
+def test_sound_stamps_pass_untouched():
+    stamps = regular(100)
+    out, remarks = one(stamps)
+    np.testing.assert_array_equal(out.stamps_ns, stamps)
+    assert remarks == []
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_shuffled_rows_are_sorted(seed):
+    stamps = regular(50)
+    order = np.random.default_rng(seed).permutation(len(stamps))
+    out, remarks = one(stamps[order])
+    np.testing.assert_array_equal(out.stamps_ns, stamps)
+    np.testing.assert_array_equal(order[out.values[:, 0].astype(int)], np.arange(len(stamps)))
+    assert len(remarks) == 1
+    assert "sorted" in remarks[0]
+
+
+def test_a_few_swapped_rows_and_blocks_are_sorted_not_shifted():
+    stamps = regular(50)
+    for order in (
+        np.r_[0:10, 500, 11:500, 10, 501:3000],
+        np.r_[0:100, 200:300, 100:200, 300:3000],
+        np.r_[1500:3000, 0:1500],
+        np.arange(3000)[::-1],
+    ):
+        out, remarks = one(stamps[order])
+        np.testing.assert_array_equal(out.stamps_ns, stamps)
+        assert len(remarks) == 1, remarks
+        assert "sorted" in remarks[0]
+
+
+def test_repeated_rows_and_equal_stamps_are_counted():
+    stamps = regular(50)
+    values = np.arange(len(stamps), dtype=float)
+    again = np.r_[0 : len(stamps), 300:400]
+    tables, remarks = in_order({"s": table(stamps[again], values[again])})
+    np.testing.assert_array_equal(tables["s"].stamps_ns, stamps)
+    assert remarks == ["s: 100 repeated rows dropped"]
+    stamps[10] = stamps[9]
+    out, remarks = one(stamps)
+    assert len(out.stamps_ns) == len(stamps) - 1
+    assert remarks == ["s: 1 rows with the stamp of another row dropped"]
+    assert 10 not in out.values  # the first is kept
+
+
+@pytest.mark.parametrize("jump_ns", [HOUR, -HOUR, -2 * 10**9, -20 * 10**9, 50 * HOUR])
+@pytest.mark.parametrize("at", [50, 1500, 2900])
+def test_a_lasting_jump_is_taken_back(jump_ns, at):
+    stamps = regular(50)
+    jumped = stamps.copy()
+    jumped[at:] += jump_ns
+    out, remarks = one(jumped)
+    assert len(out.stamps_ns) == len(stamps)
+    np.testing.assert_array_equal(out.values[:, 0], np.arange(len(stamps)))
+    assert np.abs(out.stamps_ns - stamps).max() <= 2 * 10**9 / 50
+    assert len(remarks) == 1
+    assert f"line {at + 2}" in remarks[0]
+
+
+@pytest.mark.parametrize("jump_ns", [HOUR, -HOUR, -7 * 10**9])
+def test_streams_keep_their_alignment_over_a_jump(jump_ns):
+    rates = {"imu0": 200, "cam0": 15, "battery0": 5, "gps0": 1}
+    true = {name: regular(rate, seed=k) for k, (name, rate) in enumerate(rates.items())}
+    moment = START + 33 * 10**9
+    jumped = {n: table(np.where(t < moment, t, t + jump_ns)) for n, t in true.items()}
+    tables, remarks = in_order(jumped)
+    assert len(remarks) == len(rates)
+    off = {name: tables[name].stamps_ns - true[name] for name in rates}
+    for name in rates:
+        assert (off[name] == off["imu0"][-1])[true[name] >= moment].all(), name
+        assert (off[name] == 0)[true[name] < moment].all()
+    assert abs(off["imu0"][-1]) <= 2 * 10**9 / 200
+
+
+@pytest.mark.parametrize("at", [0, 1, 700, 2999])
+@pytest.mark.parametrize("wild", [HOUR, -HOUR, 1 << 59, -START])
+def test_a_single_wild_stamp_is_dropped(at, wild):
+    stamps = regular(50)
+    bad = stamps.copy()
+    bad[at] += wild
+    out, remarks = one(bad)
+    np.testing.assert_array_equal(out.stamps_ns, np.delete(stamps, at))
+    assert len(remarks) == 1
+
+
+def test_a_clock_that_jumps_and_comes_back():
+    stamps = regular(50)
+    bad = stamps.copy()
+    bad[1000:1400] += HOUR
+    out, remarks = one(bad)
+    assert len(out.stamps_ns) == len(stamps)
+    assert np.abs(out.stamps_ns - stamps).max() < 10**8
+    assert len(remarks) == 2
+
+
+def test_a_pause_is_no_jump():
+    stamps = regular(50)
+    stamps[1000:] += 10 * 10**9
+    out, remarks = one(stamps)
+    np.testing.assert_array_equal(out.stamps_ns, stamps)
+    assert remarks == []
+
+
+def test_trusted_clocks_are_only_sorted():
+    stamps = regular(1)
+    stamps[20:] += 5 * HOUR
+    stamps[40:] += 50 * HOUR
+    out, remarks = one(stamps, trust_clock=True)
+    np.testing.assert_array_equal(out.stamps_ns, stamps)
+    assert remarks == []
+
+
+def test_tiny_tables():
+    for stamps in ([], [5], [5, 5], [9, 5], [0, HOUR], [HOUR, 0, 2 * HOUR]):
+        out, _ = one(stamps)
+        assert (np.diff(out.stamps_ns) > 0).all()

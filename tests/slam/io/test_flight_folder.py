@@ -1,0 +1,288 @@
+"""Flight folders: what is written comes back as it was."""
+
+import dataclasses
+import os
+import pickle
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from slam.errors import InputError
+from slam.flight import (
+    AttitudeSeries,
+    Command,
+    Flight,
+    Frames,
+    Gps,
+    Imu,
+    Motor,
+    Scalar,
+    Sonar,
+    Truth,
+    Velocity,
+)
+from slam.io.flight_folder import read_flight, write_flight
+from slam.io.streams import FIELDS
+from tests.slam.io.made_flight import made_flight, ns, picture
+
+DATA = os.environ.get("SLAM_DATA")
+
+
+def assert_same(a, b, tolerance=0.0):
+    """Two dataclasses of arrays hold the same, NaN where NaN."""
+    assert type(a) is type(b)
+    for field in dataclasses.fields(a):
+        x, y = getattr(a, field.name), getattr(b, field.name)
+        if x is None or y is None:
+            assert x is y, field.name
+        else:
+            np.testing.assert_allclose(y, x, rtol=tolerance, atol=tolerance, err_msg=field.name)
+
+
+def test_every_stream_comes_back(tmp_path):
+    flight = made_flight()
+    write_flight(flight, tmp_path / "f")
+    back = read_flight(tmp_path / "f")
+    for field in FIELDS.values():
+        exact = field not in ("truth", "gps")  # quaternions and degrees are converted on the way
+        if field == "gps":
+            assert_same(dataclasses.replace(flight.gps, noise_std_m=back.gps.noise_std_m), back.gps)
+            np.testing.assert_allclose(back.gps.noise_std_m, flight.gps.noise_std_m, rtol=1e-12)
+        else:
+            assert_same(getattr(flight, field), getattr(back, field), 0.0 if exact else 1e-14)
+    assert_same(flight.camera, back.camera)
+    for name in ("name", "epoch_ns", "landmark_pairs", "gaps", "all_keyframes", "notes"):
+        assert getattr(back, name) == getattr(flight, name), name
+    assert list(back.landmarks) == list(flight.landmarks)
+    assert all((back.landmarks[k] == p).all() for k, p in flight.landmarks.items())
+    assert back.warnings == ()
+
+
+def test_pictures_come_back_and_stay_on_disk(tmp_path):
+    flight = made_flight()
+    write_flight(flight, tmp_path / "f")
+    back = read_flight(tmp_path / "f")
+    assert back.frames.names == flight.frames.names
+    np.testing.assert_array_equal(back.frames.stamps_s, flight.frames.stamps_s)
+    for there, here in zip(flight.frames, pickle.loads(pickle.dumps(back.frames)), strict=True):
+        np.testing.assert_array_equal(here.read(), there.read())
+    (tmp_path / "f/mav0/cam0/data/002.png").unlink()
+    assert back.frames[2].read() is None
+    assert back.frames.load.failures == {2: "missing"}
+
+
+def test_copies_pictures_that_are_files_byte_for_byte(tmp_path):
+    write_flight(made_flight(), tmp_path / "a")
+    write_flight(read_flight(tmp_path / "a"), tmp_path / "b", image_format="jpg")
+    for one in (tmp_path / "a/mav0/cam0/data").iterdir():
+        assert (tmp_path / "b/mav0/cam0/data" / one.name).read_bytes() == one.read_bytes()
+
+
+def test_writing_twice_gives_the_same_bytes(tmp_path):
+    write_flight(made_flight(), tmp_path / "a")
+    write_flight(read_flight(tmp_path / "a"), tmp_path / "b")
+    files = sorted(p.relative_to(tmp_path / "a") for p in (tmp_path / "a").rglob("*") if p.is_file())
+    assert files == sorted(p.relative_to(tmp_path / "b") for p in (tmp_path / "b").rglob("*") if p.is_file())
+    rounded = {Path("mav0/state_groundtruth_estimate0/data.csv"), Path("mav0/gps0/sensor.yaml")}
+    for file in set(files) - rounded:
+        assert (tmp_path / "a" / file).read_text("latin1") == (tmp_path / "b" / file).read_text("latin1"), (
+            file
+        )
+
+
+@pytest.mark.parametrize("image_format", ["png", "jpg"])
+def test_names_that_no_file_can_bear(tmp_path, image_format):
+    names = (
+        "../up.png",
+        "/abs.png",
+        "a\nb.png",
+        "same.png",
+        "same.png",
+        ' c,"d".PNG',
+        "sub/e.png",
+        "x" * 300,
+        "",
+    )
+    frames = Frames(ns(np.arange(len(names)) * 0.1), names, lambda k: picture(k, colour=bool(k % 2)))
+    flight = Flight("n", camera=made_flight().camera, frames=frames)
+    write_flight(flight, tmp_path / "f", image_format=image_format)
+    assert [p.name for p in tmp_path.iterdir()] == ["f"]
+    back = read_flight(tmp_path / "f")
+    assert len(set(back.frames.names)) == len(names)
+    for k, frame in enumerate(back.frames):
+        image = frame.read()
+        assert image.shape == picture(k, colour=bool(k % 2)).shape
+        if image_format == "png":
+            np.testing.assert_array_equal(image, picture(k, colour=bool(k % 2)))
+    suffix = ".png" if image_format == "png" else ".png.jpg"
+    assert back.frames.names[6] == f"sub/e{suffix}"
+
+
+def test_target_that_holds_something_is_refused(tmp_path):
+    (tmp_path / "f").mkdir()
+    (tmp_path / "f/mine.txt").write_text("keep")
+    with pytest.raises(InputError, match="not empty"):
+        write_flight(made_flight(), tmp_path / "f")
+    assert [p.name for p in tmp_path.iterdir()] == ["f"]
+    assert (tmp_path / "f/mine.txt").read_text() == "keep"
+
+
+def test_a_picture_that_fails_to_come_leaves_nothing(tmp_path):
+    def load(k):
+        if k == 3:
+            raise RuntimeError("camera on fire")
+        return picture(k)
+
+    flight = made_flight()
+    flight = dataclasses.replace(flight, frames=dataclasses.replace(flight.frames, load=load))
+    with pytest.raises(RuntimeError):
+        write_flight(flight, tmp_path / "f")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_absent_stays_absent(tmp_path):
+    only = made_flight().command
+    write_flight(Flight("c", command=only), tmp_path / "f")
+    back = read_flight(tmp_path / "f")
+    start = only.stamps_s[0]
+    assert back.epoch_ns == round(start * 1e9)
+    assert_same(dataclasses.replace(only, stamps_s=ns(only.stamps_s - start)), back.command)
+    assert [f for f in [*FIELDS.values(), "camera", "frames"] if getattr(back, f) is not None] == ["command"]
+    assert back.geo_origin() is None
+
+
+def test_photos_keep_their_pauses(tmp_path):
+    stamps = ns([0.0, 2, 4, 7200, 7202, 7204, 90000])
+    names = tuple(f"{k}.jpg" for k in range(7))
+    frames = Frames(stamps, names, lambda k: picture(k))
+    flight = Flight("p", camera=made_flight().camera, frames=frames, all_keyframes=True)
+    write_flight(flight, tmp_path / "f", image_format="jpg")
+    back = read_flight(tmp_path / "f")
+    assert back.all_keyframes
+    assert back.warnings == ()
+    assert back.frames.names == names
+    np.testing.assert_array_equal(back.frames.stamps_s, stamps)
+
+
+# A missing value is NaN; all else in the range of the stream is to come back to the last bit.
+def values(width, limit, count=st.integers(1, 12)):
+    number = st.floats(-limit, limit, width=64) | st.just(float("nan"))
+    return count.flatmap(lambda n: arrays(np.float64, (n, width), elements=number))
+
+
+def stamps(n, seed):
+    return ns(np.cumsum(np.random.default_rng(seed).uniform(0.001, 0.5, n)))
+
+
+SERIES = {
+    "attitude": lambda v, t: AttitudeSeries(t, v[:, :3] % 3.0),
+    "velocity": lambda v, t: Velocity(t, v[:, :2]),
+    "command": lambda v, t: Command(t, v[:, :4] / 200),
+    "battery": lambda v, t: Scalar(t, v[:, 0], 0.1),
+    "motor": lambda v, t: Motor(t, v[:, :4]),
+    "sonar": lambda v, t: Sonar(t, np.abs(v[:, 0]) / 100 + 1e-9),
+    "imu": lambda v, t: Imu(t, np.nan_to_num(v[:, :3]) / 10, np.nan_to_num(v[:, 3:6]) / 50 + 5),
+    "gps": lambda v, t: Gps(t, np.nan_to_num(v[:, 0]) * 0.44 + 1e-9, np.nan_to_num(v[:, 1]) * 0.9, v[:, 2]),
+}
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(values(6, 200.0), st.sampled_from(sorted(SERIES)), st.integers(0, 2**32), st.integers(1, 2 * 10**18))
+def test_numbers_come_back_to_the_last_bit(tmp_path_factory, made, field, seed, epoch_ns):
+    t = stamps(len(made), seed)
+    t -= t[0]
+    t = ns(t)
+    with np.errstate(invalid="ignore"):
+        series = SERIES[field](made, t)
+    path = tmp_path_factory.mktemp("p") / "f"
+    write_flight(Flight("h", epoch_ns=epoch_ns, **{field: series}), path)
+    back = read_flight(path)
+    assert back.epoch_ns == epoch_ns
+    if field == "gps":
+        back = dataclasses.replace(back, gps=dataclasses.replace(back.gps, noise_std_m=series.noise_std_m))
+    assert_same(series, getattr(back, field))
+
+
+@given(arrays(np.float64, (7,), elements=st.floats(-50, 50)))
+@settings(max_examples=15, deadline=None)
+def test_truth_comes_back(tmp_path_factory, made):
+    from scipy.spatial.transform import Rotation
+
+    w_T_b = np.eye(4)[None].repeat(2, 0)
+    w_T_b[0, :3, :3] = Rotation.from_rotvec(made[:3]).as_matrix()
+    w_T_b[:, :3, 3] = made[3:6]
+    path = tmp_path_factory.mktemp("t") / "f"
+    truth = Truth(np.array([0.0, 1.0]), w_T_b, None)
+    write_flight(Flight("t", truth=truth), path)
+    back = read_flight(path).truth
+    assert back.w_v_m_s is None
+    np.testing.assert_array_equal(back.w_T_b[:, :3, 3], w_T_b[:, :3, 3])
+    np.testing.assert_allclose(back.w_T_b, w_T_b, atol=4e-16 * 50)
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    st.dictionaries(
+        st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), min_size=1, max_size=9).filter(
+            lambda k: k not in ("name", "gaps", "landmark_pairs", "all_keyframes")
+        ),
+        st.text(st.characters(codec="utf-8", exclude_categories=["Cs", "Cn", "Co"]), min_size=1),
+    ),
+)
+def test_notes_come_back_whatever_they_say(tmp_path_factory, notes):
+    path = tmp_path_factory.mktemp("n") / "f"
+    write_flight(Flight("n", battery=made_flight().battery, notes=notes), path)
+    assert read_flight(path).notes == notes
+
+
+def test_fast_enough(tmp_path):
+    n = 14_000
+    rng = np.random.default_rng(1)
+    imu = Imu(np.arange(n) / 200, rng.normal(0, 0.1, (n, 3)), rng.normal(0, 0.1, (n, 3)) + [0, 0, 9.8])
+    write_flight(Flight("fast", imu=imu), tmp_path / "f")
+    best = np.inf
+    for _ in range(5):
+        start = time.process_time()
+        read_flight(tmp_path / "f")
+        best = min(best, time.process_time() - start)
+    assert best < 0.1
+
+
+def flights():
+    if not DATA:
+        return []
+    roots = [*Path(DATA, "flights").rglob("mav0"), *Path(DATA, "blind-dev/cases").glob("*/*/mav0")]
+    return sorted(str(p.parent.relative_to(DATA)) for p in roots)
+
+
+@pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set")
+def test_measured_flights_read(tmp_path):
+    assert len(flights()) > 10
+    for name in flights():
+        flight = read_flight(Path(DATA, name))
+        known = [getattr(flight, f) for f in FIELDS.values() if getattr(flight, f) is not None]
+        assert known, name
+        for series in known:
+            assert (np.diff(series.stamps_s) > 0).all(), name
+        assert min(s.stamps_s[0] for s in [*known, *([flight.frames] if flight.frames else [])]) == 0.0
+        assert all("not a stream" in w for w in flight.warnings), (name, flight.warnings)
+
+
+@pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set")
+def test_measured_flight_against_a_plain_reader():
+    """numpy's own csv reader as the oracle for one measured flight."""
+    folder = Path(DATA, "flights/ardrone2-hybrid")
+    flight = read_flight(folder)
+    raw = np.genfromtxt(folder / "mav0/sonar0/data.csv", delimiter=",", skip_header=1)
+    np.testing.assert_array_equal(flight.sonar.range_m, raw[:, 1])
+    raw = np.genfromtxt(folder / "mav0/imu0/data.csv", delimiter=",", skip_header=1)
+    np.testing.assert_array_equal(np.hstack([flight.imu.gyro_rad_s, flight.imu.accel_m_s2]), raw[:, 1:])
+    first = (folder / "mav0/state_groundtruth_estimate0/data.csv").read_text().splitlines()[1]
+    assert flight.epoch_ns == int(first.split(",")[0])
+    assert flight.frames[0].read().shape == (144, 176, 3)
+    assert set(flight.landmarks) == set("ABCDEFGH")

@@ -1,0 +1,170 @@
+"""One picture that may be anything."""
+
+import contextlib
+import io
+import struct
+import warnings
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from slam.io.images import MAX_PIXELS, PictureFiles, UnreadableImageError, image_size, read_image
+from tests.slam.io.made_flight import picture
+
+SIZE = (60, 44)
+
+
+def encoded(kind, image=None, **options):
+    out = io.BytesIO()
+    image = Image.fromarray(picture(5, SIZE)[..., ::-1].copy()) if image is None else image
+    image.save(out, format=kind, **options)
+    return out.getvalue()
+
+
+@pytest.fixture
+def put(tmp_path):
+    def write(data, name="a.png"):
+        (tmp_path / name).write_bytes(data)
+        return tmp_path / name
+
+    return write
+
+
+def reason(path, size=None):
+    with pytest.raises(UnreadableImageError) as caught:
+        read_image(path, size)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_png_is_as_opencv_reads_it(put):
+    path = put(encoded("PNG"))
+    np.testing.assert_array_equal(read_image(path), cv2.imread(str(path), cv2.IMREAD_COLOR))
+    assert image_size(path) == SIZE
+    assert read_image(path).flags.c_contiguous
+    assert read_image(path).flags.writeable
+
+
+def test_jpeg_is_as_opencv_reads_it(put):
+    smooth = cv2.GaussianBlur(picture(5, SIZE), (0, 0), 4)
+    path = put(
+        encoded("JPEG", Image.fromarray(smooth[..., ::-1].copy()), quality=95, progressive=True), "a.jpg"
+    )
+    theirs = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    assert np.abs(read_image(path).astype(int) - theirs).max() <= 4
+    assert image_size(path) == SIZE
+
+
+def test_orientation_in_exif_is_ignored(put):
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    turned = put(encoded("JPEG", exif=exif.tobytes()), "turned.jpg")
+    np.testing.assert_array_equal(read_image(turned), read_image(put(encoded("JPEG"), "plain.jpg")))
+    assert cv2.imread(str(turned)).shape[:2] == SIZE  # OpenCV by itself turns it
+
+
+def test_other_kinds_of_pixels(put):
+    grey = picture(1, SIZE, colour=False)
+    np.testing.assert_array_equal(read_image(put(encoded("PNG", Image.fromarray(grey)))), grey)
+    deep = (grey.astype(np.uint16) << 8) + 77
+    np.testing.assert_array_equal(read_image(put(encoded("PNG", Image.fromarray(deep)))), grey)
+    bits = Image.fromarray(grey).convert("1", dither=Image.Dither.NONE)
+    np.testing.assert_array_equal(read_image(put(encoded("PNG", bits))), np.where(grey > 127, 255, 0))
+    rgba = np.dstack([picture(2, SIZE)[..., ::-1], grey])
+    np.testing.assert_array_equal(read_image(put(encoded("PNG", Image.fromarray(rgba)))), picture(2, SIZE))
+    palette = Image.fromarray(grey).convert("P")
+    np.testing.assert_array_equal(read_image(put(encoded("PNG", palette)))[..., 1], grey)
+    la = Image.merge("LA", [Image.fromarray(grey), Image.fromarray(grey)])
+    np.testing.assert_array_equal(read_image(put(encoded("PNG", la))), grey)
+
+
+def test_sixteen_bit_colour_keeps_its_upper_byte(put):
+    image = picture(3, SIZE).astype(np.uint16) * 256 + 9
+    path = put(cv2.imencode(".png", image)[1].tobytes())
+    np.testing.assert_array_equal(read_image(path), picture(3, SIZE))
+
+
+@pytest.mark.parametrize(("kind", "name"), [("TIFF", "a TIFF"), ("GIF", "a GIF"), ("BMP", "a BMP")])
+def test_foreign_formats_are_named(put, kind, name):
+    assert name in reason(put(encoded(kind)))
+
+
+def test_float_pixels_are_refused(put):
+    assert "TIFF" in reason(put(encoded("TIFF", Image.fromarray(np.ones((4, 4), np.float32)))))
+
+
+def test_every_truncation_is_noticed(put):
+    for kind in ("PNG", "JPEG"):
+        data = encoded(kind)
+        for size in [*range(0, 40), *np.linspace(40, len(data) - 20, 30).astype(int)]:
+            assert reason(put(data[:size])) in ("empty", "truncated", "damaged", "neither a PNG nor a JPEG")
+
+
+def test_any_flipped_bit_in_a_png_is_noticed(put):
+    data = encoded("PNG")
+    rng = np.random.default_rng(3)
+    good = read_image(put(data))
+    for at in rng.integers(8, len(data), 200):
+        bad = bytearray(data)
+        bad[at] ^= 1 << int(rng.integers(8))
+        try:
+            image = read_image(put(bytes(bad)))
+        except UnreadableImageError:
+            continue
+        np.testing.assert_array_equal(image, good)  # only what no decoder needs
+
+
+def test_random_damage_raises_nothing_else(put):
+    rng = np.random.default_rng(4)
+    data = encoded("JPEG")
+    for _ in range(200):
+        bad = bytearray(data)
+        for at in rng.integers(0, len(data), 4):
+            bad[at] = int(rng.integers(256))
+        with contextlib.suppress(UnreadableImageError):
+            assert read_image(put(bytes(bad))).dtype == np.uint8
+
+
+def bomb(width, height):
+    def chunk(kind, body):
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(b"\0" * 999))
+        + chunk(b"IEND", b"")
+    )
+
+
+def test_a_bomb_is_refused_by_its_header(put):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert "million" in reason(put(bomb(40_000, 40_000)))
+        assert "million" in reason(put(bomb(MAX_PIXELS, 2)))
+        assert reason(put(bomb(0, 10))) == "damaged"
+
+
+def test_size_must_be_the_cameras(put):
+    path = put(encoded("PNG"))
+    assert read_image(path, SIZE).shape == (SIZE[1], SIZE[0], 3)
+    assert "60 x 44" in reason(path, (61, 44))
+
+
+def test_what_is_no_picture(put, tmp_path):
+    assert reason(tmp_path / "nope.png") == "missing"
+    assert reason(tmp_path) == "not a file"
+    assert reason(put(b"")) == "empty"
+    assert reason(put(b"\0" * 4000)) == "zeroed"
+    assert "neither" in reason(put(b"GPS,1,2,3\n" * 30))
+
+
+def test_loader_keeps_the_reason(put):
+    files = PictureFiles((put(encoded("PNG"), "a.png"), put(encoded("PNG")[:-40], "b.png")), SIZE)
+    assert files(0) is not None
+    assert files(1) is None
+    assert list(files.failures) == [1]
