@@ -14,7 +14,7 @@ from slam.flight import Flight
 from slam.io.estimate import write_estimate
 from slam.progress import Progress
 from slam.report.accuracy import FigureTable
-from slam.report.facts import Facts, gather
+from slam.report.facts import Facts, chain_on_result, gather
 from slam.report.optimize_report import Mosaics, write_report
 from slam.summary import Summary, json_text, summarise
 
@@ -95,7 +95,7 @@ def _write_mosaics(
     if made.note:
         notes.append(f"mosaic: {made.note}")
     try:
-        chain, gsd_m = estimate.chain_w_T_b, made.png_gsd_m
+        chain, gsd_m = chain_on_result(estimate), made.png_gsd_m
         before = write_mosaic(
             estimate, flight, folder, gsd_m, progress, poses=chain, stem="mosaic_chain", picture_only=True
         ).png

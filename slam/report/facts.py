@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.estimate import Estimate
+from slam.evaluation.trajectory import gauge
 
 if TYPE_CHECKING:
     from slam.flight import Flight
@@ -129,14 +130,18 @@ def _significant(value: float) -> str:
     return f"{value:.{digits}f}"
 
 
+def chain_on_result(estimate: Estimate) -> Array:
+    """(n, 4, 4) the plain chain with its first keyframe's position and heading on the result's."""
+    known = np.flatnonzero(np.isfinite(estimate.chain_w_T_b.sum(axis=(1, 2))) & is_placed(estimate))
+    if len(known) == 0:
+        return np.full_like(estimate.chain_w_T_b, np.nan)
+    first = known[0]
+    return gauge(estimate.chain_w_T_b[first], estimate.w_T_b[first]) @ estimate.chain_w_T_b
+
+
 def _moved_m(estimate: Estimate, main: NDArray[np.int64]) -> float:
-    chain = estimate.chain_w_T_b[main]
-    known = np.isfinite(chain).all(axis=(1, 2))
-    if not known.any():
-        return float("nan")
-    both, first = main[known], main[known][0]
-    laid = estimate.w_T_b[first] @ np.linalg.inv(estimate.chain_w_T_b[first]) @ estimate.chain_w_T_b[both]
-    return float(np.linalg.norm(laid[:, :3, 3] - estimate.w_T_b[both, :3, 3], axis=1).max())
+    moved = np.linalg.norm((chain_on_result(estimate) - estimate.w_T_b)[main, :3, 3], axis=1)
+    return float(np.nanmax(moved)) if np.isfinite(moved).any() else float("nan")
 
 
 def _scale_source(estimate: Estimate, flight: Flight | None) -> str:

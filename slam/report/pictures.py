@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.estimate import Estimate
-from slam.report.facts import is_placed
+from slam.report.facts import chain_on_result, is_placed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +36,7 @@ def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes
     figure, axes = _canvas(6.4, 6.0)
     known = is_placed(estimate)
     position = np.where(known[:, None], estimate.w_T_b[:, :3, 3], np.nan)
-    _path(axes, _laid_on(estimate.chain_w_T_b, estimate.w_T_b), color=GREY, linewidth=0.9, label=before)
+    _path(axes, chain_on_result(estimate)[:, :3, 3], color=GREY, linewidth=0.9, label=before)
     _loops(axes, estimate, position)
     for part in range(int(estimate.component.max(initial=0)) + 1):
         own = np.where((estimate.component == part)[:, None], position, np.nan)
@@ -133,15 +133,6 @@ def _legend_below(axes: Axes) -> None:
 def _path(axes: Axes, position: Array, **style: Any) -> None:
     if np.isfinite(position).any():
         axes.plot(position[:, 0], position[:, 1], **style)
-
-
-def _laid_on(chain: Array, w_T_b: Array) -> Array:
-    """(n, 3) positions of the chain, its first pose laid on the result's where both are known."""
-    known = np.flatnonzero(np.isfinite(chain).all(axis=(1, 2)) & np.isfinite(w_T_b).all(axis=(1, 2)))
-    if len(known) == 0:
-        return np.full((len(chain), 3), np.nan)
-    k = known[0]
-    return (w_T_b[k] @ np.linalg.inv(chain[k]) @ chain)[:, :3, 3]
 
 
 def _loops(axes: Axes, estimate: Estimate, position: Array) -> None:

@@ -14,7 +14,7 @@ from PIL import Image
 
 from slam.estimate import LoopVerdict
 from slam.flight import GeoOrigin
-from slam.report.facts import gather, length, sentence
+from slam.report.facts import chain_on_result, gather, length, sentence
 from slam.report.optimize_report import Mosaics, render, write_report
 from slam.report.pictures import thumbnail, trajectory_picture
 from slam.summary import json_text, summarise
@@ -216,3 +216,12 @@ def test_summary_has_the_keys_of_the_contract():
 def test_json_has_no_nan():
     text = json_text({"a": float("nan"), "b": [float("inf"), 1.5], "c": ("x",)})
     assert json.loads(text) == {"a": None, "b": [None, 1.5], "c": ["x"]}
+
+
+def test_the_chain_is_laid_on_the_first_keyframe():
+    """Before and after are drawn alike: the chain's own origin and heading do not matter, its drift does."""
+    estimate = made_estimate()
+    yaw = np.array([[0.6, -0.8, 0, 5], [0.8, 0.6, 0, -3], [0, 0, 1, 7], [0, 0, 0, 1]])
+    perfect = replace(estimate, chain_w_T_b=yaw @ estimate.w_T_b)
+    np.testing.assert_allclose(chain_on_result(perfect), estimate.w_T_b, atol=1e-12)
+    np.testing.assert_allclose(chain_on_result(estimate), estimate.chain_w_T_b, atol=1e-12)
