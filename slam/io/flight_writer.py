@@ -256,6 +256,6 @@ def _copy(source: Path, target: Path) -> None:
 def _encode(image: Image, target: Path, image_format: str) -> None:
     picture = Pillow.fromarray(image if image.ndim == 2 else np.ascontiguousarray(image[..., ::-1]))
     if image_format == "png":
-        picture.save(target, format="PNG", compress_level=3)
+        picture.save(target, format="PNG", compress_level=1)
     else:
         picture.save(target, format="JPEG", quality=JPEG_QUALITY, subsampling=0)
