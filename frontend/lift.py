@@ -36,6 +36,15 @@ class LiftedPoses:
     misfit: Array
     """(m,) squared whitened distance between homography and best rigid pose, 2 degrees of freedom."""
 
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """(m,) whether the pose is above the floor and its covariance positive definite."""
+        finite = np.isfinite(self.covariance).all(axis=(1, 2)) & np.isfinite(self.i_T_j).all(axis=(1, 2))
+        safe = np.where(finite[:, None, None], self.covariance, np.eye(6))
+        variances = np.linalg.eigvalsh(safe)
+        definite = variances[:, 0] > 1e-12 * variances[:, -1]
+        return finite & definite & (self.height_ratio > 0) & np.isfinite(self.log_ratio_std)
+
     def scale(self, height_m: Array, height_std_m: Array) -> tuple[Array, Array]:
         """Poses (m, 4, 4) and covariances (m, 6, 6) in metres, with the heights' own uncertainty."""
         i_T_j, covariance = self.i_T_j.copy(), self.covariance.copy()
@@ -95,6 +104,7 @@ def lift(
             "ma,mb,m->mab", difference, difference, attitude_std[:, axis] ** 2
         )
         ratio_variance += ((other[:, 2, 3] - pose[:, 2, 3]) / step * attitude_std[:, axis]) ** 2
+    covariance = 0.5 * (covariance + covariance.transpose(0, 2, 1))
     ratio = pose[:, 2, 3]
     misfit = np.einsum("ma,mab,mb->m", residual, weight, residual)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -93,8 +93,7 @@ class Mapper:
         covariance = np.array([r.corner_covariance for r in registrations]).reshape(-1, 8, 8)
         sensors = self.sensors
         lifted = lift(H, covariance, self.camera, sensors.roll_pitch_rad[i], sensors.roll_pitch_std_rad[i])
-        good = np.isfinite(lifted.covariance).all(axis=(1, 2)) & (lifted.height_ratio > 0)
-        good &= np.isfinite(lifted.log_ratio_std)
+        good = lifted.usable
         heights = self._heights(i[good], j[good], lifted, good)
         i_T_j, covariance = lifted.scale(heights.height_m[i], heights.height_m[i] * heights.log_std[i])
         apart = np.abs(sensors.stamps_s[j] - sensors.stamps_s[i]) >= self.config.loops.min_separation_s
