@@ -171,12 +171,10 @@ def _singular_message(graph: gtsam.NonlinearFactorGraph, singular: _SingularErro
 
 def translated(message: str, name: Name = key_name) -> str:
     """gtsam's account of a singular system in the words of the flight."""
-    found = re.search(r"near variable (\d+)", message) or re.search(r"\(Symbol: ([a-z]\d+)\)", message)
+    found = re.search(r"near variable\s+(\d+)", message)
     if not found:
         return one_line(RuntimeError(message))
-    word = found.group(1)
-    key = int(word) if word.isdigit() else gtsam.symbol(word[0], int(word[1:]))
-    return f"the measurements around {name(key)} leave a direction open"
+    return f"the measurements around {name(int(found.group(1)))} leave a direction open"
 
 
 def _gauss_newton(
