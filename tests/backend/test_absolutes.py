@@ -88,3 +88,12 @@ def test_a_trajectory_is_moved_to_its_measurements(known: str):
     move = se3.exp(np.array([[0.3, -0.4, 2.0, 5, 6, 7.0]]))[0]
     moved = aligned(move @ made.truth, tuple(s for s in singles if s is not None))
     np.testing.assert_allclose(moved, made.truth, atol=1e-3)
+
+
+def test_a_held_heading_is_held_about_the_vertical_of_the_world():
+    T = _pose([0.4, -0.3, 1.0])
+    factor = hold_factor(0, T, np.array([[0, 0, 1.0, 0, 0, 0]]))
+    for axis, told in ((2, 1.0), (0, 0.0), (1, 0.0)):
+        turned = T.copy()
+        turned[:3, :3] = Rotation.from_rotvec(1e-6 * np.eye(3)[axis]).as_matrix() @ T[:3, :3]
+        assert _sigmas(factor, turned) == pytest.approx(told, abs=1e-3)
