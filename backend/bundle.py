@@ -6,8 +6,8 @@ How much each kind of measurement is to be believed is estimated from its own re
 degrees off, a coarse GPS and a floor with relief are found to be so.
 
 Pictures know everything but the scale. So the poses are kept in units of the mean height, the floor at z = 0,
-and one variable, (log scale, floor height, log range gain), makes metres of them where a range or a position
-is compared. Were the poses in metres, the assumption of a flat floor would pull the whole map to be small.
+and one variable (`backend.factors`) makes metres of them where a range or a position is compared. Were the
+poses in metres, the assumption of a flat floor would pull the whole map to be small.
 
 Source: Triggs et al. 2000 (bundle adjustment); Forstner and Wrobel 2016, section 4.2.4 (variance components).
 """
@@ -28,10 +28,11 @@ from backend.errors import BackendError
 from backend.factors import body_up, scaled_position_factor, scaled_range_factor
 from backend.marginals import joint_covariances
 from backend.measurements import FloorTracks, Measurements, PinholeModel
+from backend.se3 import cross_matrix
 from backend.solve import minimise
 
 Array = NDArray[np.float64]
-SCALE = gtsam.symbol("s", 0)
+WORLD = gtsam.symbol("w", 0)
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class BundleConfig:
     huber_sigmas: float = 2.0
     drop_sigmas: float = 6.0
     """Observations farther off than this are dropped between rounds, and counted."""
+    slope_std_rad: float = 0.05
+    """How far ground may lean; only positions tell."""
     start_relief: float = 0.01
     """Standard deviation of the floor's relief over the mean height, to start from."""
 
@@ -70,6 +73,9 @@ class Bundle:
     covariances: Array
     """(n, 6, 6), rotation first, right perturbation."""
     floor_z_m: float
+    """Of the floor under the origin."""
+    floor_slope_rad: tuple[float, float]
+    """Rotation vector (x, y) that takes the level to the floor."""
     mean_height_m: float
     focal_px: tuple[float, float]
     radial: tuple[float, float]
@@ -168,7 +174,7 @@ def _start_values(problem: _Problem, w_T_b: Array, floor_z_m: float) -> gtsam.Va
         np.column_stack([np.bincount(tracks.track, hit[:, a]) / seen for a in range(3)])
     ):
         values.insert(POINT(t), point)
-    values.insert(SCALE, np.array([np.log(scale), floor_z_m, 0.0]))
+    values.insert(WORLD, np.array([np.log(scale), floor_z_m, 0.0, 0.0, 0.0]))
     return values
 
 
@@ -228,11 +234,11 @@ def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: _Problem, noise: No
     if measurements.ranges:
         model = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Isotropic.Sigma(1, noise.range_m))
         for r in measurements.ranges:
-            graph.push_back(scaled_range_factor(POSE(r.k), SCALE, r.range_m, model, c_T_b))
+            graph.push_back(scaled_range_factor(POSE(r.k), WORLD, r.range_m, model, c_T_b))
     if measurements.positions:
         model = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Diagonal.Sigmas(noise.position_m))
         for p in measurements.positions:
-            graph.push_back(scaled_position_factor(POSE(p.k), SCALE, p.w_p_b_m, model, c_T_b))
+            graph.push_back(scaled_position_factor(POSE(p.k), WORLD, p.w_p_b_m, model, c_T_b))
 
 
 def _add_gauge(graph: gtsam.NonlinearFactorGraph, problem: _Problem, start: gtsam.Values) -> None:
@@ -249,9 +255,10 @@ def _add_gauge(graph: gtsam.NonlinearFactorGraph, problem: _Problem, start: gtsa
     heading = gtsam.noiseModel.Diagonal.Sigmas(np.array([free, free, plane]))
     graph.push_back(gtsam.PoseRotationPrior3D(POSE(0), first, heading))
     gain = max(problem.measurements.range_gain_std, held)
-    sigmas = [free if placed or scaled else held, 1e5 if placed else held, gain]
+    slope = problem.config.slope_std_rad if placed else held
+    sigmas = [free if placed or scaled else held, 1e5 if placed else held, gain, slope, slope]
     model = gtsam.noiseModel.Diagonal.Sigmas(np.array(sigmas))
-    graph.push_back(gtsam.PriorFactorPoint3(SCALE, start.atPoint3(SCALE), model))
+    graph.push_back(gtsam.PriorFactorVector(WORLD, start.atVector(WORLD), model))
 
 
 @dataclass(frozen=True)
@@ -309,13 +316,20 @@ def _estimate_noise(
     free_z = residuals.relief_information / (residuals.relief_information + 1.0 / noise.relief**2)
     spent = 2 * int((seen >= 2).sum()) + float(free_z[seen >= 2].sum()) + 6 * measurements.count
     freedom = max(1.0, 2 * float(used.sum()) - spent)
-    spread = robust_std(whitened[used].ravel()) * np.sqrt(2 * used.sum() / freedom)
+    spread = huber_std(whitened[used], problem.config.huber_sigmas) * np.sqrt(2 * used.sum() / freedom)
     spread *= np.sqrt(_colour_along_tracks(tracks, whitened, used))
     pixel_scale = noise.pixel_scale * float(np.clip(spread, 0.2, 5.0))
     level = replace(
         noise, pixel_scale=pixel_scale, relief=_estimate_relief(residuals, noise.relief, seen >= 2)
     )
-    w_T_b, floor_z = _metric_poses(problem, values)
+    return _sensor_noise(problem, values, level), used
+
+
+def _sensor_noise(problem: _Problem, values: gtsam.Values, level: NoiseLevels) -> NoiseLevels:
+    """The noise levels with those of attitudes, positions and ranges as their residuals show them."""
+    measurements, w_T_b = problem.measurements, _metric_poses(problem, values)
+    f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(measurements.count)])
+    log_scale, _, log_gain, *_ = values.atVector(WORLD)
     if len(measurements.attitudes) > 2:
         tilt = np.array(
             [np.cross(body_up(a.roll_pitch_yaw_rad), w_T_b[a.k, 2, :3])[:2] for a in measurements.attitudes]
@@ -327,13 +341,14 @@ def _estimate_noise(
         horizontal, vertical = coloured_std(off[:, :2]), coloured_std(off[:, 2:])
         level = replace(level, position_m=np.array([horizontal, horizontal, vertical]) + 1e-3)
     if len(measurements.ranges) > 3:
-        gain = np.exp(values.atPoint3(SCALE)[2])
-        off = np.array(
-            [gain * (w_T_b[r.k, 2, 3] - floor_z) / w_T_b[r.k, 2, 2] - r.range_m for r in measurements.ranges]
-        )
+        metric = f_T_c.copy()
+        metric[:, :3, 3] *= np.exp(log_scale)
+        f_T_b = metric @ problem.c_T_b
+        seen = np.exp(log_gain) * f_T_b[:, 2, 3] / f_T_b[:, 2, 2]
+        off = np.array([seen[r.k] - r.range_m for r in measurements.ranges])
         told = float(np.median([r.std_m for r in measurements.ranges]))
         level = replace(level, range_m=max(told, coloured_std(off[:, None])))
-    return level, used
+    return level
 
 
 def _colour_along_tracks(
@@ -380,9 +395,21 @@ def _estimate_relief(residuals: _Residuals, start: float, seen: NDArray[np.bool_
     return float(np.clip(grid[np.argmin(loss)], max(0.05 * start, 2e-4), 20 * start))
 
 
-def robust_std(x: Array) -> float:
-    """Standard deviation of the Gaussian core of x about zero, from the median of |x|."""
-    return 1.4826 * float(np.median(np.abs(x)))
+def huber_std(x: Array, k: float) -> float:
+    """Standard deviation of one coordinate of planar residuals (m, 2), tails cut at k: Huber's proposal 2.
+
+    The median would see the core alone, and the estimates that a Huber loss gives would look better than they
+    are. Source: Huber and Ronchetti 2009, section 6.4. A Rayleigh distance has
+    E[min(d, k)^2] = 2 - 2 exp(-k^2/2).
+    """
+    distance = np.linalg.norm(x, axis=1)
+    sigma = float(np.median(distance)) / 1.1774
+    expected = 2.0 * (1.0 - np.exp(-(k**2) / 2))
+    for _ in range(30):
+        if sigma <= 0:
+            break
+        sigma *= float(np.sqrt(np.mean(np.minimum(distance / sigma, k) ** 2) / expected))
+    return sigma
 
 
 def coloured_std(x: Array) -> float:
@@ -404,30 +431,38 @@ def coloured_std(x: Array) -> float:
     return float(np.sqrt(variance * max(1.0, total)))
 
 
-def _metric_poses(problem: _Problem, values: gtsam.Values) -> tuple[Array, float]:
-    """Body poses (n, 4, 4) in metres, and the floor's height."""
-    log_scale, floor_z, _ = values.atPoint3(SCALE)
-    w_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(problem.measurements.count)])
-    w_T_c[:, :3, 3] *= np.exp(log_scale)
-    w_T_c[:, 2, 3] += floor_z
-    return w_T_c @ problem.c_T_b, float(floor_z)
+def _metric_poses(problem: _Problem, values: gtsam.Values) -> Array:
+    """Body poses (n, 4, 4) in metres in the measured world."""
+    log_scale, floor_z, _, *slope = values.atVector(WORLD)
+    w_T_f = np.eye(4)
+    w_T_f[:3, :3] = gtsam.Rot3.Expmap(np.array([*slope, 0.0])).matrix()
+    w_T_f[2, 3] = floor_z
+    f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(problem.measurements.count)])
+    f_T_c[:, :3, 3] *= np.exp(log_scale)
+    return np.asarray(w_T_f @ f_T_c @ problem.c_T_b)
 
 
 def _metric_covariances(problem: _Problem, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> Array:
     """(n, 6, 6) of body poses in metres: pose and scale are uncertain together."""
-    n, scale = problem.measurements.count, float(np.exp(values.atPoint3(SCALE)[0]))
-    joint = joint_covariances(graph, values, [POSE(k) for k in range(n)], SCALE)
+    n, (log_scale, _, _, *slope) = problem.measurements.count, values.atVector(WORLD)
+    scale, tilt = float(np.exp(log_scale)), np.array([*slope, 0.0])
+    A, turn = gtsam.Rot3.Expmap(tilt).matrix(), gtsam.Rot3.ExpmapDerivative(tilt)[:, :2]
+    joint = joint_covariances(graph, values, [POSE(k) for k in range(n)], WORLD)
     adjoint = gtsam.Pose3(problem.camera.b_T_c).AdjointMap()
     covariances = np.empty((n, 6, 6))
     # Without positions the first keyframe is the origin by definition, its height above the floor included.
     origin = np.zeros(3) if problem.measurements.positions else values.atPose3(POSE(0)).translation()
     for k in range(n):
         pose = values.atPose3(POSE(k)).matrix()
-        J = np.zeros((6, 9))
+        J = np.zeros((6, 11))
         J[:3, :3] = np.eye(3)
         J[3:, 3:6] = scale * np.eye(3)
-        J[3:, 6] = scale * pose[:3, :3].T @ (pose[:3, 3] - origin)
-        J[3:, 7] = pose[2, :3]
+        R, p = pose[:3, :3], pose[:3, 3] - origin
+        J[3:, 6] = scale * R.T @ p
+        J[3:, 7] = (A @ R)[2]
+        # A right perturbation of the slope turns the whole map about the floor under the origin.
+        J[:3, 9:] = R.T @ turn
+        J[3:, 9:] = -scale * R.T @ cross_matrix(p) @ turn
         J = adjoint @ J
         covariances[k] = J @ joint[k] @ J.T
     return covariances
@@ -442,18 +477,20 @@ def _result(
     error: float,
     iterations: int,
 ) -> Bundle:
-    w_T_b, floor_z = _metric_poses(problem, values)
-    if not (np.isfinite(w_T_b).all() and (w_T_b[:, 2, 3] > floor_z).all()):
+    heights = np.array([values.atPose3(POSE(k)).z() for k in range(problem.measurements.count)])
+    if not (np.isfinite(heights).all() and (heights > 0).all()):
         raise BackendError("bundle adjustment: a camera went below the floor; the pose graph's result stands")
     focal, radial = problem.camera.focal_px, (0.0, 0.0)
     if problem.calibrates:
         found = values.atCal3Bundler(CALIBRATION(0))
         focal, radial = (found.fx(), found.fx()), (found.k1(), found.k2())
+    log_scale, floor_z, _, *slope = values.atVector(WORLD)
     return Bundle(
-        w_T_b,
+        _metric_poses(problem, values),
         _metric_covariances(problem, graph, values),
-        floor_z,
-        float(np.exp(values.atPoint3(SCALE)[0])),
+        float(floor_z),
+        (float(slope[0]), float(slope[1])),
+        float(np.exp(log_scale)),
         focal,
         radial,
         noise,

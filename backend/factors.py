@@ -1,7 +1,9 @@
-"""Factors that gtsam lacks: measurements in metres of poses that are kept in units of the mean height.
+"""Factors that gtsam lacks: measurements in metres of poses that are kept over their own floor.
 
-The scale variable holds (log s, floor height f, log g): a camera pose (R, p) stands in the world at
-s p + (0, 0, f), and the ranging sensor reads g times the range.
+The pictures' world has the floor at z = 0 and the mean height for its unit. One variable of five numbers
+stands it in the measured world: (log s, f, log g, a, b). A camera pose (R, p) is there at s A p + (0, 0, f),
+turned by A = Exp(a, b, 0), the slope of the floor; and the ranging sensor reads g times the range.
+
 gtsam crashes on a custom factor that returns no or ill-shaped Jacobians; these always return them.
 """
 
@@ -11,11 +13,13 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.se3 import cross_matrix
+
 Array = NDArray[np.float64]
 
 
 def scaled_range_factor(
-    pose_key: int, scale_key: int, range_m: float, model: gtsam.noiseModel.Base, c_T_b: Array
+    pose_key: int, world_key: int, range_m: float, model: gtsam.noiseModel.Base, c_T_b: Array
 ) -> gtsam.CustomFactor:
     """Slant range along the body's -z axis to the floor: g s z / R33 - range.
 
@@ -25,7 +29,7 @@ def scaled_range_factor(
     u, t = c_T_b[:3, 2], c_T_b[:3, 3]
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        pose, (log_scale, _, log_gain) = values.atPose3(pose_key), values.atPoint3(scale_key)
+        pose, (log_scale, _, log_gain, _, _) = values.atPose3(pose_key), values.atVector(world_key)
         scale, gain = np.exp(log_scale), np.exp(log_gain)
         row, z = pose.rotation().matrix()[2], pose.translation()[2]
         height, cosine = scale * z + row @ t, row @ u
@@ -34,28 +38,33 @@ def scaled_range_factor(
             J[0, :3] = (np.cross(t, row) - height / cosine * np.cross(u, row)) / cosine
             J[0, 3:] = scale * row / cosine
             jacobians[0] = gain * J
-            jacobians[1] = gain / cosine * np.array([[scale * z, 0.0, height]])
+            jacobians[1] = gain / cosine * np.array([[scale * z, 0.0, height, 0.0, 0.0]])
         return np.array([gain * height / cosine - range_m])
 
-    return gtsam.CustomFactor(model, [pose_key, scale_key], error)
+    return gtsam.CustomFactor(model, [pose_key, world_key], error)
 
 
 def scaled_position_factor(
-    pose_key: int, scale_key: int, w_p_b_m: Array, model: gtsam.noiseModel.Base, c_T_b: Array
+    pose_key: int, world_key: int, w_p_b_m: Array, model: gtsam.noiseModel.Base, c_T_b: Array
 ) -> gtsam.CustomFactor:
-    """Position of the body's origin: s p + R t + (0, 0, f) - measured."""
+    """Position of the body's origin: A (s p + R t) + (0, 0, f) - measured; t is the body in camera axes."""
     t = c_T_b[:3, 3]
-    t_hat = np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]])
+    t_hat = cross_matrix(t)
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        pose, (log_scale, floor_z, _) = values.atPose3(pose_key), values.atPoint3(scale_key)
-        R, p, scale = pose.rotation().matrix(), pose.translation(), np.exp(log_scale)
+        pose, world = values.atPose3(pose_key), values.atVector(world_key)
+        R, p, scale = pose.rotation().matrix(), pose.translation(), np.exp(world[0])
+        slope = np.array([world[3], world[4], 0.0])
+        A, over_floor = gtsam.Rot3.Expmap(slope).matrix(), scale * p + R @ t
         if jacobians is not None:
-            jacobians[0] = np.hstack([-R @ t_hat, scale * R])
-            jacobians[1] = np.column_stack([scale * p, [0.0, 0.0, 1.0], np.zeros(3)])
-        return scale * p + R @ t + np.array([0.0, 0.0, floor_z]) - w_p_b_m
+            jacobians[0] = A @ np.hstack([-R @ t_hat, scale * R])
+            J = np.zeros((3, 5))
+            J[:, 0], J[2, 1] = scale * A @ p, 1.0
+            J[:, 3:] = (-A @ cross_matrix(over_floor) @ gtsam.Rot3.ExpmapDerivative(slope))[:, :2]
+            jacobians[1] = J
+        return A @ over_floor + np.array([0.0, 0.0, world[1]]) - w_p_b_m
 
-    return gtsam.CustomFactor(model, [pose_key, scale_key], error)
+    return gtsam.CustomFactor(model, [pose_key, world_key], error)
 
 
 def body_up(roll_pitch_yaw_rad: Array) -> Array:

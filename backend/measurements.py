@@ -112,7 +112,7 @@ class Measurements:
     positions: tuple[Position, ...] = ()
     tracks: FloorTracks | None = None
     camera: PinholeModel | None = None
-    range_gain_std: float = 0.03
+    range_gain_std: float = 0.05
     """Relative uncertainty that all ranges share: a rangefinder's own scale (temperature, calibration)."""
     names: tuple[str, ...] = field(default=())
     """What to call each keyframe in messages; its number where empty."""

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from backend.measurements import RelativePose
 from frontend.camera import Camera
@@ -49,6 +50,7 @@ class Estimate:
     camera: Camera | None
     """As estimated, where focal length or distortion were."""
     floor_z_m: float
+    """Height of the floor under the world's origin."""
     origin: GeoOrigin | None
     """Set where the world is east-north-up on Earth."""
     relative_poses: tuple[RelativePose, ...]
@@ -66,6 +68,18 @@ class Estimate:
     graph_error: float = float("nan")
     """Half the squared whitened residuals over all kept factors."""
     iterations: int = 0
+    floor_slope_rad: tuple[float, float] = (0.0, 0.0)
+    """Rotation vector (x, y) that takes the level to the ground; zero where nothing told of a slope."""
+
+    @property
+    def over_floor_T_b(self) -> Array:
+        """(n, 4, 4) poses with the slope of the ground taken out: the floor is the plane z = floor_z_m."""
+        turn = Rotation.from_rotvec([*self.floor_slope_rad, 0.0]).inv().as_matrix()
+        under = np.array([0.0, 0.0, self.floor_z_m])
+        poses = self.w_T_b.copy()
+        poses[:, :3, :3] = turn @ self.w_T_b[:, :3, :3]
+        poses[:, :3, 3] = (self.w_T_b[:, :3, 3] - under) @ turn.T + under
+        return poses
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:

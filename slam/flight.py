@@ -82,8 +82,9 @@ class Sonar:
     max_range_m: float = 6.0
     beam_width_rad: float = 0.44
     b_T_s: Array = field(default_factory=lambda: np.eye(4))
-    scale_std: float = 0.03
-    """Relative uncertainty of the sensor's own scale; 0 for one known to be exact."""
+    scale_std: float = 0.05
+    """Relative uncertainty that all readings share, 0 for a sensor known to be exact. By default what a scale
+    within 5 % and an offset within 5 cm come to at 0.7 m."""
 
 
 @dataclass(frozen=True)

@@ -244,6 +244,7 @@ def _estimate(
         rejected=dict(rejected),
         timing_s=clock.seconds,
         warnings=(*flight.warnings, *warnings, *solution.warnings),
+        floor_slope_rad=fused.bundle.floor_slope_rad if fused.bundle else (0.0, 0.0),
         graph_error=fused.bundle.error if fused.bundle else solution.error,
         iterations=solution.iterations + (fused.bundle.iterations if fused.bundle else 0),
     )

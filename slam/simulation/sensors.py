@@ -97,4 +97,7 @@ def read_sonar(motion: Motion, model: SonarModel, rng: np.random.Generator) -> S
     slant = state.w_p_m[:, 2] / (np.cos(pitch) * np.cos(roll))
     range_m = slant + model.datum_m + rng.normal(0.0, model.noise_std_m, slant.shape)
     range_m[(range_m < model.min_range_m) | (range_m > model.max_range_m)] = np.nan
-    return Sonar(state.stamps_s, range_m, model.noise_std_m, model.min_range_m, model.max_range_m)
+    # Its scale is exact, and it says so.
+    return Sonar(
+        state.stamps_s, range_m, model.noise_std_m, model.min_range_m, model.max_range_m, scale_std=0.0
+    )
