@@ -16,6 +16,7 @@ import rasterio
 import rasterio.shutil
 from affine import Affine
 from numpy.typing import NDArray
+from rasterio._err import CPLE_BaseError
 from rasterio.crs import CRS
 from rasterio.errors import RasterioError
 from rasterio.windows import Window
@@ -90,16 +91,19 @@ def write_geotiff(path: Path, grid: Grid, blocks: Iterator[Block]) -> None:
         "SPARSE_OK": True, **_RGBA,
     }  # fmt: skip
     with _gdal(path), atomic_file(path) as partial, _scratch(path) as plain:
+        total = np.zeros(4, np.uint64)
         with rasterio.open(plain, "w", **profile) as raster:
             for block in blocks:
                 rows, cols = block.rgba.shape[:2]
                 if block.rgba[..., 3].any():
                     window = Window(block.col, block.row, cols, rows)
                     raster.write(np.moveaxis(block.rgba, 2, 0), window=window)
+                    total += block.rgba.sum(axis=(0, 1), dtype=np.uint64)
         rasterio.shutil.copy(
             plain, partial, driver="COG", compress="DEFLATE", predictor="YES", blocksize=BLOCK_PX,
             overview_resampling="AVERAGE", bigtiff="IF_SAFER",
         )  # fmt: skip
+        _verify(partial, total)
 
 
 def write_png(geotiff: Path, path: Path, max_pixels: int, world_file: bool = True) -> float:
@@ -111,13 +115,14 @@ def write_png(geotiff: Path, path: Path, max_pixels: int, world_file: bool = Tru
     """
     with _gdal(path), atomic_file(path) as partial, _scratch(path) as plain:
         with _reduced(geotiff, max_pixels) as raster:
-            affine = raster.transform
+            affine, total = raster.transform, np.zeros(4, np.uint64)
             profile = {"driver": "GTiff", "width": raster.width, "height": raster.height, "transform": affine}
             # PNG is made line by line: from tiles that takes twenty times as long as from strips.
             with rasterio.open(plain, "w", blockysize=16, **profile, **_RGBA) as strips:
-                for row in range(0, raster.height, BLOCK_PX):
-                    window = Window(0, row, raster.width, min(BLOCK_PX, raster.height - row))
-                    strips.write(raster.read(window=window), window=window)
+                for window, pixels in _strips(raster):
+                    strips.write(pixels, window=window)
+                    total += pixels.sum(axis=(1, 2), dtype=np.uint64)
+        _verify(plain, total)
         rasterio.shutil.copy(plain, partial, driver="PNG", zlevel=6)
     if world_file:
         lines = (affine.a, 0.0, 0.0, affine.e, affine.c + affine.a / 2, affine.f + affine.e / 2)
@@ -133,6 +138,23 @@ def _reduced(geotiff: Path, max_pixels: int) -> rasterio.DatasetReader:
         sizes = [-(-raster.width // f) * -(-raster.height // f) for f in factors]
     level = next((i for i, size in enumerate(sizes) if size <= max_pixels), len(sizes) - 1)
     return rasterio.open(geotiff) if level == 0 else rasterio.open(geotiff, overview_level=level - 1)
+
+
+def _strips(raster: rasterio.DatasetReader) -> Iterator[tuple[Window, NDArray[np.uint8]]]:
+    """All pixels, (4, rows, width) at a time."""
+    for row in range(0, raster.height, BLOCK_PX):
+        window = Window(0, row, raster.width, min(BLOCK_PX, raster.height - row))
+        yield window, raster.read(window=window)
+
+
+def _verify(path: Path, total: NDArray[np.uint64]) -> None:
+    """Read back: GDAL's TIFF writer does not report a disk that is full."""
+    found = np.zeros(4, np.uint64)
+    with rasterio.open(path) as raster:
+        for _, pixels in _strips(raster):
+            found += pixels.sum(axis=(1, 2), dtype=np.uint64)
+    if not np.array_equal(found, total):
+        raise RasterioError("pixels are missing from what was written")
 
 
 @contextmanager
@@ -151,7 +173,7 @@ def _gdal(path: Path) -> Iterator[None]:
     try:
         with rasterio.Env(GDAL_CACHEMAX=CACHE_MB, GDAL_PAM_ENABLED=False, GDAL_NUM_THREADS=2):
             yield
-    except RasterioError as error:
+    except (RasterioError, CPLE_BaseError) as error:
         reason = " ".join(str(error).split())
         raise InputError(
             f"{path}: cannot be written ({reason}); free some space or choose another folder"

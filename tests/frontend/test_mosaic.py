@@ -159,6 +159,23 @@ def test_unequal_exposure_is_evened_out_over_the_seams() -> None:
     assert unevenness(exposure) < 0.5 * unevenness(None)
 
 
+def test_vignetting_is_taken_out_of_the_picture() -> None:
+    floor, poses = smooth_floor(1), survey(14, 4, 5, spacing_m=0.6)
+    v, u = np.mgrid[:150, :200]
+    rho2 = ((u - 99.5) ** 2 + (v - 74.5) ** 2) / (99.5**2 + 74.5**2)
+    shade = np.exp(-0.5 * rho2)[..., None]
+    views = [np.rint(photograph(floor, CAMERA, T, 2) * shade).astype(np.uint8) for T in poses]
+    plan = plan_mosaic(CAMERA, poses, FLOOR_Z_M)
+    pictures = Pictures(plan, views.__getitem__)
+
+    def unevenness(exposure: Exposure | None) -> float:
+        rgba = whole(plan, pictures, exposure)
+        ratio = rgba[..., :3].astype(float).mean(axis=2) / floor_under(plan, floor).mean(axis=2)
+        return float(np.log(ratio[inner(rgba)]).std())
+
+    assert unevenness(measure_exposure(plan, pictures)) < 0.3 * unevenness(None)
+
+
 def test_pictures_that_cannot_be_used_are_named_and_their_ground_left_to_others() -> None:
     floor, poses = smooth_floor(1), survey(12)
     views: list[np.ndarray | None] = [photograph(floor, CAMERA, T, 1) for T in poses]

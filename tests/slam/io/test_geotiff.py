@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -127,3 +129,35 @@ def test_place_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
         write_geotiff(tmp_path / "file" / "m.tif", Grid(-4, 4, 1, 8, 8), blocks(picture(8, 8)))
     assert "\n" not in str(caught.value)
     assert "m.tif" in str(caught.value) or "file" in str(caught.value)
+
+
+FULL_DISK = """
+import resource, sys
+from pathlib import Path
+from slam.errors import InputError
+from slam.io.geotiff import Grid, write_geotiff, write_png
+from tests.slam.io.test_geotiff import blocks, picture
+folder, limit = Path(sys.argv[1]), int(sys.argv[2])
+resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+try:
+    if sys.argv[3] == "tif":
+        write_geotiff(folder / "m.tif", Grid(-4, 4, 0.1, 900, 700), blocks(picture(700, 900)))
+    else:
+        write_png(folder / "old.tif", folder / "m.png", 10**6)
+except InputError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("share", [0.02, 0.5, 0.97])
+@pytest.mark.parametrize("kind", ["tif", "png"])
+def test_full_disk_is_told_and_leaves_nothing(tmp_path: Path, kind: str, share: float) -> None:
+    write_geotiff(tmp_path / "old.tif", Grid(-4, 4, 0.1, 900, 700), blocks(picture(700, 900)))
+    write_png(tmp_path / "old.tif", tmp_path / "old.png", 10**6)
+    before = sorted(p.name for p in tmp_path.iterdir())
+    limit = int(share * (tmp_path / f"old.{kind}").stat().st_size)
+    command = [sys.executable, "-c", FULL_DISK, str(tmp_path), str(limit), kind]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert f"m.{kind}: cannot be written" in done.stdout
+    assert done.stdout.count("\n") == 1
+    assert sorted(p.name for p in tmp_path.iterdir()) == before
