@@ -89,7 +89,7 @@ def _fill(out: Array, tree: gtsam.GaussianBayesTree, keys: Sequence[int], which:
 def joint_covariances(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int], common: int
 ) -> Array:
-    """Joint marginals of each pose with one common variable, (n, 6 + d, 6 + d), pose first; NaN if singular."""
+    """Joint marginals of each pose with one common variable, (n, 6 + d, 6 + d), pose first; NaN: singular."""
     size = 6 + len(values.atVector(common))
     out = np.full((len(keys), size, size), np.nan)
     tree = bayes_tree(graph, values)

@@ -40,7 +40,7 @@ class LiftedPoses:
     def usable(self) -> NDArray[np.bool_]:
         """(m,) whether the pose is above the floor and its covariance positive definite."""
         finite = np.isfinite(self.covariance).all(axis=(1, 2)) & np.isfinite(self.i_T_j).all(axis=(1, 2))
-        safe = np.where(finite[:, None, None], self.covariance, np.eye(6))
+        safe = np.where(np.asarray(finite)[:, None, None], self.covariance, np.eye(6))
         variances = np.linalg.eigvalsh(safe)
         definite = variances[:, 0] > 1e-12 * variances[:, -1]
         return finite & definite & (self.height_ratio > 0) & np.isfinite(self.log_ratio_std)
@@ -85,7 +85,7 @@ def lift(
     for k in range(4):
         back[:, 2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.linalg.inv(local[:, k])
     covariance_j = back @ corner_covariance @ back.transpose(0, 2, 1) + 1e-8 * np.eye(8)
-    weight = np.linalg.inv(covariance_j)
+    weight: Array = np.asarray(np.linalg.inv(covariance_j), dtype=float)
 
     start = _start(i_H_j, camera, roll_pitch_rad)
     pose, information, residual = _solve(pixel_i, corners, weight, camera, roll_pitch_rad, start)
@@ -168,9 +168,9 @@ def _solve(
 ) -> tuple[Array, Array, Array]:
     """Gauss-Newton for the poses of j: (m, 4, 4), information (m, 6, 6), residuals (m, 8)."""
     floor = _floor(pixel_i, camera, level_T_body(roll_pitch_rad))
-    c_T_b = np.linalg.inv(camera.b_T_c)
+    c_T_b: Array = np.asarray(np.linalg.inv(camera.b_T_c), dtype=float)
     pose = start.copy()
-    focal, centre = np.array(camera.focal_px), np.array(camera.center_px)
+    focal, centre = np.array(camera.focal_px, float), np.array(camera.center_px, float)
     for k in range(iterations + 1):
         b_p = np.einsum("mba,mkb->mka", pose[:, :3, :3], floor - pose[:, None, :3, 3])
         c_p = b_p @ c_T_b[:3, :3].T + c_T_b[:3, 3]

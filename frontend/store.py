@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import weakref
 from typing import Any
 
 import numpy as np
@@ -23,6 +24,7 @@ class FeatureStore:
         self._shape: list[tuple[int, int]] = []
         self._dtype: np.dtype[Any] = np.dtype(np.float32)
         self._end = 0
+        weakref.finalize(self, self._file.close)
         self.pixels: list[Array] = []
         """(n_k, 2) undistorted positions of each keyframe's features."""
 
@@ -30,8 +32,10 @@ class FeatureStore:
         """Keep the features of the next keyframe."""
         data = np.ascontiguousarray(features.descriptor)
         self._dtype = data.dtype
-        os.pwrite(self._file.fileno(), data.tobytes(), self._end)
         self._offset.append(self._end)
+        written, raw = 0, memoryview(data.tobytes())
+        while written < len(raw):  # the system may take a part of it
+            written += os.pwrite(self._file.fileno(), raw[written:], self._end + written)
         self._shape.append((data.shape[0], data.shape[1]))
         self._end += data.nbytes
         self.pixels.append(features.pixel)

@@ -42,9 +42,10 @@ def join_tracks(
     else:
         a = b = np.empty(0, np.int64)
     noise = _noise_of_keyframes(len(pixels), registrations)
-    _, label = connected_components(
+    _, part = connected_components(
         coo_matrix((np.ones(len(a)), (a, b)), shape=(start[-1],) * 2), directed=False
     )
+    label = part.astype(np.int64)
     length = np.bincount(label)
     node = np.flatnonzero(length[label] >= 2)
     order = node[np.lexsort((keyframe[node], label[node]))]

@@ -97,7 +97,7 @@ class Mapper:
         heights = self._heights(i[good], j[good], lifted, good)
         i_T_j, covariance = lifted.scale(heights.height_m[i], heights.height_m[i] * heights.log_std[i])
         apart = np.abs(sensors.stamps_s[j] - sensors.stamps_s[i]) >= self.config.loops.min_separation_s
-        kept = np.flatnonzero(good)
+        kept = np.flatnonzero(good).tolist()
         kind: list[EdgeKind] = ["loop" if apart[m] else "odometry" for m in kept]
         poses = tuple(
             RelativePose(int(i[m]), int(j[m]), i_T_j[m], covariance[m], k)

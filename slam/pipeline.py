@@ -147,6 +147,24 @@ def _renumbered(mapper: Mapper, members: NDArray[np.int64]) -> list:
     return [replace(p, k=number[p.k]) for p in mapper.sensors.positions if p.k in number]
 
 
+def _comparable(w_T_b: Array, mapper: Mapper, fused: _Fused) -> Array:
+    """Poses of a lesser method where the result stands, so that the two can be compared."""
+    if fused.georeferenced:
+        laid = lay_onto(w_T_b, mapper.sensors.positions, metric=False)
+        return np.full_like(w_T_b, np.nan) if laid is None else laid[0] + _lift(fused.floor_z_m - laid[1])
+    placed = np.flatnonzero(np.isfinite(w_T_b).all(axis=(1, 2)))
+    comparable = w_T_b.copy()
+    if len(placed):
+        comparable[placed] = _headed(w_T_b[placed], mapper.sensors, placed)
+    return comparable
+
+
+def _lift(z_m: float) -> Array:
+    shift = np.zeros((4, 4))
+    shift[2, 3] = z_m
+    return shift
+
+
 def _headed(w_T_b: Array, sensors: Sensors, members: NDArray[np.int64]) -> Array:
     """The first keyframe above the origin, its heading as its own attitude has it."""
     yaw = next((a.roll_pitch_yaw_rad[2] for a in sensors.attitudes if a.k == members[0]), 0.0)
@@ -217,10 +235,7 @@ def _estimate(
         for r, ok in zip(edges.relative_poses, solution.edge_kept, strict=True)
         if ok and np.isfinite(fused.w_T_b[[r.i, r.j]]).all()
     )
-    members = np.flatnonzero(without_loops.component == 0)
-    flat = without_loops.w_T_b.copy()
-    if len(members):
-        flat[members] = _headed(flat[members], mapper.sensors, members)
+    chained = chain(sightings.links, mapper.camera, mapper.sensors.roll_pitch_rad, odometry.heights.height_m)
     return Estimate(
         name=flight.name,
         status=status,
@@ -236,10 +251,8 @@ def _estimate(
         origin=flight.geo_origin() if fused.georeferenced else None,
         relative_poses=kept,
         loops=loops,
-        chain_w_T_b=chain(
-            sightings.links, mapper.camera, mapper.sensors.roll_pitch_rad, odometry.heights.height_m
-        ),
-        odometry_w_T_b=flat,
+        chain_w_T_b=_comparable(chained, mapper, fused),
+        odometry_w_T_b=_comparable(without_loops.w_T_b, mapper, fused),
         frames=sightings.frames,
         rejected=dict(rejected),
         timing_s=clock.seconds,

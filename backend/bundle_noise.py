@@ -1,0 +1,204 @@
+"""How much each kind of measurement is to be believed: noise levels from the refinement's own residuals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import K as CALIBRATION
+from gtsam.symbol_shorthand import L as POINT
+from gtsam.symbol_shorthand import X as POSE
+from numpy.typing import NDArray
+
+from backend.bundle_graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, metric_poses
+from backend.factors import body_up
+from backend.measurements import FloorTracks, Measurements
+
+Array = NDArray[np.float64]
+
+
+def start_noise(measurements: Measurements, config: BundleConfig) -> NoiseLevels:
+    """What the makers say, or less."""
+    tilt = [a.std_rad[:2].max() for a in measurements.attitudes]
+    position = [p.std_m for p in measurements.positions]
+    ranges = [r.std_m for r in measurements.ranges]
+    return NoiseLevels(
+        pixel_scale=1.0,
+        relief=config.start_relief,
+        roll_pitch_rad=float(np.median(tilt)) if tilt else np.inf,
+        position_m=np.median(position, axis=0) if position else np.full(3, np.inf),
+        range_m=float(np.median(ranges)) if ranges else np.inf,
+    )
+
+
+@dataclass(frozen=True)
+class _Residuals:
+    """Residuals of all kinds at one linearisation point."""
+
+    pixel: Array
+    """(m, 2) px."""
+    relief: Array
+    """(t,) the points' heights over the mean height."""
+    relief_information: Array
+    """(t,) what the pictures alone say of each point's height, its place projected out."""
+
+
+def _linearise(
+    problem: BundleProblem, values: gtsam.Values, std_px: Array, used: NDArray[np.bool_]
+) -> _Residuals:
+    """Residuals, vectorised over all observations."""
+    tracks = problem.tracks
+    n, points = problem.measurements.count, int(tracks.track.max()) + 1
+    pose = np.array([values.atPose3(POSE(k)).matrix() for k in range(n)])[tracks.keyframe]
+    point = np.array([values.atPoint3(POINT(t)) for t in range(points)])
+    focal, centre, k1, k2 = np.array(problem.camera.focal_px), np.array(problem.camera.center_px), 0.0, 0.0
+    if problem.calibrates:
+        found = values.atCal3Bundler(CALIBRATION(0))
+        focal, k1, k2 = np.full(2, found.fx()), found.k1(), found.k2()
+    c_p = np.einsum("mba,mb->ma", pose[:, :3, :3], point[tracks.track] - pose[:, :3, 3])
+    xy = c_p[:, :2] / c_p[:, 2:]
+    r2 = np.sum(xy**2, axis=1, keepdims=True)
+    residual = tracks.pixel - (xy * (1 + k1 * r2 + k2 * r2**2) * focal + centre)
+    # d pixel / d point, distortion left out: it is for weights only.
+    J = np.zeros((len(c_p), 2, 3))
+    J[:, 0, 0] = J[:, 1, 1] = 1.0
+    J[:, :, 2] = -xy
+    J = np.einsum("mab,mcb->mac", J * (focal[:, None] / c_p[:, 2, None, None]), pose[:, :3, :3])
+    J *= (used / std_px)[:, None, None]
+    information = np.zeros((points, 3, 3))
+    np.add.at(information, tracks.track, np.einsum("mka,mkb->mab", J, J))
+    plane = information[:, :2, :2] + 1e-9 * np.eye(2)
+    cross = information[:, :2, 2]
+    projected = np.einsum("ta,ta->t", cross, np.linalg.solve(plane, cross[..., None])[..., 0])
+    return _Residuals(residual, point[:, 2], np.maximum(information[:, 2, 2] - projected, 0.0))
+
+
+def estimate_noise(
+    problem: BundleProblem, values: gtsam.Values, noise: NoiseLevels, used: NDArray[np.bool_]
+) -> tuple[NoiseLevels, NDArray[np.bool_]]:
+    """Noise levels from the residuals, and which observations to go on with."""
+    tracks, measurements = problem.tracks, problem.measurements
+    std_px = tracks.std_px * noise.pixel_scale
+    residuals = _linearise(problem, values, std_px, used)
+    whitened = residuals.pixel / std_px[:, None]
+    used = used & (np.linalg.norm(whitened, axis=1) < problem.config.drop_sigmas)
+    seen = np.bincount(tracks.track[used], minlength=len(residuals.relief))
+    used = used & (seen[tracks.track] >= 2)
+    # Each point takes two parameters from the residuals and as much of a third as the relief leaves free.
+    free_z = residuals.relief_information / (residuals.relief_information + 1.0 / noise.relief**2)
+    spent = 2 * int((seen >= 2).sum()) + float(free_z[seen >= 2].sum()) + 6 * measurements.count
+    freedom = max(1.0, 2 * float(used.sum()) - spent)
+    spread = huber_std(whitened[used], problem.config.huber_sigmas) * np.sqrt(2 * used.sum() / freedom)
+    spread *= np.sqrt(_colour_along_tracks(tracks, whitened, used))
+    pixel_scale = noise.pixel_scale * float(np.clip(spread, 0.2, 5.0))
+    level = replace(
+        noise, pixel_scale=pixel_scale, relief=_estimate_relief(residuals, noise.relief, seen >= 2)
+    )
+    return _sensor_noise(problem, values, level), used
+
+
+def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLevels) -> NoiseLevels:
+    """The noise levels with those of attitudes, positions and ranges as their residuals show them."""
+    measurements, w_T_b = problem.measurements, metric_poses(problem, values)
+    f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(measurements.count)])
+    log_scale, _, log_gain, *_ = values.atVector(WORLD)
+    if len(measurements.attitudes) > 2:
+        tilt = np.array(
+            [np.cross(body_up(a.roll_pitch_yaw_rad), w_T_b[a.k, 2, :3])[:2] for a in measurements.attitudes]
+        )
+        told = float(np.median([a.std_rad[:2].max() for a in measurements.attitudes]))
+        level = replace(level, roll_pitch_rad=max(told, coloured_std(tilt)))
+    if len(measurements.positions) > 3:
+        off = np.array([p.w_p_b_m - w_T_b[p.k, :3, 3] for p in measurements.positions])
+        horizontal, vertical = coloured_std(off[:, :2]), coloured_std(off[:, 2:])
+        level = replace(level, position_m=np.array([horizontal, horizontal, vertical]) + 1e-3)
+    if len(measurements.ranges) > 3:
+        metric = f_T_c.copy()
+        metric[:, :3, 3] *= np.exp(log_scale)
+        f_T_b = metric @ problem.c_T_b
+        seen = np.exp(log_gain) * f_T_b[:, 2, 3] / f_T_b[:, 2, 2]
+        off = np.array([seen[r.k] - r.range_m for r in measurements.ranges])
+        told = float(np.median([r.std_m for r in measurements.ranges]))
+        level = replace(level, range_m=max(told, coloured_std(off[:, None])))
+    return level
+
+
+def _colour_along_tracks(
+    tracks: FloorTracks, whitened: Array, used: NDArray[np.bool_], lags: int = 5
+) -> float:
+    """How many observations of a point count as one: its position errs alike in pictures taken close by.
+
+    Integrated autocorrelation along tracks, less the -1/length that fitting the point puts there.
+    """
+    m = np.flatnonzero(used)
+    m = m[np.lexsort((tracks.keyframe[m], tracks.track[m]))]
+    track, residual = tracks.track[m], whitened[m]
+    length = np.bincount(track)
+    long = length[track] >= 4
+    if long.sum() < 100:
+        return 1.0
+    variance = float(np.mean(residual[long] ** 2))
+    total = 1.0
+    for lag in range(1, lags + 1):
+        pair = (track[lag:] == track[:-lag]) & long[lag:]
+        if pair.sum() < 50:
+            break
+        alike = float(np.mean(residual[lag:][pair] * residual[:-lag][pair])) / variance
+        alike += float(np.mean(1.0 / length[track[lag:]][pair]))
+        total += 2.0 * max(0.0, alike) * float(pair.sum()) / float(long.sum())
+    return total
+
+
+def _estimate_relief(residuals: _Residuals, start: float, seen: NDArray[np.bool_]) -> float:
+    """Standard deviation of the floor's relief: most likely value for heights known to 1/information.
+
+    The height that the pictures alone would give is N(0, relief² + 1/information).
+    """
+    information = residuals.relief_information
+    known = seen & (information * start**2 > 1e-3)
+    if known.sum() < 20:
+        return start
+    information = information[known]
+    z = residuals.relief[known] * (1.0 + 1.0 / (information * start**2))
+    grid = start * np.geomspace(1e-2, 1e2, 81)
+    variance = grid[:, None] ** 2 + 1.0 / information
+    # Student-like loss: a few points on walls or wrong matches must not raise the whole floor.
+    loss = np.sum(0.5 * np.log(variance) + 2.5 * np.log1p(z**2 / variance / 4.0), axis=1)
+    return float(np.clip(grid[np.argmin(loss)], max(0.05 * start, 2e-4), 20 * start))
+
+
+def huber_std(x: Array, k: float) -> float:
+    """Standard deviation of one coordinate of planar residuals (m, 2), tails cut at k: Huber's proposal 2.
+
+    The median would see the core alone, and the estimates that a Huber loss gives would look better than they
+    are. Source: Huber and Ronchetti 2009, section 6.4. A Rayleigh distance has
+    E[min(d, k)^2] = 2 - 2 exp(-k^2/2).
+    """
+    distance = np.linalg.norm(x, axis=1)
+    sigma = float(np.median(distance)) / 1.1774
+    expected = 2.0 * (1.0 - np.exp(-(k**2) / 2))
+    for _ in range(30):
+        if sigma <= 0:
+            break
+        sigma *= float(np.sqrt(np.mean(np.minimum(distance / sigma, k) ** 2) / expected))
+    return sigma
+
+
+def coloured_std(x: Array) -> float:
+    """What one value of a coloured series (n, d) may claim when all are taken as independent.
+
+    An error that lasts over L keyframes is worth one measurement, not L: its variance is multiplied by the
+    integrated autocorrelation. Source: Sokal 1997, section 3 (self-consistent window).
+    """
+    x = np.asarray(x, dtype=float)
+    n = len(x)
+    variance = float(np.mean(x**2))
+    if variance <= 0 or n < 4:
+        return float(np.sqrt(variance))
+    total = 1.0
+    for lag in range(1, n // 2):
+        total += 2 * float(np.mean(np.sum(x[lag:] * x[:-lag], axis=1))) / (x.shape[1] * variance)
+        if lag > 5 * total:
+            break
+    return float(np.sqrt(variance * max(1.0, total)))
