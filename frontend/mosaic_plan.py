@@ -23,7 +23,6 @@ from frontend.mosaic_view import Lattice, View, pixel_maps, view_of, visible
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 
 CELL_PX = 16
 """Side of the cells in which owners are found; a power of two, as the blending pyramid wants it."""
@@ -127,8 +126,8 @@ def plan_mosaic(
     )
 
 
-def _weights(camera: Camera, view: View, lattice: Lattice, gsd_m: float) -> tuple[Float32, Mask]:
-    """How well a picture sees each cell, 0 not at all; and whether it sees the whole cell.
+def _weights(camera: Camera, view: View, lattice: Lattice, gsd_m: float) -> Float32:
+    """How well a picture sees each cell, 0 not at all.
 
     A dome over the picture (1 in the middle, 0 at the border), times the cosine off nadir, times the
     resolution as a share of the mosaic's, at most 1.
@@ -138,12 +137,10 @@ def _weights(camera: Camera, view: View, lattice: Lattice, gsd_m: float) -> tupl
     w, h = camera.size_px
     border = np.minimum(np.minimum(u, w - 1 - u), np.minimum(v, h - 1 - v))
     # A cell whose middle lies just outside may still have pixels inside.
-    corner = 0.75 * lattice.step_m * resolution
-    touches = seen & (border > -corner)
+    touches = seen & (border > -0.75 * lattice.step_m * resolution)
     dome = (4 / w * u * (1 - u / (w - 1))) * (4 / h * v * (1 - v / (h - 1)))
     inside = np.where(border > 1, dome, 1e-6 * np.exp(np.minimum(border - 1, 0)))
-    weight = np.where(touches, inside * nadir * np.minimum(1, gsd_m * resolution), 0)
-    return weight.astype(np.float32), seen & (border > corner)
+    return np.where(touches, inside * nadir * np.minimum(1, gsd_m * resolution), 0).astype(np.float32)
 
 
 def _owners(
@@ -156,7 +153,7 @@ def _owners(
     step = CELL_PX * gsd_m
     shape = (-(-height // CELL_PX), -(-width // CELL_PX))
 
-    def look(view: View) -> tuple[tuple[slice, slice], Float32, Mask]:
+    def look(view: View) -> tuple[tuple[slice, slice], Float32]:
         west, south, east, north = view.bounds_m
         c0, r0 = max(0, int((west - west_m) / step)), max(0, int((north_m - north) / step))
         c1, r1 = (
@@ -164,29 +161,27 @@ def _owners(
             min(shape[0], int((north_m - south) / step) + 1),
         )
         lattice = Lattice(west_m + (c0 + 0.5) * step, north_m - (r0 + 0.5) * step, step, r1 - r0, c1 - c0)
-        return (slice(r0, r1), slice(c0, c1)), *_weights(camera, view, lattice, gsd_m)
+        return (slice(r0, r1), slice(c0, c1)), _weights(camera, view, lattice, gsd_m)
 
     best = np.zeros(shape, np.float32)
     first = np.full(shape, -1, np.int32)
     for i, view in enumerate(views):
-        where, weight, _ = look(view)
+        where, weight = look(view)
         better = weight > best[where]
         best[where][better], first[where][better] = weight[better], i
     owned = np.bincount(first[first >= 0], minlength=len(views))
 
     kept: list[View] = []
     reached = np.zeros(shape, np.float32)
-    complete = np.zeros(shape, bool)
     owner = np.full(shape, -1, np.int32)
     for i in np.argsort(-owned, kind="stable")[: np.count_nonzero(owned)]:
-        where, weight, entire = look(views[i])
+        where, weight = look(views[i])
         now = reached[where]
         needed = (weight >= GOOD_ENOUGH * best[where]) & (now < GOOD_ENOUGH * best[where])
-        only = np.where(entire, ~complete[where], (weight > 0) & (now == 0))
+        only = (weight > 0) & (now == 0)
         if only.any() or needed.sum() > WORTH_KEEPING * np.count_nonzero(weight):
             better = weight > now
             now[better], owner[where][better] = weight[better], len(kept)
-            complete[where] |= entire
             kept.append(views[i])
     return tuple(kept), owner
 
