@@ -74,14 +74,19 @@ class Estimate:
     @property
     def over_floor_T_b(self) -> Array:
         """(n, 4, 4) poses with the slope of the ground taken out: the floor is the plane z = floor_z_m."""
-        turn = Rotation.from_rotvec([*self.floor_slope_rad, 0.0]).inv().as_matrix()
-        under = np.array([0.0, 0.0, self.floor_z_m])
-        poses = self.w_T_b.copy()
-        poses[:, :3, :3] = turn @ self.w_T_b[:, :3, :3]
-        poses[:, :3, 3] = (self.w_T_b[:, :3, 3] - under) @ turn.T + under
-        return poses
+        return over_floor(self.w_T_b, self.floor_slope_rad, self.floor_z_m)
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
         """(n,) keyframe times on the recorder's clock."""
         return self.epoch_ns + np.round(self.stamps_s * 1e9).astype(np.int64)
+
+
+def over_floor(w_T_b: Array, slope_rad: tuple[float, float], floor_z_m: float) -> Array:
+    """Poses (n, 4, 4) turned about the floor under the origin until the floor is level."""
+    turn = Rotation.from_rotvec([*slope_rad, 0.0]).inv().as_matrix()
+    under = np.array([0.0, 0.0, floor_z_m])
+    poses = w_T_b.copy()
+    poses[:, :3, :3] = turn @ w_T_b[:, :3, :3]
+    poses[:, :3, 3] = (w_T_b[:, :3, 3] - under) @ turn.T + under
+    return poses

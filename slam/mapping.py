@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from backend.bundle import Bundle, refine
@@ -85,6 +86,18 @@ class Mapper:
     def __init__(self, camera: Camera, sensors: Sensors, config: PipelineConfig) -> None:
         self.camera, self.sensors, self.config = camera, sensors, config
 
+    def knowing(self, w_T_b: Array, covariances: Array) -> Mapper:
+        """The same with roll and pitch as a refinement (n, 4, 4), (n, 6, 6) has found them, where it has."""
+        known = np.isfinite(covariances).all(axis=(1, 2)) & np.isfinite(w_T_b).all(axis=(1, 2))
+        roll_pitch, std = self.sensors.roll_pitch_rad.copy(), self.sensors.roll_pitch_std_rad.copy()
+        if known.any():
+            angles = Rotation.from_matrix(w_T_b[known, :3, :3]).as_euler("ZYX")
+            roll_pitch[known] = angles[:, [2, 1]]
+            variance = np.maximum(covariances[known][:, [0, 1], [0, 1]], 0.0)
+            std[known] = np.hypot(np.sqrt(variance), self.config.trust.attitude_floor_rad)
+        sensors = replace(self.sensors, roll_pitch_rad=roll_pitch, roll_pitch_std_rad=std)
+        return Mapper(self.camera, sensors, self.config)
+
     def edges(self, registrations: Sequence[Registration]) -> Edges:
         """Lift homographies to relative poses in metres (in mean heights where no metres were measured)."""
         i = np.array([r.i for r in registrations], dtype=np.int64)
@@ -161,9 +174,8 @@ class Mapper:
         if len(members) < 2 or (seen < 4).any():
             raise BackendError("some keyframes share too few floor points with others")
         sensors, camera = self.sensors, self.camera
-        attitudes = sensors.attitudes or tuple(
-            Attitude(k, np.zeros(3), np.array([*sensors.roll_pitch_std_rad[k], np.inf])) for k in members
-        )
+        level = np.array([self.config.trust.level_std_rad] * 2 + [np.inf])
+        attitudes = sensors.attitudes or tuple(Attitude(k, np.zeros(3), level) for k in members.tolist())
         return refine(
             Measurements(
                 sensors.stamps_s[members],

@@ -15,7 +15,7 @@ from backend.solution import Solution
 from frontend.camera import Camera
 from slam.chain import chain
 from slam.errors import InputError
-from slam.estimate import Estimate, LoopVerdict
+from slam.estimate import Estimate, LoopVerdict, over_floor
 from slam.flight import Flight
 from slam.mapping import Edges, Mapper, Sensors
 from slam.placement import lay_onto
@@ -51,11 +51,14 @@ def optimize(
     with clock("graph"):
         edges = mapper.edges(sightings.registrations)
         solution = mapper.solve(edges, lambda k, _: progress("graph", k, 0))
+    with clock("refine"):
+        fused = _fuse(mapper, sightings, edges, solution, progress)
     with clock("loops"):
-        sightings = sighter.revisit(sightings, solution.w_T_b, 0.0)
+        sightings = sighter.revisit(sightings, fused.over_floor_T_b, fused.floor_z_m)
     with clock("graph"):
-        edges = mapper.edges(sightings.registrations)
-        solution = mapper.solve(edges, lambda k, _: progress("graph", k, 0))
+        informed = mapper.knowing(fused.over_floor_T_b, fused.covariances)
+        edges = informed.edges(sightings.registrations)
+        solution = informed.solve(edges, lambda k, _: progress("graph", k, 0))
     with clock("refine"):
         fused = _fuse(mapper, sightings, edges, solution, progress)
     return _estimate(
@@ -76,6 +79,14 @@ class _Fused:
     """Of the largest part."""
     georeferenced: bool
     warnings: tuple[str, ...]
+
+    @property
+    def slope_rad(self) -> tuple[float, float]:
+        return self.bundle.floor_slope_rad if self.bundle else (0.0, 0.0)
+
+    @property
+    def over_floor_T_b(self) -> Array:
+        return over_floor(self.w_T_b, self.slope_rad, self.floor_z_m)
 
 
 def _camera(flight: Flight) -> Camera:
@@ -257,7 +268,7 @@ def _estimate(
         rejected=dict(rejected),
         timing_s=clock.seconds,
         warnings=(*flight.warnings, *warnings, *solution.warnings),
-        floor_slope_rad=fused.bundle.floor_slope_rad if fused.bundle else (0.0, 0.0),
+        floor_slope_rad=fused.slope_rad,
         graph_error=fused.bundle.error if fused.bundle else solution.error,
         iterations=solution.iterations + (fused.bundle.iterations if fused.bundle else 0),
     )
