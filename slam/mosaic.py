@@ -80,7 +80,7 @@ def write_mosaic(
         raise InputError(f"{flight.name}: no camera pictures, so no mosaic; use `slam estimate` for the rest")
     if gsd_m is not None and not (math.isfinite(gsd_m) and gsd_m > 0):
         raise InputError(f"ground resolution {gsd_m} m/pixel: give a number above 0")
-    w_T_b = estimate.w_T_b if poses is None else np.asarray(poses, dtype=float)
+    w_T_b = estimate.over_floor_T_b if poses is None else np.asarray(poses, dtype=float)
     leave_out: dict[int, str] = {}
     if estimate.origin is None and poses is None:
         apart = np.flatnonzero(estimate.component > 0)
