@@ -14,7 +14,14 @@ from frontend.camera import Camera
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
 from frontend.registration import Registration, register
-from frontend.retrieval import RetrievalConfig, candidates, signature, vocabulary
+from frontend.retrieval import (
+    RetrievalConfig,
+    candidates,
+    compressed,
+    principal_components,
+    signature,
+    vocabulary,
+)
 from frontend.store import FeatureStore
 
 Array = NDArray[np.float64]
@@ -26,9 +33,12 @@ def look_alikes(store: FeatureStore, stamps_s: Array, config: RetrievalConfig) -
     n = len(store)
     if n < 2:
         return []
-    every = max(1, n // 200)  # a vocabulary needs a sample of the flight, not all of it
-    centres = vocabulary((store[k].descriptor for k in range(0, n, every)), config)
-    signatures = np.array([signature(store[k].descriptor, centres) for k in range(n)])
+    sample = range(0, n, max(1, n // 200))  # a vocabulary needs a sample of the flight, not all of it
+    centres = vocabulary((store[k].descriptor for k in sample), config)
+    basis = principal_components(
+        np.array([signature(store[k].descriptor, centres) for k in sample]), config.dimensions
+    )
+    signatures = np.array([compressed(signature(store[k].descriptor, centres), basis) for k in range(n)])
     return candidates(signatures, stamps_s, 0.0, config.neighbours)
 
 

@@ -24,6 +24,8 @@ class RetrievalConfig:
     """Descriptors that the vocabulary is built from."""
     neighbours: int = 10
     """Candidates a keyframe."""
+    dimensions: int = 128
+    """Principal components of the signatures that are kept."""
 
 
 def vocabulary(descriptors: Iterable[NDArray], config: RetrievalConfig, seed: int = 0) -> Float:
@@ -50,6 +52,24 @@ def signature(descriptor: NDArray, centres: Float) -> Float:
         out /= np.linalg.norm(out, axis=1, keepdims=True) + 1e-12
     norm = np.linalg.norm(out)
     return (out / norm if norm > 0 else out).ravel()
+
+
+def principal_components(signatures: Float, dimensions: int) -> Float:
+    """(d, w) directions in which a sample of signatures (n, w) differs most; d <= dimensions.
+
+    Source: Jegou and Chum 2012. What all pictures of one floor share lies outside and drops out.
+    """
+    centred = signatures - signatures.mean(axis=0)
+    _, strength, directions = np.linalg.svd(centred, full_matrices=False)
+    useful = int((strength > 1e-6 * max(float(strength[0]), 1e-12)).sum()) if len(strength) else 0
+    return np.ascontiguousarray(directions[: max(1, min(dimensions, useful))], dtype=np.float32)
+
+
+def compressed(vlad: Float, components: Float) -> Float:
+    """(d,) unit vector of one signature on the principal components."""
+    x = components @ vlad
+    norm = float(np.linalg.norm(x))
+    return x / norm if norm > 0 else x
 
 
 def candidates(

@@ -21,9 +21,10 @@ Array = NDArray[np.float64]
 class TrackConfig:
     """How many points are enough: the longest tracks, spread over each picture."""
 
-    grid: tuple[int, int] = (8, 6)
-    """Cells across and down a picture."""
-    per_cell: int = 1
+    grids: tuple[tuple[int, int], ...] = ((8, 6), (6, 4), (4, 3))
+    """Cells across and down a picture, one track a cell and picture; coarser where there are too many."""
+    max_observations: int = 30_000
+    """What the refinement is given at most, so that memory does not grow with the length of the flight."""
 
 
 def join_tracks(
@@ -53,8 +54,10 @@ def join_tracks(
     broken = np.unique(label[order][1:][twice])
     order = order[~np.isin(label[order], broken)]
     pixel = np.concatenate(list(pixels))[order] if len(order) else np.empty((0, 2))
-    chosen = _choose(keyframe[order], label[order], length, pixel, camera, config)
-    keep = np.isin(label[order], chosen)
+    for grid in config.grids:
+        keep = np.isin(label[order], _choose(keyframe[order], label[order], length, pixel, camera, grid))
+        if keep.sum() <= config.max_observations:
+            break
     _, track = np.unique(label[order][keep], return_inverse=True)
     k = keyframe[order][keep]
     return FloorTracks(k, track, pixel[keep], noise[k])
@@ -66,19 +69,19 @@ def _choose(
     length: NDArray[np.int64],
     pixel: Array,
     camera: Camera,
-    config: TrackConfig,
+    grid: tuple[int, int],
 ) -> NDArray[np.int64]:
-    """Labels of the longest tracks of each cell of each picture."""
-    across, down = config.grid
+    """Labels of the longest track of each cell of each picture."""
+    across, down = grid
     w, h = camera.size_px
     column = np.clip(pixel[:, 0] * across / w, 0, across - 1).astype(int)
     row = np.clip(pixel[:, 1] * down / h, 0, down - 1).astype(int)
     cell = (keyframe * down + row) * across + column
     order = np.lexsort((label, -length[label], cell))
     cell = cell[order]
-    first = np.concatenate([[True], cell[1:] != cell[:-1]]) if len(cell) else np.empty(0, bool)
-    begin = np.maximum.accumulate(np.where(first, np.arange(len(cell)), 0)) if len(cell) else cell
-    return np.unique(label[order][np.arange(len(cell)) - begin < config.per_cell])
+    first = np.ones(len(cell), bool)
+    first[1:] = cell[1:] != cell[:-1]
+    return np.unique(label[order][first])
 
 
 def _noise_of_keyframes(count: int, registrations: Sequence[Registration]) -> Array:
