@@ -7,9 +7,7 @@ rotation first. The two are swapped here and nowhere else. Source of the format:
 
 from __future__ import annotations
 
-import os
 import stat
-import tempfile
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -247,31 +245,8 @@ def _information(edge: _Block, dimension: int, name: str) -> Array:
     return matrix if d == 3 else matrix[:, _ROTATION_FIRST[:, None], _ROTATION_FIRST]
 
 
-def write_g2o(target: str | Path | TextIO, graph: PoseGraph) -> None:
-    """Write vertices that have a pose, held vertices and edges, with full precision.
-
-    A path gets the whole file or none: it is written beside the target and renamed.
-    """
-    if not isinstance(target, (str, Path)):
-        target.write(_lines(graph))
-        return
-    path = Path(target)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="ascii") as stream:
-            stream.write(_lines(graph))
-            stream.flush()
-            os.fsync(stream.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-
-
-def _lines(graph: PoseGraph) -> str:
+def write_g2o(stream: TextIO, graph: PoseGraph) -> None:
+    """Write vertices that have a pose, held vertices and edges, with full precision."""
     vertex, edge = [tag for tag, shape in _TAGS.items() if shape.dimension == graph.dimension]
     information = graph.information
     if graph.dimension == 3:
@@ -284,7 +259,7 @@ def _lines(graph: PoseGraph) -> str:
     pairs = np.column_stack([graph.ids[graph.i], graph.ids[graph.j]])
     figures = np.hstack([_figures(graph.ij_T, graph.dimension), information[:, upper[0], upper[1]]])
     out += _format(edge, pairs, figures)
-    return "\n".join(out) + "\n"
+    stream.write("\n".join(out) + "\n")
 
 
 def _figures(T: Array, dimension: int) -> Array:

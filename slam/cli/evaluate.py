@@ -21,8 +21,9 @@ def evaluate(
     from slam.cli.tables import shown, written
     from slam.console import console
     from slam.evaluation import evaluate as compare
+    from slam.io.atomic import locked
     from slam.io.estimate import read_estimate
-    from slam.outputs import EVALUATE_NAMES, locked
+    from slam.outputs import EVALUATE_NAMES
     from slam.progress import silent
     from slam.report.accuracy import accuracy_tables
 
@@ -41,7 +42,7 @@ def evaluate(
 def write_evaluation(folder: Path, evaluation: Evaluation) -> None:
     """Write evaluation.json and its pictures, each whole. Raises ``InputError`` where the disk refuses."""
     from slam.evaluation.plots import write_plots
-    from slam.io.whole_file import write_whole
+    from slam.io.atomic import write_whole
     from slam.summary import json_text
 
     write_plots(evaluation, folder)

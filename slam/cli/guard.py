@@ -14,7 +14,7 @@ from typing import NoReturn, ParamSpec
 
 import typer
 
-from slam.errors import InputError, one_line
+from slam.errors import InputError, explain, one_line
 
 P = ParamSpec("P")
 
@@ -43,14 +43,13 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
 
 def _told(error: Exception) -> str:
     from backend.errors import BackendError
-    from slam.outputs import explain
 
     if isinstance(error, (InputError, BackendError)):
         return str(error)
     if isinstance(error, MemoryError) or _is_opencv_out_of_memory(error):
         return "not enough memory; choose a coarser mosaic (a larger --gsd) or none (--no-mosaic)"
     if isinstance(error, OSError):
-        return explain(error)
+        return f"{error.filename}: {explain(error)}" if error.filename is not None else explain(error)
     return (
         f"internal error: {type(error).__name__}: {error}; a fault of slam, not of the input: run again as "
         "`slam --debug ...` and report what it prints"

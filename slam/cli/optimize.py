@@ -75,5 +75,6 @@ def _graph(source: Path, out: Path, screen: Console) -> Results:
     with output_folder(out) as folder, progress_shown(screen) as progress:
         estimate, solved = solve_graph(source, progress)
         write_estimate(estimate, folder)
-        write_g2o(folder / "graph.g2o", solved)
+        with (folder / "graph.g2o").open("w", encoding="ascii") as stream:
+            write_g2o(stream, solved)
         return write_account(folder, estimate, None)

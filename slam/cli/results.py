@@ -49,7 +49,8 @@ def write_results(
     from backend.pose_graph import pose_graph
 
     write_estimate(estimate, folder)
-    write_g2o(folder / "graph.g2o", pose_graph(estimate.w_T_b, estimate.relative_poses))
+    with (folder / "graph.g2o").open("w", encoding="ascii") as stream:
+        write_g2o(stream, pose_graph(estimate.w_T_b, estimate.relative_poses))
     start = time.perf_counter()
     mosaics, warning = _write_mosaics(folder, estimate, flight, wish, progress)
     if wish.wanted:

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from slam.evaluation.landmarks import over_papers_ground
 from slam.evaluation.score import Evaluation, Tracks
-from slam.io.whole_file import write_whole
+from slam.io.atomic import write_whole
 from slam.report.paper import EKF_PERCENT, STITCHED_PERCENT
 from slam.report.pictures import BLUE, GREY, ORANGE, VERMILLION
 

@@ -12,27 +12,25 @@ import fcntl
 import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from slam.errors import DISK_FULL, explain
 from slam.io.files import refusal
 
-_DISK_FAULTS = {
-    errno.ENOSPC: "free some space or choose another disk",
-    errno.EDQUOT: "free some space or choose another disk",
-    errno.EFBIG: "choose another disk",
-    errno.EROFS: "choose a folder that can be written",
-    errno.EIO: "check the disk",
-}
-_PLACE_FAULTS = {
-    errno.EACCES: "choose a folder that can be written",
-    errno.EPERM: "choose a folder that can be written",
-    errno.ENOTEMPTY: "another run is writing it; wait for it",
-    errno.EEXIST: "a file stands where a folder is needed; choose another place",
-    errno.ENOTDIR: "a file stands where a folder is needed; choose another place",
-    errno.EISDIR: "a folder stands where a file is needed; choose another name",
-    errno.ENAMETOOLONG: "choose a shorter name",
-}
+
+def partial_path(target: Path) -> Path:
+    """Where ``target`` is built: beside it, hidden, with its suffix."""
+    return target.with_name(f".{target.stem}.partial{target.suffix}")
+
+
+def write_whole(path: Path | str, content: bytes) -> None:
+    """Put ``content`` at ``path`` in one step; until then an earlier file stays as it was.
+
+    Raises ``InputError`` where the place cannot be written or another run is writing there.
+    """
+    with atomic_file(path) as partial:
+        partial.write_bytes(content)
 
 
 @contextmanager
@@ -43,24 +41,17 @@ def atomic_file(path: Path | str) -> Iterator[Path]:
     Raises ``InputError`` where the place cannot be written or another run is writing there.
     """
     target = Path(path)
-    temporary = target.with_name(f".{target.stem}.partial{target.suffix}")
-    with _explained(target):
-        if target.is_dir():
-            raise IsADirectoryError(errno.EISDIR, "is a folder", str(target))
-        target.parent.mkdir(parents=True, exist_ok=True)
-        lock = _lock(temporary, target, os.O_RDWR | os.O_CREAT)
-        try:
+    with _building(target, as_folder=False) as temporary:
+        with _explained(target):
+            if target.is_dir():
+                raise IsADirectoryError(errno.EISDIR, "is a folder", str(target))
             os.truncate(temporary, 0)
+        with _explained(target, written=temporary):
             yield temporary
+        with _explained(target):
             _sync(temporary)
             os.replace(temporary, target)
             _sync(target.parent)
-        except BaseException:
-            # Only here: after the rename the name may be another run's already.
-            temporary.unlink(missing_ok=True)
-            raise
-        finally:
-            os.close(lock)
 
 
 @contextmanager
@@ -72,35 +63,72 @@ def atomic_folder(path: Path | str, replace: bool = False) -> Iterator[Path]:
     run is writing there.
     """
     target = Path(path)
-    temporary, old = target.with_name(f".{target.name}.partial"), target.with_name(f".{target.name}.old")
-    with _explained(target):
-        target.parent.mkdir(parents=True, exist_ok=True)
-        temporary.mkdir(exist_ok=True)
-        lock = _lock(temporary, target, os.O_RDONLY)
-        try:
+    with _building(target, as_folder=True) as temporary:
+        old = temporary.with_name(f".{target.name}.old")
+        with _explained(target):
             _recover(target, old)
             if target.exists() and not (target.is_dir() and (replace or not any(target.iterdir()))):
                 raise refusal(target, "exists already and is not empty", "name another place or remove it")
             _clear(temporary)
+        with _explained(target, written=temporary):
             yield temporary
+        with _explained(target):
             _sync_tree(temporary)
             if target.exists() and any(target.iterdir()):
                 os.rename(target, old)
             os.rename(temporary, target)
             _sync(target.parent)
-            shutil.rmtree(old, ignore_errors=True)
+        shutil.rmtree(old, ignore_errors=True)
+
+
+@contextmanager
+def locked(path: Path | str) -> Iterator[None]:
+    """Keep other runs from replacing the folder ``path`` while files are added to it.
+
+    Raises ``InputError`` where another run is writing it, or where nothing can be written beside it.
+    """
+    with _building(Path(path), as_folder=True) as temporary:
+        yield
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+@contextmanager
+def _building(target: Path, as_folder: bool) -> Iterator[Path]:
+    """The temporary file or folder of ``target``, made and locked.
+
+    Where the block fails it is removed, and so are parents that were made for it.
+    """
+    if not target.name:  # "." and "/"
+        raise refusal(target, "has no name of its own", "name a file or folder to write")
+    temporary = partial_path(target)
+    made: list[Path] = []
+    lock = -1
+    try:
+        with _explained(target):
+            made = [parent for parent in target.parents if not parent.exists()]
+            target.parent.mkdir(parents=True, exist_ok=True)
+            if as_folder:
+                temporary.mkdir(exist_ok=True)
+            lock = _lock(temporary, target, os.O_RDONLY if as_folder else os.O_RDWR | os.O_CREAT)
+        try:
+            yield temporary
         except BaseException:
             # Only here: after the rename the name may be another run's already.
-            shutil.rmtree(temporary, ignore_errors=True)
+            _remove(temporary)
             raise
         finally:
             os.close(lock)
+    except BaseException:
+        for parent in made:
+            with suppress(OSError):  # another run's by now: stays
+                parent.rmdir()
+        raise
 
 
 def _lock(temporary: Path, target: Path, flags: int) -> int:
     descriptor = -1
     try:
-        descriptor = os.open(temporary, flags, 0o666)
+        descriptor = os.open(temporary, flags | os.O_NOFOLLOW, 0o666)
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         # The other run may have renamed what we opened just before we got the lock.
         if not os.path.samestat(os.fstat(descriptor), temporary.stat()):
@@ -130,6 +158,14 @@ def _clear(folder: Path) -> None:
             entry.unlink()
 
 
+def _remove(temporary: Path) -> None:
+    if temporary.is_dir():
+        shutil.rmtree(temporary, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
 def _sync(path: Path) -> None:
     descriptor = os.open(path, os.O_RDONLY)
     try:
@@ -146,17 +182,23 @@ def _sync_tree(folder: Path) -> None:
 
 
 @contextmanager
-def _explained(target: Path) -> Iterator[None]:
-    """Turn what the disk or the place refuses into one line about the target; other errors pass.
+def _explained(target: Path, written: Path | None = None) -> Iterator[None]:
+    """Turn what the system refuses into one line about the target.
 
-    A full disk tells no file name; the faults of a place count only where the name is one of ours, since the
-    writer may also have been reading something.
+    With ``written`` the block is the caller's, who may also be reading: then only a disk that is full or
+    read-only and what names the temporary file or folder is the target's fault; the rest passes.
     """
     try:
         yield
     except OSError as error:
-        ours = str(error.filename or "").startswith(str(target.parent)) or error.filename == str(target)
-        todo = _DISK_FAULTS.get(error.errno or 0) or (_PLACE_FAULTS.get(error.errno or 0) if ours else None)
-        if todo is None:
+        if written is not None and not _is_about(error, written):
             raise
-        raise refusal(target, f"cannot be written ({error.strerror})", todo) from error
+        raise refusal(target, "cannot be written", explain(error)) from error
+
+
+def _is_about(error: OSError, written: Path) -> bool:
+    if error.errno in (*DISK_FULL, errno.EROFS):
+        return True
+    told = (error.filename, error.filename2)
+    names = [Path(os.fsdecode(name)) for name in told if isinstance(name, str | bytes)]
+    return any(name == written or written in name.parents for name in names)

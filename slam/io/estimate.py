@@ -12,7 +12,7 @@ keyframes, m edges, l loops:
 | frame_names | (n,) text | |
 | edge_ij, edge_i_T_j, edge_covariance, edge_kind | (m, 2) int64, (m, 4, 4), (m, 6, 6), (m,) text | |
 | loop_ij, loop_verdict, loop_reason | (l, 2) int64, (l,) text, (l,) text | |
-| record | () text | JSON: name, status, epoch_ns, camera, floor_z_m, origin, counts, warnings |
+| record | () text | JSON: name, status, epoch_ns, camera, floor, origin, counts, warnings |
 
 Nothing in it is pickled, and nothing pickled is read.
 """
@@ -40,7 +40,7 @@ from frontend.camera import Camera
 from slam.errors import InputError, one_line
 from slam.estimate import Estimate, LoopVerdict
 from slam.flight import GeoOrigin
-from slam.io.whole_file import write_whole
+from slam.io.atomic import write_whole
 
 Array = NDArray[np.float64]
 
@@ -154,6 +154,7 @@ def _record(estimate: Estimate) -> dict[str, Any]:
         "epoch_ns": int(estimate.epoch_ns),
         "camera": None if camera is None else {**asdict(camera), "b_T_c": camera.b_T_c.tolist()},
         "floor_z_m": float(estimate.floor_z_m),
+        "floor_slope_rad": [float(angle) for angle in estimate.floor_slope_rad],
         "origin": None if estimate.origin is None else asdict(estimate.origin),
         "frames": int(estimate.frames),
         "rejected": estimate.rejected,
@@ -260,6 +261,7 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         component=arrays["component"],
         camera=None if camera is None else _camera(camera),
         floor_z_m=float(record["floor_z_m"]),
+        floor_slope_rad=(float(record["floor_slope_rad"][0]), float(record["floor_slope_rad"][1])),
         origin=None if origin is None else GeoOrigin(**origin),
         relative_poses=tuple(RelativePose(i, j, T, P, kind) for (i, j), T, P, kind in edges),
         loops=tuple(LoopVerdict(i, j, verdict, reason) for (i, j), verdict, reason in loops),

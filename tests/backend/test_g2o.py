@@ -1,5 +1,4 @@
 import io
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,6 +21,12 @@ SPATIAL = (
 )
 
 
+def _written(path: Path, made: PoseGraph) -> Path:
+    with path.open("w", encoding="ascii") as stream:
+        write_g2o(stream, made)
+    return path
+
+
 def _read(tmp_path: Path, text: str) -> PoseGraph:
     path = tmp_path / "g.g2o"
     path.write_text(text)
@@ -31,8 +36,7 @@ def _read(tmp_path: Path, text: str) -> PoseGraph:
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_gtsam_reads_what_we_write_and_has_the_same_error(tmp_path: Path, dimension: int):
     ours = graph(3, dimension)
-    path = tmp_path / "g.g2o"
-    write_g2o(path, ours)
+    path = _written(tmp_path / "g.g2o", ours)
     theirs, values = gtsam.readG2o(str(path), dimension == 3)
     problem = from_pose_graph(ours)
     mine = problem.edge_factors().error(problem.values(ours.poses))
@@ -56,8 +60,7 @@ def test_we_read_what_gtsam_writes(tmp_path: Path, dimension: int):
 def test_round_trip_is_exact(tmp_path: Path, dimension: int):
     ours = graph(5, dimension)
     ours = replace(ours, ids=ours.ids * 3 + 7, fixed=ours.ids == 2)
-    write_g2o(tmp_path / "g.g2o", ours)
-    back = read_g2o(tmp_path / "g.g2o")
+    back = read_g2o(_written(tmp_path / "g.g2o", ours))
     for name in ("ids", "i", "j", "fixed"):
         np.testing.assert_array_equal(getattr(back, name), getattr(ours, name))
     for name in ("poses", "ij_T", "information"):
@@ -70,7 +73,7 @@ def test_spatial_information_is_turned_rotation_first(tmp_path: Path):
     np.testing.assert_array_equal(np.diag(read.information[0]), [4, 5, 6, 1, 2, 3])
 
 
-def test_stream_and_keyframes_without_a_pose():
+def test_keyframes_without_a_pose_are_left_out():
     made = flight(1, n=10, loops=2)
     truth = made.truth.copy()
     truth[4] = np.nan
@@ -140,17 +143,3 @@ def test_missing_file_and_folder_are_refused(tmp_path: Path):
         read_g2o(tmp_path / "none.g2o")
     with pytest.raises(BackendError, match="is not a file"):
         read_g2o(tmp_path)
-
-
-def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    path = tmp_path / "g.g2o"
-    path.write_text("old")
-
-    def fail(descriptor: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "fsync", fail)
-    with pytest.raises(OSError, match="No space"):
-        write_g2o(path, graph(1, 2))
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]

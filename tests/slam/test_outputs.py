@@ -11,8 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from slam.errors import InputError
-from slam.outputs import OPTIMIZE_NAMES, explain, is_output, locked, output_folder
+from slam.errors import InputError, explain
+from slam.io.atomic import locked, partial_path
+from slam.outputs import EVALUATE_NAMES, OPTIMIZE_NAMES, is_output, output_folder
 
 
 def write_output(target: Path, text: str) -> None:
@@ -141,7 +142,7 @@ def test_after_a_kill_the_next_run_gets_the_lock_and_loses_nothing(target, momen
     write_output(target, "old")
     killed = subprocess.run([sys.executable, "-c", KILLED, str(target), moment], check=False)
     assert killed.returncode == -signal.SIGKILL
-    assert target.with_name(".out.lock").exists(), "the lock file survives, the lock does not"
+    assert target.with_name(".out.partial").exists(), "what it wrote survives, its lock does not"
     with pytest.raises(ZeroDivisionError), output_folder(target):
         raise ZeroDivisionError  # a run that fails shows what the killed one left
     assert contents(target) == {"summary.json": "old", "loops.csv": "old"}
@@ -159,31 +160,42 @@ def test_a_disk_that_fills_up_is_told_in_one_line(target):
 
 
 def test_a_read_only_place_is_refused_in_one_line(target, monkeypatch):
-    def read_only(*_: object, **__: object) -> int:
+    def read_only(*_: object, **__: object) -> None:
         raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(target))
 
-    monkeypatch.setattr(os, "open", read_only)
+    monkeypatch.setattr(Path, "mkdir", read_only)
     with pytest.raises(InputError, match="read-only"), output_folder(target):
         pytest.fail("the block must not run")
 
 
-def test_the_lock_file_of_the_previous_holder_guards_nothing(target, monkeypatch):
-    """Two runs open the file, the first removes it on leaving: the second must not believe in its lock."""
-    import fcntl
-
-    target.parent.mkdir(parents=True)
-    flock, calls = fcntl.flock, []
-
-    def slow(handle: int, how: int) -> None:
-        if not calls:
-            target.with_name(".out.lock").unlink()  # what the first holder does meanwhile
-        calls.append(handle)
-        flock(handle, how)
-
-    monkeypatch.setattr(fcntl, "flock", slow)
+def test_files_can_be_added_to_an_output_by_one_run_at_a_time(target):
+    write_output(target, "old")
     with locked(target):
-        assert len(calls) == 2
-        assert target.with_name(".out.lock").exists()
+        for other in (locked(target), output_folder(target)):
+            with pytest.raises(InputError, match="another run"), other:
+                pytest.fail("the block must not run")
+        (target / "evaluation.json").write_text("added")
+    assert os.listdir(target.parent) == ["out"]
+    write_output(target, "new")
+    assert "evaluation.json" not in contents(target), "it spoke of the output before"
+
+
+def test_what_a_killed_run_left_locks_nothing(target):
+    write_output(target, "old")
+    left = partial_path(target)
+    left.mkdir()
+    (left / "mosaic.tif").write_text("half")
+    with locked(target):
+        pass
+    assert os.listdir(target.parent) == ["out"]
+
+
+def test_leftovers_of_a_killed_evaluation_are_ours(target):
+    write_output(target, "old")
+    for name in EVALUATE_NAMES:
+        partial_path(target / name).write_text("half")
+    write_output(target, "new")
+    assert contents(target) == {"summary.json": "new", "loops.csv": "new"}
 
 
 @pytest.mark.parametrize(
@@ -197,9 +209,11 @@ def test_the_lock_file_of_the_previous_holder_guards_nothing(target, monkeypatch
     ],
 )
 def test_what_the_system_refuses_is_told(code, said):
-    line = explain(OSError(code, os.strerror(code), "/some/place"))
-    assert line.startswith("/some/place: ")
-    assert said in line
+    assert said in explain(OSError(code, os.strerror(code), "/some/place"))
+
+
+def test_the_unforeseen_is_told_in_the_systems_words():
+    assert explain(OSError(errno.ENXIO, os.strerror(errno.ENXIO))).startswith(os.strerror(errno.ENXIO))
 
 
 def test_names_are_those_of_the_contract():

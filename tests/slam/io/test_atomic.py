@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from slam.errors import InputError
-from slam.io.atomic import atomic_file, atomic_folder
+from slam.io.atomic import atomic_file, atomic_folder, write_whole
 
 ROOT = Path(__file__).parents[3]
 
@@ -165,22 +166,54 @@ def test_killed_between_the_renames(tmp_path):
     assert names(tmp_path) == ["out"]
 
 
-@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EIO])
-def test_disk_faults_are_one_line_about_the_target(tmp_path, number):
-    with (
-        pytest.raises(InputError, match=r"out.*cannot be written") as caught,
-        atomic_folder(tmp_path / "out"),
-    ):
+def failing(error):
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    return fail
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS])
+@pytest.mark.parametrize("building", [atomic_file, atomic_folder])
+def test_a_full_disk_is_one_line_about_the_target(tmp_path, building, number):
+    with pytest.raises(InputError, match="out: cannot be written") as caught, building(tmp_path / "out"):
         raise OSError(number, os.strerror(number))
     assert "\n" not in str(caught.value)
     assert names(tmp_path) == []
 
 
-def test_a_missing_input_is_not_blamed_on_the_target(tmp_path):
-    with pytest.raises(FileNotFoundError), atomic_file(tmp_path / "out"):
-        Path("/nowhere/in.txt").read_text()
-    with pytest.raises(PermissionError), atomic_file(tmp_path / "out"):
-        raise PermissionError(errno.EACCES, "denied", "/nowhere/in.txt")
+@pytest.mark.parametrize("step", ["fsync", "replace"])
+def test_its_own_steps_are_explained_whatever_they_meet(tmp_path, monkeypatch, step):
+    (tmp_path / "out").write_text("old")
+    monkeypatch.setattr(os, step, failing(OSError(errno.EIO, os.strerror(errno.EIO))))
+    with pytest.raises(InputError, match="out: cannot be written; the disk reports a fault"):
+        write_whole(tmp_path / "out", b"new")
+    assert names(tmp_path) == ["out"]
+    assert (tmp_path / "out").read_text() == "old"
+
+
+@pytest.mark.parametrize("building", [atomic_file, atomic_folder])
+def test_what_the_writer_meets_elsewhere_is_not_blamed_on_the_target(tmp_path, building):
+    """Neither a file that is missing, nor one beside the target, nor a disk that cannot be read."""
+    for error in (
+        FileNotFoundError(errno.ENOENT, "gone", str(tmp_path / "in.txt")),
+        PermissionError(errno.EACCES, "denied", "/nowhere/in.txt"),
+        IsADirectoryError(errno.EISDIR, "is a folder", str(tmp_path)),
+        OSError(errno.EIO, os.strerror(errno.EIO)),
+    ):
+        with pytest.raises(OSError, match=re.escape(str(error))) as caught, building(tmp_path / "out"):
+            raise error
+        assert caught.value is error
+    with pytest.raises(InputError, match="out: cannot be written"), building(tmp_path / "out") as partial:
+        raise PermissionError(errno.EACCES, "denied", str(partial / "a"))
+    assert names(tmp_path) == []
+
+
+def test_parents_made_for_nothing_are_removed(tmp_path):
+    with pytest.raises(ZeroDivisionError), atomic_file(tmp_path / "a" / "b" / "out"):
+        raise ZeroDivisionError
+    with pytest.raises(InputError), atomic_folder(tmp_path / "a" / ("x" * 300)):
+        pytest.fail("must not start")
     assert names(tmp_path) == []
 
 
@@ -190,6 +223,9 @@ def test_places_that_cannot_be(tmp_path):
         with pytest.raises(InputError), atomic_file(place):
             pytest.fail("must not start")
         with pytest.raises(InputError), atomic_folder(place):
+            pytest.fail("must not start")
+    for place in (".", "/"):
+        with pytest.raises(InputError, match="no name"), atomic_folder(place):
             pytest.fail("must not start")
     with pytest.raises(InputError, match="folder"), atomic_file(tmp_path):
         pytest.fail("must not start")

@@ -39,6 +39,7 @@ def full_estimate(seed=0, count=20) -> Estimate:
         ),
         origin=GeoOrigin(48.1, 11.5, 520.25),
         floor_z_m=-0.25,
+        floor_slope_rad=(0.01, -0.02),
         relative_poses=edges,
         loops=(LoopVerdict(0, 15, "kept", ""), LoopVerdict(2, 9, "rejected", 'gate, "12" of 30\nß=1')),
         frames=80,
