@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 Kind = Literal["flight", "euroc", "photos", "graph"]
 
 _GRAPH_WORDS = (b"VERTEX_", b"EDGE_", b"FIX ")
-_EUROC_ONLY = ("body.yaml", "cam1", "leica0", "vicon0")
-"""What recordings of EuRoC's rig hold and flights of ours do not."""
 _LATER = {
     ".bag": "a ROS 1 bag",
     ".db3": "a ROS 2 bag",
@@ -72,16 +70,15 @@ def import_source(path: Path, progress: Progress) -> Flight:
 
 
 def _kind_of_folder(path: Path) -> Kind:
-    mav0 = path if path.resolve().name == "mav0" else path / "mav0"
-    if mav0.is_dir():
-        own = (path / "flight.yaml").exists()
-        return "euroc" if not own and any((mav0 / name).exists() for name in _EUROC_ONLY) else "flight"
-    from slam.io.photo_set import SUFFIXES
+    from slam.io.euroc import is_euroc
+    from slam.io.photo_set import holds_photos
 
-    for depth in ("*", "*/*", "*/*/*"):
-        if any(entry.suffix.casefold() in SUFFIXES for entry in path.glob(depth)):
-            return "photos"
-    return "flight"  # whose reader says what is missing
+    root = path.resolve().parent if path.resolve().name == "mav0" else path
+    if (root / "mav0").is_dir():
+        return "euroc" if is_euroc(root) else "flight"
+    holds_flights = any(True for depth in ("*", "*/*") for _ in path.glob(f"{depth}/mav0"))
+    # What is no flight and no photos, the reader of flights refuses, and names what it found.
+    return "photos" if not holds_flights and holds_photos(path) else "flight"
 
 
 def _reads_like_graph(path: Path) -> bool:

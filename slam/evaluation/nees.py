@@ -12,7 +12,7 @@ tested z has unit variance, so the mean squared step between neighbours gives it
 ``rho = 1 - E[(z_k+1 - z_k)^2] / 2``. For Gaussian z the squares correlate as rho^(2 lag), the variance of
 the mean is ``12 / n_eff`` with ``n_eff = n / mean over the six of [1 + 2 sum_lag (1 - lag/n) rho^(2 lag)]``,
 and the band is that of a chi-square with ``6 n_eff`` degrees divided by n_eff (Satterthwaite's match of mean
-and variance). Over simulated Markov, random-walk and pinned-walk errors it holds 90 to 97 % of the time;
+and variance). Over simulated Markov, random-walk and pinned-walk errors it holds 89.7 to 97 % of the time;
 for errors much smoother than those it is wider than need be.
 """
 

@@ -28,8 +28,22 @@ Array = NDArray[np.float64]
 
 _FOREIGN = ("body.yaml", "cam1", "leica0", "vicon0")
 """What EuRoC's recordings hold beside the streams of a flight."""
+_SHARED = ("cam0", "imu0", "state_groundtruth_estimate0")
+"""What both hold."""
 _ARCHIVES = (".zip", ".gz", ".tgz", ".tar", ".7z", ".bag")
 _DOWN_LOOKING_DEG = 30.0
+
+
+def is_euroc(root: Path) -> bool:
+    """Whether the folder that holds ``mav0`` may be a recording whose body axes are EuRoC's.
+
+    So it is without a ``flight.yaml`` and with a stream that only EuRoC has, or with none that only a flight
+    has; a flight that looks so is imported as it is, since its axes need no renaming.
+    """
+    if (root / "flight.yaml").exists():
+        return False
+    names = {path.name for path in (root / "mav0").iterdir() if not path.name.startswith(".")}
+    return bool(names & set(_FOREIGN)) or (bool(names) and names <= set(_SHARED))
 
 
 def import_euroc(folder: str | Path) -> Flight:

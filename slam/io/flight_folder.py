@@ -25,7 +25,7 @@ from slam.io.streams import COLUMNS, FIELDS, KNOWN_KEYS, Source, build
 __all__ = ["read_flight", "write_flight"]
 
 _TOLD_KEYS = ("vehicle", "place", "date", "source", "licence", "notes")
-_OWN_KEYS = ("name", "landmark_pairs", "gaps", "all_keyframes")
+_OWN_KEYS = ("name", "landmark_pairs", "gaps", "all_keyframes", "assumed")
 _SCENES = 8
 """Flights named when a folder of flights is given for a flight."""
 
@@ -58,6 +58,7 @@ def read_flight(path: Path | str) -> Flight:
     )
     recording = _Recording(root, about)
     all_keyframes = _flag(about, "all_keyframes")
+    recording.warnings += _assumed(about)
     _read_streams(recording)
     check_stamps_agree(recording.tables)
     cut_short = [name for name, table in recording.tables.items() if table.cut_short]
@@ -191,6 +192,14 @@ def _flag(about: YamlFile, key: str) -> bool:
     if text not in ("true", "false", "yes", "no"):
         raise about.refuse(key, f"is {text[:40]!r}", "write true or false")
     return text in ("true", "yes")
+
+
+def _assumed(about: YamlFile) -> list[str]:
+    """What was dropped, repaired or assumed when the flight was made from something else."""
+    lines = about.fields.get("assumed", [])
+    if not isinstance(lines, list) or not all(isinstance(line, str) for line in lines):
+        raise about.refuse("assumed", "is not a list of lines", "write one `- line` for each")
+    return [brief(line, 600) for line in lines]
 
 
 def _notes(recording: _Recording) -> dict[str, str]:

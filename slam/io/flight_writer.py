@@ -81,6 +81,8 @@ def _about(flight: Flight) -> str:
             about[key] = [list(pair) for pair in pairs]
     if flight.all_keyframes:
         about["all_keyframes"] = True
+    if flight.warnings:
+        about["assumed"] = list(flight.warnings)
     # Unescaped, these would come back as a blank.
     odd_breaks = any(c in "".join(map(str, about.values())) for c in ("\x85", "\u2028", "\u2029"))
     return yaml.safe_dump(about, sort_keys=False, allow_unicode=not odd_breaks, width=110)

@@ -7,6 +7,7 @@ orientation is not applied: the intrinsics belong to the pixels as the sensor ga
 from __future__ import annotations
 
 import io
+import re
 import struct
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +25,8 @@ HEADER_BYTES = 1 << 18
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG_SIZE_MARKERS = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+_TAG_BLOCKS = re.compile(rb"(\xff[\xe1\xe2]..)(Exif|MPF\0)", re.DOTALL)
+"""Where a JPEG's Exif and multi-picture blocks begin."""
 _FOREIGN = {b"II*\0": "a TIFF", b"MM\0*": "a TIFF", b"GIF8": "a GIF", b"RIFF": "a WebP", b"BM": "a BMP"}
 
 
@@ -64,6 +67,9 @@ def read_image(path: Path, size_px: tuple[int, int] | None = None) -> Image:
         if data.startswith(_PNG):
             # Pillow checks no CRC while decoding: a flipped bit would pass unseen.
             Pillow.open(io.BytesIO(data), formats=["PNG"]).verify()
+        else:
+            # Pillow would read the tags, which are not wanted here, and warn of those that are damaged.
+            data = _TAG_BLOCKS.sub(rb"\1none", data[:HEADER_BYTES]) + data[HEADER_BYTES:]
         with Pillow.open(io.BytesIO(data), formats=["PNG", "JPEG"]) as picture:
             return _eight_bit(picture)
     except UnreadableImageError:

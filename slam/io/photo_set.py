@@ -59,6 +59,14 @@ class PhotoSet:
     """What was left out or assumed, one line each."""
 
 
+def holds_photos(folder: Path) -> bool:
+    """Whether a folder or a folder in it holds a file that is called as a photograph is."""
+    try:
+        return any(_is_photo(path) for path in folder.rglob("*"))
+    except OSError as error:
+        raise refusal(folder, f"cannot be read ({error.strerror})", "check its permissions") from None
+
+
 def select_photos(folder: Path, progress: Progress) -> PhotoSet:
     """The usable photographs of a folder.
 

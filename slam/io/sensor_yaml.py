@@ -121,6 +121,8 @@ def read_yaml(path: Path, root: Path) -> YamlFile:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise refusal(path, "is not UTF-8 text", "save it as UTF-8") from None
+    if text.startswith("%YAML:"):
+        text = "#" + text  # as OpenCV writes it, and EuRoC: not YAML's own directive
     try:
         _check_events(path, text)
         node = yaml.compose(text, Loader=yaml.CBaseLoader)

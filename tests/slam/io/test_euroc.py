@@ -129,16 +129,16 @@ def test_a_machine_hall_recording(tmp_path):
     assert not warned(flight, "not a stream")
 
 
-@pytest.mark.xfail(
-    strict=True,
-    raises=InputError,
-    reason="slam.io.sensor_yaml refuses the directive %YAML:1.0; remove when read",
-)
-def test_the_first_line_of_the_published_files(tmp_path):
+@pytest.mark.parametrize("first", ["%YAML:1.0\n", "%YAML:1.0\n---\n"])
+def test_the_first_line_of_the_published_files(tmp_path, first):
     root = recording(tmp_path, "truth")
     for path in root.glob("mav0/*/sensor.yaml"):
-        path.write_text("%YAML:1.0\n" + path.read_text())
+        path.write_text(first + path.read_text())
     assert import_euroc(root).camera.focal_px == (458.654, 457.296)
+    yaml = root / "mav0" / "cam0" / "sensor.yaml"
+    yaml.write_text(first + CAMERA.replace("[458.654,", "[a,"))
+    with pytest.raises(InputError, match=f"line {first.count(chr(10)) + 2}"):
+        import_euroc(root)
 
 
 AHEAD = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])

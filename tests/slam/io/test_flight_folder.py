@@ -229,7 +229,7 @@ def test_truth_comes_back(tmp_path_factory, made):
 @given(
     st.dictionaries(
         st.text(st.characters(codec="utf-8", exclude_categories=["C", "Z"]), min_size=1, max_size=9).filter(
-            lambda k: k not in ("name", "gaps", "landmark_pairs", "all_keyframes")
+            lambda k: k not in ("name", "gaps", "landmark_pairs", "all_keyframes", "assumed")
         ),
         st.text(st.characters(codec="utf-8", exclude_categories=["Cs", "Cn", "Co"]), min_size=1),
     ),
@@ -238,6 +238,24 @@ def test_notes_come_back_whatever_they_say(tmp_path_factory, notes):
     path = tmp_path_factory.mktemp("n") / "f"
     write_flight(Flight("n", battery=made_flight().battery, notes=notes), path)
     assert read_flight(path).notes == notes
+
+
+def test_what_was_assumed_comes_back_and_stays(tmp_path):
+    told = (
+        "5 of 80 photographs left out: blurred (a.jpg)",
+        "accuracy of the GPS: assumed",
+        "# \u2028 'x': [y",
+    )
+    write_flight(dataclasses.replace(made_flight(), warnings=told), tmp_path / "a")
+    once = read_flight(tmp_path / "a")
+    assert once.warnings == (*told[:2], "# \N{REPLACEMENT CHARACTER} 'x': [y"), "hostile text stays one line"
+    write_flight(once, tmp_path / "b")
+    assert read_flight(tmp_path / "b").warnings == once.warnings
+    about = tmp_path / "b" / "flight.yaml"
+    for wrong in ("assumed: all is well\n", "assumed: [[a]]\n"):
+        about.write_text(wrong)
+        with pytest.raises(InputError, match="line 1: assumed is not a list"):
+            read_flight(tmp_path / "b")
 
 
 def test_fast_enough(tmp_path):

@@ -66,6 +66,18 @@ def test_orientation_in_exif_is_ignored(put):
     assert cv2.imread(str(turned)).shape[:2] == SIZE  # OpenCV by itself turns it
 
 
+@pytest.mark.parametrize(
+    "damage", [b"MM\0*\xff\xff\xff\xff", b"II*\0\x08\0\0\0\x09\0\x1a\x01\x05", b"\0" * 8]
+)
+@pytest.mark.parametrize("block", [(b"\xff\xe1", b"Exif\0\0"), (b"\xff\xe2", b"MPF\0")])
+def test_damaged_tags_are_no_business_of_the_picture(put, block, damage):
+    """Warnings are errors here: Pillow by itself warns of these."""
+    marker, name = block
+    whole, content = encoded("JPEG"), name + damage + b"\xff" * 40
+    path = put(whole[:2] + marker + struct.pack(">H", len(content) + 2) + content + whole[2:], "tags.jpg")
+    np.testing.assert_array_equal(read_image(path), read_image(put(whole, "plain.jpg")))
+
+
 def test_other_kinds_of_pixels(put):
     grey = picture(1, SIZE, colour=False)
     np.testing.assert_array_equal(read_image(put(encoded("PNG", Image.fromarray(grey)))), grey)

@@ -1,0 +1,80 @@
+"""What a path is, told by what it holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from slam.cli.source import kind_of, open_flight
+from slam.errors import InputError
+from slam.io.flight_folder import write_flight
+from slam.progress import silent
+from tests.slam.io.made_flight import made_flight
+
+EUROC = ("mav0/cam0", "mav0/imu0", "mav0/state_groundtruth_estimate0")
+
+
+def made(root, *entries):
+    """Folders, and empty files where a name has a suffix."""
+    root.mkdir()
+    for entry in entries:
+        path = root / entry
+        (path.parent if path.suffix else path).mkdir(parents=True, exist_ok=True)
+        if path.suffix:
+            path.touch()
+    return root
+
+
+@pytest.mark.parametrize(
+    ("entries", "kind"),
+    [
+        (("a.JPG",), "photos"),
+        (("dcim/100/b.tiff", "notes.txt"), "photos"),
+        (("a/b/c/d/e.jpg",), "photos"),
+        ((".thumbs/a/.b.jpg",), "flight"),
+        ((), "flight"),
+        (EUROC, "euroc"),
+        ((*EUROC, "mav0/cam1"), "euroc"),
+        (("mav0/cam0", "mav0/sonar0", "mav0/body.yaml"), "euroc"),
+        ((*EUROC, "flight.yaml"), "flight"),
+        ((*EUROC, "mav0/cam1", "flight.yaml"), "flight"),
+        (("mav0/cam0", "mav0/sonar0"), "flight"),
+        (("mav0",), "flight"),
+        (("one/mav0/cam0/data/1.png",), "flight"),
+        (("day/one/mav0/cam0/data/1.png",), "flight"),
+    ],
+)
+def test_a_folder_is_told_by_what_it_holds(tmp_path, entries, kind):
+    assert kind_of(made(tmp_path / "in", *entries)) == kind
+
+
+def test_the_inner_folder_is_told_by_the_outer(tmp_path):
+    assert kind_of(made(tmp_path / "a", *EUROC) / "mav0") == "euroc"
+    assert kind_of(made(tmp_path / "b", *EUROC, "flight.yaml") / "mav0") == "flight"
+
+
+def test_a_graph_is_told_by_its_first_line(tmp_path):
+    path = tmp_path / "graph.txt"
+    path.write_text("\n EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n")
+    assert kind_of(path) == "graph"
+
+
+def test_a_flight_whose_yaml_was_lost_is_read_as_it_is(tmp_path):
+    """Camera, IMU and truth alone look like EuRoC's; where z is up, nothing is renamed."""
+    nothing = dict.fromkeys(
+        ("sonar", "attitude", "velocity", "command", "battery", "gps", "barometer", "motor")
+    )
+    flight = replace(made_flight(), **nothing, landmarks={}, landmark_pairs=(), gaps=())
+    write_flight(flight, tmp_path / "in")
+    (tmp_path / "in" / "flight.yaml").unlink()
+    read, kind = open_flight(tmp_path / "in", silent)
+    assert kind == "euroc"
+    assert abs(read.camera.b_T_c - flight.camera.b_T_c).max() < 1e-12
+    assert not [line for line in read.warnings if "renamed" in line]
+
+
+def test_a_folder_of_flights_names_them(tmp_path):
+    root = made(tmp_path / "in", "one/mav0/cam0/data/1.png", "two/mav0/cam0/data/1.png")
+    with pytest.raises(InputError, match="holds flights: one, two"):
+        open_flight(root, silent)
