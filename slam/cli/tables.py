@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from slam.errors import one_line
-from slam.report.facts import Facts, length
+from slam.report.facts import Facts, length, percent
 
 if TYPE_CHECKING:
     from slam.report.accuracy import FigureTable
@@ -52,6 +52,13 @@ def written(paths: list[Path]) -> Text:
     return Text("\n".join(one_line(str(path)) for path in paths))
 
 
+def _known_to(facts: Facts) -> str:
+    said = f"{length(facts.sigma_median_m)} median, {length(facts.sigma_max_m)} largest"
+    if facts.relative_to:
+        said += f", relative to {facts.relative_to}"
+    return said + (f"; mostly the common scale ({percent(facts.scale_std)})" if facts.mostly_scale else "")
+
+
 def _outcome_rows(facts: Facts, summary: Summary) -> list[tuple[str, str]]:
     placed = f"{facts.placed} of {facts.keyframes} placed"
     if not facts.is_graph:
@@ -64,7 +71,7 @@ def _outcome_rows(facts: Facts, summary: Summary) -> list[tuple[str, str]]:
         ("poses" if facts.is_graph else "keyframes", placed),
         ("edges", f"{summary.odometry_edges} between neighbours, {summary.loop_edges} loop closures"),
         ("left out", rejected or "nothing"),
-        ("position, 1σ", f"{length(facts.sigma_median_m)} median, {length(facts.sigma_max_m)} largest"),
+        ("position, 1σ", _known_to(facts)),
         ("lengths from", facts.scale_source),
         ("time, memory", f"{sum(summary.timing_s.values()):.1f} s, {summary.peak_rss_mb:.0f} MB"),
     ]

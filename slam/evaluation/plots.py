@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from slam.evaluation.landmarks import over_papers_ground
 from slam.evaluation.score import Evaluation, Tracks
 from slam.io.atomic import write_whole
+from slam.report.facts import length
 from slam.report.paper import EKF_PERCENT, STITCHED_PERCENT
 from slam.report.pictures import BLUE, GREY, ORANGE, VERMILLION
 
@@ -39,7 +40,7 @@ def write_plots(evaluation: Evaluation, out_dir: str | Path) -> tuple[Path, ...]
     paths = []
     for name, figure in figures.items():
         encoded = BytesIO()
-        figure.savefig(encoded, format="png", dpi=120)
+        figure.savefig(encoded, format="png", dpi=120, bbox_inches="tight")
         path = Path(out_dir) / name
         write_whole(path, encoded.getvalue())
         paths.append(path)
@@ -75,8 +76,8 @@ def _top_view(axes: Axes, evaluation: Evaluation) -> None:
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.set_title(
-        f"{_plain(evaluation.name)}: {evaluation.ate_m.rmse:.3g} m rms, "
-        f"{evaluation.ate_aligned_m.rmse:.3g} m aligned"
+        f"{_plain(evaluation.name)}: position error {length(evaluation.ate_m.rmse)} RMS, "
+        f"{length(evaluation.ate_aligned_m.rmse)} rigidly aligned"
     )
     _legend_below(axes, 4)
 
@@ -123,6 +124,7 @@ def error_figure(evaluation: Evaluation) -> Figure:
     if evaluation.nees is not None:
         _nees_panel(panels[-1], evaluation)
     panels[-1].set_xlabel("time since the first keyframe [s]")
+    figure.align_ylabels(panels)
     return figure
 
 

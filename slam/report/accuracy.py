@@ -87,9 +87,10 @@ def _against_reference(evaluation: Evaluation) -> FigureTable:
         rows.append(("mean NEES of the poses (95 % band)", f"{pose.mean:.2f} ({band})"))
     if evaluation.loops is not None:
         loops = evaluation.loops
-        rows.append(
-            ("loops kept that are true", f"{_share(loops.precision)} of {loops.true_kept + loops.false_kept}")
-        )
+        judged = f"{_share(loops.precision)} of {loops.true_kept + loops.false_kept}"
+        if loops.undecided_kept:
+            judged += f", {loops.undecided_kept} more undecided"
+        rows.append(("loops kept that are true", judged))
         rows.append(("true loops that were kept", f"{_share(loops.recall)} of {loops.true_pairs}"))
         rows.append(("keyframes with a true loop that have one", _share(loops.keyframe_recall)))
     return FigureTable("Against the reference", (), tuple(rows))

@@ -39,6 +39,12 @@ class Facts:
     sigma_median_m: float
     """Position of a keyframe: one standard deviation over the three axes together."""
     sigma_max_m: float
+    scale_std: float
+    """Relative uncertainty that all lengths share: the height sensor's, where no GPS tells better; else 0."""
+    mostly_scale: bool
+    """Whether more than half of the variance of a position comes from that."""
+    relative_to: str
+    """What positions are known relative to; empty where they are absolute."""
     chain_moved_m: float
     """Largest distance of a keyframe from where the plain chain has it, the first ones laid together."""
     scale_source: str
@@ -57,6 +63,7 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
     )
     extent = np.ptp(position[:, :2], axis=0) if len(position) else np.full(2, np.nan)
     kinds = [edge.kind for edge in estimate.relative_poses]
+    scale_std = _scale_std(estimate, flight)
     return Facts(
         keyframes=len(known),
         placed=int(known.sum()),
@@ -69,6 +76,9 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         loops_rejected=verdicts.count("rejected"),
         sigma_median_m=float(np.median(sigma)) if len(sigma) else float("nan"),
         sigma_max_m=float(sigma.max()) if len(sigma) else float("nan"),
+        scale_std=scale_std,
+        mostly_scale=_is_mostly_scale(estimate, main, scale_std),
+        relative_to=_relative_to(estimate, flight),
         chain_moved_m=_moved_m(estimate, main),
         scale_source=_scale_source(estimate, flight),
         is_graph=flight is None,
@@ -102,7 +112,10 @@ def sentence(facts: Facts) -> str:
     said = f"{whole} {thing} lie on {maps}"
     if np.isfinite(facts.sigma_median_m):
         median, worst = length(facts.sigma_median_m), length(facts.sigma_max_m)
-        said += f"; a position is known to ±{_SPACE}{median} (median), ±{_SPACE}{worst} at worst"
+        relative = f"relative to {facts.relative_to} " if facts.relative_to else ""
+        said += f"; {relative}a position is known to ±{_SPACE}{median} (median), ±{_SPACE}{worst} at worst"
+        if facts.mostly_scale:
+            said += f", mostly because the height sensor's scale is known to {percent(facts.scale_std)} only"
     said += "."
     if facts.loops_kept:
         closures = "loop closure holds" if facts.loops_kept == 1 else "loop closures hold"
@@ -112,6 +125,11 @@ def sentence(facts: Facts) -> str:
     if facts.scale_source == "none":
         said += " Nothing measured height or position, so lengths are relative, not metres."
     return said
+
+
+def percent(share: float) -> str:
+    """A share as percent with up to two significant figures."""
+    return f"{100 * share:.2g}{_SPACE}%"
 
 
 def length(metres: float) -> str:
@@ -142,6 +160,26 @@ def chain_on_result(estimate: Estimate) -> Array:
 def _moved_m(estimate: Estimate, main: NDArray[np.int64]) -> float:
     moved = np.linalg.norm((chain_on_result(estimate) - estimate.w_T_b)[main, :3, 3], axis=1)
     return float(np.nanmax(moved)) if np.isfinite(moved).any() else float("nan")
+
+
+def _relative_to(estimate: Estimate, flight: Flight | None) -> str:
+    if flight is None:
+        return "what is held"
+    return "" if estimate.origin is not None else "the first keyframe"
+
+
+def _scale_std(estimate: Estimate, flight: Flight | None) -> float:
+    if flight is None or flight.sonar is None or estimate.origin is not None:
+        return 0.0
+    return flight.sonar.scale_std if np.isfinite(flight.sonar.range_m).any() else 0.0
+
+
+def _is_mostly_scale(estimate: Estimate, members: NDArray[np.int64], scale_std: float) -> bool:
+    if len(members) < 2:
+        return False
+    away_m = np.linalg.norm(estimate.w_T_b[members, :3, 3] - estimate.w_T_b[members[0], :3, 3], axis=1)
+    variance = np.trace(estimate.covariances[members, 3:, 3:], axis1=1, axis2=2)
+    return bool(np.nansum((scale_std * away_m) ** 2) > 0.5 * np.nansum(variance))
 
 
 def _scale_source(estimate: Estimate, flight: Flight | None) -> str:

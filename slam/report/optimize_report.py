@@ -12,7 +12,7 @@ import numpy as np
 import slam
 from slam.errors import one_line
 from slam.estimate import Estimate
-from slam.report.facts import Facts, gather, length, sentence
+from slam.report.facts import Facts, gather, length, percent, sentence
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture
 from slam.summary import Summary
 
@@ -93,7 +93,6 @@ def render(
         chain_mosaic=_embedded(mosaics.before),
         trajectory=_png(trajectory_picture(estimate, before)) if drawable else None,
         altitude=_png(altitude_picture(estimate)) if drawable and not facts.is_graph else None,
-        georeferenced=estimate.origin is not None,
         rejected_loops=_rejected_loops(estimate),
         figures=_figures(estimate, summary, facts),
         accuracy=accuracy,
@@ -121,6 +120,7 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Edges between neighbours", str(summary.odometry_edges)),
         Item("Loop closures kept, rejected", f"{facts.loops_kept}, {facts.loops_rejected}"),
         Item("Lengths come from", facts.scale_source),
+        Item("Scale that all lengths share, 1σ", percent(facts.scale_std) if facts.scale_std else ""),
         Item("Position of a keyframe, 1σ: median", length(facts.sigma_median_m)),
         Item("Position of a keyframe, 1σ: largest", length(facts.sigma_max_m)),
         Item(
@@ -129,7 +129,7 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         *(Item(f"Time: {stage}", f"{seconds:.2f} s") for stage, seconds in summary.timing_s.items()),
         Item("Peak memory", f"{summary.peak_rss_mb:.0f} MB"),
     ]
-    return tuple(row for row in rows if not (facts.is_graph and row.label in _FLIGHT_ONLY))
+    return tuple(row for row in rows if row.value and not (facts.is_graph and row.label in _FLIGHT_ONLY))
 
 
 _FLIGHT_ONLY = ("Keyframes, of pictures read", "Duration")

@@ -142,7 +142,7 @@ def _loops(axes: Axes, estimate: Estimate, position: Array) -> None:
     rejected = [(loop.i, loop.j) for loop in estimate.loops if loop.verdict == "rejected"]
     shown = rejected[:: max(1, -(-len(rejected) // _MOST_LOOPS))]
     for pairs, color, dash, alpha, label in (
-        (shown, VERMILLION, (0, (4, 3)), 0.45, f"loop rejected ({len(rejected)})"),
+        (shown, VERMILLION, (0, (4, 3)), 0.25, f"loop rejected ({len(rejected)})"),
         (kept, GREEN, "-", 0.75, f"loop kept ({len(kept)})"),
     ):
         lines = [(position[i, :2], position[j, :2]) for i, j in pairs]

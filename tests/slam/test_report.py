@@ -91,8 +91,8 @@ def test_the_sentence_names_what_is_wrong():
     estimate = made_estimate()
     good = sentence(gather(estimate, made_flight()))
     assert good.startswith("All 60 keyframes")
-    assert "relative" not in good
-    assert "relative" in sentence(gather(estimate, made_flight(with_sonar=False)))
+    assert "lengths are relative" not in good
+    assert "lengths are relative" in sentence(gather(estimate, made_flight(with_sonar=False)))
     open_chain = replace(estimate, loops=(), relative_poses=estimate.relative_poses[:59])
     assert "errors add up" in sentence(gather(open_chain, made_flight()))
     torn = replace(estimate, component=np.repeat([0, 1], 30))
@@ -101,6 +101,27 @@ def test_the_sentence_names_what_is_wrong():
     assert sentence(gather(lost, made_flight())).startswith("50 of 60")
     nothing = replace(estimate, w_T_b=estimate.w_T_b * np.nan, component=np.full(60, -1))
     assert sentence(gather(nothing, made_flight())).startswith("Nothing could be placed")
+
+
+def test_the_sentence_says_what_a_position_is_relative_to():
+    """A height sensor whose scale is not known makes all positions uncertain together, the first excepted."""
+    estimate, flight = made_estimate(sigma_m=0.001), made_flight()
+    away = np.linalg.norm(estimate.w_T_b[:, :3, 3] - estimate.w_T_b[0, :3, 3], axis=1)
+    scaled = estimate.covariances.copy()
+    scaled[:, 3:, 3:] += (0.05 * away)[:, None, None] ** 2 * np.eye(3) / 3
+    vague = gather(replace(estimate, covariances=scaled), flight)
+    assert vague.mostly_scale
+    assert "relative to the first keyframe" in sentence(vague)
+    assert "scale is known to 5\N{NO-BREAK SPACE}% only" in sentence(vague)
+    exact = gather(
+        replace(estimate, covariances=scaled), replace(flight, sonar=replace(flight.sonar, scale_std=0.0))
+    )
+    assert "relative to the first keyframe" in sentence(exact)
+    assert "scale" not in sentence(exact)
+    placed = gather(replace(estimate, covariances=scaled, origin=GeoOrigin(47.0, 8.0, 400.0)), flight)
+    assert "relative" not in sentence(placed)
+    assert "scale" not in sentence(placed)
+    assert "relative to what is held" in sentence(gather(estimate, None))
 
 
 @pytest.mark.parametrize(
