@@ -2,7 +2,8 @@
 
 A homography fixes the pose of camera j relative to the floor once the floor is known in camera i: its
 distance (height) and its normal (roll and pitch). Heights are left at 1 here: ``scale`` makes metres of
-them when the heights of all keyframes have been agreed upon. All functions work on m pairs at once.
+them when the heights of all keyframes have been agreed upon. Until then the body's axes are taken to stand
+at the camera, for a lever arm is known in metres only. All functions work on m pairs at once.
 
 Source: Hartley and Zisserman 2004, sections 8.1 (plane to picture) and 5.2 (propagation of covariance);
 Steder et al. 2008 for the down-looking case.
@@ -10,7 +11,7 @@ Steder et al. 2008 for the down-looking case.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,18 +24,22 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LiftedPoses:
-    """m relative poses in units of the height of keyframe i above the floor."""
+    """m relative poses of body axes at the camera, in units of the height of camera i above the floor."""
 
     i_T_j: Array
     """(m, 4, 4), translation in heights of i."""
     covariance: Array
     """(m, 6, 6), rotation first, right perturbation; of homography and attitude, not of the height."""
     height_ratio: Array
-    """(m,) height of j over height of i."""
+    """(m,) height of camera j over height of camera i."""
     log_ratio_std: Array
     """(m,) standard deviation of log(height_ratio)."""
     misfit: Array
     """(m,) squared whitened distance between homography and best rigid pose, 2 degrees of freedom."""
+    b_p_c_m: Array
+    """(3,) where the camera sits on the body."""
+    camera_above_body_m: Array
+    """(m,) how much higher than the body's origin camera i is."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:
@@ -46,14 +51,19 @@ class LiftedPoses:
         return finite & definite & (self.height_ratio > 0) & np.isfinite(self.log_ratio_std)
 
     def scale(self, height_m: Array, height_std_m: Array) -> tuple[Array, Array]:
-        """Poses (m, 4, 4) and covariances (m, 6, 6) in metres, with the heights' own uncertainty."""
-        i_T_j, covariance = self.i_T_j.copy(), self.covariance.copy()
-        t = self.i_T_j[:, :3, 3]
-        t_in_j = np.einsum("mba,mb->ma", self.i_T_j[:, :3, :3], t)
-        i_T_j[:, :3, 3] = t * height_m[:, None]
-        covariance[:, :3, 3:] *= height_m[:, None, None]
-        covariance[:, 3:, :3] *= height_m[:, None, None]
-        covariance[:, 3:, 3:] *= (height_m**2)[:, None, None]
+        """Poses (m, 4, 4) and covariances (m, 6, 6) of the bodies in metres.
+
+        ``height_m`` and its uncertainty (m,) are those of body i above the floor.
+        """
+        camera_m = height_m + self.camera_above_body_m
+        R, t = self.i_T_j[:, :3, :3], self.i_T_j[:, :3, 3]
+        i_T_j = self.i_T_j.copy()
+        i_T_j[:, :3, 3] = t * camera_m[:, None] + self.b_p_c_m - R @ self.b_p_c_m
+        J = np.tile(np.eye(6), (len(t), 1, 1))
+        J[:, 3:, :3] = _hat(self.b_p_c_m)  # a turn about the camera moves the body's origin
+        J[:, 3:, 3:] *= camera_m[:, None, None]
+        covariance = J @ self.covariance @ J.transpose(0, 2, 1)
+        t_in_j = np.einsum("mba,mb->ma", R, t)
         covariance[:, 3:, 3:] += np.einsum("ma,mb,m->mab", t_in_j, t_in_j, height_std_m**2)
         return i_T_j, covariance
 
@@ -73,9 +83,13 @@ def lift(
     """
     m = len(i_H_j)
     attitude_std = np.hypot(roll_pitch_std_rad, normal_std_rad)
+    lever = camera.b_T_c[:3, 3]
     if m == 0:
         empty = np.empty(0)
-        return LiftedPoses(np.empty((0, 4, 4)), np.empty((0, 6, 6)), empty, empty, empty)
+        return LiftedPoses(np.empty((0, 4, 4)), np.empty((0, 6, 6)), empty, empty, empty, lever, empty)
+    mount = camera.b_T_c.copy()
+    mount[:3, 3] = 0.0
+    camera = replace(camera, b_T_c=mount)
     corners = camera.undistort(camera.corners_px)
     u = np.einsum("mab,kb->mka", i_H_j, np.column_stack([corners, np.ones(4)]))
     pixel_i = u[..., :2] / u[..., 2:]
@@ -109,7 +123,8 @@ def lift(
     misfit = np.einsum("ma,mab,mb->m", residual, weight, residual)
     with np.errstate(divide="ignore", invalid="ignore"):
         log_std = np.sqrt(ratio_variance) / ratio
-    return LiftedPoses(i_T_j, covariance, ratio, log_std, misfit)
+    above = level_T_body(roll_pitch_rad)[:, 2, :3] @ lever
+    return LiftedPoses(i_T_j, covariance, ratio, log_std, misfit, lever, above)
 
 
 def level_T_body(roll_pitch_rad: Array) -> Array:
@@ -127,25 +142,31 @@ def _relative(roll_pitch_rad: Array, level_T_j: Array) -> Array:
 
 
 def _start(i_H_j: Array, camera: Camera, roll_pitch_rad: Array) -> Array:
-    """Pose of j from the similarity that the homography looks like at the centre of picture j."""
-    w, h = camera.size_px
-    centre = np.array([(w - 1) / 2, (h - 1) / 2])
-    probe = np.array([centre, centre + [10.0, 0], centre + [0, 10.0]])
-    u = np.einsum("mab,kb->mka", i_H_j, np.column_stack([probe, np.ones(3)]))
-    pixel = u[..., :2] / u[..., 2:]
-    right, down = (pixel[:, 1] - pixel[:, 0]) / 10, (pixel[:, 2] - pixel[:, 0]) / 10
-    turn = np.arctan2(right[:, 1] - down[:, 0], right[:, 0] + down[:, 1])
-    scale = np.sqrt(np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0]))
-    pose = level_T_body(roll_pitch_rad)
-    # A turn seen in the picture (y down, looking down) is the opposite turn of the body about z up.
-    c_z_up = camera.b_T_c[2, 2]
-    yaw = np.sign(c_z_up) * turn
-    pose[:, :3, :3] = Rotation.from_euler("z", yaw[:, None]).as_matrix() @ pose[:, :3, :3]
-    pose[:, 2, 3] = scale
-    target = _floor(pixel[:, :1], camera, level_T_body(roll_pitch_rad))[:, 0]
-    seen = _floor(np.broadcast_to(centre, (len(pose), 1, 2)), camera, pose)[:, 0]
-    pose[:, :2, 3] += target[:, :2] - seen[:, :2]
-    return pose
+    """Pose of j in closed form: the homography from floor to picture j holds two axes and the origin.
+
+    Source: Hartley and Zisserman 2004, example 8.1: P = K [r1 r2 t] for a plane.
+    """
+    level_T_c = level_T_body(roll_pitch_rad) @ camera.b_T_c
+    c_from_level = level_T_c[:, :3, :3].transpose(0, 2, 1)
+    i_plane = np.concatenate([c_from_level[..., :2], -c_from_level @ level_T_c[:, :3, 3:]], axis=-1)
+    K = camera.matrix
+    plane = np.linalg.inv(i_H_j @ K) @ K @ i_plane  # columns: x, y and origin of the floor as j sees them
+    with np.errstate(divide="ignore", invalid="ignore"):
+        length = np.linalg.norm(plane[..., :2], axis=1)
+        # The sign that puts camera j above the floor.
+        plane *= (-np.sign(np.linalg.det(plane)) / np.sqrt(length.prod(axis=1)))[:, None, None]
+        x, y = np.moveaxis(plane[..., :2] / np.linalg.norm(plane[..., :2], axis=1, keepdims=True), -1, 0)
+        # The right angle nearest to what noise has made of it.
+        middle, across = _unit(x + y), _unit(x - y)
+    x, y = (middle + across) / np.sqrt(2), (middle - across) / np.sqrt(2)
+    pose = np.tile(np.eye(4), (len(i_H_j), 1, 1))
+    pose[:, :3, :3] = np.stack([x, y, np.cross(x, y)], axis=1)
+    pose[:, :3, 3] = -np.einsum("mab,mb->ma", pose[:, :3, :3], plane[..., 2])
+    return pose @ np.linalg.inv(camera.b_T_c)
+
+
+def _unit(v: Array) -> Array:
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
 
 
 def _floor(pixel: Array, camera: Camera, level_T_b: Array) -> Array:
