@@ -136,7 +136,40 @@ class Mapper:
             np.maximum(std, 0.01),
         )
 
-    def solve(self, edges: Edges, on_step: Callable[[int, float], None] | None = None) -> Solution:
+    def contradictions(self, edges: Edges, known: Solution) -> dict[tuple[int, int], str]:
+        """Edges that lie where the poses known so far cannot have them: (i, j) -> reason.
+
+        The distance between measured and known place of j in i is held against the uncertainty of both. It
+        is what tells a look-alike floor from a place seen before. Parts that nothing joins yet say nothing.
+        """
+        if known.covariances is None or not edges.relative_poses:
+            return {}
+        w_T_b, covariances = known.w_T_b, known.covariances
+        i = np.array([r.i for r in edges.relative_poses])
+        j = np.array([r.j for r in edges.relative_poses])
+        measured = np.array([r.i_T_j[:3, 3] for r in edges.relative_poses])
+        expected = np.einsum("mba,mb->ma", w_T_b[i, :3, :3], w_T_b[j, :3, 3] - w_T_b[i, :3, 3])
+        variance = sum(np.trace(c[:, 3:, 3:], axis1=1, axis2=2) for c in (covariances[i], covariances[j]))
+        variance = variance + np.array([np.trace(r.covariance[3:, 3:]) for r in edges.relative_poses])
+        off = np.linalg.norm(measured - expected, axis=1)
+        trust = self.config.loops
+        limit = np.maximum(
+            trust.plausible_sigmas * np.sqrt(variance), trust.plausible_heights * edges.heights.height_m[i]
+        )
+        return {
+            (
+                int(i[m]),
+                int(j[m]),
+            ): f"implausible: {off[m]:.2f} off where the poses have it, with {limit[m]:.2f} allowed"
+            for m in np.flatnonzero((off > limit) & (known.component[i] == known.component[j]))
+        }
+
+    def solve(
+        self,
+        edges: Edges,
+        on_step: Callable[[int, float], None] | None = None,
+        covariances: bool = False,
+    ) -> Solution:
         """The pose graph: relative poses, attitudes, heights."""
         sensors, heights = self.sensors, edges.heights
         tied = sorted({k for r in edges.relative_poses for k in (r.i, r.j)})
@@ -154,7 +187,7 @@ class Mapper:
         if typical > 1.0:
             widened = (replace(r, covariance=typical * r.covariance) for r in edges.relative_poses)
             measurements = replace(measurements, relative_poses=tuple(widened))
-        return solve(measurements, initial=plain.w_T_b, covariances=False, on_step=on_step)
+        return solve(measurements, initial=plain.w_T_b, covariances=covariances, on_step=on_step)
 
     def refine(
         self,

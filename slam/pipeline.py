@@ -45,9 +45,11 @@ def optimize(
     mapper = Mapper(camera, Sensors.at(flight, sightings.stamps_s, origin, config), config)
     with clock("graph"):
         odometry = mapper.edges(sightings.registrations)
-        without_loops = mapper.solve(odometry, lambda k, _: progress("graph", k, 0))
+        without_loops = mapper.solve(odometry, lambda k, _: progress("graph", k, 0), covariances=True)
     with clock("loops"):
         sightings = sighter.retrieve(sightings)  # retrieve -> verify
+        edges = mapper.edges(sightings.registrations)
+        sightings = sightings.without(mapper.contradictions(edges, without_loops))
     with clock("graph"):
         edges = mapper.edges(sightings.registrations)
         solution = mapper.solve(edges, lambda k, _: progress("graph", k, 0))

@@ -35,6 +35,10 @@ class LoopConfig:
     """Closer in time is odometry."""
     min_overlap: float = 0.3
     """Pairs that the poses say overlap by this share of a footprint are compared."""
+    plausible_sigmas: float = 6.0
+    """A loop farther than this from where the poses known so far have it is refused."""
+    plausible_heights: float = 0.2
+    """But nothing within this many flying heights is."""
     max_pairs: int = 6000
     """Pairs that the poses suggest and that are compared, over the whole flight."""
 

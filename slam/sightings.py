@@ -41,6 +41,14 @@ class Sightings:
     frames: int
     rejected: Counter[str]
 
+    def without(self, reasons: dict[tuple[int, int], str]) -> Sightings:
+        """The same with some pairs (i, j) refused, each for its reason."""
+        taken = tuple(
+            replace(r, reason=reasons[r.i, r.j]) for r in self.registrations if (r.i, r.j) in reasons
+        )
+        kept = tuple(r for r in self.registrations if (r.i, r.j) not in reasons)
+        return replace(self, registrations=kept, refused=(*self.refused, *taken))
+
 
 class Sighter:
     """The front end with its settings for one flight."""
