@@ -88,14 +88,15 @@ def peak_rss_mb() -> float:
 
 def json_text(record: object) -> str:
     """A record as JSON that every reader takes: NaN and infinity, which JSON has not, become null."""
-    return json.dumps(_finite(record), indent=2, allow_nan=False) + "\n"
+    return json.dumps(without_nan(record), indent=2, allow_nan=False) + "\n"
 
 
-def _finite(value: Any) -> Any:
+def without_nan(value: Any) -> Any:
+    """The same with NaN and infinity, which JSON has not, as None."""
     if isinstance(value, dict):
-        return {str(key): _finite(item) for key, item in value.items()}
+        return {str(key): without_nan(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
+        return [without_nan(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -16,7 +16,9 @@ _IMPORTED = typer.Argument(
     metavar="SOURCE", help="A folder of geotagged photos, or a EuRoC recording.", show_default=False
 )
 _SHOWN = typer.Argument(
-    metavar="FLIGHT", help="A flight folder, a folder of photos, or a .g2o pose graph.", show_default=False
+    metavar="FLIGHT",
+    help="A flight folder, a EuRoC recording, a folder of photos, or a .g2o pose graph.",
+    show_default=False,
 )
 _OUT = typer.Option("--out", metavar="FLIGHT", help="The flight folder to write; must not exist yet.")
 

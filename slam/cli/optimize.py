@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 Features = Literal["sift", "orb", "orb-teblid", "akaze", "surf"]
 
 _SOURCE = typer.Argument(
-    metavar="FLIGHT", help="A flight folder, a folder of photos, or a .g2o pose graph.", show_default=False
+    metavar="FLIGHT",
+    help="A flight folder, a EuRoC recording, a folder of photos, or a .g2o pose graph.",
+    show_default=False,
 )
 _OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
 _GSD = typer.Option(metavar="M", min=1e-6, help="Metres a pixel of the mosaic; default: as the camera saw.")

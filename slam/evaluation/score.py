@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +16,7 @@ from slam.evaluation.maps import Maps, maps_of
 from slam.evaluation.nees import Nees, nees
 from slam.evaluation.trajectory import RelativeError, Spread, position_error, relative_errors, umeyama
 from slam.flight import Flight
+from slam.summary import without_nan
 
 Array = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ class Evaluation:
             "loop_gap_m": {gap.name: _gap(gap) for gap in self.loop_gaps},
             "loops": None if self.loops is None else dict(vars(self.loops)),
         }
-        return _finite(record)
+        return without_nan(record)
 
 
 def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
@@ -220,11 +220,3 @@ def _gap(gap: LoopGap) -> dict[str, float]:
         "odometry_error_m": gap.error_m.odometry,
         "error_m": gap.error_m.loops,
     }
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

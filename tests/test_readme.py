@@ -1,0 +1,135 @@
+"""README and docs say what is so: the example runs, and every command, file, key and column is there."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.main import get_command
+
+from slam.cli import app
+from slam.evaluation import evaluate
+from slam.io import estimate as estimate_files
+from slam.io.csv_header import header_of
+from slam.io.landmarks import HEADER
+from slam.io.streams import COLUMNS, KNOWN_KEYS
+from slam.outputs import EVALUATE_NAMES, OPTIMIZE_NAMES
+from slam.simulation.recipe import shipped_recipes
+from slam.summary import summarise
+from tests.slam.evaluation.scene import estimate_of, flight_of, smooth_poses
+from tests.slam.made_estimate import made_estimate
+
+ROOT = Path(__file__).parents[1]
+PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/method.md", "docs/flight-format.md")
+
+
+def page(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+NAMED_BY_DATA = ("rpe", "landmarks", "loop_gap_m")
+COUNTS = ("rejected", "timing_s", "left_out")
+
+
+def keys(record: dict) -> set[str]:
+    """All names in a JSON record but those that the flight gives."""
+    found = set(record)
+    for key, value in record.items():
+        inner = value.values() if key in NAMED_BY_DATA and isinstance(value, dict) else [value]
+        for each in inner:
+            if isinstance(each, dict) and key not in COUNTS:
+                found |= keys(each)
+    return found
+
+
+def test_the_example_runs_and_prints_a_map_that_is_right():
+    (example,) = re.findall(r"```python\n(.*?)```", page("README.md"), re.DOTALL)
+    assert len([line for line in example.splitlines() if line.strip()]) <= 10
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(example, "README.md", "exec"), {})
+    first, *rows = printed.getvalue().splitlines()
+    keyframes, loops = map(int, re.fullmatch(r"(\d+) keyframes, (\d+) loops", first).groups())
+    assert keyframes > 20
+    assert loops > 10, "the square is flown round more than once"
+    figures = [re.fullmatch(r"(\w-\w): (\S+) m, chain (\S+), map (\S+)", row).groups() for row in rows]
+    assert [pair for pair, *_ in figures] == ["A-B", "B-C", "C-D", "D-A", "B-D"]
+    for _, true, chain, ours in figures:
+        assert float(ours) == pytest.approx(float(true), rel=0.005)
+        assert float(chain) == pytest.approx(float(true), rel=0.1)
+
+
+def test_every_command_is_in_the_table_and_the_other_way_round():
+    told = set(re.findall(r"^\| `slam (\w+)", page("README.md"), re.MULTILINE))
+    assert told == set(get_command(app).commands)
+    for command, option in re.findall(r"slam (\w+)[^`\n]* (--[a-z]+)", page("README.md")):
+        options = {name for p in get_command(app).commands[command].params for name in p.opts}
+        assert option in options, (command, option)
+
+
+def test_make_has_the_targets():
+    targets = set(re.findall(r"^(\w+):", page("Makefile"), re.MULTILINE))
+    for name in PAGES:
+        assert set(re.findall(r"`make (\w+)", page(name))) <= targets
+
+
+def test_links_lead_somewhere():
+    for name in PAGES:
+        for link in re.findall(r"\]\(([^)]+)\)", page(name)):
+            assert link.startswith("https://") or ((ROOT / name).parent / link).exists(), (name, link)
+
+
+def test_the_picture_is_small():
+    path = ROOT / "docs" / "figure_eight.jpg"
+    assert path.stat().st_size < 300_000
+    with Image.open(path) as picture:
+        assert picture.width >= 1000
+
+
+def test_the_figures_have_their_place():
+    text = page("README.md")
+    assert text.count("<!-- figures -->") == text.count("<!-- /figures -->") == 1
+    assert text.index("<!-- figures -->") < text.index("<!-- /figures -->")
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/method.md"])
+def test_every_output_file_is_named(name):
+    for file in (*OPTIMIZE_NAMES, *EVALUATE_NAMES):
+        assert f"`{file}`" in page(name), file
+
+
+def test_every_key_and_array_is_explained():
+    text = page("docs/method.md")
+    summary = summarise(made_estimate(), graph_alone=True).to_json()
+    poses = smooth_poses(np.random.default_rng(0), 60)
+    surveyed = {"A": np.zeros(3), "B": np.array([0.5, 0.0, 0.0])}
+    flight = flight_of(poses, landmarks=surveyed, gaps=(("A", "B"),))
+    evaluation = evaluate(estimate_of(poses), flight).to_json()
+    assert all(evaluation[key] for key in NAMED_BY_DATA), "nothing is left unchecked"
+    arrays = {*estimate_files._SHAPES, "record"}
+    for word in keys(summary) | keys(evaluation) | arrays:
+        assert f"`{word}`" in text, word
+
+
+def test_every_stream_and_key_of_a_flight_is_explained():
+    text = page("docs/flight-format.md")
+    for folder, columns in COLUMNS.items():
+        assert f"| `{folder}` | `{header_of(columns)}` |" in text, folder
+    for key in KNOWN_KEYS:
+        assert f"`{key}`" in text, key
+    assert f"`{','.join(HEADER)}`" in text
+
+
+def test_recipes_are_explained():
+    for recipe in shipped_recipes():
+        assert f"| `{recipe}` |" in page("datasets/README.md")
+
+
+def test_pages_speak_of_the_project_alone():
+    for name in PAGES:
+        assert not re.search(r"(?<![\w.])/(work|home|root|tmp)/|\.\./shared|TODO|localhost", page(name)), name
