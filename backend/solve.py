@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from backend.errors import BackendError, one_line
+from backend.errors import BackendError, first_line
 from backend.gauge import floating_parts, key_name, key_runs
 from backend.observability import unobserved
 
@@ -115,7 +115,7 @@ def _error(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> float:
     try:
         return float(graph.error(values))
     except (RuntimeError, ValueError, TypeError, IndexError) as error:
-        raise BackendError(f"the graph cannot be evaluated: {one_line(error)}") from error
+        raise BackendError(f"the graph cannot be evaluated: {first_line(error)}") from error
 
 
 def _not_finite(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, name: Name) -> str:
@@ -173,7 +173,7 @@ def translated(message: str, name: Name = key_name) -> str:
     """gtsam's account of a singular system in the words of the flight."""
     found = re.search(r"near variable\s+(\d+)", message)
     if not found:
-        return one_line(RuntimeError(message))
+        return first_line(RuntimeError(message))
     return f"the measurements around {name(int(found.group(1)))} leave a direction open"
 
 
@@ -244,7 +244,7 @@ def levenberg_marquardt(
         try:
             optimizer.iterate()
         except RuntimeError as exception:
-            return ended(False, f"the linear solver failed: {one_line(exception)}")
+            return ended(False, f"the linear solver failed: {first_line(exception)}")
         previous, error = error, float(optimizer.error())
         if not math.isfinite(error):
             raise BackendError("the solve left the finite numbers: a measurement is not finite")

@@ -37,10 +37,11 @@ from scipy.spatial.transform import Rotation
 
 from backend.measurements import RelativePose
 from frontend.camera import Camera
-from slam.errors import InputError, one_line
+from slam.errors import InputError
 from slam.estimate import Estimate, LoopVerdict
 from slam.flight import GeoOrigin
 from slam.io.atomic import write_whole
+from slam.io.files import brief
 
 Array = NDArray[np.float64]
 
@@ -185,7 +186,7 @@ def read_estimate(out_dir: str | Path) -> Estimate:
 
 
 def _refused(path: Path, error: Exception) -> InputError:
-    detail = one_line(" ".join(str(error).split()))[:200] or type(error).__name__
+    detail = brief(" ".join(str(error).split())) or type(error).__name__
     return InputError(f"{path}: damaged or not an estimate ({detail}); run `slam optimize` again")
 
 
