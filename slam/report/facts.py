@@ -164,7 +164,7 @@ def _moved_m(estimate: Estimate, main: NDArray[np.int64]) -> float:
 
 def _relative_to(estimate: Estimate, flight: Flight | None) -> str:
     if flight is None:
-        return "what is held"
+        return "the pose that is held"
     return "" if estimate.origin is not None else "the first keyframe"
 
 

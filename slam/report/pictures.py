@@ -22,10 +22,10 @@ Array = NDArray[np.float64]
 # Okabe and Ito's colours, told apart by colour-blind readers (jfly.uni-koeln.de/color, 2008).
 BLUE, GREEN, VERMILLION, GREY, ORANGE = "#0072b2", "#009e73", "#d55e00", "#8a8f98", "#e69f00"
 _MOST_LOOPS = 400
-"""Rejected candidates drawn at most: a thousand lines hide the map they are about."""
+"""Of a kind, drawn at most: a thousand lines hide the map they are about."""
 _MOST_ELLIPSES = 60
 _ELLIPSE_SHARE = 0.03
-"""An ellipse is drawn enlarged until the median one spans this share of the map."""
+"""Ellipses are drawn enlarged or reduced until the median one spans at most this share of the map."""
 
 
 def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes:
@@ -41,16 +41,15 @@ def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes
     for part in range(int(estimate.component.max(initial=0)) + 1):
         own = np.where((estimate.component == part)[:, None], position, np.nan)
         _path(axes, own, color=BLUE, linewidth=1.6, label="path" if part == 0 else None)
-    enlarged = _ellipses(axes, estimate, position, known)
+    size = _ellipses(axes, estimate, position, known)
     if known.any():
         start = position[known][0]
         axes.plot(start[0], start[1], "o", color=BLUE, markersize=6, markerfacecolor="white", label="start")
     axes.set_xlabel("east [m]" if estimate.origin else "x [m]")
     axes.set_ylabel("north [m]" if estimate.origin else "y [m]")
     axes.set_aspect("equal", adjustable="datalim")
-    if enlarged:
-        size = f", enlarged {enlarged} x" if enlarged > 1 else ""
-        axes.plot([], [], "o", color=ORANGE, markerfacecolor="none", label=f"2σ ellipse{size}")
+    if size:
+        axes.plot([], [], "o", color=ORANGE, markerfacecolor="none", label=f"2σ ellipse{_drawn(size)}")
     _legend_below(axes)
     return _png(figure)
 
@@ -140,12 +139,12 @@ def _loops(axes: Axes, estimate: Estimate, position: Array) -> None:
 
     kept = [(edge.i, edge.j) for edge in estimate.relative_poses if edge.kind == "loop"]
     rejected = [(loop.i, loop.j) for loop in estimate.loops if loop.verdict == "rejected"]
-    shown = rejected[:: max(1, -(-len(rejected) // _MOST_LOOPS))]
     for pairs, color, dash, alpha, label in (
-        (shown, VERMILLION, (0, (4, 3)), 0.25, f"loop rejected ({len(rejected)})"),
+        (rejected, VERMILLION, (0, (4, 3)), 0.25, f"loop rejected ({len(rejected)})"),
         (kept, GREEN, "-", 0.75, f"loop kept ({len(kept)})"),
     ):
-        lines = [(position[i, :2], position[j, :2]) for i, j in pairs]
+        shown = pairs[:: max(1, -(-len(pairs) // _MOST_LOOPS))]
+        lines = [(position[i, :2], position[j, :2]) for i, j in shown]
         lines = [line for line in lines if np.isfinite(line).all()]
         if lines:
             axes.add_collection(
@@ -155,8 +154,14 @@ def _loops(axes: Axes, estimate: Estimate, position: Array) -> None:
             )
 
 
-def _ellipses(axes: Axes, estimate: Estimate, position: Array, placed: NDArray[np.bool_]) -> int:
-    """Draw 2-sigma ellipses of the horizontal position; gives back how often enlarged, 0 if none."""
+def _drawn(size: float) -> str:
+    if size == 1:
+        return ""
+    return f", enlarged {size:.0f} x" if size > 1 else f", reduced {1 / size:.0f} x"
+
+
+def _ellipses(axes: Axes, estimate: Estimate, position: Array, placed: NDArray[np.bool_]) -> float:
+    """Draw 2-sigma ellipses of the horizontal position; gives back the factor on their size, 0 if none."""
     from matplotlib.collections import EllipseCollection
 
     R = estimate.w_T_b[:, :3, :3]
@@ -181,7 +186,7 @@ def _ellipses(axes: Axes, estimate: Estimate, position: Array, placed: NDArray[n
     return factor
 
 
-def _round_factor(factor: float) -> int:
-    """The nearest of 1, 2, 5, 10, 20, 50, ... below ``factor``."""
-    steps = [mantissa * 10**power for power in range(7) for mantissa in (1, 2, 5)]
-    return max([step for step in steps if step <= factor], default=1)
+def _round_factor(factor: float) -> float:
+    """The largest of ..., 0.1, 0.2, 0.5, 1, 2, 5, 10, ... that is not above ``factor``."""
+    steps = [mantissa * 10.0**power for power in range(-6, 7) for mantissa in (1, 2, 5)]
+    return max([step for step in steps if step <= factor], default=steps[0])

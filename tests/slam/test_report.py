@@ -121,7 +121,7 @@ def test_the_sentence_says_what_a_position_is_relative_to():
     placed = gather(replace(estimate, covariances=scaled, origin=GeoOrigin(47.0, 8.0, 400.0)), flight)
     assert "relative" not in sentence(placed)
     assert "scale" not in sentence(placed)
-    assert "relative to what is held" in sentence(gather(estimate, None))
+    assert "relative to the pose that is held" in sentence(gather(estimate, None))
 
 
 @pytest.mark.parametrize(
@@ -193,6 +193,16 @@ def test_ellipses_lie_along_the_uncertain_direction():
     orange = [_extent_of_orange(trajectory_picture(replace(estimate, covariances=c))) for c in (wide, tall)]
     assert orange[0][0] > orange[1][0], "wider where x is not known"
     assert orange[1][1] > orange[0][1], "taller where y is not known"
+
+
+@pytest.mark.parametrize("sigma_m", [1e-5, 0.01, 1.0, 100.0])
+def test_ellipses_are_drawn_at_a_size_that_can_be_read(sigma_m):
+    """Whatever their true size: neither points nor a tangle that hides the path."""
+    covariances = np.tile(np.diag([1e-5] * 3 + [sigma_m**2] * 3), (60, 1, 1))
+    png = trajectory_picture(replace(made_estimate(), covariances=covariances))
+    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:850]
+    share = (np.abs(pixels - [0xE6, 0x9F, 0x00]).sum(axis=2) < 30).mean()
+    assert 0.001 < share < 0.02
 
 
 def _extent_of_orange(png: bytes) -> tuple[int, int]:
