@@ -11,7 +11,7 @@ from gtsam.symbol_shorthand import L as POINT
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.factors import body_up, scaled_position_factor, scaled_range_factor
+from backend.factors import body_up, level_factor, scaled_position_factor, scaled_range_factor
 from backend.measurements import FloorTracks, Measurements, PinholeModel
 
 Array = NDArray[np.float64]
@@ -134,12 +134,11 @@ def _add_observations(
 def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, noise: NoiseLevels) -> None:
     """Attitudes, ranges and positions."""
     measurements, c_T_b = problem.measurements, problem.c_T_b
-    up = gtsam.Unit3(np.array([0.0, 0.0, 1.0]))
     if measurements.attitudes:
         model: gtsam.noiseModel.Base = gtsam.noiseModel.Isotropic.Sigma(2, noise.roll_pitch_rad)
         for a in measurements.attitudes:
-            seen_up = gtsam.Unit3(c_T_b[:3, :3] @ body_up(a.roll_pitch_yaw_rad))
-            graph.push_back(gtsam.AttitudeFactorPose3(POSE(a.k), up, model, seen_up))
+            c_up = c_T_b[:3, :3] @ body_up(a.roll_pitch_yaw_rad)
+            graph.push_back(level_factor(POSE(a.k), WORLD, c_up, model))
     kernel = gtsam.noiseModel.mEstimator.Huber.Create(1.345)
     if measurements.ranges:
         model = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Isotropic.Sigma(1, noise.range_m))

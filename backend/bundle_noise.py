@@ -17,6 +17,9 @@ from backend.measurements import FloorTracks, Measurements
 
 Array = NDArray[np.float64]
 
+STUDENT_SCALE = 0.831
+"""Scale c of Student's t with 4 degrees of freedom fitted to N(0, 1): E[5 x^2 / (4 c^2 + x^2)] = 1."""
+
 
 def start_noise(measurements: Measurements, config: BundleConfig) -> NoiseLevels:
     """What the makers say, or less."""
@@ -78,24 +81,38 @@ def estimate_noise(
     problem: BundleProblem, values: gtsam.Values, noise: NoiseLevels, used: NDArray[np.bool_]
 ) -> tuple[NoiseLevels, NDArray[np.bool_]]:
     """Noise levels from the residuals, and which observations to go on with."""
-    tracks, measurements = problem.tracks, problem.measurements
+    tracks = problem.tracks
     std_px = tracks.std_px * noise.pixel_scale
     residuals = _linearise(problem, values, std_px, used)
     whitened = residuals.pixel / std_px[:, None]
-    used = used & (np.linalg.norm(whitened, axis=1) < problem.config.drop_sigmas)
+    # Far off is told by the noise found, not by the noise told before: that may be several times too small.
+    limit = problem.config.drop_sigmas * _spread(problem, residuals, whitened, noise, used)
+    used = used & (np.linalg.norm(whitened, axis=1) < limit)
     seen = np.bincount(tracks.track[used], minlength=len(residuals.relief))
     used = used & (seen[tracks.track] >= 2)
-    # Each point takes two parameters from the residuals and as much of a third as the relief leaves free.
-    free_z = residuals.relief_information / (residuals.relief_information + 1.0 / noise.relief**2)
-    spent = 2 * int((seen >= 2).sum()) + float(free_z[seen >= 2].sum()) + 6 * measurements.count
-    freedom = max(1.0, 2 * float(used.sum()) - spent)
-    spread = huber_std(whitened[used], problem.config.huber_sigmas) * np.sqrt(2 * used.sum() / freedom)
+    spread = _spread(problem, residuals, whitened, noise, used)
     spread *= np.sqrt(_colour_along_tracks(tracks, whitened, used))
     pixel_scale = noise.pixel_scale * float(np.clip(spread, 0.2, 5.0))
     level = replace(
         noise, pixel_scale=pixel_scale, relief=_estimate_relief(residuals, noise.relief, seen >= 2)
     )
     return _sensor_noise(problem, values, level), used
+
+
+def _spread(
+    problem: BundleProblem,
+    residuals: _Residuals,
+    whitened: Array,
+    noise: NoiseLevels,
+    used: NDArray[np.bool_],
+) -> float:
+    """Standard deviation of the whitened noise behind the residuals that the fit has left of it."""
+    seen = np.bincount(problem.tracks.track[used], minlength=len(residuals.relief)) >= 2
+    # Each point takes two parameters from the residuals and as much of a third as the relief leaves free.
+    free_z = residuals.relief_information / (residuals.relief_information + 1.0 / noise.relief**2)
+    spent = 2 * int(seen.sum()) + float(free_z[seen].sum()) + 6 * problem.measurements.count
+    freedom = max(1.0, 2 * float(used.sum()) - spent)
+    return huber_std(whitened[used], problem.config.huber_sigmas) * float(np.sqrt(2 * used.sum() / freedom))
 
 
 def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLevels) -> NoiseLevels:
@@ -163,8 +180,9 @@ def _estimate_relief(residuals: _Residuals, start: float, seen: NDArray[np.bool_
     z = residuals.relief[known] * (1.0 + 1.0 / (information * start**2))
     grid = start * np.geomspace(1e-2, 1e2, 81)
     variance = grid[:, None] ** 2 + 1.0 / information
-    # Student-like loss: a few points on walls or wrong matches must not raise the whole floor.
-    loss = np.sum(0.5 * np.log(variance) + 2.5 * np.log1p(z**2 / variance / 4.0), axis=1)
+    # Student's loss: a few points on walls or wrong matches must not raise the whole floor. The scale that
+    # it gives Gaussian heights is STUDENT_SCALE of theirs: with that taken out it is theirs.
+    loss = np.sum(0.5 * np.log(variance) + 2.5 * np.log1p(z**2 / (4.0 * STUDENT_SCALE**2 * variance)), axis=1)
     return float(np.clip(grid[np.argmin(loss)], max(0.05 * start, 2e-4), 20 * start))
 
 

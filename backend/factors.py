@@ -67,6 +67,29 @@ def scaled_position_factor(
     return gtsam.CustomFactor(model, [pose_key, world_key], error)
 
 
+def level_factor(
+    pose_key: int, world_key: int, c_up: Array, model: gtsam.noiseModel.Base
+) -> gtsam.CustomFactor:
+    """Measured up direction in camera axes against the world's, R' A' e_z: (2,) rad across the measured one.
+
+    The pose stands over its own floor, but gravity is the world's. Source: derived.
+    """
+    across = np.linalg.svd(c_up[None])[2][1:]
+
+    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
+        R = values.atPose3(pose_key).rotation().matrix()
+        slope = np.array([*values.atVector(world_key)[3:], 0.0])
+        f_up = gtsam.Rot3.Expmap(slope).matrix()[2]
+        up = R.T @ f_up
+        if jacobians is not None:
+            jacobians[0] = across @ np.hstack([cross_matrix(up), np.zeros((3, 3))])
+            turn = gtsam.Rot3.ExpmapDerivative(slope)[:, :2]
+            jacobians[1] = across @ np.hstack([np.zeros((3, 3)), R.T @ cross_matrix(f_up) @ turn])
+        return np.asarray(across @ up)
+
+    return gtsam.CustomFactor(model, [pose_key, world_key], error)
+
+
 def body_up(roll_pitch_yaw_rad: Array) -> Array:
     """(3,) the world's up direction in body axes, for R_wb = Rz(yaw) Ry(pitch) Rx(roll)."""
     roll, pitch, _ = roll_pitch_yaw_rad

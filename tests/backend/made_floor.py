@@ -1,0 +1,175 @@
+"""Cameras over a made floor: tracks with known pixel noise, sensors with known errors, and the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from backend import se3
+from backend.measurements import (
+    Attitude,
+    FloorTracks,
+    Measurements,
+    PinholeModel,
+    Position,
+    SlantRange,
+)
+
+NADIR = np.array([[0.0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]])
+SIZE_PX = np.array([320.0, 240.0])
+CAMERA = PinholeModel((256.0, 256.0), (159.5, 119.5), NADIR)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What is put in."""
+
+    keyframes: int = 16
+    points_in_view: int = 30
+    height_m: float = 0.8
+    pixel_std: float = 0.3
+    told_pixel_std: float = 0.3
+    pixel_colour: float = 0.0
+    """Correlation of a point's pixel errors in keyframes that follow each other."""
+    relief: float = 0.0
+    """Standard deviation over the height."""
+    walls: float = 0.0
+    """Share of points that stand a quarter of the height above the floor."""
+    slope_rad: tuple[float, float] = (0.0, 0.0)
+    tilt_std_rad: float = 0.03
+    attitude_std_rad: float | None = 0.01
+    range_std_m: float | None = 0.01
+    range_gain: float = 1.0
+    range_gain_std: float = 0.0
+    position_std_m: tuple[float, float] | None = None
+    """Horizontal, vertical."""
+    focal_ratio: float = 1.0
+    """True focal length over the one that is told."""
+    radial: float = 0.0
+    camera: PinholeModel = CAMERA
+
+
+@dataclass(frozen=True)
+class Made:
+    """Measurements, a start near the truth, and the truth."""
+
+    measurements: Measurements
+    start: np.ndarray
+    w_T_b: np.ndarray
+    floor_z_m: float
+
+
+def make(scene: Scene, seed: int) -> Made:
+    """Two parallel legs over the floor and back; the first keyframe stands over the origin."""
+    rng = np.random.default_rng(seed)
+    f_T_b = _poses(scene, rng)
+    floor = np.eye(4)
+    placed = scene.position_std_m is not None
+    floor[:3, :3] = Rotation.from_rotvec([*scene.slope_rad, 0.0]).as_matrix()
+    floor[2, 3] = 7.0 * scene.height_m if placed else 0.0
+    w_T_b = floor @ f_T_b
+    n = scene.keyframes
+    measurements = Measurements(
+        np.arange(n) * 1.0,
+        attitudes=_attitudes(scene, w_T_b, rng),
+        ranges=_ranges(scene, f_T_b, rng),
+        positions=_positions(scene, w_T_b, rng),
+        tracks=_tracks(scene, f_T_b, rng),
+        camera=scene.camera,
+        range_gain_std=scene.range_gain_std,
+    )
+    # A pose graph's map: a little off everywhere, a few percent in scale, first keyframe over the origin.
+    off = np.concatenate([rng.normal(0, 0.01, (n, 3)), rng.normal(0, 0.02 * scene.height_m, (n, 3))], axis=1)
+    off[0] *= 0 if placed else [1, 1, 0, 0, 0, 1]
+    start = w_T_b @ se3.exp(off)
+    if not placed:
+        start[0, :2, 3] = 0.0
+        start[:, :3, 3] *= 1.03
+    return Made(measurements, start, w_T_b, float(floor[2, 3]))
+
+
+def _poses(scene: Scene, rng: np.random.Generator) -> np.ndarray:
+    """(n, 4, 4) over the floor z = 0: there along one line, back along another, so that pictures overlap."""
+    n, h = scene.keyframes, scene.height_m
+    there = (n + 1) // 2
+    x = np.concatenate([np.arange(there), np.arange(n - there)[::-1] + 0.5]) * 0.3 * h
+    y = np.where(np.arange(n) < there, 0.0, 0.4 * h)
+    angles = rng.normal(0, scene.tilt_std_rad, (n, 3))
+    angles[0, 0] = 0.0
+    T = np.tile(np.eye(4), (n, 1, 1))
+    T[:, :3, :3] = Rotation.from_euler("ZYX", angles).as_matrix()
+    T[:, :3, 3] = np.column_stack([x, y, h * (1 + 0.08 * np.sin(np.arange(n)))])
+    T[1:, :2, 3] += rng.normal(0, 0.02 * h, (n - 1, 2))
+    return T
+
+
+def _tracks(scene: Scene, f_T_b: np.ndarray, rng: np.random.Generator) -> FloorTracks:
+    """Points spread evenly; as many in each view as asked for, on average."""
+    camera, h = scene.camera, scene.height_m
+    f_T_c = f_T_b @ camera.b_T_c
+    lo, hi = f_T_c[:, :2, 3].min(axis=0) - 1.5 * h, f_T_c[:, :2, 3].max(axis=0) + 1.5 * h
+    view = np.prod(SIZE_PX * h / camera.focal_px)
+    count = int(scene.points_in_view * np.prod(hi - lo) / view)
+    z = rng.normal(0, scene.relief * h, count) + 0.25 * h * (rng.uniform(size=count) < scene.walls)
+    point = np.column_stack([rng.uniform(lo, hi, (count, 2)), z])
+    noise = rng.normal(0, scene.pixel_std, (len(f_T_c), count, 2))
+    for k in range(1, len(noise)):
+        noise[k] = scene.pixel_colour * noise[k - 1] + np.sqrt(1 - scene.pixel_colour**2) * noise[k]
+    rows = []
+    for k, pose in enumerate(f_T_c):
+        c_p = (point - pose[:3, 3]) @ pose[:3, :3]
+        xy = c_p[:, :2] / c_p[:, 2:]
+        bent = 1 + scene.radial * np.sum(xy**2, axis=1, keepdims=True)
+        pixel = xy * bent * np.array(camera.focal_px) * scene.focal_ratio + camera.center_px
+        # Beyond 45 degrees the distortion folds points back into the picture: a lens does not see them.
+        ahead = (c_p[:, 2] > 0) & (np.abs(xy) < 1).all(axis=1)
+        seen = np.flatnonzero(ahead & (pixel > 0).all(axis=1) & (pixel < SIZE_PX).all(axis=1))
+        pixel = pixel[seen] + noise[k, seen]
+        rows += [(k, t, *p) for t, p in zip(seen, pixel, strict=True)]
+    table = np.array(rows)
+    track = table[:, 1].astype(int)
+    table = table[np.bincount(track)[track] >= 2]
+    _, track = np.unique(table[:, 1], return_inverse=True)
+    told = np.full(len(table), scene.told_pixel_std)
+    return FloorTracks(table[:, 0].astype(int), track, table[:, 2:], told)
+
+
+def _attitudes(scene: Scene, w_T_b: np.ndarray, rng: np.random.Generator) -> tuple[Attitude, ...]:
+    if scene.attitude_std_rad is None:
+        return ()
+    angles = Rotation.from_matrix(w_T_b[:, :3, :3]).as_euler("ZYX")[:, ::-1]
+    angles = angles + rng.normal(0, scene.attitude_std_rad, angles.shape)
+    return tuple(Attitude(k, a, np.full(3, scene.attitude_std_rad)) for k, a in enumerate(angles))
+
+
+def _ranges(scene: Scene, f_T_b: np.ndarray, rng: np.random.Generator) -> tuple[SlantRange, ...]:
+    if scene.range_std_m is None:
+        return ()
+    slant = scene.range_gain * f_T_b[:, 2, 3] / f_T_b[:, 2, 2]
+    slant = slant + rng.normal(0, scene.range_std_m, len(slant))
+    return tuple(SlantRange(k, float(r), scene.range_std_m) for k, r in enumerate(slant))
+
+
+def _positions(scene: Scene, w_T_b: np.ndarray, rng: np.random.Generator) -> tuple[Position, ...]:
+    if scene.position_std_m is None:
+        return ()
+    std = np.array([scene.position_std_m[0], *scene.position_std_m])
+    return tuple(Position(k, w_T_b[k, :3, 3] + rng.normal(0, std), std) for k in range(len(w_T_b)))
+
+
+def aligned(hat: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Poses with the first one's position and heading on the truth's."""
+    yaw = [np.arctan2(T[1, 0], T[0, 0]) for T in (hat[0], truth[0])]
+    turn = Rotation.from_euler("z", yaw[1] - yaw[0]).as_matrix()
+    out = hat.copy()
+    out[:, :3, :3] = turn @ hat[:, :3, :3]
+    out[:, :3, 3] = (hat[:, :3, 3] - hat[0, :3, 3]) @ turn.T + truth[0, :3, 3]
+    return out
+
+
+def nees(hat: np.ndarray, truth: np.ndarray, covariances: np.ndarray) -> np.ndarray:
+    """(n,) squared whitened errors, 6 degrees of freedom each."""
+    xi = se3.log(se3.inverse(hat) @ truth)
+    return np.einsum("na,na->n", xi, np.linalg.solve(covariances, xi[..., None])[..., 0])
