@@ -79,6 +79,20 @@ class Edges:
     relative_poses: tuple[RelativePose, ...]
     heights: Heights
 
+    def at_heights(self, height_m: Array) -> tuple[RelativePose, ...]:
+        """The relative poses in metres of the heights (n,) that were found in the end."""
+        return tuple(
+            _scaled(r, float(height_m[r.i] / self.heights.height_m[r.i])) for r in self.relative_poses
+        )
+
+
+def _scaled(edge: RelativePose, factor: float) -> RelativePose:
+    """The same edge with lengths multiplied."""
+    unit = np.array([1.0] * 3 + [factor] * 3)
+    i_T_j = edge.i_T_j.copy()
+    i_T_j[:3, 3] *= factor
+    return replace(edge, i_T_j=i_T_j, covariance=edge.covariance * np.outer(unit, unit))
+
 
 class Mapper:
     """The back end with its settings for one flight."""
