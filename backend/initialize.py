@@ -32,9 +32,7 @@ def spanning_tree(n: int, i: Index, j: Index, ij_T: Array, cost: Array, root: in
     step = np.where(forward[:, None, None], ij_T[edge], se3.inverse(ij_T[edge]))
     for k, p, T in zip(reached.tolist(), above.tolist(), step, strict=True):
         w_T[k] = w_T[p] @ T
-    known = np.isfinite(w_T[:, 0, 0])
-    w_T[known, :3, :3] = se3.nearest_rotations(w_T[known, :3, :3])
-    return w_T
+    return se3.orthonormal(w_T)
 
 
 def tree_edges(n: int, i: Index, j: Index, cost: Array) -> Index:

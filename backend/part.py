@@ -20,7 +20,7 @@ from backend.gauge import direction_words, hold_factor, key_runs, open_direction
 from backend.initialize import chordal, spanning_tree, tree_edges
 from backend.marginals import pose_covariances
 from backend.problem import Problem
-from backend.solve import Minimum, OnStep, check_finite, gauss_newton, levenberg_marquardt
+from backend.solve import Minimum, OnStep, check_error, gauss_newton, levenberg_marquardt
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -165,11 +165,7 @@ def _start(problem: Problem) -> Array:
     measurements."""
     given = np.isfinite(problem.initial).all(axis=(1, 2))
     if given.all():
-        w_T = problem.initial.copy()
-        R = w_T[:, :3, :3]
-        off = np.abs(np.einsum("nab,ncb->nac", R, R) - np.eye(3)).max(axis=(1, 2)) > 1e-9
-        w_T[off, :3, :3] = se3.nearest_rotations(R[off])
-        return w_T
+        return se3.orthonormal(problem.initial)
     root = int(np.argmax(given))
     first = problem.initial[root] if given.any() else np.eye(4)
     R = problem.sqrt_information
@@ -231,7 +227,7 @@ def _starts(problem: Problem, graph: gtsam.NonlinearFactorGraph, start: Array) -
     for number, w_T in enumerate(starts):
         values = problem.values(w_T)
         if number == 0:
-            check_finite(graph, values, problem.name)
+            check_error(graph, values, problem.name)
         yield values
     relaxed = _chordal_start(problem, start[0]) if looped and relaxed is None else None
     if relaxed is not None:

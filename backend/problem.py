@@ -16,9 +16,6 @@ from backend.pose_graph import PoseGraph
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_PLANAR = [3, 4, 2]
-"""(x, y, heading) in the spatial tangent."""
-
 
 @dataclass(frozen=True)
 class Problem:
@@ -87,7 +84,7 @@ class Problem:
     def residuals(self, w_T: Array) -> Array:
         """(m, d) whitened residuals of the edges, gtsam's own: the logarithm of what is left over."""
         error = se3.inverse(self.ij_T) @ se3.inverse(w_T[self.i]) @ w_T[self.j]
-        tangent = se3.log(error)[:, _PLANAR] if self.dimension == 2 else se3.log(error)
+        tangent = se3.planar_log(error) if self.dimension == 2 else se3.log(error)
         return np.einsum("mab,mb->ma", self.sqrt_information, tangent)
 
     def edge_factors(self, weight: Array | None = None) -> gtsam.NonlinearFactorGraph:

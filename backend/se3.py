@@ -79,8 +79,32 @@ def to_planar(T: Array) -> Array:
     return np.column_stack([T[:, 0, 3], T[:, 1, 3], np.arctan2(T[:, 1, 0], T[:, 0, 0])])
 
 
+def planar_log(T: Array) -> Array:
+    """``log`` of transforms that lie in the plane: (x, y, heading). (n, 4, 4) -> (n, 3)."""
+    heading = np.arctan2(T[:, 1, 0], T[:, 0, 0])
+    half = heading / 2
+    small = np.abs(half) < 1e-4
+    along = np.where(small, 1 - half**2 / 3, half / np.tan(np.where(small, 1.0, half)))
+    x, y = T[:, 0, 3], T[:, 1, 3]
+    return np.column_stack([along * x + half * y, along * y - half * x, heading])
+
+
 def nearest_rotations(M: Array) -> Array:
     """Rotations nearest to matrices in the Frobenius norm. (n, d, d) -> (n, d, d)."""
+    if M.shape[-1] == 2:
+        heading = np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])
+        c, s = np.cos(heading), np.sin(heading)
+        return np.stack([c, -s, s, c], axis=1).reshape(-1, 2, 2)
     U, _, Vt = np.linalg.svd(M)
     U[..., -1] *= np.sign(np.linalg.det(U @ Vt))[:, None]
     return U @ Vt
+
+
+def orthonormal(T: Array) -> Array:
+    """Transforms whose rotations are mended where rounding or a file has spoilt them; NaN stays."""
+    R = T[:, :3, :3]
+    with np.errstate(invalid="ignore"):
+        off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2)) > 1e-9
+    mended = T.copy()
+    mended[off, :3, :3] = nearest_rotations(R[off])
+    return mended

@@ -90,12 +90,12 @@ def check(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, name: Name =
     if parts.floating:
         where = "; ".join(key_runs(part, name) for part in parts.floating[:4])
         raise BackendError(f"nothing ties {where} to the world: hold one pose of each connected part")
-    check_finite(graph, initial, name)
-
-
-def check_finite(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, name: Name = key_name) -> None:
-    """The part of ``check`` that looks at figures, not at structure."""
     _check_values(initial, name)
+    check_error(graph, initial, name)
+
+
+def check_error(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, name: Name = key_name) -> None:
+    """The part of ``check`` that is left for finite values and a sound structure."""
     if not math.isfinite(_error(graph, initial)):
         raise BackendError(_not_finite(graph, initial, name))
 

@@ -1,14 +1,8 @@
-"""Time and memory of mosaics: ten times the pictures, and two thousand of them.
-
-``python -m tests.benchmarks.mosaic`` prints the table; each figure is taken in a process of its own, since a
-process never gives back its peak.
-"""
+"""Time and memory of mosaics: ten times the pictures over the same ground, and over ten times the ground."""
 
 from __future__ import annotations
 
 import json
-import resource
-import subprocess
 import sys
 import tempfile
 import time
@@ -22,6 +16,8 @@ from frontend.camera import Camera
 from slam.estimate import Estimate
 from slam.flight import Flight, Frames
 from slam.mosaic import write_mosaic
+from tests.benchmarks.apart import peak_mb, run_apart
+from tests.benchmarks.metric import Metric, told
 
 CAMERA = Camera((1000.0, 1000.0), (599.5, 449.5), (1200, 900))
 HEIGHT_M = 30.0
@@ -39,6 +35,31 @@ class MosaicRun:
     peak_mb: float
     seam_before: float
     seam_after: float
+
+
+SCENES = {
+    "hover": (100, 1000, "over one spot"),
+    "lines": (120, 1200, "along the same lines"),
+    "area": (200, 2000, "over ground that grows with them"),
+}
+
+
+def measure() -> list[Metric]:
+    """Each scene with few and with ten times as many pictures."""
+    metrics = []
+    for scene, (few, many, where) in SCENES.items():
+        a, b = (MosaicRun(**run_apart("tests.benchmarks.mosaic", scene, n)) for n in (few, many))
+        source = f"{a.peak_mb:.0f} -> {b.peak_mb:.0f} MB, {a.megapixels:.0f} -> {b.megapixels:.0f} Mpx"
+        metrics += [
+            told(f"mosaic memory, {many} over {few} pictures {where}", b.peak_mb / a.peak_mb, "x", source),
+            told(
+                f"mosaic time, {many} over {few} pictures {where}",
+                b.seconds / a.seconds,
+                "x",
+                f"{a.seconds:.1f} -> {b.seconds:.1f} s",
+            ),
+        ]
+    return metrics
 
 
 def poses(scene: str, count: int, seed: int = 0) -> NDArray[np.float64]:
@@ -92,40 +113,11 @@ def run(scene: str, count: int) -> MosaicRun:
         files.pictures,
         files.width * files.height / 1e6,
         time.perf_counter() - began,
-        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+        peak_mb(),
         files.seam_before,
         files.seam_after,
     )
 
 
-def run_apart(scene: str, count: int) -> MosaicRun:
-    """Render one scene in a new process."""
-    command = [sys.executable, "-m", "tests.benchmarks.mosaic", scene, str(count)]
-    done = subprocess.run(command, check=True, capture_output=True, text=True)
-    return MosaicRun(**json.loads(done.stdout))
-
-
-def main() -> None:
-    """Print all figures."""
-    print(f"{'scene':8}{'keyframes':>10}{'used':>6}{'Mpx':>7}{'s':>7}{'peak MB':>9}{'seam':>8}{'after':>8}")
-    for scene, count in [
-        ("hover", 100),
-        ("hover", 1000),
-        ("lines", 120),
-        ("lines", 1200),
-        ("area", 200),
-        ("area", 2000),
-    ]:
-        r = run_apart(scene, count)
-        print(
-            f"{r.scene:8}{r.keyframes:10}{r.used:6}{r.megapixels:7.1f}{r.seconds:7.1f}{r.peak_mb:9.0f}"
-            f"{r.seam_before:8.3f}{r.seam_after:8.3f}",
-            flush=True,
-        )
-
-
 if __name__ == "__main__":
-    if len(sys.argv) == 3:
-        print(json.dumps(asdict(run(sys.argv[1], int(sys.argv[2])))))
-    else:
-        main()
+    print(json.dumps(asdict(run(sys.argv[1], int(sys.argv[2])))))

@@ -1,0 +1,32 @@
+"""Jobs in processes of their own, so that time and peak memory belong to one job alone."""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+_STATUS = Path("/proc/self/status")
+
+
+def run_apart(module: str, *arguments: object) -> Any:
+    """What ``python -m module arguments`` prints as JSON on its last line."""
+    command = [sys.executable, "-m", module, *map(str, arguments)]
+    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def peak_mb() -> float:
+    """Peak resident memory of this process.
+
+    From the kernel's own book where there is one: ``ru_maxrss`` survives exec, so that a child starts with
+    the peak of its parent.
+    """
+    if _STATUS.exists():
+        line = next(line for line in _STATUS.read_text().splitlines() if line.startswith("VmHWM:"))
+        return int(line.split()[1]) / 1024
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (1024**2 if sys.platform == "darwin" else 1024)

@@ -1,0 +1,186 @@
+"""75 aerial photographs with a coarse GPS: against structure from motion and GPS, and beside pycolmap."""
+
+from __future__ import annotations
+
+import csv
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from slam.estimate import Estimate
+from slam.evaluation import evaluate
+from slam.evaluation.trajectory import Similarity, umeyama
+from slam.flight import Flight, GeoOrigin, Gps
+from slam.io.geodesy import enu_from_geodetic, geodetic_from_enu
+from slam.io.photos import import_photos
+from slam.pipeline import optimize
+from tests.benchmarks.measured import folder
+from tests.benchmarks.metric import Metric, Skipped, at_least, at_most, told
+
+Array = NDArray[np.float64]
+
+GOOD_GPS_TILT_DEG, GOOD_GPS_STD_M = 3.0, 0.3
+PYCOLMAP_SIDE_PX = 1000
+CLIMB_PHOTOS = 10
+"""The vehicle climbs while the first ones are taken."""
+
+
+@dataclass(frozen=True)
+class Positions:
+    """Camera positions of the placed photos, in metres, east north up."""
+
+    ours_m: Array
+    reference_m: Array
+    gps_m: Array
+
+
+def measure() -> list[Metric]:
+    """All figures; pycolmap's time is left out where the package is missing."""
+    photos = folder("photos/caliterra")
+    began = time.perf_counter()
+    flight = import_photos(photos)
+    estimate = optimize(flight)
+    seconds = time.perf_counter() - began
+    placed = estimate.component == 0
+    positions = positions_of(flight, estimate, photos, placed)
+    return [
+        at_least("photos placed, of 75", int(placed.sum()), "", 74),
+        at_most("connected components", int(estimate.component.max()) + 1, "", 1),
+        *shape(positions),
+        *against_gps(positions),
+        *heights(positions),
+        good_gps(flight, estimate, positions, placed),
+        *beside_pycolmap(photos, seconds, positions.reference_m),
+    ]
+
+
+def positions_of(flight: Flight, estimate: Estimate, photos: Path, placed: NDArray[np.bool_]) -> Positions:
+    """Ours, the reference's and the GPS's, photo by photo."""
+    with (photos / "sfm_reference.csv").open() as stream:
+        rows = {row[0]: [float(x) for x in row[1:]] for row in list(csv.reader(stream))[1:]}
+    reference = np.array([rows[name] for name in estimate.frame_names])
+    assert flight.gps is not None
+    gps = flight.gps
+    fixes = enu_from_geodetic(gps.latitude_deg, gps.longitude_deg, gps.altitude_m, origin_of(estimate))
+    return Positions(estimate.w_T_b[placed, :3, 3], reference[placed], fixes[estimate.frame_index[placed]])
+
+
+def origin_of(estimate: Estimate) -> GeoOrigin:
+    """Where the map stands on Earth."""
+    assert estimate.origin is not None, "the map is not georeferenced"
+    return estimate.origin
+
+
+def shape(p: Positions) -> list[Metric]:
+    """Against structure from motion after a similarity."""
+    onto = umeyama(p.ours_m, p.reference_m, with_scale=True)
+    off = onto.apply(p.ours_m) - p.reference_m
+    tilt_deg = float(np.degrees(np.arccos(np.clip(onto.R[2, 2], -1, 1))))
+    return [
+        at_most("RMS to sfm_reference.csv after a similarity", rms(off), "m", 3.0),
+        told("the same, horizontally", rms(off[:, :2]), "m"),
+        told("the same, vertically", rms(off[:, 2:]), "m"),
+        told("tilt of that reference against our level map", tilt_deg, "deg"),
+    ]
+
+
+def against_gps(p: Positions) -> list[Metric]:
+    """Our residual beside the reference's, as both stand and after a similarity each."""
+    # The reference's origin is not recorded; its least squares put its mean on the GPS's mean.
+    reference = p.reference_m + (p.gps_m - p.reference_m).mean(axis=0)
+    stand = p.ours_m - p.gps_m, reference - p.gps_m
+    fitted = tuple(aligned(q, p.gps_m).apply(q) - p.gps_m for q in (p.ours_m, reference))
+    metrics = []
+    for how, (ours, theirs) in (("as they stand", stand), ("after a similarity each", fitted)):
+        for axes, name in ((slice(0, 2), "horizontal"), (slice(2, 3), "vertical"), (slice(0, 3), "3-D")):
+            a, b = rms(ours[:, axes]), rms(theirs[:, axes])
+            key, source = f"{name} GPS residual over the reference's, {how}", f"{a:.2f} m over {b:.2f} m"
+            asked = name == "horizontal" and how == "as they stand"
+            metrics.append(at_most(key, a / b, "x", 1.1, source) if asked else told(key, a / b, "x", source))
+    return metrics
+
+
+def aligned(moving_m: Array, fixed_m: Array) -> Similarity:
+    """Least-squares similarity."""
+    return umeyama(moving_m, fixed_m, with_scale=True)
+
+
+def heights(p: Positions) -> list[Metric]:
+    """Why the vertical residual is what it is: by how much each says the camera climbed after its climb."""
+    span = {name: float(np.ptp(q[CLIMB_PHOTOS:, 2])) for name, q in (("our map", p.ours_m), ("GPS", p.gps_m))}
+    return [
+        told(f"range of heights after the first {CLIMB_PHOTOS} photos, {name}", value, "m")
+        for name, value in span.items()
+    ]
+
+
+def good_gps(flight: Flight, estimate: Estimate, p: Positions, placed: NDArray[np.bool_]) -> Metric:
+    """Structure from motion's own positions as GPS, tilted and noisy; nothing is aligned afterwards."""
+    rng = np.random.default_rng(0)
+    onto = umeyama(p.reference_m, p.ours_m, with_scale=True)
+    level = onto.apply(p.reference_m)
+    heading = rng.uniform(0, 2 * np.pi)
+    axis = np.radians(GOOD_GPS_TILT_DEG) * np.array([np.cos(heading), np.sin(heading), 0.0])
+    middle = level.mean(axis=0)
+    tilted = (level - middle) @ Rotation.from_rotvec(axis).as_matrix().T + middle
+    noisy = tilted + rng.normal(0, GOOD_GPS_STD_M, tilted.shape)
+    assert flight.frames is not None
+    stamps_s = flight.frames.stamps_s[estimate.frame_index[placed]]
+    gps = Gps(stamps_s, *geodetic_from_enu(noisy, origin_of(estimate)), (GOOD_GPS_STD_M,) * 3)
+    flown = replace(flight, gps=gps)
+    run = evaluate(optimize(flown), flown)
+    return at_most(
+        "residual to a good GPS, nothing aligned",
+        run.ate_m.rmse,
+        "m",
+        1.0,
+        f"sfm_reference.csv tilted by {GOOD_GPS_TILT_DEG:g} deg, {GOOD_GPS_STD_M:g} m of noise an axis "
+        f"({GOOD_GPS_STD_M * np.sqrt(3):.2f} m in all)",
+    )
+
+
+def beside_pycolmap(photos: Path, seconds: float, reference_m: Array) -> list[Metric]:
+    """Its time on the same photos in the same run: SIFT on two cores, every photo against every other."""
+    ours = told("our time, pictures to poses", seconds, "s")
+    try:
+        theirs_s, registered = run_pycolmap(photos)
+    except Skipped as skipped:
+        return [replace(ours, source=f"pycolmap's not taken: {skipped}")]
+    source = f"{seconds:.0f} s over {theirs_s:.0f} s; it placed {registered} of {len(reference_m)}"
+    return [
+        ours,
+        told(f"pycolmap's time, {PYCOLMAP_SIDE_PX} px, exhaustive matching, CPU", theirs_s, "s"),
+        told("our time over pycolmap's", seconds / theirs_s, "x", source),
+    ]
+
+
+def run_pycolmap(photos: Path) -> tuple[float, int]:
+    """Seconds and photos placed. Raises ``Skipped`` where the package is missing."""
+    try:
+        import pycolmap
+    except ImportError:
+        raise Skipped("pycolmap is not installed (pip install --group bench)") from None
+    pycolmap.logging.minloglevel = 2
+    with tempfile.TemporaryDirectory() as scratch:
+        database, names = Path(scratch) / "photos.db", sorted(path.name for path in photos.glob("*.jpg"))
+        extraction = pycolmap.FeatureExtractionOptions()
+        extraction.max_image_size = PYCOLMAP_SIDE_PX
+        cpu = pycolmap.Device.cpu
+        began = time.perf_counter()
+        pycolmap.extract_features(
+            database, photos, names, pycolmap.CameraMode.SINGLE, extraction_options=extraction, device=cpu
+        )
+        pycolmap.match_exhaustive(database, device=cpu)
+        models = pycolmap.incremental_mapping(database, photos, Path(scratch))
+        seconds = time.perf_counter() - began
+    return seconds, max((model.num_reg_images() for model in models.values()), default=0)
+
+
+def rms(off_m: Array) -> float:
+    """Root mean square length of (n, d) differences."""
+    return float(np.sqrt(np.mean(np.sum(off_m**2, axis=1))))

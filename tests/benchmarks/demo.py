@@ -1,0 +1,88 @@
+"""The figure-eight demo over several seeds: landmark errors, the loop's gap, consistency."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from slam.evaluation import Evaluation, evaluate
+from slam.evaluation.landmarks import MapWays
+from slam.pipeline import optimize
+from slam.simulation import simulate
+from tests.benchmarks.metric import Metric, at_most, told, within
+
+SEEDS = (0, 1, 2, 3, 4)
+LARGEST_PERCENT, GAP_M = 0.5, 0.010
+
+
+def measure() -> list[Metric]:
+    """Seed 0 by itself, then all of them."""
+    runs = [evaluated(seed) for seed in SEEDS]
+    return [*one(runs[0]), *several(runs)]
+
+
+def evaluated(seed: int) -> Evaluation:
+    """Fly, map and compare with the truth."""
+    flight = simulate("figure_eight", seed)
+    return evaluate(optimize(flight), flight)
+
+
+def largest_percent(evaluation: Evaluation) -> MapWays:
+    """Of all named distances, for each way to make the map."""
+    rows = [row.error_percent for row in evaluation.landmarks]
+    return MapWays(*(max(getattr(row, way) for row in rows) for way in ("chain", "odometry", "loops")))
+
+
+def gap_m(evaluation: Evaluation) -> MapWays:
+    """Errors of the A-E gap."""
+    return next(gap.error_m for gap in evaluation.loop_gaps if gap.name == "A-E")
+
+
+def one(run: Evaluation) -> list[Metric]:
+    """The default recipe and seed: what ``slam demo`` shows."""
+    largest, gap = largest_percent(run), gap_m(run)
+    assert run.nees is not None
+    assert run.loops is not None
+    pose = run.nees.pose
+    return [
+        told("seed 0: largest landmark error, chain of homographies", largest.chain, "%"),
+        told("seed 0: largest landmark error, optimized without loops", largest.odometry, "%"),
+        at_most("seed 0: largest landmark error, with loops", largest.loops, "%", LARGEST_PERCENT),
+        told("seed 0: A-E gap error, chain of homographies", gap.chain, "m"),
+        told("seed 0: A-E gap error, optimized without loops", gap.odometry, "m"),
+        at_most("seed 0: A-E gap error, with loops", gap.loops, "m", GAP_M),
+        told(
+            "seed 0: position error (ATE)", run.ate_m.rmse, "m", "first keyframe's position and yaw aligned"
+        ),
+        within(
+            "seed 0: mean NEES of poses", pose.mean, "", (pose.lower95, pose.upper95), "95 % band; 6 expected"
+        ),
+        told("seed 0: loop precision", run.loops.precision, ""),
+        told("seed 0: loop recall", run.loops.recall, ""),
+    ]
+
+
+def several(runs: list[Evaluation]) -> list[Metric]:
+    """Median and worst over the seeds."""
+    metrics = []
+    asked: list[tuple[str, str, Callable[[Evaluation], float], float | None]] = [
+        ("largest landmark error, chain of homographies", "%", lambda e: largest_percent(e).chain, None),
+        ("largest landmark error, optimized without loops", "%", lambda e: largest_percent(e).odometry, None),
+        ("largest landmark error, with loops", "%", lambda e: largest_percent(e).loops, LARGEST_PERCENT),
+        ("A-E gap error, chain of homographies", "m", lambda e: gap_m(e).chain, None),
+        ("A-E gap error, with loops", "m", lambda e: gap_m(e).loops, GAP_M),
+        ("position error (ATE)", "m", lambda e: e.ate_m.rmse, None),
+    ]
+    for key, unit, figure, limit in asked:
+        values = np.array([figure(run) for run in runs])
+        metrics.append(told(f"{len(runs)} seeds, median: {key}", float(np.median(values)), unit))
+        worst = f"{len(runs)} seeds, worst: {key}"
+        metrics.append(
+            told(worst, values.max(), unit) if limit is None else at_most(worst, values.max(), unit, limit)
+        )
+    poses = [run.nees.pose for run in runs if run.nees is not None]
+    listed = ", ".join(f"{p.mean:.2f} in {p.lower95:.2f}-{p.upper95:.2f}" for p in poses)
+    inside = sum(p.consistent for p in poses)
+    metrics.append(told(f"{len(runs)} seeds: mean NEES inside its 95 % band", inside, "", listed))
+    return metrics

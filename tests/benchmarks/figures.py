@@ -1,0 +1,86 @@
+"""Figures as the README and the screen show them."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+
+from tests.benchmarks.metric import Metric
+
+BEGIN, END = "<!-- figures -->", "<!-- /figures -->"
+
+Section = tuple[str, Sequence[Metric], str]
+"""Title, figures, and why there are none."""
+
+
+def number(value: float) -> str:
+    """Three digits, whole numbers as they are."""
+    if not math.isfinite(value):
+        return "none"
+    if value == int(value) and abs(value) < 1e6:
+        return str(int(value))
+    digits = max(0, 2 - math.floor(math.log10(abs(value))))
+    return f"{value:.{min(digits, 6)}f}"
+
+
+def measured(metric: Metric) -> str:
+    """``1.25 mm``: metres below a tenth are shown as millimetres."""
+    value, unit = _readable(metric.value, metric)
+    return f"{number(value)} {unit}".strip()
+
+
+def verdict(metric: Metric) -> tuple[str, str]:
+    """What was asked for, and ``met`` or ``missed``; both empty where nothing was."""
+    if metric.met is None:
+        return "", ""
+    limits = [number(_readable(limit, metric)[0]) for limit in metric.limit]
+    unit = _readable(metric.value, metric)[1]
+    asked = " to ".join(limits) if metric.direction == "within" else f"{metric.direction} {limits[0]}"
+    return f"{asked} {unit}".strip(), "met" if metric.met else "missed"
+
+
+def _readable(value: float, metric: Metric) -> tuple[float, str]:
+    small = metric.unit == "m" and max(abs(metric.value), *map(abs, metric.limit), 0.0) < 0.1
+    return (1e3 * value, "mm") if small else (value, metric.unit)
+
+
+def markdown(sections: Sequence[Section], commits: Sequence[str]) -> str:
+    """The README's block."""
+    state = f"commit {commits[0]}" if len(commits) == 1 else f"commits {', '.join(commits)}"
+    lines = [
+        f"Measured by `make bench` on {_cores()} ({state}); `python -m tests.benchmarks.run NAME` takes one"
+        " part alone. Speed and memory are told as ratios of runs side by side; seconds and megabytes are"
+        " those of that one run.",
+        "",
+        "| figure | measured | asked for | |",
+        "|---|---|---|---|",
+    ]
+    for title, metrics, skipped in sections:
+        lines.append(f"| **{title}** | {f'skipped: {skipped}' if skipped else ''} | | |")
+        for m in metrics:
+            source = f" <br><sub>{m.source}</sub>" if m.source else ""
+            lines.append(f"| {m.key}{source} | {measured(m)} | {' | '.join(_told(m))} |")
+    return "\n".join(lines)
+
+
+def _told(metric: Metric) -> tuple[str, str]:
+    asked, met = verdict(metric)
+    return asked, "**missed**" if met == "missed" else met
+
+
+def _cores() -> str:
+    count = os.cpu_count() or 1
+    words = {1: "one core", 2: "two cores", 4: "four cores"}
+    return words.get(count, f"{count} cores")
+
+
+def with_block(text: str, block: str) -> str:
+    """``text`` with what stands between the two markers replaced; they are added at its end where missing."""
+    before, found, rest = text.partition(BEGIN)
+    if not found:
+        return f"{text.rstrip()}\n\n## Figures\n\n{BEGIN}\n{block}\n{END}\n"
+    _, closed, after = rest.partition(END)
+    if not closed:
+        raise ValueError(f"README.md: {BEGIN} is never closed by {END}; add it")
+    return f"{before}{BEGIN}\n{block}\n{END}{after}"

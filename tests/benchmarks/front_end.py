@@ -1,0 +1,154 @@
+"""Speed of the front end on the demo's frames, and beside the bare OpenCV calls that it makes.
+
+One untimed run records every call that goes into OpenCV. Then, in turns, the front end runs and the recorded
+calls are made again straight from a list; the best of several turns counts. Frames are rendered beforehand.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import cv2
+
+import frontend
+from frontend import registration
+from frontend.features import Features
+from slam.flight import Flight
+from slam.progress import silent
+from slam.settings import PipelineConfig
+from slam.sightings import Sighter
+from slam.simulation import simulate
+from tests.benchmarks.metric import Metric, at_least, at_most, told
+
+CORES = 2
+TURNS = 5
+
+
+def measure() -> list[Metric]:
+    """Frames a second, and the two ratios."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:CORES])
+    cv2.setNumThreads(CORES)
+    flight = in_memory(simulate("figure_eight", 0))
+    assert flight.frames is not None
+    count = len(flight.frames)
+    with recorded() as record:
+        watch(flight)
+    turns = [
+        (timed(lambda: watch(flight)), timed(lambda: again(record.calls)), timed(lambda: matched(record)))
+        for _ in range(TURNS)
+    ]
+    ours, bare, matching = (min(column) for column in zip(*turns, strict=True))
+    per_frame = f"{1e3 * ours / count:.1f} ms over {{:.1f}} ms a frame, best of {TURNS} turns"
+    return [
+        at_least("front end on the demo's frames, 320x240, two cores", count / ours, "frames/s", 45),
+        at_most(
+            "front end over the bare OpenCV calls it makes", ours / bare, "x", 1.25,
+            per_frame.format(1e3 * bare / count),
+        ),
+        told(
+            "front end over the same with OpenCV's matcher (batchDistance) for its matrix product",
+            ours / (bare + matching), "x", per_frame.format(1e3 * (bare + matching) / count),
+        ),
+    ]  # fmt: skip
+
+
+def in_memory(flight: Flight) -> Flight:
+    """The flight with its pictures rendered."""
+    assert flight.frames is not None
+    images = [frame.read() for frame in flight.frames]
+    return replace(flight, frames=replace(flight.frames, load=images.__getitem__))
+
+
+def watch(flight: Flight) -> None:
+    """Track, gate, keyframe: the front end's pass over all frames."""
+    assert flight.camera is not None
+    Sighter(flight, flight.camera, PipelineConfig(), silent).watch()
+
+
+def timed(work: Callable[[], object]) -> float:
+    """Seconds."""
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
+
+
+Call = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class Record:
+    """What went into OpenCV, and what was matched."""
+
+    calls: list[Call]
+    pairs: list[tuple[Features, Features]]
+
+
+def again(calls: list[Call]) -> None:
+    """The same calls, straight."""
+    for call, arguments, named in calls:
+        call(*arguments, **named)
+
+
+def matched(record: Record) -> None:
+    """What the front end matches, by OpenCV: two nearest forward, the nearest backward."""
+    for a, b in record.pairs:
+        cv2.batchDistance(a.descriptor, b.descriptor, cv2.CV_32F, normType=cv2.NORM_L2, K=2)
+        cv2.batchDistance(b.descriptor, a.descriptor, cv2.CV_32F, normType=cv2.NORM_L2, K=1)
+
+
+@contextmanager
+def recorded() -> Iterator[Record]:
+    """Record every OpenCV function and detector that the front end's source calls."""
+    record = Record([], [])
+
+    def listed(call: Callable[..., Any]) -> Callable[..., Any]:
+        def wrapped(*arguments: Any, **named: Any) -> Any:
+            record.calls.append((call, arguments, named))
+            return call(*arguments, **named)
+
+        return wrapped
+
+    class Listed:
+        """A detector whose calls are recorded."""
+
+        def __init__(self, inner: Any) -> None:
+            self._inner = inner
+
+        def __getattr__(self, name: str) -> Any:
+            return listed(getattr(self._inner, name))
+
+    def match(a: Features, b: Features, *arguments: Any) -> Any:
+        record.pairs.append((a, b))
+        return original(a, b, *arguments)
+
+    original = registration.match
+    with mock.patch.object(registration, "match", match):
+        patches = [mock.patch.object(cv2, name, listed(getattr(cv2, name))) for name in functions()]
+        sift = cv2.SIFT_create
+        patches.append(mock.patch.object(cv2, "SIFT_create", lambda *a, **n: Listed(sift(*a, **n))))
+        for patch in patches:
+            patch.start()
+        try:
+            yield record
+        finally:
+            for patch in patches:
+                patch.stop()
+
+
+def functions() -> set[str]:
+    """Names of the OpenCV functions that the front end calls."""
+    names = set()
+    for path in Path(frontend.__path__[0]).glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and ast.unparse(node.func).startswith("cv2."):
+                names.add(ast.unparse(node.func).removeprefix("cv2."))
+    return {name for name in names if name[0].islower() and "." not in name}

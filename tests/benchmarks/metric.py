@@ -1,0 +1,58 @@
+"""A figure that a benchmark tells, and what was asked of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+Direction = Literal["at most", "at least", "within", "told"]
+
+
+class Skipped(Exception):
+    """The benchmark cannot run here; the message says what is missing."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One figure with unit, direction and limit; ``told`` ones have no limit."""
+
+    key: str
+    value: float
+    unit: str
+    direction: Direction = "told"
+    limit: tuple[float, ...] = ()
+    """One figure, or the two ends of a band."""
+    source: str = ""
+    """How it was taken, where the key does not say it."""
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the limit is kept; None where there is none. What is not finite keeps no limit."""
+        if self.direction == "told":
+            return None
+        if not math.isfinite(self.value):
+            return False
+        if self.direction == "within":
+            return self.limit[0] <= self.value <= self.limit[1]
+        return self.value <= self.limit[0] if self.direction == "at most" else self.value >= self.limit[0]
+
+
+def at_most(key: str, value: float, unit: str, limit: float, source: str = "") -> Metric:
+    """A figure that must not exceed its limit."""
+    return Metric(key, float(value), unit, "at most", (limit,), source)
+
+
+def at_least(key: str, value: float, unit: str, limit: float, source: str = "") -> Metric:
+    """A figure that must reach its limit."""
+    return Metric(key, float(value), unit, "at least", (limit,), source)
+
+
+def within(key: str, value: float, unit: str, band: tuple[float, float], source: str = "") -> Metric:
+    """A figure that must lie in its band."""
+    return Metric(key, float(value), unit, "within", band, source)
+
+
+def told(key: str, value: float, unit: str, source: str = "") -> Metric:
+    """A figure without a limit."""
+    return Metric(key, float(value), unit, source=source)

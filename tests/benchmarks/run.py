@@ -1,0 +1,143 @@
+"""``python -m tests.benchmarks.run [NAME...]``: measure, show, write out/bench.json and the README's table.
+
+Each benchmark runs in a fresh process. Named ones replace their own figures and keep the others' of earlier
+runs; the README is written when every benchmark has a record.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from slam.io.atomic import atomic_file
+from tests.benchmarks.figures import markdown, measured, verdict, with_block
+from tests.benchmarks.metric import Metric, Skipped
+
+TITLES = {
+    "demo": "Figure-eight demo",
+    "hybrid": "AR.Drone 2 over a photographed floor (`ardrone2-hybrid`)",
+    "caliterra": "75 aerial photographs (`caliterra`)",
+    "graphs": "Standard pose graphs",
+    "front_end": "Front end",
+    "side_by_side": "Side by side on the demo's keyframes",
+    "memory": "A flight ten times as long",
+    "mosaic": "Mosaics",
+}
+ROOT = Path(__file__).parents[2]
+BENCH, README = ROOT / "out" / "bench.json", ROOT / "README.md"
+
+
+@dataclass(frozen=True)
+class Record:
+    """What became of one benchmark."""
+
+    name: str
+    metrics: tuple[Metric, ...]
+    skipped: str
+    """Why there are no figures; empty where there are."""
+    seconds: float
+    commit: str
+    """State of the repository that was measured."""
+
+    @staticmethod
+    def of(data: dict[str, Any]) -> Record:
+        """From what bench.json holds."""
+        metrics = tuple(Metric(**{**m, "limit": tuple(m["limit"])}) for m in data["metrics"])
+        return Record(**{**data, "metrics": metrics})
+
+
+def main() -> None:
+    """Run what was named, or everything."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.run", description=__doc__)
+    parser.add_argument("name", nargs="*", help=f"any of: {', '.join(TITLES)}; all where none is given")
+    parser.add_argument("--inside", metavar="FILE", type=Path, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if unknown := set(arguments.name) - set(TITLES):
+        parser.error(f"no benchmark {', '.join(sorted(unknown))}; there are: {', '.join(TITLES)}")
+    if arguments.inside:
+        arguments.inside.write_text(json.dumps(inside(arguments.name[0])))
+        return
+    records = earlier()
+    screen = Console(width=None if sys.stdout.isatty() else 150)
+    for name in arguments.name or TITLES:
+        screen.print(f"[bold]{TITLES[name]}[/]")
+        records[name] = apart(name)
+        screen.print(shown(records[name]))
+        with atomic_file(BENCH) as path:
+            path.write_text(json.dumps([asdict(record) for record in records.values()], indent=1))
+    missing = [name for name in TITLES if name not in records]
+    if missing:
+        screen.print(f"README not written: no figures yet of {', '.join(missing)}")
+        return
+    sections = [(TITLES[n], records[n].metrics, records[n].skipped) for n in TITLES]
+    commits = {record.commit for record in records.values()}
+    with atomic_file(README) as path:
+        path.write_text(with_block(README.read_text(), markdown(sections, sorted(commits))))
+
+
+def inside(name: str) -> dict[str, Any]:
+    """Measure in this process."""
+    try:
+        metrics = importlib.import_module(f"tests.benchmarks.{name}").measure()
+    except Skipped as skipped:
+        return {"metrics": [], "skipped": str(skipped)}
+    return {"metrics": [asdict(metric) for metric in metrics], "skipped": ""}
+
+
+def apart(name: str) -> Record:
+    """Measure in a fresh process. A benchmark that breaks is told as such and stops no other."""
+    began, state = time.perf_counter(), commit()
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "metrics.json"
+        command = [sys.executable, "-m", "tests.benchmarks.run", name, "--inside", str(file)]
+        done = subprocess.run(command, cwd=ROOT, check=False)
+        found = json.loads(file.read_text()) if file.exists() else {}
+    found = found or {"metrics": [], "skipped": f"broke with exit code {done.returncode}"}
+    return Record.of({"name": name, "seconds": time.perf_counter() - began, "commit": state, **found})
+
+
+def commit() -> str:
+    """The commit that was measured, with a + where the work tree differs from it."""
+    told = subprocess.run(
+        ["git", "describe", "--always", "--dirty=+", "--exclude=*"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return told.stdout.strip() or "unknown"
+
+
+def earlier() -> dict[str, Record]:
+    """Figures of earlier runs."""
+    if not BENCH.exists():
+        return {}
+    records = [Record.of(data) for data in json.loads(BENCH.read_text())]
+    return {record.name: record for record in records if record.name in TITLES}
+
+
+def shown(record: Record) -> Table | str:
+    """One benchmark for the screen."""
+    if record.skipped:
+        return f"  skipped: {record.skipped}"
+    table = Table("figure", "measured", "asked for", "", "how", box=None, padding=(0, 2, 0, 0))
+    colour = {"met": "green", "missed": "red"}
+    for m in record.metrics:
+        value, asked, met = measured(m), *verdict(m)
+        table.add_row(m.key, value, asked, f"[{colour[met]}]{met}[/]" if met else "", m.source)
+    return table
+
+
+if __name__ == "__main__":
+    main()
