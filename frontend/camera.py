@@ -53,8 +53,10 @@ class Camera:
         pixel = np.asarray(pixel, dtype=float).reshape(-1, 2)
         if not self.is_distorted or len(pixel) == 0:
             return pixel
+        # OpenCV's own five iterations leave 0.15 px in the corners of a wide lens.
+        stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-6)
         return cv2.undistortPoints(
-            pixel[:, None], self.matrix, np.array(self.distortion), P=self.matrix
+            pixel[:, None], self.matrix, np.array(self.distortion), P=self.matrix, criteria=stop
         ).reshape(-1, 2)
 
     def rays(self, pixel: Array) -> Array:

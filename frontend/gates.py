@@ -20,8 +20,8 @@ class GateConfig:
 
     max_outlier_share: float = 0.8
     """gamma_1 of the paper (section 3.1)."""
-    max_relative_change: float = 4.0
-    """gamma_2 of the paper (section 3.1, equation 2); 1 is no change."""
+    max_relative_change: float = 2.5
+    """gamma_2 of the paper (section 3.1, equation 2); 1 is no change, half a turn comes to 1.6."""
     min_inliers: int = 15
     min_spread: float = 0.03
     """Share of the picture that the hull of the inliers covers."""
@@ -65,15 +65,14 @@ def local_scale(i_H_j: Array, camera: Camera) -> float:
 
 
 def relative_change(before_H0: Array, after_H0: Array, camera: Camera) -> float:
-    """Mean |delta H| of equation 2: the old global homography divided by the new, element by element.
+    """Mean |delta H| of equation 2: by how much a new local transformation changes the global one.
 
-    As printed the ratio is unbounded wherever an element passes through zero (any translation does). So both
-    are written in picture widths, where 1 is the natural size of every element, and 1 is added above
-    and below: an unchanged homography gives 1, one that doubles gives about 2.
+    As printed, the old homography over the new element by element, it is unbounded wherever an element passes
+    through zero: any translation does, and all elements do where a long flight crosses the horizon of a first
+    picture that was not level. So the old picture is the canvas, elements are in picture widths, where 1 is
+    the natural size of each, and 1 + |old - new| stands for the ratio. An unchanged homography gives 1.
     """
     w = camera.size_px[0]
     to_widths = np.diag([1.0 / w, 1.0 / w, 1.0])
-    a = to_widths @ (before_H0 / before_H0[2, 2]) @ np.linalg.inv(to_widths)
-    b = to_widths @ (after_H0 / after_H0[2, 2]) @ np.linalg.inv(to_widths)
-    ratio = (1.0 + np.abs(a - b) + np.abs(b)) / (1.0 + np.abs(b))
-    return float(ratio.mean())
+    local = to_widths @ np.linalg.solve(before_H0, after_H0) @ np.linalg.inv(to_widths)
+    return float(1.0 + np.abs(local / local[2, 2] - np.eye(3)).mean())

@@ -127,7 +127,10 @@ def _refine(
         covariance = noise**2 * C @ np.linalg.solve(information, C.T)
     except np.linalg.LinAlgError:
         return None
-    return HomographyFit(H, 0.5 * (covariance + covariance.T), inlier, noise)
+    covariance = 0.5 * (covariance + covariance.T)
+    if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] <= 0:
+        return None  # points on a line, or all in one place
+    return HomographyFit(H, covariance, inlier, noise)
 
 
 def _transfer_residuals(H: Array, pixel_i: Array, pixel_j: Array) -> tuple[Array, Array, Array]:

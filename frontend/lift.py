@@ -1,9 +1,10 @@
 """From homographies in pixels to relative poses in metres.
 
 A homography fixes the pose of camera j relative to the floor once the floor is known in camera i: its
-distance (height) and its normal (roll and pitch). Heights are left at 1 here: ``scale`` makes metres of
-them when the heights of all keyframes have been agreed upon. Until then the body's axes are taken to stand
-at the camera, for a lever arm is known in metres only. All functions work on m pairs at once.
+distance (height) and its normal (roll and pitch). It has two figures more than a pose, and these correct
+roll and pitch as far as their sensor's uncertainty allows. Heights are left at 1 here: ``scale`` makes
+metres of them when the heights of all keyframes have been agreed upon. Until then the body's axes are taken
+to stand at the camera, for a lever arm is known in metres only. All functions work on m pairs at once.
 
 Source: Hartley and Zisserman 2004, sections 8.1 (plane to picture) and 5.2 (propagation of covariance);
 Steder et al. 2008 for the down-looking case.
@@ -35,7 +36,8 @@ class LiftedPoses:
     log_ratio_std: Array
     """(m,) standard deviation of log(height_ratio)."""
     misfit: Array
-    """(m,) squared whitened distance between homography and best rigid pose, 2 degrees of freedom."""
+    """(m,) squared whitened distance of homography and attitude from the best pose, 2 degrees of freedom;
+    infinite where camera j would look up."""
     b_p_c_m: Array
     """(3,) where the camera sits on the body."""
     camera_above_body_m: Array
@@ -43,12 +45,13 @@ class LiftedPoses:
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """(m,) whether the pose is above the floor and its covariance positive definite."""
+        """(m,) whether the pose looks at the floor from above and its covariance is positive definite."""
         finite = np.isfinite(self.covariance).all(axis=(1, 2)) & np.isfinite(self.i_T_j).all(axis=(1, 2))
         safe = np.where(np.asarray(finite)[:, None, None], self.covariance, np.eye(6))
         variances = np.linalg.eigvalsh(safe)
         definite = variances[:, 0] > 1e-12 * variances[:, -1]
-        return finite & definite & (self.height_ratio > 0) & np.isfinite(self.log_ratio_std)
+        told = np.isfinite(self.log_ratio_std) & np.isfinite(self.misfit)
+        return finite & definite & told & (self.height_ratio > 0)
 
     def scale(self, height_m: Array, height_std_m: Array) -> tuple[Array, Array]:
         """Poses (m, 4, 4) and covariances (m, 6, 6) of the bodies in metres.
@@ -74,15 +77,13 @@ def lift(
     camera: Camera,
     roll_pitch_rad: Array,
     roll_pitch_std_rad: Array,
-    normal_std_rad: float = 0.0,
 ) -> LiftedPoses:
     """Relative poses of m pairs from their homographies and the attitude of keyframe i.
 
     ``i_H_j`` (m, 3, 3); ``corner_covariance`` (m, 8, 8) px² as in `frontend.homography`;
-    ``roll_pitch_rad`` and its std (m, 2). ``normal_std_rad`` adds a floor that is not level.
+    ``roll_pitch_rad`` and its std (m, 2), of body i over the floor.
     """
     m = len(i_H_j)
-    attitude_std = np.hypot(roll_pitch_std_rad, normal_std_rad)
     lever = camera.b_T_c[:3, 3]
     if m == 0:
         empty = np.empty(0)
@@ -101,30 +102,16 @@ def lift(
     covariance_j = back @ corner_covariance @ back.transpose(0, 2, 1) + 1e-8 * np.eye(8)
     weight: Array = np.asarray(np.linalg.inv(covariance_j), dtype=float)
 
-    start = _start(i_H_j, camera, roll_pitch_rad)
-    pose, information, residual = _solve(pixel_i, corners, weight, camera, roll_pitch_rad, start)
-    i_T_j = _relative(roll_pitch_rad, pose)
-    covariance = np.linalg.inv(information)
-    ratio_gradient = np.zeros((m, 6))
-    ratio_gradient[:, 3:] = pose[:, 2, :3]  # d height_j / d xi
-    ratio_variance = np.einsum("ma,mab,mb->m", ratio_gradient, covariance, ratio_gradient)
-    step = 1e-4
-    for axis in range(2):
-        moved = roll_pitch_rad.copy()
-        moved[:, axis] += step
-        other, _, _ = _solve(pixel_i, corners, weight, camera, moved, pose, iterations=3)
-        difference = _log(np.linalg.inv(i_T_j) @ _relative(moved, other)) / step
-        covariance = covariance + np.einsum(
-            "ma,mb,m->mab", difference, difference, attitude_std[:, axis] ** 2
-        )
-        ratio_variance += ((other[:, 2, 3] - pose[:, 2, 3]) / step * attitude_std[:, axis]) ** 2
-    covariance = 0.5 * (covariance + covariance.transpose(0, 2, 1))
-    ratio = pose[:, 2, 3]
-    misfit = np.einsum("ma,mab,mb->m", residual, weight, residual)
+    fit = _solve(pixel_i, corners, weight, camera, roll_pitch_rad, roll_pitch_std_rad, i_H_j)
+    i_T_j = np.linalg.inv(level_T_body(fit.roll_pitch_rad)) @ fit.level_T_j
+    carry = _carry_to_relative(fit.roll_pitch_rad, i_T_j)
+    covariance = carry @ fit.covariance @ carry.transpose(0, 2, 1)
+    ratio = fit.level_T_j[:, 2, 3]
+    along = fit.level_T_j[:, 2, :3]  # d ratio / d translation of j
     with np.errstate(divide="ignore", invalid="ignore"):
-        log_std = np.sqrt(ratio_variance) / ratio
-    above = level_T_body(roll_pitch_rad)[:, 2, :3] @ lever
-    return LiftedPoses(i_T_j, covariance, ratio, log_std, misfit, lever, above)
+        log_std = np.sqrt(np.einsum("ma,mab,mb->m", along, fit.covariance[:, 3:6, 3:6], along)) / ratio
+    above = level_T_body(fit.roll_pitch_rad)[:, 2, :3] @ lever
+    return LiftedPoses(i_T_j, covariance, ratio, log_std, fit.misfit, lever, above)
 
 
 def level_T_body(roll_pitch_rad: Array) -> Array:
@@ -137,8 +124,34 @@ def level_T_body(roll_pitch_rad: Array) -> Array:
     return pose
 
 
-def _relative(roll_pitch_rad: Array, level_T_j: Array) -> Array:
-    return np.linalg.inv(level_T_body(roll_pitch_rad)) @ level_T_j
+@dataclass(frozen=True)
+class _Fit:
+    level_T_j: Array
+    roll_pitch_rad: Array
+    """(m, 2) attitude of i as the homography and the sensor agree on it."""
+    covariance: Array
+    """(m, 8, 8) of pose j (right perturbation) and of roll and pitch of i."""
+    misfit: Array
+
+
+def _carry_to_relative(roll_pitch_rad: Array, i_T_j: Array) -> Array:
+    """(m, 6, 8): what pose j in the level frame, and roll and pitch of i, do to i_T_j."""
+    R, t = i_T_j[:, :3, :3], i_T_j[:, :3, 3]
+    turn = _attitude_axes_in_body(roll_pitch_rad)
+    carry = np.zeros((len(i_T_j), 6, 8))
+    carry[:, :, :6] = np.eye(6)
+    carry[:, :3, 6:] = -R.transpose(0, 2, 1) @ turn
+    carry[:, 3:, 6:] = R.transpose(0, 2, 1) @ _hat(t) @ turn
+    return carry
+
+
+def _attitude_axes_in_body(roll_pitch_rad: Array) -> Array:
+    """(m, 3, 2) axes that roll and pitch turn about, in body axes."""
+    roll = roll_pitch_rad[:, 0]
+    zero = np.zeros_like(roll)
+    return np.stack(
+        [np.stack([zero + 1, zero, zero], -1), np.stack([zero, np.cos(roll), -np.sin(roll)], -1)], axis=-1
+    )
 
 
 def _start(i_H_j: Array, camera: Camera, roll_pitch_rad: Array) -> Array:
@@ -169,13 +182,17 @@ def _unit(v: Array) -> Array:
     return v / np.linalg.norm(v, axis=-1, keepdims=True)
 
 
-def _floor(pixel: Array, camera: Camera, level_T_b: Array) -> Array:
-    """(m, k, 3) points of the plane z = 0 under (m, k, 2) pixels."""
-    level_T_c = level_T_b @ camera.b_T_c
+def _floor(pixel: Array, camera: Camera, roll_pitch_rad: Array) -> tuple[Array, Array]:
+    """Floor points (m, k, 3) under (m, k, 2) pixels of i, and (m, k, 3, 2) what roll and pitch do to them."""
+    level_T_b = level_T_body(roll_pitch_rad)
+    level_R_c = level_T_b[:, :3, :3] @ camera.b_T_c[:3, :3]
     xy = (pixel - np.array(camera.center_px)) / np.array(camera.focal_px)
     ray = np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
-    ray = np.einsum("mab,mkb->mka", level_T_c[:, :3, :3], ray)
-    return level_T_c[:, None, :3, 3] - ray * (level_T_c[:, 2, 3, None] / ray[..., 2])[..., None]
+    ray = np.einsum("mab,mkb->mka", level_R_c, ray)
+    down = ray / -ray[..., 2:]
+    axes = level_T_b[:, None, :3, :3] @ _attitude_axes_in_body(roll_pitch_rad)[:, None]
+    swing = -_hat(down) @ axes
+    return down + [0, 0, 1.0], swing + down[..., None] * swing[..., 2:, :]
 
 
 def _solve(
@@ -184,33 +201,47 @@ def _solve(
     weight: Array,
     camera: Camera,
     roll_pitch_rad: Array,
-    start: Array,
+    roll_pitch_std_rad: Array,
+    i_H_j: Array,
     iterations: int = 10,
-) -> tuple[Array, Array, Array]:
-    """Gauss-Newton for the poses of j: (m, 4, 4), information (m, 6, 6), residuals (m, 8)."""
-    floor = _floor(pixel_i, camera, level_T_body(roll_pitch_rad))
+) -> _Fit:
+    """Gauss-Newton for the poses of j and the attitudes of i.
+
+    A homography has two figures more than a pose: they tell of the attitude of i what its sensor does not.
+    """
     c_T_b: Array = np.asarray(np.linalg.inv(camera.b_T_c), dtype=float)
-    pose = start.copy()
+    pose, tilt = _start(i_H_j, camera, roll_pitch_rad), roll_pitch_rad.copy()
     focal, centre = np.array(camera.focal_px, float), np.array(camera.center_px, float)
+    trust = 1.0 / np.maximum(roll_pitch_std_rad, 1e-6) ** 2
+    prior = np.zeros((len(pose), 8, 8))
+    prior[:, [6, 7], [6, 7]] = trust
     for k in range(iterations + 1):
+        floor, swing = _floor(pixel_i, camera, tilt)
         b_p = np.einsum("mba,mkb->mka", pose[:, :3, :3], floor - pose[:, None, :3, 3])
         c_p = b_p @ c_T_b[:3, :3].T + c_T_b[:3, 3]
         residual = (corners - (c_p[..., :2] / c_p[..., 2:] * focal + centre)).reshape(-1, 8)
-        J = _projection_jacobian(b_p, c_p, c_T_b[:3, :3], focal)
-        information = np.einsum("mka,mkl,mlb->mab", J, weight, J)
+        swing = pose[:, None, :3, :3].transpose(0, 1, 3, 2) @ swing
+        J = _projection_jacobian(b_p, c_p, c_T_b[:3, :3], focal, swing)
+        information = np.einsum("mka,mkl,mlb->mab", J, weight, J) + prior
         if k == iterations:
             break
         gradient = np.einsum("mka,mkl,ml->ma", J, weight, residual)
-        damping = 1e-9 * np.einsum("maa->m", information)[:, None, None] * np.eye(6)
+        gradient[:, 6:] += trust * (roll_pitch_rad - tilt)
+        damping = 1e-9 * np.einsum("maa->m", information[:, :6, :6])[:, None, None] * np.eye(8)
         step = np.linalg.solve(information + damping, gradient[..., None])[..., 0]
         # A wild homography must not throw the others' arithmetic off: steps are bounded.
         step *= np.minimum(1.0, 0.5 / (np.abs(step).max(axis=1, keepdims=True) + 1e-12))
-        pose = pose @ _exp(step)
-    return pose, information, residual
+        pose, tilt = pose @ _exp(step[:, :6]), tilt + step[:, 6:]
+    misfit = np.einsum("ma,mab,mb->m", residual, weight, residual)
+    misfit += (trust * (roll_pitch_rad - tilt) ** 2).sum(axis=1)
+    looks_down = pose[:, 2, :3] @ camera.b_T_c[:3, 2] < 0
+    misfit = np.where(looks_down, misfit, np.inf)  # a mirrored picture has a pose too, with the floor behind
+    covariance = np.linalg.inv(information)
+    return _Fit(pose, tilt, 0.5 * (covariance + covariance.transpose(0, 2, 1)), misfit)
 
 
-def _projection_jacobian(b_p: Array, c_p: Array, R_cb: Array, focal: Array) -> Array:
-    """(m, 8, 6) of projected pixels with respect to a right perturbation of the body."""
+def _projection_jacobian(b_p: Array, c_p: Array, R_cb: Array, focal: Array, b_swing: Array) -> Array:
+    """(m, 8, 8) of projected pixels: right perturbation of the body, roll and pitch that move the points."""
     m, k = b_p.shape[:2]
     d_pixel = np.zeros((m, k, 2, 3))
     z = c_p[..., 2]
@@ -218,8 +249,8 @@ def _projection_jacobian(b_p: Array, c_p: Array, R_cb: Array, focal: Array) -> A
     d_pixel[..., 1, 1] = focal[1] / z
     d_pixel[..., 0, 2] = -focal[0] * c_p[..., 0] / z**2
     d_pixel[..., 1, 2] = -focal[1] * c_p[..., 1] / z**2
-    d_body = np.concatenate([_hat(b_p), np.broadcast_to(-np.eye(3), (m, k, 3, 3))], axis=-1)
-    return (d_pixel @ R_cb @ d_body).reshape(m, 2 * k, 6)
+    d_body = np.concatenate([_hat(b_p), np.broadcast_to(-np.eye(3), (m, k, 3, 3)), b_swing], axis=-1)
+    return (d_pixel @ R_cb @ d_body).reshape(m, 2 * k, 8)
 
 
 def _hat(v: Array) -> Array:
@@ -236,8 +267,3 @@ def _exp(xi: Array) -> Array:
     T[:, :3, :3] = Rotation.from_rotvec(xi[:, :3]).as_matrix()
     T[:, :3, 3] = xi[:, 3:]
     return T
-
-
-def _log(T: Array) -> Array:
-    """Small differences (m, 6), rotation first."""
-    return np.concatenate([Rotation.from_matrix(T[:, :3, :3]).as_rotvec(), T[:, :3, 3]], axis=1)

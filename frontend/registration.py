@@ -73,7 +73,7 @@ def overlap(i_H_j: Array, camera: Camera) -> float:
     if (w <= 0).any():
         return 0.0
     quad = transfer(i_H_j, corners).astype(np.float32)
-    area = cv2.contourArea(quad)
+    area = cv2.contourArea(quad, oriented=True)  # negative: mirrored, as no floor is seen
     if not np.isfinite(quad).all() or area < 1.0 or not cv2.isContourConvex(quad):
         return 0.0
     shared, _ = cv2.intersectConvexConvex(quad, corners.astype(np.float32))

@@ -1,0 +1,156 @@
+"""Features: every kind finds, stands where the picture says, and respects mask and limit."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from frontend.camera import Camera
+from frontend.features import Extractor, FeatureConfig, FeatureKind, FeatureUnavailableError
+from frontend.matching import match
+from tests.frontend.floor_pairs import CAMERA, FISHY, texture
+
+KINDS: tuple[FeatureKind, ...] = ("sift", "orb", "orb-teblid", "akaze")
+
+
+def camera_of(width: int, height: int) -> Camera:
+    return Camera((width, width), ((width - 1) / 2, (height - 1) / 2), (width, height))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_kind_finds_describes_and_repeats(kind: FeatureKind) -> None:
+    picture = texture(np.random.default_rng(1), 320, 240)
+    one = Extractor(FeatureConfig(kind))(picture, CAMERA)
+    again = Extractor(FeatureConfig(kind))(cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR), CAMERA)
+    assert 300 < len(one) <= 500
+    assert one.pixel.shape == (len(one), 2)
+    assert one.descriptor.shape[0] == len(one)
+    np.testing.assert_array_equal(one.pixel, again.pixel)
+    np.testing.assert_array_equal(one.descriptor, again.descriptor)
+    assert (one.pixel > -0.5).all()
+    assert (one.pixel < np.array([319.5, 239.5])).all()
+    if kind == "sift":
+        assert one.descriptor.dtype == np.float32
+        np.testing.assert_allclose(np.linalg.norm(one.descriptor, axis=1), 1.0, atol=1e-5)
+    else:
+        assert one.descriptor.dtype == np.uint8
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("width", "height", "max_side"), [(320, 240, 1400), (503, 347, 1400), (701, 503, 450)]
+)
+def test_picture_turned_by_half_maps_features_onto_themselves(
+    kind: FeatureKind, width: int, height: int, max_side: int
+) -> None:
+    picture = texture(np.random.default_rng(width), width, height)
+    camera, extract = camera_of(width, height), Extractor(FeatureConfig(kind, 1000, max_side))
+    one, turned = extract(picture, camera), extract(np.ascontiguousarray(picture[::-1, ::-1]), camera)
+    pairs = match(one, turned)
+    bias = (one.pixel[pairs[:, 0]] + turned.pixel[pairs[:, 1]] - [width - 1, height - 1]) / 2
+    bias = bias[np.abs(bias).max(axis=1) < 3]  # the rest are mismatches
+    assert len(bias) > 300
+    np.testing.assert_allclose(np.median(bias, axis=0), 0, atol=1e-3)
+    np.testing.assert_allclose(bias.mean(axis=0), 0, atol=0.015)
+
+
+@pytest.mark.parametrize(
+    ("kind", "std_px"),
+    [("sift", (0.02, 0.15)), ("orb", (0.4, 0.9)), ("orb-teblid", (0.4, 0.9)), ("akaze", (0.15, 0.6))],
+)
+def test_positions_are_where_a_coarser_picture_of_the_same_floor_shows_them(
+    kind: FeatureKind, std_px: tuple[float, float]
+) -> None:
+    """Both pictures are area means of one fine texture: no resampling of ours decides where a pixel is."""
+    errors = []
+    for seed in range(2):
+        fine = cv2.resize(
+            texture(np.random.default_rng(seed), 480, 360), (1440, 1080), interpolation=cv2.INTER_CUBIC
+        )
+        a = Extractor(FeatureConfig(kind, 2000))(
+            cv2.resize(fine, (480, 360), interpolation=cv2.INTER_AREA), camera_of(480, 360)
+        )
+        b = Extractor(FeatureConfig(kind, 2000))(
+            cv2.resize(fine, (320, 240), interpolation=cv2.INTER_AREA), camera_of(320, 240)
+        )
+        pairs = match(a, b)
+        error = (a.pixel[pairs[:, 0]] + 0.5) / 1.5 - 0.5 - b.pixel[pairs[:, 1]]
+        errors.append(error[np.abs(error).max(axis=1) < 3])
+    error = np.concatenate(errors)
+    assert len(error) > 500
+    assert np.abs(error.mean(axis=0)).max() < 0.06
+    assert std_px[0] < error.std() < std_px[1]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_reduced_picture_gives_positions_at_full_size(kind: FeatureKind) -> None:
+    fine = cv2.GaussianBlur(texture(np.random.default_rng(4), 900, 675, 4.0), (0, 0), 2.0)
+    mask = np.zeros((675, 900), np.uint8)
+    mask[100:500, 200:700] = 255
+    full = Extractor(FeatureConfig(kind, 2000))(fine, camera_of(900, 675))
+    reduced = Extractor(FeatureConfig(kind, 2000, 450))(fine, camera_of(900, 675), mask)
+    assert len(reduced) > 50
+    assert (reduced.pixel > [197, 97]).all()
+    assert (reduced.pixel < [703, 503]).all()
+    pairs = match(full, reduced)
+    error = full.pixel[pairs[:, 0]] - reduced.pixel[pairs[:, 1]]
+    error = error[np.abs(error).max(axis=1) < 5]
+    assert len(error) > 30
+    assert np.abs(np.median(error, axis=0)).max() < 0.25
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_mask_is_respected(kind: FeatureKind) -> None:
+    picture = texture(np.random.default_rng(2), 320, 240)
+    mask = np.zeros((240, 320), np.uint8)
+    mask[:, :160] = 255
+    seen = Extractor(FeatureConfig(kind))(picture, CAMERA, mask).pixel
+    assert len(seen) > 100
+    assert (seen[:, 0] < 161.5).all()  # positions are refined by up to a pixel after the mask
+    assert len(Extractor(FeatureConfig(kind))(picture, CAMERA, np.zeros_like(mask))) == 0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_limit_keeps_the_strongest(kind: FeatureKind) -> None:
+    """Contrast fades from left to right: the strongest stand at the left."""
+    noise = texture(np.random.default_rng(3), 320, 240).astype(float) - 125
+    picture = np.clip(125 + noise * np.linspace(1.0, 0.1, 320), 0, 255).astype(np.uint8)
+    many = Extractor(FeatureConfig(kind, 2000))(picture, CAMERA)
+    few = Extractor(FeatureConfig(kind, 100))(picture, CAMERA)
+    assert 20 < len(few) <= 100 < len(many)
+    assert few.pixel[:, 0].mean() < many.pixel[:, 0].mean() - 20
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("shape", [(1, 1), (1, 4000), (7, 300), (40, 40), (240, 320)])
+def test_featureless_and_tiny_pictures_give_none(kind: FeatureKind, shape: tuple[int, int]) -> None:
+    extract = Extractor(FeatureConfig(kind))
+    camera = camera_of(*shape[::-1])
+    nothing = extract(np.full(shape, 90, np.uint8), camera)
+    assert len(nothing) == 0
+    full = extract(texture(np.random.default_rng(0), 320, 240), CAMERA)
+    assert nothing.descriptor.shape == (0, full.descriptor.shape[1])
+    assert nothing.descriptor.dtype == full.descriptor.dtype
+    assert len(match(nothing, full)) == len(match(full, nothing)) == 0
+
+
+def test_lens_distortion_is_taken_out_of_the_positions() -> None:
+    picture = texture(np.random.default_rng(5), 320, 240)
+    plain, lens = (Extractor()(picture, camera) for camera in (CAMERA, FISHY))
+    np.testing.assert_allclose(lens.pixel, FISHY.undistort(plain.pixel))
+    assert np.abs(lens.pixel - plain.pixel).max() > 3
+    np.testing.assert_array_equal(lens.descriptor, plain.descriptor)
+
+
+def test_surf_says_what_is_missing_and_what_to_do() -> None:
+    with pytest.raises(FeatureUnavailableError, match=r"surf.*OpenCV build.*sift"):
+        Extractor(FeatureConfig("surf"))
+    with pytest.raises(FeatureUnavailableError, match="choose sift, orb"):
+        Extractor(FeatureConfig("sfit"))  # type: ignore[arg-type]
+
+
+def test_number_of_features_grows_with_the_width_up_to_the_reduction() -> None:
+    config = FeatureConfig(max_features=500, max_side_px=1400)
+    widths = (100, 500, 1000, 1400, 5000)
+    assert [config.for_width(w).max_features for w in widths] == [500, 500, 1000, 1400, 1400]

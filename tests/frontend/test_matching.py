@@ -1,0 +1,91 @@
+"""Matching against a brute-force oracle."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from frontend.features import Features
+from frontend.matching import match
+
+
+def brute_force(a: NDArray, b: NDArray, ratio: float) -> set[tuple[int, int]]:
+    """By definition, pair by pair, in double precision."""
+    if a.dtype == np.uint8:
+        bits_a, bits_b = np.unpackbits(a, axis=1), np.unpackbits(b, axis=1)
+        distance = (bits_a[:, None] != bits_b[None]).sum(axis=2).astype(float)
+    else:
+        distance = np.linalg.norm(a[:, None].astype(float) - b[None].astype(float), axis=2)
+    found = set()
+    for i, row in enumerate(distance):
+        j = int(row.argmin())
+        second = np.delete(row, j).min()
+        if row[j] < ratio * second and distance[:, j].argmin() == i:
+            found.add((i, j))
+    return found
+
+
+def two_views(rng: np.random.Generator, binary: bool, n: int = 120) -> tuple[Features, Features]:
+    """Half the features of b are disturbed copies of a's, the rest have nothing to do with them."""
+    if binary:
+        a = rng.integers(0, 256, (n, 32), dtype=np.uint8)
+        flips = np.packbits(rng.random((n, 256)) < rng.uniform(0, 0.4, (n, 1)), axis=1)
+        b = np.where(np.arange(n)[:, None] % 2, a ^ flips, rng.integers(0, 256, (n, 32), dtype=np.uint8))
+    else:
+        a = rng.normal(size=(n, 24)).astype(np.float32)
+        b = np.where(
+            np.arange(n)[:, None] % 2,
+            a + rng.normal(size=(n, 24)) * rng.uniform(0, 1, (n, 1)),
+            rng.normal(size=(n, 24)),
+        )
+        a, b = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (a, b))
+        a, b = a.astype(np.float32), b.astype(np.float32)
+    b = b[rng.permutation(n)][: n - 7]
+    return Features(rng.uniform(0, 300, (len(a), 2)), a), Features(rng.uniform(0, 300, (len(b), 2)), b)
+
+
+@pytest.mark.parametrize("binary", [False, True])
+@pytest.mark.parametrize("ratio", [0.6, 0.85, 1.0])
+def test_agrees_with_brute_force(binary: bool, ratio: float) -> None:
+    total = 0
+    for seed in range(8):
+        a, b = two_views(np.random.default_rng(seed), binary)
+        pairs = match(a, b, ratio)
+        assert pairs.dtype == np.int64
+        assert {(int(i), int(j)) for i, j in pairs} == brute_force(a.descriptor, b.descriptor, ratio)
+        total += len(pairs)
+    assert total > 150  # the test would be empty otherwise
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_no_feature_is_used_twice_and_no_pair_depends_on_order(binary: bool) -> None:
+    rng = np.random.default_rng(11)
+    a, b = two_views(rng, binary)
+    pairs = match(a, b)
+    assert len(set(pairs[:, 0])) == len(set(pairs[:, 1])) == len(pairs)
+    order = rng.permutation(len(b))
+    shuffled = match(a, Features(b.pixel[order], b.descriptor[order]))
+    assert {(i, int(order[j])) for i, j in shuffled.tolist()} == {tuple(p) for p in pairs.tolist()}
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_repeated_pattern_gives_no_match(binary: bool) -> None:
+    """Two features of b look exactly alike: neither can be told to be the one."""
+    rng = np.random.default_rng(5)
+    b, _ = two_views(rng, binary, 20)
+    if binary:
+        seen = b.descriptor ^ np.packbits(rng.random((20, 256)) < 0.05, axis=1)
+    else:
+        seen = b.descriptor + rng.normal(0, 0.03, b.descriptor.shape)
+        seen = (seen / np.linalg.norm(seen, axis=1, keepdims=True)).astype(np.float32)
+    a = Features(b.pixel, seen)
+    twice = Features(np.tile(b.pixel, (2, 1)), np.tile(b.descriptor, (2, 1)))
+    assert len(match(a, twice)) == 0
+    np.testing.assert_array_equal(match(a, b), np.column_stack([np.arange(20)] * 2))
+
+
+@pytest.mark.parametrize(("n", "m"), [(0, 5), (5, 0), (1, 5), (5, 1), (0, 0)])
+def test_too_few_to_compare_gives_none(n: int, m: int) -> None:
+    d = np.eye(8, dtype=np.float32)
+    assert match(Features(np.zeros((n, 2)), d[:n]), Features(np.zeros((m, 2)), d[:m])).shape == (0, 2)

@@ -1,0 +1,142 @@
+"""Two pictures registered, from features or from nothing in common."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from frontend.camera import Camera
+from frontend.features import Extractor, FeatureConfig, FeatureKind, Features
+from frontend.gates import GateConfig
+from frontend.homography import HomographyConfig, transfer
+from frontend.registration import Registration, overlap, register
+from tests.frontend.floor_pairs import CAMERA, pair, texture, true_homography
+from tests.frontend.mosaic_scene import CAMERA as SMALL
+from tests.frontend.mosaic_scene import photograph, pose, smooth_floor
+
+
+def compare(a: Features, b: Features, camera: Camera = CAMERA) -> Registration:
+    return register(3, 8, a, b, camera, HomographyConfig(), GateConfig())
+
+
+def synthetic(rng: np.random.Generator, count: int, wrong: float) -> tuple[Features, Features, np.ndarray]:
+    """Features of one floor in two pictures, 0.3 px of noise, some described alike at the wrong place."""
+    H = true_homography(CAMERA, *pair(rng, 1.0, 1.0, 0.05))
+    pixel_j = rng.uniform([0, 0], [319, 239], (count, 2))
+    pixel_i = transfer(H, pixel_j) + rng.normal(0, 0.3, (count, 2))
+    outlier = rng.random(count) < wrong
+    pixel_i[outlier] = rng.uniform([0, 0], [319, 239], (outlier.sum(), 2))
+    descriptor = rng.normal(size=(count, 32))
+    descriptor = (descriptor / np.linalg.norm(descriptor, axis=1, keepdims=True)).astype(np.float32)
+    return Features(pixel_i, descriptor), Features(pixel_j, descriptor), H
+
+
+@pytest.mark.parametrize("kind", ["sift", "orb", "orb-teblid", "akaze"])
+def test_pictures_of_a_floor_register_where_the_poses_say(kind: FeatureKind) -> None:
+    """Two real renderings, all kinds of features, within four of their own standard deviations."""
+    floor = smooth_floor(2, size=900, texel_m=0.006, blur=1.2)
+    camera = replace(SMALL, focal_px=(320.0, 320.0), center_px=(159.5, 119.5), size_px=(320, 240))
+    camera = replace(camera, distortion=(-0.2, 0.05, 0.001, -0.001))
+    poses = pose(0.1, -0.2, 1.6, 0.4, 0.05, -0.03), pose(0.3, -0.1, 1.9, -0.5, -0.04, 0.02)
+    extract = Extractor(FeatureConfig(kind))
+    a, b = (extract(photograph(floor, camera, T), camera) for T in poses)
+    link = compare(a, b, camera)
+    assert link.ok, link.reason
+    assert (link.i, link.j) == (3, 8)
+    # Both stand over the floor of that scene, which is not at zero.
+    H = np.linalg.inv(camera.floor_H_image(poses[0], 0.25)) @ camera.floor_H_image(poses[1], 0.25)
+    corners = camera.undistort(camera.corners_px)
+    error = (transfer(link.i_H_j, corners) - transfer(H, corners)).ravel()
+    assert error @ np.linalg.solve(link.corner_covariance, error) < 36  # chi² with 8: 1 in 50 000
+    assert np.abs(error).max() < 5.0
+    residual = transfer(H, b.pixel[link.matches[:, 1]]) - a.pixel[link.matches[:, 0]]
+    assert np.linalg.norm(residual, axis=1).max() < 6
+    assert 0.05 <= link.noise_px < 0.9
+
+
+def test_inliers_are_the_right_matches_and_carry_the_features_numbers() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(10):
+        a, b, H = synthetic(rng, 200, 0.3)
+        link = compare(a, b)
+        assert link.ok, link.reason
+        assert 100 < len(link.matches) < 175
+        np.testing.assert_array_equal(link.matches[:, 0], link.matches[:, 1])
+        distance = np.linalg.norm(
+            transfer(H, b.pixel[link.matches[:, 1]]) - a.pixel[link.matches[:, 0]], axis=1
+        )
+        assert distance.max() < 5
+
+
+def test_too_few_matches_no_plane_and_refusals_have_their_reason() -> None:
+    rng = np.random.default_rng(2)
+    a, b, _ = synthetic(rng, 14, 0.0)
+    assert compare(a, b).reason == "too few matches"
+    a, b, _ = synthetic(rng, 100, 1.0)
+    assert compare(a, b).reason in (
+        "too few inliers",
+        "outlier share above gamma_1",
+        "no plane fits the matches",
+    )
+    same = Features(np.tile([[50.0, 60]], (100, 1)), a.descriptor)
+    refused = compare(same, same)
+    assert refused.reason == "no plane fits the matches"
+    assert not refused.ok
+    assert np.isnan(refused.i_H_j).all()
+    assert refused.matches.shape == (0, 2)
+    line = np.array([[20.0, 30]]) + rng.uniform(0, 1, (100, 1)) * [250, 150]
+    on_line = Features(line, a.descriptor), Features(line + rng.normal(0, 0.2, line.shape), a.descriptor)
+    assert compare(*on_line).reason in (
+        "no plane fits the matches",
+        "inliers crowded in one place",
+        "homography poorly determined",
+        "folded or no overlap",
+        "implausible change of scale",
+    )
+
+
+def test_random_features_never_register() -> None:
+    """Fault 46, from descriptors on: nothing in common."""
+    rng = np.random.default_rng(3)
+    extract = Extractor()
+    pictures = [texture(rng, 320, 240) for _ in range(6)]
+    features = [extract(p, CAMERA) for p in pictures]
+    for i in range(6):
+        for j in range(i):
+            assert not compare(features[i], features[j]).ok
+
+
+def test_overlap_is_the_shared_area_and_zero_where_the_transfer_folds() -> None:
+    assert overlap(np.eye(3), CAMERA) == pytest.approx(1.0)
+    half, mirror, shrink, grow = np.eye(3), np.diag([-1.0, 1, 1]), np.eye(3), np.eye(3)
+    half[0, 2] = 319 / 2
+    mirror[0, 2] = 319
+    shrink[:2, :2] *= 0.5
+    grow[:2, :2] *= 2
+    assert overlap(half, CAMERA) == pytest.approx(0.5)
+    assert overlap(mirror, CAMERA) == 0.0  # no floor is seen mirrored
+    assert overlap(shrink, CAMERA) == pytest.approx(1.0)
+    assert overlap(grow, CAMERA) == pytest.approx(0.25)
+    assert overlap(np.array([[1.0, 0, 0], [0, 1, 0], [-1 / 100, 0, 1]]), CAMERA) == 0.0
+    half[0, 2] = 1e6
+    assert overlap(half, CAMERA) == 0.0
+
+
+def test_overlap_agrees_with_counting_pixels() -> None:
+    rng = np.random.default_rng(4)
+    u, v = np.meshgrid(np.linspace(0, 319, 160), np.linspace(0, 239, 120))
+    grid = np.column_stack([u.ravel(), v.ravel()])
+    for _ in range(20):
+        i, j = pair(rng, 1.0, rng.uniform(0.6, 1.6), 0.05)
+        H = true_homography(CAMERA, i, j)
+        quad = transfer(H, CAMERA.corners_px).astype(np.float32)
+        # Shares of area in picture i, so each pixel counts by how much it is stretched there.
+        u = grid @ H[:, :2].T + H[:, 2]
+        weight = np.abs(1.0 / u[:, 2]) ** 3
+        seen = u[:, :2] / u[:, 2:]
+        inside = ((seen >= 0) & (seen <= [319, 239])).all(axis=1)
+        assert overlap(H, CAMERA) == pytest.approx((weight * inside).sum() / weight.sum(), abs=0.015)
+        assert cv2.isContourConvex(quad)
