@@ -29,7 +29,7 @@ def local_value(stamps_s: Array, values: Array, at_s: Array, half_window_s: floa
         lo, hi = np.searchsorted(stamps_s, [t - half_window_s, t + half_window_s])
         # One sample on each side at least, or there is nothing to interpolate.
         lo = max(0, min(lo, np.searchsorted(stamps_s, t, side="right") - 1))
-        hi = min(len(stamps_s), max(hi, lo + 2))
+        hi = min(len(stamps_s), max(hi, lo + 2, np.searchsorted(stamps_s, t) + 1))
         dt = stamps_s[lo:hi] - t
         if len(dt) == 0 or np.abs(dt).min() > MAX_GAP_S or np.ptp(stamps_s[lo:hi]) > 4 * MAX_GAP_S:
             continue
@@ -47,10 +47,16 @@ def attitudes_at(series: AttitudeSeries | None, at_s: Array, floor_std_rad: floa
     """Attitude at each keyframe; ``floor_std_rad`` bounds from below what a maker's figure may claim."""
     if series is None:
         return ()
-    unwrapped = np.unwrap(series.roll_pitch_yaw_rad, axis=0)
-    value, factor = local_value(series.stamps_s, unwrapped, at_s, 0.05)
-    std = np.hypot(np.array(series.noise_std_rad)[None] * factor[:, None], floor_std_rad)
-    return tuple(Attitude(int(k), value[k], std[k]) for k in np.flatnonzero(np.isfinite(value).all(axis=1)))
+    value, std = np.full((len(at_s), 3), np.nan), np.full((len(at_s), 3), np.inf)
+    for axes in ([0, 1], [2]):  # a heading may be missing where the tilt is known
+        angles = series.roll_pitch_yaw_rad[:, axes]
+        good = np.isfinite(angles).all(axis=1)
+        unwrapped = np.unwrap(angles[good], axis=0)
+        value[:, axes], factor = local_value(series.stamps_s[good], unwrapped, at_s, 0.05)
+        std[:, axes] = np.hypot(np.array(series.noise_std_rad)[axes] * factor[:, None], floor_std_rad)
+    std[np.isnan(value)] = np.inf
+    known = np.isfinite(value[:, :2]).all(axis=1)
+    return tuple(Attitude(int(k), np.nan_to_num(value[k]), std[k]) for k in np.flatnonzero(known))
 
 
 def ranges_at(sonar: Sonar | None, at_s: Array, floor_std_m: float) -> tuple[SlantRange, ...]:
@@ -76,6 +82,8 @@ def positions_at(flight: Flight, at_s: Array, origin: GeoOrigin | None) -> tuple
     altitude = np.where(np.isfinite(gps.altitude_m), gps.altitude_m, origin.altitude_m)
     enu = enu_from_geodetic(gps.latitude_deg, gps.longitude_deg, altitude, origin)
     good = np.isfinite(enu).all(axis=1)
+    if not good.any():
+        return ()
     stamps_s, enu, flat = gps.stamps_s[good], enu[good], ~np.isfinite(gps.altitude_m[good])
     positions = []
     for k, t in enumerate(at_s):

@@ -52,7 +52,7 @@ def test_each_part_has_its_own_scale():
 
 
 def test_a_fifth_of_wild_ratios_and_heights_does_no_harm():
-    """Chain sound, a fifth of loops and of measured heights wild. An end of the chain may have no majority."""
+    """Chain sound, a fifth of loops and heights wild. An end of the chain may have no majority."""
     off = np.array([with_wild(seed) for seed in range(30)])
     assert np.mean(off[:, 1:-1] > 0.05) < 0.005
     assert np.median(off.max(axis=1)) < 0.02
