@@ -85,8 +85,8 @@ def estimate_noise(
     std_px = tracks.std_px * noise.pixel_scale
     residuals = _linearise(problem, values, std_px, used)
     whitened = residuals.pixel / std_px[:, None]
-    # Far off is told by the noise found, not by the noise told before: that may be several times too small.
-    limit = problem.config.drop_sigmas * _spread(problem, residuals, whitened, noise, used)
+    # Far off is told by the noise found where it is larger: what was told may be several times too small.
+    limit = problem.config.drop_sigmas * max(1.0, _spread(problem, residuals, whitened, noise, used))
     used = used & (np.linalg.norm(whitened, axis=1) < limit)
     seen = np.bincount(tracks.track[used], minlength=len(residuals.relief))
     used = used & (seen[tracks.track] >= 2)
