@@ -56,7 +56,8 @@ def _status(fused: Fused, metric: bool) -> tuple[str, list[str]]:
         sizes = ", ".join(str(int((fused.component == k).sum())) for k in range(parts))
         warnings.append(f"the flight falls into {parts} parts that no picture joins ({sizes} keyframes)")
     if lost:
-        warnings.append(f"{lost} keyframes overlap no other and are not placed")
+        who = f"{lost} keyframes overlap" if lost > 1 else "1 keyframe overlaps"
+        warnings.append(f"{who} no other: not placed")
     if not metric and not fused.georeferenced:
         warnings.append("no sonar and no GPS: no metric scale; lengths are in mean heights of the camera")
     status = "ok" if not warnings else "; ".join(warnings)
@@ -69,7 +70,7 @@ def account(
     """The estimate of a flight from what was found."""
     sightings, edges, solution, fused = mapped.sightings, mapped.edges, mapped.solution, mapped.fused
     assert flight.frames is not None
-    status, warnings = _status(fused, bool(edges.heights.metric.all()))
+    status, warnings = _status(fused, bool(edges.heights.metric[fused.component >= 0].all()))
     loops = _loop_verdicts(config, sightings, edges, solution)
     rejected = Counter(sightings.rejected)
     rejected.update(Counter(f"loop: {_kind(v.reason)}" for v in loops if v.verdict == "rejected"))

@@ -56,15 +56,12 @@ def fuse(mapper: Mapper, sightings: Sightings, edges: Edges, solution: Solution,
     kept = [r for r, ok in zip(edges.registrations, solution.edge_kept, strict=True) if ok]
     tracks = mapper.tracks(sightings.store.pixels, kept)
     w_T_b, covariances = solution.w_T_b.copy(), np.full((n, 6, 6), np.nan)
-    component = np.where(_tied(n, kept), solution.component, -1)
+    component = _largest_first(np.where(_tied(n, kept), solution.component, -1))
     w_T_b[component < 0] = np.nan
     warnings: list[str] = []
     camera, floor_z_m, first, georeferenced = mapper.camera, 0.0, None, False
     for part in range(int(component.max(initial=-1)) + 1):
         members = np.flatnonzero(component == part)
-        if len(members) < 2:
-            component[members] = -1
-            continue
         metric = bool(edges.heights.metric[members].all())
         laid = lay_onto(w_T_b[members], _renumbered(mapper, members), metric)
         start, floor = laid if laid is not None else (_headed(w_T_b[members], sensors, members), 0.0)
@@ -74,7 +71,9 @@ def fuse(mapper: Mapper, sightings: Sightings, edges: Edges, solution: Solution,
             )
         w_T_b[members] = start
         try:
-            bundle = mapper.refine(members, w_T_b, floor, tracks, lambda k, _: progress("refine", k, 0))
+            # Positions that could not place the part are not to pull at it either.
+            usable = mapper if laid is not None else mapper.without_positions()
+            bundle = usable.refine(members, w_T_b, floor, tracks, lambda k, _: progress("refine", k, 0))
         except BackendError as error:
             warnings.append(f"part of {len(members)} keyframes not refined: {error}")
         else:
@@ -91,6 +90,15 @@ def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:
     for r in kept:
         tied[[r.i, r.j]] = True
     return tied
+
+
+def _largest_first(component: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Parts renumbered without gaps, 0 the largest; -1 stays."""
+    label, size = np.unique(component[component >= 0], return_counts=True)
+    out = np.full_like(component, -1)
+    for number, k in enumerate(np.lexsort((label, -size))):
+        out[component == label[k]] = number
+    return out
 
 
 def _renumbered(mapper: Mapper, members: NDArray[np.int64]) -> list[Position]:

@@ -112,6 +112,10 @@ class Mapper:
         sensors = replace(self.sensors, roll_pitch_rad=roll_pitch, roll_pitch_std_rad=std)
         return Mapper(self.camera, sensors, self.config)
 
+    def without_positions(self) -> Mapper:
+        """The same without GPS."""
+        return Mapper(self.camera, replace(self.sensors, positions=()), self.config)
+
     def edges(self, registrations: Sequence[Registration]) -> Edges:
         """Lift homographies to relative poses in metres (in mean heights where no metres were measured)."""
         i = np.array([r.i for r in registrations], dtype=np.int64)
@@ -196,6 +200,8 @@ class Mapper:
             ranges.append(SlantRange(k, height / cosine, height * max(0.01, float(heights.log_std[k]))))
         measurements = Measurements(sensors.stamps_s, edges.relative_poses, tuple(attitudes), tuple(ranges))
         plain = solve(measurements, loops_robust=False, covariances=False, on_step=on_step)
+        if not edges.relative_poses:
+            return plain
         # Attitudes that lean together make all edges disagree a little: that is no reason to reject any.
         typical = float(np.median(plain.edge_residual**2)) / float(chi2.median(6))
         if typical > 1.0:

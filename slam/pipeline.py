@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from frontend.camera import Camera
 from slam.account import Mapped, account
 from slam.errors import InputError
@@ -31,7 +33,6 @@ def optimize(
     sighter = Sighter(flight, camera, config, progress)
     with clock("track"):
         sightings = sighter.watch()  # track -> gate -> keyframe
-        _refuse_if_blind(flight, sightings)
         sightings = sighter.neighbours(sightings)
     origin = flight.geo_origin()
     mapper = Mapper(camera, Sensors.at(flight, sightings.stamps_s, origin, config), config)
@@ -40,6 +41,7 @@ def optimize(
         without_loops = mapper.solve(odometry, step, covariances=True)
     with clock("loops"):
         sightings = sighter.retrieve(sightings)  # retrieve -> verify
+        _refuse_if_blind(flight, sightings)
         edges = mapper.edges(sightings.registrations)
         sightings = sightings.without(mapper.contradictions(edges, without_loops))
     with clock("graph"):
@@ -68,10 +70,17 @@ def _camera(flight: Flight) -> Camera:
 
 
 def _refuse_if_blind(flight: Flight, sightings: Sightings) -> None:
-    if len(sightings.stamps_s) >= 2 and sightings.registrations:
+    if sightings.registrations:
         return
-    reasons = ", ".join(f"{count} x {reason}" for reason, count in sightings.rejected.most_common(3))
+    dropped = sightings.rejected + Counter(r.reason for r in sightings.refused)
+    reasons = ", ".join(f"{count} x {reason}" for reason, count in dropped.most_common(3))
+    usable, frames = len(sightings.stamps_s), sightings.frames
+    what = (
+        f"no two of {frames} pictures could be joined"
+        if usable > 1
+        else f"{usable} of {frames} pictures usable"
+    )
     raise InputError(
-        f"{flight.name}: no two of {sightings.frames} pictures could be joined ({reasons or 'nothing moved'})"
-        "; the floor needs texture, light and overlap"
+        f"{flight.name}: {what} ({reasons or 'nothing to compare'}); a map needs two pictures that overlap, "
+        "of a floor with texture and light"
     )
