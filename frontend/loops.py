@@ -55,18 +55,18 @@ def overlapping(
     centre = np.array([quads[k].mean(axis=0) for k in keys])
     size = np.array([np.linalg.norm(quads[k] - quads[k].mean(axis=0), axis=1).max() for k in keys])
     area = {k: float(cv2.contourArea(q)) for k, q in quads.items()}
-    found: set[Pair] = set()
+    share: dict[int, dict[int, float]] = {int(k): {} for k in keys}
     tree = cKDTree(centre)
-    for a, k in enumerate(keys):
-        near = tree.query_ball_point(centre[a], 2 * size[a])
-        share: dict[int, float] = {}
-        for b in near:
-            other = int(keys[b])
-            if other != k:
-                shared, _ = cv2.intersectConvexConvex(quads[int(k)], quads[other])
-                share[other] = shared / max(1e-12, min(area[int(k)], area[other]))
-        best = sorted((o for o in share if share[o] >= min_overlap), key=lambda o: -share[o])[:neighbours]
-        found.update((min(int(k), o), max(int(k), o)) for o in best)
+    for a, k in enumerate(keys.tolist()):
+        # Reaches every footprint that overlaps and is no larger; larger ones reach this one themselves.
+        for other in keys[tree.query_ball_point(centre[a], 2 * size[a])].tolist():
+            if other != k and other not in share[k]:
+                shared, _ = cv2.intersectConvexConvex(quads[k], quads[other])
+                share[k][other] = share[other][k] = shared / max(1e-12, min(area[k], area[other]))
+    found: set[Pair] = set()
+    for k, of in share.items():
+        best = sorted((-of[o], o) for o in of if of[o] >= min_overlap)[:neighbours]
+        found.update((min(k, o), max(k, o)) for _, o in best)
     return sorted(found)
 
 

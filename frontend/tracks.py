@@ -35,7 +35,7 @@ def join_tracks(
     ``pixels``: (n_k, 2) undistorted feature positions of each keyframe. A component that holds two features
     of one keyframe joins two different points: it is left out whole.
     """
-    start = np.concatenate([[0], np.cumsum([len(p) for p in pixels])])
+    start = np.concatenate([[0], np.cumsum([len(p) for p in pixels], dtype=np.int64)])
     keyframe = np.repeat(np.arange(len(pixels)), np.diff(start))
     if registrations:
         a = np.concatenate([start[r.i] + r.matches[:, 0] for r in registrations])

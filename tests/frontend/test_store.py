@@ -1,0 +1,78 @@
+"""Features of all keyframes on disk and back."""
+
+from __future__ import annotations
+
+import gc
+import os
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from frontend.features import Features
+from frontend.store import FeatureStore
+
+
+def made(rng: np.random.Generator, n: int, binary: bool) -> Features:
+    descriptor = (
+        rng.integers(0, 256, (n, 61), dtype=np.uint8)
+        if binary
+        else rng.normal(size=(n, 128)).astype(np.float32)
+    )
+    return Features(rng.uniform(0, 300, (n, 2)), descriptor)
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_what_goes_in_comes_out_in_any_order(binary: bool) -> None:
+    rng = np.random.default_rng(0)
+    kept = [made(rng, n, binary) for n in (0, 5, 300, 0, 1, 77, 0)]
+    store = FeatureStore()
+    for k, features in enumerate(kept):
+        assert len(store) == k
+        store.append(features)
+    for k in rng.permutation(7):
+        back = store[k]
+        assert back.descriptor.dtype == kept[k].descriptor.dtype
+        np.testing.assert_array_equal(back.descriptor, kept[k].descriptor)
+        np.testing.assert_array_equal(back.pixel, kept[k].pixel)
+    assert [len(p) for p in store.pixels] == [0, 5, 300, 0, 1, 77, 0]
+
+
+def test_descriptors_that_are_a_view_of_something_larger_are_kept_right() -> None:
+    rng = np.random.default_rng(1)
+    whole = made(rng, 40, False)
+    store = FeatureStore()
+    store.append(Features(whole.pixel[::2], whole.descriptor[::2]))
+    np.testing.assert_array_equal(store[0].descriptor, whole.descriptor[::2])
+
+
+def test_threads_read_without_disturbing_each_other() -> None:
+    rng = np.random.default_rng(2)
+    kept = [made(rng, 200, True) for _ in range(20)]
+    store = FeatureStore()
+    for features in kept:
+        store.append(features)
+    asked = rng.integers(0, 20, 400)
+    with ThreadPoolExecutor(4) as pool:
+        for k, back in zip(asked, pool.map(store.__getitem__, asked.tolist()), strict=True):
+            np.testing.assert_array_equal(back.descriptor, kept[k].descriptor)
+
+
+def test_descriptors_take_no_memory_and_the_file_goes_with_the_store() -> None:
+    """The file has no name: whatever ends the program, nothing is left behind."""
+    rng = np.random.default_rng(3)
+    store = FeatureStore()
+    for _ in range(10):
+        store.append(made(rng, 500, False))
+    descriptor = store._file.fileno()
+    assert os.fstat(descriptor).st_size == 10 * 500 * 128 * 4
+    assert os.fstat(descriptor).st_nlink == 0
+    held = sum(len(v) for v in vars(store).values() if isinstance(v, bytes | bytearray))
+    assert held == 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # ResourceWarning
+        del store
+        gc.collect()
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(descriptor)
