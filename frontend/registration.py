@@ -25,7 +25,7 @@ class Registration:
     j: int
     reason: str
     """Empty where the registration holds."""
-    matches: NDArray[np.int64]
+    matches: NDArray[np.int32]
     """(m, 2) inlier matches: feature of i, feature of j."""
     i_H_j: Array
     """(3, 3) undistorted pixels of j to pixels of i; NaN where there is none."""
@@ -62,7 +62,14 @@ def register(
     covered = overlap(fit.i_H_j, camera)
     reason = reject_reason(fit, pixel_j, camera, covered, gates)
     return Registration(
-        i, j, reason, pairs[fit.inlier], fit.i_H_j, fit.corner_covariance, fit.noise_px, covered
+        i,
+        j,
+        reason,
+        pairs[fit.inlier].astype(np.int32),
+        fit.i_H_j,
+        fit.corner_covariance,
+        fit.noise_px,
+        covered,
     )
 
 
@@ -83,5 +90,5 @@ def overlap(i_H_j: Array, camera: Camera) -> float:
 def _failed(i: int, j: int, reason: str) -> Registration:
     nothing = np.full((3, 3), np.nan)
     return Registration(
-        i, j, reason, np.empty((0, 2), np.int64), nothing, np.full((8, 8), np.nan), np.nan, 0.0
+        i, j, reason, np.empty((0, 2), np.int32), nothing, np.full((8, 8), np.nan), np.nan, 0.0
     )

@@ -40,7 +40,8 @@ class LoopConfig:
     plausible_heights: float = 0.2
     """But nothing within this many flying heights is."""
     max_pairs: int = 6000
-    """Pairs that the poses suggest and that are compared, over the whole flight."""
+    """Pairs compared over the whole flight, of those that look alike, and again of those the poses suggest;
+    a long flight compares each keyframe with fewer others."""
 
 
 @dataclass(frozen=True)

@@ -91,13 +91,16 @@ class Sighter:
 
     def retrieve(self, sightings: Sightings) -> Sightings:
         """Compare keyframes that look alike."""
-        pairs = look_alikes(sightings.store, sightings.stamps_s, self.config.retrieval)
+        retrieval = self.config.retrieval
+        fewer = max(3, self.config.loops.max_pairs // max(1, len(sightings.store)))
+        retrieval = replace(retrieval, neighbours=min(retrieval.neighbours, fewer))
+        pairs = look_alikes(sightings.store, sightings.stamps_s, retrieval)
         return self._compare(sightings, pairs, "loops")
 
     def revisit(self, sightings: Sightings, w_T_b: Array, floor_z_m: float) -> Sightings:
         """Compare keyframes that the poses say overlap."""
         loops = self.config.loops
-        neighbours = int(np.clip(2 * loops.max_pairs / max(1, len(w_T_b)), 8, 80))
+        neighbours = int(np.clip(2 * loops.max_pairs / max(1, len(w_T_b)), 4, 80))
         pairs = overlapping(self.camera, w_T_b, floor_z_m, loops.min_overlap, neighbours)
         return self._compare(sightings, pairs, "overlaps")
 
