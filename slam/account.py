@@ -74,6 +74,8 @@ def account(
     loops = _loop_verdicts(config, sightings, edges, solution)
     rejected = Counter(sightings.rejected)
     rejected.update(Counter(f"loop: {_kind(v.reason)}" for v in loops if v.verdict == "rejected"))
+    if fused.bundle is not None and fused.bundle.dropped_observations:
+        rejected["view of a floor point far off"] = fused.bundle.dropped_observations
     height_m = fused.over_floor_T_b[:, 2, 3] - fused.floor_z_m
     kept = tuple(
         r

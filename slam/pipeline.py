@@ -33,6 +33,7 @@ def optimize(
     sighter = Sighter(flight, camera, config, progress)
     with clock("track"):
         sightings = sighter.watch()  # track -> gate -> keyframe
+        _refuse_unless(len(sightings.stamps_s) >= 2, flight, sightings)
         sightings = sighter.neighbours(sightings)
     origin = flight.geo_origin()
     mapper = Mapper(camera, Sensors.at(flight, sightings.stamps_s, origin, config), config)
@@ -41,7 +42,7 @@ def optimize(
         without_loops = mapper.solve(odometry, step, covariances=True)
     with clock("loops"):
         sightings = sighter.retrieve(sightings)  # retrieve -> verify
-        _refuse_if_blind(flight, sightings)
+        _refuse_unless(len(sightings.registrations) > 0, flight, sightings)
         edges = mapper.edges(sightings.registrations)
         sightings = sightings.without(mapper.contradictions(edges, without_loops))
     with clock("graph"):
@@ -69,8 +70,8 @@ def _camera(flight: Flight) -> Camera:
     return flight.camera
 
 
-def _refuse_if_blind(flight: Flight, sightings: Sightings) -> None:
-    if sightings.registrations:
+def _refuse_unless(joined: bool, flight: Flight, sightings: Sightings) -> None:
+    if joined:
         return
     dropped = sightings.rejected + Counter(r.reason for r in sightings.refused)
     reasons = ", ".join(f"{count} x {reason}" for reason, count in dropped.most_common(3))
