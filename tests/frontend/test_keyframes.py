@@ -132,6 +132,17 @@ def test_foreign_pictures_are_dropped_with_their_reason(flight: SmallFlight) -> 
     check_links(flight, found)
 
 
+def test_failures_apart_from_each_other_do_not_add_up(flight: SmallFlight) -> None:
+    rng = np.random.default_rng(2)
+    images: list[Image | None] = list(flight.images[:20])
+    for k in (4, 7, 10, 13, 16):
+        images[k] = texture(rng, 240, 180)
+    follow = tracker(flight, KeyframeConfig(patience=2))
+    found = list(follow.keyframes(images))
+    assert follow.rejected["tracking started anew"] == 0
+    assert sum(k.link is None for k in found) == 1
+
+
 def test_gamma_2_is_reached_and_counted(flight: SmallFlight) -> None:
     strict = tracker(flight, gates=GateConfig(max_relative_change=1.0005))
     list(strict.keyframes(flight.images[:20]))

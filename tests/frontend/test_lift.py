@@ -165,6 +165,24 @@ def test_swapping_the_pictures_gives_the_inverse_pose(camera: Camera) -> None:
     np.testing.assert_allclose(a.height_ratio * b.height_ratio, 1.0, atol=1e-6)
 
 
+def test_attitude_counts_about_the_axes_that_roll_and_pitch_turn_about() -> None:
+    """Where the sensor is much surer than the homography, its two axes add their outer products."""
+    m, std_rad, step = 10, 2e-4, 1e-5
+    pairs = true_pairs(np.random.default_rng(9), CAMERA, m, 1.0, 0.3)
+    covariances = np.tile(np.eye(8), (m, 1, 1))
+
+    def lifted(angles: Array, std: float) -> LiftedPoses:
+        return lift(pairs.i_H_j, covariances, CAMERA, angles, np.full((m, 2), std))
+
+    expected = np.zeros((m, 6, 6))
+    for axis in np.eye(2):
+        moved = lifted(pairs.roll_pitch_rad + step * axis, 1e-6)
+        direction = difference(lifted(pairs.roll_pitch_rad, 1e-6).i_T_j, moved.i_T_j) / step
+        expected += std_rad**2 * np.einsum("ma,mb->mab", direction, direction)
+    found = lifted(pairs.roll_pitch_rad, std_rad).covariance - lifted(pairs.roll_pitch_rad, 1e-6).covariance
+    np.testing.assert_allclose(found, expected, atol=0.03 * np.abs(expected).max())
+
+
 def test_scale_carries_the_uncertainty_of_the_height_along_the_step() -> None:
     pairs = true_pairs(np.random.default_rng(5), LEVER, 10, 1.2, 0.05)
     lifted = lift(pairs.i_H_j, tight(10), LEVER, pairs.roll_pitch_rad, np.full((10, 2), 0.01))

@@ -91,9 +91,9 @@ def test_overlapping_is_quick_on_a_long_flight() -> None:
     rng = np.random.default_rng(6)
     n = 1500
     w_T_b = np.array([body(0.2 * k, rng.normal(0, 0.1), 0.8, rng.uniform(-3, 3)) for k in range(n)])
-    began = time.perf_counter()
+    began = time.process_time()
     pairs = overlapping(CAMERA, w_T_b, 0.0, 0.3, 8)
-    assert time.perf_counter() - began < 5
+    assert time.process_time() - began < 5
     assert n < len(pairs) < 8 * n
 
 

@@ -37,8 +37,8 @@ def test_overlapping_pictures_rank_above_others(kind: FeatureKind, recall_band: 
     stamps_s, overlap = flight.stamps_s[::STEP], true_overlaps(STEP)
     true = {(int(i), int(j)) for i, j in np.argwhere(overlap > 0.5) if stamps_s[j] - stamps_s[i] > 5}
     assert len(true) > 20
-    neighbours = 8
-    pairs = look_alikes(store, stamps_s, RetrievalConfig(neighbours=neighbours))
+    config = RetrievalConfig(words=32, sample=6000, neighbours=8)
+    pairs = look_alikes(store, stamps_s, config)
     assert len(pairs) == len(set(pairs))
     assert all(i < j for i, j in pairs)
     recall = len(true & set(pairs)) / len(true)
@@ -49,7 +49,7 @@ def test_overlapping_pictures_rank_above_others(kind: FeatureKind, recall_band: 
     quarter = len(pairs) // 4
     shares = np.array([overlap[pair] for pair in pairs])
     assert shares[:quarter].mean() > shares[-quarter:].mean() + 0.2
-    assert look_alikes(store, stamps_s, RetrievalConfig(neighbours=neighbours)) == pairs
+    assert look_alikes(store, stamps_s, config) == pairs
 
 
 def test_vocabulary_is_deterministic_sampled_and_sized_to_what_there_is() -> None:

@@ -47,6 +47,16 @@ def test_descriptors_that_are_a_view_of_something_larger_are_kept_right() -> Non
     np.testing.assert_array_equal(store[0].descriptor, whole.descriptor[::2])
 
 
+def test_a_system_that_takes_a_part_of_each_write_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, rng, store = os.pwrite, np.random.default_rng(4), FeatureStore()
+    monkeypatch.setattr(os, "pwrite", lambda file, data, offset: whole(file, data[:1000], offset))
+    kept = [made(rng, 50, False) for _ in range(3)]
+    for features in kept:
+        store.append(features)
+    for k in range(3):
+        np.testing.assert_array_equal(store[k].descriptor, kept[k].descriptor)
+
+
 def test_threads_read_without_disturbing_each_other() -> None:
     rng = np.random.default_rng(2)
     kept = [made(rng, 200, True) for _ in range(20)]
