@@ -1,0 +1,100 @@
+"""Measured recordings: figures that the project promises, bounded on both sides."""
+
+from __future__ import annotations
+
+import csv
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slam.evaluation import Evaluation, evaluate
+from slam.evaluation.trajectory import umeyama
+from slam.flight import Flight
+from slam.io.photos import import_photos
+from slam.pipeline import optimize
+from tests.slam.small_flight import only
+
+DATA = Path(os.environ.get("SLAM_DATA", ""))
+pytestmark = pytest.mark.skipif(
+    "SLAM_DATA" not in os.environ, reason="needs measured data: set SLAM_DATA to their folder"
+)
+
+
+@pytest.fixture
+def hybrid() -> Flight:
+    """A small drone's own motion and sensors, pictures rendered along it."""
+    return Flight.open(str(DATA / "flights" / "ardrone2-hybrid"))
+
+
+def assert_consistent(found: Evaluation) -> None:
+    assert found.nees.pose.lower95 < found.nees.pose.mean < found.nees.pose.upper95
+    assert found.nees.left_out == 0
+
+
+def test_the_calm_third_of_a_drone_s_flight(hybrid: Flight):
+    """Its height sensor reads short by some 5 %, which the pictures cannot know and the covariance must."""
+    calm = only(hybrid, range(len(hybrid.frames) // 3))
+    estimate = optimize(calm)
+    assert estimate.status == "ok"
+    found = evaluate(estimate, calm)
+    assert 5e-4 < found.ate_sim3_m.rmse < 2e-3
+    assert 0.02 < found.ate_m.rmse < 0.12
+    assert 1.03 < found.scale < 1.07
+    assert_consistent(found)
+
+
+def test_in_the_wind_the_attitude_is_degrees_off_and_the_map_is_not(hybrid: Flight):
+    frames = len(hybrid.frames)
+    windy = only(hybrid, range(frames // 2, 2 * frames // 3))
+    estimate = optimize(windy)
+    truth = hybrid.truth
+    nearest = np.abs(truth.stamps_s[:, None] - estimate.stamps_s).argmin(axis=0)
+    told = hybrid.attitude
+    roll = np.interp(estimate.stamps_s, told.stamps_s, told.roll_pitch_yaw_rad[:, 0])
+    true_roll = np.arctan2(truth.w_T_b[nearest, 2, 1], truth.w_T_b[nearest, 2, 2])
+    found_roll = np.arctan2(estimate.w_T_b[:, 2, 1], estimate.w_T_b[:, 2, 2])
+    assert np.degrees(np.abs(roll - true_roll)).mean() > 5
+    assert np.degrees(np.abs(found_roll - true_roll)).max() < 1.0
+    assert evaluate(estimate, windy).ate_sim3_m.rmse < 2e-3
+
+
+@pytest.mark.slow
+def test_a_whole_drone_s_flight(hybrid: Flight):
+    estimate = optimize(hybrid)
+    assert estimate.status == "ok"
+    found = evaluate(estimate, hybrid)
+    assert 5e-4 < found.ate_sim3_m.rmse < 2e-3
+    assert 0.05 < found.ate_m.rmse < 0.12
+    assert_consistent(found)
+    assert (found.loops.precision, found.loops.recall) == pytest.approx((1.0, 1.0), abs=0.05)
+
+
+def reference() -> dict[str, np.ndarray]:
+    """Camera positions by structure from motion, by name of the photograph."""
+    with (DATA / "photos" / "caliterra" / "sfm_reference.csv").open(encoding="utf-8") as file:
+        rows = list(csv.reader(file))[1:]
+    return {row[0]: np.array(row[1:4], dtype=float) for row in rows}
+
+
+@pytest.mark.slow
+def test_aerial_photographs_agree_with_structure_from_motion():
+    """75 photographs over a field; the reference is other software's opinion, up to a similarity."""
+    flight = import_photos(DATA / "photos" / "caliterra")
+    estimate = optimize(flight)
+    assert (estimate.component == 0).sum() >= 74
+    assert estimate.component.max() == 0
+    assert "parts" not in estimate.status
+    other = reference()
+    placed = [k for k in np.flatnonzero(estimate.component == 0) if estimate.frame_names[k] in other]
+    ours = estimate.w_T_b[placed, :3, 3]
+    theirs = np.array([other[estimate.frame_names[k]] for k in placed])
+    off = umeyama(ours, theirs, with_scale=True).apply(ours) - theirs
+    assert 0.05 < np.sqrt(np.mean(np.sum(off**2, axis=1))) < 1.0
+    # Within what the fixes themselves scatter: 15 m in the plane.
+    gps = evaluate(estimate, replace(flight, truth=None))
+    assert gps.reference == "gps"
+    horizontal = (gps.tracks.loops_m - gps.tracks.reference_m)[:, :2]
+    assert 10 < np.sqrt(np.mean(np.sum(horizontal**2, axis=1))) < 18

@@ -1,0 +1,144 @@
+"""The package as others get it: light to import, whole in a wheel, at home in an empty folder."""
+
+from __future__ import annotations
+
+import ast
+import json
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import slam
+
+ROOT = Path(__file__).parents[2]
+GRAPH = """VERTEX_SE2 0 0 0 0
+VERTEX_SE2 1 1.1 0 1.5708
+VERTEX_SE2 2 1 1.2 3.1416
+EDGE_SE2 0 1 1 0 1.5707963 100 0 0 100 0 1000
+EDGE_SE2 1 2 1 0 1.5707963 100 0 0 100 0 1000
+EDGE_SE2 0 2 1 1 3.1415926 100 0 0 100 0 1000
+"""
+CLI = "from slam.cli import main; main()"
+DRIVER = """import sys
+wheel, checkout, code = sys.argv[1:4]
+del sys.argv[1:4]
+sys.path[:] = [wheel] + [entry for entry in sys.path if entry not in ("", checkout)]
+sys.meta_path[:] = [finder for finder in sys.meta_path if "editable" not in repr(finder)]
+status = 0
+try:
+    exec(code)
+except SystemExit as left:
+    status = left.code
+ours = [m for name, m in sys.modules.items() if name.split(".")[0] in ("slam", "frontend", "backend")]
+assert ours, "nothing of ours was loaded"
+strangers = [m for m in ours if not m.__file__.startswith(wheel)]
+assert not strangers, strangers
+sys.exit(status)
+"""
+
+
+def python(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, **options)
+
+
+def test_the_four_names_that_a_script_needs():
+    from slam import Flight, evaluate, optimize, simulate
+
+    assert Flight.__module__ == "slam.flight"
+    assert optimize.__module__ == "slam.pipeline"
+    assert evaluate.__module__ == "slam.evaluation.score"
+    assert simulate.__module__ == "slam.simulation"
+    assert set(slam.__all__) == {"Flight", "evaluate", "optimize", "simulate"}
+
+
+def test_other_names_are_refused_as_python_does():
+    with pytest.raises(AttributeError, match="no attribute 'optimise'"):
+        _ = slam.optimise
+
+
+def test_importing_slam_imports_nothing_else():
+    code = "import sys; before = set(sys.modules); import slam; print(sorted(set(sys.modules) - before))"
+    done = python("-c", code, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    loaded = ast.literal_eval(done.stdout)
+    assert [
+        name for name in loaded if name.split(".")[0] in {"numpy", "cv2", "gtsam", "scipy", "typer"}
+    ] == []
+    assert len(loaded) < 12
+
+
+def test_the_version_is_the_project_s():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert slam.__version__ == project["version"]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, unpacked: what an installation would hold."""
+    pytest.importorskip("hatchling", reason="building the wheel needs hatchling")
+    folder = tmp_path_factory.mktemp("wheel")
+    build = "import sys, hatchling.build as b; print(b.build_wheel(sys.argv[1]))"
+    done = python("-c", build, folder, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    (archive,) = folder.glob("*.whl")
+    unpacked = folder / "unpacked"
+    with zipfile.ZipFile(archive) as file:
+        file.extractall(unpacked)
+    return unpacked
+
+
+def installed(wheel: Path, folder: Path, code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run in an empty folder with the wheel's modules; fails where one of the checkout's is loaded."""
+    return python("-c", DRIVER, wheel, ROOT, code, *arguments, cwd=folder)
+
+
+def test_the_wheel_holds_the_project_and_nothing_else(wheel: Path):
+    top = {path.name for path in wheel.iterdir()}
+    assert top == {"slam", "frontend", "backend", f"lemniscate_slam-{slam.__version__}.dist-info"}
+    for package in ("slam", "frontend", "backend"):
+        here = {p.relative_to(ROOT) for p in (ROOT / package).rglob("*.py")}
+        there = {p.relative_to(wheel) for p in (wheel / package).rglob("*.py")}
+        assert here == there
+    assert {p.name for p in (wheel / "slam" / "datasets").glob("*.toml")} == {
+        p.name for p in (ROOT / "datasets").glob("*.toml")
+    }
+    assert (wheel / "slam" / "report" / "page.html.j2").is_file()
+    entry = next(wheel.glob("*.dist-info")) / "entry_points.txt"
+    assert "slam = slam.cli:main" in entry.read_text()
+
+
+def test_a_recipe_is_found_in_an_empty_folder(wheel: Path, tmp_path: Path):
+    code = (
+        "from slam.simulation.recipe import load_recipe, shipped_recipes\n"
+        "print(shipped_recipes(), load_recipe('figure_eight').name)"
+    )
+    done = installed(wheel, tmp_path, code)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "('figure_eight', 'square') figure_eight"
+    wrong = installed(wheel, tmp_path, CLI, "simulate", "figure_nine", "--out", "flight")
+    assert wrong.returncode == 1
+    assert "did you mean 'figure_eight'" in wrong.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_graph_is_solved_in_an_empty_folder(wheel: Path, tmp_path: Path):
+    """Report, pictures and all: templates and data travel with the package."""
+    (tmp_path / "tiny.g2o").write_text(GRAPH)
+    done = installed(wheel, tmp_path, CLI, "optimize", "tiny.g2o", "--out", "out")
+    assert done.returncode == 0, done.stderr
+    record = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert record["status"] == "ok"
+    assert record["keyframes"] == 3
+    assert (tmp_path / "out" / "report.html").stat().st_size > 1000
+
+
+@pytest.mark.slow
+def test_a_recipe_is_flown_in_an_empty_folder(wheel: Path, tmp_path: Path):
+    done = installed(wheel, tmp_path, CLI, "simulate", "square", "--out", "flight", "--seed", "3")
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "flight" / "mav0" / "cam0" / "data.csv").is_file()
