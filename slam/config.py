@@ -28,7 +28,8 @@ def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file. Raises ``InputError`` where it is missing, too large or not TOML."""
     try:
         if not path.is_file():
-            raise InputError(f"{path}: no such file; give the path of a .toml file")
+            what = "not a file" if path.exists() else "does not exist"
+            raise InputError(f"{path}: {what}; give the path of a .toml file")
         if path.stat().st_size > MAX_FILE_BYTES:
             raise InputError(f"{path}: larger than {MAX_FILE_BYTES // 1000} kB; this is no settings file")
         return tomllib.loads(path.read_text(encoding="utf-8"))

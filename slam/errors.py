@@ -8,6 +8,10 @@ class InputError(Exception):
     """The input was refused: one line that says what, where, and what to do. Exit code 1."""
 
 
+NO_CAMERA = "flights without a camera are for `slam estimate`, which is not part of this version yet"
+"""What to do where there is no picture to make a map of."""
+
+
 def one_line(text: str) -> str:
     """Text that holds names from outside, safe to print: no line breaks, nothing invisible."""
     return "".join(

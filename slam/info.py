@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from slam.errors import NO_CAMERA
 from slam.flight import AttitudeSeries, Flight, Imu, Sonar
 from slam.io.files import brief
 
@@ -121,7 +122,7 @@ def _stream(name: str, stamps_s: Array, values: Array | None) -> StreamInfo:
 def _missing(flight: Flight) -> list[str]:
     lines = []
     if flight.camera is None or flight.frames is None:
-        lines.append("no camera: there is no map; slam estimate works from the other sensors")
+        lines.append(f"no camera: there is no map; {NO_CAMERA}")
     ranged = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
     if not ranged and flight.gps is None:
         lines.append("no sonar and no GPS: no metric scale; distances in the map are relative")

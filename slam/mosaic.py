@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from frontend.exposure import Exposure
 from frontend.mosaic import Pictures, measure_exposure, render_tiles
 from frontend.mosaic_plan import MosaicError, MosaicPlan, plan_mosaic
-from slam.errors import InputError
+from slam.errors import NO_CAMERA, InputError
 from slam.estimate import Estimate
 from slam.flight import Flight, Image
 from slam.io.geotiff import Block, Grid, write_geotiff, write_png
@@ -77,7 +77,7 @@ def write_mosaic(
     """
     camera, frames = estimate.camera or flight.camera, flight.frames
     if camera is None or frames is None:
-        raise InputError(f"{flight.name}: no camera pictures, so no mosaic; use `slam estimate` for the rest")
+        raise InputError(f"{flight.name}: no camera pictures, so no mosaic; {NO_CAMERA}")
     if gsd_m is not None and not (math.isfinite(gsd_m) and gsd_m > 0):
         raise InputError(f"ground resolution {gsd_m} m/pixel: give a number above 0")
     w_T_b = estimate.over_floor_T_b if poses is None else np.asarray(poses, dtype=float)

@@ -6,7 +6,7 @@ from collections import Counter
 
 from frontend.camera import Camera
 from slam.account import Mapped, account
-from slam.errors import InputError
+from slam.errors import NO_CAMERA, InputError
 from slam.estimate import Estimate
 from slam.flight import Flight
 from slam.fusion import fuse
@@ -64,9 +64,7 @@ def optimize(
 
 def _camera(flight: Flight) -> Camera:
     if flight.camera is None or flight.frames is None or len(flight.frames) == 0:
-        raise InputError(
-            f"{flight.name}: no camera in this flight, so no map; slam estimate works without one"
-        )
+        raise InputError(f"{flight.name}: no camera in this flight, so no map; {NO_CAMERA}")
     return flight.camera
 
 

@@ -16,6 +16,8 @@ from slam.io.sensor_yaml import YamlFile
 
 PICTURES = (".png", ".jpg", ".jpeg")
 RADTAN = ("radial-tangential", "radtan", "plumb_bob", "none", "")
+_FOCAL_PER_WIDTH = (0.02, 250.0)
+"""177 to 0.2 degrees of view: beyond, the figures are no pinhole's and the arithmetic of pictures fails."""
 SIZES_CHECKED = 32
 """Headers looked at on reading; every picture is checked again when it is loaded."""
 
@@ -36,6 +38,12 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
     if min(fu, fv) <= 0:
         raise sensor.refuse(
             "intrinsics", f"has focal lengths {fu:g}, {fv:g}", "write [fu, fv, cu, cv] in px, all positive"
+        )
+    if not _FOCAL_PER_WIDTH[0] < fu / width < _FOCAL_PER_WIDTH[1]:
+        raise sensor.refuse(
+            "intrinsics",
+            f"has the focal length {fu:g} for pictures {width:g} px wide",
+            "write [fu, fv, cu, cv] in px of these pictures",
         )
     if not (-0.5 * width < cu < 1.5 * width and -0.5 * height < cv < 1.5 * height):
         raise sensor.refuse(

@@ -124,7 +124,7 @@ def test_any_mapping_is_taken_or_refused_in_one_line(mapping):
         (b"\xff\xfe\x00", "UTF-8"),
         (b"#" * 1_000_001, "larger"),
         (b"a = " + b"[" * 20_000, "nested too deeply"),
-        (None, "no such file"),
+        (None, "does not exist"),
     ],
 )
 def test_a_file_that_is_no_toml_is_one_line(tmp_path, content, said):
@@ -139,5 +139,5 @@ def test_a_file_that_is_no_toml_is_one_line(tmp_path, content, said):
 
 
 def test_a_folder_is_no_settings_file(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
+    with pytest.raises(InputError, match="not a file"):
         read_toml(tmp_path)

@@ -117,6 +117,7 @@ def test_rows(folder, stream, line, column, value, word):
 YAML = [
     ("cam0", r"intrinsics: .*\n", "", "no intrinsics"),
     ("cam0", r"intrinsics: .*", "intrinsics: [40, 0, 20, 20]", "focal"),
+    ("cam0", r"intrinsics: .*", "intrinsics: [1e9, 1e9, 20, 20]", "focal length 1e+09"),
     ("cam0", r"intrinsics: .*", "intrinsics: [40, 40, 20]", "4 numbers"),
     ("cam0", r"intrinsics: .*", "intrinsics: [40, 40, nan, 20]", "nan"),
     ("cam0", r"intrinsics: .*", "intrinsics: [40, 40, 900, 20]", "centre"),

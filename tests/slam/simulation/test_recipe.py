@@ -105,7 +105,7 @@ def test_a_bad_recipe_is_refused_in_one_line(mapping, said):
     [
         ("figure_eight.toml", "did you mean 'figure_eight'"),
         ("figure_eigth", "did you mean 'figure_eight'"),
-        ("nowhere/flight.toml", "no such file"),
+        ("nowhere/flight.toml", "does not exist"),
         ("", "no such recipe"),
     ],
 )
