@@ -64,7 +64,7 @@ def local_scale(i_H_j: Array, camera: Camera) -> float:
     return float(np.sqrt(abs(np.linalg.det(np.column_stack([p[1] - p[0], p[2] - p[0]])))))
 
 
-def relative_change(before_H0: Array, after_H0: Array, camera: Camera) -> float:
+def relative_change(i_H_j: Array, camera: Camera) -> float:
     """Mean |delta H| of equation 2: by how much a new local transformation changes the global one.
 
     As printed, the old homography over the new element by element, it is unbounded wherever an element passes
@@ -74,5 +74,5 @@ def relative_change(before_H0: Array, after_H0: Array, camera: Camera) -> float:
     """
     w = camera.size_px[0]
     to_widths = np.diag([1.0 / w, 1.0 / w, 1.0])
-    local = to_widths @ np.linalg.solve(before_H0, after_H0) @ np.linalg.inv(to_widths)
+    local = to_widths @ i_H_j @ np.linalg.inv(to_widths)
     return float(1.0 + np.abs(local / local[2, 2] - np.eye(3)).mean())

@@ -68,7 +68,6 @@ class Tracker:
         last: Keyframe | None = None
         best: _Tracked | None = None
         failures = 0
-        H_first = np.eye(3)
         for frame, image in enumerate(images):
             self.frames += 1
             features = self._features(image)
@@ -78,23 +77,17 @@ class Tracker:
                 last, number = Keyframe(frame, features, None), number + 1
                 yield last
                 continue
-            tracked = self._track(number, frame, last, features, H_first)
+            tracked = self._track(number, frame, last, features)
             if (tracked is None or tracked.link.overlap < self.config.min_overlap) and best is not None:
                 # The frame before was still well in view: it becomes the keyframe.
-                H_first = H_first @ best.link.i_H_j
                 last, number, best = Keyframe(best.frame, best.features, best.link), number + 1, None
                 yield last
-                tracked = self._track(number, frame, last, features, H_first)
+                tracked = self._track(number, frame, last, features)
             if tracked is None:
                 failures += 1
                 if failures > self.config.patience:
                     self.rejected["tracking started anew"] += 1
-                    last, number, failures, H_first = (
-                        Keyframe(frame, features, None),
-                        number + 1,
-                        0,
-                        np.eye(3),
-                    )
+                    last, number, failures = Keyframe(frame, features, None), number + 1, 0
                     yield last
                 continue
             failures, best = 0, tracked
@@ -128,12 +121,10 @@ class Tracker:
             return None
         return features
 
-    def _track(
-        self, number: int, frame: int, last: Keyframe, features: Features, H_first: NDArray[np.float64]
-    ) -> _Tracked | None:
+    def _track(self, number: int, frame: int, last: Keyframe, features: Features) -> _Tracked | None:
         link = register(number, number + 1, last.features, features, self.camera, self.homography, self.gates)
         if link.ok:
-            change = relative_change(H_first, H_first @ link.i_H_j, self.camera)
+            change = relative_change(link.i_H_j, self.camera)
             if change <= self.gates.max_relative_change:
                 return _Tracked(frame, features, link)
             self.rejected["change above gamma_2"] += 1

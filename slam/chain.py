@@ -37,6 +37,7 @@ def chain(
     tilt = np.repeat(roll_pitch_rad[:1], m, axis=0)
     lifted = lift(H, np.tile(np.eye(8), (m, 1, 1)), camera, tilt, np.zeros((m, 2)))
     start = level_T_body(tilt[:1])[0]
-    poses[:m] = start @ lifted.i_T_j
-    poses[:m, :3, 3] *= height_m[0]
+    start[2, 3] = height_m[0]
+    first_T_k, _ = lifted.scale(np.full(m, height_m[0]), np.zeros(m))
+    poses[:m] = start @ first_T_k
     return poses

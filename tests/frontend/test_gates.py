@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -104,30 +103,19 @@ def test_relative_change_measures_the_local_step_in_picture_widths() -> None:
     rng = np.random.default_rng(8)
     for _ in range(20):
         H = true_homography(CAMERA, *pair(rng, 1.0, 1.0, 0.05))
-        assert relative_change(H, H, CAMERA) == pytest.approx(1.0)
-        assert relative_change(H, -7 * H, CAMERA) == pytest.approx(
-            1.0
-        )  # the scale of a homography is nothing
+        assert relative_change(np.eye(3), CAMERA) == pytest.approx(1.0)
+        # The scale of a homography is nothing.
+        assert relative_change(-7 * H, CAMERA) == pytest.approx(relative_change(H, CAMERA))
         shift = np.eye(3)
         shift[:2, 2] = 320, -160
-        assert relative_change(H, H @ shift, CAMERA) == pytest.approx(1 + 1.5 / 9)
-        assert relative_change(H, H @ np.diag([3.0, 0.5, 1]), CAMERA) == pytest.approx(1 + 2.5 / 9)
+        assert relative_change(shift, CAMERA) == pytest.approx(1 + 1.5 / 9)
+        assert relative_change(np.diag([3.0, 0.5, 1]), CAMERA) == pytest.approx(1 + 2.5 / 9)
 
 
 def test_relative_change_refuses_no_plausible_step_but_wild_ones() -> None:
     rng = np.random.default_rng(9)
     for _ in range(50):
         i, j = pair(rng, 1.0, rng.uniform(0.4, 2.5), 0.1)
-        assert relative_change(np.eye(3), true_homography(CAMERA, i, j), CAMERA) < GATES.max_relative_change
+        assert relative_change(true_homography(CAMERA, i, j), CAMERA) < GATES.max_relative_change
     wild = np.diag([-9.0, -9, 1])
-    assert relative_change(np.eye(3), wild, CAMERA) > GATES.max_relative_change
-
-
-def test_relative_change_does_not_care_where_a_long_flight_has_got_to() -> None:
-    """Nineteen heights on, the view crosses the horizon of a first picture that was tilted by 3 degrees."""
-    poses = [body(x, 0, 1, 0, 0.0 if x else 0.05) for x in np.arange(0, 30, 0.2)]
-    first = CAMERA.floor_H_image(poses[0])
-    H = [np.linalg.inv(first) @ CAMERA.floor_H_image(T) for T in poses]
-    changes = [relative_change(a, b, CAMERA) for a, b in pairwise(H[1:])]
-    assert max(changes) < 1.1
-    assert max(changes) == pytest.approx(min(changes), abs=1e-3)
+    assert relative_change(wild, CAMERA) > GATES.max_relative_change
