@@ -1,0 +1,60 @@
+"""How figures are judged and shown; the benchmarks themselves are opt-in (``make bench``)."""
+
+import math
+
+import pytest
+
+from tests.benchmarks.figures import BEGIN, END, markdown, measured, verdict, with_block
+from tests.benchmarks.metric import at_least, at_most, told, within
+
+
+@pytest.mark.parametrize(
+    ("metric", "met"),
+    [
+        (at_most("", 1.0, "x", 1.0), True),
+        (at_most("", 1.01, "x", 1.0), False),
+        (at_least("", 74, "", 74), True),
+        (at_least("", 73, "", 74), False),
+        (within("", 5.0, "", (4.0, 6.0)), True),
+        (within("", 3.9, "", (4.0, 6.0)), False),
+        (within("", 6.1, "", (4.0, 6.0)), False),
+        (at_most("", math.nan, "x", 1.0), False),
+        (at_least("", math.inf, "x", 1.0), False),
+        (told("", 1.0, "x"), None),
+    ],
+)
+def test_a_limit_is_kept_or_not(metric, met):
+    assert metric.met is met
+
+
+def test_measured_and_asked_for_stand_in_one_unit():
+    m = at_most("gap", 0.0012, "m", 0.010)
+    assert (measured(m), verdict(m)) == ("1.20 mm", ("at most 10 mm", "met"))
+    m = at_most("gap", 0.186, "m", 0.010)
+    assert (measured(m), verdict(m)) == ("0.186 m", ("at most 0.0100 m", "missed"))
+
+
+def test_only_the_block_changes():
+    text = f"before\n\n{BEGIN}\nold\n{END}\n\nafter\n"
+    once = with_block(text, "new")
+    assert once == f"before\n\n{BEGIN}\nnew\n{END}\n\nafter\n"
+    assert with_block(once, "new") == once
+
+
+def test_a_readme_without_markers_gets_them_at_its_end():
+    made = with_block("# Title\n", "new")
+    assert made.startswith("# Title\n")
+    assert with_block(made, "newer") == made.replace("new", "newer")
+
+
+def test_an_open_block_is_refused():
+    with pytest.raises(ValueError, match="never closed"):
+        with_block(f"{BEGIN}\nold\n", "new")
+
+
+def test_a_miss_and_a_skip_are_told():
+    block = markdown(
+        [("Part", [at_most("speed", 2.0, "x", 1.0, "how")], ""), ("Other", [], "no data")], ["abc"]
+    )
+    assert "| speed <br><sub>how</sub> | 2 x | at most 1 x | **missed** |" in block
+    assert "| **Other** | skipped: no data | | |" in block
