@@ -45,4 +45,4 @@ def demo(
         "evaluation_error.png",
         "report.html",
     )
-    screen.print(written([out / name for name in pictures if (out / name).exists()]))
+    screen.print(written([out / name for name in pictures if (out / name).exists()]), soft_wrap=True)

@@ -36,7 +36,7 @@ def evaluate(
         write_evaluation(folder, evaluation)
     for table in accuracy_tables(evaluation):
         screen.print(shown(table))
-    screen.print(written([folder / name for name in EVALUATE_NAMES]))
+    screen.print(written([folder / name for name in EVALUATE_NAMES]), soft_wrap=True)
 
 
 def write_evaluation(folder: Path, evaluation: Evaluation) -> None:

@@ -45,7 +45,7 @@ def optimize(
         results = _flight(source, out, MosaicWish(mosaic, gsd), config, features, screen)
     screen.print(outcome(results.facts, results.summary))
     first = [out / "report.html", out / "mosaic.png"]
-    screen.print(written([path for path in first if path.exists()]))
+    screen.print(written([path for path in first if path.exists()]), soft_wrap=True)
 
 
 def _flight(
