@@ -69,9 +69,9 @@ def read_g2o(path: str | Path) -> PoseGraph:
     dimension = dimensions.pop()
     blocks = {tag: _block(rows[tag], tag, name) for tag in rows if _TAGS[tag].dimension == dimension}
     vertex, edge = (blocks[tag] for tag in _TAGS if tag in blocks)
-    if len(edge.ids) == 0:
-        raise BackendError(f"{name}: has vertices but no edge; there is nothing to optimize")
     edge = _without_self_edges(edge, warnings)
+    if len(edge.ids) == 0:
+        raise BackendError(f"{name}: has no edge between two vertices; there is nothing to optimize")
     ids, poses = _vertices(vertex, edge, dimension, name, warnings)
     index = np.searchsorted(ids, edge.ids)
     fixed = np.zeros(len(ids), dtype=bool)

@@ -7,7 +7,7 @@ OpenCV. A stream that was not recorded is ``None``; a value that is missing is N
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -39,6 +39,8 @@ class Frames:
     names: tuple[str, ...]
     load: Callable[[int], Image | None]
     """Reads picture k; None where it is damaged or missing."""
+    failures: Mapping[int, str] = field(default_factory=dict)
+    """Why picture k could not be read, for those that ``load`` was asked for, where it knows."""
 
     def __len__(self) -> int:
         return len(self.stamps_s)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -76,7 +76,8 @@ class Sighter:
         index = np.array(frame_index, dtype=np.int64)
         kept = tuple(link for link in links if link is not None)
         stamps_s = flight.frames.stamps_s[index] if len(index) else np.empty(0)
-        return Sightings(store, index, stamps_s, tuple(links), kept, (), tracker.frames, tracker.rejected)
+        rejected = _with_reasons(tracker.rejected, flight.frames.failures)
+        return Sightings(store, index, stamps_s, tuple(links), kept, (), tracker.frames, rejected)
 
     def neighbours(self, sightings: Sightings) -> Sightings:
         """Compare each keyframe with the ones just before the last: a chain alone is weak."""
@@ -119,6 +120,12 @@ class Sighter:
         for registration in verdicts:
             (held if registration.ok else refused).append(registration)
         return replace(sightings, registrations=tuple(held), refused=tuple(refused))
+
+
+def _with_reasons(rejected: Counter[str], failures: Mapping[int, str]) -> Counter[str]:
+    """The counts with what kept pictures from being read, where their loader knows it."""
+    known = Counter(f"unreadable: {reason}" for reason in failures.values())
+    return rejected - Counter(unreadable=known.total()) + known
 
 
 def read_ahead(flight: Flight, progress: Progress) -> Iterator[Image | None]:

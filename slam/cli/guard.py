@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 import traceback
 from collections.abc import Callable
@@ -42,12 +43,15 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
 
 
 def _told(error: Exception) -> str:
+    if _is_out_of_memory(error):  # asked first: nothing more can be imported then
+        return (
+            "not enough memory; close other programs or raise the limit (ulimit -v), choose a coarser mosaic "
+            "(a larger --gsd) or none (--no-mosaic)"
+        )
     from backend.errors import BackendError
 
     if isinstance(error, (InputError, BackendError)):
         return str(error)
-    if isinstance(error, MemoryError) or _is_opencv_out_of_memory(error):
-        return "not enough memory; choose a coarser mosaic (a larger --gsd) or none (--no-mosaic)"
     if isinstance(error, OSError):
         return f"{error.filename}: {explain(error)}" if error.filename is not None else explain(error)
     return (
@@ -56,8 +60,15 @@ def _told(error: Exception) -> str:
     )
 
 
-def _is_opencv_out_of_memory(error: Exception) -> bool:
-    return type(error).__module__.startswith("cv2") and getattr(error, "code", 0) == -4  # cv::Error::StsNoMem
+def _is_out_of_memory(error: Exception) -> bool:
+    """In the words of Python, the system, OpenCV (cv::Error::StsNoMem), and the loader of libraries."""
+    if isinstance(error, OSError):
+        return error.errno == errno.ENOMEM
+    if isinstance(error, ImportError):
+        return any(words in str(error) for words in ("failed to map segment", "cannot allocate memory"))
+    if type(error).__module__.startswith("cv2"):
+        return getattr(error, "code", 0) == -4
+    return isinstance(error, MemoryError)
 
 
 def _leave(line: str, code: int) -> NoReturn:

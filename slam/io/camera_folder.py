@@ -109,7 +109,8 @@ def frames_of(table: Table, camera: Camera, epoch_ns: int, root: Path, notes: li
         notes.append(f"{unlisted} files in data/ are not listed in data.csv and are ignored")
     _check_sizes(paths, camera, notes)
     stamps_s = ((table.stamps_ns - epoch_ns) * 1e-9).astype(float)
-    return Frames(stamps_s, table.names, PictureFiles(paths, camera.size_px))
+    files = PictureFiles(paths, camera.size_px)
+    return Frames(stamps_s, table.names, files, files.failures)
 
 
 def _entries(folder: Path, root: Path) -> dict[str, bool]:

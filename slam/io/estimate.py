@@ -49,6 +49,9 @@ _NS = 1_000_000_000
 _LARGEST_EXPANSION = 20
 """We store without compression; a file that unpacks to more than this many times its size is an attack."""
 _ALWAYS_FINE_BYTES = 1 << 26
+_FARTHEST_M = 1e12
+"""Squares of what lies farther lose all that is near; no flight gets there."""
+_RIGID_TOLERANCE = 1e-6
 
 _SHAPES: dict[str, tuple[str, tuple[int, ...], str]] = {
     "stamps": ("n", (), "i"),
@@ -181,7 +184,7 @@ def read_estimate(out_dir: str | Path) -> Estimate:
         raise _refused(path, error) from None
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:
         raise _refused(path, error) from None
-    except (ValueError, KeyError, TypeError, AttributeError, SyntaxError, tokenize.TokenError) as error:
+    except (ValueError, LookupError, TypeError, AttributeError, SyntaxError, tokenize.TokenError) as error:
         raise _refused(path, error) from None
 
 
@@ -230,9 +233,21 @@ def _check(arrays: dict[str, NDArray[Any]]) -> None:
         found = arrays[name]
         if found.shape != (rows[per], *row) or found.dtype.kind != kind:
             raise ValueError(f"{name} has shape {found.shape} and type {found.dtype}")
+    for name in ("w_T_b", "chain_w_T_b", "odometry_w_T_b", "edge_i_T_j"):
+        if not _is_rigid(arrays[name]):
+            raise ValueError(f"{name} holds what is no pose")
     for name in ("edge_ij", "loop_ij"):
         if len(arrays[name]) and not (arrays[name].min() >= 0 and arrays[name].max() < rows["n"]):
             raise ValueError(f"{name} names a keyframe that is not there")
+
+
+def _is_rigid(T: Array) -> bool:
+    """Whether every (n, 4, 4) transform that is known is a rotation and a translation."""
+    T = T[np.isfinite(T).all(axis=(1, 2))]
+    if np.abs(T).max(initial=0.0) > _FARTHEST_M or not (T[:, 3] == (0, 0, 0, 1)).all():
+        return False
+    R = T[:, :3, :3]
+    return np.allclose(R @ R.transpose(0, 2, 1), np.eye(3), rtol=0, atol=_RIGID_TOLERANCE)
 
 
 def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estimate:

@@ -164,7 +164,7 @@ def _frames(photos: Sequence[Photo], stamps_s: Array) -> Frames:
     files = PictureFiles(tuple(photo.path for photo in photos), photos[0].tags.size_px)
     has_tiff = any(photo.path.suffix.casefold() in _TIFF for photo in photos)
     load = _WithTiff(files) if has_tiff else files
-    return Frames(stamps_s, tuple(photo.name for photo in photos), load)
+    return Frames(stamps_s, tuple(photo.name for photo in photos), load, files.failures)
 
 
 @dataclass(frozen=True)

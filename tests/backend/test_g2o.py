@@ -116,6 +116,7 @@ def test_non_unit_quaternion_becomes_a_rotation(tmp_path: Path):
         ("\0\1\2", "binary"),
         (PLANAR + SPATIAL, "split it"),
         (V.format(0, 0), "no edge"),
+        (V.format(0, 0) + E.format(0, 0), "no edge"),
         (V.format(0, 0) + E.format(0, 1), ":2: an edge names a vertex"),
         (PLANAR + V.format(1, 1), ":4: vertex 1 stands there and on line 2"),
         (PLANAR + "EDGE_SE2 0 1 1 0\n" + E.format(0, 1), ":4: EDGE_SE2 has 4 fields instead of 11"),

@@ -217,7 +217,7 @@ def test_a_featureless_flight_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        (lambda f: _halve(sorted((f / "mav0/cam0/data").iterdir())[5]), "unreadable"),
+        (lambda f: _halve(sorted((f / "mav0/cam0/data").iterdir())[5]), "unreadable: truncated"),
         (lambda f: edit(f / "mav0/sonar0/data.csv", _without_ninth_value), "sonar"),
         (lambda f: edit(f / "mav0/imu0/data.csv", lambda r: [*r[:9], r[10], r[9], *r[11:]]), "imu"),
         (lambda f: edit(f / "mav0/attitude0/data.csv", lambda r: [*r[:9], r[8], *r[9:]]), "attitude"),

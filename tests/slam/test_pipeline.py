@@ -158,6 +158,13 @@ def test_missing_values_in_sonar_and_attitude_are_no_harm():
     assert evaluate(estimate, broken).ate_m.rmse < 3e-3
 
 
+def test_a_sonar_that_reads_one_figure_only_is_told():
+    flight = flown(0)
+    stuck = replace(flight.sonar, range_m=np.full(len(flight.sonar.stamps_s), 0.8))
+    estimate = optimize(replace(flight, sonar=stuck))
+    assert any("reads exactly 0.8 m" in warning for warning in estimate.warnings)
+
+
 def test_streams_without_one_value_are_like_none():
     flight = flown(0)
     empty = replace(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import pickle
 import zipfile
 from dataclasses import fields, replace
@@ -148,12 +149,22 @@ def stored(array, **options):
     return content.getvalue()
 
 
+def record(**change):
+    """A record that is whole but for ``change``."""
+    whole = {
+        "name": "a", "status": "ok", "epoch_ns": 0, "camera": None, "floor_z_m": 0.0,
+        "floor_slope_rad": [0.0, 0.0], "origin": None, "frames": 80, "rejected": {}, "timing_s": {},
+        "warnings": [], "graph_error": 0.0, "iterations": 1,
+    }  # fmt: skip
+    return stored(np.array(json.dumps(whole | change)))
+
+
 def test_a_missing_file_names_what_makes_it(tmp_path):
     assert "slam optimize" in refused(tmp_path / "estimate.npz")
 
 
 def test_recompressed_by_another_tool_it_is_read(written):
-    rewritten(written, {})
+    rewritten(written, {"record.npy": record()})
     assert read_estimate(written.parent).frames == 80
 
 
@@ -171,6 +182,11 @@ def test_recompressed_by_another_tool_it_is_read(written):
         ("frame_names.npy", stored(np.array([{"a": 1}] * 20), allow_pickle=True)),
         ("record.npy", stored(np.array("[" * 100_000))),
         ("record.npy", stored(np.array("{}"))),
+        ("record.npy", record(floor_slope_rad=[0.1])),
+        ("w_T_b.npy", stored(np.zeros((20, 4, 4)))),
+        ("w_T_b.npy", stored(np.tile(np.diag([1e300, 1e300, 1e300, 1]), (20, 1, 1)))),
+        ("w_T_b.npy", stored(np.tile(np.eye(4), (20, 1, 1)) + np.eye(4)[:, 3:] * [0, 0, 0, 1e3])),
+        ("chain_w_T_b.npy", stored(np.tile(np.eye(4) + 1e13 * np.eye(4, k=3), (20, 1, 1)))),
         ("record.npy", stored(np.array('["name"]'))),
     ],
 )
