@@ -68,14 +68,16 @@ def main() -> None:
     if arguments.inside:
         arguments.inside.write_text(json.dumps(inside(arguments.name[0])))
         return
-    records = earlier()
     screen = Console(width=None if sys.stdout.isatty() else 150)
     for name in arguments.name or TITLES:
         screen.print(f"[bold]{TITLES[name]}[/]")
-        records[name] = apart(name)
-        screen.print(shown(records[name]))
+        record = apart(name)
+        screen.print(shown(record))
+        # Read again: another run may have added its figures meanwhile.
+        records = {**earlier(), name: record}
         with atomic_file(BENCH) as path:
             path.write_text(json.dumps([asdict(record) for record in records.values()], indent=1))
+    records = earlier()
     for name in TITLES:
         records.setdefault(name, Record(name, (), "not measured yet", 0.0, ""))
     sections = [(TITLES[n], records[n].metrics, records[n].skipped) for n in TITLES]
