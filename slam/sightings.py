@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.features import Extractor
+from frontend.features import Extractor, FeatureUnavailableError
 from frontend.keyframes import Tracker
 from frontend.loops import look_alikes, overlapping, verify
 from frontend.registration import Registration, overlap
 from frontend.store import FeatureStore
+from slam.errors import InputError
 from slam.flight import Flight, Image
 from slam.progress import Progress
 from slam.settings import PipelineConfig
@@ -57,7 +58,10 @@ class Sighter:
         width = camera.size_px[0]
         self.flight, self.camera, self.config, self.progress = flight, camera, config, progress
         self.homography = config.homography.for_width(width)
-        self.extractor = Extractor(config.features.for_width(width))
+        try:
+            self.extractor = Extractor(config.features.for_width(width))
+        except FeatureUnavailableError as error:
+            raise InputError(str(error)) from None
 
     def watch(self) -> Sightings:
         """Go through the frames once: track, gate, keyframe."""

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
 
 from frontend.camera import Camera
+from frontend.features import FeatureConfig
 from frontend.registration import Registration
+from slam.errors import InputError
 from slam.flight import Flight, Frames
 from slam.progress import silent
 from slam.settings import PipelineConfig
@@ -156,3 +159,10 @@ def test_what_reading_raises_comes_through():
 
     with pytest.raises(OSError, match="the disk has gone"):
         list(read_ahead(seeing(flight, load), silent))
+
+
+def test_a_detector_that_the_build_lacks_is_an_error_of_the_input() -> None:
+    flight = flown(0)
+    with pytest.raises(InputError, match="SURF out") as refused:
+        Sighter(flight, flight.camera, replace(CONFIG, features=FeatureConfig("surf")), silent)
+    assert "\n" not in str(refused.value)
