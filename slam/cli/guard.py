@@ -43,14 +43,14 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
 
 
 def _told(error: Exception) -> str:
-    if _is_out_of_memory(error):  # asked first: nothing more can be imported then
+    if _is_out_of_memory(error):
         return (
             "not enough memory; close other programs or raise the limit (ulimit -v), choose a coarser mosaic "
             "(a larger --gsd) or none (--no-mosaic)"
         )
-    from backend.errors import BackendError
-
-    if isinstance(error, (InputError, BackendError)):
+    # Looked up, not imported: where memory has run out an import would fail in turn.
+    backend = sys.modules.get("backend.errors")
+    if isinstance(error, InputError) or (backend is not None and isinstance(error, backend.BackendError)):
         return str(error)
     if isinstance(error, OSError):
         return f"{error.filename}: {explain(error)}" if error.filename is not None else explain(error)
