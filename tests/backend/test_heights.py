@@ -51,8 +51,8 @@ def test_each_part_has_its_own_scale():
     assert found.height_m[3:] == pytest.approx(np.exp([-0.2, 0.2, 0.0]), rel=1e-6)
 
 
-def test_a_fifth_of_wild_ratios_and_heights_does_no_harm():
-    """Chain sound, a fifth of loops and heights wild. An end of the chain may have no majority."""
+def test_three_in_ten_wild_ratios_and_heights_does_no_harm():
+    """Chain sound, three in ten loops and heights wild. An end of the chain may have no majority."""
     off = np.array([with_wild(seed) for seed in range(30)])
     assert np.mean(off[:, 1:-1] > 0.05) < 0.005
     assert np.median(off.max(axis=1)) < 0.02
@@ -63,10 +63,10 @@ def with_wild(seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     log_height, i, j = drawn(seed, loops=120)
     ratio = log_height[j] - log_height[i] + rng.normal(0, 0.01, len(i))
-    wild = (np.arange(len(i)) >= 39) & (rng.uniform(size=len(i)) < 0.2)
+    wild = (np.arange(len(i)) >= 39) & (rng.uniform(size=len(i)) < 0.3)
     ratio[wild] += rng.choice([-1, 1], wild.sum()) * rng.uniform(0.3, 1.5, wild.sum())
     measured = log_height + rng.normal(0, 0.02, 40)
-    high = rng.uniform(size=40) < 0.2
+    high = rng.uniform(size=40) < 0.3
     measured[high] += rng.uniform(0.3, 1.0, high.sum())
     found = agree_on_heights(
         40, i, j, ratio, np.full(len(i), 0.01), np.arange(40), measured, np.full(40, 0.02)

@@ -106,6 +106,16 @@ def test_apart_in_time_is_a_loop():
     assert sum(apart.values()) == 3
 
 
+def test_a_slant_range_of_a_leaning_drone_is_not_its_height():
+    """Leaning by half a radian the ray is a seventh longer than the height."""
+    w_T_b = truth()
+    lean = Rotation.from_euler("ZYX", np.column_stack([np.zeros(12), np.full(12, 0.35), np.full(12, -0.35)]))
+    w_T_b[:, :3, :3] = lean.as_matrix()
+    edges = edges_of(mapper_of(w_T_b), w_T_b)
+    assert w_T_b[:, 2, 2].max() < 0.9
+    assert edges.heights.height_m == pytest.approx(w_T_b[:, 2, 3], rel=2e-3)
+
+
 def test_without_sonar_lengths_are_in_mean_heights():
     w_T_b = truth()
     edges = edges_of(mapper_of(w_T_b, sonar=False), w_T_b)
@@ -240,13 +250,26 @@ def test_a_part_without_common_floor_points_is_refused():
         mapper_of(w_T_b).refine(np.array([0, 1]), w_T_b, 0.0, few)
 
 
+def placed(w_T_b: np.ndarray) -> Mapper:
+    """GPS alone, exact, along the way."""
+    stamps_s = 3.0 * np.arange(len(w_T_b))
+    made = replace(flight(w_T_b, sonar=False), truth=Truth(stamps_s, w_T_b))
+    fixes = gps_of(replace(made, truth=Truth(np.repeat(stamps_s, 20), np.repeat(w_T_b, 20, axis=0))), 0.0)
+    sensors = Sensors.at(replace(made, gps=replace(fixes, noise_std_m=(0.01,) * 3)), stamps_s, ORIGIN, CONFIG)
+    return Mapper(CAMERA, sensors, CONFIG)
+
+
 def test_positions_can_be_left_out():
-    w_T_b = truth()
-    stamps_s = 3.0 * np.arange(12)
-    made = flight(w_T_b)
-    placed = replace(made, truth=Truth(np.arange(0, 34, 0.01), np.tile(np.eye(4), (3400, 1, 1))))
-    placed = replace(placed, gps=gps_of(placed, 0.0))
-    mapper = Mapper(CAMERA, Sensors.at(placed, stamps_s, ORIGIN, CONFIG), CONFIG)
+    mapper = placed(truth())
     assert len(mapper.sensors.positions) == 12
     assert mapper.without_positions().sensors.positions == ()
     assert len(mapper.sensors.positions) == 12
+
+
+def test_positions_go_to_their_own_keyframes_of_a_part():
+    w_T_b, members = truth(), np.array([2, 3, 4, 5, 8, 9])
+    start = np.full_like(w_T_b, np.nan)
+    start[members] = w_T_b[members]
+    start[members, 0, 3] += 0.2
+    bundle = refined(placed(w_T_b), w_T_b, members, start)
+    assert bundle.w_T_b[:, :3, 3] == pytest.approx(w_T_b[members, :3, 3], abs=5e-3)
