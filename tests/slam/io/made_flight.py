@@ -50,7 +50,7 @@ def made_flight(seed=0, seconds=6.0):
         times(25, 0.02),
         times(5, 0.1),
         times(5),
-    )  # noqa: E501
+    )
     rates = (attitude(t_imu + 5e-3) - attitude(t_imu - 5e-3)) / 1e-2
     ranges = 1.2 + 0.1 * np.sin(t_sonar) + rng.normal(0, 0.01, len(t_sonar))
     ranges[3:5] = np.nan
@@ -63,7 +63,7 @@ def made_flight(seed=0, seconds=6.0):
     mount[:3, :3], mount[:3, 3] = (
         Rotation.from_euler("xyz", [0.1, -0.2, 0.3]).as_matrix(),
         (0.01, 0.02, -0.03),
-    )  # noqa: E501
+    )
     pictures = {k: picture(k) for k in range(len(t_cam))}
     return Flight(
         name="made: a 'flight' #1",
