@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import errno
+import resource
 import sys
 import traceback
 from collections.abc import Callable
@@ -21,6 +22,8 @@ P = ParamSpec("P")
 
 show_traceback: ContextVar[bool] = ContextVar("show_traceback", default=False)
 """Set by ``slam --debug``."""
+LEAST_MEMORY_BYTES = 1 << 30
+"""Under a tighter limit of addresses OpenBLAS, while being loaded, ends the process or waits forever."""
 
 
 def guarded(command: Callable[P, None]) -> Callable[P, None]:
@@ -29,6 +32,7 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
     @wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
+            _refuse_too_small_a_limit()
             command(*args, **kwargs)
         except KeyboardInterrupt:
             _leave("interrupted; nothing was written", 130)
@@ -40,6 +44,12 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
             _leave(_told(error), 1)
 
     return run
+
+
+def _refuse_too_small_a_limit() -> None:
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY_BYTES:
+        raise MemoryError
 
 
 def _told(error: Exception) -> str:

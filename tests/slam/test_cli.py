@@ -194,6 +194,12 @@ def test_evaluate_needs_an_output_of_ours(tmp_path):
 # ---- outputs
 
 
+def test_a_limit_in_which_the_libraries_hang_is_refused(graph, tmp_path, monkeypatch):
+    monkeypatch.setattr("resource.getrlimit", lambda _: (300 << 20, -1))
+    assert_refused(run("optimize", graph, "--out", tmp_path / "out"), "ulimit")
+    assert not (tmp_path / "out").exists()
+
+
 def test_foreign_files_stay(graph, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "thesis.tex").write_text("mine")
