@@ -12,10 +12,10 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 ALLOWED = {
-    "backend": ("backend", "numpy", "gtsam", "scipy", "networkx"),
+    "backend": ("backend", "numpy", "gtsam", "scipy", "networkx", "numba"),
     "frontend": ("frontend", "numpy", "cv2", "scipy", "networkx", "backend.measurements"),
 }
-HEAVY = ("gtsam", "cv2", "scipy.optimize", "matplotlib", "rasterio")
+HEAVY = ("gtsam", "cv2", "scipy.optimize", "matplotlib", "rasterio", "numba")
 
 
 def imported(source: str, package: str) -> Iterator[tuple[int, str]]:
