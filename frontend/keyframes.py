@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,11 +69,7 @@ class Tracker:
         last: Keyframe | None = None
         best: _Tracked | None = None
         failures = 0
-        for frame, image in enumerate(images):
-            self.frames += 1
-            features = self._features(image)
-            if features is None:
-                continue
+        for frame, features in self._seen(images):
             if last is None:
                 last, number = Keyframe(frame, features, None), number + 1
                 yield last
@@ -98,11 +95,7 @@ class Tracker:
         """Each readable picture as a keyframe, linked to the one before where the two overlap."""
         number = -1
         before: Features | None = None
-        for frame, image in enumerate(images):
-            self.frames += 1
-            features = self._features(image)
-            if features is None:
-                continue
+        for frame, features in self._seen(images):
             link = None
             if before is not None:
                 link = register(
@@ -111,15 +104,30 @@ class Tracker:
             number, before = number + 1, features
             yield Keyframe(frame, features, link if link is not None and link.ok else None)
 
+    def _seen(self, images: Iterable[Image | None]) -> Iterator[tuple[int, Features]]:
+        """Frames with enough features, and their numbers; the others are counted."""
+        for frame, features in enumerate(self._extracted(images)):
+            self.frames += 1
+            if features is None:
+                self.rejected["unreadable"] += 1
+            elif len(features) < self.gates.min_inliers:
+                self.rejected["too few features"] += 1
+            else:
+                yield frame, features
+
+    def _extracted(self, images: Iterable[Image | None]) -> Iterator[Features | None]:
+        """Features of each frame; those of the next are found while this one is matched."""
+        coming: deque[Future[Features | None]] = deque()
+        with ThreadPoolExecutor(1) as pool:
+            for image in images:
+                coming.append(pool.submit(self._features, image))
+                if len(coming) > 1:
+                    yield coming.popleft().result()
+            while coming:
+                yield coming.popleft().result()
+
     def _features(self, image: Image | None) -> Features | None:
-        if image is None:
-            self.rejected["unreadable"] += 1
-            return None
-        features = self.extractor(image, self.camera)
-        if len(features) < self.gates.min_inliers:
-            self.rejected["too few features"] += 1
-            return None
-        return features
+        return None if image is None else self.extractor(image, self.camera)
 
     def _track(self, number: int, frame: int, last: Keyframe, features: Features) -> _Tracked | None:
         link = register(number, number + 1, last.features, features, self.camera, self.homography, self.gates)
