@@ -1,0 +1,268 @@
+"""The vehicle's equations of motion, compiled: the nominal vehicle and every motion term of the catalogue.
+
+``derivative`` is one pure function of state, command, noise and parameters. The simulator integrates it,
+replays integrate it, and the critic's filter linearises it: there is no second set of equations. A term is
+switched off by the neutral value of its parameters, so a model is nothing but a vector.
+
+Frames and signs are the flight format's: world z up, R_wb = Rz(yaw) Ry(pitch) Rx(roll), forward stick and
+pitch > 0 fly forward, left stick asks for roll < 0. Source: IMAV 2011 paper, section 3.2 (stick to tilt to
+force, drag linear in velocity, strong yaw drag).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+STEP_S = 0.002
+"""Step of the integration: RK4, a fiftieth of the vehicle's fastest own lag."""
+
+STATE = (
+    "x", "y", "z",  # place, world [m]
+    "v_x", "v_y", "v_z",  # velocity that drag acts on, world [m/s]; place moves with v + w
+    "roll", "pitch", "yaw",  # [rad]
+    "yaw_rate",  # of yaw, not of the body [rad/s]
+    "hold_x", "hold_y",  # where position_hold wants to be [m]
+)  # fmt: skip
+"""Names of the state's entries, in order."""
+
+COMMAND = (
+    "forward", "left", "up", "yaw",  # the stick, -1..1
+    "centred",  # share of the time that forward and left were both 0
+    "discharge",  # share of the flight's battery use that is behind: 0 at the start, 1 at the end
+)  # fmt: skip
+"""Names of the command's entries: averages over the step."""
+
+NOISE = (
+    "roll", "pitch",  # added to the attitude targets [rad]
+    "yaw_rate",  # added to the yaw-rate target [rad/s]
+    "w_x", "w_y", "w_z",  # velocity on top of v, world [m/s]
+    "gust_x", "gust_y",  # wind on top of the steady one, world [m/s]
+)  # fmt: skip
+"""Names of the noise's entries; each is linear between the nodes of the integration."""
+
+PARAMETERS = (
+    "vehicle.max_tilt_rad",
+    "vehicle.gain",
+    "vehicle.drag_1_s",
+    "vehicle.attitude_time_s",
+    "vehicle.climb_rate_m_s",
+    "vehicle.climb_time_s",
+    "vehicle.yaw_rate_rad_s",
+    "vehicle.yaw_time_s",
+    "vehicle.gear_height_m",
+    "vehicle.fade_height_m",
+    "vehicle.small_angle",
+    "active_braking.k_b",
+    "asymmetric_drag.alpha",
+    "quadratic_drag.c",
+    "command_nonlinearity.eps",
+    "command_nonlinearity.dead_band",
+    "tilt_limit.limit",
+    "battery_sag.loss",
+    "trim_offset.roll",
+    "trim_offset.pitch",
+    "steady_wind.x",
+    "steady_wind.y",
+    "ground_effect.radius",
+    "climb_asymmetry.eps",
+    "yaw_drag.eps",
+    "position_hold.stiffness",
+    "position_hold.damping",
+    "position_hold.capture_speed",
+)
+"""Entries of the parameter vector: constants of the vehicle, then ``TERM.PARAMETER`` of the motion terms."""
+
+(
+    MAX_TILT, GAIN, DRAG, ATTITUDE_TIME, CLIMB_RATE, CLIMB_TIME, YAW_RATE, YAW_TIME, GEAR, FADE, SMALL_ANGLE,
+    BRAKING, ASYMMETRY, QUADRATIC, CUBIC, DEAD_BAND, TILT_LIMIT, SAG, TRIM_ROLL, TRIM_PITCH, WIND_X, WIND_Y,
+    ROTOR_RADIUS, CLIMB_ASYMMETRY, YAW_DRAG, HOLD_STIFFNESS, HOLD_DAMPING, HOLD_CAPTURE,
+) = range(len(PARAMETERS))  # fmt: skip
+
+GRAVITY_M_S2 = 9.80665
+FLOOR_STIFFNESS = 2500.0
+"""Of the landing gear, in 1/s^2."""
+FLOOR_DAMPING = 60.0
+"""In 1/s: the vehicle comes to rest in about 0.1 s without a bounce."""
+SLIDING_1_S = 12.0
+"""How fast a vehicle that touches the floor stops sliding."""
+DECELERATION_M_S2 = 0.1
+"""Width of the smooth change between speeding up and slowing down in ``asymmetric_drag``."""
+HOLD_FOLLOW_1_S = 10.0
+"""How fast the place to be held follows a vehicle that is being flown."""
+
+
+@njit(cache=True)
+def _stick(s: float, parameters: Array) -> float:
+    """What the vehicle makes of a stick: ``command_nonlinearity``, dead band first."""
+    beyond = max(abs(s) - parameters[DEAD_BAND], 0.0)
+    return math.copysign(beyond + parameters[CUBIC] * beyond**3, s)
+
+
+@njit(cache=True)
+def noise_share(z: float, parameters: Array) -> float:
+    """Share of the hold noise that is left at height z: 1 in the air, 0 on the floor."""
+    return min(max((z - parameters[GEAR]) / parameters[FADE], 0.0), 1.0)
+
+
+@njit(cache=True)
+def derivative(state: Array, command: Array, noise: Array, parameters: Array, rate: Array) -> None:
+    """Write d(state)/dt into ``rate``. Shapes: ``STATE``, ``COMMAND``, ``NOISE``, ``PARAMETERS``, ``STATE``.
+
+    Everything but ``rate`` is read only. Continuous in all its arguments, but for the floor's contact.
+    """
+    vx, vy, vz = state[3], state[4], state[5]
+    roll, pitch, yaw = state[6], state[7], state[8]
+    share = noise_share(state[2], parameters)
+    height = state[2] - parameters[GEAR]
+    on_floor = height < 0.0
+
+    # Stick to tilt: a first-order lag behind gain times stick, cut by tilt_limit.
+    reach = parameters[MAX_TILT] * parameters[GAIN] * (1.0 - parameters[SAG] * command[5])
+    limit = parameters[TILT_LIMIT]
+    pitch_target = min(max(reach * _stick(command[0], parameters), -limit), limit)
+    roll_target = min(max(-reach * _stick(command[1], parameters), -limit), limit)
+    rate[6] = (roll_target + parameters[TRIM_ROLL] + share * noise[0] - roll) / parameters[ATTITUDE_TIME]
+    rate[7] = (pitch_target + parameters[TRIM_PITCH] + share * noise[1] - pitch) / parameters[ATTITUDE_TIME]
+
+    # Yaw: its drag decides both the rate it reaches and how fast it is left.
+    yaw_push = parameters[YAW_RATE] * command[3] + share * noise[2]
+    rate[8] = state[9]
+    rate[9] = (yaw_push - (1.0 + parameters[YAW_DRAG]) * state[9]) / parameters[YAW_TIME]
+
+    # Tilt to horizontal force: (R13, R23) / R33.
+    ahead, aside = pitch, -roll
+    if parameters[SMALL_ANGLE] < 0.5:
+        ahead, aside = math.tan(pitch), -math.tan(roll) / math.cos(pitch)
+    c, s = math.cos(yaw), math.sin(yaw)
+    ax = GRAVITY_M_S2 * (c * ahead - s * aside)
+    ay = GRAVITY_M_S2 * (s * ahead + c * aside)
+
+    # Drag against the air.
+    air_x = vx - parameters[WIND_X] - share * noise[6]
+    air_y = vy - parameters[WIND_Y] - share * noise[7]
+    drag = parameters[DRAG] + parameters[QUADRATIC] * math.sqrt(air_x * air_x + air_y * air_y)
+    if parameters[ASYMMETRY] != 0.0:
+        speed = math.sqrt(vx * vx + vy * vy) + 1e-6
+        along = (vx * (ax - drag * air_x) + vy * (ay - drag * air_y)) / speed
+        drag *= 1.0 + parameters[ASYMMETRY] * 0.5 * (1.0 - math.tanh(along / DECELERATION_M_S2))
+    ax -= drag * air_x + parameters[BRAKING] * command[4] * vx
+    ay -= drag * air_y + parameters[BRAKING] * command[4] * vy
+
+    # position_hold: takes over once the stick is centred and the vehicle slow.
+    slow = (vx * vx + vy * vy) / parameters[HOLD_CAPTURE] ** 2
+    held = command[4] / (1.0 + slow * slow)
+    moving_x, moving_y = vx + share * noise[3], vy + share * noise[4]
+    stiffness, damping = held * parameters[HOLD_STIFFNESS], held * parameters[HOLD_DAMPING]
+    ax -= stiffness * (state[0] - state[10]) + damping * moving_x
+    ay -= stiffness * (state[1] - state[11]) + damping * moving_y
+    rate[10] = HOLD_FOLLOW_1_S * (1.0 - held) * (state[0] - state[10])
+    rate[11] = HOLD_FOLLOW_1_S * (1.0 - held) * (state[1] - state[11])
+
+    # Climb: a first-order lag; air under the rotors pushes near the floor (Cheeseman and Bennett).
+    climb = parameters[CLIMB_RATE] * command[2]
+    if climb < 0.0:
+        climb *= 1.0 + parameters[CLIMB_ASYMMETRY]
+    az = (climb - vz) / parameters[CLIMB_TIME]
+    near = min((parameters[ROTOR_RADIUS] / (4.0 * max(state[2], 1e-3))) ** 2, 0.5)
+    az += GRAVITY_M_S2 * near / (1.0 - near)
+
+    if on_floor:
+        az += max(-FLOOR_STIFFNESS * height - FLOOR_DAMPING * vz, 0.0)
+        ax, ay = -SLIDING_1_S * vx, -SLIDING_1_S * vy
+    rate[0], rate[1], rate[2] = moving_x, moving_y, vz + share * noise[5]
+    rate[3], rate[4], rate[5] = ax, ay, az
+
+
+@njit(cache=True)
+def _rk4(
+    state: Array,
+    command: Array,
+    noise_begin: Array,
+    noise_end: Array,
+    parameters: Array,
+    h: float,
+    work: Array,
+) -> None:
+    """Advance ``state`` in place by h: command constant, noise linear over the step. ``work`` is (6,
+    STATE)."""
+    k1, k2, k3, k4, at, noise = work[0], work[1], work[2], work[3], work[4], work[5, : noise_begin.shape[0]]
+    n = state.shape[0]
+    derivative(state, command, noise_begin, parameters, k1)
+    for i in range(noise.shape[0]):
+        noise[i] = 0.5 * (noise_begin[i] + noise_end[i])
+    for i in range(n):
+        at[i] = state[i] + 0.5 * h * k1[i]
+    derivative(at, command, noise, parameters, k2)
+    for i in range(n):
+        at[i] = state[i] + 0.5 * h * k2[i]
+    derivative(at, command, noise, parameters, k3)
+    for i in range(n):
+        at[i] = state[i] + h * k3[i]
+    derivative(at, command, noise_end, parameters, k4)
+    for i in range(n):
+        state[i] += h * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]) / 6.0
+
+
+@njit(cache=True)
+def integrate(start: Array, command: Array, noise: Array, parameters: Array, step_s: float) -> Array:
+    """States of all members at all nodes: (members, steps + 1, STATE).
+
+    ``start`` (members, STATE), ``parameters`` (members, PARAMETERS); ``command`` (m, steps, COMMAND),
+    averages over each step, and ``noise`` (m, steps + 1, NOISE), at the nodes: m is the members' number, or 1
+    for all alike.
+    """
+    members, steps = start.shape[0], command.shape[1]
+    states = np.empty((members, steps + 1, start.shape[1]))
+    work = np.empty((6, start.shape[1]))
+    state = np.empty(start.shape[1])
+    for j in range(members):
+        commands = command[min(j, command.shape[0] - 1)]
+        noises = noise[min(j, noise.shape[0] - 1)]
+        state[:] = start[j]
+        states[j, 0] = state
+        for k in range(steps):
+            _rk4(state, commands[k], noises[k], noises[k + 1], parameters[j], step_s, work)
+            states[j, k + 1] = state
+    return states
+
+
+@njit(cache=True)
+def read_out(
+    states: Array,
+    noise: Array,
+    parameters: Array,
+    node: NDArray[np.int64],
+    past_s: Array,
+    average: Array,
+    command: Array,
+    noise_at: Array,
+    noise_rate: Array,
+) -> tuple[Array, Array, Array]:
+    """State, its rate and the acceleration d(v + w)/dt at n moments between the nodes of one member.
+
+    ``node`` (n,) is the node before each moment and ``past_s`` the time since; ``average`` (n, COMMAND) the
+    command's mean since the node, ``command`` its value at the moment; ``noise_at`` (n, NOISE) the noise at
+    the moment and ``noise_rate`` (n, 3) the rate of w. Returns (n, STATE), (n, STATE), (n, 3).
+    """
+    count, width = node.shape[0], states.shape[1]
+    at, rates, acceleration = np.empty((count, width)), np.empty((count, width)), np.empty((count, 3))
+    work = np.empty((6, width))
+    for i in range(count):
+        k = node[i]
+        at[i] = states[k]
+        if past_s[i] > 0.0:
+            # A part of a step, not an interpolation: exact also where the stick jumps between two nodes.
+            _rk4(at[i], average[i], noise[k], noise_at[i], parameters, past_s[i], work)
+        derivative(at[i], command[i], noise_at[i], parameters, rates[i])
+        share = noise_share(at[i, 2], parameters)
+        fading = rates[i, 2] / parameters[FADE] if 0.0 < share < 1.0 else 0.0
+        for axis in range(3):
+            w = noise_at[i, 3 + axis]
+            acceleration[i, axis] = rates[i, 3 + axis] + share * noise_rate[i, axis] + fading * w
+    return at, rates, acceleration

@@ -1,0 +1,112 @@
+"""What makes a hover look like one: tilt and yaw that jitter, and a velocity on top of the vehicle's own.
+
+Each channel is an Ornstein-Uhlenbeck process drawn at the nodes of the integration and linear between them,
+so that it is one continuous function of time which every instrument reads alike. That on the velocity then
+passes a first-order pole; its rate is known, which the accelerometer needs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.signal import lfilter
+
+Array = NDArray[np.float64]
+Time = Annotated[float, Field(ge=0.01, le=60)]
+Size = Annotated[float, Field(ge=0, le=20)]
+
+
+@dataclass(frozen=True)
+class HoldNoise:
+    """Standard deviations and correlation times, stationary from the start."""
+
+    tilt_std_deg: Size = 0.4
+    """Added to the targets of roll and pitch."""
+    tilt_correlation_s: Time = 0.25
+    yaw_rate_std_deg_s: Size = 1.0
+    """Added to the target of the yaw rate."""
+    yaw_rate_correlation_s: Time = 0.35
+    velocity_std_m_s: Annotated[float, Field(ge=0, le=5)] = 0.034
+    """In x and in y, behind the pole."""
+    velocity_up_std_m_s: Annotated[float, Field(ge=0, le=5)] = 0.012
+    velocity_correlation_s: Time = 0.11
+    """Before the pole."""
+    velocity_pole_s: Annotated[float, Field(ge=0.005, le=5)] = 0.02
+    fade_height_m: Annotated[float, Field(ge=0.001, le=5)] = 0.04
+    """Above the landing gear's touch, over which all of it fades."""
+
+
+@dataclass(frozen=True)
+class NoisePath:
+    """One drawn noise at the nodes of an integration."""
+
+    values: Array
+    """(steps + 1, ``dynamics.NOISE``)."""
+    rates: Array
+    """(steps + 1, 3) rate of the velocity noise w [m/s^2]."""
+
+
+def draw_noise(
+    noise: HoldNoise,
+    steps: int,
+    step_s: float,
+    rng: np.random.Generator,
+    gusts: tuple[float, float] = (0.0, 1.0),
+    gust_rng: np.random.Generator | None = None,
+) -> NoisePath:
+    """Noise for ``steps`` steps; the first nodes of a longer one are those of a shorter one.
+
+    ``gusts`` are the standard deviation in m/s and the correlation time in s of the wind, drawn from
+    ``gust_rng``.
+    """
+    first = rng.standard_normal(3)
+    white = rng.standard_normal((steps + 1, 6))
+    values, rates = np.zeros((steps + 1, 8)), np.zeros((steps + 1, 3))
+    tilt, turn = np.radians(noise.tilt_std_deg), np.radians(noise.yaw_rate_std_deg_s)
+    values[:, 0] = tilt * _process(white[:, 0], step_s / noise.tilt_correlation_s)
+    values[:, 1] = tilt * _process(white[:, 1], step_s / noise.tilt_correlation_s)
+    values[:, 2] = turn * _process(white[:, 2], step_s / noise.yaw_rate_correlation_s)
+    for axis, std in enumerate((noise.velocity_std_m_s, noise.velocity_std_m_s, noise.velocity_up_std_m_s)):
+        before = _process(white[:, 3 + axis], step_s / noise.velocity_correlation_s)
+        behind, push, size = _pole(before, first[axis], step_s, noise)
+        values[:, 3 + axis] = std / size * behind
+        rates[:, axis] = std / size * push
+    sigma, tau = gusts
+    if sigma > 0 and gust_rng is not None:
+        white = gust_rng.standard_normal((steps + 1, 2))
+        for axis in range(2):
+            values[:, 6 + axis] = sigma * _process(white[:, axis], step_s / tau)
+    return NoisePath(values, rates)
+
+
+def _process(white: Array, step: float) -> Array:
+    """Ornstein-Uhlenbeck process of variance 1 from white noise; ``step`` in correlation times. (n,)."""
+    keep = np.exp(-step)
+    kicks = np.sqrt(-np.expm1(-2 * step)) * white
+    kicks[0] = white[0]
+    return np.asarray(lfilter([1.0], [1.0, -keep], kicks))
+
+
+def _pole(before: Array, first: float, step_s: float, noise: HoldNoise) -> tuple[Array, Array, float]:
+    """Behind the pole: value and rate at the nodes, and the value's standard deviation.
+
+    ``first`` is the standard normal deviate of the first value, given what o explains of it. The pole's
+    equation w' = (o - w) / T is solved exactly for an o that is linear between the nodes.
+    """
+    x, a = step_s / noise.velocity_pole_s, np.exp(-step_s / noise.velocity_pole_s)
+    from_end = 1 - (1 - a) / x
+    from_begin = (1 - a) - from_end
+    # Stationary covariance with o, then the variance: w_k+1 = a w_k + from_begin o_k + from_end o_k+1.
+    b = np.exp(-step_s / noise.velocity_correlation_s)
+    with_o = (from_begin * b + from_end) / (1 - a * b)
+    drive = from_begin**2 + from_end**2 + 2 * b * from_begin * from_end
+    variance = (drive + 2 * a * with_o * (from_begin + from_end * b)) / (1 - a * a)
+    kicks = np.empty_like(before)
+    kicks[1:] = from_begin * before[:-1] + from_end * before[1:]
+    kicks[0] = with_o * before[0] + np.sqrt(max(variance - with_o**2, 0.0)) * first
+    behind = np.asarray(lfilter([1.0], [1.0, -a], kicks))
+    return behind, (before - behind) / noise.velocity_pole_s, float(np.sqrt(variance))

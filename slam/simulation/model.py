@@ -1,0 +1,204 @@
+"""Models: the vehicle, its restlessness, its instruments and its terms, as a TOML file.
+
+The nominal model and an extended one are the same kind of file: the second has more ``[terms.NAME]`` tables.
+What a file leaves out is as the nominal model has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from difflib import get_close_matches
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from slam.config import load_config, read_toml
+from slam.errors import InputError
+from slam.io.atomic import write_whole
+from slam.simulation.hold_noise import HoldNoise
+from slam.simulation.instruments import (
+    AttitudeModel,
+    BatteryModel,
+    CommandModel,
+    ImuModel,
+    SonarModel,
+    VelocityModel,
+)
+from slam.simulation.terms import CATALOGUE
+
+Array = NDArray[np.float64]
+Time = Annotated[float, Field(ge=0.01, le=10)]
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """Constants of the equations of motion.
+
+    Source: IMAV 2011 paper, section 3.2: P_theta = 0.057 (so k = g P_theta), largest tilt 30 degrees, strong
+    yaw drag.
+    """
+
+    max_tilt_rad: Annotated[float, Field(ge=0.01, le=1.2)] = 0.5236
+    """At full stick."""
+    gain: Annotated[float, Field(ge=0.05, le=5)] = 1.0
+    """Share of the tilt asked for that is reached."""
+    drag_1_s: Annotated[float, Field(ge=0, le=10)] = 0.559
+    attitude_time_s: Time = 0.10
+    climb_rate_m_s: Annotated[float, Field(ge=0.05, le=20)] = 1.0
+    """At full stick."""
+    climb_time_s: Time = 0.30
+    yaw_rate_rad_s: Annotated[float, Field(ge=0.05, le=20)] = 1.5
+    """At full stick."""
+    yaw_time_s: Time = 0.05
+    gear_height_m: Annotated[float, Field(ge=0, le=1)] = 0.08
+    """Of the body's origin when it stands."""
+    small_angle: bool = False
+    """The force is g times the tilt, as in the paper, not g times its tangent."""
+    size_m: tuple[float, float, float] = (0.525, 0.515, 0.115)
+    """The paper's dimensions: length, width, height."""
+    inertia_kg_m2: tuple[float, float, float] = (0.0241, 0.0232, 0.0451)
+    """The paper's principal moments; the attitude's lag stands for what they do."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """What criticism has to judge: how a vehicle moves and what its instruments read."""
+
+    name: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[\w .+-]+$")] = "nominal"
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    hold_noise: HoldNoise = field(default_factory=HoldNoise)
+    imu: ImuModel = field(default_factory=ImuModel)
+    attitude: AttitudeModel = field(default_factory=AttitudeModel)
+    velocity: VelocityModel = field(default_factory=VelocityModel)
+    sonar: SonarModel = field(default_factory=SonarModel)
+    battery: BatteryModel = field(default_factory=BatteryModel)
+    command: CommandModel = field(default_factory=CommandModel)
+    terms: dict[str, dict[str, float]] = field(default_factory=dict)
+    """Name of the catalogue -> parameter -> value; a parameter that is left out is neutral."""
+
+    def value(self, term: str, parameter: str) -> float:
+        """A term's parameter, neutral where the model does not hold it. Raises ``KeyError``."""
+        neutral = CATALOGUE[term].parameter(parameter).neutral
+        return self.terms.get(term, {}).get(parameter, neutral)
+
+    def holds(self, term: str) -> bool:
+        """Whether the model has the term, with a value that is not neutral."""
+        return any(self.value(term, p.name) != p.neutral for p in CATALOGUE[term].parameters)
+
+    def vector(self, term: str, *parameters: str) -> Array:
+        """Several parameters of a term, by default all of them."""
+        names = parameters or tuple(p.name for p in CATALOGUE[term].parameters)
+        return np.array([self.value(term, name) for name in names])
+
+    def with_term(self, term: str, **values: float) -> Model:
+        """This model with parameters of a term set. Raises ``InputError`` as a file would."""
+        terms = {**self.terms, term: {**self.terms.get(term, {}), **values}}
+        changed = replace(self, terms=terms)
+        check_model(changed, f"model {self.name!r}")
+        return changed
+
+    def parameters(self) -> Array:
+        """The vector that the equations of motion take, (``dynamics.PARAMETERS``,)."""
+        from slam.simulation.dynamics import PARAMETERS
+
+        values = {
+            **{f"vehicle.{name}": value for name, value in vars(self.vehicle).items()},
+            "vehicle.fade_height_m": self.hold_noise.fade_height_m,
+        }
+        for name, term in CATALOGUE.items():
+            for parameter in term.parameters:
+                # A term that takes the place of a constant of the vehicle leaves it alone where it is absent.
+                if not parameter.slot or name in self.terms:
+                    slot = parameter.slot or f"{name}.{parameter.name}"
+                    values[slot] = self.value(name, parameter.name)
+        return np.array([float(values[name]) for name in PARAMETERS])
+
+
+def load_model(source: str | Path) -> Model:
+    """The model of a .toml file, or the shipped one of that name.
+
+    Raises ``InputError``, one line, for an unknown key, term or name, and for a value that is out of range.
+    """
+    path = _model_path(source)
+    return model_from(read_toml(path), str(path))
+
+
+def model_from(mapping: Mapping[str, Any], where: str) -> Model:
+    """The model of a mapping as a TOML file gives it. Raises ``InputError``."""
+    model = load_config(Model, mapping, where)
+    check_model(model, where)
+    return model
+
+
+def save_model(model: Model, path: str | Path) -> None:
+    """Write a model so that ``load_model`` gives it back. Raises ``InputError`` where nothing can be
+    written."""
+    lines = [f"name = {_toml(model.name)}"]
+    for part in fields(model):
+        value = getattr(model, part.name)
+        if is_dataclass(value) and not isinstance(value, type):
+            lines += ["", f"[{part.name}]", *(f"{k} = {_toml(v)}" for k, v in asdict(value).items())]
+    for name, values in model.terms.items():
+        lines += ["", f"[terms.{name}]", *(f"{k} = {_toml(v)}" for k, v in values.items())]
+    write_whole(path, ("\n".join(lines) + "\n").encode())
+
+
+def check_model(model: Model, where: str) -> None:
+    """Raise ``InputError`` for a term or parameter that there is not, a value out of range, and odd
+    limits."""
+    for name, values in model.terms.items():
+        if name not in CATALOGUE:
+            near = get_close_matches(name, CATALOGUE, n=1, cutoff=0.0)
+            raise InputError(f"{where}: unknown term 'terms.{name}'; did you mean 'terms.{near[0]}'?")
+        known = [parameter.name for parameter in CATALOGUE[name].parameters]
+        for key, value in values.items():
+            if key not in known:
+                raise InputError(
+                    f"{where}: unknown key 'terms.{name}.{key}'; the term has: {', '.join(known)}"
+                )
+            limits = CATALOGUE[name].parameter(key)
+            if not limits.least <= value <= limits.most:
+                raise InputError(
+                    f"{where}: terms.{name}.{key}: give {limits.least:g} to {limits.most:g} {limits.unit}, "
+                    f"got {value:g}"
+                )
+    if model.sonar.min_range_m >= model.sonar.max_range_m:
+        raise InputError(f"{where}: sonar: min_range_m must be below max_range_m")
+
+
+def shipped_folder() -> Path:
+    """Where recipes and models are: in the installed package, or beside it in a checkout."""
+    package = Path(str(resources.files("slam")))
+    installed = package / "datasets"
+    return installed if installed.is_dir() else package.parent / "datasets"
+
+
+def shipped_models() -> tuple[str, ...]:
+    """Names of the models that come with the project."""
+    return tuple(sorted(path.stem for path in (shipped_folder() / "models").glob("*.toml")))
+
+
+def _model_path(source: str | Path) -> Path:
+    path, names = Path(source), shipped_models()
+    if str(source) in names:
+        return shipped_folder() / "models" / f"{source}.toml"
+    if path.suffix == ".toml":
+        return path
+    near = get_close_matches(str(source), names, n=1, cutoff=0.0)
+    meant = f"did you mean {near[0]!r}? " if near else ""
+    raise InputError(f"{source}: no such model; {meant}give a .toml file or one of: {', '.join(names)}")
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(_toml(v) for v in value)}]"
+    if isinstance(value, str):
+        return f'"{value}"'
+    return repr(float(value)) if isinstance(value, float) else str(value)
