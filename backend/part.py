@@ -20,7 +20,7 @@ from backend.gauge import direction_words, hold_factor, key_runs, open_direction
 from backend.initialize import chordal, spanning_tree, tree_edges
 from backend.marginals import pose_covariances
 from backend.problem import Problem
-from backend.solve import Minimum, OnStep, check_error, gauss_newton, levenberg_marquardt
+from backend.solve import Minimum, OnStep, gauss_newton, levenberg_marquardt
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -194,7 +194,7 @@ def _plain(anchored: _Anchored, kept: Mask, start: Array) -> _Fit:
     limits = (options.max_iterations, options.relative_tolerance, options.on_step, options.deadline)
     attempts: list[_Fit] = []
     refused: BackendError | None = None
-    for values in _starts(problem, graph, start):
+    for values in _starts(problem, start):
         if attempts and time.monotonic() > options.deadline:
             break
         try:
@@ -212,7 +212,7 @@ def _plain(anchored: _Anchored, kept: Mask, start: Array) -> _Fit:
     return _fit(anchored, problem, levenberg_marquardt(graph, best.minimum, *limits))
 
 
-def _starts(problem: Problem, graph: gtsam.NonlinearFactorGraph, start: Array) -> Iterator[gtsam.Values]:
+def _starts(problem: Problem, start: Array) -> Iterator[gtsam.Values]:
     """The given start and the chordal one, the one of lower error first."""
     if not np.isfinite(start).all():
         bad = int(np.argmin(np.isfinite(start).all(axis=(1, 2))))
@@ -224,11 +224,8 @@ def _starts(problem: Problem, graph: gtsam.NonlinearFactorGraph, start: Array) -
     starts = [start] if relaxed is None else [start, relaxed]
     if relaxed is not None and _edge_statistic(problem, relaxed) < before:
         starts.reverse()
-    for number, w_T in enumerate(starts):
-        values = problem.values(w_T)
-        if number == 0:
-            check_error(graph, values, problem.name)
-        yield values
+    for w_T in starts:
+        yield problem.values(w_T)
     relaxed = _chordal_start(problem, start[0]) if looped and relaxed is None else None
     if relaxed is not None:
         yield problem.values(relaxed)

@@ -98,10 +98,9 @@ class Problem:
         used = np.arange(len(self.i)) if weight is None else np.flatnonzero(weight > 0)
         make = gtsam.BetweenFactorPose2 if self.dimension == 2 else gtsam.BetweenFactorPose3
         poses = gtsam_poses(self.ij_T[used], self.dimension)
-        models, which = _models(R[used])
-        pairs = zip(self.i[used].tolist(), self.j[used].tolist(), poses, which, strict=True)
-        for a, b, pose, k in pairs:
-            graph.add(make(a, b, pose, models[k]))
+        pairs = zip(self.i[used].tolist(), self.j[used].tolist(), poses, _models(R[used]), strict=True)
+        for a, b, pose, model in pairs:
+            graph.add(make(a, b, pose, model))
         return graph
 
     def absolute_factors(self) -> gtsam.NonlinearFactorGraph:
@@ -129,17 +128,21 @@ class Problem:
         return w_T
 
 
-def _models(R: Array) -> tuple[list[gtsam.noiseModel.Gaussian], list[int]]:
-    """Noise models of root information matrices (m, d, d), one for all equal ones, and the model of each."""
-    rows = np.ascontiguousarray(R.reshape(len(R), R.shape[1] ** 2)) + 0.0
-    code = rows.view(np.dtype((np.void, rows.dtype.itemsize * rows.shape[1]))).ravel()
-    _, first, which = np.unique(code, return_index=True, return_inverse=True)
-    some = R[first]
+def _models(R: Array) -> list[gtsam.noiseModel.Gaussian]:
+    """The noise model of each root information matrix (m, d, d), one for all equal ones."""
     # A zero on the diagonal leaves a direction open; gtsam's diagonal model would make it infinite.
-    diagonal = (np.diagonal(some, axis1=1, axis2=2) > 0).all(axis=1)
-    smart = diagonal & (np.count_nonzero(some, axis=(1, 2)) == R.shape[1])
+    positive = (np.diagonal(R, axis1=1, axis2=2) > 0).all(axis=1)
+    smart = positive & (np.count_nonzero(R, axis=(1, 2)) == R.shape[1])
     make = gtsam.noiseModel.Gaussian.SqrtInformation
-    return [make(matrix, s) for matrix, s in zip(some, smart.tolist(), strict=True)], which.tolist()
+    known: dict[bytes, gtsam.noiseModel.Gaussian] = {}
+    models = []
+    for matrix, s in zip(np.ascontiguousarray(R), smart.tolist(), strict=True):
+        code = matrix.tobytes()
+        model = known.get(code)
+        if model is None:
+            known[code] = model = make(matrix, s)
+        models.append(model)
+    return models
 
 
 def square_roots(information: Array) -> Array:

@@ -91,13 +91,6 @@ def check(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, name: Name =
         where = "; ".join(key_runs(part, name) for part in parts.floating[:4])
         raise BackendError(f"nothing ties {where} to the world: hold one pose of each connected part")
     _check_values(initial, name)
-    check_error(graph, initial, name)
-
-
-def check_error(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, name: Name = key_name) -> None:
-    """The part of ``check`` that is left for finite values and a sound structure."""
-    if not math.isfinite(_error(graph, initial)):
-        raise BackendError(_not_finite(graph, initial, name))
 
 
 def _check_values(values: gtsam.Values, name: Name) -> None:
@@ -111,11 +104,20 @@ def _check_values(values: gtsam.Values, name: Name) -> None:
             raise BackendError(f"the initial value of {who} is not finite; give it a start")
 
 
-def _error(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> float:
+def _optimizer(
+    graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, solver: str, name: Name
+) -> gtsam.GaussNewtonOptimizer:
+    """gtsam's optimizer, which evaluates the graph once: refused where that is not finite."""
+    params = gtsam.GaussNewtonParams()
+    params.setLinearSolverType(solver)
+    params.setOrderingType("METIS" if initial.size() > DEEP_GRAPH else "COLAMD")
     try:
-        return float(graph.error(values))
+        optimizer = gtsam.GaussNewtonOptimizer(graph, initial, params)
     except (RuntimeError, ValueError, TypeError, IndexError) as error:
         raise BackendError(f"the graph cannot be evaluated: {first_line(error)}") from error
+    if not math.isfinite(optimizer.error()):
+        raise BackendError(_not_finite(graph, initial, name))
+    return optimizer
 
 
 def _not_finite(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, name: Name) -> str:
@@ -142,7 +144,7 @@ def gauss_newton(
 
     The graph must have passed ``check``. Raises ``BackendError`` where a direction is not observed.
     """
-    limits = (max_iterations, relative_tolerance, on_step, deadline)
+    limits = (max_iterations, relative_tolerance, on_step, deadline, name)
     try:
         return _gauss_newton(graph, initial, "MULTIFRONTAL_CHOLESKY", *limits)
     except _SingularError:
@@ -185,11 +187,9 @@ def _gauss_newton(
     relative_tolerance: float,
     on_step: OnStep | None,
     deadline: float,
+    name: Name,
 ) -> Minimum:
-    params = gtsam.GaussNewtonParams()
-    params.setLinearSolverType(solver)
-    params.setOrderingType("METIS" if initial.size() > DEEP_GRAPH else "COLAMD")
-    optimizer = gtsam.GaussNewtonOptimizer(graph, initial, params)
+    optimizer = _optimizer(graph, initial, solver, name)
     start = error = float(optimizer.error())
     gap = math.inf
     iteration = 0
