@@ -1,0 +1,64 @@
+"""The held stick as the equations take it: its mean over an interval, whenever the interval begins.
+
+A mean, not a sample: then a change between two nodes counts for the part of the step that it acts in, and
+what a flight does is a smooth function of the latency.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.flight import Command
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Stick:
+    """A stick that holds each value from its stamp to the next, and rests at 0 before the first."""
+
+    stamps_s: Array
+    """(n,) increasing."""
+    values: Array
+    """(n, 4) forward, left, up, yaw."""
+    duration_s: float
+    """Of the flight: what ``battery_sag`` takes its share from."""
+
+    def mean(self, begin_s: Array, end_s: Array, latency_s: float = 0.0) -> Array:
+        """(m, ``dynamics.COMMAND``) means over intervals of what a vehicle that is late by ``latency_s``
+        obeys."""
+        begin, end = np.asarray(begin_s, dtype=float), np.asarray(end_s, dtype=float)
+        length = np.maximum(end - begin, 1e-12)[:, None]
+        held = (self._integral(end - latency_s) - self._integral(begin - latency_s)) / length
+        return np.column_stack([held, self._discharge((begin + end) / 2)])
+
+    def at(self, times_s: Array, latency_s: float = 0.0) -> Array:
+        """(m, ``dynamics.COMMAND``) what it is at moments; at a change the new value."""
+        times = np.asarray(times_s, dtype=float)
+        values = np.vstack([np.zeros(4), self.values])
+        k = np.searchsorted(self.stamps_s, times - latency_s, side="right")
+        return np.column_stack([values[k], _centred(values)[k], self._discharge(times)])
+
+    def _integral(self, times_s: Array) -> Array:
+        """(m, 5) integrals from far before the first stamp; of the stick, and of its being centred."""
+        first, last = self.stamps_s[0] - 1e4, max(self.stamps_s[-1], self.duration_s) + 1e4
+        nodes = np.concatenate([[first], self.stamps_s, [last]])
+        values = np.vstack([np.zeros(4), self.values])
+        height = np.column_stack([values, _centred(values)])
+        total = np.vstack([np.zeros(5), np.cumsum(height * np.diff(nodes)[:, None], axis=0)])
+        return np.column_stack([np.interp(times_s, nodes, column) for column in total.T])
+
+    def _discharge(self, times_s: Array) -> Array:
+        return np.clip(times_s / self.duration_s, 0.0, 1.0)
+
+
+def stick_of(command: Command, duration_s: float) -> Stick:
+    """The stick of a recorded flight; a missing value is 0."""
+    return Stick(command.stamps_s, np.nan_to_num(command.stick), duration_s)
+
+
+def _centred(values: Array) -> Array:
+    return ((values[:, 0] == 0) & (values[:, 1] == 0)).astype(float)
