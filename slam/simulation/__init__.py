@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from slam.errors import InputError
 from slam.flight import Flight, Frames, Truth
 from slam.simulation import sensors
+from slam.simulation.effects import CameraEffects
+from slam.simulation.film import Film, shoot
 from slam.simulation.maneuver import plan
-from slam.simulation.optics import Film
 from slam.simulation.recipe import Recipe, check, load_recipe
 from slam.simulation.vehicle import Motion, fly
 
@@ -42,13 +43,13 @@ def simulate(recipe: Recipe | str | Path, seed: int = 0) -> Flight:
         recipe = load_recipe(recipe)
     path = plan(recipe.maneuver, recipe.landmarks, recipe.world.extent_m)
     motion = fly(path, recipe.vehicle, sensors.generator(seed, "motion"))
-    film, stamps_s = _film(recipe, motion, seed)
-    names = tuple(f"{EPOCH_NS + round(stamp * 1e9)}.png" for stamp in stamps_s)
+    film = _film(recipe, motion, seed)
+    names = tuple(f"{EPOCH_NS + round(stamp * 1e9)}.png" for stamp in film.stamps_s)
     return Flight(
         name=recipe.name,
         epoch_ns=EPOCH_NS,
-        camera=film.camera,
-        frames=Frames(stamps_s, names, film),
+        camera=film.told,
+        frames=Frames(film.stamps_s, names, film),
         imu=sensors.read_imu(motion, recipe.imu, sensors.generator(seed, "imu")),
         sonar=sensors.read_sonar(motion, recipe.sonar, sensors.generator(seed, "sonar")),
         attitude=sensors.read_attitude(motion, recipe.attitude, sensors.generator(seed, "attitude")),
@@ -60,13 +61,18 @@ def simulate(recipe: Recipe | str | Path, seed: int = 0) -> Flight:
     )
 
 
-def _film(recipe: Recipe, motion: Motion, seed: int) -> tuple[Film, Array]:
+def _film(recipe: Recipe, motion: Motion, seed: int) -> Film:
     stamps_s = sensors.stamps(
         recipe.camera.rate_hz, motion.duration_s, sensors.generator(seed, "camera clock")
     )
     marks = tuple((name, x, y) for name, (x, y) in recipe.landmarks.items())
-    poses = motion.at(stamps_s).w_T_b
-    return Film(recipe.world, marks, recipe.camera.camera(), poses, recipe.camera.noise_std, seed), stamps_s
+
+    def pose_at(times_s: Array) -> Array:
+        return motion.at(times_s).w_T_b
+
+    return shoot(
+        recipe.world, marks, recipe.camera, CameraEffects(), stamps_s, pose_at, motion.duration_s, seed
+    )
 
 
 def _truth(motion: Motion) -> Truth:

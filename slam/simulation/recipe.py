@@ -21,7 +21,7 @@ from slam.simulation.maneuver import Maneuver, plan
 from slam.simulation.optics import CameraModel
 from slam.simulation.sensors import AttitudeModel, ImuModel, SonarModel
 from slam.simulation.vehicle import Vehicle
-from slam.simulation.world import World, check_world
+from slam.simulation.world import FLOORS, World, check_world
 
 LANDMARK_NAME = re.compile(r"[A-Za-z0-9_+-]{1,8}")
 """What can be written into a mark, and into a csv file."""
@@ -61,7 +61,7 @@ def recipe_from(mapping: Mapping[str, Any], where: str, folder: Path = Path()) -
     """The recipe of a mapping as a TOML file gives it; a relative texture path starts at ``folder``."""
     recipe = load_config(Recipe, mapping, where)
     texture = recipe.world.texture
-    if texture not in ("puzzle", "plain"):
+    if texture not in FLOORS:
         recipe = replace(recipe, world=replace(recipe.world, texture=str(folder / texture)))
     check(recipe, where)
     return recipe

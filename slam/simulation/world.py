@@ -3,46 +3,54 @@
 A floor is one picture, row 0 at the largest y, and its halvings: mip levels for cameras that see it from
 higher up. The puzzle floor is the paper's: a tile of foam puzzle pieces, repeated. What tells one tile from
 the next is wear (stains, grain, specks, scratches), which does not repeat unless the recipe asks for it.
+Boxes and pylons stand on it (``slam.simulation.obstacles``; ``slam.simulation.terrain`` knows their height).
 """
 
 from __future__ import annotations
 
-import warnings
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated
 
 import cv2
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 from pydantic import Field
 
 from slam.errors import InputError
+from slam.simulation.gym import gym_floor
+from slam.simulation.marks import draw_mark
+from slam.simulation.obstacles import Box, Pylon, corners, covers, prisms, steps
+from slam.simulation.photograph import MAX_TEXELS, check_photograph, photographed_floor
 from slam.simulation.puzzle import puzzle_tile
+from slam.simulation.wear import NEUTRAL, draw_wear, wear_down
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-MAX_TEXELS = 64_000_000
+FLOORS = ("puzzle", "gym", "plain")
+"""Textures that are drawn; any other is the path of a photograph."""
 MIP_LEVELS = 5
-NEUTRAL = 128
-"""Grey of a plain floor, and the wear that changes nothing."""
+STEPS = 1
+"""Stream of the random numbers that lay out steps."""
 SURROUND_BGR = (122, 131, 138)
 """The bare floor around the puzzle pieces."""
-WEAR_CONTRAST = 0.16
-"""Standard deviation of the wear, as a share of the brightness."""
-SPECKS_PER_M2 = 200
-SCRATCHES_PER_M2 = 7
+SHADOW, SHADOW_WIDTH_M = 0.5, 0.05
+"""How much darker the floor is at an obstacle's foot, and how far from it that is seen."""
+
+
+Slope = Annotated[float, Field(ge=-0.5, le=0.5)]
 
 
 @dataclass(frozen=True)
 class World:
-    """What the floor looks like."""
+    """The place: the floor, what it looks like and what stands on it."""
 
     texture: Annotated[str, Field(min_length=1)] = "puzzle"
-    """``puzzle``, ``plain`` (one grey), or the path of a photograph of a floor, mirrored beyond its edge."""
+    """``puzzle``, ``gym`` (planks with the lines of its courts), ``plain`` (one grey), or the path of a
+    photograph of a floor, mirrored beyond its edge."""
     extent_m: tuple[float, float, float, float] = (-0.15, -0.15, 4.65, 4.65)
     """x0, y0, x1, y1 of the floor that may be flown over."""
     margin_m: Annotated[float, Field(ge=0, le=50)] = 1.0
@@ -56,6 +64,15 @@ class World:
     """Size of a landmark's mark; 0 draws none."""
     seed: Annotated[int, Field(ge=0)] = 0
     """The floor is a place: another flight over it has another seed, the floor keeps its own."""
+    boxes: Annotated[tuple[Box, ...], Field(max_length=200)] = ()
+    pylons: Annotated[tuple[Pylon, ...], Field(max_length=200)] = ()
+    slope: tuple[Slope, Slope] = (0.0, 0.0)
+    """Rise of the floor along x and y, metres a metre; its height is 0 at the origin."""
+
+    @property
+    def prisms(self) -> Array:
+        """(n, 9) boxes, then pylons, as ``slam.simulation.obstacles`` describes them."""
+        return prisms((*self.boxes, *self.pylons), self.slope)
 
 
 Marks = tuple[tuple[str, float, float], ...]
@@ -64,7 +81,7 @@ Marks = tuple[tuple[str, float, float], ...]
 
 @dataclass(frozen=True)
 class Floor:
-    """A texture with its mip levels, on the plane z = 0."""
+    """A texture with its mip levels, seen from straight above."""
 
     levels: tuple[Image, ...]
     """(h, w, 3) BGR, each half the size of the one before."""
@@ -83,8 +100,23 @@ class Floor:
         return int(np.clip(np.rint(np.log2(spacing_m / self.metres_per_px)), 0, len(self.levels) - 1))
 
 
+def with_place_terms(world: World, marks: Marks, terms: Mapping[str, Mapping[str, float]]) -> World:
+    """The world with ``floor_slope`` and ``floor_steps`` of a model's terms; steps leave the marks free."""
+    if slope := terms.get("floor_slope"):
+        rise = (world.slope[0] + slope.get("x", 0.0), world.slope[1] + slope.get("y", 0.0))
+        world = replace(world, slope=rise)
+    laid = terms.get("floor_steps", {})
+    height_m, share = laid.get("height", 0.0), laid.get("share", 0.0)
+    if height_m > 0 and share > 0:
+        clear_m = [(x, y) for _, x, y in marks]
+        boxes = steps(world.extent_m, height_m, share, clear_m, np.random.default_rng((world.seed, STEPS)))
+        world = replace(world, boxes=(*world.boxes, *boxes))
+    return world
+
+
 def check_world(world: World) -> None:
-    """Raise ``InputError`` for a floor of no or too great a size, or a photograph that cannot be read."""
+    """Raise ``InputError`` for a floor of no or too great a size, a photograph that cannot be read, and an
+    obstacle of no size or off the floor."""
     x0, y0, x1, y1 = world.extent_m
     if not (np.all(np.isfinite(world.extent_m)) and x1 > x0 and y1 > y0):
         raise InputError(
@@ -96,8 +128,23 @@ def check_world(world: World) -> None:
             f"world: a texture of {width} x {height} px is too large; "
             "make extent_m smaller or metres_per_px greater"
         )
-    if world.texture not in ("puzzle", "plain"):
-        _check_photograph(Path(world.texture))
+    if world.texture not in FLOORS:
+        check_photograph(Path(world.texture))
+    for k, box in enumerate(world.boxes):
+        _check_obstacle(box, f"world.boxes[{k}]", world)
+    for k, pylon in enumerate(world.pylons):
+        _check_obstacle(pylon, f"world.pylons[{k}]", world)
+
+
+def _check_obstacle(obstacle: Box | Pylon, name: str, world: World) -> None:
+    sizes = obstacle.size_m if isinstance(obstacle, Box) else (obstacle.radius_m, obstacle.height_m)
+    if not (np.all(np.isfinite(sizes)) and min(sizes) > 0):
+        raise InputError(f"{name}: sizes {list(sizes)} m: each must be above 0")
+    x0, y0, x1, y1 = world.extent_m
+    foot = corners(prisms((obstacle,))[0])[:4, :2]
+    if not np.all((foot >= (x0, y0)) & (foot <= (x1, y1))):
+        x, y = obstacle.center_m
+        raise InputError(f"{name} at ({x:g}, {y:g}) reaches off the floor; move it or enlarge world.extent_m")
 
 
 @lru_cache(maxsize=2)
@@ -107,10 +154,12 @@ def build_floor(world: World, marks: Marks) -> Floor:
     width, height = _size_px(world)
     if world.texture == "puzzle":
         texture = _puzzle_floor(world, width, height, rng)
+    elif world.texture == "gym":
+        texture = gym_floor(width, height, world.metres_per_px, rng)
     elif world.texture == "plain":
         texture = np.full((height, width, 3), NEUTRAL, np.uint8)
     else:
-        texture = _photographed_floor(Path(world.texture), width, height)
+        texture = photographed_floor(Path(world.texture), width, height)
     corner_m = (world.extent_m[0] - world.margin_m, world.extent_m[3] + world.margin_m)
     if world.mark_diameter_m > 0:
         for name, x, y in marks:
@@ -118,7 +167,9 @@ def build_floor(world: World, marks: Marks) -> Floor:
                 (x - corner_m[0]) / world.metres_per_px - 0.5,
                 (corner_m[1] - y) / world.metres_per_px - 0.5,
             )
-            _draw_mark(texture, name, center, world.mark_diameter_m / 2 / world.metres_per_px)
+            draw_mark(texture, name, center, world.mark_diameter_m / 2 / world.metres_per_px)
+    for prism in world.prisms:
+        _cast_shadow(texture, prism, corner_m, world.metres_per_px)
     levels = [texture]
     while len(levels) < MIP_LEVELS and min(levels[-1].shape[:2]) >= 64:
         levels.append(cv2.resize(levels[-1], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
@@ -149,115 +200,25 @@ def _puzzle_floor(world: World, width: int, height: int, rng: np.random.Generato
     texture = np.full((height, width, 3), SURROUND_BGR, np.uint8)
     texture[np.ix_(*inside)] = tile[np.ix_(rows[inside[0]] % n, cols[inside[1]] % n)]
     if world.repeat:
-        wear = _wear(n, n, world.metres_per_px, rng)[np.ix_(rows % n, cols % n)]
+        wear = draw_wear(n, n, world.metres_per_px, rng)[np.ix_(rows % n, cols % n)]
     else:
-        wear = _wear(height, width, world.metres_per_px, rng)
-    for channel in range(3):
-        texture[..., channel] = cv2.multiply(texture[..., channel], wear, scale=1 / NEUTRAL)
+        wear = draw_wear(height, width, world.metres_per_px, rng)
+    wear_down(texture, wear)
     return texture
 
 
-def _wear(height: int, width: int, metres_per_px: float, rng: np.random.Generator) -> Image:
-    """Brightness that a floor's use leaves, ``NEUTRAL`` where none: stains and grain, specks, scratches.
-
-    Stains and grain have the spectrum of natural pictures (amplitude falls with frequency, equal power in
-    each octave, from 1.2 m down to the texel), and are periodic, so that a tile of them repeats seamlessly.
-    """
-    spectrum = scipy.fft.rfft2(rng.standard_normal((height, width), dtype=np.float32))
-    fy = scipy.fft.fftfreq(height, metres_per_px).astype(np.float32)[:, None]
-    fx = scipy.fft.rfftfreq(width, metres_per_px).astype(np.float32)[None]
-    spectrum /= np.hypot(np.hypot(fx, fy), np.float32(1 / 1.2))
-    spectrum[0, 0] = 0
-    stains = scipy.fft.irfft2(spectrum, (height, width), overwrite_x=True)
-    stains *= NEUTRAL * WEAR_CONTRAST / stains.std()
-    wear = np.clip(stains + NEUTRAL, 30, 225).astype(np.uint8)
-    area_m2 = height * width * metres_per_px**2
-    for _ in range(int(SPECKS_PER_M2 * area_m2)):
-        x, y = rng.uniform(0, [width, height])
-        radius = rng.uniform(0.0015, 0.006) / metres_per_px
-        _disc(wear, (x, y), radius, int(rng.choice([rng.integers(40, 90), rng.integers(165, 215)])))
-    for _ in range(int(SCRATCHES_PER_M2 * area_m2)):
-        _scratch(wear, metres_per_px, rng)
-    return wear
-
-
-def _scratch(wear: Image, metres_per_px: float, rng: np.random.Generator) -> None:
-    """A bent line of some centimetres, clipped at the border."""
-    height, width = wear.shape
-    turn = rng.uniform(0, 2 * np.pi) + np.linspace(0, rng.normal(0, 0.7), 12)
-    step = rng.uniform(0.03, 0.30) / 12 / metres_per_px
-    points = rng.uniform(0, [width, height]) + np.cumsum(
-        step * np.column_stack([np.cos(turn), np.sin(turn)]), 0
-    )
-    shade, thickness = (
-        int(rng.choice([60, 85, 175, 200])),
-        max(1, round(rng.uniform(0.001, 0.004) / metres_per_px)),
-    )
-    cv2.polylines(wear, [np.int32(points * 16)], False, shade, thickness, cv2.LINE_AA, 4)
-
-
-def _disc(image: Image, center: tuple[float, float], radius: float, shade: int | tuple[int, ...]) -> None:
-    at = (round(center[0] * 16), round(center[1] * 16))
-    cv2.circle(image, at, round(radius * 16), shade, -1, cv2.LINE_AA, 4)
-
-
-def _draw_mark(texture: Image, name: str, center: tuple[float, float], radius: float) -> None:
-    """A white disc with a black ring and its letter, drawn eight times too large and averaged down."""
-    fine, half = 8, int(np.ceil(radius)) + 2
-    size = (2 * half + 1) * fine
-    corner = np.floor(np.array(center) + 0.5).astype(int) - half
-    middle = (np.array(center) - corner + 0.5) * fine - 0.5
-    y, x = np.mgrid[:size, :size]
-    distance = np.hypot(x - middle[0], y - middle[1]) / (radius * fine)
-    patch = np.full((size, size), 245, np.uint8)
-    patch[(distance > 0.74) & (distance < 0.90)] = 15
-    font, bold = cv2.FONT_HERSHEY_DUPLEX, max(1, round(radius * fine / 7))
-    (w, h), _ = cv2.getTextSize(name, font, 1.0, 1)
-    scale = 0.95 * radius * fine / np.hypot(w, h)
-    (w, h), _ = cv2.getTextSize(name, font, scale, bold)
-    cv2.putText(
-        patch, name, (round(middle[0] - w / 2), round(middle[1] + h / 2)), font, scale, 15, bold, cv2.LINE_AA
-    )
-    area = (2 * half + 1, 2 * half + 1)
-    ink = cv2.resize(patch, area, interpolation=cv2.INTER_AREA).astype(float)
-    cover = cv2.resize((distance < 1).astype(np.float32), area, interpolation=cv2.INTER_AREA)
-    rows, cols = (np.arange(2 * half + 1) + corner[axis] for axis in (1, 0))
-    r, c = ((rows >= 0) & (rows < texture.shape[0])), ((cols >= 0) & (cols < texture.shape[1]))
-    if r.any() and c.any():
-        under = texture[np.ix_(rows[r], cols[c])]
-        over, share = ink[np.ix_(r, c)][..., None], cover[np.ix_(r, c)][..., None]
-        texture[np.ix_(rows[r], cols[c])] = np.rint(share * over + (1 - share) * under).astype(np.uint8)
-
-
-def _check_photograph(path: Path) -> None:
-    """Judge the file by its header, before anything of it is decoded."""
-    from PIL import Image as Photograph
-
-    if not path.is_file():
-        raise InputError(
-            f"world.texture: {str(path)!r}: no such file; give 'puzzle', 'plain' or a photograph"
-        )
-    too_large = InputError(f"world.texture: {str(path)!r}: more than {MAX_TEXELS} px; scale it down")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Photograph.DecompressionBombWarning)
-            with Photograph.open(path) as photograph:
-                width, height = photograph.size
-    except (Photograph.DecompressionBombWarning, Photograph.DecompressionBombError):
-        raise too_large from None
-    except (OSError, ValueError):
-        raise InputError(
-            f"world.texture: {str(path)!r}: not a picture that can be read; give a JPEG or PNG"
-        ) from None
-    if width * height > MAX_TEXELS:
-        raise too_large
-
-
-def _photographed_floor(path: Path, width: int, height: int) -> Image:
-    """The photograph at the floor's lower left corner, mirrored beyond its edges to fill the texture."""
-    photograph = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
-    if photograph is None:
-        raise InputError(f"world.texture: {str(path)!r}: damaged or not a picture; give a JPEG or PNG")
-    photograph = photograph[-height:, :width]
-    h, w = photograph.shape[:2]
-    return cv2.copyMakeBorder(photograph, height - h, 0, 0, width - w, cv2.BORDER_REFLECT)
+def _cast_shadow(texture: Image, prism: Array, corner_m: tuple[float, float], metres_per_px: float) -> None:
+    """Darken the floor round the foot of an obstacle, where little light comes."""
+    foot = corners(prism)[:4, :2]
+    reach = 3 * SHADOW_WIDTH_M
+    # Two corners of a piece of texture: columns grow with x, rows against y.
+    low = np.array([foot[:, 0].min() - reach - corner_m[0], corner_m[1] - foot[:, 1].max() - reach])
+    high = np.array([foot[:, 0].max() + reach - corner_m[0], corner_m[1] - foot[:, 1].min() + reach])
+    (c0, r0), (c1, r1) = (np.clip(np.rint(at / metres_per_px).astype(int), 0, None) for at in (low, high))
+    piece = texture[r0:r1, c0:c1]
+    if piece.size == 0:
+        return
+    rows, cols = np.mgrid[r0 : r0 + piece.shape[0], c0 : c0 + piece.shape[1]] + 0.5
+    under = covers(prism, corner_m[0] + cols * metres_per_px, corner_m[1] - rows * metres_per_px)
+    shade = cv2.GaussianBlur(under.astype(np.float32), (0, 0), SHADOW_WIDTH_M / metres_per_px)
+    piece[:] = np.rint(piece * (1 - SHADOW * np.minimum(2 * shade, 1))[..., None])

@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from slam.simulation.optics import CameraModel, Film, expose
+from slam.simulation.effects import CameraEffects
+from slam.simulation.film import shoot
+from slam.simulation.optics import CameraModel, expose
+from slam.simulation.scene import build_scene
 from slam.simulation.world import World, build_floor
 
-CAMERA = CameraModel().camera()
+MODEL = CameraModel((320, 240))
+CAMERA = MODEL.camera()
 PUZZLE = World(extent_m=(0.0, 0.0, 2.0, 2.0), margin_m=0.6)
 MARKED = World("plain", (0.0, 0.0, 2.0, 2.0), 0.6)
 MARKS = (("A", 0.9012, 1.0537), ("B", 1.3, 0.8), ("K9", 1.0, 1.27))
@@ -26,6 +30,16 @@ def pose(x, y, z, roll_deg, pitch_deg, yaw_deg):
 def drawn_pose(rng):
     tilt = rng.uniform(-2.5, 2.5, 2)
     return pose(*rng.uniform(0.95, 1.1, 2), rng.uniform(0.75, 0.9), *tilt, rng.uniform(-180, 180))
+
+
+def film_of(world, marks, poses, noise_std, seed):
+    """A film that sees one pose after the other, one a second."""
+    model, stamps_s = CameraModel((320, 240), noise_std=noise_std), np.arange(float(len(poses)))
+
+    def pose_at(times_s):
+        return poses[np.rint(times_s).astype(int)]
+
+    return shoot(world, marks, model, CameraEffects(), stamps_s, pose_at, float(len(poses)), seed)
 
 
 def seen(camera, w_T_b, w_p):
@@ -56,7 +70,7 @@ def test_the_focal_length_is_that_of_the_horizontal_field_of_view():
 @pytest.mark.parametrize("seed", range(8))
 def test_a_mark_appears_where_the_camera_projects_it(seed):
     w_T_b = drawn_pose(np.random.default_rng(seed))
-    picture = expose(build_floor(MARKED, MARKS), CAMERA, w_T_b)
+    picture = expose(build_scene(MARKED, MARKS), CAMERA, w_T_b)
     checked = 0
     for _, x, y in MARKS:
         turn = np.linspace(0, 2 * np.pi, 720, endpoint=False)
@@ -90,8 +104,8 @@ def test_a_ramp_has_no_half_pixel_bias(tmp_path, height_m, axis):
         texels = np.repeat(np.tile(column, (2400, 1))[..., None], 3, 2)
         texels = texels if axis == 0 else np.ascontiguousarray(texels.swapaxes(0, 1)[::-1])
         cv2.imwrite(str(tmp_path / f"{first}.png"), texels)
-        floor = build_floor(World(str(tmp_path / f"{first}.png"), (0.0, 0.0, 4.8, 4.8), 0.0), ())
-        picture = expose(floor, CAMERA, w_T_b)[..., 0].astype(float)
+        scene = build_scene(World(str(tmp_path / f"{first}.png"), (0.0, 0.0, 4.8, 4.8), 0.0), ())
+        picture = expose(scene, CAMERA, w_T_b)[..., 0].astype(float)
         shown = ((picture.ravel() - first) / slope + 1080.5) * 0.002
         off_m.append(np.mean((shown - place)[inside]))
     assert abs(np.mean(off_m)) < 0.02 * height_m / CAMERA.focal_px[0]
@@ -107,7 +121,7 @@ def test_a_pixel_shows_the_mean_over_its_footprint(height_m, rms):
     at = (at[:2] / at[2]).astype(np.float32)
     fine = cv2.remap(floor.levels[0], at[0], at[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
     mean = fine.astype(np.float32).reshape(240, n, 320, n, 3).mean((1, 3))
-    difference = expose(floor, CAMERA, w_T_b) - mean
+    difference = expose(build_scene(PUZZLE, ()), CAMERA, w_T_b) - mean
     assert difference.std() < rms
     assert abs(difference.mean()) < 0.4
     across, down = np.gradient(mean.mean(2), axis=1), np.gradient(mean.mean(2), axis=0)
@@ -120,8 +134,8 @@ def test_detail_below_a_pixel_does_not_alias(tmp_path, height_m):
     """A chessboard of single texels, several of them to a pixel, is an even grey from high up."""
     board = (np.indices((1200, 1200)).sum(0) % 2 * 200 + 20).astype(np.uint8)
     cv2.imwrite(str(tmp_path / "board.png"), np.repeat(board[..., None], 3, 2))
-    floor = build_floor(World(str(tmp_path / "board.png"), (0.0, 0.0, 2.4, 2.4), 0.0), ())
-    picture = expose(floor, CAMERA, pose(1.2, 1.2, height_m, 1, 2, 30))
+    scene = build_scene(World(str(tmp_path / "board.png"), (0.0, 0.0, 2.4, 2.4), 0.0), ())
+    picture = expose(scene, CAMERA, pose(1.2, 1.2, height_m, 1, 2, 30))
     assert picture.std() < 2
     assert picture.mean() == pytest.approx(120, abs=1)
 
@@ -130,7 +144,7 @@ def test_detail_below_a_pixel_does_not_alias(tmp_path, height_m):
 def test_features_move_as_the_true_homography_says(seed):
     rng = np.random.default_rng(seed)
     a_T, b_T = pose(0.9, 1.0, 0.8, *rng.normal(0, 2, 2), 4), pose(1.15, 1.08, 0.83, *rng.normal(0, 2, 2), 9)
-    film = Film(PUZZLE, (), CAMERA, np.stack([a_T, b_T]), 2.0, seed)
+    film = film_of(PUZZLE, (), np.stack([a_T, b_T]), 2.0, seed)
     sift, found = cv2.SIFT_create(), []
     for k in (0, 1):
         points, descriptors = sift.detectAndCompute(cv2.cvtColor(film(k), cv2.COLOR_BGR2GRAY), None)
@@ -155,18 +169,18 @@ def test_features_move_as_the_true_homography_says(seed):
 
 def test_a_picture_is_the_same_whenever_it_is_read_and_by_whom():
     poses = np.stack([pose(1, 1 + 0.1 * k, 0.8, 0, 0, 0) for k in range(3)])
-    film = Film(PUZZLE, MARKS, CAMERA, poses, 2.0, 7)
+    film = film_of(PUZZLE, MARKS, poses, 2.0, 7)
     forward = [film(k) for k in range(3)]
     copy = pickle.loads(pickle.dumps(film))
     assert len(pickle.dumps(film)) < 5000
     assert all(np.array_equal(copy(k), forward[k]) for k in (2, 0, 1))
-    other = Film(PUZZLE, MARKS, CAMERA, poses, 2.0, 8)
+    other = film_of(PUZZLE, MARKS, poses, 2.0, 8)
     assert not np.array_equal(other(0), forward[0])
 
 
 def test_noise_has_its_size_and_differs_between_pictures_and_channels():
     still = np.stack([pose(1, 1, 0.8, 0, 0, 0)] * 2)
-    film = Film(MARKED, (), CAMERA, still, 2.0, 0)
+    film = film_of(MARKED, (), still, 2.0, 0)
     noise = np.stack([film(0), film(1)]).astype(float) - 128
     # Rounding adds 1/12 of a grey level squared.
     assert noise.std() == pytest.approx(math.sqrt(4 + 1 / 12), rel=0.01)
@@ -176,7 +190,7 @@ def test_noise_has_its_size_and_differs_between_pictures_and_channels():
 
 
 def test_sixty_pictures_a_second_on_one_core():
-    film = Film(PUZZLE, (), CAMERA, np.stack([pose(1, 1, 0.8, 2, 1, k) for k in range(30)]), 2.0, 0)
+    film = film_of(PUZZLE, (), np.stack([pose(1, 1, 0.8, 2, 1, k) for k in range(30)]), 2.0, 0)
     film(0)
     start = time.process_time()
     for k in range(30):

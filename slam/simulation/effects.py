@@ -1,0 +1,96 @@
+"""What a camera does that it does not tell: the effects of the catalogue's camera family, as plain figures.
+
+The flight names the camera it believes in; pictures are taken by the one that ``true_camera`` makes of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from frontend.camera import Camera
+
+_FIELDS = {
+    ("focal_length", "eps"): "focal_eps",
+    ("radial_distortion", "k1"): "radial_k1",
+    ("camera_tilt", "x"): "tilt_x_rad",
+    ("camera_tilt", "y"): "tilt_y_rad",
+    ("camera_time_offset", "offset"): "time_offset_s",
+    ("rolling_shutter", "readout"): "readout_s",
+    ("motion_blur", "exposure"): "exposure_s",
+    ("exposure_variation", "gain"): "gain_std",
+    ("exposure_variation", "gamma"): "gamma_std",
+    ("exposure_variation", "tau"): "tone_time_s",
+    ("vignetting", "a"): "vignetting",
+    ("specular_highlights", "strength"): "highlight",
+    ("dropped_frames", "share"): "dropped_share",
+    ("moving_objects", "count"): "moving_objects",
+}
+"""Where each parameter of the catalogue's terms goes."""
+
+
+@dataclass(frozen=True)
+class CameraEffects:
+    """Every effect on pictures; the defaults do nothing."""
+
+    focal_eps: float = 0.0
+    """``focal_length``: the lens has (1 + eps) times the focal length that is told."""
+    radial_k1: float = 0.0
+    """``radial_distortion``: added to the first coefficient that is told."""
+    tilt_x_rad: float = 0.0
+    """``camera_tilt``: the camera is turned about the body's x against its mount, ..."""
+    tilt_y_rad: float = 0.0
+    """... and about the body's y."""
+    time_offset_s: float = 0.0
+    """``camera_time_offset``: a picture stamped t shows what was at t - offset."""
+    readout_s: float = 0.0
+    """``rolling_shutter``: row i of n is exposed readout i / (n - 1) after the stamp."""
+    exposure_s: float = 0.0
+    """``motion_blur``: each row is the mean over this time, centred on its moment."""
+    gain_std: float = 0.0
+    """``exposure_variation``: of the log gain of each colour."""
+    gamma_std: float = 0.0
+    """``exposure_variation``: of the log gamma."""
+    tone_time_s: float = 0.0
+    """``exposure_variation``: correlation time; 0 draws each picture's anew, as the paper's filter does."""
+    vignetting: float = 0.0
+    """``vignetting``: I (1 - a r^2), r = 1 in the corner."""
+    highlight: float = 0.0
+    """``specular_highlights``: brightness of a lamp's reflection, 1 is white."""
+    dropped_share: float = 0.0
+    """``dropped_frames``: probability that a picture is lost."""
+    moving_objects: int = 0
+    """``moving_objects``: how many things move over the floor."""
+
+    @property
+    def window_s(self) -> float:
+        """From the first moment that any row is open to the last that any is."""
+        return self.readout_s + self.exposure_s
+
+
+def camera_effects(terms: Mapping[str, Mapping[str, float]]) -> CameraEffects:
+    """Those of a model's terms (term -> parameter -> value) that act on pictures, as ``CameraEffects``."""
+    given = {
+        _FIELDS[name, parameter]: value
+        for name, values in terms.items()
+        for parameter, value in values.items()
+        if (name, parameter) in _FIELDS
+    }
+    count = round(given.pop("moving_objects", 0))
+    return CameraEffects(**given, moving_objects=count)
+
+
+def true_camera(told: Camera, effects: CameraEffects) -> Camera:
+    """The camera that takes the pictures where ``told`` is what the flight says."""
+    distortion = list(told.distortion)
+    distortion[0] += effects.radial_k1
+    b_R_b = np.eye(4)
+    b_R_b[:3, :3] = Rotation.from_rotvec([effects.tilt_x_rad, effects.tilt_y_rad, 0.0]).as_matrix()
+    fu, fv = told.focal_px
+    grown = 1.0 + effects.focal_eps
+    return replace(
+        told, focal_px=(fu * grown, fv * grown), distortion=tuple(distortion), b_T_c=b_R_b @ told.b_T_c
+    )

@@ -1,0 +1,72 @@
+"""From light to grey levels: vignetting, the paper's post-processing, its white-balance filter, noise.
+
+Source: IMAV 2011 paper, section 4.1: pictures are post-processed (decreased saturation, increased brightness,
+down-sampled resolution), and a filter changes the brightness randomly, with a non-linear gamma correction.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+Light = NDArray[np.float32]
+
+WHITE = 255.0
+LUMA_BGR = (0.114, 0.587, 0.299)
+"""Grey of a colour (ITU-R BT.601)."""
+
+
+def tones(
+    stamps_s: Array, gain_std: float, gamma_std: float, correlation_s: float, rng: np.random.Generator
+) -> Array:
+    """(n, 4) gains of blue, green and red and gamma of each picture: I' = white g_c (I / white)^gamma.
+
+    Their logarithms are Ornstein-Uhlenbeck processes, stationary from the first picture on, without memory
+    where ``correlation_s`` is 0.
+    """
+    kicks = rng.standard_normal((len(stamps_s), 4))
+    with np.errstate(divide="ignore", over="ignore"):
+        keep = (
+            np.exp(-np.diff(stamps_s) / correlation_s) if correlation_s > 0 else np.zeros(len(stamps_s) - 1)
+        )
+    walk = np.empty_like(kicks)
+    walk[:1] = kicks[:1]
+    for k, share in enumerate(keep):
+        walk[k + 1] = share * walk[k] + np.sqrt(1 - share * share) * kicks[k + 1]
+    return np.exp(walk * (gain_std, gain_std, gain_std, gamma_std))
+
+
+def falloff(size_px: tuple[int, int], center_px: tuple[float, float], strength: float) -> Light:
+    """(h, w) 1 - strength r^2, r = 1 in the farthest corner, never below 0."""
+    width, height = size_px
+    x, y = np.arange(width) - center_px[0], np.arange(height) - center_px[1]
+    r2 = x[None] ** 2 + y[:, None] ** 2
+    return np.maximum(1 - strength * r2 / r2.max(), 0).astype(np.float32)
+
+
+def process(light: Light, saturation: float, brightness: float) -> Light:
+    """The paper's post-processing of colours; 1 leaves them as they are."""
+    if saturation == 1 and brightness == 1:
+        return light
+    mix = brightness * (saturation * np.eye(3) + (1 - saturation) * np.array(LUMA_BGR))
+    return np.clip(cv2.transform(light, mix), 0, WHITE)
+
+
+def toned(light: Light, tone: Array) -> Light:
+    """The white-balance filter with gains and gamma ``tone`` (4,)."""
+    light = cv2.pow(np.maximum(light, 0) / np.float32(WHITE), float(tone[3]))
+    return light * (WHITE * tone[:3]).astype(np.float32)
+
+
+def digitise(light: Light | Image, noise_std: float, rng: np.random.Generator) -> Image:
+    """Grey levels of 8 bit, with noise that is independent in each pixel and channel."""
+    if noise_std == 0:
+        noise = light.astype(np.float32)
+    else:
+        noise = rng.standard_normal(light.shape, dtype=np.float32)
+        noise *= noise_std
+        noise += light
+    return np.clip(np.rint(noise, out=noise), 0, WHITE, out=noise).astype(np.uint8)

@@ -1,0 +1,67 @@
+"""Wear: what use leaves on a floor or on the skin of an obstacle, and what tells one place from the next."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+Image = NDArray[np.uint8]
+
+NEUTRAL = 128
+"""The wear that changes nothing."""
+WEAR_CONTRAST = 0.16
+"""Standard deviation of the wear, as a share of the brightness."""
+SPECKS_PER_M2 = 200
+SCRATCHES_PER_M2 = 7
+
+
+def wear_down(texture: Image, wear: Image) -> None:
+    """Darken and brighten ``texture`` (h, w, 3) in place by ``wear`` (h, w)."""
+    for channel in range(3):
+        texture[..., channel] = cv2.multiply(texture[..., channel], wear, scale=1 / NEUTRAL)
+
+
+def draw_wear(height: int, width: int, metres_per_px: float, rng: np.random.Generator) -> Image:
+    """Brightness that a floor's use leaves, ``NEUTRAL`` where none: stains and grain, specks, scratches.
+
+    Stains and grain have the spectrum of natural pictures (amplitude falls with frequency, equal power in
+    each octave, from 1.2 m down to the texel), and are periodic, so that a tile of them repeats seamlessly.
+    """
+    spectrum = scipy.fft.rfft2(rng.standard_normal((height, width), dtype=np.float32))
+    fy = scipy.fft.fftfreq(height, metres_per_px).astype(np.float32)[:, None]
+    fx = scipy.fft.rfftfreq(width, metres_per_px).astype(np.float32)[None]
+    spectrum /= np.hypot(np.hypot(fx, fy), np.float32(1 / 1.2))
+    spectrum[0, 0] = 0
+    stains = scipy.fft.irfft2(spectrum, (height, width), overwrite_x=True)
+    stains *= NEUTRAL * WEAR_CONTRAST / stains.std()
+    wear = np.clip(stains + NEUTRAL, 30, 225).astype(np.uint8)
+    area_m2 = height * width * metres_per_px**2
+    for _ in range(int(SPECKS_PER_M2 * area_m2)):
+        x, y = rng.uniform(0, [width, height])
+        radius = rng.uniform(0.0015, 0.006) / metres_per_px
+        _disc(wear, (x, y), radius, int(rng.choice([rng.integers(40, 90), rng.integers(165, 215)])))
+    for _ in range(int(SCRATCHES_PER_M2 * area_m2)):
+        _scratch(wear, metres_per_px, rng)
+    return wear
+
+
+def _scratch(wear: Image, metres_per_px: float, rng: np.random.Generator) -> None:
+    """A bent line of some centimetres, clipped at the border."""
+    height, width = wear.shape
+    turn = rng.uniform(0, 2 * np.pi) + np.linspace(0, rng.normal(0, 0.7), 12)
+    step = rng.uniform(0.03, 0.30) / 12 / metres_per_px
+    points = rng.uniform(0, [width, height]) + np.cumsum(
+        step * np.column_stack([np.cos(turn), np.sin(turn)]), 0
+    )
+    shade, thickness = (
+        int(rng.choice([60, 85, 175, 200])),
+        max(1, round(rng.uniform(0.001, 0.004) / metres_per_px)),
+    )
+    cv2.polylines(wear, [np.int32(points * 16)], False, shade, thickness, cv2.LINE_AA, 4)
+
+
+def _disc(image: Image, center: tuple[float, float], radius: float, shade: int | tuple[int, ...]) -> None:
+    at = (round(center[0] * 16), round(center[1] * 16))
+    cv2.circle(image, at, round(radius * 16), shade, -1, cv2.LINE_AA, 4)
