@@ -12,10 +12,13 @@ from typing import Any
 _STATUS = Path("/proc/self/status")
 
 
-def run_apart(module: str, *arguments: object) -> Any:
-    """What ``python -m module arguments`` prints as JSON on its last line."""
+def run_apart(module: str, *arguments: object, limit_s: float | None = None) -> Any:
+    """What ``python -m module arguments`` prints as JSON on its last line; None where it takes too long."""
     command = [sys.executable, "-m", module, *map(str, arguments)]
-    done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
+    try:
+        done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True, timeout=limit_s)
+    except subprocess.TimeoutExpired:
+        return None
     return json.loads(done.stdout.splitlines()[-1])
 
 
