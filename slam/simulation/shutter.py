@@ -1,8 +1,8 @@
 """When each row of a picture sees the floor, and from where.
 
-Within one picture the camera's pose is interpolated between moments ``KNOT_S`` apart: a hundredth of a
-second is short beside the vehicle's own lag of a tenth, so that what is left is far below a pixel
-(``tests/slam/simulation/test_shutter.py`` measures it against a pose of its own for each row).
+Within one picture the camera's pose is interpolated between moments ``KNOT_S`` apart, short beside the
+vehicle's own lag of 0.1 s. Against a pose of its own for each row that is less than 0.03 px off
+(``tests/slam/simulation/test_shutter.py``).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from slam.simulation.effects import CameraEffects
 
 Array = NDArray[np.float64]
 
-KNOT_S = 0.01
+KNOT_S = 0.005
 SMEAR_PX = 0.75
 """A sub-exposure for each such way that the picture moves while it is exposed."""
 MAX_PARTS = 32
