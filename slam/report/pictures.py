@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +26,8 @@ BLUE, GREEN, VERMILLION, GREY, ORANGE = "#0072b2", "#009e73", "#d55e00", "#8a8f9
 _MOST_LOOPS = 400
 """Of a kind, drawn at most: a thousand lines hide the map they are about."""
 _MOST_ELLIPSES = 60
+_STRIP_PX = 64
+"""Rows of a reduced picture that are made at a time."""
 _ELLIPSE_SHARE = 0.03
 """Ellipses are drawn enlarged or reduced until the median one spans at most this share of the map."""
 
@@ -84,27 +88,31 @@ def thumbnail(path: Path, most_px: int = 2000) -> bytes:
 
     with warnings.catch_warnings(), Env(GDAL_CACHEMAX=64, GDAL_PAM_ENABLED="NO"):
         warnings.simplefilter("ignore", NotGeoreferencedWarning)  # a plain picture needs no place on Earth
-        pixels = _shrunk(path, most_px)
-    if len(pixels) in (2, 4):
-        alpha = pixels[-1:].astype(np.float32) / 255
-        pixels = (pixels[:-1] * alpha + 255 * (1 - alpha)).astype(np.uint8)
-    picture = Image.fromarray(np.moveaxis(pixels, 0, -1) if len(pixels) == 3 else pixels[0])
+        pixels = np.concatenate(list(_shrunk(path, most_px)))
     stream = io.BytesIO()
-    picture.save(stream, "JPEG", quality=88)
+    Image.fromarray(pixels).save(stream, "JPEG", quality=88)
     return stream.getvalue()
 
 
-def _shrunk(path: Path, most_px: int) -> NDArray[np.uint8]:
+def _shrunk(path: Path, most_px: int) -> Iterator[NDArray[np.uint8]]:
+    """Strips of the reduced picture, (h, w, 3) or (h, w), from the top down.
+
+    A PNG can only be read from its beginning: whatever asks for it out of order reads it all again.
+    """
     import rasterio
-    from rasterio.enums import Resampling
+    from rasterio.windows import Window
 
     with rasterio.open(path) as source:
-        shrink = max(1.0, source.width / most_px, source.height / most_px)
-        size = max(1, round(source.height / shrink)), max(1, round(source.width / shrink))
-        pixels: NDArray[np.uint8] = source.read(
-            out_shape=(source.count, *size), resampling=Resampling.average
-        )
-    return pixels
+        shrink = max(1, -(-max(source.width, source.height) // most_px))
+        width, strip = max(1, source.width // shrink), shrink * _STRIP_PX
+        for top in range(0, source.height, strip):
+            rows = min(strip, source.height - top)
+            pixels = np.moveaxis(source.read(window=Window(0, top, source.width, rows)), 0, -1)
+            if pixels.shape[2] in (2, 4):
+                alpha = pixels[..., -1:].astype(np.float32) / 255
+                pixels = (pixels[..., :-1] * alpha + 255 * (1 - alpha)).astype(np.uint8)
+            size = width, max(1, rows // shrink)
+            yield cv2.resize(np.ascontiguousarray(pixels), size, interpolation=cv2.INTER_AREA)
 
 
 def _canvas(width_in: float, height_in: float) -> tuple[Figure, Axes]:
