@@ -8,7 +8,11 @@ from typing import Annotated
 import typer
 
 _RECIPE = typer.Argument(
-    metavar="RECIPE", help="A recipe that comes with slam (figure_eight, square), or a .toml file."
+    metavar="RECIPE",
+    help="A recipe that comes with slam (figure_eight, square, hover, ...), or a .toml file.",
+)
+_MODEL = typer.Option(
+    "--model", metavar="MODEL", help="In place of the recipe's: nominal, paper, or a .toml file."
 )
 
 
@@ -18,15 +22,17 @@ def simulate(
         Path, typer.Option("--out", metavar="FLIGHT", help="The flight folder to write; must not exist yet.")
     ],
     seed: Annotated[int, typer.Option(min=0, help="Seed of all that is random.")] = 0,
+    model: Annotated[str | None, _MODEL] = None,
 ) -> None:
     """Simulate a flight with camera, sensors and truth."""
     from slam.cli.flights import show
     from slam.console import console, progress_shown
     from slam.io.flight_folder import write_flight
+    from slam.simulation import load_recipe
     from slam.simulation import simulate as fly
 
     screen = console()
     with progress_shown(screen) as progress:
-        flight = fly(recipe, seed)
+        flight = fly(load_recipe(recipe, model), seed)
         write_flight(flight, out, progress)
     show(flight, screen)

@@ -1,8 +1,9 @@
 """Maneuvers: way points become a smooth path of position and heading.
 
-The vehicle flies straight legs at cruising speed. At each way point its velocity goes from that of one leg
-to that of the next by a smooth step in time, so that position, velocity, acceleration and jerk are
-continuous and no corner asks for more than the acceleration limit. The same step turns the heading.
+(A maneuver may be a script of stick commands instead: ``slam.simulation.script``.) The vehicle flies straight
+legs at cruising speed. At each way point its velocity goes from that of one leg to that of the next by a
+smooth step in time, so that position, velocity, acceleration and jerk are continuous and no corner asks for
+more than the acceleration limit. The same step turns the heading.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from slam.errors import InputError
 Array = NDArray[np.float64]
 
 WayPoint = str | tuple[float, float] | tuple[float, float, float]
+Row = Annotated[tuple[float, ...], Field(min_length=5, max_length=5)]
+"""Milliseconds since the start, forward, left, up, yaw."""
 
 STEP_PEAK_RATE = 35 / 16
 """Largest slope of the septic smooth step from 0 to 1 in unit time (the heading's)."""
@@ -27,6 +30,7 @@ STEP_PEAK_ACCELERATION = 15 / 8
 """Largest slope of the quintic smooth step (the velocity's: the septic's neighbour below)."""
 MAX_YAW_RATE_RAD_S = 1.5
 """Yaw rate at full stick; a corner takes long enough to stay below."""
+MAX_HEIGHT_M = 100.0
 MIN_HEIGHT_M = 0.10
 """The landing gear stands 0.08 m high."""
 MAX_DURATION_S = 6 * 3600.0
@@ -34,22 +38,30 @@ MAX_DURATION_S = 6 * 3600.0
 
 @dataclass(frozen=True)
 class Maneuver:
-    """Where the vehicle flies and how fast."""
+    """Where the vehicle flies and how fast, or what it is told."""
 
-    way_points: Annotated[tuple[WayPoint, ...], Field(min_length=1, max_length=10_000)]
+    way_points: Annotated[tuple[WayPoint, ...], Field(max_length=10_000)] = ()
     """Names of landmarks, or (x, y) or (x, y, z) in metres; the same point twice is a stop there."""
-    height_m: Annotated[float, Field(gt=0, le=100)] = 0.8
-    """Height of way points that don't give their own."""
+    script: Annotated[tuple[Row, ...], Field(max_length=100_000)] | str = ()
+    """Instead of way points: a script's file, or its rows."""
+    scale: Annotated[float, Field(ge=-1, le=1)] = 1.0
+    """The script's commands times this."""
+    start_m: tuple[float, float] = (0.0, 0.0)
+    """Where a script starts, in the air and at rest."""
+    may_land: bool = False
+    """A script may bring the vehicle down to the floor."""
+    height_m: Annotated[float, Field(gt=0, le=MAX_HEIGHT_M)] = 0.8
+    """Of a script's start, and of way points that don't give their own."""
     cruise_m_s: Annotated[float, Field(ge=0.01, le=20)] = 0.5
     acceleration_m_s2: Annotated[float, Field(ge=0.01, le=5)] = 1.0
     """Limit in corners, and when starting and stopping."""
     heading: Literal["fixed", "along_path"] = "fixed"
     heading_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
-    """Where the nose points when the heading is fixed; 0 is along +x."""
+    """Where the nose points at a script's start, and when the heading is fixed; 0 is along +x."""
     laps: Annotated[int, Field(ge=1, le=1000)] = 1
     """How often the way points are flown; above 1 they must end where they begin."""
     rest_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
-    """Hover before the first leg and after the last."""
+    """Hover before the first leg or command and after the last."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +79,8 @@ def plan(maneuver: Maneuver, landmarks: dict[str, tuple[float, float]], extent_m
     Raises ``InputError`` for a way point that is unknown, below ground or beyond the floor, for laps of an
     open path, and for a flight that lasts longer than six hours.
     """
+    if not maneuver.way_points:
+        raise InputError("maneuver.way_points: none; give one, or a script")
     points = _stations(maneuver, landmarks, extent_m)
     yaws = _headings(maneuver, points)
     length = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -139,8 +153,10 @@ def _stations(
             raise InputError(
                 f"{name} leaves the floor, which spans x {x0:g} to {x1:g} and y {y0:g} to {y1:g} m"
             )
-        if not MIN_HEIGHT_M <= z <= 100:
-            raise InputError(f"{name} is too near the ground or below: fly between {MIN_HEIGHT_M} and 100 m")
+        if not MIN_HEIGHT_M <= z <= MAX_HEIGHT_M:
+            raise InputError(
+                f"{name} is too near the ground or below: fly between {MIN_HEIGHT_M} and {MAX_HEIGHT_M:g} m"
+            )
     if maneuver.laps > 1 and once[0] != once[-1]:
         raise InputError("maneuver.laps: way points flown more than once must end where they begin")
     return np.array(once + once[1:] * (maneuver.laps - 1), dtype=float)

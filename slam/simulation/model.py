@@ -124,7 +124,7 @@ def load_model(source: str | Path) -> Model:
 
     Raises ``InputError``, one line, for an unknown key, term or name, and for a value that is out of range.
     """
-    path = _model_path(source)
+    path = model_path(source)
     return model_from(read_toml(path), str(path))
 
 
@@ -183,7 +183,8 @@ def shipped_models() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in (shipped_folder() / "models").glob("*.toml")))
 
 
-def _model_path(source: str | Path) -> Path:
+def model_path(source: str | Path) -> Path:
+    """The file of a shipped model's name, or the path of a .toml file itself. Raises ``InputError``."""
     path, names = Path(source), shipped_models()
     if str(source) in names:
         return shipped_folder() / "models" / f"{source}.toml"

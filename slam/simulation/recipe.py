@@ -1,15 +1,15 @@
 """Recipes: what to simulate, as a TOML file that a person reads and changes.
 
 Each table of the file is the settings dataclass of the part that it is for; what is left out has its default.
+A recipe names its model and may change parts of it: the tables of a model file are allowed in a recipe, too.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
-from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -18,9 +18,16 @@ from pydantic import Field
 from slam.config import load_config, read_toml
 from slam.errors import InputError
 from slam.simulation.maneuver import Maneuver, plan
+from slam.simulation.model import (
+    Model,
+    check_model,
+    model_from,
+    model_path,
+    shipped_folder,
+    shipped_models,
+)
 from slam.simulation.optics import CameraModel
-from slam.simulation.sensors import AttitudeModel, ImuModel, SonarModel
-from slam.simulation.vehicle import Vehicle
+from slam.simulation.script import read_script, stick_from
 from slam.simulation.world import FLOORS, World, check_world
 
 LANDMARK_NAME = re.compile(r"[A-Za-z0-9_+-]{1,8}")
@@ -40,50 +47,89 @@ class Recipe:
     gaps: tuple[tuple[str, str], ...] = ()
     """Short gaps that a loop must close."""
     world: World = field(default_factory=World)
-    vehicle: Vehicle = field(default_factory=Vehicle)
-    camera: CameraModel = field(default_factory=CameraModel)
-    imu: ImuModel = field(default_factory=ImuModel)
-    attitude: AttitudeModel = field(default_factory=AttitudeModel)
-    sonar: SonarModel = field(default_factory=SonarModel)
+    camera: CameraModel | None = field(default_factory=CameraModel)
+    """None (in a file: ``camera = "none"``) flies without one."""
+    model: Model = field(default_factory=Model)
+    """In a file: the name of a shipped model or the path of one, changed by the recipe's own tables."""
 
 
-def load_recipe(source: str | Path) -> Recipe:
+def load_recipe(source: str | Path, model: str | Path | None = None) -> Recipe:
     """The recipe of a .toml file, or the shipped one of that name.
 
-    Raises ``InputError``, one line, for what ``check`` refuses, for an unknown key or name, and for a
-    value of the wrong type or out of range.
+    ``model`` takes the place of the model that the recipe names; the recipe's own tables still change it.
+    Raises ``InputError``, one line, for what ``check`` refuses, for an unknown key or name, and for a value
+    of the wrong type or out of range.
     """
     path = _recipe_path(source)
-    return recipe_from(read_toml(path), str(path), path.parent)
+    mapping = read_toml(path)
+    if model is not None:
+        mapping["model"] = str(Path(model).resolve() if Path(model).suffix == ".toml" else model)
+    return recipe_from(mapping, str(path), path.parent)
 
 
 def recipe_from(mapping: Mapping[str, Any], where: str, folder: Path = Path()) -> Recipe:
-    """The recipe of a mapping as a TOML file gives it; a relative texture path starts at ``folder``."""
-    recipe = load_config(Recipe, mapping, where)
-    texture = recipe.world.texture
-    if texture not in FLOORS:
-        recipe = replace(recipe, world=replace(recipe.world, texture=str(folder / texture)))
+    """The recipe of a mapping as a TOML file gives it; relative paths of texture, script and model start at
+    ``folder``. Raises ``InputError``.
+    """
+    parts = [part.name for part in fields(Model) if part.name != "name"]
+    _refuse_unknown(mapping, [*(part.name for part in fields(Recipe)), *parts], where)
+    changes = {key: value for key, value in mapping.items() if key in parts}
+    model = _model(mapping.get("model", "nominal"), changes, where, folder)
+    rest = {key: value for key, value in mapping.items() if key not in (*parts, "model")}
+    if rest.get("camera") == "none":
+        rest["camera"] = None
+    recipe = replace(load_config(Recipe, rest, where), model=model)
+    if recipe.world.texture not in FLOORS:
+        recipe = replace(recipe, world=replace(recipe.world, texture=str(folder / recipe.world.texture)))
+    if isinstance(recipe.maneuver.script, str):
+        try:
+            script = read_script(folder / recipe.maneuver.script)
+        except InputError as error:
+            raise InputError(f"{where}: maneuver.script: {error}") from None
+        recipe = replace(recipe, maneuver=replace(recipe.maneuver, script=script))
     check(recipe, where)
     return recipe
 
 
-def check(recipe: Recipe, where: str) -> None:
-    """Raise ``InputError`` for what is wrong between fields: names, places, the floor, the sonar's limits."""
+def _refuse_unknown(mapping: Mapping[str, Any], known: list[str], where: str) -> None:
+    for key in mapping:
+        if key not in known:
+            near = get_close_matches(key, known, n=1, cutoff=0.0)
+            raise InputError(f"{where}: unknown key {key!r}; did you mean {near[0]!r}?")
+
+
+def _model(source: object, changes: Mapping[str, Any], where: str, folder: Path) -> Model:
+    """The named model with tables of the recipe over its own."""
+    if not isinstance(source, str):
+        raise InputError(f"{where}: model: give the name of a model or the path of a .toml file")
     try:
-        check_world(recipe.world)
+        path = model_path(source if source in shipped_models() or "." not in source else folder / source)
+    except InputError as error:
+        raise InputError(f"{where}: model: {error}") from None
+    base = read_toml(path)
+    model_from(base, str(path))
+    for part, table in changes.items():
+        known = base.get(part, {})
+        if isinstance(table, Mapping) and isinstance(known, Mapping):
+            table = {**known, **table}
+        base[part] = table
+    return model_from(base, where)
+
+
+def check(recipe: Recipe, where: str) -> None:
+    """Raise ``InputError`` for what is wrong between fields: names, places, the floor, the model."""
+    try:
+        check_world(recipe.world, seen=recipe.camera is not None)
         _check_landmarks(recipe)
-        plan(recipe.maneuver, recipe.landmarks, recipe.world.extent_m)
-        if recipe.sonar.min_range_m >= recipe.sonar.max_range_m:
-            raise InputError("sonar: min_range_m must be below max_range_m")
+        if recipe.maneuver.script and recipe.maneuver.way_points:
+            raise InputError("maneuver: way_points and a script; give one of them")
+        if recipe.maneuver.script:
+            stick_from(recipe.maneuver)
+        else:
+            plan(recipe.maneuver, recipe.landmarks, recipe.world.extent_m)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
-
-
-def shipped_folder() -> Path:
-    """Where the shipped recipes are: in the installed package, or beside it in a checkout."""
-    package = Path(str(resources.files("slam")))
-    installed = package / "datasets"
-    return installed if installed.is_dir() else package.parent / "datasets"
+    check_model(recipe.model, where)
 
 
 def shipped_recipes() -> tuple[str, ...]:

@@ -1,59 +1,38 @@
-"""Instruments: what IMU, attitude and sonar read of a motion, each on its own clock and with its own noise.
+"""Instruments: what each one reads of a motion, on its own clock, with its own noise and the model's terms.
 
-Source of the default figures: the healthy vehicle of the criticism flights. Each instrument draws from a
-generator of its own, so that adding or changing one leaves the readings of the others as they were.
+Each instrument draws from generators of its own, so that adding or changing one leaves the readings of the
+others as they were; and each term draws from one of its own, so that a model with a term differs from one
+without in that term alone.
 """
 
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from scipy.spatial.transform import Rotation
 
-from slam.flight import AttitudeSeries, Imu, Sonar
-from slam.simulation.vehicle import Motion
+from slam.flight import AttitudeSeries, Command, Imu, Sonar, Velocity
+from slam.simulation.instruments import Rate
+from slam.simulation.model import Model
+from slam.simulation.motion import Motion
+from slam.simulation.stick import Stick
+from slam.simulation.terrain import first_echo
+from slam.simulation.world import World
+
+__all__ = ["Rate", "generator", "stamps"]
 
 Array = NDArray[np.float64]
-Rate = Annotated[float, Field(gt=0, le=2000)]
-Noise = Annotated[float, Field(ge=0, le=100)]
 
 LATEST_START_S = 0.25
 """Each stream takes its first sample within this time."""
-
-
-@dataclass(frozen=True)
-class ImuModel:
-    """Gyro and accelerometer with white noise."""
-
-    rate_hz: Rate = 100.0
-    gyro_noise_density: Noise = 1.5e-3
-    """rad/s/sqrt(Hz)."""
-    accel_noise_density: Noise = 5.0e-2
-    """m/s^2/sqrt(Hz)."""
-
-
-@dataclass(frozen=True)
-class AttitudeModel:
-    """The vehicle's own attitude with white noise."""
-
-    rate_hz: Rate = 50.0
-    noise_std_deg: Noise = 0.5
-
-
-@dataclass(frozen=True)
-class SonarModel:
-    """Slant range to the floor along the body's -z axis."""
-
-    rate_hz: Rate = 25.0
-    noise_std_m: Noise = 0.01
-    datum_m: Annotated[float, Field(ge=-1, le=1)] = 0.0
-    """Added to every range: the error of its zero."""
-    min_range_m: Annotated[float, Field(ge=0)] = 0.25
-    max_range_m: Annotated[float, Field(gt=0)] = 6.0
+SOUND_M_S, SOUND_M_S_K = 331.3, 0.606
+"""Speed of sound at 0 degrees, and its change a degree."""
+ASSUMED_DEG_C = 20.0
+"""Air temperature that the sonar reckons with."""
+SECOND_ECHO_STD = 0.05
+"""Spread of an echo that went the way twice, as a share of it."""
 
 
 def generator(seed: int, stream: str, *index: int) -> np.random.Generator:
@@ -68,36 +47,115 @@ def stamps(rate_hz: float, duration_s: float, rng: np.random.Generator) -> Array
     return np.round(first + np.arange(count) / rate_hz, 9)
 
 
-def read_imu(motion: Motion, model: ImuModel, rng: np.random.Generator) -> Imu:
-    """Body rates and specific force."""
-    state = motion.at(stamps(model.rate_hz, motion.duration_s, rng))
-    per_sample = np.sqrt(model.rate_hz)
-    gyro, accel = state.b_rate_rad_s, state.b_specific_force_m_s2
+def stamped(times_s: Array, model: Model, rng: np.random.Generator) -> Array:
+    """(n,) what the vehicle's clock says of readings taken at ``times_s``: ``clock_drift``,
+    ``timestamp_jitter``."""
+    late = times_s * model.value("clock_drift", "ppm") * 1e-6
+    late = late + rng.normal(0.0, model.value("timestamp_jitter", "sigma"), len(times_s))
+    # However they jitter, stamps increase: by a nanosecond at least.
+    apart = 1e-9 * np.arange(len(times_s))
+    return np.asarray(np.maximum.accumulate(np.round(times_s + late, 9) - apart) + apart)
+
+
+def read_imu(motion: Motion, model: Model, seed: int) -> Imu:
+    """Body rates and specific force, in the axes of a unit that may be turned against the body."""
+    imu, rng = model.imu, generator(seed, "imu")
+    times = stamps(imu.rate_hz, motion.duration_s, rng)
+    state = motion.at(times)
+    s_R_b = Rotation.from_rotvec(model.vector("imu_misalignment")).inv()
+    gyro = (1 + model.value("gyro_scale", "eps")) * s_R_b.apply(state.b_rate_rad_s)
+    accel = (1 + model.value("accel_scale", "eps")) * s_R_b.apply(state.b_specific_force_m_s2)
+    per_sample = np.sqrt(imu.rate_hz)
+    walks = generator(seed, "imu bias").standard_normal((2, *gyro.shape)).cumsum(axis=1) / per_sample
     return Imu(
-        state.stamps_s,
-        gyro + rng.normal(0.0, model.gyro_noise_density * per_sample, gyro.shape),
-        accel + rng.normal(0.0, model.accel_noise_density * per_sample, accel.shape),
-        model.gyro_noise_density,
-        model.accel_noise_density,
+        stamped(times, model, generator(seed, "imu clock")),
+        gyro
+        + model.vector("gyro_bias")
+        + imu.gyro_random_walk * walks[0]
+        + rng.normal(0.0, imu.gyro_noise_density * per_sample, gyro.shape),
+        accel
+        + model.vector("accel_bias")
+        + imu.accel_random_walk * walks[1]
+        + rng.normal(0.0, imu.accel_noise_density * per_sample, accel.shape),
+        imu.gyro_noise_density,
+        imu.accel_noise_density,
+        imu.gyro_random_walk,
+        imu.accel_random_walk,
     )
 
 
-def read_attitude(motion: Motion, model: AttitudeModel, rng: np.random.Generator) -> AttitudeSeries:
+def read_attitude(motion: Motion, model: Model, seed: int) -> AttitudeSeries:
     """True roll, pitch and yaw with noise."""
-    state = motion.at(stamps(model.rate_hz, motion.duration_s, rng))
-    std = float(np.radians(model.noise_std_deg))
-    angles = state.roll_pitch_yaw_rad
-    return AttitudeSeries(state.stamps_s, angles + rng.normal(0.0, std, angles.shape), (std, std, std))
+    rng = generator(seed, "attitude")
+    times = stamps(model.attitude.rate_hz, motion.duration_s, rng)
+    std = float(np.radians(model.attitude.noise_std_deg))
+    angles = motion.at(times).roll_pitch_yaw_rad
+    told = stamped(times, model, generator(seed, "attitude clock"))
+    return AttitudeSeries(told, angles + rng.normal(0.0, std, angles.shape), (std, std, std))
 
 
-def read_sonar(motion: Motion, model: SonarModel, rng: np.random.Generator) -> Sonar:
-    """Height over the cosine of the tilt; NaN where that is out of range."""
-    state = motion.at(stamps(model.rate_hz, motion.duration_s, rng))
-    roll, pitch, _ = state.roll_pitch_yaw_rad.T
-    slant = state.w_p_m[:, 2] / (np.cos(pitch) * np.cos(roll))
-    range_m = slant + model.datum_m + rng.normal(0.0, model.noise_std_m, slant.shape)
-    range_m[(range_m < model.min_range_m) | (range_m > model.max_range_m)] = np.nan
+def read_velocity(motion: Motion, model: Model, world: World, seed: int) -> Velocity:
+    """Velocity in the heading frame as the on-board optical flow makes it of turning, height and speed."""
+    rng, std = generator(seed, "velocity"), model.velocity.noise_std_m_s
+    times = stamps(model.velocity.rate_hz, motion.duration_s, rng)
+    state = motion.at(times)
+    height = first_echo(world, state.w_p_m, np.tile([0.0, 0.0, -1.0], (len(times), 1)))
+    turning = np.column_stack([state.b_rate_rad_s[:, 1], -state.b_rate_rad_s[:, 0]]) * height[:, None]
+    velocity = state.h_v_m_s + model.value("flow_derotation", "kappa") * turning
+    read = (1 + model.value("flow_scale", "eps")) * velocity + rng.normal(0.0, std, velocity.shape)
+    return Velocity(stamped(times, model, generator(seed, "velocity clock")), read, (std, std))
+
+
+def read_sonar(motion: Motion, model: Model, world: World, seed: int) -> Sonar:
+    """Range to the first surface along the beam; NaN where that is out of range."""
+    sonar, rng = model.sonar, generator(seed, "sonar")
+    times = stamps(sonar.rate_hz, motion.duration_s, rng)
+    echo = _echo(motion, model, world, times - model.value("sonar_lag", "T"))
+    kelvin = model.value("sonar_temperature", "rise") * times / motion.duration_s
+    assumed = SOUND_M_S + SOUND_M_S_K * ASSUMED_DEG_C
+    range_m = echo * assumed / (assumed + SOUND_M_S_K * kelvin) * (1 + model.value("sonar_scale", "eps"))
+    range_m = range_m + model.value("sonar_bias", "b") + sonar.datum_m
+    range_m += rng.normal(0.0, sonar.noise_std_m, range_m.shape)
+    spikes = generator(seed, "sonar spikes")
+    twice = spikes.uniform(size=len(times)) < model.value("sonar_spikes", "share")
+    range_m = np.where(twice, range_m * (2 + SECOND_ECHO_STD * spikes.standard_normal(len(times))), range_m)
+    if (step := model.value("sonar_quantisation", "step")) > 0:
+        range_m = step * np.round(range_m / step)
+    out = (range_m < sonar.min_range_m) | (range_m > sonar.max_range_m)
+    dead = model.value("sonar_dead_zone", "limit")
+    # A sensor with a dead zone does not know that it is blind there.
+    range_m = np.where(range_m < dead, dead, np.where(out, np.nan, range_m))
     # Its scale is exact, and it says so.
     return Sonar(
-        state.stamps_s, range_m, model.noise_std_m, model.min_range_m, model.max_range_m, scale_std=0.0
+        stamped(times, model, generator(seed, "sonar clock")),
+        range_m,
+        sonar.noise_std_m,
+        sonar.min_range_m,
+        sonar.max_range_m,
+        sonar.beam_width_rad,
+        scale_std=0.0,
     )
+
+
+def _echo(motion: Motion, model: Model, world: World, times_s: Array) -> Array:
+    """(n,) range along the beam: that of its axis and that of its whole cone, as ``sonar_slant`` says."""
+    pose = motion.at(times_s).w_T_b
+    axis = Rotation.from_rotvec([*model.vector("sonar_tilt"), 0.0]).apply([0.0, 0.0, -1.0])
+    along = pose[:, :3, :3] @ axis
+    pencil = model.value("sonar_slant", "c")
+    echo = first_echo(world, pose[:, :3, 3], along)
+    if pencil == 1.0:
+        return echo
+    return pencil * echo + (1 - pencil) * first_echo(world, pose[:, :3, 3], along, model.sonar.beam_width_rad)
+
+
+def log_command(stick: Stick, model: Model) -> Command:
+    """The stick as it was given: a row at each change, and at least so many a second. On the recorder's
+    clock."""
+    changed = np.concatenate([[True], np.any(np.diff(stick.values, axis=0) != 0, axis=1)])
+    inside = (stick.stamps_s > 0) & (stick.stamps_s < stick.duration_s)
+    begin = np.concatenate([[0.0], stick.stamps_s[changed & inside]])
+    end = np.concatenate([begin[1:], [stick.duration_s]])
+    rows = [np.arange(a, b - 1e-6, 1 / model.command.rate_hz) for a, b in zip(begin, end, strict=True)]
+    times = np.round(np.concatenate(rows), 9)
+    return Command(times, stick.at(times + 1e-9)[:, :4], model.vehicle.max_tilt_rad)

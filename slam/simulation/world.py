@@ -114,14 +114,23 @@ def with_place_terms(world: World, marks: Marks, terms: Mapping[str, Mapping[str
     return world
 
 
-def check_world(world: World) -> None:
+def check_world(world: World, seen: bool = True) -> None:
     """Raise ``InputError`` for a floor of no or too great a size, a photograph that cannot be read, and an
-    obstacle of no size or off the floor."""
+    obstacle of no size or off the floor. A floor that no camera sees has no texture to be too large."""
     x0, y0, x1, y1 = world.extent_m
     if not (np.all(np.isfinite(world.extent_m)) and x1 > x0 and y1 > y0):
         raise InputError(
             f"world.extent_m {list(world.extent_m)} is empty; give x0, y0, x1, y1 with x0 < x1, y0 < y1"
         )
+    if seen:
+        _check_texture(world)
+    for k, box in enumerate(world.boxes):
+        _check_obstacle(box, f"world.boxes[{k}]", world)
+    for k, pylon in enumerate(world.pylons):
+        _check_obstacle(pylon, f"world.pylons[{k}]", world)
+
+
+def _check_texture(world: World) -> None:
     width, height = _size_px(world)
     if width * height > MAX_TEXELS or world.tile_m / world.metres_per_px > 16_384:
         raise InputError(
@@ -130,10 +139,6 @@ def check_world(world: World) -> None:
         )
     if world.texture not in FLOORS:
         check_photograph(Path(world.texture))
-    for k, box in enumerate(world.boxes):
-        _check_obstacle(box, f"world.boxes[{k}]", world)
-    for k, pylon in enumerate(world.pylons):
-        _check_obstacle(pylon, f"world.pylons[{k}]", world)
 
 
 def _check_obstacle(obstacle: Box | Pylon, name: str, world: World) -> None:

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from slam.errors import InputError
+from slam.simulation import model as models
 from slam.simulation import recipe as recipes
 from slam.simulation.recipe import load_recipe, recipe_from, shipped_recipes
+from slam.simulation.terms import CATALOGUE
 
 MINIMAL = {"name": "m", "maneuver": {"way_points": [[0, 0], [1, 0]]}}
 
@@ -35,7 +37,7 @@ def test_shipped_recipes_are_found_by_name(name):
 def test_the_installed_place_comes_before_the_checkout(tmp_path, monkeypatch):
     installed = tmp_path / "slam"
     (installed / "datasets").mkdir(parents=True)
-    monkeypatch.setattr(recipes.resources, "files", lambda package: tmp_path / package)
+    monkeypatch.setattr(models.resources, "files", lambda package: tmp_path / package)
     assert recipes.shipped_folder() == installed / "datasets"
     (installed / "datasets").rmdir()
     assert recipes.shipped_folder() == tmp_path / "datasets"
@@ -52,7 +54,7 @@ def test_the_figure_eight_is_the_papers():
     }  # fmt: skip
     assert distance == pytest.approx(paper, rel=0.003)
     assert recipe.maneuver.way_points == tuple("ABCDEFGHA")
-    assert recipe.sonar.datum_m == 0
+    assert recipe.model.sonar.datum_m == 0
 
 
 def test_the_square_is_the_papers():
@@ -93,6 +95,23 @@ def test_a_texture_starts_at_the_recipes_folder(tmp_path):
         (merged(landmarks={"A\n,B": [0, 0]}), "use 1 to 8 letters"),
         (merged(landmark_pairs=[["A", "B"]]), "landmark_pairs[0]: no landmark 'A'"),
         (merged(name="../../x"), "name:"),
+        (merged(velocity={"rate_hz": 0}), "velocity.rate_hz: should be greater than 0"),
+        (merged(command={"rate_hz": 0}), "command.rate_hz: should be greater than 0"),
+        (merged(battery={"rate_hz": 0.0}), "battery.rate_hz: should be greater than 0"),
+        (merged(vehicle={"drag": 1}), "unknown key 'vehicle.drag'; did you mean 'vehicle.drag_1_s'?"),
+        (merged(terms={"quadratic_drg": {}}), "did you mean 'terms.quadratic_drag'"),
+        (merged(terms={"control_latency": {"T": 80}}), "terms.control_latency.T: give 0 to 2 s, got 80"),
+        (merged(model="nomnal"), "no such model; did you mean 'nominal'"),
+        (merged(model=3), "model: give the name"),
+        (merged(camera="yes"), "camera"),
+        (merged(maneuver={"script": []}), "way_points: none; give one, or a script"),
+        (merged(maneuver={"script": [[0, 0, 0, 0, 0]]}), "at least a command and a last line"),
+        (merged(maneuver={"script": [[0, 0, 0, 0, 0], [0, 0, 0, 0, 0]]}), "not after the one before"),
+        (merged(maneuver={"script": [[0, 20, 0, 0, 0], [9, 0, 0, 0, 0]]}), "the stick goes from -1 to 1"),
+        (merged(maneuver={"script": [[0, 0, 0, 0], [9, 0, 0, 0, 0]]}), "script: Tuple should have at least"),
+        (merged(maneuver={"script": [[0, 0, 0, 0, 0], [9e9, 0, 0, 0, 0]]}), "6 h is the most"),
+        (merged(maneuver={"script": "gone.csv"}), "gone.csv: no such script"),
+        (merged(maneuver={"script": [[0, 0, 0, 0, 0], [9, 0, 0, 0, 0]], "way_points": [[0, 0]]}), "one of"),
         ({"name": "m"}, "'maneuver' is missing"),
     ],
 )  # fmt: skip
@@ -122,9 +141,20 @@ def test_a_changed_recipe_is_checked_again():
         recipes.check(high, "recipe")
 
 
-def test_the_readme_names_every_key_of_a_recipe():
+def test_the_readme_names_every_key_of_a_recipe_and_a_model():
     text = (recipes.shipped_folder() / "README.md").read_text(encoding="utf-8")
-    parts = [load_recipe("square"), *vars(load_recipe("square")).values()]
+    recipe = load_recipe("square")
+    parts = [recipe, *vars(recipe).values(), *vars(recipe.model).values()]
     keys = {field.name for part in parts if is_dataclass(part) for field in fields(part)}
-    assert len(keys) > 30
-    assert {key for key in keys if f"`{key}`" not in text and f"[{key}]" not in text} == set()
+    assert len(keys) > 60
+    missing = {key for key in keys if f"`{key}`" not in text and f"[{key}]" not in text}
+    assert missing == {"terms"}
+    assert "[terms.NAME]" in text
+
+
+@pytest.mark.parametrize("name", sorted(CATALOGUE))
+def test_the_readme_names_every_term_and_its_equation(name):
+    text = (recipes.shipped_folder() / "README.md").read_text(encoding="utf-8")
+    row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
+    assert all(f"`{parameter.name}`" in row for parameter in CATALOGUE[name].parameters)
+    assert CATALOGUE[name].equation.replace("|", "&#124;") in row

@@ -58,7 +58,8 @@ def test_the_same_seed_gives_the_same_bytes_and_another_another_flight():
 
 
 def test_changing_one_instrument_leaves_the_others_as_they_were():
-    changed = simulate(replace(SHORT, sonar=replace(SHORT.sonar, rate_hz=10.0)), 4)
+    model = SHORT.model
+    changed = simulate(replace(SHORT, model=replace(model, sonar=replace(model.sonar, rate_hz=10.0))), 4)
     one = simulate(SHORT, 4)
     assert len(changed.sonar.range_m) < len(one.sonar.range_m)
     assert np.array_equal(changed.imu.gyro_rad_s, one.imu.gyro_rad_s)

@@ -1,0 +1,47 @@
+"""The battery: three lithium cells whose voltage falls with the charge drawn and dips with the current."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.flight import Scalar
+from slam.simulation.dynamics import COMMAND
+from slam.simulation.instruments import BatteryModel
+from slam.simulation.model import Model
+from slam.simulation.motion import Motion
+from slam.simulation.sensors import generator, stamped, stamps
+
+Array = NDArray[np.float64]
+
+CELLS = 3
+TILT_CURRENT, CLIMB_CURRENT = 0.8, 0.6
+"""How much more current full stick draws, forward or left and up, as a share of the hover's."""
+RATE_HZ = 50.0
+"""Of the charge's integration: a command lasts longer."""
+
+
+def open_circuit_v(charge: Array) -> Array:
+    """Voltage of a pack at rest with this share of its charge left: a slope, and a knee when nearly empty."""
+    charge = np.clip(charge, 0.0, 1.0)
+    return CELLS * (3.55 + 0.65 * charge - 0.5 * np.exp(-charge / 0.04))
+
+
+def current_a(command: Array, battery: BatteryModel) -> Array:
+    """(n,) current under commands (n, ``dynamics.COMMAND``)."""
+    forward, left, up = (command[:, COMMAND.index(name)] for name in ("forward", "left", "up"))
+    more = TILT_CURRENT * np.hypot(forward, left) + CLIMB_CURRENT * up
+    return battery.hover_current_a * np.maximum(1.0 + more, 0.0)
+
+
+def read_battery(motion: Motion, model: Model, seed: int) -> Scalar:
+    """The voltage, which does not act on the flight: that is the term ``battery_sag``."""
+    battery, rng = model.battery, generator(seed, "battery")
+    times = stamps(battery.rate_hz, motion.duration_s, rng)
+    grid = np.linspace(0.0, motion.duration_s, int(np.ceil(motion.duration_s * RATE_HZ)) + 1)
+    drawn = current_a(motion.stick.mean(grid[:-1], grid[1:]), battery) * np.diff(grid) / 3600
+    left = battery.first_charge - np.concatenate([[0.0], np.cumsum(drawn)]) / battery.capacity_ah
+    voltage = open_circuit_v(np.interp(times, grid, left))
+    voltage -= battery.resistance_ohm * current_a(motion.stick.at(times), battery)
+    voltage += rng.normal(0.0, battery.noise_std_v, len(times))
+    return Scalar(stamped(times, model, generator(seed, "battery clock")), voltage, battery.noise_std_v)

@@ -1,0 +1,129 @@
+"""A pilot that flies way points: a planned path becomes stick commands, closed over the vehicle's state.
+
+Feed-forward from the path (what tilt its acceleration and the drag ask for, ahead by the vehicle's lag) and a
+correction in proportion to the error in place and speed. The pilot knows the nominal vehicle of the model,
+not its terms: what those do is an error to correct.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.simulation.dynamics import GRAVITY_M_S2, STEP_S, integrate
+from slam.simulation.hold_noise import NoisePath
+from slam.simulation.maneuver import Path
+from slam.simulation.model import Model, Vehicle
+from slam.simulation.motion import Motion, at_rest, steps_of
+from slam.simulation.stick import Stick
+
+Array = NDArray[np.float64]
+
+TICK_STEPS = 20
+"""Steps of the integration to a command: 25 a second."""
+TICK_S = TICK_STEPS * STEP_S
+PLACE_1_S2, SPEED_1_S = 5.0, 3.2
+"""Acceleration for each metre and each m/s that the vehicle is off: 2.2 rad/s, damped by 0.7."""
+CLIMB_1_S, TURN_1_S = 2.5, 3.0
+"""Climb and turn for each metre and radian off."""
+MAX_TILT_RAD = 0.35
+"""A mapping pilot does not lean further."""
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """What the pilot believes of the vehicle."""
+
+    vehicle: Vehicle
+
+    def stick(self, state: list[float], wanted: Array) -> tuple[float, float, float, float]:
+        """Forward, left, up, yaw in -1..1.
+
+        ``state`` as ``dynamics.STATE`` at the tick; ``wanted`` (4, 4): x, y, z, yaw of the path and its
+        derivatives half a tick later, in the middle of the time for which the command acts.
+        """
+        p, v, a, jerk = wanted.tolist()
+        vehicle, half = self.vehicle, TICK_S / 2
+        push, push_rate = [0.0, 0.0], [0.0, 0.0]
+        for axis in range(2):
+            behind = p[axis] - state[axis] - half * state[3 + axis]
+            slower = v[axis] - state[3 + axis] - half * a[axis]
+            push[axis] = a[axis] + vehicle.drag_1_s * v[axis] + PLACE_1_S2 * behind + SPEED_1_S * slower
+            push_rate[axis] = jerk[axis] + vehicle.drag_1_s * a[axis] + PLACE_1_S2 * slower
+        # Where the tilt shall be one lag from now: a first-order lag then follows without one.
+        roll, pitch = lean(
+            [push[k] + vehicle.attitude_time_s * push_rate[k] for k in range(2)],
+            state[8] + vehicle.attitude_time_s * state[9],
+        )
+        reach = vehicle.max_tilt_rad * vehicle.gain
+        most = min(MAX_TILT_RAD / reach, 1.0)
+        climb = v[2] + vehicle.climb_time_s * a[2] + CLIMB_1_S * (p[2] - state[2] - half * state[5])
+        turn = v[3] + vehicle.yaw_time_s * a[3] + TURN_1_S * (p[3] - state[8] - half * state[9])
+        return (
+            _within(pitch / reach, most),
+            _within(-roll / reach, most),
+            _within(climb / vehicle.climb_rate_m_s, 1.0),
+            _within(turn / vehicle.yaw_rate_rad_s, 1.0),
+        )
+
+
+def lean(push_m_s2: list[float], yaw: float) -> tuple[float, float]:
+    """Roll and pitch whose thrust accelerates by ``push_m_s2`` (x, y) in the world without climbing."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    ahead = (c * push_m_s2[0] + s * push_m_s2[1]) / GRAVITY_M_S2
+    aside = (c * push_m_s2[1] - s * push_m_s2[0]) / GRAVITY_M_S2
+    pitch = math.atan(ahead)
+    return -math.atan(aside * math.cos(pitch)), pitch
+
+
+def fly(path: Path, model: Model, noise: NoisePath) -> Motion:
+    """Follow ``path`` from rest at its first point; ``noise`` covers ``steps_of(path.duration_s)`` steps."""
+    steps = steps_of(path.duration_s)
+    ticks = -(-steps // TICK_STEPS)
+    stamps = np.arange(ticks, dtype=np.float64) * TICK_S
+    ahead = np.minimum(stamps + TICK_S / 2, path.duration_s)
+    wanted = np.stack([derivative(ahead) for derivative in path.derivatives], axis=1)
+    begin = path.derivatives[0](0.0)
+    pilot, parameters = Pilot(model.vehicle), model.parameters()[None]
+    latency = model.value("control_latency", "T")
+    late, new = _delay(latency)
+    states = np.empty((steps + 1, len(at_rest(0, 0, 0, 0))))
+    states[0] = at_rest(*begin)
+    sticks = np.zeros((ticks, 4))
+    for k in range(ticks):
+        first, last = k * TICK_STEPS, min((k + 1) * TICK_STEPS, steps)
+        sticks[k] = pilot.stick(states[first].tolist(), wanted[k])
+        command = _obeyed(sticks, k - late, new[: last - first])
+        command[:, 5] = (np.arange(first, last) + 0.5) * STEP_S / path.duration_s
+        states[first : last + 1] = integrate(
+            states[None, first], command[None], noise.values[None, first : last + 1], parameters, STEP_S
+        )[0]
+    stick = Stick(stamps, sticks, path.duration_s)
+    return Motion(states, noise, stick, parameters[0], latency, path.duration_s)
+
+
+def _delay(latency_s: float) -> tuple[int, Array]:
+    """Whole ticks of a latency, and the share of each step of a tick (n,) in which its new command acts."""
+    late = int(latency_s / TICK_S + 1e-9)
+    rest_steps = (latency_s - late * TICK_S) / STEP_S
+    return late, np.clip(np.arange(1, TICK_STEPS + 1) - rest_steps, 0.0, 1.0)
+
+
+def _obeyed(sticks: Array, k: int, new: Array) -> Array:
+    """(n, 6) means over the steps of a tick in which command k takes over from the one before it."""
+    now, before = (sticks[j] if j >= 0 else np.zeros(4) for j in (k, k - 1))
+    centred = [float(stick[0] == 0 and stick[1] == 0) for stick in (now, before)]
+    return np.column_stack(
+        [
+            new[:, None] * now + (1 - new[:, None]) * before,
+            new * centred[0] + (1 - new) * centred[1],
+            np.zeros_like(new),
+        ]
+    )
+
+
+def _within(value: float, most: float) -> float:
+    return min(max(value, -most), most)

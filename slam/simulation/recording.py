@@ -1,0 +1,124 @@
+"""One simulated flight, from the maneuver to the streams of its instruments."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.errors import InputError
+from slam.flight import Flight, Frames, Truth
+from slam.simulation import sensors
+from slam.simulation.battery import read_battery
+from slam.simulation.effects import camera_effects
+from slam.simulation.film import Film, shoot
+from slam.simulation.maneuver import MAX_HEIGHT_M, plan
+from slam.simulation.motion import Motion, at_rest, draw_for, obey, steps_of
+from slam.simulation.pilot import fly
+from slam.simulation.recipe import Recipe
+from slam.simulation.script import stick_from
+from slam.simulation.terms import CATALOGUE
+from slam.simulation.world import World, with_place_terms
+
+Array = NDArray[np.float64]
+
+EPOCH_NS = 1_315_785_600_000_000_000
+"""Second 0 of every simulated flight, 2011-09-12: a constant, so that the same seed gives the same bytes."""
+TRUTH_RATE_HZ = 100.0
+
+
+def record(recipe: Recipe, seed: int) -> Flight:
+    """Fly a recipe that has been checked. Raises ``InputError`` where the flight leaves the floor or hits
+    it."""
+    model, world = recipe.model, _place(recipe)
+    motion = flown(recipe, seed)
+    film = _film(recipe, world, motion, seed) if recipe.camera is not None else None
+    return Flight(
+        name=recipe.name,
+        epoch_ns=EPOCH_NS,
+        camera=None if film is None else film.told,
+        frames=None if film is None else Frames(film.stamps_s, _names(film.stamps_s), film),
+        imu=sensors.read_imu(motion, model, seed),
+        sonar=sensors.read_sonar(motion, model, world, seed),
+        attitude=sensors.read_attitude(motion, model, seed),
+        velocity=sensors.read_velocity(motion, model, world, seed),
+        command=sensors.log_command(motion.stick, model),
+        battery=read_battery(motion, model, seed),
+        truth=_truth(motion),
+        landmarks={name: np.array([x, y, _rise(world, x, y)]) for name, (x, y) in recipe.landmarks.items()},
+        landmark_pairs=recipe.landmark_pairs,
+        gaps=recipe.gaps,
+        notes={
+            "vehicle": f"simulated quadrotor, model {model.name}",
+            "source": f"recipe {recipe.name}, seed {seed}",
+        },
+    )
+
+
+def flown(recipe: Recipe, seed: int) -> Motion:
+    """The true motion of a recipe's flight. Raises ``InputError`` where it leaves the floor or hits it."""
+    maneuver, model = recipe.maneuver, recipe.model
+    rngs = (sensors.generator(seed, "hold noise"), sensors.generator(seed, "gusts"))
+    if maneuver.script:
+        stick = stick_from(maneuver)
+        start = at_rest(*maneuver.start_m, maneuver.height_m, float(np.radians(maneuver.heading_deg)))
+        motion = obey(stick, model, start, draw_for(model, steps_of(stick.duration_s), rngs))
+        _refuse_beyond(motion, recipe.world.extent_m)
+    else:
+        path = plan(maneuver, recipe.landmarks, recipe.world.extent_m)
+        motion = fly(path, model, draw_for(model, steps_of(path.duration_s), rngs))
+    if not (maneuver.script and maneuver.may_land):
+        low = motion.states[:, 2] < model.vehicle.gear_height_m
+        _refuse_at(motion, low, "hits the floor", "fly higher, or set may_land for a script that lands")
+    return motion
+
+
+def _refuse_beyond(motion: Motion, extent_m: tuple[float, float, float, float]) -> None:
+    x, y, z = motion.states[:, :3].T
+    x0, y0, x1, y1 = extent_m
+    # Written so that what is not a number is beyond, too.
+    beyond = ~((x >= x0) & (x <= x1) & (y >= y0) & (y <= y1))
+    _refuse_at(motion, beyond, "leaves the floor", "make world.extent_m larger or the commands smaller")
+    _refuse_at(motion, ~(z <= MAX_HEIGHT_M), f"climbs beyond {MAX_HEIGHT_M:g} m", "command less climb")
+
+
+def _refuse_at(motion: Motion, bad: NDArray[np.bool_], what: str, do: str) -> None:
+    if bad.any():
+        k = int(np.argmax(bad))
+        x, y, _ = motion.states[k, :3]
+        at = f"after {k * motion.step_s:.1f} s at ({x:.1f}, {y:.1f})"
+        raise InputError(f"maneuver: the vehicle {what} {at}: {do}")
+
+
+def _place(recipe: Recipe) -> World:
+    marks = tuple((name, x, y) for name, (x, y) in recipe.landmarks.items())
+    return with_place_terms(recipe.world, marks, recipe.model.terms)
+
+
+def _rise(world: World, x: float, y: float) -> float:
+    return world.slope[0] * x + world.slope[1] * y
+
+
+def _film(recipe: Recipe, world: World, motion: Motion, seed: int) -> Film:
+    assert recipe.camera is not None
+    clock = sensors.generator(seed, "camera clock")
+    stamps_s = sensors.stamps(recipe.camera.rate_hz, motion.duration_s, clock)
+    marks = tuple((name, x, y) for name, (x, y) in recipe.landmarks.items())
+    # A parameter that a model leaves out is neutral, not nothing.
+    terms = {name: {**CATALOGUE[name].neutral, **values} for name, values in recipe.model.terms.items()}
+
+    def pose_at(times_s: Array) -> Array:
+        return motion.at(times_s).w_T_b
+
+    effects = camera_effects(terms)
+    return shoot(world, marks, recipe.camera, effects, stamps_s, pose_at, motion.duration_s, seed)
+
+
+def _names(stamps_s: Array) -> tuple[str, ...]:
+    return tuple(f"{EPOCH_NS + round(stamp * 1e9)}.png" for stamp in stamps_s)
+
+
+def _truth(motion: Motion) -> Truth:
+    """The true motion over the whole flight, so that it can be interpolated at any stamp of any stream."""
+    count = int(np.ceil(motion.duration_s * TRUTH_RATE_HZ)) + 1
+    state = motion.at(np.round(np.linspace(0.0, motion.duration_s, count), 9))
+    return Truth(state.stamps_s, state.w_T_b, state.w_v_m_s)

@@ -1,0 +1,68 @@
+"""Scripts: a flight as a list of timed commands, flown without looking (the paper's way, section 4.2).
+
+A script is a text file with one command a line, ``milliseconds,forward,left,up,yaw``, held until the next
+line; the last line says when the flight ends. What stands behind a ``#`` is a comment.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.errors import InputError, explain
+from slam.simulation.maneuver import MAX_DURATION_S, Maneuver, Row
+from slam.simulation.stick import Stick
+
+Array = NDArray[np.float64]
+
+MAX_BYTES = 10_000_000
+COLUMNS = "milliseconds,forward,left,up,yaw"
+
+
+def read_script(path: Path) -> tuple[Row, ...]:
+    """The commands of a script file. Raises ``InputError`` naming file and line."""
+    try:
+        if not path.is_file():
+            raise InputError(f"{path}: no such script; give a text file of {COLUMNS}")
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: larger than {MAX_BYTES // 1_000_000} MB; this is no script")
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not a text file; give one of {COLUMNS}") from None
+    except OSError as error:
+        raise InputError(f"{path}: {explain(error)}") from None
+    rows = []
+    for number, line in enumerate(lines, 1):
+        text = line.partition("#")[0].strip()
+        if text:
+            try:
+                ms, forward, left, up, yaw = (float(cell) for cell in text.split(","))
+            except ValueError:
+                raise InputError(f"{path}, line {number}: {text[:40]!r}: write {COLUMNS}") from None
+            rows.append((ms, forward, left, up, yaw))
+    return tuple(rows)
+
+
+def stick_from(maneuver: Maneuver) -> Stick:
+    """The stick of a maneuver that is a script. Raises ``InputError`` for what cannot be flown."""
+    rows = read_script(Path(maneuver.script)) if isinstance(maneuver.script, str) else maneuver.script
+    if len(rows) < 2:
+        raise InputError("maneuver.script: write at least a command and a last line with the flight's end")
+    table = np.array(rows, dtype=float)
+    stamps_s, values = table[:, 0] / 1000, maneuver.scale * table[:, 1:]
+    for k in range(len(table)):
+        what = f"maneuver.script, command {k + 1} ({', '.join(f'{cell:g}' for cell in rows[k])})"
+        if not np.isfinite(table[k]).all() or stamps_s[k] < 0:
+            raise InputError(f"{what}: give finite numbers and a time from 0 on")
+        if k and stamps_s[k] <= stamps_s[k - 1]:
+            raise InputError(f"{what}: its time is not after the one before; sort the commands")
+        if np.abs(values[k]).max() > 1:
+            raise InputError(f"{what}: the stick goes from -1 to 1; with scale it is {values[k].tolist()}")
+    duration_s = stamps_s[-1] + 2 * maneuver.rest_s
+    if duration_s > MAX_DURATION_S:
+        raise InputError(f"maneuver.script: the flight would last {duration_s / 3600:.1f} h; 6 h is the most")
+    # The end is a change too: whoever hovers after it, hovers with the stick let go.
+    values[-1] = 0.0
+    return Stick(stamps_s + maneuver.rest_s, values, duration_s)
