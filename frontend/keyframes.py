@@ -38,6 +38,8 @@ class Keyframe:
     features: Features
     link: Registration | None
     """Registration to the previous keyframe (i = previous, j = this); None where tracking started anew."""
+    refused: Registration | None = None
+    """A registration to the previous keyframe that did not hold."""
 
 
 @dataclass(frozen=True)
@@ -74,13 +76,14 @@ class Tracker:
                 last, number = Keyframe(frame, features, None), number + 1
                 yield last
                 continue
-            tracked = self._track(number, frame, last, features)
+            tracked, reason = self._track(number, frame, last, features)
             if (tracked is None or tracked.link.overlap < self.config.min_overlap) and best is not None:
                 # The frame before was still well in view: it becomes the keyframe.
                 last, number, best = Keyframe(best.frame, best.features, best.link), number + 1, None
                 yield last
-                tracked = self._track(number, frame, last, features)
+                tracked, reason = self._track(number, frame, last, features)
             if tracked is None:
+                self.rejected[reason] += 1
                 failures += 1
                 if failures > self.config.patience:
                     self.rejected["tracking started anew"] += 1
@@ -102,7 +105,10 @@ class Tracker:
                     number, number + 1, before, features, self.camera, self.homography, self.gates
                 )
             number, before = number + 1, features
-            yield Keyframe(frame, features, link if link is not None and link.ok else None)
+            if link is None or link.ok:
+                yield Keyframe(frame, features, link)
+            else:
+                yield Keyframe(frame, features, None, refused=link)
 
     def _seen(self, images: Iterable[Image | None]) -> Iterator[tuple[int, Features]]:
         """Frames with enough features, and their numbers; the others are counted."""
@@ -129,13 +135,13 @@ class Tracker:
     def _features(self, image: Image | None) -> Features | None:
         return None if image is None else self.extractor(image, self.camera)
 
-    def _track(self, number: int, frame: int, last: Keyframe, features: Features) -> _Tracked | None:
+    def _track(
+        self, number: int, frame: int, last: Keyframe, features: Features
+    ) -> tuple[_Tracked | None, str]:
+        """The frame as the last keyframe sees it, or why not."""
         link = register(number, number + 1, last.features, features, self.camera, self.homography, self.gates)
-        if link.ok:
-            change = relative_change(link.i_H_j, self.camera)
-            if change <= self.gates.max_relative_change:
-                return _Tracked(frame, features, link)
-            self.rejected["change above gamma_2"] += 1
-        else:
-            self.rejected[link.reason] += 1
-        return None
+        if not link.ok:
+            return None, link.reason
+        if relative_change(link.i_H_j, self.camera) > self.gates.max_relative_change:
+            return None, "change above gamma_2"
+        return _Tracked(frame, features, link), ""

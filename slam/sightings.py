@@ -71,7 +71,7 @@ class Sighter:
         tracker = Tracker(
             self.camera, self.extractor, self.homography, self.config.gates, self.config.keyframes
         )
-        store, frame_index, links = FeatureStore(), [], []
+        store, frame_index, links, refused = FeatureStore(), [], [], []
         images = read_ahead(flight, self.progress)
         found = tracker.every(images) if flight.all_keyframes else tracker.keyframes(images)
         # Threads of BLAS and of OpenCV would spin against each other for the same cores.
@@ -80,11 +80,12 @@ class Sighter:
                 store.append(keyframe.features)
                 frame_index.append(keyframe.frame)
                 links.append(keyframe.link)
+                refused += [keyframe.refused] if keyframe.refused is not None else []
         index = np.array(frame_index, dtype=np.int64)
         kept = tuple(link for link in links if link is not None)
         stamps_s = flight.frames.stamps_s[index] if len(index) else np.empty(0)
         rejected = _with_reasons(tracker.rejected, flight.frames.failures)
-        return Sightings(store, index, stamps_s, tuple(links), kept, (), tracker.frames, rejected)
+        return Sightings(store, index, stamps_s, tuple(links), kept, tuple(refused), tracker.frames, rejected)
 
     def neighbours(self, sightings: Sightings) -> Sightings:
         """Compare each keyframe with the ones just before the last: a chain alone is weak."""

@@ -43,7 +43,8 @@ def small_flight(seed: int = 0) -> SmallFlight:
     assert flight.camera is not None
     film = flight.frames.load
     images = tuple(film(k) for k in range(len(flight.frames)))
-    return SmallFlight(images, flight.camera, flight.frames.stamps_s, film.w_T_b)  # type: ignore[arg-type, attr-defined]
+    w_T_b = film.w_T_b[:, 0]  # type: ignore[attr-defined]  # one pose a picture: a global shutter
+    return SmallFlight(images, flight.camera, flight.frames.stamps_s, w_T_b)  # type: ignore[arg-type]
 
 
 @lru_cache(maxsize=4)

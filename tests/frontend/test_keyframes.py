@@ -171,6 +171,11 @@ def test_every_photo_is_a_keyframe_linked_where_it_overlaps(flight: SmallFlight)
     found = list(follow.every(images))
     assert [k.frame for k in found] == [0, 1, 2, 4, 5]
     assert [k.link is None for k in found] == [True, False, False, True, False]
+    refused = [k.refused for k in found]
+    assert [r is not None for r in refused] == [False, False, False, True, False]
+    assert refused[3] is not None
+    assert (refused[3].i, refused[3].j) == (2, 3)
+    assert refused[3].reason
     assert follow.rejected == {"unreadable": 1}
     assert follow.frames == 6
     check_links(flight, found, dict(zip([0, 1, 2, 4, 5], order, strict=True)))
