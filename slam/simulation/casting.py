@@ -109,6 +109,17 @@ def _texel(texels: Image, level: NDArray[np.int64], share_x: float, share_y: flo
         out[channel] = np.uint8((1 - fy) * upper + fy * lower + 0.5)
 
 
+@njit(cache=True)
+def _in_prism_axes(prism: Array, w_R_c: Array, w_t_c: Array) -> tuple[Array, Array]:
+    """A camera's rotation and place in the prism's heading, about the prism's middle."""
+    R, o = w_R_c.copy(), w_t_c.copy()
+    cos, sin = prism[COS], prism[SIN]
+    R[0], R[1] = cos * w_R_c[0] + sin * w_R_c[1], cos * w_R_c[1] - sin * w_R_c[0]
+    x, y = w_t_c[0] - prism[X], w_t_c[1] - prism[Y]
+    o[0], o[1] = cos * x + sin * y, cos * y - sin * x
+    return R, o
+
+
 @njit(cache=True, nogil=True)
 def draw(
     samples: Image,
@@ -130,38 +141,30 @@ def draw(
     ``levels`` (n, 2, levels, 3) where its top's and its side's mip levels lie in ``texels``.
     ``spacing`` is the angle between samples.
     """
-    height, width = samples.shape[:2]
-    moving = len(w_t_c) > 1
-    for r in range(max(bounds[:, 0].min(), 0), min(bounds[:, 1].max() + 1, height)):
-        R, t = w_R_c[r if moving else 0], w_t_c[r if moving else 0]
-        above = t[2] - slope[0] * t[0] - slope[1] * t[1]
-        for c in range(max(bounds[:, 2].min(), 0), min(bounds[:, 3].max() + 1, width)):
-            u, v = rays[r, c, 0], rays[r, c, 1]
-            dx = R[0, 0] * u + R[0, 1] * v + R[0, 2]
-            dy = R[1, 0] * u + R[1, 1] * v + R[1, 2]
-            dz = R[2, 0] * u + R[2, 1] * v + R[2, 2]
-            falling = slope[0] * dx + slope[1] * dy - dz
-            nearest = above / falling if falling > 0.0 else np.inf
-            for k in range(len(prisms)):
-                if r < bounds[k, 0] or r > bounds[k, 1] or c < bounds[k, 2] or c > bounds[k, 3]:
+    width = samples.shape[1]
+    depth = np.empty(width)
+    for r in range(bounds[:, 0].min(), bounds[:, 1].max() + 1):
+        pose = r if len(w_t_c) > 1 else 0
+        depth[:] = np.inf
+        for k in range(len(prisms)):
+            if r < bounds[k, 0] or r > bounds[k, 1]:
+                continue
+            prism = prisms[k]
+            R, o = _in_prism_axes(prism, w_R_c[pose], w_t_c[pose])
+            rise_x = prism[COS] * slope[0] + prism[SIN] * slope[1]
+            rise_y = prism[COS] * slope[1] - prism[SIN] * slope[0]
+            above = w_t_c[pose, 2] - slope[0] * w_t_c[pose, 0] - slope[1] * w_t_c[pose, 1]
+            for c in range(bounds[k, 2], bounds[k, 3] + 1):
+                u, v = rays[r, c, 0], rays[r, c, 1]
+                dx = R[0, 0] * u + R[0, 1] * v + R[0, 2]
+                dy = R[1, 0] * u + R[1, 1] * v + R[1, 2]
+                dz = R[2, 0] * u + R[2, 1] * v + R[2, 2]
+                s, face, cosine, along, aside = _enter(o[0], o[1], o[2], dx, dy, dz, prism)
+                # Not behind another prism, nor below a floor that slopes up before it.
+                if s >= depth[c] or s * (rise_x * dx + rise_y * dy - dz) > above:
                     continue
-                prism = prisms[k]
-                cos, sin = prism[COS], prism[SIN]
-                x, y = t[0] - prism[X], t[1] - prism[Y]
-                s, face, cosine, along, aside = _enter(
-                    cos * x + sin * y,
-                    cos * y - sin * x,
-                    t[2],
-                    cos * dx + sin * dy,
-                    cos * dy - sin * dx,
-                    dz,
-                    prism,
-                )
-                if s >= nearest:
-                    continue
-                nearest = s
-                length = np.sqrt(dx * dx + dy * dy + dz * dz)
-                footprint = s * spacing / max(cosine / length, GRAZING)
+                depth[c] = s
+                footprint = s * spacing / max(cosine / np.sqrt(dx * dx + dy * dy + dz * dz), GRAZING)
                 level = int(np.rint(np.log2(max(footprint / metres_per_texel, 1.0))))
                 level = min(level, levels.shape[2] - 1)
                 if face == TOP_FACE:
@@ -169,5 +172,5 @@ def draw(
                     share_y = 0.5 - 0.5 * aside / prism[HALF_WIDTH]
                 else:
                     share_x = _around(prism, along, aside)
-                    share_y = (prism[TOP] - t[2] - s * dz) / (prism[TOP] - prism[BASE])
+                    share_y = (prism[TOP] - o[2] - s * dz) / (prism[TOP] - prism[BASE])
                 _texel(texels, levels[k, face, level], share_x, share_y, samples[r, c])

@@ -33,7 +33,9 @@ PIXEL_H_SAMPLE: Array = np.array(
     ]
 )
 """Sample 0 lies in the outer corner of pixel 0: pixel = (sample + 1/2) / n - 1/2."""
-NEAR_M = 0.1
+COARSE = 8
+NEAR_M = 0.02
+"""Nothing is seen that is nearer."""
 FOLD_PX = 0.05
 """A pixel whose ray the lens does not send back to it, by so much, gets no light at all."""
 
@@ -161,7 +163,7 @@ def _projected(H: Array, rays: NDArray[np.float32]) -> tuple[NDArray[np.float32]
 def _draw_obstacles(
     samples: Image, scene: Scene, camera: Camera, grid: _Grid, w_R_c: Array, w_t_c: Array, prisms: Array
 ) -> None:
-    bounds = _bounds(prisms, camera, w_R_c, w_t_c, samples.shape)
+    bounds = _bounds(prisms, camera, grid, w_R_c, w_t_c)
     seen = (bounds[:, 0] <= bounds[:, 1]) & (bounds[:, 2] <= bounds[:, 3])
     if not seen.any():
         return
@@ -183,24 +185,34 @@ def _draw_obstacles(
     )
 
 
-def _bounds(prisms: Array, camera: Camera, w_R_c: Array, w_t_c: Array, shape: tuple[int, ...]) -> Array:
+def _bounds(prisms: Array, camera: Camera, grid: _Grid, w_R_c: Array, w_t_c: Array) -> NDArray[np.int64]:
     """(n, 4) first and last row, first and last column of the samples that each prism may cover."""
-    n = len(prisms)
     w_p = np.array([corners(prism) for prism in prisms])
-    reach, depth = [], []
+    reach, lost = [], np.zeros(len(prisms), bool)
     for k in {0, len(w_t_c) // 2, len(w_t_c) - 1}:
         c_p = (w_p - w_t_c[k]) @ w_R_c[k]
-        reach.append(camera.project(c_p.reshape(-1, 3)).reshape(n, 8, 2))
-        depth.append(c_p[..., 2])
-    nearest, farthest = np.hstack(depth).min(1), np.hstack(depth).max(1)
-    samples = (np.hstack(reach) + 0.5) * SUPERSAMPLING - 0.5
-    low, high = samples.min(1), samples.max(1)
-    # Bent edges, and rows between the three that were looked at.
-    slack = (0.1 * (high - low) if camera.is_distorted or len(w_t_c) > 1 else 0 * low) + 1
-    low, high = np.floor(low - slack), np.ceil(high + slack)
-    size = np.array([shape[1], shape[0]])
-    # Where a part of it is beside or behind the camera, corners don't tell how far its picture reaches.
-    low[nearest < NEAR_M], high[nearest < NEAR_M] = 0, size
-    high[farthest <= 0] = -1
-    low, high = np.maximum(low, 0), np.minimum(high, size - 1)
-    return np.column_stack([low[:, 1], high[:, 1], low[:, 0], high[:, 0]]).astype(np.int64)
+        lower, upper = c_p[:, :4], c_p[:, 4:]
+        # A tall one ends just before the camera.
+        rise = np.maximum(lower[..., 2] - upper[..., 2], 1e-9)
+        share = np.clip((lower[..., 2] - NEAR_M) / rise, 0, 1)[..., None]
+        cut = np.concatenate([lower, lower + share * (upper - lower)], axis=1)
+        reach.append(cut[..., :2] / np.maximum(cut[..., 2:], NEAR_M))
+        lost |= (lower[..., 2] < NEAR_M).any(1)
+    low, high = np.hstack(reach).min(1), np.hstack(reach).max(1)
+    # Where its foot is beside or behind the camera, corners don't tell how far its picture reaches.
+    low[lost], high[lost] = -np.inf, np.inf
+    # Every eighth ray is looked at; rows between the three poses may reach a little farther.
+    spacing = 1 / camera.focal_px[0] / SUPERSAMPLING
+    slack = 2 * COARSE * spacing + (0.1 * (high - low) if len(w_t_c) > 1 else 0.0)
+    rays = grid.rays[::COARSE, ::COARSE]
+    low, high = low - slack, high + slack
+    bounds = np.tile(np.array([0, -1, 0, -1]), (len(prisms), 1))
+    near = (low <= rays.max((0, 1))).all(1) & (high >= rays.min((0, 1))).all(1)
+    for seen in np.flatnonzero(near):
+        within = ((rays >= low[seen]) & (rays <= high[seen])).all(2)
+        for axis in (0, 1):
+            hit = np.flatnonzero(within.any(1 - axis)) * COARSE
+            if len(hit):
+                last = grid.rays.shape[axis] - 1
+                bounds[seen, 2 * axis : 2 * axis + 2] = np.clip([hit[0] - COARSE, hit[-1] + COARSE], 0, last)
+    return bounds

@@ -17,6 +17,7 @@ from slam.simulation.pilot import fly
 from slam.simulation.recipe import Recipe
 from slam.simulation.script import stick_from
 from slam.simulation.terms import CATALOGUE
+from slam.simulation.terrain import elevation
 from slam.simulation.world import World, with_place_terms
 
 Array = NDArray[np.float64]
@@ -67,8 +68,11 @@ def flown(recipe: Recipe, seed: int) -> Motion:
         path = plan(maneuver, recipe.landmarks, recipe.world.extent_m)
         motion = fly(path, model, draw_for(model, steps_of(path.duration_s), rngs))
     if not (maneuver.script and maneuver.may_land):
-        low = motion.states[:, 2] < model.vehicle.gear_height_m
-        _refuse_at(motion, low, "hits the floor", "fly higher, or set may_land for a script that lands")
+        x, y, z = motion.states[:, :3].T
+        ground_m = elevation(_place(recipe), x, y)
+        low = z - ground_m < model.vehicle.gear_height_m
+        what = "hits an obstacle" if (ground_m[low] > 0).any() else "hits the floor"
+        _refuse_at(motion, low, what, "fly higher, or set may_land for a script that lands")
     return motion
 
 

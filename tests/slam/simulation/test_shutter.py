@@ -1,5 +1,7 @@
 """Rolling shutter and motion blur against a dense reference: a pose of its own for each row and instant."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -8,12 +10,18 @@ from scipy.spatial.transform import Rotation
 from slam.simulation import shutter
 from slam.simulation.effects import CameraEffects, camera_effects, true_camera
 from slam.simulation.film import shoot
+from slam.simulation.obstacles import Box, Pylon
 from slam.simulation.optics import CameraModel, expose
 from slam.simulation.scene import build_scene
 from slam.simulation.world import World
 
 MODEL = CameraModel(noise_std=0.0)
 PUZZLE = World(extent_m=(0.0, 0.0, 3.0, 3.0), margin_m=0.6)
+GYM = replace(
+    PUZZLE,
+    boxes=(Box((1.15, 1.2), (0.3, 0.2, 0.3), 20), Box((1.4, 1.5), (0.2, 0.4, 0.15), -30)),
+    pylons=(Pylon((1.3, 0.95), 0.06, 1.2),),
+)
 DURATION_S = 2.0
 
 
@@ -66,11 +74,12 @@ def floor(camera, w_T_c, pixel):
     return w_T_c[:2, 3] - w_T_c[2, 3] * ray[:, :2] / ray[:, 2:]
 
 
+@pytest.mark.parametrize("world", [PUZZLE, GYM])
 @pytest.mark.parametrize("distortion", [(0.0, 0.0, 0.0, 0.0), (-0.1, 0.02, 0.0, 0.0)])
-def test_a_rolling_picture_is_made_of_the_rows_of_pictures_of_their_time(distortion):
+def test_a_rolling_picture_is_made_of_the_rows_of_pictures_of_their_time(distortion, world):
     model = CameraModel(noise_std=0.0, distortion=distortion)
     effects, pose_at = CameraEffects(readout_s=0.04), restless(1)
-    film, scene = film_of(effects, pose_at, model=model), build_scene(PUZZLE, ())
+    film, scene = film_of(effects, pose_at, world, model=model), build_scene(world, ())
     picture = film(5).astype(float)
     exact = pose_at(film.stamps_s[5] + 0.04 * np.arange(144) / 143)
     dense = np.stack([expose(scene, model.camera(), w_T_b)[row] for row, w_T_b in enumerate(exact)])

@@ -8,6 +8,7 @@ from slam import simulate
 from slam.errors import InputError
 from slam.simulation import Recipe
 from slam.simulation.recipe import load_recipe, recipe_from
+from slam.simulation.terrain import elevation
 
 SHORT = recipe_from(
     {
@@ -106,3 +107,36 @@ def test_a_recipe_made_in_python_is_checked():
     with pytest.raises(InputError, match="seed -1"):
         simulate(SHORT, -1)
     assert isinstance(SHORT, Recipe)
+
+
+def test_the_gym_s_boxes_are_heard_by_the_sonar():
+    flight = simulate("gym", seed=0)
+    world = flight.frames.load.world
+    height = np.interp(flight.sonar.stamps_s, flight.truth.stamps_s, flight.truth.w_T_b[:, 2, 3])
+    x, y = (
+        np.interp(flight.sonar.stamps_s, flight.truth.stamps_s, flight.truth.w_T_b[:, i, 3]) for i in (0, 1)
+    )
+    below = elevation(world, x, y)
+    # Level but for a few degrees: away from the edges the reading is the height above what lies below.
+    around = [elevation(world, x + dx, y + dy) for dx in (-0.08, 0.08) for dy in (-0.08, 0.08)]
+    inside = np.ptp([below, *around], axis=0) == 0
+    off = flight.sonar.range_m - (height - below)
+    assert {round(float(h), 2) for h in np.unique(below[inside])} >= {0.0, 0.18, 0.25, 0.35}
+    assert np.abs(np.median(off[inside & (below > 0.1)])) < 0.004
+    assert np.abs(off[inside]).max() < 0.06
+
+
+def test_a_flight_into_an_obstacle_is_refused_in_one_line():
+    recipe = load_recipe("gym")
+    with pytest.raises(InputError, match="hits an obstacle after") as caught:
+        simulate(replace(recipe, maneuver=replace(recipe.maneuver, height_m=0.3)))
+    assert "\n" not in str(caught.value)
+
+
+def test_the_white_balance_filter_tones_each_picture_anew():
+    plain, toned = simulate("square", seed=0), simulate("square_white_balance", seed=0)
+    means = [[f.frames.load(k).mean((0, 1)) for k in range(40, 60)] for f in (plain, toned)]
+    steps = np.abs(np.diff(means, axis=1)).mean((1, 2))
+    assert steps[1] > 5 * steps[0]
+    assert toned.camera.focal_px == plain.camera.focal_px
+    assert np.array_equal(toned.truth.w_T_b, plain.truth.w_T_b)
