@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from slam.simulation.dynamics import GRAVITY_M_S2, STATE, STEP_S, integrate, read_out
-from slam.simulation.hold_noise import HoldNoise, NoisePath, draw_noise
+from slam.simulation.dynamics import GRAVITY_M_S2, NOISE, STATE, STEP_S, integrate, read_out
+from slam.simulation.hold_noise import NoisePath, draw_noise
 from slam.simulation.model import Model
 from slam.simulation.stick import Stick
 
@@ -59,7 +59,7 @@ class State:
 
 @dataclass(frozen=True)
 class Motion:
-    """One vehicle's flight from time 0 on."""
+    """One vehicle's flight, or a part of one."""
 
     states: Array
     """(steps + 1, ``dynamics.STATE``) at the nodes, ``step_s`` apart."""
@@ -69,13 +69,14 @@ class Motion:
     parameters: Array
     latency_s: float
     duration_s: float
-    """The motion is known from 0 to here."""
+    """The motion is known from ``begin_s`` for so long."""
+    begin_s: float = 0.0
     step_s: float = STEP_S
 
     def at(self, stamps_s: Array) -> State:
-        """The state at any times, those beyond the flight taken as its ends. (n,)."""
+        """The state at any times, those beyond the motion taken as its ends. (n,)."""
         stamps = np.asarray(stamps_s, dtype=float)
-        t = np.clip(stamps, 0.0, self.duration_s)
+        t = np.clip(stamps - self.begin_s, 0.0, self.duration_s)
         node = np.minimum((t / self.step_s).astype(np.int64), len(self.states) - 2)
         # A moment that is a node to rounding is that node: no partial step from its neighbour.
         node += (node + 1) * self.step_s <= t + 1e-12
@@ -85,11 +86,12 @@ class Motion:
         after = np.minimum(node + 1, len(self.states) - 1)
         noise_at = (1 - share) * self.noise.values[node] + share * self.noise.values[after]
         noise_rate = (1 - share) * self.noise.rates[node] + share * self.noise.rates[after]
-        begin = node * self.step_s
-        average = self.stick.mean(begin, np.maximum(t, begin), self.latency_s)
+        begin = self.begin_s + node * self.step_s
+        now = np.maximum(self.begin_s + t, begin)
+        average = self.stick.mean(begin, now, self.latency_s)
         state, rate, acceleration = read_out(
             self.states, self.noise.values, self.parameters, node, past * (share[:, 0] > 0), average,
-            self.stick.at(t, self.latency_s), noise_at, noise_rate,
+            self.stick.at(now, self.latency_s), noise_at, noise_rate,
         )  # fmt: skip
         return State(stamps, state[:, :3], rate[:, :3], acceleration, state[:, 6:9], _body_rates(state, rate))
 
@@ -114,26 +116,31 @@ def draw_for(model: Model, steps: int, rngs: tuple[np.random.Generator, np.rando
 
 def still(steps: int) -> NoisePath:
     """No noise at all."""
-    return draw_noise(
-        HoldNoise(tilt_std_deg=0, yaw_rate_std_deg_s=0, velocity_std_m_s=0, velocity_up_std_m_s=0),
-        steps, STEP_S, np.random.default_rng(0),
-    )  # fmt: skip
+    return NoisePath(np.zeros((steps + 1, len(NOISE))), np.zeros((steps + 1, 3)))
 
 
-def obey(stick: Stick, model: Model, start: Array, noise: NoisePath | None = None) -> Motion:
+def obey(
+    stick: Stick,
+    model: Model,
+    start: Array,
+    noise: NoisePath | None = None,
+    begin_s: float = 0.0,
+    end_s: float | None = None,
+) -> Motion:
     """The motion of a model's vehicle under a stick that was given beforehand.
 
-    ``start`` (``dynamics.STATE``,) at time 0; ``noise`` covers ``steps_of(stick.duration_s)`` steps, none by
-    default.
+    ``start`` (``dynamics.STATE``,) at ``begin_s``, by default the stick's whole duration is flown; ``noise``
+    covers ``steps_of`` that many seconds, none by default.
     """
-    steps = steps_of(stick.duration_s)
+    duration_s = (stick.duration_s if end_s is None else end_s) - begin_s
+    steps = steps_of(duration_s)
     noise = still(steps) if noise is None else noise
-    nodes = np.arange(steps + 1, dtype=np.float64) * STEP_S
+    nodes = begin_s + np.arange(steps + 1, dtype=np.float64) * STEP_S
     latency = model.value("control_latency", "T")
     command = stick.mean(nodes[:-1], nodes[1:], latency)
     parameters = model.parameters()
     states = integrate(start[None], command[None], noise.values[None], parameters[None], STEP_S)[0]
-    return Motion(states, noise, stick, parameters, latency, stick.duration_s)
+    return Motion(states, noise, stick, parameters, latency, duration_s, begin_s)
 
 
 def _body_rates(state: Array, rate: Array) -> Array:

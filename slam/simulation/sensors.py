@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from slam.flight import AttitudeSeries, Command, Imu, Sonar, Velocity
 from slam.simulation.instruments import Rate
 from slam.simulation.model import Model
-from slam.simulation.motion import Motion
+from slam.simulation.motion import Motion, State
 from slam.simulation.stick import Stick
 from slam.simulation.terrain import first_echo
 from slam.simulation.world import World
@@ -57,26 +57,72 @@ def stamped(times_s: Array, model: Model, rng: np.random.Generator) -> Array:
     return np.asarray(np.maximum.accumulate(np.round(times_s + late, 9) - apart) + apart)
 
 
-def read_imu(motion: Motion, model: Model, seed: int) -> Imu:
-    """Body rates and specific force, in the axes of a unit that may be turned against the body."""
-    imu, rng = model.imu, generator(seed, "imu")
-    times = stamps(imu.rate_hz, motion.duration_s, rng)
-    state = motion.at(times)
+def taken(stamps_s: Array, model: Model) -> Array:
+    """(n,) when readings were taken that the vehicle's clock, which may drift, stamps ``stamps_s``."""
+    return stamps_s / (1 + model.value("clock_drift", "ppm") * 1e-6)
+
+
+def inertial(state: State, model: Model) -> tuple[Array, Array]:
+    """(n, 3) body rates and (n, 3) specific force, in the axes of a unit that may be turned; without
+    noise."""
     s_R_b = Rotation.from_rotvec(model.vector("imu_misalignment")).inv()
     gyro = (1 + model.value("gyro_scale", "eps")) * s_R_b.apply(state.b_rate_rad_s)
     accel = (1 + model.value("accel_scale", "eps")) * s_R_b.apply(state.b_specific_force_m_s2)
+    return gyro + model.vector("gyro_bias"), accel + model.vector("accel_bias")
+
+
+def flow_speed(state: State, model: Model, world: World) -> Array:
+    """(n, 2) what the on-board flow makes of speed, turning and height: heading frame, without noise."""
+    leak = model.value("flow_derotation", "kappa")
+    velocity = state.h_v_m_s
+    if leak:
+        height = first_echo(world, state.w_p_m, np.tile([0.0, 0.0, -1.0], (len(velocity), 1)))
+        turning = np.column_stack([state.b_rate_rad_s[:, 1], -state.b_rate_rad_s[:, 0]])
+        velocity = velocity + leak * turning * height[:, None]
+    return (1 + model.value("flow_scale", "eps")) * velocity
+
+
+def slant_range(motion: Motion, model: Model, world: World, times_s: Array, flight_s: float) -> Array:
+    """(n,) range that the sonar makes of the first surface in its beam, before noise, steps and limits.
+
+    ``flight_s`` is the duration over which the air warms up.
+    """
+    pose = motion.at(times_s - model.value("sonar_lag", "T")).w_T_b
+    axis = Rotation.from_rotvec([*model.vector("sonar_tilt"), 0.0]).apply([0.0, 0.0, -1.0])
+    along, pencil = pose[:, :3, :3] @ axis, model.value("sonar_slant", "c")
+    echo = first_echo(world, pose[:, :3, 3], along)
+    if pencil != 1.0:
+        cone = first_echo(world, pose[:, :3, 3], along, model.sonar.beam_width_rad)
+        echo = pencil * echo + (1 - pencil) * cone
+    kelvin = model.value("sonar_temperature", "rise") * times_s / flight_s
+    assumed = SOUND_M_S + SOUND_M_S_K * ASSUMED_DEG_C
+    echo = echo * assumed / (assumed + SOUND_M_S_K * kelvin) * (1 + model.value("sonar_scale", "eps"))
+    return np.asarray(echo + model.value("sonar_bias", "b") + model.sonar.datum_m)
+
+
+def in_limits(range_m: Array, model: Model) -> Array:
+    """What the sonar reports of a range: in whole steps, stuck in its blind zone, NaN out of range."""
+    sonar, dead = model.sonar, model.value("sonar_dead_zone", "limit")
+    if (step := model.value("sonar_quantisation", "step")) > 0:
+        range_m = step * np.round(range_m / step)
+    out = (range_m < sonar.min_range_m) | (range_m > sonar.max_range_m)
+    # A sensor with a blind zone does not know that it is blind there.
+    return np.where(range_m < dead, dead, np.where(out, np.nan, range_m))
+
+
+def read_imu(motion: Motion, model: Model, seed: int) -> Imu:
+    """Gyro and accelerometer with white noise, and with biases that walk."""
+    imu, rng = model.imu, generator(seed, "imu")
+    times = stamps(imu.rate_hz, motion.duration_s, rng)
+    gyro, accel = inertial(motion.at(times), model)
     per_sample = np.sqrt(imu.rate_hz)
+    gyro = gyro + rng.normal(0.0, imu.gyro_noise_density * per_sample, gyro.shape)
+    accel = accel + rng.normal(0.0, imu.accel_noise_density * per_sample, accel.shape)
     walks = generator(seed, "imu bias").standard_normal((2, *gyro.shape)).cumsum(axis=1) / per_sample
     return Imu(
         stamped(times, model, generator(seed, "imu clock")),
-        gyro
-        + model.vector("gyro_bias")
-        + imu.gyro_random_walk * walks[0]
-        + rng.normal(0.0, imu.gyro_noise_density * per_sample, gyro.shape),
-        accel
-        + model.vector("accel_bias")
-        + imu.accel_random_walk * walks[1]
-        + rng.normal(0.0, imu.accel_noise_density * per_sample, accel.shape),
+        gyro + imu.gyro_random_walk * walks[0],
+        accel + imu.accel_random_walk * walks[1],
         imu.gyro_noise_density,
         imu.accel_noise_density,
         imu.gyro_random_walk,
@@ -95,58 +141,33 @@ def read_attitude(motion: Motion, model: Model, seed: int) -> AttitudeSeries:
 
 
 def read_velocity(motion: Motion, model: Model, world: World, seed: int) -> Velocity:
-    """Velocity in the heading frame as the on-board optical flow makes it of turning, height and speed."""
+    """Speed of the on-board optical flow with noise."""
     rng, std = generator(seed, "velocity"), model.velocity.noise_std_m_s
     times = stamps(model.velocity.rate_hz, motion.duration_s, rng)
-    state = motion.at(times)
-    height = first_echo(world, state.w_p_m, np.tile([0.0, 0.0, -1.0], (len(times), 1)))
-    turning = np.column_stack([state.b_rate_rad_s[:, 1], -state.b_rate_rad_s[:, 0]]) * height[:, None]
-    velocity = state.h_v_m_s + model.value("flow_derotation", "kappa") * turning
-    read = (1 + model.value("flow_scale", "eps")) * velocity + rng.normal(0.0, std, velocity.shape)
-    return Velocity(stamped(times, model, generator(seed, "velocity clock")), read, (std, std))
+    speed = flow_speed(motion.at(times), model, world)
+    told = stamped(times, model, generator(seed, "velocity clock"))
+    return Velocity(told, speed + rng.normal(0.0, std, speed.shape), (std, std))
 
 
 def read_sonar(motion: Motion, model: Model, world: World, seed: int) -> Sonar:
-    """Range to the first surface along the beam; NaN where that is out of range."""
+    """Range to the first surface in the beam, with noise; NaN where that is out of range."""
     sonar, rng = model.sonar, generator(seed, "sonar")
     times = stamps(sonar.rate_hz, motion.duration_s, rng)
-    echo = _echo(motion, model, world, times - model.value("sonar_lag", "T"))
-    kelvin = model.value("sonar_temperature", "rise") * times / motion.duration_s
-    assumed = SOUND_M_S + SOUND_M_S_K * ASSUMED_DEG_C
-    range_m = echo * assumed / (assumed + SOUND_M_S_K * kelvin) * (1 + model.value("sonar_scale", "eps"))
-    range_m = range_m + model.value("sonar_bias", "b") + sonar.datum_m
-    range_m += rng.normal(0.0, sonar.noise_std_m, range_m.shape)
+    range_m = slant_range(motion, model, world, times, motion.duration_s)
+    range_m = range_m + rng.normal(0.0, sonar.noise_std_m, range_m.shape)
     spikes = generator(seed, "sonar spikes")
     twice = spikes.uniform(size=len(times)) < model.value("sonar_spikes", "share")
     range_m = np.where(twice, range_m * (2 + SECOND_ECHO_STD * spikes.standard_normal(len(times))), range_m)
-    if (step := model.value("sonar_quantisation", "step")) > 0:
-        range_m = step * np.round(range_m / step)
-    out = (range_m < sonar.min_range_m) | (range_m > sonar.max_range_m)
-    dead = model.value("sonar_dead_zone", "limit")
-    # A sensor with a dead zone does not know that it is blind there.
-    range_m = np.where(range_m < dead, dead, np.where(out, np.nan, range_m))
     # Its scale is exact, and it says so.
     return Sonar(
         stamped(times, model, generator(seed, "sonar clock")),
-        range_m,
+        in_limits(range_m, model),
         sonar.noise_std_m,
         sonar.min_range_m,
         sonar.max_range_m,
         sonar.beam_width_rad,
         scale_std=0.0,
     )
-
-
-def _echo(motion: Motion, model: Model, world: World, times_s: Array) -> Array:
-    """(n,) range along the beam: that of its axis and that of its whole cone, as ``sonar_slant`` says."""
-    pose = motion.at(times_s).w_T_b
-    axis = Rotation.from_rotvec([*model.vector("sonar_tilt"), 0.0]).apply([0.0, 0.0, -1.0])
-    along = pose[:, :3, :3] @ axis
-    pencil = model.value("sonar_slant", "c")
-    echo = first_echo(world, pose[:, :3, 3], along)
-    if pencil == 1.0:
-        return echo
-    return pencil * echo + (1 - pencil) * first_echo(world, pose[:, :3, 3], along, model.sonar.beam_width_rad)
 
 
 def log_command(stick: Stick, model: Model) -> Command:

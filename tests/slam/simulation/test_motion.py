@@ -133,7 +133,7 @@ def test_halving_the_step_changes_no_reading_by_a_noticeable_share_of_its_noise(
         coarse.states[:1], command[None], noise.values[None], coarse.parameters[None], STEP_S / 2
     )[0]
     fine = Motion(
-        states, noise, coarse.stick, coarse.parameters, coarse.latency_s, coarse.duration_s, STEP_S / 2
+        states, noise, coarse.stick, coarse.parameters, coarse.latency_s, coarse.duration_s, 0.0, STEP_S / 2
     )
     a, b = readings(coarse, t), readings(fine, t)
     for name, sigma in SIGMA.items():
@@ -141,6 +141,16 @@ def test_halving_the_step_changes_no_reading_by_a_noticeable_share_of_its_noise(
         assert np.abs(off).max() < 0.02, name
         # Over all samples of a flight: the whole difference is a small share of one sigma.
         assert np.sqrt(np.sum(off**2)) < 0.1, name
+
+
+def test_a_part_of_a_flight_is_the_flight_from_there_on():
+    model = MODEL.with_term("control_latency", T=0.05).with_term("battery_sag", loss=0.2)
+    whole = obey(drawn_stick(6), model, at_rest(0, 0, 2, 0))
+    part = obey(whole.stick, model, whole.states[2000], begin_s=4.0, end_s=9.0)
+    assert np.abs(part.states - whole.states[2000:4501]).max() < 1e-9
+    t = np.linspace(4.0, 9.0, 77)
+    assert np.abs(part.at(t).w_T_b - whole.at(t).w_T_b).max() < 1e-9
+    assert np.abs(part.at(t).b_rate_rad_s - whole.at(t).b_rate_rad_s).max() < 1e-7
 
 
 def test_a_late_vehicle_flies_the_same_later():
