@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 
+from threadpoolctl import threadpool_limits
+
 from frontend.camera import Camera
 from slam.account import Mapped, account
 from slam.errors import NO_CAMERA, InputError
@@ -24,7 +26,12 @@ def optimize(
 
     Raises ``InputError`` where the flight has no camera or its pictures cannot be joined.
     """
-    camera = _camera(flight)
+    # Threads of BLAS and of OpenCV would spin against each other for the same cores.
+    with threadpool_limits(1, "blas"):
+        return _optimize(flight, _camera(flight), config, progress)
+
+
+def _optimize(flight: Flight, camera: Camera, config: PipelineConfig, progress: Progress) -> Estimate:
     clock = Stopwatch()
 
     def step(iteration: int, _: float) -> None:

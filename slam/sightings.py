@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from frontend.camera import Camera
 from frontend.features import Extractor, FeatureUnavailableError
@@ -74,13 +73,11 @@ class Sighter:
         store, frame_index, links, refused = FeatureStore(), [], [], []
         images = read_ahead(flight, self.progress)
         found = tracker.every(images) if flight.all_keyframes else tracker.keyframes(images)
-        # Threads of BLAS and of OpenCV would spin against each other for the same cores.
-        with threadpool_limits(1, "blas"):
-            for keyframe in found:
-                store.append(keyframe.features)
-                frame_index.append(keyframe.frame)
-                links.append(keyframe.link)
-                refused += [keyframe.refused] if keyframe.refused is not None else []
+        for keyframe in found:
+            store.append(keyframe.features)
+            frame_index.append(keyframe.frame)
+            links.append(keyframe.link)
+            refused += [keyframe.refused] if keyframe.refused is not None else []
         index = np.array(frame_index, dtype=np.int64)
         kept = tuple(link for link in links if link is not None)
         stamps_s = flight.frames.stamps_s[index] if len(index) else np.empty(0)

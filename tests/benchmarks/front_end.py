@@ -19,6 +19,7 @@ from unittest import mock
 
 import cv2
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 import frontend
 from frontend import registration
@@ -83,7 +84,8 @@ def best_of(piece: Flight) -> tuple[float, float, float]:
 def watch(flight: Flight) -> None:
     """Track, gate, keyframe: the front end's pass over all frames."""
     assert flight.camera is not None
-    Sighter(flight, flight.camera, PipelineConfig(), silent).watch()
+    with threadpool_limits(1, "blas"):  # as the pipeline has it
+        Sighter(flight, flight.camera, PipelineConfig(), silent).watch()
 
 
 def timed(work: Callable[[], object]) -> float:
