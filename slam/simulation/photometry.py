@@ -6,9 +6,12 @@ down-sampled resolution), and a filter changes the brightness randomly, with a n
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -64,9 +67,15 @@ def toned(light: Light, tone: Array) -> Light:
 def digitise(light: Light | Image, noise_std: float, rng: np.random.Generator) -> Image:
     """Grey levels of 8 bit, with noise that is independent in each pixel and channel."""
     if noise_std == 0:
-        noise = light.astype(np.float32)
-    else:
-        noise = rng.standard_normal(light.shape, dtype=np.float32)
-        noise *= noise_std
-        noise += light
-    return np.clip(np.rint(noise, out=noise), 0, WHITE, out=noise).astype(np.uint8)
+        return cv2.add(light, 0.0, dtype=cv2.CV_8U)
+    draws = np.frombuffer(rng.bytes(2 * light.size), "<u2").reshape(light.shape)
+    noise = (np.float32(noise_std) * _normal_quantiles())[draws]
+    # Rounded and clipped as it is stored.
+    return cv2.add(light, noise, dtype=cv2.CV_8U)
+
+
+@lru_cache(maxsize=1)
+def _normal_quantiles() -> Light:
+    """(65536,) the normal distribution in steps of equal probability: drawing one of them is four times as
+    fast as drawing from it, and differs by less than 1e-4 in its standard deviation."""
+    return ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)
