@@ -82,21 +82,21 @@ def flow_speed(state: State, model: Model, world: World) -> Array:
     return (1 + model.value("flow_scale", "eps")) * velocity
 
 
-def slant_range(motion: Motion, model: Model, world: World, times_s: Array, flight_s: float) -> Array:
+def slant_range(w_T_b: Array, model: Model, world: World, progress: Array) -> Array:
     """(n,) range that the sonar makes of the first surface in its beam, before noise, steps and limits.
 
-    ``flight_s`` is the duration over which the air warms up.
+    ``w_T_b`` (n, 4, 4) poses at which the sound was sent: ``sonar_lag`` before the reading; ``progress`` (n,)
+    share of the flight that is behind, over which the air warms up.
     """
-    pose = motion.at(times_s - model.value("sonar_lag", "T")).w_T_b
     axis = Rotation.from_rotvec([*model.vector("sonar_tilt"), 0.0]).apply([0.0, 0.0, -1.0])
-    along, pencil = pose[:, :3, :3] @ axis, model.value("sonar_slant", "c")
-    echo = first_echo(world, pose[:, :3, 3], along)
+    along, pencil = w_T_b[:, :3, :3] @ axis, model.value("sonar_slant", "c")
+    echo = first_echo(world, w_T_b[:, :3, 3], along)
     if pencil != 1.0:
-        cone = first_echo(world, pose[:, :3, 3], along, model.sonar.beam_width_rad)
+        cone = first_echo(world, w_T_b[:, :3, 3], along, model.sonar.beam_width_rad)
         echo = pencil * echo + (1 - pencil) * cone
-    kelvin = model.value("sonar_temperature", "rise") * times_s / flight_s
     assumed = SOUND_M_S + SOUND_M_S_K * ASSUMED_DEG_C
-    echo = echo * assumed / (assumed + SOUND_M_S_K * kelvin) * (1 + model.value("sonar_scale", "eps"))
+    sound = assumed + SOUND_M_S_K * model.value("sonar_temperature", "rise") * progress
+    echo = echo * assumed / sound * (1 + model.value("sonar_scale", "eps"))
     return np.asarray(echo + model.value("sonar_bias", "b") + model.sonar.datum_m)
 
 
@@ -153,7 +153,8 @@ def read_sonar(motion: Motion, model: Model, world: World, seed: int) -> Sonar:
     """Range to the first surface in the beam, with noise; NaN where that is out of range."""
     sonar, rng = model.sonar, generator(seed, "sonar")
     times = stamps(sonar.rate_hz, motion.duration_s, rng)
-    range_m = slant_range(motion, model, world, times, motion.duration_s)
+    pose = motion.at(times - model.value("sonar_lag", "T")).w_T_b
+    range_m = slant_range(pose, model, world, times / motion.duration_s)
     range_m = range_m + rng.normal(0.0, sonar.noise_std_m, range_m.shape)
     spikes = generator(seed, "sonar spikes")
     twice = spikes.uniform(size=len(times)) < model.value("sonar_spikes", "share")

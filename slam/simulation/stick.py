@@ -15,6 +15,9 @@ from slam.flight import Command
 
 Array = NDArray[np.float64]
 
+UNLOGGED_S = 10.0
+"""How long before a log its first row is taken to have been held: longer than any latency."""
+
 
 @dataclass(frozen=True)
 class Stick:
@@ -26,6 +29,8 @@ class Stick:
     """(n, 4) forward, left, up, yaw."""
     duration_s: float
     """Of the flight: what ``battery_sag`` takes its share from."""
+    begin_s: float = 0.0
+    """When the flight began."""
 
     def mean(self, begin_s: Array, end_s: Array, latency_s: float = 0.0) -> Array:
         """(m, ``dynamics.COMMAND``) means over intervals of what a vehicle that is late by ``latency_s``
@@ -44,7 +49,7 @@ class Stick:
 
     def _integral(self, times_s: Array) -> Array:
         """(m, 5) integrals from far before the first stamp; of the stick, and of its being centred."""
-        first, last = self.stamps_s[0] - 1e4, max(self.stamps_s[-1], self.duration_s) + 1e4
+        first, last = self.stamps_s[0] - 1e4, self.stamps_s[-1] + 1e5
         nodes = np.concatenate([[first], self.stamps_s, [last]])
         values = np.vstack([np.zeros(4), self.values])
         height = np.column_stack([values, _centred(values)])
@@ -52,12 +57,16 @@ class Stick:
         return np.column_stack([np.interp(times_s, nodes, column) for column in total.T])
 
     def _discharge(self, times_s: Array) -> Array:
-        return np.clip(times_s / self.duration_s, 0.0, 1.0)
+        return np.clip((times_s - self.begin_s) / self.duration_s, 0.0, 1.0)
 
 
-def stick_of(command: Command, duration_s: float) -> Stick:
-    """The stick of a recorded flight; a missing value is 0."""
-    return Stick(command.stamps_s, np.nan_to_num(command.stick), duration_s)
+def stick_of(command: Command, duration_s: float, begin_s: float = 0.0) -> Stick:
+    """The stick of a recorded flight; a missing value is 0.
+
+    Of what was before the first row nothing is known: the stick is taken to have been as it is there.
+    """
+    stamps_s = np.concatenate([command.stamps_s[:1] - UNLOGGED_S, command.stamps_s[1:]])
+    return Stick(stamps_s, np.nan_to_num(command.stick), duration_s, begin_s)
 
 
 def _centred(values: Array) -> Array:
