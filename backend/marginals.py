@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -17,6 +18,9 @@ _DEEP = 5_000
 
 _NO_KNOWLEDGE = 1e10
 """Variance (rad^2, m^2) above which rounding, not measurement, speaks."""
+
+_HOLD = 1e3
+"""A variable held to a thousandth of its own standard deviation is held."""
 
 _PLANAR = np.array([3, 4, 2])
 """Where gtsam's planar tangent (x, y, heading) stands in the spatial one (rotation, translation)."""
@@ -89,16 +93,47 @@ def _fill(out: Array, tree: gtsam.GaussianBayesTree, keys: Sequence[int], which:
 def joint_covariances(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int], common: int
 ) -> Array:
-    """Joint marginals of each pose with one common variable, (n, 6 + d, 6 + d), pose first; NaN: singular."""
-    size = 6 + len(values.atVector(common))
-    out = np.full((len(keys), size, size), np.nan)
-    tree = bayes_tree(graph, values)
-    if tree is None:
-        return out
-    for k, key in enumerate(keys):
+    """Joint marginals of each pose with one common variable, (n, 6 + d, 6 + d), pose first; NaN: singular.
+
+    A joint of two variables costs gtsam a walk through the tree for each pair. Here the common one, w, is
+    eliminated last: each pose is then a linear function of it, x = G w, plus what is uncertain while w is
+    held, so that cov(x) = cov(x | w) + G cov(w) G^T and cov(x, w) = G cov(w).
+    """
+    d = len(values.atVector(common))
+    out = np.full((len(keys), 6 + d, 6 + d), np.nan)
+    for eliminate in ((), (gtsam.EliminateQR,)):  # Cholesky by default
         try:
-            joint = tree.jointMarginalCovariance([key, common])
-        except (RuntimeError, IndexError):
+            of_common, G, held = _conditioned(graph.linearize(values), keys, common, d, *eliminate)
+        except (RuntimeError, IndexError, np.linalg.LinAlgError):
             continue
-        out[k] = np.block([[joint.at(a, b) for b in (key, common)] for a in (key, common)])
+        out[:, 6:, 6:] = of_common
+        out[:, :6, 6:] = G @ of_common
+        out[:, 6:, :6] = np.swapaxes(out[:, :6, 6:], 1, 2)
+        out[:, :6, :6] = held + out[:, :6, 6:] @ np.swapaxes(G, 1, 2)
+        break
     return out
+
+
+def _conditioned(
+    linear: gtsam.GaussianFactorGraph, keys: Sequence[int], common: int, d: int, *eliminate: Any
+) -> tuple[Array, Array, Array]:
+    """cov(w) (d, d), dx/dw (n, 6, d), and cov(x | w) (n, 6, 6)."""
+    ordering = gtsam.Ordering.ColamdConstrainedLastGaussianFactorGraph(linear, [common])
+    others = gtsam.Ordering()
+    for k in range(ordering.size() - 1):
+        others.push_back(ordering.at(k))
+    net, rest = linear.eliminatePartialSequential(others, *eliminate)
+    of_common = np.asarray(np.linalg.inv(rest.hessian()[0]), dtype=np.float64)
+
+    def poses(w: Array) -> Array:
+        given = gtsam.VectorValues()
+        given.insert(common, w)
+        found = net.optimize(given)
+        return np.array([found.at(key) for key in keys]).reshape(-1, 6)
+
+    G = np.stack([poses(w) for w in np.eye(d)], axis=2) - poses(np.zeros(d))[:, :, None]
+    hold = np.diag(_HOLD / np.sqrt(np.diag(of_common)))
+    linear.add(gtsam.JacobianFactor(common, hold, np.zeros(d), gtsam.noiseModel.Unit.Create(d)))
+    tree = linear.eliminateMultifrontal(ordering, *eliminate)
+    held = np.array([tree.marginalCovariance(key) for key in keys]).reshape(-1, 6, 6)
+    return of_common, G, held
