@@ -116,7 +116,8 @@ def test_a_recipe_is_found_in_an_empty_folder(wheel: Path, tmp_path: Path):
     )
     done = installed(wheel, tmp_path, code)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == "('figure_eight', 'square') figure_eight"
+    assert done.stdout.split()[-1] == "figure_eight"
+    assert {"'figure_eight',", "'gym',"} <= set(done.stdout.replace("(", "").split())
     wrong = installed(wheel, tmp_path, CLI, "simulate", "figure_nine", "--out", "flight")
     assert wrong.returncode == 1
     assert "did you mean 'figure_eight'" in wrong.stderr

@@ -52,7 +52,7 @@ def refusal(flight: Flight) -> str:
     return message
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_normal_flight(seed):
     """As good as the pictures allow, not better; the covariances say how good."""
     flight, estimate = normal(seed)
