@@ -37,16 +37,8 @@ def join_tracks(
     """
     start = np.concatenate([[0], np.cumsum([len(p) for p in pixels], dtype=np.int64)])
     keyframe = np.repeat(np.arange(len(pixels)), np.diff(start))
-    if registrations:
-        a = np.concatenate([start[r.i] + r.matches[:, 0] for r in registrations])
-        b = np.concatenate([start[r.j] + r.matches[:, 1] for r in registrations])
-    else:
-        a = b = np.empty(0, np.int64)
     noise = _noise_of_keyframes(len(pixels), registrations)
-    _, part = connected_components(
-        coo_matrix((np.ones(len(a)), (a, b)), shape=(start[-1],) * 2), directed=False
-    )
-    label = part.astype(np.int64)
+    label = _parts(start, registrations)
     length = np.bincount(label)
     node = np.flatnonzero(length[label] >= 2)
     order = node[np.lexsort((keyframe[node], label[node]))]
@@ -61,6 +53,16 @@ def join_tracks(
     _, track = np.unique(label[order][keep], return_inverse=True)
     k = keyframe[order][keep]
     return FloorTracks(k, track, pixel[keep], noise[k])
+
+
+def _parts(start: NDArray[np.int64], registrations: Sequence[Registration]) -> NDArray[np.int64]:
+    """The connected part of each feature; a long flight has millions of matches, so they are kept small."""
+    none = np.empty(0, np.int32)
+    a = np.concatenate([none, *((start[r.i] + r.matches[:, 0]).astype(np.int32) for r in registrations)])
+    b = np.concatenate([none, *((start[r.j] + r.matches[:, 1]).astype(np.int32) for r in registrations)])
+    joined = coo_matrix((np.ones(len(a), np.int8), (a, b)), shape=(start[-1],) * 2)
+    _, part = connected_components(joined, directed=False)
+    return part.astype(np.int64)
 
 
 def _choose(
