@@ -59,6 +59,7 @@ PARAMETERS = (
     "vehicle.fade_height_m",
     "vehicle.small_angle",
     "active_braking.k_b",
+    "active_braking.lean",
     "asymmetric_drag.alpha",
     "quadratic_drag.c",
     "command_nonlinearity.eps",
@@ -80,7 +81,7 @@ PARAMETERS = (
 
 (
     MAX_TILT, GAIN, DRAG, ATTITUDE_TIME, CLIMB_RATE, CLIMB_TIME, YAW_RATE, YAW_TIME, GEAR, FADE, SMALL_ANGLE,
-    BRAKING, ASYMMETRY, QUADRATIC, CUBIC, DEAD_BAND, TILT_LIMIT, SAG, TRIM_ROLL, TRIM_PITCH, WIND_X, WIND_Y,
+    BRAKING, BRAKING_LEAN, ASYMMETRY, QUADRATIC, CUBIC, DEAD_BAND, TILT_LIMIT, SAG, TRIM_ROLL, TRIM_PITCH, WIND_X, WIND_Y,
     ROTOR_RADIUS, CLIMB_ASYMMETRY, YAW_DRAG, HOLD_STIFFNESS, HOLD_DAMPING, HOLD_CAPTURE,
 ) = range(len(PARAMETERS))  # fmt: skip
 
@@ -127,6 +128,11 @@ def derivative(state: Array, command: Array, noise: Array, parameters: Array, ra
     limit = parameters[TILT_LIMIT]
     pitch_target = min(max(reach * _stick(command[0], parameters), -limit), limit)
     roll_target = min(max(-reach * _stick(command[1], parameters), -limit), limit)
+    c, s = math.cos(yaw), math.sin(yaw)
+    if parameters[BRAKING_LEAN] != 0.0:
+        lean = parameters[BRAKING_LEAN] * command[4] / GRAVITY_M_S2
+        pitch_target -= lean * (c * vx + s * vy)
+        roll_target += lean * (c * vy - s * vx)
     rate[6] = (roll_target + parameters[TRIM_ROLL] + share * noise[0] - roll) / parameters[ATTITUDE_TIME]
     rate[7] = (pitch_target + parameters[TRIM_PITCH] + share * noise[1] - pitch) / parameters[ATTITUDE_TIME]
 
@@ -139,7 +145,6 @@ def derivative(state: Array, command: Array, noise: Array, parameters: Array, ra
     ahead, aside = pitch, -roll
     if parameters[SMALL_ANGLE] < 0.5:
         ahead, aside = math.tan(pitch), -math.tan(roll) / math.cos(pitch)
-    c, s = math.cos(yaw), math.sin(yaw)
     ax = GRAVITY_M_S2 * (c * ahead - s * aside)
     ay = GRAVITY_M_S2 * (s * ahead + c * aside)
 

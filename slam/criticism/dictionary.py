@@ -1,0 +1,75 @@
+"""What is left over when the catalogue has spoken: shapes that no term has.
+
+Signals (place, speed, tilt, stick, time) go into each channel of the instruments, into forces and targets
+of the equations, and streams come late. What these find is said as it is: channel, signal, size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.readings import CHANNELS, SENSOR
+from slam.criticism.record import Record
+from slam.criticism.tangents import FORCES, Direction, Signal
+
+Array = NDArray[np.float64]
+
+SIGNALS = (
+    "one", "time", "height", "ahead", "left", "up", "speed2", "pitch", "roll", "turning", "north", "east",
+    "stick_ahead", "stick_left", "stick_up", "stick_turn", "wave",
+)  # fmt: skip
+ON_CHANNELS = SIGNALS[:12]
+ON_FORCES = SIGNALS[:16]
+FORCED = ("roll", "pitch", "yaw_rate", "up", "ahead", "left", "gust_x", "gust_y")
+
+
+def dictionary(records: Sequence[Record]) -> list[Direction]:
+    """The directions that the flights' streams can show."""
+    channels = [c for c in range(len(CHANNELS)) if any(r.has(c) for r in records)]
+    found = [
+        Direction(f"{CHANNELS[c]} ~ {signal}", "channel", c, 1.0, signal)
+        for c in channels
+        for signal in ON_CHANNELS
+    ]
+    found += [
+        Direction(f"force {name} ~ {signal}", "force", FORCES.index(name), 1e-3, signal)
+        for name in FORCED
+        for signal in ON_FORCES
+    ]
+    if any(c in channels for c in (6, 7, 8)):
+        found.append(Direction("attitude late", "sensor", SENSOR.index("attitude.delay_s"), 1e-3))
+    if any(c in channels for c in (9, 10)):
+        found.append(Direction("velocity late", "sensor", SENSOR.index("velocity.delay_s"), 1e-3))
+    return found
+
+
+def signals_of(record: Record, states: Array) -> dict[str, Signal]:
+    """Each signal at the middle of the steps and at the events; ``states`` (events, >= 10) as filtered."""
+    at_events = _signals(record, record.times_s, states[:, :10])
+    middle = record.step_begin_s + record.step_s / 2
+    turned = states[:, :10].copy()
+    moved = np.column_stack([np.interp(middle, record.times_s, column) for column in turned.T])
+    at_steps = _signals(record, middle, moved)
+    return {name: (at_steps[name], at_events[name]) for name in SIGNALS}
+
+
+def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
+    c, s = np.cos(states[:, 8]), np.sin(states[:, 8])
+    ahead, left = c * states[:, 3] + s * states[:, 4], c * states[:, 4] - s * states[:, 3]
+    stick = record.stick.at(times_s)
+    elapsed = times_s / record.duration_s
+    return {
+        "one": np.ones(len(times_s)),
+        "time": elapsed - 0.5,
+        "height": states[:, 2] - 1.0,
+        "ahead": ahead, "left": left, "up": states[:, 5],
+        "speed2": states[:, 3] ** 2 + states[:, 4] ** 2,
+        "pitch": states[:, 7], "roll": states[:, 6], "turning": states[:, 9],
+        "north": c, "east": s,
+        "stick_ahead": stick[:, 0], "stick_left": stick[:, 1],
+        "stick_up": stick[:, 2], "stick_turn": stick[:, 3],
+        "wave": np.sin(2 * np.pi * elapsed),
+    }  # fmt: skip

@@ -1,0 +1,153 @@
+"""How criticism sees the catalogue: each term as directions, or as a change of restlessness.
+
+The equations are the simulator's; here stands only which of its parameters are tried, over which difference,
+and what a fitted number means in the catalogue's units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import pi
+
+import numpy as np
+
+from slam.criticism.record import Record
+from slam.criticism.setting import Setting
+from slam.criticism.sums import Change
+from slam.criticism.tangents import Direction, parameter_direction
+from slam.criticism.transition import GUST_STD, GUST_TIME
+from slam.simulation.dynamics import GAIN, MAX_TILT, PARAMETERS, TILT_LIMIT
+from slam.simulation.terms import CATALOGUE
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A term of the catalogue that the streams at hand can show."""
+
+    name: str
+    directions: tuple[Direction, ...] = ()
+    changes: tuple[Change, ...] = ()
+    parameters: tuple[str, ...] = ()
+    """Of the term, one for each column."""
+    positive: bool = False
+    """A size that is never negative: a fit below 0 is none."""
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of its columns."""
+        return (*(d.name for d in self.directions), *(c.name for c in self.changes))
+
+
+_STEPS: dict[str, tuple[tuple[str, float], ...]] = {
+    "active_braking": (("k_b", 1e-2),),
+    "asymmetric_drag": (("alpha", 1e-2),),
+    "quadratic_drag": (("c", 5e-3),),
+    "command_nonlinearity": (("eps", 2e-2), ("dead_band", 1e-3)),
+    "battery_sag": (("loss", 1e-2),),
+    "trim_offset": (("roll", 1e-3), ("pitch", 1e-3)),
+    "steady_wind": (("x", 2e-2), ("y", 2e-2)),
+    "climb_asymmetry": (("eps", 1e-2),),
+    "yaw_drag": (("eps", 1e-2),),
+    "flow_scale": (("eps", 1e-2),),
+    "flow_derotation": (("kappa", 1e-2),),
+    "sonar_slant": (("c", 1e-2),),
+    "sonar_tilt": (("x", 1e-3), ("y", 1e-3)),
+    "sonar_scale": (("eps", 1e-3),),
+    "sonar_bias": (("b", 1e-3),),
+    "sonar_temperature": (("rise", 0.1),),
+    "sonar_lag": (("T", 1e-3),),
+    "gyro_bias": (("x", 1e-4), ("y", 1e-4), ("z", 1e-4)),
+    "gyro_scale": (("eps", 1e-3),),
+    "accel_bias": (("x", 1e-3), ("y", 1e-3), ("z", 1e-3)),
+    "accel_scale": (("eps", 1e-3),),
+    "imu_misalignment": (("x", 1e-3), ("y", 1e-3), ("z", 1e-3)),
+    "floor_slope": (("x", 1e-3), ("y", 1e-3)),
+}
+"""Parameters of the terms that are plain entries of the equations or the instruments."""
+
+RADIUS_M = 0.1
+"""The push of the floor goes with the square of the radius: the column is radius^2, by one difference."""
+TILT_LIMITS = (0.9, 0.7, 0.5, 0.3)
+"""Shares of the greatest tilt asked for, at which a limit is tried."""
+GUST_TIMES_S = (0.7, 2.5)
+LOWEST_TILT_RAD = 0.03
+
+
+def effects_for(records: Sequence[Record], setting: Setting) -> list[Effect]:
+    """Every term that is screened under a belief, each with its columns."""
+    found = [_plain(name, steps) for name, steps in _STEPS.items()]
+    found.append(
+        Effect("control_latency", (Direction("control_latency.T", "latency", 0, 1e-3),), (), ("T",), True)
+    )
+    found.append(Effect("clock_drift", (Direction("clock_drift.ppm", "drift", 0, 2e-5),), (), ("ppm",)))
+    found.append(_ground_effect(setting))
+    found.append(_plain("active_braking", (("lean", 1e-2),)))
+    found += _tilt_limits(records, setting)
+    found += [_gusts(tau) for tau in GUST_TIMES_S]
+    found.append(
+        Effect("timestamp_jitter", (), (Change("timestamp_jitter.var", _jittered, 1.0),), ("sigma",), True)
+    )
+    return found
+
+
+def catalogue_value(effect: Effect, column: int, fitted: float, setting: Setting) -> float:
+    """What a fitted number of a column, on top of the setting's own value, is in the catalogue's units."""
+    if effect.name == "clock_drift":
+        return 1e6 * (setting.drift + fitted)
+    if effect.name == "ground_effect":
+        radius = setting.parameters[PARAMETERS.index("ground_effect.radius")]
+        return float(np.sqrt(max(fitted + radius**2, 0.0)))
+    if effect.name == "gusts":
+        return float(np.sqrt(max(fitted, 0.0)))
+    if effect.name == "timestamp_jitter":
+        return 1e-3 * float(np.sqrt(max(fitted, 0.0)))
+    return fitted
+
+
+def _plain(name: str, steps: tuple[tuple[str, float], ...]) -> Effect:
+    directions = tuple(parameter_direction(f"{name}.{parameter}", step) for parameter, step in steps)
+    positive = len(steps) == 1 and CATALOGUE[name].parameter(steps[0][0]).least == 0.0
+    return Effect(name, directions, (), tuple(parameter for parameter, _ in steps), positive)
+
+
+def _ground_effect(setting: Setting) -> Effect:
+    entry = PARAMETERS.index("ground_effect.radius")
+    radius = setting.parameters[entry]
+    direction = Direction(
+        "ground_effect.radius", "parameters", entry, RADIUS_M, unit=(radius + RADIUS_M) ** 2 - radius**2
+    )
+    return Effect("ground_effect", (direction,), (), ("radius",), True)
+
+
+def _tilt_limits(records: Sequence[Record], setting: Setting) -> list[Effect]:
+    reach = setting.parameters[MAX_TILT] * setting.parameters[GAIN]
+    asked = reach * max(float(np.abs(r.stick.values[:, :2]).max()) for r in records)
+    now = setting.parameters[TILT_LIMIT]
+    if asked < LOWEST_TILT_RAD or now < pi / 2:
+        return []
+    limits = [share * asked for share in TILT_LIMITS]
+    return [
+        Effect(
+            "tilt_limit",
+            (Direction(f"tilt_limit@{x:.4f}", "parameters", TILT_LIMIT, x - now, unit=1.0),),
+            (), ("limit",), True,
+        )
+        for x in limits
+    ]  # fmt: skip
+
+
+def _gusts(tau: float) -> Effect:
+    step = 0.02**2
+
+    def blown(s: Setting) -> Setting:
+        hold = s.hold.copy()
+        hold[GUST_STD], hold[GUST_TIME] = np.sqrt(hold[GUST_STD] ** 2 + step), tau
+        return replace(s, hold=hold)
+
+    return Effect("gusts", (), (Change(f"gusts@{tau:g}", blown, step),), ("sigma",), True)
+
+
+def _jittered(s: Setting) -> Setting:
+    """One square millisecond more."""
+    return replace(s, jitter_s=float(np.sqrt(s.jitter_s**2 + 1e-6)))

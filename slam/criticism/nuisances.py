@@ -1,0 +1,101 @@
+"""The nuisances: what may differ from vehicle to vehicle and is still healthy.
+
+Two sorts: some change the mean of what is read (gain, drag, attitude time, the sonar's zero), the others only
+how restless vehicle and instruments are. Each is a number x with a healthy range; the second sort are
+logarithms of factors on the model's own figure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.setting import Setting
+from slam.criticism.tangents import Direction, parameter_direction
+from slam.criticism.transition import HOLD
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """One number that is fitted, never criticised while it stays in its range."""
+
+    name: str
+    unit: str
+    kind: Literal["mean", "hold", "noise"]
+    entry: tuple[int, ...]
+    """Of the equations' parameters (by ``tangent``), of ``transition.HOLD``, or of the channels."""
+    reach: float
+    """Half the healthy range, about the model's own value; of the logarithm for the restless sort."""
+    relative: bool = False
+    """The reach is a share of the model's own value."""
+    step: float = 0.02
+
+
+NUISANCES = (
+    Nuisance("vehicle.gain", "1", "mean", (), 0.05, True, 1e-3),
+    Nuisance("vehicle.drag_1_s", "1/s", "mean", (), 0.10, True, 1e-3),
+    Nuisance("vehicle.attitude_time_s", "s", "mean", (), 0.10, True, 1e-4),
+    Nuisance("sonar.datum_m", "m", "mean", (), 0.01, False, 1e-3),
+    Nuisance("tilt_std_rad", "rad", "hold", (HOLD.index("tilt_std_rad"),), 0.2),
+    Nuisance("tilt_time_s", "s", "hold", (HOLD.index("tilt_time_s"),), 0.5),
+    Nuisance("yaw_rate_std_rad_s", "rad/s", "hold", (HOLD.index("yaw_rate_std_rad_s"),), 0.2),
+    Nuisance("yaw_rate_time_s", "s", "hold", (HOLD.index("yaw_rate_time_s"),), 0.56),
+    Nuisance("velocity_std_m_s", "m/s", "hold", (HOLD.index("velocity_std_m_s"),), 0.2),
+    Nuisance("velocity_time_s", "s", "hold", (HOLD.index("velocity_time_s"),), 0.85),
+    Nuisance("velocity_up_std_m_s", "m/s", "hold", (HOLD.index("velocity_up_std_m_s"),), 0.2),
+    Nuisance("gyro_noise", "1", "noise", (0, 1, 2), 0.2),
+    Nuisance("accel_noise", "1", "noise", (3, 4, 5), 0.2),
+    Nuisance("attitude_noise", "1", "noise", (6, 7, 8), 0.2),
+    Nuisance("velocity_noise", "1", "noise", (9, 10), 0.2),
+    Nuisance("sonar_noise", "1", "noise", (11,), 0.2),
+)
+MEAN = tuple(n for n in NUISANCES if n.kind == "mean")
+RESTLESS = tuple(n for n in NUISANCES if n.kind != "mean")
+
+
+def direction_of(nuisance: Nuisance) -> Direction:
+    """The tangent of a nuisance of the mean."""
+    return parameter_direction(nuisance.name, nuisance.step)
+
+
+def value_of(nuisance: Nuisance, setting: Setting) -> float:
+    """x in a setting."""
+    if nuisance.kind == "mean":
+        direction = direction_of(nuisance)
+        vector = setting.parameters if direction.kind == "parameters" else setting.sensor
+        return float(vector[direction.entry])
+    vector = setting.hold if nuisance.kind == "hold" else setting.noise_factor
+    return float(np.log(vector[nuisance.entry[0]]))
+
+
+def with_value(nuisance: Nuisance, setting: Setting, x: float) -> Setting:
+    """The setting with another x."""
+    if nuisance.kind == "mean":
+        direction = direction_of(nuisance)
+        where = "parameters" if direction.kind == "parameters" else "sensor"
+        entries: list[int] = [direction.entry]
+        size = x
+    else:
+        where = "hold" if nuisance.kind == "hold" else "noise_factor"
+        entries, size = list(nuisance.entry), float(np.exp(x))
+    vector = getattr(setting, where).copy()
+    vector[entries] = size
+    return replace(setting, **{where: vector})
+
+
+def limits_of(nuisance: Nuisance, model: Setting) -> tuple[float, float]:
+    """The healthy range of x about a model's own value."""
+    centre = value_of(nuisance, model)
+    reach = nuisance.reach * abs(centre) if nuisance.relative else nuisance.reach
+    return centre - reach, centre + reach
+
+
+def prior_precision(nuisance: Nuisance, model: Setting) -> float:
+    """1 / variance of a uniform draw from the healthy range."""
+    low, high = limits_of(nuisance, model)
+    return 12.0 / (high - low) ** 2

@@ -1,0 +1,96 @@
+"""Score tests: how far each term, and each shape of the dictionary, stands out, with the nuisances taken out.
+
+With information G and score b of the nuisances N (prior precision L) and of a term J, what is left of the
+term is b_J - G_JN (G_NN + L)^-1 b_N, with information G_JJ - G_JN (G_NN + L)^-1 G_NJ. Its chi-square on as
+many degrees of freedom as it has columns becomes a normal deviate z of the same tail.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+from scipy.stats import chi2, norm
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+RIDGE = 1e-9
+"""Share of a column that must be left for it to be told from the others."""
+LEAST_SHARE = 1e-6
+
+
+@dataclass(frozen=True)
+class Projected:
+    """Columns with others taken out."""
+
+    information: Array
+    """(p, p)."""
+    score: Array
+    """(p,)."""
+    share: Array
+    """(p,) what is left of each column's information."""
+
+    def estimate(self, columns: Ints) -> tuple[Array, Array]:
+        """Size (k,) and covariance (k, k) of some columns."""
+        a = _regular(self.information[np.ix_(columns, columns)])
+        covariance = np.asarray(np.linalg.inv(a), dtype=np.float64)
+        return covariance @ self.score[columns], covariance
+
+    def chi2(self, columns: Ints, positive: bool = False) -> float:
+        """What the columns explain, twice the nats."""
+        seen = columns[self.share[columns] > LEAST_SHARE]
+        if len(seen) == 0:
+            return 0.0
+        size, _ = self.estimate(seen)
+        if positive and len(seen) == 1 and size[0] < 0:
+            return 0.0
+        return float(size @ self.score[seen])
+
+
+def project(information: Array, score: Array, out: Ints, precision: Array) -> Projected:
+    """Take the columns ``out``, with prior precisions, out of all others."""
+    a = information[np.ix_(out, out)] + np.diag(precision)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
+    a = a * scale[:, None] * scale + RIDGE * np.eye(len(out))
+    cross = information[:, out] * scale
+    solved = np.linalg.solve(a, cross.T)
+    left = information - cross @ solved
+    before = np.maximum(np.diag(information), 1e-300)
+    return Projected(left, score - solved.T @ (scale * score[out]), np.diag(left) / before)
+
+
+def deviate(chi_square: float, degrees: int, positive: bool = False) -> float:
+    """The normal deviate with the (two-sided) tail of a chi-square; one degree: its root."""
+    if degrees == 1:
+        return float(np.sqrt(max(chi_square, 0.0)))
+    log_tail = float(chi2.logsf(chi_square, degrees))
+    if not np.isfinite(log_tail):
+        # Far out the tail of k degrees is that of one to a factor that a root forgives.
+        return float(np.sqrt(max(chi_square - (degrees - 1) * np.log(max(chi_square, 2.0)), 0.0)))
+    if log_tail > np.log(1e-300):
+        return float(norm.isf(np.exp(log_tail) / 2.0))
+    z = np.sqrt(chi_square)
+    for _ in range(20):
+        z -= (float(log_ndtr(-z)) + np.log(2.0) - log_tail) / -(z + 1.0 / z)
+    return float(z)
+
+
+def _regular(a: Array) -> Array:
+    return np.asarray(a + np.diag(RIDGE * np.diag(a) + 1e-12))
+
+
+def correlation(left: Array, a: Ints, b: Ints) -> float:
+    """Greatest canonical correlation of two terms' projected traces."""
+    ga = np.linalg.cholesky(_regular(left[np.ix_(a, a)]))
+    gb = np.linalg.cholesky(_regular(left[np.ix_(b, b)]))
+    between = np.linalg.solve(ga, np.linalg.solve(gb, left[np.ix_(b, a)]).T)
+    return float(np.clip(np.linalg.norm(between, 2), 0.0, 1.0))
+
+
+def order(scores: Sequence[float]) -> list[int]:
+    """Indices by falling size."""
+    return [int(k) for k in np.argsort(-np.asarray(scores))]

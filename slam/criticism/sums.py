@@ -1,0 +1,168 @@
+"""What all later questions need of the flights: sums of products of innovations and traces.
+
+A column is a direction (it moves the mean of the innovations) or a change of the restlessness (it moves their
+variance, and through the gains their mean). With e the whitened innovation, a the trace of the mean and l the
+change of the logarithm of the variance, the score is sum(a e + (e^2 - 1) l / 2) and the information
+sum(a a' + l l' / 2): a Gaussian likelihood to second order. Tails heavier than Gaussian leave the first part
+as it is; the second is weighted down by the variance that e^2 really has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.filter import USED
+from slam.criticism.innovations import Pass, stretches, whole
+from slam.criticism.readings import CHANNELS
+from slam.criticism.record import Record
+from slam.criticism.setting import Setting
+from slam.criticism.tangents import Direction, Signal
+
+Array = NDArray[np.float64]
+Given = TypeVar("Given")
+Made = TypeVar("Made")
+
+WORKERS = 2
+CUT = 9.0
+"""e^2 beyond this counts as this in the variance's score: one outlier is not a change of variance."""
+STRETCH_S = 10.0
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of the restlessness, by a difference of two runs of the filter."""
+
+    name: str
+    apply: Callable[[Setting], Setting]
+    step: float
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Per stretch of the flights: score and information of all columns."""
+
+    columns: tuple[str, ...]
+    flight: NDArray[np.int64]
+    """(stretches,) which flight each belongs to."""
+    information: Array
+    """(stretches, p, p)."""
+    score: Array
+    """(stretches, p)."""
+    log_likelihood: Array
+    """(stretches,)."""
+    passes: tuple[Pass, ...]
+    """The plain run of each flight."""
+
+    def index(self, names: Sequence[str]) -> NDArray[np.int64]:
+        """Columns of these names."""
+        place = {name: k for k, name in enumerate(self.columns)}
+        return np.array([place[name] for name in names], dtype=np.int64)
+
+    def total(self, flights: Sequence[int] | None = None) -> tuple[Array, Array]:
+        """Information (p, p) and score (p,) over some flights, by default all."""
+        rows = slice(None) if flights is None else np.isin(self.flight, flights)
+        return self.information[rows].sum(axis=0), self.score[rows].sum(axis=0)
+
+
+def in_threads(job: Callable[[Given], Made], given: Sequence[Given]) -> list[Made]:
+    """The jobs' results in order; the kernels free the interpreter."""
+    with ThreadPoolExecutor(WORKERS) as pool:
+        return list(pool.map(job, given))
+
+
+def sums_of(
+    records: Sequence[Record],
+    setting: Setting,
+    directions: Sequence[Direction],
+    changes: Sequence[Change],
+    signals: Sequence[dict[str, Signal]] | None = None,
+) -> Sums:
+    """Run the filter over the flights, once with all directions and once for each change."""
+    wanted = [(r, s) for r in records for s in [setting, *(c.apply(setting) for c in changes)]]
+    runs = in_threads(lambda pair: whole(*pair), wanted)
+    width = 1 + len(changes)
+    plain = runs[::width]
+    weight = _variance_weight(records, plain)
+    steps = np.array([c.step for c in changes])
+
+    def one(k: int) -> list[tuple[Array, Array, float]]:
+        changed = _difference(plain[k], runs[k * width + 1 : (k + 1) * width], steps)
+        found = signals[k] if signals is not None else {}
+        return list(_stretch_sums(records[k], setting, directions, found, changed, weight))
+
+    parts = in_threads(one, range(len(records)))
+    flat = [part for flight in parts for part in flight]
+    return Sums(
+        (*(d.name for d in directions), *(c.name for c in changes)),
+        np.repeat(np.arange(len(records)), [len(flight) for flight in parts]),
+        np.array([information for information, _, _ in flat]),
+        np.array([score for _, score, _ in flat]),
+        np.array([nats for _, _, nats in flat]),
+        tuple(plain),
+    )
+
+
+def _stretch_sums(record, setting, directions, signals, changed, weight):  # type: ignore[no-untyped-def]
+    moved, widened = changed
+    for rows in stretches(record, setting, directions, signals, STRETCH_S):
+        column = rows.channels - np.array([0, 6, 9, 11])[record.kinds[rows.events]]
+        traces = np.column_stack([rows.traces, moved[rows.events, column]])
+        spread = widened[rows.events, column] * weight[0][rows.channels, None]
+        score = rows.white @ traces
+        information = traces.T @ traces
+        d = rows.traces.shape[1]
+        excess = np.minimum(rows.white**2, CUT) - weight[1][rows.channels]
+        score[d:] += 0.5 * (excess * weight[0][rows.channels]) @ widened[rows.events, column]
+        information[d:, d:] += 0.5 * spread.T @ widened[rows.events, column]
+        yield information, score, rows.log_likelihood
+
+
+def _difference(plain: Pass, others: Sequence[Pass], steps: Array) -> tuple[Array, Array]:
+    """Trace of the mean and change of the log variance, (events, 6, changes); 0 where either was not used."""
+    shape = (*plain.white.shape, len(others))
+    moved, widened = np.zeros(shape), np.zeros(shape)
+    for k, other in enumerate(others):
+        used = (plain.status == USED) & (other.status == USED)
+        wider = other.log_variance[used] - plain.log_variance[used]
+        moved[used, k] = (plain.white[used] - other.white[used] * np.exp(0.5 * wider)) / steps[k]
+        widened[used, k] = wider / steps[k]
+    return moved, widened
+
+
+def _variance_weight(records: Sequence[Record], plain: Sequence[Pass]) -> tuple[Array, Array]:
+    """For each channel: 1 over the variance of the cut e^2 where that is greater than 2, and the cut's mean.
+
+    The mean that a cut Gaussian has, so that outliers do not count as noise.
+    """
+    weight = np.ones(len(CHANNELS))
+    mean = np.full(len(CHANNELS), _CUT_MEAN)
+    first = np.array([0, 6, 9, 11])
+    squares: list[list[Array]] = [[] for _ in CHANNELS]
+    for record, run in zip(records, plain, strict=True):
+        events, column = np.nonzero(run.status == USED)
+        channel = first[record.kinds[events]] + column
+        cut = np.minimum(run.white[events, column] ** 2, CUT)
+        for k in np.unique(channel):
+            squares[k].append(cut[channel == k])
+    for k, found in enumerate(squares):
+        if found:
+            weight[k] = 1.0 / max(float(np.var(np.concatenate(found))) / 2.0, 1.0)
+    return weight, mean
+
+
+def _cut_mean() -> float:
+    """E[min(e^2, CUT)] of a standard normal e."""
+    from math import erf, exp, pi, sqrt
+
+    c = sqrt(CUT)
+    inside = erf(c / sqrt(2.0)) - 2.0 * c * exp(-CUT / 2.0) / sqrt(2.0 * pi)
+    return inside + CUT * (1.0 - erf(c / sqrt(2.0)))
+
+
+_CUT_MEAN = _cut_mean()
