@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from slam.errors import InputError
 from slam.simulation.obstacles import Box, Pylon, steps
 from slam.simulation.optics import CameraModel, expose
+from slam.simulation.recipe import recipe_from
 from slam.simulation.scene import build_scene
 from slam.simulation.skins import METRES_PER_TEXEL, paint
 from slam.simulation.terrain import elevation, first_echo
@@ -326,4 +327,22 @@ def test_steps_cover_their_share_and_leave_the_marks_free(share):
 def test_an_obstacle_that_cannot_stand_is_refused_in_one_line(changed, said):
     with pytest.raises(InputError, match=said) as caught:
         check_world(replace(FLAT, **changed))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("world", "said"),
+    [
+        ({"boxes": [{"center_m": [1, 1], "size_m": [0.2, 0, 0.2]}]}, r"world\.boxes.*greater than 0"),
+        ({"boxes": [{"center_m": [1, 1]}]}, r"world\.boxes.*size_m"),
+        ({"pylons": [{"center_m": [1, 1], "radius_m": 0.1, "height": 1}]}, "height_m"),
+        ({"pylons": [{"center_m": [9, 1], "radius_m": 0.1, "height_m": 1}]}, "off the floor"),
+        ({"slope": [0.9, 0]}, "slope"),
+        ({"texture": "no_such.jpg"}, "no such file"),
+    ],
+)
+def test_a_recipe_with_a_place_that_cannot_be_is_refused_in_one_line(world, said):
+    recipe = {"name": "r", "maneuver": {"way_points": [[1.0, 1.0]]}, "world": world}
+    with pytest.raises(InputError, match=said) as caught:
+        recipe_from(recipe, "r.toml")
     assert "\n" not in str(caught.value)

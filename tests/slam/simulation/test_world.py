@@ -88,8 +88,9 @@ def test_a_puzzle_tile_wraps_around():
     assert step(np.roll(tile, 200, 1)[:, 199], np.roll(tile, 200, 1)[:, 200]) > 0
 
 
-def test_features_are_found_all_over_the_floor():
-    floor = build_floor(replace(SMALL, metres_per_px=0.002), ())
+@pytest.mark.parametrize("texture", ["puzzle", "gym"])
+def test_features_are_found_all_over_the_floor(texture):
+    floor = build_floor(replace(SMALL, texture=texture, metres_per_px=0.002), ())
     grey = cv2.cvtColor(floor.levels[1], cv2.COLOR_BGR2GRAY)
     points = np.array([p.pt for p in cv2.SIFT_create().detect(grey, None)])
     height, width = grey.shape
