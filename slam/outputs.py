@@ -30,6 +30,9 @@ OPTIMIZE_NAMES = (
 EVALUATE_NAMES = ("evaluation.json", "evaluation_trajectory.png", "evaluation_error.png")
 """Files that ``slam evaluate`` adds."""
 
+REPLAY_NAMES = ("replay.png", "summary.json")
+"""Files that ``slam replay`` writes."""
+
 _BYSTANDERS = (
     ".DS_Store",
     "Thumbs.db",
@@ -83,7 +86,7 @@ def _refuse_foreign(target: Path) -> None:
         return
     except OSError as error:
         raise InputError(f"{target}: {explain(error)}") from None
-    ours = {*OPTIMIZE_NAMES, *EVALUATE_NAMES, *_BYSTANDERS, *_LEFTOVERS}
+    ours = {*OPTIMIZE_NAMES, *EVALUATE_NAMES, *REPLAY_NAMES, *_BYSTANDERS, *_LEFTOVERS}
     foreign = [
         entry.name for entry in entries if entry.name not in ours or entry.is_dir(follow_symlinks=False)
     ]

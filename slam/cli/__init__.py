@@ -16,6 +16,7 @@ from slam.cli.evaluate import evaluate
 from slam.cli.flights import import_flight, info
 from slam.cli.guard import guarded, show_traceback
 from slam.cli.optimize import optimize
+from slam.cli.replay import replay
 from slam.cli.simulate import simulate
 
 app = typer.Typer(
@@ -32,6 +33,7 @@ for name, command in (
     ("optimize", optimize),
     ("evaluate", evaluate),
     ("simulate", simulate),
+    ("replay", replay),
     ("import", import_flight),
     ("info", info),
 ):

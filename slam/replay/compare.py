@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slam.errors import InputError
 from slam.flight import Flight
-from slam.replay.channels import Stream, streams_of
+from slam.replay.channels import Stream, angles_of, streams_of
 from slam.replay.start import StartEstimator
 from slam.simulation.model import Model
 from slam.simulation.motion import obey
@@ -39,7 +39,7 @@ class Comparison:
     simulated: Array
     """By the roll-out over the whole flight; NaN where it has none."""
     restarted: Array
-    """By the roll-outs over ``Replay.shown_s``, each from the beginning of one to that of the next."""
+    """By roll-outs over ``Replay.shown_s``, one after the other."""
     rms: dict[float, float]
     """Horizon in s -> root mean square of measured less simulated, over all samples of all roll-outs."""
     flight_rms: float
@@ -97,6 +97,7 @@ def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_
         for horizon in horizons_s
     }
     shown_s = min(horizons_s, key=lambda horizon: abs(horizon - 2.0))
+    apart = _one_after_the_other(rolled[shown_s], shown_s)
     channels = []
     for n, stream in enumerate(streams):
         for k, channel in enumerate(stream.channels):
@@ -108,7 +109,7 @@ def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_
                     stream.times_s,
                     stream.values[:, k],
                     _laid_out([whole], n, k, len(stream.times_s)),
-                    _laid_out(rolled[shown_s], n, k, len(stream.times_s)),
+                    _laid_out(apart, n, k, len(stream.times_s)),
                     {horizon: _rms(rolls, n, k) for horizon, rolls in rolled.items()},
                     _rms([whole], n, k),
                 )
@@ -145,14 +146,13 @@ def _with_one_yaw(flight: Flight) -> tuple[Flight, tuple[str, ...]]:
     attitude, truth = flight.attitude, flight.truth
     if attitude is None or truth is None or flight.velocity is not None:
         return flight, ()
-    from slam.replay.channels import angles_of
-
     yaw = np.interp(attitude.stamps_s, truth.stamps_s, angles_of(truth)[:, 2])
     off = attitude.roll_pitch_yaw_rad[:, 2] - yaw
     if not np.isfinite(off).any():
         return flight, ()
     zero = float(np.angle(np.nanmean(np.exp(1j * off))))
-    turned = attitude.roll_pitch_yaw_rad - [0.0, 0.0, zero]
+    turned = attitude.roll_pitch_yaw_rad.copy()
+    turned[:, 2] = yaw + np.angle(np.exp(1j * (off - zero)))
     told = f"the on-board yaw was turned by {-np.degrees(zero):.1f} deg to that of the truth"
     return replace(flight, attitude=replace(attitude, roll_pitch_yaw_rad=turned)), (told,)
 
@@ -198,8 +198,17 @@ def _many(
     return rolls
 
 
+def _one_after_the_other(rolls: Sequence[_RollOut], horizon_s: float) -> list[_RollOut]:
+    """Those of overlapping roll-outs that begin where another has ended."""
+    chosen: list[_RollOut] = []
+    for roll in rolls:
+        if not chosen or roll.begin_s >= chosen[-1].begin_s + horizon_s - 1e-9:
+            chosen.append(roll)
+    return chosen
+
+
 def _laid_out(rolls: Sequence[_RollOut], stream: int, column: int, count: int) -> Array:
-    """(count,) what roll-outs say of each reading, the latest that has begun; NaN where none has."""
+    """(count,) what roll-outs say of each reading; NaN where none does."""
     out = np.full(count, np.nan)
     for roll in rolls:
         out[roll.rows[stream]] = roll.simulated[stream][:, column]

@@ -1,0 +1,91 @@
+"""``slam replay``: a measured flight's commands given to a model, both compared channel by channel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from slam.replay import Replay
+    from slam.report.accuracy import FigureTable
+
+_FLIGHT = typer.Argument(metavar="FLIGHT", help="A flight folder with commands.", show_default=False)
+_MODEL = typer.Option("--model", metavar="MODEL", help="nominal, paper, or a .toml file.")
+_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
+
+
+def replay(
+    source: Annotated[Path, _FLIGHT],
+    out: Annotated[Path, _OUT],
+    model: Annotated[str, _MODEL] = "nominal",
+) -> None:
+    """Give a measured flight's commands to a model and show where the two part."""
+    from slam.cli.source import open_flight
+    from slam.cli.tables import shown, written
+    from slam.console import console
+    from slam.outputs import output_folder
+    from slam.progress import silent
+    from slam.replay import replay as run
+    from slam.replay.figure import draw
+    from slam.simulation import load_model
+    from slam.summary import json_text
+
+    screen = console()
+    loaded = load_model(model)
+    flight, _ = open_flight(source, silent)
+    with output_folder(out) as folder:
+        result = run(flight, loaded)
+        (folder / "replay.png").write_bytes(draw(result))
+        (folder / "summary.json").write_text(json_text(record(result)), encoding="utf-8")
+    screen.print(shown(table(result)))
+    for warning in result.warnings:
+        screen.print(f"note: {warning}", markup=False)
+    screen.print(written([out / "replay.png"]), soft_wrap=True)
+
+
+def record(replay: Replay) -> dict[str, Any]:
+    """What summary.json holds: RMS of measured less simulated in the channels' own units."""
+    return {
+        "flight": replay.flight,
+        "model": replay.model,
+        "begin_s": replay.begin_s,
+        "end_s": replay.end_s,
+        "max_tilt_rad": replay.max_tilt_rad,
+        "started_from": replay.started_from,
+        "rollouts": {f"{horizon:g}": count for horizon, count in replay.rollouts.items()},
+        "skipped": {f"{horizon:g}": count for horizon, count in replay.skipped.items()},
+        "channels": {
+            channel.name: {
+                "unit": channel.unit,
+                "noise_std": channel.noise_std,
+                "rms": {
+                    **{f"{horizon:g}": rms for horizon, rms in channel.rms.items()},
+                    "flight": channel.flight_rms,
+                },
+            }
+            for channel in replay.channels
+        },
+        "warnings": list(replay.warnings),
+    }
+
+
+def table(replay: Replay) -> FigureTable:
+    """The errors of all channels at all horizons."""
+    from slam.report.accuracy import FigureTable
+
+    horizons = [f"{horizon:g} s" for horizon in replay.rollouts]
+    rows = [
+        (
+            f"{channel.name} [{channel.unit}]",
+            *(f"{rms:.3g}" for rms in channel.rms.values()),
+            f"{channel.flight_rms:.3g}",
+        )
+        for channel in replay.channels
+    ]
+    return FigureTable(
+        f"{replay.flight}, measured less simulated by model {replay.model}: RMS over roll-outs",
+        ("channel", *horizons, "whole flight"),
+        tuple(rows),
+    )

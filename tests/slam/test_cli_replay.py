@@ -1,0 +1,95 @@
+"""``slam replay`` and ``slam simulate --model`` on the command line: files, refusals, repetition."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from slam.cli import app
+from slam.outputs import REPLAY_NAMES
+from slam.simulation.model import Model, save_model
+
+RECIPE = """name = "pulse"
+camera = "none"
+[maneuver]
+script = "pulse.csv"
+height_m = 1.2
+[world]
+extent_m = [-20, -20, 20, 20]
+"""
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def refused(result, saying: str) -> None:
+    assert result.exit_code == 1, result.output
+    assert re.fullmatch(rf"slam: [^\n]*{saying}[^\n]*\n", result.stderr), result.stderr
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("pulse")
+    (folder / "pulse.csv").write_text("0,0,0,0,0\n500,0.2,0,0,0\n2000,0,0,0,0\n5000,0,0,0,0\n")
+    (folder / "pulse.toml").write_text(RECIPE)
+    save_model(Model(name="windy").with_term("steady_wind", x=1.0), folder / "windy.toml")
+    for name, more in (("flight", ()), ("windy", ("--model", folder / "windy.toml"))):
+        made = run("simulate", folder / "pulse.toml", "--out", folder / name, *more)
+        assert made.exit_code == 0, made.output
+    return folder
+
+
+def test_a_replay_writes_a_picture_and_a_summary_and_may_be_repeated(folder, tmp_path):
+    for _ in range(2):
+        result = run("replay", folder / "flight", "--model", "nominal", "--out", tmp_path / "out")
+        assert result.exit_code == 0, result.output
+        assert "velocity.v_x" in result.stdout
+    assert set(os.listdir(tmp_path / "out")) == set(REPLAY_NAMES)
+    assert (tmp_path / "out" / "replay.png").read_bytes().startswith(b"\x89PNG")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert (summary["flight"], summary["model"]) == ("pulse", "nominal")
+    assert set(summary["channels"]["velocity.v_x"]["rms"]) == {"0.5", "2", "10", "flight"}
+    assert summary["channels"]["imu.gyro_x"]["unit"] == "rad/s"
+    assert summary["rollouts"]["2"] >= 3
+
+
+def test_a_model_of_ones_own_flies_and_explains(folder, tmp_path):
+    def off(flight: str, model: object) -> float:
+        out = tmp_path / f"{flight}-{Path(str(model)).stem}"
+        result = run("replay", folder / flight, "--model", model, "--out", out)
+        assert result.exit_code == 0, result.output
+        return json.loads((out / "summary.json").read_text())["channels"]["velocity.v_x"]["rms"]["flight"]
+
+    assert off("windy", folder / "windy.toml") < 0.12
+    assert off("windy", "nominal") > 0.3
+    assert off("flight", "nominal") < 0.12
+
+
+def test_what_cannot_be_replayed_is_refused_in_one_line(folder, tmp_path):
+    out = tmp_path / "out"
+    refused(run("replay", folder / "flight", "--model", "nomnal", "--out", out), "did you mean 'nominal'")
+    refused(run("replay", folder / "gone", "--out", out), "does not exist")
+    (tmp_path / "bad.toml").write_text("[terms.steady_wind]\nz = 1.0\n")
+    refused(
+        run("replay", folder / "flight", "--model", tmp_path / "bad.toml", "--out", out),
+        "terms.steady_wind.z",
+    )
+    assert not out.exists()
+    full = tmp_path / "full"
+    full.mkdir()
+    (full / "mine.txt").write_text("mine")
+    refused(run("replay", folder / "flight", "--out", full), "mine.txt")
+
+
+def test_a_model_that_is_not_there_flies_nothing(folder, tmp_path):
+    refused(
+        run("simulate", folder / "pulse.toml", "--out", tmp_path / "f", "--model", "papre"),
+        "did you mean 'paper'",
+    )
+    assert not (tmp_path / "f").exists()
