@@ -25,13 +25,18 @@ Array = NDArray[np.float64]
 EPOCH_NS = 1_315_785_600_000_000_000
 """Second 0 of every simulated flight, 2011-09-12: a constant, so that the same seed gives the same bytes."""
 TRUTH_RATE_HZ = 100.0
+PILOTS_ROOM_M = 0.5
+"""How far a pilot may be off the floor that way points must lie on."""
 
 
 def record(recipe: Recipe, seed: int) -> Flight:
     """Fly a recipe that has been checked. Raises ``InputError`` where the flight leaves the floor or hits
     it."""
     model, world = recipe.model, _place(recipe)
-    motion = flown(recipe, seed)
+    try:
+        motion = flown(recipe, seed)
+    except InputError as error:
+        raise InputError(f"recipe {recipe.name}: {error}") from None
     film = _film(recipe, world, motion, seed) if recipe.camera is not None else None
     return Flight(
         name=recipe.name,
@@ -63,10 +68,13 @@ def flown(recipe: Recipe, seed: int) -> Motion:
         stick = stick_from(maneuver)
         start = at_rest(*maneuver.start_m, maneuver.height_m, float(np.radians(maneuver.heading_deg)))
         motion = obey(stick, model, start, draw_for(model, steps_of(stick.duration_s), rngs))
-        _refuse_beyond(motion, recipe.world.extent_m)
+        _refuse_beyond(motion, recipe.world, 0.0)
     else:
         path = plan(maneuver, recipe.landmarks, recipe.world.extent_m)
         motion = fly(path, model, draw_for(model, steps_of(path.duration_s), rngs))
+        # Way points may lie on the border, and a pilot is blown about; beyond the margin there is nothing to
+        # see.
+        _refuse_beyond(motion, recipe.world, max(recipe.world.margin_m, PILOTS_ROOM_M))
     if not (maneuver.script and maneuver.may_land):
         x, y, z = motion.states[:, :3].T
         ground_m = elevation(_place(recipe), x, y)
@@ -76,11 +84,11 @@ def flown(recipe: Recipe, seed: int) -> Motion:
     return motion
 
 
-def _refuse_beyond(motion: Motion, extent_m: tuple[float, float, float, float]) -> None:
+def _refuse_beyond(motion: Motion, world: World, room_m: float) -> None:
     x, y, z = motion.states[:, :3].T
-    x0, y0, x1, y1 = extent_m
+    x0, y0, x1, y1 = world.extent_m
     # Written so that what is not a number is beyond, too.
-    beyond = ~((x >= x0) & (x <= x1) & (y >= y0) & (y <= y1))
+    beyond = ~((x >= x0 - room_m) & (x <= x1 + room_m) & (y >= y0 - room_m) & (y <= y1 + room_m))
     _refuse_at(motion, beyond, "leaves the floor", "make world.extent_m larger or the commands smaller")
     _refuse_at(motion, ~(z <= MAX_HEIGHT_M), f"climbs beyond {MAX_HEIGHT_M:g} m", "command less climb")
 

@@ -36,8 +36,8 @@ MOTION = (
         "motion",
         "force",
         (size("k_b", "1/s", 0.2, 2.0, 20.0), size("lean", "1/s", 0.2, 2.0, 20.0)),
-        "v' -= k_b v while forward and left are both 0; or the vehicle leans against its speed, the tilt asked"
-        " for less lean v / g",
+        "while forward and left are both 0: v' -= k_b v; or the vehicle leans against its speed, the tilt"
+        " asked for less lean v / g",
         ("asymmetric_drag",),
         "steps from 0.25 to 0.10 and from 0.25 to -0.15: slowing down with the stick out",
     ),
