@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from slam.errors import InputError, explain
+from slam.experiments.registry import NAMES as EXPERIMENTS
 from slam.io.atomic import atomic_folder, partial_path
 
 OPTIMIZE_NAMES = (
@@ -32,6 +33,13 @@ EVALUATE_NAMES = ("evaluation.json", "evaluation_trajectory.png", "evaluation_er
 
 REPLAY_NAMES = ("replay.png", "summary.json")
 """Files that ``slam replay`` writes."""
+
+REPRODUCE_NAMES = (
+    "reproduce.html",
+    "summary.json",
+    *(f"{name}{suffix}" for name in EXPERIMENTS for suffix in (".json", ".png")),
+)
+"""Files that ``slam reproduce`` writes."""
 
 _BYSTANDERS = (
     ".DS_Store",
@@ -86,7 +94,7 @@ def _refuse_foreign(target: Path) -> None:
         return
     except OSError as error:
         raise InputError(f"{target}: {explain(error)}") from None
-    ours = {*OPTIMIZE_NAMES, *EVALUATE_NAMES, *REPLAY_NAMES, *_BYSTANDERS, *_LEFTOVERS}
+    ours = {*OPTIMIZE_NAMES, *EVALUATE_NAMES, *REPLAY_NAMES, *REPRODUCE_NAMES, *_BYSTANDERS, *_LEFTOVERS}
     foreign = [
         entry.name for entry in entries if entry.name not in ours or entry.is_dir(follow_symlinks=False)
     ]

@@ -17,6 +17,7 @@ from slam.cli.flights import import_flight, info
 from slam.cli.guard import guarded, show_traceback
 from slam.cli.optimize import optimize
 from slam.cli.replay import replay
+from slam.cli.reproduce import reproduce
 from slam.cli.simulate import simulate
 
 app = typer.Typer(
@@ -34,6 +35,7 @@ for name, command in (
     ("evaluate", evaluate),
     ("simulate", simulate),
     ("replay", replay),
+    ("reproduce", reproduce),
     ("import", import_flight),
     ("info", info),
 ):

@@ -123,6 +123,12 @@ def _with_truth(
     return Association("truth", keyframe, w_T_b[:, :3, 3].copy(), w_T_b, left_out)
 
 
+def poses_at(truth: Truth, stamps_s: Array) -> Array:
+    """(n, 4, 4) the truth's poses at any times, the ends beyond its own; its rows are complete."""
+    at_s = np.clip(stamps_s, truth.stamps_s[0], truth.stamps_s[-1])
+    return _interpolated(truth.stamps_s, truth.w_T_b, at_s, *_neighbours(truth.stamps_s, at_s))
+
+
 def _neighbours(times_s: Array, at_s: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     right = np.clip(np.searchsorted(times_s, at_s, side="left"), 0, len(times_s) - 1)
     left = np.where(times_s[right] > at_s, np.maximum(right - 1, 0), right)

@@ -113,20 +113,41 @@ def landmark_table(
     Without named pairs neighbours in the list of landmarks are compared. Empty without landmarks, truth or
     a camera.
     """
-    true_camera = flight.camera or estimate.camera
-    if not flight.landmarks or association.w_T_b is None or true_camera is None:
-        return (), ()
     names = tuple(flight.landmarks)
+    sightings = _sightings(estimate, flight, association, maps)
+    if not sightings:
+        return (), ()
+    pairs = flight.landmark_pairs or tuple(pairwise(names))
+    distances = tuple(_distance(a, b, flight, sightings) for a, b in pairs if {a, b} <= set(names))
+    gaps = tuple(_gap(a, b, flight, sightings) for a, b in flight.gaps if {a, b} <= set(names))
+    return distances, gaps
+
+
+def landmark_places(
+    estimate: Estimate, flight: Flight, association: Association, maps: Maps
+) -> dict[str, Array]:
+    """Where the estimate's map has each landmark, (3,); NaN for one that was not seen.
+
+    Empty without landmarks, truth or a camera.
+    """
+    found = _sightings(estimate, flight, association, maps)
+    return {name: _mean(sightings.loops_m) for name, sightings in found.items()}
+
+
+def _sightings(
+    estimate: Estimate, flight: Flight, association: Association, maps: Maps
+) -> dict[str, _Sightings]:
+    """What each map makes of every landmark; empty without truth or a camera."""
+    true_camera = flight.camera or estimate.camera
+    if association.w_T_b is None or true_camera is None:
+        return {}
     sightings = {}
     for name, w_p in flight.landmarks.items():
         pixel, seen = seen_at(true_camera, association.w_T_b, w_p)
         k = np.flatnonzero(seen)
         stamps_s = estimate.stamps_s[association.keyframe[k]]
         sightings[name] = _carried(estimate.camera or true_camera, pixel[k], k, stamps_s, float(w_p[2]), maps)
-    pairs = flight.landmark_pairs or tuple(pairwise(names))
-    distances = tuple(_distance(a, b, flight, sightings) for a, b in pairs if {a, b} <= set(names))
-    gaps = tuple(_gap(a, b, flight, sightings) for a, b in flight.gaps if {a, b} <= set(names))
-    return distances, gaps
+    return sightings
 
 
 def seen_at(camera: Camera, w_T_b: Array, w_p: Array) -> tuple[Array, NDArray[np.bool_]]:

@@ -1,0 +1,54 @@
+"""``slam reproduce``: the paper's experiments, its figures beside ours."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+_NAMES = typer.Argument(
+    metavar="[NAME]...",
+    help="table1, table2, feature_distance, table3 (with table 4), table5, hover, pulses, squares, "
+    "overlap_speed, arithmetic; all without a name.",
+    show_default=False,
+)
+_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
+_SEEDS = typer.Option(min=1, max=100_000, help="Flights of each experiment; a few give a quick look.")
+_JOBS = typer.Option(min=1, max=1024, help="Processes at a time.", show_default="all cores")
+
+
+def reproduce(
+    out: Annotated[Path, _OUT],
+    names: Annotated[list[str] | None, _NAMES] = None,
+    seeds: Annotated[int, _SEEDS] = 20,
+    jobs: Annotated[int | None, _JOBS] = None,
+) -> None:
+    """Repeat the experiments of the paper in simulation and say which of its figures agree."""
+    from slam.cli.tables import shown, written
+    from slam.console import console, progress_shown
+    from slam.experiments.output import headline, write_all
+    from slam.experiments.registry import chosen
+    from slam.experiments.run import conclude, run
+    from slam.outputs import output_folder
+    from slam.report.accuracy import FigureTable
+
+    wanted = chosen(names or ())
+    screen = console()
+    begin_s = time.perf_counter()
+    with output_folder(out) as folder:
+        with progress_shown(screen) as progress:
+            trials = run(wanted, seeds, jobs or _cores(), progress)
+        conclusions = conclude(wanted, trials)
+        write_all(folder, trials, conclusions, time.perf_counter() - begin_s)
+    rows = tuple(line for name, found in conclusions.items() for line in headline(name, found))
+    columns = ("experiment", "", "figure: median (95 % of seeds)", "verdict")
+    screen.print(shown(FigureTable("The paper's experiments", columns, rows)))
+    screen.print(written([out / "reproduce.html"]), soft_wrap=True)
+
+
+def _cores() -> int:
+    """Those that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

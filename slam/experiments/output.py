@@ -1,0 +1,163 @@
+"""What is written of the experiments: a JSON and a picture each, one page over all, a summary."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import slam
+from slam.experiments.experiment import Conclusion, Experiment, Row, Spread, Trial
+from slam.experiments.registry import experiment
+from slam.summary import json_text
+
+_DPI = 110
+
+
+@dataclass(frozen=True)
+class Table:
+    """An experiment's rows as text; columns of the paper first."""
+
+    columns: tuple[str, ...]
+    paper: int
+    """How many of the columns behind the first two are the paper's."""
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class _Section:
+    experiment: Experiment
+    conclusion: Conclusion
+    table: Table
+    picture: str
+
+
+def write_all(
+    folder: Path,
+    trials: Mapping[str, tuple[Trial, ...]],
+    conclusions: Mapping[str, Conclusion],
+    elapsed_s: float,
+) -> None:
+    """Write NAME.json, NAME.png, reproduce.html and summary.json into an empty ``folder``."""
+    sections = []
+    for name, conclusion in conclusions.items():
+        made = experiment(name)
+        text = json_text(record(made, trials[name], conclusion))
+        (folder / f"{name}.json").write_text(text, encoding="utf-8")
+        picture = draw(made, trials[name])
+        (folder / f"{name}.png").write_bytes(picture)
+        encoded = "data:image/png;base64," + base64.b64encode(picture).decode()
+        sections.append(_Section(made, conclusion, table(conclusion), encoded))
+    seeds = max(len(of) for of in trials.values())
+    (folder / "reproduce.html").write_text(_page(sections, seeds), encoding="utf-8")
+    (folder / "summary.json").write_text(json_text(summary(conclusions, seeds, elapsed_s)), encoding="utf-8")
+
+
+def record(made: Experiment, trials: tuple[Trial, ...], conclusion: Conclusion) -> dict[str, Any]:
+    """What NAME.json holds."""
+    return {
+        "name": made.name,
+        "title": made.title,
+        "source": made.source,
+        "verdict": conclusion.verdict,
+        "sentence": conclusion.sentence,
+        "seeds": len(trials),
+        "rows": [_row(row) for row in conclusion.rows],
+        "trials": [{"seed": trial.seed, **trial.figures} for trial in trials],
+    }
+
+
+def summary(conclusions: Mapping[str, Conclusion], seeds: int, elapsed_s: float) -> dict[str, Any]:
+    """What summary.json holds: verdicts, sentences, and each experiment's first row."""
+    return {
+        "seeds": seeds,
+        "elapsed_s": elapsed_s,
+        "experiments": {
+            name: {
+                "verdict": conclusion.verdict,
+                "sentence": conclusion.sentence,
+                "headline": _row(conclusion.rows[0]),
+            }
+            for name, conclusion in conclusions.items()
+        },
+    }
+
+
+def _row(row: Row) -> dict[str, Any]:
+    return {
+        "name": row.name,
+        "unit": row.unit,
+        "paper": row.paper,
+        "ours": {column: asdict(figure) for column, figure in row.ours.items()},
+    }
+
+
+def draw(made: Experiment, trials: tuple[Trial, ...]) -> bytes:
+    """The experiment's picture as PNG; no global state of the plotting library is touched."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=made.size_inches, layout="constrained")
+    made.draw(figure, trials)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=_DPI)
+    return stream.getvalue()
+
+
+def table(conclusion: Conclusion) -> Table:
+    """All rows with the columns that any of them has."""
+    paper = tuple(dict.fromkeys(column for row in conclusion.rows for column in row.paper))
+    ours = tuple(dict.fromkeys(column for row in conclusion.rows for column in row.ours))
+    rows = tuple(
+        (
+            row.name,
+            row.unit if row.unit != "1" else "",
+            *(_figure(row.paper[column]) if column in row.paper else "" for column in paper),
+            *(shown(row.ours[column]) if column in row.ours else "" for column in ours),
+        )
+        for row in conclusion.rows
+    )
+    return Table(("", "", *paper, *ours), len(paper), rows)
+
+
+def headline(name: str, conclusion: Conclusion) -> tuple[tuple[str, str, str, str], ...]:
+    """Lines of the short table, one for each of the first row's figures: experiment, what, figure, "
+    "verdict."""
+    row = conclusion.rows[0]
+    unit = "" if row.unit == "1" else f" {row.unit}"
+    figures = [(column, _figure(value) + unit) for column, value in row.paper.items()]
+    figures += [(column, shown(figure) + unit) for column, figure in row.ours.items()]
+    first = (name, f"{row.name}", "", conclusion.verdict)
+    return (first, *(("", f"  {column}", value, "") for column, value in figures))
+
+
+def shown(figure: Spread) -> str:
+    """Median and 95 % interval; the figure alone where there is but one."""
+    if figure.seeds < 2:
+        return _figure(figure.median)
+    return f"{_figure(figure.median)} ({_figure(figure.lower95)} to {_figure(figure.upper95)})"
+
+
+def _figure(value: float) -> str:
+    """Three significant digits, without powers of ten."""
+    if not np.isfinite(value):
+        return "–"
+    if value == 0:
+        return "0"
+    digits = max(0, 2 - int(np.floor(np.log10(abs(value)))))
+    return f"{value:.{min(digits, 6)}f}"
+
+
+def _page(sections: list[_Section], seeds: int) -> str:
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("slam.experiments", "."), autoescape=True, undefined=StrictUndefined
+    )
+    return environment.get_template("page.html.j2").render(
+        sections=sections, seeds=seeds, version=slam.__version__
+    )

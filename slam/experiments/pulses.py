@@ -1,0 +1,152 @@
+"""Figures 9 and 10: the response to pulses of s = 0.15, and how it speeds up and slows down.
+
+The paper's simulator lets drag alone slow the vehicle down, and says that the real drone also brakes by its
+optical flow (section 4.2.2). Its curves of the real drone are pictures without figures; so the same vehicle
+with the term ``active_braking`` stands for a drone that does what the paper says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.experiments.experiment import (
+    Conclusion,
+    Experiment,
+    Row,
+    Spread,
+    Trial,
+    column,
+    spread,
+    told,
+    verdict,
+)
+from slam.simulation import load_recipe, simulate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from slam.flight import Flight
+
+Array = NDArray[np.float64]
+
+STICK = 0.15
+BRAKING_1_S = 0.6
+"""Of the drone that brakes; in the middle of the usual 0.2 to 2."""
+LONG_PULSES_S = ((36.2, 38.2), (46.2, 48.2), (56.2, 59.2), (67.2, 70.2), (78.2, 83.2), (91.2, 96.2))
+"""Begin and end of the pulses of 2, 3 and 5 s: those whose start the paper looked at."""
+SLOPE_S = (0.2, 1.0)
+"""After a change of the stick the tilt has followed, and the speed is still near a straight line."""
+_SAME = 0.05
+"""Slopes that differ by less are "nearly the same"."""
+REACHED = 0.9
+"""Share of the commanded pitch that counts as reached, within the noise of its reading."""
+SIMULATED, BRAKING = "paper's simulator", "a drone that brakes"
+ACCELERATION, DECELERATION, DELAY = "acceleration", "deceleration", "time to the commanded pitch"
+
+
+def _trial(seed: int, draw: bool) -> Trial:
+    figures: dict[str, float] = {}
+    drawing = {}
+    for name, terms in ((SIMULATED, {}), (BRAKING, {"active_braking": {"k_b": BRAKING_1_S}})):
+        recipe = load_recipe(f"pulses_{round(100 * STICK):03d}")
+        flight = simulate(replace(recipe, model=replace(recipe.model, terms=terms)), seed)
+        up, down, delay = _slopes(flight)
+        figures |= {f"{name}/{ACCELERATION}": up, f"{name}/{DECELERATION}": down, f"{name}/{DELAY}": delay}
+        if draw:
+            drawing[name] = _curves(flight)
+    for kind in (ACCELERATION, DECELERATION):
+        figures[f"ratio/{kind}"] = figures[f"{SIMULATED}/{kind}"] / figures[f"{BRAKING}/{kind}"]
+    return Trial(seed, figures, drawing)
+
+
+def _slopes(flight: Flight) -> tuple[float, float, float]:
+    """Mean slopes of the speed [m/s^2] after the stick is pushed and after it is let go, and mean time [s]
+    from the push until the pitch is what was asked for."""
+    velocity, attitude = flight.velocity, flight.attitude
+    assert velocity is not None
+    assert attitude is not None
+    up, down, delay = [], [], []
+    for sign, (begin, end) in zip((1, -1) * 3, LONG_PULSES_S, strict=True):
+        up.append(sign * _slope(velocity.stamps_s, velocity.v_m_s[:, 0], begin))
+        down.append(-sign * _slope(velocity.stamps_s, velocity.v_m_s[:, 0], end))
+        now = (attitude.stamps_s >= begin) & (attitude.stamps_s < end)
+        asked = STICK * flight.command.max_tilt_rad if flight.command is not None else np.nan
+        there = sign * attitude.roll_pitch_yaw_rad[now, 1] >= REACHED * asked
+        delay.append(float(attitude.stamps_s[now][there][0] - begin) if there.any() else np.nan)
+    return float(np.mean(up)), float(np.mean(down)), float(np.nanmean(delay))
+
+
+def _slope(stamps_s: Array, speed: Array, change_s: float) -> float:
+    now = (stamps_s >= change_s + SLOPE_S[0]) & (stamps_s < change_s + SLOPE_S[1])
+    return float(np.polyfit(stamps_s[now], speed[now], 1)[0])
+
+
+def _curves(flight: Flight) -> dict[str, tuple[Array, Array]]:
+    velocity, attitude, command = flight.velocity, flight.attitude, flight.command
+    assert velocity is not None
+    assert attitude is not None
+    assert command is not None
+    return {
+        "stick": (command.stamps_s, command.stick[:, 0]),
+        "speed": (velocity.stamps_s[::4], velocity.v_m_s[::4, 0]),
+        "pitch": (attitude.stamps_s[::4], np.degrees(attitude.roll_pitch_yaw_rad[::4, 1])),
+    }
+
+
+def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
+    up, down = (Spread.of(column(trials, f"ratio/{kind}")) for kind in (ACCELERATION, DECELERATION))
+    delay = spread(trials, f"{SIMULATED}/{DELAY}")
+    reason = (
+        f"the simulated drone speeds up with {told(up)} times the slope of a drone that brakes by its "
+        "optical flow "
+        f"(a rate of {BRAKING_1_S} 1/s, assumed) and slows down with {told(down)} times; its pitch is "
+        "what was asked "
+        f"after {1e3 * delay.median:.0f} ms. So the paper's explanation gives what its figure 10 shows; "
+        "how hard "
+        "the real drone brakes the figure does not tell."
+    )
+    rows = tuple(
+        Row(kind, unit, {}, {name: spread(trials, f"{name}/{kind}") for name in (SIMULATED, BRAKING)})
+        for kind, unit in ((ACCELERATION, "m/s²"), (DECELERATION, "m/s²"), (DELAY, "s"))
+    )
+    first = Row("slowing down, slope over the braking drone's", "1", {}, {SIMULATED: down})
+    second = Row("speeding up, slope over the braking drone's", "1", {}, {SIMULATED: up})
+    alike = abs(up.median - 1) < _SAME and down.median < 1 - _SAME
+    return Conclusion((first, second, *rows), verdict(alike), reason)
+
+
+def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
+    top, middle, bottom = figure.subplots(3, 1)
+    curves = trials[0].drawing
+    stick, speed = curves[SIMULATED]["stick"], curves[SIMULATED]["speed"]
+    top.plot(*speed, color="tab:blue", lw=1, label="speed [m/s]")
+    top.step(
+        stick[0], 10 * stick[1], where="post", color="tab:red", lw=1.2, label="control signal s, times 10"
+    )
+    top.set_title(f"Response to pulses of s = {STICK} (as figure 9; simulated)", fontsize=10)
+    for axes, kind, unit in ((middle, "speed", "m/s"), (bottom, "pitch", "deg")):
+        axes.plot(
+            *curves[BRAKING][kind], color="tab:red", lw=0.9, label=f"a drone that brakes, {BRAKING_1_S} 1/s"
+        )
+        axes.plot(*curves[SIMULATED][kind], color="tab:blue", lw=0.9, label="the paper's simulator")
+        axes.set_xlim(77, 102)
+        axes.set_ylabel(f"{kind} [{unit}]")
+    middle.set_title("The pulse of 5 s and its counter-pulse (as figure 10; both simulated)", fontsize=10)
+    bottom.set_xlabel("time [s]")
+    for axes in (top, middle):
+        axes.legend(frameon=False, fontsize=8, loc="upper right")
+
+
+EXPERIMENT = Experiment(
+    "pulses",
+    "Response to pulses: speeding up and slowing down",
+    "section 4.2.2, figures 9 and 10",
+    _trial,
+    _conclude,
+    _draw,
+    (10.0, 8.5),
+)

@@ -1,0 +1,77 @@
+"""Trials side by side in processes of their own, one core each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from multiprocessing import get_context
+
+from slam.experiments.experiment import Conclusion, Trial
+from slam.experiments.registry import experiment
+from slam.progress import Progress, silent
+
+
+def run(
+    names: Sequence[str], seeds: int, jobs: int, progress: Progress = silent
+) -> dict[str, tuple[Trial, ...]]:
+    """Fly ``seeds`` trials of each experiment in up to ``jobs`` processes; the first one also for drawing.
+
+    The result does not depend on ``jobs``. An experiment that is not random has one trial.
+    """
+    tasks = [(name, seed) for name in names for seed in range(seeds if experiment(name).random else 1)]
+    total = {name: sum(1 for task in tasks if task[0] == name) for name in names}
+    found: dict[str, dict[int, Trial]] = {name: {} for name in names}
+    for name, trial in _done(tasks, min(jobs, len(tasks))):
+        found[name][trial.seed] = trial
+        progress(name, len(found[name]), total[name])
+    return {name: tuple(trials[seed] for seed in sorted(trials)) for name, trials in found.items()}
+
+
+def conclude(names: Sequence[str], trials: dict[str, tuple[Trial, ...]]) -> dict[str, Conclusion]:
+    """What each experiment's trials come to."""
+    return {name: experiment(name).conclude(trials[name]) for name in names}
+
+
+def _done(tasks: Sequence[tuple[str, int]], jobs: int) -> Iterator[tuple[str, Trial]]:
+    """Trials as they are finished."""
+    if jobs <= 1:
+        with _one_core():
+            for name, seed in tasks:
+                yield name, _fly(name, seed)
+        return
+    # Fresh processes: a fork would share locks of OpenCV's and BLAS's threads.
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_alone) as pool:
+        coming: dict[Future[Trial], str] = {pool.submit(_fly, name, seed): name for name, seed in tasks}
+        try:
+            for done in as_completed(coming):
+                yield coming[done], done.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _fly(name: str, seed: int) -> Trial:
+    return experiment(name).trial(seed, seed == 0)
+
+
+@contextmanager
+def _one_core() -> Iterator[None]:
+    """OpenCV on one thread until the block ends."""
+    import cv2
+
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+def _alone() -> None:
+    """A worker leaves the other cores to its neighbours."""
+    import cv2
+    from threadpoolctl import threadpool_limits
+
+    cv2.setNumThreads(1)
+    threadpool_limits(1)

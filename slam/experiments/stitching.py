@@ -1,0 +1,133 @@
+"""Maps of one flight made in several ways, and how far their landmarks are off.
+
+The paper's way composes the homographies of consecutive pictures (section 3.1); how many of the 15 pictures a
+second its computer managed is told by the 150 ms that one took. Ours composes those of keyframes, or solves
+the pose graph.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from frontend.keyframes import KeyframeConfig
+from slam.chain import chain
+from slam.estimate import Estimate
+from slam.evaluation.association import associate
+from slam.evaluation.landmarks import landmark_places, landmark_table
+from slam.evaluation.maps import maps_of
+from slam.flight import Flight, Frames
+from slam.progress import silent
+from slam.settings import PipelineConfig
+from slam.sightings import Sighter
+
+Array = NDArray[np.float64]
+
+PICTURE_S = 0.150
+"""Time that the paper's computer took over one picture."""
+LARGEST = "largest"
+_EVERY_PICTURE = PipelineConfig(keyframes=KeyframeConfig(min_overlap=2.0))
+"""No picture overlaps by so much: each that holds becomes a keyframe, one that fails is dropped."""
+
+
+@dataclass(frozen=True)
+class LandmarkErrors:
+    """What the paper's tables hold of one map."""
+
+    error_m: dict[str, float]
+    """Pair -> absolute error of its distance; NaN where one of the two is not on the map."""
+    percent: dict[str, float]
+    """Of the true distance; with ``largest``, NaN where any is."""
+    places: dict[str, Array]
+    """Where the map has each landmark (3,), first pose and heading on the truth's."""
+
+
+def consecutive(flight: Flight, estimate: Estimate) -> Estimate:
+    """The paper's map: pictures as fast as its computer took them, each registered to the one before.
+
+    The first picture's attitude and height are those of ``estimate``, so that what differs is the stitching.
+    A picture whose registration does not hold is dropped; where too many in a row fail, the rest is NaN.
+    """
+    assert flight.camera is not None
+    taken = at_pace(flight, PICTURE_S)
+    sightings = Sighter(taken, flight.camera, _EVERY_PICTURE, silent).watch()
+    n = len(sightings.stamps_s)
+    yaw_pitch_roll = Rotation.from_matrix(estimate.over_floor_T_b[0, :3, :3]).as_euler("ZYX")
+    height_m = estimate.over_floor_T_b[0, 2, 3] - estimate.floor_z_m
+    tilt = np.tile(yaw_pitch_roll[[2, 1]], (n, 1))
+    poses = chain(sightings.links, flight.camera, tilt, np.full(n, height_m))
+    assert taken.frames is not None
+    names = tuple(taken.frames.names[k] for k in sightings.frame_index)
+    return placed(
+        replace(
+            estimate,
+            stamps_s=sightings.stamps_s,
+            frame_names=names,
+            frame_index=_numbers(flight, taken)[sightings.frame_index],
+            floor_z_m=0.0,
+        ),
+        poses,
+    )
+
+
+def placed(estimate: Estimate, w_T_b: Array) -> Estimate:
+    """An estimate with its keyframes at ``w_T_b`` (n, 4, 4) over a level floor, and nothing else known."""
+    n = len(w_T_b)
+    known = np.isfinite(w_T_b).all(axis=(1, 2))
+    return replace(
+        estimate,
+        w_T_b=w_T_b,
+        chain_w_T_b=w_T_b,
+        odometry_w_T_b=w_T_b,
+        covariances=np.full((n, 6, 6), np.nan),
+        component=np.where(known, 0, -1),
+        camera=None,
+        relative_poses=(),
+        loops=(),
+        floor_slope_rad=(0.0, 0.0),
+    )
+
+
+def landmark_errors(estimate: Estimate, flight: Flight) -> LandmarkErrors:
+    """The errors of a map's landmark distances, and where it has the landmarks."""
+    association = associate(estimate, flight)
+    maps = maps_of(estimate, association)
+    rows, _ = landmark_table(estimate, flight, association, maps)
+    percent = {row.name: row.error_percent.loops for row in rows}
+    return LandmarkErrors(
+        {row.name: row.error_m.loops for row in rows},
+        {**percent, LARGEST: float(np.max(list(percent.values())))},
+        landmark_places(estimate, flight, association, maps),
+    )
+
+
+def on_truth(estimate: Estimate, flight: Flight) -> Array:
+    """(m, 4, 4) the poses of an estimate, the first one's position and heading on the truth's."""
+    return maps_of(estimate, associate(estimate, flight)).loops.w_T_b
+
+
+def at_pace(flight: Flight, picture_s: float) -> Flight:
+    """The flight with those pictures that somebody sees who takes so long over each."""
+    assert flight.frames is not None
+    stamps = flight.frames.stamps_s
+    due = stamps[0] + picture_s * np.arange(int((stamps[-1] - stamps[0]) / picture_s) + 1)
+    k = np.unique(np.searchsorted(stamps, due - 1e-6))
+    return with_pictures(flight, k[k < len(stamps)])
+
+
+def with_pictures(flight: Flight, k: NDArray[np.int64]) -> Flight:
+    """The flight with some of its pictures, by number (n,)."""
+    frames = flight.frames
+    assert frames is not None
+    names = tuple(frames.names[index] for index in k)
+    return replace(flight, frames=Frames(frames.stamps_s[k], names, lambda index: frames.load(int(k[index]))))
+
+
+def _numbers(flight: Flight, taken: Flight) -> NDArray[np.int64]:
+    """Which picture of ``flight`` each picture of ``taken`` is."""
+    assert flight.frames is not None
+    assert taken.frames is not None
+    return np.searchsorted(flight.frames.stamps_s, taken.frames.stamps_s)

@@ -1,0 +1,55 @@
+"""Table 1 and figure 5: the square of four landmarks, mapped by the chain of homographies."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from slam.experiments.canvas import show
+from slam.experiments.experiment import DRONE, SIMULATOR, Conclusion, Experiment, Trial, told, verdict
+from slam.experiments.square_maps import CONSECUTIVE, GRAPH, KEYFRAMES, largest, mapped, rows
+from slam.report.paper import SQUARE_DRONE_PERCENT, SQUARE_PERCENT
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def _trial(seed: int, draw: bool) -> Trial:
+    figures, canvases = mapped("square", seed, draw)
+    return Trial(seed, figures, canvases)
+
+
+def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
+    limit = max(SQUARE_PERCENT.values())
+    ours, pictures, graph = (largest(trials, way) for way in (KEYFRAMES, CONSECUTIVE, GRAPH))
+    below = ours.median <= limit
+    reason = (
+        f"our chain of homographies leaves a largest landmark error of {told(ours, '%')}, "
+        f"{'at or below' if below else 'above'} the {limit} % that the paper's simulator left; chaining "
+        "every "
+        f"picture that its computer could take, as the paper did, leaves {told(pictures, '%')}, and the "
+        "pose "
+        f"graph {told(graph, '%')}."
+    )
+    paper = {DRONE: SQUARE_DRONE_PERCENT, SIMULATOR: SQUARE_PERCENT}
+    return Conclusion(rows(trials, "", paper), verdict(below), reason)
+
+
+def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
+    panels = figure.subplots(1, 2)
+    for axes, way in zip(panels, (CONSECUTIVE, KEYFRAMES), strict=True):
+        show(
+            axes,
+            trials[0].drawing[way],
+            f"{way}: largest error {trials[0].figures[f'{way}/largest']:.2f} %",
+        )
+
+
+EXPERIMENT = Experiment(
+    "table1",
+    "The square: error of the map",
+    "section 4.1, table 1, figures 4 and 5",
+    _trial,
+    _conclude,
+    _draw,
+    (11.0, 5.8),
+)

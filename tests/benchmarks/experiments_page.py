@@ -1,0 +1,63 @@
+"""Fill docs/experiments.md from what ``slam reproduce`` wrote.
+
+``python -m tests.benchmarks.experiments_page DIR...``
+Several folders may hold different experiments; of one that stands in two the later is taken.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from slam.experiments.experiment import Conclusion, Row, Spread
+from slam.experiments.output import table
+from slam.experiments.registry import NAMES
+from tests.benchmarks.figures import with_block
+
+PAGE = Path(__file__).parents[2] / "docs" / "experiments.md"
+MOST_ROWS = 18
+"""Of an experiment; its JSON has all."""
+
+
+def markdown(records: dict[str, dict[str, Any]]) -> str:
+    """The sections of all experiments, in the paper's order."""
+    parts = [section(records[name]) for name in NAMES if name in records]
+    return "\n\n".join(["", *parts, ""])
+
+
+def section(record: dict[str, Any]) -> str:
+    """One experiment: sentence and table."""
+    rows = tuple(
+        Row(row["name"], row["unit"], row["paper"], {name: _spread(of) for name, of in row["ours"].items()})
+        for row in record["rows"][:MOST_ROWS]
+    )
+    made = table(Conclusion(rows, record["verdict"], ""))
+    lines = [
+        f"### {record['title']} (`{record['name']}`)",
+        f"{record['source'].capitalize()}; {record['seeds']} seed{'s' * (record['seeds'] > 1)}.",
+        f"**{record['sentence'].partition(': ')[0]}**: {record['sentence'].partition(': ')[2]}",
+        "| " + " | ".join(made.columns) + " |\n|" + "---|" * len(made.columns),
+    ]
+    body = "\n".join("| " + " | ".join(row) + " |" for row in made.rows)
+    return "\n\n".join(lines) + "\n" + body
+
+
+def _spread(of: dict[str, Any]) -> Spread:
+    return Spread(**{key: float("nan") if value is None else value for key, value in of.items()})
+
+
+def main(folders: list[str]) -> None:
+    """Rewrite the page's figures."""
+    records = {}
+    for folder in folders:
+        for name in NAMES:
+            path = Path(folder) / f"{name}.json"
+            if path.exists():
+                records[name] = json.loads(path.read_text(encoding="utf-8"))
+    PAGE.write_text(with_block(PAGE.read_text(encoding="utf-8"), markdown(records)), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,34 @@
+"""Experiments by name: what is known, what is refused, in which order they run."""
+
+import pytest
+
+from slam.errors import InputError
+from slam.experiments.experiment import Experiment
+from slam.experiments.registry import NAMES, chosen, experiment
+
+
+def test_all_without_a_name():
+    assert chosen(()) == NAMES
+
+
+def test_the_order_is_the_papers_whatever_was_asked_first():
+    assert chosen(("hover", "table1", "hover")) == ("table1", "hover")
+
+
+def test_table_4_stands_beside_table_3():
+    assert chosen(("table4",)) == chosen(("table3",)) == ("table3",)
+
+
+def test_a_name_that_is_not_known_names_the_nearest_in_one_line():
+    with pytest.raises(InputError, match="did you mean 'table5'") as refused:
+        chosen(("table1", "tabel5"))
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_module_holds_the_experiment_of_its_name(name):
+    made = experiment(name)
+    assert isinstance(made, Experiment)
+    assert made.name == name
+    assert made.title
+    assert "section" in made.source or "table" in made.source

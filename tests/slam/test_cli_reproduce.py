@@ -1,0 +1,100 @@
+"""``slam reproduce`` from end to end, on the experiments that need no camera."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from slam.cli import app
+from slam.outputs import REPRODUCE_NAMES
+
+NAMES = ("squares", "arithmetic")
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["reproduce", *map(str, arguments)])
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("reproduce") / "out"
+    result = run(*NAMES, "--out", folder, "--seeds", 2, "--jobs", 1)
+    assert result.exit_code == 0, result.output
+    assert "reproduce.html" in result.output
+    assert "agrees in part" in result.output
+    return folder
+
+
+def test_the_files_are_those_that_are_told(out):
+    names = {path.name for path in out.iterdir()}
+    assert names == {"reproduce.html", "summary.json", *(f"{n}.{k}" for n in NAMES for k in ("json", "png"))}
+    assert names <= set(REPRODUCE_NAMES)
+    for name in NAMES:
+        with Image.open(out / f"{name}.png") as picture:
+            assert np.asarray(picture.convert("L")).std() > 10
+
+
+def test_a_record_holds_both_sides_the_spread_and_every_seed(out):
+    record = json.loads((out / "squares.json").read_text())
+    assert [trial["seed"] for trial in record["trials"]] == [0, 1]
+    row = record["rows"][0]
+    (ours,) = row["ours"].values()
+    gaps = [trial["horizontal_square/gap from end to start"] for trial in record["trials"]]
+    assert ours["median"] == pytest.approx(np.median(gaps))
+    assert min(gaps) <= ours["lower95"] <= ours["median"] <= ours["upper95"] <= max(gaps)
+    assert ours["seeds"] == 2
+    checked = json.loads((out / "arithmetic.json").read_text())
+    assert len(checked["trials"]) == 1, "what is not random runs once"
+    assert all(row["paper"] for row in checked["rows"])
+
+
+def test_the_summary_has_verdicts_and_sentences(out):
+    summary = json.loads((out / "summary.json").read_text())
+    assert list(summary["experiments"]) == list(NAMES)
+    for name in NAMES:
+        record = json.loads((out / f"{name}.json").read_text())
+        told = summary["experiments"][name]
+        assert told["sentence"] == record["sentence"]
+        assert told["sentence"].lower().startswith(told["verdict"])
+        assert told["headline"] == record["rows"][0]
+
+
+def test_the_page_stands_alone_and_has_every_row(out):
+    page = (out / "reproduce.html").read_text()
+    assert not re.search(r"(src|href)=\"(?!data:|#)", page)
+    for name in NAMES:
+        for row in json.loads((out / f"{name}.json").read_text())["rows"]:
+            assert row["name"].replace("'", "&#39;") in page
+
+
+def test_an_earlier_output_is_replaced(out):
+    assert run("arithmetic", "--out", out, "--jobs", 1).exit_code == 0
+    assert not (out / "squares.json").exists()
+
+
+def test_jobs_do_not_change_figures(tmp_path):
+    for jobs in (1, 2):
+        result = run("squares", "--out", tmp_path / f"{jobs}", "--seeds", 2, "--jobs", jobs)
+        assert result.exit_code == 0, result.output
+    one, two = ((tmp_path / jobs / "squares.json").read_bytes() for jobs in ("1", "2"))
+    assert one == two
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("tabel1",), 1, "did you mean 'table1'"),
+        (("hover", "--seeds", "0"), 2, "--seeds"),
+        (("hover", "--jobs", "0"), 2, "--jobs"),
+    ],
+)
+def test_what_is_refused(tmp_path, arguments, code, words):
+    result = run(*arguments, "--out", tmp_path / "out")
+    assert result.exit_code == code
+    assert words in result.output
+    assert not (tmp_path / "out").exists()
