@@ -12,6 +12,7 @@ from math import pi
 
 import numpy as np
 
+from slam.criticism.nuisances import NUISANCES
 from slam.criticism.record import Record
 from slam.criticism.setting import Setting
 from slam.criticism.sums import Change
@@ -32,11 +33,18 @@ class Effect:
     """Of the term, one for each column."""
     positive: bool = False
     """A size that is never negative: a fit below 0 is none."""
+    relaxes: tuple[str, ...] = ()
+    """Nuisances that may leave their healthy range instead."""
 
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of its columns."""
-        return (*(d.name for d in self.directions), *(c.name for c in self.changes))
+        return (*(d.name for d in self.directions), *(c.name for c in self.changes), *self.relaxes)
+
+    @property
+    def label(self) -> str:
+        """Its name, and which of several ways it is tried in."""
+        return f"{self.name}:{self.columns[0]}"
 
 
 _STEPS: dict[str, tuple[tuple[str, float], ...]] = {
@@ -70,6 +78,8 @@ RADIUS_M = 0.1
 """The push of the floor goes with the square of the radius: the column is radius^2, by one difference."""
 TILT_LIMITS = (0.9, 0.7, 0.5, 0.3)
 """Shares of the greatest tilt asked for, at which a limit is tried."""
+LATENCIES_S = (0.015, 0.04, 0.08, 0.15)
+LATENCY_STEP_S = 2e-3
 GUST_TIMES_S = (0.7, 2.5)
 LOWEST_TILT_RAD = 0.03
 
@@ -77,10 +87,9 @@ LOWEST_TILT_RAD = 0.03
 def effects_for(records: Sequence[Record], setting: Setting) -> list[Effect]:
     """Every term that is screened under a belief, each with its columns."""
     found = [_plain(name, steps) for name, steps in _STEPS.items()]
-    found.append(
-        Effect("control_latency", (Direction("control_latency.T", "latency", 0, 1e-3),), (), ("T",), True)
-    )
+    found += _latencies(setting)
     found.append(Effect("clock_drift", (Direction("clock_drift.ppm", "drift", 0, 2e-5),), (), ("ppm",)))
+    found.append(Effect("attitude_lag", (), (), ("tau",), False, ("vehicle.attitude_time_s",)))
     found.append(_ground_effect(setting))
     found.append(_plain("active_braking", (("lean", 1e-2),)))
     found += _tilt_limits(records, setting)
@@ -89,6 +98,15 @@ def effects_for(records: Sequence[Record], setting: Setting) -> list[Effect]:
         Effect("timestamp_jitter", (), (Change("timestamp_jitter.var", _jittered, 1.0),), ("sigma",), True)
     )
     return found
+
+
+def relaxations() -> list[Effect]:
+    """Nuisances beyond their healthy range, where no term of the catalogue stands for that."""
+    return [
+        Effect(f"{n.name} out of range", relaxes=(n.name,))
+        for n in NUISANCES
+        if n.name != "vehicle.attitude_time_s"
+    ]
 
 
 def catalogue_value(effect: Effect, column: int, fitted: float, setting: Setting) -> float:
@@ -135,6 +153,14 @@ def _tilt_limits(records: Sequence[Record], setting: Setting) -> list[Effect]:
         )
         for x in limits
     ]  # fmt: skip
+
+
+def _latencies(setting: Setting) -> list[Effect]:
+    """The latency itself, and from a vehicle without one whole steps of it, whose traces differ."""
+    tries = LATENCIES_S if setting.latency_s == 0.0 else ()
+    directions = [Direction("control_latency.T", "latency", 0, LATENCY_STEP_S)]
+    directions += [Direction(f"control_latency@{t:g}", "latency", 0, t, unit=1.0) for t in tries]
+    return [Effect("control_latency", (d,), (), ("T",), True) for d in directions]
 
 
 def _gusts(tau: float) -> Effect:

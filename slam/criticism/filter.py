@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from slam.criticism.compiled import kernel
 from slam.criticism.readings import ATTITUDE, FIRST_CHANNEL, IMU, MOVING, SONAR, TARGET, WIDTH, reading
 from slam.criticism.transition import (
     POLE,
@@ -43,7 +43,7 @@ CONTACT_NOISE = 0.3
 USED, OUTLIER, IGNORED = 1, 2, 0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _measurement(
     kind: int, state: Array, rate: Array, slopes: Array, sensor: Array, parameters: Array,
     pole_s: float, elapsed: float, predicted: Array, matrix: Array,
@@ -67,7 +67,7 @@ def _measurement(
         nudged[j] = state[j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _inject(entry: int, size: float, yaw: float, noise: Array, command: Array) -> None:
     """Add a signal to a noise (0 to 7), to the climb stick (8), or as wind ahead (9) or to the left (10)."""
     if entry < 8:
@@ -82,7 +82,7 @@ def _inject(entry: int, size: float, yaw: float, noise: Array, command: Array) -
         noise[7] += size * math.cos(yaw)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _force(
     tangents: Array, slopes: Array, h: float, middle: Array, middle_noise: Array, step: int,
     parameters: Array, sticks: Array, acts: Ints, stick_of: Ints, parameters_of: Array,
@@ -108,7 +108,7 @@ def _force(
             tangents[i, d] += total
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _direct(
     kind: int, event: int, state: Array, rate: Array, elapsed: float, sensor: Array, parameters: Array,
     pole_s: float, predicted: Array, commands: Array, acts: Ints, reads: Ints, stick_of: Ints,
@@ -143,7 +143,7 @@ def _direct(
             direct[c, d] = (out[c] - predicted[c]) * scale[d]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def run(
     begin: int, end: int, times: Array, kinds: Ints, values: Array, elapsed: Array, jumps: Ints,
     first_step: Ints, lengths: Array, sticks: Array, commands: Array, parameters: Array, sensor: Array, hold: Array,
@@ -290,7 +290,7 @@ def run(
     keep[0] = row
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def start_noise(hold: Array, p: Array) -> None:
     """Write the stationary covariance of the noises into ``p`` (n, n)."""
     n = p.shape[0]

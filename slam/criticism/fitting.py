@@ -3,43 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.nuisances import (
-    MEAN,
-    NUISANCES,
-    RESTLESS,
-    direction_of,
-    limits_of,
-    prior_precision,
-    value_of,
-    with_value,
-)
+from slam.criticism.effects import Effect
+from slam.criticism.hypotheses import parabola_of
+from slam.criticism.moving import moved
+from slam.criticism.nuisances import MEAN, RESTLESS, direction_of, value_of, with_value
 from slam.criticism.record import Record
 from slam.criticism.setting import Setting
-from slam.criticism.sums import Change, Sums, sums_of
+from slam.criticism.sums import Change, sums_of
 
 Array = NDArray[np.float64]
 
-FIRST_S = 80.0
+FIRST_S = 60.0
 """The restlessness is fitted first to so much of the flights: it shows everywhere."""
-ROUNDS = 3
+ROUNDS = 2
 LARGEST_STEP = 0.5
-"""Of a logarithm in one round."""
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Nuisances at their most probable healthy values."""
-
-    setting: Setting
-    model: Setting
-    """What was believed before."""
-    free: tuple[bool, ...]
-    """Which of ``NUISANCES`` the flights have anything to say on."""
+"""Of a logarithm, or of a small number, in one round."""
+_MEAN_NAMES = tuple(n.name for n in MEAN)
 
 
 def changes_of(setting: Setting) -> list[Change]:
@@ -56,29 +40,21 @@ def changes_of(setting: Setting) -> list[Change]:
     return [change(k) for k in range(len(RESTLESS))]
 
 
-def fit_nuisances(records: Sequence[Record], model: Setting) -> Fit:
-    """Most probable nuisances within their ranges, from the first part of each flight."""
+def fit_nuisances(
+    records: Sequence[Record], model: Setting, start: Setting | None = None, effects: Sequence[Effect] = ()
+) -> Setting:
+    """Most probable nuisances within their ranges, and sizes of some terms, from the flights' first parts."""
     short = [cut(record, FIRST_S / len(records)) for record in records]
-    setting = model
+    setting = model if start is None else start
     for _ in range(ROUNDS):
-        found = sums_of(short, setting, [direction_of(n) for n in MEAN], changes_of(setting))
-        step = nuisance_step(found, setting, model)
-        for nuisance, move in zip(NUISANCES, step, strict=True):
-            low, high = limits_of(nuisance, model)
-            move = float(np.clip(move, -LARGEST_STEP, LARGEST_STEP))
-            x = min(max(value_of(nuisance, setting) + move, low), high)
-            setting = with_value(nuisance, setting, x)
-    return Fit(setting, model, tuple(True for _ in NUISANCES))
-
-
-def nuisance_step(found: Sums, setting: Setting, model: Setting) -> Array:
-    """(nuisances,) Fisher-scoring step under the Gaussian prior of the ranges' own variance."""
-    information, score = found.total()
-    index = found.index([n.name for n in NUISANCES])
-    precision = np.array([prior_precision(n, model) for n in NUISANCES])
-    away = np.array([value_of(n, setting) - value_of(n, model) for n in NUISANCES])
-    a = information[np.ix_(index, index)] + np.diag(precision)
-    return np.linalg.solve(a, score[index] - precision * away)
+        directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions]
+        changes = changes_of(setting) + [c for e in effects for c in e.changes]
+        found = sums_of(short, setting, directions, changes)
+        answer = parabola_of(found, setting, model, {}).answer(effects)
+        for column, move in zip(answer.columns, answer.step, strict=True):
+            most = np.inf if found.columns[column] in _MEAN_NAMES else LARGEST_STEP
+            setting = moved(setting, found.columns[column], float(np.clip(move, -most, most)))
+    return setting
 
 
 def cut(record: Record, longest_s: float) -> Record:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from slam.criticism.compiled import kernel
 from slam.simulation.dynamics import GRAVITY_M_S2, noise_share
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ SOUND_M_S, SOUND_M_S_K = 331.3 + 0.606 * 20.0, 0.606
 """Speed of sound that the sonar reckons with, and its change a degree."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _turned(x: float, y: float, z: float, sensor: Array, out: Array, first: int) -> None:
     """A vector in the axes of a unit turned by a small rotation vector m: v - m x v + m x (m x v) / 2."""
     a, b, c = sensor[TURN_X], sensor[TURN_Y], sensor[TURN_Z]
@@ -66,7 +66,7 @@ def _turned(x: float, y: float, z: float, sensor: Array, out: Array, first: int)
     out[first + 2] = z - w + 0.5 * (a * v - b * u)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _imu(state: Array, rate: Array, sensor: Array, pole_s: float, share: float, out: Array) -> None:
     sr, cr, sp, cp = math.sin(state[6]), math.cos(state[6]), math.sin(state[7]), math.cos(state[7])
     sy, cy = math.sin(state[8]), math.cos(state[8])
@@ -85,7 +85,7 @@ def _imu(state: Array, rate: Array, sensor: Array, pole_s: float, share: float, 
         out[3 + i] = (1.0 + sensor[ACCEL_SCALE]) * out[3 + i] + sensor[ACCEL_X + i]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _range(state: Array, rate: Array, sensor: Array, elapsed: float) -> float:
     """Range along the beam to the floor, to first order in the beam's tilt and to second in the lag."""
     late = sensor[RANGE_LAG]
@@ -108,7 +108,7 @@ def _range(state: Array, rate: Array, sensor: Array, elapsed: float) -> float:
     return echo + sensor[RANGE_BIAS] + sensor[DATUM]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def reading(
     kind: int,
     state: Array,

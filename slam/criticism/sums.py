@@ -17,8 +17,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.filter import USED
-from slam.criticism.innovations import Pass, stretches, whole
+from slam.criticism.filter import GATE, OUTLIER, USED
+from slam.criticism.innovations import Innovations, Pass, stretches, whole
 from slam.criticism.readings import CHANNELS
 from slam.criticism.record import Record
 from slam.criticism.setting import Setting
@@ -94,7 +94,7 @@ def sums_of(
     def one(k: int) -> list[tuple[Array, Array, float]]:
         changed = _difference(plain[k], runs[k * width + 1 : (k + 1) * width], steps)
         found = signals[k] if signals is not None else {}
-        return list(_stretch_sums(records[k], setting, directions, found, changed, weight))
+        return list(_stretch_sums(records[k], setting, directions, found, changed, weight, plain[k]))
 
     parts = in_threads(one, range(len(records)))
     flat = [part for flight in parts for part in flight]
@@ -108,7 +108,7 @@ def sums_of(
     )
 
 
-def _stretch_sums(record, setting, directions, signals, changed, weight):  # type: ignore[no-untyped-def]
+def _stretch_sums(record, setting, directions, signals, changed, weight, plain):  # type: ignore[no-untyped-def]
     moved, widened = changed
     for rows in stretches(record, setting, directions, signals, STRETCH_S):
         column = rows.channels - np.array([0, 6, 9, 11])[record.kinds[rows.events]]
@@ -120,7 +120,16 @@ def _stretch_sums(record, setting, directions, signals, changed, weight):  # typ
         excess = np.minimum(rows.white**2, CUT) - weight[1][rows.channels]
         score[d:] += 0.5 * (excess * weight[0][rows.channels]) @ widened[rows.events, column]
         information[d:, d:] += 0.5 * spread.T @ widened[rows.events, column]
-        yield information, score, rows.log_likelihood
+        yield information, score, rows.log_likelihood - _outliers(plain, rows)
+
+
+def _outliers(plain: Pass, rows: Innovations) -> float:
+    """Nats that the outliers of a stretch cost: each as much as one at the gate."""
+    if len(rows.events) == 0:
+        return 0.0
+    part = slice(int(rows.events[0]), int(rows.events[-1]) + 1)
+    odd = plain.status[part] == OUTLIER
+    return float(0.5 * np.sum(GATE**2 + plain.log_variance[part][odd]))
 
 
 def _difference(plain: Pass, others: Sequence[Pass], steps: Array) -> tuple[Array, Array]:

@@ -71,6 +71,9 @@ class Tangents:
     names: tuple[str, ...] = field(default=())
 
 
+LATE_SHARE = 0.2
+
+
 _READ_BY = {
     "flow_scale": VELOCITY, "flow_derotation": VELOCITY, "velocity": VELOCITY, "attitude": ATTITUDE,
     "sonar_slant": SONAR, "sonar_tilt": SONAR, "sonar_scale": SONAR, "sonar_bias": SONAR,
@@ -139,4 +142,5 @@ def _jumps(record: Record, setting: Setting) -> Ints:
     after = np.searchsorted(at, record.times_s)
     before_s = np.abs(record.times_s - at[np.maximum(after - 1, 0)])
     after_s = np.abs(at[np.minimum(after, len(at) - 1)] - record.times_s)
-    return (np.minimum(before_s, after_s) < JUMP_S).astype(np.int64)
+    # A vehicle that is late is not late by the same each time.
+    return (np.minimum(before_s, after_s) < JUMP_S + LATE_SHARE * setting.latency_s).astype(np.int64)

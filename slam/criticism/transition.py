@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from slam.criticism.compiled import kernel
 from slam.criticism.readings import BEFORE, BEHIND, GUST, MOVING, STATES_WITH_GUSTS, TARGET
 from slam.simulation.dynamics import ROTOR_RADIUS, derivative
 
@@ -30,7 +30,7 @@ _NUDGE = 1e-6
 """Step of the differences that make the Jacobian: the equations are smooth and in SI."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def spread(state: Array, full: Array, noise: Array) -> None:
     """State of the filter to the state and noise that ``derivative`` takes."""
     for i in range(MOVING):
@@ -43,7 +43,7 @@ def spread(state: Array, full: Array, noise: Array) -> None:
     noise[7] = state[GUST + 1] if state.shape[0] > GUST else 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def jacobian(state: Array, command: Array, parameters: Array, rate: Array, matrix: Array) -> None:
     """Rate (12,) and its Jacobian (10, n) in the filter's state, by differences.
 
@@ -86,7 +86,7 @@ def jacobian(state: Array, command: Array, parameters: Array, rate: Array, matri
         noise[6 + j - GUST] = state[j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def decay(hold: Array, h: float, matrix: Array) -> None:
     """Rows of the noises in the transition matrix over h, exact."""
     for i in range(TARGET, matrix.shape[0]):
@@ -102,14 +102,14 @@ def decay(hold: Array, h: float, matrix: Array) -> None:
         matrix[i, i] = math.exp(-h / hold[GUST_TIME])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def stationary(hold: Array, axis: int) -> tuple[float, float]:
     """Variance of o, and of w (which is also their covariance), on an axis."""
     std = hold[W_UP_STD] if axis == 2 else hold[W_STD]
     return std * std * (hold[W_TIME] + hold[POLE]) / hold[W_TIME], std * std
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def kicks(hold: Array, matrix: Array, q: Array) -> None:
     """Process noise (n, n) of the noises over a step: what keeps them stationary under ``matrix``."""
     q[:] = 0.0
@@ -127,7 +127,7 @@ def kicks(hold: Array, matrix: Array, q: Array) -> None:
         q[i, i] = hold[GUST_STD] ** 2 * (1.0 - matrix[i, i] ** 2)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def transition(slopes: Array, hold: Array, h: float, matrix: Array) -> None:
     """Transition matrix (n, n) over h: exact in the noises, to second order of ``slopes`` (10, n) in the
     rest."""
@@ -152,7 +152,7 @@ def transition(slopes: Array, hold: Array, h: float, matrix: Array) -> None:
                 matrix[i, j] += x * matrix[k, j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def covariance_step(matrix: Array, q: Array, slopes: Array, h: float, p: Array, work: Array) -> None:
     """P <- F P F' + L Q L', in place; L hands half a step of the noises' kicks to what they push."""
     n = p.shape[0]
@@ -197,7 +197,7 @@ def covariance_step(matrix: Array, q: Array, slopes: Array, h: float, p: Array, 
             p[j, i] = p[i, j]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def mean_step(
     state: Array,
     command: Array,

@@ -1,0 +1,104 @@
+"""What it gains to know, on flights that the sizes were not fitted to.
+
+For each flight (or stretch, where there are fewer than three flights) nuisances and sizes are fitted on all
+others; the gain is the difference of its log likelihoods with and without the terms, in nats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.effects import Effect
+from slam.criticism.hypotheses import parabola_of
+from slam.criticism.moving import moved, on_grid
+from slam.criticism.search import Look, Search
+from slam.criticism.setting import Setting
+
+Array = NDArray[np.float64]
+
+FEWEST_FLIGHTS = 3
+DRAWS = 4000
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Gains by held-out part."""
+
+    nats: Array
+    """(parts,)."""
+    by: str
+    """``flight`` or ``segment``."""
+    before: tuple[Setting, ...]
+    """For each flight, the belief without the terms that was fitted on the other parts."""
+    after: tuple[Setting, ...]
+
+    @property
+    def total(self) -> float:
+        """Sum of the gains."""
+        return float(self.nats.sum())
+
+    @property
+    def ci95(self) -> tuple[float, float]:
+        """Of the sum, by drawing parts with replacement."""
+        rng = np.random.default_rng(0)
+        drawn = rng.choice(self.nats, size=(DRAWS, len(self.nats))).sum(axis=1)
+        low, high = np.quantile(drawn, [0.025, 0.975])
+        return float(low), float(high)
+
+
+def parts_of(flight: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
+    """(stretches,) which part each stretch belongs to, and what a part is."""
+    if len(np.unique(flight)) >= FEWEST_FLIGHTS:
+        return flight, "flight"
+    return np.arange(len(flight)) % max(min(len(flight), 6), 1), "segment"
+
+
+def held_out(found: Search, model: Setting, without: Sequence[Effect] = ()) -> HeldOut:
+    """Gain of the chosen terms over ``without`` (by default over none of them)."""
+    last = found.last
+    base, begin = (found.first, ()) if not without else (last, tuple(without))
+    part, by = parts_of(last.sums.flight)
+    nats, beliefs = [], {}
+    for k in np.unique(part):
+        own, others = part == k, part != k
+        if not others.any():
+            others = own
+        plain, settings_before = _at(base, model, begin, own, others)
+        known, settings_after = _at(last, model, found.chosen, own, others)
+        nats.append(known - plain)
+        for f in np.unique(last.sums.flight[own]):
+            beliefs[int(f)] = settings_before, settings_after
+    flights = sorted(beliefs)
+    return HeldOut(
+        np.array(nats), by,
+        tuple(beliefs[f][0] for f in flights), tuple(beliefs[f][1] for f in flights),
+    )  # fmt: skip
+
+
+def _at(
+    look: Look,
+    model: Setting,
+    effects: Sequence[Effect],
+    own: NDArray[np.bool_],
+    others: NDArray[np.bool_],
+) -> tuple[float, Setting]:
+    """Log likelihood of some stretches under what was fitted on others, and that belief."""
+    held = look.parabola.held
+    fitted = parabola_of(look.sums, look.setting, model, held, others).answer(effects)
+    judged = parabola_of(look.sums, look.setting, model, held, own)
+    nats = float(look.sums.log_likelihood[own].sum()) + judged.nats_at(fitted.whole)
+    return nats, taken(look, fitted.whole, effects)
+
+
+def taken(look: Look, step: Array, effects: Sequence[Effect]) -> Setting:
+    """The look's belief with a step of all columns taken."""
+    setting = look.setting
+    skip = {e.columns[0] for e in effects if on_grid(e)}
+    for column, size in zip(look.sums.columns, step, strict=True):
+        if size != 0.0 and " ~ " not in column and " late" not in column and column not in skip:
+            setting = moved(setting, column, float(size))
+    return setting

@@ -1,0 +1,156 @@
+"""Hypotheses on the sums: what each set of terms explains, in nats, with the nuisances fitted anew.
+
+At one belief the log likelihood is a parabola in all columns, b d - d G d / 2. A hypothesis frees the
+nuisances (within their priors) and the columns of its terms; the columns of terms that the belief already
+holds but the hypothesis does not are put back to nothing. A nuisance is drawn to the middle of its healthy
+range as a uniform draw's variance says, and pulled back hard from beyond it, unless it is relaxed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.effects import Effect
+from slam.criticism.nuisances import NUISANCES, Nuisance, limits_of, prior_precision, value_of
+from slam.criticism.setting import Setting
+from slam.criticism.sums import Sums
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+EDGE = 0.05
+"""Softness of the edge of a healthy range, as a share of its half width."""
+RIDGE = 1e-9
+SEEN = 1e-16
+"""Information below this is rounding: the flights do not show the column at all."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A hypothesis at its best."""
+
+    nats: float
+    """Above the belief that the sums were taken at, priors included."""
+    columns: Ints
+    """Free columns: the nuisances, then those of the terms."""
+    step: Array
+    """(free,) from the belief."""
+    covariance: Array
+    """(free, free)."""
+    whole: Array
+    """(all columns,) the step with the terms it does without put back."""
+
+    def of(self, columns: Ints) -> tuple[Array, Array]:
+        """Step and covariance of some of the free columns."""
+        place = {int(c): k for k, c in enumerate(self.columns)}
+        at = [place[int(c)] for c in columns]
+        return self.step[at], self.covariance[np.ix_(at, at)]
+
+
+@dataclass(frozen=True)
+class Parabola:
+    """The log likelihood about one belief."""
+
+    columns: tuple[str, ...]
+    names: tuple[str, ...]
+    """Columns of the nuisances."""
+    information: Array
+    score: Array
+    at: Array
+    """(nuisances,) of the belief."""
+    limits: Array
+    """(nuisances, 2) healthy ranges."""
+    precision: Array
+    """(nuisances,)."""
+    held: dict[str, float]
+    """Column -> value that the belief already holds of it."""
+
+    def index(self, names: Sequence[str]) -> Ints:
+        """Columns of these names."""
+        place = {name: k for k, name in enumerate(self.columns)}
+        return np.array([place[name] for name in names], dtype=np.int64)
+
+    def answer(self, effects: Sequence[Effect]) -> Answer:
+        """The best of a set of terms."""
+        names = [c for e in effects for c in e.columns if c not in self.names]
+        loose = np.isin(self.names, [c for e in effects for c in e.relaxes])
+        fixed = np.zeros(len(self.score))
+        for column, value in self.held.items():
+            if column not in names and column in self.columns:
+                fixed[self.index([column])] = -value
+        free = np.concatenate([self.index(self.names), self.index(names)])
+        a = self.information[np.ix_(free, free)]
+        b = (self.score - self.information @ fixed)[free]
+        step, covariance = self._peak(a, b, loose)
+        nats = float(b @ step - 0.5 * step @ a @ step) - self._penalty(step, loose)
+        nats += float(self.score @ fixed - 0.5 * fixed @ self.information @ fixed)
+        whole = fixed.copy()
+        whole[free] = step
+        return Answer(nats, free, step, covariance, whole)
+
+    def penalty_at_belief(self, relaxed: Sequence[str] = ()) -> float:
+        """The prior's own nats at the belief, to be taken off its log likelihood."""
+        return self._penalty(np.zeros(len(self.names)), np.isin(self.names, relaxed))
+
+    def nats_at(self, step: Array) -> float:
+        """Log likelihood, without priors, at a step of all columns."""
+        return float(self.score @ step - 0.5 * step @ self.information @ step)
+
+    def _peak(self, a: Array, b: Array, loose: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Step to the most probable values and their covariance; at the edges by active sets."""
+        count = len(self.names)
+        half = (self.limits[:, 1] - self.limits[:, 0]) / 2
+        precision = np.where(loose, 1e-4, 1.0) * self.precision
+        edge = 1.0 / (EDGE * half) ** 2
+        side = np.zeros(count)
+        for _ in range(6):
+            full, right = a.copy(), b.copy()
+            bound = self.limits.mean(axis=1) + side * half
+            pull = np.where(side != 0, edge, 0.0)
+            full[np.arange(count), np.arange(count)] += precision + pull
+            right[:count] += precision * (self.limits.mean(axis=1) - self.at) + pull * (bound - self.at)
+            diagonal = np.diag(full)
+            scale = 1.0 / np.sqrt(np.where(diagonal > SEEN, diagonal, 1.0))
+            scaled = full * scale[:, None] * scale + RIDGE * np.eye(len(b))
+            covariance = np.linalg.inv(scaled) * scale[:, None] * scale
+            step = covariance @ right
+            x = self.at + step[:count]
+            out = np.where(loose, 0.0, 1.0 * (x > self.limits[:, 1]) - 1.0 * (x < self.limits[:, 0]))
+            if (out == side).all():
+                break
+            side = out
+        return step, covariance
+
+    def _penalty(self, step: Array, loose: NDArray[np.bool_]) -> float:
+        x = self.at + step[: len(self.names)]
+        half = (self.limits[:, 1] - self.limits[:, 0]) / 2
+        away = x - self.limits.mean(axis=1)
+        beyond = np.where(loose, 0.0, np.maximum(np.abs(away) - half, 0.0) / (EDGE * half))
+        precision = np.where(loose, 1e-4, 1.0) * self.precision
+        return 0.5 * float(np.sum(precision * away**2) + np.sum(beyond**2))
+
+
+def parabola_of(
+    sums: Sums,
+    setting: Setting,
+    model: Setting,
+    held: dict[str, float],
+    stretches: NDArray[np.bool_] | None = None,
+    nuisances: Sequence[Nuisance] = NUISANCES,
+) -> Parabola:
+    """The parabola over some stretches of the flights, by default all."""
+    rows = slice(None) if stretches is None else stretches
+    return Parabola(
+        sums.columns,
+        tuple(n.name for n in nuisances),
+        sums.information[rows].sum(axis=0),
+        sums.score[rows].sum(axis=0),
+        np.array([value_of(n, setting) for n in nuisances]),
+        np.array([limits_of(n, model) for n in nuisances]),
+        np.array([prior_precision(n, model) for n in nuisances]),
+        held,
+    )

@@ -1,0 +1,106 @@
+"""Open-loop roll-outs: from a filtered state the equations alone, against what was measured then.
+
+This is the error that a person feels: how far off the simulator is after half a second, two and ten.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.compiled import kernel
+from slam.criticism.innovations import whole
+from slam.criticism.readings import CHANNEL_UNITS, CHANNELS, FIRST_CHANNEL, IMU, reading
+from slam.criticism.record import Record
+from slam.criticism.setting import Setting
+from slam.simulation.dynamics import derivative, integrate
+
+Array = NDArray[np.float64]
+
+HORIZONS_S = (0.5, 2.0, 10.0)
+STEP_S = 0.01
+START_EVERY_S = 2.0
+SETTLE_S = 1.0
+"""The filter's first second: it does not know the vehicle yet."""
+
+
+@dataclass(frozen=True)
+class ChannelError:
+    """Root mean square of one channel over the end of a horizon, before and after."""
+
+    channel: str
+    unit: str
+    horizon_s: float
+    before: float
+    after: float
+
+
+def roll_out_errors(
+    records: Sequence[Record], before: Sequence[Setting], after: Sequence[Setting]
+) -> tuple[ChannelError, ...]:
+    """Errors of all channels but the imu's, pooled over the flights."""
+    found = []
+    for horizon in HORIZONS_S:
+        errors = [
+            [_errors(record, setting, horizon) for record, setting in zip(records, side, strict=True)]
+            for side in (before, after)
+        ]
+        for channel in range(6, len(CHANNELS)):
+            pooled = [np.concatenate([flight[channel] for flight in side]) for side in errors]
+            if len(pooled[0]) and len(pooled[1]):
+                rms = [float(np.sqrt(np.mean(e**2))) for e in pooled]
+                found.append(ChannelError(CHANNELS[channel], CHANNEL_UNITS[channel], horizon, rms[0], rms[1]))
+    return tuple(found)
+
+
+def _errors(record: Record, setting: Setting, horizon_s: float) -> dict[int, Array]:
+    """Channel -> misses over the last quarter of the horizon, of roll-outs from every second second."""
+    states = whole(record, setting).states[:, :10]
+    first, last = record.times_s[0] + SETTLE_S, record.times_s[-1] - horizon_s
+    begins = np.arange(first, last, START_EVERY_S)
+    empty: dict[int, Array] = {c: np.zeros(0) for c in range(len(CHANNELS))}
+    if len(begins) == 0:
+        return empty
+    start_at = np.searchsorted(record.times_s, begins)
+    begins = record.times_s[start_at]
+    steps = round(horizon_s / STEP_S)
+    start = np.column_stack([states[start_at], states[start_at, :2]])
+    nodes = begins[:, None] + STEP_S * np.arange(steps + 1)
+    fast = 1.0 + setting.drift
+    command = record.stick.mean(nodes[:, :-1].ravel() / fast, nodes[:, 1:].ravel() / fast, setting.latency_s)
+    path = integrate(
+        start, command.reshape(len(begins), steps, 6), np.zeros((1, steps + 1, 8)),
+        np.tile(setting.parameters, (len(begins), 1)), STEP_S,
+    )  # fmt: skip
+    misses: dict[int, list[Array]] = {c: [] for c in range(len(CHANNELS))}
+    for k, begin in enumerate(begins):
+        judged = (record.times_s > begin + 0.75 * horizon_s) & (record.times_s <= begin + horizon_s)
+        judged &= record.kinds != IMU
+        rows = np.flatnonzero(judged)
+        at = np.column_stack([np.interp(record.times_s[rows], nodes[k], path[k, :, i]) for i in range(12)])
+        commands = record.stick.at(record.times_s[rows] / fast, setting.latency_s)
+        told = _told(
+            record.kinds[rows], at, commands, setting.parameters, setting.sensor, record.elapsed[rows]
+        )
+        for kind in np.unique(record.kinds[rows]):
+            own = record.kinds[rows] == kind
+            for c in range(3):
+                miss = record.values[rows[own], c] - told[own, c]
+                if kind == 1 and c == 2:
+                    miss = np.angle(np.exp(1j * miss))
+                if np.isfinite(miss).any():
+                    misses[FIRST_CHANNEL[kind] + c].append(miss[np.isfinite(miss)])
+    return {c: np.concatenate(m) if m else np.zeros(0) for c, m in misses.items()}
+
+
+@kernel
+def _told(kinds, at, commands, parameters, sensor, elapsed):  # type: ignore[no-untyped-def]
+    told, rate, state, noise = np.zeros((len(kinds), 6)), np.zeros(12), np.zeros(19), np.zeros(8)
+    for e in range(len(kinds)):
+        derivative(at[e], commands[e], noise, parameters, rate)
+        state[:10] = at[e, :10]
+        reading(kinds[e], state, rate, sensor, parameters, 0.02, elapsed[e], told[e])
+    return told

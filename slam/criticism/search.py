@@ -1,0 +1,219 @@
+"""The search: look at the flights under a belief, take the term that explains most, look again.
+
+Small effects need one look: everything is linear about the healthy vehicle. Where a term stands out by more,
+the best candidates are fitted with the filter run anew (Gauss-Newton), the best of them enters the belief,
+and the flights are looked at from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.dictionary import dictionary, signals_of
+from slam.criticism.effects import Effect, effects_for, relaxations
+from slam.criticism.fitting import changes_of, cut, fit_nuisances
+from slam.criticism.hypotheses import Answer, Parabola, parabola_of
+from slam.criticism.innovations import whole
+from slam.criticism.moving import entered, held_value, moved, on_grid, settled
+from slam.criticism.nuisances import MEAN, direction_of
+from slam.criticism.record import Record
+from slam.criticism.screening import deviate
+from slam.criticism.setting import Setting
+from slam.criticism.sums import Sums, in_threads, sums_of
+
+Array = NDArray[np.float64]
+
+LINEAR_Z = 25.0
+"""Beyond this a term is fitted with the filter run anew."""
+CANDIDATES = 5
+MOST_TERMS = 5
+SHORT_S = 80.0
+"""Candidates are compared on so much of the flights: they all stand out by far."""
+ITERATIONS = 8
+ENOUGH_NATS = 0.5
+SIZE_PRIOR = 100.0
+"""Prior variance of an effect's size in units of its standard error: sizes of up to about 20 sigma."""
+
+
+def occam(degrees: int) -> float:
+    """Nats that each fitted number costs."""
+    return 0.5 * degrees * float(np.log1p(SIZE_PRIOR))
+
+
+@dataclass(frozen=True)
+class Standing:
+    """How far one effect stands out beside those already chosen."""
+
+    effect: Effect
+    nats: float
+    z: float
+
+
+@dataclass(frozen=True)
+class Look:
+    """All that the flights say about one belief."""
+
+    setting: Setting
+    sums: Sums
+    parabola: Parabola
+    effects: tuple[Effect, ...]
+    """Every effect with columns in the sums, relaxed nuisances included."""
+    shapes: tuple[Effect, ...]
+    """The dictionary."""
+
+    def own(self, effect: Effect) -> Effect:
+        """The same effect with this look's columns."""
+        for candidate in self.effects:
+            if candidate.label == effect.label:
+                return candidate
+        return next(c for c in self.effects if c.name == effect.name)
+
+    def standing(self, chosen: Sequence[Effect], among: Sequence[Effect]) -> list[Standing]:
+        """Each effect's nats and z on top of the chosen ones, greatest nats after their cost first."""
+        base = self.parabola.answer(chosen).nats
+        found = []
+        for effect in among:
+            if any(effect.label == c.label for c in chosen):
+                continue
+            answer = self.parabola.answer([*chosen, effect])
+            nats = 0.0 if _backwards(effect, self, answer) else max(answer.nats - base, 0.0)
+            found.append(Standing(effect, nats, deviate(2 * nats, len(effect.columns))))
+        return sorted(found, key=lambda s: occam(len(s.effect.columns)) - s.nats)
+
+
+@dataclass(frozen=True)
+class Search:
+    """What was found."""
+
+    model: Setting
+    first: Look
+    """About the healthy vehicle."""
+    last: Look
+    """About the belief with large effects in it; the first look where there are none."""
+    chosen: tuple[Effect, ...]
+
+
+def look_at(
+    records: Sequence[Record], model: Setting, setting: Setting, chosen: Sequence[Effect] = ()
+) -> Look:
+    """One pass over the flights with every direction and change."""
+    plain = in_threads(lambda record: whole(record, setting), records)
+    signals = [signals_of(record, run.states) for record, run in zip(records, plain, strict=True)]
+    held = [settled(effect, setting) for effect in chosen if not effect.relaxes]
+    labels = {effect.label for effect in held}
+    effects = [e for e in effects_for(records, setting) if e.label not in labels] + held
+    shapes = dictionary(records)
+    directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions] + shapes
+    changes = changes_of(setting) + [c for e in effects for c in e.changes]
+    sums = sums_of(records, setting, directions, changes, signals)
+    values = {c: held_value(setting, c) for e in effects for c in e.columns if c not in e.relaxes}
+    values = {c: v for c, v in values.items() if v != 0.0}
+    return Look(
+        setting, sums, parabola_of(sums, setting, model, values), (*effects, *relaxations()),
+        tuple(Effect(d.name, (d,)) for d in shapes),
+    )  # fmt: skip
+
+
+def search(records: Sequence[Record], model: Setting, threshold: float) -> Search:
+    """Terms that stand out by more than ``threshold`` beside each other, best first."""
+    setting = fit_nuisances(records, model)
+    first = look = look_at(records, model, setting)
+    chosen: list[Effect] = []
+    while len(chosen) < MOST_TERMS:
+        ranked = look.standing(chosen, look.effects)
+        best = ranked[0]
+        if best.z < threshold:
+            break
+        if best.z < LINEAR_Z and not on_grid(best.effect):
+            chosen.append(best.effect)
+            continue
+        effect, setting = _refitted(records, model, look, chosen, [s for s in ranked if s.z > threshold])
+        chosen = [*(settled(c, setting) for c in chosen), settled(effect, setting)]
+        setting = fit_nuisances(records, model, setting, chosen)
+        look = look_at(records, model, setting, chosen)
+        chosen = [look.own(c) for c in chosen]
+    return Search(model, first, look, tuple(_needed(look, chosen, threshold)))
+
+
+def _needed(look: Look, chosen: list[Effect], threshold: float) -> list[Effect]:
+    """The chosen ones without those that the others have made superfluous."""
+    kept = list(chosen)
+    for effect in chosen:
+        others = [e for e in kept if e is not effect]
+        if others and look.standing(others, [effect])[0].z < threshold:
+            kept = others
+    return kept
+
+
+def _refitted(
+    records: Sequence[Record],
+    model: Setting,
+    look: Look,
+    chosen: Sequence[Effect],
+    ranked: Sequence[Standing],
+) -> tuple[Effect, Setting]:
+    """The candidate that explains most once each is fitted with the filter run anew."""
+    named: dict[str, Standing] = {}
+    for standing in ranked:
+        named.setdefault(standing.effect.name + str(len(standing.effect.columns)), standing)
+    best: tuple[float, Effect, Setting] | None = None
+    short = [cut(record, SHORT_S / len(records)) for record in records]
+    for standing in list(named.values())[:CANDIDATES]:
+        nats, setting = refit(short, model, look.setting, [*chosen, standing.effect])
+        nats -= occam(len(standing.effect.columns))
+        if best is None or nats > best[0]:
+            best = nats, standing.effect, setting
+    assert best is not None
+    return best[1], best[2]
+
+
+def refit(
+    records: Sequence[Record], model: Setting, setting: Setting, effects: Sequence[Effect]
+) -> tuple[float, Setting]:
+    """Gauss-Newton on the terms and the nuisances of the mean: log likelihood and belief at the end."""
+    for effect in effects:
+        setting = entered(effect, setting)
+    effects = [settled(e, setting) for e in effects]
+    restless = [e for e in effects if e.changes]
+    best: tuple[float, Setting] | None = None
+    share, step, columns = 1.0, np.zeros(0), []
+    trial = setting
+    for _ in range(ITERATIONS):
+        directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions]
+        sums = sums_of(records, trial, directions, [c for e in restless for c in e.changes])
+        parabola = parabola_of(sums, trial, model, {}, nuisances=MEAN)
+        loose = [e for e in effects if all(c in sums.columns for c in e.columns)]
+        nats = float(sums.log_likelihood.sum()) - parabola.penalty_at_belief(
+            [c for e in loose for c in e.relaxes]
+        )
+        if best is not None and nats < best[0]:
+            share *= 0.4
+            if share < 0.05:
+                break
+        else:
+            gained = np.inf if best is None else nats - best[0]
+            best, share = (nats, trial), 1.0
+            answer = parabola.answer(loose)
+            columns, step = [sums.columns[c] for c in answer.columns], answer.step
+            if gained < ENOUGH_NATS:
+                break
+        trial = best[1]
+        for column, size in zip(columns, step, strict=True):
+            trial = moved(trial, column, share * float(size))
+    assert best is not None
+    return best
+
+
+def _backwards(effect: Effect, look: Look, answer: Answer) -> bool:
+    """Whether a size that is never negative would have to be."""
+    if not effect.positive:
+        return False
+    step, _ = answer.of(look.parabola.index(effect.columns))
+    return bool(step[0] + look.parabola.held.get(effect.columns[0], 0.0) < 0)
+
+
+__all__ = ["Look", "Search", "Standing", "look_at", "occam", "refit", "search"]
