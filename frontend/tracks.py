@@ -25,6 +25,8 @@ class TrackConfig:
     """Cells across and down a picture, one track a cell and picture; coarser where there are too many."""
     max_observations: int = 30_000
     """What the refinement is given at most, so that memory does not grow with the length of the flight."""
+    least_a_keyframe: int = 12
+    """Observations that each keyframe keeps all the same."""
 
 
 def join_tracks(
@@ -50,6 +52,15 @@ def join_tracks(
         keep = np.isin(label[order], _choose(keyframe[order], label[order], length, pixel, camera, grid))
         if keep.sum() <= config.max_observations:
             break
+    else:
+        # Laps over the same ground: a point is seen from everywhere. Each keyframe keeps some of its points.
+        quota = max(config.least_a_keyframe, config.max_observations // max(1, len(pixels)))
+        kept = np.flatnonzero(keep)
+        seen = label[order][kept]
+        kept = kept[_first_of_each(keyframe[order][kept], seen, length, pixel[kept], camera, grid, quota)]
+        kept = kept[np.bincount(label[order][kept], minlength=len(length))[label[order][kept]] >= 2]
+        keep[:] = False
+        keep[kept] = True
     _, track = np.unique(label[order][keep], return_inverse=True)
     k = keyframe[order][keep]
     return FloorTracks(k, track, pixel[keep], noise[k])
@@ -74,16 +85,42 @@ def _choose(
     grid: tuple[int, int],
 ) -> NDArray[np.int64]:
     """Labels of the longest track of each cell of each picture."""
+    cell = _cells(keyframe, pixel, camera, grid)
+    order = np.lexsort((label, -length[label], cell))
+    return np.unique(label[order][_place(cell[order]) == 0])
+
+
+def _first_of_each(
+    keyframe: NDArray[np.int64],
+    label: NDArray[np.int64],
+    length: NDArray[np.int64],
+    pixel: Array,
+    camera: Camera,
+    grid: tuple[int, int],
+    quota: int,
+) -> NDArray[np.int64]:
+    """Which observations each keyframe keeps: the longest track of each cell, then the second longest."""
+    cell = _cells(keyframe, pixel, camera, grid)
+    order = np.lexsort((label, -length[label], cell))
+    order = order[np.lexsort((-length[label[order]], _place(cell[order]), keyframe[order]))]
+    return np.sort(order[_place(keyframe[order]) < quota])
+
+
+def _cells(
+    keyframe: NDArray[np.int64], pixel: Array, camera: Camera, grid: tuple[int, int]
+) -> NDArray[np.int64]:
+    """Number of the cell of its picture that each observation lies in; no two pictures share one."""
     across, down = grid
     w, h = camera.size_px
-    column = np.clip(pixel[:, 0] * across / w, 0, across - 1).astype(int)
-    row = np.clip(pixel[:, 1] * down / h, 0, down - 1).astype(int)
-    cell = (keyframe * down + row) * across + column
-    order = np.lexsort((label, -length[label], cell))
-    cell = cell[order]
-    first = np.ones(len(cell), bool)
-    first[1:] = cell[1:] != cell[:-1]
-    return np.unique(label[order][first])
+    column = np.clip(pixel[:, 0] * across / w, 0, across - 1).astype(np.int64)
+    row = np.clip(pixel[:, 1] * down / h, 0, down - 1).astype(np.int64)
+    return (keyframe * down + row) * across + column
+
+
+def _place(group: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Place of each entry in its run of equal ones: 0, 1, 2, ..."""
+    begin = np.flatnonzero(np.diff(group, prepend=-1))
+    return np.arange(len(group)) - np.repeat(begin, np.diff(begin, append=len(group)))
 
 
 def _noise_of_keyframes(count: int, registrations: Sequence[Registration]) -> Array:

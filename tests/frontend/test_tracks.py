@@ -116,9 +116,28 @@ def test_too_many_observations_call_for_a_coarser_grid() -> None:
     alone = [join_tracks(pixels, links, CAMERA, TrackConfig((g,))) for g in grids]
     sizes = [len(t.track) for t in alone]
     assert sizes[0] > sizes[1] > sizes[2]
-    for limit, expected in ((sizes[0], 0), (sizes[0] - 1, 1), (sizes[2], 2), (1, 2)):
+    for limit, expected in ((sizes[0], 0), (sizes[0] - 1, 1), (sizes[2], 2)):
         tracks = join_tracks(pixels, links, CAMERA, TrackConfig(grids, limit))
         np.testing.assert_array_equal(tracks.pixel, alone[expected].pixel)
+
+
+@pytest.mark.parametrize("limit", [500, 300, 1])
+def test_the_ceiling_holds_and_every_keyframe_keeps_its_share(limit: int) -> None:
+    pixels, links = random_flight(np.random.default_rng(6), 15, 150, 120, 0.0)
+    whole = join_tracks(pixels, links, CAMERA, TrackConfig(((4, 3),)))
+    some = join_tracks(pixels, links, CAMERA, TrackConfig(((4, 3),), limit, least_a_keyframe=12))
+    quota = max(12, limit // 15)
+    assert len(some.track) <= 15 * quota < len(whole.track)
+    per_keyframe = np.bincount(some.keyframe, minlength=15)
+    assert per_keyframe.max() <= quota
+    assert per_keyframe.min() >= 0.6 * quota  # what is left alone in its track goes too
+    assert np.bincount(some.track).min() >= 2
+    seen = {(int(k), *p) for k, p in zip(whole.keyframe, whole.pixel.tolist(), strict=True)}
+    assert {(int(k), *p) for k, p in zip(some.keyframe, some.pixel.tolist(), strict=True)} <= seen
+    # Spread: hardly a keyframe has its points in less than half of its picture.
+    for k in range(15):
+        cells = {(int(x * 4 / 320), int(y * 3 / 240)) for x, y in some.pixel[some.keyframe == k]}
+        assert len(cells) >= 6
 
 
 def test_nothing_matched_gives_no_tracks() -> None:
