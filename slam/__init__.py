@@ -5,16 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from slam.criticism import criticise
     from slam.evaluation import evaluate
     from slam.flight import Flight
     from slam.pipeline import optimize
     from slam.simulation import simulate
 
 __version__ = "0.1.0"
-__all__ = ["Flight", "evaluate", "optimize", "simulate"]
+__all__ = ["Flight", "criticise", "evaluate", "optimize", "simulate"]
 
 _HOME = {
     "Flight": "slam.flight",
+    "criticise": "slam.criticism",
     "evaluate": "slam.evaluation",
     "optimize": "slam.pipeline",
     "simulate": "slam.simulation",

@@ -41,6 +41,9 @@ REPRODUCE_NAMES = (
 )
 """Files that ``slam reproduce`` writes."""
 
+CRITICISE_NAMES = ("verdict.json", "extended.toml", "report.html", "summary.json")
+"""Files that ``slam criticise`` writes."""
+
 _BYSTANDERS = (
     ".DS_Store",
     "Thumbs.db",
@@ -94,7 +97,10 @@ def _refuse_foreign(target: Path) -> None:
         return
     except OSError as error:
         raise InputError(f"{target}: {explain(error)}") from None
-    ours = {*OPTIMIZE_NAMES, *EVALUATE_NAMES, *REPLAY_NAMES, *REPRODUCE_NAMES, *_BYSTANDERS, *_LEFTOVERS}
+    ours = {
+        *OPTIMIZE_NAMES, *EVALUATE_NAMES, *REPLAY_NAMES, *REPRODUCE_NAMES, *CRITICISE_NAMES,
+        *_BYSTANDERS, *_LEFTOVERS,
+    }  # fmt: skip
     foreign = [
         entry.name for entry in entries if entry.name not in ours or entry.is_dir(follow_symlinks=False)
     ]

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from slam import __version__
+from slam.cli.criticise import criticise
 from slam.cli.demo import demo
 from slam.cli.evaluate import evaluate
 from slam.cli.flights import import_flight, info
@@ -36,6 +37,7 @@ for name, command in (
     ("simulate", simulate),
     ("replay", replay),
     ("reproduce", reproduce),
+    ("criticise", criticise),
     ("import", import_flight),
     ("info", info),
 ):

@@ -18,7 +18,7 @@ from slam.criticism.setting import Setting
 from slam.criticism.sums import Change
 from slam.criticism.tangents import Direction, parameter_direction
 from slam.criticism.transition import GUST_STD, GUST_TIME
-from slam.simulation.dynamics import GAIN, MAX_TILT, PARAMETERS, TILT_LIMIT
+from slam.simulation.dynamics import ATTITUDE_TIME, GAIN, MAX_TILT, PARAMETERS, TILT_LIMIT
 from slam.simulation.terms import CATALOGUE
 
 
@@ -109,18 +109,20 @@ def relaxations() -> list[Effect]:
     ]
 
 
-def catalogue_value(effect: Effect, column: int, fitted: float, setting: Setting) -> float:
-    """What a fitted number of a column, on top of the setting's own value, is in the catalogue's units."""
+def catalogue_value(effect: Effect, column: int, step: float, setting: Setting, held: float) -> float:
+    """A column's number in the catalogue's units: what the belief holds of it and a step on top."""
+    total = held + step
     if effect.name == "clock_drift":
-        return 1e6 * (setting.drift + fitted)
-    if effect.name == "ground_effect":
-        radius = setting.parameters[PARAMETERS.index("ground_effect.radius")]
-        return float(np.sqrt(max(fitted + radius**2, 0.0)))
-    if effect.name == "gusts":
-        return float(np.sqrt(max(fitted, 0.0)))
+        return 1e6 * total
+    if effect.name in ("ground_effect", "gusts"):
+        return float(np.sqrt(max(total, 0.0)))
     if effect.name == "timestamp_jitter":
-        return 1e-3 * float(np.sqrt(max(fitted, 0.0)))
-    return fitted
+        return 1e-3 * float(np.sqrt(max(total, 0.0)))
+    if effect.name == "attitude_lag":
+        return float(setting.parameters[ATTITUDE_TIME]) + step
+    if effect.name == "control_latency":
+        return max(total, 0.0)
+    return CATALOGUE[effect.name].parameter(effect.parameters[column]).neutral + total
 
 
 def _plain(name: str, steps: tuple[tuple[str, float], ...]) -> Effect:

@@ -146,7 +146,8 @@ def _direct(
 @kernel
 def run(
     begin: int, end: int, times: Array, kinds: Ints, values: Array, elapsed: Array, jumps: Ints,
-    first_step: Ints, lengths: Array, sticks: Array, commands: Array, parameters: Array, sensor: Array, hold: Array,
+    first_step: Ints, lengths: Array, sticks: Array, commands: Array,
+    parameters: Array, sensor: Array, hold: Array,
     noise_var: Array, jitter_var: float, limits: Array, state: Array, p: Array, memory: Array,
     acts: Ints, reads: Ints, stick_of: Ints, parameters_of: Array, sensor_of: Array, inject_at: Ints,
     signal_of: Ints, step_signals: Array, event_signals: Array, scale: Array, tangents: Array,

@@ -1,8 +1,8 @@
 """How probable each cause is, with "nothing" and "something unknown" always among the hypotheses.
 
 Hypotheses are the chosen set, the set without one of its terms, and the set with one of them replaced by any
-other term or by any shape of the dictionary. Each weighs its likelihood at its best, what its numbers cost, and
-its prior.
+other term or by any shape of the dictionary. Each weighs its likelihood at its best, what its numbers cost,
+and its prior.
 """
 
 from __future__ import annotations

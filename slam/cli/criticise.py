@@ -1,0 +1,74 @@
+"""``slam criticise``: what a model gets wrong about measured flights, as a verdict and an extended model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from slam.criticism import Criticism
+
+_FLIGHTS = typer.Argument(metavar="FLIGHT...", help="Flights of one vehicle, with commands or sensors only.")
+_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
+_MODEL = typer.Option(
+    metavar="MODEL", help="The model to criticise: a name (nominal, paper) or a .toml file."
+)
+
+
+def criticise(
+    flights: Annotated[list[str], _FLIGHTS],
+    out: Annotated[Path, _OUT],
+    model: Annotated[str, _MODEL] = "nominal",
+) -> None:
+    """Say what a simulation gets wrong about measured flights, name the cause and extend the model."""
+    from slam.console import console
+    from slam.criticism import criticise as judge
+    from slam.flight import Flight
+    from slam.outputs import output_folder
+    from slam.simulation.model import load_model
+
+    screen = console()
+    believed = load_model(model)
+    with output_folder(out) as folder:
+        result = judge([Flight.open(path) for path in flights], believed)
+        write_criticism(result, folder)
+    screen.print(result.sentence, markup=False)
+    if result.causes:
+        screen.print(_table(result))
+    for line in result.dropped:
+        screen.print(line, markup=False, style="yellow")
+
+
+def write_criticism(result: Criticism, folder: Path) -> None:
+    """Write verdict.json and summary.json, and extended.toml where there is a model."""
+    import json
+
+    from slam.simulation.model import save_model
+
+    summary = {
+        "status": result.verdict,
+        "sentence": result.sentence,
+        "flights": list(result.flights),
+        "dropped": list(result.dropped),
+        "causes": {cause.name: cause.probability for cause in result.causes},
+    }
+    for name, content in (("verdict.json", result.to_json()), ("summary.json", summary)):
+        text = json.dumps(content, indent=1, allow_nan=False)
+        (folder / name).write_text(text + "\n", encoding="utf-8")
+    if result.extended is not None:
+        save_model(result.extended, folder / "extended.toml")
+
+
+def _table(result: Criticism) -> Table:
+    from rich.table import Table
+
+    table = Table("cause", "probability", "parameter", "value", "95 % interval", "unit")
+    for cause in result.causes:
+        for k, (name, p) in enumerate(cause.parameters.items()):
+            first = (cause.name, f"{cause.probability:.3f}") if k == 0 else ("", "")
+            table.add_row(*first, name, f"{p.value:.4g}", f"{p.low:.4g} to {p.high:.4g}", p.unit)
+    return table

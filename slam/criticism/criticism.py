@@ -1,0 +1,154 @@
+"""The product of criticism: everything that a verdict, a report and an extended model need."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.rollouts import ChannelError
+from slam.simulation.model import Model
+
+Array = NDArray[np.float64]
+Verdict = Literal["nothing_wrong", "named", "ambiguous", "named_with_remainder", "unknown", "unusable"]
+
+JUDGED_HORIZON_S = 2.0
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A fitted number."""
+
+    value: float
+    unit: str
+    low: float
+    high: float
+    """95 % interval."""
+
+
+@dataclass(frozen=True)
+class Gain:
+    """What it gains to know, on held-out flights or stretches."""
+
+    nats: float
+    ci95: tuple[float, float]
+    by: str
+    """``flight`` or ``segment``: what was held out."""
+    parts: tuple[float, ...]
+    """Nats of each held-out part."""
+    channels: tuple[ChannelError, ...]
+    """Open-loop roll-out errors before and after, by channel and horizon."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A term that was found."""
+
+    name: str
+    probability: float
+    parameters: dict[str, Interval]
+    gain: Gain
+    z: float
+    """How far it stands out beside the other causes."""
+    lead_nats: float
+    """Of its evidence over the best other term in its place."""
+
+
+@dataclass(frozen=True)
+class Rank:
+    """One bar of the ranking."""
+
+    name: str
+    probability: float
+    z: float
+    """On the healthy vehicle, alone; 0 for ``nothing`` and ``unknown``."""
+
+
+@dataclass(frozen=True)
+class ChannelCheck:
+    """Whether the innovations of a channel are white under the belief at the end."""
+
+    channel: str
+    count: int
+    variance: float
+    autocorrelation: float
+    """At lag one, of samples of the channel in a row."""
+
+
+@dataclass(frozen=True)
+class Criticism:
+    """What the simulation gets wrong about some flights."""
+
+    verdict: Verdict
+    sentence: str
+    causes: tuple[Cause, ...] = ()
+    equivalence_set: tuple[str, ...] = ()
+    remainder: str = ""
+    """What is left over: channel, signal and size of the strongest shape; empty where nothing is."""
+    next_flight: str = ""
+    detectable: dict[str, tuple[float, str]] = field(default_factory=dict)
+    """Name -> smallest size that these flights would have shown in nine of ten cases, and its unit."""
+    ranking: tuple[Rank, ...] = ()
+    confusable: tuple[tuple[str, str, float], ...] = ()
+    """Pairs of terms whose traces in these flights correlate by more than 0.9, and by how much."""
+    shapes: tuple[tuple[str, float], ...] = ()
+    """Strongest shapes of the dictionary beside the causes, and their z."""
+    nuisances: dict[str, Interval] = field(default_factory=dict)
+    checks: tuple[ChannelCheck, ...] = ()
+    threshold: float = 0.0
+    model: Model | None = None
+    """The nominal model that was criticised."""
+    extended: Model | None = None
+    """The model with the causes in it and the nuisances fitted: what the flights say the vehicle is."""
+    flights: tuple[str, ...] = ()
+    dropped: tuple[str, ...] = ()
+    """Flights and streams that were not judged, with the reason, one line each."""
+
+    def to_json(self) -> dict[str, Any]:
+        """verdict.json's content."""
+        return {
+            "verdict": self.verdict,
+            "sentence": self.sentence,
+            "causes": [_cause(cause) for cause in self.causes],
+            "equivalence_set": list(self.equivalence_set),
+            "remainder": self.remainder or None,
+            "next_flight": self.next_flight or None,
+            "detectable": {n: {"size": _short(s), "unit": u} for n, (s, u) in self.detectable.items()},
+            "gain": _gain(self.causes[0].gain) if self.causes else None,
+            "ranking": [
+                {"name": r.name, "probability": round(r.probability, 6), "z": round(r.z, 3)}
+                for r in self.ranking
+            ],
+            "dropped": list(self.dropped),
+        }
+
+
+def _cause(cause: Cause) -> dict[str, Any]:
+    return {
+        "name": cause.name,
+        "probability": round(cause.probability, 6),
+        "parameters": {
+            name: {"value": _short(p.value), "unit": p.unit, "ci95": [_short(p.low), _short(p.high)]}
+            for name, p in cause.parameters.items()
+        },
+        "gain": _gain(cause.gain),
+    }
+
+
+def _gain(gain: Gain) -> dict[str, Any]:
+    return {
+        "nats": round(gain.nats, 2),
+        "ci95": [round(x, 2) for x in gain.ci95],
+        "held_out_by": gain.by,
+        "channels": {
+            c.channel: {"before": _short(c.before), "after": _short(c.after), "unit": c.unit}
+            for c in gain.channels
+            if c.horizon_s == JUDGED_HORIZON_S
+        },
+    }
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.5g}")

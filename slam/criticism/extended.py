@@ -1,0 +1,86 @@
+"""From a belief back to a model file: the nominal model with nuisances fitted and causes added."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from slam.criticism.readings import DATUM
+from slam.criticism.setting import Setting, setting_of, slot
+from slam.criticism.transition import (
+    GUST_STD,
+    GUST_TIME,
+    TILT_STD,
+    TILT_TIME,
+    TURN_STD,
+    TURN_TIME,
+    W_STD,
+    W_TIME,
+    W_UP_STD,
+)
+from slam.simulation.dynamics import ATTITUDE_TIME, DRAG, GAIN
+from slam.simulation.model import Model
+from slam.simulation.terms import CATALOGUE
+
+
+def extended_model(model: Model, setting: Setting, causes: Sequence[str]) -> Model:
+    """The model that a belief is; only terms of ``causes`` enter, each within what its equation bears."""
+    hold, noise = setting.hold, setting.noise_factor
+    plain = replace(
+        model,
+        vehicle=replace(
+            model.vehicle,
+            gain=float(setting.parameters[GAIN]),
+            drag_1_s=float(setting.parameters[DRAG]),
+            attitude_time_s=float(setting.parameters[ATTITUDE_TIME]),
+        ),
+        hold_noise=replace(
+            model.hold_noise,
+            tilt_std_deg=float(np.degrees(hold[TILT_STD])),
+            tilt_correlation_s=float(hold[TILT_TIME]),
+            yaw_rate_std_deg_s=float(np.degrees(hold[TURN_STD])),
+            yaw_rate_correlation_s=float(hold[TURN_TIME]),
+            velocity_std_m_s=float(hold[W_STD]),
+            velocity_up_std_m_s=float(hold[W_UP_STD]),
+            velocity_correlation_s=float(hold[W_TIME]),
+        ),
+        imu=replace(
+            model.imu,
+            gyro_noise_density=float(model.imu.gyro_noise_density * noise[0]),
+            accel_noise_density=float(model.imu.accel_noise_density * noise[3]),
+        ),
+        attitude=replace(model.attitude, noise_std_deg=float(model.attitude.noise_std_deg * noise[6])),
+        velocity=replace(model.velocity, noise_std_m_s=float(model.velocity.noise_std_m_s * noise[9])),
+        sonar=replace(
+            model.sonar,
+            noise_std_m=float(model.sonar.noise_std_m * noise[11]),
+            datum_m=float(setting.sensor[DATUM]),
+        ),
+    )
+    for name in causes:
+        plain = _with(plain, name, setting)
+    return plain
+
+
+def _with(model: Model, name: str, setting: Setting) -> Model:
+    special = {
+        "control_latency": {"T": setting.latency_s},
+        "clock_drift": {"ppm": 1e6 * setting.drift},
+        "timestamp_jitter": {"sigma": setting.jitter_s},
+        "gusts": {"sigma": float(setting.hold[GUST_STD]), "tau": float(setting.hold[GUST_TIME])},
+        "attitude_lag": {"tau": float(setting.parameters[ATTITUDE_TIME])},
+    }
+    values = special.get(name)
+    if values is None:
+        before = setting_of(model)
+        values = {}
+        for parameter in CATALOGUE[name].parameters:
+            where, entry = slot(parameter.slot or f"{name}.{parameter.name}")
+            x = float(getattr(setting, where)[entry])
+            if x != float(getattr(before, where)[entry]):
+                values[parameter.name] = x
+    limits = {p.name: p for p in CATALOGUE[name].parameters}
+    kept = {k: min(max(v, limits[k].least), limits[k].most) for k, v in values.items()}
+    return model.with_term(name, **kept) if kept else model

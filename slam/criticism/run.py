@@ -1,0 +1,118 @@
+"""The main loop of criticism: records, search, posterior, held-out gain, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from slam.criticism.criticism import ChannelCheck, Criticism, Interval, Rank
+from slam.criticism.decision import causes_of, decide, detectable
+from slam.criticism.extended import extended_model
+from slam.criticism.filter import USED
+from slam.criticism.heldout import taken
+from slam.criticism.nuisances import NUISANCES
+from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, named, posterior_of
+from slam.criticism.readings import CHANNELS, FIRST_CHANNEL
+from slam.criticism.record import Record
+from slam.criticism.search import Look, Search, search
+from slam.criticism.sentence import sentence_of
+from slam.criticism.setting import setting_of
+from slam.criticism.thresholds import load_thresholds
+from slam.criticism.usable import usable_records
+from slam.flight import Flight
+from slam.simulation.model import Model, load_model
+
+SHOWN_SHAPES = 8
+
+
+def criticise(flights: Sequence[Flight], model: Model | str | Path = "nominal") -> Criticism:
+    """Say what a model gets wrong about flights of one vehicle.
+
+    Raises ``InputError`` for a model that cannot be read. Flights that cannot be judged are left out and
+    told; where none is left the verdict is ``unusable``.
+    """
+    from threadpoolctl import threadpool_limits
+
+    believed = model if isinstance(model, Model) else load_model(model)
+    records, dropped = usable_records(flights)
+    names = tuple(record.name for record in records)
+    if not records:
+        reason = "; ".join(dropped) if dropped else "no flights"
+        return Criticism("unusable", f"These data cannot be judged: {reason}.", dropped=tuple(dropped))
+    with threadpool_limits(1):
+        return replace(_judged(records, believed), flights=names, dropped=tuple(dropped))
+
+
+def _judged(records: Sequence[Record], model: Model) -> Criticism:
+    limits = load_thresholds()
+    setting = setting_of(model)
+    found = search(records, setting, limits.effects)
+    posterior = posterior_of(found)
+    causes = causes_of(records, setting, found, posterior)
+    left = found.last.standing(found.chosen, found.last.shapes)
+    left = sorted(left, key=lambda s: -s.z)
+    verdict, equivalents, remainder = decide(causes, found, posterior, left, limits.shapes)
+    answer = found.last.parabola.answer(found.chosen)
+    belief = taken(found.last, answer.whole, found.chosen)
+    seen = detectable(found.first, limits.effects)
+    return Criticism(
+        verdict,
+        sentence_of(verdict, causes, equivalents, remainder, seen),
+        causes,
+        equivalents,
+        remainder,
+        detectable=seen,
+        ranking=_ranking(found, posterior.probability),
+        shapes=tuple((s.effect.name, s.z) for s in left[:SHOWN_SHAPES]),
+        nuisances=_nuisances(found),
+        checks=_checks(records, found.last),
+        threshold=limits.effects,
+        model=model,
+        extended=extended_model(model, belief, [c.name for c in causes]),
+    )
+
+
+def _ranking(found: Search, probability: dict[str, float]) -> tuple[Rank, ...]:
+    z: dict[str, float] = {}
+    for standing in found.first.standing([], found.first.effects):
+        if named(standing.effect):
+            z[standing.effect.name] = max(z.get(standing.effect.name, 0.0), standing.z)
+    names = [*z, NOTHING, SOMETHING_ELSE]
+    ranks = [Rank(name, probability.get(name, 0.0), z.get(name, 0.0)) for name in names]
+    return tuple(sorted(ranks, key=lambda r: (-r.probability, -r.z)))
+
+
+def _nuisances(found: Search) -> dict[str, Interval]:
+    look = found.last
+    answer = look.parabola.answer(found.chosen)
+    step, covariance = answer.of(look.parabola.index(look.parabola.names))
+    values: dict[str, Interval] = {}
+    for k, nuisance in enumerate(NUISANCES):
+        x, std = look.parabola.at[k] + step[k], 1.96 * float(np.sqrt(covariance[k, k]))
+        ends = [x, x - std, x + std]
+        if nuisance.kind != "mean":
+            ends = [float(np.exp(e)) for e in ends]
+        values[nuisance.name] = Interval(float(ends[0]), nuisance.unit, float(ends[1]), float(ends[2]))
+    return values
+
+
+def _checks(records: Sequence[Record], look: Look) -> tuple[ChannelCheck, ...]:
+    pooled: dict[int, list[np.ndarray]] = {}
+    for record, run in zip(records, look.sums.passes, strict=True):
+        for channel in range(len(CHANNELS)):
+            kind = int(np.searchsorted(FIRST_CHANNEL, channel, side="right")) - 1
+            rows, c = record.kinds == kind, channel - FIRST_CHANNEL[kind]
+            white = run.white[rows, c][run.status[rows, c] == USED]
+            if len(white) > 1:
+                pooled.setdefault(channel, []).append(white)
+    checks = []
+    for channel, parts in sorted(pooled.items()):
+        every = np.concatenate(parts)
+        products = np.concatenate([p[1:] * p[:-1] for p in parts])
+        checks.append(
+            ChannelCheck(CHANNELS[channel], len(every), float(np.mean(every**2)), float(np.mean(products)))
+        )
+    return tuple(checks)

@@ -1,0 +1,44 @@
+"""A verdict in one sentence for a person."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from slam.criticism.criticism import Cause, Verdict
+
+
+def sentence_of(
+    verdict: Verdict,
+    causes: Sequence[Cause],
+    equivalents: Sequence[str],
+    remainder: str,
+    detectable: dict[str, tuple[float, str]],
+) -> str:
+    """What was found, how sure, and what it gains."""
+    if verdict == "nothing_wrong":
+        some = ", ".join(
+            f"{name} of {detectable[name][0]:.2g} {detectable[name][1]}"
+            for name in ("quadratic_drag", "control_latency", "sonar_scale", "gyro_scale")
+            if name in detectable
+        )
+        seen = f"; they would have shown {some}" if some else ""
+        return f"The flights show nothing that the model gets wrong{seen}."
+    if verdict == "unknown":
+        named = f" ({', '.join(c.name for c in causes)} explain a part)" if causes else ""
+        return f"Something is wrong that no term of the catalogue explains: {remainder}{named}."
+    told = "; ".join(_told(cause) for cause in causes)
+    gain = causes[0].gain
+    held = f"on held-out {gain.by}s the likelihood gains {gain.nats:.0f} nats"
+    if verdict == "ambiguous":
+        text = f"The flights cannot tell {', '.join(equivalents)} apart; best: {told}; {held}"
+    else:
+        text = f"The model lacks {told}; {held}"
+    return f"{text}; left over: {remainder}." if remainder else f"{text}."
+
+
+def _told(cause: Cause) -> str:
+    sizes = ", ".join(
+        f"{name} = {p.value:.3g} ({p.low:.3g} to {p.high:.3g}) {p.unit}"
+        for name, p in cause.parameters.items()
+    )
+    return f"{cause.name} ({sizes}; probability {cause.probability:.2f})"

@@ -1,0 +1,83 @@
+"""Whether flights can be judged: what is missing, constant, or on another clock, in one line each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.record import Record, record_of
+from slam.flight import Flight
+
+Array = NDArray[np.float64]
+
+SHORTEST_S = 3.0
+LEAST_STICK = 0.01
+FEWEST_READINGS = 20
+
+
+def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
+    """Records of the flights that can be judged, and what was left out with the reason."""
+    records, dropped = [], []
+    for flight in flights:
+        clean, reasons = _without_dead_streams(flight)
+        dropped += [f"{flight.name}: {reason}" for reason in reasons]
+        reason = _unusable(clean)
+        if reason:
+            dropped.append(f"{flight.name}: {reason}")
+            continue
+        try:
+            records.append(record_of(clean))
+        except ValueError as error:
+            dropped.append(f"{flight.name}: {error}")
+    return records, dropped
+
+
+def _unusable(flight: Flight) -> str:
+    streams = [s for s in (flight.imu, flight.attitude, flight.velocity, flight.sonar) if s is not None]
+    if not streams:
+        return "no imu, attitude, velocity or sonar readings to judge"
+    begin = min(float(s.stamps_s[0]) for s in streams)
+    end = max(float(s.stamps_s[-1]) for s in streams)
+    if end - begin < SHORTEST_S:
+        return f"lasts {end - begin:.1f} s; {SHORTEST_S:g} s are the least"
+    if flight.command is None or len(flight.command.stamps_s) == 0:
+        return "no command log: give flights with command0"
+    stamps, stick = flight.command.stamps_s, flight.command.stick
+    if stamps[0] > end or stamps[-1] < begin:
+        away = stamps[0] - end if stamps[0] > end else begin - stamps[-1]
+        return f"the command log is on another clock: {away:.0f} s away from the readings"
+    during = np.nan_to_num(stick[(stamps >= begin - 1.0) & (stamps <= end)])
+    if len(during) == 0 or np.abs(during).max() < LEAST_STICK:
+        return "the stick is never moved: nothing drives the model"
+    return ""
+
+
+def _without_dead_streams(flight: Flight) -> tuple[Flight, list[str]]:
+    """The flight without streams that hold nothing: empty, not finite, or the same value all along."""
+    reasons: list[str] = []
+    changes: dict[str, None] = {}
+    for name, values in _values(flight).items():
+        finite = np.isfinite(values).any(axis=1)
+        if finite.sum() < FEWEST_READINGS:
+            reasons.append(f"{name} has {int(finite.sum())} readings; it was left out")
+            changes[name] = None
+        elif np.all(np.nanstd(values, axis=0)[np.isfinite(values).any(axis=0)] == 0.0):
+            reasons.append(f"{name} never changes; it was left out")
+            changes[name] = None
+    return replace(flight, **changes), reasons  # type: ignore[arg-type]
+
+
+def _values(flight: Flight) -> dict[str, Array]:
+    found: dict[str, Array] = {}
+    if flight.imu is not None:
+        found["imu"] = np.column_stack([flight.imu.gyro_rad_s, flight.imu.accel_m_s2])
+    if flight.attitude is not None:
+        found["attitude"] = flight.attitude.roll_pitch_yaw_rad
+    if flight.velocity is not None:
+        found["velocity"] = flight.velocity.v_m_s
+    if flight.sonar is not None:
+        found["sonar"] = flight.sonar.range_m[:, None]
+    return found
