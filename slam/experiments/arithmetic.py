@@ -28,9 +28,8 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     failing = [check for check in found if not check.holds]
     told_apart = "; ".join(f"{check.name}: {check.says}" for check in failing)
     reason = (
-        f"{len(found) - len(failing)} of {len(found)} numbers follow from the paper's others; the rest "
-        "do not: "
-        f"{told_apart}."
+        f"{len(found) - len(failing)} of {len(found)} numbers follow from the paper's others; the rest do "
+        f"not: {told_apart}."
     )
     return Conclusion(rows, verdict(not failing, partly=len(failing) < len(found)), reason)
 

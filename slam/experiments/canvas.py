@@ -1,5 +1,4 @@
-"""The map as the paper draws it: each picture warped and put on the canvas, landmarks joined by red "
-"lines."""
+"""The map as the paper draws it: each picture warped and put on the canvas, landmarks joined by red lines."""
 
 from __future__ import annotations
 

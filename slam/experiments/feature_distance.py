@@ -127,15 +127,11 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     reason = (
         f"the filter raises the mean distance of matches in the picture {told(ratio)} times, at twice its "
         f"strength {twice.median:.2f} times, where the paper's rose {paper:.2f} times. Brightness can "
-        "explain "
-        f"wrong matches only: their share goes from {wrong.median:.0f} to {wrong_with.median:.0f} %, "
-        "while right "
-        f"ones stay as far apart as the picture moves (ratio {right.median:.3f}). With our distances of "
-        "right "
-        f"and wrong matches, {near:.1f} and {far:.0f} px, the paper's means are those of {needed[0]:.0f} "
-        "and "
-        f"{needed[1]:.0f} % of wrong ones; faster motion between two pictures would raise a mean just as "
-        "well."
+        f"explain wrong matches only: their share goes from {wrong.median:.0f} to {wrong_with.median:.0f} "
+        f"%, while right ones stay as far apart as the picture moves (ratio {right.median:.3f}). With our "
+        f"distances of right and wrong matches, {near:.1f} and {far:.0f} px, the paper's means are those "
+        f"of {needed[0]:.0f} and {needed[1]:.0f} % of wrong ones; faster motion between two pictures would "
+        "raise a mean just as well."
     )
     alike = ratio.lower95 <= paper <= ratio.upper95
     return Conclusion(_rows(trials, paper), verdict(alike, partly=ratio.lower95 > 1), reason)

@@ -125,8 +125,8 @@ def table(conclusion: Conclusion) -> Table:
 
 
 def headline(name: str, conclusion: Conclusion) -> tuple[tuple[str, str, str, str], ...]:
-    """Lines of the short table, one for each of the first row's figures: experiment, what, figure, "
-    "verdict."""
+    """Lines of the short table, one for each of the first row's figures: experiment, what, figure,
+    verdict."""
     row = conclusion.rows[0]
     unit = "" if row.unit == "1" else f" {row.unit}"
     figures = [(column, _figure(value) + unit) for column, value in row.paper.items()]

@@ -15,6 +15,7 @@ from slam.report.paper import (
     FIELD_OF_VIEW_DEG,
     FLOOR_AT_1M_M,
     HOVER_DRIFT_M,
+    HOVER_DRIFT_VARIANCE,
     HOVER_SPEED_M_S,
     HOVER_SPEED_VARIANCE,
     OVERLAP_SPEED_M_S,
@@ -73,8 +74,7 @@ def _tables() -> tuple[Check, ...]:
         Check(
             "table 2, D-A", "%", WHITE_BALANCE_PERCENT["D-A"], 100 * worst / SIDE_M, 0.01,
             f"the sides of table 2 were divided by {100 * worst / WHITE_BALANCE_PERCENT['D-A']:.2f} m "
-            f"instead of {SIDE_M} m: its worst is "
-            f"{100 * worst / SIDE_M:.1f} %",
+            f"instead of {SIDE_M} m: its worst is {100 * worst / SIDE_M:.1f} %",
         ),
         Check(
             "table 2, B-D", "%",
@@ -83,8 +83,8 @@ def _tables() -> tuple[Check, ...]:
         ),
         Check(
             "table 1, simulated B-D", "%", SQUARE_PERCENT["B-D"], 100 * SQUARE_M["B-D"] / DIAGONAL_M, 0.01,
-            f"it was divided by {100 * SQUARE_M['B-D'] / SQUARE_PERCENT['B-D']:.2f} m, a side, instead "
-            "of the diagonal",
+            f"it was divided by {100 * SQUARE_M['B-D'] / SQUARE_PERCENT['B-D']:.2f} m, a side, instead of "
+            "the diagonal",
         ),
         Check(
             "table 1, simulated D-A", "%", SQUARE_PERCENT["D-A"], 100 * SQUARE_M["D-A"] / SIDE_M, 0.01,
@@ -167,8 +167,7 @@ def _motion() -> tuple[Check, ...]:
         Check(
             "drag of table 5, beside g P_theta", "1/s", GRAVITY_M_S2 * P_THETA, drag_1_s(), 0.02,
             f"drag linear in the speed holds: {drag_1_s():.3f}, {drag_1_s(ODD):.3f} without s = 0.10; a "
-            "drag quadratic in the speed "
-            f"misses by {misfit_m_s2(2) / misfit_m_s2(1):.1f} times as much",
+            f"drag quadratic in the speed misses by {misfit_m_s2(2) / misfit_m_s2(1):.1f} times as much",
         ),
         Check(
             "P_theta, beside 1 / c2 of tum_ardrone", "rad/(m/s)", P_THETA, 1 / TUM_TILT_SCALE_M_S, 0.02,
@@ -181,14 +180,14 @@ def _motion() -> tuple[Check, ...]:
         Check(
             "speed at s = 0.10, from the other four", "m/s", SPEED_M_S[ODD], expected, 0.10,
             f"{100 * (SPEED_M_S[ODD] / expected - 1):.0f} % off the line, t = {t:.1f}, p = {p:.2f} and "
-            f"{1 - (1 - p) ** 5:.2f} for the worst of five: "
-            "suspicious, not certain; a pulse of 5 s at s = 0.10 should be repeated",
+            f"{1 - (1 - p) ** 5:.2f} for the worst of five: suspicious, not certain; a pulse of 5 s at s = "
+            "0.10 should be repeated",
         ),
     )  # fmt: skip
 
 
 def _hover() -> tuple[Check, ...]:
-    rayleigh = HOVER_SPEED_M_S**2 * 2 / pi
+    rayleigh, still = HOVER_SPEED_M_S**2 * 2 / pi, HOVER_DRIFT_M**2 * 2 / pi
     tilt = radians(PITCH_DEG[0.25])
     drift, at_end = free_drift_m(HOVER_CORRELATION_S)
     largest = max(SQUARE_DRONE_M.values())
@@ -198,12 +197,14 @@ def _hover() -> tuple[Check, ...]:
             f"so 0.0012 is of one axis: of the speed itself it would be {(2 - pi / 2) * rayleigh:.5f}",
         ),
         Check(
+            "variance of the hover's distance", "m²", HOVER_DRIFT_VARIANCE, (2 - pi / 2) * still, 0.20,
+            "here 0.0012 is of the distance itself, unlike that of the speed",
+        ),
+        Check(
             "mean distance of a hover that nothing holds", "m", HOVER_DRIFT_M, drift, 0.10,
             f"with a correlation of {HOVER_CORRELATION_S} s it would be {drift:.2f} m off on average and "
-            f"{at_end:.2f} m in the "
-            f"end; {HOVER_DRIFT_M} m needs {_needed_correlation_s():.2f} s: the place is held, or most "
-            "of the variance "
-            "is noise of the log",
+            f"{at_end:.2f} m in the end; {HOVER_DRIFT_M} m needs {_needed_correlation_s():.2f} s: the "
+            "place is held, or most of the variance is noise of the log",
         ),
         Check(
             "largest scale error of a sonar by tilt",
@@ -227,9 +228,8 @@ def _camera() -> tuple[Check, ...]:
     return (
         Check(
             "floor seen from 1 m", "m", FLOOR_AT_1M_M, floor, 0.01,
-            f"the 64 degrees are across the picture: f = {across:.1f} px; across the diagonal it would "
-            f"be {diagonal:.1f} px, "
-            f"{100 * (diagonal / across - 1):.0f} % more",
+            f"the 64 degrees are across the picture: f = {across:.1f} px; across the diagonal it would be "
+            f"{diagonal:.1f} px, {100 * (diagonal / across - 1):.0f} % more",
         ),
         Check(
             "speed at half overlap and 15 Hz", "m/s", fast, 0.5 * floor * 15, 0.01,

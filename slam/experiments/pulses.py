@@ -102,12 +102,9 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     delay = spread(trials, f"{SIMULATED}/{DELAY}")
     reason = (
         f"the simulated drone speeds up with {told(up)} times the slope of a drone that brakes by its "
-        "optical flow "
-        f"(a rate of {BRAKING_1_S} 1/s, assumed) and slows down with {told(down)} times; its pitch is "
-        "what was asked "
-        f"after {1e3 * delay.median:.0f} ms. So the paper's explanation gives what its figure 10 shows; "
-        "how hard "
-        "the real drone brakes the figure does not tell."
+        f"optical flow (a rate of {BRAKING_1_S} 1/s, assumed) and slows down with {told(down)} times; its "
+        f"pitch is what was asked after {1e3 * delay.median:.0f} ms. So the paper's explanation gives what "
+        "its figure 10 shows; how hard the real drone brakes the figure does not tell."
     )
     rows = tuple(
         Row(kind, unit, {}, {name: spread(trials, f"{name}/{kind}") for name in (SIMULATED, BRAKING)})

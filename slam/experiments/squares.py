@@ -1,5 +1,4 @@
-"""The small horizontal and vertical squares of section 4.2, which the paper recorded but did not "
-"analyse."""
+"""The small horizontal and vertical squares of section 4.2, which the paper recorded but did not analyse."""
 
 from __future__ import annotations
 
@@ -51,10 +50,9 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     across, up = (spread(trials, f"{name}/{FIRST}").median for name in SQUARES)
     reason = (
         "the paper recorded the squares but did not analyse them. Flown by timed commands, without "
-        "looking, the "
-        f"horizontal one ends {told(horizontal, 'm')} from its start, "
-        f"{100 * horizontal.median / across:.0f} % of its "
-        f"first side, and the vertical one {told(vertical, 'm')}, {100 * vertical.median / up:.0f} %."
+        f"looking, the horizontal one ends {told(horizontal, 'm')} from its start, "
+        f"{100 * horizontal.median / across:.0f} % of its first side, and the vertical one "
+        f"{told(vertical, 'm')}, {100 * vertical.median / up:.0f} %."
     )
     return Conclusion(rows, "nothing to compare with", reason)
 

@@ -25,10 +25,8 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     reason = (
         f"our chain of homographies leaves a largest landmark error of {told(ours, '%')}, "
         f"{'at or below' if below else 'above'} the {limit} % that the paper's simulator left; chaining "
-        "every "
-        f"picture that its computer could take, as the paper did, leaves {told(pictures, '%')}, and the "
-        "pose "
-        f"graph {told(graph, '%')}."
+        f"every picture that its computer could take, as the paper did, leaves {told(pictures, '%')}, and "
+        f"the pose graph {told(graph, '%')}."
     )
     paper = {DRONE: SQUARE_DRONE_PERCENT, SIMULATOR: SQUARE_PERCENT}
     return Conclusion(rows(trials, "", paper), verdict(below), reason)

@@ -51,13 +51,12 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     grows = pictures.median > 1 and chance[CONSECUTIVE] < _UNLIKELY
     reason = (
         f"with the filter the largest error of the chain of pictures goes from {told(without, '%')} to "
-        f"{told(with_filter, '%')}, on the same flight {told(pictures)} times as much (signed-rank test: "
-        f"p = {chance[CONSECUTIVE]:.2g}), where the paper's grew {theirs:.1f} times; that of the chain of "
+        f"{told(with_filter, '%')}, on the same flight {told(pictures)} times as much (signed-rank test: p "
+        f"= {chance[CONSECUTIVE]:.2g}), where the paper's grew {theirs:.1f} times; that of the chain of "
         f"keyframes {told(growth[KEYFRAMES])} times (p = {chance[KEYFRAMES]:.2g}) and that of the pose "
-        "graph "
-        f"{told(growth[GRAPH])} times. The errors stay small because descriptors normalise contrast and "
-        "the "
-        "robust fit refuses wrong matches: brightness costs our stitcher matches more than accuracy."
+        f"graph {told(growth[GRAPH])} times. The errors stay small because descriptors normalise contrast "
+        "and the robust fit refuses wrong matches: brightness costs our stitcher matches more than "
+        "accuracy."
     )
     table = rows(trials, _WITH, {DRONE: SQUARE_DRONE_PERCENT, SIMULATOR: WHITE_BALANCE_PERCENT})
     factor = Row("largest error, with the filter over without", "1", {SIMULATOR: theirs}, growth)

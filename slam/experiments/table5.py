@@ -114,18 +114,15 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     error = 100 * (c.median / SPEED_A_DEGREE - 1)
     too_slow = (
         "In the paper's own window, the last two of five seconds, the model is not at its end yet and "
-        "misses "
-        f"s = {short} by more than two: the drone was at its speed sooner than drag alone lets it be. "
+        f"misses s = {short} by more than two: the drone was at its speed sooner than drag alone lets it "
+        "be. "
     )
     reason = (
-        "the paper's model ends at speeds within two of the drone's standard deviations at "
-        f"{len(within)} of "
-        f"{len(STICKS)} sticks, with its pitch at {len(pitched)}; v = {c.median:.4f} s theta_max is "
-        "equation 4 to "
-        f"{abs(error):.1f} %. The outlier is s = {odd:.2f}: there the drone's speed lies "
-        f"{apart[odd]:+.0f} % off, "
-        f"inside two standard deviations only because its own is so large. {too_slow if short else ''}"
-        f"The nominal model is {told(faster, '%', 1)} faster."
+        f"the paper's model ends at speeds within two of the drone's standard deviations at {len(within)} "
+        f"of {len(STICKS)} sticks, with its pitch at {len(pitched)}; v = {c.median:.4f} s theta_max is "
+        f"equation 4 to {abs(error):.1f} %. The outlier is s = {odd:.2f}: there the drone's speed lies "
+        f"{apart[odd]:+.0f} % off, inside two standard deviations only because its own is so large. "
+        f"{too_slow if short else ''}The nominal model is {told(faster, '%', 1)} faster."
     )
     alike = len(within) == len(pitched) == len(STICKS) and abs(error) <= 1
     return Conclusion(_rows(trials), verdict(alike), reason)

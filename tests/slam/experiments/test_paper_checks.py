@@ -87,7 +87,7 @@ def test_a_free_hover_drifts_as_a_drawn_one():
 
 
 def test_the_hovers_variance_is_of_one_axis():
-    assert check("variance of the hover").recomputed == pytest.approx(0.00113, abs=1e-5)
+    assert check("variance of the hover's speed").recomputed == pytest.approx(0.00113, abs=1e-5)
 
 
 def test_the_field_of_view_is_across():
@@ -108,5 +108,5 @@ def test_a_number_that_were_another_would_be_seen(monkeypatch):
     monkeypatch.setattr(paper_checks, "SQUARE_PERCENT", {**paper.SQUARE_PERCENT, "D-A": 6.2})
     monkeypatch.setattr(paper_checks, "FLOOR_AT_1M_M", 1.5)
     monkeypatch.setattr(paper_checks, "HOVER_SPEED_VARIANCE", 0.0005)
-    for name in ("table 1, simulated D-A", "floor seen from 1 m", "variance of the hover"):
+    for name in ("table 1, simulated D-A", "floor seen from 1 m", "variance of the hover's speed"):
         assert not check(name).holds, name

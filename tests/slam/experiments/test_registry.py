@@ -1,10 +1,17 @@
 """Experiments by name: what is known, what is refused, in which order they run."""
 
-import pytest
+import re
+from pathlib import Path
 
+import pytest
+from typer.testing import CliRunner
+
+from slam.cli import app
 from slam.errors import InputError
 from slam.experiments.experiment import Experiment
 from slam.experiments.registry import NAMES, chosen, experiment
+
+ROOT = Path(__file__).parents[3]
 
 
 def test_all_without_a_name():
@@ -32,3 +39,11 @@ def test_each_module_holds_the_experiment_of_its_name(name):
     assert made.name == name
     assert made.title
     assert "section" in made.source or "table" in made.source
+
+
+def test_the_page_and_the_help_name_them_all():
+    page = (ROOT / "docs" / "experiments.md").read_text(encoding="utf-8")
+    assert tuple(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)) == NAMES
+    helped = " ".join(CliRunner().invoke(app, ["reproduce", "--help"], terminal_width=400).output.split())
+    for name in NAMES:
+        assert name in helped, name
