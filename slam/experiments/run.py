@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 
+from slam.errors import InputError
 from slam.experiments.experiment import Conclusion, Trial
 from slam.experiments.registry import experiment
 from slam.progress import Progress, silent
@@ -46,8 +49,16 @@ def _done(tasks: Sequence[tuple[str, int]], jobs: int) -> Iterator[tuple[str, Tr
         try:
             for done in as_completed(coming):
                 yield coming[done], done.result()
+        except BrokenProcessPool:
+            raise InputError(
+                "a process that flew an experiment was ended from outside (is memory short?); give fewer "
+                f"--jobs than {jobs}"
+            ) from None
         except BaseException:
+            # Nobody waits for flights that nobody wants any more.
             pool.shutdown(wait=False, cancel_futures=True)
+            for worker in active_children():
+                worker.terminate()
             raise
 
 
@@ -69,7 +80,8 @@ def _one_core() -> Iterator[None]:
 
 
 def _alone() -> None:
-    """A worker leaves the other cores to its neighbours."""
+    """A worker leaves the other cores to its neighbours, and Ctrl-C to the process that has sent it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     import cv2
     from threadpoolctl import threadpool_limits
 

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,3 +103,45 @@ def test_what_is_refused(tmp_path, arguments, code, words):
     assert result.exit_code == code
     assert words in result.output
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("what", "code", "words"), [("interrupt", 130, "interrupted"), ("kill", 1, "--jobs")]
+)
+def test_interrupted_or_robbed_of_a_worker_it_leaves_one_line_and_nothing_else(tmp_path, what, code, words):
+    out = tmp_path / "out"
+    command = ["reproduce", "table5", "--seeds", "200", "--jobs", "2", "--out", str(out)]
+    main = [sys.executable, "-c", "from slam.cli import main; main()"]
+    running = subprocess.Popen(
+        [*main, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert running.stdout is not None
+    assert "table5" in running.stdout.readline(), "a first flight is done"
+    workers = _workers(running.pid)
+    assert len(workers) == 2
+    if what == "interrupt":
+        os.killpg(running.pid, signal.SIGINT)
+    else:
+        os.kill(workers[0], signal.SIGKILL)
+    _, told = running.communicate(timeout=60)
+    assert running.returncode == code, told
+    assert len(told.strip().splitlines()) == 1
+    assert words in told
+    assert not out.exists()
+    assert not list(tmp_path.iterdir())
+    assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
+
+
+def _workers(parent: int) -> list[int]:
+    """Processes that fly: children of ``parent`` but for the one that keeps account of shared resources."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*"):
+        try:
+            ancestor = int((path / "stat").read_text().rpartition(")")[2].split()[1])
+            line = (path / "cmdline").read_bytes()
+        except OSError:
+            continue
+        if ancestor == parent and b"resource_tracker" not in line:
+            found.append(int(path.name))
+    return found
