@@ -25,7 +25,14 @@ from tests.slam.evaluation.scene import estimate_of, flight_of, smooth_poses
 from tests.slam.made_estimate import made_estimate
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "docs/method.md", "docs/flight-format.md")
+PAGES = (
+    "README.md",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+    "docs/method.md",
+    "docs/flight-format.md",
+    "docs/experiments.md",
+)
 
 
 def page(name: str) -> str:
