@@ -29,13 +29,16 @@ def criticise(
     from slam.criticism import criticise as judge
     from slam.flight import Flight
     from slam.outputs import output_folder
+    from slam.report.criticism_report import write_criticism_report
     from slam.simulation.model import load_model
 
     screen = console()
     believed = load_model(model)
     with output_folder(out) as folder:
-        result = judge([Flight.open(path) for path in flights], believed)
+        opened = [Flight.open(path) for path in flights]
+        result = judge(opened, believed)
         write_criticism(result, folder)
+        write_criticism_report(folder / "report.html", result, opened)
     screen.print(result.sentence, markup=False)
     if result.causes:
         screen.print(_table(result))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import slam
-from slam.errors import one_line
 from slam.estimate import Estimate
 from slam.report.facts import Facts, gather, length, percent, sentence
+from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture
 from slam.summary import Summary
 
@@ -22,14 +21,6 @@ if TYPE_CHECKING:
 
 _MOST_REJECTED = 20
 """Rejected loops listed on the page; loops.csv has all of them."""
-
-
-@dataclass(frozen=True)
-class Item:
-    """A figure with its name."""
-
-    label: str
-    value: str
 
 
 @dataclass(frozen=True)
@@ -68,21 +59,12 @@ def render(
     mosaics: Mosaics = Mosaics(),
     accuracy: tuple[FigureTable, ...] = (),
 ) -> str:
-    """The page as HTML; every name from outside is escaped and stripped of control characters."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
+    """The page as HTML."""
     facts = gather(estimate, flight)
-    environment = Environment(
-        loader=PackageLoader("slam.report", "."),
-        autoescape=True,
-        undefined=StrictUndefined,
-        finalize=lambda value: (
-            one_line(value) if isinstance(value, str) and not value.isprintable() else value
-        ),
-    )
     drawable = facts.placed > 0
     before = "as given" if facts.is_graph else "chain alone"
-    return environment.get_template("page.html.j2").render(
+    return render_page(
+        "page.html.j2",
         name=estimate.name,
         version=slam.__version__,
         facts=facts,
@@ -91,8 +73,8 @@ def render(
         tiles=_tiles(facts),
         mosaic=_embedded(mosaics.after),
         chain_mosaic=_embedded(mosaics.before),
-        trajectory=_png(trajectory_picture(estimate, before)) if drawable else None,
-        altitude=_png(altitude_picture(estimate)) if drawable and not facts.is_graph else None,
+        trajectory=embedded(trajectory_picture(estimate, before)) if drawable else None,
+        altitude=embedded(altitude_picture(estimate)) if drawable and not facts.is_graph else None,
         rejected_loops=_rejected_loops(estimate),
         figures=_figures(estimate, summary, facts),
         accuracy=accuracy,
@@ -147,8 +129,4 @@ def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:
 def _embedded(path: Path | None) -> str | None:
     if path is None or not path.exists():
         return None
-    return "data:image/jpeg;base64," + base64.b64encode(thumbnail(path)).decode()
-
-
-def _png(picture: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(picture).decode()
+    return embedded(thumbnail(path), "jpeg")

@@ -37,7 +37,7 @@ def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes
 
     ``before`` says what ``chain_w_T_b`` is, which is drawn behind.
     """
-    figure, axes = _canvas(6.4, 6.0)
+    figure, axes = canvas(6.4, 6.0)
     known = is_placed(estimate)
     position = np.where(known[:, None], estimate.w_T_b[:, :3, 3], np.nan)
     _path(axes, chain_on_result(estimate)[:, :3, 3], color=GREY, linewidth=0.9, label=before)
@@ -54,13 +54,13 @@ def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes
     axes.set_aspect("equal", adjustable="datalim")
     if size:
         axes.plot([], [], "o", color=ORANGE, markerfacecolor="none", label=f"2σ ellipse{_drawn(size)}")
-    _legend_below(axes)
-    return _png(figure)
+    legend_below(axes)
+    return png(figure)
 
 
 def altitude_picture(estimate: Estimate) -> bytes:
     """Height above the floor over time, with its 2-sigma band and the height without loops."""
-    figure, axes = _canvas(6.4, 3.0)
+    figure, axes = canvas(6.4, 3.0)
     time = estimate.stamps_s - estimate.stamps_s[0]
     height = estimate.w_T_b[:, 2, 3] - estimate.floor_z_m
     up = np.einsum(
@@ -76,8 +76,8 @@ def altitude_picture(estimate: Estimate) -> bytes:
     axes.plot(time, height, color=BLUE, linewidth=1.5, label="height above the floor")
     axes.set_xlabel("time since the first keyframe [s]")
     axes.set_ylabel("height [m]")
-    _legend_below(axes)
-    return _png(figure)
+    legend_below(axes)
+    return png(figure)
 
 
 def thumbnail(path: Path, most_px: int = 2000) -> bytes:
@@ -115,7 +115,8 @@ def _shrunk(path: Path, most_px: int) -> Iterator[NDArray[np.uint8]]:
             yield cv2.resize(np.ascontiguousarray(pixels), size, interpolation=cv2.INTER_AREA)
 
 
-def _canvas(width_in: float, height_in: float) -> tuple[Figure, Axes]:
+def canvas(width_in: float, height_in: float) -> tuple[Figure, Axes]:
+    """An empty drawing in the style of all of them."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width_in, height_in), dpi=160, layout="constrained")
@@ -127,13 +128,15 @@ def _canvas(width_in: float, height_in: float) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _png(figure: Figure) -> bytes:
+def png(figure: Figure) -> bytes:
+    """The drawing as a file."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png")
     return stream.getvalue()
 
 
-def _legend_below(axes: Axes) -> None:
+def legend_below(axes: Axes) -> None:
+    """The legend, under the drawing."""
     axes.figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=9)
 
 

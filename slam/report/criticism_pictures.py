@@ -1,0 +1,143 @@
+"""The pictures of a criticism: the worst stretch before and after, the ranking, the gain part by part."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.report.pictures import BLUE, GREEN, GREY, ORANGE, VERMILLION, canvas, legend_below, png
+
+if TYPE_CHECKING:
+    from slam.criticism.criticism import Criticism, Gain
+    from slam.flight import Flight
+    from slam.simulation.model import Model
+
+Array = NDArray[np.float64]
+
+STRETCH_S = 10.0
+FEWEST_SAMPLES = 20
+MOST_BARS = 12
+MOST_FLIGHTS = 4
+"""Flights that are searched for the worst stretch."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A drawn stretch of a flight."""
+
+    picture: bytes
+    caption: str
+
+
+@dataclass(frozen=True)
+class _Found:
+    gain: float
+    """Mean squared error that the extension takes away, in variances of the noise."""
+    flight: str
+    channel: str
+    unit: str
+    stamps_s: Array
+    measured: Array
+    before: Array
+    after: Array
+
+
+def before_after_picture(model: Model, extended: Model, flights: Sequence[Flight]) -> Stretch | None:
+    """The stretch where the extension mends most, as measured and as both models fly it."""
+    from slam.errors import InputError
+    from slam.replay import replay
+
+    best: _Found | None = None
+    for flight in flights[:MOST_FLIGHTS]:
+        try:
+            pair = replay(flight, model), replay(flight, extended)
+        except InputError:
+            continue  # a flight without commands has no replay
+        for old, new in zip(pair[0].channels, pair[1].channels, strict=True):
+            if old.name.startswith("imu."):
+                continue  # noise hides what the eye should see
+            found = _worst(flight.name, old.name, old.unit, old.noise_std, old.stamps_s, old.measured,
+                           old.restarted, new.restarted)  # fmt: skip
+            if found is not None and (best is None or found.gain > best.gain):
+                best = found
+    if best is None:
+        return None
+    figure, axes = canvas(7.2, 3.2)
+    time = best.stamps_s - best.stamps_s[0]
+    axes.plot(time, best.measured, ".", color=GREY, markersize=3, label="measured")
+    axes.plot(time, best.before, color=VERMILLION, linewidth=1.4, label=f"model {model.name}")
+    axes.plot(time, best.after, color=BLUE, linewidth=1.4, label="extended model")
+    axes.set_xlabel(f"time from {best.stamps_s[0]:.1f} s of {best.flight} [s]")
+    axes.set_ylabel(f"{best.channel} [{best.unit}]")
+    legend_below(axes)
+    rms = [float(np.sqrt(np.nanmean((side - best.measured) ** 2))) for side in (best.before, best.after)]
+    caption = (
+        f"{best.channel} over the {STRETCH_S:g} s where the extension mends most. Both models get the same "
+        "commands and begin anew from the measured state every 2 s; nothing else is fed back. Error "
+        f"{rms[0]:.3g} {best.unit} before, {rms[1]:.3g} {best.unit} after."
+    )
+    return Stretch(png(figure), caption)
+
+
+def _worst(
+    flight: str, channel: str, unit: str, noise_std: float, stamps_s: Array, measured: Array,
+    before: Array, after: Array,
+) -> _Found | None:  # fmt: skip
+    """The window of a channel where ``after`` is better than ``before`` by most."""
+    known = np.isfinite(measured) & np.isfinite(before) & np.isfinite(after)
+    end = np.searchsorted(stamps_s, stamps_s + STRETCH_S)
+    count = np.concatenate([[0], np.cumsum(known)])
+    inside = count[end] - count[:-1]
+    if noise_std <= 0 or inside.max(initial=0) < FEWEST_SAMPLES:
+        return None
+    mended = np.where(known, (before - measured) ** 2 - (after - measured) ** 2, 0.0) / noise_std**2
+    total = np.concatenate([[0.0], np.cumsum(mended)])
+    gain = np.where(inside >= 0.8 * inside.max(), (total[end] - total[:-1]) / np.maximum(inside, 1), -np.inf)
+    k = int(np.argmax(gain))
+    part = slice(k, int(end[k]))
+    return _Found(
+        float(gain[k]), flight, channel, unit, stamps_s[part], measured[part], before[part], after[part]
+    )
+
+
+def ranking_picture(result: Criticism) -> bytes:
+    """Bars of probability and strength; ``nothing`` and ``unknown`` are always among them."""
+    always = [r for r in result.ranking if r.name in ("nothing", "unknown", "something else")]
+    named = sorted((r for r in result.ranking if r not in always), key=lambda r: (-r.probability, -r.z))
+    shown = (named[: MOST_BARS - len(always)] + always)[::-1]
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.2, 0.6 + 0.28 * len(shown)), dpi=160, layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    names = [r.name.upper() if r in always else r.name.replace("_", " ") for r in shown]
+    chosen = {cause.name for cause in result.causes}
+    colours = [BLUE if r.name in chosen else ORANGE if r in always else GREY for r in shown]
+    left.barh(names, [r.probability for r in shown], color=colours)
+    left.set_xlim(0, 1)
+    left.set_xlabel("probability")
+    right.barh(names, [r.z for r in shown], color=colours)
+    right.axvline(result.threshold, color=VERMILLION, linewidth=1)
+    right.set_xlabel("stands out by [sigma]")
+    if max((r.z for r in shown), default=0.0) > 50:
+        right.set_xscale("symlog", linthresh=5)
+    for axes in (left, right):
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.tick_params(labelsize=8)
+    return png(figure)
+
+
+def gain_picture(gain: Gain) -> bytes:
+    """One dot for each part that was held out."""
+    figure, axes = canvas(3.6, 2.6)
+    number = np.arange(1, len(gain.parts) + 1)
+    colour = [GREEN if nats > 0 else VERMILLION for nats in gain.parts]
+    axes.axhline(0.0, color=GREY, linewidth=1)
+    axes.scatter(number, gain.parts, c=colour, s=28, zorder=3)
+    axes.set_xticks(number)
+    axes.set_xlabel(f"held-out {gain.by}")
+    axes.set_ylabel("gain [nats]")
+    return png(figure)

@@ -1,0 +1,153 @@
+"""The page ``report.html`` of a criticism: the verdict in one sentence, then what it rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import slam
+from slam.report.criticism_pictures import before_after_picture, gain_picture, ranking_picture
+from slam.report.page import Item, embedded, render_page
+
+if TYPE_CHECKING:
+    from slam.criticism import Criticism
+    from slam.flight import Flight
+
+VERDICTS = {
+    "nothing_wrong": "Nothing wrong",
+    "named": "Found",
+    "ambiguous": "Two causes or more fit",
+    "named_with_remainder": "Found, and something is left over",
+    "unknown": "Something that the catalogue does not hold",
+    "unusable": "Cannot be judged",
+}
+SHOWN_HORIZONS_S = (0.5, 2.0, 10.0)
+
+
+@dataclass(frozen=True)
+class CauseRow:
+    """One parameter of one cause."""
+
+    name: str
+    equation: str
+    parameter: str
+    value: str
+    interval: str
+    probability: str
+
+
+@dataclass(frozen=True)
+class GainRow:
+    """One channel over one horizon."""
+
+    channel: str
+    horizon: str
+    before: str
+    after: str
+    change: str
+
+
+@dataclass(frozen=True)
+class BeforeAfter:
+    """The worst stretch, drawn."""
+
+    image: str
+    caption: str
+
+
+def write_criticism_report(path: Path, result: Criticism, flights: Sequence[Flight]) -> None:
+    """Write the page to ``path``; ``flights`` are those that were judged."""
+    path.write_text(render_criticism(result, flights), encoding="utf-8", errors="replace")
+
+
+def render_criticism(result: Criticism, flights: Sequence[Flight]) -> str:
+    """The page as HTML, everything embedded."""
+    gain = result.causes[0].gain if result.causes else None
+    return render_page(
+        "criticism_page.html.j2",
+        title=VERDICTS[result.verdict],
+        version=slam.__version__,
+        model=result.model.name if result.model else "none",
+        result=result,
+        tiles=_tiles(result),
+        before_after=_before_after(result, flights),
+        ranking=embedded(ranking_picture(result)) if result.ranking else None,
+        causes=_causes(result),
+        gains=_gains(result),
+        held_out=f"each {gain.by} in turn" if gain else "",
+        dots=embedded(gain_picture(gain)) if gain and len(gain.parts) > 1 else None,
+        nuisances=[
+            Item(name, f"{_figure(n.value)} {_unit(n.unit)} ({_figure(n.low)} to {_figure(n.high)})")
+            for name, n in result.nuisances.items()
+        ],
+        confusable=[Item(f"{a} and {b}", f"{c:+.2f}") for a, b, c in result.confusable],
+        detectable=[Item(n, f"{_figure(size)} {_unit(u)}") for n, (size, u) in result.detectable.items()],
+    )
+
+
+def _tiles(result: Criticism) -> list[Item]:
+    tiles = [Item("flights judged", str(len(result.flights) - len(_whole_flights_dropped(result))))]
+    if result.causes:
+        first = result.causes[0]
+        tiles.append(Item(f"probability of {first.name}", f"{first.probability:.3f}"))
+        tiles.append(Item("gained on held-out data", f"{first.gain.nats:+.1f} nats"))
+    elif result.ranking:
+        strongest = max(result.ranking, key=lambda r: r.z)
+        tiles.append(Item(f"strongest of all ({strongest.name})", f"{strongest.z:.1f} sigma"))
+    return tiles
+
+
+def _whole_flights_dropped(result: Criticism) -> list[str]:
+    return [name for name in result.flights if any(line.startswith(f"{name}:") for line in result.dropped)]
+
+
+def _causes(result: Criticism) -> list[CauseRow]:
+    from slam.simulation.terms import CATALOGUE
+
+    rows = []
+    for cause in result.causes:
+        term = CATALOGUE.get(cause.name)
+        for k, (name, p) in enumerate(cause.parameters.items()):
+            first = (cause.name, term.equation if term else "", f"{cause.probability:.3f}")
+            shown = first if k == 0 else ("", "", "")
+            rows.append(
+                CauseRow(
+                    shown[0], shown[1], name, f"{_figure(p.value)} {_unit(p.unit)}",
+                    f"{_figure(p.low)} to {_figure(p.high)}", shown[2],
+                )
+            )  # fmt: skip
+    return rows
+
+
+def _gains(result: Criticism) -> list[GainRow]:
+    if not result.causes:
+        return []
+    rows = []
+    for error in result.causes[0].gain.channels:
+        if error.horizon_s in SHOWN_HORIZONS_S and error.before > 0:
+            change = 100 * (error.after / error.before - 1)
+            rows.append(
+                GainRow(
+                    error.channel, f"{error.horizon_s:g} s", f"{_figure(error.before)} {_unit(error.unit)}",
+                    f"{_figure(error.after)} {_unit(error.unit)}", f"{change:+.0f} %",
+                )
+            )  # fmt: skip
+    return rows
+
+
+def _before_after(result: Criticism, flights: Sequence[Flight]) -> BeforeAfter | None:
+    """The stretch where the model is worst, over all flights and channels, measured by its noise."""
+    if not result.causes or result.model is None or result.extended is None:
+        return None
+    found = before_after_picture(result.model, result.extended, flights)
+    return None if found is None else BeforeAfter(embedded(found.picture), found.caption)
+
+
+def _figure(value: float) -> str:
+    return f"{value:.3g}"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else unit

@@ -1,0 +1,86 @@
+"""The page of a criticism: what a person must find on it, for each kind of verdict."""
+
+from __future__ import annotations
+
+import io
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from slam.criticism.criticism import Cause, ChannelCheck, Criticism, Gain, Interval, Rank
+from slam.criticism.rollouts import ChannelError
+from slam.report.criticism_pictures import gain_picture, ranking_picture
+from slam.report.criticism_report import VERDICTS, render_criticism
+from slam.simulation.model import load_model
+
+RANKING = (
+    Rank("quadratic_drag", 0.97, 9.1),
+    Rank("flow_scale", 0.02, 4.0),
+    *(Rank(f"other_{k}", 0.0, 1.0) for k in range(20)),
+    Rank("nothing", 0.0, 0.0),
+    Rank("unknown", 0.01, 0.0),
+)
+
+
+def made(verdict: str = "named") -> Criticism:
+    gain = Gain(
+        12.5,
+        (4.0, 21.0),
+        "flight",
+        (8.0, -1.5, 6.0),
+        (ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12), ChannelError("yaw", "rad", 2.0, 0.01, 0.011)),
+    )
+    cause = Cause("quadratic_drag", 0.97, {"c": Interval(0.08, "1/m", 0.07, 0.09)}, gain, 9.1, 20.0)
+    return Criticism(
+        verdict,  # type: ignore[arg-type]
+        "The model lacks <quadratic> drag.",
+        (cause,) if verdict.startswith("named") else (),
+        ("quadratic_drag", "flow_scale") if verdict == "ambiguous" else (),
+        "gyro_x against speed" if "remainder" in verdict else "",
+        "steps of three sizes",
+        {"sonar_lag": (0.012, "s")},
+        RANKING,
+        (("quadratic_drag", "flow_scale", 0.93),),
+        nuisances={"vehicle.gain": Interval(0.96, "1", 0.95, 0.97)},
+        checks=(ChannelCheck("gyro_x", 1000, 1.02, 0.01),),
+        threshold=3.7,
+        model=load_model("nominal"),
+        extended=load_model("nominal").with_term("quadratic_drag", c=0.08),
+        flights=("flight_00", "flight_01"),
+        dropped=("flight_09: never moves",),
+    )
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_page_says_what_it_must(verdict: str) -> None:
+    page = render_criticism(made(verdict), [])
+    assert VERDICTS[verdict] in page
+    assert "The model lacks &lt;quadratic&gt; drag." in page
+    assert "sonar_lag" in page  # what could not have been seen
+    assert "steps of three sizes" in page  # the next flight
+    assert "flight_09: never moves" in page
+    assert "http" not in re.sub(r"Content-Security-Policy|http-equiv", "", page)  # offline
+    if verdict.startswith("named"):
+        assert "0.0700 to 0.0900" in page or "0.07 to 0.09" in page
+        assert "-61 %" in page
+        assert "+10 %" in page  # what got worse is told
+    assert ("cannot tell apart" in page) == (verdict == "ambiguous")
+    assert ("gyro_x against speed" in page) == ("remainder" in verdict)
+
+
+def test_nothing_and_unknown_are_always_among_the_bars() -> None:
+    """Twenty others do not push them off: a bar each for at most twelve."""
+    many = np.asarray(Image.open(io.BytesIO(ranking_picture(made()))))
+    few = np.asarray(Image.open(io.BytesIO(ranking_picture(Criticism("named", "", ranking=RANKING[-2:])))))
+    assert many.shape[0] > few.shape[0] > 100
+
+
+def test_a_dot_a_part() -> None:
+    picture = np.asarray(Image.open(io.BytesIO(gain_picture(made().causes[0].gain))).convert("RGB")).astype(
+        int
+    )
+    green = np.abs(picture - [0x00, 0x9E, 0x73]).sum(axis=2) < 30
+    red = np.abs(picture - [0xD5, 0x5E, 0x00]).sum(axis=2) < 30
+    assert green.sum() > 1.5 * red.sum() > 0  # two gain, one loses
