@@ -1,0 +1,37 @@
+"""The camera's part of a belief: a vector with one entry for each parameter that pictures can show.
+
+Entries whose sign cannot be seen are squares: of an exposure, of the standard deviations of gain and gamma.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.simulation.model import Model
+
+Array = NDArray[np.float64]
+
+CAMERA = (
+    "focal_length.eps", "radial_distortion.k1", "camera_tilt.x", "camera_tilt.y",
+    "camera_time_offset.offset", "rolling_shutter.readout",
+    "vignetting.a", "motion_blur.exposure", "exposure_variation.gain", "exposure_variation.gamma",
+    "dropped_frames.share",
+)  # fmt: skip
+(FOCAL, RADIAL, TILT_X, TILT_Y, OFFSET, READOUT, VIGNETTING, BLUR, GAIN, GAMMA, DROPPED) = range(len(CAMERA))
+POINTS = 6
+"""The first so many entries move points of the picture."""
+SQUARES = (BLUR, GAIN, GAMMA)
+STEPS = (1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3, 1e-6, 1e-5, 1e-5, 1e-4)
+
+
+def camera_vector(model: Model) -> Array:
+    """The entries that a model holds."""
+    vector = np.array([model.value(*name.split(".")) for name in CAMERA])
+    vector[list(SQUARES)] **= 2
+    return vector
+
+
+def catalogued(entry: int, value: float) -> float:
+    """An entry in the catalogue's unit."""
+    return float(np.sqrt(max(value, 0.0))) if entry in SQUARES else value

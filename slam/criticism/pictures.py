@@ -1,0 +1,142 @@
+"""What a flight's pictures show, before anyone asks why: the same points of the floor, picture to picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from frontend.features import Extractor, FeatureConfig, Features
+from frontend.gates import GateConfig
+from frontend.homography import HomographyConfig, transfer
+from frontend.registration import Registration, register
+from slam.flight import Flight
+from slam.progress import Progress, silent
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Image = NDArray[np.uint8]
+
+SHORTEST_S = 0.2
+"""Pictures are taken at most so often: between nearer ones nothing moves far enough to be worth it."""
+STEPS = (1, 2, 4, 8)
+"""Each picture is compared with those so many before it."""
+FEATURES = FeatureConfig(max_features=300)
+MATCHES = 24
+"""Of a pair, chosen evenly; more say the same about the path between two pictures."""
+BEYOND = 3.5
+"""A match farther from the pair's homography than so many standard deviations is none."""
+PATCH = (7, 7)
+"""Pixels about a point over which grey levels vary more or less."""
+LEAST_PX = 0.08
+"""No feature is placed better, whatever the fit says."""
+
+
+_Shot = tuple[float, Features, Array]
+"""Stamp, features, and their tones."""
+
+
+@dataclass(frozen=True)
+class Sights:
+    """Points of the floor that two pictures of a flight show."""
+
+    camera: Camera
+    stamps_s: Array
+    """(n,) of the pictures that were looked at."""
+    earlier: Ints
+    """(m,) picture i of each match, ..."""
+    later: Ints
+    """... and picture j."""
+    pixel_i: Array
+    """(m, 2) undistorted."""
+    pixel_j: Array
+    std_px: Array
+    """(m,) of one coordinate of pixel_i less what pixel_j predicts."""
+    tone_i: Array
+    """(m, 4) mean level about the point in blue, green and red, and how much grey levels vary about it."""
+    tone_j: Array
+    registered: float
+    """Share of the successive pairs that could be registered."""
+    missing: int
+    """Pictures that the regular stamps would have, but that are not there."""
+    paths: dict[bytes, tuple[Array, Any]] = field(default_factory=dict, repr=False, compare=False)
+    """Smoothed paths at the pictures that were worked out so far."""
+
+
+def look(flight: Flight, progress: Progress = silent) -> Sights | None:
+    """Register the flight's pictures to each other; None where there are none that can be."""
+    if flight.camera is None or flight.frames is None or len(flight.frames) < 2:
+        return None
+    camera, extract = flight.camera, Extractor(FEATURES.for_width(flight.camera.size_px[0]))
+    shots: list[_Shot] = []
+    for frame in flight.frames:
+        progress("pictures", frame.index, len(flight.frames))
+        if shots and frame.stamp_s - shots[-1][0] < SHORTEST_S:
+            continue
+        image = frame.read()
+        if image is None or image.shape[1::-1] != camera.size_px:
+            continue
+        points = extract(image, camera)
+        shots.append((frame.stamp_s, points, _tones(image, camera.project(camera.rays(points.pixel)))))
+    robust = HomographyConfig().for_width(camera.size_px[0])
+    pairs = [(j - step, j) for j in range(len(shots)) for step in STEPS if j >= step]
+    found: list[tuple[Array, ...]] = []
+    successive = 0
+    for i, j in pairs:
+        pair = register(i, j, shots[i][1], shots[j][1], camera, robust, GateConfig())
+        if pair.ok:
+            successive += j == i + 1
+            good, std = _chosen(pair, shots[i][1].pixel, shots[j][1].pixel)
+            index = np.tile([[i, j]], (len(good), 1))
+            found.append((index, std, *_picked(pair, good, shots[i], shots[j])))
+    if not found:
+        return None
+    index, std, a, b, tone_a, tone_b = (np.concatenate(part) for part in zip(*found, strict=True))
+    stamps_s, registered = np.array([shot[0] for shot in shots]), successive / max(len(shots) - 1, 1)
+    return Sights(
+        camera, stamps_s, index[:, 0], index[:, 1], a, b, std, tone_a, tone_b,
+        registered, _missing(flight.frames.stamps_s),
+    )  # fmt: skip
+
+
+def _missing(stamps_s: Array) -> int:
+    """How many pictures the gaps between stamps would have held."""
+    gaps = np.diff(stamps_s)
+    return int(np.sum(np.maximum(np.rint(gaps / np.median(gaps)) - 1.0, 0.0)))
+
+
+def _chosen(pair: Registration, pixel_i: Array, pixel_j: Array) -> tuple[Ints, Array]:
+    """Some of a pair's matches that its homography agrees with, and their noise in px."""
+    a, b = pixel_i[pair.matches[:, 0]], pixel_j[pair.matches[:, 1]]
+    std = max(pair.noise_px, LEAST_PX) * np.sqrt(1.0 + _stretch(pair.i_H_j, b))
+    good = np.flatnonzero(np.linalg.norm(a - transfer(pair.i_H_j, b), axis=1) < BEYOND * std)
+    good = good[np.linspace(0, len(good) - 1, min(MATCHES, len(good))).astype(np.int64)]
+    return good, std[good]
+
+
+def _picked(pair: Registration, good: Ints, a: _Shot, b: _Shot) -> tuple[Array, Array, Array, Array]:
+    """Pixels in i and j, tones in i and j of some matches."""
+    of_i, of_j = pair.matches[good, 0], pair.matches[good, 1]
+    return a[1].pixel[of_i], b[1].pixel[of_j], a[2][of_i], b[2][of_j]
+
+
+def _tones(image: Image, pixel: Array) -> Array:
+    """(n, 4) levels of three colours about points, and the local standard deviation of grey."""
+    colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR) if image.ndim == 2 else image
+    mean = cv2.blur(colour, (3, 3)).astype(np.float64)
+    grey = cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY).astype(np.float64)
+    variance = cv2.blur(grey**2, PATCH) - cv2.blur(grey, PATCH) ** 2
+    x = np.clip(np.rint(pixel[:, 0]), 0, grey.shape[1] - 1).astype(np.int64)
+    y = np.clip(np.rint(pixel[:, 1]), 0, grey.shape[0] - 1).astype(np.int64)
+    return np.column_stack([mean[y, x], np.sqrt(np.maximum(variance[y, x], 0.0))])
+
+
+def _stretch(i_H_j: Array, pixel: Array) -> Array:
+    """(n,) mean squared size of what a pixel of j becomes in i."""
+    ahead, beside = transfer(i_H_j, pixel + [0.5, 0.0]), transfer(i_H_j, pixel + [0.0, 0.5])
+    before, behind = transfer(i_H_j, pixel - [0.5, 0.0]), transfer(i_H_j, pixel - [0.0, 0.5])
+    return np.asarray(0.5 * (((ahead - before) ** 2).sum(axis=1) + ((beside - behind) ** 2).sum(axis=1)))
