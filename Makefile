@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 SETUP = $(VENV)/.ready
 
-.PHONY: demo test check lint types format bench clean
+.PHONY: demo test check lint types format bench blind clean
 
 demo: $(SETUP)
 	$(BIN)/slam demo --out out/demo
@@ -28,6 +28,9 @@ format: $(SETUP)
 bench: $(SETUP)
 	$(BIN)/python -m pip install -q --group bench
 	$(BIN)/python -m tests.benchmarks.run
+
+blind: $(SETUP)
+	$(BIN)/python -m tests.blind.run
 
 $(SETUP): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "Python 3.11 or newer is needed, this is " + sys.version.split()[0] + "; name another with: make PYTHON=python3.11 ...")'

@@ -1,0 +1,267 @@
+"""Cases: flights of one vehicle with something hidden in them, or nothing, and what is true about them.
+
+Every number follows from (seed, case, flight, purpose); names and order of folders tell nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.blind import folder, vehicle
+from tests.blind.faults import BY_NAME, FAULTS, STRANGE, UNTELLABLE, Blind, Fault
+from tests.blind.instruments import RATE_HZ, streams
+from tests.blind.plans import GRID_S, PLANS, start_of, stick_of
+from tests.blind.strength import NUISANCES, outputs, strengths, whitened
+from tests.blind.vehicle import HEALTHY, Knobs
+
+FINE_S, COARSE_S = GRID_S / 2, GRID_S
+CHANCE = ("gusts", "timestamp_jitter", "sonar_spikes", "sonar_quantisation")
+"""Effects that change the scatter only: no difference without noise tells their strength."""
+KINDS = ("null", "null_heavy", "null_edge", "single", "pair", "strange", "untellable")
+SHARE = {"null": 3, "null_heavy": 2, "null_edge": 2, "single": 9, "pair": 2, "strange": 3, "untellable": 2}
+"""How a suite of all kinds is mixed."""
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """One effect as it was put in."""
+
+    name: str
+    amplitude: float
+    value: float | None
+    """In the catalogue's unit; None where the parametrisations do not compare."""
+    unit: str
+    d: float | None
+    known: bool
+    channels: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is true, for the score card."""
+
+    name: str
+    kind: str
+    plans: tuple[str, ...]
+    duration_s: float
+    hidden: tuple[Hidden, ...] = ()
+    equivalents: tuple[str, ...] = ()
+    """Names that are right answers."""
+    invisible: bool = False
+    settled_by: str = ""
+    knobs: dict[str, float] = field(default_factory=dict)
+    """Nuisances as drawn."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain."""
+        return asdict(self)
+
+
+def nuisances_of(rng: np.random.Generator, edge: bool = False, heavy: bool = False) -> dict[str, float]:
+    """A healthy vehicle; at the edges of all priors if ``edge``."""
+
+    def around(width: float) -> float:
+        return float(1.0 + width * (rng.choice([-1.0, 1.0]) if edge else rng.uniform(-1.0, 1.0)))
+
+    def between(low: float, high: float) -> float:
+        return (
+            float(rng.choice([low, high])) if edge else float(np.exp(rng.uniform(np.log(low), np.log(high))))
+        )
+
+    k = {name: HEALTHY[name] for name in HEALTHY}
+    for name, width in (("gain", 0.05), ("drag", 0.1), ("lag", 0.1), ("tilt_std", 0.2), ("spin_std", 0.2)):
+        k[name] *= around(width)
+    for name in ("shake_std", "heave_std", "n_gyro", "n_accel", "n_attitude", "n_flow", "n_echo"):
+        k[name] *= around(0.2)
+    k["tilt_tau"], k["spin_tau"] = between(0.15, 0.4), between(0.2, 0.5)
+    k["shake_tau"], k["datum"] = between(0.05, 0.25), 0.01 * (around(1.0) - 1.0)
+    k["charge"], k["tails"] = float(rng.uniform(0.55, 0.95)), float(heavy)
+    return k
+
+
+@dataclass(frozen=True)
+class Outing:
+    """The flights of a case before anything is hidden."""
+
+    seed: int
+    index: int
+    plans: tuple[str, ...]
+    duration_s: float
+    one_heading: bool = False
+
+    def rng(self, flight: int, purpose: int) -> np.random.Generator:
+        """A stream of its own."""
+        return np.random.Generator(
+            np.random.Philox(np.random.SeedSequence((self.seed, self.index, flight, purpose)))
+        )
+
+    def stick(self, flight: int) -> np.ndarray:
+        """As given, on the plans' grid."""
+        return stick_of(self.plans[flight], self.duration_s, self.rng(flight, 0))
+
+    def start(self, flight: int) -> np.ndarray:
+        """x y z yaw."""
+        start = start_of(self.plans[flight], self.rng(flight, 1))
+        return np.array([*start[:3], 0.7]) if self.one_heading else start
+
+    def fly(self, members: Sequence[tuple[int, Knobs]], h: float, restless: bool) -> vehicle.Path:
+        """(flight, knobs) side by side."""
+        sticks, noises = [], []
+        for flight, knobs in members:
+            given = np.repeat(self.stick(flight), round(GRID_S / h), axis=0)
+            sticks.append(vehicle.obeyed(given, knobs, h, self.rng(flight, 2)))
+            noises.append(vehicle.unrest(knobs, len(given), h, self.rng(flight, 3)) if restless else None)
+        noise = np.stack(noises, axis=-1) if restless else None
+        starts = np.stack([self.start(flight) for flight, _ in members], axis=-1)
+        return vehicle.fly([k for _, k in members], np.stack(sticks, axis=-1), starts, noise, h)
+
+    def traces(self, base: Knobs, others: Sequence[Knobs], kept: Sequence[str]) -> np.ndarray:
+        """(values, others) whitened differences that changed knobs make over all flights."""
+        flights = range(len(self.plans))
+        members = [(f, k) for f in flights for k in (base, *others)]
+        path = self.fly(members, COARSE_S, restless=False)
+        each = 1 + len(others)
+        seen = [outputs(path, m, kept) for m in range(len(members))]
+        change = {
+            axis: np.stack(
+                [seen[f * each + m][axis] - seen[f * each][axis] for f in flights for m in range(1, each)],
+                axis=-1,
+            )
+            for axis in seen[0]
+        }
+        found = whitened(change, base)
+        # (samples, channels, flights x others) to (values, others).
+        return np.reshape(
+            np.moveaxis(found.reshape(*found.shape[:2], len(flights), len(others)), -1, 0), (len(others), -1)
+        ).T
+
+
+def sized(
+    outing: Outing, base: dict[str, float], fault: Fault, target: float | None, kept: Sequence[str]
+) -> tuple[dict[str, float], Hidden, np.ndarray]:
+    """Knobs, what was hidden, and its trace; of strength ``target`` as near as its amplitudes allow."""
+
+    def knobs(a: float) -> dict[str, float]:
+        return {**base, **fault.apply(a, base, outing.rng(99, 4))}
+
+    steps = [{**base, n: base[n] + step} for n, (step, _) in NUISANCES.items()]
+    halves = [half / abs(step) for step, half in NUISANCES.values()]
+    amplitude = float(np.sqrt(fault.low * fault.high))
+    if not fault.scaled:
+        amplitude = float(outing.rng(99, 5).uniform(fault.low, fault.high))
+    first = outing.traces(base, [*steps, knobs(amplitude)], kept)
+    trace, nuisances = first[:, -1:], first[:, :-1]
+    d = float(strengths(trace, nuisances, halves)[0])
+    for _ in range(3):
+        if target is None or not fault.scaled or abs(d / target - 1.0) < 0.05:
+            break
+        amplitude = float(np.clip(amplitude * target / max(d, 1e-6), fault.low, fault.high))
+        trace = outing.traces(base, [knobs(amplitude)], kept)
+        d = float(strengths(trace, nuisances, halves)[0])
+    value = None if fault.value is None else float(fault.value(amplitude, base))
+    shown = None if fault.name in CHANCE else d
+    return (
+        knobs(amplitude),
+        Hidden(fault.name, amplitude, value, fault.unit, shown, fault.known, fault.channels),
+        trace,
+    )
+
+
+def plans_for(faults: Sequence[Fault], flights: int, rng: np.random.Generator) -> tuple[str, ...]:
+    """One plan that shows each fault, the others as drawn."""
+    chosen: list[str] = []
+    for fault in faults:
+        if fault.needs and not set(fault.needs) & set(chosen):
+            chosen.append(str(rng.choice(fault.needs)))
+    rest = [p for p in PLANS if p not in chosen]
+    # No landing on boxes and slopes: legs know only the level floor.
+    if any(f.family == "place" for f in faults):
+        rest.remove("touchdown")
+    chosen += [str(p) for p in rng.permutation(rest)]
+    return tuple(str(p) for p in rng.permutation(chosen[:flights]))
+
+
+def make(
+    kind: str,
+    seed: int,
+    index: int,
+    home: Path,
+    flights: int = 4,
+    duration_s: float = 40.0,
+    fault: str | None = None,
+    d: float | None = None,
+) -> Case:
+    """Draw a case, write its flights below ``home`` and tell what is true. ``fault`` and ``d`` may be set."""
+    assert kind in KINDS, kind
+    rng = np.random.Generator(np.random.Philox(np.random.SeedSequence((seed, index))))
+    base = nuisances_of(rng, edge=kind == "null_edge", heavy=kind == "null_heavy")
+    target = d or float(np.exp(rng.uniform(np.log(5.0), np.log(20.0))))
+    kept: tuple[str, ...] = tuple(RATE_HZ)
+    case = Case(f"case_{index:03d}", kind, (), duration_s, knobs=base)
+    faults: list[Fault] = []
+    blind: Blind | None = None
+    if kind in ("single", "strange"):
+        pool = FAULTS if kind == "single" else STRANGE
+        faults = [BY_NAME[fault] if fault else pool[rng.integers(len(pool))]]
+    elif kind == "pair":
+        target = max(target, 10.0)
+        scaled = [f for f in FAULTS if f.scaled]
+        faults = [scaled[i] for i in rng.permutation(len(scaled))]
+        faults = [faults[0], next(f for f in faults if f.family != faults[0].family)]
+    elif kind == "untellable":
+        found = [b for b in UNTELLABLE if fault in (None, b.fault)]
+        blind = found[rng.integers(len(found))]
+        faults, target, kept = [BY_NAME[blind.fault]], blind.strength, blind.streams
+    plans = plans_for(faults, flights, rng)
+    if blind is not None:
+        plans = tuple(str(rng.choice(blind.plans)) for _ in range(flights))
+        case = replace(case, invisible=blind.strength is None, settled_by=blind.settled_by)
+    outing = Outing(seed, index, plans, duration_s, one_heading=blind is not None)
+    knobs, hidden = dict(base), []
+    for f in faults:
+        with_it, what, _ = sized(outing, base, f, target, kept)
+        knobs.update({n: v for n, v in with_it.items() if v != base[n]})
+        hidden.append(what)
+    names = tuple(h.name for h in hidden)
+    case = replace(case, plans=plans, hidden=tuple(hidden), equivalents=blind.equivalents if blind else names)
+    write(outing, knobs, kept, home / case.name)
+    return case
+
+
+def write(outing: Outing, knobs: Knobs, kept: Sequence[str], home: Path) -> None:
+    """The flights as they were measured."""
+    flights = range(len(outing.plans))
+    path = outing.fly([(f, knobs) for f in flights], FINE_S, restless=True)
+    for f in flights:
+        rng = outing.rng(f, 6)
+        stick = outing.stick(f)
+        seen = {n: s for n, s in streams(path, f, stick, rng).items() if n in kept}
+        seen["command0"] = folder.logged(stick, GRID_S)
+        name = f"flight_{f:02d}"
+        folder.write(home / name, name, float(rng.integers(100, 900)), seen)
+
+
+def suite(count: int, kinds: Sequence[str]) -> list[tuple[str, str | None]]:
+    """Kind and fault of each case: kinds in their shares, faults in turn."""
+    turn = [k for k in KINDS if k in kinds for _ in range(SHARE[k])]
+    order = np.random.Generator(np.random.Philox(11)).permutation(len(turn))
+    pools = {"single": [f.name for f in FAULTS], "strange": [f.name for f in STRANGE]}
+    pools["untellable"] = [b.fault for b in UNTELLABLE]
+    # In an order of its own: neighbours in the lists are of one family.
+    pools = {
+        k: [str(n) for n in np.random.Generator(np.random.Philox(12)).permutation(p)]
+        for k, p in pools.items()
+    }
+    met = dict.fromkeys(KINDS, 0)
+    out: list[tuple[str, str | None]] = []
+    for i in range(count):
+        kind = turn[order[i % len(order)]]
+        pool = pools.get(kind)
+        out.append((kind, pool[met[kind] % len(pool)] if pool else None))
+        met[kind] += 1
+    return out

@@ -1,0 +1,182 @@
+"""What can be hidden in the flights: parametrisations of our own, sizes in the units of the catalogue."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+Rng = np.random.Generator
+Apply = Callable[[float, dict[str, float], Rng], dict[str, float]]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One effect. ``apply(amplitude, healthy knobs, rng)`` gives the knobs to change."""
+
+    name: str
+    """The catalogue's; a name of our own where the catalogue has none."""
+    family: str
+    low: float
+    high: float
+    """Amplitudes in the catalogue's unit that are worth hiding."""
+    unit: str
+    apply: Apply
+    scaled: bool = True
+    """Whether its strength grows as its amplitude: else amplitudes are drawn plainly."""
+    needs: tuple[str, ...] = ()
+    """Plans of which one must be flown for it to show."""
+    known: bool = True
+    """Whether the catalogue names it."""
+    channels: tuple[str, ...] = ()
+    """Where it shows, for effects that the catalogue does not name."""
+    value: Callable[[float, dict[str, float]], float] | None = lambda a, base: abs(a)
+    """Amplitude to the catalogue's parameter; None where the two do not compare."""
+
+
+def plain(knob: str, signed: bool = False, per: float = 1.0) -> Apply:
+    """The amplitude, with either sign if signed, in one knob."""
+    return lambda a, base, rng: {knob: per * a * (rng.choice([-1.0, 1.0]) if signed else 1.0)}
+
+
+def directed(*knobs: str) -> Apply:
+    """The amplitude as the length of a vector of random direction."""
+
+    def apply(a: float, base: dict[str, float], rng: Rng) -> dict[str, float]:
+        way = rng.standard_normal(len(knobs))
+        return dict(zip(knobs, a * way / np.linalg.norm(way), strict=True))
+
+    return apply
+
+
+def _late(a: float, base: dict[str, float], rng: Rng) -> dict[str, float]:
+    return {"late": a, "late_spread": 0.04 * a}
+
+
+def _lag(a: float, base: dict[str, float], rng: Rng) -> dict[str, float]:
+    return {"lag": base["lag"] + a}
+
+
+def _brake(a: float, base: dict[str, float], rng: Rng) -> dict[str, float]:
+    return {"brake_p": a, "brake_i": 0.1 * a, "brake_most": rng.uniform(0.15, 0.3)}
+
+
+def _gusts(a: float, base: dict[str, float], rng: Rng) -> dict[str, float]:
+    return {"gust": a, "gust_tau": rng.uniform(0.8, 3.0)}
+
+
+def _boxes(a: float, base: dict[str, float], rng: Rng) -> dict[str, float]:
+    return {"box": a, "box_share": 0.2, "box_seed": float(rng.integers(1, 10**6))}
+
+
+def _hum(a: float, base: dict[str, float], rng: Rng) -> dict[str, float]:
+    return {"hum": a, "hum_hz": 17.0 + rng.uniform(-0.5, 0.5)}
+
+
+def _iron(a: float, base: dict[str, float], rng: Rng) -> dict[str, float]:
+    return {"iron": a, "iron_x": rng.uniform(-1, 1), "iron_y": rng.uniform(-1, 1)}
+
+
+def _load(a: float, base: dict[str, float], rng: Rng) -> dict[str, float]:
+    return {"load": a, "load_hz": rng.uniform(0.5, 0.9)}
+
+
+MOVES = ("pulse_and_coast", "reversing_steps", "square")
+CLIMBS = ("vertical_square", "two_heights", "touchdown")
+SHARP = ("tilt_pulses", "reversing_steps", "pulse_and_coast")
+_RHO_M = 0.5 * 1.2 / 0.42
+
+FAULTS: tuple[Fault, ...] = (
+    Fault("control_latency", "motion", 0.015, 0.15, "s", _late, scaled=False, needs=SHARP),
+    Fault("attitude_lag", "motion", 0.012, 0.15, "s", _lag, needs=SHARP, value=lambda a,
+        base: base["lag"] + a),
+    Fault("active_braking", "motion", 0.01, 1.0, "1/s", _brake, needs=MOVES),
+    Fault("asymmetric_drag", "motion", 0.03, 1.0, "1", plain("inflow"), needs=("reversing_steps",)),
+    Fault("quadratic_drag", "motion", 0.01, 0.3, "1/m", plain("cd_area", per=1 / _RHO_M), needs=MOVES),
+    Fault("command_nonlinearity", "motion", 0.1, 2.0, "1", plain("curve", signed=True), needs=MOVES),
+    Fault("tilt_limit", "motion", 0.09, 0.16, "rad", plain("limit"), scaled=False, needs=("tilt_pulses",)),
+    Fault("flow_scale", "motion", 0.005, 0.2, "1", plain("flow_eps", signed=True), needs=MOVES),
+    Fault("battery_sag", "motion", 0.01, 0.25, "1", plain("sag"), needs=MOVES, value=None),
+    Fault("trim_offset", "motion", 0.0005, 0.05, "rad", directed("lean_roll", "lean_pitch"),
+        needs=("yaw_repeat",)),
+    Fault("steady_wind", "motion", 0.02, 0.8, "m/s", directed("wind_x", "wind_y"), needs=("yaw_repeat",)),
+    Fault("gusts", "motion", 0.12, 0.35, "m/s", _gusts, scaled=False),
+    Fault("ground_effect", "motion", 0.02, 0.25, "m", plain("cushion", per=1 / 1.27), needs=("touchdown",)),
+    Fault("climb_asymmetry", "motion", 0.01, 0.4, "1", plain("sink", signed=True), needs=CLIMBS),
+    Fault("yaw_drag", "motion", 0.003, 0.3, "1", plain("spin_drag", signed=True), needs=("yaw_repeat",)),
+    Fault("sonar_slant", "sonar", 0.1, 0.35, "1", plain("cone"), scaled=False, needs=("tilt_pulses",),
+        value=None),
+    Fault("sonar_tilt", "sonar", 0.005, 0.09, "rad", directed("echo_x", "echo_y"), needs=SHARP),
+    Fault("sonar_scale", "sonar", 0.004, 0.06, "1", plain("echo_eps", signed=True), needs=CLIMBS),
+    Fault("sonar_bias", "sonar", 0.012, 0.08, "m", plain("echo_add", signed=True), needs=("touchdown",)),
+    Fault("sonar_temperature", "sonar", 1.0, 25.0, "K", plain("warm_k", signed=True), value=None),
+    Fault("sonar_quantisation", "sonar", 0.03, 0.06, "m", plain("echo_step"), scaled=False),
+    Fault("sonar_dead_zone", "sonar", 0.3, 0.4, "m", plain("echo_floor"), scaled=False, needs=("touchdown",)),
+    Fault("sonar_lag", "sonar", 0.005, 0.15, "s", plain("echo_lag"), needs=CLIMBS),
+    Fault("sonar_spikes", "sonar", 0.01, 0.05, "1", plain("echo_twice"), scaled=False),
+    Fault("gyro_bias", "imu", 0.0003, 0.03, "rad/s", directed("gyro_x", "gyro_y", "gyro_z")),
+    Fault("gyro_scale", "imu", 0.002, 0.05, "1", plain("gyro_eps", signed=True), needs=("yaw_repeat",)),
+    Fault("accel_bias", "imu", 0.01, 0.3, "m/s^2", directed("accel_x", "accel_y", "accel_z")),
+    Fault("accel_scale", "imu", 0.001, 0.03, "1", plain("accel_eps", signed=True)),
+    Fault("imu_misalignment", "imu", 0.002, 0.05, "rad", directed("turn_x", "turn_y", "turn_z")),
+    Fault("clock_drift", "timing", 20.0, 600.0, "ppm", plain("ppm", signed=True), needs=SHARP),
+    Fault("timestamp_jitter", "timing", 0.004, 0.009, "s", plain("stamp_jitter"), scaled=False, needs=SHARP),
+    Fault("floor_slope", "place", 0.003, 0.05, "1", directed("slope_x", "slope_y"), needs=MOVES),
+    Fault("floor_steps", "place", 0.04, 0.3, "m", _boxes, scaled=False, needs=MOVES, value=None),
+)  # fmt: skip
+
+STRANGE: tuple[Fault, ...] = (
+    Fault("rotor_hum", "none", 0.02, 3.0, "m/s^2", _hum, known=False, channels=("imu", "gyro", "accel")),
+    Fault("iron_in_floor", "none", 0.01, 0.6, "rad", _iron, needs=MOVES, known=False, channels=("yaw",
+        "attitude")),
+    Fault(
+        "swinging_load", "none", 0.005, 0.3, "1", _load, needs=MOVES, known=False,
+        channels=("velocity", "accel", "imu", "flow"),
+    ),
+    Fault(
+        "sticky_throttle", "none", 0.3, 0.55, "1", plain("sticky_up"), scaled=False, needs=CLIMBS,
+        known=False,
+        channels=("sonar", "accel", "imu"),
+    ),
+    Fault(
+        "false_level", "none", 0.005, 0.5, "1", plain("false_level"), needs=SHARP, known=False,
+        channels=("attitude", "roll", "pitch"),
+    ),
+    Fault(
+        "flow_saturation", "none", 0.7, 1.4, "m/s", plain("flow_top"), scaled=False, needs=MOVES, known=False,
+        channels=("velocity", "flow"),
+    ),
+)  # fmt: skip
+
+BY_NAME: dict[str, Fault] = {f.name: f for f in (*FAULTS, *STRANGE)}
+
+
+@dataclass(frozen=True)
+class Blind:
+    """A set-up that cannot tell some causes apart, and what would."""
+
+    fault: str
+    plans: tuple[str, ...]
+    streams: tuple[str, ...]
+    equivalents: tuple[str, ...]
+    strength: float | None
+    """d to size it at; None: at the middle of its amplitudes, since it cannot be seen at all."""
+    settled_by: str
+    """A word of the manoeuvre that would tell."""
+
+
+_ALL = ("imu0", "attitude0", "velocity0", "sonar0", "battery0")
+_FLOW = ("velocity0", "sonar0")
+UNTELLABLE: tuple[Blind, ...] = (
+    Blind(
+        "asymmetric_drag", ("pulse_and_coast",), _ALL, ("asymmetric_drag", "active_braking"), 12.0, "revers"
+    ),
+    Blind("steady_wind", ("hover", "pulse_and_coast"), _FLOW, ("steady_wind", "trim_offset"), 15.0, "turn"),
+    Blind("trim_offset", ("hover", "square"), _FLOW, ("steady_wind", "trim_offset"), 15.0, "turn"),
+    Blind("control_latency", ("pulse_and_coast",), _FLOW, ("control_latency", "attitude_lag"), 8.0, "pulse"),
+    Blind(
+        "sonar_bias", ("hover", "square", "yaw_repeat"), _ALL, ("sonar_bias", "sonar_scale"), None, "touch"
+    ),
+    Blind("sonar_scale", ("hover", "yaw_repeat"), _ALL, ("sonar_bias", "sonar_scale"), None, "height"),
+)

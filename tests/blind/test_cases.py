@@ -1,0 +1,203 @@
+"""Hidden effects: each one shows, as strongly as told, and the folders give nothing away."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.blind import folder
+from tests.blind.cases import CHANCE, KINDS, Outing, make, nuisances_of, plans_for, sized, suite
+from tests.blind.faults import BY_NAME, FAULTS, STRANGE, UNTELLABLE
+from tests.blind.instruments import NOISE, RATE_HZ, streams
+from tests.blind.strength import NUISANCES, STEP_S, outputs, strengths, whitened
+from tests.blind.vehicle import HEALTHY
+
+ALL = tuple(RATE_HZ)
+SHORT = Outing(3, 0, ("reversing_steps", "vertical_square"), 12.0)
+
+
+def test_the_whitening_makes_hold_noise_and_instruments_white():
+    """What is left of a restless hover has unit variance and no memory."""
+    outing = Outing(5, 0, ("hover",) * 3, 50.0)
+    restless = outing.fly([(f, HEALTHY) for f in range(3)], STEP_S / 4, restless=True)
+    still = outputs(outing.fly([(0, HEALTHY)], STEP_S / 4, restless=False), 0, ALL)
+    rng = np.random.default_rng(1)
+    std = {
+        name: NOISE[name] * np.sqrt(1.0 / (RATE_HZ[stream] * STEP_S))
+        for name, stream in (
+            ("gyro", "imu0"), ("accel", "imu0"), ("attitude", "attitude0"), ("velocity", "velocity0"),
+            ("sonar", "sonar0"),
+        )
+    }  # fmt: skip
+    level = ("gyro", "attitude", "velocity", "accel")
+    channels = {"ahead": level, "left": level, "up": ("sonar", "accel"), "turn": ("gyro", "attitude")}
+    for f in range(3):
+        seen = outputs(restless, f, ALL)
+        # Start height and heading are each flight's own.
+        seen["up"][:, 0] -= seen["up"][0, 0] - still["up"][0, 0]
+        seen["turn"][:, 1] -= seen["turn"][0, 1] - still["turn"][0, 1]
+        rough = {
+            axis: (
+                seen[axis] - still[axis] + rng.standard_normal(seen[axis].shape) * [std[c] for c in names]
+            )[..., None]
+            for axis, names in channels.items()
+        }
+        left = whitened(rough, HEALTHY)[50:, :, 0]
+        np.testing.assert_allclose(left.var(axis=0), 1.0, atol=0.11)
+        memory = np.mean(left[1:] * left[:-1], axis=0)
+        assert np.abs(memory).max() < 0.08
+
+
+def test_strength_grows_as_the_amplitude_and_nuisances_explain_themselves():
+    base = nuisances_of(np.random.default_rng(2))
+    steps = [{**base, n: base[n] + step} for n, (step, _) in NUISANCES.items()]
+    halves = [half / step for step, half in NUISANCES.values()]
+    others = [{**base, "cd_area": 0.002}, {**base, "cd_area": 0.004}, {**base, "gain": base["gain"] * 1.05}]
+    trace = SHORT.traces(base, [*steps, *others], ALL)
+    d = strengths(trace[:, 4:], trace[:, :4], halves)
+    assert d[1] / d[0] == pytest.approx(2.0, rel=0.03)
+    alone = np.sqrt(np.sum(trace[:, 4:] ** 2, axis=0))
+    assert np.all(d <= alone)
+    assert d[2] < 2.0 < 7.0 < alone[2]
+
+
+@pytest.mark.parametrize("name", ["climb_asymmetry", "sonar_tilt", "accel_bias", "flow_scale"])
+def test_an_effect_is_sized_to_its_strength(name):
+    base = nuisances_of(np.random.default_rng(4))
+    _, hidden, _ = sized(SHORT, base, BY_NAME[name], 7.0, ALL)
+    assert hidden.d == pytest.approx(7.0, rel=0.06)
+
+
+OUTINGS = (
+    Outing(3, 0, ("reversing_steps", "vertical_square"), 12.0),
+    Outing(3, 1, ("touchdown", "yaw_repeat"), 20.0),
+    Outing(3, 2, ("tilt_pulses",), 12.0),
+)
+
+
+def strongest(name: str) -> dict[str, float]:
+    fault = BY_NAME[name]
+    amplitude = fault.low if name in ("tilt_limit", "flow_saturation") else fault.high
+    return {**HEALTHY, **fault.apply(amplitude, dict(HEALTHY), np.random.default_rng(1))}
+
+
+@pytest.mark.parametrize("outing", OUTINGS, ids=lambda outing: outing.plans[0])
+def test_every_effect_changes_what_is_read(outing):
+    """At its largest far beyond the noise, where a plan that shows it is flown."""
+    shown = [
+        name for name, fault in BY_NAME.items()
+        if name not in CHANCE and (set(fault.needs) & set(outing.plans) or not fault.needs)
+    ]  # fmt: skip
+    traces = outing.traces(HEALTHY, [strongest(name) for name in shown], ALL)
+    alone = dict(zip(shown, np.sqrt(np.sum(traces**2, axis=0)), strict=True))
+    # A sonar that warms drifts no faster than the height may: weak at best.
+    assert {n: d for n, d in alone.items() if d < (1.0 if n == "sonar_temperature" else 6.0)} == {}
+
+
+def test_every_effect_is_shown_by_some_outing():
+    flown = {plan for outing in OUTINGS for plan in outing.plans}
+    assert [f.name for f in BY_NAME.values() if f.needs and not set(f.needs) & flown] == []
+
+
+@pytest.mark.parametrize("name", CHANCE)
+def test_effects_of_chance_change_the_streams(name):
+    outing = OUTINGS[0]
+    paths = [outing.fly([(0, k)], 0.005, restless=True) for k in (HEALTHY, strongest(name))]
+    read = [streams(path, 0, outing.stick(0), np.random.default_rng(8)) for path in paths]
+    same = [
+        np.array_equal(a, b, equal_nan=True) for s in ALL for a, b in zip(*(r[s] for r in read), strict=True)
+    ]
+    assert not all(same)
+
+
+def test_the_catalogue_is_covered():
+    """Every term that shows without pictures is hidden by some case."""
+    from slam.simulation.terms import CATALOGUE
+
+    pictured = {"camera_tilt", "focal_length", "radial_distortion", "flow_derotation", "moving_objects"}
+    left = {n for n, t in CATALOGUE.items() if t.family != "camera"} - {f.name for f in FAULTS}
+    assert left <= pictured | {"position_hold"}
+    assert {f.name for f in FAULTS} <= set(CATALOGUE)
+    assert not {f.name for f in STRANGE} & set(CATALOGUE)
+    assert len(STRANGE) >= 5
+
+
+def test_a_suite_holds_every_kind_and_cause():
+    drawn = suite(500, KINDS)
+    assert {kind for kind, _ in drawn} == set(KINDS)
+    assert {fault for kind, fault in drawn if kind == "single"} == {f.name for f in FAULTS}
+    assert {fault for kind, fault in drawn if kind == "untellable"} == {b.fault for b in UNTELLABLE}
+    assert suite(40, KINDS) == drawn[:40]
+
+
+def test_a_plan_that_shows_an_effect_is_flown():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        for fault in FAULTS:
+            plans = plans_for([fault], 3, rng)
+            assert len(plans) == 3
+            assert not fault.needs or set(fault.needs) & set(plans)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    home = tmp_path_factory.mktemp("made")
+    make("null_heavy", 7, 4, home, flights=2, duration_s=8.0)
+    return home / "case_004"
+
+
+def rows_of(file: Path) -> tuple[list[str], list[list[str]]]:
+    head, *rows = csv.reader(file.read_text(encoding="utf-8").splitlines())
+    return head, rows
+
+
+def test_a_folder_holds_what_the_format_says(made):
+    assert sorted(p.name for p in made.iterdir()) == ["flight_00", "flight_01"]
+    for flight in made.iterdir():
+        assert sorted(p.name for p in (flight / "mav0").iterdir()) == sorted([*RATE_HZ, "command0"])
+        for stream in (flight / "mav0").iterdir():
+            head, rows = rows_of(stream / "data.csv")
+            assert head[0] == "#timestamp [ns]"
+            assert ",".join(head[1:]) == folder.HEADER[stream.name]
+            stamps = np.array([int(row[0]) for row in rows])
+            assert np.all(np.diff(stamps) > 0)
+            assert {len(row) for row in rows} == {len(head)}
+            seconds = (stamps[-1] - stamps[0]) / 1e9
+            assert 7.5 < seconds < 8.1
+            assert len(rows) / seconds > 0.99 * RATE_HZ.get(stream.name, 20.0)
+
+
+def test_a_case_is_what_its_seed_says(made, tmp_path):
+    make("null_heavy", 7, 4, tmp_path, flights=2, duration_s=8.0)
+    other = make("null_heavy", 8, 4, tmp_path / "other", flights=2, duration_s=8.0)
+    files = sorted(f.relative_to(made) for f in made.rglob("data.csv"))
+    assert all((tmp_path / "case_004" / f).read_bytes() == (made / f).read_bytes() for f in files)
+    theirs = tmp_path / "other" / other.name
+    assert all((theirs / f).read_bytes() != (made / f).read_bytes() for f in files)
+
+
+def test_nothing_but_numbers_tells_a_faulty_case(made, tmp_path):
+    """Names, yaml files and columns are the same whatever is hidden."""
+    make("single", 7, 4, tmp_path, flights=2, duration_s=8.0, fault="sonar_bias", d=6.0)
+    theirs = tmp_path / "case_004"
+    kept = [sorted(str(f.relative_to(home)) for f in home.rglob("*")) for home in (made, theirs)]
+    assert kept[0] == kept[1]
+    for file in made.rglob("*.yaml"):
+        assert file.read_bytes() == (theirs / file.relative_to(made)).read_bytes()
+
+
+def test_a_shifted_flight_differs_by_the_shift_alone(made, tmp_path):
+    folder.shifted(made / "flight_00", tmp_path / "f", seconds=1000.0, turn=2.0)
+    for stream in (made / "flight_00" / "mav0").iterdir():
+        before, after = (rows_of(h / "data.csv")[1] for h in (stream, tmp_path / "f" / "mav0" / stream.name))
+        moved = [int(b[0]) - int(a[0]) for a, b in zip(before, after, strict=True)]
+        assert set(moved) == {10**12}
+        if stream.name != "attitude0":
+            assert [r[1:] for r in before] == [r[1:] for r in after]
+            continue
+        yaw = np.array([[float(r[3]) for r in rows] for rows in (before, after)])
+        np.testing.assert_allclose(np.mod(yaw[1] - yaw[0] - 2.0 + np.pi, 2 * np.pi), np.pi, atol=2e-5)
+        assert np.abs(yaw).max() <= np.pi + 1e-5

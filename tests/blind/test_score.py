@@ -1,0 +1,116 @@
+"""The score card: right answers score full, wrong ones are seen, intervals are Wilson's."""
+
+from __future__ import annotations
+
+import pytest
+from scipy.stats import binomtest
+
+from tests.blind.cases import Case, Hidden
+from tests.blind.score import Answer, card, misnamed, points_at_channel, says_so, wilson
+
+BRAKE = Hidden("active_braking", 0.5, 0.5, "1/s", 9.0, known=True)
+SONAR = Hidden("sonar_lag", 0.05, 0.05, "s", 12.0, known=True)
+HUM = Hidden("rotor_hum", 1.0, 1.0, "m/s^2", 9.0, known=False, channels=("gyro",))
+
+
+def case(kind: str, *hidden: Hidden, **more) -> Case:
+    return Case("case_000", kind, ("hover",), 40.0, hidden, tuple(h.name for h in hidden), **more)
+
+
+def says(word: str, *causes: tuple[str, float], value: float = 0.5, **more) -> dict:
+    told = [
+        {
+            "name": name,
+            "probability": p,
+            "parameters": {"lean": {"value": value, "unit": "1/s", "ci95": [value - 0.1, value + 0.1]}},
+            "gain": {"nats": 20.0},
+        }
+        for name, p in causes
+    ]
+    return {"verdict": word, "causes": told, "equivalence_set": [], **more}
+
+
+RIGHT = [
+    Answer(case("null"), says("nothing_wrong")),
+    Answer(case("null_heavy"), says("nothing_wrong")),
+    Answer(case("single", BRAKE), says("named", ("active_braking", 0.99))),
+    Answer(case("pair", BRAKE, SONAR), says("named", ("active_braking", 0.99), ("sonar_lag", 0.98))),
+    Answer(case("strange", HUM), says("unknown", remainder="17 Hz in imu.gyro_x")),
+    Answer(
+        Case(
+            "c", "untellable", (), 40.0, (BRAKE,), ("active_braking", "asymmetric_drag"), settled_by="revers"
+        ),
+        says("ambiguous", ("active_braking", 0.5), ("asymmetric_drag", 0.5), next_flight="reversing steps"),
+    ),
+]
+WRONG = [
+    Answer(case("null"), says("named", ("gyro_bias", 0.99))),
+    Answer(case("null_heavy"), says("unknown")),
+    Answer(case("single", BRAKE), says("named", ("gyro_bias", 0.99))),
+    Answer(case("pair", BRAKE, SONAR), says("named", ("active_braking", 0.99))),
+    Answer(case("strange", HUM), says("named", ("gyro_bias", 0.99))),
+    Answer(
+        Case(
+            "c", "untellable", (), 40.0, (BRAKE,), ("active_braking", "asymmetric_drag"), settled_by="revers"
+        ),
+        says("named", ("active_braking", 0.99)),
+    ),
+]
+
+
+def test_right_answers_keep_every_floor():
+    rows = card(RIGHT)
+    assert all(row.met for row in rows), [row.line() for row in rows if not row.met]
+
+
+def test_wrong_answers_are_seen():
+    missed = {row.name for row in card(WRONG) if row.met is False}
+    assert missed >= {
+        "false alarms, clean", "false alarms, heavy tails", "right, given detection, d >= 6",
+        "true cause in the 95 % set", "right when claiming P >= 0.95", "pairs: both found, each d >= 8",
+        "strange: not misnamed", "strange: flagged", "strange: right channel", "cannot tell: says so",
+    }  # fmt: skip
+
+
+def test_silence_detects_nothing_and_nonsense_is_no_verdict():
+    silent = {row.name: row for row in card([Answer(a.case, says("nothing_wrong")) for a in RIGHT])}
+    assert silent["detected, d >= 6"].rate == 0.0
+    assert silent["false alarms, clean"].rate == 0.0
+    broken = {row.name: row for row in card([Answer(a.case, {"verdict": "maybe"}) for a in RIGHT])}
+    assert broken["valid verdicts"].rate == 0.0
+    assert broken["detected, d >= 6"].rate == 0.0
+
+
+@pytest.mark.parametrize(
+    ("value", "within", "held"), [(0.5, True, True), (0.58, True, True), (0.7, False, False)]
+)
+def test_sizes_are_compared_in_the_catalogues_unit(value, within, held):
+    error, inside = Answer(
+        case("single", BRAKE), says("named", ("active_braking", 1.0), value=value)
+    ).parameter(BRAKE)
+    assert (error <= 0.25) is within
+    assert inside is held
+
+
+def test_a_long_set_names_nothing():
+    long = ["active_braking", "a", "b", "c", "d"]
+    assert not Answer(case("single", BRAKE), says("ambiguous", ("a", 0.5), equivalence_set=long)).right
+    assert Answer(case("single", BRAKE), says("ambiguous", ("a", 0.5), equivalence_set=long[:3])).right
+
+
+def test_what_cannot_be_seen_may_be_passed_over():
+    hidden = Case("c", "untellable", (), 40.0, (SONAR,), ("sonar_bias", "sonar_scale"), invisible=True)
+    assert says_so(Answer(hidden, says("nothing_wrong")))
+    assert not says_so(Answer(hidden, says("named", ("sonar_bias", 1.0))))
+
+
+def test_an_unknown_effect_may_be_flagged_but_not_named():
+    assert not misnamed(Answer(case("strange", HUM), says("unknown")))
+    assert misnamed(Answer(case("strange", HUM), says("ambiguous", ("gyro_bias", 0.99))))
+    assert not points_at_channel(Answer(case("strange", HUM), says("unknown", remainder="sonar")))
+
+
+@pytest.mark.parametrize(("hits", "of"), [(0, 10), (3, 10), (199, 200), (50, 50)])
+def test_intervals_are_wilsons(hits, of):
+    expected = binomtest(hits, of).proportion_ci(method="wilson")
+    assert wilson(hits, of) == pytest.approx((expected.low, expected.high), abs=1e-6)
