@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.readings import CHANNELS, SENSOR
 from slam.criticism.record import Record
+from slam.criticism.shading import PICTURE_SHAPES
 from slam.criticism.tangents import FORCES, Direction, Signal
 
 Array = NDArray[np.float64]
@@ -39,6 +40,8 @@ def dictionary(records: Sequence[Record]) -> list[Direction]:
         for name in FORCED
         for signal in ON_FORCES
     ]
+    if any(r.sights is not None for r in records):
+        found += [Direction(name, "picture", k) for k, name in enumerate(PICTURE_SHAPES)]
     if any(c in channels for c in (6, 7, 8)):
         found.append(Direction("attitude late", "sensor", SENSOR.index("attitude.delay_s"), 1e-3))
     if any(c in channels for c in (9, 10)):

@@ -13,6 +13,7 @@ from math import pi
 import numpy as np
 
 from slam.criticism.nuisances import NUISANCES
+from slam.criticism.optics import CAMERA, SQUARES, STEPS, catalogued
 from slam.criticism.record import Record
 from slam.criticism.setting import Setting
 from slam.criticism.sums import Change
@@ -82,6 +83,7 @@ LATENCIES_S = (0.015, 0.04, 0.08, 0.15)
 LATENCY_STEP_S = 2e-3
 GUST_TIMES_S = (0.7, 2.5)
 LOWEST_TILT_RAD = 0.03
+PLAUSIBLE = 3.0
 
 
 def effects_for(records: Sequence[Record], setting: Setting) -> list[Effect]:
@@ -91,6 +93,8 @@ def effects_for(records: Sequence[Record], setting: Setting) -> list[Effect]:
     found.append(Effect("clock_drift", (Direction("clock_drift.ppm", "drift", 0, 2e-5),), (), ("ppm",)))
     found.append(Effect("attitude_lag", (), (), ("tau",), False, ("vehicle.attitude_time_s",)))
     found.append(_ground_effect(setting))
+    if any(r.sights is not None for r in records):
+        found += _of_camera()
     found.append(_plain("active_braking", (("lean", 1e-2),)))
     found += _tilt_limits(records, setting)
     found += [_gusts(tau) for tau in GUST_TIMES_S]
@@ -109,11 +113,20 @@ def relaxations() -> list[Effect]:
     ]
 
 
+def plausible(name: str, parameter: str) -> tuple[float, float]:
+    """Values that a term may have at all: three times what is usual about its neutral value."""
+    limits = CATALOGUE[name].parameter(parameter)
+    reach = PLAUSIBLE * max(abs(limits.high - limits.neutral), abs(limits.low - limits.neutral))
+    return max(limits.neutral - reach, limits.least), min(limits.neutral + reach, limits.most)
+
+
 def catalogue_value(effect: Effect, column: int, step: float, setting: Setting, held: float) -> float:
     """A column's number in the catalogue's units: what the belief holds of it and a step on top."""
     total = held + step
     if effect.name == "clock_drift":
         return 1e6 * total
+    if effect.columns[column] in CAMERA:
+        return catalogued(CAMERA.index(effect.columns[column]), total)
     if effect.name in ("ground_effect", "gusts"):
         return float(np.sqrt(max(total, 0.0)))
     if effect.name == "timestamp_jitter":
@@ -129,6 +142,16 @@ def _plain(name: str, steps: tuple[tuple[str, float], ...]) -> Effect:
     directions = tuple(parameter_direction(f"{name}.{parameter}", step) for parameter, step in steps)
     positive = len(steps) == 1 and CATALOGUE[name].parameter(steps[0][0]).least == 0.0
     return Effect(name, directions, (), tuple(parameter for parameter, _ in steps), positive)
+
+
+def _of_camera() -> list[Effect]:
+    """The terms that pictures show."""
+    parameters: dict[str, list[tuple[str, float]]] = {}
+    for entry, (name, step) in enumerate(zip(CAMERA, STEPS, strict=True)):
+        term, _, parameter = name.partition(".")
+        # A variance is tried by itself: it cannot be negative.
+        parameters.setdefault(name if entry in SQUARES else term, []).append((parameter, step))
+    return [_plain(term.partition(".")[0], tuple(steps)) for term, steps in parameters.items()]
 
 
 def _ground_effect(setting: Setting) -> Effect:

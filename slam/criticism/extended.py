@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from slam.criticism.optics import catalogued
 from slam.criticism.readings import DATUM
 from slam.criticism.setting import Setting, setting_of, slot
 from slam.criticism.transition import (
@@ -77,10 +78,12 @@ def _with(model: Model, name: str, setting: Setting) -> Model:
         before = setting_of(model)
         values = {}
         for parameter in CATALOGUE[name].parameters:
+            if (name, parameter.name) == ("exposure_variation", "tau"):
+                continue
             where, entry = slot(parameter.slot or f"{name}.{parameter.name}")
             x = float(getattr(setting, where)[entry])
             if x != float(getattr(before, where)[entry]):
-                values[parameter.name] = x
+                values[parameter.name] = catalogued(entry, x) if where == "camera" else x
     limits = {p.name: p for p in CATALOGUE[name].parameters}
     kept = {k: min(max(v, limits[k].least), limits[k].most) for k, v in values.items()}
     return model.with_term(name, **kept) if kept else model

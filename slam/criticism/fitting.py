@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.effects import Effect
 from slam.criticism.hypotheses import parabola_of
-from slam.criticism.moving import moved
+from slam.criticism.moving import bounded, moved
 from slam.criticism.nuisances import MEAN, RESTLESS, direction_of, value_of, with_value
 from slam.criticism.record import Record
 from slam.criticism.setting import Setting
@@ -21,9 +21,10 @@ Array = NDArray[np.float64]
 FIRST_S = 60.0
 """The restlessness is fitted first to so much of the flights: it shows everywhere."""
 ROUNDS = 2
+FOREIGN_ROUNDS = 7
 LARGEST_STEP = 0.5
-"""Of a logarithm, or of a small number, in one round."""
-_MEAN_NAMES = tuple(n.name for n in MEAN)
+"""Of a logarithm in one round."""
+_RESTLESS_NAMES = tuple(n.name for n in RESTLESS)
 
 
 def changes_of(setting: Setting) -> list[Change]:
@@ -46,14 +47,16 @@ def fit_nuisances(
     """Most probable nuisances within their ranges, and sizes of some terms, from the flights' first parts."""
     short = [cut(record, FIRST_S / len(records)) for record in records]
     setting = model if start is None else start
-    for _ in range(ROUNDS):
+    for _ in range(FOREIGN_ROUNDS if model.foreign else ROUNDS):
         directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions]
         changes = changes_of(setting) + [c for e in effects for c in e.changes]
         found = sums_of(short, setting, directions, changes)
         answer = parabola_of(found, setting, model, {}).answer(effects)
         for column, move in zip(answer.columns, answer.step, strict=True):
-            most = np.inf if found.columns[column] in _MEAN_NAMES else LARGEST_STEP
-            setting = moved(setting, found.columns[column], float(np.clip(move, -most, most)))
+            name = found.columns[column]
+            if name in _RESTLESS_NAMES:
+                move = np.clip(move, -LARGEST_STEP, LARGEST_STEP)
+            setting = moved(setting, name, bounded(name, float(move), setting))
     return setting
 
 

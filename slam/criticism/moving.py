@@ -16,6 +16,8 @@ from slam.simulation.dynamics import PARAMETERS, TILT_LIMIT
 from slam.simulation.terms import CATALOGUE
 
 _RADIUS = PARAMETERS.index("ground_effect.radius")
+LARGEST_SHARE = 0.4
+"""Of a constant of the vehicle in one step."""
 _BY_NAME = {n.name: n for n in NUISANCES}
 
 
@@ -49,6 +51,21 @@ def moved(setting: Setting, column: str, step: float) -> Setting:
     limits = CATALOGUE[term].parameter(name)
     vector[entry] = min(max(vector[entry] + step, limits.least), limits.most)
     return replace(setting, **{where: vector})
+
+
+def bounded(column: str, step: float, setting: Setting) -> float:
+    """A step cut to where the equations still mean something and a parabola may hold."""
+    if column in _BY_NAME and _BY_NAME[column].kind == "mean" and _BY_NAME[column].relative:
+        most = LARGEST_SHARE * abs(value_of(_BY_NAME[column], setting))
+        return min(max(step, -most), most)
+    term, _, name = column.partition(".")
+    if term not in CATALOGUE or "@" in column or name not in {p.name for p in CATALOGUE[term].parameters}:
+        return step
+    parameter = CATALOGUE[term].parameter(name)
+    most = parameter.high - parameter.low
+    if column == "clock_drift.ppm":
+        most *= 1e-6
+    return min(max(step, -most), most)
 
 
 def held_value(setting: Setting, column: str) -> float:

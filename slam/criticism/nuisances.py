@@ -54,6 +54,9 @@ NUISANCES = (
     Nuisance("velocity_noise", "1", "noise", (9, 10), 0.2),
     Nuisance("sonar_noise", "1", "noise", (11,), 0.2),
 )
+TAILS = 0.16
+FOREIGN_REACH = 4.0
+"""Of the logarithms for a vehicle whose instruments are not those of the model: a factor of 50."""
 MEAN = tuple(n for n in NUISANCES if n.kind == "mean")
 RESTLESS = tuple(n for n in NUISANCES if n.kind != "mean")
 
@@ -92,7 +95,11 @@ def limits_of(nuisance: Nuisance, model: Setting) -> tuple[float, float]:
     """The healthy range of x about a model's own value."""
     centre = value_of(nuisance, model)
     reach = nuisance.reach * abs(centre) if nuisance.relative else nuisance.reach
-    return centre - reach, centre + reach
+    if model.foreign and nuisance.kind != "mean":
+        return centre - FOREIGN_REACH, centre + FOREIGN_REACH
+    # Noise with heavy tails looks smaller than it is once its outliers are cut.
+    tails = TAILS if nuisance.kind == "noise" else 0.0
+    return centre - reach - tails, centre + reach
 
 
 def prior_precision(nuisance: Nuisance, model: Setting) -> float:

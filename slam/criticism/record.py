@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.pictures import Sights
 from slam.criticism.readings import ATTITUDE, CHANNELS, FIRST_CHANNEL, IMU, SONAR, VELOCITY, WIDTH
 from slam.flight import Flight
 from slam.simulation.stick import Stick, stick_of
@@ -19,6 +20,7 @@ Ints = NDArray[np.int64]
 
 LONGEST_STEP_S = 0.005
 """Of the filter between two events: a tenth of the vehicle's fastest lag."""
+HIGH_UP_M = 20.0
 LONGEST_GAP_S = 5.0
 """A flight whose readings pause longer is judged up to there only."""
 
@@ -50,6 +52,8 @@ class Record:
     start: Array
     """(10,) a first guess of the moving state, and ``start_std`` (10,) how good it is."""
     start_std: Array
+    sights: Sights | None = None
+    """What its pictures show."""
 
     @property
     def duration_s(self) -> float:
@@ -101,7 +105,7 @@ def _streams(flight: Flight) -> list[tuple[int, Array, Array]]:
     streams: list[tuple[int, Array, Array]] = []
     if flight.imu is not None:
         turn = flight.imu.b_T_s[:3, :3].T
-        both = np.column_stack([flight.imu.gyro_rad_s @ turn, flight.imu.accel_m_s2 @ turn])
+        both = np.column_stack([_finite(flight.imu.gyro_rad_s) @ turn, _finite(flight.imu.accel_m_s2) @ turn])
         streams.append((IMU, flight.imu.stamps_s, both))
     if flight.attitude is not None:
         streams.append((ATTITUDE, flight.attitude.stamps_s, flight.attitude.roll_pitch_yaw_rad))
@@ -111,11 +115,15 @@ def _streams(flight: Flight) -> list[tuple[int, Array, Array]]:
         streams.append((SONAR, flight.sonar.stamps_s, flight.sonar.range_m[:, None]))
     kept = []
     for kind, stamps, values in streams:
-        finite = np.where(np.isfinite(values), values, np.nan)
+        finite = _finite(values)
         some = np.isfinite(finite).any(axis=1) & np.isfinite(stamps)
         if some.any():
             kept.append((kind, stamps[some], finite[some]))
     return kept
+
+
+def _finite(values: Array) -> Array:
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _steps(times: Array) -> tuple[Ints, Array, Array]:
@@ -149,7 +157,8 @@ def _start(kinds: Ints, values: Array) -> tuple[Array, Array]:
     if (k := np.flatnonzero((kinds == ATTITUDE) & np.isfinite(values[:, 2]))).size:
         # Only the heading: level and at rest is known otherwise.
         start[8], std[8] = values[k[0], 2], 0.05
-    start[2], std[2] = 1.0, 0.5
+    # Without a sonar the height is anybody's guess: then far from the floor, where it does nothing.
+    start[2], std[2] = HIGH_UP_M, 0.5
     if (k := np.flatnonzero(kinds == SONAR)).size:
         start[2], std[2] = values[k[0], 0], 0.2
     if (k := np.flatnonzero(kinds == VELOCITY)).size:

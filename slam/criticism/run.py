@@ -21,7 +21,7 @@ from slam.criticism.search import Look, Search, search
 from slam.criticism.sentence import sentence_of
 from slam.criticism.setting import setting_of
 from slam.criticism.thresholds import load_thresholds
-from slam.criticism.usable import usable_records
+from slam.criticism.usable import is_foreign, usable_records
 from slam.flight import Flight
 from slam.simulation.model import Model, load_model
 
@@ -48,7 +48,7 @@ def criticise(flights: Sequence[Flight], model: Model | str | Path = "nominal") 
 
 def _judged(records: Sequence[Record], model: Model) -> Criticism:
     limits = load_thresholds()
-    setting = setting_of(model)
+    setting = replace(setting_of(model), foreign=is_foreign(records, model))
     found = search(records, setting, limits.effects)
     posterior = posterior_of(found)
     causes = causes_of(records, setting, found, posterior)

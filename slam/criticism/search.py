@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.dictionary import dictionary, signals_of
-from slam.criticism.effects import Effect, effects_for, relaxations
+from slam.criticism.effects import Effect, catalogue_value, effects_for, plausible, relaxations
 from slam.criticism.fitting import changes_of, cut, fit_nuisances
 from slam.criticism.hypotheses import Answer, Parabola, parabola_of
 from slam.criticism.innovations import whole
-from slam.criticism.moving import entered, held_value, moved, on_grid, settled
+from slam.criticism.moving import bounded, entered, held_value, moved, on_grid, settled
 from slam.criticism.nuisances import MEAN, direction_of
 from slam.criticism.record import Record
 from slam.criticism.screening import deviate
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 LINEAR_Z = 25.0
 """Beyond this a term is fitted with the filter run anew."""
 CANDIDATES = 5
-MOST_TERMS = 5
+MOST_TERMS = 6
 SHORT_S = 80.0
 """Candidates are compared on so much of the flights: they all stand out by far."""
 ITERATIONS = 8
@@ -203,17 +203,27 @@ def refit(
                 break
         trial = best[1]
         for column, size in zip(columns, step, strict=True):
-            trial = moved(trial, column, share * float(size))
+            trial = moved(trial, column, share * bounded(column, float(size), best[1]))
     assert best is not None
     return best
 
 
 def _backwards(effect: Effect, look: Look, answer: Answer) -> bool:
-    """Whether a size that is never negative would have to be."""
-    if not effect.positive:
+    """Whether a size would have to be negative that never is, or far beyond what there is."""
+    step, covariance = answer.of(look.parabola.index(effect.columns))
+    held = np.array([look.parabola.held.get(column, 0.0) for column in effect.columns])
+    if effect.positive and step[0] + held[0] < 0:
+        return True
+    if on_grid(effect) or not effect.directions or not effect.parameters:
         return False
-    step, _ = answer.of(look.parabola.index(effect.columns))
-    return bool(step[0] + look.parabola.held.get(effect.columns[0], 0.0) < 0)
+    std = 2.0 * np.sqrt(np.diag(covariance))
+    for k, name in enumerate(effect.parameters):
+        least, most = plausible(effect.name, name)
+        low = catalogue_value(effect, k, float(step[k] - std[k]), look.setting, float(held[k]))
+        high = catalogue_value(effect, k, float(step[k] + std[k]), look.setting, float(held[k]))
+        if min(low, high) > most or max(low, high) < least:
+            return True
+    return False
 
 
 __all__ = ["Look", "Search", "Standing", "look_at", "occam", "refit", "search"]

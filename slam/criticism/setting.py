@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.optics import CAMERA, camera_vector
 from slam.criticism.readings import CHANNELS, SENSOR, SLANT
 from slam.criticism.transition import HOLD
 from slam.simulation.dynamics import PARAMETERS
@@ -33,6 +34,10 @@ class Setting:
     """The vehicle's clock against the recorder's: gains so much of the time."""
     jitter_s: float = 0.0
     """Standard deviation of the stamps."""
+    foreign: bool = False
+    """The vehicle is of another make: how restless it and its instruments are is not known beforehand."""
+    camera: Array = field(default_factory=lambda: np.zeros(len(CAMERA)))
+    """(``optics.CAMERA``,)."""
 
 
 def setting_of(model: Model) -> Setting:
@@ -62,13 +67,16 @@ def setting_of(model: Model) -> Setting:
         model.value("control_latency", "T"),
         1e-6 * model.value("clock_drift", "ppm"),
         model.value("timestamp_jitter", "sigma"),
+        camera=camera_vector(model),
     )
 
 
 def slot(name: str) -> tuple[str, int]:
-    """Where a parameter stands: the vector ("parameters" or "sensor") and its entry."""
+    """Where a parameter stands: the vector ("parameters", "camera" or "sensor") and its entry."""
     if name in PARAMETERS:
         return "parameters", PARAMETERS.index(name)
+    if name in CAMERA:
+        return "camera", CAMERA.index(name)
     return "sensor", SENSOR.index(name)
 
 

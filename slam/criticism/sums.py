@@ -22,6 +22,7 @@ from slam.criticism.innovations import Innovations, Pass, stretches, whole
 from slam.criticism.readings import CHANNELS
 from slam.criticism.record import Record
 from slam.criticism.setting import Setting
+from slam.criticism.sighting import sighted
 from slam.criticism.tangents import Direction, Signal
 
 Array = NDArray[np.float64]
@@ -94,7 +95,8 @@ def sums_of(
     def one(k: int) -> list[tuple[Array, Array, float]]:
         changed = _difference(plain[k], runs[k * width + 1 : (k + 1) * width], steps)
         found = signals[k] if signals is not None else {}
-        return list(_stretch_sums(records[k], setting, directions, found, changed, weight, plain[k]))
+        rows = list(_stretch_sums(records[k], setting, directions, found, changed, weight, plain[k]))
+        return rows + _sighted(records[k], setting, directions, len(changes))
 
     parts = in_threads(one, range(len(records)))
     flat = [part for flight in parts for part in flight]
@@ -106,6 +108,19 @@ def sums_of(
         np.array([nats for _, _, nats in flat]),
         tuple(plain),
     )
+
+
+def _sighted(
+    record: Record, setting: Setting, directions: Sequence[Direction], changes: int
+) -> list[tuple[Array, Array, float]]:
+    """The pictures as one more stretch: given the readings they are independent of all innovations."""
+    if record.sights is None:
+        return []
+    seen, p = sighted(record, record.sights, setting, directions), len(directions) + changes
+    information, score = np.zeros((p, p)), np.zeros(p)
+    information[: len(directions), : len(directions)] = seen.information
+    score[: len(directions)] = seen.score
+    return [(information, score, seen.log_likelihood)]
 
 
 def _stretch_sums(record, setting, directions, signals, changed, weight, plain):  # type: ignore[no-untyped-def]

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.optics import CAMERA
 from slam.criticism.readings import ATTITUDE, IMU, SENSOR, SONAR, VELOCITY
 from slam.criticism.record import Record
 from slam.criticism.setting import Setting
@@ -21,7 +22,8 @@ from slam.simulation.dynamics import NOISE, PARAMETERS
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-Kind = Literal["parameters", "sensor", "latency", "drift", "force", "channel"]
+Kind = Literal["parameters", "sensor", "latency", "drift", "force", "channel", "camera", "picture"]
+"""The last two leave no trace in readings: only in pictures."""
 Signal = tuple[Array, Array]
 """Values at the middle of each step and at each event."""
 
@@ -85,6 +87,8 @@ def parameter_direction(name: str, step: float) -> Direction:
     """The direction of a parameter of the equations or of an instrument."""
     if name in PARAMETERS:
         return Direction(name, "parameters", PARAMETERS.index(name), step)
+    if name in CAMERA:
+        return Direction(name, "camera", CAMERA.index(name), step)
     return Direction(name, "sensor", SENSOR.index(name), step)
 
 
@@ -116,7 +120,7 @@ def tangents_for(
             table.stick_of[k] = len(variants)
             late, fast = d.step * (d.kind == "latency"), d.step * (d.kind == "drift")
             variants.append((setting.latency_s + late, setting.drift + fast))
-        else:
+        elif d.kind in ("force", "channel"):
             table.signal_of[k] = names.index(d.signal)
             table.inject_at[k] = d.entry if d.kind == "force" else _ON_CHANNEL + d.entry
             table.acts[k] = int(d.kind == "force")

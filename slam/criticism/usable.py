@@ -8,14 +8,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.pictures import look
 from slam.criticism.record import Record, record_of
 from slam.flight import Flight
+from slam.simulation.model import Model
 
 Array = NDArray[np.float64]
 
 SHORTEST_S = 3.0
 LEAST_STICK = 0.01
 FEWEST_READINGS = 20
+FOREIGN_FACTOR = 1.6
 
 
 def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
@@ -29,10 +32,25 @@ def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
             dropped.append(f"{flight.name}: {reason}")
             continue
         try:
-            records.append(record_of(clean))
+            records.append(replace(record_of(clean), sights=look(clean)))
         except ValueError as error:
             dropped.append(f"{flight.name}: {error}")
     return records, dropped
+
+
+def is_foreign(records: Sequence[Record], model: Model) -> bool:
+    """Whether the instruments' own figures are far from the model's: a vehicle of another make."""
+    std = (
+        (6, float(np.radians(model.attitude.noise_std_deg))),
+        (9, model.velocity.noise_std_m_s),
+        (11, model.sonar.noise_std_m),
+    )
+    for record in records:
+        for channel, expected in std:
+            seen = any(record.has(c) for c in range(channel, min(channel + 3, 12)))
+            if seen and abs(np.log(record.noise_std[channel] / expected)) > np.log(FOREIGN_FACTOR):
+                return True
+    return False
 
 
 def _unusable(flight: Flight) -> str:
@@ -64,7 +82,9 @@ def _without_dead_streams(flight: Flight) -> tuple[Flight, list[str]]:
         if finite.sum() < FEWEST_READINGS:
             reasons.append(f"{name} has {int(finite.sum())} readings; it was left out")
             changes[name] = None
-        elif np.all(np.nanstd(values, axis=0)[np.isfinite(values).any(axis=0)] == 0.0):
+        elif all(
+            np.ptp(column[np.isfinite(column)]) == 0.0 for column in values.T if np.isfinite(column).any()
+        ):
             reasons.append(f"{name} never changes; it was left out")
             changes[name] = None
     return replace(flight, **changes), reasons  # type: ignore[arg-type]

@@ -1,0 +1,68 @@
+"""Thresholds from simulated healthy flights: ``python -m slam.criticism.calibrate [CASES] [FIRST_SEED]``.
+
+Prints for each case the greatest z of all terms and of the dictionary as a line of JSON; with all cases done,
+the thresholds at which one healthy case in a hundred is called ill. Every third case has Student's tails.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+
+import numpy as np
+
+from slam.criticism.fitting import fit_nuisances
+from slam.criticism.healthy import healthy_case
+from slam.criticism.search import look_at
+from slam.criticism.setting import setting_of
+from slam.criticism.usable import usable_records
+from slam.simulation.model import load_model
+
+RATE = 0.01
+SHARES = (0.7, 0.3)
+"""Of the false alarms: terms, dictionary."""
+
+
+def greatest(seed: int) -> tuple[float, str, float, str]:
+    """Greatest z of the terms and of the dictionary of one healthy case, with their names."""
+    model = load_model("nominal")
+    slower = replace(
+        model, imu=replace(model.imu, rate_hz=100.0), attitude=replace(model.attitude, rate_hz=50.0)
+    )
+    records, _ = usable_records(healthy_case(slower, seed, student=seed % 3 == 2))
+    nominal = setting_of(slower)
+    look = look_at(records, nominal, fit_nuisances(records, nominal))
+    terms = max(look.standing([], look.effects), key=lambda s: s.z)
+    shapes = max(look.standing([], look.shapes), key=lambda s: s.z)
+    return terms.z, terms.effect.label, shapes.z, shapes.effect.name
+
+
+def thresholds(terms: np.ndarray, shapes: np.ndarray) -> tuple[float, float]:
+    """Thresholds of both from the greatest values (n,): by an exponential tail in z^2 / 2."""
+    return tuple(  # type: ignore[return-value]
+        _tail(values, RATE * share) for values, share in zip((terms, shapes), SHARES, strict=True)
+    )
+
+
+def _tail(values: np.ndarray, rate: float) -> float:
+    """z exceeded at a rate: the maximum of n Gaussians, n fitted to the median."""
+    from scipy.optimize import brentq
+    from scipy.stats import norm
+
+    median = float(np.median(values))
+    count = np.log(2.0) / (2.0 * norm.sf(median))
+    return float(brentq(lambda z: 1.0 - np.exp(-count * 2.0 * norm.sf(z)) - rate, 1.0, 10.0))
+
+
+def main(cases: int, first: int) -> None:
+    """Run the cases and print."""
+    found = []
+    for seed in range(first, first + cases):
+        found.append(greatest(seed))
+        print(json.dumps([seed, *found[-1]]), flush=True)
+    print(thresholds(np.array([f[0] for f in found]), np.array([f[2] for f in found])))
+
+
+if __name__ == "__main__":
+    main(*(int(a) for a in (sys.argv[1:] + ["60", "0"][len(sys.argv) - 1 :])))

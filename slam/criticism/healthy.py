@@ -1,0 +1,150 @@
+"""Simulated flights of one vehicle for criticism itself: healthy ones to calibrate on.
+
+What may differ between healthy vehicles is drawn within its range; noise of the instruments is Gaussian or
+has Student's tails with four degrees of freedom and the same standard deviation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.manoeuvres import MANOEUVRES, stick_for
+from slam.flight import Flight
+from slam.simulation import sensors
+from slam.simulation.model import Model
+from slam.simulation.motion import at_rest, draw_for, obey, steps_of
+from slam.simulation.stick import Stick
+from slam.simulation.world import World
+
+Array = NDArray[np.float64]
+
+START_M = (1.2, 1.8)
+"""Range of the height that flights start at."""
+ROOM_M = 60.0
+STUDENT_DEGREES = 4
+
+
+def drawn_vehicle(model: Model, rng: np.random.Generator) -> Model:
+    """A healthy vehicle of a model's kind."""
+
+    def about(x: float, reach: float) -> float:
+        return float(x * (1 + rng.uniform(-reach, reach)))
+
+    hold, vehicle = model.hold_noise, model.vehicle
+    noise = rng.uniform(0.8, 1.2, 5)
+    return replace(
+        model,
+        vehicle=replace(
+            vehicle,
+            gain=about(vehicle.gain, 0.05),
+            drag_1_s=about(vehicle.drag_1_s, 0.1),
+            attitude_time_s=about(vehicle.attitude_time_s, 0.1),
+        ),
+        hold_noise=replace(
+            hold,
+            tilt_std_deg=about(hold.tilt_std_deg, 0.2),
+            tilt_correlation_s=float(rng.uniform(0.15, 0.4)),
+            yaw_rate_std_deg_s=about(hold.yaw_rate_std_deg_s, 0.2),
+            yaw_rate_correlation_s=float(rng.uniform(0.2, 0.5)),
+            velocity_std_m_s=about(hold.velocity_std_m_s, 0.2),
+            velocity_up_std_m_s=about(hold.velocity_up_std_m_s, 0.2),
+            velocity_correlation_s=float(np.exp(rng.uniform(np.log(0.05), np.log(0.25)))),
+        ),
+        imu=replace(
+            model.imu,
+            gyro_noise_density=model.imu.gyro_noise_density * noise[0],
+            accel_noise_density=model.imu.accel_noise_density * noise[1],
+        ),
+        attitude=replace(model.attitude, noise_std_deg=model.attitude.noise_std_deg * noise[2]),
+        velocity=replace(model.velocity, noise_std_m_s=model.velocity.noise_std_m_s * noise[3]),
+        sonar=replace(
+            model.sonar,
+            noise_std_m=model.sonar.noise_std_m * noise[4],
+            datum_m=float(rng.uniform(-0.01, 0.01)),
+        ),
+    )
+
+
+def drawn_plan(duration_s: float, rng: np.random.Generator) -> list[str]:
+    """Names of manoeuvres that together last about so long."""
+    names, total = [], 0.0
+    every = [n for n, rows in MANOEUVRES.items() if sum(row[0] for row in rows) < duration_s / 2]
+    while total < duration_s:
+        names.append(every[rng.integers(len(every))])
+        total += sum(row[0] for row in MANOEUVRES[names[-1]])
+    return names
+
+
+def flown(model: Model, stick: Stick, seed: int, told: Model | None = None, student: bool = False) -> Flight:
+    """One flight of a vehicle, described by the nominal figures of ``told`` as a maker would."""
+    rng = np.random.default_rng((seed, 7))
+    start = at_rest(0.0, 0.0, float(rng.uniform(*START_M)), float(rng.uniform(-np.pi, np.pi)))
+    noise = draw_for(model, steps_of(stick.duration_s), (rng, np.random.default_rng((seed, 8))))
+    motion = obey(stick, model, start, noise)
+    world = World(extent_m=(-ROOM_M, -ROOM_M, ROOM_M, ROOM_M))
+    slope = model.vector("floor_slope")
+    world = replace(world, slope=(float(slope[0]), float(slope[1])))
+    silent = replace(
+        model,
+        imu=replace(model.imu, gyro_noise_density=0.0, accel_noise_density=0.0),
+        attitude=replace(model.attitude, noise_std_deg=0.0),
+        velocity=replace(model.velocity, noise_std_m_s=0.0),
+        sonar=replace(model.sonar, noise_std_m=0.0),
+    )
+    maker = told or model
+
+    def noisy(clean: Array, std: float) -> Array:
+        if student:
+            drawn = rng.standard_t(STUDENT_DEGREES, clean.shape) / np.sqrt(2.0)
+        else:
+            drawn = rng.standard_normal(clean.shape)
+        return clean + std * drawn
+
+    root = np.sqrt(model.imu.rate_hz)
+    imu = sensors.read_imu(motion, silent, seed)
+    imu = replace(
+        imu,
+        gyro_rad_s=noisy(imu.gyro_rad_s, model.imu.gyro_noise_density * root),
+        accel_m_s2=noisy(imu.accel_m_s2, model.imu.accel_noise_density * root),
+        gyro_noise_density=maker.imu.gyro_noise_density,
+        accel_noise_density=maker.imu.accel_noise_density,
+    )
+    attitude = sensors.read_attitude(motion, silent, seed)
+    told_rad = float(np.radians(maker.attitude.noise_std_deg))
+    attitude = replace(
+        attitude,
+        roll_pitch_yaw_rad=noisy(
+            attitude.roll_pitch_yaw_rad, float(np.radians(model.attitude.noise_std_deg))
+        ),
+        noise_std_rad=(told_rad, told_rad, told_rad),
+    )
+    velocity = sensors.read_velocity(motion, silent, world, seed)
+    velocity = replace(
+        velocity,
+        v_m_s=noisy(velocity.v_m_s, model.velocity.noise_std_m_s),
+        noise_std_m_s=(maker.velocity.noise_std_m_s,) * 2,
+    )
+    sonar = sensors.read_sonar(motion, silent, world, seed)
+    range_m = noisy(sonar.range_m, model.sonar.noise_std_m)
+    range_m[(range_m < model.sonar.min_range_m) | (range_m > model.sonar.max_range_m)] = np.nan
+    sonar = replace(sonar, range_m=range_m, noise_std_m=maker.sonar.noise_std_m)
+    command = sensors.log_command(stick, model)
+    return Flight(
+        f"flight_{seed}", imu=imu, attitude=attitude, velocity=velocity, sonar=sonar, command=command
+    )
+
+
+def healthy_case(
+    model: Model, seed: int, flights: int = 3, duration_s: float = 30.0, student: bool = False
+) -> list[Flight]:
+    """Flights of one healthy vehicle under drawn plans."""
+    rng = np.random.default_rng(seed)
+    vehicle = drawn_vehicle(model, rng)
+    seeds: Sequence[int] = rng.integers(1, 2**31, flights).tolist()
+    return [
+        flown(vehicle, stick_for(drawn_plan(duration_s, rng)), s, told=model, student=student) for s in seeds
+    ]

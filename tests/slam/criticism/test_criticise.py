@@ -1,0 +1,115 @@
+"""Hidden effects from the project's own simulator are found; healthy flights are left in peace."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from slam.criticism import criticise
+from slam.criticism import effects as effects_module
+from slam.criticism.healthy import drawn_vehicle, flown
+from slam.criticism.manoeuvres import stick_for
+from slam.simulation.model import load_model
+
+PLANS = (
+    ["three speeds forward: 0.1, 0.2, 0.4", "turn by 90 deg between pulses forward"],
+    [
+        "steps of 0.25 to 0.10 and 0.25 to -0.15",
+        "climb and descend by 0.6 m",
+        "three speeds to the side: 0.1, 0.2, 0.4",
+    ],
+    ["turn by 180 deg between pulses forward", "brisk climb steps at full stick"],
+)
+
+
+def slow(model):
+    return replace(
+        model, imu=replace(model.imu, rate_hz=100.0), attitude=replace(model.attitude, rate_hz=50.0)
+    )
+
+
+def case(seed, student=False, **terms):
+    """Three short flights of one drawn vehicle with terms, told as the nominal one."""
+    nominal = slow(load_model("nominal"))
+    vehicle = drawn_vehicle(nominal, np.random.default_rng(seed))
+    for name, values in terms.items():
+        vehicle = vehicle.with_term(name, **values)
+    return [
+        flown(vehicle, stick_for(plan), 100 * seed + k, told=nominal, student=student)
+        for k, plan in enumerate(PLANS)
+    ]
+
+
+@lru_cache
+def dragging():
+    flights = case(3, quadratic_drag={"c": 0.15})
+    return flights, criticise(flights)
+
+
+@pytest.mark.parametrize(("seed", "student"), [(1, False), pytest.param(2, True, marks=pytest.mark.slow)])
+def test_a_healthy_vehicle_is_left_in_peace(seed, student):
+    found = criticise(case(seed, student))
+    assert found.verdict == "nothing_wrong", found.sentence
+    assert found.causes == ()
+    assert found.detectable["quadratic_drag"][0] < 0.15
+
+
+def test_quadratic_drag_is_named_with_its_size():
+    _, found = dragging()
+    assert found.verdict == "named", found.sentence
+    cause = found.causes[0]
+    assert cause.name == "quadratic_drag"
+    assert cause.probability > 0.95
+    assert cause.parameters["c"].low < 0.15 < cause.parameters["c"].high
+    assert cause.gain.ci95[0] > 0
+    assert found.extended.value("quadratic_drag", "c") == pytest.approx(0.15, rel=0.25)
+
+
+def test_the_verdict_is_json_and_the_extended_model_can_be_read(tmp_path):
+    from slam.cli.criticise import write_criticism
+
+    _, found = dragging()
+    write_criticism(found, tmp_path)
+    verdict = json.loads((tmp_path / "verdict.json").read_text())
+    assert verdict["verdict"] == "named"
+    assert verdict["causes"][0]["parameters"]["c"]["unit"] == "1/m"
+    assert load_model(tmp_path / "extended.toml").holds("quadratic_drag")
+
+
+@pytest.mark.slow
+def test_the_order_of_the_flights_says_nothing():
+    flights, found = dragging()
+    turned = criticise(flights[::-1])
+    assert turned.verdict == found.verdict
+    assert [c.name for c in turned.causes] == [c.name for c in found.causes]
+    assert turned.causes[0].parameters["c"].value == pytest.approx(
+        found.causes[0].parameters["c"].value, rel=0.05
+    )
+
+
+@pytest.mark.slow
+def test_where_north_is_says_nothing():
+    flights, found = dragging()
+    turn = np.array([0.0, 0.0, 1.1])
+    rotated = [
+        replace(f, attitude=replace(f.attitude, roll_pitch_yaw_rad=f.attitude.roll_pitch_yaw_rad + turn))
+        for f in flights
+    ]
+    again = criticise(rotated)
+    assert again.verdict == found.verdict
+    assert again.causes[0].parameters["c"].value == pytest.approx(
+        found.causes[0].parameters["c"].value, rel=0.02
+    )
+
+
+def test_an_effect_that_is_not_in_the_catalogue_is_not_misnamed(monkeypatch):
+    flights, _ = dragging()
+    steps = {k: v for k, v in effects_module._STEPS.items() if k != "quadratic_drag"}
+    monkeypatch.setattr(effects_module, "_STEPS", steps)
+    found = criticise(flights)
+    assert found.verdict != "nothing_wrong"
+    assert not (found.verdict == "named" and found.causes[0].probability > 0.95), found.sentence

@@ -1,0 +1,65 @@
+"""What cannot be judged is told in one line, and never called a cause."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism import criticise
+from slam.criticism.healthy import flown
+from slam.criticism.manoeuvres import REST, stick_for
+from slam.criticism.usable import usable_records
+from slam.simulation.model import load_model
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return flown(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), 1)
+
+
+def unusable(flight):
+    found = criticise([flight])
+    assert found.verdict == "unusable"
+    assert found.causes == ()
+    assert "\n" not in found.sentence
+    return found.sentence
+
+
+def test_a_flight_that_never_moves(flight):
+    still = replace(flight, command=replace(flight.command, stick=0.0 * flight.command.stick))
+    assert "never moved" in unusable(still)
+
+
+def test_a_log_on_another_clock(flight):
+    late = replace(flight, command=replace(flight.command, stamps_s=flight.command.stamps_s + 4000))
+    assert "another clock" in unusable(late)
+
+
+def test_no_command_and_no_readings(flight):
+    assert "no command log" in unusable(replace(flight, command=None))
+    assert "no imu" in unusable(replace(flight, imu=None, attitude=None, velocity=None, sonar=None))
+
+
+def test_a_dead_stream_is_left_out_and_told(flight):
+    stuck = replace(flight, sonar=replace(flight.sonar, range_m=np.full_like(flight.sonar.range_m, 1.0)))
+    records, dropped = usable_records([stuck])
+    assert not records[0].has(11)
+    assert "sonar never changes" in dropped[0]
+    nothing = replace(flight.velocity, v_m_s=np.full_like(flight.velocity.v_m_s, np.nan))
+    records, dropped = usable_records([replace(flight, velocity=nothing)])
+    assert not records[0].has(9)
+    assert "velocity has 0 readings" in dropped[0]
+
+
+def test_values_that_are_not_finite_are_missing(flight):
+    rates = flight.imu.gyro_rad_s.copy()
+    rates[100:110] = np.inf
+    records, dropped = usable_records([replace(flight, imu=replace(flight.imu, gyro_rad_s=rates))])
+    assert not np.isinf(records[0].values).any()
+    assert dropped == []
+
+
+def test_rest_is_rest():
+    assert REST[1:] == (0.0, 0.0, 0.0, 0.0)
