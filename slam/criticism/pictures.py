@@ -14,7 +14,7 @@ from frontend.features import Extractor, FeatureConfig, Features
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, register
-from slam.flight import Flight
+from slam.flight import Flight, Frames
 from slam.progress import Progress, silent
 
 Array = NDArray[np.float64]
@@ -71,10 +71,20 @@ def look(flight: Flight, progress: Progress = silent) -> Sights | None:
     """Register the flight's pictures to each other; None where there are none that can be."""
     if flight.camera is None or flight.frames is None or len(flight.frames) < 2:
         return None
-    camera, extract = flight.camera, Extractor(FEATURES.for_width(flight.camera.size_px[0]))
+    before = cv2.getNumThreads()
+    # Small pictures: threads would only wait for each other.
+    cv2.setNumThreads(1)
+    try:
+        return _looked_at(flight.camera, flight.frames, progress)
+    finally:
+        cv2.setNumThreads(before)
+
+
+def _looked_at(camera: Camera, frames: Frames, progress: Progress) -> Sights | None:
+    extract = Extractor(FEATURES.for_width(camera.size_px[0]))
     shots: list[_Shot] = []
-    for frame in flight.frames:
-        progress("pictures", frame.index, len(flight.frames))
+    for frame in frames:
+        progress("pictures", frame.index, len(frames))
         if shots and frame.stamp_s - shots[-1][0] < SHORTEST_S:
             continue
         image = frame.read()
@@ -99,7 +109,7 @@ def look(flight: Flight, progress: Progress = silent) -> Sights | None:
     stamps_s, registered = np.array([shot[0] for shot in shots]), successive / max(len(shots) - 1, 1)
     return Sights(
         camera, stamps_s, index[:, 0], index[:, 1], a, b, std, tone_a, tone_b,
-        registered, _missing(flight.frames.stamps_s),
+        registered, _missing(frames.stamps_s),
     )  # fmt: skip
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,12 +18,14 @@ Array = NDArray[np.float64]
 
 PICTURE_SHAPES = (
     "picture brightness ~ time", "picture colour ~ time", "picture contrast ~ time",
-    "picture sharpness ~ time", "picture brightness ~ height", "picture contrast ~ speed",
+    "picture sharpness ~ time", "picture brightness ~ height",
 )  # fmt: skip
 MEMORY_S = 1.0
 """Of the automatics that exposure_variation stands for."""
-BLUR_1_PX2 = 0.02
-"""Loss of the logarithm of local detail for each square pixel of smear."""
+BLUR_DETAIL, BLUR_CONTRAST = 0.02, 0.01
+"""Loss of the logarithm of local detail, and of contrast, for each square pixel of a small smear."""
+LARGE_SMEAR_PX2 = 2.0
+"""Beyond this a smear takes ever less of what is left."""
 BORDER = 0.35
 """r^2 in half diagonals where a picture's matches lie, in the mean."""
 SHADING_TOLERANCE = 0.01
@@ -31,7 +33,7 @@ LEAST_DROPPED = 5e-4
 """Share of pictures that any recorder may lose."""
 SLOW_SHARPNESS = 0.3
 """Change of the logarithm of local detail over a flight that a floor's other places may make."""
-TOLERANCE = {CONTRAST: 0.1, SHARPNESS: 0.3}
+TOLERANCE = {0: 0.03, 1: 0.03, 2: 0.03, CONTRAST: 0.1, SHARPNESS: 0.3}
 """Change of the logarithm that a doubling of the height may make."""
 
 
@@ -73,12 +75,11 @@ def shade(
             restless, held = GAIN, camera[GAIN]
         elif figure == CONTRAST:
             shapes["picture", 2] = between(elapsed)
-            shapes["picture", 5] = between(np.sqrt(speed2)) / 100.0
+            shapes["camera", BLUR], ours = _blurred(BLUR_CONTRAST, between, speed2, camera[BLUR])
             restless, held = GAMMA, camera[GAMMA]
         elif figure == SHARPNESS:
             shapes["picture", 3] = between(elapsed)
-            shapes["camera", BLUR] = -BLUR_1_PX2 * between(speed2)
-            ours = shapes["camera", BLUR] * camera[BLUR]
+            shapes["camera", BLUR], ours = _blurred(BLUR_DETAIL, between, speed2, camera[BLUR])
             healthy = np.column_stack([healthy, SLOW_SHARPNESS * slow])
         else:
             healthy = np.full((len(tones.i), 1), SHADING_TOLERANCE)
@@ -89,6 +90,15 @@ def shade(
         found = weigh(tones, figure, table, ours, healthy, held, memory, slow)
         total.add([*shapes, ("camera", restless)], found.information, found.score, found.log_likelihood)
     return total.shades()
+
+
+def _blurred(
+    loss: float, between: Callable[[Array], Array], speed2: Array, exposure2: float
+) -> tuple[Array, Array]:
+    """Change of a figure with the square of the exposure, and what it already has of it."""
+    smear = speed2 * exposure2 / LARGE_SMEAR_PX2
+    own = -loss * LARGE_SMEAR_PX2 * np.log1p(smear)
+    return between(-loss * speed2 / (1.0 + smear)), between(own)
 
 
 class _Total:

@@ -28,7 +28,7 @@ FEWEST = 8
 """Matches of a pair that its figures are taken from."""
 LEAST_STD = np.array([0.002, 0.002, 0.002, 0.004, 0.008, 0.004])
 """No figure of a pair is known better: pictures are rounded and compressed."""
-WANDER = np.array([0.002, 0.002, 0.002, 0.004, 0.03, 0.003])
+WANDER = np.array([0.003, 0.003, 0.003, 0.004, 0.03, 0.003])
 """What a healthy picture's own property differs by: other points of the floor are seen."""
 CLIP = 4.0
 
