@@ -13,13 +13,15 @@ from slam.criticism.decision import causes_of, decide, detectable
 from slam.criticism.extended import extended_model
 from slam.criticism.filter import USED
 from slam.criticism.heldout import taken
+from slam.criticism.next_flight import next_flight
 from slam.criticism.nuisances import NUISANCES
-from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, named, posterior_of
+from slam.criticism.oddities import Oddity, oddities, without_dead_zone
+from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, posterior_of
 from slam.criticism.readings import CHANNELS, FIRST_CHANNEL
 from slam.criticism.record import Record
 from slam.criticism.search import Look, Search, search
 from slam.criticism.sentence import sentence_of
-from slam.criticism.setting import setting_of
+from slam.criticism.setting import Setting, setting_of
 from slam.criticism.thresholds import load_thresholds
 from slam.criticism.usable import is_foreign, usable_records
 from slam.flight import Flight
@@ -49,9 +51,11 @@ def criticise(flights: Sequence[Flight], model: Model | str | Path = "nominal") 
 def _judged(records: Sequence[Record], model: Model) -> Criticism:
     limits = load_thresholds()
     setting = replace(setting_of(model), foreign=is_foreign(records, model))
+    records, odd = without_dead_zone(records)
     found = search(records, setting, limits.effects)
     posterior = posterior_of(found)
-    causes = causes_of(records, setting, found, posterior)
+    odd = [*odd, *oddities(records, found.last.sums.passes)]
+    causes = (*causes_of(records, setting, found, posterior), *(o.cause() for o in odd))
     left = found.last.standing(found.chosen, found.last.shapes)
     left = sorted(left, key=lambda s: -s.z)
     verdict, equivalents, remainder = decide(causes, found, posterior, left, limits.shapes)
@@ -64,6 +68,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         causes,
         equivalents,
         remainder,
+        _next(model, found, posterior),
         detectable=seen,
         ranking=_ranking(found, posterior.probability),
         shapes=tuple((s.effect.name, s.z) for s in left[:SHOWN_SHAPES]),
@@ -71,8 +76,28 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         checks=_checks(records, found.last),
         threshold=limits.effects,
         model=model,
-        extended=extended_model(model, belief, [c.name for c in causes]),
+        extended=_extended(model, belief, found, odd),
     )
+
+
+def _extended(model: Model, belief: Setting, found: Search, odd: Sequence[Oddity]) -> Model:
+    extended = extended_model(model, belief, [e.name for e in found.chosen if named(e)])
+    for oddity in odd:
+        extended = extended.with_term(oddity.name, **{n: p.value for n, p in oddity.parameters.items()})
+    return extended
+
+
+def _next(model: Model, found: Search, posterior: Posterior) -> str:
+    """For the first chosen term that another may stand in for."""
+    known = [(e, a) for e, a in zip(found.chosen, posterior.alternatives, strict=True) if len(a) > 1]
+    if not known:
+        return ""
+    effect, names = known[0]
+    other = next(e for e in found.last.effects if e.name == names[1] and named(e))
+    look = found.last
+    step, _ = look.parabola.answer(found.chosen).of(look.parabola.index(effect.columns))
+    held = np.array([look.parabola.held.get(column, 0.0) for column in effect.columns])
+    return next_flight(model, effect, other, step + held)
 
 
 def _ranking(found: Search, probability: dict[str, float]) -> tuple[Rank, ...]:

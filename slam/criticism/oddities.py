@@ -1,0 +1,140 @@
+"""Terms that change single readings of the sonar, not their mean: spikes, quantisation, a dead zone.
+
+They are mixtures: each odd reading adds what it tells for the term against a healthy sonar, in nats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.criticism import Cause, Gain, Interval
+from slam.criticism.filter import OUTLIER, USED
+from slam.criticism.innovations import Pass
+from slam.criticism.readings import SONAR
+from slam.criticism.record import Record
+from slam.criticism.search import occam
+from slam.simulation.terms import CATALOGUE
+
+Array = NDArray[np.float64]
+
+SECOND_ECHO = (1.6, 2.4)
+"""A spike is a reading of so many times the range that was due."""
+NATS_A_SPIKE = 9.0
+"""Of a reading ten deviations off and more, even with Student's tails, less what its rarity costs."""
+COMB_STEPS_M = np.arange(0.002, 0.0601, 0.0001)
+COMB_NATS = 20.0
+"""n |mean exp(2 pi i r / step)|^2 that a comb must have; a smooth spread of readings has about 1."""
+RUN = 8
+"""The same reading, to the last digit, so many times in a row is no noise."""
+NATS_A_REPEAT = 4.0
+
+
+@dataclass(frozen=True)
+class Oddity:
+    """A term seen in single readings."""
+
+    name: str
+    parameters: dict[str, Interval]
+    nats: tuple[float, ...]
+    """For each flight."""
+
+    def cause(self) -> Cause:
+        """As the verdict tells it."""
+        total = sum(self.nats)
+        lead = total - occam(1) - np.log(len(CATALOGUE) / 0.9)
+        rng = np.random.default_rng(0)
+        drawn = rng.choice(np.array(self.nats), size=(2000, len(self.nats))).sum(axis=1)
+        low, high = np.quantile(drawn, [0.025, 0.975])
+        gain = Gain(total, (float(low), float(high)), "flight", self.nats, ())
+        probability = float(1.0 / (1.0 + np.exp(-min(lead, 700.0))))
+        return Cause(self.name, probability, self.parameters, gain, float(np.sqrt(2 * total)), float(lead))
+
+
+def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Oddity]]:
+    """The records without readings that a dead zone made, and the dead zone where there is one."""
+    limits, nats, kept = [], [], []
+    for record in records:
+        rows = np.flatnonzero(record.kinds == SONAR)
+        ranges = record.values[rows, 0]
+        stuck = _stuck(ranges)
+        nats.append(NATS_A_REPEAT * float(stuck.sum()))
+        limits += ranges[stuck].tolist()
+        values = record.values.copy()
+        values[rows[stuck], 0] = np.nan
+        kept.append(replace(record, values=values) if stuck.any() else record)
+    if not limits:
+        return list(records), []
+    limit = float(np.median(limits))
+    found = Oddity(
+        "sonar_dead_zone", {"limit": _interval("sonar_dead_zone", "limit", limit, 0.01)}, tuple(nats)
+    )
+    return kept, [found]
+
+
+def _stuck(ranges: Array) -> NDArray[np.bool_]:
+    """Readings within long runs of the same value, which is the least of all."""
+    least = np.nanmin(ranges) if np.isfinite(ranges).any() else np.nan
+    same = ranges == least
+    stuck = np.zeros(len(ranges), dtype=bool)
+    begin = 0
+    for k in range(len(ranges) + 1):
+        if k == len(ranges) or not same[k]:
+            if k - begin >= RUN:
+                stuck[begin:k] = True
+            begin = k + 1
+    return stuck
+
+
+def oddities(records: Sequence[Record], passes: Sequence[Pass]) -> list[Oddity]:
+    """Spikes and quantisation, from the readings and a filter run."""
+    return [*_spikes(records, passes), *_quantisation(records)]
+
+
+def _spikes(records: Sequence[Record], passes: Sequence[Pass]) -> list[Oddity]:
+    counts, totals = [], []
+    for record, run in zip(records, passes, strict=True):
+        rows = record.kinds == SONAR
+        due, read = run.states[rows, 2], record.values[rows, 0]
+        odd = run.status[rows, 0] == OUTLIER
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = read / due
+        counts.append(int(np.sum(odd & (ratio > SECOND_ECHO[0]) & (ratio < SECOND_ECHO[1]))))
+        totals.append(int(np.sum(odd | (run.status[rows, 0] == USED))))
+    count, total = sum(counts), sum(totals)
+    if count < 2:
+        return []
+    share = count / total
+    std = np.sqrt(count) / total
+    interval = Interval(share, "1", max(share - 1.96 * std, 0.0), share + 1.96 * std)
+    return [Oddity("sonar_spikes", {"share": interval}, tuple(NATS_A_SPIKE * c for c in counts))]
+
+
+def _quantisation(records: Sequence[Record]) -> list[Oddity]:
+    """A comb in the readings: they are whole multiples of a step, up to the last digit written."""
+    ranges = [r.values[r.kinds == SONAR, 0] for r in records]
+    every = np.concatenate(ranges)
+    every = every[np.isfinite(every)]
+    if len(every) < 50 or np.ptp(every) < 0.02:
+        return []
+    strength = np.abs(np.exp(2j * np.pi * every[None, :] / COMB_STEPS_M[:, None]).mean(axis=1))
+    # All divisors of the step comb as well; the step is the longest.
+    combed = np.flatnonzero(strength > 0.7 * strength.max())
+    best = int(combed[-1])
+    # Readings that hardly spread look like a coarse comb.
+    spread = float(np.median([r.noise_std[11] for r in records]))
+    smooth = np.exp(-2.0 * (np.pi * 0.8 * spread / COMB_STEPS_M[best]) ** 2)
+    if len(every) * strength[best] ** 2 < COMB_NATS or strength[best] < 0.5 + 0.5 * smooth:
+        return []
+    step = float(COMB_STEPS_M[best])
+    nats = tuple(float(np.isfinite(r).sum() * strength[best] ** 2) for r in ranges)
+    found = _interval("sonar_quantisation", "step", step, 1e-4)
+    return [Oddity("sonar_quantisation", {"step": found}, nats)]
+
+
+def _interval(term: str, parameter: str, value: float, std: float) -> Interval:
+    unit = CATALOGUE[term].parameter(parameter).unit
+    return Interval(value, unit, value - 1.96 * std, value + 1.96 * std)

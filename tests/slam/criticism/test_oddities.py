@@ -1,0 +1,63 @@
+"""Terms of single sonar readings: seen where they are, and nowhere else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism.healthy import flown
+from slam.criticism.innovations import whole
+from slam.criticism.manoeuvres import stick_for
+from slam.criticism.oddities import oddities, without_dead_zone
+from slam.criticism.readings import SONAR
+from slam.criticism.record import record_of
+from slam.criticism.setting import setting_of
+from slam.simulation.model import load_model
+
+
+@pytest.fixture(scope="module")
+def record():
+    return record_of(flown(load_model("nominal"), stick_for(["climb and descend by 0.6 m"] * 2), 4))
+
+
+def changed(record, change):
+    values = record.values.copy()
+    rows = np.flatnonzero(record.kinds == SONAR)
+    values[rows, 0] = change(values[rows, 0])
+    return replace(record, values=values)
+
+
+def found(record):
+    kept, dead = without_dead_zone([record])
+    passes = [whole(kept[0], setting_of(load_model("nominal")))]
+    return {o.name: o for o in [*dead, *oddities(kept, passes)]}
+
+
+def test_a_healthy_sonar_is_not_odd(record):
+    assert found(record) == {}
+
+
+def test_spikes_are_counted(record):
+    def spiked(r):
+        r = r.copy()
+        r[[40, 90, 200]] *= 2.02
+        return r
+
+    share = found(changed(record, spiked))["sonar_spikes"].parameters["share"]
+    assert share.low < 3 / np.sum(record.kinds == SONAR) < share.high
+
+
+@pytest.mark.parametrize("step", [0.01, 0.02, 0.043])
+def test_the_step_of_a_comb_is_found(record, step):
+    odd = found(changed(record, lambda r: step * np.round(r / step)))
+    assert list(odd) == ["sonar_quantisation"]
+    assert odd["sonar_quantisation"].parameters["step"].value == pytest.approx(step, abs=2e-4)
+
+
+def test_a_dead_zone_is_found_and_its_readings_left_out(record):
+    limit = float(np.nanquantile(record.values[record.kinds == SONAR, 0], 0.2))
+    odd = found(changed(record, lambda r: np.maximum(r, limit)))
+    assert "sonar_dead_zone" in odd
+    assert odd["sonar_dead_zone"].parameters["limit"].value == pytest.approx(limit, abs=1e-6)
