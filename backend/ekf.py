@@ -97,7 +97,7 @@ class _Passes:
     ) -> None:
         self.events, self.about, self.log, self.size = events, about, log, size
         self.model = _vector(model)
-        self.gates = np.array([*chi2.isf(model.gate_probability, [1, 6]), model.patience_s])
+        self.gates = np.append(chi2.isf(model.gate_probability, [1, 6]), model.patience_s)
         self.start = _first(start, model, size)
         self.rows = _rows(size)
 
@@ -194,7 +194,7 @@ def _first(start: Start, model: FilterModel, size: int) -> tuple[Array, Array]:
     x, std = np.zeros(at.STATE), np.zeros(size)
     x[:3] = [*start.place_m, start.height_m]
     x[at.V : at.A] = start.w_v_m_s
-    turn = Rotation.from_euler("ZYX", start.roll_pitch_yaw_rad[::-1])
+    turn = Rotation.from_matrix(start.w_R_b)
     x[at.XQ : at.XW] = turn.as_quat(scalar_first=True)
     x[at.XCQ] = 1.0
     std[:3] = [start.place_std_m, start.place_std_m, start.height_std_m]

@@ -53,12 +53,11 @@ from backend.ekf_readings import (
     predict,
     step_residual,
 )
-from backend.ekf_records import Events, Found, Log, Tape
+from backend.ekf_records import REFUSED, SOFTENED, STEPPED, USED, Events, Found, Log, Tape
 
-USED, REFUSED, STEPPED, SOFTENED, UNABLE = 1, 2, 3, 4, 5
-"""What became of a component of a reading: taken; beyond its gate; taken for a step of the instrument's own
-error, or with less weight where it has none, because all before it were beyond their gates for too long;
-not to be had in this state."""
+_WILD = 4.0
+"""A component so many times beyond its gate is refused; one nearer is softened: its noise is taken for as
+large as puts it at the gate, for a sensor's tails are often heavier than told."""
 
 
 @njit(cache=True)
@@ -225,11 +224,12 @@ def _take(
             refused_since[0] = math.inf
         else:
             refused_since[0] = min(refused_since[0], now)
-            if now - refused_since[0] < gates[2]:
+            lasting = now - refused_since[0] >= gates[2]
+            if over > _WILD and not lasting:
                 log.status[k, i] = REFUSED
                 return
             own = _own_error(kind, i)
-            if own >= 0:
+            if lasting and own >= 0:
                 log.status[k, i] = STEPPED
                 C[own, own] += innovation * innovation
                 Ch[own] += h[own] * innovation * innovation

@@ -21,10 +21,10 @@ class Series:
     std: Array
     """(d,) white noise of one reading."""
 
-    def until(self, end_s: float) -> Series:
-        """Without what was read later."""
-        early = self.stamps_s <= end_s
-        return Series(self.stamps_s[early], self.values[early], self.std)
+    def between(self, start_s: float, end_s: float) -> Series | None:
+        """What was read from ``start_s`` to ``end_s``; None where nothing was."""
+        inside = (self.stamps_s >= start_s) & (self.stamps_s <= end_s)
+        return Series(self.stamps_s[inside], self.values[inside], self.std) if inside.any() else None
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,11 @@ class Readings:
     """Zeros (n, 3) where it is known not to turn."""
     steps: tuple[PictureStep, ...] = ()
 
-    def until(self, end_s: float) -> Readings:
-        """Without what was read later; without steps."""
+    def between(self, start_s: float, end_s: float) -> Readings:
+        """What was read from ``start_s`` to ``end_s``, without steps."""
         held = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "steps"}
-        return Readings(**{name: s.until(end_s) for name, s in held.items() if s is not None})
+        inside = {name: series.between(start_s, end_s) for name, series in held.items() if series is not None}
+        return Readings(**inside)
 
 
 @dataclass(frozen=True)
@@ -113,8 +114,8 @@ class Start:
 
     height_m: float
     height_std_m: float
-    roll_pitch_yaw_rad: Array
-    """(3,)."""
+    w_R_b: Array
+    """(3, 3)."""
     tilt_std_rad: float = 0.3
     yaw_std_rad: float = 0.0
     """0 where the first heading defines the world's."""

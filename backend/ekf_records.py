@@ -10,6 +10,12 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+USED, REFUSED, STEPPED, SOFTENED, UNABLE = 1, 2, 3, 4, 5
+"""What became of a component of a reading: taken; far beyond its gate; taken for a step of the
+instrument's own error, because all before it were beyond their gates for too long; taken with less
+weight; not to be had in this state."""
+
+
 class Events(NamedTuple):
     """All that happens in a flight, in order of time."""
 
@@ -33,7 +39,7 @@ class Log(NamedTuple):
     """What became of each component of each reading."""
 
     status: NDArray[np.int64]
-    """(e, 3) see `backend.ekf_forward`; 0 where there was none."""
+    """(e, 3) see above; 0 where there was none."""
     innovation: Array
     """(e, 3) each given those before it; of a step the first three, whitened."""
     variance: Array

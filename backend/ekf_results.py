@@ -30,7 +30,7 @@ class Channel:
     std: Array
     """(m, 3) what innovations should scatter."""
     status: NDArray[np.int64]
-    """(m, 3) see `backend.ekf_forward`; 0 where there is none."""
+    """(m, 3) see `backend.ekf_records`; 0 where there is none."""
     log_likelihood: float
     """Of all readings given those before; one beyond its gate counts as if it were at the gate."""
 

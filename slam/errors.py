@@ -8,7 +8,7 @@ class InputError(Exception):
     """The input was refused: one line that says what, where, and what to do. Exit code 1."""
 
 
-NO_CAMERA = "flights without a camera are for `slam estimate`, which is not part of this version yet"
+NO_CAMERA = "flights without a camera are for `slam estimate`"
 """What to do where there is no picture to make a map of."""
 
 

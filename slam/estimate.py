@@ -16,6 +16,10 @@ from slam.flight import GeoOrigin
 Array = NDArray[np.float64]
 
 
+MAP_WAYS = ("chain of homographies", "without loops", "with loops")
+"""The three ways in which a map places its keyframes."""
+
+
 @dataclass(frozen=True)
 class LoopVerdict:
     """What became of one loop candidate."""
@@ -70,6 +74,8 @@ class Estimate:
     iterations: int = 0
     floor_slope_rad: tuple[float, float] = (0.0, 0.0)
     """Rotation vector (x, y) that takes the level to the ground; zero where nothing told of a slope."""
+    ways: tuple[str, str, str] = MAP_WAYS
+    """What ``chain_w_T_b``, ``odometry_w_T_b`` and ``w_T_b`` are, in words."""
 
     @property
     def over_floor_T_b(self) -> Array:

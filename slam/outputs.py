@@ -28,6 +28,9 @@ OPTIMIZE_NAMES = (
 )
 """Files that ``slam optimize`` writes."""
 
+ESTIMATE_NAMES = ("trajectory.tum", "estimate.npz", "estimate.png", "summary.json")
+"""Files that ``slam estimate`` writes."""
+
 EVALUATE_NAMES = ("evaluation.json", "evaluation_trajectory.png", "evaluation_error.png")
 """Files that ``slam evaluate`` adds."""
 
@@ -98,7 +101,7 @@ def _refuse_foreign(target: Path) -> None:
     except OSError as error:
         raise InputError(f"{target}: {explain(error)}") from None
     ours = {
-        *OPTIMIZE_NAMES, *EVALUATE_NAMES, *REPLAY_NAMES, *REPRODUCE_NAMES, *CRITICISE_NAMES,
+        *OPTIMIZE_NAMES, *ESTIMATE_NAMES, *EVALUATE_NAMES, *REPLAY_NAMES, *REPRODUCE_NAMES, *CRITICISE_NAMES,
         *_BYSTANDERS, *_LEFTOVERS,
     }  # fmt: skip
     foreign = [

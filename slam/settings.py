@@ -11,6 +11,7 @@ from frontend.homography import HomographyConfig
 from frontend.keyframes import KeyframeConfig
 from frontend.retrieval import RetrievalConfig
 from frontend.tracks import TrackConfig
+from slam.instruments import InertialTrust
 
 
 @dataclass(frozen=True)
@@ -57,3 +58,4 @@ class PipelineConfig:
     tracks: TrackConfig = field(default_factory=TrackConfig)
     bundle: BundleConfig = field(default_factory=BundleConfig)
     trust: SensorTrust = field(default_factory=SensorTrust)
+    inertial: InertialTrust = field(default_factory=InertialTrust)

@@ -13,6 +13,7 @@ import typer
 from slam import __version__
 from slam.cli.criticise import criticise
 from slam.cli.demo import demo
+from slam.cli.estimate import estimate
 from slam.cli.evaluate import evaluate
 from slam.cli.flights import import_flight, info
 from slam.cli.guard import guarded, show_traceback
@@ -33,6 +34,7 @@ app = typer.Typer(
 for name, command in (
     ("demo", demo),
     ("optimize", optimize),
+    ("estimate", estimate),
     ("evaluate", evaluate),
     ("simulate", simulate),
     ("replay", replay),

@@ -65,10 +65,10 @@ def trajectory_figure(evaluation: Evaluation) -> Figure:
 def _top_view(axes: Axes, evaluation: Evaluation) -> None:
     tracks = evaluation.tracks
     reference = "truth" if evaluation.reference == "truth" else "GPS"
-    axes.plot(*tracks.chain_m[:, :2].T, color=_CHAIN, lw=1, label="chain of homographies")
-    axes.plot(*tracks.odometry_m[:, :2].T, color=_ODOMETRY, lw=1, label="without loops")
+    axes.plot(*tracks.chain_m[:, :2].T, color=_CHAIN, lw=1, label=evaluation.ways[0])
+    axes.plot(*tracks.odometry_m[:, :2].T, color=_ODOMETRY, lw=1, label=evaluation.ways[1])
     axes.plot(*tracks.reference_m[:, :2].T, color=_REFERENCE, lw=2.5, alpha=0.5, label=reference)
-    axes.plot(*tracks.loops_m[:, :2].T, ".-", color=_LOOPS, lw=1, ms=3, label="with loops")
+    axes.plot(*tracks.loops_m[:, :2].T, ".-", color=_LOOPS, lw=1, ms=3, label=evaluation.ways[2])
     for name, point in tracks.landmarks_m.items():
         axes.plot(point[0], point[1], "+", color=_REFERENCE, ms=8)
         axes.annotate(_plain(name), (point[0], point[1]), xytext=(4, 4), textcoords="offset points")
@@ -85,9 +85,9 @@ def _top_view(axes: Axes, evaluation: Evaluation) -> None:
 def _landmark_bars(axes: Axes, evaluation: Evaluation) -> None:
     rows = evaluation.landmarks
     series = [
-        ("chain of homographies", _CHAIN, [row.error_percent.chain for row in rows]),
-        ("without loops", _ODOMETRY, [row.error_percent.odometry for row in rows]),
-        ("with loops", _LOOPS, [row.error_percent.loops for row in rows]),
+        (evaluation.ways[0], _CHAIN, [row.error_percent.chain for row in rows]),
+        (evaluation.ways[1], _ODOMETRY, [row.error_percent.odometry for row in rows]),
+        (evaluation.ways[2], _LOOPS, [row.error_percent.loops for row in rows]),
     ]
     if over_papers_ground(rows):
         series += [

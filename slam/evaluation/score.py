@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.estimate import Estimate
+from slam.estimate import MAP_WAYS, Estimate
 from slam.evaluation.association import Association, associate
 from slam.evaluation.landmarks import LandmarkDistance, LoopGap, landmark_table
 from slam.evaluation.loops import LoopScore, score_loops
@@ -74,6 +74,8 @@ class Evaluation:
     loops: LoopScore | None
     """None without truth or camera."""
     tracks: Tracks
+    ways: tuple[str, str, str] = MAP_WAYS
+    """What the chain, the odometry and the estimate are, in words."""
 
     def to_json(self) -> dict[str, Any]:
         """As ``evaluation.json`` holds it; a figure that is not finite becomes null."""
@@ -128,6 +130,7 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
         loop_gaps=gaps,
         loops=_loops(estimate, flight, association),
         tracks=_tracks(estimate, flight, association, maps, per_keyframe),
+        ways=estimate.ways,
     )
 
 
@@ -154,7 +157,7 @@ def _consistency(
 
 def _loops(estimate: Estimate, flight: Flight, association: Association) -> LoopScore | None:
     camera = flight.camera or estimate.camera
-    if association.w_T_b is None or camera is None:
+    if association.w_T_b is None or camera is None or estimate.ways != MAP_WAYS:  # loops are a map's
         return None
     return score_loops(estimate.loops, estimate.stamps_s, association.keyframe, association.w_T_b, camera)
 

@@ -38,7 +38,7 @@ from scipy.spatial.transform import Rotation
 from backend.measurements import RelativePose
 from frontend.camera import Camera
 from slam.errors import InputError
-from slam.estimate import Estimate, LoopVerdict
+from slam.estimate import MAP_WAYS, Estimate, LoopVerdict
 from slam.flight import GeoOrigin
 from slam.io.atomic import write_whole
 from slam.io.files import brief
@@ -73,8 +73,8 @@ _SHAPES: dict[str, tuple[str, tuple[int, ...], str]] = {
 """name -> what it has a row for, the shape of a row, the kind of number."""
 
 
-def write_estimate(estimate: Estimate, out_dir: str | Path) -> tuple[Path, ...]:
-    """Write the three files into a folder; gives back their paths.
+def write_estimate(estimate: Estimate, out_dir: str | Path, loops: bool = True) -> tuple[Path, ...]:
+    """Write the three files into a folder (two where loops were not looked for); gives back their paths.
 
     Raises ``InputError`` where the folder cannot be written.
     """
@@ -82,8 +82,9 @@ def write_estimate(estimate: Estimate, out_dir: str | Path) -> tuple[Path, ...]:
     contents = {
         "trajectory.tum": trajectory_text(estimate).encode(),
         "estimate.npz": _packed(estimate),
-        "loops.csv": loops_text(estimate).encode("utf-8"),
     }
+    if loops:
+        contents["loops.csv"] = loops_text(estimate).encode("utf-8")
     for name, content in contents.items():
         write_whole(out_dir / name, content)
     return tuple(out_dir / name for name in contents)
@@ -166,6 +167,7 @@ def _record(estimate: Estimate) -> dict[str, Any]:
         "warnings": list(estimate.warnings),
         "graph_error": float(estimate.graph_error),
         "iterations": int(estimate.iterations),
+        "ways": list(estimate.ways),
     }
 
 
@@ -289,7 +291,13 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         warnings=tuple(record["warnings"]),
         graph_error=float(record["graph_error"]),
         iterations=int(record["iterations"]),
+        ways=_ways(record),
     )
+
+
+def _ways(record: dict[str, Any]) -> tuple[str, str, str]:
+    chain, odometry, result = (str(way) for way in record.get("ways", MAP_WAYS))
+    return chain, odometry, result
 
 
 def _camera(record: dict[str, Any]) -> Camera:

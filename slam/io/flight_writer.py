@@ -165,7 +165,7 @@ def _nominal(series: Series) -> dict[str, object]:
         case AttitudeSeries():
             return {"noise_std": list(series.noise_std_rad)}
         case Velocity():
-            return {"noise_std": list(series.noise_std_m_s)}
+            return {"noise_std": list(series.noise_std_m_s), "scale_std": series.scale_std}
         case Command():
             return {"noise_std": [0.0] * 4, "max_tilt": series.max_tilt_rad}
         case Scalar():

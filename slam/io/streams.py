@@ -19,6 +19,10 @@ from slam.io.sensor_yaml import YamlFile
 Array = NDArray[np.float64]
 Series = Imu | Sonar | AttitudeSeries | Velocity | Command | Scalar | Motor | Gps | Truth
 
+MAX_NOISE_STD, MAX_SCALE_STD = 1e9, 1.0
+"""Beyond, a reading says nothing and its covariance cannot be calculated with."""
+SATURATED = 0.999
+"""Share of max_range from which a range is what sonars give where they heard nothing."""
 METRES_PER_DEGREE = 111_319.49
 """Of latitude, WGS 84 equatorial: good to 1 % anywhere, enough for a standard deviation."""
 
@@ -111,6 +115,10 @@ class Source:
         noise = self.sensor.numbers("noise_std", (count,))
         if min(noise) < 0:
             raise self.sensor.refuse("noise_std", "is negative", "write one standard deviation a column")
+        if max(noise) > MAX_NOISE_STD:
+            raise self.sensor.refuse(
+                "noise_std", f"is {max(noise):g}", "write the sensor's own, or remove the stream"
+            )
         return noise
 
     def mount_ignored(self) -> None:
@@ -150,12 +158,15 @@ def _sonar(source: Source) -> Sonar:
         raise sensor.refuse(
             "max_range", f"is {high:g} where min_range is {low:g}", "write min_range < max_range"
         )
+    scale_std = sensor.number("scale_std", Sonar.scale_std)
+    if not 0 <= scale_std <= MAX_SCALE_STD:
+        raise sensor.refuse("scale_std", f"is {scale_std:g}", "write a share between 0 and 1")
     median = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
-    if median > 20 * high:
-        unit = "millimetres" if median > 200 * high else "centimetres"
+    if median > 5 * high:
+        unit = "centimetres" if median * 0.01 <= high else "millimetres"
         raise source.refuse_row(0, f"has a median range of {median:g} m", f"convert it to metres ({unit}?)")
     source.without(values[:, 0] <= 0, 0, "a range of zero or less")
-    source.without(values[:, 0] > high, 0, f"beyond max_range {high:g} m")
+    source.without(values[:, 0] >= SATURATED * high, 0, f"at or beyond max_range {high:g} m")
     return Sonar(
         source.stamps_s,
         values[:, 0],
@@ -163,7 +174,7 @@ def _sonar(source: Source) -> Sonar:
         low,
         high,
         sensor.number("beam_width", Sonar.beam_width_rad),
-        scale_std=sensor.number("scale_std", Sonar.scale_std),
+        scale_std=scale_std,
         b_T_s=sensor.transform(),
     )
 
@@ -184,7 +195,8 @@ def _attitude(source: Source) -> AttitudeSeries:
 def _velocity(source: Source) -> Velocity:
     source.mount_ignored()
     noise = source.noise(2, Velocity.noise_std_m_s)
-    return Velocity(source.stamps_s, source.table.values, (noise[0], noise[1]))
+    scale_std = source.sensor.number("scale_std", Velocity.scale_std)
+    return Velocity(source.stamps_s, source.table.values, (noise[0], noise[1]), scale_std)
 
 
 def _command(source: Source) -> Command:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from slam.estimate import MAP_WAYS
 from slam.evaluation.landmarks import over_papers_ground
 from slam.report.facts import length
 from slam.report.paper import EKF_PERCENT, STITCHED_PERCENT
@@ -59,9 +60,13 @@ def landmark_table(evaluation: Evaluation) -> FigureTable:
     headings = ("paper, stitched", "paper, EKF") if theirs else ()
     return FigureTable(
         "Error of the distances between landmarks on the map",
-        ("landmarks", "true", *headings, "chain", "without loops", "with loops"),
+        ("landmarks", "true", *headings, *_columns(evaluation.ways)),
         tuple(rows),
     )
+
+
+def _columns(ways: tuple[str, str, str]) -> tuple[str, str, str]:
+    return ("chain", *ways[1:]) if ways == MAP_WAYS else ways
 
 
 def _against_reference(evaluation: Evaluation) -> FigureTable:

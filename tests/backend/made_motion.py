@@ -100,6 +100,7 @@ def read(
     seconds: float = 30.0,
     rate_hz: float = 100.0,
     noise: Noise = Noise(),
+    yaw_zero_rad: float = 1.0,
 ) -> Readings:
     """Every instrument, each on stamps of its own, with errors drawn from what the model allows."""
 
@@ -112,7 +113,9 @@ def read(
     imu, att, son, vel = stamps(rate_hz), stamps(rate_hz / 2), stamps(25), stamps(60)
     gyro = flight.body_rate(imu) + white(model.gyro_offset_rad_s, (1, 3)) + white(noise.gyro, (len(imu), 3))
     accel = flight.force(imu) + white(model.accel_offset_m_s2, (1, 3)) + white(noise.accel, (len(imu), 3))
-    angles = flight.angles.at(att) + lasting(rng, model, att) + white(noise.angle, (len(att), 3))
+    angles = (
+        flight.angles.at(att) + lasting(rng, model, att, yaw_zero_rad) + white(noise.angle, (len(att), 3))
+    )
     slant = (1 + white(model.range_scale, (1,))) * flight.slant(son) + white(model.range_offset_m, (1,))
     speed = flight.heading_velocity(vel) * (1 + white(model.velocity_scale, (1, 2)))
     return Readings(
@@ -124,11 +127,11 @@ def read(
     )
 
 
-def lasting(rng: np.random.Generator, model: FilterModel, t: Array) -> Array:
+def lasting(rng: np.random.Generator, model: FilterModel, t: Array, yaw_zero_rad: float) -> Array:
     """Errors of roll and pitch that fade slowly, and a yaw that wanders from an unknown zero."""
     out = np.zeros((len(t), 3))
     dt = np.diff(t, prepend=t[0])
-    out[0] = rng.normal(0, [model.tilt_error_rad, model.tilt_error_rad, 1.0])
+    out[0] = rng.normal(0, [model.tilt_error_rad, model.tilt_error_rad, yaw_zero_rad])
     for k in range(1, len(t)):
         fade = np.exp(-dt[k] / model.tilt_error_time_s)
         drawn = rng.normal(0, 1, 3)
@@ -148,7 +151,7 @@ def start_of(flight: MadeFlight, readings: Readings, rng: np.random.Generator) -
     return Start(
         height_m=float(place[2] + rng.normal(0, height_std)),
         height_std_m=height_std,
-        roll_pitch_yaw_rad=(tipped * Rotation.from_euler("ZYX", angles[::-1])).as_euler("ZYX")[::-1],
+        w_R_b=(tipped * Rotation.from_euler("ZYX", angles[::-1])).as_matrix(),
         tilt_std_rad=tilt_std,
         place_m=(float(place[0]), float(place[1])),
         w_v_m_s=flight.position.at(at, 1)[0] + rng.normal(0, velocity_std, 3),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from backend import ekf_forward, ekf_motion, se3
+from backend import ekf_motion, ekf_records, se3
 from backend.ekf import track
 from backend.ekf_inputs import FilterModel, PictureStep, Readings, Series, Start
 from backend.errors import BackendError
@@ -76,7 +76,7 @@ def straight():
 
 def run_straight(straight, **options):
     read_s, asked_s, values = straight
-    start = Start(0.0, 0.0, np.zeros(3), tilt_std_rad=1e-9, velocity_std_m_s=0.5, accel_std_m_s2=2.0)
+    start = Start(0.0, 0.0, np.eye(3), tilt_std_rad=1e-9, velocity_std_m_s=0.5, accel_std_m_s2=2.0)
     start = replace(start, rate_std_rad_s=1e-9)
     readings = Readings(w_p_b_m=Series(read_s, values, np.full(3, 0.2)))
     return track(readings, asked_s, start, line_model(gate_probability=1e-300), **options)
@@ -225,8 +225,8 @@ def test_spikes_are_refused_and_counted(made):
     clean = track(readings, AT_S, start, model)
     found = track(replace(readings, range_m=replace(readings.range_m, values=values)), AT_S, start, model)
     status = found.channels["range"].status[:, 0]
-    assert np.flatnonzero(status == ekf_forward.REFUSED).tolist() == spiked.tolist()
-    assert found.channels["range"].count(ekf_forward.REFUSED) == len(spiked)
+    assert np.flatnonzero(status == ekf_records.REFUSED).tolist() == spiked.tolist()
+    assert found.channels["range"].count(ekf_records.REFUSED) == len(spiked)
     np.testing.assert_allclose(found.smoothed.w_T_b[:, :3, 3], clean.smoothed.w_T_b[:, :3, 3], atol=0.005)
 
 
@@ -236,7 +236,7 @@ def test_a_step_becomes_the_instruments_own_error(made):
     values = readings.range_m.values.copy()
     values[150:] -= 0.4
     found = track(replace(readings, range_m=replace(readings.range_m, values=values)), AT_S, start, model)
-    assert found.channels["range"].count(ekf_forward.STEPPED) == 1
+    assert found.channels["range"].count(ekf_records.STEPPED) == 1
     height = found.smoothed.w_T_b[:, 2, 3]
     np.testing.assert_allclose(height, flight.position.at(AT_S)[:, 2], atol=0.15)
     assert found.smoothed.errors["range_offset"][-1, 0] == pytest.approx(-0.4, abs=0.15)
@@ -311,7 +311,7 @@ def test_what_is_not_finite_is_told_by_time(made):
 )
 def test_bad_input_is_refused_in_one_line(readings, at_s, said):
     with pytest.raises(BackendError, match=said) as refused:
-        track(readings, at_s, Start(1.0, 0.1, np.zeros(3)))
+        track(readings, at_s, Start(1.0, 0.1, np.eye(3)))
     assert "\n" not in str(refused.value)
 
 

@@ -111,7 +111,7 @@ def test_missing_says_what_it_means():
 
     assert "no metric scale" in missing(sonar=None, gps=None)
     assert "scale comes from GPS" in missing(sonar=None)
-    assert "`slam estimate`, which is not part of this version yet" in missing(camera=None, frames=None)
+    assert "flights without a camera are for `slam estimate`" in missing(camera=None, frames=None)
     assert "tilt is not measured" in missing(imu=None, attitude=None)
     assert "cannot be evaluated" in missing(truth=None, gps=None)
     assert "cannot be replayed" in missing(command=None)

@@ -1,0 +1,112 @@
+"""``slam estimate``: a flight's motion from its instruments alone; no camera is needed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from slam.flight import Flight
+    from slam.navigate import Navigation
+    from slam.report.accuracy import FigureTable
+
+_SOURCE = typer.Argument(
+    metavar="FLIGHT",
+    help="A flight folder or a EuRoC recording, with imu0, or velocity0 and attitude0.",
+    show_default=False,
+)
+_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
+_RATE = typer.Option("--rate", metavar="HZ", min=0.01, max=2000, help="Poses a second.")
+_WITHOUT = typer.Option(
+    "--without", metavar="STREAM", help="A stream to leave out, to compare with it (gps0); can be repeated."
+)
+_CONFIG = typer.Option(metavar="FILE.toml", help="Settings; those of [inertial] count here.")
+
+_STREAMS = {
+    "imu0": "imu",
+    "attitude0": "attitude",
+    "velocity0": "velocity",
+    "sonar0": "sonar",
+    "gps0": "gps",
+    "barometer0": "barometer",
+}
+
+
+def estimate(
+    source: Annotated[Path, _SOURCE],
+    out: Annotated[Path, _OUT],
+    rate: Annotated[float, _RATE] = 20.0,
+    without: Annotated[list[str] | None, _WITHOUT] = None,
+    config: Annotated[Path | None, _CONFIG] = None,
+) -> None:
+    """Estimate where a vehicle was from IMU, attitude, range, velocity, GPS and barometer alone."""
+    from slam.cli.settings import pipeline_config
+    from slam.cli.source import open_flight
+    from slam.cli.tables import shown, written
+    from slam.console import console, progress_shown
+    from slam.navigate import navigate
+    from slam.outputs import output_folder
+
+    screen = console()
+    settings = pipeline_config(config, None)
+    with output_folder(out) as folder, progress_shown(screen) as progress:
+        flight = _without(open_flight(source, progress)[0], without or [])
+        navigation = navigate(flight, settings.inertial, rate, progress)
+        write_navigation(folder, navigation)
+    screen.print(shown(figures(navigation)))
+    screen.print(written([out / "estimate.png", out / "trajectory.tum"]), soft_wrap=True)
+
+
+def _without(flight: Flight, names: list[str]) -> Flight:
+    """The flight without some streams. Raises ``InputError`` for a name that is none."""
+    from dataclasses import replace
+
+    from slam.errors import InputError
+
+    for name in names:
+        if name not in _STREAMS:
+            raise InputError(f"--without {name}: no such stream; one of {', '.join(_STREAMS)}")
+        nothing: dict[str, Any] = {_STREAMS[name]: None}
+        flight = replace(flight, **nothing)
+    return flight
+
+
+def write_navigation(folder: Path, navigation: Navigation) -> None:
+    """Write trajectory, estimate, picture and summary. Raises ``InputError`` where the disk refuses."""
+    from slam.io.atomic import write_whole
+    from slam.io.estimate import write_estimate
+    from slam.navigation_summary import summary_record
+    from slam.report.estimate_picture import estimate_picture
+    from slam.summary import json_text
+
+    write_estimate(navigation.estimate, folder, loops=False)
+    write_whole(folder / "estimate.png", estimate_picture(navigation.estimate, navigation.track))
+    write_whole(folder / "summary.json", json_text(summary_record(navigation)).encode())
+
+
+def figures(navigation: Navigation) -> FigureTable:
+    """The short table at the end."""
+    import numpy as np
+
+    from slam.report.accuracy import FigureTable
+    from slam.report.facts import length, position_sigma_m
+
+    found, track = navigation.estimate, navigation.track
+    sigma = position_sigma_m(found.covariances)
+    way_m = float(np.linalg.norm(np.diff(found.w_T_b[:, :3, 3], axis=0), axis=1).sum())
+    seconds = float(found.stamps_s[-1] - found.stamps_s[0])
+    rows = [
+        ("status", found.status),
+        ("poses", f"{len(found.stamps_s)} over {seconds:.1f} s, {length(way_m)} of way"),
+        ("position, 1σ", f"{length(float(np.median(sigma)))} median, {length(float(sigma.max()))} largest"),
+    ]
+    for name, channel in track.channels.items():
+        nis = channel.nis[np.isfinite(channel.nis)]
+        mean = f"{nis.mean():.2f}" if len(nis) else "–"
+        rows.append((f"{name}, mean NIS", f"{mean} over {len(channel.stamps_s)} readings"))
+    rows.append(("left out", ", ".join(f"{n} x {why}" for why, n in found.rejected.items()) or "nothing"))
+    rows += [("found", warning) for warning in found.warnings]
+    rows.append(("time", f"{sum(found.timing_s.values()):.1f} s"))
+    return FigureTable(found.name, (), tuple(rows))

@@ -1,0 +1,44 @@
+"""When a vehicle stands on the floor before it takes off: then its speed is known better than by any
+instrument."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from slam.flight import Flight
+
+Array = NDArray[np.float64]
+
+_WINDOW_S, _LEAST_READINGS, _STEP_S = 0.25, 10, 0.05
+_GYRO_STD_RAD_S, _ACCEL_STD_M_S2 = 0.01, 0.1
+_SPEED_M_S = 0.05
+
+
+def standing(flight: Flight) -> Array:
+    """Times at the start at which the vehicle stands; none where it does not.
+
+    It stands while gyro and accelerometer hardly spread and no velocity is read: on the floor with the motors
+    off, for in the air both spread by far more.
+    """
+    imu = flight.imu
+    if imu is None or len(imu.stamps_s) == 0:
+        return np.zeros(0)
+    begin_s = until_s = float(imu.stamps_s[0])
+    while _is_still(imu.stamps_s, imu.gyro_rad_s, imu.accel_m_s2, until_s):
+        until_s += _WINDOW_S
+    if flight.velocity is not None:
+        moving = (np.abs(flight.velocity.v_m_s) > _SPEED_M_S).any(axis=1)
+        until_s = min(until_s, float(flight.velocity.stamps_s[moving].min(initial=np.inf)))
+    return np.arange(begin_s, until_s, _STEP_S)
+
+
+def _is_still(stamps_s: Array, gyro_rad_s: Array, accel_m_s2: Array, from_s: float) -> bool:
+    first, last = np.searchsorted(stamps_s, [from_s, from_s + _WINDOW_S])
+    if last - first < _LEAST_READINGS:
+        return False
+    gyro, accel = gyro_rad_s[first:last].std(axis=0), accel_m_s2[first:last].std(axis=0)
+    return bool((gyro < _GYRO_STD_RAD_S).all() and (accel < _ACCEL_STD_M_S2).all())
