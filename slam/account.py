@@ -12,7 +12,7 @@ from slam.chain import chain
 from slam.estimate import Estimate, LoopVerdict
 from slam.flight import Flight
 from slam.fusion import Fused, comparable
-from slam.info import describe
+from slam.info import describe, missing_for_map
 from slam.mapping import Edges, Mapper
 from slam.settings import PipelineConfig
 from slam.sightings import Sightings
@@ -106,7 +106,13 @@ def account(
         frames=sightings.frames,
         rejected=dict(rejected),
         timing_s=timing_s,
-        warnings=(*flight.warnings, *describe(flight).odd, *warnings, *solution.warnings),
+        warnings=(
+            *flight.warnings,
+            *describe(flight).odd,
+            *missing_for_map(flight),
+            *warnings,
+            *solution.warnings,
+        ),
         floor_slope_rad=fused.slope_rad,
         graph_error=fused.bundle.error if fused.bundle else solution.error,
         iterations=solution.iterations + (fused.bundle.iterations if fused.bundle else 0),

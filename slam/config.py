@@ -37,6 +37,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: not valid TOML: {error}; mend that line") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8; give a .toml file") from None
+    except ValueError:  # Python's own limit on digits, which tomllib lets through
+        raise InputError(f"{path}: holds a number of thousands of digits; write a smaller one") from None
     except RecursionError:
         raise InputError(f"{path}: nested too deeply; this is no settings file") from None
     except OSError as error:

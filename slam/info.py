@@ -20,13 +20,15 @@ Array = NDArray[np.float64]
 GRAVITY_M_S2 = 9.80665
 GAP_FACTOR, GAP_MIN_S = 3.0, 0.1
 """An interval is a gap beyond this many median intervals and this many seconds."""
+ECHO_RATIO = 1.5
+"""A single range so many times its neighbours' is an echo by a detour, or a box under the way."""
 STUCK_S, STUCK_COUNT = 5.0, 20
 """A range the same to the last digit for so long and so many readings is stuck, or on the ground."""
 REST_WINDOW_S, REST_GYRO_STD, REST_ACCEL_STD = 1.0, 0.02, 0.2
 """The vehicle rests where gyro (rad/s) and accelerometer (m/s^2) spread less than this within a window."""
 ACCEL_OFF_M_S2, GYRO_OFF_RAD_S = 0.3, 0.05
 """How far from gravity and from zero a sensor at rest may read before it is called odd."""
-SATURATED_SHARE = 0.01
+SATURATED_SHARE = ECHO_SHARE = 0.01
 NOTE_LENGTH = 300
 """Characters of a note shown; the whole stands in flight.yaml."""
 
@@ -119,6 +121,18 @@ def _stream(name: str, stamps_s: Array, values: Array | None) -> StreamInfo:
     )
 
 
+def missing_for_map(flight: Flight) -> tuple[str, ...]:
+    """What was not recorded, and what the map does without it; its scale is told with the map."""
+    if flight.all_keyframes:
+        return ()  # photographs: what is assumed was told on import
+    lines = []
+    if flight.attitude is None:
+        lines.append("no attitude: tilt is not measured, the camera is taken as looking straight down")
+    if flight.imu is None:
+        lines.append("no IMU: stretches where pictures do not match cannot be bridged")
+    return tuple(lines)
+
+
 def _missing(flight: Flight) -> list[str]:
     lines = []
     if flight.camera is None or flight.frames is None:
@@ -128,14 +142,7 @@ def _missing(flight: Flight) -> list[str]:
         lines.append("no sonar and no GPS: no metric scale; distances in the map are relative")
     elif not ranged:
         lines.append("no sonar: the scale comes from GPS alone and is as coarse as that")
-    if flight.imu is None and flight.attitude is None:
-        lines.append(
-            "no IMU and no attitude: tilt is not measured, the camera is taken as looking straight down"
-        )
-    elif flight.attitude is None:
-        lines.append("no attitude: tilt comes from the accelerometer alone")
-    elif flight.imu is None:
-        lines.append("no IMU: stretches where pictures do not match cannot be bridged")
+    lines += missing_for_map(flight)
     if flight.gps is None:
         lines.append("no GPS: the map is in local metres, not placed on Earth")
     if flight.truth is None and flight.gps is None:
@@ -192,6 +199,11 @@ def _odd_sonar(sonar: Sonar) -> list[str]:
         lines.append(f"sonar0: {100 * share:.0f} % of the ranges are saturated at {sonar.max_range_m:g} m")
     if (share := float(np.mean((ranges > 0) & (ranges < sonar.min_range_m)))) > SATURATED_SHARE:
         lines.append(f"sonar0: {100 * share:.0f} % of the ranges are below its {sonar.min_range_m:g} m")
+    around = np.maximum(ranges[:-2], ranges[2:])
+    if (share := float(np.mean(ranges[1:-1] > ECHO_RATIO * around)) if len(around) else 0.0) > ECHO_SHARE:
+        lines.append(
+            f"sonar0: {100 * share:.0f} % of the ranges jump up for one reading (echoes by a detour?)"
+        )
     edges = np.flatnonzero(np.diff(ranges, prepend=np.nan, append=np.nan) != 0)
     first, last = edges[:-1], edges[1:] - 1
     lasted = np.where(last - first + 1 >= STUCK_COUNT, stamps[last] - stamps[first], 0.0)
@@ -237,6 +249,9 @@ def _odd_imu(imu: Imu) -> list[str]:
     lines = []
     if abs(accel - GRAVITY_M_S2) > ACCEL_OFF_M_S2:
         lines.append(f"imu0: the accelerometer reads {accel:.2f} m/s^2 {where}, gravity is 9.81")
+    up = float((np.median(imu.accel_m_s2[rows], axis=0) @ imu.b_T_s[:3, :3].T)[2])
+    if up < -0.5 * GRAVITY_M_S2:
+        lines.append("imu0: the accelerometer feels gravity upside down; check its signs and T_BS")
     if at_rest and gyro > GYRO_OFF_RAD_S:
         lines.append(f"imu0: the gyro reads {gyro:.3f} rad/s at rest")
     return lines

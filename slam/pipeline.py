@@ -57,6 +57,11 @@ def _optimize(flight: Flight, camera: Camera, config: PipelineConfig, progress: 
         solution = mapper.solve(edges, step)
     with clock("refine"):
         fused = fuse(mapper, sightings, edges, solution, progress)
+        if (fused.component < 0).all():
+            raise InputError(
+                f"{flight.name}: the pictures match, but no pose of a camera above a floor explains how; "
+                "check T_BS (which way it looks) and intrinsics in cam0/sensor.yaml, and the attitude"
+            )
     with clock("loops"):
         sightings = sighter.revisit(sightings, fused.over_floor_T_b, fused.floor_z_m)
     with clock("graph"):
@@ -86,7 +91,8 @@ def _refuse_unless(joined: bool, flight: Flight, sightings: Sightings) -> None:
         if usable > 1
         else f"{usable} of {frames} pictures usable"
     )
+    on_reading = next((line for line in flight.warnings if line.startswith("cam0:")), "nothing to compare")
     raise InputError(
-        f"{flight.name}: {what} ({reasons or 'nothing to compare'}); a map needs two pictures that overlap, "
+        f"{flight.name}: {what} ({reasons or on_reading}); a map needs two pictures that overlap, "
         "of a floor with texture and light"
     )

@@ -25,6 +25,7 @@ def replay(
     from slam.cli.source import open_flight
     from slam.cli.tables import shown, written
     from slam.console import console
+    from slam.info import describe
     from slam.outputs import output_folder
     from slam.progress import silent
     from slam.replay import replay as run
@@ -38,9 +39,11 @@ def replay(
     with output_folder(out) as folder:
         result = run(flight, loaded)
         (folder / "replay.png").write_bytes(draw(result))
-        (folder / "summary.json").write_text(json_text(record(result)), encoding="utf-8")
+        told = (*flight.warnings, *describe(flight).odd, *result.warnings)
+        summary = {**record(result), "warnings": list(told)}
+        (folder / "summary.json").write_text(json_text(summary), encoding="utf-8")
     screen.print(shown(table(result)))
-    for warning in result.warnings:
+    for warning in told:
         screen.print(f"note: {warning}", markup=False)
     screen.print(written([out / "replay.png"]), soft_wrap=True)
 
@@ -67,7 +70,6 @@ def record(replay: Replay) -> dict[str, Any]:
             }
             for channel in replay.channels
         },
-        "warnings": list(replay.warnings),
     }
 
 

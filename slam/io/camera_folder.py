@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 
@@ -53,11 +54,23 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
         notes.append(f"focal lengths {fu:g}, {fv:g} px are unusual for a picture {width:g} px wide")
     if not sensor.has("T_BS"):
         notes.append("sensor.yaml has no T_BS: camera taken as looking down with the nose at the top")
+    distortion = _distortion(sensor)
+    corner = math.hypot(max(cu, width - 1 - cu) / fu, max(cv, height - 1 - cv) / fv)
+    if (seen := _seen_share(distortion, corner)) < 0.5:
+        raise sensor.refuse(
+            "distortion_coefficients",
+            f"fold the picture over at {100 * seen:.0f} % of the way to its corner",
+            "calibrate again, or write zeros",
+        )
+    if seen < 1:
+        notes.append(
+            f"distortion_coefficients hold to {100 * seen:.0f} % of the way to the corner, not beyond"
+        )
     return Camera(
         (fu, fv),
         (cu, cv),
         (int(width), int(height)),
-        _distortion(sensor),
+        distortion,
         sensor.transform() if sensor.has("T_BS") else NADIR_B_T_C.copy(),
         sensor.number("focal_std_ratio", 0.0),
         sensor.number("radial_std", 0.0),
@@ -84,6 +97,16 @@ def _distortion(sensor: YamlFile) -> tuple[float, ...]:
             "distortion_coefficients", "are beyond 100", "write OpenCV's k1, k2, p1, p2[, k3]"
         )
     return coefficients
+
+
+def _seen_share(distortion: tuple[float, ...], corner: float) -> float:
+    """How far out, as a share of the corner's radius, OpenCV's radial polynomial has one ray a pixel."""
+    k1, k2, _, _, *k3 = distortion
+    radius = np.linspace(0.0, 4.0 * max(corner, 1.0), 4000)
+    squared = radius**2
+    bent = radius * (1 + squared * (k1 + squared * (k2 + squared * (k3[0] if k3 else 0.0))))
+    falls = np.flatnonzero(np.diff(bent) <= 0)
+    return 1.0 if not len(falls) else min(1.0, float(bent[falls[0]]) / corner)
 
 
 def frames_of(table: Table, camera: Camera, epoch_ns: int, root: Path, notes: list[str]) -> Frames | None:

@@ -98,6 +98,11 @@ def read_names(path: Path, root: Path, title: str) -> Table:
     at, width = names_at.index(title), len(names_at)
     stamps, names, lines = [], [], []
     lost: Counter[str] = Counter()
+    cut = bool(text.notes)
+    if text.lines and text.unterminated and _last_name_is_cut(text.lines):
+        text.lines.pop(), text.numbers.pop()
+        lost["last line, cut short, dropped"] += 1
+        cut = True
     for raw, number in zip(text.lines, text.numbers, strict=True):
         try:
             fields = next(csv.reader([raw.decode("utf-8")]))
@@ -106,6 +111,7 @@ def read_names(path: Path, root: Path, title: str) -> Table:
         if len(fields) != width or not fields[at].strip():
             if text.unterminated and number == text.numbers[-1]:
                 lost["last line, cut short, dropped"] += 1
+                cut = True
                 continue
             raise refusal(
                 path, f"has {len(fields)} fields instead of {width} or no name", "repair the line", number
@@ -119,9 +125,7 @@ def read_names(path: Path, root: Path, title: str) -> Table:
         lines.append(number)
     notes = (*text.notes, *(f"{n} {what}" for what, n in lost.items()))
     none = np.empty((len(stamps), 0))
-    return Table(
-        path, np.array(stamps, np.int64), none, tuple(names), np.array(lines, np.int64), notes, bool(notes)
-    )
+    return Table(path, np.array(stamps, np.int64), none, tuple(names), np.array(lines, np.int64), notes, cut)
 
 
 def _read_text(path: Path, root: Path, expected: str) -> _Text:
@@ -153,6 +157,14 @@ def _last_is_cut(lines: list[bytes], width: int) -> bool:
         return True
     others = [len(line.rsplit(b",", 1)[-1].strip()) for line in lines[-50:-1]]
     return bool(others) and len(fields[-1].strip()) < min(others)
+
+
+def _last_name_is_cut(lines: list[bytes]) -> bool:
+    """Whether a last line without a line end lost the end of its name, which the line before has."""
+    if len(lines) < 2:
+        return False
+    before, last = (line.strip().rpartition(b".")[2] for line in lines[-2:])
+    return len(before) <= 4 and last != before and (len(last) > 4 or before.startswith(last))
 
 
 def _bulk(lines: list[bytes], width: int, places: list[int | None]) -> tuple[Stamps, Array]:
