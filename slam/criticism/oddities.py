@@ -122,7 +122,7 @@ def _quantisation(records: Sequence[Record]) -> list[Oddity]:
         return []
     strength = np.abs(np.exp(2j * np.pi * every[None, :] / COMB_STEPS_M[:, None]).mean(axis=1))
     # All divisors of the step comb as well; the step is the longest.
-    combed = np.flatnonzero(strength > 0.7 * strength.max())
+    combed = np.flatnonzero(strength > 0.9 * strength.max())
     best = int(combed[-1])
     # Readings that hardly spread look like a coarse comb.
     spread = float(np.median([r.noise_std[11] for r in records]))
