@@ -195,7 +195,8 @@ def _attitude(source: Source) -> AttitudeSeries:
 def _velocity(source: Source) -> Velocity:
     source.mount_ignored()
     noise = source.noise(2, Velocity.noise_std_m_s)
-    return Velocity(source.stamps_s, source.table.values, (noise[0], noise[1]))
+    scale_std = source.sensor.number("scale_std", Velocity.scale_std)
+    return Velocity(source.stamps_s, source.table.values, (noise[0], noise[1]), scale_std)
 
 
 def _command(source: Source) -> Command:
