@@ -124,6 +124,8 @@ def _quantisation(records: Sequence[Record]) -> list[Oddity]:
     # All divisors of the step comb as well; the step is the longest.
     combed = np.flatnonzero(strength > 0.9 * strength.max())
     best = int(combed[-1])
+    while best > 0 and strength[best - 1] > strength[best]:
+        best -= 1
     # Readings that hardly spread look like a coarse comb.
     spread = float(np.median([r.noise_std[11] for r in records]))
     smooth = np.exp(-2.0 * (np.pi * 0.8 * spread / COMB_STEPS_M[best]) ** 2)
