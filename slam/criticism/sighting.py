@@ -16,12 +16,12 @@ from scipy.linalg import cho_factor, cho_solve, cholesky
 
 from slam.criticism.lens import NUDGE, floor_of, pixels_of
 from slam.criticism.optics import CAMERA, OFFSET, POINTS, READOUT
-from slam.criticism.pictures import Sights
+from slam.criticism.pictures import SHORTEST_S, Sights
 from slam.criticism.readings import SENSOR, SLOPE_X, SLOPE_Y
 from slam.criticism.record import Record
 from slam.criticism.setting import Setting
 from slam.criticism.shading import shade
-from slam.criticism.smoothing import Path, smoothed
+from slam.criticism.smoothing import LEAST_HALF_S, Path, smoothed
 from slam.criticism.tangents import Direction, parameter_direction
 
 Array = NDArray[np.float64]
@@ -64,13 +64,14 @@ def path_of(record: Record, sights: Sights, setting: Setting) -> tuple[Path, NDA
     inside = sights.stamps_s > record.times_s[0] + MARGIN_S
     inside &= sights.stamps_s < record.times_s[-1] - MARGIN_S
     key = _key(setting, record.duration_s)
+    half_s = max(min(0.5 * float(camera[READOUT]), 0.4 * SHORTEST_S), LEAST_HALF_S)
     if key not in sights.paths:
-        shown = sights.stamps_s[inside] * (1.0 + setting.drift) - camera[OFFSET] + 0.5 * camera[READOUT]
-        shown = np.clip(shown, record.times_s[0], record.times_s[-1])
+        shown = sights.stamps_s[inside] * (1.0 + setting.drift) - camera[OFFSET]
+        shown = np.clip(shown, record.times_s[0] + half_s, record.times_s[-1] - half_s)
         while len(sights.paths) >= _KEPT_PATHS:
             sights.paths.pop(next(iter(sights.paths)))
         directions = [parameter_direction(name, _SENSOR_NUDGE) for name in SENSOR]
-        sights.paths[key] = setting.sensor, smoothed(record, setting, shown, directions)
+        sights.paths[key] = setting.sensor, smoothed(record, setting, shown, directions, half_s)
     sensor, path = sights.paths[key]
     moved = (path.traces @ (setting.sensor - sensor)).reshape(path.poses.shape)
     return replace(path, poses=path.poses + moved), inside
@@ -150,10 +151,13 @@ def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> Sighted:
     log_det = 2.0 * float(np.log(np.diag(factor[0])).sum() + 2.0 * np.log(scene.std).sum())
     own = np.append(np.arange(C.shape[2] - POINTS), C.shape[2])
     loose = np.arange(C.shape[2] - POINTS, C.shape[2])
-    tolerance = left[np.ix_(loose, loose)] + np.diag(1.0 / TOLERANCE**2)
+    std = TOLERANCE.copy()
+    # Which row a stamp means differs from maker to maker.
+    std[OFFSET] += 0.5 * abs(scene.camera[READOUT])
+    tolerance = left[np.ix_(loose, loose)] + np.diag(1.0 / std**2)
     taken = np.linalg.solve(tolerance, left[np.ix_(loose, own)])
     left = left[np.ix_(own, own)] - left[np.ix_(own, loose)] @ taken
-    log_det += float(np.linalg.slogdet(tolerance * TOLERANCE * TOLERANCE[:, None])[1])
+    log_det += float(np.linalg.slogdet(tolerance * std * std[:, None])[1])
     chi_square = float(left[-1, -1])
     return Sighted(left[:-1, :-1], left[:-1, -1], -0.5 * (chi_square + log_det), chi_square, rows)
 
@@ -195,8 +199,9 @@ class _Scene:
         rows = told.size_px[1] - 1
         shift_j = self._shift(camera, self.other[:, 1] / rows)
         shift_i = self._shift(camera, self.seen[:, 1] / rows)
-        pose_j = poses[self.j] + shift_j[:, None] * rates[self.j]
-        pose_i = poses[self.i] + shift_i[:, None] * rates[self.i]
+        bends = 0.5 * self.path.bends
+        pose_j = poses[self.j] + shift_j[:, None] * (rates[self.j] + shift_j[:, None] * bends[self.j])
+        pose_i = poses[self.i] + shift_i[:, None] * (rates[self.i] + shift_i[:, None] * bends[self.i])
         if at_i is not None:
             pose_i = pose_i + at_i
         if at_j is not None:
@@ -205,7 +210,7 @@ class _Scene:
 
     def _shift(self, camera: Array, row: Array) -> Array:
         """(m,) moment of each row less that which the path was taken at for its picture."""
-        late = camera[READOUT] * row - 0.5 * self.camera[READOUT]
+        late = camera[READOUT] * (row - 0.5)
         return np.asarray(late - camera[OFFSET] + self.camera[OFFSET])
 
     def by_pose(self) -> Array:

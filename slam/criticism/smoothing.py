@@ -31,14 +31,15 @@ from slam.criticism.readings import (
 from slam.criticism.record import LONGEST_STEP_S, Record
 from slam.criticism.setting import Setting
 from slam.criticism.tangents import Direction, tangents_for
-from slam.criticism.transition import POLE, covariance_step, jacobian, kicks, mean_step, spread, transition
-from slam.simulation.dynamics import GEAR, derivative
+from slam.criticism.transition import POLE, covariance_step, jacobian, kicks, mean_step, transition
+from slam.simulation.dynamics import GEAR
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 POSE = (0, 1, 2, 6, 7, 8)
 """Entries of the state that place a camera: x, y, z, roll, pitch, yaw."""
+LEAST_HALF_S = 0.004
 _TINY = 1e-13
 """Variance added before an inverse: the start is known exactly in some axes."""
 
@@ -53,15 +54,27 @@ class Path:
     """(n, 6) x, y, z, roll, pitch, yaw."""
     rates: Array
     """(n, 6) of these."""
+    bends: Array
+    """(n, 6) of the rates."""
     covariance: Array
     """(6 n, 6 n) of all poses together."""
     traces: Array
     """(6 n, directions): change of the smoothed poses with each direction."""
 
 
-def smoothed(record: Record, setting: Setting, times_s: Array, directions: Sequence[Direction] = ()) -> Path:
-    """The path at ``times_s`` within the record's time, with the traces of directions of the instruments."""
-    record = _with_moments(record, times_s)
+def smoothed(
+    record: Record,
+    setting: Setting,
+    times_s: Array,
+    directions: Sequence[Direction] = (),
+    half_s: float = 0.0,
+) -> Path:
+    """The path at ``times_s`` within the record's time, with the traces of directions of the instruments.
+
+    Rates and bends make a parabola through where the vehicle was ``half_s`` before and after each moment.
+    """
+    half_s = max(half_s, LEAST_HALF_S)
+    record = _with_moments(record, (times_s[:, None] + half_s * np.array([-1.0, 0.0, 1.0])).ravel())
     table = tangents_for(record, setting, directions, {})
     start = np.zeros(STATES)
     start[:10] = record.start
@@ -77,13 +90,15 @@ def smoothed(record: Record, setting: Setting, times_s: Array, directions: Seque
     )  # fmt: skip
     at = np.flatnonzero(record.kinds == _MOMENT)
     states, chain, spreads, traces = _backward(*forward, at)
-    rates = _rates(states, table.commands[0][at], setting.parameters)
+    before, poses, after = (states[k::3, POSE] for k in range(3))
+    between = chain[1:-2:3] @ chain[2:-1:3] @ chain[3::3]
     return Path(
         times_s,
-        states[:, POSE],
-        rates[:, POSE],
-        _joint(chain, spreads),
-        traces[:, POSE].reshape(len(at) * 6, len(directions)),
+        poses,
+        (after - before) / (2 * half_s),
+        (after + before - 2 * poses) / half_s**2,
+        _joint(between, spreads[1::3]),
+        traces[1::3, POSE].reshape(len(times_s) * 6, len(directions)),
     )
 
 
@@ -219,14 +234,6 @@ def _backward(  # type: ignore[no-untyped-def]
             a = np.eye(n)
             k -= 1
     return states, chain, spreads, traces
-
-
-def _rates(states: Array, commands: Array, parameters: Array) -> Array:
-    rates, full, noise = np.zeros((len(states), 12)), np.empty(12), np.empty(8)
-    for k, state in enumerate(states):
-        spread(state, full, noise)
-        derivative(full, commands[k], noise, parameters, rates[k])
-    return rates
 
 
 def _joint(chain: Array, spreads: Array) -> Array:

@@ -50,7 +50,7 @@ def made(
     poses, rates = np.zeros((PICTURES, 6)), np.zeros((PICTURES, 6))
     poses[:, 2] = 1.2 + 0.1 * np.sin(stamps)
     rates[:, 0] = np.abs(np.sin(0.7 * stamps))
-    return sights, Path(stamps, poses, rates, np.eye(6 * PICTURES), np.zeros((6 * PICTURES, 0)))
+    return sights, Path(stamps, poses, rates, 0 * rates, np.eye(6 * PICTURES), np.zeros((6 * PICTURES, 0)))
 
 
 def judged(sights: Sights, path: Path) -> tuple[Array, Shades]:
