@@ -19,6 +19,8 @@ from tests.blind.plans import GRID_S, PLANS, start_of, stick_of
 from tests.blind.strength import NUISANCES, outputs, strengths, whitened
 from tests.blind.vehicle import HEALTHY, Knobs
 
+CONTACT = ("sonar_bias",)
+"""Effects that only the moment of contact tells, which the whitening leaves out."""
 FINE_S, COARSE_S = GRID_S / 2, GRID_S
 CHANCE = ("gusts", "timestamp_jitter", "sonar_spikes", "sonar_quantisation")
 """Effects that change the scatter only: no difference without noise tells their strength."""
@@ -164,7 +166,7 @@ def sized(
         trace = outing.traces(base, [knobs(amplitude)], kept)
         d = float(strengths(trace, nuisances, halves)[0])
     value = None if fault.value is None else float(fault.value(amplitude, base))
-    shown = None if fault.name in CHANCE else d
+    shown = None if fault.name in (*CHANCE, *CONTACT) else d
     return (
         knobs(amplitude),
         Hidden(fault.name, amplitude, value, fault.unit, shown, fault.known, fault.channels),

@@ -109,7 +109,10 @@ FAULTS: tuple[Fault, ...] = (
         value=None),
     Fault("sonar_tilt", "sonar", 0.005, 0.09, "rad", directed("echo_x", "echo_y"), needs=SHARP),
     Fault("sonar_scale", "sonar", 0.004, 0.06, "1", plain("echo_eps", signed=True), needs=CLIMBS),
-    Fault("sonar_bias", "sonar", 0.012, 0.08, "m", plain("echo_add", signed=True), needs=("touchdown",)),
+    Fault(
+        "sonar_bias", "sonar", 0.03, 0.08, "m", plain("echo_add", signed=True), scaled=False,
+        needs=("touchdown",),
+    ),
     Fault("sonar_temperature", "sonar", 1.0, 25.0, "K", plain("warm_k", signed=True), value=None),
     Fault("sonar_quantisation", "sonar", 0.03, 0.06, "m", plain("echo_step"), scaled=False),
     Fault("sonar_dead_zone", "sonar", 0.3, 0.4, "m", plain("echo_floor"), scaled=False, needs=("touchdown",)),

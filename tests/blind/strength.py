@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from tests.blind.instruments import NOISE, RANGE_M, RATE_HZ, attitude, heard, inertial, moments, velocity
-from tests.blind.vehicle import CLIMB_S, HEALTHY, POLE_S, YAW_S, G, Knobs, Path
+from tests.blind.vehicle import CLIMB_S, FADE, HEALTHY, LEGS, POLE_S, YAW_S, G, Knobs, Path
 
 STEP_S = 0.02
 NUISANCES = {"gain": (0.05, 0.05), "drag": (0.0559, 0.0559), "lag": (0.01, 0.01), "datum": (0.01, 0.01)}
@@ -28,6 +28,9 @@ def outputs(path: Path, member: int, streams: Sequence[str]) -> dict[str, np.nda
     imu, angles, flow = inertial(m), attitude(m), velocity(m)
     reach = np.maximum(heard(path, member, clock), path.knobs["echo_floor"][member])
     reach[(reach < RANGE_M[0]) | (reach > RANGE_M[1])] = np.nan
+    # The moment of contact is the hold noise's: what the legs do then tells nothing.
+    near = np.convolve(m.place[:, 2] < LEGS + FADE, np.ones(25), mode="same") > 0.5
+    imu[near, 3:], flow[near] = np.nan, np.nan
     has = {name: np.where(name in streams, 1.0, np.nan) for name in RATE_HZ}
     ahead = [imu[:, 1] * has["imu0"], angles[:, 1] * has["attitude0"], flow[:, 0], imu[:, 3] * has["imu0"]]
     left = [-imu[:, 0] * has["imu0"], -angles[:, 0] * has["attitude0"], flow[:, 1], imu[:, 4] * has["imu0"]]
@@ -42,12 +45,10 @@ def outputs(path: Path, member: int, streams: Sequence[str]) -> dict[str, np.nda
 def whitened(difference: dict[str, np.ndarray], k: Knobs) -> np.ndarray:
     """(samples, all channels, members) innovations of unit variance of (samples, channels, members) an axis.
 
-    A missing reading (not a number) counts as no difference.
+    A missing reading (not a number) tells nothing.
     """
     k = {**HEALTHY, **k}
-    return np.concatenate(
-        [_filtered(np.nan_to_num(d), *_axis(axis, k)) for axis, d in difference.items()], axis=1
-    )
+    return np.concatenate([_filtered(d, *_axis(axis, k)) for axis, d in difference.items()], axis=1)
 
 
 def _axis(axis: str, k: Knobs) -> tuple[np.ndarray, ...]:
@@ -107,6 +108,7 @@ def _filtered(
     x = np.zeros((count, d.shape[2]))
     out = np.empty_like(d)
     settled = None
+    noise = noise * np.where(np.isnan(d).all(axis=(0, 2)), 1e12, 1.0)
     for i, y in enumerate(d):
         if settled is None:
             s = read @ p @ read.T + noise
@@ -116,7 +118,7 @@ def _filtered(
             # The covariance does not know the data: once it stands still, so do the gains.
             settled = (white, gain) if i > 50 and np.allclose(after, p, rtol=1e-9, atol=0.0) else None
             p = after
-        e = y - read @ x
+        e = np.nan_to_num(y - read @ x)
         out[i] = white @ e
         x = move @ x + gain @ e
     return out

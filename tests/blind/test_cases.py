@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.blind import folder
-from tests.blind.cases import CHANCE, KINDS, Outing, make, nuisances_of, plans_for, sized, suite
+from tests.blind.cases import CHANCE, CONTACT, KINDS, Outing, make, nuisances_of, plans_for, sized, suite
 from tests.blind.faults import BY_NAME, FAULTS, STRANGE, UNTELLABLE
 from tests.blind.instruments import NOISE, RATE_HZ, streams
 from tests.blind.strength import NUISANCES, STEP_S, outputs, strengths, whitened
@@ -89,7 +89,7 @@ def test_every_effect_changes_what_is_read(outing):
     """At its largest far beyond the noise, where a plan that shows it is flown."""
     shown = [
         name for name, fault in BY_NAME.items()
-        if name not in CHANCE and (set(fault.needs) & set(outing.plans) or not fault.needs)
+        if name not in (*CHANCE, *CONTACT) and (set(fault.needs) & set(outing.plans) or not fault.needs)
     ]  # fmt: skip
     traces = outing.traces(HEALTHY, [strongest(name) for name in shown], ALL)
     alone = dict(zip(shown, np.sqrt(np.sum(traces**2, axis=0)), strict=True))
@@ -102,7 +102,7 @@ def test_every_effect_is_shown_by_some_outing():
     assert [f.name for f in BY_NAME.values() if f.needs and not set(f.needs) & flown] == []
 
 
-@pytest.mark.parametrize("name", CHANCE)
+@pytest.mark.parametrize("name", [*CHANCE, *CONTACT])
 def test_effects_of_chance_change_the_streams(name):
     outing = OUTINGS[0]
     paths = [outing.fly([(0, k)], 0.005, restless=True) for k in (HEALTHY, strongest(name))]

@@ -1,0 +1,89 @@
+"""``slam.criticise`` as a black box on folders of the blind generator: a few short cases (all: make blind)"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import slam
+from slam.io.flight_folder import read_flight
+from tests.blind.cases import Case, make
+from tests.blind.critic import flights_of
+from tests.blind.folder import shifted
+from tests.blind.score import Answer
+
+FLIGHTS, SECONDS = 3, 16.0
+
+
+@dataclass(frozen=True)
+class Made:
+    case: Case
+    flights: list[Path]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory):
+    """Cases by kind, seed and fault; each made once."""
+
+    @cache
+    def one(kind: str, seed: int, fault: str | None = None, d: float | None = None) -> Made:
+        home = tmp_path_factory.mktemp("case")
+        case = make(kind, seed, 0, home, FLIGHTS, SECONDS, fault, d)
+        return Made(case, flights_of(home / case.name))
+
+    return one
+
+
+@pytest.fixture(scope="module")
+def judged():
+    @cache
+    def one(*folders: Path) -> dict[str, Any]:
+        found: dict[str, Any] = slam.criticise([read_flight(f) for f in folders]).to_json()
+        return found
+
+    return one
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("null", 11), ("null_edge", 12)])
+def test_a_healthy_vehicle_is_called_healthy(kind, seed, made, judged):
+    assert judged(*made(kind, seed).flights)["verdict"] == "nothing_wrong"
+
+
+@pytest.mark.parametrize(
+    ("fault", "seed"), [("control_latency", 21), ("steady_wind", 25), ("sonar_tilt", 23)]
+)
+def test_a_single_cause_is_named(fault, seed, made, judged):
+    case = made("single", seed, fault, 20.0)
+    answer = Answer(case.case, judged(*case.flights))
+    assert answer.right, (answer.word, answer.top, answer.equals)
+    error, _ = answer.parameter(case.case.hidden[0])
+    assert error < 0.3
+
+
+def test_what_no_term_explains_is_not_named(made, judged):
+    case = made("strange", 31, "iron_in_floor", 40.0)
+    answer = Answer(case.case, judged(*case.flights))
+    assert answer.word in ("unknown", "named_with_remainder"), (answer.word, answer.top)
+    assert answer.verdict["remainder"]
+
+
+def test_the_order_the_heading_and_the_hour_do_not_matter(made, judged, tmp_path):
+    """Permuted flights in a turned world at another time: the same verdict, causes and sizes."""
+    case = made("single", 25, "steady_wind", 20.0)
+    moved = []
+    for i, flight in enumerate(reversed(case.flights)):
+        shifted(flight, tmp_path / f"flight_{i:02d}", seconds=86_400.0 + 7.0 * i, turn=2.2)
+        moved.append(tmp_path / f"flight_{i:02d}")
+    before, after = judged(*case.flights), judged(*moved)
+    assert after["verdict"] == before["verdict"]
+    assert [c["name"] for c in after["causes"]] == [c["name"] for c in before["causes"]]
+    for a, b in zip(after["causes"], before["causes"], strict=True):
+        # A vector of the world turns with it: lengths are compared.
+        sizes = [np.hypot.reduce([p["value"] for p in c["parameters"].values()]) for c in (a, b)]
+        half = max(np.ptp(p["ci95"]) for p in b["parameters"].values()) / 2
+        assert sizes[0] == pytest.approx(sizes[1], abs=0.3 * half)
