@@ -210,6 +210,9 @@ def make(
     if kind in ("single", "strange"):
         pool = FAULTS if kind == "single" else STRANGE
         faults = [BY_NAME[fault] if fault else pool[rng.integers(len(pool))]]
+        if kind == "strange" and d is None:
+            # What no term of the catalogue imitates must stand out, not only the whole of it.
+            target *= 3.0
     elif kind == "pair":
         target = max(target, 10.0)
         scaled = [f for f in FAULTS if f.scaled]
