@@ -20,17 +20,22 @@ from slam.criticism.hypotheses import Answer, Parabola, parabola_of
 from slam.criticism.innovations import whole
 from slam.criticism.moving import bounded, entered, held_value, moved, on_grid, settled
 from slam.criticism.nuisances import MEAN, direction_of
+from slam.criticism.optics import CAMERA
 from slam.criticism.record import Record
 from slam.criticism.screening import deviate
 from slam.criticism.setting import Setting
 from slam.criticism.sums import Sums, in_threads, sums_of
+from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 
 LINEAR_Z = 25.0
 """Beyond this a term is fitted with the filter run anew."""
 CANDIDATES = 5
+WORTH_A_FIT = 0.25
 MOST_TERMS = 6
+NAMED_FIRST = 0.8
+"""A constant out of its range must explain more than a term of the catalogue, which says why."""
 SHORT_S = 80.0
 """Candidates are compared on so much of the flights: they all stand out by far."""
 ITERATIONS = 8
@@ -160,11 +165,17 @@ def _refitted(
     named: dict[str, Standing] = {}
     for standing in ranked:
         named.setdefault(standing.effect.name + str(len(standing.effect.columns)), standing)
+    if ranked[0].effect.columns[0] in CAMERA:
+        # Pictures are nearly linear: what explains little beside the best in one look is none.
+        named = {k: v for k, v in named.items() if v.nats > WORTH_A_FIT * ranked[0].nats}
     best: tuple[float, Effect, Setting] | None = None
     short = [cut(record, SHORT_S / len(records)) for record in records]
+    base, _ = refit(short, model, look.setting, chosen)
     for standing in list(named.values())[:CANDIDATES]:
         nats, setting = refit(short, model, look.setting, [*chosen, standing.effect])
-        nats -= occam(len(standing.effect.columns))
+        nats -= base + occam(len(standing.effect.columns))
+        if standing.effect.name not in CATALOGUE:
+            nats *= NAMED_FIRST
         if best is None or nats > best[0]:
             best = nats, standing.effect, setting
     assert best is not None
