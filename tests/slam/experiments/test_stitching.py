@@ -13,6 +13,7 @@ from slam.experiments.stitching import (
     LARGEST,
     at_pace,
     consecutive,
+    filtered,
     landmark_errors,
     on_truth,
     placed,
@@ -85,6 +86,17 @@ def test_the_papers_chain_drifts_a_little_and_starts_where_the_estimate_does(fli
     off = np.linalg.norm(on_truth(made, flight)[:, :3, 3] - truth[:, :3, 3], axis=1)
     assert off[:5].max() < 0.02
     assert 0.001 < off.max() < 0.2
+
+
+def test_the_filters_map_is_near_and_no_picture_helps_it(flight, estimate):
+    made = filtered(flight, estimate)
+    assert [flight.frames.names[k] for k in made.frame_index] == list(made.frame_names)
+    truth = poses_at(flight.truth, made.stamps_s)
+    off = np.linalg.norm(on_truth(made, flight)[:, :3, 3] - truth[:, :3, 3], axis=1)
+    assert 0.002 < off.max() < 0.15
+    assert landmark_errors(made, flight).percent["A-B"] < 10
+    dark = replace(flight, frames=replace(flight.frames, load=lambda _: None))
+    assert np.array_equal(filtered(dark, estimate).w_T_b, made.w_T_b)
 
 
 def test_the_canvas_shows_each_mark_where_the_map_has_it(flight, perfect):
