@@ -37,8 +37,8 @@ _SAME_SHARE, _SAME_S = 3e-3, 1e-3
 """Beliefs whose numbers differ by less make the same path."""
 
 
-TOLERANCE = np.array([2e-3, 3e-3, 3e-4, 3e-4, 3e-4, 1e-4])
-"""What positions of features on small pictures bear: so far a healthy camera may seem off, in each flight."""
+TOLERANCE = np.array([2e-3, 3e-3, 3e-4, 3e-4, 3e-4, 1e-4, 3e-5])
+"""What features on small pictures bear: so far a healthy camera may seem off in a flight; last its clock."""
 MARGIN_S = 0.3
 """Pictures so near to the ends of the readings are left out, so that a late camera loses none."""
 
@@ -107,18 +107,20 @@ def _points(
     """What the places of points say."""
     scene = _Scene.of(sights, setting, setting.camera, path, inside)
     B = scene.by_pose()
-    C = np.zeros((len(scene.i), 2, len(directions) + POINTS))
+    C = np.zeros((len(scene.i), 2, len(directions) + len(TOLERANCE)))
     moving = [k for k, d in enumerate(directions) if d.kind == "sensor"]
     entries = [directions[k].entry for k in moving]
     traces = path.traces.reshape(len(path.times_s), 6, len(SENSOR))[:, :, entries]
     C[:, :, moving] = np.matmul(B[:, :, :6], traces[scene.i]) + np.matmul(B[:, :, 6:], traces[scene.j])
-    C[:, :, len(directions) :] = by_camera = scene.by_camera()
+    by_camera = scene.by_camera()
+    when = 0.5 * (path.times_s[scene.i] + path.times_s[scene.j])
+    fast = -when[:, None] * by_camera[:, :, OFFSET]
+    C[:, :, len(directions) :] = np.concatenate([by_camera, fast[:, :, None]], axis=2)
     for k, d in enumerate(directions):
         if d.kind == "camera" and d.entry < POINTS:
             C[:, :, k] = by_camera[:, :, d.entry]
         elif d.kind == "drift":
-            when = 0.5 * (path.times_s[scene.i] + path.times_s[scene.j])
-            C[:, :, k] = -when[:, None] * by_camera[:, :, OFFSET]
+            C[:, :, k] = fast
         elif d.kind == "sensor" and d.entry in (SLOPE_X, SLOPE_Y):
             C[:, :, k] += scene.by_slope(d.entry - SLOPE_X)
     return _marginal(scene, B, C, path.covariance)
@@ -149,8 +151,9 @@ def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> Sighted:
     flat = right.reshape(rows, -1)
     left = flat.T @ flat - seen.T @ cho_solve(factor, seen)
     log_det = 2.0 * float(np.log(np.diag(factor[0])).sum() + 2.0 * np.log(scene.std).sum())
-    own = np.append(np.arange(C.shape[2] - POINTS), C.shape[2])
-    loose = np.arange(C.shape[2] - POINTS, C.shape[2])
+    count = C.shape[2] - len(TOLERANCE)
+    own = np.append(np.arange(count), C.shape[2])
+    loose = np.arange(count, C.shape[2])
     std = TOLERANCE.copy()
     # Which row a stamp means differs from maker to maker.
     std[OFFSET] += 0.5 * abs(scene.camera[READOUT])
