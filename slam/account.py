@@ -83,6 +83,7 @@ def account(
         for r, ok in zip(edges.at_heights(height_m), solution.edge_kept, strict=True)
         if ok and np.isfinite(fused.w_T_b[[r.i, r.j]]).all()
     )
+    kept += fused.bridges
     chained = chain(
         sightings.links, mapper.camera, mapper.sensors.roll_pitch_rad, mapped.odometry.heights.height_m
     )

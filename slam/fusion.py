@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.bundle import Bundle
 from backend.errors import BackendError
-from backend.measurements import Position
+from backend.measurements import Position, RelativePose
 from backend.solution import Solution
 from frontend.camera import Camera
 from frontend.registration import Registration
@@ -37,6 +37,8 @@ class Fused:
     """Of the largest part."""
     georeferenced: bool
     warnings: tuple[str, ...]
+    bridges: tuple[RelativePose, ...] = ()
+    """Edges of kind ``inertial`` along which parts were laid together (`slam.bridging`)."""
 
     @property
     def slope_rad(self) -> tuple[float, float]:

@@ -8,6 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from frontend.camera import Camera
 from slam.account import Mapped, account
+from slam.bridging import Bridges
 from slam.errors import NO_CAMERA, InputError
 from slam.estimate import Estimate
 from slam.flight import Flight
@@ -44,6 +45,7 @@ def _optimize(flight: Flight, camera: Camera, config: PipelineConfig, progress: 
         sightings = sighter.neighbours(sightings)
     origin = flight.geo_origin()
     mapper = Mapper(camera, Sensors.at(flight, sightings.stamps_s, origin, config), config)
+    bridges = Bridges(flight, mapper, sightings.links, config.inertial, progress)
     with clock("graph"):
         odometry = mapper.edges(sightings.registrations)
         without_loops = mapper.solve(odometry, step, covariances=True)
@@ -56,7 +58,7 @@ def _optimize(flight: Flight, camera: Camera, config: PipelineConfig, progress: 
         edges = mapper.edges(sightings.registrations)
         solution = mapper.solve(edges, step)
     with clock("refine"):
-        fused = fuse(mapper, sightings, edges, solution, progress)
+        fused = bridges.join(fuse(mapper, sightings, edges, solution, progress))
         if (fused.component < 0).all():
             raise InputError(
                 f"{flight.name}: the pictures match, but no pose of a camera above a floor explains how; "
@@ -69,7 +71,7 @@ def _optimize(flight: Flight, camera: Camera, config: PipelineConfig, progress: 
         edges = informed.edges(sightings.registrations)
         solution = informed.solve(edges, step)
     with clock("refine"):
-        fused = fuse(mapper, sightings, edges, solution, progress)
+        fused = bridges.join(fuse(mapper, sightings, edges, solution, progress))
     mapped = Mapped(sightings, edges, solution, fused, odometry, without_loops)
     return account(flight, config, mapper, mapped, clock.seconds)
 

@@ -331,3 +331,27 @@ def test_steps_of_pictures_hold_the_position():
         assert np.trace(with_.covariances[-1, 3:, 3:]) < 0.1 * np.trace(without.covariances[-1, 3:, 3:])
     low, high = chi2.ppf([0.0005, 0.9995], 6 * len(off))
     assert low < sum(off) < high
+
+
+def test_the_way_across_a_stretch_without_pictures_is_as_uncertain_as_told():
+    """Steps before and after tell the speed; between them the accelerometer carries on for two seconds."""
+    scores, std_m = [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        flight = fly(rng)
+        model = as_the_flight_moves(flight, KNOWN)
+        readings = replace(read(flight, model, rng, seconds=12.0), velocity_m_s=None)
+        asked_s = np.concatenate([np.arange(0.5, 5.0, 0.25), np.arange(7.0, 12.0, 0.25)])
+        j = int(np.searchsorted(asked_s, 7.0))
+        steps = tuple(step for step in seen_steps(flight, asked_s, rng) if step.j != j)
+        found = track(
+            replace(readings, steps=steps), asked_s, start_of(flight, readings, rng), model
+        ).smoothed
+        ends = flight.w_T_b(asked_s[j - 1 : j + 1])
+        i_T_j = se3.inverse(ends[:1]) @ ends[1:]
+        xi = se3.log(se3.inverse(found.kept_T_b[j : j + 1]) @ i_T_j)[0]
+        scores.append(xi @ np.linalg.solve(found.kept_covariances[j], xi))
+        std_m.append(np.sqrt(found.kept_covariances[j][3, 3]))
+    low, high = chi2.ppf([0.0005, 0.9995], 6 * len(scores))
+    assert low < sum(scores) < high
+    assert 0.005 < np.mean(std_m) < 0.1
