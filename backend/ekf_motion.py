@@ -12,12 +12,17 @@ they fade while the uncertainty of a vehicle that may do anything takes their pl
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from backend.compiled import discard_stale
+
 Array = NDArray[np.float64]
+
+discard_stale(Path(__file__).parent.glob("ekf_*.py"))
 
 P, V, A, TH, W, BG, BA, AT, RS, RO, VS, VB, BO, GO, CP, CT = (
     0, 3, 6, 9, 12, 15, 18, 21, 24, 25, 26, 28, 30, 31, 32, 35,

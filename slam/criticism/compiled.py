@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from numba import njit
+
+from backend.compiled import discard_stale
+
+_HERE = Path(__file__).parent
+discard_stale([*_HERE.glob("*.py"), _HERE.parent / "simulation" / "dynamics.py"])
 
 kernel = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
 """NaN keeps its meaning: a missing reading is one."""

@@ -1,0 +1,29 @@
+"""Compiled kernels on disk.
+
+numba looks at a kernel's own file to tell whether its cached machine code is still good, not at the files of
+the kernels that are compiled into it: after a change there it would go on with the old code, without a word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+
+def discard_stale(sources: Iterable[Path]) -> int:
+    """Delete what is cached of some source files where any of them is newer; returns how many files went.
+
+    To be called before the first kernel of the sources is used, with all files whose kernels call each other.
+    """
+    files = list(sources)
+    cached = [c for f in files for c in (f.parent / "__pycache__").glob(f"{f.stem}.*.nb[ic]")]
+    try:
+        newest = max(f.stat().st_mtime for f in files)
+        stale = [c for c in cached if c.stat().st_mtime < newest]
+        if not stale:
+            return 0
+        for each in cached:
+            each.unlink(missing_ok=True)
+    except OSError:
+        return 0  # another process is at it, or nothing may be written here
+    return len(cached)

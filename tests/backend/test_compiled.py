@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import backend.ekf_motion
+import slam.criticism.compiled
+import slam.simulation.dynamics
+from backend.compiled import discard_stale
+
+
+def made(folder: Path, name: str, source_s: float, cached_s: float) -> Path:
+    (folder / "__pycache__").mkdir(exist_ok=True)
+    source = folder / f"{name}.py"
+    for path, stamp in ((source, source_s), (folder / "__pycache__" / f"{name}.run-3.py311.nbi", cached_s)):
+        path.write_text("x")
+        os.utime(path, (stamp, stamp))
+    return source
+
+
+def left(folder: Path) -> set[str]:
+    return {path.name.split(".")[0] for path in (folder / "__pycache__").iterdir()}
+
+
+def test_all_goes_where_one_source_is_newer(tmp_path):
+    sources = [made(tmp_path, "calls", 100, 200), made(tmp_path, "called", 300, 250)]
+    bystander = made(tmp_path, "calls_not", 100, 150)
+    assert discard_stale(sources) == 2
+    assert left(tmp_path) == {bystander.stem}
+
+
+def test_nothing_goes_where_all_is_fresh(tmp_path):
+    sources = [made(tmp_path, "calls", 100, 200), made(tmp_path, "called", 150, 250)]
+    assert discard_stale(sources) == 0
+    assert left(tmp_path) == {"calls", "called"}
+
+
+def test_sources_that_were_never_compiled_are_no_trouble(tmp_path):
+    source = tmp_path / "new.py"
+    source.write_text("")
+    assert discard_stale([source]) == 0
+
+
+def test_each_group_of_kernels_is_looked_after():
+    for module in (backend.ekf_motion, slam.criticism.compiled):
+        assert "discard_stale(" in Path(module.__file__).read_text()
