@@ -18,15 +18,19 @@ MAX_GAP_S = 0.3
 def local_value(stamps_s: Array, values: Array, at_s: Array, half_window_s: float) -> tuple[Array, Array]:
     """Straight line fitted to the samples around each time; between two samples, interpolation.
 
-    ``values`` (n, d), ``at_s`` (k,). Returns (k, d) values, NaN where there is a gap, and (k,) the
-    factor that the fit puts on the standard deviation of one sample (white noise averages out).
+    A time before the first sample or after the last is reached from samples over twice its distance: from two
+    neighbours a line would carry their noise far off. ``values`` (n, d), ``at_s`` (k,). Returns (k, d) values,
+    NaN where there is a gap, and (k,) the factor that the fit puts on the standard deviation of one sample
+    (white noise averages out).
     """
     order = np.argsort(stamps_s, kind="stable")
     stamps_s, values = stamps_s[order], values[order]
     out = np.full((len(at_s), values.shape[1]), np.nan)
     factor = np.ones(len(at_s))
     for k, t in enumerate(at_s):
-        lo, hi = np.searchsorted(stamps_s, [t - half_window_s, t + half_window_s])
+        beyond_s = max(stamps_s[0] - t, t - stamps_s[-1], 0.0) if len(stamps_s) else 0.0
+        reach_s = max(half_window_s, 3 * beyond_s)
+        lo, hi = np.searchsorted(stamps_s, [t - reach_s, t + reach_s])
         # One sample on each side at least, or there is nothing to interpolate.
         lo = max(0, min(lo, np.searchsorted(stamps_s, t, side="right") - 1))
         hi = min(len(stamps_s), max(hi, lo + 2, np.searchsorted(stamps_s, t) + 1))

@@ -46,6 +46,18 @@ def test_gaps_and_ends_have_no_value():
     assert found[2, 0] == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize("rate_hz", [25.0, 50.0, 200.0])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_beyond_an_end_noise_is_not_carried_off(rate_hz, side):
+    """A picture 0.22 s before the first attitude: the noise of its readings stays about what it is."""
+    stamps_s = np.arange(0, 2, 1 / rate_hz)
+    at_s = np.array([-0.22 if side < 0 else stamps_s[-1] + 0.22])
+    noise = np.random.default_rng(0).normal(0.0, 1.0, (len(stamps_s), 2000))
+    value, factor = local_value(stamps_s, noise, at_s, 0.05)
+    assert value.std() == pytest.approx(factor[0], rel=0.1)
+    assert factor[0] < 1.5
+
+
 def test_slow_streams_count_while_their_gaps_are_short():
     for interval_s, expected in ((0.9 * MAX_GAP_S, True), (5 * MAX_GAP_S, False)):
         stamps_s = np.arange(0, 10, interval_s)
