@@ -46,14 +46,15 @@ def python(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, check=False, **options)
 
 
-def test_the_four_names_that_a_script_needs():
-    from slam import Flight, evaluate, optimize, simulate
+def test_the_names_that_a_script_needs():
+    from slam import Flight, criticise, evaluate, optimize, simulate
 
     assert Flight.__module__ == "slam.flight"
     assert optimize.__module__ == "slam.pipeline"
     assert evaluate.__module__ == "slam.evaluation.score"
     assert simulate.__module__ == "slam.simulation"
-    assert set(slam.__all__) == {"Flight", "evaluate", "optimize", "simulate"}
+    assert criticise.__module__ == "slam.criticism.run"
+    assert set(slam.__all__) == {"Flight", "criticise", "evaluate", "optimize", "simulate"}
 
 
 def test_other_names_are_refused_as_python_does():
