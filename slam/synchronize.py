@@ -21,8 +21,8 @@ def local_value(stamps_s: Array, values: Array, at_s: Array, half_window_s: floa
     A time before the first sample or after the last is reached from samples over twice its distance: from two
     neighbours a line would carry their noise far off.
 
-    ``values`` (n, d), ``at_s`` (k,). Returns (k, d) values, NaN where there is a gap, and (k,) the factor that
-    the fit puts on the standard deviation of one sample (white noise averages out).
+    ``values`` (n, d), ``at_s`` (k,). Returns (k, d) values, NaN where there is a gap, and (k,) the factor
+    that the fit puts on the standard deviation of one sample (white noise averages out).
     """
     order = np.argsort(stamps_s, kind="stable")
     stamps_s, values = stamps_s[order], values[order]
