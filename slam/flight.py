@@ -108,8 +108,8 @@ class Velocity:
     """(n, 2): forward, left."""
     noise_std_m_s: tuple[float, float] = (0.03, 0.03)
     scale_std: float = 0.1
-    """Relative uncertainty that all readings of an axis share, 0 for a sensor known to be exact. Flow sensors on
-    board read some 0.75 to 1.05 times the true speed."""
+    """Relative uncertainty that all readings of an axis share, 0 for a sensor known to be exact. Flow
+    sensors on board read some 0.75 to 1.05 times the true speed."""
 
 
 @dataclass(frozen=True)
