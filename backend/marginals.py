@@ -119,6 +119,24 @@ def _conditioned(
 ) -> tuple[Array, Array, Array]:
     """cov(w) (d, d), dx/dw (n, 6, d), and cov(x | w) (n, 6, 6)."""
     ordering = gtsam.Ordering.ColamdConstrainedLastGaussianFactorGraph(linear, [common])
+    # What the one elimination holds is given back before the next begins.
+    of_common, G = _sensitivity(linear, ordering, keys, common, d, *eliminate)
+    hold = np.diag(_HOLD / np.sqrt(np.diag(of_common)))
+    linear.add(gtsam.JacobianFactor(common, hold, np.zeros(d), gtsam.noiseModel.Unit.Create(d)))
+    tree = linear.eliminateMultifrontal(ordering, *eliminate)
+    held = np.array([tree.marginalCovariance(key) for key in keys]).reshape(-1, 6, 6)
+    return of_common, G, held
+
+
+def _sensitivity(
+    linear: gtsam.GaussianFactorGraph,
+    ordering: gtsam.Ordering,
+    keys: Sequence[int],
+    common: int,
+    d: int,
+    *eliminate: Any,
+) -> tuple[Array, Array]:
+    """cov(w) (d, d) and dx/dw (n, 6, d): w comes last in the ordering, the rest follows from it."""
     others = gtsam.Ordering()
     for k in range(ordering.size() - 1):
         others.push_back(ordering.at(k))
@@ -131,9 +149,4 @@ def _conditioned(
         found = net.optimize(given)
         return np.array([found.at(key) for key in keys]).reshape(-1, 6)
 
-    G = np.stack([poses(w) for w in np.eye(d)], axis=2) - poses(np.zeros(d))[:, :, None]
-    hold = np.diag(_HOLD / np.sqrt(np.diag(of_common)))
-    linear.add(gtsam.JacobianFactor(common, hold, np.zeros(d), gtsam.noiseModel.Unit.Create(d)))
-    tree = linear.eliminateMultifrontal(ordering, *eliminate)
-    held = np.array([tree.marginalCovariance(key) for key in keys]).reshape(-1, 6, 6)
-    return of_common, G, held
+    return of_common, np.stack([poses(w) for w in np.eye(d)], axis=2) - poses(np.zeros(d))[:, :, None]
