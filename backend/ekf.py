@@ -24,7 +24,7 @@ from backend import ekf_backward, ekf_forward
 from backend import ekf_motion as at
 from backend import ekf_readings as kinds
 from backend.ekf_events import in_order
-from backend.ekf_inputs import FilterModel, Readings, Start
+from backend.ekf_inputs import FilterModel, Keep, Readings, Start
 from backend.ekf_records import Events, Found, Log, Tape
 from backend.ekf_results import Track, channels_of, states_of
 from backend.errors import BackendError
@@ -42,18 +42,18 @@ def track(
     model: FilterModel = FilterModel(),
     *,
     rounds: int = 2,
-    keep: bool = False,
+    keep: Keep = "none",
 ) -> Track:
     """Filter all readings in order of time; states at ``at_s`` (n,), increasing.
 
     ``rounds`` of smoothing follow the filter, none with 0; each after the first is linearised about what
-    the one before has found. ``keep`` keeps the pose of each asked time until the next, for the way between
-    them; steps seen in pictures imply it. Raises ``BackendError``, with the time, where a figure ceases to
-    be finite.
+    the one before has found. ``keep`` keeps the pose of the first asked time, or of each until the next,
+    for the way from there; steps seen in pictures imply the latter. Raises ``BackendError``, with the
+    time, where a figure ceases to be finite.
     """
-    keep = keep or bool(readings.steps)
+    keep = "each" if readings.steps else keep
     events = in_order(readings, at_s, keep)
-    size = at.SIZE if keep else at.PLAIN
+    size = at.PLAIN if keep == "none" else at.SIZE
     filtered = smoothed = _found(len(at_s), size)
     log = _log(events)
     about = np.zeros((0, at.STATE))
@@ -70,8 +70,8 @@ def track(
             about = smoothed.all_x
     return Track(
         at_s,
-        states_of(filtered, keep),
-        states_of(smoothed, keep) if rounds > 0 else None,
+        states_of(filtered, keep != "none"),
+        states_of(smoothed, keep != "none") if rounds > 0 else None,
         channels_of(events, log, model),
     )
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend import ekf_readings as kinds
-from backend.ekf_inputs import PictureStep, Readings, Series
+from backend.ekf_inputs import Keep, PictureStep, Readings, Series
 from backend.ekf_records import Events
 from backend.errors import BackendError
 
@@ -18,7 +18,7 @@ _WIDTH = 3
 """Components of the widest reading."""
 
 
-def in_order(readings: Readings, at_s: Array, keep: bool) -> Events:
+def in_order(readings: Readings, at_s: Array, keep: Keep) -> Events:
     """Readings that hold a figure, asked times, and steps through gaps, sorted by time.
 
     At one instant readings come first, then the pose is noted, then (``keep``) kept. Raises ``BackendError``
@@ -32,7 +32,8 @@ def in_order(readings: Readings, at_s: Array, keep: bool) -> Events:
     parts = [_of_series(number, held) for number, held in _series(readings) if held is not None]
     reached_s = at_s[[step.j for step in readings.steps]] if readings.steps else np.zeros(0)
     parts += [_bare(kinds.STEP, reached_s), _bare(kinds.ASK, at_s)]
-    parts += [_bare(kinds.KEEP, at_s)] if keep else []
+    kept_s = {"none": at_s[:0], "first": at_s[:1], "each": at_s}[keep]
+    parts.append(_bare(kinds.KEEP, kept_s))
     parts.append(_bare(kinds.TICK, _through_gaps(np.concatenate([stamps for stamps, *_ in parts]))))
     stamps_s, kind, value, std, row = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.lexsort((kind, stamps_s))

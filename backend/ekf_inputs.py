@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Keep = Literal["none", "first", "each"]
+"""Whose pose the filter keeps: nobody's, that of the first asked time, that of each until the next."""
 
 
 @dataclass(frozen=True)

@@ -63,9 +63,11 @@ class States:
     motion_covariances: Array
     """(n, 12, 12) of world position, velocity, acceleration, and attitude (right perturbation)."""
     kept_T_b: Array
-    """(n, 4, 4) from the asked time before to this one; NaN where no pose was kept."""
+    """(n, 4, 4) from the pose that was kept to this one; NaN where none was."""
     kept_covariances: Array
     """(n, 6, 6) of it, from the joint covariance of the two; rotation first, right perturbation."""
+    since_kept_covariances: Array
+    """(n, 6, 6) of the pose where the kept pose's position is taken for certain; NaN where none was kept."""
 
 
 @dataclass(frozen=True)
@@ -103,9 +105,9 @@ def states_of(found: Found, keep: bool) -> States:
     to_body[:, :3, at.TH : at.W] = np.eye(3)
     to_body[:, 3:, :3] = R.transpose(0, 2, 1)
     motion = C[:, :12, :12]
-    kept_T_b, kept_covariances = np.full_like(w_T_b, np.nan), np.full((len(x), 6, 6), np.nan)
+    kept_T_b, kept_covariances, since = np.full_like(w_T_b, np.nan), *np.full((2, len(x), 6, 6), np.nan)
     if keep:
-        kept_T_b[1:], kept_covariances[1:] = _from_kept(x[1:], C[1:], R[1:])
+        kept_T_b[1:], kept_covariances[1:], since[1:] = _from_kept(x[1:], C[1:], R[1:])
     return States(
         w_T_b,
         to_body @ motion @ to_body.transpose(0, 2, 1),
@@ -116,11 +118,12 @@ def states_of(found: Found, keep: bool) -> States:
         motion,
         kept_T_b,
         kept_covariances,
+        since,
     )
 
 
-def _from_kept(x: Array, C: Array, w_R_b: Array) -> tuple[Array, Array]:
-    """The way from the kept pose to the present one, with its covariance."""
+def _from_kept(x: Array, C: Array, w_R_b: Array) -> tuple[Array, Array, Array]:
+    """The way from the kept pose to the present one, its covariance, and that with the kept place certain."""
     kept = _rotations(x[:, at.XCQ : at.STATE]).transpose(0, 2, 1)
     R, moved = kept @ w_R_b, np.einsum("nab,nb->na", kept, x[:, :3] - x[:, at.XC : at.XCQ])
     back, to_body = R.transpose(0, 2, 1), w_R_b.transpose(0, 2, 1)
@@ -128,7 +131,9 @@ def _from_kept(x: Array, C: Array, w_R_b: Array) -> tuple[Array, Array]:
     J[:, :3, 9:12], J[:, :3, 15:] = np.eye(3), -back
     J[:, 3:, :3], J[:, 3:, 12:15] = to_body, -to_body
     J[:, 3:, 15:] = back @ se3.cross_matrix(moved)
-    return _poses(R, moved), J @ C @ J.transpose(0, 2, 1)
+    since = J.copy()
+    since[:, :, 15:] = 0.0  # the kept attitude turns the way, not the place
+    return _poses(R, moved), J @ C @ J.transpose(0, 2, 1), since @ C @ since.transpose(0, 2, 1)
 
 
 def _rotations(q: Array) -> Array:

@@ -135,7 +135,7 @@ class Bridges:
         if given.readings.range_m is None or inside.sum() < 2:
             return ()
         steps = _renumbered(picture_steps(self.links, self.mapper), inside)
-        found = follow(given, stamps_s[inside], steps=steps, keep=True, progress=self.progress)
+        found = follow(given, stamps_s[inside], steps=steps, keep="each", progress=self.progress)
         states, numbers = found.smoothed, np.flatnonzero(inside)
         assert states is not None
         edges = []

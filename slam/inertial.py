@@ -75,7 +75,7 @@ class FilterInput:
     """Between these times the vehicle's motion was recorded."""
     held_range_scale: float
     held_velocity_scale: float
-    """Standard deviations of scales that nothing observes: they are held, and counted in the covariances."""
+    """Standard deviations of scales: they are held, and counted in the covariances."""
     adjusted: Adjusted
 
 
@@ -84,8 +84,7 @@ def filter_input(
 ) -> FilterInput:
     """Readings, model and start of a flight; readings before its motion was recorded are left out.
 
-    The scale of velocities is estimated where positions observe it. Raises ``InputError`` where too
-    little was recorded to tell how the vehicle moved.
+    Raises ``InputError`` where too little was recorded to tell how the vehicle moved.
     """
     start_s, end_s = _span(flight)
     gyro, accel, rate, acceleration = inertial_of(flight)
@@ -102,18 +101,16 @@ def filter_input(
         still_rad_s=zeros_at(standing_s, _STANDING_STD[1]),
     )
     readings = _adjusted(made, adjusted).between(start_s, end_s)
-    seen = readings.w_p_b_m is not None
     scale = flight.sonar.scale_std if flight.sonar and readings.range_m else 0.0
     velocity_scale = flight.velocity.scale_std if flight.velocity and readings.velocity_m_s else 0.0
-    model = _model(flight, trust, rate, acceleration)
     return FilterInput(
         readings,
-        replace(model, range_scale=0.0, velocity_scale=velocity_scale * seen),
+        _model(flight, trust, rate, acceleration),
         _start(flight, readings, trust, start_s),
         start_s,
         end_s,
         scale,
-        velocity_scale * (not seen),
+        velocity_scale,
         adjusted,
     )
 
@@ -131,7 +128,9 @@ def _model(flight: Flight, trust: InertialTrust, rate: Wander, acceleration: Wan
         accel_walk_m_s3=max(imu.accel_random_walk if imu else 0.0, trust.accel_walk_m_s3),
         tilt_error_rad=trust.tilt_error_rad,
         yaw_walk_rad=trust.yaw_walk_rad,
+        range_scale=0.0,
         range_offset_m=0.0,
+        velocity_scale=0.0,
         velocity_error_m_s=trust.velocity_error_m_s,
         barometer_walk_m=trust.barometer_walk_m,
         b_beam=_triple(-sonar.b_T_s[:3, 2]) if sonar else FilterModel.b_beam,
@@ -161,7 +160,17 @@ def _span(flight: Flight) -> tuple[float, float]:
             f"{one_line(flight.name)}: too little to tell how it moved ({_held(flight)}); "
             "give it imu0, or velocity0 (both axes) with attitude0 (all three angles)"
         )
-    return float(stamps_s[0]), float(stamps_s[-1])
+    return _begin(flight, float(stamps_s[0])), float(stamps_s[-1])
+
+
+def _begin(flight: Flight, first_s: float) -> float:
+    """When the last of those streams has come in that come in soon after the motion.
+
+    Until then the attitude would swing for want of them, and a heading that is exact by definition with it.
+    """
+    streams = (flight.attitude, flight.velocity, flight.sonar)
+    begins = [float(s.stamps_s[0]) for s in streams if s is not None and len(s.stamps_s)]
+    return max([first_s, *(begin for begin in begins if begin - first_s < _NEAR_S)])
 
 
 def _held(flight: Flight) -> str:
@@ -193,7 +202,7 @@ def _adjusted(readings: Readings, adjusted: Adjusted) -> Readings:
 def _start(flight: Flight, readings: Readings, trust: InertialTrust, start_s: float) -> Start:
     """What the first readings say of the start."""
     positions = readings.w_p_b_m
-    w_R_b, tilt_std = _first_rotation(readings, start_s)
+    w_R_b, tilt_std = _first_rotation(readings, start_s, trust.tilt_error_rad)
     height = _early(readings.range_m, start_s)
     with_altitude = positions is not None and bool(np.isfinite(positions.values[:, 2]).any())
     without_height = readings.range_m is None and not with_altitude
@@ -238,12 +247,14 @@ def _early(series: Series | None, start_s: float) -> Array | None:
     return series.values[rows[0]]
 
 
-def _first_rotation(readings: Readings, start_s: float) -> tuple[Array, float]:
+def _first_rotation(readings: Readings, start_s: float, tilt_error_rad: float) -> tuple[Array, float]:
     """Attitude (3, 3) at the start and how far its tilt may be off."""
     own, accel = readings.roll_pitch_yaw_rad, readings.accel_m_s2
     first = _early(own, start_s)
     if first is not None:
-        return Rotation.from_euler("ZYX", first[::-1]).as_matrix(), 0.1
+        # Wider than the reading, which the filter takes once more.
+        std = max(3 * float(np.max(own.std[:2])), tilt_error_rad, _STANDING_TILT_RAD) if own else 0.1
+        return Rotation.from_euler("ZYX", first[::-1]).as_matrix(), std
     yaw = 0.0
     if own is not None:
         known = own.values[np.isfinite(own.values[:, 2]), 2]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend import se3
-from backend.ekf_inputs import PictureStep, Start
+from backend.ekf_inputs import Keep, PictureStep, Start
 from slam.inertial import FilterInput
 from slam.progress import Progress, silent
 
@@ -25,20 +25,20 @@ def follow(
     at_s: Array,
     *,
     steps: tuple[PictureStep, ...] = (),
-    keep: bool = False,
+    keep: Keep = "none",
     smooth: bool = True,
     progress: Progress = silent,
 ) -> Track:
     """Filtered (and smoothed) states at ``at_s`` (n,), increasing.
 
-    A scale that nothing observes is held at 1. What would come out if it were one standard deviation larger
+    Scales of range and velocity are held at 1. What would come out if it were one standard deviation larger
     differs by an error that the whole flight shares; its square enters the covariances. Raises
     ``BackendError``.
     """
     from backend.ekf import track
 
     readings = replace(given.readings, steps=steps)
-    rounds = (2 if given.model.velocity_scale > 0 else 1) if smooth else 0
+    rounds = 1 if smooth else 0
     others = _others(given)
 
     def run(start: Start, number: int) -> Track:
@@ -85,7 +85,15 @@ def _with_shared_error(states: States, base: States, other: States) -> States:
         covariances=states.covariances + _outer(pose),
         motion_covariances=states.motion_covariances + _outer(motion),
         kept_covariances=states.kept_covariances + _outer(way),
+        since_kept_covariances=states.since_kept_covariances + _outer(_since_first(base, other)),
     )
+
+
+def _since_first(base: States, other: States) -> Array:
+    """(n, 6) error of one run against another, their first places laid together."""
+    laid = other.w_T_b.copy()
+    laid[:, :3, 3] += base.w_T_b[0, :3, 3] - other.w_T_b[0, :3, 3]
+    return se3.log(se3.inverse(base.w_T_b) @ laid)
 
 
 def _outer(e: Array) -> Array:

@@ -54,16 +54,17 @@ def navigate(
     with clock("instruments"):
         given = suited(flight, trust, progress)
     at_s = _times(flight, given, rate_hz)
+    absolute = given.readings.w_p_b_m is not None
     with clock("filter"):
-        track = follow(given, at_s, progress=progress)
+        track = follow(given, at_s, keep="none" if absolute else "first", progress=progress)
     assert track.smoothed is not None
     turn = _heading(given, track.smoothed)
     track = replace(track, filtered=_turned(track.filtered, turn), smoothed=_turned(track.smoothed, turn))
     assert track.smoothed is not None
-    known_to = np.sqrt(np.trace(track.smoothed.covariances[:, 3:, 3:], axis1=1, axis2=2))
+    covariances = track.smoothed.covariances if absolute else _since_first(track.smoothed)
+    known_to = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
     said = _unobserved(given, float(known_to[-1]))
     stamps_ns = flight.epoch_ns + np.round(at_s * 1e9).astype(np.int64)
-    absolute = given.readings.w_p_b_m is not None
     estimate = Estimate(
         name=flight.name,
         status="; ".join(said) or "ok",
@@ -72,7 +73,7 @@ def navigate(
         frame_names=tuple(str(stamp) for stamp in stamps_ns.tolist()),
         frame_index=np.arange(len(at_s)),
         w_T_b=track.smoothed.w_T_b,
-        covariances=track.smoothed.covariances,
+        covariances=covariances,
         component=np.zeros(len(at_s), np.int64),
         camera=None,
         floor_z_m=0.0,
@@ -87,6 +88,13 @@ def navigate(
         ways=WAYS,
     )
     return Navigation(estimate, track, given)
+
+
+def _since_first(states: States) -> Array:
+    """Covariances (n, 6, 6) of the poses where the first one's place is certain, as it is by definition."""
+    first = np.zeros((6, 6))
+    first[:3, :3] = states.covariances[0, :3, :3]
+    return np.concatenate([first[None], states.since_kept_covariances[1:]])
 
 
 def _times(flight: Flight, given: FilterInput, rate_hz: float) -> Array:
@@ -210,7 +218,7 @@ def _found_odd(given: FilterInput, track: Track) -> list[str]:
         said.append(f"the vehicle's own roll and pitch are off by up to {tilt:.1f} deg")
     for scale, words in ((given.held_velocity_scale, "velocities"), (given.held_range_scale, "ranges")):
         if scale > _TOLD_SCALE:
-            said.append(f"nothing tells the scale of {words}: held, known to {100 * scale:.2g} %")
+            said.append(f"the scale of {words} is held, known to {100 * scale:.2g} %")
     return said
 
 

@@ -34,6 +34,8 @@ _TINY = 1e-9
 _FORESEEN = ("attitude", "range", "velocity", "position", "barometer")
 _DELAYED = ("attitude", "range", "velocity", "position")
 _DELAYS_S = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
+_GIVE_UP = 2
+"""Delays in a row that are no better: one may be so by chance."""
 _QUANTILES = (0.5, 0.9)
 _ROUNDS, _WIDEN_FROM = 5, 1.15
 
@@ -67,13 +69,14 @@ def suited(
     for name in _DELAYED:
         if getattr(trial.held, FIELDS[name]) is None:
             continue
-        later, gained = found, 0.0
+        later, gained, worse = found, 0.0, 0
         for delay_s in _DELAYS_S:
             candidate = replace(found, delay_s={**found.delay_s, name: delay_s})
             likelihood = trial.likelihood(trust, candidate)
-            if likelihood - best < gained:
+            if likelihood - best > gained:
+                later, gained, worse = candidate, likelihood - best, 0
+            elif (worse := worse + 1) == _GIVE_UP:
                 break
-            later, gained = candidate, likelihood - best
         if gained > CLEARLY:
             found, best = later, best + gained
     found = _widened(trial, trust, Adjusted(delay_s=found.delay_s))

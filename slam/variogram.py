@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-MARGIN = 4.0
+MARGIN = 8.0
 """Signals are taken to wander with this many times the power that the record shows on average: most of it
 comes in manoeuvres, and a filter that expects less than comes lags behind."""
 _LONGEST_LAG_S, _LAGS = 1.0, 12

@@ -82,7 +82,7 @@ def run_straight(straight, **options):
     return track(readings, asked_s, start, line_model(gate_probability=1e-300), **options)
 
 
-@pytest.mark.parametrize("keep", [False, True])
+@pytest.mark.parametrize("keep", ["none", "first", "each"])
 def test_smoother_is_the_gaussian_given_all_readings(straight, keep):
     read_s, asked_s, values = straight
     smoothed = run_straight(straight, keep=keep).smoothed
@@ -117,7 +117,7 @@ def test_filter_is_the_gaussian_given_the_readings_until_then(straight):
 def test_way_between_asked_times_has_the_joint_covariance(straight):
     """Not the sum of the two poses' own: their errors are nearly one."""
     read_s, asked_s, values = straight
-    smoothed = run_straight(straight, keep=True).smoothed
+    smoothed = run_straight(straight, keep="each").smoothed
     stamps_s = np.unique(np.concatenate([read_s, asked_s]))
     at = np.searchsorted(stamps_s, read_s), np.searchsorted(stamps_s, asked_s)
     mean, covariance = dense(stamps_s, at[0], values[:, 0], 0.2, at[1])
@@ -129,6 +129,20 @@ def test_way_between_asked_times_has_the_joint_covariance(straight):
         np.testing.assert_allclose(smoothed.kept_covariances[k][3, 3], pick @ covariance @ pick, rtol=1e-5)
         apart = covariance[3 * k, 3 * k] + covariance[3 * k - 3, 3 * k - 3]
         assert smoothed.kept_covariances[k][3, 3] < 0.9 * apart
+
+
+def test_the_first_pose_kept_gives_covariances_relative_to_it(straight):
+    read_s, asked_s, values = straight
+    smoothed = run_straight(straight, keep="first").smoothed
+    stamps_s = np.unique(np.concatenate([read_s, asked_s]))
+    at = np.searchsorted(stamps_s, read_s), np.searchsorted(stamps_s, asked_s)
+    _, covariance = dense(stamps_s, at[0], values[:, 0], 0.2, at[1])
+    for k in range(1, 4):
+        pick = np.zeros(12)
+        pick[3 * k], pick[0] = 1, -1
+        np.testing.assert_allclose(
+            smoothed.since_kept_covariances[k][3, 3], pick @ covariance @ pick, rtol=1e-5
+        )
 
 
 def mean_nees(states, flight, at_s):
@@ -280,7 +294,7 @@ def test_missing_values_and_absent_streams(made):
 
 def test_covariances_stay_symmetric_and_definite(made):
     _, model, readings, start = made
-    found = track(readings, AT_S, start, model, keep=True)
+    found = track(readings, AT_S, start, model, keep="each")
     for states in (found.filtered, found.smoothed):
         P = states.motion_covariances
         np.testing.assert_array_equal(P, P.transpose(0, 2, 1))

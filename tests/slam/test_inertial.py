@@ -99,16 +99,17 @@ def test_level_is_felt_where_no_attitude_tells():
     np.testing.assert_allclose(start.w_R_b @ [1, 0, 0], [0, 0, 1], atol=1e-9)
 
 
-def test_positions_make_it_absolute_and_their_scale_counts_as_observed():
+def test_positions_make_it_absolute_and_scales_are_held():
     flight = made_flight(0)
     assert flight.velocity is not None
     gps = Gps(np.arange(0.5, 20, 1.0), np.full(20, 47.0), np.full(20, 8.0), np.full(20, NAN))
     rough = replace(flight, velocity=replace(flight.velocity, scale_std=0.1))
-    held, observed = filter_input(rough), filter_input(replace(rough, gps=gps))
-    assert (held.held_velocity_scale, held.model.velocity_scale) == (0.1, 0.0)
-    assert (observed.held_velocity_scale, observed.model.velocity_scale) == (0.0, 0.1)
-    assert observed.start.place_std_m > 0
-    assert observed.start.yaw_std_rad > 0
+    relative, absolute = filter_input(rough), filter_input(replace(rough, gps=gps))
+    for given in (relative, absolute):
+        assert (given.held_velocity_scale, given.model.velocity_scale) == (0.1, 0.0)
+    assert relative.start.place_std_m == relative.start.yaw_std_rad == 0
+    assert absolute.start.place_std_m > 0
+    assert absolute.start.yaw_std_rad > 0
 
 
 def test_standing_is_told_from_flying():
