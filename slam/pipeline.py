@@ -7,16 +7,16 @@ from collections import Counter
 from threadpoolctl import threadpool_limits
 
 from frontend.camera import Camera
-from slam.account import Mapped, account
-from slam.bridging import Bridges
 from slam.errors import NO_CAMERA, InputError
 from slam.estimate import Estimate
 from slam.flight import Flight
-from slam.fusion import fuse
-from slam.mapping import Mapper, Sensors
+from slam.mapping.account import Mapped, account
+from slam.mapping.bridging import Bridges
+from slam.mapping.fusion import fuse
+from slam.mapping.mapper import Mapper, Sensors
+from slam.mapping.sightings import Sighter, Sightings
 from slam.progress import Progress, silent
 from slam.settings import PipelineConfig
-from slam.sightings import Sighter, Sightings
 from slam.stopwatch import Stopwatch
 
 

@@ -11,7 +11,7 @@ from frontend.homography import HomographyConfig
 from frontend.keyframes import KeyframeConfig
 from frontend.retrieval import RetrievalConfig
 from frontend.tracks import TrackConfig
-from slam.instruments import InertialTrust
+from slam.inertial.instruments import InertialTrust
 
 
 @dataclass(frozen=True)

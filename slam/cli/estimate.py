@@ -9,7 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from slam.flight import Flight
-    from slam.navigate import Navigation
+    from slam.inertial.navigate import Navigation
     from slam.report.accuracy import FigureTable
 
 _SOURCE = typer.Argument(
@@ -46,7 +46,7 @@ def estimate(
     from slam.cli.source import open_flight
     from slam.cli.tables import shown, written
     from slam.console import console, progress_shown
-    from slam.navigate import navigate
+    from slam.inertial.navigate import navigate
     from slam.outputs import output_folder
 
     screen = console()
@@ -75,9 +75,9 @@ def _without(flight: Flight, names: list[str]) -> Flight:
 
 def write_navigation(folder: Path, navigation: Navigation) -> None:
     """Write trajectory, estimate, picture and summary. Raises ``InputError`` where the disk refuses."""
+    from slam.inertial.summary import summary_record
     from slam.io.atomic import write_whole
     from slam.io.estimate import write_estimate
-    from slam.navigation_summary import summary_record
     from slam.report.estimate_picture import estimate_picture
     from slam.summary import json_text
 

@@ -14,8 +14,8 @@ import numpy as np
 
 from slam.criticism.fitting import fit_nuisances
 from slam.criticism.healthy import healthy_case
+from slam.criticism.kalman.setting import setting_of
 from slam.criticism.search import look_at
-from slam.criticism.setting import setting_of
 from slam.criticism.usable import usable_records
 from slam.simulation.model import load_model
 

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from slam.criticism.criticism import Cause, Gain, Interval, Verdict
 from slam.criticism.effects import Effect, catalogue_value
 from slam.criticism.heldout import held_out
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
 from slam.criticism.moving import on_grid
 from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, Posterior, named
-from slam.criticism.record import Record
 from slam.criticism.rollouts import roll_out_errors
 from slam.criticism.search import Look, Search, Standing
-from slam.criticism.setting import Setting
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]

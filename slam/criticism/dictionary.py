@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.readings import CHANNELS, SENSOR
-from slam.criticism.record import Record
-from slam.criticism.shading import PICTURE_SHAPES
-from slam.criticism.tangents import FORCES, Direction, Signal
+from slam.criticism.camera.shading import PICTURE_SHAPES
+from slam.criticism.kalman.readings import CHANNELS, SENSOR
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.tangents import FORCES, Direction, Signal
 
 Array = NDArray[np.float64]
 

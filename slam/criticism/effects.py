@@ -12,13 +12,13 @@ from math import pi
 
 import numpy as np
 
+from slam.criticism.camera.optics import CAMERA, SQUARES, STEPS, catalogued
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
+from slam.criticism.kalman.tangents import Direction, parameter_direction
+from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
 from slam.criticism.nuisances import NUISANCES
-from slam.criticism.optics import CAMERA, SQUARES, STEPS, catalogued
-from slam.criticism.record import Record
-from slam.criticism.setting import Setting
 from slam.criticism.sums import Change
-from slam.criticism.tangents import Direction, parameter_direction
-from slam.criticism.transition import GUST_STD, GUST_TIME
 from slam.simulation.dynamics import ATTITUDE_TIME, GAIN, MAX_TILT, PARAMETERS, TILT_LIMIT
 from slam.simulation.terms import CATALOGUE
 

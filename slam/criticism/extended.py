@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.criticism.optics import catalogued
-from slam.criticism.readings import DATUM
-from slam.criticism.setting import Setting, setting_of, slot
-from slam.criticism.transition import (
+from slam.criticism.camera.optics import catalogued
+from slam.criticism.kalman.readings import DATUM
+from slam.criticism.kalman.setting import Setting, setting_of, slot
+from slam.criticism.kalman.transition import (
     GUST_STD,
     GUST_TIME,
     TILT_STD,

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from slam.criticism.effects import Effect
 from slam.criticism.hypotheses import parabola_of
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
 from slam.criticism.moving import bounded, moved
 from slam.criticism.nuisances import MEAN, RESTLESS, direction_of, value_of, with_value
-from slam.criticism.record import Record
-from slam.criticism.setting import Setting
 from slam.criticism.sums import Change, sums_of
 
 Array = NDArray[np.float64]

@@ -17,8 +17,8 @@ from slam.flight import Flight
 from slam.simulation import sensors
 from slam.simulation.model import Model
 from slam.simulation.motion import at_rest, draw_for, obey, steps_of
+from slam.simulation.place.world import World
 from slam.simulation.stick import Stick
-from slam.simulation.world import World
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from slam.criticism.effects import Effect
 from slam.criticism.hypotheses import parabola_of
+from slam.criticism.kalman.setting import Setting
 from slam.criticism.moving import moved, on_grid
 from slam.criticism.search import Look, Search
-from slam.criticism.setting import Setting
 
 Array = NDArray[np.float64]
 

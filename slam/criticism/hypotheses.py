@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.effects import Effect
+from slam.criticism.kalman.setting import Setting
 from slam.criticism.nuisances import NUISANCES, Nuisance, limits_of, prior_precision, value_of
-from slam.criticism.setting import Setting
 from slam.criticism.sums import Sums
 
 Array = NDArray[np.float64]

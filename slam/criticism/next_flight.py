@@ -12,12 +12,12 @@ import numpy as np
 
 from slam.criticism.effects import Effect
 from slam.criticism.healthy import flown
-from slam.criticism.innovations import stretches
+from slam.criticism.kalman.innovations import stretches
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.nuisances import MEAN, direction_of, prior_precision
-from slam.criticism.record import record_of
 from slam.criticism.screening import project
-from slam.criticism.setting import Setting, setting_of
 from slam.criticism.sums import in_threads
 from slam.simulation.model import Model
 

@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.setting import Setting
-from slam.criticism.tangents import Direction, parameter_direction
-from slam.criticism.transition import HOLD
+from slam.criticism.kalman.setting import Setting
+from slam.criticism.kalman.tangents import Direction, parameter_direction
+from slam.criticism.kalman.transition import HOLD
 
 Array = NDArray[np.float64]
 

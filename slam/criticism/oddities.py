@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.criticism import Cause, Gain, Interval
-from slam.criticism.filter import OUTLIER, USED
-from slam.criticism.innovations import Pass
-from slam.criticism.readings import SONAR
-from slam.criticism.record import Record
+from slam.criticism.kalman.filter import OUTLIER, USED
+from slam.criticism.kalman.innovations import Pass
+from slam.criticism.kalman.readings import SONAR
+from slam.criticism.kalman.record import Record
 from slam.criticism.search import occam
 from slam.simulation.terms import CATALOGUE
 

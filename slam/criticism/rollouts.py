@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.compiled import kernel
-from slam.criticism.innovations import whole
-from slam.criticism.readings import CHANNEL_UNITS, CHANNELS, FIRST_CHANNEL, IMU, reading
-from slam.criticism.record import Record
-from slam.criticism.setting import Setting
+from slam.criticism.kalman.compiled import kernel
+from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.readings import CHANNEL_UNITS, CHANNELS, FIRST_CHANNEL, IMU, reading
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
 from slam.simulation.dynamics import derivative, integrate
 
 Array = NDArray[np.float64]

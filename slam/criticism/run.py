@@ -11,17 +11,17 @@ import numpy as np
 from slam.criticism.criticism import ChannelCheck, Criticism, Interval, Rank
 from slam.criticism.decision import causes_of, decide, detectable
 from slam.criticism.extended import extended_model
-from slam.criticism.filter import USED
 from slam.criticism.heldout import taken
+from slam.criticism.kalman.filter import USED
+from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.next_flight import next_flight
 from slam.criticism.nuisances import NUISANCES
 from slam.criticism.oddities import Oddity, oddities, without_dead_zone
 from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, posterior_of
-from slam.criticism.readings import CHANNELS, FIRST_CHANNEL
-from slam.criticism.record import Record
 from slam.criticism.search import Look, Search, search
 from slam.criticism.sentence import sentence_of
-from slam.criticism.setting import Setting, setting_of
 from slam.criticism.thresholds import load_thresholds
 from slam.criticism.usable import is_foreign, usable_records
 from slam.flight import Flight

@@ -13,17 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.camera.optics import CAMERA
 from slam.criticism.dictionary import dictionary, signals_of
 from slam.criticism.effects import Effect, catalogue_value, effects_for, plausible, relaxations
 from slam.criticism.fitting import changes_of, cut, fit_nuisances
 from slam.criticism.hypotheses import Answer, Parabola, parabola_of
-from slam.criticism.innovations import whole
+from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
 from slam.criticism.moving import bounded, entered, held_value, moved, on_grid, settled
 from slam.criticism.nuisances import MEAN, direction_of
-from slam.criticism.optics import CAMERA
-from slam.criticism.record import Record
 from slam.criticism.screening import deviate
-from slam.criticism.setting import Setting
 from slam.criticism.sums import Sums, in_threads, sums_of
 from slam.simulation.terms import CATALOGUE
 

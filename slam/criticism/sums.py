@@ -17,13 +17,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.filter import GATE, OUTLIER, USED
-from slam.criticism.innovations import Innovations, Pass, stretches, whole
-from slam.criticism.readings import CHANNELS
-from slam.criticism.record import Record
-from slam.criticism.setting import Setting
-from slam.criticism.sighting import sighted
-from slam.criticism.tangents import Direction, Signal
+from slam.criticism.camera.sighting import sighted
+from slam.criticism.kalman.filter import GATE, OUTLIER, USED
+from slam.criticism.kalman.innovations import Innovations, Pass, stretches, whole
+from slam.criticism.kalman.readings import CHANNELS
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
+from slam.criticism.kalman.tangents import Direction, Signal
 
 Array = NDArray[np.float64]
 Given = TypeVar("Given")

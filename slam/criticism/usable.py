@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.pictures import look
-from slam.criticism.record import Record, record_of
+from slam.criticism.camera.pictures import look
+from slam.criticism.kalman.record import Record, record_of
 from slam.flight import Flight
 from slam.simulation.model import Model
 

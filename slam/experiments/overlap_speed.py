@@ -27,9 +27,9 @@ from slam.experiments.experiment import (
 )
 from slam.report.paper import FLOOR_AT_1M_M, OVERLAP_SPEED_M_S, TOP_SPEED_M_S, TOP_SPEED_PERCENT
 from slam.simulation import load_recipe
-from slam.simulation.optics import CameraModel, expose
-from slam.simulation.photometry import digitise
-from slam.simulation.scene import build_scene
+from slam.simulation.camera.optics import CameraModel, expose
+from slam.simulation.camera.photometry import digitise
+from slam.simulation.place.scene import build_scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from frontend.keyframes import KeyframeConfig
-from slam.chain import chain
 from slam.estimate import Estimate
 from slam.evaluation.association import associate
 from slam.evaluation.landmarks import landmark_places, landmark_table
 from slam.evaluation.maps import maps_of
 from slam.flight import Flight, Frames
-from slam.motion import follow
+from slam.inertial.motion import follow
+from slam.inertial.trials import suited
+from slam.mapping.chain import chain
+from slam.mapping.sightings import Sighter
 from slam.progress import silent
 from slam.settings import PipelineConfig
-from slam.sightings import Sighter
-from slam.trials import suited
 
 Array = NDArray[np.float64]
 

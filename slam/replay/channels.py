@@ -12,7 +12,7 @@ from slam.flight import Flight, Truth
 from slam.simulation import sensors
 from slam.simulation.model import Model
 from slam.simulation.motion import Motion
-from slam.simulation.world import World, with_place_terms
+from slam.simulation.place.world import World, with_place_terms
 
 Array = NDArray[np.float64]
 Predict = Callable[[Motion, Array], Array]

@@ -14,7 +14,7 @@ from slam.report.pictures import BLUE, GREY, ORANGE, VERMILLION, png
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from backend.ekf_results import Channel, Track
+    from backend.ekf.results import Channel, Track
 
 Array = NDArray[np.float64]
 

@@ -17,6 +17,7 @@ from pydantic import Field
 
 from slam.config import load_config, read_toml
 from slam.errors import InputError
+from slam.simulation.camera.optics import CameraModel
 from slam.simulation.maneuver import Maneuver, plan
 from slam.simulation.model import (
     Model,
@@ -26,9 +27,8 @@ from slam.simulation.model import (
     shipped_folder,
     shipped_models,
 )
-from slam.simulation.optics import CameraModel
+from slam.simulation.place.world import FLOORS, World, check_world
 from slam.simulation.script import read_script, stick_from
-from slam.simulation.world import FLOORS, World, check_world
 
 LANDMARK_NAME = re.compile(r"[A-Za-z0-9_+-]{1,8}")
 """What can be written into a mark, and into a csv file."""

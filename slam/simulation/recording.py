@@ -9,16 +9,16 @@ from slam.errors import InputError
 from slam.flight import Flight, Frames, Truth
 from slam.simulation import sensors
 from slam.simulation.battery import read_battery
-from slam.simulation.effects import camera_effects
-from slam.simulation.film import Film, shoot
+from slam.simulation.camera.effects import camera_effects
+from slam.simulation.camera.film import Film, shoot
 from slam.simulation.maneuver import MAX_HEIGHT_M, plan
 from slam.simulation.motion import Motion, at_rest, draw_for, obey, steps_of
 from slam.simulation.pilot import fly
+from slam.simulation.place.terrain import elevation
+from slam.simulation.place.world import World, with_place_terms
 from slam.simulation.recipe import Recipe
 from slam.simulation.script import stick_from
 from slam.simulation.terms import CATALOGUE
-from slam.simulation.terrain import elevation
-from slam.simulation.world import World, with_place_terms
 
 Array = NDArray[np.float64]
 

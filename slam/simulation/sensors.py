@@ -17,9 +17,9 @@ from slam.flight import AttitudeSeries, Command, Imu, Sonar, Velocity
 from slam.simulation.instruments import Rate
 from slam.simulation.model import Model
 from slam.simulation.motion import Motion, State
+from slam.simulation.place.terrain import first_echo
+from slam.simulation.place.world import World
 from slam.simulation.stick import Stick
-from slam.simulation.terrain import first_echo
-from slam.simulation.world import World
 
 __all__ = ["Rate", "generator", "stamps"]
 

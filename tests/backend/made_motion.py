@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend import se3
-from backend.ekf_inputs import FilterModel, PictureStep, Readings, Series, Start
-from backend.ekf_results import States
+from backend.ekf.inputs import FilterModel, PictureStep, Readings, Series, Start
+from backend.ekf.results import States
 
 Array = NDArray[np.float64]
 GRAVITY = np.array([0.0, 0.0, 9.80665])

@@ -3,8 +3,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import backend.ekf_motion
-import slam.criticism.compiled
+import backend.ekf.motion
+import slam.criticism.kalman.compiled
 import slam.simulation.dynamics
 from backend.compiled import discard_stale
 
@@ -42,5 +42,5 @@ def test_sources_that_were_never_compiled_are_no_trouble(tmp_path):
 
 
 def test_each_group_of_kernels_is_looked_after():
-    for module in (backend.ekf_motion, slam.criticism.compiled):
+    for module in (backend.ekf.motion, slam.criticism.kalman.compiled):
         assert "discard_stale(" in Path(module.__file__).read_text()

@@ -25,9 +25,9 @@ import frontend
 from frontend import registration
 from frontend.features import Features
 from slam.flight import Flight, Frames
+from slam.mapping.sightings import Sighter
 from slam.progress import silent
 from slam.settings import PipelineConfig
-from slam.sightings import Sighter
 from slam.simulation import simulate
 from tests.benchmarks.metric import Metric, at_least, at_most, told
 

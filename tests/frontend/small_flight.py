@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.features import Extractor, FeatureConfig, FeatureKind, Features
 from slam.simulation import Recipe, simulate
+from slam.simulation.camera.optics import CameraModel
 from slam.simulation.maneuver import Maneuver
-from slam.simulation.optics import CameraModel
-from slam.simulation.world import World
+from slam.simulation.place.world import World
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

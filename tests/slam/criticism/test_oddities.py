@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from slam.criticism.healthy import flown
-from slam.criticism.innovations import whole
+from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.readings import SONAR
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.oddities import oddities, without_dead_zone
-from slam.criticism.readings import SONAR
-from slam.criticism.record import record_of
-from slam.criticism.setting import setting_of
 from slam.simulation.model import load_model
 
 

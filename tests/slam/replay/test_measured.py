@@ -14,8 +14,8 @@ from slam.replay import replay
 from slam.simulation import sensors
 from slam.simulation.model import Model, load_model
 from slam.simulation.motion import at_rest, draw_for, obey, steps_of
+from slam.simulation.place.world import World
 from slam.simulation.stick import Stick
-from slam.simulation.world import World
 
 DATA = os.environ.get("SLAM_DATA", "")
 pytestmark = pytest.mark.skipif(not DATA, reason="SLAM_DATA names no folder of measured flights")

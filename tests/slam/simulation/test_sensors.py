@@ -18,10 +18,10 @@ from slam.simulation.instruments import (
 )
 from slam.simulation.model import Model
 from slam.simulation.motion import at_rest, draw_for, obey, steps_of
-from slam.simulation.obstacles import Box
+from slam.simulation.place.obstacles import Box
+from slam.simulation.place.world import World
 from slam.simulation.stick import Stick
 from slam.simulation.terms import CATALOGUE
-from slam.simulation.world import World
 
 WORLD = World(extent_m=(-50, -50, 50, 50))
 CLEAN = Model(

@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from slam import simulate
 from slam.errors import InputError
 from slam.simulation import Recipe
+from slam.simulation.place.terrain import elevation
 from slam.simulation.recipe import load_recipe, recipe_from
-from slam.simulation.terrain import elevation
 
 SHORT = recipe_from(
     {

@@ -1,0 +1,234 @@
+"""What each instrument should read in a given state, and how that depends on the state's error: kernels.
+
+Every function fills H (6, n), the derivatives of the predicted reading, and gives back the predicted reading;
+the caller subtracts. Rows of a reading that is not there are left out by the caller.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from backend.ekf.motion import (
+    AT,
+    BA,
+    BG,
+    BO,
+    CP,
+    CT,
+    GO,
+    MOTION,
+    RO,
+    RS,
+    STATE,
+    TH,
+    VB,
+    VS,
+    XC,
+    XCQ,
+    XQ,
+    XW,
+    A,
+    Array,
+    P,
+    V,
+    W,
+    hat,
+    rotation,
+    rotation_vector,
+)
+
+(TICK, GYRO, ACCEL, ATTITUDE, RANGE, VELOCITY, POSITION, BAROMETER, REST, STILL, STEP, ASK, KEEP) = range(13)
+"""What an event can be, in the order in which those of one instant are taken: nothing (a long gap is gone
+through in short steps), a reading, knowing that the vehicle stands and does not turn, a step seen in
+pictures, a pose asked for, a pose to keep."""
+CHANNELS = {
+    "gyro": GYRO,
+    "accelerometer": ACCEL,
+    "attitude": ATTITUDE,
+    "range": RANGE,
+    "velocity": VELOCITY,
+    "position": POSITION,
+    "barometer": BAROMETER,
+    "rest": REST,
+    "still": STILL,
+    "pictures": STEP,
+}
+"""The readings by name."""
+
+GRAVITY_M_S2 = 9.80665
+_LEAST_HEIGHT_M = 1e-3
+_LEAST_COSINE = 0.2
+"""A beam or a pitch nearer to the horizon or the zenith tells nothing."""
+
+
+@njit(cache=True)
+def predict(kind: int, x: Array, value: Array, model: Array, H: Array) -> tuple[Array, bool]:
+    """The reading (6,) that is expected of an instrument, and whether it can read in this state."""
+    H[:] = 0.0
+    z = np.zeros(6)
+    able = True
+    if kind == GYRO:
+        z[:3] = x[XW : XW + 3] + x[BG + 1 : BG + 4]
+        for k in range(3):
+            H[k, W + k] = H[k, BG + k] = 1.0
+    elif kind == ACCEL:
+        _specific_force(x, z, H)
+    elif kind == ATTITUDE:
+        able = _attitude(x, value, z, H)
+    elif kind == RANGE:
+        able = _range(x, model, z, H)
+    elif kind == VELOCITY:
+        able = _heading_velocity(x, z, H)
+    elif kind == POSITION:
+        for k in range(3):
+            z[k] = x[k]
+            H[k, P + k] = 1.0
+        z[2] += x[GO + 1]
+        H[2, GO] = 1.0
+    elif kind == BAROMETER:
+        z[0] = x[2] + x[BO + 1]
+        H[0, P + 2] = H[0, BO] = 1.0
+    elif kind == REST:
+        for k in range(3):
+            z[k] = x[V + k]
+            H[k, V + k] = 1.0
+    elif kind == STILL:
+        for k in range(3):
+            z[k] = x[XW + k]
+            H[k, W + k] = 1.0
+    return z, able
+
+
+@njit(cache=True)
+def _specific_force(x: Array, z: Array, H: Array) -> None:
+    """``R' (a + g) + offset``."""
+    R = rotation(x[XQ:XW])
+    up = x[A : A + 3].copy()
+    up[2] += GRAVITY_M_S2
+    force = np.ascontiguousarray(R.T) @ up
+    z[:3] = force + x[BA + 1 : BA + 4]
+    H[:3, A : A + 3] = R.T
+    H[:3, TH : TH + 3] = hat(force)
+    for k in range(3):
+        H[k, BA + k] = 1.0
+
+
+@njit(cache=True)
+def angles(R: Array) -> Array:
+    """Roll, pitch, yaw (3,) of ``Rz(yaw) Ry(pitch) Rx(roll)``."""
+    out = np.empty(3)
+    out[0] = math.atan2(R[2, 1], R[2, 2])
+    out[1] = math.asin(min(max(-R[2, 0], -1.0), 1.0))
+    out[2] = math.atan2(R[1, 0], R[0, 0])
+    return out
+
+
+@njit(cache=True)
+def angle_rates(R: Array) -> Array:
+    """(3, 3) derivatives of roll, pitch, yaw by a right perturbation of R."""
+    roll, pitch = math.atan2(R[2, 1], R[2, 2]), math.asin(min(max(-R[2, 0], -1.0), 1.0))
+    s, c, cp = math.sin(roll), math.cos(roll), math.cos(pitch)
+    t = math.sin(pitch) / cp
+    out = np.zeros((3, 3))
+    out[0, 0], out[0, 1], out[0, 2] = 1.0, s * t, c * t
+    out[1, 1], out[1, 2] = c, -s
+    out[2, 1], out[2, 2] = s / cp, c / cp
+    return out
+
+
+@njit(cache=True)
+def _attitude(x: Array, value: Array, z: Array, H: Array) -> bool:
+    """Roll, pitch, yaw, each with its lasting error; yaw within half a turn of what was read."""
+    R = rotation(x[XQ:XW])
+    if math.sqrt(R[2, 1] ** 2 + R[2, 2] ** 2) < _LEAST_COSINE:
+        return False
+    z[:3] = angles(R) + x[AT + 1 : AT + 4]
+    for k in (0, 2):
+        if math.isfinite(value[k]):
+            z[k] += 2 * math.pi * round((value[k] - z[k]) / (2 * math.pi))
+    H[:3, TH : TH + 3] = angle_rates(R)
+    for k in range(3):
+        H[k, AT + k] = 1.0
+    return True
+
+
+@njit(cache=True)
+def _range(x: Array, model: Array, z: Array, H: Array) -> bool:
+    """``scale * height / cosine + offset`` along the beam, from where the sensor sits on the body.
+
+    The beam's direction and the sensor's place (body axes) stand in the model.
+    """
+    beam, lever = model[MOTION : MOTION + 3], model[MOTION + 3 : MOTION + 6]
+    R = rotation(x[XQ:XW])
+    cosine = -(R[2] * beam).sum()
+    height = x[2] + (R[2] * lever).sum()
+    if cosine < _LEAST_COSINE:
+        return False
+    slant, scale = height / cosine, 1 + x[RS + 1]
+    z[0] = scale * slant + x[RO + 1]
+    H[0, P + 2] = scale / cosine
+    d_height, d_cosine = -(R[2] @ hat(lever)), R[2] @ hat(beam)
+    H[0, TH : TH + 3] = scale * (d_height - slant * d_cosine) / cosine
+    H[0, RS], H[0, RO] = slant, 1.0
+    return True
+
+
+@njit(cache=True)
+def _heading_velocity(x: Array, z: Array, H: Array) -> bool:
+    """Level velocity with yaw taken out, forward and left, each with its scale and lasting error."""
+    R = rotation(x[XQ:XW])
+    cosine = math.sqrt(R[0, 0] ** 2 + R[1, 0] ** 2)
+    if cosine < _LEAST_COSINE or math.sqrt(R[2, 1] ** 2 + R[2, 2] ** 2) < _LEAST_COSINE:
+        return False
+    c, s = R[0, 0] / cosine, R[1, 0] / cosine
+    forward, left = c * x[V] + s * x[V + 1], -s * x[V] + c * x[V + 1]
+    yaw = angle_rates(R)[2]
+    for k in range(2):
+        along, turned_by = (forward, left) if k == 0 else (left, -forward)
+        scale = 1 + x[VS + 1 + k]
+        z[k] = scale * along + x[VB + 1 + k]
+        H[k, V] = scale * (c if k == 0 else -s)
+        H[k, V + 1] = scale * (s if k == 0 else c)
+        H[k, TH : TH + 3] = scale * turned_by * yaw
+        H[k, VS + k], H[k, VB + k] = along, 1.0
+    return True
+
+
+@njit(cache=True)
+def step_residual(x: Array, seen: Array, model: Array, H: Array) -> tuple[Array, bool]:
+    """What a step seen in pictures, pose ``seen`` (4, 4) from the kept pose on, adds to the predicted one.
+
+    The step is that of body axes at the camera, whose place stands in the model, its translation in heights
+    of the kept camera above the floor. Gives the residual (6,), rotation first, as a right perturbation of
+    the predicted step, and whether the kept pose has a height.
+    """
+    H[:] = 0.0
+    out = np.zeros(6)
+    lever = model[MOTION + 6 : MOTION + 9]
+    kept, now = rotation(x[XCQ:STATE]), rotation(x[XQ:XW])
+    height = x[XC + 2] + (kept[2] * lever).sum()
+    if height < _LEAST_HEIGHT_M:
+        return out, False
+    to_kept = np.ascontiguousarray(kept.T)
+    turn = to_kept @ now
+    back = np.ascontiguousarray(turn.T)
+    seen_from_body = to_kept @ (x[:3] - x[XC:XCQ] + now @ lever)
+    moved = (seen_from_body - lever) / height
+    out[:3] = rotation_vector(back @ np.ascontiguousarray(seen[:3, :3]))
+    out[3:] = back @ (seen[:3, 3] - moved)
+    H[:3, TH : TH + 3] = np.eye(3)
+    H[:3, CT : CT + 3] = -back
+    to_now = np.ascontiguousarray(now.T) / height
+    H[3:, P : P + 3] = to_now
+    H[3:, CP : CP + 3] = -to_now
+    H[3:, TH : TH + 3] = -hat(lever) / height
+    H[3:, CT : CT + 3] = back @ hat(seen_from_body) / height
+    shorter = back @ moved / height
+    tipped = kept[2] @ hat(lever)
+    for k in range(3):
+        H[3 + k, CP + 2] -= shorter[k]
+        H[3 + k, CT : CT + 3] += shorter[k] * tipped
+    return out, True

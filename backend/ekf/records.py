@@ -1,0 +1,80 @@
+"""What the filter's passes read and write: flat arrays, so that compiled code can."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+USED, REFUSED, STEPPED, SOFTENED, UNABLE = 1, 2, 3, 4, 5
+"""What became of a component of a reading: taken; far beyond its gate; taken for a step of the
+instrument's own error, because all before it were beyond their gates for too long; taken with less
+weight; not to be had in this state."""
+
+
+class Events(NamedTuple):
+    """All that happens in a flight, in order of time."""
+
+    stamps_s: Array
+    """(e,)."""
+    kind: NDArray[np.int64]
+    """(e,) see `backend.ekf.readings`."""
+    value: Array
+    """(e, 3) the reading; NaN where a component is not there."""
+    std: Array
+    """(e, 3)."""
+    row: NDArray[np.int64]
+    """(e,) which step of the pictures, or which asked pose."""
+    step: Array
+    """(s, 4, 4) steps seen in pictures."""
+    step_whitener: Array
+    """(s, 6, 6) times the error of a step: unit covariance."""
+
+
+class Log(NamedTuple):
+    """What became of each component of each reading."""
+
+    status: NDArray[np.int64]
+    """(e, 3) see above; 0 where there was none."""
+    innovation: Array
+    """(e, 3) each given those before it; of a step the first three, whitened."""
+    variance: Array
+    """(e, 3) what it should scatter by."""
+
+
+class Found(NamedTuple):
+    """State and covariance at the asked times, and the states that a next round is linearised about."""
+
+    x: Array
+    """(q, STATE)."""
+    C: Array
+    """(q, r, r) of the rows that are wanted."""
+    std: Array
+    """(q, n) of every part of the state."""
+    all_x: Array
+    """(e, STATE) behind every event; of no length where nobody needs them."""
+
+
+class Tape(NamedTuple):
+    """What each event of one block leaves for the pass back; of no length where there is none to come."""
+
+    F: Array
+    """(b, 9, 3) figures of the transition to it; zero where no time passed."""
+    H: Array
+    """(b, 6, n)."""
+    K: Array
+    """(b, 6, n) gains."""
+    S: Array
+    """(b, 6) variances of the innovations."""
+    innovation: Array
+    """(b, 6)."""
+    dof: NDArray[np.int64]
+    """(b,) components that were taken."""
+    x: Array
+    """(b, STATE) state behind it."""
+    C: Array
+    """(b, n, n)."""

@@ -1,0 +1,164 @@
+"""What the filter gives back: states at the asked times, and what became of each reading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from backend import se3
+from backend.ekf import motion as at
+from backend.ekf import readings as kinds
+from backend.ekf.inputs import FilterModel
+from backend.ekf.records import Events, Found, Log
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What became of the readings of one kind, component by component."""
+
+    stamps_s: Array
+    """(m,) of all readings."""
+    innovation: Array
+    """(m, 3) reading minus what was expected, each component given those before it; NaN where there is none.
+    Of a step seen in pictures the first three, whitened."""
+    std: Array
+    """(m, 3) what innovations should scatter."""
+    status: NDArray[np.int64]
+    """(m, 3) see `backend.ekf.records`; 0 where there is none."""
+    log_likelihood: float
+    """Of all readings given those before; one beyond its gate counts as if it were at the gate."""
+
+    def count(self, status: int) -> int:
+        """Components with that status."""
+        return int((self.status == status).sum())
+
+    @property
+    def nis(self) -> Array:
+        """(m, 3) squared whitened innovations: 1 on average where the filter's model is right."""
+        return (self.innovation / self.std) ** 2
+
+
+@dataclass(frozen=True)
+class States:
+    """Filtered or smoothed states at the asked times."""
+
+    w_T_b: Array
+    """(n, 4, 4)."""
+    covariances: Array
+    """(n, 6, 6), rotation first, right perturbation."""
+    w_v_m_s: Array
+    """(n, 3)."""
+    w_a_m_s2: Array
+    """(n, 3)."""
+    errors: dict[str, Array]
+    """Of the instruments, by name: (n, 3) gyro_offset, accel_offset, own_attitude; (n, 1) range_scale,
+    range_offset, barometer_zero, position_zero; (n, 2) velocity_scale, velocity_error."""
+    errors_std: dict[str, Array]
+    motion_covariances: Array
+    """(n, 12, 12) of world position, velocity, acceleration, and attitude (right perturbation)."""
+    kept_T_b: Array
+    """(n, 4, 4) from the pose that was kept to this one; NaN where none was."""
+    kept_covariances: Array
+    """(n, 6, 6) of it, from the joint covariance of the two; rotation first, right perturbation."""
+    since_kept_covariances: Array
+    """(n, 6, 6) of the pose where the kept pose's position is taken for certain; NaN where none was kept."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """What the filter makes of a flight."""
+
+    stamps_s: Array
+    """(n,) the asked times."""
+    filtered: States
+    """Each from the readings until then."""
+    smoothed: States | None
+    """Each from all readings."""
+    channels: dict[str, Channel]
+
+
+_ERRORS = {
+    "gyro_offset": (at.BG, 3),
+    "accel_offset": (at.BA, 3),
+    "own_attitude": (at.AT, 3),
+    "range_scale": (at.RS, 1),
+    "range_offset": (at.RO, 1),
+    "velocity_scale": (at.VS, 2),
+    "velocity_error": (at.VB, 2),
+    "barometer_zero": (at.BO, 1),
+    "position_zero": (at.GO, 1),
+}
+
+
+def states_of(found: Found, keep: bool) -> States:
+    """Poses and their covariances from nominal states and errors."""
+    x, C = found.x, found.C
+    R = _rotations(x[:, at.XQ : at.XW])
+    w_T_b = _poses(R, x[:, :3])
+    to_body = np.zeros((len(x), 6, 12))
+    to_body[:, :3, at.TH : at.W] = np.eye(3)
+    to_body[:, 3:, :3] = R.transpose(0, 2, 1)
+    motion = C[:, :12, :12]
+    kept_T_b, kept_covariances, since = np.full_like(w_T_b, np.nan), *np.full((2, len(x), 6, 6), np.nan)
+    if keep:
+        kept_T_b[1:], kept_covariances[1:], since[1:] = _from_kept(x[1:], C[1:], R[1:])
+    return States(
+        w_T_b,
+        to_body @ motion @ to_body.transpose(0, 2, 1),
+        x[:, at.V : at.A],
+        x[:, at.A : at.TH],
+        {name: x[:, k + 1 : k + 1 + d] for name, (k, d) in _ERRORS.items()},
+        {name: found.std[:, k : k + d] for name, (k, d) in _ERRORS.items()},
+        motion,
+        kept_T_b,
+        kept_covariances,
+        since,
+    )
+
+
+def _from_kept(x: Array, C: Array, w_R_b: Array) -> tuple[Array, Array, Array]:
+    """The way from the kept pose to the present one, its covariance, and that with the kept place certain."""
+    kept = _rotations(x[:, at.XCQ : at.STATE]).transpose(0, 2, 1)
+    R, moved = kept @ w_R_b, np.einsum("nab,nb->na", kept, x[:, :3] - x[:, at.XC : at.XCQ])
+    back, to_body = R.transpose(0, 2, 1), w_R_b.transpose(0, 2, 1)
+    J = np.zeros((len(x), 6, 18))
+    J[:, :3, 9:12], J[:, :3, 15:] = np.eye(3), -back
+    J[:, 3:, :3], J[:, 3:, 12:15] = to_body, -to_body
+    J[:, 3:, 15:] = back @ se3.cross_matrix(moved)
+    since = J.copy()
+    since[:, :, 15:] = 0.0  # the kept attitude turns the way, not the place
+    return _poses(R, moved), J @ C @ J.transpose(0, 2, 1), since @ C @ since.transpose(0, 2, 1)
+
+
+def _rotations(q: Array) -> Array:
+    return Rotation.from_quat(q, scalar_first=True).as_matrix() if len(q) else np.zeros((0, 3, 3))
+
+
+def _poses(R: Array, t: Array) -> Array:
+    T = np.tile(np.eye(4), (len(R), 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = R, t
+    return T
+
+
+def channels_of(events: Events, log: Log, model: FilterModel) -> dict[str, Channel]:
+    """The log by instrument; those that read nothing are left out."""
+    channels, gate = {}, chi2.isf(model.gate_probability, 1)
+    for name, number in kinds.CHANNELS.items():
+        mine = np.flatnonzero(events.kind == number)
+        if len(mine):
+            innovation, variance = log.innovation[mine], log.variance[mine]
+            nats = np.minimum(innovation**2 / variance, gate) + np.log(2 * np.pi * variance)
+            channels[name] = Channel(
+                events.stamps_s[mine],
+                innovation,
+                np.sqrt(variance),
+                log.status[mine],
+                float(-0.5 * np.nansum(nats)),
+            )
+    return channels

@@ -1,0 +1,215 @@
+"""An extended Kalman filter over everything that a flight's instruments read, and its smoother.
+
+The paper's filter (section 3.1.2, equation 3: position, velocity, acceleration, attitude) in error-state
+form, with the instruments' own errors beside it (`backend.ekf.motion`). Every stream is optional and may
+have gaps: all of them, gyro and accelerometer included, are readings of the state (`backend.ekf.readings`).
+Steps between pictures can be taken as readings too, from a pose that the filter keeps; the joint covariance
+of the kept and the present pose is then that of the way between them.
+
+World: z up, the floor z = 0. The first pose is above the origin and its heading is exact: what is estimated
+is relative to it, unless positions are read, which make it absolute.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from backend.ekf import backward as ekf_backward
+from backend.ekf import forward as ekf_forward
+from backend.ekf import motion as at
+from backend.ekf import readings as kinds
+from backend.ekf.events import in_order
+from backend.ekf.inputs import FilterModel, Keep, Readings, Start
+from backend.ekf.records import Events, Found, Log, Tape
+from backend.ekf.results import Track, channels_of, states_of
+from backend.errors import BackendError
+
+Array = NDArray[np.float64]
+
+_BLOCK = 256
+"""Events between two states that the smoother starts from again: memory grows with their number alone."""
+
+
+def track(
+    readings: Readings,
+    at_s: Array,
+    start: Start,
+    model: FilterModel = FilterModel(),
+    *,
+    rounds: int = 2,
+    keep: Keep = "none",
+) -> Track:
+    """Filter all readings in order of time; states at ``at_s`` (n,), increasing.
+
+    ``rounds`` of smoothing follow the filter, none with 0; each after the first is linearised about what
+    the one before has found. ``keep`` keeps the pose of the first asked time, or of each until the next,
+    for the way from there; steps seen in pictures imply the latter. Raises ``BackendError``, with the
+    time, where a figure ceases to be finite.
+    """
+    keep = "each" if readings.steps else keep
+    events = in_order(readings, at_s, keep)
+    size = at.PLAIN if keep == "none" else at.SIZE
+    filtered = smoothed = _found(len(at_s), size)
+    log = _log(events)
+    about = np.zeros((0, at.STATE))
+    for number in range(max(rounds, 1)):
+        passes_ = _Passes(events, about, model, start, log if number == 0 else _log(events), size)
+        ahead = _found(len(at_s), size)
+        blocks = passes_.ahead(ahead)
+        if number == 0:
+            filtered = ahead
+        if rounds > 0:
+            last = number == rounds - 1
+            smoothed = _found(len(at_s), size, 0 if last else len(events.kind))
+            passes_.back(blocks, smoothed)
+            about = smoothed.all_x
+    return Track(
+        at_s,
+        states_of(filtered, keep != "none"),
+        states_of(smoothed, keep != "none") if rounds > 0 else None,
+        channels_of(events, log, model),
+    )
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Where the filter stood before a block of events."""
+
+    first: int
+    last: int
+    x: Array
+    e: Array
+    C: Array
+    now_s: float
+    refused_since: Array
+
+
+class _Passes:
+    """One round over a flight's events: ahead, and back."""
+
+    def __init__(
+        self, events: Events, about: Array, model: FilterModel, start: Start, log: Log, size: int
+    ) -> None:
+        self.events, self.about, self.log, self.size = events, about, log, size
+        self.model = _vector(model)
+        self.gates = np.append(chi2.isf(model.gate_probability, [1, 6]), model.patience_s)
+        self.start = _first(start, model, size)
+        self.rows = _rows(size)
+
+    def ahead(self, found: Found) -> list[_Block]:
+        """Filter; gives where each block began. Raises ``BackendError``."""
+        x, C = self.start
+        e, tape = np.zeros(self.size), _tape(0, self.size)
+        now_s = float(self.events.stamps_s[0]) if len(self.events.kind) else 0.0
+        since = np.full((kinds.KEEP + 1, 6), math.inf)
+        blocks = []
+        for first in range(0, len(self.events.kind), _BLOCK):
+            last = min(first + _BLOCK, len(self.events.kind))
+            block = _Block(first, last, x, e, C, now_s, since)
+            blocks.append(block)
+            x, e, C, now_s, since = self._run(block, found, tape)
+        return blocks
+
+    def back(self, blocks: list[_Block], found: Found) -> None:
+        """Smooth: each block is filtered again, taped, and gone back through. Raises ``BackendError``."""
+        y, L = np.zeros(self.size), np.zeros((self.size, self.size))
+        tape, again = _tape(_BLOCK, self.size), _found(len(found.x), self.size)
+        for block in reversed(blocks):
+            self._run(block, again, tape)
+            ekf_backward.backward(y, L, block.first, block.last, self.events, found, self.rows, tape)
+            if not (np.isfinite(y).all() and np.isfinite(L).all()):
+                raise BackendError(
+                    f"smoothed figures are not finite at {block.now_s:.3f} s; smooth a part of the flight"
+                )
+
+    def _run(self, block: _Block, found: Found, tape: Tape) -> tuple[Array, Array, Array, float, Array]:
+        e, C, since = block.e.copy(), block.C.copy(), block.refused_since.copy()
+        x, now_s, bad = ekf_forward.forward(
+            block.x.copy(), e, C, block.now_s, since, block.first, block.last, self.events, self.about,
+            self.model, self.gates, self.log, found, self.rows, tape,
+        )  # fmt: skip
+        if bad >= 0:
+            self._refuse(bad)
+        return x, e, C, now_s, since
+
+    def _refuse(self, event: int) -> None:
+        kind = int(self.events.kind[event])
+        name = next((name for name, number in kinds.CHANNELS.items() if number == kind), "nothing")
+        raise BackendError(
+            f"the filter's figures are not finite at {self.events.stamps_s[event]:.3f} s, after a reading of "
+            f"{name}: {self.events.value[event]}; check that stream there"
+        )
+
+
+def _rows(size: int) -> NDArray[np.int64]:
+    """Rows of the covariance that are told: the motion, and the kept pose."""
+    return np.array([*range(at.P, at.W), *(range(at.CP, at.SIZE) if size == at.SIZE else ())])
+
+
+def _found(asked: int, size: int, all_events: int = 0) -> Found:
+    r = len(_rows(size))
+    return Found(
+        np.full((asked, at.STATE), np.nan),
+        np.full((asked, r, r), np.nan),
+        np.full((asked, size), np.nan),
+        np.full((all_events, at.STATE), np.nan),
+    )
+
+
+def _log(events: Events) -> Log:
+    count = len(events.kind)
+    return Log(np.zeros((count, 3), np.int64), np.full((count, 3), np.nan), np.full((count, 3), np.nan))
+
+
+def _tape(length: int, size: int) -> Tape:
+    return Tape(
+        np.zeros((length, 9, 3)),
+        np.zeros((length, 6, size)),
+        np.zeros((length, 6, size)),
+        np.zeros((length, 6)),
+        np.zeros((length, 6)),
+        np.zeros(length, np.int64),
+        np.zeros((length, at.STATE)),
+        np.zeros((length, size, size)),
+    )
+
+
+def _vector(model: FilterModel) -> Array:
+    figures = [
+        model.accel_m_s2, model.accel_time_s, model.rate_rad_s, model.rate_time_s, model.gyro_walk_rad_s2,
+        model.accel_walk_m_s3, model.tilt_error_rad, model.tilt_error_time_s, model.yaw_walk_rad,
+        model.velocity_error_m_s, model.velocity_error_time_s, model.barometer_walk_m,
+        *model.b_beam, *model.b_p_range_m, *model.b_p_camera_m,
+    ]  # fmt: skip
+    return np.array(figures)
+
+
+def _first(start: Start, model: FilterModel, size: int) -> tuple[Array, Array]:
+    """State and covariance at the first event."""
+    x, std = np.zeros(at.STATE), np.zeros(size)
+    x[:3] = [*start.place_m, start.height_m]
+    x[at.V : at.A] = start.w_v_m_s
+    turn = Rotation.from_matrix(start.w_R_b)
+    x[at.XQ : at.XW] = turn.as_quat(scalar_first=True)
+    x[at.XCQ] = 1.0
+    std[:3] = [start.place_std_m, start.place_std_m, start.height_std_m]
+    std[at.V : at.A] = start.velocity_std_m_s
+    std[at.A : at.TH], std[at.W : at.BG] = start.accel_std_m_s2, start.rate_std_rad_s
+    std[at.BG : at.BA], std[at.BA : at.AT] = model.gyro_offset_rad_s, model.accel_offset_m_s2
+    tilt_error = model.tilt_error_rad if start.tilt_error_rad is None else start.tilt_error_rad
+    std[at.AT : at.RS] = [tilt_error, tilt_error, start.yaw_zero_std_rad]
+    x[at.RS + 1], x[at.VS + 1 : at.VB + 1] = start.range_scale, start.velocity_scale
+    std[at.RS], std[at.RO] = model.range_scale, model.range_offset_m
+    std[at.VS : at.VB], std[at.VB : at.BO] = model.velocity_scale, model.velocity_error_m_s
+    std[at.BO], std[at.GO] = start.barometer_zero_std_m, start.position_zero_std_m
+    C = np.diag(std**2)
+    R = turn.as_matrix()
+    about_world = np.array([start.tilt_std_rad, start.tilt_std_rad, start.yaw_std_rad]) ** 2
+    C[at.TH : at.W, at.TH : at.W] = R.T @ np.diag(about_world) @ R
+    return x, C

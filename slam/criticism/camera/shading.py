@@ -1,0 +1,146 @@
+"""What the tones of the pictures say about the camera's terms, and about shapes that no term has."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.camera.optics import BLUR, DROPPED, GAIN, GAMMA, VIGNETTING
+from slam.criticism.camera.pictures import Sights
+from slam.criticism.camera.tones import CONTRAST, SHARPNESS, Tones, tones_of, weigh
+from slam.criticism.kalman.smoothing import Path
+from slam.criticism.kalman.tangents import Direction
+
+Array = NDArray[np.float64]
+
+PICTURE_SHAPES = (
+    "picture brightness ~ time", "picture colour ~ time", "picture contrast ~ time",
+    "picture sharpness ~ time", "picture brightness ~ height",
+)  # fmt: skip
+MEMORY_S = 1.0
+"""Of the automatics that exposure_variation stands for."""
+BLUR_DETAIL, BLUR_CONTRAST = 0.02, 0.01
+"""Loss of the logarithm of local detail, and of contrast, for each square pixel of a small smear."""
+LARGE_SMEAR_PX2 = 2.0
+"""Beyond this a smear takes ever less of what is left."""
+BORDER = 0.35
+"""r^2 in half diagonals where a picture's matches lie, in the mean."""
+SHADING_TOLERANCE = 0.01
+LEAST_DROPPED = 5e-4
+"""Share of pictures that any recorder may lose."""
+SLOW_SHARPNESS = 0.3
+"""Change of the logarithm of local detail over a flight that a floor's other places may make."""
+TOLERANCE = {0: 0.03, 1: 0.03, 2: 0.03, CONTRAST: 0.1, SHARPNESS: 0.3}
+"""Change of the logarithm that a doubling of the height may make."""
+
+
+@dataclass(frozen=True)
+class Shades:
+    """Score and information of some directions."""
+
+    information: Array
+    score: Array
+    log_likelihood: float
+
+
+def shade(
+    sights: Sights, camera: Array, path: Path, inside: NDArray[np.bool_], directions: Sequence[Direction]
+) -> Shades:
+    """Score and information of the directions that tones can tell of; 0 for all others."""
+    total = _Total(directions)
+    _dropped(total, sights, camera)
+    tones = _within(tones_of(sights), inside)
+    if len(tones.i) < 2:
+        return total.shades()
+    times, height = path.times_s, np.log(np.maximum(path.poses[:, 2], 0.05))
+    speed2 = _speed2(sights, path)
+    elapsed = (times - times[0]) / max(times[-1] - times[0], 1e-9) - 0.5
+    memory = np.exp(-np.abs(times[:, None] - times) / MEMORY_S)
+
+    def between(x: Array) -> Array:
+        return np.asarray(x[tones.i] - x[tones.j])
+
+    for figure in range(6):
+        shapes: dict[tuple[str, int], Array] = {}
+        ours, slow = np.zeros(len(tones.i)), np.column_stack([between(elapsed), between(elapsed**2)])
+        healthy = TOLERANCE.get(figure, 0.0) * between(height)[:, None]
+        restless, held = -1, 0.0
+        if figure < CONTRAST:
+            shapes["picture", 0] = between(elapsed)
+            shapes["picture", 1] = (figure - 1) * between(elapsed)
+            shapes["picture", 4] = between(height)
+            restless, held = GAIN, camera[GAIN]
+        elif figure == CONTRAST:
+            shapes["picture", 2] = between(elapsed)
+            shapes["camera", BLUR], ours = _blurred(BLUR_CONTRAST, between, speed2, camera[BLUR])
+            restless, held = GAMMA, camera[GAMMA]
+        elif figure == SHARPNESS:
+            shapes["picture", 3] = between(elapsed)
+            shapes["camera", BLUR], ours = _blurred(BLUR_DETAIL, between, speed2, camera[BLUR])
+            healthy = np.column_stack([healthy, SLOW_SHARPNESS * slow])
+        else:
+            healthy = np.full((len(tones.i), 1), SHADING_TOLERANCE)
+            darker = 1.0 - BORDER * camera[VIGNETTING]
+            shapes["camera", VIGNETTING] = np.full(len(tones.i), -1.0 / darker**2)
+            ours = np.full(len(tones.i), -camera[VIGNETTING] / darker)
+        table = np.column_stack(list(shapes.values()))
+        found = weigh(tones, figure, table, ours, healthy, held, memory, slow)
+        total.add([*shapes, ("camera", restless)], found.information, found.score, found.log_likelihood)
+    return total.shades()
+
+
+def _blurred(
+    loss: float, between: Callable[[Array], Array], speed2: Array, exposure2: float
+) -> tuple[Array, Array]:
+    """Change of a figure with the square of the exposure, and what it already has of it."""
+    smear = speed2 * exposure2 / LARGE_SMEAR_PX2
+    own = -loss * LARGE_SMEAR_PX2 * np.log1p(smear)
+    return between(-loss * speed2 / (1.0 + smear)), between(own)
+
+
+class _Total:
+    """Sums over the figures."""
+
+    def __init__(self, directions: Sequence[Direction]) -> None:
+        self._place: dict[tuple[str, int], int] = {(d.kind, d.entry): k for k, d in enumerate(directions)}
+        self._information = np.zeros((len(directions), len(directions)))
+        self._score, self._nats = np.zeros(len(directions)), 0.0
+
+    def add(self, keys: Sequence[tuple[str, int]], information: Array, score: Array, nats: float) -> None:
+        own = [k for k, key in enumerate(keys) if key in self._place]
+        at = [self._place[keys[k]] for k in own]
+        self._information[np.ix_(at, at)] += information[np.ix_(own, own)]
+        self._score[at] += score[own]
+        self._nats += nats
+
+    def shades(self) -> Shades:
+        return Shades(self._information, self._score, self._nats)
+
+
+def _dropped(total: _Total, sights: Sights, camera: Array) -> None:
+    """Poisson numbers of lost pictures."""
+    share = max(float(camera[DROPPED]), LEAST_DROPPED)
+    count = len(sights.stamps_s) + sights.missing
+    excess = sights.missing - count * float(camera[DROPPED])
+    nats = sights.missing * float(np.log(share)) - count * share
+    total.add([("camera", DROPPED)], np.array([[count / share]]), np.array([excess / share]), nats)
+
+
+def _within(tones: Tones, inside: NDArray[np.bool_]) -> Tones:
+    kept = inside[tones.i] & inside[tones.j]
+    place = np.cumsum(inside) - 1
+    return Tones(place[tones.i[kept]], place[tones.j[kept]], tones.figures[kept], tones.std[kept])
+
+
+def _speed2(sights: Sights, path: Path) -> Array:
+    """(n,) mean square speed of points over the picture in px/s."""
+    focal = float(np.mean(sights.camera.focal_px))
+    height, yaw = np.maximum(path.poses[:, 2], 0.05), path.poses[:, 5]
+    c, s = np.cos(yaw), np.sin(yaw)
+    ahead = (c * path.rates[:, 0] + s * path.rates[:, 1]) / height - path.rates[:, 4]
+    left = (c * path.rates[:, 1] - s * path.rates[:, 0]) / height + path.rates[:, 3]
+    half2 = (np.hypot(*sights.camera.size_px) / 2) ** 2 * BORDER
+    return np.asarray(focal**2 * (ahead**2 + left**2) + half2 * path.rates[:, 5] ** 2)

@@ -1,0 +1,244 @@
+"""Score and information of what the pictures say, given the path that all other instruments make known.
+
+A match's residual r = pixel_i - carried(pixel_j) has its own noise W^-1 and, through the two poses, the
+path's covariance S: r ~ N(C d, W^-1 + B S B'). With S = L L' and M = B' W B the poses are taken out exactly,
+V^-1 = W - W B L (I + L' M L)^-1 L' B' W, without ever forming V.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, cholesky
+
+from slam.criticism.camera.lens import NUDGE, floor_of, pixels_of
+from slam.criticism.camera.optics import CAMERA, OFFSET, POINTS, READOUT
+from slam.criticism.camera.pictures import SHORTEST_S, Sights
+from slam.criticism.camera.shading import shade
+from slam.criticism.kalman.readings import SENSOR, SLOPE_X, SLOPE_Y
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
+from slam.criticism.kalman.smoothing import LEAST_HALF_S, Path, smoothed
+from slam.criticism.kalman.tangents import Direction, parameter_direction
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+_POSE_NUDGE = 1e-5
+_SLOPE_NUDGE = 1e-4
+_SENSOR_NUDGE = 1e-3
+_KEPT_PATHS = 2
+_FAINT = 1e-4
+"""Information on a size that nothing in a flight shows: none at all cannot be inverted."""
+_SAME_SHARE, _SAME_S = 3e-3, 1e-3
+"""Beliefs whose numbers differ by less make the same path."""
+
+
+TOLERANCE = np.array([2e-3, 3e-3, 3e-4, 3e-4, 3e-4, 1e-4, 3e-5])
+"""What features on small pictures bear: so far a healthy camera may seem off in a flight; last its clock."""
+MARGIN_S = 0.3
+"""Pictures so near to the ends of the readings are left out, so that a late camera loses none."""
+
+
+@dataclass(frozen=True)
+class Sighted:
+    """What the pictures of one flight say about some directions, at one belief."""
+
+    information: Array
+    """(p, p)."""
+    score: Array
+    """(p,)."""
+    log_likelihood: float
+    chi_square: float = 0.0
+    """Of the residuals, with the poses free within the path's covariance, ..."""
+    rows: int = 0
+    """... and how many residuals there are."""
+
+
+def path_of(record: Record, sights: Sights, setting: Setting) -> tuple[Path, NDArray[np.bool_]]:
+    """The path at the pictures, and which pictures lie within it; kept for beliefs that are nearly alike."""
+    camera = setting.camera
+    inside = sights.stamps_s > record.times_s[0] + MARGIN_S
+    inside &= sights.stamps_s < record.times_s[-1] - MARGIN_S
+    key = _key(setting, record.duration_s)
+    half_s = max(min(0.5 * float(camera[READOUT]), 0.4 * SHORTEST_S), LEAST_HALF_S)
+    if key not in sights.paths:
+        shown = sights.stamps_s[inside] * (1.0 + setting.drift) - camera[OFFSET]
+        shown = np.clip(shown, record.times_s[0] + half_s, record.times_s[-1] - half_s)
+        while len(sights.paths) >= _KEPT_PATHS:
+            sights.paths.pop(next(iter(sights.paths)))
+        directions = [parameter_direction(name, _SENSOR_NUDGE) for name in SENSOR]
+        sights.paths[key] = setting.sensor, smoothed(record, setting, shown, directions, half_s)
+    sensor, path = sights.paths[key]
+    moved = (path.traces @ (setting.sensor - sensor)).reshape(path.poses.shape)
+    return replace(path, poses=path.poses + moved), inside
+
+
+def _key(setting: Setting, duration_s: float) -> bytes:
+    """Equal for beliefs under which the readings tell nearly the same path."""
+    parts = [setting.parameters, setting.hold, setting.noise_factor]
+    numbers = np.concatenate(parts)
+    coarse = np.round(np.sign(numbers) * np.log1p(np.abs(numbers) / 0.01) / _SAME_SHARE)
+    clocks = [setting.latency_s, setting.drift * 100, setting.jitter_s, *setting.camera[[OFFSET, READOUT]]]
+    return coarse.tobytes() + np.round(np.array([*clocks, duration_s]) / _SAME_S).tobytes()
+
+
+def sighted(record: Record, sights: Sights, setting: Setting, directions: Sequence[Direction]) -> Sighted:
+    """Score and information of the directions that pictures can tell of; 0 for all others."""
+    path, inside = path_of(record, sights, setting)
+    points = _points(sights, setting, path, inside, directions)
+    shades = shade(sights, setting.camera, path, inside, directions)
+    faint = [_FAINT * (d.kind in ("camera", "picture")) for d in directions]
+    return Sighted(
+        points.information + shades.information + np.diag(faint),
+        points.score + shades.score,
+        points.log_likelihood + shades.log_likelihood,
+        points.chi_square,
+        points.rows,
+    )
+
+
+def _points(
+    sights: Sights, setting: Setting, path: Path, inside: NDArray[np.bool_], directions: Sequence[Direction]
+) -> Sighted:
+    """What the places of points say."""
+    scene = _Scene.of(sights, setting, setting.camera, path, inside)
+    B = scene.by_pose()
+    C = np.zeros((len(scene.i), 2, len(directions) + len(TOLERANCE)))
+    moving = [k for k, d in enumerate(directions) if d.kind == "sensor"]
+    entries = [directions[k].entry for k in moving]
+    traces = path.traces.reshape(len(path.times_s), 6, len(SENSOR))[:, :, entries]
+    C[:, :, moving] = np.matmul(B[:, :, :6], traces[scene.i]) + np.matmul(B[:, :, 6:], traces[scene.j])
+    by_camera = scene.by_camera()
+    when = 0.5 * (path.times_s[scene.i] + path.times_s[scene.j])
+    fast = -when[:, None] * by_camera[:, :, OFFSET]
+    C[:, :, len(directions) :] = np.concatenate([by_camera, fast[:, :, None]], axis=2)
+    for k, d in enumerate(directions):
+        if d.kind == "camera" and d.entry < POINTS:
+            C[:, :, k] = by_camera[:, :, d.entry]
+        elif d.kind == "drift":
+            C[:, :, k] = fast
+        elif d.kind == "sensor" and d.entry in (SLOPE_X, SLOPE_Y):
+            C[:, :, k] += scene.by_slope(d.entry - SLOPE_X)
+    return _marginal(scene, B, C, path.covariance)
+
+
+def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> Sighted:
+    """Take out the poses, within the path's covariance, and the camera, within its tolerance."""
+    n, rows = len(covariance) // 6, 2 * len(scene.i)
+    right = np.concatenate([C, (scene.seen - scene.carried())[:, :, None]], axis=2)
+    weight = 1.0 / scene.std
+    right, B = right * weight[:, None, None], B * weight[:, None, None]
+    M = np.zeros((n, n, 6, 6))
+    blocks = np.matmul(B.transpose(0, 2, 1), B)
+    for p, a in ((scene.i, 0), (scene.j, 6)):
+        for q, b in ((scene.i, 0), (scene.j, 6)):
+            np.add.at(M, (p, q), blocks[:, a : a + 6, b : b + 6])
+    across = np.zeros((n, 6, right.shape[2]))
+    shares = np.matmul(B.transpose(0, 2, 1), right)
+    np.add.at(across, scene.i, shares[:, :6])
+    np.add.at(across, scene.j, shares[:, 6:])
+    scale = np.sqrt(np.diag(covariance))
+    correlation = covariance / scale[:, None] / scale + 1e-10 * np.eye(6 * n)
+    L = scale[:, None] * cholesky(correlation, lower=True, check_finite=False)
+    inner = L.T @ M.transpose(0, 2, 1, 3).reshape(6 * n, 6 * n) @ L
+    inner[np.arange(6 * n), np.arange(6 * n)] += 1.0
+    factor = cho_factor(inner, lower=True, check_finite=False)
+    seen = L.T @ across.reshape(6 * n, -1)
+    flat = right.reshape(rows, -1)
+    left = flat.T @ flat - seen.T @ cho_solve(factor, seen)
+    log_det = 2.0 * float(np.log(np.diag(factor[0])).sum() + 2.0 * np.log(scene.std).sum())
+    count = C.shape[2] - len(TOLERANCE)
+    own = np.append(np.arange(count), C.shape[2])
+    loose = np.arange(count, C.shape[2])
+    std = TOLERANCE.copy()
+    # Which row a stamp means differs from maker to maker.
+    std[OFFSET] += 0.5 * abs(scene.camera[READOUT])
+    tolerance = left[np.ix_(loose, loose)] + np.diag(1.0 / std**2)
+    taken = np.linalg.solve(tolerance, left[np.ix_(loose, own)])
+    left = left[np.ix_(own, own)] - left[np.ix_(own, loose)] @ taken
+    log_det += float(np.linalg.slogdet(tolerance * std * std[:, None])[1])
+    chi_square = float(left[-1, -1])
+    return Sighted(left[:-1, :-1], left[:-1, -1], -0.5 * (chi_square + log_det), chi_square, rows)
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """Matches with the poses that they were taken from."""
+
+    sights: Sights
+    setting: Setting
+    camera: Array
+    path: Path
+    i: Ints
+    """(m,) index into the path."""
+    j: Ints
+    seen: Array
+    """(m, 2) pixels in picture i, ..."""
+    other: Array
+    """... and in picture j."""
+    std: Array
+
+    @staticmethod
+    def of(sights: Sights, setting: Setting, camera: Array, path: Path, inside: NDArray[np.bool_]) -> _Scene:
+        place = np.cumsum(inside) - 1
+        kept = inside[sights.earlier] & inside[sights.later]
+        return _Scene(
+            sights, setting, camera, path, place[sights.earlier[kept]], place[sights.later[kept]],
+            sights.pixel_i[kept], sights.pixel_j[kept], sights.std_px[kept],
+        )  # fmt: skip
+
+    def carried(
+        self, camera: Array | None = None, slope: Array | None = None, at_i: Array | None = None,
+        at_j: Array | None = None,
+    ) -> Array:  # fmt: skip
+        """(m, 2) pixels j in picture i, with something changed."""
+        told, camera = self.sights.camera, self.camera if camera is None else camera
+        slope = self.setting.sensor[[SLOPE_X, SLOPE_Y]] if slope is None else slope
+        poses, rates = self.path.poses, self.path.rates
+        rows = told.size_px[1] - 1
+        shift_j = self._shift(camera, self.other[:, 1] / rows)
+        shift_i = self._shift(camera, self.seen[:, 1] / rows)
+        bends = 0.5 * self.path.bends
+        pose_j = poses[self.j] + shift_j[:, None] * (rates[self.j] + shift_j[:, None] * bends[self.j])
+        pose_i = poses[self.i] + shift_i[:, None] * (rates[self.i] + shift_i[:, None] * bends[self.i])
+        if at_i is not None:
+            pose_i = pose_i + at_i
+        if at_j is not None:
+            pose_j = pose_j + at_j
+        return pixels_of(told, camera, pose_i, floor_of(told, camera, pose_j, self.other, slope))
+
+    def _shift(self, camera: Array, row: Array) -> Array:
+        """(m,) moment of each row less that which the path was taken at for its picture."""
+        late = camera[READOUT] * (row - 0.5)
+        return np.asarray(late - camera[OFFSET] + self.camera[OFFSET])
+
+    def by_pose(self) -> Array:
+        """(m, 2, 12) change with pose i and pose j."""
+        B = np.empty((len(self.i), 2, 12))
+        for k in range(6):
+            step = np.zeros(6)
+            step[k] = _POSE_NUDGE
+            B[:, :, k] = (self.carried(at_i=step) - self.carried(at_i=-step)) / (2 * _POSE_NUDGE)
+            B[:, :, 6 + k] = (self.carried(at_j=step) - self.carried(at_j=-step)) / (2 * _POSE_NUDGE)
+        return B
+
+    def by_camera(self) -> Array:
+        """(m, 2, entries of the camera's vector)."""
+        change = np.empty((len(self.i), 2, POINTS))
+        for k in range(POINTS):
+            step = np.zeros(len(CAMERA))
+            step[k] = NUDGE[k]
+            change[:, :, k] = self.carried(self.camera + step) - self.carried(self.camera - step)
+        return change / (2 * NUDGE)
+
+    def by_slope(self, axis: int) -> Array:
+        """(m, 2) change with the floor's slope along x or y, the path left alone."""
+        slope = self.setting.sensor[[SLOPE_X, SLOPE_Y]]
+        step = np.zeros(2)
+        step[axis] = _SLOPE_NUDGE
+        change = self.carried(slope=slope + step) - self.carried(slope=slope - step)
+        return np.asarray(change / (2 * _SLOPE_NUDGE))

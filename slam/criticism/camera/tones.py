@@ -1,0 +1,168 @@
+"""How bright, how contrasty and how sharp the same points of the floor look from picture to picture.
+
+A healthy camera shows a point alike in every picture. Of each pair of pictures six figures are taken, each
+the difference of a property t of the two pictures, y = t_i - t_j + noise. A mean effect gives t a shape
+(vignetting, blur, a trend), a restless one (exposure) a variance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from slam.criticism.camera.pictures import Sights
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FIGURES = ("blue", "green", "red", "contrast", "sharpness", "shading")
+"""Logarithms of: the level of each colour, its spread over the floor beside its mean, the local variation
+beside that; and how much darker pictures are towards the corners."""
+BLUE, GREEN, RED, CONTRAST, SHARPNESS, SHADING = range(6)
+DARKEST, BRIGHTEST = 12.0, 240.0
+FEWEST = 8
+"""Matches of a pair that its figures are taken from."""
+LEAST_STD = np.array([0.002, 0.002, 0.002, 0.004, 0.008, 0.004])
+"""No figure of a pair is known better: pictures are rounded and compressed."""
+WANDER = np.array([0.003, 0.003, 0.003, 0.004, 0.03, 0.003])
+"""What a healthy picture's own property differs by: other points of the floor are seen."""
+CLIP = 4.0
+
+
+@dataclass(frozen=True)
+class Tones:
+    """Figures of all pairs of pictures of a flight."""
+
+    i: Ints
+    """(p,) earlier picture."""
+    j: Ints
+    figures: Array
+    """(p, 6)."""
+    std: Array
+    """(p, 6)."""
+
+
+def tones_of(sights: Sights) -> Tones:
+    """The figures of every pair with enough matches."""
+    key = sights.earlier * (len(sights.stamps_s) + 1) + sights.later
+    order = np.argsort(key, kind="stable")
+    bounds = np.flatnonzero(np.diff(key[order], prepend=-1, append=-1))
+    rows, pairs = [], []
+    for begin, end in pairwise(bounds.tolist()):
+        own = order[begin:end]
+        found = _figures(sights, own)
+        if found is not None:
+            rows.append(found)
+            pairs.append((sights.earlier[own[0]], sights.later[own[0]]))
+    if not rows:
+        nothing = np.zeros(0, dtype=np.int64)
+        return Tones(nothing, nothing, np.zeros((0, 6)), np.ones((0, 6)))
+    index = np.array(pairs, dtype=np.int64)
+    values, std = (np.array(part) for part in zip(*rows, strict=True))
+    return Tones(index[:, 0], index[:, 1], values, std)
+
+
+def _figures(sights: Sights, own: Ints) -> tuple[Array, Array] | None:
+    a, b = sights.tone_i[own], sights.tone_j[own]
+    both = np.column_stack([a[:, :3], b[:, :3]])
+    usable = (both > DARKEST).all(axis=1) & (both < BRIGHTEST).all(axis=1)
+    usable &= (a[:, 3] > 1.0) & (b[:, 3] > 1.0)
+    if usable.sum() < FEWEST:
+        return None
+    grey_i, grey_j = a[usable, :3].mean(axis=1), b[usable, :3].mean(axis=1)
+    ratio = np.log(grey_i / grey_j)
+    middle, spread = _middle(ratio)
+    alike = np.abs(ratio - middle) < CLIP * max(spread, 0.01)
+    if alike.sum() < FEWEST:
+        return None
+    a, b, own = a[usable][alike], b[usable][alike], own[usable][alike]
+    grey_i, grey_j, ratio = grey_i[alike], grey_j[alike], ratio[alike]
+    m = len(own)
+    values, std = np.empty(6), np.empty(6)
+    for colour in range(3):
+        values[colour], spread = _middle(np.log(a[:, colour] / b[:, colour]))
+        std[colour] = 1.25 * spread / np.sqrt(m)
+    like = np.corrcoef(grey_i, grey_j)[0, 1]
+    wider = float(np.log(np.std(grey_i) / np.std(grey_j)))
+    values[CONTRAST] = wider - values[:3].mean()
+    std[CONTRAST] = np.sqrt(max(1.0 - like**2, 1e-6) / m) + std[:3].mean()
+    detail, spread = _middle(np.log(a[:, 3] / b[:, 3]))
+    values[SHARPNESS], std[SHARPNESS] = detail - wider, 1.25 * spread / np.sqrt(m)
+    outward = _radius2(sights, sights.pixel_i[own]) - _radius2(sights, sights.pixel_j[own])
+    away = outward - outward.mean()
+    values[SHADING] = float(away @ ratio / max(away @ away, 1e-9))
+    std[SHADING] = float(np.std(ratio)) / np.sqrt(max(away @ away, 1e-9))
+    return values, np.hypot(std, LEAST_STD)
+
+
+def _middle(x: Array) -> tuple[float, float]:
+    """Median and robust standard deviation."""
+    middle = float(np.median(x))
+    return middle, 1.4826 * float(np.median(np.abs(x - middle)))
+
+
+def _radius2(sights: Sights, pixel: Array) -> Array:
+    half = np.hypot(*sights.camera.size_px) / 2
+    return np.asarray(((pixel - sights.camera.center_px) ** 2).sum(axis=1) / half**2)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Score and information of one figure's mean shapes, and of a variance of it."""
+
+    information: Array
+    score: Array
+    log_likelihood: float
+    white: Array
+    """(p,) figures over their standard deviations, whitened."""
+
+
+def weigh(
+    tones: Tones, figure: int, shapes: Array, ours: Array, nuisances: Array, variance: float, memory: Array,
+    slow: Array,
+) -> Weighed:  # fmt: skip
+    """One figure against shapes of its property.
+
+    ``shapes`` (p, d): change of the figure with each shape; ``ours`` (p,) what the belief holds of it;
+    ``nuisances`` (p, q): shapes that healthy cameras have, one standard deviation of each; ``memory`` (n, n)
+    correlation of a restless property between pictures, ``variance`` what the belief holds of it. The last
+    column is its change; ``slow`` (p, s) are shapes that do not count as restless.
+    """
+    n, p = len(memory), len(tones.i)
+    D = np.zeros((p, n))
+    D[np.arange(p), tones.i] += 1.0
+    D[np.arange(p), tones.j] -= 1.0
+    y, std = tones.figures[:, figure] - ours, tones.std[:, figure]
+    std = std * _scale(D, y, std)
+    own = np.ones(p) if figure == SHADING else None
+    wander = WANDER[figure] ** 2 * (np.diag(own) if own is not None else D @ D.T)
+    restless = D @ memory @ D.T
+    V = np.diag(std**2) + wander + variance * restless + nuisances @ nuisances.T
+    factor = cho_factor(V, lower=True)
+    solved = cho_solve(factor, np.column_stack([shapes, y]))
+    d = shapes.shape[1]
+    information, score = np.zeros((d + 1, d + 1)), np.zeros(d + 1)
+    information[:d, :d] = shapes.T @ solved[:, :d]
+    score[:d] = shapes.T @ solved[:, d]
+    calm = cho_factor(V + 1e2 * slow @ slow.T, lower=True)
+    spread, pulled = cho_solve(calm, restless), cho_solve(calm, y)
+    information[d, d] = 0.5 * np.sum(spread * spread.T)
+    score[d] = 0.5 * (pulled @ restless @ pulled - np.trace(spread))
+    log_det = 2.0 * float(np.log(np.diag(factor[0])).sum())
+    white = np.linalg.solve(np.tril(factor[0]), y)
+    return Weighed(information, score, -0.5 * (float(y @ solved[:, d]) + log_det), white)
+
+
+def _scale(D: Array, y: Array, std: Array) -> float:
+    """How much noisier pairs are than their own matches say, from how pairs of the same pictures disagree."""
+    weighted = D / std[:, None]
+    solution = np.linalg.lstsq(weighted, y / std, rcond=1e-9)
+    free = len(y) - int(solution[2])
+    if free < 20:
+        return 1.0
+    left = y / std - weighted @ solution[0]
+    return max(float(np.sqrt(left @ left / free)), 1.0)

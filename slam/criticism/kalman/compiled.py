@@ -1,0 +1,15 @@
+"""How the filter's kernels are compiled: without the interpreter's lock, sums free to be reordered."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from numba import njit
+
+from backend.compiled import discard_stale
+
+_CRITICISM = Path(__file__).parents[1]
+discard_stale([*_CRITICISM.rglob("*.py"), _CRITICISM.parent / "simulation" / "dynamics.py"])
+
+kernel = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "nsz"})
+"""NaN keeps its meaning: a missing reading is one."""

@@ -1,0 +1,142 @@
+"""What each instrument reads in a state of the filter, compiled: the simulator's instruments without noise.
+
+The filter's state is that of the equations of motion (place to yaw rate), then the hold noise: what is added
+to the targets, the velocity noise before its pole (o) and behind it (w), and the wind of gusts.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.kalman.compiled import kernel
+from slam.simulation.dynamics import GRAVITY_M_S2, noise_share
+
+Array = NDArray[np.float64]
+
+MOVING = 10
+"""Entries of the state that the equations of motion drive."""
+TARGET, BEFORE, BEHIND, GUST = 10, 13, 16, 19
+"""First entry of: noise on the targets (3), o (3), w (3), gusts (2)."""
+STATES, STATES_WITH_GUSTS = 19, 21
+
+IMU, ATTITUDE, VELOCITY, SONAR = range(4)
+"""Kinds of events."""
+FIRST_CHANNEL = (0, 6, 9, 11)
+CHANNELS = (
+    "gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z",
+    "roll", "pitch", "yaw", "velocity_x", "velocity_y", "range",
+)  # fmt: skip
+"""Names of the scalar channels; those of an event's kind begin at ``FIRST_CHANNEL``."""
+CHANNEL_UNITS = ("rad/s",) * 3 + ("m/s^2",) * 3 + ("rad",) * 3 + ("m/s",) * 2 + ("m",)
+WIDTH = (6, 3, 2, 1)
+"""Channels of each kind."""
+
+SENSOR = (
+    "flow_scale.eps", "flow_derotation.kappa",
+    "sonar_slant.c", "sonar_tilt.x", "sonar_tilt.y", "sonar_scale.eps", "sonar_bias.b",
+    "sonar_temperature.rise", "sonar_lag.T", "sonar.datum_m",
+    "gyro_bias.x", "gyro_bias.y", "gyro_bias.z", "gyro_scale.eps",
+    "accel_bias.x", "accel_bias.y", "accel_bias.z", "accel_scale.eps",
+    "imu_misalignment.x", "imu_misalignment.y", "imu_misalignment.z",
+    "floor_slope.x", "floor_slope.y",
+    "attitude.delay_s", "velocity.delay_s",
+)  # fmt: skip
+"""Entries of the instruments' parameter vector; the last two belong to no term but to the dictionary."""
+
+(
+    FLOW_SCALE, DEROTATION, SLANT, TILT_X, TILT_Y, RANGE_SCALE, RANGE_BIAS, WARMING, RANGE_LAG, DATUM,
+    GYRO_X, GYRO_Y, GYRO_Z, GYRO_SCALE, ACCEL_X, ACCEL_Y, ACCEL_Z, ACCEL_SCALE, TURN_X, TURN_Y, TURN_Z,
+    SLOPE_X, SLOPE_Y, ATTITUDE_DELAY, VELOCITY_DELAY,
+) = range(len(SENSOR))  # fmt: skip
+
+SOUND_M_S, SOUND_M_S_K = 331.3 + 0.606 * 20.0, 0.606
+"""Speed of sound that the sonar reckons with, and its change a degree."""
+
+
+@kernel
+def _turned(x: float, y: float, z: float, sensor: Array, out: Array, first: int) -> None:
+    """A vector in the axes of a unit turned by a small rotation vector m: v - m x v + m x (m x v) / 2."""
+    a, b, c = sensor[TURN_X], sensor[TURN_Y], sensor[TURN_Z]
+    u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
+    out[first] = x - u + 0.5 * (b * w - c * v)
+    out[first + 1] = y - v + 0.5 * (c * u - a * w)
+    out[first + 2] = z - w + 0.5 * (a * v - b * u)
+
+
+@kernel
+def _imu(state: Array, rate: Array, sensor: Array, pole_s: float, share: float, out: Array) -> None:
+    sr, cr, sp, cp = math.sin(state[6]), math.cos(state[6]), math.sin(state[7]), math.cos(state[7])
+    sy, cy = math.sin(state[8]), math.cos(state[8])
+    p = rate[6] - sp * rate[8]
+    q = cr * rate[7] + sr * cp * rate[8]
+    r = -sr * rate[7] + cr * cp * rate[8]
+    _turned(p, q, r, sensor, out, 0)
+    ax = rate[3] + share * (state[BEFORE] - state[BEHIND]) / pole_s
+    ay = rate[4] + share * (state[BEFORE + 1] - state[BEHIND + 1]) / pole_s
+    az = rate[5] + share * (state[BEFORE + 2] - state[BEHIND + 2]) / pole_s + GRAVITY_M_S2
+    ahead, left = cy * ax + sy * ay, cy * ay - sy * ax
+    down = sp * ahead + cp * az
+    _turned(cp * ahead - sp * az, cr * left + sr * down, cr * down - sr * left, sensor, out, 3)
+    for i in range(3):
+        out[i] = (1.0 + sensor[GYRO_SCALE]) * out[i] + sensor[GYRO_X + i]
+        out[3 + i] = (1.0 + sensor[ACCEL_SCALE]) * out[3 + i] + sensor[ACCEL_X + i]
+
+
+@kernel
+def _range(state: Array, rate: Array, sensor: Array, elapsed: float) -> float:
+    """Range along the beam to the floor, to first order in the beam's tilt and to second in the lag."""
+    late = sensor[RANGE_LAG]
+    z = state[2] - late * rate[2] + 0.5 * late * late * rate[5]
+    roll, pitch = state[6] - late * rate[6], state[7] - late * rate[7]
+    x, y = state[0] - late * rate[0], state[1] - late * rate[1]
+    sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
+    sy, cy = math.sin(state[8]), math.cos(state[8])
+    bx, by = -sensor[TILT_Y], sensor[TILT_X]
+    # The beam in the world: R_wb (bx, by, -1), its first two entries for the slope alone.
+    side = sr * by - cr
+    ahead, left = cp * bx + sp * side, cr * by + sr
+    up = -sp * bx + cp * side
+    wx, wy = cy * ahead - sy * left, sy * ahead + cy * left
+    slope_x, slope_y = sensor[SLOPE_X], sensor[SLOPE_Y]
+    height = z - slope_x * x - slope_y * y
+    pencil = height / (-up + slope_x * wx + slope_y * wy)
+    echo = height + sensor[SLANT] * (pencil - height)
+    echo *= SOUND_M_S / (SOUND_M_S + SOUND_M_S_K * sensor[WARMING] * elapsed) * (1.0 + sensor[RANGE_SCALE])
+    return echo + sensor[RANGE_BIAS] + sensor[DATUM]
+
+
+@kernel
+def reading(
+    kind: int,
+    state: Array,
+    rate: Array,
+    sensor: Array,
+    parameters: Array,
+    pole_s: float,
+    elapsed: float,
+    out: Array,
+) -> None:
+    """Write what an instrument reads into ``out`` (6,).
+
+    ``rate`` (>= 10,) is the state's rate from the equations, ``sensor`` (``SENSOR``,), ``elapsed`` the share
+    of the flight's duration that is over.
+    """
+    share = noise_share(state[2], parameters)
+    if kind == IMU:
+        _imu(state, rate, sensor, pole_s, share, out)
+    elif kind == ATTITUDE:
+        for i in range(3):
+            out[i] = state[6 + i] - sensor[ATTITUDE_DELAY] * rate[6 + i]
+    elif kind == VELOCITY:
+        late = sensor[VELOCITY_DELAY]
+        sy, cy = math.sin(state[8]), math.cos(state[8])
+        vx, vy = rate[0] - late * rate[3], rate[1] - late * rate[4]
+        # Small tilts: the body's rates about x and y are those of roll and pitch.
+        turning = sensor[DEROTATION] * state[2]
+        out[0] = (1.0 + sensor[FLOW_SCALE]) * (cy * vx + sy * vy + turning * rate[7])
+        out[1] = (1.0 + sensor[FLOW_SCALE]) * (cy * vy - sy * vx - turning * rate[6])
+    else:
+        out[0] = _range(state, rate, sensor, elapsed)

@@ -1,0 +1,169 @@
+"""A flight as the filter takes it: readings of all instruments in one order of time, and steps between them.
+
+Readings are turned into body axes first; a missing stream is no event, a missing value is NaN.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.camera.pictures import Sights
+from slam.criticism.kalman.readings import ATTITUDE, CHANNELS, FIRST_CHANNEL, IMU, SONAR, VELOCITY, WIDTH
+from slam.flight import Flight
+from slam.simulation.stick import Stick, stick_of
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LONGEST_STEP_S = 0.005
+"""Of the filter between two events: a tenth of the vehicle's fastest lag."""
+HIGH_UP_M = 20.0
+LONGEST_GAP_S = 5.0
+"""A flight whose readings pause longer is judged up to there only."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """One flight's readings and command in order of time."""
+
+    name: str
+    times_s: Array
+    """(events,)."""
+    kinds: Ints
+    """(events,) ``readings.IMU`` and so on."""
+    values: Array
+    """(events, 6), NaN for what is missing."""
+    elapsed: Array
+    """(events,) share of the flight's duration that is over."""
+    first_step: Ints
+    """(events + 1,) event e is reached by steps first_step[e] to first_step[e + 1]."""
+    step_begin_s: Array
+    """(steps,)."""
+    step_s: Array
+    """(steps,) lengths."""
+    stick: Stick
+    noise_std: Array
+    """(channels,) of one reading, as the flight's own description has it."""
+    range_limits: Array
+    """(2,) least and greatest range that the sonar reports."""
+    start: Array
+    """(10,) a first guess of the moving state, and ``start_std`` (10,) how good it is."""
+    start_std: Array
+    sights: Sights | None = None
+    """What its pictures show."""
+
+    @property
+    def duration_s(self) -> float:
+        """From second 0 to the last event."""
+        return float(self.times_s[-1])
+
+    def has(self, channel: int) -> bool:
+        """Whether the flight has readings of a channel."""
+        kind = int(np.searchsorted(FIRST_CHANNEL, channel, side="right")) - 1
+        rows = self.kinds == kind
+        return bool(np.isfinite(self.values[rows, channel - FIRST_CHANNEL[kind]]).any())
+
+
+def record_of(flight: Flight) -> Record:
+    """The flight's readings for the filter.
+
+    Raises ``ValueError`` with the reason where there is no command or nothing that moves with it.
+    """
+    streams = _streams(flight)
+    if not streams:
+        raise ValueError("no imu, attitude, velocity or sonar readings")
+    times = np.concatenate([t for _, t, _ in streams])
+    kinds = np.concatenate([np.full(len(t), kind, dtype=np.int64) for kind, t, _ in streams])
+    values = np.full((len(times), 6), np.nan)
+    row = 0
+    for kind, t, v in streams:
+        values[row : row + len(t), : WIDTH[kind]] = v
+        row += len(t)
+    order = np.argsort(times, kind="stable")
+    times, kinds, values = times[order], kinds[order], values[order]
+    gaps = np.flatnonzero(np.diff(times) > LONGEST_GAP_S)
+    if len(gaps):
+        last = int(gaps[0]) + 1
+        times, kinds, values = times[:last], kinds[:last], values[:last]
+    first_step, begin, lengths = _steps(times)
+    if flight.command is None or len(flight.command.stamps_s) == 0:
+        stick = Stick(np.zeros(1), np.zeros((1, 4)), float(times[-1]))
+    else:
+        stick = stick_of(flight.command, float(times[-1]))
+    start, start_std = _start(kinds, values)
+    limits = (flight.sonar.min_range_m, flight.sonar.max_range_m) if flight.sonar else (0.0, np.inf)
+    return Record(
+        flight.name, times, kinds, values, np.clip(times / times[-1], 0.0, 1.0), first_step, begin, lengths,
+        stick, _noise_std(flight), np.array(limits, dtype=float), start, start_std,
+    )  # fmt: skip
+
+
+def _streams(flight: Flight) -> list[tuple[int, Array, Array]]:
+    streams: list[tuple[int, Array, Array]] = []
+    if flight.imu is not None:
+        turn = flight.imu.b_T_s[:3, :3].T
+        both = np.column_stack([_finite(flight.imu.gyro_rad_s) @ turn, _finite(flight.imu.accel_m_s2) @ turn])
+        streams.append((IMU, flight.imu.stamps_s, both))
+    if flight.attitude is not None:
+        streams.append((ATTITUDE, flight.attitude.stamps_s, flight.attitude.roll_pitch_yaw_rad))
+    if flight.velocity is not None:
+        streams.append((VELOCITY, flight.velocity.stamps_s, flight.velocity.v_m_s))
+    if flight.sonar is not None:
+        streams.append((SONAR, flight.sonar.stamps_s, flight.sonar.range_m[:, None]))
+    kept = []
+    for kind, stamps, values in streams:
+        finite = _finite(values)
+        some = np.isfinite(finite).any(axis=1) & np.isfinite(stamps)
+        if some.any():
+            kept.append((kind, stamps[some], finite[some]))
+    return kept
+
+
+def _finite(values: Array) -> Array:
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _steps(times: Array) -> tuple[Ints, Array, Array]:
+    gaps = np.diff(times, prepend=times[0])
+    counts = np.ceil(gaps / LONGEST_STEP_S - 1e-9).astype(np.int64)
+    first_step = np.concatenate([[0], np.cumsum(counts)])
+    length = np.repeat(gaps / np.maximum(counts, 1), counts)
+    within = np.arange(len(length)) - np.repeat(first_step[:-1], counts)
+    return first_step, np.repeat(times - gaps, counts) + within * length, length
+
+
+def _noise_std(flight: Flight) -> Array:
+    std = np.full(len(CHANNELS), 1.0)
+    if flight.imu is not None and len(flight.imu.stamps_s) > 1:
+        rate = 1.0 / float(np.median(np.diff(flight.imu.stamps_s)))
+        std[:3] = flight.imu.gyro_noise_density * np.sqrt(rate)
+        std[3:6] = flight.imu.accel_noise_density * np.sqrt(rate)
+    if flight.attitude is not None:
+        std[6:9] = flight.attitude.noise_std_rad
+    if flight.velocity is not None:
+        std[9:11] = flight.velocity.noise_std_m_s
+    if flight.sonar is not None:
+        std[11] = flight.sonar.noise_std_m
+    return np.maximum(std, 1e-6)
+
+
+def _start(kinds: Ints, values: Array) -> tuple[Array, Array]:
+    """From the first readings, so that the equations are linearised where the vehicle is."""
+    start, std = np.zeros(10), np.zeros(10)
+    std[3:6], std[6:8], std[9] = (0.3, 0.3, 0.1), 0.05, 0.1
+    if (k := np.flatnonzero((kinds == ATTITUDE) & np.isfinite(values[:, 2]))).size:
+        # Only the heading: level and at rest is known otherwise.
+        start[8], std[8] = values[k[0], 2], 0.05
+    # Without a sonar the height is anybody's guess: then far from the floor, where it does nothing.
+    start[2], std[2] = HIGH_UP_M, 0.5
+    if (k := np.flatnonzero(kinds == SONAR)).size:
+        start[2], std[2] = values[k[0], 0], 0.2
+    if (k := np.flatnonzero(kinds == VELOCITY)).size:
+        heading = start[8]
+        u, w = np.nan_to_num(values[k[0], :2])
+        start[3] = np.cos(heading) * u - np.sin(heading) * w
+        start[4] = np.sin(heading) * u + np.cos(heading) * w
+    return start, std

@@ -1,0 +1,83 @@
+"""What the filter believes: a model's constants, the hold noise and the noise of each channel, as vectors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.camera.optics import CAMERA, camera_vector
+from slam.criticism.kalman.readings import CHANNELS, SENSOR, SLANT
+from slam.criticism.kalman.transition import HOLD
+from slam.simulation.dynamics import PARAMETERS
+from slam.simulation.model import Model
+from slam.simulation.terms import CATALOGUE
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One belief: all that a filter run depends on beside the flight."""
+
+    parameters: Array
+    """(``dynamics.PARAMETERS``,)."""
+    sensor: Array
+    """(``readings.SENSOR``,)."""
+    hold: Array
+    """(``transition.HOLD``,)."""
+    noise_factor: Array
+    """(channels,) of the flight's own noise figures."""
+    latency_s: float = 0.0
+    drift: float = 0.0
+    """The vehicle's clock against the recorder's: gains so much of the time."""
+    jitter_s: float = 0.0
+    """Standard deviation of the stamps."""
+    foreign: bool = False
+    """The vehicle is of another make: how restless it and its instruments are is not known beforehand."""
+    camera: Array = field(default_factory=lambda: np.zeros(len(CAMERA)))
+    """(``optics.CAMERA``,)."""
+
+
+def setting_of(model: Model) -> Setting:
+    """The belief that a model is. Terms of the camera, and those that act by chance alone, are not in it."""
+    sensor = np.zeros(len(SENSOR))
+    for k, name in enumerate(SENSOR):
+        term, _, parameter = name.partition(".")
+        if term in CATALOGUE:
+            sensor[k] = model.value(term, parameter)
+    sensor[SENSOR.index("sonar.datum_m")] = model.sonar.datum_m
+    noise = model.hold_noise
+    sigma, tau = model.vector("gusts", "sigma", "tau")
+    hold = np.array(
+        [
+            np.radians(noise.tilt_std_deg), noise.tilt_correlation_s,
+            np.radians(noise.yaw_rate_std_deg_s), noise.yaw_rate_correlation_s,
+            noise.velocity_std_m_s, noise.velocity_correlation_s, noise.velocity_up_std_m_s,
+            noise.velocity_pole_s, sigma, tau,
+        ]
+    )  # fmt: skip
+    assert len(hold) == len(HOLD)
+    return Setting(
+        model.parameters(),
+        sensor,
+        hold,
+        np.ones(len(CHANNELS)),
+        model.value("control_latency", "T"),
+        1e-6 * model.value("clock_drift", "ppm"),
+        model.value("timestamp_jitter", "sigma"),
+        camera=camera_vector(model),
+    )
+
+
+def slot(name: str) -> tuple[str, int]:
+    """Where a parameter stands: the vector ("parameters", "camera" or "sensor") and its entry."""
+    if name in PARAMETERS:
+        return "parameters", PARAMETERS.index(name)
+    if name in CAMERA:
+        return "camera", CAMERA.index(name)
+    return "sensor", SENSOR.index(name)
+
+
+assert SENSOR[SLANT] == "sonar_slant.c"

@@ -1,0 +1,150 @@
+"""Directions: the small changes of a belief whose trace in the innovations is computed beside the filter.
+
+A direction is a parameter of the equations or of an instrument, an early or late command, or a signal
+injected into a channel, a target or a force. Its trace is per unit of its own parameter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.camera.optics import CAMERA
+from slam.criticism.kalman.readings import ATTITUDE, IMU, SENSOR, SONAR, VELOCITY
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
+from slam.simulation.dynamics import NOISE, PARAMETERS
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+Kind = Literal["parameters", "sensor", "latency", "drift", "force", "channel", "camera", "picture"]
+"""The last two leave no trace in readings: only in pictures."""
+Signal = tuple[Array, Array]
+"""Values at the middle of each step and at each event."""
+
+FORCES = (*NOISE, "up", "ahead", "left")
+"""Where a force goes in: the equations' noises, the climb stick, and wind in the vehicle's own axes."""
+_ON_CHANNEL = 100
+JUMP_S = 0.002
+"""A log's stamps say no better when the stick jumped; the gyro jumps with it."""
+
+
+@dataclass(frozen=True)
+class Direction:
+    """One change of a belief."""
+
+    name: str
+    kind: Kind
+    entry: int = 0
+    """Of the parameters, the sensor's vector, ``FORCES`` or ``CHANNELS``."""
+    step: float = 1e-3
+    """Size of the change that the difference is taken over."""
+    signal: str = ""
+    """Name of the signal that is injected."""
+    unit: float | None = None
+    """The trace is that of the whole step, divided by this; by default by the step."""
+
+
+@dataclass(frozen=True)
+class Tangents:
+    """Directions as the kernel takes them."""
+
+    acts: Ints
+    reads: Ints
+    stick_of: Ints
+    parameters_of: Array
+    sensor_of: Array
+    inject_at: Ints
+    signal_of: Ints
+    step_signals: Array
+    event_signals: Array
+    scale: Array
+    sticks: Array
+    """(variants, steps, 6)."""
+    commands: Array
+    """(variants, events, 6)."""
+    jumps: Ints
+    """(events,) 1 where the stick jumps within ``JUMP_S`` of the event."""
+    names: tuple[str, ...] = field(default=())
+
+
+LATE_SHARE = 0.2
+
+
+_READ_BY = {
+    "flow_scale": VELOCITY, "flow_derotation": VELOCITY, "velocity": VELOCITY, "attitude": ATTITUDE,
+    "sonar_slant": SONAR, "sonar_tilt": SONAR, "sonar_scale": SONAR, "sonar_bias": SONAR,
+    "sonar_temperature": SONAR, "sonar_lag": SONAR, "sonar": SONAR, "floor_slope": SONAR,
+}  # fmt: skip
+
+
+def parameter_direction(name: str, step: float) -> Direction:
+    """The direction of a parameter of the equations or of an instrument."""
+    if name in PARAMETERS:
+        return Direction(name, "parameters", PARAMETERS.index(name), step)
+    if name in CAMERA:
+        return Direction(name, "camera", CAMERA.index(name), step)
+    return Direction(name, "sensor", SENSOR.index(name), step)
+
+
+def tangents_for(
+    record: Record, setting: Setting, directions: Sequence[Direction], signals: dict[str, Signal]
+) -> Tangents:
+    """The directions over one flight, with the sticks that they obey."""
+    m = len(directions)
+    variants: list[tuple[float, float]] = [(setting.latency_s, setting.drift)]
+    names = sorted({d.signal for d in directions if d.signal})
+    table = Tangents(
+        np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64),
+        np.tile(setting.parameters, (m, 1)), np.tile(setting.sensor, (m, 1)),
+        np.full(m, -1, dtype=np.int64), np.zeros(m, dtype=np.int64),
+        np.array([signals[name][0] for name in names]).reshape(len(names), len(record.step_s)),
+        np.array([signals[name][1] for name in names]).reshape(len(names), len(record.times_s)),
+        np.array([1.0 / (d.step if d.unit is None else d.unit) for d in directions]),
+        np.zeros(0), np.zeros(0), _jumps(record, setting), tuple(d.name for d in directions),
+    )  # fmt: skip
+    for k, d in enumerate(directions):
+        if d.kind == "parameters":
+            table.acts[k] = 1
+            table.parameters_of[k, d.entry] += d.step
+        elif d.kind == "sensor":
+            table.reads[k] = 1 << _READ_BY.get(SENSOR[d.entry].partition(".")[0], IMU)
+            table.sensor_of[k, d.entry] += d.step
+        elif d.kind in ("latency", "drift"):
+            table.acts[k] = 1
+            table.stick_of[k] = len(variants)
+            late, fast = d.step * (d.kind == "latency"), d.step * (d.kind == "drift")
+            variants.append((setting.latency_s + late, setting.drift + fast))
+        elif d.kind in ("force", "channel"):
+            table.signal_of[k] = names.index(d.signal)
+            table.inject_at[k] = d.entry if d.kind == "force" else _ON_CHANNEL + d.entry
+            table.acts[k] = int(d.kind == "force")
+    sticks, commands = zip(*(_obeyed(record, *variant) for variant in variants), strict=True)
+    return Tangents(**{**vars(table), "sticks": np.array(sticks), "commands": np.array(commands)})
+
+
+def _obeyed(record: Record, latency_s: float, drift: float) -> tuple[Array, Array]:
+    """Means over the steps and values at the events of the stick, on the vehicle's clock."""
+    begin = record.step_begin_s / (1 + drift)
+    end = (record.step_begin_s + record.step_s) / (1 + drift)
+    return (
+        record.stick.mean(begin, end, latency_s),
+        record.stick.at(record.times_s / (1 + drift), latency_s),
+    )
+
+
+def _jumps(record: Record, setting: Setting) -> Ints:
+    changed = np.any(np.diff(record.stick.values, axis=0) != 0, axis=1)
+    at = (record.stick.stamps_s[1:][changed] + setting.latency_s) * (1 + setting.drift)
+    if len(at) == 0:
+        return np.zeros(len(record.times_s), dtype=np.int64)
+    after = np.searchsorted(at, record.times_s)
+    before_s = np.abs(record.times_s - at[np.maximum(after - 1, 0)])
+    after_s = np.abs(at[np.minimum(after, len(at) - 1)] - record.times_s)
+    # A vehicle that is late is not late by the same each time.
+    return (np.minimum(before_s, after_s) < JUMP_S + LATE_SHARE * setting.latency_s).astype(np.int64)

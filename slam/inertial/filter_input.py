@@ -1,0 +1,268 @@
+"""What a flight's instruments give the filter: readings in body axes with honest noise, and a start.
+
+Makers' figures are where this begins. Where the record itself shows more, the record is believed
+(`slam.inertial.variogram`, `slam.inertial.trials`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from backend.ekf.inputs import FilterModel, Readings, Series, Start
+from slam.errors import InputError, one_line
+from slam.inertial.instruments import (
+    InertialTrust,
+    attitude_of,
+    barometer_of,
+    complete,
+    inertial_of,
+    positions_of,
+    range_of,
+    velocity_of,
+    zeros_at,
+)
+from slam.inertial.standing import standing
+from slam.inertial.variogram import Wander
+
+if TYPE_CHECKING:
+    from slam.flight import Flight
+
+Array = NDArray[np.float64]
+
+FIELDS = {
+    "gyro": "gyro_rad_s",
+    "accelerometer": "accel_m_s2",
+    "attitude": "roll_pitch_yaw_rad",
+    "range": "range_m",
+    "velocity": "velocity_m_s",
+    "position": "w_p_b_m",
+    "barometer": "barometer_m",
+}
+"""Channels of the filter by name, and the readings they take."""
+
+_NEAR_S = 0.5
+"""A reading so near to the start tells of the start."""
+_STANDING_TILT_RAD = 0.01
+_STANDING_STD = 0.01, 0.003
+"""Of speed (m/s) and body rate (rad/s) while the vehicle stands."""
+
+
+@dataclass(frozen=True)
+class Adjusted:
+    """What trials have shown of instruments, by channel."""
+
+    wider: Mapping[str, float] = field(default_factory=dict)
+    """White noise in units of the maker's or the floor."""
+    delay_s: Mapping[str, float] = field(default_factory=dict)
+    """How long after its moment a reading is stamped."""
+
+
+@dataclass(frozen=True)
+class FilterInput:
+    """All that the filter needs of a flight."""
+
+    readings: Readings
+    model: FilterModel
+    start: Start
+    start_s: float
+    end_s: float
+    """Between these times the vehicle's motion was recorded."""
+    held_range_scale: float
+    held_velocity_scale: float
+    """Standard deviations of scales: they are held, and counted in the covariances."""
+    adjusted: Adjusted
+
+
+def filter_input(
+    flight: Flight, trust: InertialTrust = InertialTrust(), adjusted: Adjusted = Adjusted()
+) -> FilterInput:
+    """Readings, model and start of a flight; readings before its motion was recorded are left out.
+
+    Raises ``InputError`` where too little was recorded to tell how the vehicle moved.
+    """
+    start_s, end_s = _span(flight)
+    gyro, accel, rate, acceleration = inertial_of(flight)
+    standing_s = standing(flight)
+    made = Readings(
+        gyro_rad_s=gyro,
+        accel_m_s2=accel,
+        roll_pitch_yaw_rad=attitude_of(flight, trust),
+        range_m=range_of(flight, trust),
+        velocity_m_s=velocity_of(flight, trust),
+        w_p_b_m=positions_of(flight, trust),
+        barometer_m=barometer_of(flight, trust),
+        rest_m_s=zeros_at(standing_s, _STANDING_STD[0]),
+        still_rad_s=zeros_at(standing_s, _STANDING_STD[1]),
+    )
+    readings = _adjusted(made, adjusted).between(start_s, end_s)
+    scale = flight.sonar.scale_std if flight.sonar and readings.range_m else 0.0
+    velocity_scale = flight.velocity.scale_std if flight.velocity and readings.velocity_m_s else 0.0
+    return FilterInput(
+        readings,
+        _model(flight, trust, rate, acceleration),
+        _start(flight, readings, trust, start_s),
+        start_s,
+        end_s,
+        scale,
+        velocity_scale,
+        adjusted,
+    )
+
+
+def _model(flight: Flight, trust: InertialTrust, rate: Wander, acceleration: Wander) -> FilterModel:
+    imu, sonar, camera = flight.imu, flight.sonar, flight.camera
+    return FilterModel(
+        accel_m_s2=acceleration.std,
+        accel_time_s=acceleration.time_s,
+        rate_rad_s=rate.std,
+        rate_time_s=rate.time_s,
+        gyro_offset_rad_s=trust.gyro_offset_rad_s,
+        gyro_walk_rad_s2=max(imu.gyro_random_walk if imu else 0.0, trust.gyro_walk_rad_s2),
+        accel_offset_m_s2=trust.accel_offset_m_s2,
+        accel_walk_m_s3=max(imu.accel_random_walk if imu else 0.0, trust.accel_walk_m_s3),
+        tilt_error_rad=trust.tilt_error_rad,
+        yaw_walk_rad=trust.yaw_walk_rad,
+        range_scale=0.0,
+        range_offset_m=0.0,
+        velocity_scale=0.0,
+        velocity_error_m_s=trust.velocity_error_m_s,
+        barometer_walk_m=trust.barometer_walk_m,
+        b_beam=_triple(-sonar.b_T_s[:3, 2]) if sonar else FilterModel.b_beam,
+        b_p_range_m=_triple(sonar.b_T_s[:3, 3]) if sonar else FilterModel.b_p_range_m,
+        b_p_camera_m=_triple(camera.b_T_c[:3, 3]) if camera else FilterModel.b_p_camera_m,
+    )
+
+
+def _triple(v: Array) -> tuple[float, float, float]:
+    return float(v[0]), float(v[1]), float(v[2])
+
+
+def _span(flight: Flight) -> tuple[float, float]:
+    """When the vehicle's motion was recorded. Raises ``InputError`` where it was not."""
+    attitude, velocity = flight.attitude, flight.velocity
+    if flight.imu is not None and len(flight.imu.stamps_s) > 1:
+        stamps_s = flight.imu.stamps_s
+    elif (
+        attitude is not None
+        and velocity is not None
+        and complete(attitude.roll_pitch_yaw_rad)
+        and complete(velocity.v_m_s)
+    ):
+        stamps_s = np.sort(np.concatenate([attitude.stamps_s, velocity.stamps_s]))
+    else:
+        raise InputError(
+            f"{one_line(flight.name)}: too little to tell how it moved ({_held(flight)}); "
+            "give it imu0, or velocity0 (both axes) with attitude0 (all three angles)"
+        )
+    return _begin(flight, float(stamps_s[0])), float(stamps_s[-1])
+
+
+def _begin(flight: Flight, first_s: float) -> float:
+    """When the last of those streams has come in that come in soon after the motion.
+
+    Until then the attitude would swing for want of them, and a heading that is exact by definition with it.
+    """
+    streams = (flight.attitude, flight.velocity, flight.sonar)
+    begins = [float(s.stamps_s[0]) for s in streams if s is not None and len(s.stamps_s)]
+    return max([first_s, *(begin for begin in begins if begin - first_s < _NEAR_S)])
+
+
+def _held(flight: Flight) -> str:
+    """The streams that could have told, as they are."""
+    held = ["no imu0"]
+    for name, series, values, columns in (
+        ("attitude0", flight.attitude, "roll_pitch_yaw_rad", ("roll", "pitch", "yaw")),
+        ("velocity0", flight.velocity, "v_m_s", ("v_x", "v_y")),
+    ):
+        if series is None:
+            held.append(f"no {name}")
+            continue
+        finite = np.isfinite(getattr(series, values)).any(axis=0)
+        there = [column for column, known in zip(columns, finite, strict=True) if known]
+        held.append(name if finite.all() else f"of {name} {' and '.join(there) or 'nothing'}")
+    return ", ".join(held)
+
+
+def _adjusted(readings: Readings, adjusted: Adjusted) -> Readings:
+    changed: dict[str, Any] = {}
+    for name, kept in FIELDS.items():
+        held = getattr(readings, kept)
+        if held is not None and (name in adjusted.wider or name in adjusted.delay_s):
+            late_s, wider = adjusted.delay_s.get(name, 0.0), adjusted.wider.get(name, 1.0)
+            changed[kept] = Series(held.stamps_s - late_s, held.values, wider * held.std)
+    return replace(readings, **changed)
+
+
+def _start(flight: Flight, readings: Readings, trust: InertialTrust, start_s: float) -> Start:
+    """What the first readings say of the start."""
+    positions = readings.w_p_b_m
+    w_R_b, tilt_std = _first_rotation(readings, start_s, trust.tilt_error_rad)
+    height = _early(readings.range_m, start_s)
+    with_altitude = positions is not None and bool(np.isfinite(positions.values[:, 2]).any())
+    without_height = readings.range_m is None and not with_altitude
+    velocity = _early(readings.velocity_m_s, start_s)
+    w_v = np.zeros(3)
+    if velocity is not None:
+        heading = w_R_b[:2, 0] / np.linalg.norm(w_R_b[:2, 0])
+        w_v[:2] = heading[0] * velocity[0] - heading[1] * velocity[1], heading @ velocity[::-1]
+    least_m = flight.sonar.min_range_m if flight.sonar else 0.0
+    if without_height:  # then it is told from where the flight began
+        height_std = 0.0
+    elif height is not None:
+        height_std = 0.3
+    else:  # standing, a vehicle is lower than its rangefinder can tell
+        height_std = least_m / 2 if readings.rest_m_s is not None and least_m > 0 else 1.0
+    return Start(
+        height_m=float(height[0]) if height is not None else least_m / 2,
+        height_std_m=height_std,
+        w_R_b=w_R_b,
+        tilt_std_rad=tilt_std,
+        yaw_std_rad=0.5 if positions is not None else 0.0,
+        place_m=_triple(positions.values[0])[:2] if positions is not None else (0.0, 0.0),
+        place_std_m=float(positions.std[0]) if positions is not None else 0.0,
+        w_v_m_s=w_v,
+        velocity_std_m_s=trust.start_speed_m_s
+        if velocity is None
+        else 0.2 + 0.1 * float(np.hypot(*velocity)),
+        # Standing, without wind and acceleration, a vehicle knows what is level.
+        tilt_error_rad=None if readings.rest_m_s is None else min(_STANDING_TILT_RAD, trust.tilt_error_rad),
+        yaw_zero_std_rad=0.3 if positions is not None else 1.0,
+        position_zero_std_m=100.0 if with_altitude and readings.range_m is not None else 0.0,
+    )
+
+
+def _early(series: Series | None, start_s: float) -> Array | None:
+    """The first complete reading, if it is near enough to the start."""
+    if series is None:
+        return None
+    rows = np.flatnonzero(np.isfinite(series.values).all(axis=1))
+    if len(rows) == 0 or series.stamps_s[rows[0]] - start_s > _NEAR_S:
+        return None
+    return series.values[rows[0]]
+
+
+def _first_rotation(readings: Readings, start_s: float, tilt_error_rad: float) -> tuple[Array, float]:
+    """Attitude (3, 3) at the start and how far its tilt may be off."""
+    own, accel = readings.roll_pitch_yaw_rad, readings.accel_m_s2
+    first = _early(own, start_s)
+    if first is not None:
+        # Wider than the reading, which the filter takes once more.
+        std = max(3 * float(np.max(own.std[:2])), tilt_error_rad, _STANDING_TILT_RAD) if own else 0.1
+        return Rotation.from_euler("ZYX", first[::-1]).as_matrix(), std
+    yaw = 0.0
+    if own is not None:
+        known = own.values[np.isfinite(own.values[:, 2]), 2]
+        yaw = float(known[0]) if len(known) else 0.0
+    headed = Rotation.from_euler("z", yaw)
+    if accel is None:
+        return headed.as_matrix(), 0.3
+    up = np.nanmean(accel.values[accel.stamps_s <= start_s + _NEAR_S], axis=0)
+    # The shortest turn that makes up of what is felt as up.
+    level, _ = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])
+    return (headed * level).as_matrix(), 0.2

@@ -1,0 +1,100 @@
+"""How a vehicle moved, from its instruments alone: filter, smoother, and what held scales add to the
+covariances."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend import se3
+from backend.ekf.inputs import Keep, PictureStep, Start
+from slam.inertial.filter_input import FilterInput
+from slam.progress import Progress, silent
+
+if TYPE_CHECKING:
+    from backend.ekf.results import States, Track
+
+Array = NDArray[np.float64]
+
+
+def follow(
+    given: FilterInput,
+    at_s: Array,
+    *,
+    steps: tuple[PictureStep, ...] = (),
+    keep: Keep = "none",
+    smooth: bool = True,
+    progress: Progress = silent,
+) -> Track:
+    """Filtered (and smoothed) states at ``at_s`` (n,), increasing.
+
+    Scales of range and velocity are held at 1. What would come out if it were one standard deviation larger
+    differs by an error that the whole flight shares; its square enters the covariances. Raises
+    ``BackendError``.
+    """
+    from backend.ekf.track import track
+
+    readings = replace(given.readings, steps=steps)
+    rounds = 1 if smooth else 0
+    others = _others(given)
+
+    def run(start: Start, number: int) -> Track:
+        progress("filter", number, len(others) + 1)
+        return track(readings, at_s, start, given.model, rounds=rounds, keep=keep)
+
+    found = run(given.start, 0)
+    filtered, smoothed = found.filtered, found.smoothed
+    for number, start in enumerate(others, start=1):
+        other = run(start, number)
+        filtered = _with_shared_error(filtered, found.filtered, other.filtered)
+        if smoothed is not None and found.smoothed is not None and other.smoothed is not None:
+            smoothed = _with_shared_error(smoothed, found.smoothed, other.smoothed)
+    return replace(found, filtered=filtered, smoothed=smoothed)
+
+
+def _others(given: FilterInput) -> list[Start]:
+    """Starts with each held scale one standard deviation larger."""
+    starts = []
+    if given.held_range_scale > 1e-6:
+        starts.append(replace(given.start, range_scale=given.held_range_scale))
+    if given.held_velocity_scale > 1e-6:
+        off = given.held_velocity_scale
+        starts += [replace(given.start, velocity_scale=scale) for scale in ((off, 0.0), (0.0, off))]
+    return starts
+
+
+def _with_shared_error(states: States, base: States, other: States) -> States:
+    """``states`` with the outer product of the difference between two runs in every covariance."""
+    pose = se3.log(se3.inverse(base.w_T_b) @ other.w_T_b)
+    motion = np.column_stack(
+        [
+            other.w_T_b[:, :3, 3] - base.w_T_b[:, :3, 3],
+            other.w_v_m_s - base.w_v_m_s,
+            other.w_a_m_s2 - base.w_a_m_s2,
+            pose[:, :3],
+        ]
+    )
+    known = np.isfinite(base.kept_T_b + other.kept_T_b).all(axis=(1, 2))
+    way = np.zeros((len(base.kept_T_b), 6))
+    way[known] = se3.log(se3.inverse(base.kept_T_b[known]) @ other.kept_T_b[known])
+    return replace(
+        states,
+        covariances=states.covariances + _outer(pose),
+        motion_covariances=states.motion_covariances + _outer(motion),
+        kept_covariances=states.kept_covariances + _outer(way),
+        since_kept_covariances=states.since_kept_covariances + _outer(_since_first(base, other)),
+    )
+
+
+def _since_first(base: States, other: States) -> Array:
+    """(n, 6) error of one run against another, their first places laid together."""
+    laid = other.w_T_b.copy()
+    laid[:, :3, 3] += base.w_T_b[0, :3, 3] - other.w_T_b[0, :3, 3]
+    return se3.log(se3.inverse(base.w_T_b) @ laid)
+
+
+def _outer(e: Array) -> Array:
+    return np.einsum("na,nb->nab", e, e)

@@ -1,0 +1,125 @@
+"""What came of a flight, put together as an `Estimate`: verdicts, counts, warnings."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from backend.solution import Solution
+from slam.estimate import Estimate, LoopVerdict
+from slam.flight import Flight
+from slam.info import describe, missing_for_map
+from slam.mapping.chain import chain
+from slam.mapping.fusion import Fused, comparable
+from slam.mapping.mapper import Edges, Mapper
+from slam.mapping.sightings import Sightings
+from slam.settings import PipelineConfig
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """Everything that the pipeline has found."""
+
+    sightings: Sightings
+    edges: Edges
+    solution: Solution
+    """The pose graph of ``edges``."""
+    fused: Fused
+    odometry: Edges
+    """Edges between neighbours in time alone."""
+    without_loops: Solution
+    """The pose graph of ``odometry``."""
+
+
+def _loop_verdicts(
+    config: PipelineConfig, sightings: Sightings, edges: Edges, solution: Solution
+) -> tuple[LoopVerdict, ...]:
+    """What became of each pair of keyframes that lies far enough apart in time to be a loop."""
+    t, apart = sightings.stamps_s, config.loops.min_separation_s
+    verdicts = [
+        LoopVerdict(r.i, r.j, "rejected", r.reason)
+        for r in sightings.refused
+        if abs(t[r.j] - t[r.i]) >= apart
+    ]
+    for r, ok, reason in zip(edges.registrations, solution.edge_kept, solution.edge_reason, strict=True):
+        if abs(t[r.j] - t[r.i]) >= apart:
+            verdicts.append(LoopVerdict(r.i, r.j, "kept" if ok else "rejected", reason))
+    return tuple(sorted(verdicts, key=lambda v: (v.i, v.j)))
+
+
+def _status(fused: Fused, metric: bool) -> tuple[str, list[str]]:
+    warnings = list(fused.warnings)
+    parts = int(fused.component.max(initial=-1)) + 1
+    lost = int((fused.component < 0).sum())
+    if parts > 1:
+        sizes = ", ".join(str(int((fused.component == k).sum())) for k in range(parts))
+        warnings.append(f"the flight falls into {parts} parts that no picture joins ({sizes} keyframes)")
+    if lost:
+        who = f"{lost} keyframes overlap" if lost > 1 else "1 keyframe overlaps"
+        warnings.append(f"{who} no other: not placed")
+    if not metric and not fused.georeferenced:
+        warnings.append("no sonar and no GPS: no metric scale; lengths are in mean heights of the camera")
+    status = "ok" if not warnings else "; ".join(warnings)
+    return status, warnings
+
+
+def account(
+    flight: Flight, config: PipelineConfig, mapper: Mapper, mapped: Mapped, timing_s: dict[str, float]
+) -> Estimate:
+    """The estimate of a flight from what was found."""
+    sightings, edges, solution, fused = mapped.sightings, mapped.edges, mapped.solution, mapped.fused
+    assert flight.frames is not None
+    status, warnings = _status(fused, bool(edges.heights.metric[fused.component >= 0].all()))
+    loops = _loop_verdicts(config, sightings, edges, solution)
+    rejected = Counter(sightings.rejected)
+    rejected.update(Counter(f"loop: {_kind(v.reason)}" for v in loops if v.verdict == "rejected"))
+    if fused.bundle is not None and fused.bundle.dropped_observations:
+        rejected["view of a floor point far off"] = fused.bundle.dropped_observations
+    height_m = fused.over_floor_T_b[:, 2, 3] - fused.floor_z_m
+    kept = tuple(
+        r
+        for r, ok in zip(edges.at_heights(height_m), solution.edge_kept, strict=True)
+        if ok and np.isfinite(fused.w_T_b[[r.i, r.j]]).all()
+    )
+    kept += fused.bridges
+    chained = chain(
+        sightings.links, mapper.camera, mapper.sensors.roll_pitch_rad, mapped.odometry.heights.height_m
+    )
+    return Estimate(
+        name=flight.name,
+        status=status,
+        epoch_ns=flight.epoch_ns,
+        stamps_s=sightings.stamps_s,
+        frame_names=tuple(flight.frames.names[k] for k in sightings.frame_index),
+        frame_index=sightings.frame_index,
+        w_T_b=fused.w_T_b,
+        covariances=fused.covariances,
+        component=fused.component,
+        camera=fused.camera,
+        floor_z_m=fused.floor_z_m,
+        origin=flight.geo_origin() if fused.georeferenced else None,
+        relative_poses=kept,
+        loops=loops,
+        chain_w_T_b=comparable(chained, mapper, fused),
+        odometry_w_T_b=comparable(mapped.without_loops.w_T_b, mapper, fused),
+        frames=sightings.frames,
+        rejected=dict(rejected),
+        timing_s=timing_s,
+        warnings=(
+            *flight.warnings,
+            *describe(flight).odd,
+            *missing_for_map(flight),
+            *warnings,
+            *solution.warnings,
+        ),
+        floor_slope_rad=fused.slope_rad,
+        graph_error=fused.bundle.error if fused.bundle else solution.error,
+        iterations=solution.iterations + (fused.bundle.iterations if fused.bundle else 0),
+    )
+
+
+def _kind(reason: str) -> str:
+    """The reason without its figures, for counting."""
+    return reason.split(":")[0].split(" by ")[0]

@@ -1,0 +1,232 @@
+"""Where the chain of pictures breaks, the instruments carry the map across: one world for all parts.
+
+The filter takes the steps between keyframes that pictures do tell as readings, so that it knows speed and
+offsets at both ends of a stretch without features. It keeps the pose of each keyframe until the next: the
+way across the stretch then has the covariance of the two ends together, not the sum of two nearly equal
+errors.
+
+The same steps give the map of the paper's section 3.1.2, whose pictures lie where the filter has the vehicle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import networkx as nx
+import numpy as np
+from numpy.typing import NDArray
+
+from backend import se3
+from backend.ekf.inputs import PictureStep
+from backend.errors import BackendError
+from backend.measurements import RelativePose
+from frontend.lift import lift
+from frontend.registration import Registration
+from slam.errors import InputError
+from slam.flight import Flight
+from slam.inertial.instruments import InertialTrust
+from slam.mapping.fusion import Fused
+from slam.mapping.mapper import Mapper
+from slam.progress import Progress, silent
+
+Array = NDArray[np.float64]
+
+_LEVEL = np.array([2, 3, 4])
+"""Rows of a pose's error that a part of a map is free in: heading, x, y. Its floor is level and at z = 0."""
+_MOST_HEIGHTS = 1.0
+"""A bridge uncertain by more heights than this joins nothing: the pictures could lie anywhere."""
+
+
+def picture_steps(links: Sequence[Registration | None], mapper: Mapper) -> tuple[PictureStep, ...]:
+    """Steps between successive keyframes whose pictures are linked, in heights of the first."""
+    linked = [link for link in links if link is not None and link.j == link.i + 1]
+    i = np.array([link.i for link in linked], dtype=np.int64)
+    lifted = lift(
+        np.array([link.i_H_j for link in linked]).reshape(-1, 3, 3),
+        np.array([link.corner_covariance for link in linked]).reshape(-1, 8, 8),
+        mapper.camera,
+        mapper.sensors.roll_pitch_rad[i],
+        mapper.sensors.roll_pitch_std_rad[i],
+    )
+    return tuple(
+        PictureStep(linked[m].i, linked[m].j, lifted.i_T_j[m], lifted.covariance[m])
+        for m in np.flatnonzero(lifted.usable).tolist()
+    )
+
+
+def filter_chain(
+    flight: Flight,
+    stamps_s: Array,
+    steps: tuple[PictureStep, ...] = (),
+    trust: InertialTrust = InertialTrust(),
+    progress: Progress = silent,
+) -> Array:
+    """Poses (n, 4, 4) of keyframes where the filter has the vehicle, each from what was read until then.
+
+    The paper's map with inertia (section 3.1.2: "the resulting position estimate can be used as input for the
+    map stitching algorithm"): without ``steps`` from the instruments alone, with them from homographies as
+    well. NaN outside the time in which motion was recorded. Raises ``InputError`` where too little was.
+    """
+    from slam.inertial.motion import follow
+    from slam.inertial.trials import suited
+
+    given = suited(flight, trust, progress)
+    inside = (stamps_s >= given.start_s) & (stamps_s <= given.end_s)
+    poses = np.full((len(stamps_s), 4, 4), np.nan)
+    kept = _renumbered(steps, inside)
+    found = follow(given, stamps_s[inside], steps=kept, smooth=False, progress=progress)
+    poses[inside] = found.filtered.w_T_b
+    return poses
+
+
+def _renumbered(steps: tuple[PictureStep, ...], inside: NDArray[np.bool_]) -> tuple[PictureStep, ...]:
+    """Steps whose ends are both among the chosen keyframes, which form one run, with their new numbers."""
+    number = np.cumsum(inside) - 1
+    return tuple(
+        replace(step, i=int(number[step.i]), j=int(number[step.j]))
+        for step in steps
+        if inside[step.i] and inside[step.j]
+    )
+
+
+class Bridges:
+    """Ways across the breaks in one flight's chain of keyframes; worked out when a map first needs them."""
+
+    def __init__(
+        self,
+        flight: Flight,
+        mapper: Mapper,
+        links: Sequence[Registration | None],
+        trust: InertialTrust = InertialTrust(),
+        progress: Progress = silent,
+    ) -> None:
+        self.flight, self.mapper, self.links = flight, mapper, links
+        self.trust, self.progress = trust, progress
+        self._edges: tuple[RelativePose, ...] | None = None
+
+    def join(self, fused: Fused) -> Fused:
+        """The map with its parts in one world, as far as bridges reach; as it is where nothing is broken.
+
+        Each part keeps its shape; where a way leads from it to a larger part, heading and place are that
+        way's, and their uncertainty enters its covariances.
+        """
+        if fused.component.max(initial=-1) < 1 or fused.georeferenced:
+            return fused
+        return joined(fused, self.edges())
+
+    def edges(self) -> tuple[RelativePose, ...]:
+        """One edge of kind ``inertial`` for each break; none where the instruments tell too little."""
+        if self._edges is None:
+            try:
+                self._edges = self._across()
+            except (InputError, BackendError):
+                # The map stays in parts, and says so.
+                self._edges = ()
+        return self._edges
+
+    def _across(self) -> tuple[RelativePose, ...]:
+        from slam.inertial.motion import follow
+        from slam.inertial.trials import suited
+
+        stamps_s = self.mapper.sensors.stamps_s
+        given = suited(self.flight, self.trust, self.progress)
+        inside = (stamps_s >= given.start_s) & (stamps_s <= given.end_s)
+        if given.readings.range_m is None or inside.sum() < 2:
+            return ()
+        steps = _renumbered(picture_steps(self.links, self.mapper), inside)
+        found = follow(given, stamps_s[inside], steps=steps, keep="each", progress=self.progress)
+        states, numbers = found.smoothed, np.flatnonzero(inside)
+        assert states is not None
+        edges = []
+        for k in range(1, len(numbers)):
+            i, j = int(numbers[k - 1]), int(numbers[k])
+            covariance = states.kept_covariances[k]
+            height_m = max(float(states.w_T_b[k - 1, 2, 3]), 0.0)
+            if self.links[j] is None and np.trace(covariance[3:, 3:]) < (_MOST_HEIGHTS * height_m) ** 2:
+                edges.append(RelativePose(i, j, states.kept_T_b[k], covariance, "inertial"))
+        return tuple(edges)
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Where a part stands in the world of the part it is joined to, and how well that is known."""
+
+    root_T_part: Array
+    covariance: Array
+    """(6, 6), rotation first, right perturbation; zero but for heading, x and y."""
+
+
+def joined(fused: Fused, edges: Sequence[RelativePose]) -> Fused:
+    """Lay parts of a map together along the surest edges between them; the others stay as they are."""
+    ways = nx.Graph()
+    ways.add_nodes_from(range(int(fused.component.max(initial=-1)) + 1))
+    for edge in edges:
+        a, b = int(fused.component[edge.i]), int(fused.component[edge.j])
+        if a < 0 or b < 0 or a == b:
+            continue
+        weight = float(np.trace(edge.covariance[3:, 3:]))
+        if not ways.has_edge(a, b) or weight < ways[a][b]["weight"]:
+            ways.add_edge(a, b, weight=weight, edge=edge)
+    surest = nx.minimum_spanning_tree(ways)
+    w_T_b, covariances = fused.w_T_b.copy(), fused.covariances.copy()
+    component, used = fused.component.copy(), []
+    for root in sorted(min(nodes) for nodes in nx.connected_components(surest)):
+        placed = {root: _Placed(np.eye(4), np.zeros((6, 6)))}
+        for parent, part in nx.bfs_edges(surest, root):
+            edge = surest[parent][part]["edge"]
+            placed[part] = _onto(placed[parent], _way(fused, edge, part))
+            used.append(edge)
+            members = fused.component == part
+            w_T_b[members] = placed[part].root_T_part @ fused.w_T_b[members]
+            carry = se3.adjoint(se3.inverse(fused.w_T_b[members]))
+            covariances[members] += carry @ placed[part].covariance @ carry.transpose(0, 2, 1)
+            component[members] = root
+    if not used:
+        return fused
+    _, component[component >= 0] = np.unique(component[component >= 0], return_inverse=True)
+    return replace(
+        fused,
+        w_T_b=w_T_b,
+        covariances=covariances,
+        component=_largest_first(component),
+        bridges=tuple(used),
+        warnings=(*fused.warnings, *(_told(edge) for edge in used)),
+    )
+
+
+def _largest_first(component: NDArray[np.int64]) -> NDArray[np.int64]:
+    size = np.bincount(component[component >= 0])
+    rank = np.empty(len(size), dtype=np.int64)
+    rank[np.argsort(-size, kind="stable")] = np.arange(len(size))
+    return np.where(component >= 0, rank[component], -1)
+
+
+def _way(fused: Fused, edge: RelativePose, part: int) -> _Placed:
+    """From the other part's world to that of ``part``, in the plane, along an edge between the two."""
+    i, j, i_T_j, covariance = edge.i, edge.j, edge.i_T_j, edge.covariance
+    if fused.component[i] == part:
+        i, j = j, i
+        turn = se3.adjoint(i_T_j[None])[0]
+        i_T_j, covariance = se3.inverse(i_T_j[None])[0], turn @ covariance @ turn.T
+    back = se3.adjoint(se3.inverse(i_T_j[None]))[0]
+    own = [np.nan_to_num(fused.covariances[k]) for k in (i, j)]
+    total = covariance + own[1] + back @ own[0] @ back.T
+    carry = se3.adjoint(fused.w_T_b[j][None])[0]
+    total = carry @ total @ carry.T
+    flat = se3.from_planar(
+        se3.to_planar((fused.w_T_b[i] @ i_T_j @ se3.inverse(fused.w_T_b[j][None])[0])[None])
+    )
+    level = np.zeros((6, 6))
+    level[np.ix_(_LEVEL, _LEVEL)] = total[np.ix_(_LEVEL, _LEVEL)]
+    return _Placed(flat[0], level)
+
+
+def _onto(parent: _Placed, way: _Placed) -> _Placed:
+    back = se3.adjoint(se3.inverse(way.root_T_part[None]))[0]
+    return _Placed(parent.root_T_part @ way.root_T_part, back @ parent.covariance @ back.T + way.covariance)
+
+
+def _told(edge: RelativePose) -> str:
+    std_m = float(np.sqrt(np.trace(edge.covariance[3:, 3:])))
+    return f"no picture joins keyframes {edge.i} and {edge.j}: bridged by the instruments, ± {std_m:.2g} m"

@@ -1,0 +1,143 @@
+"""All connected parts of a flight: placed in the world, refined on their floor points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from backend.bundle import Bundle
+from backend.errors import BackendError
+from backend.measurements import Position, RelativePose
+from backend.solution import Solution
+from frontend.camera import Camera
+from frontend.registration import Registration
+from slam.estimate import over_floor
+from slam.mapping.mapper import Edges, Mapper, Sensors
+from slam.mapping.placement import lay_onto
+from slam.mapping.sightings import Sightings
+from slam.progress import Progress
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Fused:
+    """All connected parts, refined and placed."""
+
+    w_T_b: Array
+    covariances: Array
+    component: NDArray[np.int64]
+    floor_z_m: float
+    camera: Camera
+    bundle: Bundle | None
+    """Of the largest part."""
+    georeferenced: bool
+    warnings: tuple[str, ...]
+    bridges: tuple[RelativePose, ...] = ()
+    """Edges of kind ``inertial`` along which parts were laid together (`slam.mapping.bridging`)."""
+
+    @property
+    def slope_rad(self) -> tuple[float, float]:
+        """Of the ground, as `slam.estimate.Estimate` has it."""
+        return self.bundle.floor_slope_rad if self.bundle else (0.0, 0.0)
+
+    @property
+    def over_floor_T_b(self) -> Array:
+        """(n, 4, 4) poses over a floor made level at ``floor_z_m``."""
+        return over_floor(self.w_T_b, self.slope_rad, self.floor_z_m)
+
+
+def fuse(mapper: Mapper, sightings: Sightings, edges: Edges, solution: Solution, progress: Progress) -> Fused:
+    """Place each connected part and refine it on its floor points."""
+    sensors = mapper.sensors
+    n = len(sensors.stamps_s)
+    kept = [r for r, ok in zip(edges.registrations, solution.edge_kept, strict=True) if ok]
+    tracks = mapper.tracks(sightings.store.pixels, kept)
+    w_T_b, covariances = solution.w_T_b.copy(), np.full((n, 6, 6), np.nan)
+    component = _largest_first(np.where(_tied(n, kept), solution.component, -1))
+    w_T_b[component < 0] = np.nan
+    warnings: list[str] = []
+    camera, floor_z_m, first, georeferenced = mapper.camera, 0.0, None, False
+    for part in range(int(component.max(initial=-1)) + 1):
+        members = np.flatnonzero(component == part)
+        metric = bool(edges.heights.metric[members].all())
+        laid = lay_onto(w_T_b[members], _renumbered(mapper, members), metric)
+        start, floor = laid if laid is not None else (_headed(w_T_b[members], sensors, members), 0.0)
+        if laid is None and sensors.positions:
+            warnings.append(
+                f"{len(members)} keyframes have no usable position; they stand in their own frame"
+            )
+        w_T_b[members] = start
+        try:
+            # Positions that could not place the part are not to pull at it either.
+            usable = mapper if laid is not None else mapper.without_positions()
+            bundle = usable.refine(members, w_T_b, floor, tracks, lambda k, _: progress("refine", k, 0))
+        except BackendError as error:
+            warnings.append(f"part of {len(members)} keyframes not refined: {error}")
+        else:
+            w_T_b[members], covariances[members], floor = bundle.w_T_b, bundle.covariances, bundle.floor_z_m
+            if part == 0:
+                first, camera = bundle, _calibrated(camera, bundle)
+        if part == 0:
+            floor_z_m, georeferenced = floor, laid is not None
+    return Fused(w_T_b, covariances, component, floor_z_m, camera, first, georeferenced, tuple(warnings))
+
+
+def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:
+    tied = np.zeros(n, bool)
+    for r in kept:
+        tied[[r.i, r.j]] = True
+    return tied
+
+
+def _largest_first(component: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Parts renumbered without gaps, 0 the largest; -1 stays."""
+    label, size = np.unique(component[component >= 0], return_counts=True)
+    out = np.full_like(component, -1)
+    for number, k in enumerate(np.lexsort((label, -size))):
+        out[component == label[k]] = number
+    return out
+
+
+def _renumbered(mapper: Mapper, members: NDArray[np.int64]) -> list[Position]:
+    number = {int(k): m for m, k in enumerate(members)}
+    return [replace(p, k=number[p.k]) for p in mapper.sensors.positions if p.k in number]
+
+
+def comparable(w_T_b: Array, mapper: Mapper, fused: Fused) -> Array:
+    """Poses of a lesser method where the result stands, so that the two can be compared."""
+    if fused.georeferenced:
+        laid = lay_onto(w_T_b, mapper.sensors.positions, metric=False)
+        return np.full_like(w_T_b, np.nan) if laid is None else laid[0] + _lift(fused.floor_z_m - laid[1])
+    placed = np.flatnonzero(np.isfinite(w_T_b).all(axis=(1, 2)))
+    comparable = w_T_b.copy()
+    if len(placed):
+        comparable[placed] = _headed(w_T_b[placed], mapper.sensors, placed)
+    return comparable
+
+
+def _lift(z_m: float) -> Array:
+    shift = np.zeros((4, 4))
+    shift[2, 3] = z_m
+    return shift
+
+
+def _headed(w_T_b: Array, sensors: Sensors, members: NDArray[np.int64]) -> Array:
+    """The first keyframe above the origin, its heading as its own attitude has it."""
+    yaw = next((a.roll_pitch_yaw_rad[2] for a in sensors.attitudes if a.k == members[0]), 0.0)
+    now = np.arctan2(w_T_b[0, 1, 0], w_T_b[0, 0, 0])
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("z", yaw - now).as_matrix()
+    shift = np.eye(4)
+    shift[:2, 3] = -w_T_b[0, :2, 3]
+    return turn @ shift @ w_T_b
+
+
+def _calibrated(camera: Camera, bundle: Bundle) -> Camera:
+    if camera.focal_std_ratio == 0:
+        return camera
+    return replace(camera, focal_px=bundle.focal_px, distortion=(*bundle.radial, 0.0, 0.0))

@@ -1,0 +1,258 @@
+"""From registrations and sensors to poses: heights, pose graph, refinement."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from backend.bundle import Bundle, refine
+from backend.errors import BackendError
+from backend.graph import solve
+from backend.heights import Heights, agree_on_heights
+from backend.measurements import (
+    Attitude,
+    EdgeKind,
+    FloorTracks,
+    Measurements,
+    PinholeModel,
+    Position,
+    RelativePose,
+    SlantRange,
+)
+from backend.solution import Solution
+from frontend.camera import Camera
+from frontend.lift import LiftedPoses, lift
+from frontend.registration import Registration
+from frontend.tracks import join_tracks
+from slam.flight import Flight, GeoOrigin
+from slam.mapping.synchronize import attitudes_at, positions_at, ranges_at
+from slam.settings import PipelineConfig
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sensors:
+    """What the sensors say at the keyframes."""
+
+    stamps_s: Array
+    attitudes: tuple[Attitude, ...]
+    ranges: tuple[SlantRange, ...]
+    positions: tuple[Position, ...]
+    range_gain_std: float
+    roll_pitch_rad: Array
+    """(n, 2); level where nothing was measured."""
+    roll_pitch_std_rad: Array
+    """(n, 2) for the pose graph."""
+
+    @staticmethod
+    def at(flight: Flight, stamps_s: Array, origin: GeoOrigin | None, config: PipelineConfig) -> Sensors:
+        """Read all streams at the times of the keyframes."""
+        trust = config.trust
+        attitudes = attitudes_at(flight.attitude, stamps_s, trust.attitude_floor_rad)
+        roll_pitch = np.zeros((len(stamps_s), 2))
+        std = np.full((len(stamps_s), 2), trust.level_std_rad)
+        for a in attitudes:
+            roll_pitch[a.k] = a.roll_pitch_yaw_rad[:2]
+            std[a.k] = np.hypot(a.std_rad[:2], trust.attitude_graph_rad)
+        return Sensors(
+            stamps_s,
+            attitudes,
+            ranges_at(flight.sonar, stamps_s, trust.range_floor_m),
+            positions_at(flight, stamps_s, origin),
+            flight.sonar.scale_std if flight.sonar else 0.0,
+            roll_pitch,
+            std,
+        )
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Registrations as metric edges of the pose graph."""
+
+    registrations: tuple[Registration, ...]
+    relative_poses: tuple[RelativePose, ...]
+    heights: Heights
+
+    def at_heights(self, height_m: Array) -> tuple[RelativePose, ...]:
+        """The relative poses in metres of the heights (n,) that were found in the end."""
+        return tuple(
+            _scaled(r, float(height_m[r.i] / self.heights.height_m[r.i])) for r in self.relative_poses
+        )
+
+
+def _scaled(edge: RelativePose, factor: float) -> RelativePose:
+    """The same edge with lengths multiplied."""
+    unit = np.array([1.0] * 3 + [factor] * 3)
+    i_T_j = edge.i_T_j.copy()
+    i_T_j[:3, 3] *= factor
+    return replace(edge, i_T_j=i_T_j, covariance=edge.covariance * np.outer(unit, unit))
+
+
+class Mapper:
+    """The back end with its settings for one flight."""
+
+    def __init__(self, camera: Camera, sensors: Sensors, config: PipelineConfig) -> None:
+        self.camera, self.sensors, self.config = camera, sensors, config
+
+    def knowing(self, w_T_b: Array, covariances: Array) -> Mapper:
+        """The same with roll and pitch as a refinement (n, 4, 4), (n, 6, 6) has found them, where it has."""
+        known = np.isfinite(covariances).all(axis=(1, 2)) & np.isfinite(w_T_b).all(axis=(1, 2))
+        roll_pitch, std = self.sensors.roll_pitch_rad.copy(), self.sensors.roll_pitch_std_rad.copy()
+        if known.any():
+            angles = Rotation.from_matrix(w_T_b[known, :3, :3]).as_euler("ZYX")
+            roll_pitch[known] = angles[:, [2, 1]]
+            variance = np.maximum(covariances[known][:, [0, 1], [0, 1]], 0.0)
+            std[known] = np.hypot(np.sqrt(variance), self.config.trust.attitude_floor_rad)
+        sensors = replace(self.sensors, roll_pitch_rad=roll_pitch, roll_pitch_std_rad=std)
+        return Mapper(self.camera, sensors, self.config)
+
+    def without_positions(self) -> Mapper:
+        """The same without GPS."""
+        return Mapper(self.camera, replace(self.sensors, positions=()), self.config)
+
+    def edges(self, registrations: Sequence[Registration]) -> Edges:
+        """Lift homographies to relative poses in metres (in mean heights where no metres were measured)."""
+        i = np.array([r.i for r in registrations], dtype=np.int64)
+        j = np.array([r.j for r in registrations], dtype=np.int64)
+        H = np.array([r.i_H_j for r in registrations]).reshape(-1, 3, 3)
+        covariance = np.array([r.corner_covariance for r in registrations]).reshape(-1, 8, 8)
+        sensors = self.sensors
+        lifted = lift(H, covariance, self.camera, sensors.roll_pitch_rad[i], sensors.roll_pitch_std_rad[i])
+        good = lifted.usable
+        heights = self._heights(i[good], j[good], lifted, good)
+        i_T_j, covariance = lifted.scale(heights.height_m[i], heights.height_m[i] * heights.log_std[i])
+        apart = np.abs(sensors.stamps_s[j] - sensors.stamps_s[i]) >= self.config.loops.min_separation_s
+        kept = np.flatnonzero(good).tolist()
+        kind: list[EdgeKind] = ["loop" if apart[m] else "odometry" for m in kept]
+        poses = tuple(
+            RelativePose(int(i[m]), int(j[m]), i_T_j[m], covariance[m], k)
+            for m, k in zip(kept, kind, strict=True)
+        )
+        return Edges(tuple(registrations[m] for m in kept), poses, heights)
+
+    def _heights(
+        self, i: NDArray[np.int64], j: NDArray[np.int64], lifted: LiftedPoses, good: NDArray[np.bool_]
+    ) -> Heights:
+        tilt = self.sensors.roll_pitch_rad
+        k = np.array([r.k for r in self.sensors.ranges], dtype=np.int64)
+        height = np.array([r.range_m for r in self.sensors.ranges]) * np.cos(tilt[k]).prod(axis=1)
+        std = np.array([r.std_m for r in self.sensors.ranges]) / height if len(k) else np.empty(0)
+        return agree_on_heights(
+            len(tilt),
+            i,
+            j,
+            np.log(lifted.height_ratio[good]),
+            np.maximum(lifted.log_ratio_std[good], 1e-3),
+            k,
+            np.log(height),
+            np.maximum(std, 0.01),
+        )
+
+    def contradictions(self, edges: Edges, known: Solution) -> dict[tuple[int, int], str]:
+        """Edges that lie where the poses known so far cannot have them: (i, j) -> reason.
+
+        The distance between measured and known place of j in i is held against the uncertainty of both. It
+        is what tells a look-alike floor from a place seen before. Parts that nothing joins yet say nothing.
+        """
+        if known.covariances is None or not edges.relative_poses:
+            return {}
+        w_T_b, covariances = known.w_T_b, known.covariances
+        i = np.array([r.i for r in edges.relative_poses])
+        j = np.array([r.j for r in edges.relative_poses])
+        measured = np.array([r.i_T_j[:3, 3] for r in edges.relative_poses])
+        expected = np.einsum("mba,mb->ma", w_T_b[i, :3, :3], w_T_b[j, :3, 3] - w_T_b[i, :3, 3])
+        variance = sum(np.trace(c[:, 3:, 3:], axis1=1, axis2=2) for c in (covariances[i], covariances[j]))
+        variance = variance + np.array([np.trace(r.covariance[3:, 3:]) for r in edges.relative_poses])
+        off = np.linalg.norm(measured - expected, axis=1)
+        trust = self.config.loops
+        limit = np.maximum(
+            trust.plausible_sigmas * np.sqrt(variance), trust.plausible_heights * edges.heights.height_m[i]
+        )
+        return {
+            (
+                int(i[m]),
+                int(j[m]),
+            ): f"implausible: {off[m]:.2f} off where the poses have it, with {limit[m]:.2f} allowed"
+            for m in np.flatnonzero((off > limit) & (known.component[i] == known.component[j]))
+        }
+
+    def solve(
+        self,
+        edges: Edges,
+        on_step: Callable[[int, float], None] | None = None,
+        covariances: bool = False,
+    ) -> Solution:
+        """The pose graph: relative poses, attitudes, heights."""
+        sensors, heights = self.sensors, edges.heights
+        tied = sorted({k for r in edges.relative_poses for k in (r.i, r.j)})
+        attitudes, ranges = [], []
+        for k in tied:
+            std = np.append(sensors.roll_pitch_std_rad[k], np.inf)
+            attitudes.append(Attitude(k, np.append(sensors.roll_pitch_rad[k], 0.0), std))
+            cosine = float(np.cos(sensors.roll_pitch_rad[k]).prod())
+            height = float(heights.height_m[k])
+            ranges.append(SlantRange(k, height / cosine, height * max(0.01, float(heights.log_std[k]))))
+        measurements = Measurements(sensors.stamps_s, edges.relative_poses, tuple(attitudes), tuple(ranges))
+        plain = solve(measurements, loops_robust=False, covariances=False, on_step=on_step)
+        if not edges.relative_poses:
+            return plain
+        # Attitudes that lean together make all edges disagree a little: that is no reason to reject any.
+        typical = float(np.median(plain.edge_residual**2)) / float(chi2.median(6))
+        if typical > 1.0:
+            widened = (replace(r, covariance=typical * r.covariance) for r in edges.relative_poses)
+            measurements = replace(measurements, relative_poses=tuple(widened))
+        return solve(measurements, initial=plain.w_T_b, covariances=covariances, on_step=on_step)
+
+    def refine(
+        self,
+        members: NDArray[np.int64],
+        w_T_b: Array,
+        floor_z_m: float,
+        tracks: FloorTracks,
+        on_step: Callable[[int, float], None] | None = None,
+    ) -> Bundle:
+        """Planar bundle adjustment of one connected set of keyframes (sorted numbers)."""
+        number = np.full(len(self.sensors.stamps_s), -1, dtype=np.int64)
+        number[members] = np.arange(len(members))
+        mine = number[tracks.keyframe] >= 0
+        _, track = np.unique(tracks.track[mine], return_inverse=True)
+        tracks = FloorTracks(number[tracks.keyframe[mine]], track, tracks.pixel[mine], tracks.std_px[mine])
+        seen = np.bincount(tracks.keyframe, minlength=len(members))
+        if len(members) < 2 or (seen < 4).any():
+            raise BackendError("some keyframes share too few floor points with others")
+        sensors, camera = self.sensors, self.camera
+        level = np.array([self.config.trust.level_std_rad] * 2 + [np.inf])
+        attitudes = sensors.attitudes or tuple(Attitude(k, np.zeros(3), level) for k in members.tolist())
+        return refine(
+            Measurements(
+                sensors.stamps_s[members],
+                attitudes=tuple(replace(a, k=int(number[a.k])) for a in attitudes if number[a.k] >= 0),
+                ranges=tuple(replace(r, k=int(number[r.k])) for r in sensors.ranges if number[r.k] >= 0),
+                positions=tuple(
+                    replace(p, k=int(number[p.k])) for p in sensors.positions if number[p.k] >= 0
+                ),
+                tracks=tracks,
+                range_gain_std=sensors.range_gain_std,
+                camera=PinholeModel(
+                    camera.focal_px,
+                    camera.center_px,
+                    camera.b_T_c,
+                    camera.focal_std_ratio,
+                    0.0 if camera.is_distorted else camera.radial_std,
+                ),
+            ),
+            w_T_b[members],
+            floor_z_m,
+            self.config.bundle,
+            on_step,
+        )
+
+    def tracks(self, pixels: Sequence[Array], registrations: Sequence[Registration]) -> FloorTracks:
+        """Floor points followed through the registrations."""
+        return join_tracks(pixels, registrations, self.camera, self.config.tracks)

@@ -1,0 +1,122 @@
+"""The pictures of a flight, each rendered when it is asked for and the same each time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from slam.simulation.camera import photometry, shutter
+from slam.simulation.camera.effects import CameraEffects, true_camera
+from slam.simulation.camera.optics import SUPERSAMPLING, CameraModel, sample
+from slam.simulation.place.reflections import shine
+from slam.simulation.place.scene import build_scene
+from slam.simulation.place.world import Marks, World
+from slam.simulation.sensors import generator
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Film:
+    """Renders picture k of those that were kept."""
+
+    world: World
+    marks: Marks
+    model: CameraModel
+    effects: CameraEffects
+    numbers: NDArray[np.int64]
+    """(n,) which of all pictures taken each one is: those that were dropped don't change the others."""
+    stamps_s: Array
+    """(n,)."""
+    w_T_b: Array
+    """(n, m, 4, 4) true poses of the body at the ``shutter.moments`` of each picture."""
+    tones: Array
+    """(n, 4) gains and gamma."""
+    seed: int
+
+    @property
+    def told(self) -> Camera:
+        """The camera as the flight describes it."""
+        return self.model.camera()
+
+    def __call__(self, k: int) -> Image:
+        """Picture k as (h, w, 3) BGR."""
+        camera = true_camera(self.told, self.effects)
+        light = self._light(k, camera)
+        model, effects = self.model, self.effects
+        if effects.vignetting > 0:
+            darker = photometry.falloff(camera.size_px, camera.center_px, effects.vignetting)
+            light = light.astype(np.float32, copy=False) * darker[..., None]
+        if (model.saturation, model.brightness) != (1.0, 1.0):
+            light = photometry.process(
+                light.astype(np.float32, copy=False), model.saturation, model.brightness
+            )
+        if effects.gain_std > 0 or effects.gamma_std > 0:
+            light = photometry.toned(light.astype(np.float32, copy=False), self.tones[k])
+        return photometry.digitise(
+            light, model.noise_std, generator(self.seed, "camera", int(self.numbers[k]))
+        )
+
+    def _light(self, k: int, camera: Camera) -> Image | NDArray[np.float32]:
+        """What falls on the sensor: the mean over the exposure, each row in its own time."""
+        effects = self.effects
+        scene = build_scene(self.world, self.marks, effects.moving_objects, self.seed)
+        prisms = scene.prisms(float(self.stamps_s[k]) - effects.time_offset_s)
+        w_T_c = self.w_T_b[k] @ camera.b_T_c
+        count = shutter.parts(w_T_c, camera.focal_px[0], effects)
+        mean = None
+        for part in range(count):
+            w_R_c, w_t_c = shutter.row_poses(w_T_c, camera.size_px[1], part, count, effects)
+            if len(w_t_c) > 1:
+                w_R_c, w_t_c = (np.repeat(of, SUPERSAMPLING, axis=0) for of in (w_R_c, w_t_c))
+            samples = sample(scene, camera, w_R_c, w_t_c, prisms)
+            if effects.highlight > 0:
+                middle = len(w_t_c) // 2
+                shine(samples, camera, SUPERSAMPLING, w_R_c[middle], w_t_c[middle], effects.highlight)
+            picture = _pixels(samples, camera.size_px, self.model.down_sampling)
+            if count == 1:
+                return picture
+            mean = np.zeros(picture.shape, np.float32) if mean is None else mean
+            cv2.accumulateWeighted(picture, mean, 1 / (part + 1))
+        assert mean is not None
+        return mean
+
+
+def _pixels(samples: Image, size_px: tuple[int, int], down_sampling: float) -> Image:
+    """Means of the samples; with ``down_sampling``, of fewer and larger pixels, scaled up again."""
+    if down_sampling == 1:
+        return cv2.resize(samples, size_px, interpolation=cv2.INTER_AREA)
+    coarse = (max(1, round(size_px[0] / down_sampling)), max(1, round(size_px[1] / down_sampling)))
+    fewer = cv2.resize(samples, coarse, interpolation=cv2.INTER_AREA)
+    return cv2.resize(fewer, size_px, interpolation=cv2.INTER_LINEAR)
+
+
+def shoot(
+    world: World,
+    marks: Marks,
+    model: CameraModel,
+    effects: CameraEffects,
+    stamps_s: Array,
+    pose_at: Callable[[Array], Array],
+    duration_s: float,
+    seed: int,
+) -> Film:
+    """Film a flight: pictures stamped ``stamps_s`` (n,), less those that are lost.
+
+    ``pose_at`` gives the true w_T_b (m, 4, 4) at times (m,) from 0 to ``duration_s``. The film's own
+    ``stamps_s`` are those of the pictures that were kept, always at least one.
+    """
+    tones = photometry.tones(
+        stamps_s, effects.gain_std, effects.gamma_std, effects.tone_time_s, generator(seed, "tones")
+    )
+    kept = generator(seed, "dropped frames").uniform(size=len(stamps_s)) >= effects.dropped_share
+    kept[0] |= not kept.any()
+    times_s = shutter.moments(stamps_s[kept], effects, duration_s)
+    w_T_b = pose_at(times_s.ravel()).reshape(*times_s.shape, 4, 4)
+    return Film(world, marks, model, effects, np.flatnonzero(kept), stamps_s[kept], w_T_b, tones[kept], seed)

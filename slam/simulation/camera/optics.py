@@ -1,0 +1,218 @@
+"""The camera: pictures of a scene through the true pose.
+
+A pixel shows the mean of the scene over its footprint: it is sampled on a grid finer than the pixels,
+from the mip level whose texels are as large as the spacing of the samples, and averaged down.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from frontend.camera import Camera
+from slam.simulation.place.obstacles import corners
+from slam.simulation.place.scene import Scene
+from slam.simulation.sensors import Rate
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+SUPERSAMPLING = 2
+"""Samples along each side of a pixel."""
+PIXEL_H_SAMPLE: Array = np.array(
+    [
+        [1 / SUPERSAMPLING, 0, 0.5 / SUPERSAMPLING - 0.5],
+        [0, 1 / SUPERSAMPLING, 0.5 / SUPERSAMPLING - 0.5],
+        [0, 0, 1],
+    ]
+)
+"""Sample 0 lies in the outer corner of pixel 0: pixel = (sample + 1/2) / n - 1/2."""
+COARSE = 8
+NEAR_M = 0.02
+"""Nothing is seen that is nearer."""
+FOLD_PX = 0.05
+"""A pixel whose ray the lens does not send back to it, by so much, gets no light at all."""
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """A down-looking camera with the nose at the top of the picture; by default that of the paper's drone."""
+
+    size_px: tuple[Annotated[int, Field(ge=16, le=4096)], Annotated[int, Field(ge=16, le=4096)]] = (176, 144)
+    """Width, height."""
+    horizontal_fov_deg: Annotated[float, Field(ge=5, le=120)] = 64.0
+    rate_hz: Rate = 15.0
+    noise_std: Annotated[float, Field(ge=0, le=50)] = 2.0
+    """Grey levels, independent in each channel."""
+    saturation: Annotated[float, Field(ge=0, le=2)] = 1.0
+    """Strength of colours; 0 is grey."""
+    brightness: Annotated[float, Field(gt=0, le=4)] = 1.0
+    """All grey levels times this."""
+    down_sampling: Annotated[float, Field(ge=1, le=16)] = 1.0
+    """Pictures have this many times fewer pixels a side, and are scaled up again."""
+    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    """OpenCV's k1, k2, p1, p2, told with the flight."""
+
+    def camera(self) -> Camera:
+        """Intrinsics: the field of view spans the outer borders of the picture, but for distortion."""
+        width, height = self.size_px
+        focal = width / 2 / np.tan(np.radians(self.horizontal_fov_deg) / 2)
+        center = ((width - 1) / 2, (height - 1) / 2)
+        return Camera((focal, focal), center, self.size_px, self.distortion)
+
+
+def expose(scene: Scene, camera: Camera, w_T_b: Array, time_s: float = 0.0) -> Image:
+    """The scene at one moment as a camera whose body is at ``w_T_b`` (4, 4) sees it, without noise.
+
+    (h, w, 3) BGR.
+    """
+    w_T_c = w_T_b @ camera.b_T_c
+    samples = sample(scene, camera, w_T_c[None, :3, :3], w_T_c[None, :3, 3], scene.prisms(time_s))
+    return cv2.resize(samples, camera.size_px, interpolation=cv2.INTER_AREA)
+
+
+def sample(scene: Scene, camera: Camera, w_R_c: Array, w_t_c: Array, prisms: Array) -> Image:
+    """``SUPERSAMPLING`` samples along each side of each pixel, (h n, w n, 3) BGR.
+
+    ``w_R_c`` (1 or h n, 3, 3) and ``w_t_c`` (1 or h n, 3) place the camera, for all rows of samples or each.
+    """
+    size = (camera.size_px[0] * SUPERSAMPLING, camera.size_px[1] * SUPERSAMPLING)
+    grid = _grid(camera.focal_px, camera.center_px, camera.size_px, camera.distortion)
+    middle = len(w_t_c) // 2
+    spacing = 1 / camera.focal_px[0] / SUPERSAMPLING
+    level = scene.floor.level_for(max(_height(w_t_c[middle], scene.slope), 1e-3) * spacing)
+    texel_H_ray = scene.floor.texel_H_world(level) @ _floor_H_ray(w_R_c, w_t_c, scene.slope)
+    texels = scene.floor.levels[level]
+    if len(w_t_c) == 1 and not camera.is_distorted:
+        warp = texel_H_ray[0] @ np.linalg.inv(camera.matrix) @ PIXEL_H_SAMPLE
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        samples = cv2.warpPerspective(texels, warp, size, flags=flags, borderMode=cv2.BORDER_REFLECT)
+    else:
+        x, y = _projected(texel_H_ray, grid.rays)
+        samples = cv2.remap(texels, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    if len(prisms) > 0:
+        _draw_obstacles(samples, scene, camera, grid, w_R_c, w_t_c, prisms)
+    if grid.dark is not None:
+        samples[grid.dark] = 0
+    return samples
+
+
+@dataclass(frozen=True)
+class _Grid:
+    rays: NDArray[np.float32]
+    """(h n, w n, 2) direction of each sample in camera axes with z = 1."""
+    dark: NDArray[np.bool_] | None
+    """(h n, w n) samples that no light reaches: beyond the fold of the distortion."""
+
+
+@lru_cache(maxsize=4)
+def _grid(
+    focal_px: tuple[float, float],
+    center_px: tuple[float, float],
+    size_px: tuple[int, int],
+    distortion: tuple[float, ...],
+) -> _Grid:
+    camera = Camera(focal_px, center_px, size_px, distortion)
+    width, height = size_px
+    u, v = ((np.arange(size * SUPERSAMPLING) + 0.5) / SUPERSAMPLING - 0.5 for size in (width, height))
+    pixel = np.stack(np.meshgrid(u, v), -1).reshape(-1, 2)
+    rays = camera.rays(camera.undistort(pixel))
+    dark = None
+    if camera.is_distorted:
+        with np.errstate(invalid="ignore", over="ignore"):
+            lost = ~(np.linalg.norm(camera.project(rays) - pixel, axis=1) < FOLD_PX)
+        rays[lost] = 0
+        dark = lost.reshape(len(v), len(u)) if lost.any() else None
+    return _Grid(np.ascontiguousarray(rays[:, :2].reshape(len(v), len(u), 2), dtype=np.float32), dark)
+
+
+def _height(w_t_c: Array, slope: tuple[float, float]) -> float:
+    """Height of a place above the floor, plumb."""
+    return float(w_t_c[2] - slope[0] * w_t_c[0] - slope[1] * w_t_c[1])
+
+
+def _floor_H_ray(w_R_c: Array, w_t_c: Array, slope: tuple[float, float]) -> Array:
+    """(m, 3, 3) from camera directions to homogeneous world (x, y) where they meet z = slope . (x, y).
+
+    The ray t + s R d meets it at s = -h / ((R d)_z - slope . (R d)_xy), h the height above it; multiplied
+    out by that denominator.
+    """
+    above = w_t_c[:, 2] - w_t_c[:, :2] @ slope
+    sinks = w_R_c[:, 2] - np.einsum("mij,i->mj", w_R_c[:, :2], np.array(slope))
+    across = w_t_c[:, :2, None] * sinks[:, None] - above[:, None, None] * w_R_c[:, :2]
+    return np.concatenate([across, sinks[:, None]], axis=1)
+
+
+def _projected(H: Array, rays: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Places (x, y) of all rays through one homography or one a row: (1 or h, 3, 3), (h, w, 2)."""
+    if len(H) == 1:
+        at = cv2.perspectiveTransform(rays, H[0])
+        return at[..., 0], at[..., 1]
+    u, v = rays[..., 0], rays[..., 1]
+    row = H.astype(np.float32)[..., None]
+    x, y, w = (row[:, i, 0] * u + row[:, i, 1] * v + row[:, i, 2] for i in range(3))
+    return x / w, y / w
+
+
+def _draw_obstacles(
+    samples: Image, scene: Scene, camera: Camera, grid: _Grid, w_R_c: Array, w_t_c: Array, prisms: Array
+) -> None:
+    bounds = _bounds(prisms, camera, grid, w_R_c, w_t_c)
+    seen = (bounds[:, 0] <= bounds[:, 1]) & (bounds[:, 2] <= bounds[:, 3])
+    if not seen.any():
+        return
+    # Compiled on import: a scene without obstacles needs none of it.
+    from slam.simulation.place import casting, skins
+
+    casting.draw(
+        samples,
+        grid.rays,
+        np.ascontiguousarray(w_R_c),
+        np.ascontiguousarray(w_t_c),
+        np.array(scene.slope),
+        prisms[seen],
+        bounds[seen],
+        scene.skins.texels,
+        scene.skins.levels[seen],
+        1 / camera.focal_px[0] / SUPERSAMPLING,
+        skins.METRES_PER_TEXEL,
+    )
+
+
+def _bounds(prisms: Array, camera: Camera, grid: _Grid, w_R_c: Array, w_t_c: Array) -> NDArray[np.int64]:
+    """(n, 4) first and last row, first and last column of the samples that each prism may cover."""
+    w_p = np.array([corners(prism) for prism in prisms])
+    reach, lost = [], np.zeros(len(prisms), bool)
+    for k in {0, len(w_t_c) // 2, len(w_t_c) - 1}:
+        c_p = (w_p - w_t_c[k]) @ w_R_c[k]
+        lower, upper = c_p[:, :4], c_p[:, 4:]
+        # A tall one ends just before the camera.
+        rise = np.maximum(lower[..., 2] - upper[..., 2], 1e-9)
+        share = np.clip((lower[..., 2] - NEAR_M) / rise, 0, 1)[..., None]
+        cut = np.concatenate([lower, lower + share * (upper - lower)], axis=1)
+        reach.append(cut[..., :2] / np.maximum(cut[..., 2:], NEAR_M))
+        lost |= (lower[..., 2] < NEAR_M).any(1)
+    low, high = np.hstack(reach).min(1), np.hstack(reach).max(1)
+    # Where its foot is beside or behind the camera, corners don't tell how far its picture reaches.
+    low[lost], high[lost] = -np.inf, np.inf
+    # Every eighth ray is looked at; rows between the three poses may reach a little farther.
+    spacing = 1 / camera.focal_px[0] / SUPERSAMPLING
+    slack = 2 * COARSE * spacing + (0.1 * (high - low) if len(w_t_c) > 1 else 0.0)
+    rays = grid.rays[::COARSE, ::COARSE]
+    low, high = low - slack, high + slack
+    bounds = np.tile(np.array([0, -1, 0, -1]), (len(prisms), 1))
+    near = (low <= rays.max((0, 1))).all(1) & (high >= rays.min((0, 1))).all(1)
+    for seen in np.flatnonzero(near):
+        within = ((rays >= low[seen]) & (rays <= high[seen])).all(2)
+        for axis in (0, 1):
+            hit = np.flatnonzero(within.any(1 - axis)) * COARSE
+            if len(hit):
+                last = grid.rays.shape[axis] - 1
+                bounds[seen, 2 * axis : 2 * axis + 2] = np.clip([hit[0] - COARSE, hit[-1] + COARSE], 0, last)
+    return bounds

@@ -1,0 +1,1 @@
+"""Where a simulated flight takes place: floors, marks, obstacles and what moves among them."""

@@ -1,0 +1,109 @@
+"""How high a place lies and what a sonar hears of it.
+
+A sonar reports the first echo out of its cone. The floor is a half space, each obstacle is convex. The part
+of a convex body within a given range is convex; so where it first meets the cone it does so either at the
+point of the body nearest to the sensor, if that lies inside the cone, or on the cone's rim. Hence nearest
+points and rays along the rim are all that need be looked at.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.simulation.place.obstacles import (
+    BASE,
+    COS,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    ROUND,
+    SIN,
+    TOP,
+    X,
+    Y,
+    covers,
+)
+from slam.simulation.place.world import World
+
+Array = NDArray[np.float64]
+
+RIM_RAYS = 96
+"""Rays along the rim of the cone: at 1 m and 25 degrees a corner less than 1 cm inside may be missed."""
+
+
+def elevation(world: World, x: Array, y: Array) -> Array:
+    """Height in metres of the surface at the places (x, y): floor, or top of the highest obstacle there.
+
+    Arrays of one shape, which the result has; truth for elevation maps (IMAV 2011 paper, section 3.1.1).
+    """
+    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    height = world.slope[0] * x + world.slope[1] * y
+    for prism in world.prisms:
+        height = np.where(covers(prism, x, y), np.maximum(height, prism[TOP]), height)
+    return height
+
+
+def first_echo(world: World, w_p_sensor: Array, w_direction: Array, beam_width_rad: float = 0.0) -> Array:
+    """(n,) range in metres to the nearest surface inside the beam; infinite where there is none.
+
+    ``w_p_sensor`` (n, 3) in the world, ``w_direction`` (n, 3) the beam's axis (any length),
+    ``beam_width_rad`` its full opening angle; 0 is a single ray.
+    """
+    origin = np.ascontiguousarray(np.atleast_2d(np.asarray(w_p_sensor, dtype=float)))
+    axis = np.atleast_2d(np.asarray(w_direction, dtype=float))
+    axis = axis / np.linalg.norm(axis, axis=1, keepdims=True)
+    half_rad = beam_width_rad / 2
+    nearest = _floor_echo(world.slope, origin, axis, half_rad)
+    prisms = world.prisms
+    if len(prisms) == 0:
+        return nearest
+    # Compiled on import: a world without obstacles needs none of it.
+    from slam.simulation.place.casting import ranges
+
+    for prism in prisms:
+        nearest = np.minimum(nearest, _nearest_point_echo(prism, origin, axis, half_rad))
+    for ray in _rim(axis, half_rad):
+        nearest = np.minimum(nearest, ranges(origin, ray, prisms))
+    return nearest
+
+
+def _floor_echo(slope: tuple[float, float], origin: Array, axis: Array, half_rad: float) -> Array:
+    """Straight down to the floor if the cone holds that direction, else along the rim nearest to it."""
+    down = np.array([slope[0], slope[1], -1.0])
+    down /= np.linalg.norm(down)
+    distance = -origin @ down
+    off_rad = np.maximum(np.arccos(np.clip(axis @ down, -1, 1)) - half_rad, 0.0)
+    with np.errstate(divide="ignore"):
+        return np.where(off_rad < np.pi / 2, distance / np.cos(off_rad), np.inf)
+
+
+def _nearest_point_echo(prism: Array, origin: Array, axis: Array, half_rad: float) -> Array:
+    """Distance to the point of a prism nearest to the sensor; infinite where that lies outside the cone."""
+    c, s = prism[COS], prism[SIN]
+    east, north = origin[:, 0] - prism[X], origin[:, 1] - prism[Y]
+    along, aside = c * east + s * north, c * north - s * east
+    if prism[ROUND]:
+        inward = np.minimum(1.0, prism[HALF_LENGTH] / np.maximum(np.hypot(along, aside), 1e-12))
+        near_along, near_aside = along * inward, aside * inward
+    else:
+        near_along = np.clip(along, -prism[HALF_LENGTH], prism[HALF_LENGTH])
+        near_aside = np.clip(aside, -prism[HALF_WIDTH], prism[HALF_WIDTH])
+    near_z = np.clip(origin[:, 2], prism[BASE], prism[TOP])
+    x, y = near_along - along, near_aside - aside
+    way = np.column_stack([c * x - s * y, s * x + c * y, near_z - origin[:, 2]])
+    distance = np.linalg.norm(way, axis=1)
+    inside = np.einsum("ni,ni->n", way, axis) >= np.cos(half_rad) * distance - 1e-12
+    return np.where(inside & (distance > 0), distance, np.inf)
+
+
+def _rim(axis: Array, half_rad: float) -> list[Array]:
+    """Directions along the rim of the cones, one (n, 3) array a ray; the axis alone without a width."""
+    if half_rad == 0:
+        return [axis]
+    # Any direction that is not the axis gives a pair across it.
+    other = np.where(np.abs(axis[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
+    u = np.cross(axis, other)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    v = np.cross(axis, u)
+    turn = np.linspace(0, 2 * np.pi, RIM_RAYS, endpoint=False)
+    return [np.cos(half_rad) * axis + np.sin(half_rad) * (np.cos(a) * u + np.sin(a) * v) for a in turn]

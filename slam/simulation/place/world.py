@@ -1,0 +1,230 @@
+"""Floors: the texture of the ground, seeded, with marks that a person finds again in the mosaic.
+
+A floor is one picture, row 0 at the largest y, and its halvings: mip levels for cameras that see it from
+higher up. The puzzle floor is the paper's: a tile of foam puzzle pieces, repeated. What tells one tile from
+the next is wear (stains, grain, specks, scratches), which does not repeat unless the recipe asks for it.
+Boxes and pylons stand on it (``slam.simulation.place.obstacles``;
+``slam.simulation.place.terrain`` knows their height).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from slam.errors import InputError
+from slam.simulation.place.gym import gym_floor
+from slam.simulation.place.marks import draw_mark
+from slam.simulation.place.obstacles import Box, Pylon, corners, covers, prisms, steps
+from slam.simulation.place.photograph import MAX_TEXELS, check_photograph, photographed_floor
+from slam.simulation.place.puzzle import puzzle_tile
+from slam.simulation.place.wear import NEUTRAL, draw_wear, wear_down
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+FLOORS = ("puzzle", "gym", "plain")
+"""Textures that are drawn; any other is the path of a photograph."""
+MIP_LEVELS = 5
+STEPS = 1
+"""Stream of the random numbers that lay out steps."""
+SURROUND_BGR = (122, 131, 138)
+"""The bare floor around the puzzle pieces."""
+SHADOW, SHADOW_WIDTH_M = 0.5, 0.05
+"""How much darker the floor is at an obstacle's foot, and how far from it that is seen."""
+
+
+Slope = Annotated[float, Field(ge=-0.5, le=0.5)]
+
+
+@dataclass(frozen=True)
+class World:
+    """The place: the floor, what it looks like and what stands on it."""
+
+    texture: Annotated[str, Field(min_length=1)] = "puzzle"
+    """``puzzle``, ``gym`` (planks with the lines of its courts), ``plain`` (one grey), or the path of a
+    photograph of a floor, mirrored beyond its edge."""
+    extent_m: tuple[float, float, float, float] = (-0.15, -0.15, 4.65, 4.65)
+    """x0, y0, x1, y1 of the floor that may be flown over."""
+    margin_m: Annotated[float, Field(ge=0, le=50)] = 1.0
+    """Ground around it, worn like the floor but without puzzle pieces."""
+    metres_per_px: Annotated[float, Field(ge=1e-4, le=1)] = 0.002
+    tile_m: Annotated[float, Field(ge=0.2, le=50)] = 1.6
+    """Side of the puzzle tile that is repeated."""
+    repeat: bool = False
+    """The wear repeats with the tile too: places look alike but for the marks."""
+    mark_diameter_m: Annotated[float, Field(ge=0, le=1)] = 0.12
+    """Size of a landmark's mark; 0 draws none."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """The floor is a place: another flight over it has another seed, the floor keeps its own."""
+    boxes: Annotated[tuple[Box, ...], Field(max_length=200)] = ()
+    pylons: Annotated[tuple[Pylon, ...], Field(max_length=200)] = ()
+    slope: tuple[Slope, Slope] = (0.0, 0.0)
+    """Rise of the floor along x and y, metres a metre; its height is 0 at the origin."""
+
+    @property
+    def prisms(self) -> Array:
+        """(n, 9) boxes, then pylons, as ``slam.simulation.place.obstacles`` describes them."""
+        return prisms((*self.boxes, *self.pylons), self.slope)
+
+
+Marks = tuple[tuple[str, float, float], ...]
+"""Name, x and y in metres of each landmark."""
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A texture with its mip levels, seen from straight above."""
+
+    levels: tuple[Image, ...]
+    """(h, w, 3) BGR, each half the size of the one before."""
+    corner_m: tuple[float, float]
+    """World x and y of the outer corner of the first texel: smallest x, largest y."""
+    metres_per_px: float
+
+    def texel_H_world(self, level: int) -> Array:
+        """(3, 3) world x, y to texel coordinates of a level; the centre of the first texel is (0, 0)."""
+        size = self.metres_per_px * 2**level
+        x, y = self.corner_m
+        return np.array([[1 / size, 0, -x / size - 0.5], [0, -1 / size, y / size - 0.5], [0, 0, 1]])
+
+    def level_for(self, spacing_m: float) -> int:
+        """The mip level whose texels are nearest in size to the spacing of samples on the ground."""
+        return int(np.clip(np.rint(np.log2(spacing_m / self.metres_per_px)), 0, len(self.levels) - 1))
+
+
+def with_place_terms(world: World, marks: Marks, terms: Mapping[str, Mapping[str, float]]) -> World:
+    """The world with ``floor_slope`` and ``floor_steps`` of a model's terms; steps leave the marks free."""
+    if slope := terms.get("floor_slope"):
+        rise = (world.slope[0] + slope.get("x", 0.0), world.slope[1] + slope.get("y", 0.0))
+        world = replace(world, slope=rise)
+    laid = terms.get("floor_steps", {})
+    height_m, share = laid.get("height", 0.0), laid.get("share", 0.0)
+    if height_m > 0 and share > 0:
+        clear_m = [(x, y) for _, x, y in marks]
+        boxes = steps(world.extent_m, height_m, share, clear_m, np.random.default_rng((world.seed, STEPS)))
+        world = replace(world, boxes=(*world.boxes, *boxes))
+    return world
+
+
+def check_world(world: World, seen: bool = True) -> None:
+    """Raise ``InputError`` for a floor of no or too great a size, a photograph that cannot be read, and an
+    obstacle of no size or off the floor. A floor that no camera sees has no texture to be too large."""
+    x0, y0, x1, y1 = world.extent_m
+    if not (np.all(np.isfinite(world.extent_m)) and x1 > x0 and y1 > y0):
+        raise InputError(
+            f"world.extent_m {list(world.extent_m)} is empty; give x0, y0, x1, y1 with x0 < x1, y0 < y1"
+        )
+    if seen:
+        _check_texture(world)
+    for k, box in enumerate(world.boxes):
+        _check_obstacle(box, f"world.boxes[{k}]", world)
+    for k, pylon in enumerate(world.pylons):
+        _check_obstacle(pylon, f"world.pylons[{k}]", world)
+
+
+def _check_texture(world: World) -> None:
+    width, height = _size_px(world)
+    if width * height > MAX_TEXELS or world.tile_m / world.metres_per_px > 16_384:
+        raise InputError(
+            f"world: a texture of {width} x {height} px is too large; "
+            "make extent_m smaller or metres_per_px greater"
+        )
+    if world.texture not in FLOORS:
+        check_photograph(Path(world.texture))
+
+
+def _check_obstacle(obstacle: Box | Pylon, name: str, world: World) -> None:
+    sizes = obstacle.size_m if isinstance(obstacle, Box) else (obstacle.radius_m, obstacle.height_m)
+    if not (np.all(np.isfinite(sizes)) and min(sizes) > 0):
+        raise InputError(f"{name}: sizes {list(sizes)} m: each must be above 0")
+    x0, y0, x1, y1 = world.extent_m
+    foot = corners(prisms((obstacle,))[0])[:4, :2]
+    if not np.all((foot >= (x0, y0)) & (foot <= (x1, y1))):
+        x, y = obstacle.center_m
+        raise InputError(f"{name} at ({x:g}, {y:g}) reaches off the floor; move it or enlarge world.extent_m")
+
+
+@lru_cache(maxsize=2)
+def build_floor(world: World, marks: Marks) -> Floor:
+    """The floor of a world; the same for the same arguments, and kept for the next call."""
+    rng = np.random.default_rng(world.seed)
+    width, height = _size_px(world)
+    if world.texture == "puzzle":
+        texture = _puzzle_floor(world, width, height, rng)
+    elif world.texture == "gym":
+        texture = gym_floor(width, height, world.metres_per_px, rng)
+    elif world.texture == "plain":
+        texture = np.full((height, width, 3), NEUTRAL, np.uint8)
+    else:
+        texture = photographed_floor(Path(world.texture), width, height)
+    corner_m = (world.extent_m[0] - world.margin_m, world.extent_m[3] + world.margin_m)
+    if world.mark_diameter_m > 0:
+        for name, x, y in marks:
+            center = (
+                (x - corner_m[0]) / world.metres_per_px - 0.5,
+                (corner_m[1] - y) / world.metres_per_px - 0.5,
+            )
+            draw_mark(texture, name, center, world.mark_diameter_m / 2 / world.metres_per_px)
+    for prism in world.prisms:
+        _cast_shadow(texture, prism, corner_m, world.metres_per_px)
+    levels = [texture]
+    while len(levels) < MIP_LEVELS and min(levels[-1].shape[:2]) >= 64:
+        levels.append(cv2.resize(levels[-1], None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+    for level in levels:
+        level.flags.writeable = False
+    return Floor(tuple(levels), corner_m, world.metres_per_px)
+
+
+def _size_px(world: World) -> tuple[int, int]:
+    """Width and height of the texture, rounded up to what can be halved into every mip level."""
+    x0, y0, x1, y1 = world.extent_m
+    step = 2 ** (MIP_LEVELS - 1)
+    sides = np.array([x1 - x0, y1 - y0]) + 2 * world.margin_m
+    width, height = np.ceil(np.round(sides / world.metres_per_px / step, 6)).astype(int) * step
+    return int(width), int(height)
+
+
+def _puzzle_floor(world: World, width: int, height: int, rng: np.random.Generator) -> Image:
+    """Puzzle tiles inside the extent, the bare surround outside, and wear over both."""
+    tile = puzzle_tile(round(world.tile_m / world.metres_per_px), rng)
+    n = len(tile)
+    margin = round(world.margin_m / world.metres_per_px)
+    rows, cols = (np.arange(size) - margin for size in (height, width))
+    inside = [
+        (index >= 0) & (index < round((high - low) / world.metres_per_px))
+        for index, low, high in ((rows, *world.extent_m[1::2]), (cols, *world.extent_m[::2]))
+    ]
+    texture = np.full((height, width, 3), SURROUND_BGR, np.uint8)
+    texture[np.ix_(*inside)] = tile[np.ix_(rows[inside[0]] % n, cols[inside[1]] % n)]
+    if world.repeat:
+        wear = draw_wear(n, n, world.metres_per_px, rng)[np.ix_(rows % n, cols % n)]
+    else:
+        wear = draw_wear(height, width, world.metres_per_px, rng)
+    wear_down(texture, wear)
+    return texture
+
+
+def _cast_shadow(texture: Image, prism: Array, corner_m: tuple[float, float], metres_per_px: float) -> None:
+    """Darken the floor round the foot of an obstacle, where little light comes."""
+    foot = corners(prism)[:4, :2]
+    reach = 3 * SHADOW_WIDTH_M
+    # Two corners of a piece of texture: columns grow with x, rows against y.
+    low = np.array([foot[:, 0].min() - reach - corner_m[0], corner_m[1] - foot[:, 1].max() - reach])
+    high = np.array([foot[:, 0].max() + reach - corner_m[0], corner_m[1] - foot[:, 1].min() + reach])
+    (c0, r0), (c1, r1) = (np.clip(np.rint(at / metres_per_px).astype(int), 0, None) for at in (low, high))
+    piece = texture[r0:r1, c0:c1]
+    if piece.size == 0:
+        return
+    rows, cols = np.mgrid[r0 : r0 + piece.shape[0], c0 : c0 + piece.shape[1]] + 0.5
+    under = covers(prism, corner_m[0] + cols * metres_per_px, corner_m[1] - rows * metres_per_px)
+    shade = cv2.GaussianBlur(under.astype(np.float32), (0, 0), SHADOW_WIDTH_M / metres_per_px)
+    piece[:] = np.rint(piece * (1 - SHADOW * np.minimum(2 * shade, 1))[..., None])

@@ -1,0 +1,105 @@
+"""Motion of state and covariance against differences, composition, and a numerical integral."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from backend.ekf import motion as at
+
+MODEL = np.concatenate([[1.5, 0.4, 0.8, 0.3, 1e-3, 2e-3, 0.05, 20.0, 0.01, 0.1, 1.5, 0.2], np.zeros(9)])
+
+
+def drawn_state(rng):
+    x = rng.normal(0, 1, at.STATE)
+    for first in (at.XQ, at.XCQ):
+        x[first : first + 4] = Rotation.random(rng=rng).as_quat(scalar_first=True)
+    return x
+
+
+def difference(y, x):
+    """The error that takes state x to state y."""
+    e = np.zeros(at.SIZE)
+    e[: at.TH], e[at.W : at.CP] = (y - x)[: at.XQ], (y - x)[at.XW : at.XC]
+    e[at.CP : at.CT] = (y - x)[at.XC : at.XCQ]
+    for error, first in ((at.TH, at.XQ), (at.CT, at.XCQ)):
+        a, b = (Rotation.from_quat(s[first : first + 4], scalar_first=True) for s in (x, y))
+        e[error : error + 3] = (a.inv() * b).as_rotvec()
+    return e
+
+
+def matrix(F):
+    """The transition as a matrix: its columns are what it makes of unit errors."""
+    columns = np.eye(at.SIZE)
+    for column in columns:
+        at.push(column, F)
+    return columns.T
+
+
+def moved(x, dt):
+    y, F = x.copy(), np.zeros((9, 3))
+    C = np.zeros((at.SIZE, at.SIZE))
+    at.propagate(y, C, dt, MODEL, F)
+    return y, C, F
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_transition_against_differences(seed):
+    x = drawn_state(np.random.default_rng(seed))
+    y, _, F = moved(x, 0.02)
+    transition = matrix(F)
+    for k in range(at.SIZE):
+        e = np.zeros(at.SIZE)
+        e[k] = 1e-6
+        column = (
+            difference(moved(at.retract(x, e), 0.02)[0], y) - difference(moved(at.retract(x, -e), 0.02)[0], y)
+        ) / 2e-6
+        # The turn by which the body rate acts is taken to second order in the step.
+        np.testing.assert_allclose(transition[:, k], column, atol=2e-5)
+
+
+def test_pulling_back_is_the_transpose():
+    rng = np.random.default_rng(0)
+    _, _, F = moved(drawn_state(rng), 0.03)
+    transition = matrix(F)
+    L, y = rng.normal(0, 1, (at.SIZE, at.SIZE)), rng.normal(0, 1, at.SIZE)
+    L = L + L.T
+    expected = transition.T @ L @ transition, transition.T @ y
+    at.both_sides(L, F, True)
+    at.pull(y, F)
+    np.testing.assert_allclose(L, expected[0], atol=1e-12)
+    np.testing.assert_allclose(y, expected[1], atol=1e-12)
+
+
+@pytest.mark.parametrize("dt", [1e-4, 0.005, 0.0079, 0.0081, 0.05, 0.7, 5.0])
+def test_correlated_signal_against_the_matrix_exponential(dt):
+    """Van Loan 1978: transition and noise of the chain of integrators from one exponential."""
+    std, tau = 1.5, 0.4
+    A = np.array([[0, 1, 0], [0, 0, 1], [0, 0, -1 / tau]])
+    noise = np.zeros((3, 3))
+    noise[2, 2] = 2 * std**2 / tau
+    big = expm(np.block([[-A, noise], [np.zeros((3, 3)), A.T]]) * dt)
+    transition = big[3:, 3:].T
+    expected = transition @ big[:3, 3:]
+    step, q = at.correlated(dt, std, tau)
+    np.testing.assert_allclose(step, transition[:, 2], rtol=1e-4)
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(q / scale, expected / scale, atol=0.02)
+
+
+def test_two_steps_are_one():
+    rng = np.random.default_rng(1)
+    x = drawn_state(rng)
+    B = rng.normal(0, 1, (at.SIZE, at.SIZE))
+    once, twice = x.copy(), x.copy()
+    C1, F = B @ B.T, np.zeros((9, 3))
+    C2 = C1.copy()
+    at.propagate(once, C1, 0.02, MODEL, F)
+    for _ in range(2):
+        at.propagate(twice, C2, 0.01, MODEL, F)
+    np.testing.assert_allclose(once, twice, atol=1e-4)
+    scale = np.sqrt(np.diag(C1))
+    np.testing.assert_allclose(C1 / np.outer(scale, scale), C2 / np.outer(scale, scale), atol=2e-3)
+    assert (np.linalg.eigvalsh(C1) > 0).all()

@@ -1,0 +1,72 @@
+"""Expected readings against their definition, and their derivatives against differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from backend.ekf import motion as at
+from backend.ekf import readings as kinds
+
+BEAM, RANGE_AT, CAMERA_AT = (
+    np.array([0.05, -0.1, -0.99]),
+    np.array([0.1, 0.02, -0.05]),
+    np.array([0.2, 0.1, 0.0]),
+)
+MODEL = np.concatenate([np.ones(at.MOTION), BEAM / np.linalg.norm(BEAM), RANGE_AT, CAMERA_AT])
+
+
+def drawn_state(rng):
+    x = rng.normal(0, 1, at.STATE)
+    x[2], x[at.XC + 2] = 1.5, 1.2
+    for first in (at.XQ, at.XCQ):
+        tilted = Rotation.from_euler("ZYX", rng.uniform([-3, -0.6, -0.6], [3, 0.6, 0.6]))
+        x[first : first + 4] = tilted.as_quat(scalar_first=True)
+    x[at.RS + 1] *= 0.1
+    return x
+
+
+def differences(predict, x):
+    """(6, SIZE) central differences along every error of the state."""
+    columns = []
+    for k in range(at.SIZE):
+        e = np.zeros(at.SIZE)
+        e[k] = 1e-6
+        columns.append((predict(at.retract(x, e)) - predict(at.retract(x, -e))) / 2e-6)
+    return np.column_stack(columns)
+
+
+READINGS = [n for name, n in kinds.CHANNELS.items() if name != "pictures"]
+
+
+@pytest.mark.parametrize("kind", READINGS)
+@pytest.mark.parametrize("seed", range(5))
+def test_derivatives(kind, seed):
+    x, H = drawn_state(np.random.default_rng(seed)), np.empty((6, at.SIZE))
+    z, able = kinds.predict(kind, x, np.zeros(3), MODEL, H)
+    assert able
+    H = H.copy()
+    scratch = np.empty((6, at.SIZE))
+    # Angles are read within half a turn of what was read: give them what is expected.
+    expected = differences(lambda y: kinds.predict(kind, y, z[:3], MODEL, scratch)[0], x)
+    np.testing.assert_allclose(H, expected, atol=2e-6)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_derivatives_of_a_step(seed):
+    rng = np.random.default_rng(seed)
+    x, H = drawn_state(rng), np.empty((6, at.SIZE))
+    kept, now = (Rotation.from_quat(x[k : k + 4], scalar_first=True).as_matrix() for k in (at.XCQ, at.XQ))
+    height = x[at.XC + 2] + (kept @ CAMERA_AT)[2]
+    seen = np.eye(4)
+    seen[:3, :3] = kept.T @ now
+    seen[:3, 3] = (kept.T @ (x[:3] + now @ CAMERA_AT - x[at.XC : at.XCQ]) - CAMERA_AT) / height
+    residual, able = kinds.step_residual(x, seen, MODEL, H)
+    assert able
+    np.testing.assert_allclose(residual, 0, atol=1e-12)
+    H = H.copy()
+    scratch = np.empty((6, at.SIZE))
+    np.testing.assert_allclose(
+        H, -differences(lambda y: kinds.step_residual(y, seen, MODEL, scratch)[0], x), atol=2e-6
+    )

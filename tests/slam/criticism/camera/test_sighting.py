@@ -1,0 +1,141 @@
+"""Each camera term in simulated pictures is found at its size; healthy pictures agree with the path."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from frontend.camera import Camera
+from slam.criticism.camera.lens import floor_of, pixels_of
+from slam.criticism.camera.optics import CAMERA, DROPPED, FOCAL, POINTS, STEPS, TILT_Y
+from slam.criticism.camera.pictures import Sights, look
+from slam.criticism.camera.sighting import TOLERANCE, Sighted, sighted
+from slam.criticism.kalman.record import Record, record_of
+from slam.criticism.kalman.setting import Setting, setting_of
+from slam.criticism.kalman.smoothing import smoothed
+from slam.criticism.kalman.tangents import Direction, parameter_direction
+from slam.simulation.camera.effects import CameraEffects, true_camera
+from slam.simulation.model import Model, load_model
+from tests.slam.criticism.camera.seen_flight import seen_flight
+
+DIRECTIONS = [
+    *(Direction(name, "camera", k, STEPS[k]) for k, name in enumerate(CAMERA)),
+    parameter_direction("sonar.datum_m", 1e-3),
+]
+
+
+@pytest.fixture(scope="module")
+def setting() -> Setting:
+    return setting_of(load_model("nominal"))
+
+
+def seen(terms: dict[str, dict[str, float]], seed: int) -> tuple[Record, Sights]:
+    flight = seen_flight(terms, seed)
+    sights = look(flight)
+    assert sights is not None
+    return record_of(flight), sights
+
+
+def estimate(found: Sighted, entry: int) -> tuple[float, float]:
+    """Size and standard deviation of one camera entry, the sonar's datum free within a centimetre."""
+    datum = len(DIRECTIONS) - 1
+    pivot = found.information[datum, datum] + 12 / 0.02**2
+    across = found.information[entry, datum] / pivot
+    information = found.information[entry, entry] - across * found.information[entry, datum]
+    return (found.score[entry] - across * found.score[datum]) / information, information**-0.5
+
+
+@pytest.fixture(scope="module")
+def healthy(setting: Setting) -> tuple[Record, Sights, Sighted]:
+    record, sights = seen({}, 3)
+    return record, sights, sighted(record, sights, setting, DIRECTIONS)
+
+
+def test_healthy_pictures_agree_with_the_path(healthy: tuple[Record, Sights, Sighted]) -> None:
+    found = healthy[2]
+    assert 0.6 < found.chi_square / found.rows < 1.3
+    for entry in range(POINTS):
+        size, std = estimate(found, entry)
+        assert abs(size) < 3.5 * std, CAMERA[entry]
+
+
+@pytest.mark.parametrize(
+    ("term", "size"),
+    [
+        ("focal_length.eps", 0.02),
+        ("radial_distortion.k1", 0.04),
+        ("camera_tilt.y", 0.01),
+        ("camera_time_offset.offset", 0.01),
+        ("rolling_shutter.readout", 0.01),
+    ],
+)
+def test_a_camera_term_is_found_at_its_size(term: str, size: float, setting: Setting) -> None:
+    name, _, parameter = term.partition(".")
+    record, sights = seen({name: {parameter: size}}, 4)
+    found = sighted(record, sights, setting, DIRECTIONS)
+    entry = CAMERA.index(term)
+    fitted, std = estimate(found, entry)
+    assert fitted / std > 5.0
+    assert fitted == pytest.approx(size, rel=0.15, abs=3 * std)
+    held = setting.camera.copy()
+    held[entry] = size
+    again = sighted(record, sights, replace(setting, camera=held), DIRECTIONS)
+    left, _ = estimate(again, entry)
+    assert abs(left) < 3.5 * std
+    assert again.log_likelihood > found.log_likelihood + 8.0
+
+
+def test_the_path_is_as_near_to_the_truth_as_it_says(setting: Setting) -> None:
+    flight = seen_flight({}, 5)
+    assert flight.truth is not None
+    moments = np.arange(0.5, 9.5, 0.5)
+    path = smoothed(record_of(flight), setting, moments)
+    at = np.searchsorted(flight.truth.stamps_s, moments)
+    true = flight.truth.w_T_b[at]
+    pitch = -np.arcsin(true[:, 2, 0])
+    roll = np.arctan2(true[:, 2, 1], true[:, 2, 2])
+    miss = np.column_stack([true[:, 2, 3], roll, pitch]) - path.poses[:, 2:5]
+    keep = (6 * np.arange(len(moments))[:, None] + [2, 3, 4]).ravel()
+    S = path.covariance[np.ix_(keep, keep)]
+    value = float(miss.ravel() @ np.linalg.solve(S, miss.ravel()))
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], miss.size)
+    assert low < value < high
+
+
+def test_a_lens_projects_as_the_simulator_s_camera() -> None:
+    told = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
+    effects = CameraEffects(focal_eps=0.03, radial_k1=0.1, tilt_x_rad=0.02, tilt_y_rad=-0.03)
+    vector = np.zeros(len(CAMERA))
+    vector[:4] = 0.03, 0.1, 0.02, -0.03
+    pose = np.array([[0.2, -0.1, 1.1, 0.0, 0.0, 0.0]])
+    points = np.array([[0.3, 0.1, 0.0], [0.0, -0.3, 0.0], [0.5, -0.4, 0.0]])
+    seen_at = pixels_of(told, vector, np.tile(pose, (3, 1)), points)
+    w_T_b = np.eye(4)
+    w_T_b[:3, 3] = pose[0, :3]
+    real = true_camera(told, effects)
+    c_T_w = np.linalg.inv(w_T_b @ real.b_T_c)
+    np.testing.assert_allclose(seen_at, real.project(points @ c_T_w[:3, :3].T + c_T_w[:3, 3]), atol=1e-6)
+    back = floor_of(told, vector, np.tile(pose, (3, 1)), seen_at, np.zeros(2))
+    np.testing.assert_allclose(back, points, atol=1e-4)
+
+
+def test_lost_pictures_count(healthy: tuple[Record, Sights, Sighted], setting: Setting) -> None:
+    record, sights, _ = healthy
+    found = sighted(record, replace(sights, missing=3, paths={}), setting, DIRECTIONS)
+    size, std = estimate(found, DROPPED)
+    assert size / std > 4.0
+    assert size == pytest.approx(3 / (len(sights.stamps_s) + 3), rel=0.05)
+    assert estimate(sighted(record, sights, setting, DIRECTIONS), DROPPED)[0] == 0.0
+
+
+def test_no_camera_is_believed_beyond_its_tolerance(healthy: tuple[Record, Sights, Sighted]) -> None:
+    for entry in (FOCAL, TILT_Y):
+        assert estimate(healthy[2], entry)[1] > TOLERANCE[entry]
+
+
+def test_a_model_s_camera_terms_are_held() -> None:
+    held = setting_of(Model(name="blurred", terms={"motion_blur": {"exposure": 0.02}}))
+    assert held.camera[CAMERA.index("motion_blur.exposure")] == pytest.approx(4e-4)

@@ -1,0 +1,91 @@
+"""What tones tell: made brightness of the same points, with and without something wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from slam.criticism.camera.optics import CAMERA, GAIN, STEPS, VIGNETTING
+from slam.criticism.camera.pictures import Sights
+from slam.criticism.camera.shading import PICTURE_SHAPES, Shades, shade
+from slam.criticism.kalman.smoothing import Path
+from slam.criticism.kalman.tangents import Direction
+
+Array = NDArray[np.float64]
+
+CAMERA_AT = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
+DIRECTIONS = [
+    *(Direction(name, "camera", k, STEPS[k]) for k, name in enumerate(CAMERA)),
+    *(Direction(name, "picture", k) for k, name in enumerate(PICTURE_SHAPES)),
+]
+PICTURES, POINTS = 60, 20
+
+
+def made(
+    seed: int, gain: Array | None = None, fog: Array | None = None, vignetting: float = 0.0
+) -> tuple[Sights, Path]:
+    """Pictures that show each other's points, one and two before."""
+    rng = np.random.default_rng(seed)
+    gain = np.ones(PICTURES) if gain is None else gain
+    fog = np.zeros(PICTURES) if fog is None else fog
+    i, j = (np.concatenate([np.arange(PICTURES - s) + k * s for s in (1, 2)]).repeat(POINTS) for k in (0, 1))
+    m = len(i)
+    level, detail = rng.uniform(60, 180, (m, 3)), rng.uniform(5, 20, m)
+    pixel = [rng.uniform(5, 139, (m, 2)) for _ in range(2)]
+
+    def tone(picture: NDArray[np.int64], at: Array) -> Array:
+        r2 = ((at - CAMERA_AT.center_px) ** 2).sum(axis=1) / (np.hypot(176, 144) / 2) ** 2
+        seen = level * (gain[picture] * (1 - vignetting * r2))[:, None]
+        seen = seen * (1 - fog[picture])[:, None] + 170 * fog[picture][:, None]
+        local = detail * gain[picture] * (1 - fog[picture]) * np.exp(0.05 * rng.standard_normal(m))
+        return np.column_stack([seen + 0.8 * rng.standard_normal((m, 3)), local])
+
+    stamps = 0.25 * np.arange(PICTURES)
+    sights = Sights(
+        CAMERA_AT, stamps, i, j, pixel[0], pixel[1], np.full(m, 0.2), tone(i, pixel[0]), tone(j, pixel[1]),
+        1.0, 0,
+    )  # fmt: skip
+    poses, rates = np.zeros((PICTURES, 6)), np.zeros((PICTURES, 6))
+    poses[:, 2] = 1.2 + 0.1 * np.sin(stamps)
+    rates[:, 0] = np.abs(np.sin(0.7 * stamps))
+    return sights, Path(stamps, poses, rates, 0 * rates, np.eye(6 * PICTURES), np.zeros((6 * PICTURES, 0)))
+
+
+def judged(sights: Sights, path: Path) -> tuple[Array, Shades]:
+    """z of every direction alone."""
+    found = shade(sights, np.zeros(len(CAMERA)), path, np.full(PICTURES, True), DIRECTIONS)
+    return found.score / np.sqrt(np.maximum(np.diag(found.information), 1e-12)), found
+
+
+def test_a_steady_camera_shows_nothing() -> None:
+    z = np.array([judged(*made(seed))[0] for seed in range(5)])
+    assert (z[:, GAIN] < 3.5).all()
+    assert np.abs(z[:, len(CAMERA) :]).max() < 4.0
+    assert np.abs(z[:, VIGNETTING]).max() < 3.5
+
+
+def test_fog_is_a_shape_of_its_own_and_no_exposure() -> None:
+    fog = np.linspace(0.0, 0.4, PICTURES)
+    z, _ = judged(*made(1, fog=fog))
+    contrast = z[len(CAMERA) + PICTURE_SHAPES.index("picture contrast ~ time")]
+    assert contrast < -8.0
+    assert z[GAIN] < 4.0
+    assert abs(z[VIGNETTING]) < 4.0
+
+
+def test_an_automatic_exposure_is_restless() -> None:
+    rng = np.random.default_rng(2)
+    walk = np.zeros(PICTURES)
+    for k in range(1, PICTURES):
+        walk[k] = np.exp(-0.25) * walk[k - 1] + np.sqrt(1 - np.exp(-0.5)) * rng.standard_normal()
+    z, found = judged(*made(2, gain=np.exp(0.05 * walk)))
+    assert z[GAIN] > 10.0
+    assert np.sqrt(found.score[GAIN] / found.information[GAIN, GAIN]) == pytest.approx(0.05, rel=0.5)
+
+
+def test_dark_corners_are_vignetting_at_its_size() -> None:
+    z, found = judged(*made(3, vignetting=0.1))
+    assert z[VIGNETTING] > 5.0
+    assert found.score[VIGNETTING] / found.information[VIGNETTING, VIGNETTING] == pytest.approx(0.1, rel=0.25)

@@ -1,0 +1,120 @@
+"""The filter against the simulator: white under the truth; its tangents are the simulator's own changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism.effects import _STEPS, RADIUS_M, effects_for
+from slam.criticism.healthy import drawn_vehicle, flown
+from slam.criticism.kalman.filter import USED
+from slam.criticism.kalman.innovations import stretches, whole
+from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.manoeuvres import stick_for
+from slam.simulation.model import load_model
+
+PLAN = ["tilts of 15 deg to all four sides", "yaw on the spot while climbing", "reversing forward at 0.2"]
+
+
+def slow(model):
+    """At the lower rates: half the work."""
+    return replace(
+        model, imu=replace(model.imu, rate_hz=100.0), attitude=replace(model.attitude, rate_hz=50.0)
+    )
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_innovations_are_white_under_the_truth(seed):
+    vehicle = drawn_vehicle(slow(load_model("nominal")), np.random.default_rng(seed))
+    record = record_of(flown(vehicle, stick_for(PLAN * 2), seed))
+    run = whole(record, setting_of(vehicle))
+    for channel, name in enumerate(CHANNELS):
+        kind = int(np.searchsorted(FIRST_CHANNEL, channel, side="right")) - 1
+        rows, c = record.kinds == kind, channel - FIRST_CHANNEL[kind]
+        white = run.white[rows, c][run.status[rows, c] == USED]
+        n = len(white)
+        assert n > 300, name
+        assert abs(white.mean()) * np.sqrt(n) < 4, name
+        assert abs(white.var() - 1) * np.sqrt(n / 2) < 4.5, name
+        assert abs((white[1:] * white[:-1]).sum()) / np.sqrt(n) < 4.5, name
+
+
+def test_a_wrong_noise_is_seen():
+    vehicle = slow(load_model("nominal"))
+    record = record_of(flown(vehicle, stick_for(PLAN), 3))
+    setting = setting_of(vehicle)
+    right = whole(record, setting).log_likelihood
+    for factor in (0.9, 1.1):
+        wrong = replace(setting, noise_factor=np.full(len(CHANNELS), factor))
+        assert whole(record, wrong).log_likelihood < right - 20
+
+
+def silent(model):
+    """A vehicle that neither jitters nor errs, told with the noise that it might have had."""
+    hold = replace(
+        model.hold_noise,
+        tilt_std_deg=0.0,
+        yaw_rate_std_deg_s=0.0,
+        velocity_std_m_s=0.0,
+        velocity_up_std_m_s=0.0,
+    )
+    return replace(
+        model,
+        hold_noise=hold,
+        imu=replace(model.imu, gyro_noise_density=0.0, accel_noise_density=0.0),
+        attitude=replace(model.attitude, noise_std_deg=0.0),
+        velocity=replace(model.velocity, noise_std_m_s=0.0),
+        sonar=replace(model.sonar, noise_std_m=0.0),
+    )
+
+
+COLUMNS = [(term, parameter, step) for term, steps in _STEPS.items() for parameter, step in steps] + [
+    ("active_braking", "lean", 1e-2),
+    ("control_latency", "T", 4e-3),
+    ("ground_effect", "radius", RADIUS_M),
+]
+SMOOTH = {"ground_effect": ["slow descent to 0.3 m and back"], "sonar_lag": ["climb and descend by 0.6 m"]}
+LOOSE = {"sonar_lag", "control_latency", "ground_effect", "command_nonlinearity", "yaw_drag"}
+"""To first order only, or at stick jumps that are not judged."""
+
+
+def far_from_jumps(record):
+    """Events that are not within 6 ms after a jump of the stick."""
+    jumps = record.stick.stamps_s[1:][np.any(np.diff(record.stick.values, axis=0) != 0, axis=1)]
+    since = record.times_s - jumps[np.maximum(np.searchsorted(jumps, record.times_s) - 1, 0)]
+    return (since < 0) | (since > 0.006)
+
+
+@pytest.mark.parametrize(("term", "parameter", "step"), COLUMNS, ids=lambda x: str(x))
+def test_the_trace_of_a_term_is_what_the_simulator_does(term, parameter, step):
+    """Noise-free flights with and without: the innovations change by the trace times the size."""
+    model = slow(load_model("nominal"))
+    plan = SMOOTH.get(term, PLAN)
+    size = step if term != "active_braking" else 0.05
+    ill = model.with_term(term, **{parameter: (1.0 if term == "sonar_slant" else 0.0) + size})
+    healthy = record_of(flown(silent(model), stick_for(plan), 5, told=model))
+    changed = record_of(flown(silent(ill), stick_for(plan), 5, told=model))
+    # The first guess is taken from the readings; here it shall be the same.
+    changed = replace(changed, start=healthy.start)
+    setting = setting_of(model)
+    column = f"{term}.{parameter}"
+    effects = [e for e in effects_for([healthy], setting) if column in e.columns]
+    directions = [d for d in effects[0].directions if d.name == column]
+    rows = list(stretches(healthy, setting, directions))
+    trace = np.full(healthy.values.shape, np.nan)
+    for part in rows:
+        c = part.channels - np.array(FIRST_CHANNEL)[healthy.kinds[part.events]]
+        trace[part.events, c] = part.traces[:, 0]
+    before, after = whole(healthy, setting), whole(changed, setting)
+    used = (before.status == USED) & (after.status == USED)
+    if term in LOOSE:
+        used &= far_from_jumps(healthy)[:, None]
+    done = (after.white - before.white)[used]
+    expected = trace[used] * (size**2 if term == "ground_effect" else size)
+    assert np.linalg.norm(expected) > 0
+    miss = np.linalg.norm(done - expected) / np.linalg.norm(expected)
+    assert miss < (0.15 if term in LOOSE else 0.04)

@@ -1,0 +1,144 @@
+"""What the filter is given of a flight, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from slam.errors import InputError
+from slam.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Velocity
+from slam.inertial.filter_input import Adjusted, filter_input
+from slam.inertial.standing import standing
+from slam.inertial.variogram import MARGIN, noise_and_power, wander
+from tests.slam.inertial.made_navigation import made_flight, without
+
+NAN = np.nan
+
+
+def attitude(columns):
+    values = np.full((40, 3), NAN)
+    values[:, columns] = 0.1
+    return AttitudeSeries(np.arange(40) * 0.05, values)
+
+
+def velocity(columns):
+    values = np.full((40, 2), NAN)
+    values[:, columns] = 0.5
+    return Velocity(np.arange(40) * 0.05, values)
+
+
+@pytest.mark.parametrize(
+    ("flight", "said"),
+    [
+        (Flight("f"), "no imu0, no attitude0, no velocity0"),
+        (Flight("f", attitude=attitude([1]), velocity=velocity([0])), "of attitude0 pitch, of velocity0 v_x"),
+        (Flight("f", attitude=attitude([0, 1, 2])), "attitude0, no velocity0"),
+        (Flight("f", attitude=attitude([0, 1, 2]), velocity=velocity([])), "of velocity0 nothing"),
+        (Flight("f", barometer=Scalar(np.arange(5.0), np.ones(5))), "no imu0"),
+    ],
+)
+def test_too_little_is_refused_in_one_line_that_says_what_there_is(flight, said):
+    with pytest.raises(InputError, match=r"too little to tell how it moved .* give it imu0, or") as refused:
+        filter_input(flight)
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_without_imu_attitude_and_velocity_are_enough():
+    given = filter_input(without(made_flight(0), "imu"))
+    assert given.readings.gyro_rad_s is None
+    assert given.start_s == pytest.approx(0.0, abs=0.05)
+    assert given.end_s == pytest.approx(20.0, abs=0.05)
+
+
+def test_readings_before_the_motion_was_recorded_are_left_out():
+    flight = made_flight(0)
+    early = Scalar(np.arange(-100.0, 20.0), np.zeros(120), 0.2)
+    given = filter_input(replace(flight, barometer=early))
+    assert given.readings.barometer_m is not None
+    assert given.readings.barometer_m.stamps_s[0] >= given.start_s
+
+
+def test_adjustments_shift_and_widen():
+    flight = made_flight(0)
+    plain = filter_input(flight).readings.velocity_m_s
+    changed = filter_input(
+        flight, adjusted=Adjusted({"velocity": 3.0}, {"velocity": 0.1})
+    ).readings.velocity_m_s
+    assert plain is not None
+    assert changed is not None
+    np.testing.assert_allclose(changed.std, 3 * plain.std)
+    shared = min(len(plain.stamps_s), len(changed.stamps_s))
+    np.testing.assert_allclose(plain.stamps_s[-shared:] - changed.stamps_s[-shared:], 0.1, atol=1e-9)
+
+
+def test_mounted_imu_reads_in_body_axes():
+    flight = made_flight(0)
+    mount = np.eye(4)
+    mount[:3, :3] = Rotation.from_euler("x", 90, degrees=True).as_matrix()
+    assert flight.imu is not None
+    turned = replace(
+        flight.imu,
+        gyro_rad_s=flight.imu.gyro_rad_s @ mount[:3, :3],
+        accel_m_s2=flight.imu.accel_m_s2 @ mount[:3, :3],
+        b_T_s=mount,
+    )
+    for name in ("gyro_rad_s", "accel_m_s2"):
+        one, other = (getattr(filter_input(f).readings, name) for f in (flight, replace(flight, imu=turned)))
+        np.testing.assert_allclose(one.values, other.values, atol=1e-12)
+
+
+def test_level_is_felt_where_no_attitude_tells():
+    """An IMU that lies on its side, as EuRoC's does: its x axis is up."""
+    n = 200
+    imu = Imu(np.arange(n) / 100, np.zeros((n, 3)), np.tile([9.80665, 0.0, 0.0], (n, 1)))
+    start = filter_input(Flight("f", imu=imu)).start
+    np.testing.assert_allclose(start.w_R_b @ [1, 0, 0], [0, 0, 1], atol=1e-9)
+
+
+def test_positions_make_it_absolute_and_scales_are_held():
+    flight = made_flight(0)
+    assert flight.velocity is not None
+    gps = Gps(np.arange(0.5, 20, 1.0), np.full(20, 47.0), np.full(20, 8.0), np.full(20, NAN))
+    rough = replace(flight, velocity=replace(flight.velocity, scale_std=0.1))
+    relative, absolute = filter_input(rough), filter_input(replace(rough, gps=gps))
+    for given in (relative, absolute):
+        assert (given.held_velocity_scale, given.model.velocity_scale) == (0.1, 0.0)
+    assert relative.start.place_std_m == relative.start.yaw_std_rad == 0
+    assert absolute.start.place_std_m > 0
+    assert absolute.start.yaw_std_rad > 0
+
+
+def test_standing_is_told_from_flying():
+    rng = np.random.default_rng(0)
+    t = np.arange(600) / 200
+    gyro, accel = rng.normal(0, 1e-3, (600, 3)), rng.normal(0, 0.01, (600, 3)) + [0, 0, 9.8]
+    gyro[300:] += rng.normal(0, 0.1, (300, 3))
+    accel[300:] += rng.normal(0, 0.5, (300, 3))
+    times = standing(Flight("f", imu=Imu(t, gyro, accel)))
+    assert times[-1] == pytest.approx(1.5, abs=0.3)
+    assert len(standing(Flight("f", imu=Imu(t[:300], gyro[300:], accel[300:])))) == 0
+    moving = Velocity(t, np.full((600, 2), 0.4))
+    assert len(standing(Flight("f", imu=Imu(t, gyro, accel), velocity=moving))) == 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_variogram_tells_noise_from_wandering(seed):
+    rng = np.random.default_rng(seed)
+    walk = np.cumsum(rng.normal(0, np.sqrt(0.5 * 0.01), (20_000, 3)), axis=0)
+    white, power = noise_and_power(walk + rng.normal(0, 0.2, walk.shape), 0.01, 0.01)
+    assert white == pytest.approx(0.2, rel=0.1)
+    assert power == pytest.approx(0.5, rel=0.25)
+    trusted, _ = noise_and_power(walk + rng.normal(0, 0.2, walk.shape), 0.01, 0.19)
+    assert trusted == 0.19
+
+
+def test_a_still_signal_may_still_move():
+    white, power = noise_and_power(np.zeros((500, 3)), 0.01, 0.1)
+    assert white == 0.1
+    assert power > 0
+    held = wander(np.zeros((500, 3)), power)
+    assert held.std**2 * 2 / held.time_s == pytest.approx(MARGIN * power)

@@ -1,0 +1,177 @@
+"""``slam estimate``: the motion of made flights, what trials find, what is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+from typer.testing import CliRunner
+
+from backend import se3
+from slam.cli import app
+from slam.errors import InputError
+from slam.evaluation import evaluate
+from slam.evaluation.trajectory import gauge
+from slam.inertial.navigate import dead_reckoning, navigate
+from slam.inertial.trials import suited
+from slam.io.estimate import read_estimate
+from slam.io.flight_folder import write_flight
+from slam.simulation import simulate
+from tests.slam.inertial.made_navigation import made_flight, without
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return made_flight(1)
+
+
+@pytest.fixture(scope="module")
+def navigation(flight):
+    return navigate(flight)
+
+
+def truth_at(flight, at_s):
+    """Poses of the truth, whose stamps are a grid of 10 ms, at times on that grid."""
+    return flight.truth.w_T_b[np.round(at_s * 100).astype(int)]
+
+
+def test_a_made_flight_is_followed(flight, navigation):
+    evaluation = evaluate(navigation.estimate, flight)
+    assert evaluation.ate_m.rmse < 0.06
+    assert navigation.estimate.status == "ok"
+    assert evaluation.loops is None
+    assert evaluation.ways == navigation.estimate.ways == ("dead reckoning on board", "filter", "smoothed")
+
+
+def test_smoothed_is_better_than_filtered_and_both_better_than_dead_reckoning():
+    off = []
+    for seed in range(3):
+        flight = made_flight(seed)
+        evaluation = evaluate(navigate(flight).estimate, flight)
+        tracks = evaluation.tracks
+        off.append(
+            [np.sqrt(np.mean(np.sum((m - tracks.reference_m)[:, :2] ** 2, axis=1)))
+             for m in (tracks.loops_m, tracks.odometry_m, tracks.chain_m)]
+        )  # fmt: skip
+    smoothed, _, reckoned = np.mean(off, axis=0)
+    assert smoothed < reckoned
+
+
+def test_covariances_are_honest_over_flights():
+    """The last pose against the first, one flight one sample, on instruments as made."""
+    scores = []
+    for seed in range(20, 26):
+        flight = made_flight(seed)
+        estimate = navigate(flight, rate_hz=1.0).estimate
+        k = len(estimate.stamps_s) - 2
+        true = np.array([interpolated(flight, t) for t in estimate.stamps_s[[0, k]]])
+        placed = gauge(estimate.w_T_b[0], true[0]) @ estimate.w_T_b[k]
+        xi = se3.log(np.linalg.inv(placed)[None] @ true[1:])[0]
+        scores.append(xi @ np.linalg.solve(estimate.covariances[k], xi))
+    low, high = chi2.ppf([0.0005, 0.9995], 6 * len(scores))
+    assert low < sum(scores) < high
+
+
+def interpolated(flight, t):
+    before = int(t * 100)
+    step = se3.log(np.linalg.inv(flight.truth.w_T_b[before])[None] @ flight.truth.w_T_b[before + 1][None])
+    return flight.truth.w_T_b[before] @ se3.exp(step * (t * 100 - before))[0]
+
+
+def test_a_delay_is_found():
+    late = suited(made_flight(2, late_s=0.1)).adjusted.delay_s
+    assert late["velocity"] == pytest.approx(0.1, abs=0.031)
+    assert set(suited(made_flight(2)).adjusted.delay_s) == set()
+
+
+def test_instruments_without_lasting_errors_are_taken_as_made():
+    given = suited(made_flight(3))
+    assert given.model.tilt_error_rad == 0
+    assert given.model.velocity_error_m_s == 0
+    wandering = replace(made_flight(3).attitude, noise_std_rad=(1e-5,) * 3)
+    assert suited(replace(made_flight(3), attitude=wandering)).model.tilt_error_rad > 0, "no credible noise"
+
+
+def test_noise_beyond_what_is_told_is_found(flight):
+    told = replace(flight.sonar, noise_std_m=0.001)
+    factor = suited(replace(flight, sonar=told)).adjusted.wider["range"]
+    assert factor * 0.005 == pytest.approx(0.01, rel=0.3), "the floor, widened to the true noise"
+
+
+def test_a_held_scale_is_in_the_covariances(flight, navigation):
+    rough = navigate(replace(flight, velocity=replace(flight.velocity, scale_std=0.1))).estimate
+    np.testing.assert_allclose(rough.w_T_b, navigation.estimate.w_T_b, atol=1e-9)
+    away = np.linalg.norm(rough.w_T_b[:, :2, 3] - rough.w_T_b[0, :2, 3], axis=1)
+    k = int(np.argmax(away))
+    added = np.trace((rough.covariances - navigation.estimate.covariances)[k, 3:, 3:])
+    assert np.sqrt(added) == pytest.approx(0.1 * away[k], rel=0.35)
+    assert any("scale of velocities is held" in warning for warning in rough.warnings)
+
+
+def test_what_nothing_measures_is_told(flight):
+    alone = navigate(without(flight, "velocity", "sonar")).estimate
+    assert "neither velocity nor position was measured" in alone.status
+    assert "heights are above the start" in alone.status
+    assert np.isnan(alone.chain_w_T_b).all()
+    assert np.isfinite(alone.w_T_b).all()
+
+
+def test_dead_reckoning_adds_up_velocity_along_yaw(flight, navigation):
+    t = navigation.estimate.stamps_s
+    reckoned = dead_reckoning(flight, navigation.estimate.w_T_b, t)
+    true = np.column_stack([np.interp(t, flight.truth.stamps_s, flight.truth.w_T_b[:, k, 3]) for k in (0, 1)])
+    off = reckoned[:, :2, 3] - reckoned[0, :2, 3] - true + true[0]
+    assert np.linalg.norm(off, axis=1).max() < 0.2
+
+
+def test_too_many_poses_are_refused(flight):
+    with pytest.raises(InputError, match="lower --rate"):
+        navigate(flight, rate_hz=1e5)
+
+
+def test_command_writes_all_and_evaluate_reads_it(flight, tmp_path):
+    write_flight(flight, tmp_path / "flight")
+    done = CliRunner().invoke(app, ["estimate", str(tmp_path / "flight"), "--out", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"trajectory.tum", "estimate.npz", "estimate.png", "summary.json"}
+    assert read_estimate(tmp_path / "out").ways[2] == "smoothed"
+    compared = CliRunner().invoke(
+        app, ["evaluate", str(tmp_path / "out"), "--truth", str(tmp_path / "flight")]
+    )
+    assert compared.exit_code == 0, compared.output
+    again = CliRunner().invoke(app, ["estimate", str(tmp_path / "flight"), "--out", str(tmp_path / "out")])
+    assert again.exit_code == 0, "an earlier output is replaced"
+
+
+def test_command_refuses_in_one_line(flight, tmp_path):
+    write_flight(without(flight, "imu", "velocity"), tmp_path / "flight")
+    for more, said in (([], "too little to tell"), (["--without", "sonar7"], "no such stream")):
+        done = CliRunner().invoke(
+            app, ["estimate", str(tmp_path / "flight"), "--out", str(tmp_path / "out"), *more]
+        )
+        assert done.exit_code == 1
+        assert said in done.output
+        assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_consistent_over_fifty_simulated_flights():
+    """The vehicle and the instruments of another hand, whose makers tell their noise right."""
+    middle, means = [], []
+    for seed in range(50):
+        flown = simulate("square", seed)
+        assert flown.velocity is not None
+        blind = replace(flown, camera=None, frames=None, velocity=replace(flown.velocity, scale_std=0.0))
+        found = evaluate(navigate(blind, rate_hz=4.0).estimate, blind)
+        assert found.nees is not None
+        means.append(found.nees.pose.mean)
+        middle.append(found.tracks.nees[len(found.tracks.nees) // 2])
+    low, high = chi2.ppf([0.025, 0.975], 6 * 50) / 50
+    print(
+        f"NEES {np.mean(middle):.2f} in mid-flight, {np.mean(means):.2f} all along: {low:.2f} to {high:.2f}"
+    )
+    assert low < np.mean(middle) < high
+    assert low < np.mean(means) < high

@@ -1,0 +1,91 @@
+"""``slam estimate`` on measured flights: against motion capture, against GPS, against what is known of
+them."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slam.errors import InputError
+from slam.evaluation import evaluate
+from slam.flight import Flight
+from slam.inertial.navigate import navigate
+from slam.io.flight_folder import read_flight
+
+DATA = os.environ.get("SLAM_DATA")
+pytestmark = [
+    pytest.mark.skipif(DATA is None, reason="SLAM_DATA names no folder with measured data"),
+    pytest.mark.slow,
+]
+
+
+def measured(name: str) -> Flight:
+    return read_flight(Path(str(DATA)) / "flights" / name)
+
+
+def test_a_drone_in_the_wind_against_motion_capture():
+    flight = measured("ardrone2-optitrack")
+    found = navigate(flight)
+    evaluation = evaluate(found.estimate, flight)
+    assert evaluation.ate_m.rmse < 0.45
+    assert evaluation.ate_aligned_m.rmse < 0.25
+    # Its own roll is 6 to 9 degrees off in the wind; the estimate's is not.
+    own, tracks = (
+        found.track.smoothed.errors["own_attitude"],
+        found.estimate.stamps_s - found.estimate.stamps_s[0],
+    )
+    assert np.degrees(np.abs(own[(tracks > 36) & (tracks < 58), 0])).mean() > 4
+    assert evaluation.rpe[0].rotation_deg.rmse < 1
+    # The rangefinder is 65 ms late, the accelerometer about 0.7 low.
+    assert found.given.adjusted.delay_s["range"] == pytest.approx(0.065, abs=0.04)
+    assert found.track.smoothed.errors["accel_offset"][-1, 2] == pytest.approx(-0.65, abs=0.15)
+    assert any("own roll and pitch are off" in warning for warning in found.estimate.warnings)
+
+
+def horizontal(evaluation, way: np.ndarray) -> float:
+    off = (way - evaluation.tracks.reference_m)[:, :2]
+    return float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
+
+
+def test_with_gps_far_better_than_dead_reckoning_on_board():
+    flight = measured("px4flow-quad")
+    evaluation = evaluate(navigate(flight).estimate, flight)
+    reckoned = horizontal(evaluation, evaluation.tracks.chain_m)
+    assert horizontal(evaluation, evaluation.tracks.loops_m) < 2.5 < 0.5 * reckoned
+
+
+def test_gps_that_was_not_used_is_met_no_worse_than_by_dead_reckoning():
+    """Fixes of the first five minutes are used; behind them the way to the rest is compared."""
+    flight = measured("px4flow-quad")
+    assert flight.gps is not None
+    early = flight.gps.stamps_s < 300
+    gps = replace(
+        flight.gps,
+        stamps_s=flight.gps.stamps_s[early],
+        latitude_deg=flight.gps.latitude_deg[early],
+        longitude_deg=flight.gps.longitude_deg[early],
+        altitude_m=flight.gps.altitude_m[early],
+    )
+    evaluation = evaluate(navigate(replace(flight, gps=gps)).estimate, flight)
+    tracks = evaluation.tracks
+    later = tracks.stamps_s > 300
+    first = int(np.argmax(later))
+
+    def drift(way: np.ndarray) -> float:
+        off = (way - tracks.reference_m)[:, :2]
+        return float(np.sqrt(np.nanmean(np.sum((off[later] - off[first]) ** 2, axis=1))))
+
+    assert drift(tracks.loops_m) < drift(tracks.chain_m)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("ardrone-pulses/run-01", "pitch"), ("ardrone2-steps/forward-1", "no velocity0")]
+)
+def test_too_little_is_refused(name, said):
+    with pytest.raises(InputError, match="too little to tell how it moved") as refused:
+        navigate(measured(name))
+    assert said in str(refused.value)

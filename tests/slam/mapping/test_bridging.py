@@ -1,0 +1,161 @@
+"""Parts of a map that no picture joins, joined by what the instruments say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from backend import se3
+from backend.measurements import RelativePose
+from slam.estimate import Estimate
+from slam.evaluation import evaluate
+from slam.flight import Flight
+from slam.mapping.bridging import filter_chain, joined
+from slam.mapping.fusion import Fused
+from slam.pipeline import optimize
+from tests.slam.small_flight import flown, seeing
+
+GREY = np.full((144, 176, 3), 120, np.uint8)
+BLIND_S = 4.0, 6.0
+
+
+@lru_cache
+def one_way(seed: int) -> Flight:
+    """Four metres straight on, no place seen twice, two seconds of it over a floor without features."""
+    flight = flown(
+        seed,
+        maneuver={"way_points": [[0.3, 0.3], [4.3, 0.3]], "cruise_m_s": 0.5},
+        landmarks={"A": [0.3, 0.3], "B": [4.3, 0.3]},
+        world={"extent_m": [0, 0, 4.6, 1.0]},
+    )
+    frames = flight.frames
+    assert frames is not None
+    assert flight.velocity is not None
+    stamps_s, load = frames.stamps_s, frames.load
+    blind = seeing(flight, lambda k: GREY if BLIND_S[0] <= stamps_s[k] < BLIND_S[1] else load(k))
+    return replace(blind, velocity=replace(flight.velocity, scale_std=0.0))
+
+
+@lru_cache
+def bridged(seed: int, with_velocity: bool) -> tuple[Flight, Estimate]:
+    flight = one_way(seed) if with_velocity else replace(one_way(seed), velocity=None)
+    return flight, optimize(flight)
+
+
+@pytest.mark.parametrize("with_velocity", [True, False])
+def test_a_stretch_without_features_leaves_one_map(with_velocity):
+    flight, estimate = bridged(0, with_velocity)
+    assert (estimate.component == 0).all()
+    assert np.isfinite(estimate.covariances).all()
+    (edge,) = (e for e in estimate.relative_poses if e.kind == "inertial")
+    assert edge.j == edge.i + 1
+    assert estimate.stamps_s[edge.j] - estimate.stamps_s[edge.i] > BLIND_S[1] - BLIND_S[0]
+    assert f"no picture joins keyframes {edge.i} and {edge.j}: bridged by the instruments" in estimate.status
+    found = evaluate(estimate, flight)
+    std_m = np.sqrt(np.trace(edge.covariance[3:, 3:]))
+    assert found.ate_m.max < 4 * std_m + 0.01
+    assert std_m < (0.05 if with_velocity else 0.2)
+
+
+def test_behind_the_bridge_the_map_is_less_certain():
+    _, estimate = bridged(0, False)
+    (edge,) = (e for e in estimate.relative_poses if e.kind == "inertial")
+    std_m = np.sqrt(np.trace(estimate.covariances[:, 3:, 3:], axis1=1, axis2=2))
+    # Which side the world's origin lies on is that of the larger part.
+    near, far = sorted((std_m[: edge.j].mean(), std_m[edge.j :].mean()))
+    assert far > 5 * near
+
+
+@pytest.mark.parametrize("missing", [{"velocity": None, "imu": None}, {"sonar": None}])
+def test_without_instruments_or_metres_nothing_is_bridged(missing):
+    estimate = optimize(replace(one_way(0), **missing))
+    assert not [e for e in estimate.relative_poses if e.kind == "inertial"]
+
+
+def test_a_chain_that_holds_is_left_alone(monkeypatch):
+    """With nothing broken the filter is not even run."""
+
+    def never(*_):
+        raise AssertionError("the filter was run")
+
+    monkeypatch.setattr("slam.inertial.trials.suited", never)
+    estimate = optimize(flown(0))
+    assert (estimate.component == 0).all()
+
+
+def made_parts(rng):
+    """Two parts over one floor, the second in a world of its own."""
+    n = 8
+    w_T_b = np.tile(np.eye(4), (n, 1, 1))
+    w_T_b[:, :3, 3] = np.column_stack([np.arange(n) * 0.5, rng.normal(0, 0.1, n), np.full(n, 1.0)])
+    tilted = np.column_stack([rng.uniform(-3, 3, n), rng.normal(0, 0.1, (n, 2))])
+    w_T_b[:, :3, :3] = Rotation.from_euler("ZYX", tilted).as_matrix()
+    component = np.array([0, 0, 0, 0, 0, 1, 1, 1])
+    moved = se3.from_planar(np.array([[3.0, -2.0, 1.0]]))[0]
+    apart = np.where((component == 1)[:, None, None], moved @ w_T_b, w_T_b)
+    std = np.array([0.002, 0.002, 0.01, 0.05, 0.03, 0.01])
+    edge = RelativePose(4, 5, np.linalg.inv(w_T_b[4]) @ w_T_b[5], np.diag(std**2), "inertial")
+    fused = Fused(apart, np.zeros((n, 6, 6)), component, 0.0, None, None, False, ())
+    return w_T_b, fused, edge
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_parts_are_laid_together_exactly(backwards):
+    w_T_b, fused, edge = made_parts(np.random.default_rng(0))
+    if backwards:
+        edge = replace(edge, i=5, j=4, i_T_j=np.linalg.inv(edge.i_T_j))
+    found = joined(fused, [edge])
+    np.testing.assert_allclose(found.w_T_b, w_T_b, atol=1e-12)
+    assert found.component.tolist() == [0] * 8
+    assert found.bridges == (edge,)
+
+
+def test_covariance_behind_a_bridge_is_that_of_many_draws():
+    rng = np.random.default_rng(1)
+    _, fused, edge = made_parts(rng)
+    told = joined(fused, [edge])
+    draws = []
+    for xi in rng.multivariate_normal(np.zeros(6), edge.covariance, 3000):
+        noisy = replace(edge, i_T_j=edge.i_T_j @ se3.exp(xi[None])[0])
+        draws.append(joined(fused, [noisy]).w_T_b[7])
+    errors = se3.log(np.linalg.inv(told.w_T_b[7])[None] @ np.array(draws))
+    np.testing.assert_allclose(np.cov(errors.T), told.covariances[7], rtol=0.15, atol=3e-5)
+
+
+def test_an_edge_within_a_part_or_to_an_unplaced_keyframe_changes_nothing():
+    _, fused, edge = made_parts(np.random.default_rng(2))
+    assert joined(fused, [replace(edge, i=0, j=1), replace(edge, i=6, j=7)]) is fused
+    lost = replace(fused, component=np.where(fused.component == 1, -1, 0))
+    assert joined(lost, [edge]) is lost
+
+
+def test_a_middle_part_carries_the_last_one_along():
+    w_T_b, fused, _ = made_parts(np.random.default_rng(3))
+    component = np.array([0, 0, 0, 0, 1, 1, 2, 2])
+    apart = w_T_b.copy()
+    for part, shift in ((1, [1.0, 2.0, 0.3]), (2, [-4.0, 0.5, -2.0])):
+        apart[component == part] = se3.from_planar(np.array([shift]))[0] @ apart[component == part]
+    edges = [
+        RelativePose(i, i + 1, np.linalg.inv(w_T_b[i]) @ w_T_b[i + 1], 1e-4 * np.eye(6), "inertial")
+        for i in (3, 5)
+    ]
+    found = joined(replace(fused, w_T_b=apart, component=component), edges)
+    np.testing.assert_allclose(found.w_T_b, w_T_b, atol=1e-12)
+    grown = np.trace(found.covariances[:, 3:, 3:], axis1=1, axis2=2)
+    assert grown[3] == 0 < grown[4] < grown[6]
+
+
+def test_the_filters_chain_stands_where_the_flight_was():
+    """The paper's map with inertia: from the instruments alone, each pose from what was read until then."""
+    flight = flown(0)
+    estimate = optimize(flight)
+    poses = filter_chain(flight, estimate.stamps_s)
+    chained = evaluate(replace(estimate, w_T_b=poses, floor_z_m=0.0), flight)
+    assert chained.ate_m.rmse < 0.1
+    before = filter_chain(flight, np.array([-5.0, 1.0, 2.0, 1e3]))
+    assert np.isnan(before[[0, 3]]).all()
+    assert np.isfinite(before[1:3]).all()

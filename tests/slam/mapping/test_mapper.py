@@ -1,0 +1,275 @@
+"""From exact homographies and sensors to edges, a pose graph and a refinement."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from backend.bundle import Bundle
+from backend.errors import BackendError
+from backend.measurements import FloorTracks, RelativePose
+from frontend.camera import Camera
+from frontend.registration import Registration
+from slam.flight import AttitudeSeries, Flight, Sonar, Truth
+from slam.mapping.mapper import Edges, Mapper, Sensors
+from slam.settings import PipelineConfig
+from tests.slam.small_flight import ORIGIN, gps_of
+
+CAMERA = Camera((256.0, 250.0), (160.0, 118.0), (320, 240))
+CONFIG = PipelineConfig()
+PAIRS = [(k, k + 1) for k in range(11)] + [(0, 11), (1, 10), (2, 9)]
+
+
+def truth(seed: int = 0, n: int = 12) -> np.ndarray:
+    """(n, 4, 4) there and back, first keyframe over the origin with heading 0, three seconds apart."""
+    rng = np.random.default_rng(seed)
+    k = np.arange(n)
+    T = np.tile(np.eye(4), (n, 1, 1))
+    angles = rng.normal(0, [0.1, 0.03, 0.03], (n, 3))
+    angles[0, 0] = 0.0
+    T[:, :3, :3] = Rotation.from_euler("ZYX", angles).as_matrix()
+    T[:, :3, 3] = np.column_stack(
+        [0.25 * np.minimum(k, n - 1 - k), 0.2 * (k >= n / 2), rng.uniform(0.7, 0.9, n)]
+    )
+    return T
+
+
+def angles_of(w_T_b: np.ndarray) -> np.ndarray:
+    return Rotation.from_matrix(w_T_b[:, :3, :3]).as_euler("ZYX")[:, ::-1]
+
+
+def flight(w_T_b: np.ndarray, sonar: bool = True, attitude: bool = True) -> Flight:
+    """Exact streams with a sample at each keyframe, and others halfway."""
+    stamps_s = 3.0 * np.arange(len(w_T_b))
+    near_s = (stamps_s[:, None] + [-0.1, 0.0, 0.1]).ravel()
+    slant = np.repeat(w_T_b[:, 2, 3] / w_T_b[:, 2, 2], 3)
+    return Flight(
+        "made",
+        camera=CAMERA,
+        sonar=Sonar(near_s, slant, scale_std=0.02) if sonar else None,
+        attitude=AttitudeSeries(near_s, np.repeat(angles_of(w_T_b), 3, axis=0)) if attitude else None,
+    )
+
+
+def mapper_of(w_T_b: np.ndarray, **streams: bool) -> Mapper:
+    stamps_s = 3.0 * np.arange(len(w_T_b))
+    return Mapper(CAMERA, Sensors.at(flight(w_T_b, **streams), stamps_s, None, CONFIG), CONFIG)
+
+
+def registration(w_T_b: np.ndarray, i: int, j: int, std_px: float = 0.1) -> Registration:
+    """Exact; features on a grid of floor points, so that each point has one number everywhere."""
+    H = np.linalg.inv(CAMERA.floor_H_image(w_T_b[i])) @ CAMERA.floor_H_image(w_T_b[j])
+    both = np.intersect1d(seen(w_T_b[i])[0], seen(w_T_b[j])[0])
+    rows = [np.searchsorted(seen(w_T_b[k])[0], both) for k in (i, j)]
+    return Registration(i, j, "", np.column_stack(rows), H / H[2, 2], std_px**2 * np.eye(8), std_px, 0.5)
+
+
+def seen(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the floor points in view, and where."""
+    grid = np.stack(np.meshgrid(np.arange(-1, 3, 0.1), np.arange(-1, 1.4, 0.1)), axis=-1).reshape(-1, 2)
+    c_T_w = np.linalg.inv(pose @ CAMERA.b_T_c)
+    pixel = CAMERA.project(np.column_stack([grid, np.zeros(len(grid))]) @ c_T_w[:3, :3].T + c_T_w[:3, 3])
+    inside = ((pixel > 0) & (pixel < CAMERA.size_px)).all(axis=1)
+    return np.flatnonzero(inside), pixel[inside]
+
+
+def edges_of(mapper: Mapper, w_T_b: np.ndarray, pairs: list[tuple[int, int]] = PAIRS) -> Edges:
+    return mapper.edges([registration(w_T_b, i, j) for i, j in pairs])
+
+
+def assert_relative(edge: RelativePose, w_T_b: np.ndarray, scale: float = 1.0) -> None:
+    expected = np.linalg.inv(w_T_b[edge.i]) @ w_T_b[edge.j]
+    expected[:3, 3] *= scale
+    assert edge.i_T_j == pytest.approx(expected, abs=2e-3)
+
+
+def test_exact_homographies_become_metric_edges():
+    w_T_b = truth()
+    edges = edges_of(mapper_of(w_T_b), w_T_b)
+    assert [(e.i, e.j) for e in edges.relative_poses] == PAIRS
+    for edge in edges.relative_poses:
+        assert_relative(edge, w_T_b)
+        assert (np.linalg.eigvalsh(edge.covariance) > 0).all()
+    assert edges.heights.metric.all()
+    assert edges.heights.height_m == pytest.approx(w_T_b[:, 2, 3], rel=2e-3)
+
+
+def test_apart_in_time_is_a_loop():
+    edges = edges_of(mapper_of(truth()), truth())
+    apart = {(e.i, e.j): 3.0 * (e.j - e.i) >= CONFIG.loops.min_separation_s for e in edges.relative_poses}
+    assert {
+        pair: kind == "loop" for pair, kind in zip(apart, (e.kind for e in edges.relative_poses), strict=True)
+    } == apart
+    assert sum(apart.values()) == 3
+
+
+def test_a_slant_range_of_a_leaning_drone_is_not_its_height():
+    """Leaning by half a radian the ray is a seventh longer than the height."""
+    w_T_b = truth()
+    lean = Rotation.from_euler("ZYX", np.column_stack([np.zeros(12), np.full(12, 0.35), np.full(12, -0.35)]))
+    w_T_b[:, :3, :3] = lean.as_matrix()
+    edges = edges_of(mapper_of(w_T_b), w_T_b)
+    assert w_T_b[:, 2, 2].max() < 0.9
+    assert edges.heights.height_m == pytest.approx(w_T_b[:, 2, 3], rel=2e-3)
+
+
+def test_without_sonar_lengths_are_in_mean_heights():
+    w_T_b = truth()
+    edges = edges_of(mapper_of(w_T_b, sonar=False), w_T_b)
+    mean_height = np.exp(np.log(w_T_b[:, 2, 3]).mean())
+    assert not edges.heights.metric.any()
+    assert edges.heights.height_m == pytest.approx(w_T_b[:, 2, 3] / mean_height, rel=2e-3)
+    for edge in edges.relative_poses:
+        assert_relative(edge, w_T_b, 1 / mean_height)
+
+
+def test_homographies_that_no_pose_explains_are_left_out():
+    w_T_b = truth()
+    good = [registration(w_T_b, *pair) for pair in PAIRS]
+    mad = replace(registration(w_T_b, 3, 7), i_H_j=np.array([[1.0, 0, 0], [0, 1, 0], [np.nan, 0, 1]]))
+    edges = mapper_of(w_T_b).edges([*good, mad])
+    assert [(r.i, r.j) for r in edges.registrations] == PAIRS
+    assert len(edges.relative_poses) == len(PAIRS)
+
+
+def test_the_pose_graph_gives_back_the_way():
+    w_T_b = truth()
+    mapper = mapper_of(w_T_b)
+    solution = mapper.solve(edges_of(mapper, w_T_b))
+    turn = np.eye(4)
+    turn[:2, :2] = (w_T_b[0] @ np.linalg.inv(solution.w_T_b[0]))[:2, :2]
+    found = turn @ solution.w_T_b
+    found[:, :2, 3] -= found[0, :2, 3]
+    assert found == pytest.approx(w_T_b, abs=5e-3)
+    assert solution.edge_kept.all()
+
+
+def test_a_false_loop_is_refused_and_named():
+    w_T_b = truth()
+    mapper, elsewhere = mapper_of(w_T_b), w_T_b.copy()
+    elsewhere[8, 0, 3] -= 1.5
+    false = replace(registration(elsewhere, 3, 8), matches=np.empty((0, 2), np.int64))
+    edges = mapper.edges([*(registration(w_T_b, *pair) for pair in PAIRS), false])
+    without = mapper.solve(edges_of(mapper, w_T_b, PAIRS[:11]), covariances=True)
+    refused = mapper.contradictions(edges, without)
+    assert list(refused) == [(3, 8)]
+    assert "1.5" in refused[3, 8]
+    solution = mapper.solve(edges)
+    assert solution.edge_kept.tolist() == [True] * len(PAIRS) + [False]
+
+
+def test_nothing_to_join_is_a_graph_without_poses():
+    mapper = mapper_of(truth())
+    edges = mapper.edges([])
+    assert edges.relative_poses == ()
+    solution = mapper.solve(edges)
+    assert (solution.component == -1).all()
+    assert np.isnan(solution.w_T_b).all()
+
+
+def test_edges_at_other_heights_are_the_same_edges_in_other_metres():
+    w_T_b = truth()
+    edges = edges_of(mapper_of(w_T_b), w_T_b)
+    for edge, tall in zip(edges.relative_poses, edges.at_heights(3 * edges.heights.height_m), strict=True):
+        assert tall.i_T_j[:3, 3] == pytest.approx(3 * edge.i_T_j[:3, 3])
+        assert tall.i_T_j[:3, :3] == pytest.approx(edge.i_T_j[:3, :3])
+        assert np.sqrt(np.diag(tall.covariance)) == pytest.approx(
+            np.sqrt(np.diag(edge.covariance)) * [1, 1, 1, 3, 3, 3]
+        )
+        assert tall.covariance[0, 4] == pytest.approx(3 * edge.covariance[0, 4])
+
+
+def test_tilts_that_were_found_replace_those_that_were_told():
+    w_T_b = truth()
+    told = mapper_of(w_T_b, attitude=False)
+    covariances = np.tile(np.diag([1e-6, 4e-6, 1, 1, 1, 1.0]), (12, 1, 1))
+    covariances[4] = np.nan
+    known = told.knowing(w_T_b, covariances).sensors
+    rest = np.arange(12) != 4
+    assert known.roll_pitch_rad[rest] == pytest.approx(angles_of(w_T_b)[rest, :2], abs=1e-9)
+    floor = CONFIG.trust.attitude_floor_rad
+    assert known.roll_pitch_std_rad[0] == pytest.approx([np.hypot(1e-3, floor), np.hypot(2e-3, floor)])
+    assert known.roll_pitch_rad[4] == pytest.approx([0, 0])
+    assert known.roll_pitch_std_rad[4] == pytest.approx([CONFIG.trust.level_std_rad] * 2)
+    assert (told.sensors.roll_pitch_rad == 0).all()
+
+
+def test_sensors_are_read_at_the_keyframes():
+    w_T_b = truth()
+    stamps_s = 3.0 * np.arange(12)
+    made = replace(flight(w_T_b), truth=None)
+    made.attitude.roll_pitch_yaw_rad[15:18] = np.nan  # keyframe 5
+    made.sonar.range_m[21:24] = np.nan  # keyframe 7
+    sensors = Sensors.at(made, stamps_s, ORIGIN, CONFIG)
+    assert [a.k for a in sensors.attitudes] == [k for k in range(12) if k != 5]
+    assert [r.k for r in sensors.ranges] == [k for k in range(12) if k != 7]
+    assert sensors.positions == ()
+    assert sensors.range_gain_std == 0.02
+    assert sensors.roll_pitch_rad[5] == pytest.approx([0, 0])
+    assert sensors.roll_pitch_std_rad[5] == pytest.approx([CONFIG.trust.level_std_rad] * 2)
+    assert sensors.roll_pitch_rad[6] == pytest.approx(angles_of(w_T_b)[6, :2])
+
+
+def refined(mapper: Mapper, w_T_b: np.ndarray, members: np.ndarray, start: np.ndarray) -> Bundle:
+    pixels = [seen(pose)[1] for pose in w_T_b]
+    tracks = mapper.tracks(pixels, [registration(w_T_b, *pair) for pair in PAIRS])
+    return mapper.refine(members, start, 0.0, tracks)
+
+
+@pytest.mark.parametrize("members", [np.arange(12), np.array([2, 3, 4, 5, 8, 9])])
+def test_the_refinement_of_a_part_uses_its_own_keyframes_alone(members):
+    """Other keyframes have no pose at all; numbers inside are not those outside."""
+    w_T_b = truth()
+    mapper = mapper_of(w_T_b)
+    start = np.full_like(w_T_b, np.nan)
+    start[members] = w_T_b[members]
+    start[:, :2, 3] -= w_T_b[members[0], :2, 3]
+    start[members[1:], :3, 3] += np.random.default_rng(1).normal(0, 0.01, (len(members) - 1, 3))
+    bundle = refined(mapper, w_T_b, members, start)
+    expected = w_T_b[members].copy()
+    expected[:, :2, 3] -= expected[0, :2, 3]
+    assert bundle.w_T_b == pytest.approx(expected, abs=5e-3)
+    assert bundle.covariances.shape == (len(members), 6, 6)
+
+
+def test_the_lens_is_only_estimated_where_it_may_be():
+    w_T_b = truth()
+    made = mapper_of(w_T_b)
+    free = Mapper(replace(CAMERA, focal_px=(253.0, 253.0), focal_std_ratio=0.02), made.sensors, CONFIG)
+    assert refined(made, w_T_b, np.arange(12), w_T_b).focal_px == CAMERA.focal_px
+    assert refined(free, w_T_b, np.arange(12), w_T_b).focal_px != (253.0, 253.0)
+
+
+def test_a_part_without_common_floor_points_is_refused():
+    w_T_b = truth()
+    few = FloorTracks(np.array([0, 1]), np.array([0, 0]), np.zeros((2, 2)), np.ones(2))
+    with pytest.raises(BackendError, match="too few floor points"):
+        mapper_of(w_T_b).refine(np.array([0, 1]), w_T_b, 0.0, few)
+
+
+def placed(w_T_b: np.ndarray) -> Mapper:
+    """GPS alone, exact, along the way."""
+    stamps_s = 3.0 * np.arange(len(w_T_b))
+    made = replace(flight(w_T_b, sonar=False), truth=Truth(stamps_s, w_T_b))
+    fixes = gps_of(replace(made, truth=Truth(np.repeat(stamps_s, 20), np.repeat(w_T_b, 20, axis=0))), 0.0)
+    sensors = Sensors.at(replace(made, gps=replace(fixes, noise_std_m=(0.01,) * 3)), stamps_s, ORIGIN, CONFIG)
+    return Mapper(CAMERA, sensors, CONFIG)
+
+
+def test_positions_can_be_left_out():
+    mapper = placed(truth())
+    assert len(mapper.sensors.positions) == 12
+    assert mapper.without_positions().sensors.positions == ()
+    assert len(mapper.sensors.positions) == 12
+
+
+def test_positions_go_to_their_own_keyframes_of_a_part():
+    w_T_b, members = truth(), np.array([2, 3, 4, 5, 8, 9])
+    start = np.full_like(w_T_b, np.nan)
+    start[members] = w_T_b[members]
+    start[members, 0, 3] += 0.2
+    bundle = refined(placed(w_T_b), w_T_b, members, start)
+    assert bundle.w_T_b[:, :3, 3] == pytest.approx(w_T_b[members, :3, 3], abs=5e-3)

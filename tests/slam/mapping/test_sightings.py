@@ -1,0 +1,168 @@
+"""The front end over a whole flight: what is compared, once, and what is kept of it."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from frontend.camera import Camera
+from frontend.features import FeatureConfig
+from frontend.registration import Registration
+from slam.errors import InputError
+from slam.flight import Flight, Frames
+from slam.mapping.sightings import Sighter, Sightings, read_ahead
+from slam.progress import silent
+from slam.settings import PipelineConfig
+from tests.slam.small_flight import flown, seeing
+
+CONFIG = PipelineConfig()
+
+
+@lru_cache
+def watched() -> tuple[Flight, Sighter, Sightings]:
+    flight = flown(0)
+    sighter = Sighter(flight, flight.camera, CONFIG, silent)
+    return flight, sighter, sighter.watch()
+
+
+def pose(flight: Flight, stamp_s: float) -> np.ndarray:
+    """The true pose nearest in time."""
+    return flight.truth.w_T_b[np.abs(flight.truth.stamps_s - stamp_s).argmin()]
+
+
+def off_px(flight: Flight, camera: Camera, sightings: Sightings, r: Registration) -> float:
+    """Largest corner error of a registration against the truth."""
+    floor_H = [camera.floor_H_image(pose(flight, sightings.stamps_s[k])) for k in (r.i, r.j)]
+    expected = np.linalg.inv(floor_H[0]) @ floor_H[1]
+    corner = np.column_stack([camera.corners_px, np.ones(4)])
+    a, b = corner @ expected.T, corner @ r.i_H_j.T
+    return float(np.linalg.norm(a[:, :2] / a[:, 2:] - b[:, :2] / b[:, 2:], axis=1).max())
+
+
+def test_keyframes_are_linked_to_the_one_before():
+    _, _, sightings = watched()
+    assert sightings.links[0] is None
+    assert [(r.i, r.j) for r in sightings.links[1:]] == [(k, k + 1) for k in range(len(sightings.links) - 1)]
+    assert sightings.registrations == sightings.links[1:]
+    assert len(sightings.store) == len(sightings.links) == len(sightings.stamps_s)
+    assert sightings.frames == 98
+    assert sightings.refused == ()
+
+
+def test_neighbours_tie_the_chain_crosswise():
+    """Two to four keyframes back, where enough is shared; each pair once."""
+    _, sighter, sightings = watched()
+    tied = sighter.neighbours(sightings)
+    added = [(r.i, r.j) for r in tied.registrations[len(sightings.registrations) :]]
+    assert len(added) >= 10
+    assert {j - i for i, j in added} == {2, 3, 4}
+    pairs = Counter((r.i, r.j) for r in (*tied.registrations, *tied.refused))
+    assert max(pairs.values()) == 1
+
+
+def test_neighbours_do_not_reach_across_a_break():
+    _, sighter, sightings = watched()
+    links = list(sightings.links)
+    links[6] = None
+    broken = Sightings(
+        sightings.store,
+        sightings.frame_index,
+        sightings.stamps_s,
+        tuple(links),
+        tuple(r for r in links if r is not None),
+        (),
+        sightings.frames,
+        Counter(),
+    )
+    tied = sighter.neighbours(broken)
+    assert not [r for r in (*tied.registrations, *tied.refused) if r.i < 6 <= r.j]
+
+
+def test_retrieval_finds_the_loops_and_they_hold():
+    flight, sighter, sightings = watched()
+    found = sighter.retrieve(sightings)
+    loops = [r for r in found.registrations if sightings.stamps_s[r.j] - sightings.stamps_s[r.i] > 5.0]
+    assert len(loops) >= 5
+    # Corners lie far outside the common part: a few pixels are an excellent fit.
+    assert max(off_px(flight, flight.camera, sightings, r) for r in loops) < 8.0
+    assert all(r.reason for r in found.refused)
+    assert all(r.ok for r in found.registrations)
+
+
+def test_a_revisit_adds_what_the_poses_say_and_compares_no_pair_twice():
+    flight, sighter, sightings = watched()
+    retrieved = sighter.retrieve(sightings)
+    w_T_b = np.array([pose(flight, t) for t in sightings.stamps_s])
+    seen = sighter.revisit(retrieved, w_T_b, 0.0)
+    assert seen.registrations[: len(retrieved.registrations)] == retrieved.registrations
+    pairs = Counter((r.i, r.j) for r in (*seen.registrations, *seen.refused))
+    assert max(pairs.values()) == 1
+    assert len(seen.registrations) > len(retrieved.registrations)
+    again = sighter.revisit(seen, w_T_b, 0.0)
+    assert len(again.registrations) == len(seen.registrations)
+    assert len(again.refused) == len(seen.refused)
+    lost = sighter.revisit(sightings, np.full_like(w_T_b, np.nan), 0.0)
+    assert lost.registrations == sightings.registrations
+
+
+def test_refused_afterwards_is_refused_with_its_reason():
+    _, _, sightings = watched()
+    fewer = sightings.without({(2, 3): "implausible: because"})
+    assert (2, 3) not in {(r.i, r.j) for r in fewer.registrations}
+    assert [(r.i, r.j, r.reason) for r in fewer.refused] == [(2, 3, "implausible: because")]
+    assert len(fewer.registrations) + 1 == len(sightings.registrations)
+
+
+def counted(count: int) -> tuple[Flight, list[int], list[threading.Thread]]:
+    """A flight whose pictures say when they are read."""
+    read: list[int] = []
+    threads: list[threading.Thread] = []
+
+    def load(k: int) -> np.ndarray:
+        read.append(k)
+        threads.append(threading.current_thread())
+        return np.full((2, 2), k, np.uint8)
+
+    names = tuple(str(k) for k in range(count))
+    return Flight("f", frames=Frames(np.arange(count) * 1.0, names, load)), read, threads
+
+
+def test_pictures_are_read_once_in_order_and_one_ahead():
+    flight, read, threads = counted(20)
+    told: list[int] = []
+    for k, image in enumerate(read_ahead(flight, lambda stage, done, total: told.append(done))):
+        assert image[0, 0] == k
+        assert len(read) <= k + 2
+    assert read == list(range(20))
+    assert told == list(range(1, 21))
+    assert threading.current_thread() not in threads
+
+
+def test_no_pictures_are_no_trouble():
+    flight, read, _ = counted(0)
+    assert list(read_ahead(flight, silent)) == []
+    assert read == []
+
+
+def test_what_reading_raises_comes_through():
+    flight = flown(0)
+
+    def load(k: int) -> np.ndarray:
+        if k == 3:
+            raise OSError("the disk has gone")
+        return flight.frames.load(k)
+
+    with pytest.raises(OSError, match="the disk has gone"):
+        list(read_ahead(seeing(flight, load), silent))
+
+
+def test_a_detector_that_the_build_lacks_is_an_error_of_the_input() -> None:
+    flight = flown(0)
+    with pytest.raises(InputError, match="SURF out") as refused:
+        Sighter(flight, flight.camera, replace(CONFIG, features=FeatureConfig("surf")), silent)
+    assert "\n" not in str(refused.value)
