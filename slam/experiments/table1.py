@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from slam.experiments.canvas import show
 from slam.experiments.experiment import DRONE, SIMULATOR, Conclusion, Experiment, Trial, told, verdict
-from slam.experiments.square_maps import CONSECUTIVE, GRAPH, KEYFRAMES, largest, mapped, rows
+from slam.experiments.maps import CONSECUTIVE, GRAPH, KEYFRAMES, largest, mapped, rows
 from slam.report.paper import SQUARE_DRONE_PERCENT, SQUARE_PERCENT
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
         f"the pose graph {told(graph, '%')}."
     )
     paper = {DRONE: SQUARE_DRONE_PERCENT, SIMULATOR: SQUARE_PERCENT}
-    return Conclusion(rows(trials, "", paper), verdict(below), reason)
+    return Conclusion(rows(trials, paper), verdict(below), reason)
 
 
 def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:

@@ -20,7 +20,7 @@ from slam.experiments.experiment import (
     told,
     verdict,
 )
-from slam.experiments.square_maps import CONSECUTIVE, GRAPH, KEYFRAMES, WAYS, largest, mapped, rows
+from slam.experiments.maps import CONSECUTIVE, GRAPH, KEYFRAMES, WAYS, largest, mapped, rows
 from slam.experiments.stitching import LARGEST
 from slam.report.paper import SQUARE_DRONE_PERCENT, SQUARE_PERCENT, WHITE_BALANCE_PERCENT
 
@@ -58,7 +58,8 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
         "and the robust fit refuses wrong matches: brightness costs our stitcher matches more than "
         "accuracy."
     )
-    table = rows(trials, _WITH, {DRONE: SQUARE_DRONE_PERCENT, SIMULATOR: WHITE_BALANCE_PERCENT})
+    paper = {DRONE: SQUARE_DRONE_PERCENT, SIMULATOR: WHITE_BALANCE_PERCENT}
+    table = rows(trials, paper, prefix=_WITH)
     factor = Row("largest error, with the filter over without", "1", {SIMULATOR: theirs}, growth)
     alike = grows and pictures.lower95 <= theirs <= pictures.upper95
     return Conclusion((table[0], factor, *table[1:]), verdict(alike, partly=grows), reason)

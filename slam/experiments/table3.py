@@ -12,18 +12,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.evaluation.association import poses_at
-from slam.experiments.canvas import paint, show
+from slam.experiments.canvas import show
 from slam.experiments.experiment import (
     SIMULATOR,
     Conclusion,
     Experiment,
-    Row,
     Trial,
     spread,
     told,
     verdict,
 )
-from slam.experiments.stitching import LARGEST, consecutive, filtered, landmark_errors, placed
+from slam.experiments.maps import (
+    CONSECUTIVE,
+    GRAPH,
+    KEYFRAMES,
+    errors_of,
+    in_all_ways,
+    largest,
+    rows,
+)
+from slam.experiments.stitching import LARGEST, filtered
 from slam.pipeline import optimize
 from slam.report.paper import EKF_PERCENT, STITCHED_PERCENT
 from slam.simulation import load_recipe, simulate
@@ -31,14 +39,11 @@ from slam.simulation import load_recipe, simulate
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from slam.estimate import Estimate
-    from slam.flight import Flight
 
 DATUM_STD_M = 0.01
 MOST_PERCENT = 0.5
 """What the pose graph may leave of the largest landmark error at the median seed."""
-CONSECUTIVE, KEYFRAMES = "chain of pictures, 6.67 Hz", "chain of keyframes"
-FILTER, GRAPH = "EKF-based", "pose graph"
+FILTER = "EKF-based"
 WAYS = (CONSECUTIVE, KEYFRAMES, FILTER, GRAPH)
 HEIGHTS = "pose graph, sonar's zero off, bar at 0.6 and 1.0 m"
 
@@ -46,23 +51,9 @@ HEIGHTS = "pose graph, sonar's zero off, bar at 0.6 and 1.0 m"
 def _trial(seed: int, draw: bool) -> Trial:
     flight = simulate("figure_eight_paper", seed)
     estimate = optimize(flight)
-    figures: dict[str, float] = {}
-    drawing = {}
-    for way, made in _ways(estimate, flight).items():
-        errors = landmark_errors(made, flight)
-        figures |= {f"{way}/{pair}": percent for pair, percent in errors.percent.items()}
-        if draw:
-            drawing[way] = paint(made, flight, errors)
+    maps = in_all_ways(estimate, flight) | {FILTER: filtered(flight, estimate)}
+    figures, drawing = errors_of(maps, flight, WAYS if draw else ())
     return Trial(seed, figures | _with_datum(seed), drawing)
-
-
-def _ways(estimate: Estimate, flight: Flight) -> dict[str, Estimate]:
-    return {
-        CONSECUTIVE: consecutive(flight, estimate),
-        KEYFRAMES: placed(estimate, estimate.chain_w_T_b),
-        FILTER: filtered(flight, estimate),
-        GRAPH: estimate,
-    }
 
 
 def _with_datum(seed: int) -> dict[str, float]:
@@ -72,9 +63,7 @@ def _with_datum(seed: int) -> dict[str, float]:
     sonar = replace(recipe.model.sonar, datum_m=datum_m)
     flight = simulate(replace(recipe, model=replace(recipe.model, sonar=sonar)), seed)
     estimate = optimize(flight)
-    figures = {
-        f"{HEIGHTS}/{pair}": error for pair, error in landmark_errors(estimate, flight).percent.items()
-    }
+    figures, _ = errors_of({HEIGHTS: estimate}, flight)
     assert flight.truth is not None
     height_m = poses_at(flight.truth, estimate.stamps_s)[:, 2, 3]
     return {
@@ -85,36 +74,25 @@ def _with_datum(seed: int) -> dict[str, float]:
 
 
 def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
-    largest = {way: spread(trials, f"{way}/{LARGEST}") for way in (*WAYS, HEIGHTS)}
-    medians = [largest[way].median for way in (CONSECUTIVE, FILTER, GRAPH)]
+    found = {way: largest(trials, way) for way in (*WAYS, HEIGHTS)}
+    medians = [found[way].median for way in (CONSECUTIVE, FILTER, GRAPH)]
     in_order = medians == sorted(medians, reverse=True)
     zero, scale = spread(trials, "datum"), spread(trials, "scale")
     theirs, their_filter = max(STITCHED_PERCENT.values()), max(EKF_PERCENT.values())
     reason = (
-        f"the largest landmark error is {told(largest[CONSECUTIVE], '%')} for the chain of pictures (paper "
-        f"{theirs} %), {told(largest[FILTER], '%')} with the Kalman filter (paper {their_filter} %; our "
-        f"flow and sonar have no lasting errors) and {told(largest[GRAPH], '%')} for the pose graph, which "
+        f"the largest landmark error is {told(found[CONSECUTIVE], '%')} for the chain of pictures (paper "
+        f"{theirs} %), {told(found[FILTER], '%')} with the Kalman filter (paper {their_filter} %; our "
+        f"flow and sonar have no lasting errors) and {told(found[GRAPH], '%')} for the pose graph, which "
         f"the paper left to future work and of which at most {MOST_PERCENT} % was asked; the chain of "
-        f"keyframes leaves {told(largest[KEYFRAMES], '%')}. With the sonar's zero off by "
+        f"keyframes leaves {told(found[KEYFRAMES], '%')}. With the sonar's zero off by "
         f"{told(zero, 'mm', 1)} and the middle bar flown at 0.6 and 1.0 m the pose graph leaves "
-        f"{told(largest[HEIGHTS], '%')}, where such a zero alone scales the map by {told(scale, '%')}: two "
+        f"{told(found[HEIGHTS], '%')}, where such a zero alone scales the map by {told(scale, '%')}: two "
         "heights would show the zero, but the graph knows a scale of the sonar only."
     )
-    small = largest[GRAPH].median <= MOST_PERCENT
-    return Conclusion(_rows(trials), verdict(in_order and small, partly=small), reason)
-
-
-def _rows(trials: tuple[Trial, ...]) -> tuple[Row, ...]:
-    theirs = {f"{SIMULATOR}, table 3": STITCHED_PERCENT, f"{SIMULATOR}, table 4": EKF_PERCENT}
-
-    def row(pair: str) -> Row:
-        paper = {
-            name: max(errors.values()) if pair == LARGEST else errors[pair] for name, errors in theirs.items()
-        }
-        ours = {way: spread(trials, f"{way}/{pair}") for way in (*WAYS, HEIGHTS)}
-        return Row(f"{pair} error" if pair == LARGEST else pair, "%", paper, ours)
-
-    return tuple(row(pair) for pair in (LARGEST, *STITCHED_PERCENT))
+    small = found[GRAPH].median <= MOST_PERCENT
+    paper = {f"{SIMULATOR}, table 3": STITCHED_PERCENT, f"{SIMULATOR}, table 4": EKF_PERCENT}
+    table = rows(trials, paper, (*WAYS, HEIGHTS))
+    return Conclusion(table, verdict(in_order and small, partly=small), reason)
 
 
 def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:

@@ -146,7 +146,8 @@ def read_velocity(motion: Motion, model: Model, world: World, seed: int) -> Velo
     times = stamps(model.velocity.rate_hz, motion.duration_s, rng)
     speed = flow_speed(motion.at(times), model, world)
     told = stamped(times, model, generator(seed, "velocity clock"))
-    return Velocity(told, speed + rng.normal(0.0, std, speed.shape), (std, std))
+    # Its scale is exact too.
+    return Velocity(told, speed + rng.normal(0.0, std, speed.shape), (std, std), scale_std=0.0)
 
 
 def read_sonar(motion: Motion, model: Model, world: World, seed: int) -> Sonar:

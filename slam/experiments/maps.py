@@ -1,0 +1,70 @@
+"""One flight mapped in several ways, the landmark errors of each: tables 1 to 4."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from slam.estimate import Estimate
+from slam.experiments.canvas import Canvas, paint
+from slam.experiments.experiment import Row, Spread, Trial, spread
+from slam.experiments.stitching import LARGEST, consecutive, landmark_errors, placed
+from slam.flight import Flight
+from slam.pipeline import optimize
+from slam.simulation import simulate
+
+CONSECUTIVE, KEYFRAMES, GRAPH = "chain of pictures, 6.67 Hz", "chain of keyframes", "pose graph"
+WAYS = (CONSECUTIVE, KEYFRAMES, GRAPH)
+
+
+def mapped(recipe: str, seed: int, draw: bool) -> tuple[dict[str, float], dict[str, Canvas]]:
+    """Fly a recipe and map it: errors of all ways, and the drawn maps of the two chains."""
+    flight = simulate(recipe, seed)
+    maps = in_all_ways(optimize(flight), flight)
+    return errors_of(maps, flight, (CONSECUTIVE, KEYFRAMES) if draw else ())
+
+
+def in_all_ways(estimate: Estimate, flight: Flight) -> dict[str, Estimate]:
+    """The paper's chain of pictures, the chain of our keyframes, and the pose graph."""
+    return {
+        CONSECUTIVE: consecutive(flight, estimate),
+        KEYFRAMES: placed(estimate, estimate.chain_w_T_b),
+        GRAPH: estimate,
+    }
+
+
+def errors_of(
+    maps: Mapping[str, Estimate], flight: Flight, drawn: Sequence[str] = ()
+) -> tuple[dict[str, float], dict[str, Canvas]]:
+    """Errors in percent as ``WAY/PAIR``, and the maps of the ways to be drawn."""
+    figures: dict[str, float] = {}
+    canvases = {}
+    for way, made in maps.items():
+        errors = landmark_errors(made, flight)
+        figures |= {f"{way}/{pair}": percent for pair, percent in errors.percent.items()}
+        if way in drawn:
+            canvases[way] = paint(made, flight, errors)
+    return figures, canvases
+
+
+def rows(
+    trials: Sequence[Trial],
+    paper: Mapping[str, Mapping[str, float]],
+    ways: Sequence[str] = WAYS,
+    prefix: str = "",
+) -> tuple[Row, ...]:
+    """The largest error and each pair's, the paper's ``paper[column][pair]`` beside ours."""
+
+    def row(pair: str) -> Row:
+        theirs = {
+            column: max(errors.values()) if pair == LARGEST else errors[pair]
+            for column, errors in paper.items()
+        }
+        ours = {way: spread(trials, f"{prefix}{way}/{pair}") for way in ways}
+        return Row(f"{pair} error" if pair == LARGEST else pair, "%", theirs, ours)
+
+    return tuple(row(pair) for pair in (LARGEST, *next(iter(paper.values()))))
+
+
+def largest(trials: Sequence[Trial], way: str, prefix: str = "") -> Spread:
+    """The largest landmark error of a way over the trials."""
+    return spread(trials, f"{prefix}{way}/{LARGEST}")
