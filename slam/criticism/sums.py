@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.sighting import sighted
-from slam.criticism.kalman.filter import GATE, OUTLIER, USED
+from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import Innovations, Pass, stretches, whole
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
+from slam.criticism.kalman.steps import GATE
 from slam.criticism.kalman.tangents import Direction, Signal
 
 Array = NDArray[np.float64]

@@ -15,56 +15,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.compiled import kernel
-from slam.criticism.kalman.readings import ATTITUDE, FIRST_CHANNEL, IMU, MOVING, SONAR, TARGET, WIDTH, reading
-from slam.criticism.kalman.transition import (
-    POLE,
-    covariance_step,
-    decay,
-    jacobian,
-    kicks,
-    mean_step,
-    spread,
-    transition,
+from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, MOVING, TARGET, WIDTH, reading
+from slam.criticism.kalman.steps import (
+    after_contact,
+    correct,
+    is_outlier,
+    judged,
+    measurement,
+    miss_of,
+    predict,
+    spread_along,
 )
-from slam.simulation.dynamics import GEAR, derivative
+from slam.criticism.kalman.transition import POLE, decay, jacobian, kicks, spread
+from slam.simulation.dynamics import derivative
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-GATE = 6.0
-"""An innovation beyond so many standard deviations is an outlier: it is kept out of the state."""
-STREAK = 2
-"""So many outliers of a channel in a row are none: then the model is wrong, not the reading."""
-CONTACT_S = 0.3
-"""The landing gear's bounce differs from vehicle to vehicle: so long after it, speed is not judged."""
-CONTACT_M = 0.03
-CONTACT_NOISE = 0.3
-"""Process noise of the velocity near the floor, m/s/sqrt(s)."""
 USED, OUTLIER, IGNORED = 1, 2, 0
-
-
-@kernel
-def _measurement(
-    kind: int, state: Array, rate: Array, slopes: Array, sensor: Array, parameters: Array,
-    pole_s: float, elapsed: float, predicted: Array, matrix: Array,
-) -> None:  # fmt: skip
-    """What is read, and its Jacobian (6, n) in the state: through the state and through its rate."""
-    n = state.shape[0]
-    reading(kind, state, rate, sensor, parameters, pole_s, elapsed, predicted)
-    beside, nudged, moved = np.empty(6), state.copy(), rate.copy()
-    if kind == ATTITUDE:
-        h_first, h_last = 6, 9
-    else:
-        h_first, h_last = 0, n
-    matrix[:] = 0.0
-    for j in range(h_first, h_last):
-        nudged[j] = state[j] + 1e-6
-        for i in range(MOVING):
-            moved[i] = rate[i] + 1e-6 * slopes[i, j]
-        reading(kind, nudged, moved, sensor, parameters, pole_s, elapsed, beside)
-        for c in range(WIDTH[kind]):
-            matrix[c, j] = (beside[c] - predicted[c]) / 1e-6
-        nudged[j] = state[j]
 
 
 @kernel
@@ -169,19 +137,15 @@ def run(
     work, rate, added = np.empty((n, n)), np.empty(12), np.empty(MOVING)
     middle, middle_noise = np.empty(12), np.empty(8)
     predicted, h_matrix, direct = np.empty(6), np.zeros((6, n)), np.zeros((6, m))
-    moved, gain, ph, a, done = np.empty((n, m)), np.empty(n), np.empty(n), np.empty(m), np.empty(n)
+    moved, ph, a, done = np.empty((n, m)), np.empty(n), np.empty(m), np.empty(n)
     row = 0
     for e in range(begin, end):
         for s in range(first_step[e], first_step[e + 1]):
             h = lengths[s]
-            jacobian(state, sticks[0, s], parameters, rate, slopes)
-            transition(slopes, hold, h, matrix)
-            kicks(hold, matrix, q)
-            mean_step(state, sticks[0, s], hold, matrix, parameters, h, rate, middle, middle_noise)
-            covariance_step(matrix, q, slopes, h, p, work)
-            if state[2] - parameters[GEAR] < CONTACT_M + 3.0 * math.sqrt(p[2, 2]):
-                for i in range(3, 6):
-                    p[i, i] += CONTACT_NOISE**2 * h
+            predict(
+                state, p, sticks[0, s], parameters, hold, h, slopes, matrix, q, work, rate, middle,
+                middle_noise,
+            )  # fmt: skip
             if m > 0:
                 for i in range(n):
                     for d in range(m):
@@ -202,16 +166,14 @@ def run(
         for i in range(MOVING):
             states[e, i] = state[i]
         states[e, 10] = math.sqrt(p[2, 2])
-        if state[2] - parameters[GEAR] < CONTACT_M + 3.0 * states[e, 10]:
-            memory[0] = times[e]
-        near = times[e] - memory[0] < CONTACT_S
+        near = after_contact(times[e], state, p, parameters, memory)
         if kind == IMU or first_step[e + 1] == first_step[e]:
             # Only rates of tilt and speed jump with the stick: all else may use the last step's slopes.
             jacobian(state, commands[0, e], parameters, rate, slopes)
         else:
             spread(state, middle, middle_noise)
             derivative(middle, commands[0, e], middle_noise, parameters, rate)
-        _measurement(
+        measurement(
             kind, state, rate, slopes, sensor, parameters, hold[POLE], elapsed[e], predicted, h_matrix
         )
         if m > 0:
@@ -222,49 +184,25 @@ def run(
         done[:] = 0.0
         for c in range(WIDTH[kind]):
             status[e, c] = IGNORED
-            if math.isnan(values[e, c]):
-                continue
             channel = FIRST_CHANNEL[kind] + c
-            if near and (3 <= channel < 6 or 9 <= channel < 11):
-                continue
-            if jumps[e] and channel < 3:
-                continue
             noise = noise_var[channel]
-            expected = predicted[c]
-            if kind == SONAR:
-                margin = 4.0 * math.sqrt(noise)
-                if expected < limits[0] + margin or expected > limits[1] - margin:
-                    continue
+            if not judged(kind, channel, values[e, c], predicted[c], noise, near, jumps[e], limits):
+                continue
             if jitter_var > 0.0:
                 # A reading whose stamp is off by t is off by t times its own rate.
                 slope = 0.0
                 for i in range(MOVING):
                     slope += h_matrix[c, i] * rate[i]
                 noise += jitter_var * slope * slope
-            s_var = noise
-            ph[:] = 0.0
-            for k in range(n):
-                x = h_matrix[c, k]
-                if x != 0.0:
-                    for i in range(n):
-                        ph[i] += p[k, i] * x
-            for i in range(n):
-                s_var += h_matrix[c, i] * ph[i]
-                expected += h_matrix[c, i] * done[i]
-            miss = values[e, c] - expected
-            if kind == ATTITUDE and c == 2:
-                miss -= 2.0 * math.pi * math.floor(miss / (2.0 * math.pi) + 0.5)
+            s_var = noise + spread_along(p, h_matrix[c], ph)
+            miss = miss_of(kind, c, values[e, c], predicted[c], h_matrix[c], done)
             std = math.sqrt(s_var)
             innovation[e, c] = miss / std
             log_variance[e, c] = math.log(s_var)
-            if abs(miss) > GATE * std and memory[1 + channel] < STREAK:
-                memory[1 + channel] += 1.0
+            if is_outlier(miss, std, channel, memory):
                 status[e, c] = OUTLIER
                 continue
-            memory[1 + channel] = 0.0
             status[e, c] = USED
-            for i in range(n):
-                gain[i] = ph[i] / s_var
             if m > 0:
                 for d in range(m):
                     a[d] = direct[c, d]
@@ -276,18 +214,11 @@ def run(
                 for d in range(m):
                     traces[row, d] = a[d] / std
                 for i in range(n):
-                    x = gain[i]
+                    x = ph[i] / s_var
                     for d in range(m):
                         tangents[i, d] -= x * a[d]
             row += 1
-            for i in range(n):
-                step = gain[i] * miss
-                done[i] += step
-                state[i] += step
-            for i in range(n):
-                x = gain[i]
-                for k in range(n):
-                    p[i, k] -= x * ph[k]
+            correct(state, p, ph, s_var, miss, done)
     keep[0] = row
 
 

@@ -88,7 +88,7 @@ def record_of(flight: Flight) -> Record:
     if len(gaps):
         last = int(gaps[0]) + 1
         times, kinds, values = times[:last], kinds[:last], values[:last]
-    first_step, begin, lengths = _steps(times)
+    first_step, begin, lengths = steps_between(times)
     if flight.command is None or len(flight.command.stamps_s) == 0:
         stick = Stick(np.zeros(1), np.zeros((1, 4)), float(times[-1]))
     else:
@@ -126,7 +126,8 @@ def _finite(values: Array) -> Array:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def _steps(times: Array) -> tuple[Ints, Array, Array]:
+def steps_between(times: Array) -> tuple[Ints, Array, Array]:
+    """Steps between events at ``times`` (events,): each event's first, their beginnings and lengths."""
     gaps = np.diff(times, prepend=times[0])
     counts = np.ceil(gaps / LONGEST_STEP_S - 1e-9).astype(np.int64)
     first_step = np.concatenate([[0], np.cumsum(counts)])

@@ -17,15 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.compiled import kernel
-from slam.criticism.kalman.filter import (
-    CONTACT_M,
-    CONTACT_NOISE,
-    CONTACT_S,
-    GATE,
-    STREAK,
-    _measurement,
-    start_noise,
-)
+from slam.criticism.kalman.filter import start_noise
 from slam.criticism.kalman.readings import (
     ATTITUDE,
     CHANNELS,
@@ -36,11 +28,20 @@ from slam.criticism.kalman.readings import (
     WIDTH,
     reading,
 )
-from slam.criticism.kalman.record import LONGEST_STEP_S, Record
+from slam.criticism.kalman.record import Record, steps_between
 from slam.criticism.kalman.setting import Setting
+from slam.criticism.kalman.steps import (
+    after_contact,
+    correct,
+    is_outlier,
+    judged,
+    measurement,
+    miss_of,
+    predict,
+    spread_along,
+)
 from slam.criticism.kalman.tangents import Direction, tangents_for
-from slam.criticism.kalman.transition import POLE, covariance_step, jacobian, kicks, mean_step, transition
-from slam.simulation.dynamics import GEAR
+from slam.criticism.kalman.transition import POLE, jacobian
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -121,14 +122,10 @@ def _with_moments(record: Record, times_s: Array) -> Record:
     times = times[order]
     kinds = np.concatenate([record.kinds, np.full(len(times_s), _MOMENT)])[order]
     values = np.concatenate([record.values, np.full((len(times_s), 6), np.nan)])[order]
-    gaps = np.diff(times, prepend=times[0])
-    counts = np.ceil(gaps / LONGEST_STEP_S - 1e-9).astype(np.int64)
-    length = np.repeat(gaps / np.maximum(counts, 1), counts)
-    first_step = np.concatenate([[0], np.cumsum(counts)])
-    within = np.arange(len(length)) - np.repeat(first_step[:-1], counts)
+    first_step, begin, lengths = steps_between(times)
     return replace(
         record, times_s=times, kinds=kinds, values=values, elapsed=np.clip(times / times[-1], 0.0, 1.0),
-        first_step=first_step, step_begin_s=np.repeat(times - gaps, counts) + within * length, step_s=length,
+        first_step=first_step, step_begin_s=begin, step_s=lengths,
     )  # fmt: skip
 
 
@@ -153,26 +150,19 @@ def _forward(  # type: ignore[no-untyped-def]
     for e in range(events):
         total = np.eye(n)
         for s in range(first_step[e], first_step[e + 1]):
-            h = lengths[s]
-            jacobian(state, sticks[s], parameters, rate, slopes)
-            transition(slopes, hold, h, matrix)
-            kicks(hold, matrix, q)
-            mean_step(state, sticks[s], hold, matrix, parameters, h, rate, middle, middle_noise)
-            covariance_step(matrix, q, slopes, h, p, work)
-            if state[2] - parameters[GEAR] < CONTACT_M + 3.0 * math.sqrt(p[2, 2]):
-                for i in range(3, 6):
-                    p[i, i] += CONTACT_NOISE**2 * h
+            predict(
+                state, p, sticks[s], parameters, hold, lengths[s], slopes, matrix, q, work, rate, middle,
+                middle_noise,
+            )  # fmt: skip
             moved[:] = np.dot(matrix, total)
             total[:] = moved
         tangents = np.dot(total, tangents)
         moves[e], x_before[e], p_before[e], t_before[e] = total, state, p, tangents
         kind = kinds[e]
-        if state[2] - parameters[GEAR] < CONTACT_M + 3.0 * math.sqrt(p[2, 2]):
-            memory[0] = times[e]
+        near = after_contact(times[e], state, p, parameters, memory)
         if kind <= SONAR:
-            near = times[e] - memory[0] < CONTACT_S
             jacobian(state, commands[e], parameters, rate, slopes)
-            _measurement(
+            measurement(
                 kind, state, rate, slopes, sensor, parameters, hold[POLE], elapsed[e], predicted, h_matrix
             )
             for d in range(m):
@@ -184,35 +174,20 @@ def _forward(  # type: ignore[no-untyped-def]
             done[:] = 0.0
             for c in range(WIDTH[kind]):
                 channel = FIRST_CHANNEL[kind] + c
-                skip = math.isnan(values[e, c]) or (jumps[e] == 1 and channel < 3)
-                skip = skip or (near and (3 <= channel < 6 or 9 <= channel < 11))
-                if kind == SONAR:
-                    margin = 4.0 * math.sqrt(noise_var[channel])
-                    skip = skip or predicted[c] < limits[0] + margin or predicted[c] > limits[1] - margin
-                if skip:
+                noise = noise_var[channel]
+                if not judged(kind, channel, values[e, c], predicted[c], noise, near, jumps[e], limits):
                     continue
-                ph[:] = np.dot(p, h_matrix[c])
-                s_var = noise_var[channel] + np.dot(h_matrix[c], ph)
-                miss = values[e, c] - predicted[c] - np.dot(h_matrix[c], done)
-                if kind == ATTITUDE and c == 2:
-                    miss -= 2.0 * math.pi * math.floor(miss / (2.0 * math.pi) + 0.5)
-                if abs(miss) > GATE * math.sqrt(s_var) and memory[1 + channel] < STREAK:
-                    memory[1 + channel] += 1.0
+                s_var = noise + spread_along(p, h_matrix[c], ph)
+                miss = miss_of(kind, c, values[e, c], predicted[c], h_matrix[c], done)
+                if is_outlier(miss, math.sqrt(s_var), channel, memory):
                     continue
-                memory[1 + channel] = 0.0
                 for d in range(m):
                     a = direct[c, d]
                     for k in range(n):
                         a += h_matrix[c, k] * tangents[k, d]
                     for k in range(n):
                         tangents[k, d] -= ph[k] / s_var * a
-                for i in range(n):
-                    step = ph[i] / s_var * miss
-                    done[i] += step
-                    state[i] += step
-                for i in range(n):
-                    for k in range(n):
-                        p[i, k] -= ph[i] * ph[k] / s_var
+                correct(state, p, ph, s_var, miss, done)
         x_after[e], p_after[e], t_after[e] = state, p, tangents
     return x_before, x_after, p_before, p_after, t_before, t_after, moves
 

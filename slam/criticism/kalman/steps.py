@@ -1,0 +1,157 @@
+"""What filter and smoother do alike, compiled: one step ahead, and what to make of one reading.
+
+Readings are scalars, taken one after the other: P h' is (n,), the innovation's variance a number.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.kalman.compiled import kernel
+from slam.criticism.kalman.readings import ATTITUDE, MOVING, SONAR, WIDTH, reading
+from slam.criticism.kalman.transition import covariance_step, jacobian, kicks, mean_step, transition
+from slam.simulation.dynamics import GEAR
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+GATE = 6.0
+"""An innovation beyond so many standard deviations is an outlier: it is kept out of the state."""
+STREAK = 2
+"""So many outliers of a channel in a row are none: then the model is wrong, not the reading."""
+CONTACT_S = 0.3
+"""The landing gear's bounce differs from vehicle to vehicle: so long after it, speed is not judged."""
+CONTACT_M = 0.03
+CONTACT_NOISE = 0.3
+"""Process noise of the velocity near the floor, m/s/sqrt(s)."""
+SONAR_MARGIN = 4.0
+"""Ranges due so many standard deviations from the limits, and beyond, are not judged: half are missing."""
+
+
+@kernel
+def near_floor(state: Array, p: Array, parameters: Array) -> bool:
+    """Whether the gear may touch the floor."""
+    return bool(state[2] - parameters[GEAR] < CONTACT_M + 3.0 * math.sqrt(p[2, 2]))
+
+
+@kernel
+def predict(
+    state: Array, p: Array, stick: Array, parameters: Array, hold: Array, h: float, slopes: Array,
+    matrix: Array, q: Array, work: Array, rate: Array, middle: Array, middle_noise: Array,
+) -> None:  # fmt: skip
+    """State (n,) and covariance (n, n) ahead by h, in place. Written: ``slopes`` (10, n) and the transition
+    ``matrix`` (n, n) of the step, ``middle`` (12,) and ``middle_noise`` (8,) half-way."""
+    jacobian(state, stick, parameters, rate, slopes)
+    transition(slopes, hold, h, matrix)
+    kicks(hold, matrix, q)
+    mean_step(state, stick, hold, matrix, parameters, h, rate, middle, middle_noise)
+    covariance_step(matrix, q, slopes, h, p, work)
+    if near_floor(state, p, parameters):
+        for i in range(3, 6):
+            p[i, i] += CONTACT_NOISE**2 * h
+
+
+@kernel
+def measurement(
+    kind: int, state: Array, rate: Array, slopes: Array, sensor: Array, parameters: Array,
+    pole_s: float, elapsed: float, predicted: Array, matrix: Array,
+) -> None:  # fmt: skip
+    """What is read, and its Jacobian (6, n) in the state: through the state and through its rate."""
+    n = state.shape[0]
+    reading(kind, state, rate, sensor, parameters, pole_s, elapsed, predicted)
+    beside, nudged, moved = np.empty(6), state.copy(), rate.copy()
+    if kind == ATTITUDE:
+        h_first, h_last = 6, 9
+    else:
+        h_first, h_last = 0, n
+    matrix[:] = 0.0
+    for j in range(h_first, h_last):
+        nudged[j] = state[j] + 1e-6
+        for i in range(MOVING):
+            moved[i] = rate[i] + 1e-6 * slopes[i, j]
+        reading(kind, nudged, moved, sensor, parameters, pole_s, elapsed, beside)
+        for c in range(WIDTH[kind]):
+            matrix[c, j] = (beside[c] - predicted[c]) / 1e-6
+        nudged[j] = state[j]
+
+
+@kernel
+def after_contact(time: float, state: Array, p: Array, parameters: Array, memory: Array) -> bool:
+    """Whether the floor was near within ``CONTACT_S``; ``memory[0]`` keeps when it last was."""
+    if near_floor(state, p, parameters):
+        memory[0] = time
+    return bool(time - memory[0] < CONTACT_S)
+
+
+@kernel
+def judged(
+    kind: int, channel: int, value: float, predicted: float, noise_var: float, near: bool, jump: int,
+    limits: Array,
+) -> bool:  # fmt: skip
+    """Whether a reading says anything: not a missing one, speeds after contact, the gyro beside a jump of the
+    stick, or a range that may be cut."""
+    if math.isnan(value):
+        return False
+    if near and (3 <= channel < 6 or 9 <= channel < 11):
+        return False
+    if jump and channel < 3:
+        return False
+    if kind == SONAR:
+        margin = SONAR_MARGIN * math.sqrt(noise_var)
+        return bool(limits[0] + margin <= predicted <= limits[1] - margin)
+    return True
+
+
+@kernel
+def spread_along(p: Array, row: Array, ph: Array) -> float:
+    """Write P h' into ``ph`` (n,) for a ``row`` h (n,) and return h P h'."""
+    n = row.shape[0]
+    for i in range(n):
+        ph[i] = 0.0
+    for k in range(n):
+        x = row[k]
+        if x != 0.0:
+            for i in range(n):
+                ph[i] += p[k, i] * x
+    total = 0.0
+    for i in range(n):
+        total += row[i] * ph[i]
+    return total
+
+
+@kernel
+def miss_of(kind: int, c: int, value: float, predicted: float, row: Array, done: Array) -> float:
+    """Reading less prediction, with what earlier channels of the event did (``done``); a heading turned."""
+    miss = value - predicted
+    for i in range(row.shape[0]):
+        miss -= row[i] * done[i]
+    if kind == ATTITUDE and c == 2:
+        miss -= 2.0 * math.pi * math.floor(miss / (2.0 * math.pi) + 0.5)
+    return miss
+
+
+@kernel
+def is_outlier(miss: float, std: float, channel: int, memory: Array) -> bool:
+    """Whether a reading is kept out; ``memory[1 + channel]`` counts how many were in a row."""
+    if abs(miss) > GATE * std and memory[1 + channel] < STREAK:
+        memory[1 + channel] += 1.0
+        return True
+    memory[1 + channel] = 0.0
+    return False
+
+
+@kernel
+def correct(state: Array, p: Array, ph: Array, s_var: float, miss: float, done: Array) -> None:
+    """Take a reading's miss, of variance ``s_var``, into state and covariance."""
+    n = state.shape[0]
+    for i in range(n):
+        step = ph[i] / s_var * miss
+        done[i] += step
+        state[i] += step
+    for i in range(n):
+        x = ph[i] / s_var
+        for k in range(n):
+            p[i, k] -= x * ph[k]
