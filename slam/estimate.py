@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from scipy.spatial.transform import Rotation
 from backend.measurements import RelativePose
 from frontend.camera import Camera
 from slam.flight import GeoOrigin
+
+if TYPE_CHECKING:
+    from backend.certificate import Certificate
 
 Array = NDArray[np.float64]
 
@@ -74,6 +77,8 @@ class Estimate:
     iterations: int = 0
     floor_slope_rad: tuple[float, float] = (0.0, 0.0)
     """Rotation vector (x, y) that takes the level to the ground; zero where nothing told of a slope."""
+    certificate: Certificate | None = None
+    """Graphs alone: whether the solution is the global optimum."""
     ways: tuple[str, str, str] = MAP_WAYS
     """What ``chain_w_T_b``, ``odometry_w_T_b`` and ``w_T_b`` are, in words."""
 

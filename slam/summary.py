@@ -6,10 +6,11 @@ import json
 import math
 import resource
 import sys
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from backend.certificate import Certificate
     from slam.estimate import Estimate
 
 _RSS_UNITS_IN_MB = 1 << 20 if sys.platform == "darwin" else 1 << 10
@@ -38,6 +39,8 @@ class Summary:
     """Graphs alone: half the squared whitened residuals over all kept edges."""
     iterations: int | None = None
     """Graphs alone."""
+    certificate: Certificate | None = None
+    """Graphs alone: whether the solution is the global optimum."""
 
     def to_json(self) -> dict[str, Any]:
         """As ``summary.json`` holds it; a figure that is not finite becomes null."""
@@ -59,6 +62,8 @@ class Summary:
             record["error"] = self.error
         if self.iterations is not None:
             record["iterations"] = self.iterations
+        if self.certificate is not None:
+            record["certificate"] = asdict(self.certificate)
         return record
 
 
@@ -78,6 +83,7 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
         warnings=estimate.warnings,
         error=float(estimate.graph_error) if graph_alone else None,
         iterations=int(estimate.iterations) if graph_alone else None,
+        certificate=estimate.certificate,
     )
 
 

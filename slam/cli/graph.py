@@ -24,6 +24,7 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
 
     Stamps are the numbers of the vertices. Raises ``BackendError``.
     """
+    from backend.certificate import certify
     from backend.g2o import read_g2o
     from backend.graph import solve_pose_graph
 
@@ -31,7 +32,11 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
     graph = read_g2o(path)
     read_s = time.perf_counter() - start
     solution = solve_pose_graph(graph, on_step=lambda done, error: progress("solve", done, 0))
-    timing_s = {"read": read_s, "solve": time.perf_counter() - start - read_s}
+    solved_s = time.perf_counter() - start
+    progress("certify", 0, 0)
+    certificate = certify(graph, solution)
+    certify_s = time.perf_counter() - start - solved_s
+    timing_s = {"read": read_s, "solve": solved_s - read_s, "certify": certify_s}
     kept = solution.edge_kept
     solved = replace(
         graph,
@@ -41,7 +46,10 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
         ij_T=graph.ij_T[kept],
         information=graph.information[kept],
     )
-    return _estimate(path.stem, graph, solution, timing_s), solved
+    estimate = _estimate(path.stem, graph, solution, timing_s)
+    if not certificate.certified:
+        estimate = replace(estimate, warnings=(*estimate.warnings, certificate.sentence(solution.error)))
+    return replace(estimate, certificate=certificate), solved
 
 
 def graph_figures(path: Path) -> FigureTable:

@@ -77,6 +77,8 @@ def _outcome_rows(facts: Facts, summary: Summary) -> list[tuple[str, str]]:
     ]
     if summary.error is not None:
         rows.insert(3, ("error", f"{summary.error:.6g} after {summary.iterations} iterations"))
+    if summary.error is not None and summary.certificate is not None:
+        rows.insert(4, ("optimum", summary.certificate.sentence(summary.error)))
     told = summary.warnings[:_MOST_WARNINGS]
     rows += [("warning", warning) for warning in told]
     if len(summary.warnings) > len(told):

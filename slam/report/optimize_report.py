@@ -108,10 +108,15 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item(
             "Final error of the graph", f"{estimate.graph_error:.6g} after {estimate.iterations} iterations"
         ),
+        Item("Global optimum", _optimum(estimate)),
         *(Item(f"Time: {stage}", f"{seconds:.2f} s") for stage, seconds in summary.timing_s.items()),
         Item("Peak memory", f"{summary.peak_rss_mb:.0f} MB"),
     ]
     return tuple(row for row in rows if row.value and not (facts.is_graph and row.label in _FLIGHT_ONLY))
+
+
+def _optimum(estimate: Estimate) -> str:
+    return "" if estimate.certificate is None else estimate.certificate.sentence(estimate.graph_error)
 
 
 _FLIGHT_ONLY = ("Keyframes, of pictures read", "Duration")

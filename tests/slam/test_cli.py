@@ -95,6 +95,7 @@ def test_a_graph_is_solved_and_every_file_is_there(graph, tmp_path):
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["status"] == "ok"
     assert summary["error"] < 1e-9, "a square closes"
+    assert summary["certificate"]["certified"] is True
     assert summary["edges"] == {"odometry": 3, "loop": 1, "rejected": {}}
     assert summary["iterations"] >= 1
     assert any("held" in warning for warning in summary["warnings"]), "no gauge: held, and said so"
