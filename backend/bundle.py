@@ -34,12 +34,23 @@ from backend.bundle_graph import (
 )
 from backend.bundle_noise import estimate_noise, start_noise
 from backend.errors import BackendError
+from backend.factors import DATUM, FLOOR_Z, LOG_GAIN, LOG_SCALE, SLOPE, WORLD_SIZE
 from backend.marginals import joint_covariances
 from backend.measurements import Measurements
 from backend.se3 import cross_matrix
 from backend.solve import minimise
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RangeErrors:
+    """What a rangefinder's readings have in common: gain times the range, plus the error of its zero."""
+
+    gain: float
+    gain_std: float
+    datum_m: float
+    datum_std_m: float
 
 
 @dataclass(frozen=True)
@@ -58,6 +69,8 @@ class Bundle:
     focal_px: tuple[float, float]
     radial: tuple[float, float]
     """Radial coefficients (k1, k2) that go with ``focal_px``; zero where they were held."""
+    range_errors: RangeErrors | None
+    """None where nothing was ranged."""
     noise: NoiseLevels
     dropped_observations: int
     error: float
@@ -104,29 +117,27 @@ def refine(
     return _result(problem, graph, values, noise, used, minimum.error, iterations)
 
 
-def _metric_covariances(
-    problem: BundleProblem, graph: gtsam.NonlinearFactorGraph, values: gtsam.Values
-) -> Array:
-    """(n, 6, 6) of body poses in metres: pose and scale are uncertain together."""
-    n, (log_scale, _, _, *slope) = problem.measurements.count, values.atVector(WORLD)
-    scale, tilt = float(np.exp(log_scale)), np.array([*slope, 0.0])
+def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Values) -> Array:
+    """(n, 6, 6) of body poses in metres, from those of pose and world together (n, 6 + w, 6 + w)."""
+    n, world = problem.measurements.count, values.atVector(WORLD)
+    scale, tilt = float(np.exp(world[LOG_SCALE])), np.array([*world[SLOPE], 0.0])
     A, turn = gtsam.Rot3.Expmap(tilt).matrix(), gtsam.Rot3.ExpmapDerivative(tilt)[:, :2]
-    joint = joint_covariances(graph, values, [POSE(k) for k in range(n)], WORLD)
     adjoint = gtsam.Pose3(problem.camera.b_T_c).AdjointMap()
     covariances = np.empty((n, 6, 6))
     # Without positions the first keyframe is the origin by definition, its height above the floor included.
     origin = np.zeros(3) if problem.measurements.positions else values.atPose3(POSE(0)).translation()
     for k in range(n):
         pose = values.atPose3(POSE(k)).matrix()
-        J = np.zeros((6, 11))
+        J = np.zeros((6, 6 + WORLD_SIZE))
+        of_world = J[:, 6:]
         J[:3, :3] = np.eye(3)
         J[3:, 3:6] = scale * np.eye(3)
         R, p = pose[:3, :3], pose[:3, 3] - origin
-        J[3:, 6] = scale * R.T @ p
-        J[3:, 7] = (A @ R)[2]
+        of_world[3:, LOG_SCALE] = scale * R.T @ p
+        of_world[3:, FLOOR_Z] = (A @ R)[2]
         # A right perturbation of the slope turns the whole map about the floor under the origin.
-        J[:3, 9:] = R.T @ turn
-        J[3:, 9:] = -scale * R.T @ cross_matrix(p) @ turn
+        of_world[:3, SLOPE] = R.T @ turn
+        of_world[3:, SLOPE] = -scale * R.T @ cross_matrix(p) @ turn
         J = adjoint @ J
         covariances[k] = J @ joint[k] @ J.T
     return covariances
@@ -148,17 +159,25 @@ def _result(
     if problem.calibrates:
         found = values.atCal3Bundler(CALIBRATION(0))
         focal, radial = (found.fx(), found.fx()), (found.k1(), found.k2())
-    log_scale, floor_z, _, *slope = values.atVector(WORLD)
+    world = values.atVector(WORLD)
+    poses = [POSE(k) for k in range(problem.measurements.count)]
+    joint = joint_covariances(graph, values, poses, WORLD)
     return Bundle(
         metric_poses(problem, values),
-        _metric_covariances(problem, graph, values),
-        float(floor_z),
-        (float(slope[0]), float(slope[1])),
-        float(np.exp(log_scale)),
+        _metric_covariances(problem, joint, values),
+        float(world[FLOOR_Z]),
+        (float(world[SLOPE][0]), float(world[SLOPE][1])),
+        float(np.exp(world[LOG_SCALE])),
         focal,
         radial,
+        _range_errors(world, joint[0, 6:, 6:]) if problem.measurements.ranges else None,
         noise,
         int((~used).sum()),
         error,
         iterations,
     )
+
+
+def _range_errors(world: Array, covariance: Array) -> RangeErrors:
+    gain, std = float(np.exp(world[LOG_GAIN])), np.sqrt(np.diag(covariance))
+    return RangeErrors(gain, gain * float(std[LOG_GAIN]), float(world[DATUM]), float(std[DATUM]))

@@ -11,7 +11,18 @@ from gtsam.symbol_shorthand import L as POINT
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.factors import body_up, level_factor, scaled_position_factor, scaled_range_factor
+from backend.factors import (
+    DATUM,
+    FLOOR_Z,
+    LOG_GAIN,
+    LOG_SCALE,
+    SLOPE,
+    WORLD_SIZE,
+    body_up,
+    level_factor,
+    scaled_position_factor,
+    scaled_range_factor,
+)
 from backend.measurements import FloorTracks, Measurements, PinholeModel
 
 Array = NDArray[np.float64]
@@ -82,7 +93,7 @@ def start_values(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> gtsa
         np.column_stack([np.bincount(tracks.track, hit[:, a]) / seen for a in range(3)])
     ):
         values.insert(POINT(t), point)
-    values.insert(WORLD, np.array([np.log(scale), floor_z_m, 0.0, 0.0, 0.0]))
+    values.insert(WORLD, np.array([np.log(scale), floor_z_m, *[0.0] * (WORLD_SIZE - 2)]))
     return values
 
 
@@ -163,19 +174,22 @@ def _add_gauge(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, start:
     graph.push_back(gtsam.PoseTranslationPrior3D(POSE(0), first, place))
     heading = gtsam.noiseModel.Diagonal.Sigmas(np.array([free, free, plane]))
     graph.push_back(gtsam.PoseRotationPrior3D(POSE(0), first, heading))
-    gain = max(problem.measurements.range_gain_std, held)
-    slope = problem.config.slope_std_rad if placed else held
-    sigmas = [free if placed or scaled else held, 1e5 if placed else held, gain, slope, slope]
-    model = gtsam.noiseModel.Diagonal.Sigmas(np.array(sigmas))
+    sigmas = np.full(WORLD_SIZE, held)
+    sigmas[LOG_SCALE] = free if placed or scaled else held
+    sigmas[FLOOR_Z] = 1e5 if placed else held
+    sigmas[LOG_GAIN] = max(problem.measurements.range_gain_std, held)
+    sigmas[DATUM] = max(problem.measurements.range_datum_std_m, held)
+    sigmas[SLOPE] = problem.config.slope_std_rad if placed else held
+    model = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
     graph.push_back(gtsam.PriorFactorVector(WORLD, start.atVector(WORLD), model))
 
 
 def metric_poses(problem: BundleProblem, values: gtsam.Values) -> Array:
     """Body poses (n, 4, 4) in metres in the measured world."""
-    log_scale, floor_z, _, *slope = values.atVector(WORLD)
+    world = values.atVector(WORLD)
     w_T_f = np.eye(4)
-    w_T_f[:3, :3] = gtsam.Rot3.Expmap(np.array([*slope, 0.0])).matrix()
-    w_T_f[2, 3] = floor_z
+    w_T_f[:3, :3] = gtsam.Rot3.Expmap(np.array([*world[SLOPE], 0.0])).matrix()
+    w_T_f[2, 3] = world[FLOOR_Z]
     f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(problem.measurements.count)])
-    f_T_c[:, :3, 3] *= np.exp(log_scale)
+    f_T_c[:, :3, 3] *= np.exp(world[LOG_SCALE])
     return np.asarray(w_T_f @ f_T_c @ problem.c_T_b)

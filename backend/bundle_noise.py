@@ -12,7 +12,7 @@ from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
 from backend.bundle_graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, metric_poses
-from backend.factors import body_up
+from backend.factors import DATUM, LOG_GAIN, LOG_SCALE, body_up
 from backend.measurements import FloorTracks, Measurements
 
 Array = NDArray[np.float64]
@@ -119,7 +119,7 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
     """The noise levels with those of attitudes, positions and ranges as their residuals show them."""
     measurements, w_T_b = problem.measurements, metric_poses(problem, values)
     f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(measurements.count)])
-    log_scale, _, log_gain, *_ = values.atVector(WORLD)
+    world = values.atVector(WORLD)
     if len(measurements.attitudes) > 2:
         tilt = np.array(
             [np.cross(body_up(a.roll_pitch_yaw_rad), w_T_b[a.k, 2, :3])[:2] for a in measurements.attitudes]
@@ -132,9 +132,9 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
         level = replace(level, position_m=np.array([horizontal, horizontal, vertical]) + 1e-3)
     if len(measurements.ranges) > 3:
         metric = f_T_c.copy()
-        metric[:, :3, 3] *= np.exp(log_scale)
+        metric[:, :3, 3] *= np.exp(world[LOG_SCALE])
         f_T_b = metric @ problem.c_T_b
-        seen = np.exp(log_gain) * f_T_b[:, 2, 3] / f_T_b[:, 2, 2]
+        seen = np.exp(world[LOG_GAIN]) * f_T_b[:, 2, 3] / f_T_b[:, 2, 2] + world[DATUM]
         off = np.array([seen[r.k] - r.range_m for r in measurements.ranges])
         told = float(np.median([r.std_m for r in measurements.ranges]))
         level = replace(level, range_m=max(told, coloured_std(off[:, None])))

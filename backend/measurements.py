@@ -114,6 +114,8 @@ class Measurements:
     camera: PinholeModel | None = None
     range_gain_std: float = 0.05
     """Relative uncertainty that all ranges share: a rangefinder's own scale (temperature, calibration)."""
+    range_datum_std_m: float = 0.02
+    """Uncertainty of what is added to all ranges: the error of a rangefinder's zero."""
     names: tuple[str, ...] = field(default=())
     """What to call each keyframe in messages; its number where empty."""
 

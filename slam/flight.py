@@ -85,8 +85,10 @@ class Sonar:
     beam_width_rad: float = 0.44
     b_T_s: Array = field(default_factory=lambda: np.eye(4))
     scale_std: float = 0.05
-    """Relative uncertainty that all readings share, 0 for a sensor known to be exact. By default what a scale
-    within 5 % and an offset within 5 cm come to at 0.7 m."""
+    """Relative uncertainty that all readings share, 0 for a sensor known to be exact. Cheap sonars read up to
+    5 % short."""
+    datum_std_m: float = 0.02
+    """Uncertainty of what is added to all readings, the error of its zero; 0 where that is known."""
 
 
 @dataclass(frozen=True)

@@ -161,6 +161,7 @@ def _nominal(series: Series) -> dict[str, object]:
                 "max_range": series.max_range_m,
                 "beam_width": series.beam_width_rad,
                 "scale_std": series.scale_std,
+                "datum_std": series.datum_std_m,
             }
         case AttitudeSeries():
             return {"noise_std": list(series.noise_std_rad)}

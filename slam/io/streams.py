@@ -69,7 +69,7 @@ IMU_DENSITIES = {
 KNOWN_KEYS = (
     "sensor_type", "comment", "T_BS", "rate_hz", "noise_std", "min_range", "max_range", "beam_width",
     "max_tilt", "resolution", "camera_model", "intrinsics", "distortion_model", "distortion_coefficients",
-    "focal_std_ratio", "radial_std", "scale_std", *IMU_DENSITIES,
+    "focal_std_ratio", "radial_std", "scale_std", "datum_std", *IMU_DENSITIES,
 )  # fmt: skip
 
 
@@ -161,6 +161,9 @@ def _sonar(source: Source) -> Sonar:
     scale_std = sensor.number("scale_std", Sonar.scale_std)
     if not 0 <= scale_std <= MAX_SCALE_STD:
         raise sensor.refuse("scale_std", f"is {scale_std:g}", "write a share between 0 and 1")
+    datum_std_m = sensor.number("datum_std", Sonar.datum_std_m)
+    if datum_std_m > high:
+        raise sensor.refuse("datum_std", f"is {datum_std_m:g}", f"write metres between 0 and {high:g}")
     median = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
     if median > 5 * high:
         unit = "centimetres" if median * 0.01 <= high else "millimetres"
@@ -175,6 +178,7 @@ def _sonar(source: Source) -> Sonar:
         high,
         sensor.number("beam_width", Sonar.beam_width_rad),
         scale_std=scale_std,
+        datum_std_m=datum_std_m,
         b_T_s=sensor.transform(),
     )
 

@@ -45,6 +45,7 @@ class Sensors:
     ranges: tuple[SlantRange, ...]
     positions: tuple[Position, ...]
     range_gain_std: float
+    range_datum_std_m: float
     roll_pitch_rad: Array
     """(n, 2); level where nothing was measured."""
     roll_pitch_std_rad: Array
@@ -66,6 +67,7 @@ class Sensors:
             ranges_at(flight.sonar, stamps_s, trust.range_floor_m),
             positions_at(flight, stamps_s, origin),
             flight.sonar.scale_std if flight.sonar else 0.0,
+            flight.sonar.datum_std_m if flight.sonar else 0.0,
             roll_pitch,
             std,
         )
@@ -239,6 +241,7 @@ class Mapper:
                 ),
                 tracks=tracks,
                 range_gain_std=sensors.range_gain_std,
+                range_datum_std_m=sensors.range_datum_std_m,
                 camera=PinholeModel(
                     camera.focal_px,
                     camera.center_px,

@@ -53,6 +53,8 @@ class SonarModel:
     noise_std_m: Noise = 0.01
     datum_m: Annotated[float, Field(ge=-1, le=1)] = 0.0
     """Added to every range: the error of its zero."""
+    datum_std_m: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """How far off its zero may be, as its sensor.yaml tells it."""
     min_range_m: Annotated[float, Field(ge=0)] = 0.25
     max_range_m: Annotated[float, Field(gt=0)] = 6.0
     beam_width_rad: Annotated[float, Field(ge=0, le=2)] = 0.7

@@ -169,6 +169,7 @@ def read_sonar(motion: Motion, model: Model, world: World, seed: int) -> Sonar:
         sonar.max_range_m,
         sonar.beam_width_rad,
         scale_std=0.0,
+        datum_std_m=sonar.datum_std_m,
     )
 
 

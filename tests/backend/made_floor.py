@@ -43,6 +43,10 @@ class Scene:
     range_std_m: float | None = 0.01
     range_gain: float = 1.0
     range_gain_std: float = 0.0
+    range_datum_m: float = 0.0
+    range_datum_std_m: float = 0.0
+    height_swing: float = 0.08
+    """Amplitude over the mean height."""
     position_std_m: tuple[float, float] | None = None
     """Horizontal, vertical."""
     focal_ratio: float = 1.0
@@ -79,6 +83,7 @@ def make(scene: Scene, seed: int) -> Made:
         tracks=_tracks(scene, f_T_b, rng),
         camera=scene.camera,
         range_gain_std=scene.range_gain_std,
+        range_datum_std_m=scene.range_datum_std_m,
     )
     # A pose graph's map: a little off everywhere, a few percent in scale, first keyframe over the origin.
     off = np.concatenate([rng.normal(0, 0.01, (n, 3)), rng.normal(0, 0.02 * scene.height_m, (n, 3))], axis=1)
@@ -100,7 +105,7 @@ def _poses(scene: Scene, rng: np.random.Generator) -> np.ndarray:
     angles[0, 0] = 0.0
     T = np.tile(np.eye(4), (n, 1, 1))
     T[:, :3, :3] = Rotation.from_euler("ZYX", angles).as_matrix()
-    T[:, :3, 3] = np.column_stack([x, y, h * (1 + 0.08 * np.sin(np.arange(n)))])
+    T[:, :3, 3] = np.column_stack([x, y, h * (1 + scene.height_swing * np.sin(np.arange(n)))])
     T[1:, :2, 3] += rng.normal(0, 0.02 * h, (n - 1, 2))
     return T
 
@@ -147,7 +152,7 @@ def _attitudes(scene: Scene, w_T_b: np.ndarray, rng: np.random.Generator) -> tup
 def _ranges(scene: Scene, f_T_b: np.ndarray, rng: np.random.Generator) -> tuple[SlantRange, ...]:
     if scene.range_std_m is None:
         return ()
-    slant = scene.range_gain * f_T_b[:, 2, 3] / f_T_b[:, 2, 2]
+    slant = scene.range_gain * f_T_b[:, 2, 3] / f_T_b[:, 2, 2] + scene.range_datum_m
     slant = slant + rng.normal(0, scene.range_std_m, len(slant))
     return tuple(SlantRange(k, float(r), scene.range_std_m) for k, r in enumerate(slant))
 

@@ -244,6 +244,32 @@ def test_a_sonar_that_reads_short_is_inside_the_covariance():
     assert np.mean(believed) > 3 * upper
 
 
+def test_two_heights_tell_the_zero_of_a_sonar_from_its_scale():
+    """Zero 3 cm off at 0.5 and 1.1 m: found, with an honest standard deviation; the map keeps its size."""
+    scene = replace(
+        SONAR, height_swing=0.4, range_gain_std=0.05, range_datum_m=0.03, range_datum_std_m=0.05, keyframes=20
+    )
+    off, length = [], []
+    for seed in SEEDS:
+        made = make(scene, seed)
+        bundle = refine(made.measurements, made.start)
+        found = bundle.range_errors
+        assert found is not None and found.datum_std_m < 0.02
+        off.append((found.datum_m - 0.03) / found.datum_std_m)
+        length.append(bundle.w_T_b[:, 2, 3].mean() / made.w_T_b[:, 2, 3].mean() - 1.0)
+    lower, upper = chi2.ppf([0.001, 0.999], len(SEEDS)) / len(SEEDS)
+    assert lower < np.mean(np.square(off)) < upper
+    assert np.abs(length).mean() < 0.02
+
+
+def test_one_height_cannot_tell_the_zero_of_a_sonar_and_says_so():
+    scene = replace(SONAR, height_swing=0.0, range_gain_std=0.05, range_datum_m=0.03, range_datum_std_m=0.05)
+    made = make(scene, 0)
+    found = refine(made.measurements, made.start).range_errors
+    assert found is not None
+    assert found.datum_std_m > 0.04 and found.gain_std > 0.04
+
+
 def test_without_a_measured_length_the_start_s_scale_is_kept():
     made = make(replace(SONAR, range_std_m=None), 0)
     bundle = refine(made.measurements, made.start)

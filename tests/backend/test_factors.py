@@ -5,7 +5,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from backend.factors import body_up, level_factor, scaled_position_factor, scaled_range_factor
+from backend.factors import (
+    DATUM,
+    FLOOR_Z,
+    LOG_GAIN,
+    LOG_SCALE,
+    SLOPE,
+    WORLD_SIZE,
+    body_up,
+    level_factor,
+    scaled_position_factor,
+    scaled_range_factor,
+)
 
 POSE, WORLD = 0, 1
 SEEDS = st.integers(0, 2**32 - 1)
@@ -29,17 +40,15 @@ def draw(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     c_T_b = rigid(mount, rng.normal(0, 0.2, 3))
     w_R_b = Rotation.from_euler("ZYX", [rng.uniform(-3, 3), *rng.uniform(-0.5, 0.5, 2)])
     f_T_c = rigid(w_R_b * mount.inv(), [*rng.normal(0, 3, 2), rng.uniform(0.5, 2)])
-    world = np.array(
-        [rng.uniform(-1, 5), rng.normal() * 100, rng.normal() * 0.05, *rng.uniform(-0.3, 0.3, 2)]
-    )
+    world = np.array([rng.uniform(-1, 5), *rng.normal(0, [100, 0.05, 0.1]), *rng.uniform(-0.3, 0.3, 2)])
     return f_T_c, world, c_T_b
 
 
 def metric_world_pose(f_T_c: np.ndarray, world: np.ndarray, c_T_b: np.ndarray) -> np.ndarray:
     """The body in the measured world, by the words of the module: scale, then lean, then lift."""
     over_floor = f_T_c.copy()
-    over_floor[:3, 3] *= np.exp(world[0])
-    lean = rigid(Rotation.from_rotvec([world[3], world[4], 0.0]), [0, 0, world[1]])
+    over_floor[:3, 3] *= np.exp(world[LOG_SCALE])
+    lean = rigid(Rotation.from_rotvec([*world[SLOPE], 0.0]), [0, 0, world[FLOOR_Z]])
     return lean @ over_floor @ c_T_b
 
 
@@ -53,7 +62,7 @@ def values_of(f_T_c: np.ndarray, world: np.ndarray) -> gtsam.Values:
 def numeric(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> list[np.ndarray]:
     """Central differences of the unwhitened error along gtsam's own retraction of each variable."""
     out = []
-    for key, size in ((POSE, 6), (WORLD, 5)):
+    for key, size in ((POSE, 6), (WORLD, WORLD_SIZE)):
         columns = []
         for axis in range(size):
             ends = []
@@ -99,12 +108,12 @@ def test_a_range_is_where_the_ray_along_the_body_meets_the_floor(seed):
     """Walk the ray in the measured world until it meets the leaning floor."""
     f_T_c, world, c_T_b = draw(seed)
     w_T_b = metric_world_pose(f_T_c, world, c_T_b)
-    normal = Rotation.from_rotvec([world[3], world[4], 0.0]).apply([0.0, 0.0, 1.0])
+    normal = Rotation.from_rotvec([*world[SLOPE], 0.0]).apply([0.0, 0.0, 1.0])
     down = -w_T_b[:3, 2]
-    distance = normal @ (np.array([0.0, 0.0, world[1]]) - w_T_b[:3, 3]) / (normal @ down)
+    distance = normal @ (np.array([0.0, 0.0, world[FLOOR_Z]]) - w_T_b[:3, 3]) / (normal @ down)
     factor = scaled_range_factor(POSE, WORLD, 0.7, model(1), c_T_b)
     error = factor.unwhitenedError(values_of(f_T_c, world))
-    assert error == pytest.approx([np.exp(world[2]) * distance - 0.7], rel=1e-9)
+    assert error == pytest.approx([np.exp(world[LOG_GAIN]) * distance + world[DATUM] - 0.7], rel=1e-9)
 
 
 @given(SEEDS)

@@ -71,7 +71,7 @@ def made_flight(seed=0, seconds=6.0):
         camera=Camera((40.0, 41.5), (23.5, 17.5), SIZE, (0.01, -0.02, 1e-5, 0.0), mount, 0.02, 0.1),
         frames=Frames(t_cam, tuple(f"{k:03d}.png" for k in range(len(t_cam))), pictures.get),
         imu=Imu(t_imu, rates, [0, 0, 9.80665] + rng.normal(0, 0.1, (len(t_imu), 3)), 1e-3, 2e-2, 1e-5, 3e-4, mount),  # noqa: E501
-        sonar=Sonar(t_sonar, ranges, 0.012, 0.2, 5.5, 0.5, scale_std=0.04, b_T_s=mount),
+        sonar=Sonar(t_sonar, ranges, 0.012, 0.2, 5.5, 0.5, scale_std=0.04, datum_std_m=0.03, b_T_s=mount),
         attitude=AttitudeSeries(t_att, attitude(t_att), (0.004, 0.005, 0.006)),
         velocity=Velocity(t_att, rng.normal(0, 0.5, (len(t_att), 2)), (0.02, 0.03), 0.07),
         command=Command(t_sonar, rng.uniform(-1, 1, (len(t_sonar), 4)), 0.21),
