@@ -54,6 +54,8 @@ class Cause:
     """How far it stands out beside the other causes."""
     lead_nats: float
     """Of its evidence over the best other term in its place."""
+    alternatives: tuple[str, ...] = ()
+    """Itself, and terms whose evidence in its place lies within 4 nats."""
 
 
 @dataclass(frozen=True)

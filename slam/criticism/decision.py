@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +21,33 @@ from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 
-SURE = 0.95
+SURE, LIKELY = 0.95, 0.5
+CONFIRMED_NATS = 2.0
+"""Least gain on held-out flights that confirms a term."""
+PLAIN_Z = 8.0
+"""Beyond this no chance made it, whatever the held-out flights say."""
+MOST_ALIKE = 4
+"""Names of an equivalence set."""
 WIDE = 1.96
+
+
+def confirmed(found: Search, model: Setting) -> Search:
+    """The search without terms that held-out flights do not confirm: weakest first, each beside the others.
+
+    A term that stands out by far stays, confirmed or not: something is there.
+    """
+    chosen = list(found.chosen)
+    while any(named(e) for e in chosen):
+        gains = []
+        for effect in chosen:
+            rest = [e for e in chosen if e is not effect]
+            if named(effect) and found.last.standing(rest, [effect])[0].z < PLAIN_Z:
+                gains.append((held_out(replace(found, chosen=tuple(chosen)), model, rest).total, effect))
+        least = min(gains, key=lambda g: g[0], default=(np.inf, None))
+        if least[0] >= (CONFIRMED_NATS if len(chosen) > 1 else 0.0):
+            break
+        chosen = [e for e in chosen if e is not least[1]]
+    return replace(found, chosen=tuple(chosen))
 
 
 def causes_of(
@@ -47,9 +73,10 @@ def causes_of(
                 Gain(own.total, own.ci95, own.by, tuple(own.nats.tolist()), channels),
                 standing.z,
                 posterior.lead_nats[place],
+                posterior.alternatives[place],
             )
         )
-    return tuple(sorted(causes, key=lambda c: (-round(c.probability, 3), -c.gain.nats)))
+    return tuple(sorted(causes, key=lambda c: (c.probability < LIKELY, -c.gain.nats)))
 
 
 def sizes(look: Look, effect: Effect, chosen: Sequence[Effect]) -> dict[str, Interval]:
@@ -70,27 +97,34 @@ def _value(look: Look, effect: Effect, k: int, step: float) -> float:
 
 
 def decide(
-    causes: Sequence[Cause], found: Search, posterior: Posterior, left: Sequence[Standing], shape_z: float
+    causes: Sequence[Cause],
+    found: Search,
+    posterior: Posterior,
+    left: Sequence[Standing],
+    doubts: Sequence[str],
+    shape_z: float,
 ) -> tuple[Verdict, tuple[str, ...], str]:
-    """Verdict, equivalence set, remainder."""
+    """Verdict, equivalence set, remainder. ``causes``: the leading one first."""
     odd = [e for e in found.chosen if not named(e)]
-    remains = [f"{e.name}" for e in odd]
+    remains = [*(e.name for e in odd), *doubts]
     remains += [f"{s.effect.name} (z = {s.z:.1f})" for s in left[:1] if s.z > shape_z]
-    remainder = "; ".join(remains)
     if not causes:
-        return ("unknown" if remainder else "nothing_wrong"), (), remainder
-    sets = [a for e, a in zip(found.chosen, posterior.alternatives, strict=True) if named(e)]
-    open_sets = [a for a in sets if len(a) > 1]
-    unknown = posterior.probability[SOMETHING_ELSE]
-    if not odd and unknown > 0.5 and causes[0].probability < 0.5:
-        return "unknown", (), remainder or _strongest(left)
-    if open_sets:
-        return "ambiguous", tuple(dict.fromkeys(n for a in open_sets for n in a)), remainder
-    if causes[0].probability < SURE or causes[0].gain.ci95[0] <= 0.0:
-        return "ambiguous", tuple(c.name for c in causes), remainder
-    doubtful = [f"{c.name} may be something else" for c in causes if c.probability < SURE]
-    remainder = "; ".join([*([remainder] if remainder else []), *doubtful])
-    return ("named_with_remainder" if remainder else "named"), tuple(c.name for c in causes), remainder
+        return ("unknown" if remains else "nothing_wrong"), (), "; ".join(remains)
+    lead, others = causes[0], causes[1:]
+    if not odd and posterior.probability[SOMETHING_ELSE] > 0.5 and lead.probability < 0.5:
+        return "unknown", (), "; ".join(remains) or _strongest(left)
+    for cause in others:
+        if len(cause.alternatives) > 1:
+            remains.append(f"{cause.name} may be {' or '.join(cause.alternatives[1:MOST_ALIKE])}")
+        elif cause.probability < SURE:
+            remains.append(f"{cause.name} may be something else")
+    if len(lead.alternatives) > 1:
+        return "ambiguous", lead.alternatives[:MOST_ALIKE], "; ".join(remains)
+    if lead.probability < SURE:
+        remains.append(f"{lead.name} may be something else")
+    if lead.gain.nats < CONFIRMED_NATS:
+        remains.append("held-out flights do not confirm it")
+    return ("named_with_remainder" if remains else "named"), tuple(c.name for c in causes), "; ".join(remains)
 
 
 def _strongest(left: Sequence[Standing]) -> str:

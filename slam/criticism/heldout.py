@@ -1,7 +1,8 @@
 """What it gains to know, on flights that the sizes were not fitted to.
 
 For each flight (or stretch, where there are fewer than three flights) nuisances and sizes are fitted on all
-others; the gain is the difference of its log likelihoods with and without the terms, in nats.
+others; the gain is the difference of its log likelihoods with and without the terms, in nats. Each is
+averaged over what the others leave open: where they do not show an effect, its size is no more than a guess.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from slam.criticism.effects import Effect
 from slam.criticism.hypotheses import parabola_of
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.moving import moved, on_grid
-from slam.criticism.search import Look, Search
+from slam.criticism.search import SIZE_PRIOR, Look, Search
 
 Array = NDArray[np.float64]
 
@@ -88,10 +89,22 @@ def _at(
 ) -> tuple[float, Setting]:
     """Log likelihood of some stretches under what was fitted on others, and that belief."""
     held = look.parabola.held
-    fitted = parabola_of(look.sums, look.setting, model, held, others).answer(effects)
+    fitted = parabola_of(look.sums, look.setting, model, held, others).answer(effects, _reach(look, effects))
     judged = parabola_of(look.sums, look.setting, model, held, own)
-    nats = float(look.sums.log_likelihood[own].sum()) + judged.nats_at(fitted.whole)
+    nats = float(look.sums.log_likelihood[own].sum()) + judged.predicted(fitted)
     return nats, taken(look, fitted.whole, effects)
+
+
+def _reach(look: Look, effects: Sequence[Effect]) -> dict[str, float]:
+    """Column -> standard deviation of a size before any flight is seen: that of the evidence's prior, and no
+    less than what was found."""
+    answer = look.parabola.answer(effects)
+    reach = {}
+    for column in (c for e in effects for c in e.columns if c not in e.relaxes):
+        step, covariance = answer.of(look.parabola.index([column]))
+        size = step[0] + look.parabola.held.get(column, 0.0)
+        reach[column] = float(np.sqrt(SIZE_PRIOR * covariance[0, 0] + size**2))
+    return reach
 
 
 def taken(look: Look, step: Array, effects: Sequence[Effect]) -> Setting:

@@ -74,8 +74,9 @@ class Parabola:
         place = {name: k for k, name in enumerate(self.columns)}
         return np.array([place[name] for name in names], dtype=np.int64)
 
-    def answer(self, effects: Sequence[Effect]) -> Answer:
-        """The best of a set of terms."""
+    def answer(self, effects: Sequence[Effect], reach: dict[str, float] | None = None) -> Answer:
+        """The best of a set of terms; sizes of the columns in ``reach`` are drawn to 0 with these standard
+        deviations, all others are free."""
         names = [c for e in effects for c in e.columns if c not in self.names]
         loose = np.isin(self.names, [c for e in effects for c in e.relaxes])
         fixed = np.zeros(len(self.score))
@@ -85,7 +86,12 @@ class Parabola:
         free = np.concatenate([self.index(self.names), self.index(names)])
         a = self.information[np.ix_(free, free)]
         b = (self.score - self.information @ fixed)[free]
-        step, covariance = self._peak(a, b, loose)
+        drawn_a, drawn_b = a.copy(), b.copy()
+        for column, std in (reach or {}).items():
+            k = len(self.names) + names.index(column)
+            drawn_a[k, k] += std**-2
+            drawn_b[k] -= std**-2 * self.held.get(column, 0.0)
+        step, covariance = self._peak(drawn_a, drawn_b, loose)
         nats = float(b @ step - 0.5 * step @ a @ step) - self._penalty(step, loose)
         nats += float(self.score @ fixed - 0.5 * fixed @ self.information @ fixed)
         whole = fixed.copy()
@@ -99,6 +105,21 @@ class Parabola:
     def nats_at(self, step: Array) -> float:
         """Log likelihood, without priors, at a step of all columns."""
         return float(self.score @ step - 0.5 * step @ self.information @ step)
+
+    def predicted(self, other: Answer) -> float:
+        """Log likelihood of these flights as others predict it, averaged over what those leave open.
+
+        A Gaussian integral over the free columns about ``other``'s step, with its covariance.
+        """
+        free = other.columns
+        a = self.information[np.ix_(free, free)]
+        pull = (self.score - self.information @ other.whole)[free]
+        left, value = np.linalg.eigh(0.5 * (other.covariance + other.covariance.T))
+        root = value * np.sqrt(np.maximum(left, 0.0))
+        inner = np.eye(len(free)) + root.T @ a @ root
+        along = root.T @ pull
+        average = 0.5 * along @ np.linalg.solve(inner, along) - 0.5 * np.linalg.slogdet(inner)[1]
+        return self.nats_at(other.whole) + float(average)
 
     def _peak(self, a: Array, b: Array, loose: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Step to the most probable values and their covariance; at the edges by active sets."""

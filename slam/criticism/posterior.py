@@ -1,8 +1,8 @@
 """How probable each cause is, with "nothing" and "something unknown" always among the hypotheses.
 
 Hypotheses are the chosen set, the set without one of its terms, and the set with one of them replaced by any
-other term or by any shape of the dictionary. Each weighs its likelihood at its best, what its numbers cost,
-and its prior.
+other term or by any shape of the dictionary that is not the term itself to the eye of these flights. Each
+weighs its likelihood at its best, what its numbers cost, and its prior.
 """
 
 from __future__ import annotations
@@ -23,6 +23,9 @@ KNOWN, UNKNOWN = 0.9, 0.1
 """Prior shares of an effect of the catalogue and of anything else."""
 VERY_SIMILAR_NATS = 4.0
 NOTHING, SOMETHING_ELSE = "nothing", "unknown"
+SAME_TRACE = 0.9
+"""Correlation with a term beyond which a shape is the term in other words: a range that goes with the climb
+rate is a lag."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,8 @@ def posterior_of(found: Search) -> Posterior:
         for effect in (*look.effects, *look.shapes):
             if any(effect.label == e.label for e in chosen):
                 continue
+            if place is not None and named(place) and not named(effect) and _same(look, rest, place, effect):
+                continue
             evidence = _evidence(look, rest, effect)
             weights.append((evidence, _names([*rest, effect])))
             if named(effect):
@@ -84,6 +89,18 @@ def _evidence(look: Look, rest: Sequence[Effect], extra: Effect | None = None) -
     others = len(look.shapes) + len([e for e in look.effects if not named(e)])
     prior = sum(np.log(KNOWN / kinds) if named(e) else np.log(UNKNOWN / others) for e in effects)
     return float(nats - sum(occam(len(e.columns)) for e in effects) + prior)
+
+
+def _same(look: Look, rest: Sequence[Effect], term: Effect, shape: Effect) -> bool:
+    """Whether a shape of one column leaves the trace of a term, all else taken out."""
+    if len(shape.columns) != 1 or shape.relaxes or term.relaxes:
+        return False
+    _, covariance = look.parabola.answer([*rest, term, shape]).of(
+        look.parabola.index([*term.columns, *shape.columns])
+    )
+    with_term, own = covariance[-1, :-1], covariance[-1, -1]
+    explained = float(with_term @ np.linalg.solve(covariance[:-1, :-1], with_term))
+    return explained > SAME_TRACE**2 * own
 
 
 def _names(effects: Sequence[Effect]) -> frozenset[str]:

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from slam.criticism.agreement import contradictions
 from slam.criticism.criticism import ChannelCheck, Criticism, Interval, Rank
-from slam.criticism.decision import causes_of, decide, detectable
+from slam.criticism.decision import causes_of, confirmed, decide, detectable
 from slam.criticism.extended import extended_model
 from slam.criticism.heldout import taken
 from slam.criticism.kalman.filter import USED
@@ -52,15 +53,20 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     limits = load_thresholds()
     setting = replace(setting_of(model), foreign=is_foreign(records, model))
     records, odd = without_dead_zone(records)
-    found = search(records, setting, limits.effects)
+    found = confirmed(search(records, setting, limits.effects), setting)
+    belief = _belief(found)
+    doubts, refuted = contradictions(records, setting, found, belief)
+    if refuted:
+        found = replace(found, chosen=tuple(e for e in found.chosen if e.name not in refuted))
+        belief = _belief(found)
     posterior = posterior_of(found)
     odd = [*odd, *oddities(records, found.last.sums.passes)]
     causes = (*causes_of(records, setting, found, posterior), *(o.cause() for o in odd))
     left = found.last.standing(found.chosen, found.last.shapes)
     left = sorted(left, key=lambda s: -s.z)
-    verdict, equivalents, remainder = decide(causes, found, posterior, left, limits.shapes)
-    answer = found.last.parabola.answer(found.chosen)
-    belief = taken(found.last, answer.whole, found.chosen)
+    verdict, equivalents, remainder = decide(
+        causes, found, posterior, left, [*doubts.values()], limits.shapes
+    )
     seen = detectable(found.first, limits.effects)
     return Criticism(
         verdict,
@@ -78,6 +84,10 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         model=model,
         extended=_extended(model, belief, found, odd),
     )
+
+
+def _belief(found: Search) -> Setting:
+    return taken(found.last, found.last.parabola.answer(found.chosen).whole, found.chosen)
 
 
 def _extended(model: Model, belief: Setting, found: Search, odd: Sequence[Oddity]) -> Model:

@@ -29,9 +29,7 @@ def sentence_of(
     told = "; ".join(_told(cause) for cause in causes)
     gain = causes[0].gain
     held = f"on held-out {gain.by}s the likelihood gains {gain.nats:.0f} nats"
-    if verdict == "ambiguous" and len(equivalents) == 1:
-        text = f"The flights hint at {told}, without being sure; {held}"
-    elif verdict == "ambiguous":
+    if verdict == "ambiguous":
         text = f"The flights cannot tell {', '.join(equivalents)} apart; best: {told}; {held}"
     else:
         text = f"The model lacks {told}; {held}"

@@ -1,0 +1,126 @@
+"""Whether a claim agrees with itself: its size in each flight, stretch of time and channel by itself.
+
+The innovations are independent, so their rows can be parted at will. If one size is true for all parts, what
+each part's score says beside the common sizes is chance: a chi-square with as many degrees of freedom as the
+parts have sizes of their own, all that is common (nuisances, sizes) projected out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.effects import Effect
+from slam.criticism.kalman.innovations import stretches
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
+from slam.criticism.moving import settled
+from slam.criticism.nuisances import MEAN, direction_of, prior_precision
+from slam.criticism.screening import deviate
+from slam.criticism.search import Search
+from slam.criticism.sums import in_threads
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+STRETCH_S, MOST_STRETCHES = 5.0, 1000
+DISAGREE_Z = 4.0
+MOST_EXCESS = 0.5
+"""Of the chi-square that a cause explains: beyond this its parts do not speak of one cause."""
+WEAK = 1e-6
+"""Of the strongest part's information: what tells less about the size tells nothing."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How well the parts of the flights agree on a cause."""
+
+    by: str
+    """What the parts are: ``flight``, ``time`` or ``channel``."""
+    z: float
+    """Deviate of the chi-square of their differences."""
+    excess: float
+    """The chi-square beyond what chance makes."""
+
+
+def agreements(
+    records: Sequence[Record], model: Setting, belief: Setting, chosen: Sequence[Effect]
+) -> list[tuple[Agreement, ...]]:
+    """For each chosen effect that moves the mean of the readings; none for the others.
+
+    ``belief`` holds the effects at their sizes.
+    """
+    directions = [direction_of(n) for n in MEAN] + [d for e in chosen for d in e.directions]
+    precision = np.zeros(len(directions))
+    precision[: len(MEAN)] = [prior_precision(n, model) for n in MEAN]
+
+    def one(k: int) -> tuple[Array, Array, Ints]:
+        rows = list(stretches(records[k], belief, directions))
+        events = np.concatenate([r.events for r in rows])
+        time = (records[k].times_s[events] // STRETCH_S).astype(np.int64)
+        channels = np.concatenate([r.channels for r in rows])
+        part = np.column_stack([np.full(len(events), k), MOST_STRETCHES * k + time, channels])
+        return np.concatenate([r.traces for r in rows]), np.concatenate([r.white for r in rows]), part
+
+    found = in_threads(one, range(len(records)))
+    traces, white, part = (np.concatenate([f[i] for f in found]) for i in range(3))
+    answers: list[tuple[Agreement, ...]] = []
+    first = len(MEAN)
+    for effect in chosen:
+        own = np.arange(first, first + len(effect.directions))
+        first += len(effect.directions)
+        if len(own) == 0:
+            answers.append(())
+            continue
+        answers.append(
+            tuple(
+                _agreement(by, traces, white, part[:, i], own, precision)
+                for i, by in enumerate(("flight", "time", "channel"))
+            )
+        )
+    return answers
+
+
+def _agreement(by: str, traces: Array, white: Array, part: Ints, own: Ints, precision: Array) -> Agreement:
+    total = traces.T @ traces + np.diag(precision + 1e-9)
+    score = white @ traces
+    step = np.linalg.solve(total, score)
+    labels = np.unique(part)
+    k = len(own)
+    cross = np.zeros((len(labels) * k, len(total)))
+    left, right = np.zeros((len(labels) * k, len(labels) * k)), np.zeros(len(labels) * k)
+    for g, label in enumerate(labels):
+        rows = traces[part == label]
+        at = slice(g * k, (g + 1) * k)
+        cross[at] = rows[:, own].T @ rows
+        left[at, at] = cross[at][:, own]
+        right[at] = white[part == label] @ rows[:, own] - cross[at] @ step
+    left = left - cross @ np.linalg.solve(total, cross.T)
+    scale = 1.0 / np.sqrt(np.tile(np.maximum(np.diag(total)[own], 1e-12), len(labels)))
+    values, vectors = np.linalg.eigh(left * scale[:, None] * scale)
+    strong = values > WEAK
+    along = vectors[:, strong].T @ (scale * right)
+    chi2 = float(np.sum(along**2 / values[strong]))
+    degrees = int(strong.sum())
+    return Agreement(by, deviate(chi2, degrees) if chi2 > degrees else 0.0, chi2 - degrees)
+
+
+def contradictions(
+    records: Sequence[Record], model: Setting, found: Search, belief: Setting
+) -> tuple[dict[str, str], set[str]]:
+    """What is told of causes whose parts do not agree, by name; and those that explain less than they
+    contradict themselves."""
+    chosen = [settled(e, belief) for e in found.chosen]
+    told, refuted = {}, set()
+    for effect, parts in zip(found.chosen, agreements(records, model, belief, chosen), strict=True):
+        worst = max(parts, key=lambda a: a.z, default=None)
+        if worst is None or worst.z < DISAGREE_Z:
+            continue
+        told[effect.name] = f"{effect.name} is not the same in every {worst.by} (z = {worst.z:.1f})"
+        rest = [e for e in found.chosen if e is not effect]
+        if max(a.excess for a in parts) > MOST_EXCESS * 2 * found.last.standing(rest, [effect])[0].nats:
+            refuted.add(effect.name)
+    return told, refuted
