@@ -38,19 +38,10 @@ from backend.factors import DATUM, FLOOR_Z, LOG_GAIN, LOG_SCALE, SLOPE, WORLD_SI
 from backend.marginals import joint_covariances
 from backend.measurements import Measurements
 from backend.se3 import cross_matrix
+from backend.solution import RangeErrors
 from backend.solve import minimise
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class RangeErrors:
-    """What a rangefinder's readings have in common: gain times the range, plus the error of its zero."""
-
-    gain: float
-    gain_std: float
-    datum_m: float
-    datum_std_m: float
 
 
 @dataclass(frozen=True)
@@ -180,4 +171,6 @@ def _result(
 
 def _range_errors(world: Array, covariance: Array) -> RangeErrors:
     gain, std = float(np.exp(world[LOG_GAIN])), np.sqrt(np.diag(covariance))
-    return RangeErrors(gain, gain * float(std[LOG_GAIN]), float(world[DATUM]), float(std[DATUM]))
+    return RangeErrors(
+        gain, gain * float(std[LOG_GAIN]), float(world[DATUM]), float(std[DATUM]), float(std[LOG_SCALE])
+    )

@@ -37,3 +37,18 @@ class Solution:
     unobserved: tuple[str, ...] = ()
     """Which directions of which keyframes nothing measures, and what was held in their place."""
     warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class RangeErrors:
+    """What all readings of a rangefinder have in common: gain times the range, plus the error of its zero.
+
+    Standard deviations no smaller than those that were assumed say that nothing else told.
+    """
+
+    gain: float
+    gain_std: float
+    zero_m: float
+    zero_std_m: float
+    scale_std: float
+    """Of the logarithm of the map's scale, which is uncertain with them."""

@@ -15,6 +15,7 @@ from slam.flight import GeoOrigin
 
 if TYPE_CHECKING:
     from backend.certificate import Certificate
+    from backend.solution import RangeErrors
 
 Array = NDArray[np.float64]
 
@@ -77,6 +78,8 @@ class Estimate:
     iterations: int = 0
     floor_slope_rad: tuple[float, float] = (0.0, 0.0)
     """Rotation vector (x, y) that takes the level to the ground; zero where nothing told of a slope."""
+    range_errors: RangeErrors | None = None
+    """What the height sensor's readings turned out to have in common; None where there is none."""
     certificate: Certificate | None = None
     """Graphs alone: whether the solution is the global optimum."""
     ways: tuple[str, str, str] = MAP_WAYS

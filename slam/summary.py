@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from backend.certificate import Certificate
+    from backend.solution import RangeErrors
     from slam.estimate import Estimate
 
 _RSS_UNITS_IN_MB = 1 << 20 if sys.platform == "darwin" else 1 << 10
@@ -39,6 +40,8 @@ class Summary:
     """Graphs alone: half the squared whitened residuals over all kept edges."""
     iterations: int | None = None
     """Graphs alone."""
+    range_errors: RangeErrors | None = None
+    """Flights with a height sensor: the gain and the zero of its readings, as found."""
     certificate: Certificate | None = None
     """Graphs alone: whether the solution is the global optimum."""
 
@@ -62,6 +65,8 @@ class Summary:
             record["error"] = self.error
         if self.iterations is not None:
             record["iterations"] = self.iterations
+        if self.range_errors is not None:
+            record["height_sensor"] = asdict(self.range_errors)
         if self.certificate is not None:
             record["certificate"] = asdict(self.certificate)
         return record
@@ -83,6 +88,7 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
         warnings=estimate.warnings,
         error=float(estimate.graph_error) if graph_alone else None,
         iterations=int(estimate.iterations) if graph_alone else None,
+        range_errors=estimate.range_errors,
         certificate=estimate.certificate,
     )
 

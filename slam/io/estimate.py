@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.measurements import RelativePose
+from backend.solution import RangeErrors
 from frontend.camera import Camera
 from slam.errors import InputError
 from slam.estimate import MAP_WAYS, Estimate, LoopVerdict
@@ -160,6 +161,7 @@ def _record(estimate: Estimate) -> dict[str, Any]:
         "camera": None if camera is None else {**asdict(camera), "b_T_c": camera.b_T_c.tolist()},
         "floor_z_m": float(estimate.floor_z_m),
         "floor_slope_rad": [float(angle) for angle in estimate.floor_slope_rad],
+        "range_errors": None if estimate.range_errors is None else asdict(estimate.range_errors),
         "origin": None if estimate.origin is None else asdict(estimate.origin),
         "frames": int(estimate.frames),
         "rejected": estimate.rejected,
@@ -280,6 +282,7 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         camera=None if camera is None else _camera(camera),
         floor_z_m=float(record["floor_z_m"]),
         floor_slope_rad=(float(record["floor_slope_rad"][0]), float(record["floor_slope_rad"][1])),
+        range_errors=_range_errors(record),
         origin=None if origin is None else GeoOrigin(**origin),
         relative_poses=tuple(RelativePose(i, j, T, P, kind) for (i, j), T, P, kind in edges),
         loops=tuple(LoopVerdict(i, j, verdict, reason) for (i, j), verdict, reason in loops),
@@ -293,6 +296,11 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         iterations=int(record["iterations"]),
         ways=_ways(record),
     )
+
+
+def _range_errors(record: dict[str, Any]) -> RangeErrors | None:
+    told = record.get("range_errors")
+    return None if told is None else RangeErrors(**{key: float(value) for key, value in told.items()})
 
 
 def _ways(record: dict[str, Any]) -> tuple[str, str, str]:

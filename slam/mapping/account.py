@@ -115,6 +115,7 @@ def account(
             *solution.warnings,
         ),
         floor_slope_rad=fused.slope_rad,
+        range_errors=fused.bundle.range_errors if fused.bundle else None,
         graph_error=fused.bundle.error if fused.bundle else solution.error,
         iterations=solution.iterations + (fused.bundle.iterations if fused.bundle else 0),
     )

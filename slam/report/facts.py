@@ -48,6 +48,9 @@ class Facts:
     chain_moved_m: float
     """Largest distance of a keyframe from where the plain chain has it, the first ones laid together."""
     scale_source: str
+    sensor_gain: str
+    """Of the height sensor; empty without one."""
+    sensor_zero: str
     is_graph: bool
 
 
@@ -64,6 +67,7 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
     extent = np.ptp(position[:, :2], axis=0) if len(position) else np.full(2, np.nan)
     kinds = [edge.kind for edge in estimate.relative_poses]
     scale_std = _scale_std(estimate, flight)
+    gain, zero = _height_sensor(estimate, flight)
     return Facts(
         keyframes=len(known),
         placed=int(known.sum()),
@@ -81,6 +85,8 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         relative_to=_relative_to(estimate, flight),
         chain_moved_m=_moved_m(estimate, main),
         scale_source=_scale_source(estimate, flight),
+        sensor_gain=gain,
+        sensor_zero=zero,
         is_graph=flight is None,
     )
 
@@ -169,9 +175,10 @@ def _relative_to(estimate: Estimate, flight: Flight | None) -> str:
 
 
 def _scale_std(estimate: Estimate, flight: Flight | None) -> float:
-    if flight is None or flight.sonar is None or estimate.origin is not None:
+    """Of the scale that all lengths share; positions on Earth know it better than any height sensor."""
+    if flight is None or estimate.range_errors is None or estimate.origin is not None:
         return 0.0
-    return flight.sonar.scale_std if np.isfinite(flight.sonar.range_m).any() else 0.0
+    return estimate.range_errors.scale_std
 
 
 def _is_mostly_scale(estimate: Estimate, members: NDArray[np.int64], scale_std: float) -> bool:
@@ -180,6 +187,29 @@ def _is_mostly_scale(estimate: Estimate, members: NDArray[np.int64], scale_std: 
     away_m = np.linalg.norm(estimate.w_T_b[members, :3, 3] - estimate.w_T_b[members[0], :3, 3], axis=1)
     variance = np.trace(estimate.covariances[members, 3:, 3:], axis1=1, axis2=2)
     return bool(np.nansum((scale_std * away_m) ** 2) > 0.5 * np.nansum(variance))
+
+
+_TOLD = 0.9
+"""A standard deviation left at more than this share of the assumed one was told by nothing."""
+
+
+def _height_sensor(estimate: Estimate, flight: Flight | None) -> tuple[str, str]:
+    """Gain and zero of the height sensor's readings, as found, in words."""
+    found = estimate.range_errors
+    if flight is None or flight.sonar is None or found is None:
+        return "", ""
+
+    def told(value: str, std: float, assumed: float) -> str:
+        if assumed == 0:
+            return "exact, as its sensor.yaml says"
+        return value if std < _TOLD * assumed else f"{value}, as assumed: this flight does not tell"
+
+    gain = f"{found.gain:.3f} ±{_SPACE}{found.gain_std:.3f}"
+    zero = f"{1e3 * found.zero_m:+.1f} ±{_SPACE}{1e3 * found.zero_std_m:.1f}{_SPACE}mm"
+    return (
+        told(gain, found.gain_std, flight.sonar.scale_std),
+        told(zero, found.zero_std_m, flight.sonar.datum_std_m),
+    )
 
 
 def _scale_source(estimate: Estimate, flight: Flight | None) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from backend.measurements import RelativePose
+from backend.solution import RangeErrors
 from slam.estimate import Estimate, LoopVerdict
 from slam.flight import Flight, Sonar
 
@@ -42,6 +43,7 @@ def made_estimate(count: int = 60, name: str = "made eight", sigma_m: float = 0.
         floor_z_m=0.0,
         origin=None,
         relative_poses=tuple(edges),
+        range_errors=RangeErrors(gain=1.0, gain_std=0.05, zero_m=0.0035, zero_std_m=0.0011, scale_std=0.05),
         loops=tuple(
             LoopVerdict(i, j, verdict, "" if verdict == "kept" else REJECTION) for i, j, verdict in loops
         ),

@@ -103,6 +103,14 @@ def test_the_sentence_names_what_is_wrong():
     assert sentence(gather(nothing, made_flight())).startswith("Nothing could be placed")
 
 
+def test_what_a_flight_tells_of_its_height_sensor_is_told_apart_from_what_is_assumed():
+    facts = gather(made_estimate(), made_flight())
+    assert "this flight does not tell" in facts.sensor_gain
+    assert facts.sensor_zero == "+3.5 ±\N{NO-BREAK SPACE}1.1\N{NO-BREAK SPACE}mm"
+    graph = gather(made_estimate(), None)
+    assert (graph.sensor_gain, graph.sensor_zero) == ("", "")
+
+
 def test_the_sentence_says_what_a_position_is_relative_to():
     """A height sensor whose scale is not known makes all positions uncertain together, the first excepted."""
     estimate, flight = made_estimate(sigma_m=0.001), made_flight()
@@ -113,9 +121,8 @@ def test_the_sentence_says_what_a_position_is_relative_to():
     assert vague.mostly_scale
     assert "relative to the first keyframe" in sentence(vague)
     assert "scale is known to 5\N{NO-BREAK SPACE}% only" in sentence(vague)
-    exact = gather(
-        replace(estimate, covariances=scaled), replace(flight, sonar=replace(flight.sonar, scale_std=0.0))
-    )
+    known = replace(estimate.range_errors, scale_std=0.0)
+    exact = gather(replace(estimate, covariances=scaled, range_errors=known), flight)
     assert "relative to the first keyframe" in sentence(exact)
     assert "scale" not in sentence(exact)
     placed = gather(replace(estimate, covariances=scaled, origin=GeoOrigin(47.0, 8.0, 400.0)), flight)
@@ -240,6 +247,7 @@ def test_summary_has_the_keys_of_the_contract():
     record = summarise(estimate, landmarks=2).to_json()
     assert set(record) == {
         "status", "frames", "keyframes", "edges", "landmarks", "timing_s", "peak_rss_mb", "warnings",
+            "height_sensor",
     }  # fmt: skip
     assert record["edges"] == {"odometry": 59, "loop": 2, "rejected": estimate.rejected}
     assert 10 < record["peak_rss_mb"] < 10_000
