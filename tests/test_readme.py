@@ -21,6 +21,8 @@ from slam.io.streams import COLUMNS, KNOWN_KEYS
 from slam.outputs import EVALUATE_NAMES, OPTIMIZE_NAMES
 from slam.simulation.recipe import shipped_recipes
 from slam.summary import summarise
+from tests.benchmarks.figures import HEADLINES, headlines
+from tests.benchmarks.run import earlier
 from tests.slam.evaluation.scene import estimate_of, flight_of, smooth_poses
 from tests.slam.made_estimate import made_estimate
 
@@ -98,10 +100,18 @@ def test_the_picture_is_small():
         assert picture.width >= 1000
 
 
-def test_the_figures_have_their_place():
-    text = page("README.md")
+@pytest.mark.parametrize("name", ["README.md", "docs/figures.md"])
+def test_the_figures_have_their_place(name):
+    text = page(name)
     assert text.count("<!-- figures -->") == text.count("<!-- /figures -->") == 1
     assert text.index("<!-- figures -->") < text.index("<!-- /figures -->")
+
+
+def test_the_readme_s_few_figures_are_those_that_were_measured():
+    """None of them went missing under another name, and none was edited by hand."""
+    sections = [(name, record.metrics, record.skipped) for name, record in earlier().items()]
+    assert set(HEADLINES) <= {m.key for _, metrics, _ in sections for m in metrics}
+    assert headlines(sections) in page("README.md")
 
 
 @pytest.mark.parametrize("name", ["README.md", "docs/method.md"])

@@ -1,4 +1,6 @@
-"""``python -m tests.benchmarks.run [NAME...]``: measure, show, write out/bench.json and the README's table.
+"""``python -m tests.benchmarks.run [NAME...]``: measure, show, write docs/figures.json and what stands on it.
+
+That is docs/figures.md, with all figures, and the README's few. ``--write`` writes them without measuring.
 
 Each benchmark runs in a fresh process. Named ones replace their own figures and keep the others' of earlier
 runs; what has no figures is told as such.
@@ -21,7 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 from slam.io.atomic import atomic_file
-from tests.benchmarks.figures import markdown, measured, verdict, with_block
+from tests.benchmarks.figures import headlines, markdown, measured, verdict, with_block
 from tests.benchmarks.metric import Metric, Skipped
 
 TITLES = {
@@ -35,7 +37,7 @@ TITLES = {
     "mosaic": "Mosaics",
 }
 ROOT = Path(__file__).parents[2]
-BENCH, README = ROOT / "out" / "bench.json", ROOT / "README.md"
+BENCH, PAGE, README = (ROOT / name for name in ("docs/figures.json", "docs/figures.md", "README.md"))
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,7 @@ def main() -> None:
     """Run what was named, or everything."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.run", description=__doc__)
     parser.add_argument("name", nargs="*", help=f"any of: {', '.join(TITLES)}; all where none is given")
+    parser.add_argument("--write", action="store_true", help="measure nothing")
     parser.add_argument("--inside", metavar="FILE", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if unknown := set(arguments.name) - set(TITLES):
@@ -69,21 +72,22 @@ def main() -> None:
         arguments.inside.write_text(json.dumps(inside(arguments.name[0])))
         return
     screen = Console(width=None if sys.stdout.isatty() else 150)
-    for name in arguments.name or TITLES:
+    for name in [] if arguments.write else arguments.name or TITLES:
         screen.print(f"[bold]{TITLES[name]}[/]")
         record = apart(name)
         screen.print(shown(record))
         # Read again: another run may have added its figures meanwhile.
         records = {**earlier(), name: record}
         with atomic_file(BENCH) as path:
-            path.write_text(json.dumps([asdict(record) for record in records.values()], indent=1))
+            path.write_text(json.dumps([asdict(record) for record in records.values()], indent=1) + "\n")
     records = earlier()
     for name in TITLES:
         records.setdefault(name, Record(name, (), "not measured yet", 0.0, ""))
     sections = [(TITLES[n], records[n].metrics, records[n].skipped) for n in TITLES]
     commits = {record.commit for record in records.values() if record.metrics}
-    with atomic_file(README) as path:
-        path.write_text(with_block(README.read_text(), markdown(sections, sorted(commits))))
+    for page, block in ((PAGE, markdown(sections, sorted(commits))), (README, headlines(sections))):
+        with atomic_file(page) as path:
+            path.write_text(with_block(page.read_text(), block))
 
 
 def inside(name: str) -> dict[str, Any]:
