@@ -103,9 +103,14 @@ def decide(
     left: Sequence[Standing],
     doubts: Sequence[str],
     shape_z: float,
+    entailed: Sequence[str] = (),
 ) -> tuple[Verdict, tuple[str, ...], str]:
-    """Verdict, equivalence set, remainder. ``causes``: the leading one first."""
-    odd = [e for e in found.chosen if not named(e)]
+    """Verdict, equivalence set, remainder.
+
+    ``causes``: the leading one first. ``doubts``: what else is left over, in words. ``entailed``: nuisances
+    out of range that a cause explains.
+    """
+    odd = [e for e in found.chosen if not named(e) and e.name not in entailed]
     remains = [*(e.name for e in odd), *doubts]
     remains += [f"{s.effect.name} (z = {s.z:.1f})" for s in left[:1] if s.z > shape_z]
     if not causes:

@@ -28,6 +28,11 @@ NATS_A_SPIKE = 9.0
 COMB_STEPS_M = np.arange(0.002, 0.0601, 0.0001)
 COMB_NATS = 20.0
 """n |mean exp(2 pi i r / step)|^2 that a comb must have; a smooth spread of readings has about 1."""
+ENTAILS = {
+    "sonar_quantisation": ("sonar_noise out of range",),
+    "sonar_spikes": ("sonar_noise out of range",),
+}
+"""What an oddity makes of the nuisances."""
 RUN = 8
 """The same reading, to the last digit, so many times in a row is no noise."""
 NATS_A_REPEAT = 4.0
@@ -55,7 +60,12 @@ class Oddity:
 
 
 def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Oddity]]:
-    """The records without readings that a dead zone made, and the dead zone where there is one."""
+    """The records without readings that a dead zone made, and the dead zone where there is one.
+
+    A comb of readings repeats itself without one.
+    """
+    if _quantisation(records):
+        return list(records), []
     limits, nats, kept = [], [], []
     for record in records:
         rows = np.flatnonzero(record.kinds == SONAR)

@@ -19,12 +19,13 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.next_flight import next_flight
 from slam.criticism.nuisances import NUISANCES
-from slam.criticism.oddities import Oddity, oddities, without_dead_zone
+from slam.criticism.oddities import ENTAILS, Oddity, oddities, without_dead_zone
 from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, posterior_of
 from slam.criticism.search import Look, Search, search
 from slam.criticism.sentence import sentence_of
 from slam.criticism.thresholds import load_thresholds
 from slam.criticism.usable import is_foreign, usable_records
+from slam.criticism.vibration import vibration_of
 from slam.flight import Flight
 from slam.simulation.model import Model, load_model
 
@@ -64,9 +65,12 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     causes = (*causes_of(records, setting, found, posterior), *(o.cause() for o in odd))
     left = found.last.standing(found.chosen, found.last.shapes)
     left = sorted(left, key=lambda s: -s.z)
+    shaking = vibration_of(records, found.last.sums.passes)
+    told = [*doubts.values(), *([str(shaking)] if shaking else [])]
     verdict, equivalents, remainder = decide(
-        causes, found, posterior, left, [*doubts.values()], limits.shapes
-    )
+        causes, found, posterior, left, told, limits.shapes,
+        [name for o in odd for name in ENTAILS.get(o.name, ())],
+    )  # fmt: skip
     seen = detectable(found.first, limits.effects)
     return Criticism(
         verdict,

@@ -1,0 +1,94 @@
+"""Lines in the spectrum of what is left over: something shakes the vehicle that no term knows.
+
+Whitened innovations have a flat spectrum, each bin of a periodogram an exponential draw, and their sum over
+flights a gamma draw. A bin that stands out of its neighbours by far is an oscillation of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln, logsumexp
+
+from slam.criticism.kalman.filter import USED
+from slam.criticism.kalman.innovations import Pass
+from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL
+from slam.criticism.kalman.record import Record
+
+Array = NDArray[np.float64]
+
+LOWEST_HZ = 3.0
+"""Below this vehicle and pilot move, and a term that does not fit well leaves waves."""
+NEIGHBOURS = 40
+LOG_CHANCE = -20.0
+"""Logarithm of the chance of a line; some 10^5 bins are looked at."""
+FEWEST = 256
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """One line."""
+
+    channel: str
+    frequency_hz: float
+    log_chance: float
+    """Natural logarithm of the chance that noise makes such a line in this bin."""
+
+    def __str__(self) -> str:
+        chance = self.log_chance / np.log(10.0)
+        return f"{self.channel} oscillates at {self.frequency_hz:.1f} Hz (by chance in 10^{chance:.0f})"
+
+
+def vibration_of(records: Sequence[Record], passes: Sequence[Pass]) -> Vibration | None:
+    """The least probable line of all channels, if there is one."""
+    found = [v for channel in range(len(CHANNELS)) if (v := _line(channel, records, passes)) is not None]
+    return min(found, key=lambda v: v.log_chance, default=None)
+
+
+def _line(channel: int, records: Sequence[Record], passes: Sequence[Pass]) -> Vibration | None:
+    """The line of one channel over all flights."""
+    series = [
+        white for record, run in zip(records, passes, strict=True)
+        if len((white := _white(channel, record, run))[0]) >= FEWEST
+    ]  # fmt: skip
+    if not series:
+        return None
+    length = max(len(white) for white, _ in series)
+    step_s = float(np.median([step for _, step in series]))
+    total = np.sum([_over_neighbours(white, length) for white, _ in series], axis=0)
+    frequency = np.fft.rfftfreq(length, step_s)
+    log_chance = np.where(frequency > LOWEST_HZ, _log_tail(total, len(series)), 0.0)
+    k = int(np.argmin(log_chance))
+    if log_chance[k] > LOG_CHANCE:
+        return None
+    return Vibration(CHANNELS[channel], float(frequency[k]), float(log_chance[k]))
+
+
+def _white(channel: int, record: Record, run: Pass) -> tuple[Array, float]:
+    """Whitened innovations of a channel, 0 where none was used, and their step."""
+    kind = int(np.searchsorted(FIRST_CHANNEL, channel, side="right")) - 1
+    rows, c = np.flatnonzero(record.kinds == kind), channel - FIRST_CHANNEL[kind]
+    used = run.status[rows, c] == USED
+    if used.sum() < FEWEST:
+        return np.zeros(0), 0.0
+    white = np.where(used, run.white[rows, c], 0.0)
+    return white - white.mean(), float(np.median(np.diff(record.times_s[rows])))
+
+
+def _over_neighbours(white: Array, length: int) -> Array:
+    """Periodogram on the bins of ``length`` samples, over the mean of each bin's neighbours."""
+    spectrum = np.abs(np.fft.rfft(white, length)) ** 2
+    parts = np.array_split(spectrum, max(len(spectrum) // NEIGHBOURS, 1))
+    # The median of exponential draws is log 2 of their mean, and a line does not lift it.
+    floor = np.concatenate([np.full(len(p), np.median(p) / np.log(2.0)) for p in parts])
+    return np.asarray(spectrum / np.maximum(floor, 1e-12))
+
+
+def _log_tail(total: Array, count: int) -> Array:
+    """log P(a sum of ``count`` exponential draws exceeds ``total``)."""
+    orders = np.arange(count)
+    terms = orders * np.log(np.maximum(total, 1e-300))[:, None] - gammaln(orders + 1.0)
+    return np.asarray(logsumexp(terms, axis=1) - total)

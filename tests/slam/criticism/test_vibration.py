@@ -1,0 +1,64 @@
+"""Lines in the spectrum of the innovations: found where there are, not where there are none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism.healthy import flown
+from slam.criticism.kalman.filter import USED
+from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.readings import IMU
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.manoeuvres import stick_for
+from slam.criticism.vibration import vibration_of
+from slam.simulation.model import load_model
+
+
+@pytest.fixture(scope="module")
+def hover():
+    model = load_model("nominal")
+    slower = replace(model, imu=replace(model.imu, rate_hz=100.0))
+    record = record_of(flown(slower, stick_for(["hover for 8 s", "hover for 8 s"]), 5))
+    return record, whole(record, setting_of(slower))
+
+
+def drawn(run, seed, student=False):
+    """The run with white innovations instead of its own."""
+    rng = np.random.default_rng(seed)
+    white = (
+        rng.standard_t(4, run.white.shape) / np.sqrt(2) if student else rng.standard_normal(run.white.shape)
+    )
+    return replace(run, white=white)
+
+
+@pytest.mark.parametrize("student", [False, True])
+def test_white_noise_has_no_line(hover, student):
+    record, run = hover
+    assert all(
+        vibration_of([record] * 3, [drawn(run, s + k, student) for k in range(3)]) is None for s in range(20)
+    )
+
+
+@pytest.mark.parametrize("hz", [7.0, 31.0])
+def test_a_line_is_found_at_its_frequency(hover, hz):
+    record, run = hover
+    shaken = []
+    for k in range(3):
+        white = drawn(run, k).white
+        rows = record.kinds == IMU
+        white[rows, 5] += 0.35 * np.sin(2 * np.pi * hz * record.times_s[rows] + k)
+        shaken.append(replace(run, white=white))
+    found = vibration_of([record] * 3, shaken)
+    assert found is not None
+    assert found.channel == "accel_z"
+    assert found.frequency_hz == pytest.approx(hz, abs=0.1)
+
+
+def test_a_slow_wave_is_none(hover):
+    record, run = hover
+    white = drawn(run, 1).white + np.where(run.status == USED, np.sin(record.times_s)[:, None], 0.0)
+    assert vibration_of([record], [replace(run, white=white)]) is None
