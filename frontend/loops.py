@@ -30,16 +30,20 @@ Pair = tuple[int, int]
 
 def look_alikes(store: FeatureStore, stamps_s: Array, config: RetrievalConfig) -> list[Pair]:
     """Pairs i < j of keyframes that look alike, by descriptor retrieval."""
-    n = len(store)
-    if n < 2:
+    if len(store) < 2:
         return []
+    return candidates(signatures(store, config), stamps_s, 0.0, config.neighbours)
+
+
+def signatures(store: FeatureStore, config: RetrievalConfig) -> NDArray[np.float32]:
+    """(n, d) one unit vector a keyframe; the inner product of two says how alike they look."""
+    n = len(store)
     sample = range(0, n, max(1, n // 200))  # a vocabulary needs a sample of the flight, not all of it
     centres = vocabulary((store[k].descriptor for k in sample), config)
     basis = principal_components(
         np.array([signature(store[k].descriptor, centres) for k in sample]), config.dimensions
     )
-    signatures = np.array([compressed(signature(store[k].descriptor, centres), basis) for k in range(n)])
-    return candidates(signatures, stamps_s, 0.0, config.neighbours)
+    return np.array([compressed(signature(store[k].descriptor, centres), basis) for k in range(n)])
 
 
 def overlapping(

@@ -8,16 +8,18 @@ if TYPE_CHECKING:
     from slam.criticism import criticise
     from slam.evaluation import evaluate
     from slam.flight import Flight
+    from slam.loops import evaluate_loops
     from slam.pipeline import optimize
     from slam.simulation import simulate
 
 __version__ = "0.1.0"
-__all__ = ["Flight", "criticise", "evaluate", "optimize", "simulate"]
+__all__ = ["Flight", "criticise", "evaluate", "evaluate_loops", "optimize", "simulate"]
 
 _HOME = {
     "Flight": "slam.flight",
     "criticise": "slam.criticism",
     "evaluate": "slam.evaluation",
+    "evaluate_loops": "slam.loops",
     "optimize": "slam.pipeline",
     "simulate": "slam.simulation",
 }

@@ -27,12 +27,21 @@ def optimize(
 
     Raises ``InputError`` where the flight has no camera or its pictures cannot be joined.
     """
+    return optimize_with_sightings(flight, config, progress)[0]
+
+
+def optimize_with_sightings(
+    flight: Flight, config: PipelineConfig = PipelineConfig(), progress: Progress = silent
+) -> tuple[Estimate, Sightings]:
+    """The same, and what the front end saw: features of the keyframes, registrations held and refused."""
     # Threads of BLAS and of OpenCV would spin against each other for the same cores.
     with threadpool_limits(1, "blas"):
         return _optimize(flight, _camera(flight), config, progress)
 
 
-def _optimize(flight: Flight, camera: Camera, config: PipelineConfig, progress: Progress) -> Estimate:
+def _optimize(
+    flight: Flight, camera: Camera, config: PipelineConfig, progress: Progress
+) -> tuple[Estimate, Sightings]:
     clock = Stopwatch()
 
     def step(iteration: int, _: float) -> None:
@@ -73,7 +82,7 @@ def _optimize(flight: Flight, camera: Camera, config: PipelineConfig, progress: 
     with clock("refine"):
         fused = bridges.join(fuse(mapper, sightings, edges, solution, progress))
     mapped = Mapped(sightings, edges, solution, fused, odometry, without_loops)
-    return account(flight, config, mapper, mapped, clock.seconds)
+    return account(flight, config, mapper, mapped, clock.seconds), sightings
 
 
 def _camera(flight: Flight) -> Camera:

@@ -1,0 +1,49 @@
+"""``slam loops``: how well a flight's loops are found, by ours and by other methods."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slam.cli.optimize import Features
+
+_FLIGHT = typer.Argument(
+    metavar="FLIGHT",
+    help="A flight folder, a EuRoC recording or a folder of photos, with truth or GPS.",
+    show_default=False,
+)
+_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
+_CONFIG = typer.Option(metavar="FILE.toml", help="Settings of the stages; an unknown key is refused.")
+
+
+def loops(
+    source: Annotated[Path, _FLIGHT],
+    out: Annotated[Path, _OUT],
+    config: Annotated[Path | None, _CONFIG] = None,
+    features: Annotated[Features | None, typer.Option(help="What pictures are matched by.")] = None,
+) -> None:
+    """Measure precision and recall of loop closure, beside other methods, stage by stage."""
+    from slam.cli.settings import pipeline_config
+    from slam.cli.source import open_flight
+    from slam.cli.tables import shown, written
+    from slam.console import console, progress_shown
+    from slam.loops import evaluate_loops
+    from slam.loops.figure import draw
+    from slam.loops.output import full_record, summary_record, table
+    from slam.outputs import output_folder
+    from slam.summary import json_text
+
+    screen = console()
+    settings = pipeline_config(config, features)
+    with output_folder(out) as folder, progress_shown(screen) as progress:
+        flight, _ = open_flight(source, progress)
+        result = evaluate_loops(flight, settings, progress)
+        (folder / "loops.json").write_text(json_text(full_record(result)), encoding="utf-8")
+        (folder / "loops.png").write_bytes(draw(result))
+        (folder / "summary.json").write_text(json_text(summary_record(result)), encoding="utf-8")
+    screen.print(shown(table(result)))
+    for warning in result.warnings:
+        screen.print(f"note: {warning}", markup=False)
+    screen.print(written([out / "loops.png"]), soft_wrap=True)
