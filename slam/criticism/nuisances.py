@@ -41,7 +41,7 @@ NUISANCES = (
     Nuisance("vehicle.drag_1_s", "1/s", "mean", (), 0.10, True, 1e-3),
     Nuisance("vehicle.attitude_time_s", "s", "mean", (), 0.10, True, 1e-4),
     Nuisance("sonar.datum_m", "m", "mean", (), 0.01, False, 1e-3),
-    Nuisance("tilt_std_rad", "rad", "hold", (HOLD.index("tilt_std_rad"),), 0.2),
+    Nuisance("tilt_std_rad", "rad", "hold", (HOLD.index("tilt_std_rad"),), 0.22),
     Nuisance("tilt_time_s", "s", "hold", (HOLD.index("tilt_time_s"),), 0.5),
     Nuisance("yaw_rate_std_rad_s", "rad/s", "hold", (HOLD.index("yaw_rate_std_rad_s"),), 0.2),
     Nuisance("yaw_rate_time_s", "s", "hold", (HOLD.index("yaw_rate_time_s"),), 0.56),

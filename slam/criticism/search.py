@@ -30,7 +30,9 @@ from slam.simulation.terms import CATALOGUE
 Array = NDArray[np.float64]
 
 LINEAR_Z = 25.0
-"""Beyond this a term is fitted with the filter run anew."""
+"""Beyond this candidates are fitted with the filter run anew before one is chosen."""
+CURVED_Z = 6.0
+"""Beyond this the size of what was chosen needs the filter run anew: a landing bends the trace."""
 CANDIDATES = 5
 WORTH_A_FIT = 0.25
 MOST_TERMS = 6
@@ -128,19 +130,25 @@ def search(records: Sequence[Record], model: Setting, threshold: float) -> Searc
     setting = fit_nuisances(records, model)
     first = look = look_at(records, model, setting)
     chosen: list[Effect] = []
+    fitted = True
     while len(chosen) < MOST_TERMS:
         ranked = look.standing(chosen, look.effects)
         best = ranked[0]
         if best.z < threshold:
-            break
-        if best.z < LINEAR_Z and not on_grid(best.effect):
+            if fitted:
+                break
+            _, setting = refit(records, model, look.setting, chosen)
+        elif best.z < LINEAR_Z and not on_grid(best.effect):
             chosen.append(best.effect)
+            fitted = fitted and best.z < CURVED_Z
             continue
-        effect, setting = _refitted(records, model, look, chosen, [s for s in ranked if s.z > threshold])
-        chosen = [*(settled(c, setting) for c in chosen), settled(effect, setting)]
+        else:
+            effect, setting = _refitted(records, model, look, chosen, [s for s in ranked if s.z > threshold])
+            chosen.append(effect)
+        chosen = [settled(c, setting) for c in chosen]
         setting = fit_nuisances(records, model, setting, chosen)
         look = look_at(records, model, setting, chosen)
-        chosen = [look.own(c) for c in chosen]
+        chosen, fitted = [look.own(c) for c in chosen], True
     return Search(model, first, look, tuple(_needed(look, chosen, threshold)))
 
 

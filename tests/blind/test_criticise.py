@@ -55,7 +55,8 @@ def test_a_healthy_vehicle_is_called_healthy(kind, seed, made, judged):
 
 
 @pytest.mark.parametrize(
-    ("fault", "seed"), [("control_latency", 21), ("steady_wind", 25), ("sonar_tilt", 23)]
+    ("fault", "seed"),
+    [("control_latency", 21), ("steady_wind", 25), ("sonar_tilt", 23), ("climb_asymmetry", 22)],
 )
 def test_a_single_cause_is_named(fault, seed, made, judged):
     case = made("single", seed, fault, 20.0)
