@@ -118,7 +118,7 @@ def _conditioned(
     linear: gtsam.GaussianFactorGraph, keys: Sequence[int], common: int, d: int, *eliminate: Any
 ) -> tuple[Array, Array, Array]:
     """cov(w) (d, d), dx/dw (n, 6, d), and cov(x | w) (n, 6, 6)."""
-    ordering = gtsam.Ordering.ColamdConstrainedLastGaussianFactorGraph(linear, [common])
+    ordering = _ordering(linear, common)
     # What the one elimination holds is given back before the next begins.
     of_common, G = _sensitivity(linear, ordering, keys, common, d, *eliminate)
     hold = np.diag(_HOLD / np.sqrt(np.diag(of_common)))
@@ -126,6 +126,22 @@ def _conditioned(
     tree = linear.eliminateMultifrontal(ordering, *eliminate)
     held = np.array([tree.marginalCovariance(key) for key in keys]).reshape(-1, 6, 6)
     return of_common, G, held
+
+
+def _ordering(linear: gtsam.GaussianFactorGraph, last: int) -> gtsam.Ordering:
+    """Nested dissection with one variable put last: its tree is shallow, and each marginal a short walk."""
+    # METIS ends the interpreter where a variable has no neighbour, such as a point that nobody sees any more.
+    tied, ordering = gtsam.GaussianFactorGraph(), gtsam.Ordering()
+    for factor in (linear.at(k) for k in range(linear.size())):
+        if factor.size() > 1:
+            tied.push_back(factor)
+    alone = set(linear.keyVector()) - set(tied.keyVector()) - {last}
+    dissected = gtsam.Ordering.MetisGaussianFactorGraph(tied)
+    for key in (*alone, *(dissected.at(k) for k in range(dissected.size()))):
+        if key != last:
+            ordering.push_back(key)
+    ordering.push_back(last)
+    return ordering
 
 
 def _sensitivity(

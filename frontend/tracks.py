@@ -29,6 +29,35 @@ class TrackConfig:
     """Observations that each keyframe keeps all the same."""
 
 
+@dataclass(frozen=True)
+class _Observations:
+    """Features that show the same point as some other, sorted by track and keyframe."""
+
+    keyframe: NDArray[np.int64]
+    track: NDArray[np.int64]
+    pixel: Array
+    """(m, 2)."""
+
+    def __len__(self) -> int:
+        return len(self.track)
+
+    def __getitem__(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> _Observations:
+        return _Observations(self.keyframe[which], self.track[which], self.pixel[which])
+
+    @property
+    def length(self) -> NDArray[np.int64]:
+        """(m,) how many observations each one's track has."""
+        return np.bincount(self.track)[self.track] if len(self) else self.track
+
+    def cells(self, camera: Camera, grid: tuple[int, int]) -> NDArray[np.int64]:
+        """Number of the cell of its picture that each lies in; no two pictures share one."""
+        across, down = grid
+        w, h = camera.size_px
+        column = np.clip(self.pixel[:, 0] * across / w, 0, across - 1).astype(np.int64)
+        row = np.clip(self.pixel[:, 1] * down / h, 0, down - 1).astype(np.int64)
+        return (self.keyframe * down + row) * across + column
+
+
 def join_tracks(
     pixels: Sequence[Array], registrations: Sequence[Registration], camera: Camera, config: TrackConfig
 ) -> FloorTracks:
@@ -37,33 +66,33 @@ def join_tracks(
     ``pixels``: (n_k, 2) undistorted feature positions of each keyframe. A component that holds two features
     of one keyframe joins two different points: it is left out whole.
     """
-    start = np.concatenate([[0], np.cumsum([len(p) for p in pixels], dtype=np.int64)])
-    keyframe = np.repeat(np.arange(len(pixels)), np.diff(start))
     noise = _noise_of_keyframes(len(pixels), registrations)
-    label = _parts(start, registrations)
-    length = np.bincount(label)
-    node = np.flatnonzero(length[label] >= 2)
-    order = node[np.lexsort((keyframe[node], label[node]))]
-    twice = (np.diff(label[order]) == 0) & (np.diff(keyframe[order]) == 0)
-    broken = np.unique(label[order][1:][twice])
-    order = order[~np.isin(label[order], broken)]
-    pixel = np.concatenate(list(pixels))[order] if len(order) else np.empty((0, 2))
+    seen = _joined(pixels, registrations)
     for grid in config.grids:
-        keep = np.isin(label[order], _choose(keyframe[order], label[order], length, pixel, camera, grid))
-        if keep.sum() <= config.max_observations:
+        chosen = seen[np.isin(seen.track, _longest_of_cells(seen, camera, grid))]
+        if len(chosen) <= config.max_observations:
             break
     else:
         # Laps over the same ground: a point is seen from everywhere. Each keyframe keeps some of its points.
         quota = max(config.least_a_keyframe, config.max_observations // max(1, len(pixels)))
-        kept = np.flatnonzero(keep)
-        seen = label[order][kept]
-        kept = kept[_first_of_each(keyframe[order][kept], seen, length, pixel[kept], camera, grid, quota)]
-        kept = kept[np.bincount(label[order][kept], minlength=len(length))[label[order][kept]] >= 2]
-        keep[:] = False
-        keep[kept] = True
-    _, track = np.unique(label[order][keep], return_inverse=True)
-    k = keyframe[order][keep]
-    return FloorTracks(k, track, pixel[keep], noise[k])
+        chosen = _first_of_each(chosen, camera, grid, quota)
+        chosen = chosen[chosen.length >= 2]
+    _, track = np.unique(chosen.track, return_inverse=True)
+    return FloorTracks(chosen.keyframe, track, chosen.pixel, noise[chosen.keyframe])
+
+
+def _joined(pixels: Sequence[Array], registrations: Sequence[Registration]) -> _Observations:
+    """All tracks whole, but those that hold two features of one keyframe."""
+    start = np.concatenate([[0], np.cumsum([len(p) for p in pixels], dtype=np.int64)])
+    keyframe = np.repeat(np.arange(len(pixels)), np.diff(start))
+    part = _parts(start, registrations)
+    node = np.flatnonzero(np.bincount(part)[part] >= 2)
+    order = node[np.lexsort((keyframe[node], part[node]))]
+    twice = (np.diff(part[order]) == 0) & (np.diff(keyframe[order]) == 0)
+    broken = np.unique(part[order][1:][twice])
+    order = order[~np.isin(part[order], broken)]
+    pixel = np.concatenate(list(pixels))[order] if len(order) else np.empty((0, 2))
+    return _Observations(keyframe[order], part[order], pixel)
 
 
 def _parts(start: NDArray[np.int64], registrations: Sequence[Registration]) -> NDArray[np.int64]:
@@ -76,45 +105,19 @@ def _parts(start: NDArray[np.int64], registrations: Sequence[Registration]) -> N
     return part.astype(np.int64)
 
 
-def _choose(
-    keyframe: NDArray[np.int64],
-    label: NDArray[np.int64],
-    length: NDArray[np.int64],
-    pixel: Array,
-    camera: Camera,
-    grid: tuple[int, int],
-) -> NDArray[np.int64]:
-    """Labels of the longest track of each cell of each picture."""
-    cell = _cells(keyframe, pixel, camera, grid)
-    order = np.lexsort((label, -length[label], cell))
-    return np.unique(label[order][_place(cell[order]) == 0])
+def _longest_of_cells(seen: _Observations, camera: Camera, grid: tuple[int, int]) -> NDArray[np.int64]:
+    """The longest track of each cell of each picture."""
+    cell = seen.cells(camera, grid)
+    order = np.lexsort((seen.track, -seen.length, cell))
+    return np.unique(seen.track[order][_place(cell[order]) == 0])
 
 
-def _first_of_each(
-    keyframe: NDArray[np.int64],
-    label: NDArray[np.int64],
-    length: NDArray[np.int64],
-    pixel: Array,
-    camera: Camera,
-    grid: tuple[int, int],
-    quota: int,
-) -> NDArray[np.int64]:
-    """Which observations each keyframe keeps: the longest track of each cell, then the second longest."""
-    cell = _cells(keyframe, pixel, camera, grid)
-    order = np.lexsort((label, -length[label], cell))
-    order = order[np.lexsort((-length[label[order]], _place(cell[order]), keyframe[order]))]
-    return np.sort(order[_place(keyframe[order]) < quota])
-
-
-def _cells(
-    keyframe: NDArray[np.int64], pixel: Array, camera: Camera, grid: tuple[int, int]
-) -> NDArray[np.int64]:
-    """Number of the cell of its picture that each observation lies in; no two pictures share one."""
-    across, down = grid
-    w, h = camera.size_px
-    column = np.clip(pixel[:, 0] * across / w, 0, across - 1).astype(np.int64)
-    row = np.clip(pixel[:, 1] * down / h, 0, down - 1).astype(np.int64)
-    return (keyframe * down + row) * across + column
+def _first_of_each(seen: _Observations, camera: Camera, grid: tuple[int, int], quota: int) -> _Observations:
+    """What each keyframe keeps: the longest track of each cell, then the second longest."""
+    cell, length = seen.cells(camera, grid), seen.length
+    order = np.lexsort((seen.track, -length, cell))
+    order = order[np.lexsort((-length[order], _place(cell[order]), seen.keyframe[order]))]
+    return seen[np.sort(order[_place(seen.keyframe[order]) < quota])]
 
 
 def _place(group: NDArray[np.int64]) -> NDArray[np.int64]:
