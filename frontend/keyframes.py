@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -59,9 +59,11 @@ class Tracker:
         homography: HomographyConfig,
         gates: GateConfig,
         config: KeyframeConfig,
+        masks: Callable[[int], Image | None] = lambda frame: None,
     ) -> None:
+        """``masks``: of each frame by its number, 0 where to look away."""
         self.camera, self.extractor = camera, extractor
-        self.homography, self.gates, self.config = homography, gates, config
+        self.homography, self.gates, self.config, self.masks = homography, gates, config, masks
         self.rejected: Counter[str] = Counter()
         self.frames = 0
 
@@ -125,15 +127,15 @@ class Tracker:
         """Features of each frame; those of the next are found while this one is matched."""
         coming: deque[Future[Features | None]] = deque()
         with ThreadPoolExecutor(1) as pool:
-            for image in images:
-                coming.append(pool.submit(self._features, image))
+            for frame, image in enumerate(images):
+                coming.append(pool.submit(self._features, frame, image))
                 if len(coming) > 1:
                     yield coming.popleft().result()
             while coming:
                 yield coming.popleft().result()
 
-    def _features(self, image: Image | None) -> Features | None:
-        return None if image is None else self.extractor(image, self.camera)
+    def _features(self, frame: int, image: Image | None) -> Features | None:
+        return None if image is None else self.extractor(image, self.camera, self.masks(frame))
 
     def _track(
         self, number: int, frame: int, last: Keyframe, features: Features

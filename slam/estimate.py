@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.measurements import RelativePose
 from frontend.camera import Camera
+from frontend.elevation import Elevation
 from slam.flight import GeoOrigin
 
 if TYPE_CHECKING:
@@ -82,6 +83,8 @@ class Estimate:
     """What the height sensor's readings turned out to have in common; None where there is none."""
     certificate: Certificate | None = None
     """Graphs alone: whether the solution is the global optimum."""
+    elevation: Elevation | None = None
+    """What the sonar heard of the ground, over a level floor in the world's x and y; None without one."""
     ways: tuple[str, str, str] = MAP_WAYS
     """What ``chain_w_T_b``, ``odometry_w_T_b`` and ``w_T_b`` are, in words."""
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from frontend.camera import Camera
@@ -12,8 +14,9 @@ from slam.estimate import Estimate
 from slam.flight import Flight
 from slam.mapping.account import Mapped, account
 from slam.mapping.bridging import Bridges
-from slam.mapping.fusion import fuse
+from slam.mapping.fusion import Fused, fuse
 from slam.mapping.mapper import Mapper, Sensors
+from slam.mapping.obstacles import Obstacles, echoes_in_map, find_obstacles, no_masks
 from slam.mapping.sightings import Sighter, Sightings
 from slam.progress import Progress, silent
 from slam.settings import PipelineConfig
@@ -36,20 +39,25 @@ def optimize_with_sightings(
     """The same, and what the front end saw: features of the keyframes, registrations held and refused."""
     # Threads of BLAS and of OpenCV would spin against each other for the same cores.
     with threadpool_limits(1, "blas"):
-        return _optimize(flight, _camera(flight), config, progress)
+        return _optimize(flight, _camera(flight), config, progress, Stopwatch())
 
 
 def _optimize(
-    flight: Flight, camera: Camera, config: PipelineConfig, progress: Progress
+    flown: Flight,
+    camera: Camera,
+    config: PipelineConfig,
+    progress: Progress,
+    clock: Stopwatch,
+    obstacles: Obstacles | None = None,
 ) -> tuple[Estimate, Sightings]:
-    clock = Stopwatch()
+    flight = flown if obstacles is None else obstacles.cleared(flown)
 
     def step(iteration: int, _: float) -> None:
         progress("graph", iteration, 0)
 
     sighter = Sighter(flight, camera, config, progress)
     with clock("track"):
-        sightings = sighter.watch()  # track -> gate -> keyframe
+        sightings = sighter.watch(obstacles.masks if obstacles else no_masks)  # track -> gate -> keyframe
         _refuse_unless(len(sightings.stamps_s) >= 2, flight, sightings)
         sightings = sighter.neighbours(sightings)
     origin = flight.geo_origin()
@@ -73,6 +81,8 @@ def _optimize(
                 f"{flight.name}: the pictures match, but no pose of a camera above a floor explains how; "
                 "check T_BS (which way it looks) and intrinsics in cam0/sensor.yaml, and the attitude"
             )
+    if obstacles is None and (found := _obstacles(flight, camera, sightings, fused, config)) is not None:
+        return _optimize(flown, camera, config, progress, clock, found)  # once more, without them
     with clock("loops"):
         sightings = sighter.revisit(sightings, fused.over_floor_T_b, fused.floor_z_m)
     with clock("graph"):
@@ -82,7 +92,16 @@ def _optimize(
     with clock("refine"):
         fused = bridges.join(fuse(mapper, sightings, edges, solution, progress))
     mapped = Mapped(sightings, edges, solution, fused, odometry, without_loops)
-    return account(flight, config, mapper, mapped, clock.seconds), sightings
+    estimate = account(flight, config, mapper, mapped, clock.seconds)
+    echoes = echoes_in_map(flown.sonar, sightings.stamps_s, fused.over_floor_T_b, fused.floor_z_m)
+    return replace(estimate, elevation=echoes.map if echoes else None), sightings
+
+
+def _obstacles(
+    flight: Flight, camera: Camera, sightings: Sightings, fused: Fused, config: PipelineConfig
+) -> Obstacles | None:
+    poses = np.where((fused.component == 0)[:, None, None], fused.over_floor_T_b, np.nan)
+    return find_obstacles(flight, camera, sightings.stamps_s, poses, fused.floor_z_m, config.masking)
 
 
 def _camera(flight: Flight) -> Camera:

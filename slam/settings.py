@@ -12,6 +12,7 @@ from frontend.keyframes import KeyframeConfig
 from frontend.retrieval import RetrievalConfig
 from frontend.tracks import TrackConfig
 from slam.inertial.instruments import InertialTrust
+from slam.mapping.obstacles import MaskingConfig
 
 
 @dataclass(frozen=True)
@@ -57,5 +58,6 @@ class PipelineConfig:
     loops: LoopConfig = field(default_factory=LoopConfig)
     tracks: TrackConfig = field(default_factory=TrackConfig)
     bundle: BundleConfig = field(default_factory=BundleConfig)
+    masking: MaskingConfig = field(default_factory=MaskingConfig)
     trust: SensorTrust = field(default_factory=SensorTrust)
     inertial: InertialTrust = field(default_factory=InertialTrust)

@@ -106,6 +106,28 @@ def write_geotiff(path: Path, grid: Grid, blocks: Iterator[Block]) -> None:
         _verify(partial, total)
 
 
+def write_heights(path: Path, grid: Grid, height_m: NDArray[np.float32]) -> None:
+    """Cloud-Optimised GeoTIFF of one band of heights in metres, NaN where unknown; whole or not at all.
+
+    Raises ``InputError`` where the disk refuses.
+    """
+    profile = {
+        "driver": "GTiff", "width": grid.width, "height": grid.height, "crs": grid.crs,
+        "transform": grid.affine, "count": 1, "dtype": "float32", "nodata": float("nan"),
+    }  # fmt: skip
+    with _gdal(path), atomic_file(path) as partial, _scratch(path) as plain:
+        with rasterio.open(plain, "w", **profile) as raster:
+            raster.write(height_m, 1)
+            raster.set_band_description(1, "height over the floor [m]")
+        rasterio.shutil.copy(
+            plain, partial, driver="COG", compress="DEFLATE", predictor="YES", blocksize=BLOCK_PX,
+            overview_resampling="AVERAGE",
+        )  # fmt: skip
+        with rasterio.open(partial) as raster:
+            if not np.array_equal(raster.read(1), height_m, equal_nan=True):
+                raise RasterioError("pixels are missing from what was written")
+
+
 def write_png(geotiff: Path, path: Path, max_pixels: int, world_file: bool = True) -> float:
     """PNG of a GeoTIFF of ours, from the first overview with at most ``max_pixels``; gives back its m/pixel.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -18,6 +18,7 @@ from frontend.registration import Registration, overlap
 from frontend.store import FeatureStore
 from slam.errors import InputError
 from slam.flight import Flight, Image
+from slam.mapping.obstacles import no_masks
 from slam.progress import Progress
 from slam.settings import PipelineConfig
 
@@ -63,12 +64,12 @@ class Sighter:
         except FeatureUnavailableError as error:
             raise InputError(str(error)) from None
 
-    def watch(self) -> Sightings:
-        """Go through the frames once: track, gate, keyframe."""
+    def watch(self, masks: Callable[[int], Image | None] = no_masks) -> Sightings:
+        """Go through the frames once: mask, track, gate, keyframe."""
         flight = self.flight
         assert flight.frames is not None
         tracker = Tracker(
-            self.camera, self.extractor, self.homography, self.config.gates, self.config.keyframes
+            self.camera, self.extractor, self.homography, self.config.gates, self.config.keyframes, masks
         )
         store, frame_index, links, refused = FeatureStore(), [], [], []
         images = read_ahead(flight, self.progress)

@@ -1,0 +1,61 @@
+"""The elevation map on disk: heights as a GeoTIFF, and a picture of them for a person."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+
+from frontend.elevation import Elevation
+from slam.estimate import Estimate
+from slam.io.atomic import write_whole
+from slam.io.geotiff import Grid, write_heights
+
+LEAST_SPAN_M = 0.1
+"""The colours of a flat floor span this much, so that noise does not look like hills."""
+
+
+def write_elevation(estimate: Estimate, out_dir: Path) -> Path | None:
+    """``elevation.tif`` and ``elevation.png``; None where no sonar told of the ground.
+
+    Raises ``InputError`` where the disk refuses.
+    """
+    elevation = estimate.elevation
+    if elevation is None:
+        return None
+    rows, cols = elevation.height_m.shape
+    grid = Grid(elevation.west_m, elevation.north_m, elevation.gsd_m, cols, rows, estimate.origin)
+    write_heights(out_dir / "elevation.tif", grid, elevation.height_m)
+    path = out_dir / "elevation.png"
+    write_whole(path, elevation_picture(elevation, geographic=estimate.origin is not None))
+    return path
+
+
+def elevation_picture(elevation: Elevation, geographic: bool) -> bytes:
+    """The heights in colour over x and y in metres, as PNG."""
+    from matplotlib.figure import Figure
+
+    height = elevation.height_m
+    rows, cols = height.shape
+    extent = (
+        elevation.west_m,
+        elevation.west_m + cols * elevation.gsd_m,
+        elevation.north_m - rows * elevation.gsd_m,
+        elevation.north_m,
+    )
+    figure = Figure(
+        figsize=(8.0, float(np.clip(7.0 * rows / cols, 2.2, 10.0)) + 1.0), dpi=130, layout="constrained"
+    )
+    axes = figure.subplots()
+    axes.set_facecolor("#e8eaed")
+    low, high = (float(q) for q in np.nanpercentile(height, [0.5, 99.5]))
+    low, high = min(low, -LEAST_SPAN_M / 4), max(high, LEAST_SPAN_M)
+    drawn = axes.imshow(height, cmap="cividis", extent=extent, vmin=low, vmax=high, interpolation="nearest")
+    axes.set_xlabel("east [m]" if geographic else "x [m]")
+    axes.set_ylabel("north [m]" if geographic else "y [m]")
+    axes.set_title("Height over the floor, by the sonar (grey: the beam has not been there)", fontsize=10)
+    figure.colorbar(drawn, ax=axes, label="m", shrink=0.9)
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png")
+    return stream.getvalue()

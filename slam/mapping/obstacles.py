@@ -1,0 +1,184 @@
+"""What stands on the floor, as the sonar hears it: echoes in the map, masks for pictures, heights of flight.
+
+The pictures know heights up to one scale, whatever stands below: so the ratio of range to height has a sharp
+peak where the sonar hears the floor, and what lies short of it is an obstacle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.spatial.transform import Rotation, Slerp
+
+from frontend.camera import Camera
+from frontend.elevation import Elevation, elevation_map
+from frontend.masking import ObstacleMask
+from slam.flight import Flight, Image, Sonar
+
+Array = NDArray[np.float64]
+
+BANDWIDTH = 0.012
+"""Of the density of log(range / height)."""
+PEAK_SHARE = 0.35
+"""The floor is the farthest peak at least this high beside the highest."""
+RELATIVE_GAMMA = 0.04
+"""Ranges wander by some percent: nothing stands out by less than this share of the flying height."""
+SPIKE_READINGS = 5
+"""Shorter runs of echoes are no obstacle."""
+FEWEST = 10
+
+
+@dataclass(frozen=True)
+class MaskingConfig:
+    """When an echo is an obstacle (IMAV 2011 paper, section 3.1.1)."""
+
+    enabled: bool = True
+    gamma_3_m: float = 0.06
+    """Nothing that stands less high over the floor is masked."""
+    least_share: float = 0.01
+    """Of the echoes must stand out for a flight to have obstacles at all; a flat floor is left alone."""
+
+
+@dataclass(frozen=True)
+class Echoes:
+    """Every reading of the sonar where the map has it."""
+
+    w_p_m: Array
+    """(m, 2) where the axis of the beam meets the floor; NaN where the vehicle's pose is not known."""
+    height_m: Array
+    """(m,) over the floor, in the map's metres; NaN where there was no echo."""
+    radius_m: Array
+    """(m,) of the beam on the floor."""
+    floor_std_m: float
+    """Scatter of the echoes from the floor."""
+    flying_m: float
+    """Median height of flight."""
+
+    def gamma_m(self, config: MaskingConfig) -> float:
+        """What stands out from the floor stands higher than this."""
+        return max(config.gamma_3_m, 5 * self.floor_std_m, RELATIVE_GAMMA * self.flying_m)
+
+    def standing(self, config: MaskingConfig) -> NDArray[np.bool_]:
+        """(m,) which readings hear an obstacle; single spikes are none."""
+        heard = np.flatnonzero(np.isfinite(self.height_m))
+        out = np.zeros(len(self.height_m), dtype=bool)
+        out[heard] = median_filter(self.height_m[heard], SPIKE_READINGS) > self.gamma_m(config)
+        return out
+
+    @property
+    def map(self) -> Elevation | None:
+        """The elevation map; None where nothing was heard."""
+        return elevation_map(self.w_p_m, self.height_m, self.radius_m)
+
+
+def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m: float) -> Echoes | None:
+    """The sonar's readings by poses (n, 4, 4) at ``stamps_s`` (n,) over a level floor; None without any."""
+    placed = np.flatnonzero(np.isfinite(w_T_b).all(axis=(1, 2)))
+    if sonar is None or len(placed) < 2:
+        return None
+    poses = poses_between(stamps_s[placed], w_T_b[placed], sonar.stamps_s)
+    s_T = poses @ sonar.b_T_s
+    axis, origin = -s_T[:, :3, 2], s_T[:, :3, 3]
+    height = origin[:, 2] - floor_z_m
+    in_limits = (sonar.range_m >= sonar.min_range_m) & (sonar.range_m <= sonar.max_range_m)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        fall = np.where(in_limits, -sonar.range_m * axis[:, 2], np.nan)
+        ratio = np.where((height > 0) & (fall > 0), fall / height, np.nan)
+        if np.isfinite(ratio).sum() < FEWEST:
+            return None
+        scale = _floor_ratio(ratio[np.isfinite(ratio)])
+        heard = height - fall / scale
+        to_floor = height / -axis[:, 2]
+    on_floor = np.abs(ratio / scale - 1) < 3 * BANDWIDTH
+    floor_std = 1.4826 * float(np.median(np.abs(heard[on_floor]))) if on_floor.any() else 0.0
+    return Echoes(
+        origin[:, :2] + to_floor[:, None] * axis[:, :2],
+        heard,
+        to_floor * np.tan(sonar.beam_width_rad / 2),
+        floor_std,
+        float(np.nanmedian(height)),
+    )
+
+
+def _floor_ratio(ratio: Array) -> float:
+    """The farthest high peak of the density of range over height."""
+    logs = np.log(ratio)
+    grid = np.arange(
+        np.percentile(logs, 1) - 3 * BANDWIDTH, np.percentile(logs, 99) + 3 * BANDWIDTH, BANDWIDTH / 4
+    )
+    edges = np.append(grid - BANDWIDTH / 8, grid[-1] + BANDWIDTH / 8)
+    counts = np.histogram(logs, edges)[0]
+    kernel = np.exp(-0.5 * (np.arange(-12, 13) / 4) ** 2)
+    density = np.convolve(counts, kernel, "same")
+    padded = np.pad(density, 1)
+    peak = (density >= padded[:-2]) & (density > padded[2:]) & (density >= PEAK_SHARE * density.max())
+    return float(np.exp(grid[np.flatnonzero(peak)[-1]]))
+
+
+def poses_between(stamps_s: Array, w_T_b: Array, at_s: Array) -> Array:
+    """(k, 4, 4) poses at any times between those of (n, 4, 4); NaN before the first and after the last."""
+    inside = (at_s >= stamps_s[0]) & (at_s <= stamps_s[-1])
+    out = np.full((len(at_s), 4, 4), np.nan)
+    if inside.any():
+        times = at_s[inside]
+        poses = np.tile(np.eye(4), (len(times), 1, 1))
+        poses[:, :3, :3] = Slerp(stamps_s, Rotation.from_matrix(w_T_b[:, :3, :3]))(times).as_matrix()
+        poses[:, :3, 3] = np.column_stack([np.interp(times, stamps_s, w_T_b[:, a, 3]) for a in range(3)])
+        out[inside] = poses
+    return out
+
+
+def no_masks(frame: int) -> Image | None:
+    """Every pixel is looked at."""
+    return None
+
+
+@dataclass(frozen=True)
+class Obstacles:
+    """What stands out from the floor of a flight."""
+
+    sonar: Sonar
+    """Without the readings that hear obstacles: they are no heights over the floor."""
+    masks: Callable[[int], Image | None]
+    """Mask of each frame by its number."""
+    told: str
+    """One line for the user."""
+
+    def cleared(self, flight: Flight) -> Flight:
+        """The flight with heights over the floor alone."""
+        return replace(flight, sonar=self.sonar, warnings=(*flight.warnings, self.told))
+
+
+def find_obstacles(
+    flight: Flight,
+    camera: Camera,
+    stamps_s: Array,
+    over_floor_T_b: Array,
+    floor_z_m: float,
+    config: MaskingConfig,
+) -> Obstacles | None:
+    """What stands out from the floor under a map's keyframes; None where nothing does, or without a sonar."""
+    sonar, frames = flight.sonar, flight.frames
+    echoes = echoes_in_map(sonar, stamps_s, over_floor_T_b, floor_z_m) if config.enabled else None
+    if echoes is None or sonar is None or frames is None:
+        return None
+    standing = echoes.standing(config)
+    heard = int(np.isfinite(echoes.height_m).sum())
+    elevation = echoes.map
+    if elevation is None or standing.sum() < max(FEWEST, config.least_share * heard):
+        return None
+    gamma = echoes.gamma_m(config)
+    mask = ObstacleMask(elevation, camera, floor_z_m, gamma)
+    placed = np.flatnonzero(np.isfinite(over_floor_T_b).all(axis=(1, 2)))
+    poses = poses_between(stamps_s[placed], over_floor_T_b[placed], frames.stamps_s)
+    told = (
+        f"obstacles: {standing.sum()} of {heard} echoes stand {gamma:.2f} to "
+        f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor; "
+        "they are no heights of flight, and pixels that show them are masked"
+    )
+    cleared = replace(sonar, range_m=np.where(standing, np.nan, sonar.range_m))
+    return Obstacles(cleared, lambda frame: mask(poses[frame]), told)

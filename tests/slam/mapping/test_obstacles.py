@@ -1,0 +1,139 @@
+"""Obstacles from the echoes of a simulated flight over boxes, where the truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from slam import optimize
+from slam.evaluation import evaluate
+from slam.evaluation.association import poses_at
+from slam.flight import Flight
+from slam.mapping.obstacles import MaskingConfig, echoes_in_map, find_obstacles, poses_between
+from slam.settings import PipelineConfig
+from slam.simulation.place.terrain import elevation
+from slam.simulation.recipe import Recipe
+from tests.slam.small_flight import flown, recipe
+
+BOXES = [
+    {"center_m": [0.9, 0.3], "size_m": [0.3, 0.3, 0.25], "heading_deg": 20.0},
+    {"center_m": [1.0, 0.72], "size_m": [0.4, 0.25, 0.15]},
+]
+WAY = {"way_points": ["A", "B", [1.5, 0.7], [0.3, 0.7], "A", "B"], "cruise_m_s": 0.4, "height_m": 0.8}
+
+
+def gym(boxes: bool = True) -> dict:
+    return {"maneuver": WAY, "world": {"boxes": BOXES if boxes else [], "texture": "gym"}}
+
+
+@lru_cache(maxsize=4)
+def flight(boxes: bool = True) -> Flight:
+    return flown(0, **gym(boxes))
+
+
+def place() -> Recipe:
+    return recipe(**gym())
+
+
+def some_poses(over: Flight, scale: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """True poses as keyframes have them, on a map that is too large or too small."""
+    stamps_s = over.frames.stamps_s[::4]
+    poses = poses_at(over.truth, stamps_s)
+    poses[:, :3, 3] *= scale
+    return stamps_s, poses
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.96, 1.05])
+def test_echoes_from_boxes_are_told_from_the_floor_whatever_the_scale_of_the_map(scale):
+    over = flight()
+    found = find_obstacles(over, over.camera, *some_poses(over, scale), 0.0, MaskingConfig())
+    where = poses_at(over.truth, over.sonar.stamps_s)
+    axis = -where[:, :3, 2]
+    foot = where[:, :3, 3] - axis * (where[:, 2, 3] / axis[:, 2])[:, None]
+    on_box = elevation(place().world, foot[:, 0], foot[:, 1]) > 0
+    left_out = np.isnan(found.sonar.range_m) & np.isfinite(over.sonar.range_m)
+    assert on_box.sum() > 30
+    # At its edge a box is met by a ray that is tilted a little: only few readings.
+    assert (left_out & on_box).sum() > 0.9 * on_box.sum()
+    assert (left_out & ~on_box).sum() < 0.1 * on_box.sum()
+    assert "obstacles" in found.told
+    masks = [found.masks(k) for k in range(len(over.frames))]
+    shown = [mask for mask in masks if mask is not None]
+    assert 0.3 * len(masks) < len(shown)
+    assert all(0.02 < (mask == 0).mean() < 0.7 for mask in shown[::5])
+
+
+def test_the_map_of_heights_is_the_truths():
+    over = flight()
+    echoes = echoes_in_map(over.sonar, *some_poses(over), 0.0)
+    made = echoes.map
+    x, y = np.meshgrid(np.linspace(0.3, 1.5, 60), [0.3, 0.7])
+    true, ours = elevation(place().world, x, y), made.at(x, y)
+    assert np.isfinite(ours).mean() > 0.95
+    off = np.abs(ours - true)[np.isfinite(ours)]
+    assert np.median(off) < 0.01
+    assert (off < 0.03).mean() > 0.85, "all but at the edges"
+    assert echoes.floor_std_m < 0.02
+
+
+def spiked(over: Flight, share: float) -> Flight:
+    rng = np.random.default_rng(2)
+    hit = rng.random(len(over.sonar.stamps_s)) < share
+    return replace(over, sonar=replace(over.sonar, range_m=np.where(hit, 0.5, 1.0) * over.sonar.range_m))
+
+
+@pytest.mark.parametrize(
+    "over",
+    [
+        lambda: flight(boxes=False),
+        lambda: spiked(flight(boxes=False), 0.05),
+        lambda: replace(flight(), sonar=None),
+        lambda: replace(
+            flight(), sonar=replace(flight().sonar, range_m=np.full_like(flight().sonar.range_m, np.nan))
+        ),
+    ],
+)
+def test_a_flat_floor_single_spikes_and_no_sonar_are_no_obstacles(over):
+    chosen = over()
+    assert find_obstacles(chosen, chosen.camera, *some_poses(chosen), 0.0, MaskingConfig()) is None
+
+
+def test_it_can_be_switched_off_and_set():
+    over = flight()
+    for off in (MaskingConfig(enabled=False), MaskingConfig(gamma_3_m=0.5), MaskingConfig(least_share=0.9)):
+        assert find_obstacles(over, over.camera, *some_poses(over), 0.0, off) is None
+    placed_nowhere = some_poses(over)[0], np.full((len(some_poses(over)[0]), 4, 4), np.nan)
+    assert find_obstacles(over, over.camera, *placed_nowhere, 0.0, MaskingConfig()) is None
+
+
+def test_poses_between_are_on_the_way_and_not_beyond():
+    over = flight()
+    stamps_s, poses = some_poses(over)
+    np.testing.assert_allclose(poses_between(stamps_s, poses, stamps_s), poses, atol=1e-9)
+    between = poses_between(stamps_s, poses, over.frames.stamps_s)
+    np.testing.assert_allclose(
+        between[2, :3, 3], poses_at(over.truth, over.frames.stamps_s[2:3])[0, :3, 3], atol=0.03
+    )
+    assert np.isnan(poses_between(stamps_s, poses, stamps_s[[0, -1]] + [-1, 1])).all()
+
+
+def test_a_flat_flight_is_mapped_as_before_and_has_its_elevation():
+    over = flight(boxes=False)
+    on, off = (optimize(over, PipelineConfig(masking=MaskingConfig(enabled=e))) for e in (True, False))
+    np.testing.assert_array_equal(on.w_T_b, off.w_T_b)
+    assert np.nanpercentile(np.abs(on.elevation.height_m), 95) < 0.03
+    assert optimize(replace(over, sonar=None)).elevation is None
+
+
+def test_masking_halves_the_error_of_a_map_over_boxes():
+    over = flight()
+    error = {}
+    for enabled in (True, False):
+        estimate = optimize(over, PipelineConfig(masking=MaskingConfig(enabled=enabled)))
+        error[enabled] = evaluate(estimate, over).ate_m.rmse
+        assert any("obstacles" in line for line in estimate.warnings) == enabled
+    assert error[True] < 0.5 * error[False], error
+    assert error[True] < 0.01
