@@ -1,8 +1,9 @@
-"""Do all edges fit together, and which of them do not: a global test first, edge rejection only if it
-fails."""
+"""Do all edges fit together, and which of them do not, where none is trusted more than another."""
 
 from __future__ import annotations
 
+import math
+import time
 from dataclasses import dataclass
 
 import gtsam
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from backend import se3
-from backend.marginals import bayes_tree
 from backend.problem import Problem
 from backend.solve import DEEP_GRAPH, OnStep
 
@@ -22,7 +22,6 @@ CONFIDENCE = 0.999
 
 _GROWTH = 1.4
 _STEPS = 200
-_MOST_TESTED = 400
 
 
 @dataclass(frozen=True)
@@ -64,6 +63,7 @@ def agreeing_edges(
     w_T: Array,
     candidate: NDArray[np.bool_],
     on_step: OnStep | None = None,
+    deadline: float = math.inf,
 ) -> tuple[NDArray[np.bool_], Array]:
     """Graduated non-convexity with truncated least squares over the candidate edges.
 
@@ -86,7 +86,7 @@ def agreeing_edges(
         weight = _weights(r2, c2, mu)
         if on_step is not None:
             on_step(step, float(np.minimum(r2, c2).sum() / 2))
-        if ((weight == 0) | (weight == 1)).all() and mu > 1:
+        if (((weight == 0) | (weight == 1)).all() and mu > 1) or time.monotonic() > deadline:
             break
         mu *= _GROWTH
     kept = ~candidate
@@ -114,38 +114,12 @@ def _step(
     return problem.poses(gtsam.Values(optimizer.values()))
 
 
-def innovations(
-    problem: Problem, graph: gtsam.NonlinearFactorGraph, w_T: Array, edges: NDArray[np.int64]
-) -> Array:
-    """How far edges outside the solve disagree with it, in sigmas of edge **and** prediction. Returns (k,).
-
-    ``graph`` is what was solved. Where the prediction's covariance is not to be had, or beyond the 400 edges
-    that disagree least, the edge's own sigma stands alone.
-    """
-    values = problem.values(w_T)
-    some = problem.with_edges(np.isin(np.arange(len(problem.i)), edges))
-    plain = np.linalg.norm(some.residuals(w_T), axis=1)
-    tree = bayes_tree(graph, values)
-    factors = some.edge_factors()
-    out = plain.copy()
-    if tree is None:
-        return plain
-    for k in np.argsort(plain)[:_MOST_TESTED].tolist():
-        a, b = int(some.i[k]), int(some.j[k])
-        try:
-            joint = tree.jointMarginalCovariance([a, b]).fullMatrix()
-            A, e = factors.at(k).linearize(values).jacobian()
-        except RuntimeError:
-            continue
-        S = np.eye(len(e)) + A @ joint @ A.T
-        out[k] = float(np.sqrt(max(float(e @ np.linalg.solve(S, e)), 0.0)))
-    return out
-
-
 def reason(problem: Problem, edge: int, w_T: Array, sigma: float) -> str:
     """Why an edge was rejected: ``disagrees by 7.3 sigma (limit 4.1): 1.2 m, 14 deg``."""
     i, j = problem.i[edge], problem.j[edge]
     off = se3.log((se3.inverse(problem.ij_T[edge]) @ se3.inverse(w_T[i]) @ w_T[j])[None])[0]
     meters, degrees = np.linalg.norm(off[3:]), np.degrees(np.linalg.norm(off[:3]))
     limit = edge_limit(problem)
+    if sigma <= limit:
+        return f"agrees to {sigma:.1f} sigma, but the rest tells too little of where it lies to trust it"
     return f"disagrees by {sigma:.1f} sigma (limit {limit:.1f}): {meters:.2g} m, {degrees:.2g} deg"

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from backend import se3
 from backend.absolutes import OUTLIER_SIGMA, aligned, fixed, jacobian
-from backend.consistency import ChiSquare, agreeing_edges, chi_square, edge_limit, innovations, reason
+from backend.agreement import draws, grown, judged, noise_scale
+from backend.consistency import ChiSquare, agreeing_edges, chi_square, edge_limit, reason
 from backend.errors import BackendError
 from backend.gauge import direction_words, hold_factor, key_runs, open_directions
-from backend.initialize import chordal, spanning_tree, tree_edges
+from backend.initialize import chordal, elimination_cost, spanning_tree, tree_edges
 from backend.marginals import pose_covariances
 from backend.problem import Problem
 from backend.solve import Minimum, OnStep, gauss_newton, levenberg_marquardt
@@ -28,6 +29,10 @@ Mask = NDArray[np.bool_]
 _LOOP_DETOUR = 1e6
 """Factor on the cost of a loop in the spanning tree: one false loop spoils all poses behind it."""
 _ROUNDS = 4
+_DEAR = 1.5e10
+"""Operations of an elimination, some seconds."""
+_FEW, _COARSE = 8, 1e-3
+"""Steps and tolerance of the solves on the way to which edges agree."""
 
 
 @dataclass(frozen=True)
@@ -89,9 +94,11 @@ def solve_part(problem: Problem, options: Options) -> Part:
     ties, held = _ties(problem, start)
     anchored = _Anchored(problem, ties, options)
     kept = np.ones(len(problem.i), dtype=bool)
-    fit = _plain(anchored, kept, start)
     sigma = np.full(len(kept), np.nan)
-    if not fit.test.passed and options.loops_robust:
+    # Random false loops fill the elimination up: then they are looked for before all edges are solved.
+    dear = elimination_cost(problem) > _DEAR and _has_loops_on_odometry(problem)
+    fit = None if dear and options.loops_robust else _plain(anchored, kept, start)
+    if fit is None or (options.loops_robust and not fit.test.passed):
         kept, fit, sigma = _rejected(anchored, fit)
     minimum, w_T = fit.minimum, fit.w_T
     covariances = None
@@ -240,25 +247,72 @@ def _fit(anchored: _Anchored, edges: Problem, minimum: Minimum) -> _Fit:
     return _Fit(minimum, edges.poses(minimum.values), chi_square(edges, statistic))
 
 
-def _rejected(anchored: _Anchored, fit: _Fit) -> tuple[Mask, _Fit, Array]:
-    """Which edges agree, the solution from them, and by how many sigmas (m,) each other one disagrees."""
-    trusted = anchored.problem.trusted
-    best = None
-    for candidate in (~trusted, np.ones_like(trusted)):
-        if not candidate.any():
-            continue
-        kept, at = agreeing_edges(
-            anchored.problem, anchored.ties, fit.w_T, candidate, anchored.options.on_step
-        )
-        kept = _connected(anchored.problem, kept, at)
-        found = _settled(anchored, kept, candidate, at)
-        if best is None or found[0].sum() > best[0].sum():
-            best = found
-        if found[1].test.passed:
-            break
-    if best is None:
-        return np.ones_like(trusted), fit, np.full(len(trusted), np.nan)
-    return best
+def _rejected(anchored: _Anchored, fit: _Fit | None) -> tuple[Mask, _Fit, Array]:
+    """Which edges agree, the solution from them, and by how many sigmas (m,) each other one disagrees.
+
+    ``fit`` is that of all edges; without it there must be odometry that connects all poses.
+    """
+    problem, trusted = anchored.problem, anchored.problem.trusted
+    found = None
+    if fit is None or _has_loops_on_odometry(problem):
+        kept, at = _grown(anchored)
+        found = _settled(anchored, kept, ~trusted, at)
+        if fit is None or found[1].test.passed or not _sticks_out(problem, found, trusted).any():
+            return found
+    # Odometry may be wrong too: then all edges are judged alike.
+    everything = np.ones_like(trusted)
+    kept, at = agreeing_edges(
+        problem, anchored.ties, fit.w_T, everything, anchored.options.on_step, anchored.options.deadline
+    )
+    other = _settled(anchored, _connected(problem, kept, at), everything, at)
+    if found is None or other[0].sum() > found[0].sum():
+        return other
+    return found
+
+
+def _has_loops_on_odometry(problem: Problem) -> bool:
+    """Whether trusted edges alone connect all poses, and there are others."""
+    if problem.trusted.all():
+        return False
+    chain = problem.with_edges(problem.trusted)
+    return len(tree_edges(problem.count, chain.i, chain.j, np.ones(len(chain.i)))) == problem.count - 1
+
+
+def _sticks_out(problem: Problem, found: tuple[Mask, _Fit, Array], among: Mask) -> Mask:
+    off = np.linalg.norm(problem.residuals(found[1].w_T), axis=1)
+    return np.asarray(among & (off > edge_limit(problem)))
+
+
+def _grown(anchored: _Anchored) -> tuple[Mask, Array]:
+    problem, options = anchored.problem, anchored.options
+
+    def solve(kept: Mask, w_T: Array) -> Array:
+        limits = (_FEW, _COARSE, None, options.deadline)
+        begin = Minimum(problem.values(w_T), 0.0, 0.0, 0, False, "")
+        graph = anchored.graph(kept)
+        try:
+            at = gauss_newton(graph, begin.values, *limits, problem.name)
+        except BackendError:
+            at = begin
+        if not at.converged:
+            at = levenberg_marquardt(graph, at, *limits)
+        return problem.poses(at.values)
+
+    def draw(kept: Mask, w_T: Array) -> Array | None:
+        if time.monotonic() > options.deadline:
+            return None
+        return draws(anchored.graph(kept), problem.values(w_T), problem.freedom)
+
+    def on_round(number: int, believed: int) -> None:
+        if options.on_step is not None:
+            options.on_step(number, float(believed))
+
+    chain = problem.with_edges(problem.trusted)
+    start = spanning_tree(
+        problem.count, chain.i, chain.j, chain.ij_T, np.ones(len(chain.i)), 0, _start(problem)[0]
+    )
+    start = start if np.isfinite(problem.initial).any() else aligned(start, problem.absolutes)
+    return grown(problem, problem.trusted, solve(problem.trusted, start), solve, draw, on_round)
 
 
 def _connected(problem: Problem, kept: Mask, w_T: Array) -> Mask:
@@ -276,13 +330,16 @@ def _settled(anchored: _Anchored, kept: Mask, candidate: Mask, w_T: Array) -> tu
     for remaining in reversed(range(_ROUNDS)):
         fit = _plain(anchored, kept, w_T)
         w_T = fit.w_T
-        sigma = np.full(len(kept), np.nan)
-        out = np.flatnonzero(~kept)
-        sigma[out] = innovations(problem, anchored.graph(kept), w_T, out)
-        back = ~kept & ~banned & (np.nan_to_num(sigma, nan=np.inf) <= limit)
+        sigma = np.linalg.norm(problem.residuals(w_T), axis=1)
         sticks_out = np.zeros_like(kept)
         if not fit.test.passed:
-            sticks_out = kept & candidate & (np.linalg.norm(problem.residuals(w_T), axis=1) > limit)
+            sticks_out = kept & candidate & (sigma > limit * max(1.0, noise_scale(problem, kept, w_T)))
+        drawn = draws(anchored.graph(kept), fit.minimum.values, problem.freedom)
+        back = np.zeros_like(kept)
+        if drawn is not None:
+            back, innovation = judged(problem, kept, w_T, drawn)
+            back &= ~banned
+            sigma = np.where(kept, sigma, innovation)
         if remaining == 0 or not (back.any() or sticks_out.any()):
             break
         banned |= sticks_out

@@ -282,7 +282,7 @@ def false_loops(data: Path) -> FalseLoopResult:
         recall=float((rejected & false).sum() / max(false.sum(), 1)),
         ate_before_m=_ate(plain, truth, known),
         ate_after_m=_ate(solution, truth, known),
-        ate_odometry_m=_aligned_rmse(graph.poses[known, :2, 3], truth[known, :2, 3]),
+        ate_odometry_m=aligned_rmse(graph.poses[known, :2, 3], truth[known, :2, 3]),
         solve_s=seconds,
     )
 
@@ -300,10 +300,10 @@ def _truth(data: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _ate(solution: Solution, truth: np.ndarray, known: np.ndarray) -> float:
-    return _aligned_rmse(solution.w_T_b[known, :2, 3], truth[known, :2, 3])
+    return aligned_rmse(solution.w_T_b[known, :2, 3], truth[known, :2, 3])
 
 
-def _aligned_rmse(p: np.ndarray, q: np.ndarray) -> float:
+def aligned_rmse(p: np.ndarray, q: np.ndarray) -> float:
     """RMSE in metres after the best planar rigid motion (Umeyama 1991 without scale)."""
     a, b = p - p.mean(axis=0), q - q.mean(axis=0)
     R = se3.nearest_rotations((b.T @ a)[None])[0]

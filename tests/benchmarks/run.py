@@ -31,6 +31,7 @@ TITLES = {
     "hybrid": "AR.Drone 2 over a photographed floor (`ardrone2-hybrid`)",
     "caliterra": "75 aerial photographs (`caliterra`)",
     "graphs": "Standard pose graphs",
+    "false_loops": "Standard pose graphs with false loops",
     "front_end": "Front end",
     "side_by_side": "Side by side on the demo's keyframes",
     "memory": "A flight ten times as long",

@@ -1,0 +1,146 @@
+"""Standard graphs with a share of their loops made false by seed: error over that of the true ones alone.
+
+A false loop looks like a true one (its measurement is another loop's) and joins two places that lie farther
+apart than a tenth of the map. ``alone``: each for itself; ``groups``: ten in a row, consistent with each
+other and with the odometry, as a floor that repeats makes them. Error is the position error after alignment
+against the optimum of the whole, clean graph; it is divided by that of the loops that were left true.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from backend import se3
+from backend.g2o import read_g2o
+from backend.graph import solve_pose_graph
+from backend.pose_graph import PoseGraph
+from tests.benchmarks.graphs import aligned_rmse
+from tests.benchmarks.measured import folder
+from tests.benchmarks.metric import Metric, at_least, at_most, told
+
+NAMES = ("CSAIL", "intel", "manhattan", "parking-garage", "sphere2500")
+SHARES, KINDS, SEEDS = (0.1, 0.3, 0.5, 0.7, 0.9), {"alone": 1, "groups": 10}, (0,)
+HALF_WITHIN, MOST_WITHIN, MOST = 1.2, 2.0, 0.9
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Case:
+    """One graph with some loops made false."""
+
+    name: str
+    share: float
+    kind: str
+    ratio: float
+    """Position error over that of the true loops alone."""
+    false: int
+    kept: int
+    """False loops kept."""
+    seconds: float
+
+    @property
+    def label(self) -> str:
+        """Which case it is."""
+        return f"{self.name} {100 * self.share:.0f} % {self.kind}"
+
+
+def measure() -> list[Metric]:
+    """Every graph, share and kind."""
+    data = folder("graphs")
+    cases = [case for name in NAMES for case in cases_of(data / f"{name}.g2o")]
+    metrics = []
+    for name in NAMES:
+        half = [case for case in cases if case.name == name and case.share == 0.5]
+        worst = max(half, key=lambda case: case.ratio)
+        metrics.append(
+            at_most(
+                f"{name}, 50 % false: error over the clean one's", worst.ratio, "x", HALF_WITHIN, _said(half)
+            )
+        )
+    most = [case for case in cases if case.share == 0.9]
+    within = float(np.mean([case.ratio <= MOST_WITHIN for case in most]))
+    metrics.append(at_least("90 % false: share of cases within 2 x", within, "", MOST, _said(most)))
+    other = [case for case in cases if case.share not in (0.5, 0.9)]
+    within = float(np.mean([case.ratio <= HALF_WITHIN for case in other]))
+    metrics.append(told("10, 30 and 70 % false: share of cases within 1.2 x", within, "", _said(other)))
+    slowest = max(cases, key=lambda case: case.seconds)
+    metrics.append(told("longest solve", slowest.seconds, "s", slowest.label))
+    return metrics
+
+
+def _said(cases: list[Case]) -> str:
+    return ", ".join(f"{c.label} {c.ratio:.2f} ({c.kept} of {c.false} kept)" for c in cases)
+
+
+def cases_of(path: Path, shares: tuple[float, ...] = SHARES) -> list[Case]:
+    """All shares, kinds and seeds of one graph."""
+    graph = read_g2o(path)
+    whole = solve_pose_graph(graph, covariances=False).w_T_b
+    return [
+        case(path.stem, graph, whole, share, kind, seed)
+        for share in shares
+        for kind in KINDS
+        for seed in SEEDS
+    ]
+
+
+def case(name: str, graph: PoseGraph, whole: Array, share: float, kind: str, seed: int) -> Case:
+    """Solve one corrupted graph and its true loops alone."""
+    made, false = falsified(graph, whole, share, KINDS[kind], seed)
+    true = edges_of(made, ~false)
+    clean = solve_pose_graph(true, covariances=False, loops_robust=False).w_T_b
+    begin = time.perf_counter()
+    found = solve_pose_graph(made, covariances=False)
+    seconds = time.perf_counter() - begin
+    error, best = (aligned_rmse(w_T[:, :3, 3], whole[:, :3, 3]) for w_T in (found.w_T_b, clean))
+    return Case(
+        name, share, kind, error / best, int(false.sum()), int((false & found.edge_kept).sum()), seconds
+    )
+
+
+def edges_of(graph: PoseGraph, which: Array) -> PoseGraph:
+    """The graph with some of its edges."""
+    return replace(
+        graph,
+        i=graph.i[which],
+        j=graph.j[which],
+        ij_T=graph.ij_T[which],
+        information=graph.information[which],
+    )
+
+
+def falsified(graph: PoseGraph, whole: Array, share: float, group: int, seed: int) -> tuple[PoseGraph, Array]:
+    """Make a share of the loops false; also gives (m,) which ones."""
+    rng = np.random.default_rng([seed, round(100 * share), group])
+    n, loops = len(graph.ids), np.flatnonzero(np.abs(graph.i - graph.j) != 1)
+    bad = rng.permutation(loops)[: round(share * len(loops))]
+    steps = {int(a): T for a, b, T in zip(graph.i, graph.j, graph.ij_T, strict=True) if b == a + 1}
+    apart = 0.1 * np.ptp(whole[:, :3, 3], axis=0).max()
+    i, j, ij_T = graph.i.copy(), graph.j.copy(), graph.ij_T.copy()
+    done = 0
+    while done < len(bad):
+        size = min(group, len(bad) - done)
+        a, b = np.sort(rng.integers(0, n - size, 2)).tolist()
+        T = graph.ij_T[rng.choice(loops)]
+        off = se3.inverse(whole[a]) @ whole[b] @ se3.inverse(T)
+        if b - a < size or np.linalg.norm(off[:3, 3]) < apart:
+            continue
+        for k, edge in enumerate(bad[done : done + size].tolist()):
+            if k:
+                T = se3.inverse(steps[a + k - 1]) @ T @ steps[b + k - 1]
+            i[edge], j[edge], ij_T[edge] = a + k, b + k, T @ _noise(graph, edge, rng)
+        done += size
+    false = np.zeros(len(i), dtype=bool)
+    false[bad] = True
+    return replace(graph, i=i, j=j, ij_T=ij_T), false
+
+
+def _noise(graph: PoseGraph, edge: int, rng: np.random.Generator) -> Array:
+    root = np.linalg.cholesky(graph.information[edge]).T
+    tangent = np.linalg.solve(root, rng.normal(size=len(root)))[None]
+    return (se3.from_planar(tangent) if graph.dimension == 2 else se3.exp(tangent))[0]
