@@ -207,6 +207,8 @@ class Flight:
     """What was dropped, repaired or assumed when the flight was read, one line each."""
     all_keyframes: bool = False
     """Every picture is a keyframe (photographs taken one by one)."""
+    parts: tuple[Flight, ...] = ()
+    """The flights that this one is joined of (`slam.joined`); empty for one that was flown."""
 
     @staticmethod
     def open(path: str) -> Flight:

@@ -125,6 +125,8 @@ def missing_for_map(flight: Flight) -> tuple[str, ...]:
     """What was not recorded, and what the map does without it; its scale is told with the map."""
     if flight.all_keyframes:
         return ()  # photographs: what is assumed was told on import
+    if flight.parts:
+        return tuple(f"{part.name}: {line}" for part in flight.parts for line in missing_for_map(part))
     lines = []
     if flight.attitude is None:
         lines.append("no attitude: tilt is not measured, the camera is taken as looking straight down")
@@ -153,6 +155,8 @@ def _missing(flight: Flight) -> list[str]:
 
 
 def _odd(flight: Flight, streams: list[StreamInfo]) -> list[str]:
+    if flight.parts:
+        return [f"{part.name}: {line}" for part in flight.parts for line in describe(part).odd]
     lines = [
         f"{s.name}: {s.gaps} gap{'s' if s.gaps > 1 else ''}, the largest {s.largest_gap_s:.2f} s"
         for s in streams

@@ -12,9 +12,14 @@ if TYPE_CHECKING:
     from slam.evaluation import Evaluation
 
 
+_TRUTH = typer.Option(
+    "--truth", metavar="FLIGHT", help="The flight, with truth or GPS; once for each flight of a joint map."
+)
+
+
 def evaluate(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder that slam optimize wrote.")],
-    truth: Annotated[Path, typer.Option("--truth", metavar="FLIGHT", help="The flight, with truth or GPS.")],
+    truth: Annotated[list[Path], _TRUTH],
 ) -> None:
     """Measure how far a map is from the truth; adds evaluation.json and pictures to DIR."""
     from slam.cli.source import open_flight
@@ -23,6 +28,7 @@ def evaluate(
     from slam.evaluation import evaluate as compare
     from slam.io.atomic import locked
     from slam.io.estimate import read_estimate
+    from slam.joined import join_flights
     from slam.outputs import EVALUATE_NAMES
     from slam.progress import silent
     from slam.report.accuracy import accuracy_tables
@@ -30,7 +36,7 @@ def evaluate(
     screen = console()
     folder = Path(os.path.realpath(folder))
     estimate = read_estimate(folder)
-    flight, _ = open_flight(truth, silent)
+    flight = join_flights([open_flight(path, silent)[0] for path in truth])
     evaluation = compare(estimate, flight)
     with locked(folder):
         write_evaluation(folder, evaluation)

@@ -15,8 +15,9 @@ if TYPE_CHECKING:
 Features = Literal["sift", "orb", "orb-teblid", "akaze", "surf"]
 
 _SOURCE = typer.Argument(
-    metavar="FLIGHT",
-    help="A flight folder, a EuRoC recording, a folder of photos, or a .g2o pose graph.",
+    metavar="FLIGHT...",
+    help="A flight folder, a EuRoC recording, a folder of photos, or a .g2o pose graph. Several flights of "
+    "one camera over the same ground make one map.",
     show_default=False,
 )
 _OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
@@ -25,44 +26,54 @@ _CONFIG = typer.Option(metavar="FILE.toml", help="Settings of the stages; an unk
 
 
 def optimize(
-    source: Annotated[Path, _SOURCE],
+    sources: Annotated[list[Path], _SOURCE],
     out: Annotated[Path, _OUT],
     gsd: Annotated[float | None, _GSD] = None,
     mosaic: Annotated[bool, typer.Option("--mosaic/--no-mosaic", help="Render the map.")] = True,
     config: Annotated[Path | None, _CONFIG] = None,
     features: Annotated[Features | None, typer.Option(help="What pictures are matched by.")] = None,
 ) -> None:
-    """Turn a flight into one consistent map: trajectory, graph, mosaic and a report."""
+    """Turn a flight, or several, into one consistent map: trajectory, graph, mosaic and a report."""
     from slam.cli.results import MosaicWish
     from slam.cli.source import kind_of
     from slam.cli.tables import outcome, written
     from slam.console import console
 
     screen = console()
-    if kind_of(source) == "graph":
-        results = _graph(source, out, screen)
+    if len(sources) == 1 and kind_of(sources[0]) == "graph":
+        results = _graph(sources[0], out, screen)
     else:
-        results = _flight(source, out, MosaicWish(mosaic, gsd), config, features, screen)
+        results = _flights(sources, out, MosaicWish(mosaic, gsd), config, features, screen)
     screen.print(outcome(results.facts, results.summary))
     first = [out / "report.html", out / "mosaic.png"]
     screen.print(written([path for path in first if path.exists()]), soft_wrap=True)
 
 
-def _flight(
-    source: Path, out: Path, wish: MosaicWish, config: Path | None, features: Features | None, screen: Console
+def _flights(
+    sources: list[Path],
+    out: Path,
+    wish: MosaicWish,
+    config: Path | None,
+    features: Features | None,
+    screen: Console,
 ) -> Results:
     from slam.cli.results import write_results
     from slam.cli.settings import pipeline_config
     from slam.cli.source import open_flight
     from slam.console import progress_shown
+    from slam.joined import join_flights
     from slam.outputs import output_folder
     from slam.pipeline import optimize as run
 
     settings = pipeline_config(config, features)
     with output_folder(out) as folder, progress_shown(screen) as progress:
-        flight, kind = open_flight(source, progress)
-        if kind != "flight":
-            screen.print(f"{source}: {kind}, imported on the fly", markup=False)
+        flights = []
+        for source in sources:
+            flight, kind = open_flight(source, progress)
+            flights.append(flight)
+            if kind != "flight":
+                screen.print(f"{source}: {kind}, imported on the fly", markup=False)
+        flight = join_flights(flights)
         return write_results(folder, run(flight, settings, progress), flight, wish, progress)
 
 
