@@ -22,6 +22,9 @@ from slam.progress import Progress, silent
 from slam.settings import PipelineConfig
 from slam.stopwatch import Stopwatch
 
+MOST_PASSES = 2
+"""Obstacles bend the first map, so that it may have them at the wrong places; the second has not."""
+
 
 def optimize(
     flight: Flight, config: PipelineConfig = PipelineConfig(), progress: Progress = silent
@@ -49,6 +52,7 @@ def _optimize(
     progress: Progress,
     clock: Stopwatch,
     obstacles: Obstacles | None = None,
+    passes: int = 0,
 ) -> tuple[Estimate, Sightings]:
     flight = flown if obstacles is None else obstacles.cleared(flown)
 
@@ -81,8 +85,9 @@ def _optimize(
                 f"{flight.name}: the pictures match, but no pose of a camera above a floor explains how; "
                 "check T_BS (which way it looks) and intrinsics in cam0/sensor.yaml, and the attitude"
             )
-    if obstacles is None and (found := _obstacles(flight, camera, sightings, fused, config)) is not None:
-        return _optimize(flown, camera, config, progress, clock, found)  # once more, without them
+    found = _obstacles(flown, camera, sightings, fused, config) if passes < MOST_PASSES else None
+    if found is not None and (obstacles is None or found.moved_from(obstacles)):
+        return _optimize(flown, camera, config, progress, clock, found, passes + 1)  # once more, without them
     with clock("loops"):
         sightings = sighter.revisit(sightings, fused.over_floor_T_b, fused.floor_z_m)
     with clock("graph"):

@@ -29,6 +29,8 @@ RELATIVE_GAMMA = 0.04
 """Ranges wander by some percent: nothing stands out by less than this share of the flying height."""
 SPIKE_READINGS = 5
 """Shorter runs of echoes are no obstacle."""
+NEAR_MARGIN, LOW_RANGES = 1.2, 3.0
+"""Between so many of the sensor's least ranges the floor is heard, and what is silent may stand too near."""
 FEWEST = 10
 
 
@@ -36,7 +38,10 @@ FEWEST = 10
 class MaskingConfig:
     """When an echo is an obstacle (IMAV 2011 paper, section 3.1.1)."""
 
-    enabled: bool = True
+    pixels: bool = True
+    """Pixels that show obstacles are not searched for features."""
+    echoes: bool = True
+    """Echoes from obstacles are no heights of flight."""
     gamma_3_m: float = 0.06
     """Nothing that stands less high over the floor is masked."""
     least_share: float = 0.01
@@ -53,6 +58,9 @@ class Echoes:
     """(m,) over the floor, in the map's metres; NaN where there was no echo."""
     radius_m: Array
     """(m,) of the beam on the floor."""
+    too_near: NDArray[np.bool_]
+    """(m,) no echo where the floor would be heard, low enough for an obstacle below the sensor's least range;
+    ``height_m`` is what it has at least. The floor may be silent too: alone these prove nothing."""
     floor_std_m: float
     """Scatter of the echoes from the floor."""
     flying_m: float
@@ -64,7 +72,7 @@ class Echoes:
 
     def standing(self, config: MaskingConfig) -> NDArray[np.bool_]:
         """(m,) which readings hear an obstacle; single spikes are none."""
-        heard = np.flatnonzero(np.isfinite(self.height_m))
+        heard = np.flatnonzero(np.isfinite(self.height_m) & ~self.too_near)
         out = np.zeros(len(self.height_m), dtype=bool)
         out[heard] = median_filter(self.height_m[heard], SPIKE_READINGS) > self.gamma_m(config)
         return out
@@ -93,12 +101,20 @@ def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m:
         scale = _floor_ratio(ratio[np.isfinite(ratio)])
         heard = height - fall / scale
         to_floor = height / -axis[:, 2]
+        heard_floor = (to_floor * scale > NEAR_MARGIN * sonar.min_range_m) & (
+            to_floor * scale < sonar.max_range_m
+        )
+        low = height * scale < LOW_RANGES * sonar.min_range_m
+    silent = median_filter((~in_limits).astype(np.uint8), SPIKE_READINGS) > 0
+    too_near = silent & ~in_limits & heard_floor & low
+    heard = np.where(too_near, height - sonar.min_range_m / scale, heard)
     on_floor = np.abs(ratio / scale - 1) < 3 * BANDWIDTH
     floor_std = 1.4826 * float(np.median(np.abs(heard[on_floor]))) if on_floor.any() else 0.0
     return Echoes(
         origin[:, :2] + to_floor[:, None] * axis[:, :2],
         heard,
         to_floor * np.tan(sonar.beam_width_rad / 2),
+        too_near,
         floor_std,
         float(np.nanmedian(height)),
     )
@@ -147,6 +163,20 @@ class Obstacles:
     """Mask of each frame by its number."""
     told: str
     """One line for the user."""
+    w_p_m: Array
+    """(m, 2) where the map that they were found in has each reading of the sonar."""
+    radius_m: float
+    """Of the beam on the floor, median."""
+
+    def moved_from(self, before: Obstacles) -> bool:
+        """Whether the map ``before`` had the readings elsewhere by half a beam, but for a similarity."""
+        known = np.isfinite(self.w_p_m).all(axis=1) & np.isfinite(before.w_p_m).all(axis=1)
+        a, b = before.w_p_m[known] @ [1, 1j], self.w_p_m[known] @ [1, 1j]
+        if len(a) < 2:
+            return False
+        a, b = a - a.mean(), b - b.mean()
+        off = np.abs(b - np.vdot(a, b) / np.vdot(a, a) * a)
+        return bool(np.percentile(off, 95) > 0.5 * self.radius_m)
 
     def cleared(self, flight: Flight) -> Flight:
         """The flight with heights over the floor alone."""
@@ -163,11 +193,13 @@ def find_obstacles(
 ) -> Obstacles | None:
     """What stands out from the floor under a map's keyframes; None where nothing does, or without a sonar."""
     sonar, frames = flight.sonar, flight.frames
-    echoes = echoes_in_map(sonar, stamps_s, over_floor_T_b, floor_z_m) if config.enabled else None
+    echoes = (
+        echoes_in_map(sonar, stamps_s, over_floor_T_b, floor_z_m) if config.pixels or config.echoes else None
+    )
     if echoes is None or sonar is None or frames is None:
         return None
     standing = echoes.standing(config)
-    heard = int(np.isfinite(echoes.height_m).sum())
+    heard = int((np.isfinite(echoes.height_m) & ~echoes.too_near).sum())
     elevation = echoes.map
     if elevation is None or standing.sum() < max(FEWEST, config.least_share * heard):
         return None
@@ -175,10 +207,19 @@ def find_obstacles(
     mask = ObstacleMask(elevation, camera, floor_z_m, gamma)
     placed = np.flatnonzero(np.isfinite(over_floor_T_b).all(axis=(1, 2)))
     poses = poses_between(stamps_s[placed], over_floor_T_b[placed], frames.stamps_s)
+    done = [
+        *(["they are no heights of flight"] if config.echoes else []),
+        *(["pixels that show them are masked"] if config.pixels else []),
+    ]
     told = (
         f"obstacles: {standing.sum()} of {heard} echoes stand {gamma:.2f} to "
-        f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor; "
-        "they are no heights of flight, and pixels that show them are masked"
+        f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor; {', and '.join(done)}"
     )
-    cleared = replace(sonar, range_m=np.where(standing, np.nan, sonar.range_m))
-    return Obstacles(cleared, lambda frame: mask(poses[frame]), told)
+    cleared = replace(sonar, range_m=np.where(standing & config.echoes, np.nan, sonar.range_m))
+    return Obstacles(
+        cleared,
+        (lambda frame: mask(poses[frame])) if config.pixels else no_masks,
+        told,
+        echoes.w_p_m,
+        float(np.nanmedian(echoes.radius_m)),
+    )

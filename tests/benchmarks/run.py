@@ -36,6 +36,7 @@ TITLES = {
     "side_by_side": "Side by side on the demo's keyframes",
     "memory": "A flight ten times as long",
     "mosaic": "Mosaics",
+    "masking": "Obstacle masking in the gym",
 }
 ROOT = Path(__file__).parents[2]
 BENCH, PAGE, README = (ROOT / name for name in ("docs/figures.json", "docs/figures.md", "README.md"))

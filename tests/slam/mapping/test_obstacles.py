@@ -103,10 +103,63 @@ def test_a_flat_floor_single_spikes_and_no_sonar_are_no_obstacles(over):
 
 def test_it_can_be_switched_off_and_set():
     over = flight()
-    for off in (MaskingConfig(enabled=False), MaskingConfig(gamma_3_m=0.5), MaskingConfig(least_share=0.9)):
+    for off in (
+        MaskingConfig(pixels=False, echoes=False),
+        MaskingConfig(gamma_3_m=0.5),
+        MaskingConfig(least_share=0.9),
+    ):
         assert find_obstacles(over, over.camera, *some_poses(over), 0.0, off) is None
     placed_nowhere = some_poses(over)[0], np.full((len(some_poses(over)[0]), 4, 4), np.nan)
     assert find_obstacles(over, over.camera, *placed_nowhere, 0.0, MaskingConfig()) is None
+
+
+def test_pixels_and_echoes_are_switched_one_by_one():
+    over = flight()
+    pixels, echoes = (
+        find_obstacles(over, over.camera, *some_poses(over), 0.0, config)
+        for config in (MaskingConfig(echoes=False), MaskingConfig(pixels=False))
+    )
+    np.testing.assert_array_equal(pixels.sonar.range_m, over.sonar.range_m)
+    assert np.isnan(echoes.sonar.range_m).sum() > 30
+    frames = range(len(over.frames))
+    assert any(pixels.masks(k) is not None for k in frames)
+    assert all(echoes.masks(k) is None for k in frames)
+    assert "pixels" in pixels.told
+    assert "pixels" not in echoes.told
+
+
+def test_what_stands_below_the_least_range_is_masked_where_others_are_heard():
+    """The highest box is nearer than the sonar hears: silence there; a flat floor's silence is left alone."""
+    over = flight()
+    deaf = replace(over, sonar=replace(over.sonar, min_range_m=0.6, range_m=silenced(over, 0.6)))
+    found = find_obstacles(deaf, deaf.camera, *some_poses(deaf), 0.0, MaskingConfig())
+    echoes = echoes_in_map(deaf.sonar, *some_poses(deaf), 0.0)
+    assert echoes.too_near.sum() > 10
+    where = echoes.w_p_m[echoes.too_near]
+    assert (elevation(place().world, *where.T) > 0.2).mean() > 0.8
+    x, y = np.array([0.9]), np.array([0.3])
+    assert echoes.map.at(x, y)[0] == pytest.approx(0.2, abs=0.02), "at least so high: 0.8 less 0.6"
+    assert found is not None
+    flat = flight(boxes=False)
+    lost = np.where(np.arange(len(flat.sonar.stamps_s)) % 60 < 15, np.nan, flat.sonar.range_m)
+    quiet = replace(flat, sonar=replace(flat.sonar, min_range_m=0.6, range_m=lost))
+    assert find_obstacles(quiet, quiet.camera, *some_poses(quiet), 0.0, MaskingConfig()) is None
+
+
+def test_a_map_of_another_scale_or_heading_has_not_moved_and_a_bent_one_has():
+    over = flight()
+    stamps_s, poses = some_poses(over)
+    found = find_obstacles(over, over.camera, stamps_s, poses, 0.0, MaskingConfig())
+    turned = replace(found, w_p_m=1.1 * found.w_p_m @ np.array([[0.8, -0.6], [0.6, 0.8]]) + 3.0)
+    assert not turned.moved_from(found)
+    assert not found.moved_from(found)
+    bent = found.w_p_m + 0.5 * np.column_stack([found.w_p_m[:, 0] ** 2, 0 * found.w_p_m[:, 0]])
+    assert replace(found, w_p_m=bent).moved_from(found)
+    assert not replace(found, w_p_m=np.full_like(bent, np.nan)).moved_from(found)
+
+
+def silenced(over: Flight, least_m: float) -> np.ndarray:
+    return np.where(over.sonar.range_m < least_m, np.nan, over.sonar.range_m)
 
 
 def test_poses_between_are_on_the_way_and_not_beyond():
@@ -122,7 +175,9 @@ def test_poses_between_are_on_the_way_and_not_beyond():
 
 def test_a_flat_flight_is_mapped_as_before_and_has_its_elevation():
     over = flight(boxes=False)
-    on, off = (optimize(over, PipelineConfig(masking=MaskingConfig(enabled=e))) for e in (True, False))
+    on, off = (
+        optimize(over, PipelineConfig(masking=MaskingConfig(pixels=e, echoes=e))) for e in (True, False)
+    )
     np.testing.assert_array_equal(on.w_T_b, off.w_T_b)
     assert np.nanpercentile(np.abs(on.elevation.height_m), 95) < 0.03
     assert optimize(replace(over, sonar=None)).elevation is None
@@ -132,7 +187,7 @@ def test_masking_halves_the_error_of_a_map_over_boxes():
     over = flight()
     error = {}
     for enabled in (True, False):
-        estimate = optimize(over, PipelineConfig(masking=MaskingConfig(enabled=enabled)))
+        estimate = optimize(over, PipelineConfig(masking=MaskingConfig(pixels=enabled, echoes=enabled)))
         error[enabled] = evaluate(estimate, over).ate_m.rmse
         assert any("obstacles" in line for line in estimate.warnings) == enabled
     assert error[True] < 0.5 * error[False], error

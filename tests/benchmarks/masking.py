@@ -1,0 +1,101 @@
+"""The gym: map errors with and without obstacle masking, and what pixels and echoes each have to do with it.
+
+Eight pictures a second, not the recipe's fifteen; boxes of 0.12 to 0.35 m under the way, pylons beside it.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slam.evaluation import evaluate
+from slam.flight import Flight
+from slam.mapping.obstacles import MaskingConfig, echoes_in_map, find_obstacles
+from slam.pipeline import optimize
+from slam.settings import PipelineConfig
+from slam.simulation import simulate
+from slam.simulation.recipe import load_recipe
+from tests.benchmarks.metric import Metric, at_most, told
+
+HEIGHTS_M = (0.5, 0.8, 1.5)
+ON, OFF = MaskingConfig(), MaskingConfig(pixels=False, echoes=False)
+PARTS = {"pixels alone": MaskingConfig(echoes=False), "echoes alone": MaskingConfig(pixels=False)}
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Position errors (RMS) with the first keyframe's position and yaw on the truth's, in metres."""
+
+    map_m: float
+    chain_m: float
+    odometry_m: float
+
+
+def measure() -> list[Metric]:
+    """Three heights, seed 0; the asked-for one in parts; the price on a flat floor."""
+    metrics: list[Metric] = []
+    for height_m in HEIGHTS_M:
+        flight = gym(height_m)
+        on, off = errors(flight, ON), errors(flight, OFF)
+        at = f"at {height_m:g} m"
+        metrics += [
+            told(f"{at}: map error without masking", off.map_m, "m"),
+            told(f"{at}: map error with masking", on.map_m, "m"),
+            told(f"{at}: chain of homographies without masking", off.chain_m, "m"),
+            told(f"{at}: chain of homographies with masking", on.chain_m, "m", "of what holds together"),
+            told(f"{at}: optimized without loops, without masking", off.odometry_m, "m"),
+            told(f"{at}: optimized without loops, with masking", on.odometry_m, "m"),
+        ]
+        if height_m == 0.8:
+            metrics.append(
+                at_most(f"{at}: map error with masking over without", on.map_m / off.map_m, "x", 0.5)
+            )
+            for name, config in PARTS.items():
+                part = errors(flight, config)
+                metrics.append(told(f"{at}: map error with {name}", part.map_m, "m"))
+                metrics.append(told(f"{at}: chain of homographies with {name}", part.chain_m, "m"))
+    return [*metrics, *price()]
+
+
+def gym(height_m: float, flat: bool = False) -> Flight:
+    """The recipe at another height."""
+    recipe = load_recipe("gym")
+    assert recipe.camera is not None
+    world = replace(recipe.world, boxes=(), pylons=()) if flat else recipe.world
+    maneuver = replace(recipe.maneuver, height_m=height_m)
+    return simulate(
+        replace(recipe, world=world, maneuver=maneuver, camera=replace(recipe.camera, rate_hz=8.0)), 0
+    )
+
+
+def errors(flight: Flight, masking: MaskingConfig) -> Errors:
+    """Map the flight and compare with the truth."""
+    tracks = evaluate(optimize(flight, PipelineConfig(masking=masking)), flight).tracks
+
+    def rms(ours: np.ndarray) -> float:
+        return float(np.sqrt(np.nanmean(np.sum((ours - tracks.reference_m) ** 2, axis=1))))
+
+    return Errors(rms(tracks.loops_m), rms(tracks.chain_m), rms(tracks.odometry_m))
+
+
+def price() -> list[Metric]:
+    """What looking for obstacles costs where there are none."""
+    flight = gym(0.8, flat=True)
+    assert flight.camera is not None
+    began = time.perf_counter()
+    estimate = optimize(flight, PipelineConfig(masking=OFF))
+    whole = time.perf_counter() - began
+    began = time.perf_counter()
+    found = find_obstacles(
+        flight, flight.camera, estimate.stamps_s, estimate.over_floor_T_b, estimate.floor_z_m, MaskingConfig()
+    )
+    echoes = echoes_in_map(flight.sonar, estimate.stamps_s, estimate.over_floor_T_b, estimate.floor_z_m)
+    assert echoes is not None
+    assert echoes.map is not None
+    assert found is None, "a flat floor has no obstacles"
+    share = (time.perf_counter() - began) / whole
+    return [
+        at_most("on a flat floor: time for obstacles and elevation over the whole job's", share, "x", 0.03)
+    ]
