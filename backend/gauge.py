@@ -96,14 +96,14 @@ def open_directions(jacobians: list[Array]) -> Array:
     return np.linalg.qr(rows.T)[0].T if len(rows) else rows
 
 
-def hold_factor(key: int, pose: Array, directions: Array) -> gtsam.NonlinearFactor:
+def hold_factor(key: int, pose: Array, directions: Array, std: float = HOLD_STD) -> gtsam.NonlinearFactor:
     """A prior that holds a pose (4, 4) in the given directions (d, 6) of motion about it, and in no other."""
     R = pose[:3, :3]
     rows = np.zeros((6, 6))
     # World axes to body axes: xi_w = blkdiag(R, R) xi_b. Rows of zeros leave the other directions free.
     rows[: len(directions), :3] = directions[:, :3] @ R
     rows[: len(directions), 3:] = directions[:, 3:] @ R
-    noise = gtsam.noiseModel.Gaussian.SqrtInformation(rows / HOLD_STD, False)
+    noise = gtsam.noiseModel.Gaussian.SqrtInformation(rows / std, False)
     return gtsam.PriorFactorPose3(key, gtsam.Pose3(pose), noise)
 
 
