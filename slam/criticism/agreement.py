@@ -17,7 +17,7 @@ from slam.criticism.effects import Effect
 from slam.criticism.kalman.innovations import stretches
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.moving import settled
+from slam.criticism.moving import is_wall, settled
 from slam.criticism.nuisances import MEAN, direction_of, prior_precision
 from slam.criticism.screening import deviate
 from slam.criticism.search import Search
@@ -112,7 +112,8 @@ def contradictions(
     records: Sequence[Record], model: Setting, found: Search, belief: Setting
 ) -> tuple[dict[str, str], set[str]]:
     """What is told of causes whose parts do not agree, by name; and those that explain less than they
-    contradict themselves."""
+    contradict themselves. Of a foreign vehicle every cause does: its equations are another's.
+    """
     chosen = [settled(e, belief) for e in found.chosen]
     told, refuted = {}, set()
     for effect, parts in zip(found.chosen, agreements(records, model, belief, chosen), strict=True):
@@ -121,6 +122,9 @@ def contradictions(
             continue
         told[effect.name] = f"{effect.name} is not the same in every {worst.by} (z = {worst.z:.1f})"
         rest = [e for e in found.chosen if e is not effect]
-        if max(a.excess for a in parts) > MOST_EXCESS * 2 * found.last.standing(rest, [effect])[0].nats:
+        if (
+            not is_wall(effect)
+            and max(a.excess for a in parts) > MOST_EXCESS * 2 * found.last.standing(rest, [effect])[0].nats
+        ):
             refuted.add(effect.name)
     return told, refuted

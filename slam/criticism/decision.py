@@ -13,7 +13,7 @@ from slam.criticism.effects import Effect, catalogue_value
 from slam.criticism.heldout import held_out
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.moving import on_grid
+from slam.criticism.moving import is_wall, on_grid
 from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, Posterior, named
 from slam.criticism.rollouts import roll_out_errors
 from slam.criticism.search import Look, Search, Standing
@@ -41,7 +41,7 @@ def confirmed(found: Search, model: Setting) -> Search:
         gains = []
         for effect in chosen:
             rest = [e for e in chosen if e is not effect]
-            if named(effect) and found.last.standing(rest, [effect])[0].z < PLAIN_Z:
+            if named(effect) and not is_wall(effect) and found.last.standing(rest, [effect])[0].z < PLAIN_Z:
                 gains.append((held_out(replace(found, chosen=tuple(chosen)), model, rest).total, effect))
         least = min(gains, key=lambda g: g[0], default=(np.inf, None))
         if least[0] >= (CONFIRMED_NATS if len(chosen) > 1 else 0.0):
@@ -62,16 +62,18 @@ def causes_of(
     causes = []
     for effect in known:
         rest = [e for e in found.chosen if e is not effect]
-        own = held_out(found, model, rest) if rest else all_together
+        # How it is without a wall only the first look knows.
+        own = held_out(found, model, rest) if rest and not is_wall(effect) else all_together
         place = list(found.chosen).index(effect)
-        standing = found.last.standing(rest, [effect])[0]
+        look, beside = (found.first, []) if is_wall(effect) else (found.last, rest)
+        z = max(s.z for s in look.standing(beside, [e for e in look.effects if e.name == effect.name]))
         causes.append(
             Cause(
                 effect.name,
                 posterior.probability.get(effect.name, 0.0),
                 sizes(found.last, effect, found.chosen),
                 Gain(own.total, own.ci95, own.by, tuple(own.nats.tolist()), channels),
-                standing.z,
+                z,
                 posterior.lead_nats[place],
                 posterior.alternatives[place],
             )

@@ -87,7 +87,8 @@ PLAUSIBLE = 3.0
 
 
 def effects_for(records: Sequence[Record], setting: Setting) -> list[Effect]:
-    """Every term that is screened under a belief, each with its columns."""
+    """Every term that is screened under a belief, each with its columns; for a foreign vehicle none that is
+    nothing but unrest."""
     found = [_plain(name, steps) for name, steps in _STEPS.items()]
     found += _latencies(setting)
     found.append(Effect("clock_drift", (Direction("clock_drift.ppm", "drift", 0, 2e-5),), (), ("ppm",)))
@@ -97,19 +98,22 @@ def effects_for(records: Sequence[Record], setting: Setting) -> list[Effect]:
         found += _of_camera()
     found.append(_plain("active_braking", (("lean", 1e-2),)))
     found += _tilt_limits(records, setting)
-    found += [_gusts(tau) for tau in GUST_TIMES_S]
-    found.append(
-        Effect("timestamp_jitter", (), (Change("timestamp_jitter.var", _jittered, 1.0),), ("sigma",), True)
-    )
+    if not setting.foreign:
+        found += [_gusts(tau) for tau in GUST_TIMES_S]
+        jitter = Change("timestamp_jitter.var", _jittered, 1.0)
+        found.append(Effect("timestamp_jitter", (), (jitter,), ("sigma",), True))
     return found
 
 
-def relaxations() -> list[Effect]:
-    """Nuisances beyond their healthy range, where no term of the catalogue stands for that."""
+def relaxations(foreign: bool = False) -> list[Effect]:
+    """Nuisances beyond their healthy range, where no term of the catalogue stands for that.
+
+    A foreign vehicle's restlessness is not known, and not free either: unrest explains any flight.
+    """
     return [
         Effect(f"{n.name} out of range", relaxes=(n.name,))
         for n in NUISANCES
-        if n.name != "vehicle.attitude_time_s"
+        if n.name != "vehicle.attitude_time_s" and (n.kind == "mean" or not foreign)
     ]
 
 

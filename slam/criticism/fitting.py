@@ -13,7 +13,7 @@ from slam.criticism.hypotheses import parabola_of
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.moving import bounded, moved
-from slam.criticism.nuisances import MEAN, RESTLESS, direction_of, value_of, with_value
+from slam.criticism.nuisances import MEAN, RESTLESS, direction_of, limits_of, value_of, with_value
 from slam.criticism.sums import Change, sums_of
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ ROUNDS = 2
 FOREIGN_ROUNDS = 7
 LARGEST_STEP = 0.5
 """Of a logarithm in one round."""
-_RESTLESS_NAMES = tuple(n.name for n in RESTLESS)
+_RESTLESS = {n.name: n for n in RESTLESS}
 
 
 def changes_of(setting: Setting) -> list[Change]:
@@ -54,8 +54,10 @@ def fit_nuisances(
         answer = parabola_of(found, setting, model, {}).answer(effects)
         for column, move in zip(answer.columns, answer.step, strict=True):
             name = found.columns[column]
-            if name in _RESTLESS_NAMES:
-                move = np.clip(move, -LARGEST_STEP, LARGEST_STEP)
+            if name in _RESTLESS:
+                low, high = limits_of(_RESTLESS[name], model) if model.foreign else (-np.inf, np.inf)
+                at = value_of(_RESTLESS[name], setting)
+                move = np.clip(np.clip(move, -LARGEST_STEP, LARGEST_STEP), low - at, high - at)
             setting = moved(setting, name, bounded(name, float(move), setting))
     return setting
 

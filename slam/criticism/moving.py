@@ -107,3 +107,16 @@ def entered(effect: Effect, setting: Setting) -> Setting:
     if on_grid(effect):
         return moved(setting, effect.columns[0], 1.0)
     return setting
+
+
+def is_wall(effect: Effect) -> bool:
+    """Whether an effect cuts what goes beyond a value: no slope at the value tells how it is without."""
+    return effect.name == "tilt_limit"
+
+
+def taken_down(wall: Effect, setting: Setting) -> Setting:
+    """The belief without a wall."""
+    assert is_wall(wall)
+    parameters = setting.parameters.copy()
+    parameters[TILT_LIMIT] = pi / 2
+    return replace(setting, parameters=parameters)

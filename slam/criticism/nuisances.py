@@ -55,8 +55,8 @@ NUISANCES = (
     Nuisance("sonar_noise", "1", "noise", (11,), 0.2),
 )
 TAILS = 0.16
-FOREIGN_REACH = 4.0
-"""Of the logarithms for a vehicle whose instruments are not those of the model: a factor of 50."""
+FOREIGN_NOISE = 4.0
+"""Reach of the logarithms upwards where a vehicle's instruments are not the model's: a factor of 50."""
 MEAN = tuple(n for n in NUISANCES if n.kind == "mean")
 RESTLESS = tuple(n for n in NUISANCES if n.kind != "mean")
 
@@ -95,10 +95,11 @@ def limits_of(nuisance: Nuisance, model: Setting) -> tuple[float, float]:
     """The healthy range of x about a model's own value."""
     centre = value_of(nuisance, model)
     reach = nuisance.reach * abs(centre) if nuisance.relative else nuisance.reach
-    if model.foreign and nuisance.kind != "mean":
-        return centre - FOREIGN_REACH, centre + FOREIGN_REACH
     # Noise with heavy tails looks smaller than it is once its outliers are cut.
     tails = TAILS if nuisance.kind == "noise" else 0.0
+    if model.foreign and nuisance.kind == "noise":
+        # No reading of a foreign vehicle is judged finer than the model's own instruments.
+        return centre - reach - tails, centre + FOREIGN_NOISE
     return centre - reach - tails, centre + reach
 
 

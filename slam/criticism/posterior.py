@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.effects import Effect
-from slam.criticism.search import Look, Search, occam
+from slam.criticism.moving import is_wall
+from slam.criticism.search import VERY_SIMILAR_NATS, Look, Search, occam
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 
 KNOWN, UNKNOWN = 0.9, 0.1
 """Prior shares of an effect of the catalogue and of anything else."""
-VERY_SIMILAR_NATS = 4.0
 NOTHING, SOMETHING_ELSE = "nothing", "unknown"
 SAME_TRACE = 0.9
 """Correlation with a term beyond which a shape is the term in other words: a range that goes with the climb
@@ -52,9 +52,15 @@ def posterior_of(found: Search) -> Posterior:
     look, chosen = found.last, list(found.chosen)
     own = _evidence(look, chosen)
     weights: list[tuple[float, frozenset[str]]] = [(own, _names(chosen))]
-    alternatives, leads, unknown = [], [], -np.inf
+    alternatives: list[tuple[str, ...]] = []
+    leads, unknown = [], -np.inf
     places = chosen if chosen else [None]
     for place in places:
+        if place is not None and is_wall(place):
+            # The search has held it against all others with the filter run anew.
+            alternatives.append((place.name,))
+            leads.append(np.inf)
+            continue
         rest = [e for e in chosen if e is not place]
         if place is not None:
             weights.append((_evidence(look, rest), _names(rest)))

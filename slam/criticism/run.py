@@ -23,13 +23,15 @@ from slam.criticism.oddities import ENTAILS, Oddity, oddities, without_dead_zone
 from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, posterior_of
 from slam.criticism.search import Look, Search, search
 from slam.criticism.sentence import sentence_of
-from slam.criticism.thresholds import load_thresholds
-from slam.criticism.usable import is_foreign, usable_records
+from slam.criticism.thresholds import Thresholds, load_thresholds
+from slam.criticism.usable import coarsened, is_foreign, usable_records
 from slam.criticism.vibration import vibration_of
 from slam.flight import Flight
 from slam.simulation.model import Model, load_model
 
 SHOWN_SHAPES = 8
+FOREIGN = 2.0
+"""Times the thresholds: the equations of another vehicle are not held to the last sigma."""
 
 
 def criticise(flights: Sequence[Flight], model: Model | str | Path = "nominal") -> Criticism:
@@ -53,6 +55,9 @@ def criticise(flights: Sequence[Flight], model: Model | str | Path = "nominal") 
 def _judged(records: Sequence[Record], model: Model) -> Criticism:
     limits = load_thresholds()
     setting = replace(setting_of(model), foreign=is_foreign(records, model))
+    if setting.foreign:
+        records = [coarsened(record, model) for record in records]
+        limits = Thresholds(FOREIGN * limits.effects, FOREIGN * limits.shapes)
     records, odd = without_dead_zone(records)
     found = confirmed(search(records, setting, limits.effects), setting)
     belief = _belief(found)
@@ -66,7 +71,9 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     left = found.last.standing(found.chosen, found.last.shapes)
     left = sorted(left, key=lambda s: -s.z)
     shaking = vibration_of(records, found.last.sums.passes)
-    told = [*doubts.values(), *([str(shaking)] if shaking else [])]
+    chosen = [e.name for e in found.chosen]
+    told = [f"{n} may be {' or '.join(r)}" for n, r in found.rivals.items() if n in chosen and r]
+    told += [*doubts.values(), *([str(shaking)] if shaking else [])]
     verdict, equivalents, remainder = decide(
         causes, found, posterior, left, told, limits.shapes,
         [name for o in odd for name in ENTAILS.get(o.name, ())],

@@ -8,7 +8,7 @@ and the flights are looked at from there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from slam.criticism.hypotheses import Answer, Parabola, parabola_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.moving import bounded, entered, held_value, moved, on_grid, settled
+from slam.criticism.moving import bounded, entered, held_value, is_wall, moved, on_grid, settled, taken_down
 from slam.criticism.nuisances import MEAN, direction_of
 from slam.criticism.screening import deviate
 from slam.criticism.sums import Sums, in_threads, sums_of
@@ -42,6 +42,7 @@ SHORT_S = 80.0
 """Candidates are compared on so much of the flights: they all stand out by far."""
 ITERATIONS = 8
 ENOUGH_NATS = 0.5
+VERY_SIMILAR_NATS = 4.0
 SIZE_PRIOR = 100.0
 """Prior variance of an effect's size in units of its standard error: sizes of up to about 20 sigma."""
 
@@ -102,6 +103,8 @@ class Search:
     last: Look
     """About the belief with large effects in it; the first look where there are none."""
     chosen: tuple[Effect, ...]
+    rivals: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    """For terms that the filter chose by runs anew: names that fitted as well then."""
 
 
 def look_at(
@@ -120,7 +123,7 @@ def look_at(
     values = {c: held_value(setting, c) for e in effects for c in e.columns if c not in e.relaxes}
     values = {c: v for c, v in values.items() if v != 0.0}
     return Look(
-        setting, sums, parabola_of(sums, setting, model, values), (*effects, *relaxations()),
+        setting, sums, parabola_of(sums, setting, model, values), (*effects, *relaxations(model.foreign)),
         tuple(Effect(d.name, (d,)) for d in shapes),
     )  # fmt: skip
 
@@ -130,11 +133,12 @@ def search(records: Sequence[Record], model: Setting, threshold: float) -> Searc
     setting = fit_nuisances(records, model)
     first = look = look_at(records, model, setting)
     chosen: list[Effect] = []
+    rivals: dict[str, tuple[str, ...]] = {}
     fitted = True
-    while len(chosen) < MOST_TERMS:
+    while True:
         ranked = look.standing(chosen, look.effects)
         best = ranked[0]
-        if best.z < threshold:
+        if best.z < threshold or len(chosen) == MOST_TERMS:
             if fitted:
                 break
             _, setting = refit(records, model, look.setting, chosen)
@@ -143,23 +147,42 @@ def search(records: Sequence[Record], model: Setting, threshold: float) -> Searc
             fitted = fitted and best.z < CURVED_Z
             continue
         else:
-            effect, setting = _refitted(records, model, look, chosen, [s for s in ranked if s.z > threshold])
+            standing_out = [s for s in ranked if s.z > threshold]
+            effect, setting, rivals[effect.name] = _refitted(records, model, look, chosen, standing_out)
             chosen.append(effect)
         chosen = [settled(c, setting) for c in chosen]
         setting = fit_nuisances(records, model, setting, chosen)
         look = look_at(records, model, setting, chosen)
         chosen, fitted = [look.own(c) for c in chosen], True
-    return Search(model, first, look, tuple(_needed(look, chosen, threshold)))
+    return Search(model, first, look, tuple(_needed(records, model, look, chosen, threshold)), rivals)
 
 
-def _needed(look: Look, chosen: list[Effect], threshold: float) -> list[Effect]:
+def _needed(
+    records: Sequence[Record], model: Setting, look: Look, chosen: list[Effect], threshold: float
+) -> list[Effect]:
     """The chosen ones without those that the others have made superfluous."""
     kept = list(chosen)
     for effect in chosen:
         others = [e for e in kept if e is not effect]
-        if others and look.standing(others, [effect])[0].z < threshold:
+        if not others:
+            continue
+        if is_wall(effect):
+            z = _without(records, model, look, others, effect)
+        else:
+            z = look.standing(others, [effect])[0].z
+        if z < threshold:
             kept = others
     return kept
+
+
+def _without(
+    records: Sequence[Record], model: Setting, look: Look, others: Sequence[Effect], wall: Effect
+) -> float:
+    """How far a wall stands out beside the others, both ways fitted with the filter run anew."""
+    short = [cut(record, SHORT_S / len(records)) for record in records]
+    known, _ = refit(short, model, look.setting, [*others, wall])
+    open_way, _ = refit(short, model, taken_down(wall, look.setting), others)
+    return deviate(2.0 * max(known - open_way, 0.0), len(wall.columns))
 
 
 def _refitted(
@@ -168,15 +191,16 @@ def _refitted(
     look: Look,
     chosen: Sequence[Effect],
     ranked: Sequence[Standing],
-) -> tuple[Effect, Setting]:
-    """The candidate that explains most once each is fitted with the filter run anew."""
+) -> tuple[Effect, Setting, tuple[str, ...]]:
+    """The candidate that explains most once each is fitted with the filter run anew, the belief with it, and
+    what would do as well."""
     named: dict[str, Standing] = {}
     for standing in ranked:
         named.setdefault(standing.effect.name + str(len(standing.effect.columns)), standing)
     if ranked[0].effect.columns[0] in CAMERA:
         # Pictures are nearly linear: what explains little beside the best in one look is none.
         named = {k: v for k, v in named.items() if v.nats > WORTH_A_FIT * ranked[0].nats}
-    best: tuple[float, Effect, Setting] | None = None
+    fits: list[tuple[float, Effect, Setting]] = []
     short = [cut(record, SHORT_S / len(records)) for record in records]
     base, _ = refit(short, model, look.setting, chosen)
     for standing in list(named.values())[:CANDIDATES]:
@@ -184,10 +208,13 @@ def _refitted(
         nats -= base + occam(len(standing.effect.columns))
         if standing.effect.name not in CATALOGUE:
             nats *= NAMED_FIRST
-        if best is None or nats > best[0]:
-            best = nats, standing.effect, setting
-    assert best is not None
-    return best[1], best[2]
+        fits.append((nats, standing.effect, setting))
+    most = max(nats for nats, _, _ in fits)
+    # Of two that explain the same, the one with fewer numbers.
+    alike = [fit for fit in fits if fit[0] > most - VERY_SIMILAR_NATS]
+    best = min(alike, key=lambda fit: (len(fit[1].columns), -fit[0]))
+    others = {fit[1].name for fit in alike} - {best[1].name}
+    return best[1], best[2], tuple(sorted(n for n in others if n in CATALOGUE))
 
 
 def refit(

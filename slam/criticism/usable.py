@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.pictures import look
+from slam.criticism.kalman.readings import FIRST_CHANNEL, WIDTH
 from slam.criticism.kalman.record import Record, record_of
 from slam.flight import Flight
 from slam.simulation.model import Model
@@ -19,6 +20,7 @@ SHORTEST_S = 3.0
 LEAST_STICK = 0.01
 FEWEST_READINGS = 20
 FOREIGN_FACTOR = 1.6
+FOREIGN_RATE_HZ = 20.0
 
 
 def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
@@ -51,6 +53,26 @@ def is_foreign(records: Sequence[Record], model: Model) -> bool:
             if seen and abs(np.log(record.noise_std[channel] / expected)) > np.log(FOREIGN_FACTOR):
                 return True
     return False
+
+
+def coarsened(record: Record, model: Model) -> Record:
+    """A foreign vehicle's record, judged no finer than the model's own instruments, 20 times a second.
+
+    What a maker calls noise is often the last digit of a smoothed figure: believed to that digit, that often,
+    the shape of one reply outweighs all that the model is for.
+    """
+    own = np.zeros(len(record.noise_std))
+    own[:3] = model.imu.gyro_noise_density * np.sqrt(model.imu.rate_hz)
+    own[3:6] = model.imu.accel_noise_density * np.sqrt(model.imu.rate_hz)
+    own[6:9] = np.radians(model.attitude.noise_std_deg)
+    own[9:11], own[11] = model.velocity.noise_std_m_s, model.sonar.noise_std_m
+    std = np.maximum(record.noise_std, own)
+    for kind, (first, width) in enumerate(zip(FIRST_CHANNEL, WIDTH, strict=True)):
+        times_s = record.times_s[record.kinds == kind]
+        if len(times_s) > 1:
+            rate_hz = (len(times_s) - 1) / max(float(times_s[-1] - times_s[0]), 1e-9)
+            std[first : first + width] *= np.sqrt(max(rate_hz / FOREIGN_RATE_HZ, 1.0))
+    return replace(record, noise_std=std)
 
 
 def _unusable(flight: Flight) -> str:
