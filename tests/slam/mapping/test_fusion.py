@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.slam.mapping.test_mapper import mapper_of, registration, seen, truth
 
 from frontend.features import Features
 from frontend.registration import Registration
@@ -16,6 +15,7 @@ from slam.mapping.fusion import Fused, fuse
 from slam.mapping.mapper import Mapper
 from slam.mapping.sightings import Sightings
 from slam.progress import silent
+from tests.slam.mapping.test_mapper import mapper_of, registration, seen, truth
 
 PARTS = [(0, 1), (1, 2), (3, 4), (4, 5), (5, 6), (6, 7), (3, 5), (8, 9), (9, 10), (10, 11)]
 """Three keyframes, five, four."""
