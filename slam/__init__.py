@@ -10,10 +10,20 @@ if TYPE_CHECKING:
     from slam.flight import Flight
     from slam.loops import evaluate_loops
     from slam.pipeline import optimize
+    from slam.relocation import Relocalizer, relocalize
     from slam.simulation import simulate
 
 __version__ = "0.1.0"
-__all__ = ["Flight", "criticise", "evaluate", "evaluate_loops", "optimize", "simulate"]
+__all__ = [
+    "Flight",
+    "Relocalizer",
+    "criticise",
+    "evaluate",
+    "evaluate_loops",
+    "optimize",
+    "relocalize",
+    "simulate",
+]
 
 _HOME = {
     "Flight": "slam.flight",
@@ -21,6 +31,8 @@ _HOME = {
     "evaluate": "slam.evaluation",
     "evaluate_loops": "slam.loops",
     "optimize": "slam.pipeline",
+    "Relocalizer": "slam.relocation",
+    "relocalize": "slam.relocation",
     "simulate": "slam.simulation",
 }
 

@@ -36,6 +36,9 @@ ESTIMATE_NAMES = ("trajectory.tum", "estimate.npz", "estimate.png", "summary.jso
 EVALUATE_NAMES = ("evaluation.json", "evaluation_trajectory.png", "evaluation_error.png")
 """Files that ``slam evaluate`` adds."""
 
+LOCATE_NAMES = ("locations.csv", "summary.json")
+"""Files that ``slam locate`` writes."""
+
 LOOPS_NAMES = ("loops.json", "loops.png", "summary.json")
 """Files that ``slam loops`` writes."""
 
@@ -106,8 +109,8 @@ def _refuse_foreign(target: Path) -> None:
     except OSError as error:
         raise InputError(f"{target}: {explain(error)}") from None
     ours = {
-        *OPTIMIZE_NAMES, *ESTIMATE_NAMES, *EVALUATE_NAMES, *LOOPS_NAMES, *REPLAY_NAMES, *REPRODUCE_NAMES,
-        *CRITICISE_NAMES, *_BYSTANDERS, *_LEFTOVERS,
+        *OPTIMIZE_NAMES, *ESTIMATE_NAMES, *EVALUATE_NAMES, *LOCATE_NAMES, *LOOPS_NAMES,
+        *REPLAY_NAMES, *REPRODUCE_NAMES, *CRITICISE_NAMES, *_BYSTANDERS, *_LEFTOVERS,
     }  # fmt: skip
     foreign = [
         entry.name for entry in entries if entry.name not in ours or entry.is_dir(follow_symlinks=False)

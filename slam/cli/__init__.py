@@ -17,6 +17,7 @@ from slam.cli.estimate import estimate
 from slam.cli.evaluate import evaluate
 from slam.cli.flights import import_flight, info
 from slam.cli.guard import guarded, show_traceback
+from slam.cli.locate import locate
 from slam.cli.loops import loops
 from slam.cli.optimize import optimize
 from slam.cli.replay import replay
@@ -37,6 +38,7 @@ for name, command in (
     ("optimize", optimize),
     ("estimate", estimate),
     ("evaluate", evaluate),
+    ("locate", locate),
     ("loops", loops),
     ("simulate", simulate),
     ("replay", replay),

@@ -1,0 +1,99 @@
+"""``slam locate``: where further pictures were taken in a map that is already made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from slam.relocation import Location, Relocalizer
+    from slam.report.accuracy import FigureTable
+
+_PICTURES = typer.Argument(metavar="PICTURE...", help="Pictures of the map's camera.", show_default=False)
+_MAP = typer.Option("--map", metavar="DIR", help="The folder that slam optimize wrote.")
+_FLIGHT = typer.Option("--flight", metavar="FLIGHT", help="What the map was made of; once for each flight.")
+_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
+_HEADER = "picture,reason,tx,ty,tz,qx,qy,qz,qw,std_x,std_y,std_z,points,keyframe"
+
+
+def locate(
+    pictures: Annotated[list[Path], _PICTURES],
+    map_folder: Annotated[Path, _MAP],
+    flights: Annotated[list[Path], _FLIGHT],
+    out: Annotated[Path, _OUT],
+) -> None:
+    """Find where pictures were taken in a map, with the uncertainty of each."""
+    from slam.cli.source import open_flight
+    from slam.cli.tables import shown, written
+    from slam.console import console, progress_shown
+    from slam.io.estimate import read_estimate
+    from slam.joined import join_flights
+    from slam.outputs import output_folder
+    from slam.progress import silent
+    from slam.relocation import Relocalizer
+    from slam.summary import json_text
+
+    screen = console()
+    estimate = read_estimate(map_folder)
+    flight = join_flights([open_flight(path, silent)[0] for path in flights])
+    with output_folder(out) as folder, progress_shown(screen) as progress:
+        asked = Relocalizer(estimate, flight, progress=progress)
+        found = []
+        for done, path in enumerate(pictures, 1):
+            found.append((path, _located(asked, path)))
+            progress("locate", done, len(pictures))
+        rows = [",".join([_quoted(str(path)), *_row(location)]) for path, location in found]
+        (folder / "locations.csv").write_text("\n".join([_HEADER, *rows, ""]), encoding="utf-8")
+        reasons = [location.reason for _, location in found if not location.found]
+        record = {
+            "status": "ok" if not reasons else f"{len(reasons)} of {len(found)} pictures not found",
+            "pictures": len(found),
+            "found": len(found) - len(reasons),
+            "rejected": {reason: reasons.count(reason) for reason in dict.fromkeys(reasons)},
+        }
+        (folder / "summary.json").write_text(json_text(record), encoding="utf-8")
+    screen.print(shown(_table(found)))
+    screen.print(written([out / "locations.csv"]), soft_wrap=True)
+
+
+def _located(asked: Relocalizer, path: Path) -> Location:
+    from slam.io.images import UnreadableImageError, read_image
+    from slam.relocation import nowhere
+
+    try:
+        return asked.locate(read_image(path))
+    except UnreadableImageError as reason:
+        return nowhere(f"unreadable: {reason}")
+
+
+def _row(location: Location) -> list[str]:
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
+    if not location.found:
+        return [_quoted(location.reason), *[""] * 12]
+    R, p = location.w_T_b[:3, :3], location.w_T_b[:3, 3]
+    std = np.sqrt(np.diag(R @ location.covariance[3:, 3:] @ R.T))
+    figures = [*p, *Rotation.from_matrix(R).as_quat(), *std]
+    return ["", *(f"{x:.9g}" for x in figures), str(location.points), str(location.keyframes[0])]
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace('"', '""') + '"'
+
+
+def _table(found: list[tuple[Path, Location]]) -> FigureTable:
+    from slam.report.accuracy import FigureTable
+    from slam.report.facts import length, position_sigma_m
+
+    def row(path: Path, location: Location) -> tuple[str, ...]:
+        if not location.found:
+            return path.name, location.reason, "", ""
+        place = ", ".join(f"{x:.3f}" for x in location.w_T_b[:3, 3])
+        sigma_m = float(position_sigma_m(location.covariance[None])[0])
+        return path.name, place, f"± {length(sigma_m)}", str(location.points)
+
+    columns = ("picture", "x, y, z [m]", "1σ", "points")
+    return FigureTable("Where the pictures were taken", columns, tuple(row(*pair) for pair in found))
