@@ -8,9 +8,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.errors import BackendError
 from backend.measurements import RelativePose
 
 Array = NDArray[np.float64]
+
+_NOT_RIGID = 1e-3
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,56 @@ class PoseGraph:
     def has_pose(self) -> NDArray[np.bool_]:
         """(n,) whether the file gives the vertex a pose."""
         return _finite(self.poses)
+
+
+def check(graph: PoseGraph) -> None:
+    """Refuse arrays that no pose graph has. Raises ``BackendError`` with the first vertex or edge at fault.
+
+    Information that is not positive shows when its root is taken.
+    """
+    n, m, d = len(graph.ids), len(graph.i), 3 if graph.dimension == 2 else 6
+    shapes = {
+        "poses": (graph.poses, (n, 4, 4)),
+        "fixed": (graph.fixed, (n,)),
+        "j": (graph.j, (m,)),
+        "ij_T": (graph.ij_T, (m, 4, 4)),
+        "information": (graph.information, (m, d, d)),
+    }
+    for name, (array, shape) in shapes.items():
+        if array.shape != shape:
+            raise BackendError(f"{name} has shape {array.shape} instead of {shape}")
+    ends = np.concatenate([graph.i, graph.j])
+    if ends.dtype.kind not in "iu":
+        raise BackendError(f"i and j are of type {ends.dtype}: give whole numbers")
+    bad = {
+        "names a vertex that is not there": _either(graph, (ends < 0) | (ends >= n)),
+        "joins a vertex to itself": graph.i == graph.j,
+        "is not a finite rigid transform": ~_rigid(graph.ij_T),
+        "has information that is not finite": ~np.isfinite(graph.information.sum(axis=(1, 2))),
+    }
+    for what, which in bad.items():
+        if which.any():
+            e = int(np.argmax(which))
+            raise BackendError(f"edge {e} ({graph.i[e]}-{graph.j[e]}) {what} ({which.sum()} such); drop it")
+    lost = graph.has_pose & ~_rigid(np.where(graph.has_pose[:, None, None], graph.poses, np.eye(4)))
+    if lost.any():
+        k = int(np.argmax(lost))
+        raise BackendError(
+            f"the pose of vertex {graph.ids[k]} is not rigid ({lost.sum()} such); mend or remove it"
+        )
+
+
+def _either(graph: PoseGraph, ends: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return ends[: len(graph.i)] | ends[len(graph.i) :]
+
+
+def _rigid(T: Array) -> NDArray[np.bool_]:
+    with np.errstate(invalid="ignore", over="ignore"):
+        R = T[:, :3, :3]
+        off = R @ np.swapaxes(R, 1, 2) - np.eye(3)
+        turn = np.einsum("na,na->n", np.cross(R[:, 0], R[:, 1]), R[:, 2])
+        near = (np.abs(off).max(axis=(1, 2), initial=0) < _NOT_RIGID) & (turn > 0)
+        return np.asarray(near & np.isfinite(T.sum(axis=(1, 2))))
 
 
 def _finite(T: Array) -> NDArray[np.bool_]:

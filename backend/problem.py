@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from backend import se3
 from backend.absolutes import Absolute, fixed, gtsam_poses
-from backend.pose_graph import PoseGraph
+from backend.errors import BackendError
+from backend.pose_graph import PoseGraph, check
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -146,16 +147,30 @@ def _models(R: Array) -> list[gtsam.noiseModel.Gaussian]:
 
 
 def square_roots(information: Array) -> Array:
-    """R (m, d, d) with R^T R = information, upper triangular where it is positive definite."""
+    """R (m, d, d) with R^T R = information, upper triangular where it is positive definite.
+
+    Raises ``BackendError`` where it is not positive at all.
+    """
     try:
         return np.swapaxes(np.linalg.cholesky(information), 1, 2).copy()
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(information)
+        bad = (values[:, 0] < -1e-9 * values[:, -1]) | (values[:, -1] <= 0)
+        if bad.any():
+            e = int(np.argmax(bad))
+            raise BackendError(
+                f"the information matrix of edge {e} is not positive (smallest eigenvalue {values[e, 0]:.3g};"
+                f" {bad.sum()} such edges); drop it"
+            ) from None
         return np.sqrt(np.maximum(values, 0))[:, :, None] * np.swapaxes(vectors, 1, 2)
 
 
 def from_pose_graph(graph: PoseGraph) -> Problem:
-    """The problem of a g2o graph: edges between neighbours in number are odometry."""
+    """The problem of a g2o graph: edges between neighbours in number are odometry.
+
+    Raises ``BackendError`` for arrays that no pose graph has.
+    """
+    check(graph)
     held = np.flatnonzero(graph.fixed & graph.has_pose).tolist()
     return Problem(
         dimension=graph.dimension,
