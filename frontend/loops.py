@@ -15,10 +15,13 @@ from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
 from frontend.registration import Registration, register
 from frontend.retrieval import (
+    Candidates,
+    Gate,
     RetrievalConfig,
     candidates,
     compressed,
     principal_components,
+    propose,
     signature,
     vocabulary,
 )
@@ -33,6 +36,13 @@ def look_alikes(store: FeatureStore, stamps_s: Array, config: RetrievalConfig) -
     if len(store) < 2:
         return []
     return candidates(signatures(store, config), stamps_s, 0.0, config.neighbours)
+
+
+def propose_loops(store: FeatureStore, config: RetrievalConfig, gate: Gate) -> Candidates:
+    """Keyframes that look alike, and those among them that a gate holds back."""
+    if len(store) < 2:
+        return Candidates((), ())
+    return propose(signatures(store, config), config.neighbours, gate)
 
 
 def signatures(store: FeatureStore, config: RetrievalConfig) -> NDArray[np.float32]:

@@ -53,12 +53,12 @@ def register(
     """Register picture j to picture i from their features."""
     pairs = match(a, b)
     if len(pairs) < gates.min_inliers:
-        return _failed(i, j, "too few matches")
+        return refused(i, j, "too few matches")
     pixel_i, pixel_j = a.pixel[pairs[:, 0]], b.pixel[pairs[:, 1]]
     corners = camera.undistort(camera.corners_px)
     fit = fit_homography(pixel_i, pixel_j, corners, homography)
     if fit is None:
-        return _failed(i, j, "no plane fits the matches")
+        return refused(i, j, "no plane fits the matches")
     covered = overlap(fit.i_H_j, camera)
     reason = reject_reason(fit, pixel_j, camera, covered, gates)
     return Registration(
@@ -87,7 +87,8 @@ def overlap(i_H_j: Array, camera: Camera) -> float:
     return float(min(1.0, max(0.0, shared) / area))
 
 
-def _failed(i: int, j: int, reason: str) -> Registration:
+def refused(i: int, j: int, reason: str) -> Registration:
+    """A pair without a registration, and why."""
     nothing = np.full((3, 3), np.nan)
     return Registration(
         i, j, reason, np.empty((0, 2), np.int32), nothing, np.full((8, 8), np.nan), np.nan, 0.0

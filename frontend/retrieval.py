@@ -5,13 +5,17 @@ Source: Jegou et al. 2010 (VLAD); Arandjelovic and Zisserman 2013 (intra-normali
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.nearest import InvertedFile
+
+Gate = Callable[[int, NDArray[np.int64]], NDArray[np.bool_]]
+"""Which of some keyframes (m,) a keyframe may be compared with."""
 Float = NDArray[np.float32]
 
 
@@ -72,19 +76,55 @@ def compressed(vlad: Float, components: Float) -> Float:
     return x / norm if norm > 0 else x
 
 
+@dataclass(frozen=True)
+class Candidates:
+    """Pairs i < j that look alike, the most alike first."""
+
+    pairs: tuple[tuple[int, int], ...]
+    """Worth comparing: each keyframe's nearest of those that the gate lets pass."""
+    gated: tuple[tuple[int, int], ...]
+    """Among the nearest, but held back by the gate."""
+
+
+def propose(signatures: Float, neighbours: int, gate: Gate) -> Candidates:
+    """Each keyframe's most alike, with and without a gate. ``signatures`` (n, w)."""
+    index = InvertedFile(signatures)
+    found: dict[tuple[int, int], float] = {}
+    held: dict[tuple[int, int], float] = {}
+    for j in range(len(signatures)):
+        rows, likeness = index.likely(signatures[j])
+        open_to = gate(j, rows) & (rows != j)
+        for k in _highest(likeness, neighbours + 1):
+            if not open_to[k] and rows[k] != j:
+                held[_sorted(int(rows[k]), j)] = float(likeness[k])
+        rows, likeness = rows[open_to], likeness[open_to]
+        for k in _highest(likeness, neighbours):
+            found[_sorted(int(rows[k]), j)] = float(likeness[k])
+    return Candidates(
+        tuple(sorted(found, key=lambda pair: -found[pair])),
+        tuple(sorted(held.keys() - found.keys(), key=lambda pair: -held[pair])),
+    )
+
+
 def candidates(
     signatures: Float, stamps_s: NDArray[np.float64], min_separation_s: float, neighbours: int
 ) -> list[tuple[int, int]]:
     """Pairs i < j that look alike and lie apart in time, the most alike first. ``signatures`` (n, w)."""
-    found: dict[tuple[int, int], float] = {}
-    for j in range(len(signatures)):
-        likeness = signatures @ signatures[j]
-        likeness[np.abs(stamps_s - stamps_s[j]) < min_separation_s] = -np.inf
-        likeness[j] = -np.inf
-        for i in np.argsort(-likeness, kind="stable")[:neighbours]:
-            if np.isfinite(likeness[i]):
-                found[min(i, j), max(i, j)] = float(likeness[i])
-    return [(int(i), int(j)) for i, j in sorted(found, key=lambda pair: -found[pair])]
+
+    def apart(j: int, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+        return np.asarray(np.abs(stamps_s[rows] - stamps_s[j]) >= min_separation_s)
+
+    return list(propose(signatures, neighbours, apart).pairs)
+
+
+def _sorted(i: int, j: int) -> tuple[int, int]:
+    return (i, j) if i < j else (j, i)
+
+
+def _highest(values: Float, count: int) -> NDArray[np.int64]:
+    """Places of the highest values, the highest first."""
+    few = np.argpartition(-values, count - 1)[:count] if len(values) > count else np.arange(len(values))
+    return few[np.argsort(-values[few], kind="stable")]
 
 
 def as_float(descriptor: NDArray) -> Float:

@@ -71,7 +71,8 @@ def _optimize(
         odometry = mapper.edges(sightings.registrations)
         without_loops = mapper.solve(odometry, step, covariances=True)
     with clock("loops"):
-        sightings = sighter.retrieve(sightings)  # retrieve -> verify
+        reach = mapper.reach(odometry, without_loops)
+        sightings = sighter.retrieve(sightings, reach)  # retrieve -> verify
         _refuse_unless(len(sightings.registrations) > 0, flight, sightings)
         edges = mapper.edges(sightings.registrations)
         sightings = sightings.without(mapper.contradictions(edges, without_loops))

@@ -7,6 +7,7 @@ through. Last comes the map, with everything that the pipeline knows of its pose
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -260,14 +261,15 @@ def _inner(vectors: Float32, chosen: NDArray[np.int64], pairs: NDArray[np.int64]
 def _stages(estimate: Estimate, reference: Reference) -> tuple[Stage, ...]:
     """How many of the pipeline's candidates come through each stage; the last is the map."""
     by_graph = ("disagrees", "its part of the graph")
-    spoke_against = (
-        ("compared", ("",)),
-        ("a homography holds", ("implausible", *by_graph)),
-        ("where the poses can have it", by_graph),
-    )
+    came_through: dict[str, Callable[[str], bool]] = {
+        "look alike or should overlap": lambda reason: True,
+        "within reach of the poses": lambda reason: not reason.startswith("out of reach"),
+        "a homography holds": lambda reason: reason.startswith(("implausible", *by_graph)),
+        "where the poses can have it": lambda reason: reason.startswith(by_graph),
+    }
     stages = []
-    for name, reasons in spoke_against:
-        left = [(v.i, v.j) for v in estimate.loops if v.verdict == "kept" or v.reason.startswith(reasons)]
+    for name, passed in came_through.items():
+        left = [(v.i, v.j) for v in estimate.loops if v.verdict == "kept" or passed(v.reason)]
         stages.append(Stage(name, Counts.of(reference.labels(left))))
     kept = [(v.i, v.j) for v in estimate.loops if v.verdict == "kept"]
     return (*stages, Stage("in the map", Counts.of(reference.labels(kept))))

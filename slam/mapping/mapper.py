@@ -30,10 +30,14 @@ from frontend.lift import LiftedPoses, lift
 from frontend.registration import Registration
 from frontend.tracks import join_tracks
 from slam.flight import Flight, GeoOrigin
+from slam.mapping.reach import Reach
 from slam.mapping.synchronize import attitudes_at, positions_at, ranges_at
 from slam.settings import PipelineConfig
 
 Array = NDArray[np.float64]
+
+WIDENED_BY_TILT = 1.5
+"""A corner of a tilted picture sees farther: a wide lens leaning by 15 degrees."""
 
 
 @dataclass(frozen=True)
@@ -154,6 +158,19 @@ class Mapper:
             k,
             np.log(height),
             np.maximum(std, 0.01),
+        )
+
+    def reach(self, edges: Edges, known: Solution) -> Reach:
+        """How far from where the poses known so far have it each keyframe's view may be."""
+        height_m = edges.heights.height_m
+        covariances = known.covariances
+        if covariances is None:
+            covariances = np.full((len(height_m), 6, 6), np.nan)
+        corner = self.camera.rays(self.camera.undistort(self.camera.corners_px))
+        view_m = WIDENED_BY_TILT * float(np.linalg.norm(corner[:, :2], axis=1).max()) * height_m
+        std_m = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
+        return Reach(
+            known.w_T_b[:, :3, 3], view_m + self.config.loops.plausible_sigmas * std_m, known.component
         )
 
     def contradictions(self, edges: Edges, known: Solution) -> dict[tuple[int, int], str]:

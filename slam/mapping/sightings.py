@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.features import Extractor, FeatureUnavailableError
 from frontend.keyframes import Tracker
-from frontend.loops import look_alikes, overlapping, verify
-from frontend.registration import Registration, overlap
+from frontend.loops import overlapping, propose_loops, verify
+from frontend.registration import Registration, overlap, refused
 from frontend.store import FeatureStore
 from slam.errors import InputError
 from slam.flight import Flight, Image
 from slam.mapping.obstacles import no_masks
+from slam.mapping.reach import Reach
 from slam.progress import Progress
 from slam.settings import PipelineConfig
 
@@ -96,13 +97,23 @@ class Sighter:
                     pairs.append((i, k))
         return self._compare(sightings, pairs, "neighbours")
 
-    def retrieve(self, sightings: Sightings) -> Sightings:
-        """Compare keyframes that look alike."""
+    def retrieve(self, sightings: Sightings, reach: Reach) -> Sightings:
+        """Compare keyframes that look alike, were not compared yet, and lie within reach of each other."""
         retrieval = self.config.retrieval
         fewer = max(3, self.config.loops.max_pairs // max(1, len(sightings.store)))
         retrieval = replace(retrieval, neighbours=min(retrieval.neighbours, fewer))
-        pairs = look_alikes(sightings.store, sightings.stamps_s, retrieval)
-        return self._compare(sightings, pairs, "loops")
+        met: dict[int, list[int]] = {}
+        for r in (*sightings.registrations, *sightings.refused):
+            met.setdefault(r.i, []).append(r.j)
+            met.setdefault(r.j, []).append(r.i)
+
+        def gate(j: int, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+            return reach.holds(j, rows) & ~np.isin(rows, met.get(j, []))
+
+        found = propose_loops(sightings.store, retrieval, gate)
+        known = {(r.i, r.j) for r in (*sightings.registrations, *sightings.refused)}
+        beyond = tuple(refused(i, j, reach.reason(i, j)) for i, j in found.gated if (i, j) not in known)
+        return self._compare(replace(sightings, refused=(*sightings.refused, *beyond)), found.pairs, "loops")
 
     def revisit(self, sightings: Sightings, w_T_b: Array, floor_z_m: float) -> Sightings:
         """Compare keyframes that the poses say overlap."""

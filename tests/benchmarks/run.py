@@ -38,6 +38,7 @@ TITLES = {
     "memory": "A flight ten times as long",
     "mosaic": "Mosaics",
     "masking": "Obstacle masking in the gym",
+    "retrieval": "Loop candidates among many keyframes",
 }
 ROOT = Path(__file__).parents[2]
 BENCH, PAGE, README = (ROOT / name for name in ("docs/figures.json", "docs/figures.md", "README.md"))

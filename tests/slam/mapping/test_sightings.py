@@ -15,6 +15,7 @@ from frontend.features import FeatureConfig
 from frontend.registration import Registration
 from slam.errors import InputError
 from slam.flight import Flight, Frames
+from slam.mapping.reach import Reach
 from slam.mapping.sightings import Sighter, Sightings, read_ahead
 from slam.progress import silent
 from slam.settings import PipelineConfig
@@ -85,7 +86,7 @@ def test_neighbours_do_not_reach_across_a_break():
 
 def test_retrieval_finds_the_loops_and_they_hold():
     flight, sighter, sightings = watched()
-    found = sighter.retrieve(sightings)
+    found = sighter.retrieve(sightings, Reach.anywhere(len(sightings.store)))
     loops = [r for r in found.registrations if sightings.stamps_s[r.j] - sightings.stamps_s[r.i] > 5.0]
     assert len(loops) >= 5
     # Corners lie far outside the common part: a few pixels are an excellent fit.
@@ -96,7 +97,7 @@ def test_retrieval_finds_the_loops_and_they_hold():
 
 def test_a_revisit_adds_what_the_poses_say_and_compares_no_pair_twice():
     flight, sighter, sightings = watched()
-    retrieved = sighter.retrieve(sightings)
+    retrieved = sighter.retrieve(sightings, Reach.anywhere(len(sightings.store)))
     w_T_b = np.array([pose(flight, t) for t in sightings.stamps_s])
     seen = sighter.revisit(retrieved, w_T_b, 0.0)
     assert seen.registrations[: len(retrieved.registrations)] == retrieved.registrations
@@ -166,3 +167,18 @@ def test_a_detector_that_the_build_lacks_is_an_error_of_the_input() -> None:
     with pytest.raises(InputError, match="SURF out") as refused:
         Sighter(flight, flight.camera, replace(CONFIG, features=FeatureConfig("surf")), silent)
     assert "\n" not in str(refused.value)
+
+
+def test_what_looks_alike_out_of_reach_is_not_compared_and_says_why():
+    _, sighter, sightings = watched()
+    everywhere = sighter.retrieve(sightings, Reach.anywhere(len(sightings.store)))
+    n = len(sightings.store)
+    apart = Reach(10.0 * np.arange(n)[:, None] * [1.0, 0, 0], np.full(n, 4.0), np.zeros(n, dtype=np.int64))
+    nowhere = sighter.retrieve(sightings, apart)
+    assert len(everywhere.registrations) > len(sightings.registrations)
+    assert len(nowhere.registrations) == len(sightings.registrations)
+    told = nowhere.refused[len(sightings.refused) :]
+    assert len(told) >= n
+    assert all(r.reason.startswith("out of reach: ") and len(r.matches) == 0 for r in told)
+    pairs = [(r.i, r.j) for r in (*nowhere.registrations, *nowhere.refused)]
+    assert len(pairs) == len(set(pairs))
