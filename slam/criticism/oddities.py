@@ -64,7 +64,7 @@ def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Odd
 
     A comb of readings repeats itself without one.
     """
-    if _quantisation(records):
+    if combed(records):
         return list(records), []
     limits, nats, kept = [], [], []
     for record in records:
@@ -121,6 +121,11 @@ def _spikes(records: Sequence[Record], passes: Sequence[Pass]) -> list[Oddity]:
     std = np.sqrt(count) / total
     interval = Interval(share, "1", max(share - 1.96 * std, 0.0), share + 1.96 * std)
     return [Oddity("sonar_spikes", {"share": interval}, tuple(NATS_A_SPIKE * c for c in counts))]
+
+
+def combed(records: Sequence[Record]) -> bool:
+    """Whether the ranges are whole multiples of a step."""
+    return bool(_quantisation(records))
 
 
 def _quantisation(records: Sequence[Record]) -> list[Oddity]:

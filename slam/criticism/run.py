@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from slam.criticism.agreement import contradictions
+from slam.criticism.boxes import without_boxes
 from slam.criticism.criticism import ChannelCheck, Criticism, Interval, Rank
 from slam.criticism.decision import causes_of, confirmed, decide, detectable
 from slam.criticism.extended import extended_model
@@ -19,7 +20,7 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.next_flight import next_flight
 from slam.criticism.nuisances import NUISANCES
-from slam.criticism.oddities import ENTAILS, Oddity, oddities, without_dead_zone
+from slam.criticism.oddities import ENTAILS, Oddity, combed, oddities, without_dead_zone
 from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, posterior_of
 from slam.criticism.search import Look, Search, search
 from slam.criticism.sentence import sentence_of
@@ -59,6 +60,9 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         records = [coarsened(record, model) for record in records]
         limits = Thresholds(FOREIGN * limits.effects, FOREIGN * limits.shapes)
     records, odd = without_dead_zone(records)
+    if not setting.foreign and not combed(records):
+        records, steps = without_boxes(records, setting)
+        odd = [*odd, *steps]
     found = confirmed(search(records, setting, limits.effects), setting)
     belief = _belief(found)
     doubts, refuted = contradictions(records, setting, found, belief)

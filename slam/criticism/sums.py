@@ -34,6 +34,7 @@ WORKERS = 2
 CUT = 9.0
 """e^2 beyond this counts as this in the variance's score: one outlier is not a change of variance."""
 STRETCH_S = 10.0
+PARTED = 0.1
 
 
 @dataclass(frozen=True)
@@ -154,6 +155,8 @@ def _difference(plain: Pass, others: Sequence[Pass], steps: Array) -> tuple[Arra
     moved, widened = np.zeros(shape), np.zeros(shape)
     for k, other in enumerate(others):
         used = (plain.status == USED) & (other.status == USED)
+        # Where one run takes an outlier that the other leaves they part for good: no slope tells of that.
+        used &= np.abs(plain.white - other.white) < PARTED * (1.0 + np.abs(plain.white))
         wider = other.log_variance[used] - plain.log_variance[used]
         moved[used, k] = (plain.white[used] - other.white[used] * np.exp(0.5 * wider)) / steps[k]
         widened[used, k] = wider / steps[k]

@@ -1,0 +1,72 @@
+"""Steps in the floor: found with their height and taken out; spikes, climbs and noise are none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism.boxes import without_boxes
+from slam.criticism.healthy import flown
+from slam.criticism.kalman.readings import SONAR
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.manoeuvres import stick_for
+from slam.simulation.model import load_model
+
+PLAN = ["three speeds forward: 0.1, 0.2, 0.4", "brisk climb steps at full stick"]
+
+
+def slower():
+    model = load_model("nominal")
+    return replace(
+        model, imu=replace(model.imu, rate_hz=100.0), attitude=replace(model.attitude, rate_hz=50.0)
+    )
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["gaussian", "student"])
+def records(request):
+    model = slower()
+    return [record_of(flown(model, stick_for(PLAN), seed, student=request.param)) for seed in (3, 4)]
+
+
+def over(record, height):
+    """The record with boxes under some stretches of it, and where."""
+    rows = np.flatnonzero(record.kinds == SONAR)
+    below = np.sin(2 * np.pi * record.times_s[rows] / 4.3) > 0.6
+    values = record.values.copy()
+    values[rows[below], 0] -= height
+    return replace(record, values=values), below
+
+
+@pytest.mark.parametrize("height", [0.1, 0.3])
+def test_boxes_are_found_and_taken_out(records, height):
+    raised = [over(r, height) for r in records]
+    levelled, found = without_boxes([r for r, _ in raised], setting_of(slower()))
+    assert [o.name for o in found] == ["floor_steps"]
+    size = found[0].parameters["height"]
+    assert size.value == pytest.approx(height, abs=0.01)
+    share = np.concatenate([b for _, b in raised]).mean()
+    assert found[0].parameters["share"].value == pytest.approx(share, abs=0.05)
+    for was, now in zip(records, levelled, strict=True):
+        rows = was.kinds == SONAR
+        off = now.values[rows, 0] - was.values[rows, 0]
+        assert np.nanmean(np.abs(off) > 0.5 * height) < 0.03
+
+
+def test_a_level_floor_has_none(records):
+    same, found = without_boxes(records, setting_of(slower()))
+    assert found == []
+    assert same == records
+
+
+def test_spikes_are_none(records):
+    rng = np.random.default_rng(0)
+    spiked = []
+    for record in records:
+        values = record.values.copy()
+        rows = np.flatnonzero(record.kinds == SONAR)
+        values[rows[rng.random(len(rows)) < 0.04], 0] += 1.3
+        spiked.append(replace(record, values=values))
+    assert without_boxes(spiked, setting_of(slower()))[1] == []
