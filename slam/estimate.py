@@ -38,6 +38,37 @@ class LoopVerdict:
 
 
 @dataclass(frozen=True)
+class AttitudeErrors:
+    """The attitude stream against the map's attitude; the floor is taken for level."""
+
+    offset_rad: tuple[float, float]
+    """Of roll and pitch, on average."""
+    offset_std_rad: tuple[float, float]
+    spread_rad: float
+    """Standard deviation of roll and pitch about that."""
+    largest_rad: float
+    """Of roll or pitch at any keyframe."""
+    heading_wander_rad: float | None
+    """Largest less smallest error of the heading; None where no heading was measured."""
+
+
+@dataclass(frozen=True)
+class AccelerometerErrors:
+    """Offset in body axes (forward, left, up), from mean acceleration between known speeds."""
+
+    offset_m_s2: tuple[float, float, float]
+    offset_std_m_s2: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class InstrumentErrors:
+    """What the map shows of the instruments' own errors; None where it shows nothing."""
+
+    attitude: AttitudeErrors | None
+    accelerometer: AccelerometerErrors | None
+
+
+@dataclass(frozen=True)
 class Estimate:
     """Optimized keyframe poses with covariances, and how they came about."""
 
@@ -81,6 +112,8 @@ class Estimate:
     """Rotation vector (x, y) that takes the level to the ground; zero where nothing told of a slope."""
     range_errors: RangeErrors | None = None
     """What the height sensor's readings turned out to have in common; None where there is none."""
+    instruments: InstrumentErrors = InstrumentErrors(None, None)
+    """Errors of attitude and accelerometer, as the map shows them."""
     certificate: Certificate | None = None
     """Graphs alone: whether the solution is the global optimum."""
     elevation: Elevation | None = None

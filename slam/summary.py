@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from backend.certificate import Certificate
     from backend.solution import RangeErrors
-    from slam.estimate import Estimate
+    from slam.estimate import Estimate, InstrumentErrors
 
 _RSS_UNITS_IN_MB = 1 << 20 if sys.platform == "darwin" else 1 << 10
 """``ru_maxrss`` counts bytes on macOS and KiB elsewhere."""
@@ -42,6 +42,8 @@ class Summary:
     """Graphs alone."""
     range_errors: RangeErrors | None = None
     """Flights with a height sensor: the gain and the zero of its readings, as found."""
+    instruments: InstrumentErrors | None = None
+    """Errors of attitude and accelerometer, as the map shows them."""
     certificate: Certificate | None = None
     """Graphs alone: whether the solution is the global optimum."""
 
@@ -67,6 +69,9 @@ class Summary:
             record["iterations"] = self.iterations
         if self.range_errors is not None:
             record["height_sensor"] = asdict(self.range_errors)
+        for name, errors in ({} if self.instruments is None else asdict(self.instruments)).items():
+            if errors is not None:
+                record[name] = errors
         if self.certificate is not None:
             record["certificate"] = asdict(self.certificate)
         return record
@@ -89,6 +94,7 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
         error=float(estimate.graph_error) if graph_alone else None,
         iterations=int(estimate.iterations) if graph_alone else None,
         range_errors=estimate.range_errors,
+        instruments=estimate.instruments,
         certificate=estimate.certificate,
     )
 

@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from backend.solution import Solution
 from slam.estimate import Estimate, LoopVerdict
@@ -13,9 +14,12 @@ from slam.flight import Flight
 from slam.info import describe, missing_for_map
 from slam.mapping.chain import chain
 from slam.mapping.fusion import Fused, comparable
+from slam.mapping.instruments import instrument_errors
 from slam.mapping.mapper import Edges, Mapper
 from slam.mapping.sightings import Sightings
 from slam.settings import PipelineConfig
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -115,10 +119,16 @@ def account(
             *solution.warnings,
         ),
         floor_slope_rad=fused.slope_rad,
+        instruments=instrument_errors(flight, sightings.stamps_s, _main(fused), not flight.parts),
         range_errors=fused.bundle.range_errors if fused.bundle else None,
         graph_error=fused.bundle.error if fused.bundle else solution.error,
         iterations=solution.iterations + (fused.bundle.iterations if fused.bundle else 0),
     )
+
+
+def _main(fused: Fused) -> Array:
+    """(n, 4, 4) poses of the largest part, NaN for the others, which have worlds of their own."""
+    return np.where((fused.component == 0)[:, None, None], fused.w_T_b, np.nan)
 
 
 def _kind(reason: str) -> str:

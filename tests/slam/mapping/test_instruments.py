@@ -1,0 +1,61 @@
+"""Errors put into a flight's instruments are found in the map."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam import optimize
+from slam.mapping.instruments import instrument_errors
+from tests.slam.small_flight import flown
+
+OFFSET_RAD, WANDER_RAD = np.array([0.06, -0.03]), 0.2
+ACCEL_OFF_M_S2 = np.array([0.1, -0.2, -0.6])
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """Its attitude leans, its heading runs away, its accelerometer is off."""
+    clean = flown(3)
+    series = clean.attitude
+    share = (series.stamps_s - series.stamps_s[0]) / np.ptp(series.stamps_s)
+    angles = series.roll_pitch_yaw_rad + np.column_stack(
+        [np.tile(OFFSET_RAD, (len(share), 1)), WANDER_RAD * share]
+    )
+    return replace(
+        clean,
+        attitude=replace(series, roll_pitch_yaw_rad=angles),
+        imu=replace(clean.imu, accel_m_s2=clean.imu.accel_m_s2 + ACCEL_OFF_M_S2),
+    )
+
+
+def test_what_is_wrong_with_the_instruments_is_found_with_an_honest_deviation(flight):
+    found = optimize(flight).instruments
+    sigmas = (np.array(found.attitude.offset_rad) - OFFSET_RAD) / np.hypot(
+        found.attitude.offset_std_rad, 1e-3
+    )
+    assert np.abs(sigmas).max() < 4
+    assert np.max(attitude.offset_std_rad) < 0.01
+    assert found.attitude.heading_wander_rad == pytest.approx(WANDER_RAD, rel=0.1)
+    off = (np.array(found.accelerometer.offset_m_s2) - ACCEL_OFF_M_S2) / found.accelerometer.offset_std_m_s2
+    assert np.abs(off).max() < 4
+    assert np.max(found.accelerometer.offset_std_m_s2) < 0.1
+
+
+def test_a_healthy_flight_s_instruments_are_told_healthy():
+    found = optimize(flown(3)).instruments
+    assert np.abs(found.attitude.offset_rad).max() < 0.004
+    assert found.attitude.heading_wander_rad < 0.03
+    assert np.abs(found.accelerometer.offset_m_s2).max() < 0.1
+
+
+def test_what_was_not_recorded_is_not_judged(flight):
+    stamps_s = np.linspace(1, 5, 20)
+    poses = np.tile(np.eye(4), (20, 1, 1))
+    for bare in (replace(flight, attitude=None), replace(flight, imu=None)):
+        assert instrument_errors(bare, stamps_s, poses).accelerometer is None
+    assert instrument_errors(replace(flight, attitude=None), stamps_s, poses).attitude is None
+    assert instrument_errors(flight, stamps_s, poses, level=False).attitude is None
+    assert instrument_errors(flight, stamps_s, np.full((20, 4, 4), np.nan)).attitude is None
