@@ -33,12 +33,11 @@ def flight():
 
 def test_what_is_wrong_with_the_instruments_is_found_with_an_honest_deviation(flight):
     found = optimize(flight).instruments
-    sigmas = (np.array(found.attitude.offset_rad) - OFFSET_RAD) / np.hypot(
-        found.attitude.offset_std_rad, 1e-3
-    )
+    attitude = found.attitude
+    sigmas = (np.array(attitude.offset_rad) - OFFSET_RAD) / np.hypot(attitude.offset_std_rad, 1e-3)
     assert np.abs(sigmas).max() < 4
     assert np.max(attitude.offset_std_rad) < 0.01
-    assert found.attitude.heading_wander_rad == pytest.approx(WANDER_RAD, rel=0.1)
+    assert attitude.heading_wander_rad == pytest.approx(WANDER_RAD, rel=0.1)
     off = (np.array(found.accelerometer.offset_m_s2) - ACCEL_OFF_M_S2) / found.accelerometer.offset_std_m_s2
     assert np.abs(off).max() < 4
     assert np.max(found.accelerometer.offset_std_m_s2) < 0.1
