@@ -38,6 +38,8 @@ TITLES = {
     "memory": "A flight ten times as long",
     "mosaic": "Mosaics",
     "masking": "Obstacle masking in the gym",
+    "features": "Features compared",
+    "loops": "Loop closure",
     "retrieval": "Loop candidates among many keyframes",
 }
 ROOT = Path(__file__).parents[2]
