@@ -37,12 +37,15 @@ def key_runs(keys: Iterable[int], name: Callable[[int], str] = key_name) -> str:
     if len(keys) == 1:
         return name(keys[0])
     groups: dict[str, list[int]] = {}
-    for key in keys:
-        word, _, number = name(key).rpartition(" ")
-        if number.isdigit():
-            groups.setdefault(word, []).append(int(number))
-        else:
-            groups.setdefault(name(key), [])
+    split = [name(key).rpartition(" ") for key in keys]
+    if len({word for word, _, _ in split}) == 1 and all(number.isdigit() for _, _, number in split):
+        groups[split[0][0]] = [int(number) for _, _, number in split]
+    else:
+        for key, (word, _, number) in zip(keys, split, strict=True):
+            if number.isdigit():
+                groups.setdefault(word, []).append(int(number))
+            else:
+                groups.setdefault(name(key), [])
     said = [
         f"{_PLURAL.get(word, word + 's')} {runs(numbers)}" if numbers else word
         for word, numbers in groups.items()

@@ -108,7 +108,7 @@ def solve_part(problem: Problem, options: Options) -> Part:
         w_T=w_T,
         covariances=covariances,
         kept=kept,
-        reasons=tuple("" if k else reason(problem, e, w_T, sigma[e]) for e, k in enumerate(kept.tolist())),
+        reasons=_reasons(problem, kept, w_T, sigma),
         residual=np.linalg.norm(problem.residuals(w_T), axis=1),
         error=minimum.error,
         iterations=minimum.iterations,
@@ -116,6 +116,13 @@ def solve_part(problem: Problem, options: Options) -> Part:
         held=held,
         warnings=tuple(_warnings(problem, fit)),
     )
+
+
+def _reasons(problem: Problem, kept: Mask, w_T: Array, sigma: Array) -> tuple[str, ...]:
+    said = [""] * len(kept)
+    for e in np.flatnonzero(~kept).tolist():
+        said[e] = reason(problem, e, w_T, sigma[e])
+    return tuple(said)
 
 
 def _warnings(problem: Problem, fit: _Fit) -> list[str]:

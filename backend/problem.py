@@ -91,17 +91,17 @@ class Problem:
     def edge_factors(self, weight: Array | None = None) -> gtsam.NonlinearFactorGraph:
         """One between factor an edge; ``weight`` (m,) multiplies the information, 0 leaves the edge out."""
         graph = gtsam.NonlinearFactorGraph()
-        R = (
-            self.sqrt_information
-            if weight is None
-            else np.sqrt(weight)[:, None, None] * self.sqrt_information
-        )
-        used = np.arange(len(self.i)) if weight is None else np.flatnonzero(weight > 0)
+        if weight is not None:
+            used = weight > 0
+            scaled = replace(self, sqrt_information=np.sqrt(weight)[:, None, None] * self.sqrt_information)
+            return scaled.with_edges(used).edge_factors()
         make = gtsam.BetweenFactorPose2 if self.dimension == 2 else gtsam.BetweenFactorPose3
-        poses = gtsam_poses(self.ij_T[used], self.dimension)
-        pairs = zip(self.i[used].tolist(), self.j[used].tolist(), poses, _models(R[used]), strict=True)
+        poses = gtsam_poses(self.ij_T, self.dimension)
+        add = graph.add
+        models = _models(self.sqrt_information)
+        pairs = zip(self.i.tolist(), self.j.tolist(), poses, models, strict=True)
         for a, b, pose, model in pairs:
-            graph.add(make(a, b, pose, model))
+            add(make(a, b, pose, model))
         return graph
 
     def absolute_factors(self) -> gtsam.NonlinearFactorGraph:
@@ -113,9 +113,14 @@ class Problem:
 
     def values(self, w_T: Array) -> gtsam.Values:
         """Poses (n, 4, 4) as gtsam's values under the keys 0..n-1."""
-        values = gtsam.Values()
-        for k, pose in enumerate(gtsam_poses(w_T, self.dimension)):
-            values.insert(k, pose)
+        values, poses = gtsam.Values(), gtsam_poses(w_T, self.dimension)
+        # By name: the type is found at once, not after trying a dozen others.
+        if self.dimension == 2:
+            for k, pose in enumerate(poses):
+                values.insert(k, pose2=pose)
+        else:
+            for k, pose in enumerate(poses):
+                values.insert(k, pose3=pose)
         return values
 
     def poses(self, values: gtsam.Values) -> Array:
@@ -130,20 +135,14 @@ class Problem:
 
 
 def _models(R: Array) -> list[gtsam.noiseModel.Gaussian]:
-    """The noise model of each root information matrix (m, d, d), one for all equal ones."""
+    """The noise model of each root information matrix (m, d, d), one for all where all are equal."""
     # A zero on the diagonal leaves a direction open; gtsam's diagonal model would make it infinite.
     positive = (np.diagonal(R, axis1=1, axis2=2) > 0).all(axis=1)
     smart = positive & (np.count_nonzero(R, axis=(1, 2)) == R.shape[1])
     make = gtsam.noiseModel.Gaussian.SqrtInformation
-    known: dict[bytes, gtsam.noiseModel.Gaussian] = {}
-    models = []
-    for matrix, s in zip(np.ascontiguousarray(R), smart.tolist(), strict=True):
-        code = matrix.tobytes()
-        model = known.get(code)
-        if model is None:
-            known[code] = model = make(matrix, s)
-        models.append(model)
-    return models
+    if len(R) and bool((R == R[:1]).all()):
+        return [make(R[0], bool(smart[0]))] * len(R)
+    return [make(matrix, s) for matrix, s in zip(R, smart.tolist(), strict=True)]
 
 
 def square_roots(information: Array) -> Array:
