@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 KNOWN, UNKNOWN = 0.9, 0.1
 """Prior shares of an effect of the catalogue and of anything else."""
 NOTHING, SOMETHING_ELSE = "nothing", "unknown"
+ONE_CLASS, CLASS_NATS = 0.95, 10.0
+"""Two terms that correlate by more are one class, unless one leads by more nats than its shape explains."""
 SAME_TRACE = 0.9
 """Correlation with a term beyond which a shape is the term in other words: a range that goes with the climb
 rate is a lag."""
@@ -65,20 +67,34 @@ def posterior_of(found: Search) -> Posterior:
         if place is not None:
             weights.append((_evidence(look, rest), _names(rest)))
         rivals: dict[str, float] = {}
+        tried: dict[str, Effect] = {}
         for effect in (*look.effects, *look.shapes):
             if any(effect.label == e.label for e in chosen):
                 continue
-            if place is not None and named(place) and not named(effect) and _same(look, rest, place, effect):
+            shape = not named(effect) and len(effect.columns) == 1 and not effect.relaxes
+            if (
+                place is not None
+                and named(place)
+                and shape
+                and _alike(look, rest, place, effect) > SAME_TRACE
+            ):
                 continue
             evidence = _evidence(look, rest, effect)
             weights.append((evidence, _names([*rest, effect])))
             if named(effect):
-                rivals[effect.name] = max(rivals.get(effect.name, -np.inf), evidence)
+                if evidence > rivals.get(effect.name, -np.inf):
+                    rivals[effect.name], tried[effect.name] = evidence, effect
             else:
                 unknown = max(unknown, evidence - own)
         if place is not None:
             others = {n: e for n, e in rivals.items() if n not in {c.name for c in chosen}}
-            near = [n for n, e in sorted(others.items(), key=lambda r: -r[1]) if own - e < VERY_SIMILAR_NATS]
+            order = sorted(others.items(), key=lambda r: -r[1])
+            near = [
+                n for n, e in order
+                if own - e < VERY_SIMILAR_NATS
+                or (own - e < CLASS_NATS and _alike(look, rest, place, tried[n]) > ONE_CLASS)
+            ]  # fmt: skip
+            near += [n for n in found.rivals.get(place.name, ()) if n in others and n not in near]
             alternatives.append((place.name, *near))
             leads.append(own - max(others.values(), default=-np.inf))
     return Posterior(_probabilities(weights), tuple(alternatives), tuple(leads), float(unknown))
@@ -97,16 +113,20 @@ def _evidence(look: Look, rest: Sequence[Effect], extra: Effect | None = None) -
     return float(nats - sum(occam(len(e.columns)) for e in effects) + prior)
 
 
-def _same(look: Look, rest: Sequence[Effect], term: Effect, shape: Effect) -> bool:
-    """Whether a shape of one column leaves the trace of a term, all else taken out."""
-    if len(shape.columns) != 1 or shape.relaxes or term.relaxes:
-        return False
-    _, covariance = look.parabola.answer([*rest, term, shape]).of(
-        look.parabola.index([*term.columns, *shape.columns])
+def _alike(look: Look, rest: Sequence[Effect], term: Effect, other: Effect) -> float:
+    """Greatest correlation of the traces of two terms, or a term and a shape, all else taken out."""
+    _, covariance = look.parabola.answer([*rest, term, other]).of(
+        look.parabola.index([*term.columns, *other.columns])
     )
-    with_term, own = covariance[-1, :-1], covariance[-1, -1]
-    explained = float(with_term @ np.linalg.solve(covariance[:-1, :-1], with_term))
-    return explained > SAME_TRACE**2 * own
+    k = len(term.columns)
+    # What of the one's uncertainty is the other's: the same correlation, but for its sign.
+    root = [np.linalg.cholesky(_regular(c)) for c in (covariance[:k, :k], covariance[k:, k:])]
+    between = np.linalg.solve(root[0], np.linalg.solve(root[1], covariance[:k, k:].T).T)
+    return min(float(np.linalg.norm(between, 2)), 1.0)
+
+
+def _regular(a: Array) -> Array:
+    return np.asarray(a + np.diag(1e-9 * np.diag(a) + 1e-300))
 
 
 def _names(effects: Sequence[Effect]) -> frozenset[str]:

@@ -18,6 +18,7 @@ from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting, setting_of
+from slam.criticism.moving import is_wall
 from slam.criticism.next_flight import next_flight
 from slam.criticism.nuisances import NUISANCES
 from slam.criticism.oddities import ENTAILS, Oddity, combed, oddities, without_dead_zone
@@ -75,8 +76,8 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     left = found.last.standing(found.chosen, found.last.shapes)
     left = sorted(left, key=lambda s: -s.z)
     shaking = vibration_of(records, found.last.sums.passes)
-    chosen = [e.name for e in found.chosen]
-    told = [f"{n} may be {' or '.join(r)}" for n, r in found.rivals.items() if n in chosen and r]
+    walls = [e.name for e in found.chosen if is_wall(e) and found.rivals.get(e.name)]
+    told = [f"{name} may be {' or '.join(found.rivals[name])}" for name in walls]
     told += [*doubts.values(), *([str(shaking)] if shaking else [])]
     verdict, equivalents, remainder = decide(
         causes, found, posterior, left, told, limits.shapes,
