@@ -14,6 +14,7 @@ from frontend.camera import Camera
 from frontend.features import Extractor, Features
 from frontend.gates import GateConfig, relative_change
 from frontend.homography import HomographyConfig
+from frontend.objection import objection
 from frontend.registration import Registration, register
 
 Image = NDArray[np.uint8]
@@ -116,26 +117,36 @@ class Tracker:
         """Frames with enough features, and their numbers; the others are counted."""
         for frame, features in enumerate(self._extracted(images)):
             self.frames += 1
-            if features is None:
-                self.rejected["unreadable"] += 1
+            if isinstance(features, str):
+                self.rejected[features] += 1
             elif len(features) < self.gates.min_inliers:
                 self.rejected["too few features"] += 1
             else:
                 yield frame, features
 
-    def _extracted(self, images: Iterable[Image | None]) -> Iterator[Features | None]:
-        """Features of each frame; those of the next are found while this one is matched."""
-        coming: deque[Future[Features | None]] = deque()
+    def _extracted(self, images: Iterable[Image | None]) -> Iterator[Features | str]:
+        """Features of each frame, or why there are none; the next ones are found while these are matched."""
+        coming: deque[Future[Features | str]] = deque()
+        before: Image | None = None
         with ThreadPoolExecutor(1) as pool:
             for frame, image in enumerate(images):
-                coming.append(pool.submit(self._features, frame, image))
+                coming.append(pool.submit(self._features, frame, image, before))
+                before = image if image is not None else before
                 if len(coming) > 1:
                     yield coming.popleft().result()
             while coming:
                 yield coming.popleft().result()
 
-    def _features(self, frame: int, image: Image | None) -> Features | None:
-        return None if image is None else self.extractor(image, self.camera, self.masks(frame))
+    def _features(self, frame: int, image: Image | None, before: Image | None) -> Features | str:
+        if image is None:
+            return "unreadable"
+        if reason := objection(image, self.camera.size_px):
+            return reason
+        features = self.extractor(image, self.camera, self.masks(frame))
+        if len(features) >= self.gates.min_inliers and before is not None and np.array_equal(image, before):
+            # A camera that hangs: its stamp goes on, and the place with it.
+            return "same picture as the one before"
+        return features
 
     def _track(
         self, number: int, frame: int, last: Keyframe, features: Features

@@ -19,6 +19,7 @@ from frontend.blending import REACH_PX, MultiBand
 from frontend.exposure import Exposure, Samples, estimate_exposure
 from frontend.mosaic_plan import CELL_PX, MosaicPlan, Tile
 from frontend.mosaic_view import Lattice, pixel_maps, visible
+from frontend.objection import objection
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -83,10 +84,8 @@ class Pictures:
 def _objection(picture: Image | None, size_px: tuple[int, int]) -> str:
     if picture is None:
         return "cannot be read"
-    if picture.dtype != np.uint8 or picture.shape[2:] not in ((), (3,)):
-        return "neither 8-bit grey nor colour"
-    if picture.shape[1::-1] != size_px:
-        return "of another size than the camera's"
+    if reason := objection(picture, size_px):
+        return reason
     extreme = np.count_nonzero((picture <= DARK) | (picture >= BRIGHT))
     return "black or blown out" if extreme > 0.95 * picture.size else ""
 

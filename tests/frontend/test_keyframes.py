@@ -179,3 +179,21 @@ def test_every_photo_is_a_keyframe_linked_where_it_overlaps(flight: SmallFlight)
     assert follow.rejected == {"unreadable": 1}
     assert follow.frames == 6
     check_links(flight, found, dict(zip([0, 1, 2, 4, 5], order, strict=True)))
+
+
+def test_hanging_pictures_and_pictures_of_another_form_are_counted_by_name(flight: SmallFlight) -> None:
+    """A camera that hangs shows one picture at many times: none of them but the first is where it says."""
+    images: list[Image | None] = list(flight.images[:40])
+    images[10:16] = [images[9]] * 6
+    images[20] = images[20][:-2]
+    images[21] = images[21].astype(np.uint16)  # type: ignore[assignment]
+    images[22] = np.dstack([images[22], images[22][..., :1]])
+    follow = tracker(flight)
+    keyframes = list(follow.keyframes(images))
+    assert follow.rejected == {
+        "same picture as the one before": 6,
+        "of another size than the camera's": 1,
+        "neither 8-bit grey nor colour": 2,
+    }
+    assert not {k.frame for k in keyframes} & {*range(10, 16), 20, 21, 22}
+    assert all(k.link is not None for k in keyframes[1:])

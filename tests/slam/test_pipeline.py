@@ -379,3 +379,29 @@ def test_a_photograph_that_belongs_to_nothing_is_left_out():
 def test_photographs_that_do_not_overlap_are_refused():
     message = refusal(photographs([(flown(0), 0), (elsewhere(), 0)]))
     assert re.search(r"no two of 2 pictures could be joined \(1 x [a-z ]+\)", message)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason", "count"),
+    [
+        (lambda load, k: load(30) if 30 <= k < 42 else load(k), "same picture as the one before", 11),
+        (lambda load, k: load(k - k % 2), "same picture as the one before", 49),
+        (lambda load, k: load(k)[:120] if 30 <= k < 42 else load(k), "of another size than the camera's", 12),
+        (
+            lambda load, k: load(k).astype(np.uint16) if 30 <= k < 42 else load(k),
+            "neither 8-bit grey nor colour",
+            12,
+        ),
+        (lambda load, k: 0 * load(k) + 255 if 30 <= k < 42 else load(k), "too few features", 12),
+        (lambda load, k: load(k)[..., ::-1].copy() if k % 2 else load(k), "", 0),
+    ],
+    ids=["frozen", "each twice", "another size", "16 bit", "white", "colours swapped"],
+)
+def test_bad_pictures_are_counted_by_name_and_survived(spoil, reason, count):
+    flight = flown(0)
+    spoiled = seeing(flight, lambda k: spoil(flight.frames.load, k))
+    estimate = optimize(spoiled)
+    assert estimate.rejected.get(reason, 0) == count
+    assert_whole(estimate)
+    assert estimate.status == "ok"
+    assert evaluate(estimate, spoiled).ate_m.rmse < 3e-3
