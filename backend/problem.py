@@ -140,7 +140,7 @@ def _models(R: Array) -> list[gtsam.noiseModel.Gaussian]:
     positive = (np.diagonal(R, axis1=1, axis2=2) > 0).all(axis=1)
     smart = positive & (np.count_nonzero(R, axis=(1, 2)) == R.shape[1])
     make = gtsam.noiseModel.Gaussian.SqrtInformation
-    if len(R) and bool((R == R[:1]).all()):
+    if len(R) and np.ptp(R, axis=0).max() == 0:
         return [make(R[0], bool(smart[0]))] * len(R)
     return [make(matrix, s) for matrix, s in zip(R, smart.tolist(), strict=True)]
 

@@ -237,6 +237,11 @@ class Mapper:
         on_step: Callable[[int, float], None] | None = None,
     ) -> Bundle:
         """Planar bundle adjustment of one connected set of keyframes (sorted numbers)."""
+        measured = self.measured(members, tracks)
+        return refine(measured, w_T_b[members], floor_z_m, self.config.bundle, on_step)
+
+    def measured(self, members: NDArray[np.int64], tracks: FloorTracks) -> Measurements:
+        """All that was measured of one connected set of keyframes, renumbered from 0."""
         number = np.full(len(self.sensors.stamps_s), -1, dtype=np.int64)
         number[members] = np.arange(len(members))
         mine = number[tracks.keyframe] >= 0
@@ -248,29 +253,21 @@ class Mapper:
         sensors, camera = self.sensors, self.camera
         level = np.array([self.config.trust.level_std_rad] * 2 + [np.inf])
         attitudes = sensors.attitudes or tuple(Attitude(k, np.zeros(3), level) for k in members.tolist())
-        return refine(
-            Measurements(
-                sensors.stamps_s[members],
-                attitudes=tuple(replace(a, k=int(number[a.k])) for a in attitudes if number[a.k] >= 0),
-                ranges=tuple(replace(r, k=int(number[r.k])) for r in sensors.ranges if number[r.k] >= 0),
-                positions=tuple(
-                    replace(p, k=int(number[p.k])) for p in sensors.positions if number[p.k] >= 0
-                ),
-                tracks=tracks,
-                range_gain_std=sensors.range_gain_std,
-                range_datum_std_m=sensors.range_datum_std_m,
-                camera=PinholeModel(
-                    camera.focal_px,
-                    camera.center_px,
-                    camera.b_T_c,
-                    camera.focal_std_ratio,
-                    0.0 if camera.is_distorted else camera.radial_std,
-                ),
+        return Measurements(
+            sensors.stamps_s[members],
+            attitudes=tuple(replace(a, k=int(number[a.k])) for a in attitudes if number[a.k] >= 0),
+            ranges=tuple(replace(r, k=int(number[r.k])) for r in sensors.ranges if number[r.k] >= 0),
+            positions=tuple(replace(p, k=int(number[p.k])) for p in sensors.positions if number[p.k] >= 0),
+            tracks=tracks,
+            range_gain_std=sensors.range_gain_std,
+            range_datum_std_m=sensors.range_datum_std_m,
+            camera=PinholeModel(
+                camera.focal_px,
+                camera.center_px,
+                camera.b_T_c,
+                camera.focal_std_ratio,
+                0.0 if camera.is_distorted else camera.radial_std,
             ),
-            w_T_b[members],
-            floor_z_m,
-            self.config.bundle,
-            on_step,
         )
 
     def tracks(self, pixels: Sequence[Array], registrations: Sequence[Registration]) -> FloorTracks:
