@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,21 +12,25 @@ from numpy.typing import NDArray
 from slam.criticism.criticism import Cause, Gain, Interval, Verdict
 from slam.criticism.effects import Effect, catalogue_value
 from slam.criticism.heldout import held_out
+from slam.criticism.hypotheses import SEEN
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.moving import is_wall, on_grid
 from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, Posterior, named
 from slam.criticism.rollouts import roll_out_errors
+from slam.criticism.screening import LEAST_SHARE, correlation, project
 from slam.criticism.search import Look, Search, Standing
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 SURE, LIKELY = 0.95, 0.5
 CONFIRMED_NATS = 2.0
 """Least gain on held-out flights that confirms a term."""
 PLAIN_Z = 8.0
 """Beyond this no chance made it, whatever the held-out flights say."""
+CONFUSED = 0.9
 MOST_ALIKE = 4
 """Names of an equivalence set."""
 WIDE = 1.96
@@ -159,4 +164,23 @@ def detectable(look: Look, threshold: float) -> dict[str, tuple[float, str]]:
     return found
 
 
-__all__ = ["NOTHING", "causes_of", "decide", "detectable", "sizes"]
+def confusable(look: Look) -> tuple[tuple[str, str, float], ...]:
+    """Pairs of terms whose traces correlate by more than ``CONFUSED`` here, nuisances taken out."""
+    parabola = look.parabola
+    out = parabola.index(parabola.names)
+    left = project(parabola.information, parabola.score, out, parabola.precision)
+    seen: dict[str, Ints] = {}
+    for effect in look.effects:
+        if not named(effect) or on_grid(effect) or effect.relaxes or effect.name in seen:
+            continue
+        columns = parabola.index(effect.columns)
+        shown = (np.diag(parabola.information)[columns] > SEEN) & (left.share[columns] > LEAST_SHARE)
+        if shown.all():
+            seen[effect.name] = columns
+    pairs = [
+        (a, b, correlation(left.information, seen[a], seen[b])) for a, b in combinations(sorted(seen), 2)
+    ]
+    return tuple(sorted((p for p in pairs if p[2] > CONFUSED), key=lambda p: -p[2]))
+
+
+__all__ = ["NOTHING", "causes_of", "confirmed", "confusable", "decide", "detectable", "sizes"]

@@ -127,13 +127,15 @@ class Parabola:
         half = (self.limits[:, 1] - self.limits[:, 0]) / 2
         precision = np.where(loose, 1e-4, 1.0) * self.precision
         edge = 1.0 / (EDGE * half) ** 2
+        # What the flights do not show at all stays as it is believed.
+        drawn = precision * (np.diag(a)[:count] > SEEN)
         side = np.zeros(count)
         for _ in range(6):
             full, right = a.copy(), b.copy()
             bound = self.limits.mean(axis=1) + side * half
             pull = np.where(side != 0, edge, 0.0)
             full[np.arange(count), np.arange(count)] += precision + pull
-            right[:count] += precision * (self.limits.mean(axis=1) - self.at) + pull * (bound - self.at)
+            right[:count] += drawn * (self.limits.mean(axis=1) - self.at) + pull * (bound - self.at)
             diagonal = np.diag(full)
             scale = 1.0 / np.sqrt(np.where(diagonal > SEEN, diagonal, 1.0))
             scaled = full * scale[:, None] * scale + RIDGE * np.eye(len(b))

@@ -11,7 +11,7 @@ import numpy as np
 from slam.criticism.agreement import contradictions
 from slam.criticism.boxes import without_boxes
 from slam.criticism.criticism import ChannelCheck, Criticism, Interval, Rank
-from slam.criticism.decision import causes_of, confirmed, decide, detectable
+from slam.criticism.decision import causes_of, confirmed, confusable, decide, detectable
 from slam.criticism.extended import extended_model
 from slam.criticism.heldout import taken
 from slam.criticism.kalman.filter import USED
@@ -93,6 +93,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         _next(model, found, posterior),
         detectable=seen,
         ranking=_ranking(found, posterior.probability),
+        confusable=confusable(found.first),
         shapes=tuple((s.effect.name, s.z) for s in left[:SHOWN_SHAPES]),
         nuisances=_nuisances(found),
         checks=_checks(records, found.last),

@@ -1,0 +1,55 @@
+"""Measured flights: what is found in them, and whether it predicts what was held out."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from slam.criticism import criticise
+from slam.flight import Flight
+from slam.replay import replay
+from slam.simulation.model import load_model
+
+DATA = os.environ.get("SLAM_DATA")
+pytestmark = pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set: no measured flights")
+
+FULL_STICK_RAD = 0.5236
+
+
+def pulse(number):
+    """A run of ardrone-pulses; full stick asks for the model's tilt, the setting flown was not recorded."""
+    flight = Flight.open(Path(str(DATA)) / "flights" / "ardrone-pulses" / f"run-{number:02d}")
+    return replace(flight, command=replace(flight.command, max_tilt_rad=FULL_STICK_RAD))
+
+
+def ratios(number, extended):
+    """Error of roll-outs over 2 s, extended over nominal: pitch, velocity."""
+    flight = pulse(number)
+    before, after = (replay(flight, model) for model in (load_model("nominal"), extended))
+    rms = [{c.name: c.rms[2.0] for c in side.channels} for side in (before, after)]
+    return [rms[1][name] / rms[0][name] for name in ("attitude.pitch", "velocity.v_x")]
+
+
+@pytest.mark.slow
+def test_pulses_name_the_limit_and_the_delay_and_predict_what_was_held_out():
+    found = criticise([pulse(k) for k in (6, 7, 9, 11)])
+    causes = {c.name: c.parameters for c in found.causes}
+    assert found.verdict == "named_with_remainder"
+    # Tilt passes 3 degrees 0.08 to 0.14 s after the command and stays below 13 degrees.
+    assert 0.06 < causes["control_latency"]["T"].value < 0.14
+    assert 0.17 < causes["tilt_limit"]["limit"].value < 0.23
+    pitch, velocity = ratios(10, found.extended)
+    assert pitch < 0.38
+    assert velocity < 0.33
+    for half_stick in (8, 12):
+        assert all(r < 1.0 for r in ratios(half_stick, found.extended))
+
+
+@pytest.mark.parametrize("name", ["ardrone2-optitrack", "px4flow-quad"])
+def test_flights_without_commands_are_not_judged(name):
+    found = criticise([Flight.open(Path(str(DATA)) / "flights" / name)])
+    assert found.verdict == "unusable"
+    assert "no command log" in found.sentence
