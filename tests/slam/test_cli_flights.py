@@ -110,6 +110,7 @@ def test_optimize_writes_every_file(done):
     summary = json.loads((done / "summary.json").read_text())
     assert set(summary) == {
         "status", "frames", "keyframes", "edges", "landmarks", "timing_s", "peak_rss_mb", "warnings",
+        "height_sensor", "attitude", "accelerometer",
     }  # fmt: skip
     assert summary["status"] == "ok"
     assert summary["landmarks"] == 2
