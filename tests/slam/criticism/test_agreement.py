@@ -1,0 +1,37 @@
+"""Parts of the flights that speak of one size agree; parts that do not are found out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slam.criticism.agreement import _agreement
+
+ROWS, PARTS = 6000, 6
+
+
+def drawn(seed, sizes):
+    """Traces of two nuisances and a cause, innovations with the cause's size in each part, and the parts."""
+    rng = np.random.default_rng(seed)
+    traces = rng.standard_normal((ROWS, 3)) * 0.3
+    part = rng.integers(0, PARTS, ROWS)
+    white = rng.standard_normal(ROWS) + traces @ [0.5, -0.2, 0.0] + traces[:, 2] * np.asarray(sizes)[part]
+    return traces, white, part
+
+
+def deviates(sizes, count=200):
+    own, precision = np.array([2]), np.zeros(3)
+    return np.array([_agreement("flight", *drawn(s, sizes), own, precision).z for s in range(count)])
+
+
+def test_one_size_in_all_parts_agrees():
+    z = deviates([1.0] * PARTS)
+    # Half of the chi-squares lie below their mean or near it; one in twenty beyond the two-sided 1.96.
+    assert np.mean(z > 1.96) < 0.1
+    assert np.mean(z > 1.96) > 0.005
+    assert z.max() < 4.0
+
+
+@pytest.mark.parametrize("sizes", [[1, 1, 1, 1, 1, 0], [1, -1, 1, -1, 1, -1]])
+def test_sizes_that_differ_do_not(sizes):
+    assert np.median(deviates(sizes, 20)) > 4.0

@@ -1,0 +1,24 @@
+"""The likelihood of flights as others predict it is the average over what those leave open."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slam.criticism.hypotheses import Answer, Parabola
+
+
+def test_predicted_is_the_average_over_the_answers_uncertainty():
+    rng = np.random.default_rng(4)
+    root = rng.standard_normal((3, 5))
+    none = np.zeros(0)
+    score = rng.standard_normal(3)
+    parabola = Parabola(("a", "b", "c"), (), root @ root.T, score, none, np.zeros((0, 2)), none, {})
+    half = 0.3 * rng.standard_normal((2, 2))
+    free, whole = np.array([0, 2]), np.array([0.2, 0.0, -0.1])
+    other = Answer(0.0, free, whole[free], half @ half.T, whole)
+    drawn = rng.standard_normal((200_000, 2)) @ half.T
+    steps = np.tile(whole, (len(drawn), 1))
+    steps[:, free] += drawn
+    nats = steps @ parabola.score - 0.5 * np.einsum("ni,ij,nj->n", steps, parabola.information, steps)
+    assert parabola.predicted(other) == pytest.approx(np.log(np.mean(np.exp(nats))), abs=0.01)
