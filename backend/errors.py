@@ -7,6 +7,10 @@ class BackendError(ValueError):
     """The input was refused or has no answer; the message is one line for a person."""
 
 
+GTSAM_ERRORS = (RuntimeError, IndexError, UnicodeDecodeError)
+"""What a singular system raises; the last where gtsam writes the letter of a key that has none."""
+
+
 def first_line(error: BaseException, limit: int = 200) -> str:
     """The first line of an exception's message: gtsam's can hold the whole graph."""
     lines = str(error).strip().splitlines()

@@ -9,6 +9,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.errors import GTSAM_ERRORS
 from backend.gauge import floating_parts
 
 Array = NDArray[np.float64]
@@ -54,9 +55,9 @@ def bayes_tree(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam
         linear = graph.linearize(values)
         try:
             return linear.eliminateMultifrontal(kind)
-        except RuntimeError:
+        except GTSAM_ERRORS:
             return linear.eliminateMultifrontal(kind, gtsam.EliminateQR)
-    except RuntimeError:
+    except GTSAM_ERRORS:
         return None
 
 
@@ -78,7 +79,7 @@ def _fill(out: Array, tree: gtsam.GaussianBayesTree, keys: Sequence[int], which:
     for k in which:
         try:
             covariance = tree.marginalCovariance(keys[k])
-        except (RuntimeError, IndexError):
+        except GTSAM_ERRORS:
             continue
         variance = np.diag(covariance)
         if not (np.isfinite(covariance).all() and (variance >= 0).all() and (variance < _NO_KNOWLEDGE).all()):
@@ -104,7 +105,7 @@ def joint_covariances(
     for eliminate in ((), (gtsam.EliminateQR,)):  # Cholesky by default
         try:
             of_common, G, held = _conditioned(graph.linearize(values), keys, common, d, *eliminate)
-        except (RuntimeError, IndexError, np.linalg.LinAlgError):
+        except (*GTSAM_ERRORS, np.linalg.LinAlgError):
             continue
         out[:, 6:, 6:] = of_common
         out[:, :6, 6:] = G @ of_common

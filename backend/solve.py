@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
-from backend.errors import BackendError, first_line
+from backend.errors import GTSAM_ERRORS, BackendError, first_line
 from backend.gauge import floating_parts, key_name, key_runs
 from backend.observability import unobserved
 
@@ -202,7 +202,7 @@ def _gauss_newton(
         best = gtsam.Values(optimizer.values())
         try:
             linear = optimizer.iterate()
-        except RuntimeError as exception:
+        except GTSAM_ERRORS as exception:
             raise _SingularError(str(exception), best) from exception
         previous, error = error, float(optimizer.error())
         if not error <= previous * (1 + _GROWTH) + _ABSOLUTE_TOLERANCE:
@@ -243,7 +243,7 @@ def levenberg_marquardt(
         iteration += 1
         try:
             optimizer.iterate()
-        except RuntimeError as exception:
+        except GTSAM_ERRORS as exception:
             return ended(False, f"the linear solver failed: {first_line(exception)}")
         previous, error = error, float(optimizer.error())
         if not math.isfinite(error):

@@ -2,7 +2,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from backend.marginals import joint_covariances, pose_covariances
+from backend.marginals import bayes_tree, joint_covariances, pose_covariances
 from backend.problem import from_pose_graph
 from tests.backend.synthetic import graph
 
@@ -87,3 +87,16 @@ def test_joints_with_a_variable_that_nothing_measures_are_nan():
     factors, values = _anchored(1, 3)
     values.insert(100, np.zeros(1))
     assert np.isnan(joint_covariances(factors, values, range(25), 100)).all()
+
+
+def test_a_message_that_cannot_be_decoded_is_an_error_like_any_other(monkeypatch: pytest.MonkeyPatch):
+    """gtsam names the variable by a letter that may be no letter."""
+
+    def raised(*_: object, **__: object) -> None:
+        b"\x9a".decode()
+
+    factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    values.insert(0, gtsam.Pose3())
+    factors.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(), gtsam.noiseModel.Unit.Create(6)))
+    monkeypatch.setattr(gtsam.GaussianFactorGraph, "eliminateMultifrontal", raised)
+    assert bayes_tree(factors, values) is None
