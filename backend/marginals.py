@@ -138,11 +138,16 @@ def _ordering(linear: gtsam.GaussianFactorGraph, last: int) -> gtsam.Ordering:
     for factor in (linear.at(k) for k in range(linear.size())):
         if factor.size() > 1:
             tied.push_back(factor)
-    alone = set(linear.keyVector()) - set(tied.keyVector()) - {last}
-    dissected = gtsam.Ordering.MetisGaussianFactorGraph(tied)
-    for key in (*alone, *(dissected.at(k) for k in range(dissected.size()))):
-        if key != last:
-            ordering.push_back(key)
+    known, joined = set(linear.keyVector()), set(tied.keyVector())
+    if last not in known:
+        raise IndexError("no factor touches the common variable")
+    for key in known - joined - {last}:
+        ordering.push_back(key)
+    if joined:
+        dissected = gtsam.Ordering.MetisGaussianFactorGraph(tied)
+        for key in (dissected.at(k) for k in range(dissected.size())):
+            if key != last:
+                ordering.push_back(key)
     ordering.push_back(last)
     return ordering
 
