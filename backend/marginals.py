@@ -138,10 +138,8 @@ def _ordering(linear: gtsam.GaussianFactorGraph, last: int) -> gtsam.Ordering:
     for factor in (linear.at(k) for k in range(linear.size())):
         if factor.size() > 1:
             tied.push_back(factor)
-    known, joined = set(linear.keyVector()), set(tied.keyVector())
-    if last not in known:
-        raise IndexError("no factor touches the common variable")
-    for key in known - joined - {last}:
+    joined = set(tied.keyVector())
+    for key in set(linear.keyVector()) - joined - {last}:
         ordering.push_back(key)
     if joined:
         dissected = gtsam.Ordering.MetisGaussianFactorGraph(tied)
