@@ -58,7 +58,7 @@ def confirmed(found: Search, model: Setting) -> Search:
 def causes_of(
     records: Sequence[Record], model: Setting, found: Search, posterior: Posterior
 ) -> tuple[Cause, ...]:
-    """The chosen terms of the catalogue, most probable first."""
+    """The chosen terms of the catalogue."""
     known = [e for e in found.chosen if named(e)]
     if not known:
         return ()
@@ -83,6 +83,11 @@ def causes_of(
                 posterior.alternatives[place],
             )
         )
+    return tuple(causes)
+
+
+def in_order(causes: Sequence[Cause]) -> tuple[Cause, ...]:
+    """The leading cause first: of the likely ones that which explains most."""
     return tuple(sorted(causes, key=lambda c: (c.probability < LIKELY, -c.gain.nats)))
 
 
@@ -183,4 +188,4 @@ def confusable(look: Look) -> tuple[tuple[str, str, float], ...]:
     return tuple(sorted((p for p in pairs if p[2] > CONFUSED), key=lambda p: -p[2]))
 
 
-__all__ = ["NOTHING", "causes_of", "confirmed", "confusable", "decide", "detectable", "sizes"]
+__all__ = ["NOTHING", "causes_of", "confirmed", "confusable", "decide", "detectable", "in_order", "sizes"]

@@ -11,7 +11,7 @@ import numpy as np
 from slam.criticism.agreement import contradictions
 from slam.criticism.boxes import without_boxes
 from slam.criticism.criticism import ChannelCheck, Criticism, Interval, Rank
-from slam.criticism.decision import causes_of, confirmed, confusable, decide, detectable
+from slam.criticism.decision import causes_of, confirmed, confusable, decide, detectable, in_order
 from slam.criticism.extended import extended_model
 from slam.criticism.heldout import taken
 from slam.criticism.kalman.filter import USED
@@ -72,7 +72,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         belief = _belief(found)
     posterior = posterior_of(found)
     odd = [*odd, *oddities(records, found.last.sums.passes)]
-    causes = (*causes_of(records, setting, found, posterior), *(o.cause() for o in odd))
+    causes = in_order([*causes_of(records, setting, found, posterior), *(o.cause() for o in odd)])
     left = found.last.standing(found.chosen, found.last.shapes)
     left = sorted(left, key=lambda s: -s.z)
     shaking = vibration_of(records, found.last.sums.passes)
