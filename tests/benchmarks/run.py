@@ -38,6 +38,7 @@ TITLES = {
     "side_by_side": "Side by side on the demo's keyframes",
     "memory": "A flight ten times as long",
     "mosaic": "Mosaics",
+    "simulator": "Simulator and Kalman filter",
     "masking": "Obstacle masking in the gym",
     "features": "Features compared",
     "loops": "Loop closure",

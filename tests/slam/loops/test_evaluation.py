@@ -161,7 +161,8 @@ def test_what_cannot_be_judged_is_refused_in_one_line(spoil, saying):
 def test_the_command_writes_its_files_and_a_table(tmp_path):
     write_flight(only(flight(), range(0, len(flight().frames), 2)), tmp_path / "flight")
     out = tmp_path / "out"
-    run = CliRunner().invoke(app, ["loops", str(tmp_path / "flight"), "--out", str(out)])
+    wide = {"COLUMNS": "160"}  # no name in the table is folded
+    run = CliRunner().invoke(app, ["loops", str(tmp_path / "flight"), "--out", str(out)], env=wide)
     assert run.exit_code == 0, run.output
     assert {path.name for path in out.iterdir()} == set(LOOPS_NAMES)
     assert re.search(r"bag of words +[01](\.\d{3})?", run.stdout)

@@ -1,0 +1,123 @@
+"""The simulator's speed; the Kalman filter on its flights: speed, and whether its covariances are honest."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from backend import se3
+from slam.evaluation.association import poses_at
+from slam.flight import Flight
+from slam.inertial.motion import follow
+from slam.inertial.navigate import navigate
+from slam.inertial.trials import suited
+from slam.simulation import simulate
+from slam.simulation.recipe import Recipe, load_recipe
+from tests.benchmarks.metric import Metric, at_least, at_most, within
+
+Array = NDArray[np.float64]
+
+MEMBERS, SEEDS = 32, 50
+MINUTE_S = 60.0
+
+
+def measure() -> list[Metric]:
+    """With camera, without camera, and the filter."""
+    blind = without_camera(load_recipe("figure_eight"))
+    return [with_camera(), *without_pictures(blind), filter_speed(blind), consistency(blind)]
+
+
+def without_camera(recipe: Recipe) -> Recipe:
+    """The same flight, rested at its ends until it lasts about a minute."""
+    return replace(recipe, camera=None, maneuver=replace(recipe.maneuver, rest_s=3.5))
+
+
+def with_camera() -> Metric:
+    """A minute at 176x144 and 15 Hz, every picture read."""
+    recipe = load_recipe("figure_eight_paper")
+    frames = simulate(recipe, 0).frames
+    assert frames is not None
+    frames.load(0)  # compile and draw the floor once
+    began = time.perf_counter()
+    flight = simulate(recipe, 1)
+    assert flight.frames is not None
+    for frame in flight.frames:
+        frame.read()
+    seconds = (time.perf_counter() - began) * MINUTE_S / lasts_s(flight)
+    source = f"{len(flight.frames)} pictures in {lasts_s(flight):.1f} s of flight, floor included"
+    return at_most("60 s of figure eight at 176x144, 15 Hz, all sensors", seconds, "s", 10.0, source)
+
+
+def without_pictures(recipe: Recipe) -> list[Metric]:
+    """One flight alone, and an ensemble."""
+    flown_s = lasts_s(simulate(recipe, 0))
+    began = time.perf_counter()
+    simulate(recipe, 1)
+    alone = time.perf_counter() - began
+    began = time.perf_counter()
+    for seed in range(MEMBERS):
+        simulate(recipe, seed)
+    together = time.perf_counter() - began
+    return [
+        at_least("without camera, one flight, over real time", flown_s / alone, "x", 20.0),
+        at_least(
+            f"without camera, {MEMBERS} flights, over real time", MEMBERS * flown_s / together, "x", 200.0
+        ),
+    ]
+
+
+def filter_speed(recipe: Recipe) -> Metric:
+    """Filter alone on all instruments, the IMU at its 100 or 200 Hz."""
+    flight = simulate(recipe, 0)
+    assert flight.imu is not None
+    given = suited(flight)
+    at_s = np.arange(given.start_s, given.end_s, 0.05)
+    follow(given, at_s, smooth=False)
+    began = time.perf_counter()
+    follow(given, at_s, smooth=False)
+    ratio = lasts_s(flight) / (time.perf_counter() - began)
+    rate = 1 / np.median(np.diff(flight.imu.stamps_s))
+    return at_least("Kalman filter over real time", ratio, "x", 100.0, f"IMU at {rate:.0f} Hz")
+
+
+def consistency(recipe: Recipe) -> Metric:
+    """The last pose against the first, one flight one sample."""
+    scores = [score(simulate(recipe, seed)) for seed in range(SEEDS)]
+    low, high = chi2.ppf([0.025, 0.975], 6 * SEEDS) / SEEDS
+    return within(
+        f"mean NEES of the smoothed last pose, {SEEDS} flights",
+        float(np.mean(scores)),
+        "",
+        (low, high),
+        "95 % band",
+    )
+
+
+def score(flight: Flight) -> float:
+    """Normalised squared error of the last pose, the first one laid on the truth."""
+    assert flight.truth is not None
+    estimate = navigate(flight, rate_hz=1.0).estimate
+    last = len(estimate.stamps_s) - 2
+    first_true, last_true = poses_at(flight.truth, estimate.stamps_s[[0, last]])
+    placed = gauge(estimate.w_T_b[0], first_true) @ estimate.w_T_b[last]
+    xi = se3.log((np.linalg.inv(placed) @ last_true)[None])[0]
+    return float(xi @ np.linalg.solve(estimate.covariances[last], xi))
+
+
+def gauge(found: Array, true: Array) -> Array:
+    """(4, 4) turn about the vertical and shift that lay one pose's heading and place on another's."""
+    turn = np.arctan2(true[1, 0], true[0, 0]) - np.arctan2(found[1, 0], found[0, 0])
+    G = np.eye(4)
+    G[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    G[:2, 3] = true[:2, 3] - G[:2, :2] @ found[:2, 3]
+    return G
+
+
+def lasts_s(flight: Flight) -> float:
+    """From take-off to landing."""
+    assert flight.truth is not None
+    return float(np.ptp(flight.truth.stamps_s))
