@@ -16,8 +16,8 @@ Array = NDArray[np.float64]
 
 MARGIN = 2.0
 """Signals are taken to wander with this many times the power that the record shows on average: most of it
-comes in manoeuvres, and a filter that expects less than comes lags behind. With 8 the covariances of simulated
-flights were 15 % too large (`tests/benchmarks/simulator.py`)."""
+comes in manoeuvres, and a filter that expects less than comes lags behind. With 8 the standard deviations of
+simulated flights were 15 % too large (`tests/benchmarks/simulator.py`)."""
 _LONGEST_LAG_S, _LAGS = 1.0, 12
 _FAR_MORE = 3.0
 """The start of a variogram is noise where it is this many times what the maker says."""
