@@ -15,11 +15,10 @@ from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
 from frontend.registration import Registration, register
 from frontend.retrieval import (
+    Appearance,
     Candidates,
     Gate,
     RetrievalConfig,
-    candidates,
-    compressed,
     principal_components,
     propose,
     signature,
@@ -31,13 +30,6 @@ Array = NDArray[np.float64]
 Pair = tuple[int, int]
 
 
-def look_alikes(store: FeatureStore, stamps_s: Array, config: RetrievalConfig) -> list[Pair]:
-    """Pairs i < j of keyframes that look alike, by descriptor retrieval."""
-    if len(store) < 2:
-        return []
-    return candidates(signatures(store, config), stamps_s, 0.0, config.neighbours)
-
-
 def propose_loops(store: FeatureStore, config: RetrievalConfig, gate: Gate) -> Candidates:
     """Keyframes that look alike, and those among them that a gate holds back."""
     if len(store) < 2:
@@ -45,15 +37,18 @@ def propose_loops(store: FeatureStore, config: RetrievalConfig, gate: Gate) -> C
     return propose(signatures(store, config), config.neighbours, gate)
 
 
+def appearance(store: FeatureStore, config: RetrievalConfig) -> Appearance:
+    """What a flight's pictures look like, learnt from a sample of them that is read twice and not held."""
+    sample = range(0, len(store), max(1, len(store) // 200))
+    centres = vocabulary((store[k].descriptor for k in sample), config)
+    vlad = np.array([signature(store[k].descriptor, centres) for k in sample])
+    return Appearance(centres, principal_components(vlad, config.dimensions))
+
+
 def signatures(store: FeatureStore, config: RetrievalConfig) -> NDArray[np.float32]:
     """(n, d) one unit vector a keyframe; the inner product of two says how alike they look."""
-    n = len(store)
-    sample = range(0, n, max(1, n // 200))  # a vocabulary needs a sample of the flight, not all of it
-    centres = vocabulary((store[k].descriptor for k in sample), config)
-    basis = principal_components(
-        np.array([signature(store[k].descriptor, centres) for k in sample]), config.dimensions
-    )
-    return np.array([compressed(signature(store[k].descriptor, centres), basis) for k in range(n)])
+    learnt = appearance(store, config)
+    return np.array([learnt.of(store[k].descriptor) for k in range(len(store))])
 
 
 def overlapping(

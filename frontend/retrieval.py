@@ -77,6 +77,18 @@ def compressed(vlad: Float, components: Float) -> Float:
 
 
 @dataclass(frozen=True)
+class Appearance:
+    """How pictures of one place are described in short: learnt from a sample of them, the same for each."""
+
+    centres: Float
+    components: Float
+
+    def of(self, descriptor: NDArray) -> Float:
+        """(w,) unit vector of one picture; the inner product of two says how alike they look."""
+        return compressed(signature(descriptor, self.centres), self.components)
+
+
+@dataclass(frozen=True)
 class Candidates:
     """Pairs i < j that look alike, the most alike first."""
 
@@ -104,17 +116,6 @@ def propose(signatures: Float, neighbours: int, gate: Gate) -> Candidates:
         tuple(sorted(found, key=lambda pair: -found[pair])),
         tuple(sorted(held.keys() - found.keys(), key=lambda pair: -held[pair])),
     )
-
-
-def candidates(
-    signatures: Float, stamps_s: NDArray[np.float64], min_separation_s: float, neighbours: int
-) -> list[tuple[int, int]]:
-    """Pairs i < j that look alike and lie apart in time, the most alike first. ``signatures`` (n, w)."""
-
-    def apart(j: int, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-        return np.asarray(np.abs(stamps_s[rows] - stamps_s[j]) >= min_separation_s)
-
-    return list(propose(signatures, neighbours, apart).pairs)
 
 
 def _sorted(i: int, j: int) -> tuple[int, int]:

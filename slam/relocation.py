@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from backend import se3
 from frontend.camera import Camera
 from frontend.features import Extractor, Features
+from frontend.loops import appearance
 from frontend.registration import Registration, register
-from frontend.retrieval import compressed, principal_components, signature, vocabulary
 from frontend.store import FeatureStore
 from slam.errors import InputError
 from slam.estimate import Estimate, over_floor
@@ -95,14 +95,9 @@ class Relocalizer:
         self._numbers = np.array(numbers)
         self._over_floor = estimate.over_floor_T_b[self._numbers]
         self._covariances = estimate.covariances[self._numbers]
-        sample = range(0, len(numbers), max(1, len(numbers) // 200))
-        self._centres = vocabulary((self._store[k].descriptor for k in sample), config.retrieval)
-        vlad = np.array([signature(self._store[k].descriptor, self._centres) for k in sample])
-        self._basis = principal_components(vlad, config.retrieval.dimensions)
-        self._signatures = np.array([self._signature(self._store[k]) for k in range(len(numbers))])
-
-    def _signature(self, features: Features) -> NDArray[np.float32]:
-        return compressed(signature(features.descriptor, self._centres), self._basis)
+        self._appearance = appearance(self._store, config.retrieval)
+        looks = [self._appearance.of(self._store[k].descriptor) for k in range(len(numbers))]
+        self._signatures = np.array(looks)
 
     def locate(self, image: Image) -> Location:
         """Where the picture, of the map's camera, was taken."""
@@ -131,7 +126,7 @@ class Relocalizer:
 
     def _registered(self, seen: Features) -> list[Registration]:
         """Registrations to the keyframes that look alike, most matches first."""
-        likeness = self._signatures @ self._signature(seen)
+        likeness = self._signatures @ self._appearance.of(seen.descriptor)
         alike = np.argsort(-likeness, kind="stable")[: self.config.retrieval.neighbours].tolist()
         settings = self.camera, self._homography, self.config.gates
         found = [register(i, len(self._store), self._store[i], seen, *settings) for i in alike]

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from frontend.features import FeatureKind
-from frontend.loops import look_alikes
+from frontend.loops import propose_loops
 from frontend.retrieval import (
     RetrievalConfig,
     as_float,
-    candidates,
     compressed,
     principal_components,
+    propose,
     signature,
     vocabulary,
 )
@@ -20,6 +20,11 @@ from frontend.store import FeatureStore
 from tests.frontend.small_flight import features_of, small_flight, true_overlaps
 
 STEP = 3
+
+
+def look_alikes(store: FeatureStore, config: RetrievalConfig) -> list[tuple[int, int]]:
+    """With a gate that lets everything pass."""
+    return list(propose_loops(store, config, lambda _, rows: np.ones(len(rows), bool)).pairs)
 
 
 def filled(kind: FeatureKind) -> FeatureStore:
@@ -38,7 +43,7 @@ def test_overlapping_pictures_rank_above_others(kind: FeatureKind, recall_band: 
     true = {(int(i), int(j)) for i, j in np.argwhere(overlap > 0.5) if stamps_s[j] - stamps_s[i] > 5}
     assert len(true) > 20
     config = RetrievalConfig(words=32, sample=6000, neighbours=8)
-    pairs = look_alikes(store, stamps_s, config)
+    pairs = look_alikes(store, config)
     assert len(pairs) == len(set(pairs))
     assert all(i < j for i, j in pairs)
     recall = len(true & set(pairs)) / len(true)
@@ -49,7 +54,7 @@ def test_overlapping_pictures_rank_above_others(kind: FeatureKind, recall_band: 
     quarter = len(pairs) // 4
     shares = np.array([overlap[pair] for pair in pairs])
     assert shares[:quarter].mean() > shares[-quarter:].mean() + 0.2
-    assert look_alikes(store, stamps_s, config) == pairs
+    assert look_alikes(store, config) == pairs
 
 
 def test_vocabulary_is_deterministic_sampled_and_sized_to_what_there_is() -> None:
@@ -111,7 +116,7 @@ def test_candidates_are_each_ones_nearest_of_those_far_enough_in_time(separation
         others = [i for i in range(30) if i != j and abs(stamps_s[i] - stamps_s[j]) >= separation_s]
         nearest = sorted(others, key=lambda i: np.linalg.norm(x[i] - x[j]))[:4]
         expected |= {(min(i, j), max(i, j)) for i in nearest}
-    found = candidates(x, stamps_s, separation_s, 4)
+    found = propose(x, 4, lambda j, rows: np.abs(stamps_s[rows] - stamps_s[j]) >= separation_s).pairs
     assert set(found) == expected
     likeness = [float(x[i] @ x[j]) for i, j in found]
     assert likeness == sorted(likeness, reverse=True)
@@ -119,10 +124,10 @@ def test_candidates_are_each_ones_nearest_of_those_far_enough_in_time(separation
 
 def test_flights_of_one_keyframe_or_of_one_view_are_no_trouble() -> None:
     store = FeatureStore()
-    assert look_alikes(store, np.empty(0), RetrievalConfig()) == []
+    assert look_alikes(store, RetrievalConfig()) == []
     store.append(features_of("sift", STEP)[0])
-    assert look_alikes(store, np.zeros(1), RetrievalConfig()) == []
+    assert look_alikes(store, RetrievalConfig()) == []
     for _ in range(3):
         store.append(features_of("sift", STEP)[0])
-    pairs = look_alikes(store, np.arange(4.0), RetrievalConfig(neighbours=3))
+    pairs = look_alikes(store, RetrievalConfig(neighbours=3))
     assert set(pairs) == {(i, j) for j in range(4) for i in range(j)}
