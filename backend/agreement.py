@@ -124,17 +124,13 @@ def innovations(problem: Problem, w_T: Array, drawn: Array, edges: Index, scale:
     d = problem.freedom
     turn = se3.adjoint(se3.inverse(w_T[some.j]) @ w_T[some.i])
     if d == 3:
-        turn = turn[:, _PLANAR[:, None], _PLANAR]
+        turn = turn[:, se3.PLANAR[:, None], se3.PLANAR]
     spread = some.sqrt_information @ (drawn[some.j] - turn @ drawn[some.i])
     extent = np.ptp(w_T[:, : problem.dimension, 3], axis=0)
     room = np.log(np.maximum(extent, 1e-3 * extent.max() + 1e-9)).sum()
     room += np.log(2 * np.pi) if d == 3 else np.log(8 * np.pi**2)
     log_room = room + np.linalg.slogdet(some.sqrt_information)[1]
     return Innovations(np.sort(edges), some.residuals(w_T) / scale, spread, log_room - d * np.log(scale))
-
-
-_PLANAR = np.array([3, 4, 2])
-"""Where gtsam's planar tangent (x, y, heading) stands in the spatial one."""
 
 
 def grown(

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from backend import se3
 from backend.problem import Problem
-from backend.solve import DEEP_GRAPH, OnStep
+from backend.solve import OnStep, ordering_type
 
 Array = NDArray[np.float64]
 
@@ -107,7 +107,7 @@ def _step(
     graph = loops.edge_factors(np.where(weight > 1e-8, weight, 0))
     graph.push_back(sure)
     params = gtsam.LevenbergMarquardtParams()
-    params.setOrderingType("METIS" if problem.count > DEEP_GRAPH else "COLAMD")
+    params.setOrderingType(ordering_type(problem.count))
     optimizer = gtsam.LevenbergMarquardtOptimizer(graph, problem.values(w_T), params)
     for _ in range(2):
         optimizer.iterate()

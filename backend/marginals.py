@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from backend.errors import GTSAM_ERRORS
 from backend.gauge import floating_parts
+from backend.se3 import PLANAR
 
 Array = NDArray[np.float64]
 
@@ -22,9 +23,6 @@ _NO_KNOWLEDGE = 1e10
 
 _HOLD = 1e3
 """A variable held to a thousandth of its own standard deviation is held."""
-
-_PLANAR = np.array([3, 4, 2])
-"""Where gtsam's planar tangent (x, y, heading) stands in the spatial one (rotation, translation)."""
 
 
 def pose_covariances(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> Array:
@@ -88,7 +86,7 @@ def _fill(out: Array, tree: gtsam.GaussianBayesTree, keys: Sequence[int], which:
             out[k] = covariance
         else:
             out[k] = 0
-            out[k][np.ix_(_PLANAR, _PLANAR)] = covariance
+            out[k][np.ix_(PLANAR, PLANAR)] = covariance
 
 
 def joint_covariances(

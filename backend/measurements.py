@@ -21,6 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+GRAVITY_M_S2 = 9.80665
+"""Standard gravity."""
 EdgeKind = Literal["odometry", "loop", "inertial"]
 
 

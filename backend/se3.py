@@ -8,6 +8,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 Array = NDArray[np.float64]
 
+PLANAR = np.array([3, 4, 2])
+"""Where gtsam's planar tangent (x, y, heading) stands in the spatial one (rotation, translation)."""
+
 
 def inverse(T: Array) -> Array:
     """Inverse of rigid transforms. (..., 4, 4) -> (..., 4, 4)."""

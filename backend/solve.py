@@ -104,13 +104,18 @@ def _check_values(values: gtsam.Values, name: Name) -> None:
             raise BackendError(f"the initial value of {who} is not finite; give it a start")
 
 
+def ordering_type(keys: int) -> str:
+    """gtsam's name of how to order the elimination of so many variables."""
+    return "METIS" if keys > DEEP_GRAPH else "COLAMD"
+
+
 def _optimizer(
     graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, solver: str, name: Name
 ) -> gtsam.GaussNewtonOptimizer:
     """gtsam's optimizer, which evaluates the graph once: refused where that is not finite."""
     params = gtsam.GaussNewtonParams()
     params.setLinearSolverType(solver)
-    params.setOrderingType("METIS" if initial.size() > DEEP_GRAPH else "COLAMD")
+    params.setOrderingType(ordering_type(initial.size()))
     try:
         optimizer = gtsam.GaussNewtonOptimizer(graph, initial, params)
     except (RuntimeError, ValueError, TypeError, IndexError) as error:
@@ -229,7 +234,7 @@ def levenberg_marquardt(
 ) -> Minimum:
     """Damped steps, which never raise the error. The graph must have passed ``check``."""
     params = gtsam.LevenbergMarquardtParams()
-    params.setOrderingType("METIS" if start.values.size() > DEEP_GRAPH else "COLAMD")
+    params.setOrderingType(ordering_type(start.values.size()))
     params.setlambdaUpperBound(1e10)
     optimizer = gtsam.LevenbergMarquardtOptimizer(graph, start.values, params)
     error, iteration = float(optimizer.error()), start.iterations

@@ -11,13 +11,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from backend.measurements import GRAVITY_M_S2
 from slam.errors import NO_CAMERA
 from slam.flight import AttitudeSeries, Flight, Imu, Sonar
 from slam.io.files import brief
 
 Array = NDArray[np.float64]
 
-GRAVITY_M_S2 = 9.80665
 GAP_FACTOR, GAP_MIN_S = 3.0, 0.1
 """An interval is a gap beyond this many median intervals and this many seconds."""
 ECHO_RATIO = 1.5

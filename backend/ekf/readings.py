@@ -39,6 +39,7 @@ from backend.ekf.motion import (
     rotation,
     rotation_vector,
 )
+from backend.measurements import GRAVITY_M_S2
 
 (TICK, GYRO, ACCEL, ATTITUDE, RANGE, VELOCITY, POSITION, BAROMETER, REST, STILL, STEP, ASK, KEEP) = range(13)
 """What an event can be, in the order in which those of one instant are taken: nothing (a long gap is gone
@@ -58,7 +59,6 @@ CHANNELS = {
 }
 """The readings by name."""
 
-GRAVITY_M_S2 = 9.80665
 _LEAST_HEIGHT_M = 1e-3
 _LEAST_COSINE = 0.2
 """A beam or a pitch nearer to the horizon or the zenith tells nothing."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from backend.measurements import GRAVITY_M_S2
 from slam.report.paper import (
     DIAGONAL_M,
     FEATURE_DISTANCE_PX,
@@ -36,7 +37,6 @@ from slam.report.paper import (
 
 Array = NDArray[np.float64]
 
-GRAVITY_M_S2 = 9.80665
 TUM_DRAG_1_S, TUM_TILT_SCALE_M_S = 0.58, 17.8
 """c1 and c2 that the tum_ardrone package ships for the same drone: a second, independent measurement."""
 HOVER_S, HOVER_CORRELATION_S = 35.0, 0.5

@@ -14,7 +14,7 @@ from slam.flight import Flight
 from slam.info import describe, missing_for_map
 from slam.mapping.chain import chain
 from slam.mapping.fusion import Fused, comparable
-from slam.mapping.instruments import instrument_errors
+from slam.mapping.instrument_errors import instrument_errors
 from slam.mapping.mapper import Edges, Mapper
 from slam.mapping.sightings import Sightings
 from slam.settings import PipelineConfig

@@ -11,7 +11,7 @@ import numpy as np
 import slam
 from slam.estimate import Estimate
 from slam.report.facts import Facts, gather, length, percent, sentence
-from slam.report.instruments import accelerometer_told, attitude_told, heading_told
+from slam.report.instrument_errors import accelerometer_told, attitude_told, heading_told
 from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture
 from slam.summary import Summary

@@ -17,6 +17,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from backend.measurements import GRAVITY_M_S2
+
 Array = NDArray[np.float64]
 
 STEP_S = 0.002
@@ -85,7 +87,6 @@ PARAMETERS = (
     WIND_X, WIND_Y, ROTOR_RADIUS, CLIMB_ASYMMETRY, YAW_DRAG, HOLD_STIFFNESS, HOLD_DAMPING, HOLD_CAPTURE,
 ) = range(len(PARAMETERS))  # fmt: skip
 
-GRAVITY_M_S2 = 9.80665
 FLOOR_STIFFNESS = 2500.0
 """Of the landing gear, in 1/s^2."""
 FLOOR_DAMPING = 60.0

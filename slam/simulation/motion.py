@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from slam.simulation.dynamics import GRAVITY_M_S2, NOISE, STATE, STEP_S, integrate, read_out
+from backend.measurements import GRAVITY_M_S2
+from slam.simulation.dynamics import NOISE, STATE, STEP_S, integrate, read_out
 from slam.simulation.hold_noise import NoisePath, draw_noise
 from slam.simulation.model import Model
 from slam.simulation.stick import Stick

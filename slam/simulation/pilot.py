@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.simulation.dynamics import GRAVITY_M_S2, STEP_S, integrate
+from backend.measurements import GRAVITY_M_S2
+from slam.simulation.dynamics import STEP_S, integrate
 from slam.simulation.hold_noise import NoisePath
 from slam.simulation.maneuver import Path
 from slam.simulation.model import Model, Vehicle

@@ -11,8 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.measurements import GRAVITY_M_S2
 from slam.criticism.kalman.compiled import kernel
-from slam.simulation.dynamics import GRAVITY_M_S2, noise_share
+from slam.simulation.dynamics import noise_share
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from slam.simulation.dynamics import GRAVITY_M_S2, STEP_S, integrate
+from backend.measurements import GRAVITY_M_S2
+from slam.simulation.dynamics import STEP_S, integrate
 from slam.simulation.model import Model
 from slam.simulation.motion import Motion, at_rest, draw_for, obey, steps_of
 from slam.simulation.stick import Stick

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from backend.measurements import GRAVITY_M_S2
 from slam.simulation import sensors
 from slam.simulation.battery import open_circuit_v, read_battery
-from slam.simulation.dynamics import GRAVITY_M_S2
 from slam.simulation.hold_noise import HoldNoise
 from slam.simulation.instruments import (
     AttitudeModel,

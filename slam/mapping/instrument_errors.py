@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.bundle_noise import coloured_std
+from backend.measurements import GRAVITY_M_S2
 from slam.estimate import AccelerometerErrors, AttitudeErrors, InstrumentErrors
 from slam.flight import AttitudeSeries, Flight
 from slam.mapping.synchronize import attitudes_at
 
 Array = NDArray[np.float64]
 
-GRAVITY_M_S2 = 9.80665
 _LEAST_KEYFRAMES = 8
 _STRETCHES = 8
 _LEAST_TURN = 0.3
