@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from backend.absolutes import OUTLIER_SIGMA, fixed, jacobian
 from backend.anchored import Anchored, Fit, Options, plain_fit, start_of
-from backend.consistency import reason
 from backend.gauge import direction_words, hold_factor, key_runs, open_directions
 from backend.initialize import elimination_cost
 from backend.marginals import pose_covariances
 from backend.problem import Problem
-from backend.rejection import has_loops_on_odometry, without_disagreeing
+from backend.selection.consistency import reason
+from backend.selection.rejection import has_loops_on_odometry, without_disagreeing
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

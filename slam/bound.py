@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.bundle import refine
-from backend.bundle_graph import BundleConfig, BundleProblem, NoiseLevels, start_values
-from backend.bundle_noise import estimate_noise, start_noise
+from backend.bundle.graph import BundleConfig, BundleProblem, NoiseLevels, start_values
+from backend.bundle.noise import estimate_noise, start_noise
+from backend.bundle.refinement import refine
 from backend.measurements import FloorTracks, Measurements
 from slam.errors import InputError
 from slam.estimate import Estimate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from backend.bundle_graph import BundleConfig
+from backend.bundle.graph import BundleConfig
 from frontend.features import FeatureConfig
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.bundle import Bundle
+from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
 from backend.measurements import Position, RelativePose
 from backend.solution import Solution

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.bundle_noise import coloured_std
+from backend.bundle.noise import coloured_std
 from backend.measurements import GRAVITY_M_S2
 from slam.estimate import AccelerometerErrors, AttitudeErrors, InstrumentErrors
 from slam.flight import AttitudeSeries, Flight

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from backend.bundle import Bundle, refine
+from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
 from backend.graph import solve
 from backend.heights import Heights, agree_on_heights

@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from backend.bundle import refine
-from backend.bundle_graph import BundleConfig
+from backend.bundle.graph import BundleConfig
+from backend.bundle.refinement import refine
 from slam.bound import at_the_truth, cramer_rao
 from slam.errors import InputError
 from slam.pipeline import optimize_with_sightings

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from backend.bundle import Bundle
+from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
 from backend.measurements import FloorTracks, RelativePose
 from frontend.camera import Camera

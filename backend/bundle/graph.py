@@ -11,7 +11,7 @@ from gtsam.symbol_shorthand import L as POINT
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.factors import (
+from backend.bundle.factors import (
     DATUM,
     FLOOR_Z,
     LOG_GAIN,

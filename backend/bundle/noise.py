@@ -11,8 +11,8 @@ from gtsam.symbol_shorthand import L as POINT
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle_graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, metric_poses
-from backend.factors import DATUM, LOG_GAIN, LOG_SCALE, body_up
+from backend.bundle.factors import DATUM, LOG_GAIN, LOG_SCALE, body_up
+from backend.bundle.graph import WORLD, BundleConfig, BundleProblem, NoiseLevels, metric_poses
 from backend.measurements import FloorTracks, Measurements
 
 Array = NDArray[np.float64]

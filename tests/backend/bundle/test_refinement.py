@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from backend.bundle import Bundle, refine
+from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
 from backend.measurements import Measurements
 from tests.backend.made_floor import CAMERA, NADIR, Made, Scene, aligned, make, nees

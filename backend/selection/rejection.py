@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.absolutes import aligned
-from backend.agreement import draws, grown, judged, noise_scale
 from backend.anchored import Anchored, Fit, plain_fit, start_of
-from backend.consistency import agreeing_edges, edge_limit
 from backend.errors import BackendError
 from backend.initialize import spanning_tree, tree_edges
 from backend.problem import Problem
+from backend.selection.agreement import draws, grown, judged, noise_scale
+from backend.selection.consistency import agreeing_edges, edge_limit
 from backend.solve import Minimum, gauss_newton, levenberg_marquardt
 
 Array = NDArray[np.float64]

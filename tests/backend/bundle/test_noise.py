@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from backend.bundle import refine
-from backend.bundle_noise import STUDENT_SCALE, coloured_std, huber_std
+from backend.bundle.noise import STUDENT_SCALE, coloured_std, huber_std
+from backend.bundle.refinement import refine
 from tests.backend.made_floor import Scene, aligned, make, nees
 
 

@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from backend.factors import (
+from backend.bundle.factors import (
     DATUM,
     FLOOR_Z,
     LOG_GAIN,

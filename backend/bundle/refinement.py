@@ -6,8 +6,8 @@ How much each kind of measurement is to be believed is estimated from its own re
 degrees off, a coarse GPS and a floor with relief are found to be so.
 
 Pictures know everything but the scale. So the poses are kept in units of the mean height, the floor at z = 0,
-and one variable (`backend.factors`) makes metres of them where a range or a position is compared. Were the
-poses in metres, the assumption of a flat floor would pull the whole map to be small.
+and one variable (`backend.bundle.factors`) makes metres of them where a range or a position is compared. Were
+the poses in metres, the assumption of a flat floor would pull the whole map to be small.
 
 Source: Triggs et al. 2000 (bundle adjustment); Forstner and Wrobel 2016, section 4.2.4 (variance components).
 """
@@ -23,7 +23,8 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle_graph import (
+from backend.bundle.factors import DATUM, FLOOR_Z, LOG_GAIN, LOG_SCALE, SLOPE, WORLD_SIZE
+from backend.bundle.graph import (
     WORLD,
     BundleConfig,
     BundleProblem,
@@ -32,9 +33,8 @@ from backend.bundle_graph import (
     metric_poses,
     start_values,
 )
-from backend.bundle_noise import estimate_noise, start_noise
+from backend.bundle.noise import estimate_noise, start_noise
 from backend.errors import BackendError
-from backend.factors import DATUM, FLOOR_Z, LOG_GAIN, LOG_SCALE, SLOPE, WORLD_SIZE
 from backend.marginals import joint_covariances
 from backend.measurements import Measurements
 from backend.se3 import cross_matrix

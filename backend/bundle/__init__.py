@@ -1,0 +1,1 @@
+"""Planar bundle adjustment on the measurements themselves: see `backend.bundle.refinement`."""
