@@ -113,13 +113,31 @@ def noise_share(z: float, parameters: Array) -> float:
 
 
 @njit(cache=True)
+def thrust(roll: float, pitch: float, parameters: Array) -> tuple[float, float]:
+    """Tilt to horizontal force over weight, ahead and to the left: (R13, R23) / R33 at yaw 0."""
+    if parameters[SMALL_ANGLE] < 0.5:
+        return math.tan(pitch), -math.tan(roll) / math.cos(pitch)
+    return pitch, -roll
+
+
+@njit(cache=True)
 def derivative(state: Array, command: Array, noise: Array, parameters: Array, rate: Array) -> None:
     """Write d(state)/dt into ``rate``. Shapes: ``STATE``, ``COMMAND``, ``NOISE``, ``PARAMETERS``, ``STATE``.
 
     Everything but ``rate`` is read only. Continuous in all its arguments, but for the floor's contact.
     """
+    ahead, aside = thrust(state[6], state[7], parameters)
+    rates(state, math.cos(state[8]), math.sin(state[8]), ahead, aside, command, noise, parameters, rate)
+
+
+@njit(cache=True)
+def rates(
+    state: Array, c: float, s: float, ahead: float, aside: float, command: Array, noise: Array,
+    parameters: Array, rate: Array,
+) -> None:  # fmt: skip
+    """``derivative`` with the heading's cosine and sine and the ``thrust`` known."""
     vx, vy, vz = state[3], state[4], state[5]
-    roll, pitch, yaw = state[6], state[7], state[8]
+    roll, pitch = state[6], state[7]
     share = noise_share(state[2], parameters)
     height = state[2] - parameters[GEAR]
     on_floor = height < 0.0
@@ -129,7 +147,6 @@ def derivative(state: Array, command: Array, noise: Array, parameters: Array, ra
     limit = parameters[TILT_LIMIT]
     pitch_target = min(max(reach * _stick(command[0], parameters), -limit), limit)
     roll_target = min(max(-reach * _stick(command[1], parameters), -limit), limit)
-    c, s = math.cos(yaw), math.sin(yaw)
     if parameters[BRAKING_LEAN] != 0.0:
         lean = parameters[BRAKING_LEAN] * command[4] / GRAVITY_M_S2
         pitch_target -= lean * (c * vx + s * vy)
@@ -142,10 +159,6 @@ def derivative(state: Array, command: Array, noise: Array, parameters: Array, ra
     rate[8] = state[9]
     rate[9] = (yaw_push - (1.0 + parameters[YAW_DRAG]) * state[9]) / parameters[YAW_TIME]
 
-    # Tilt to horizontal force: (R13, R23) / R33.
-    ahead, aside = pitch, -roll
-    if parameters[SMALL_ANGLE] < 0.5:
-        ahead, aside = math.tan(pitch), -math.tan(roll) / math.cos(pitch)
     ax = GRAVITY_M_S2 * (c * ahead - s * aside)
     ay = GRAVITY_M_S2 * (s * ahead + c * aside)
 

@@ -15,7 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.compiled import kernel
-from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, MOVING, TARGET, WIDTH, reading
+from slam.criticism.kalman.readings import (
+    BEFORE,
+    BEHIND,
+    FIRST_CHANNEL,
+    GUST,
+    IMU,
+    MOVING,
+    TARGET,
+    WIDTH,
+    reading,
+)
 from slam.criticism.kalman.steps import (
     after_contact,
     correct,
@@ -27,12 +37,15 @@ from slam.criticism.kalman.steps import (
     spread_along,
 )
 from slam.criticism.kalman.transition import POLE, decay, jacobian, kicks, spread
-from slam.simulation.dynamics import derivative
+from slam.simulation.dynamics import derivative, rates, thrust
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 USED, OUTLIER, IGNORED = 1, 2, 0
+_ENTRIES = 11
+"""Places that a force may go in at (``_inject``)."""
+_INJECTED = 1e-3
 
 
 @kernel
@@ -51,24 +64,51 @@ def _inject(entry: int, size: float, yaw: float, noise: Array, command: Array) -
 
 
 @kernel
+def _felt(
+    state: Array, noise: Array, command: Array, parameters: Array, rate: Array, inject_at: Ints, acts: Ints,
+    felt: Array,
+) -> None:  # fmt: skip
+    """Change of the state's rate with a unit injected at each entry that is used: ``felt`` (entries, 10)."""
+    c, s = math.cos(state[8]), math.sin(state[8])
+    ahead, aside = thrust(state[6], state[7], parameters)
+    other, pushed, moved = np.empty(12), np.empty(8), np.empty(6)
+    rates(state, c, s, ahead, aside, command, noise, parameters, rate)
+    seen = np.zeros(_ENTRIES, dtype=np.bool_)
+    for d in range(len(acts)):
+        entry = inject_at[d]
+        if acts[d] == 0 or entry < 0 or seen[entry]:
+            continue
+        seen[entry] = True
+        pushed[:], moved[:] = noise, command
+        _inject(entry, _INJECTED, state[8], pushed, moved)
+        rates(state, c, s, ahead, aside, moved, pushed, parameters, other)
+        for i in range(MOVING):
+            felt[entry, i] = (other[i] - rate[i]) / _INJECTED
+
+
+@kernel
 def _force(
     tangents: Array, slopes: Array, h: float, middle: Array, middle_noise: Array, step: int,
     parameters: Array, sticks: Array, acts: Ints, stick_of: Ints, parameters_of: Array,
-    inject_at: Ints, signal_of: Ints, signals: Array, scale: Array, added: Array,
+    inject_at: Ints, signal_of: Ints, signals: Array, scale: Array, felt: Array, added: Array,
 ) -> None:  # fmt: skip
     """Add to the tangents (n, m) what their perturbation does within the step."""
-    rate, other, noise, command = np.empty(12), np.empty(12), np.empty(8), np.empty(6)
-    derivative(middle, sticks[0, step], middle_noise, parameters, rate)
+    rate, other = np.empty(12), np.empty(12)
+    _felt(middle, middle_noise, sticks[0, step], parameters, rate, inject_at, acts, felt)
+    c, s = math.cos(middle[8]), math.sin(middle[8])
+    ahead, aside = thrust(middle[6], middle[7], parameters)
     for d in range(tangents.shape[1]):
         if acts[d] == 0:
             continue
-        noise[:] = middle_noise
-        command[:] = sticks[stick_of[d], step]
         if inject_at[d] >= 0:
-            _inject(inject_at[d], signals[signal_of[d], step] / scale[d], middle[8], noise, command)
-        derivative(middle, command, noise, parameters_of[d], other)
-        for i in range(MOVING):
-            added[i] = h * (other[i] - rate[i]) * scale[d]
+            for i in range(MOVING):
+                added[i] = h * felt[inject_at[d], i] * signals[signal_of[d], step]
+        else:
+            rates(
+                middle, c, s, ahead, aside, sticks[stick_of[d], step], middle_noise, parameters_of[d], other
+            )
+            for i in range(MOVING):
+                added[i] = h * (other[i] - rate[i]) * scale[d]
         for i in range(MOVING):
             total = added[i]
             for k in range(MOVING):
@@ -78,15 +118,19 @@ def _force(
 
 @kernel
 def _direct(
-    kind: int, event: int, state: Array, rate: Array, elapsed: float, sensor: Array, parameters: Array,
-    pole_s: float, predicted: Array, commands: Array, acts: Ints, reads: Ints, stick_of: Ints,
-    parameters_of: Array, sensor_of: Array, inject_at: Ints, signal_of: Ints, signals: Array, scale: Array,
-    direct: Array,
+    kind: int, event: int, state: Array, rate: Array, elapsed: float, parameters: Array,
+    pole_s: float, predicted: Array, by_rate: Array, commands: Array, acts: Ints, reads: Ints,
+    stick_of: Ints, parameters_of: Array, sensor_of: Array, inject_at: Ints, signal_of: Ints, signals: Array,
+    scale: Array, felt: Array, direct: Array,
 ) -> None:  # fmt: skip
     """What each perturbation changes in a reading by itself, the state left alone: (6, m)."""
-    full, noise, plain = np.empty(12), np.empty(8), np.empty(8)
-    other, out, command = np.empty(12), np.empty(6), np.empty(6)
-    spread(state, full, plain)
+    full, noise, other, out = np.empty(12), np.empty(8), np.empty(12), np.empty(6)
+    change = np.empty(MOVING)
+    spread(state, full, noise)
+    c_yaw, s_yaw = math.cos(state[8]), math.sin(state[8])
+    ahead, aside = thrust(state[6], state[7], parameters)
+    if kind == IMU:
+        _felt(full, noise, commands[0, event], parameters, other, inject_at, acts, felt)
     for d in range(direct.shape[1]):
         for c in range(WIDTH[kind]):
             direct[c, d] = 0.0
@@ -94,21 +138,51 @@ def _direct(
             c = inject_at[d] - 100 - FIRST_CHANNEL[kind]
             if 0 <= c < WIDTH[kind]:
                 direct[c, d] = signals[signal_of[d], event]
-            continue
-        felt = acts[d] == 1 and kind == IMU
-        if not (felt or (reads[d] >> kind) & 1):
-            continue
-        if felt:
-            noise[:] = plain
-            command[:] = commands[stick_of[d], event]
+        elif acts[d] == 1 and kind == IMU:
             if inject_at[d] >= 0:
-                _inject(inject_at[d], signals[signal_of[d], event] / scale[d], state[8], noise, command)
-            derivative(full, command, noise, parameters_of[d], other)
-        else:
-            other[:] = rate
-        reading(kind, state, other, sensor_of[d], parameters_of[d], pole_s, elapsed, out)
-        for c in range(WIDTH[kind]):
-            direct[c, d] = (out[c] - predicted[c]) * scale[d]
+                for i in range(MOVING):
+                    change[i] = felt[inject_at[d], i] * signals[signal_of[d], event]
+            else:
+                rates(
+                    full, c_yaw, s_yaw, ahead, aside, commands[stick_of[d], event], noise, parameters_of[d],
+                    other,
+                )  # fmt: skip
+                for i in range(MOVING):
+                    change[i] = (other[i] - rate[i]) * scale[d]
+            # The imu reads rates as they are: linear in them.
+            for c in range(WIDTH[kind]):
+                for i in range(3, 9):
+                    direct[c, d] += by_rate[c, i] * change[i]
+        elif (reads[d] >> kind) & 1:
+            reading(kind, state, rate, sensor_of[d], parameters_of[d], pole_s, elapsed, out)
+            for c in range(WIDTH[kind]):
+                direct[c, d] = (out[c] - predicted[c]) * scale[d]
+
+
+@kernel
+def _carried(matrix: Array, tangents: Array, moved: Array) -> None:
+    """Tangents (n, m) over a step by its transition matrix, in place; ``moved`` (10, m) is room to work."""
+    n, m = tangents.shape
+    for i in range(MOVING):
+        for d in range(m):
+            moved[i, d] = 0.0
+        for k in range(n):
+            x = matrix[i, k]
+            if x != 0.0:
+                for d in range(m):
+                    moved[i, d] += x * tangents[k, d]
+    for i in range(MOVING):
+        for d in range(m):
+            tangents[i, d] = moved[i, d]
+    # Of the noises, w follows o, and all others only themselves.
+    for i in range(n - 1, MOVING - 1, -1):
+        x = matrix[i, i]
+        for d in range(m):
+            tangents[i, d] *= x
+        if BEHIND <= i < GUST:
+            x = matrix[i, i - BEHIND + BEFORE]
+            for d in range(m):
+                tangents[i, d] += x * tangents[i - BEHIND + BEFORE, d]
 
 
 @kernel
@@ -137,7 +211,8 @@ def run(
     work, rate, added = np.empty((n, n)), np.empty(12), np.empty(MOVING)
     middle, middle_noise = np.empty(12), np.empty(8)
     predicted, h_matrix, direct = np.empty(6), np.zeros((6, n)), np.zeros((6, m))
-    moved, ph, a, done = np.empty((n, m)), np.empty(n), np.empty(m), np.empty(n)
+    by_rate, felt = np.zeros((6, MOVING)), np.zeros((_ENTRIES, MOVING))
+    moved, ph, a, done = np.empty((MOVING, m)), np.empty(n), np.empty(m), np.empty(n)
     row = 0
     for e in range(begin, end):
         for s in range(first_step[e], first_step[e + 1]):
@@ -147,20 +222,10 @@ def run(
                 middle_noise,
             )  # fmt: skip
             if m > 0:
-                for i in range(n):
-                    for d in range(m):
-                        moved[i, d] = 0.0
-                    for k in range(n):
-                        x = matrix[i, k]
-                        if x != 0.0:
-                            for d in range(m):
-                                moved[i, d] += x * tangents[k, d]
-                for i in range(n):
-                    for d in range(m):
-                        tangents[i, d] = moved[i, d]
+                _carried(matrix, tangents, moved)
                 _force(
                     tangents, slopes, h, middle, middle_noise, s, parameters, sticks, acts, stick_of,
-                    parameters_of, inject_at, signal_of, step_signals, scale, added,
+                    parameters_of, inject_at, signal_of, step_signals, scale, felt, added,
                 )  # fmt: skip
         kind = kinds[e]
         for i in range(MOVING):
@@ -174,12 +239,14 @@ def run(
             spread(state, middle, middle_noise)
             derivative(middle, commands[0, e], middle_noise, parameters, rate)
         measurement(
-            kind, state, rate, slopes, sensor, parameters, hold[POLE], elapsed[e], predicted, h_matrix
-        )
+            kind, state, rate, slopes, sensor, parameters, hold[POLE], elapsed[e], predicted, by_rate,
+            h_matrix,
+        )  # fmt: skip
         if m > 0:
             _direct(
-                kind, e, state, rate, elapsed[e], sensor, parameters, hold[POLE], predicted, commands, acts,
-                reads, stick_of, parameters_of, sensor_of, inject_at, signal_of, event_signals, scale, direct,
+                kind, e, state, rate, elapsed[e], parameters, hold[POLE], predicted, by_rate, commands,
+                acts, reads, stick_of, parameters_of, sensor_of, inject_at, signal_of, event_signals, scale,
+                felt, direct,
             )  # fmt: skip
         done[:] = 0.0
         for c in range(WIDTH[kind]):

@@ -146,6 +146,7 @@ def _forward(  # type: ignore[no-untyped-def]
     slopes, matrix, q, work = np.empty((MOVING, n)), np.zeros((n, n)), np.zeros((n, n)), np.empty((n, n))
     rate, middle, middle_noise = np.empty(12), np.empty(12), np.empty(8)
     predicted, h_matrix, direct = np.empty(6), np.zeros((6, n)), np.zeros((6, m))
+    by_rate = np.zeros((6, MOVING))
     out, ph, done, moved = np.empty(6), np.empty(n), np.empty(n), np.eye(n)
     for e in range(events):
         total = np.eye(n)
@@ -163,8 +164,9 @@ def _forward(  # type: ignore[no-untyped-def]
         if kind <= SONAR:
             jacobian(state, commands[e], parameters, rate, slopes)
             measurement(
-                kind, state, rate, slopes, sensor, parameters, hold[POLE], elapsed[e], predicted, h_matrix
-            )
+                kind, state, rate, slopes, sensor, parameters, hold[POLE], elapsed[e], predicted,
+                by_rate, h_matrix,
+            )  # fmt: skip
             for d in range(m):
                 direct[:, d] = 0.0
                 if (reads[d] >> kind) & 1:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.compiled import kernel
-from slam.criticism.kalman.readings import ATTITUDE, MOVING, SONAR, WIDTH, reading
+from slam.criticism.kalman.readings import ATTITUDE, BEFORE, BEHIND, IMU, SONAR, WIDTH, reading
 from slam.criticism.kalman.transition import covariance_step, jacobian, kicks, mean_step, transition
-from slam.simulation.dynamics import GEAR
+from slam.simulation.dynamics import GEAR, noise_share
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,6 +29,19 @@ CONTACT_NOISE = 0.3
 """Process noise of the velocity near the floor, m/s/sqrt(s)."""
 SONAR_MARGIN = 4.0
 """Ranges due so many standard deviations from the limits, and beyond, are not judged: half are missing."""
+
+
+_NUDGE = 1e-6
+_NONE = -1
+RATES_READ = (
+    (3, 4, 5, 6, 7, 8), (6, 7, 8, _NONE, _NONE, _NONE), (0, 1, 3, 4, 6, 7), (0, 1, 2, 5, 6, 7),
+)  # fmt: skip
+"""For each kind of event, entries of the state's rate that its reading may depend on, ..."""
+STATES_READ = (
+    (2, 6, 7, 8, _NONE, _NONE), (6, 7, 8, _NONE, _NONE, _NONE), (2, 8, _NONE, _NONE, _NONE, _NONE),
+    (0, 1, 2, 6, 7, 8),
+)  # fmt: skip
+"""... and of the state itself, the noise's acceleration aside."""
 
 
 @kernel
@@ -57,25 +70,41 @@ def predict(
 @kernel
 def measurement(
     kind: int, state: Array, rate: Array, slopes: Array, sensor: Array, parameters: Array,
-    pole_s: float, elapsed: float, predicted: Array, matrix: Array,
+    pole_s: float, elapsed: float, predicted: Array, by_rate: Array, matrix: Array,
 ) -> None:  # fmt: skip
-    """What is read, and its Jacobian (6, n) in the state: through the state and through its rate."""
-    n = state.shape[0]
+    """What is read, its Jacobian ``by_rate`` (6, 10) in the state's rate, and ``matrix`` (6, n) in the state:
+    by itself and through its rate."""
     reading(kind, state, rate, sensor, parameters, pole_s, elapsed, predicted)
     beside, nudged, moved = np.empty(6), state.copy(), rate.copy()
-    if kind == ATTITUDE:
-        h_first, h_last = 6, 9
-    else:
-        h_first, h_last = 0, n
-    matrix[:] = 0.0
-    for j in range(h_first, h_last):
-        nudged[j] = state[j] + 1e-6
-        for i in range(MOVING):
-            moved[i] = rate[i] + 1e-6 * slopes[i, j]
-        reading(kind, nudged, moved, sensor, parameters, pole_s, elapsed, beside)
-        for c in range(WIDTH[kind]):
-            matrix[c, j] = (beside[c] - predicted[c]) / 1e-6
+    width = WIDTH[kind]
+    matrix[:], by_rate[:] = 0.0, 0.0
+    for j in RATES_READ[kind]:
+        if j < 0:
+            break
+        moved[j] += _NUDGE
+        reading(kind, state, moved, sensor, parameters, pole_s, elapsed, beside)
+        moved[j] = rate[j]
+        for c in range(width):
+            x = (beside[c] - predicted[c]) / _NUDGE
+            by_rate[c, j] = x
+            if x != 0.0:
+                for i in range(state.shape[0]):
+                    matrix[c, i] += x * slopes[j, i]
+    for j in STATES_READ[kind]:
+        if j < 0:
+            break
+        nudged[j] += _NUDGE
+        reading(kind, nudged, rate, sensor, parameters, pole_s, elapsed, beside)
         nudged[j] = state[j]
+        for c in range(width):
+            matrix[c, j] += (beside[c] - predicted[c]) / _NUDGE
+    if kind == IMU:
+        # The acceleration of the noise is read as any other is.
+        fast = noise_share(state[2], parameters) / pole_s
+        for c in range(3, 6):
+            for i in range(3):
+                matrix[c, BEFORE + i] += fast * by_rate[c, 3 + i]
+                matrix[c, BEHIND + i] -= fast * by_rate[c, 3 + i]
 
 
 @kernel

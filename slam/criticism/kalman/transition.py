@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.compiled import kernel
-from slam.criticism.kalman.readings import BEFORE, BEHIND, GUST, MOVING, STATES_WITH_GUSTS, TARGET
-from slam.simulation.dynamics import ROTOR_RADIUS, derivative
+from slam.criticism.kalman.readings import BEFORE, BEHIND, GUST, MOVING, STATES, STATES_WITH_GUSTS, TARGET
+from slam.simulation.dynamics import FADE, GEAR, ROTOR_RADIUS, SMALL_ANGLE, derivative, rates, thrust
 
 Array = NDArray[np.float64]
 
@@ -24,8 +24,8 @@ HOLD = (
 """Entries of the hold noise's vector."""
 (TILT_STD, TILT_TIME, TURN_STD, TURN_TIME, W_STD, W_TIME, W_UP_STD, POLE, GUST_STD, GUST_TIME) = range(10)
 
-HIGH_M = 2.0
-"""Above this nothing depends on the height but what has a rotor radius."""
+CLEAR_M = 0.2
+"""So far above the floor's reach nothing depends on the height but what has a rotor radius."""
 _NUDGE = 1e-6
 """Step of the differences that make the Jacobian: the equations are smooth and in SI."""
 
@@ -47,40 +47,61 @@ def spread(state: Array, full: Array, noise: Array) -> None:
 def jacobian(state: Array, command: Array, parameters: Array, rate: Array, matrix: Array) -> None:
     """Rate (12,) and its Jacobian (10, n) in the filter's state, by differences.
 
-    Entries that push different rates are nudged together. Columns of o are 0: they act through w.
+    Entries that push different rates are nudged together; what a nudge does to sines and tangents is worked
+    out from their slopes. Columns of o are 0: they act through w.
     """
     n = state.shape[0]
     full, noise, beside = np.empty(12), np.empty(8), np.empty(12)
     spread(state, full, noise)
-    derivative(full, command, noise, parameters, rate)
+    c, s = math.cos(state[8]), math.sin(state[8])
+    ahead, aside = thrust(state[6], state[7], parameters)
+    rates(full, c, s, ahead, aside, command, noise, parameters, rate)
     matrix[:] = 0.0
-    for j in range(2, 9):
-        if j == 2 and state[2] > HIGH_M and parameters[ROTOR_RADIUS] == 0.0:
+    by_roll, ahead_by_pitch, aside_by_pitch = -1.0, 1.0, 0.0
+    if parameters[SMALL_ANGLE] < 0.5:
+        cosine = math.cos(state[7])
+        by_roll = -(1.0 / cosine + aside * aside * cosine)
+        ahead_by_pitch, aside_by_pitch = 1.0 + ahead * ahead, aside * ahead
+    clear = state[2] > parameters[GEAR] + parameters[FADE] + CLEAR_M and parameters[ROTOR_RADIUS] == 0.0
+    for j in (2, 3, 4, 6, 7, 8):
+        if j == 2 and clear:
             continue
         full[j] += _NUDGE
-        if j == 5:
+        if j == 3:
+            full[5] += _NUDGE
             full[9] += _NUDGE
-        derivative(full, command, noise, parameters, beside)
+            rates(full, c, s, ahead, aside, command, noise, parameters, beside)
+            full[5], full[9] = state[5], state[9]
+        elif j == 6:
+            rates(full, c, s, ahead, aside + by_roll * _NUDGE, command, noise, parameters, beside)
+        elif j == 7:
+            rates(
+                full, c, s, ahead + ahead_by_pitch * _NUDGE, aside + aside_by_pitch * _NUDGE, command, noise,
+                parameters, beside,
+            )  # fmt: skip
+        elif j == 8:
+            rates(full, c - s * _NUDGE, s + c * _NUDGE, ahead, aside, command, noise, parameters, beside)
+        else:
+            rates(full, c, s, ahead, aside, command, noise, parameters, beside)
+        full[j] = state[j]
         for i in range(MOVING):
             matrix[i, j] = (beside[i] - rate[i]) / _NUDGE
-        full[j] = state[j]
-        if j == 5:
-            full[9] = state[9]
-            matrix[8, 9], matrix[9, 9] = matrix[8, 5], matrix[9, 5]
-            matrix[8, 5] = matrix[9, 5] = 0.0
+    for i in (2, 5):
+        matrix[i, 5], matrix[i, 3] = matrix[i, 3], 0.0
+    for i in (8, 9):
+        matrix[i, 9], matrix[i, 3] = matrix[i, 3], 0.0
     for i in range(6):
         noise[i] += _NUDGE
-    derivative(full, command, noise, parameters, beside)
-    matrix[6, TARGET] = (beside[6] - rate[6]) / _NUDGE
-    matrix[7, TARGET + 1] = (beside[7] - rate[7]) / _NUDGE
-    matrix[9, TARGET + 2] = (beside[9] - rate[9]) / _NUDGE
+    rates(full, c, s, ahead, aside, command, noise, parameters, beside)
     for i in range(3):
         matrix[i, BEHIND + i] = (beside[i] - rate[i]) / _NUDGE
         matrix[3 + i, BEHIND + i] = (beside[3 + i] - rate[3 + i]) / _NUDGE
+        pushed = 9 if i == 2 else 6 + i
+        matrix[pushed, TARGET + i] = (beside[pushed] - rate[pushed]) / _NUDGE
         noise[i], noise[3 + i] = state[TARGET + i], state[BEHIND + i]
     for j in range(GUST, n):
         noise[6 + j - GUST] += _NUDGE
-        derivative(full, command, noise, parameters, beside)
+        rates(full, c, s, ahead, aside, command, noise, parameters, beside)
         for i in range(MOVING):
             matrix[i, j] = (beside[i] - rate[i]) / _NUDGE
         noise[6 + j - GUST] = state[j]
@@ -153,31 +174,43 @@ def transition(slopes: Array, hold: Array, h: float, matrix: Array) -> None:
 
 
 @kernel
+def _times(matrix: Array, right: Array, product: Array) -> None:
+    """``product`` = F ``right``, (n, n) all, for a transition matrix F: mostly 0, and the noises feed on
+    themselves alone, w on o beside."""
+    n = right.shape[0]
+    for i in range(n):
+        x = matrix[i, i]
+        for j in range(STATES):
+            product[i, j] = x * right[i, j]
+        if i < MOVING:
+            for k in range(n):
+                x = matrix[i, k]
+                if x != 0.0 and k != i:
+                    for j in range(STATES):
+                        product[i, j] += x * right[k, j]
+        elif BEHIND <= i < GUST:
+            x = matrix[i, i - BEHIND + BEFORE]
+            for j in range(STATES):
+                product[i, j] += x * right[i - BEHIND + BEFORE, j]
+    for j in range(STATES, n):
+        for i in range(n):
+            product[i, j] = 0.0
+            for k in range(n):
+                product[i, j] += matrix[i, k] * right[k, j]
+
+
+@kernel
 def covariance_step(matrix: Array, q: Array, slopes: Array, h: float, p: Array, work: Array) -> None:
     """P <- F P F' + L Q L', in place; L hands half a step of the noises' kicks to what they push."""
     n = p.shape[0]
-    index = np.empty((n, n), dtype=np.int64)
-    count = np.zeros(n, dtype=np.int64)
+    _times(matrix, p, work)
     for i in range(n):
         for j in range(n):
-            if matrix[i, j] != 0.0:
-                index[i, count[i]] = j
-                count[i] += 1
-    for i in range(n):
-        for j in range(n):
-            work[i, j] = 0.0
-        for a in range(count[i]):
-            k = index[i, a]
-            x = matrix[i, k]
-            for j in range(n):
-                work[i, j] += x * p[k, j]
+            p[j, i] = work[i, j]
+    _times(matrix, p, work)
     for i in range(n):
         for j in range(i + 1):
-            total = 0.0
-            for a in range(count[j]):
-                k = index[j, a]
-                total += work[i, k] * matrix[j, k]
-            p[i, j] = total
+            p[i, j] = work[i, j]
     for k in range(TARGET, n):
         for j in range(TARGET, n):
             x = q[k, j]
@@ -216,9 +249,9 @@ def mean_step(
     total, after = np.empty(12), np.empty(STATES_WITH_GUSTS)
     spread(state, full, noise)
     for i in range(TARGET, n):
-        after[i] = 0.0
-        for j in range(TARGET, n):
-            after[i] += matrix[i, j] * state[j]
+        after[i] = matrix[i, i] * state[i]
+        if BEHIND <= i < GUST:
+            after[i] += matrix[i, i - BEHIND + BEFORE] * state[i - BEHIND + BEFORE]
     for i in range(3):
         ended[i], ended[3 + i] = after[TARGET + i], after[BEHIND + i]
     ended[6] = after[GUST] if n > GUST else 0.0
