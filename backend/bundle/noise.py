@@ -91,7 +91,7 @@ def estimate_noise(
     seen = np.bincount(tracks.track[used], minlength=len(residuals.relief))
     used = used & (seen[tracks.track] >= 2)
     spread = _spread(problem, residuals, whitened, noise, used)
-    spread *= np.sqrt(_colour_along_tracks(tracks, whitened, used))
+    spread *= np.sqrt(colour_along_tracks(tracks, whitened, used))
     pixel_scale = noise.pixel_scale * float(np.clip(spread, 0.2, 5.0))
     level = replace(
         noise, pixel_scale=pixel_scale, relief=_estimate_relief(residuals, noise.relief, seen >= 2)
@@ -141,7 +141,7 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
     return level
 
 
-def _colour_along_tracks(
+def colour_along_tracks(
     tracks: FloorTracks, whitened: Array, used: NDArray[np.bool_], lags: int = 5
 ) -> float:
     """How many observations of a point count as one: its position errs alike in pictures taken close by.

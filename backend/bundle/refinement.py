@@ -108,18 +108,17 @@ def refine(
     return _result(problem, graph, values, noise, used, minimum.error, iterations)
 
 
-def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Values) -> Array:
-    """(n, 6, 6) of body poses in metres, from those of pose and world together (n, 6 + w, 6 + w)."""
+def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array) -> Array:
+    """(n, 6, 6 + w) from perturbations of a pose and the world to those of the body's pose in metres.
+
+    ``origin`` (3,), in mean heights, stays where it is when the scale changes.
+    """
     n, world = problem.measurements.count, values.atVector(WORLD)
     scale, tilt = float(np.exp(world[LOG_SCALE])), np.array([*world[SLOPE], 0.0])
     A, turn = gtsam.Rot3.Expmap(tilt).matrix(), gtsam.Rot3.ExpmapDerivative(tilt)[:, :2]
-    adjoint = gtsam.Pose3(problem.camera.b_T_c).AdjointMap()
-    covariances = np.empty((n, 6, 6))
-    # Without positions the first keyframe is the origin by definition, its height above the floor included.
-    origin = np.zeros(3) if problem.measurements.positions else values.atPose3(POSE(0)).translation()
-    for k in range(n):
+    jacobians = np.zeros((n, 6, 6 + WORLD_SIZE))
+    for k, J in enumerate(jacobians):
         pose = values.atPose3(POSE(k)).matrix()
-        J = np.zeros((6, 6 + WORLD_SIZE))
         of_world = J[:, 6:]
         J[:3, :3] = np.eye(3)
         J[3:, 3:6] = scale * np.eye(3)
@@ -129,9 +128,15 @@ def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Valu
         # A right perturbation of the slope turns the whole map about the floor under the origin.
         of_world[:3, SLOPE] = R.T @ turn
         of_world[3:, SLOPE] = -scale * R.T @ cross_matrix(p) @ turn
-        J = adjoint @ J
-        covariances[k] = J @ joint[k] @ J.T
-    return covariances
+    return np.asarray(gtsam.Pose3(problem.camera.b_T_c).AdjointMap() @ jacobians)
+
+
+def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Values) -> Array:
+    """(n, 6, 6) of body poses in metres, from those of pose and world together (n, 6 + w, 6 + w)."""
+    # Without positions the first keyframe is the origin by definition, its height above the floor included.
+    origin = np.zeros(3) if problem.measurements.positions else values.atPose3(POSE(0)).translation()
+    J = metric_jacobians(problem, values, origin)
+    return np.asarray(J @ joint @ np.swapaxes(J, 1, 2))
 
 
 def _result(

@@ -1,0 +1,68 @@
+"""What measurements tell at given poses: the Fisher information, asked for whatever depends on the poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import SuperLU, splu
+
+from backend.bundle.factors import WORLD_SIZE
+from backend.bundle.graph import BundleConfig, BundleProblem, build_graph, start_values
+from backend.bundle.noise import start_noise
+from backend.bundle.refinement import metric_jacobians
+from backend.errors import BackendError
+from backend.measurements import Measurements
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Information:
+    """Of measurements over a floor at z = 0, at the poses where it was taken."""
+
+    factor: SuperLU
+    """Of J'J in points (3 each), world, poses (6 each)."""
+    to_metres: Array
+    """(n, 6, 6 + w) from pose and world to body poses in metres."""
+
+    def covariance(self, gradient: Array) -> Array:
+        """(k, k) bound on the covariance of k quantities; ``gradient`` (k, n, 6) by right perturbations of
+        the body's poses.
+
+        Source: Kay 1993, section 3.6 (bound on functions of the parameters).
+        """
+        n = self.to_metres.shape[0]
+        of_all = np.einsum("kna,nab->knb", gradient, self.to_metres)
+        right = np.zeros((self.factor.shape[0], len(gradient)))
+        right[-6 * n - WORLD_SIZE : -6 * n] = of_all[:, :, 6:].sum(axis=1).T
+        right[-6 * n :] = of_all[:, :, :6].reshape(len(gradient), -1).T
+        return np.asarray(right.T @ self.factor.solve(right))
+
+
+def information(measurements: Measurements, w_T_b: Array, config: BundleConfig) -> Information:
+    """The information at poses (n, 4, 4) over the floor z = 0, by the measurements' own noise levels.
+
+    Raises ``BackendError`` where they leave a direction open.
+    """
+    tracks, camera = measurements.tracks, measurements.camera
+    if tracks is None or camera is None:
+        raise BackendError("information: no tracks of floor points, or no camera")
+    problem = BundleProblem(measurements, tracks, camera, config, calibrates=False)
+    values = start_values(problem, w_T_b, 0.0)
+    used = np.ones(len(tracks.track), dtype=bool)
+    graph = build_graph(problem, start_noise(measurements, config), used, values)
+    # gtsam sorts the columns by key: points (l), world (w), poses (x).
+    row, column, value = np.asarray(graph.linearize(values).sparseJacobian_())
+    size = values.dim()
+    left = column <= size
+    index = row[left].astype(np.int64) - 1, column[left].astype(np.int64) - 1
+    J = csc_array((value[left], index), shape=(int(row.max()), size))
+    options = {"SymmetricMode": True}
+    try:
+        factor = splu(csc_array(J.T @ J), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0, options=options)
+    except RuntimeError:
+        raise BackendError("information: the measurements leave a direction open") from None
+    return Information(factor, metric_jacobians(problem, values, np.zeros(3)))
