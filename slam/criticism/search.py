@@ -119,7 +119,7 @@ def look_at(
     shapes = dictionary(records)
     directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions] + shapes
     changes = changes_of(setting) + [c for e in effects for c in e.changes]
-    sums = sums_of(records, setting, directions, changes, signals)
+    sums = sums_of(records, setting, directions, changes, signals, plain)
     values = {c: held_value(setting, c) for e in effects for c in e.columns if c not in e.relaxes}
     values = {c: v for c, v in values.items() if v != 0.0}
     return Look(

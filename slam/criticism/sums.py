@@ -85,17 +85,23 @@ def sums_of(
     directions: Sequence[Direction],
     changes: Sequence[Change],
     signals: Sequence[dict[str, Signal]] | None = None,
+    plain: Sequence[Pass] = (),
 ) -> Sums:
-    """Run the filter over the flights, once with all directions and once for each change."""
-    wanted = [(r, s) for r in records for s in [setting, *(c.apply(setting) for c in changes)]]
+    """Run the filter over the flights, once with all directions and once for each change.
+
+    ``plain`` are runs under ``setting`` itself, where they are known already.
+    """
+    settings = [c.apply(setting) for c in changes]
+    wanted = [(r, s) for r in records for s in (settings if plain else [setting, *settings])]
     runs = in_threads(lambda pair: whole(*pair), wanted)
-    width = 1 + len(changes)
-    plain = runs[::width]
+    if not plain:
+        width = 1 + len(changes)
+        plain, runs = runs[::width], [run for k, run in enumerate(runs) if k % width]
     weight = _variance_weight(records, plain)
     steps = np.array([c.step for c in changes])
 
     def one(k: int) -> list[tuple[Array, Array, float]]:
-        changed = _difference(plain[k], runs[k * width + 1 : (k + 1) * width], steps)
+        changed = _difference(plain[k], runs[k * len(changes) : (k + 1) * len(changes)], steps)
         found = signals[k] if signals is not None else {}
         rows = list(_stretch_sums(records[k], setting, directions, found, changed, weight, plain[k]))
         return rows + _sighted(records[k], setting, directions, len(changes))

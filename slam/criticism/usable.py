@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.camera.pictures import look
+from slam.criticism.camera.pictures import look_all
 from slam.criticism.kalman.readings import FIRST_CHANNEL, WIDTH
 from slam.criticism.kalman.record import Record, record_of
 from slam.flight import Flight
@@ -25,6 +25,7 @@ FOREIGN_RATE_HZ = 20.0
 
 def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
     """Records of the flights that can be judged, and what was left out with the reason."""
+    kept: list[Flight] = []
     records, dropped = [], []
     for flight in flights:
         clean, reasons = _without_dead_streams(flight)
@@ -34,10 +35,11 @@ def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
             dropped.append(f"{flight.name}: {reason}")
             continue
         try:
-            records.append(replace(record_of(clean), sights=look(clean)))
+            records.append(record_of(clean))
+            kept.append(clean)
         except ValueError as error:
             dropped.append(f"{flight.name}: {error}")
-    return records, dropped
+    return [replace(r, sights=s) for r, s in zip(records, look_all(kept), strict=True)], dropped
 
 
 def is_foreign(records: Sequence[Record], model: Model) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,7 +16,7 @@ from frontend.features import Extractor, FeatureConfig, Features
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, register
-from slam.flight import Flight, Frames
+from slam.flight import Flight
 from slam.progress import Progress, silent
 
 Array = NDArray[np.float64]
@@ -23,6 +25,7 @@ Image = NDArray[np.uint8]
 
 SHORTEST_S = 0.2
 """Pictures are taken at most so often: between nearer ones nothing moves far enough to be worth it."""
+WORKERS = 2
 STEPS = (1, 2, 4, 8)
 """Each picture is compared with those so many before it."""
 FEATURES = FeatureConfig(max_features=300)
@@ -65,22 +68,31 @@ class Sights:
     """Pictures that the regular stamps would have, but that are not there."""
     paths: dict[bytes, tuple[Array, Any]] = field(default_factory=dict, repr=False, compare=False)
     """Smoothed paths at the pictures that were worked out so far."""
+    figures: list[Any] = field(default_factory=list, repr=False, compare=False)
+    """What the tones of all pairs come to, once worked out: it is the same under every belief."""
 
 
 def look(flight: Flight, progress: Progress = silent) -> Sights | None:
     """Register the flight's pictures to each other; None where there are none that can be."""
-    if flight.camera is None or flight.frames is None or len(flight.frames) < 2:
-        return None
+    return look_all([flight], progress)[0]
+
+
+def look_all(flights: Sequence[Flight], progress: Progress = silent) -> list[Sights | None]:
+    """``look`` at several flights, two at a time."""
     before = cv2.getNumThreads()
-    # Small pictures: threads would only wait for each other.
+    # Small pictures: threads within one would only wait for each other.
     cv2.setNumThreads(1)
     try:
-        return _looked_at(flight.camera, flight.frames, progress)
+        with ThreadPoolExecutor(WORKERS) as pool:
+            return list(pool.map(lambda flight: _looked_at(flight, progress), flights))
     finally:
         cv2.setNumThreads(before)
 
 
-def _looked_at(camera: Camera, frames: Frames, progress: Progress) -> Sights | None:
+def _looked_at(flight: Flight, progress: Progress) -> Sights | None:
+    camera, frames = flight.camera, flight.frames
+    if camera is None or frames is None or len(frames) < 2:
+        return None
     extract = Extractor(FEATURES.for_width(camera.size_px[0]))
     shots: list[_Shot] = []
     for frame in frames:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cholesky
+from scipy.sparse import csr_array
 
 from slam.criticism.camera.lens import NUDGE, floor_of, pixels_of
 from slam.criticism.camera.optics import CAMERA, OFFSET, POINTS, READOUT
@@ -132,19 +133,17 @@ def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> Sighted:
     right = np.concatenate([C, (scene.seen - scene.carried())[:, :, None]], axis=2)
     weight = 1.0 / scene.std
     right, B = right * weight[:, None, None], B * weight[:, None, None]
-    M = np.zeros((n, n, 6, 6))
+    M = np.zeros((n * n, 36))
     blocks = np.matmul(B.transpose(0, 2, 1), B)
     for p, a in ((scene.i, 0), (scene.j, 6)):
         for q, b in ((scene.i, 0), (scene.j, 6)):
-            np.add.at(M, (p, q), blocks[:, a : a + 6, b : b + 6])
-    across = np.zeros((n, 6, right.shape[2]))
+            M += _summed(p * n + q, n * n, blocks[:, a : a + 6, b : b + 6])
     shares = np.matmul(B.transpose(0, 2, 1), right)
-    np.add.at(across, scene.i, shares[:, :6])
-    np.add.at(across, scene.j, shares[:, 6:])
+    across = _summed(scene.i, n, shares[:, :6]) + _summed(scene.j, n, shares[:, 6:])
     scale = np.sqrt(np.diag(covariance))
     correlation = covariance / scale[:, None] / scale + 1e-10 * np.eye(6 * n)
     L = scale[:, None] * cholesky(correlation, lower=True, check_finite=False)
-    inner = L.T @ M.transpose(0, 2, 1, 3).reshape(6 * n, 6 * n) @ L
+    inner = L.T @ M.reshape(n, n, 6, 6).transpose(0, 2, 1, 3).reshape(6 * n, 6 * n) @ L
     inner[np.arange(6 * n), np.arange(6 * n)] += 1.0
     factor = cho_factor(inner, lower=True, check_finite=False)
     seen = L.T @ across.reshape(6 * n, -1)
@@ -163,6 +162,13 @@ def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> Sighted:
     log_det += float(np.linalg.slogdet(tolerance * std * std[:, None])[1])
     chi_square = float(left[-1, -1])
     return Sighted(left[:-1, :-1], left[:-1, -1], -0.5 * (chi_square + log_det), chi_square, rows)
+
+
+def _summed(row: Ints, count: int, values: Array) -> Array:
+    """(count, ...) sums of the values (m, ...) with the same row, each flattened."""
+    m = len(row)
+    place = csr_array((np.ones(m), (row, np.arange(m))), shape=(count, m))
+    return np.asarray(place @ values.reshape(m, -1))
 
 
 @dataclass(frozen=True)

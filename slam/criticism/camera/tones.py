@@ -48,6 +48,13 @@ class Tones:
 
 def tones_of(sights: Sights) -> Tones:
     """The figures of every pair with enough matches."""
+    if not sights.figures:
+        sights.figures.append(_worked_out(sights))
+    found: Tones = sights.figures[0]
+    return found
+
+
+def _worked_out(sights: Sights) -> Tones:
     key = sights.earlier * (len(sights.stamps_s) + 1) + sights.later
     order = np.argsort(key, kind="stable")
     bounds = np.flatnonzero(np.diff(key[order], prepend=-1, append=-1))
