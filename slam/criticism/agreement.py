@@ -22,6 +22,7 @@ from slam.criticism.nuisances import MEAN, direction_of, prior_precision
 from slam.criticism.screening import deviate
 from slam.criticism.search import Search
 from slam.criticism.sums import in_threads
+from slam.criticism.thresholds import beside
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -118,13 +119,11 @@ def contradictions(
     told, refuted = {}, set()
     for effect, parts in zip(found.chosen, agreements(records, model, belief, chosen), strict=True):
         worst = max(parts, key=lambda a: a.z, default=None)
-        if worst is None or worst.z < DISAGREE_Z:
+        rest = [e for e in found.chosen if e is not effect]
+        whole = found.last.standing(rest, [effect])[0]
+        if worst is None or worst.z < beside(DISAGREE_Z, 0.0 if is_wall(effect) else whole.z):
             continue
         told[effect.name] = f"{effect.name} is not the same in every {worst.by} (z = {worst.z:.1f})"
-        rest = [e for e in found.chosen if e is not effect]
-        if (
-            not is_wall(effect)
-            and max(a.excess for a in parts) > MOST_EXCESS * 2 * found.last.standing(rest, [effect])[0].nats
-        ):
+        if not is_wall(effect) and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
             refuted.add(effect.name)
     return told, refuted

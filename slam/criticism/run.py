@@ -25,7 +25,7 @@ from slam.criticism.oddities import ENTAILS, Oddity, combed, oddities, without_d
 from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, posterior_of
 from slam.criticism.search import Look, Search, search
 from slam.criticism.sentence import sentence_of
-from slam.criticism.thresholds import Thresholds, load_thresholds
+from slam.criticism.thresholds import Thresholds, beside, load_thresholds
 from slam.criticism.usable import coarsened, is_foreign, usable_records
 from slam.criticism.vibration import vibration_of
 from slam.flight import Flight
@@ -59,12 +59,12 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     setting = replace(setting_of(model), foreign=is_foreign(records, model))
     if setting.foreign:
         records = [coarsened(record, model) for record in records]
-        limits = Thresholds(FOREIGN * limits.effects, FOREIGN * limits.shapes)
+        limits = Thresholds(FOREIGN * limits.effects, FOREIGN * limits.shapes, FOREIGN * limits.second)
     records, odd = without_dead_zone(records)
     if not setting.foreign and not combed(records):
         records, steps = without_boxes(records, setting)
         odd = [*odd, *steps]
-    found = confirmed(search(records, setting, limits.effects), setting)
+    found = confirmed(search(records, setting, limits), setting)
     belief = _belief(found)
     doubts, refuted = contradictions(records, setting, found, belief)
     if refuted:
@@ -80,7 +80,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     told = [f"{name} may be {' or '.join(found.rivals[name])}" for name in walls]
     told += [*doubts.values(), *([str(shaking)] if shaking else [])]
     verdict, equivalents, remainder = decide(
-        causes, found, posterior, left, told, limits.shapes,
+        causes, found, posterior, left, told, beside(limits.shapes, max((c.z for c in causes), default=0.0)),
         [name for o in odd for name in ENTAILS.get(o.name, ())],
     )  # fmt: skip
     seen = detectable(found.first, limits.effects)

@@ -25,6 +25,7 @@ from slam.criticism.moving import bounded, entered, held_value, is_wall, moved, 
 from slam.criticism.nuisances import MEAN, direction_of
 from slam.criticism.screening import deviate
 from slam.criticism.sums import Sums, in_threads, sums_of
+from slam.criticism.thresholds import Thresholds, beside
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
@@ -128,40 +129,44 @@ def look_at(
     )  # fmt: skip
 
 
-def search(records: Sequence[Record], model: Setting, threshold: float) -> Search:
-    """Terms that stand out by more than ``threshold`` beside each other, best first."""
+def search(records: Sequence[Record], model: Setting, limits: Thresholds) -> Search:
+    """Terms that stand out by more than the thresholds beside each other, best first."""
     setting = fit_nuisances(records, model)
     first = look = look_at(records, model, setting)
     chosen: list[Effect] = []
     rivals: dict[str, tuple[str, ...]] = {}
-    fitted = True
+    fitted, greatest = True, 0.0
     while True:
         ranked = look.standing(chosen, look.effects)
         best = ranked[0]
+        threshold = beside(limits.second, greatest) if chosen else limits.effects
         if best.z < threshold or len(chosen) == MOST_TERMS:
             if fitted:
                 break
             _, setting = refit(records, model, look.setting, chosen)
         elif best.z < LINEAR_Z and not on_grid(best.effect):
             chosen.append(best.effect)
-            fitted = fitted and best.z < CURVED_Z
+            fitted, greatest = fitted and best.z < CURVED_Z, max(greatest, best.z)
             continue
         else:
             standing_out = [s for s in ranked if s.z > threshold]
             effect, setting, rivals[effect.name] = _refitted(records, model, look, chosen, standing_out)
             chosen.append(effect)
+            greatest = max(greatest, best.z)
         chosen = [settled(c, setting) for c in chosen]
         setting = fit_nuisances(records, model, setting, chosen)
         look = look_at(records, model, setting, chosen)
         chosen, fitted = [look.own(c) for c in chosen], True
-    return Search(model, first, look, tuple(_needed(records, model, look, chosen, threshold)), rivals)
+    return Search(model, first, look, tuple(_needed(records, model, look, chosen, limits)), rivals)
 
 
 def _needed(
-    records: Sequence[Record], model: Setting, look: Look, chosen: list[Effect], threshold: float
+    records: Sequence[Record], model: Setting, look: Look, chosen: list[Effect], limits: Thresholds
 ) -> list[Effect]:
     """The chosen ones without those that the others have made superfluous."""
     kept = list(chosen)
+    alone = [look.standing([o for o in chosen if o is not e], [e])[0].z for e in chosen if not is_wall(e)]
+    threshold = beside(limits.second, max(alone, default=0.0))
     for effect in chosen:
         others = [e for e in kept if e is not effect]
         if not others:

@@ -6,6 +6,8 @@ import tomllib
 from dataclasses import dataclass
 from importlib import resources
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class Thresholds:
@@ -15,10 +17,22 @@ class Thresholds:
     """For the greatest of all terms."""
     shapes: float
     """For the greatest of the dictionary."""
+    second: float
+    """For one more term beside one that was found."""
 
 
 def load_thresholds() -> Thresholds:
     """The shipped ones."""
     text = resources.files("slam.criticism").joinpath("thresholds.toml").read_text(encoding="utf-8")
     table = tomllib.loads(text)
-    return Thresholds(float(table["effects"]), float(table["shapes"]))
+    return Thresholds(float(table["effects"]), float(table["shapes"]), float(table["second"]))
+
+
+MISFIT = 0.05
+"""No equation of the catalogue tells what a real effect does to a smaller share of it."""
+
+
+def beside(threshold: float, greatest: float) -> float:
+    """What must be exceeded beside a cause that stands out by ``greatest``: what its own misfit makes
+    included."""
+    return float(np.hypot(threshold, MISFIT * greatest))

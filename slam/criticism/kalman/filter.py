@@ -188,7 +188,7 @@ def _carried(matrix: Array, tangents: Array, moved: Array) -> None:
 @kernel
 def run(
     begin: int, end: int, times: Array, kinds: Ints, values: Array, elapsed: Array, jumps: Ints,
-    first_step: Ints, lengths: Array, sticks: Array, commands: Array,
+    first_step: Ints, lengths: Array, sticks: Array, jolts: Array, late_var: float, commands: Array,
     parameters: Array, sensor: Array, hold: Array,
     noise_var: Array, jitter_var: float, limits: Array, state: Array, p: Array, memory: Array,
     acts: Ints, reads: Ints, stick_of: Ints, parameters_of: Array, sensor_of: Array, inject_at: Ints,
@@ -201,7 +201,8 @@ def run(
     ``times``, ``kinds``, ``elapsed``, ``jumps`` (events,), ``values`` (events, 6) with NaN for what is
     missing; gyro readings where the stick jumps are not judged. Event e is reached by steps
     ``first_step[e]`` to ``first_step[e + 1]`` of ``lengths``, with the sticks' means ``sticks`` (variants,
-    steps, 6) over each and ``commands`` (variants, events, 6) at the event. Written: ``innovation``
+    steps, 6) over each, jumps ``jolts`` (steps, 6) within, whose moments vary by ``late_var``, and
+    ``commands`` (variants, events, 6) at the event. Written: ``innovation``
     (whitened), ``log_variance`` and ``status`` (events, 6); ``traces`` (rows kept, m), change of the
     prediction over its standard deviation; ``states`` (events, 11), the moving state before the event and
     the standard deviation of z; ``keep``, how many rows of ``traces``.
@@ -218,8 +219,8 @@ def run(
         for s in range(first_step[e], first_step[e + 1]):
             h = lengths[s]
             predict(
-                state, p, sticks[0, s], parameters, hold, h, slopes, matrix, q, work, rate, middle,
-                middle_noise,
+                state, p, sticks[0, s], jolts[s], late_var, parameters, hold, h, slopes, matrix, q, work,
+                rate, middle, middle_noise,
             )  # fmt: skip
             if m > 0:
                 _carried(matrix, tangents, moved)

@@ -16,6 +16,9 @@ from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 
+LATE_SPREAD = 0.06
+"""A vehicle that is late is not late by the same each time: standard deviation, as a share of the latency."""
+
 
 @dataclass(frozen=True)
 class Setting:
@@ -38,6 +41,11 @@ class Setting:
     """The vehicle is of another make: how restless it and its instruments are is not known beforehand."""
     camera: Array = field(default_factory=lambda: np.zeros(len(CAMERA)))
     """(``optics.CAMERA``,)."""
+
+    @property
+    def late_std_s(self) -> float:
+        """By how much the moments differ at which single commands are obeyed."""
+        return LATE_SPREAD * self.latency_s
 
 
 def setting_of(model: Model) -> Setting:

@@ -93,8 +93,9 @@ def smoothed(
     noise_var = (record.noise_std * setting.noise_factor) ** 2
     forward = _forward(
         record.times_s, record.kinds, record.values, record.elapsed, table.jumps, record.first_step,
-        record.step_s, table.sticks[0], table.commands[0], setting.parameters, setting.sensor, setting.hold,
-        noise_var, record.range_limits, start, p, np.concatenate([[-np.inf], np.zeros(len(CHANNELS))]),
+        record.step_s, table.sticks[0], table.jolts, setting.late_std_s**2, table.commands[0],
+        setting.parameters, setting.sensor, setting.hold, noise_var, record.range_limits, start, p,
+        np.concatenate([[-np.inf], np.zeros(len(CHANNELS))]),
         table.reads, table.sensor_of, table.scale,
     )  # fmt: skip
     at = np.flatnonzero(record.kinds == _MOMENT)
@@ -132,9 +133,9 @@ def _with_moments(record: Record, times_s: Array) -> Record:
 @kernel
 def _forward(  # type: ignore[no-untyped-def]
     times: Array, kinds: Ints, values: Array, elapsed: Array, jumps: Ints, first_step: Ints,
-    lengths: Array, sticks: Array, commands: Array, parameters: Array, sensor: Array, hold: Array,
-    noise_var: Array, limits: Array, start: Array, p: Array, memory: Array, reads: Ints,
-    sensor_of: Array, scale: Array,
+    lengths: Array, sticks: Array, jolts: Array, late_var: float, commands: Array, parameters: Array,
+    sensor: Array, hold: Array, noise_var: Array, limits: Array, start: Array, p: Array, memory: Array,
+    reads: Ints, sensor_of: Array, scale: Array,
 ):  # fmt: skip
     """Before and after each event: mean, covariance and tangents; and the transition to it from the last."""
     n, m, events = start.shape[0], reads.shape[0], len(times)
@@ -152,8 +153,8 @@ def _forward(  # type: ignore[no-untyped-def]
         total = np.eye(n)
         for s in range(first_step[e], first_step[e + 1]):
             predict(
-                state, p, sticks[s], parameters, hold, lengths[s], slopes, matrix, q, work, rate, middle,
-                middle_noise,
+                state, p, sticks[s], jolts[s], late_var, parameters, hold, lengths[s], slopes, matrix, q,
+                work, rate, middle, middle_noise,
             )  # fmt: skip
             moved[:] = np.dot(matrix, total)
             total[:] = moved

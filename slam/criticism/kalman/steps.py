@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.compiled import kernel
-from slam.criticism.kalman.readings import ATTITUDE, BEFORE, BEHIND, IMU, SONAR, WIDTH, reading
+from slam.criticism.kalman.readings import ATTITUDE, BEFORE, BEHIND, IMU, MOVING, SONAR, WIDTH, reading
 from slam.criticism.kalman.transition import covariance_step, jacobian, kicks, mean_step, transition
-from slam.simulation.dynamics import GEAR, noise_share
+from slam.simulation.dynamics import GEAR, derivative, noise_share
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -52,19 +52,44 @@ def near_floor(state: Array, p: Array, parameters: Array) -> bool:
 
 @kernel
 def predict(
-    state: Array, p: Array, stick: Array, parameters: Array, hold: Array, h: float, slopes: Array,
-    matrix: Array, q: Array, work: Array, rate: Array, middle: Array, middle_noise: Array,
+    state: Array, p: Array, stick: Array, jolt: Array, late_var: float, parameters: Array, hold: Array,
+    h: float, slopes: Array, matrix: Array, q: Array, work: Array, rate: Array, middle: Array,
+    middle_noise: Array,
 ) -> None:  # fmt: skip
     """State (n,) and covariance (n, n) ahead by h, in place. Written: ``slopes`` (10, n) and the transition
-    ``matrix`` (n, n) of the step, ``middle`` (12,) and ``middle_noise`` (8,) half-way."""
+    ``matrix`` (n, n) of the step, ``middle`` (12,) and ``middle_noise`` (8,) half-way.
+
+    ``jolt`` (6,) is how far the stick jumps within the step, at a moment of the variance ``late_var``.
+    """
     jacobian(state, stick, parameters, rate, slopes)
     transition(slopes, hold, h, matrix)
     kicks(hold, matrix, q)
     mean_step(state, stick, hold, matrix, parameters, h, rate, middle, middle_noise)
     covariance_step(matrix, q, slopes, h, p, work)
+    if late_var > 0.0:
+        _unsure(state, p, stick, jolt, late_var, parameters, rate, middle_noise)
     if near_floor(state, p, parameters):
         for i in range(3, 6):
             p[i, i] += CONTACT_NOISE**2 * h
+
+
+@kernel
+def _unsure(
+    state: Array, p: Array, stick: Array, jolt: Array, late_var: float, parameters: Array, rate: Array,
+    noise: Array,
+) -> None:  # fmt: skip
+    """A jump that comes t late leaves the state off by t times the jump of its rate."""
+    if not jolt[:5].any():
+        return
+    full, other = np.empty(12), np.empty(12)
+    for i in range(MOVING):
+        full[i] = state[i]
+    full[10], full[11] = state[0], state[1]
+    derivative(full, stick, noise, parameters, rate)
+    derivative(full, stick + jolt, noise, parameters, other)
+    for i in range(MOVING):
+        for j in range(MOVING):
+            p[i, j] += late_var * (other[i] - rate[i]) * (other[j] - rate[j])
 
 
 @kernel

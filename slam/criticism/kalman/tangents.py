@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from slam.criticism.camera.optics import CAMERA
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SENSOR, SONAR, VELOCITY
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
+from slam.criticism.kalman.setting import LATE_SPREAD, Setting
 from slam.simulation.dynamics import NOISE, PARAMETERS
 
 Array = NDArray[np.float64]
@@ -70,11 +70,12 @@ class Tangents:
     """(variants, events, 6)."""
     jumps: Ints
     """(events,) 1 where the stick jumps within ``JUMP_S`` of the event."""
+    jolts: Array
+    """(steps, 6) how far it jumps within each step."""
     names: tuple[str, ...] = field(default=())
 
 
-LATE_SHARE = 0.2
-
+LATE_SHARE = 3.0 * LATE_SPREAD
 
 _READ_BY = {
     "flow_scale": VELOCITY, "flow_derotation": VELOCITY, "velocity": VELOCITY, "attitude": ATTITUDE,
@@ -106,7 +107,8 @@ def tangents_for(
         np.array([signals[name][0] for name in names]).reshape(len(names), len(record.step_s)),
         np.array([signals[name][1] for name in names]).reshape(len(names), len(record.times_s)),
         np.array([1.0 / (d.step if d.unit is None else d.unit) for d in directions]),
-        np.zeros(0), np.zeros(0), _jumps(record, setting), tuple(d.name for d in directions),
+        np.zeros(0), np.zeros(0), _jumps(record, setting), _jolts(record, setting),
+        tuple(d.name for d in directions),
     )  # fmt: skip
     for k, d in enumerate(directions):
         if d.kind == "parameters":
@@ -138,6 +140,14 @@ def _obeyed(record: Record, latency_s: float, drift: float) -> tuple[Array, Arra
     )
 
 
+def _jolts(record: Record, setting: Setting) -> Array:
+    if setting.late_std_s == 0.0:
+        return np.zeros((len(record.step_s), 6))
+    begin = record.step_begin_s / (1 + setting.drift)
+    end = (record.step_begin_s + record.step_s) / (1 + setting.drift)
+    return record.stick.at(end, setting.latency_s) - record.stick.at(begin, setting.latency_s)
+
+
 def _jumps(record: Record, setting: Setting) -> Ints:
     changed = np.any(np.diff(record.stick.values, axis=0) != 0, axis=1)
     at = (record.stick.stamps_s[1:][changed] + setting.latency_s) * (1 + setting.drift)
@@ -146,5 +156,4 @@ def _jumps(record: Record, setting: Setting) -> Ints:
     after = np.searchsorted(at, record.times_s)
     before_s = np.abs(record.times_s - at[np.maximum(after - 1, 0)])
     after_s = np.abs(at[np.minimum(after, len(at) - 1)] - record.times_s)
-    # A vehicle that is late is not late by the same each time.
     return (np.minimum(before_s, after_s) < JUMP_S + LATE_SHARE * setting.latency_s).astype(np.int64)
