@@ -6,11 +6,11 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from backend import se3
 from slam.evaluation.association import poses_at
+from slam.evaluation.trajectory import gauge
 from slam.flight import Flight
 from slam.inertial.motion import follow
 from slam.inertial.navigate import navigate
@@ -18,8 +18,6 @@ from slam.inertial.trials import suited
 from slam.simulation import simulate
 from slam.simulation.recipe import Recipe, load_recipe
 from tests.benchmarks.metric import Metric, at_least, at_most, within
-
-Array = NDArray[np.float64]
 
 MEMBERS, SEEDS = 32, 50
 MINUTE_S = 60.0
@@ -102,15 +100,6 @@ def score(flight: Flight) -> float:
     placed = gauge(estimate.w_T_b[0], first_true) @ estimate.w_T_b[last]
     xi = se3.log((np.linalg.inv(placed) @ last_true)[None])[0]
     return float(xi @ np.linalg.solve(estimate.covariances[last], xi))
-
-
-def gauge(found: Array, true: Array) -> Array:
-    """(4, 4) turn about the vertical and shift that lay one pose's heading and place on another's."""
-    turn = np.arctan2(true[1, 0], true[0, 0]) - np.arctan2(found[1, 0], found[0, 0])
-    G = np.eye(4)
-    G[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-    G[:2, 3] = true[:2, 3] - G[:2, :2] @ found[:2, 3]
-    return G
 
 
 def lasts_s(flight: Flight) -> float:
