@@ -9,6 +9,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.elimination import nested_dissection
 from backend.errors import GTSAM_ERRORS
 from backend.gauge import floating_parts
 from backend.se3 import PLANAR
@@ -16,7 +17,8 @@ from backend.se3 import PLANAR
 Array = NDArray[np.float64]
 
 _DEEP = 5_000
-"""Keys from which METIS orders: shortcuts recurse down the tree, which COLAMD makes as deep as a chain."""
+"""Keys from which nested dissection orders: shortcuts recurse down the tree, and COLAMD's is as deep as a
+chain."""
 
 _NO_KNOWLEDGE = 1e10
 """Variance (rad^2, m^2) above which rounding, not measurement, speaks."""
@@ -47,14 +49,14 @@ def pose_covariances(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, ke
 
 def bayes_tree(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.GaussianBayesTree | None:
     """The linear system at ``values``, eliminated; None where it is singular."""
-    kinds = gtsam.Ordering.OrderingType
-    kind = kinds.METIS if values.size() > _DEEP else kinds.COLAMD
     try:
         linear = graph.linearize(values)
+        deep = values.size() > _DEEP
+        order = nested_dissection(linear) if deep else gtsam.Ordering.OrderingType.COLAMD
         try:
-            return linear.eliminateMultifrontal(kind)
+            return linear.eliminateMultifrontal(order)
         except GTSAM_ERRORS:
-            return linear.eliminateMultifrontal(kind, gtsam.EliminateQR)
+            return linear.eliminateMultifrontal(order, gtsam.EliminateQR)
     except GTSAM_ERRORS:
         return None
 
@@ -119,7 +121,7 @@ def _conditioned(
     linear: gtsam.GaussianFactorGraph, keys: Sequence[int], common: int, d: int, *eliminate: Any
 ) -> tuple[Array, Array, Array]:
     """cov(w) (d, d), dx/dw (n, 6, d), and cov(x | w) (n, 6, 6)."""
-    ordering = _ordering(linear, common)
+    ordering = nested_dissection(linear, common)
     # What the one elimination holds is given back before the next begins.
     of_common, G = _sensitivity(linear, ordering, keys, common, d, *eliminate)
     hold = np.diag(_HOLD / np.sqrt(np.diag(of_common)))
@@ -127,25 +129,6 @@ def _conditioned(
     tree = linear.eliminateMultifrontal(ordering, *eliminate)
     held = np.array([tree.marginalCovariance(key) for key in keys]).reshape(-1, 6, 6)
     return of_common, G, held
-
-
-def _ordering(linear: gtsam.GaussianFactorGraph, last: int) -> gtsam.Ordering:
-    """Nested dissection with one variable put last: its tree is shallow, and each marginal a short walk."""
-    # METIS ends the interpreter where a variable has no neighbour, such as a point that nobody sees any more.
-    tied, ordering = gtsam.GaussianFactorGraph(), gtsam.Ordering()
-    for factor in (linear.at(k) for k in range(linear.size())):
-        if factor.size() > 1:
-            tied.push_back(factor)
-    joined = set(tied.keyVector())
-    for key in set(linear.keyVector()) - joined - {last}:
-        ordering.push_back(key)
-    if joined:
-        dissected = gtsam.Ordering.MetisGaussianFactorGraph(tied)
-        for key in (dissected.at(k) for k in range(dissected.size())):
-            if key != last:
-                ordering.push_back(key)
-    ordering.push_back(last)
-    return ordering
 
 
 def _sensitivity(

@@ -17,16 +17,13 @@ from dataclasses import dataclass
 import gtsam
 import numpy as np
 
+from backend.elimination import set_ordering
 from backend.errors import GTSAM_ERRORS, BackendError, first_line
 from backend.gauge import floating_parts, key_name, key_runs
 from backend.observability import unobserved
 
 OnStep = Callable[[int, float], None]
 Name = Callable[[int], str]
-
-DEEP_GRAPH = 10_000
-"""Keys from which METIS orders the elimination: COLAMD's tree of a long chain is as deep as the chain, and
-gtsam recurses down it (a thread with a stack of 512 KB dies at 10 000 poses, one of 8 MB at 100 000)."""
 
 _ABSOLUTE_TOLERANCE = 1e-7
 _GROWTH = 1e-6
@@ -104,18 +101,13 @@ def _check_values(values: gtsam.Values, name: Name) -> None:
             raise BackendError(f"the initial value of {who} is not finite; give it a start")
 
 
-def ordering_type(keys: int) -> str:
-    """gtsam's name of how to order the elimination of so many variables."""
-    return "METIS" if keys > DEEP_GRAPH else "COLAMD"
-
-
 def _optimizer(
     graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, solver: str, name: Name
 ) -> gtsam.GaussNewtonOptimizer:
     """gtsam's optimizer, which evaluates the graph once: refused where that is not finite."""
     params = gtsam.GaussNewtonParams()
     params.setLinearSolverType(solver)
-    params.setOrderingType(ordering_type(initial.size()))
+    set_ordering(params, graph, initial.size())
     try:
         optimizer = gtsam.GaussNewtonOptimizer(graph, initial, params)
     except (RuntimeError, ValueError, TypeError, IndexError) as error:
@@ -234,7 +226,7 @@ def levenberg_marquardt(
 ) -> Minimum:
     """Damped steps, which never raise the error. The graph must have passed ``check``."""
     params = gtsam.LevenbergMarquardtParams()
-    params.setOrderingType(ordering_type(start.values.size()))
+    set_ordering(params, graph, start.values.size())
     params.setlambdaUpperBound(1e10)
     optimizer = gtsam.LevenbergMarquardtOptimizer(graph, start.values, params)
     error, iteration = float(optimizer.error()), start.iterations

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from backend import se3
+from backend.elimination import set_ordering
 from backend.problem import Problem
-from backend.solve import OnStep, ordering_type
+from backend.solve import OnStep
 
 Array = NDArray[np.float64]
 
@@ -107,7 +108,7 @@ def _step(
     graph = loops.edge_factors(np.where(weight > 1e-8, weight, 0))
     graph.push_back(sure)
     params = gtsam.LevenbergMarquardtParams()
-    params.setOrderingType(ordering_type(problem.count))
+    set_ordering(params, graph, problem.count)
     optimizer = gtsam.LevenbergMarquardtOptimizer(graph, problem.values(w_T), params)
     for _ in range(2):
         optimizer.iterate()

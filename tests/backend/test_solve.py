@@ -6,9 +6,10 @@ import gtsam
 import numpy as np
 import pytest
 
+from backend.elimination import DEEP_GRAPH
 from backend.errors import BackendError
 from backend.problem import from_pose_graph
-from backend.solve import DEEP_GRAPH, minimise, translated
+from backend.solve import minimise, translated
 from tests.backend.synthetic import graph
 
 UNIT2 = gtsam.noiseModel.Unit.Create(3)
