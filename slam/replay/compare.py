@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 HORIZONS_S = (0.5, 2.0, 10.0)
 MOST_APART_S = 2.0
 """Roll-outs begin half a horizon apart, but no further than this."""
+SAME_TILT_RAD = 1e-3
 SHORTEST_S = 0.5
 """Of a flight that can be replayed."""
 
@@ -55,7 +56,7 @@ class Replay:
     begin_s: float
     end_s: float
     max_tilt_rad: float
-    """At full stick, as the flight's command0 names it: a setting of the flight, not of the vehicle."""
+    """At full stick, the model's."""
     started_from: str
     """``instruments`` or ``truth``: what the states at the beginnings come from."""
     channels: tuple[Comparison, ...]
@@ -84,9 +85,15 @@ def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_
     Where roll-outs begin does not depend on the model. Raises ``InputError`` for a flight without commands,
     without anything to compare, or without a state to begin from.
     """
-    stick, (begin_s, end_s), tilt = _commanded(flight)
-    model = replace(model, vehicle=replace(model.vehicle, max_tilt_rad=tilt))
+    stick, (begin_s, end_s), told = _commanded(flight)
     flight, notes = _with_one_yaw(flight)
+    tilt = model.vehicle.max_tilt_rad
+    if abs(told - tilt) > SAME_TILT_RAD:
+        # What a maker's file says of a setting is criticised as the model's own figure is.
+        notes = (
+            *notes,
+            f"full stick asks for {tilt:.4g} rad as the model has it; the flight says {told:.4g}",
+        )
     streams = streams_of(flight, model, begin_s, end_s)
     starts = StartEstimator(flight, model, (begin_s, end_s))
     whole = _first(streams, starts, stick, model, end_s)
@@ -123,7 +130,8 @@ def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_
 
 
 def _commanded(flight: Flight) -> tuple[Stick, tuple[float, float], float]:
-    """The stick, from when to when there are both commands and readings, and the tilt at full stick."""
+    """The stick, from when to when there are both commands and readings, and the tilt at full stick that the
+    flight names."""
     command = flight.command
     if command is None or len(command.stamps_s) < 2:
         raise InputError(f"{flight.name}: holds no commands (command0), so there is nothing to replay")

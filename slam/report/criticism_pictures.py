@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -52,8 +52,7 @@ def before_after_picture(model: Model, extended: Model, flights: Sequence[Flight
     from slam.replay import replay
 
     best: _Found | None = None
-    for given in flights[:MOST_FLIGHTS]:
-        flight = _at_full_stick(given, model.vehicle.max_tilt_rad)
+    for flight in flights[:MOST_FLIGHTS]:
         try:
             pair = replay(flight, model), replay(flight, extended)
         except InputError:
@@ -82,13 +81,6 @@ def before_after_picture(model: Model, extended: Model, flights: Sequence[Flight
         f"{rms[0]:.3g} {best.unit} before, {rms[1]:.3g} {best.unit} after."
     )
     return Stretch(png(figure), caption)
-
-
-def _at_full_stick(flight: Flight, tilt_rad: float) -> Flight:
-    """The flight with what full stick asks for as the models have it: so it was criticised."""
-    if flight.command is None:
-        return flight
-    return replace(flight, command=replace(flight.command, max_tilt_rad=tilt_rad))
 
 
 def _worst(

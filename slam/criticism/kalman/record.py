@@ -161,7 +161,8 @@ def _start(kinds: Ints, values: Array) -> tuple[Array, Array]:
     # Without a sonar the height is anybody's guess: then far from the floor, where it does nothing.
     start[2], std[2] = HIGH_UP_M, 0.5
     if (k := np.flatnonzero(kinds == SONAR)).size:
-        start[2], std[2] = values[k[0], 0], 0.2
+        # The middle of some: one by itself may be a second echo.
+        start[2], std[2] = np.median(values[k[:5], 0]), 0.2
     if (k := np.flatnonzero(kinds == VELOCITY)).size:
         heading = start[8]
         u, w = np.nan_to_num(values[k[0], :2])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,13 +15,10 @@ from slam.simulation.model import load_model
 DATA = os.environ.get("SLAM_DATA")
 pytestmark = pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set: no measured flights")
 
-FULL_STICK_RAD = 0.5236
-
 
 def pulse(number):
     """A run of ardrone-pulses; full stick asks for the model's tilt, the setting flown was not recorded."""
-    flight = Flight.open(Path(str(DATA)) / "flights" / "ardrone-pulses" / f"run-{number:02d}")
-    return replace(flight, command=replace(flight.command, max_tilt_rad=FULL_STICK_RAD))
+    return Flight.open(Path(str(DATA)) / "flights" / "ardrone-pulses" / f"run-{number:02d}")
 
 
 def ratios(number, extended):

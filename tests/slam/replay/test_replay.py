@@ -142,12 +142,15 @@ def test_roll_outs_that_cannot_begin_in_a_gap_are_counted():
     assert result.rollouts[0.5] + result.skipped[0.5] == pytest.approx(50, abs=3)
 
 
-def test_the_full_stick_is_the_flights_not_the_models():
+def test_the_full_stick_is_the_models_and_another_is_told():
     flight, model = flown(hold_noise=CALM, **HONEST)
-    weak = replace(flight, command=Command(flight.command.stamps_s, flight.command.stick * 0.5, 2 * 0.5236))
-    result = replay(without_truth(weak), model)
-    assert result.max_tilt_rad == 2 * 0.5236
+    other = replace(flight, command=Command(flight.command.stamps_s, flight.command.stick, 0.2094))
+    result = replay(without_truth(other), model)
+    assert result.max_tilt_rad == model.vehicle.max_tilt_rad == 0.5236
     assert errors(result)["attitude.pitch"][2.0] < 1e-3
+    assert any("0.2094" in warning for warning in result.warnings)
+    plain = replay(without_truth(flight), model)
+    assert not any("full stick" in warning for warning in plain.warnings)
 
 
 def test_the_beginnings_do_not_depend_on_the_model():
