@@ -13,7 +13,7 @@ Vignette and exposure calibration and compensation (even polynomial for the vign
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,10 @@ class Exposure:
     seam_before: float
     """Root mean square brightness difference between pictures of one point, as a share of the brightness."""
     seam_after: float
+    point: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    """(p,) numbers of the floor points that two or more pictures see."""
+    point_seam: Array = field(default_factory=lambda: np.empty(0))
+    """(p,) ``seam_after`` of each alone."""
 
     @staticmethod
     def neutral(views: int) -> Exposure:
@@ -69,7 +73,7 @@ def estimate_exposure(samples: Samples, views: int) -> Exposure:
     shared = count[samples.point] > 1
     if not shared.any():
         return Exposure.neutral(views)
-    _, point = np.unique(samples.point[shared], return_inverse=True)
+    number, point = np.unique(samples.point[shared], return_inverse=True)
     view, rho2, y = samples.view[shared], samples.rho2[shared], samples.log_bgr[shared]
     m = len(y)
     gains = sparse.csr_matrix((np.ones(m), (np.arange(m), view)), (m, views))
@@ -91,14 +95,21 @@ def estimate_exposure(samples: Samples, views: int) -> Exposure:
         size = np.sqrt((residual**2).mean(axis=1))
         weight = np.minimum(1, HUBER / np.maximum(size, 1e-9))
     gain = np.clip(np.exp(theta[:views]), 1 / GAIN_LIMIT, GAIN_LIMIT)
-    after = _spread(y + X @ theta, B, np.ones(m))
-    return Exposure(gain, theta[views:], before, after)
+    corrected = y + X @ theta
+    after = _spread(corrected, B, np.ones(m))
+    return Exposure(gain, theta[views:], before, after, number, _spread_of_points(corrected, B))
 
 
 def _residual(y: Array, B: sparse.csr_matrix, weight: Array) -> Array:
     """Difference of each observation from the weighted mean over its point."""
     mean = (B.T @ (weight[:, None] * y)) / (B.T @ weight)[:, None]
     return y - B @ mean
+
+
+def _spread_of_points(y: Array, B: sparse.csr_matrix) -> Array:
+    """Root mean square difference of two observations, each point for itself."""
+    residual = _residual(y.mean(axis=1, keepdims=True), B, np.ones(len(y)))[:, 0]
+    return np.asarray(np.sqrt(2 * (B.T @ residual**2) / (B.T @ np.ones(len(y)) - 1)), dtype=float)
 
 
 def _spread(y: Array, B: sparse.csr_matrix, weight: Array) -> float:

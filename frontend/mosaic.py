@@ -31,8 +31,6 @@ SOFT_CELLS = 2
 """Owners are smoothed over this many cells; a picture that ends early is replaced from as far."""
 DARK, BRIGHT = 3, 252
 """Grey levels beyond which a pixel tells nothing of the exposure."""
-POINTS_A_SIDE = 20
-"""Exposure is sampled on about this many points along the side of a picture."""
 
 
 @dataclass(frozen=True)
@@ -95,8 +93,7 @@ def measure_exposure(plan: MosaicPlan, pictures: Pictures, report: Report | None
 
     Reads each picture once; those that cannot be used stand in ``pictures.unusable`` afterwards.
     """
-    sides = [np.sqrt(np.prod(v.bounds_m[2:] - v.bounds_m[:2])) for v in plan.views]
-    pitch = max(CELL_PX, round(float(np.median(sides)) / plan.gsd_m / POINTS_A_SIDE))
+    pitch = plan.sampling_px
     parts: list[tuple[Array, ...]] = []
     for index in range(len(plan.views)):
         if report:

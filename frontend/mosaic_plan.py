@@ -27,6 +27,8 @@ Float32 = NDArray[np.float32]
 CELL_PX = 16
 """Side of the cells in which owners are found; a power of two, as the blending pyramid wants it."""
 TILE_PX = 1024
+POINTS_A_SIDE = 20
+"""Exposure is sampled on about this many points along the side of a picture."""
 GOOD_ENOUGH = 0.6
 """A picture need not be kept for ground that a kept one sees at least this well, as a share of the best."""
 WORTH_KEEPING = 0.02
@@ -81,6 +83,16 @@ class MosaicPlan:
             for col in range(0, self.width, self.tile_px):
                 rows, cols = min(self.tile_px, self.height - row), min(self.tile_px, self.width - col)
                 yield Tile(row, col, rows, cols)
+
+    @property
+    def sampling_px(self) -> int:
+        """Pitch of the points at which pictures are compared for their exposure."""
+        sides = [np.sqrt(np.prod(v.bounds_m[2:] - v.bounds_m[:2])) for v in self.views]
+        return max(CELL_PX, round(float(np.median(sides)) / self.gsd_m / POINTS_A_SIDE))
+
+    def cells_under(self, view: View) -> tuple[tuple[slice, slice], Lattice]:
+        """The cells under a picture, and their middles."""
+        return _cells_under(view, self.owner.shape, self.west_m, self.north_m, CELL_PX * self.gsd_m)
 
     def lattice(self, row: int, col: int, rows: int, cols: int) -> Lattice:
         """The pixel centres of a rectangle, which may reach beyond the mosaic."""
@@ -154,14 +166,8 @@ def _owners(
     shape = (-(-height // CELL_PX), -(-width // CELL_PX))
 
     def look(view: View) -> tuple[tuple[slice, slice], Float32]:
-        west, south, east, north = view.bounds_m
-        c0, r0 = max(0, int((west - west_m) / step)), max(0, int((north_m - north) / step))
-        c1, r1 = (
-            min(shape[1], int((east - west_m) / step) + 1),
-            min(shape[0], int((north_m - south) / step) + 1),
-        )
-        lattice = Lattice(west_m + (c0 + 0.5) * step, north_m - (r0 + 0.5) * step, step, r1 - r0, c1 - c0)
-        return (slice(r0, r1), slice(c0, c1)), _weights(camera, view, lattice, gsd_m)
+        where, lattice = _cells_under(view, shape, west_m, north_m, step)
+        return where, _weights(camera, view, lattice, gsd_m)
 
     best = np.zeros(shape, np.float32)
     first = np.full(shape, -1, np.int32)
@@ -184,6 +190,17 @@ def _owners(
             now[better], owner[where][better] = weight[better], len(kept)
             kept.append(views[i])
     return tuple(kept), owner
+
+
+def _cells_under(
+    view: View, shape: tuple[int, ...], west_m: float, north_m: float, step_m: float
+) -> tuple[tuple[slice, slice], Lattice]:
+    west, south, east, north = view.bounds_m
+    c0, r0 = max(0, int((west - west_m) / step_m)), max(0, int((north_m - north) / step_m))
+    c1 = min(shape[1], int((east - west_m) / step_m) + 1)
+    r1 = min(shape[0], int((north_m - south) / step_m) + 1)
+    lattice = Lattice(west_m + (c0 + 0.5) * step_m, north_m - (r0 + 0.5) * step_m, step_m, r1 - r0, c1 - c0)
+    return (slice(r0, r1), slice(c0, c1)), lattice
 
 
 def _canvas(

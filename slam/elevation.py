@@ -10,7 +10,7 @@ import numpy as np
 from frontend.elevation import Elevation
 from slam.estimate import Estimate
 from slam.io.atomic import write_whole
-from slam.io.geotiff import Grid, write_heights
+from slam.io.geotiff import Grid, write_bands
 
 LEAST_SPAN_M = 0.1
 """The colours of a flat floor span this much, so that noise does not look like hills."""
@@ -26,7 +26,7 @@ def write_elevation(estimate: Estimate, out_dir: Path) -> Path | None:
         return None
     rows, cols = elevation.height_m.shape
     grid = Grid(elevation.west_m, elevation.north_m, elevation.gsd_m, cols, rows, estimate.origin)
-    write_heights(out_dir / "elevation.tif", grid, elevation.height_m)
+    write_bands(out_dir / "elevation.tif", grid, {"height over the floor [m]": elevation.height_m})
     path = out_dir / "elevation.png"
     write_whole(path, elevation_picture(elevation, geographic=estimate.origin is not None))
     return path

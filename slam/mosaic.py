@@ -19,6 +19,7 @@ from slam.errors import NO_CAMERA, InputError
 from slam.estimate import Estimate
 from slam.flight import Flight, Image
 from slam.io.geotiff import Block, Grid, write_geotiff, write_png
+from slam.mosaic_quality import write_quality
 from slam.progress import Progress, silent
 
 Array = NDArray[np.float64]
@@ -36,6 +37,8 @@ class MosaicFiles:
     geotiff: Path | None
     png: Path
     world_file: Path | None
+    quality: Path | None
+    """How far each piece is to be trusted: `slam.mosaic_quality`."""
     gsd_m: float
     """Metres a pixel of the GeoTIFF."""
     png_gsd_m: float
@@ -67,7 +70,7 @@ def write_mosaic(
     stem: str = "mosaic",
     picture_only: bool = False,
 ) -> MosaicFiles:
-    """Render the keyframes over the floor into ``stem``.tif, .png and .pgw, or into the PNG alone.
+    """Render the keyframes over the floor into ``stem``.tif, .png, .pgw and _quality.tif, or the PNG alone.
 
     ``poses`` (n, 4, 4) replace the optimized ones (to show the chain beside them). Parts of the graph that
     are tied to nothing have no place relative to the largest one: without GPS only the largest is drawn.
@@ -126,6 +129,8 @@ def _write(
             png_gsd_m = write_png(tif, png, MAX_PNG_PIXELS, world_file=not picture_only)
             if picture_only:
                 tif.unlink()
+            else:
+                write_quality(plan, exposure, estimate, work / f"{stem}_quality.tif")
             for path in sorted(work.iterdir()):
                 path.replace(out_dir / path.name)
     except OSError as error:
@@ -136,6 +141,7 @@ def _write(
         geotiff=None if picture_only else out_dir / f"{stem}.tif",
         png=out_dir / f"{stem}.png",
         world_file=None if picture_only else out_dir / f"{stem}.pgw",
+        quality=None if picture_only else out_dir / f"{stem}_quality.tif",
         gsd_m=plan.gsd_m,
         png_gsd_m=png_gsd_m,
         width=plan.width,

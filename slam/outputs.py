@@ -23,6 +23,8 @@ OPTIMIZE_NAMES = (
     "mosaic.png",
     "mosaic.pgw",
     "mosaic_chain.png",
+    "mosaic_quality.tif",
+    "mosaic_quality.png",
     "elevation.tif",
     "elevation.png",
     "report.html",

@@ -106,4 +106,5 @@ def _write_mosaics(
         if not isinstance(refusal.__context__, MosaicError):
             raise
         notes.append(f"no mosaic of the plain chain: {refusal}")
-    return Mosaics(made.png, before), tuple(notes)
+    quality = made.quality.with_suffix(".png") if made.quality else None
+    return Mosaics(made.png, before, quality), tuple(notes)

@@ -6,7 +6,7 @@ outer corner of the first pixel, a world file to its centre (ESRI, World files f
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -106,25 +106,26 @@ def write_geotiff(path: Path, grid: Grid, blocks: Iterator[Block]) -> None:
         _verify(partial, total)
 
 
-def write_heights(path: Path, grid: Grid, height_m: NDArray[np.float32]) -> None:
-    """Cloud-Optimised GeoTIFF of one band of heights in metres, NaN where unknown; whole or not at all.
+def write_bands(path: Path, grid: Grid, bands: Mapping[str, NDArray[np.float32]]) -> None:
+    """Cloud-Optimised GeoTIFF of measured figures, a band each with its description; NaN where unknown.
 
-    Raises ``InputError`` where the disk refuses.
+    Whole or not at all. Raises ``InputError`` where the disk refuses.
     """
     profile = {
         "driver": "GTiff", "width": grid.width, "height": grid.height, "crs": grid.crs,
-        "transform": grid.affine, "count": 1, "dtype": "float32", "nodata": float("nan"),
+        "transform": grid.affine, "count": len(bands), "dtype": "float32", "nodata": float("nan"),
     }  # fmt: skip
     with _gdal(path), atomic_file(path) as partial, _scratch(path) as plain:
         with rasterio.open(plain, "w", **profile) as raster:
-            raster.write(height_m, 1)
-            raster.set_band_description(1, "height over the floor [m]")
+            for number, (description, values) in enumerate(bands.items(), start=1):
+                raster.write(values, number)
+                raster.set_band_description(number, description)
         rasterio.shutil.copy(
             plain, partial, driver="COG", compress="DEFLATE", predictor="YES", blocksize=BLOCK_PX,
             overview_resampling="AVERAGE",
         )  # fmt: skip
         with rasterio.open(partial) as raster:
-            if not np.array_equal(raster.read(1), height_m, equal_nan=True):
+            if not np.array_equal(raster.read(), np.stack(list(bands.values())), equal_nan=True):
                 raise RasterioError("pixels are missing from what was written")
 
 

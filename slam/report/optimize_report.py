@@ -39,6 +39,7 @@ class Mosaics:
 
     after: Path | None = None
     before: Path | None = None
+    quality: Path | None = None
 
 
 def write_report(
@@ -74,6 +75,7 @@ def render(
         tiles=_tiles(facts),
         mosaic=_embedded(mosaics.after),
         chain_mosaic=_embedded(mosaics.before),
+        quality=_embedded(mosaics.quality),
         trajectory=embedded(trajectory_picture(estimate, before)) if drawable else None,
         altitude=embedded(altitude_picture(estimate)) if drawable and not facts.is_graph else None,
         rejected_loops=_rejected_loops(estimate),

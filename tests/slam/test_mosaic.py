@@ -18,6 +18,8 @@ from slam.flight import Flight, Frames, GeoOrigin
 from slam.mosaic import write_mosaic
 from tests.frontend.mosaic_scene import CAMERA, FLOOR_Z_M, photograph, smooth_floor, survey
 
+FILES = ["mosaic.pgw", "mosaic.png", "mosaic.tif", "mosaic_quality.png", "mosaic_quality.tif"]
+
 
 def scene(seed: int = 1) -> tuple[Estimate, Flight, list[np.ndarray | None]]:
     """A flight of twice as many frames as keyframes."""
@@ -45,11 +47,19 @@ def test_files_hold_the_floor_where_it_lies(tmp_path: Path) -> None:
     estimate, flight, _ = scene()
     told: list[tuple[str, int, int]] = []
     files = write_mosaic(estimate, flight, tmp_path / "new", progress=lambda *step: told.append(step))
-    assert sorted(p.name for p in (tmp_path / "new").iterdir()) == ["mosaic.pgw", "mosaic.png", "mosaic.tif"]
+    assert sorted(p.name for p in (tmp_path / "new").iterdir()) == FILES
     assert files.pictures + files.redundant == 12
     assert files.left_out == {}
     assert files.note == ""
     assert files.geotiff is not None
+    assert files.quality is not None
+    with rasterio.open(files.geotiff) as raster, rasterio.open(files.quality) as bands:
+        assert bands.count == len(bands.descriptions) == 3
+        assert bands.bounds.left == pytest.approx(raster.bounds.left)
+        assert bands.bounds.top == pytest.approx(raster.bounds.top)
+        # Cells at the border, of which only the edge was drawn, have none.
+        drawn = np.isfinite(bands.read(1)).repeat(16, axis=0).repeat(16, axis=1)
+        assert drawn[: raster.height, : raster.width][raster.read(4) > 0].mean() > 0.98
     with rasterio.open(files.geotiff) as raster:
         rgba = np.moveaxis(raster.read(), 0, 2)
         x, y = raster.xy(*np.nonzero(rgba[..., 3]))
@@ -132,7 +142,7 @@ def test_refusals_are_one_line_and_leave_earlier_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read"):
         write_mosaic(estimate, flight, tmp_path)
     assert (tmp_path / "mosaic.tif").read_bytes() == before
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["mosaic.pgw", "mosaic.png", "mosaic.tif"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == FILES
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError):
         write_mosaic(*scene()[:2], tmp_path / "file")

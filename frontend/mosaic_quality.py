@@ -1,0 +1,94 @@
+"""How far each piece of a mosaic is to be trusted: how often it was seen, how well it is placed, how well
+the pictures agree there. On the plan's cells, so that it costs little beside the mosaic itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.exposure import Exposure
+from frontend.mosaic_plan import CELL_PX, MosaicPlan
+from frontend.mosaic_view import Lattice, View, pixel_maps, view_of, visible
+
+Array = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class MosaicQuality:
+    """Rasters (rows, cols) over the cells of a plan, NaN where the mosaic is empty."""
+
+    cell_m: float
+    pictures: Float32
+    """How many placed pictures see the middle of the cell."""
+    position_std_m: Float32
+    """Standard deviation of where the ground drawn there lies: root of the summed variances in x and y."""
+    seam_share: Float32
+    """Root mean square difference in brightness between two pictures of one point of the cell, exposure
+    compensated, as a share of the brightness; NaN where no two were compared."""
+
+
+def mosaic_quality(
+    plan: MosaicPlan, exposure: Exposure, w_T_b: Array, covariances: Array, floor_z_m: float
+) -> MosaicQuality:
+    """For poses (n, 4, 4) with covariances (n, 6, 6), rotation first, right perturbation in body axes."""
+    empty = plan.owner < 0
+    pictures, std = np.zeros(plan.owner.shape, np.float32), np.full(plan.owner.shape, np.nan, np.float32)
+    for k, pose in enumerate(np.asarray(w_T_b, dtype=float)):
+        view = None if k in plan.left_out else view_of(plan.camera, k, pose, floor_z_m)
+        if isinstance(view, View):
+            where, lattice = plan.cells_under(view)
+            pictures[where] += _inside(plan, view, lattice)
+    for index, view in enumerate(plan.views):
+        where, lattice = plan.cells_under(view)
+        mine = plan.owner[where] == index
+        if mine.any():
+            std[where][mine] = ground_std(view, w_T_b[view.k], covariances[view.k], lattice, floor_z_m)[mine]
+    # Who owns a cell shows some of it, even where its middle lies just outside.
+    pictures = np.where(empty, np.nan, np.maximum(pictures, 1)).astype(np.float32)
+    return MosaicQuality(CELL_PX * plan.gsd_m, pictures, std, _seams(plan, exposure))
+
+
+def _inside(plan: MosaicPlan, view: View, lattice: Lattice) -> NDArray[np.bool_]:
+    seen, _, _ = visible(view, lattice)
+    u, v = pixel_maps(plan.camera, view, lattice)
+    w, h = plan.camera.size_px
+    return seen & (u >= 0) & (u <= w - 1) & (v >= 0) & (v <= h - 1)
+
+
+def ground_std(view: View, w_T_b: Array, covariance: Array, lattice: Lattice, floor_z_m: float) -> Float32:
+    """(rows, cols): how uncertain the place of what a picture shows at each node is, in metres.
+
+    A point X of the body's frame moves by R (omega x X + rho) with the pose, and slides along its ray back
+    to the floor. First order, as in Haralick 1996, Propagating covariance in computer vision.
+    """
+    x = lattice.x0_m + lattice.step_m * np.arange(lattice.cols)
+    y = lattice.y0_m - lattice.step_m * np.arange(lattice.rows)
+    p = np.stack(np.broadcast_arrays(x[None], y[:, None], floor_z_m), axis=-1)
+    ray, arm, R = p - view.w_p_c_m, p - w_T_b[:3, 3], w_T_b[:3, :3]
+    # In world axes: omega x X + rho becomes w x arm + r.
+    turned = np.kron(np.eye(2), R)
+    C = turned @ covariance @ turned.T
+    slide = -ray[..., :2] / ray[..., 2:]
+    J = np.zeros((*p.shape[:2], 2, 6))
+    for a in range(2):
+        along = np.zeros_like(p)
+        along[..., a], along[..., 2] = 1.0, slide[..., a]
+        J[..., a, :3], J[..., a, 3:] = np.cross(arm, along), along
+    return np.sqrt(np.einsum("rcai,ij,rcaj->rc", J, C, J)).astype(np.float32)
+
+
+def _seams(plan: MosaicPlan, exposure: Exposure) -> Float32:
+    """The compared points' disagreement on the cells: each cell has that of the point nearest to it."""
+    rows, cols = plan.owner.shape
+    out = np.full((rows, cols), np.nan, np.float32)
+    if len(exposure.point):
+        pitch = plan.sampling_px
+        sampled = np.full((-(-plan.height // pitch), -(-plan.width // pitch)), np.nan, np.float32)
+        sampled.ravel()[exposure.point] = exposure.point_seam
+        r = np.minimum((np.arange(rows) * CELL_PX + CELL_PX // 2) // pitch, sampled.shape[0] - 1)
+        c = np.minimum((np.arange(cols) * CELL_PX + CELL_PX // 2) // pitch, sampled.shape[1] - 1)
+        out = sampled[np.ix_(r, c)]
+    return np.where(plan.owner < 0, np.nan, out).astype(np.float32)
