@@ -110,7 +110,8 @@ def sizes(look: Look, effect: Effect, chosen: Sequence[Effect]) -> dict[str, Int
             _value(look, effect, k, float(step[k]) + side * WIDE * SCATTER * std) for side in (0, -1, 1)
         )
         parameter = CATALOGUE[effect.name].parameter(name)
-        own = MISFIT * abs(value - parameter.neutral)
+        # A limit is its own size: without one it is far away.
+        own = MISFIT * min(abs(value - parameter.neutral), abs(value))
         low, high = min(ends), max(ends)
         found[name] = Interval(
             value, parameter.unit,

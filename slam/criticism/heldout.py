@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from slam.criticism.effects import Effect
 from slam.criticism.hypotheses import parabola_of
+from slam.criticism.kalman.filter import IGNORED, USED
 from slam.criticism.kalman.setting import Setting
+from slam.criticism.kalman.steps import GATE
 from slam.criticism.moving import moved, on_grid
 from slam.criticism.search import SIZE_PRIOR, Look, Search
 
@@ -63,6 +65,7 @@ def held_out(found: Search, model: Setting, without: Sequence[Effect] = ()) -> H
     last = found.last
     base, begin = (found.first, ()) if not without else (last, tuple(without))
     part, by = parts_of(last.sums.flight)
+    plain_nats, known_nats = _of_the_same_readings(base, last)
     nats, beliefs = [], {}
     for k in np.unique(part):
         own, others = part == k, part != k
@@ -70,7 +73,7 @@ def held_out(found: Search, model: Setting, without: Sequence[Effect] = ()) -> H
             others = own
         plain, settings_before = _at(base, model, begin, own, others)
         known, settings_after = _at(last, model, found.chosen, own, others)
-        nats.append(known - plain)
+        nats.append(known + known_nats[own].sum() - plain - plain_nats[own].sum())
         for f in np.unique(last.sums.flight[own]):
             beliefs[int(f)] = settings_before, settings_after
     flights = sorted(beliefs)
@@ -87,12 +90,34 @@ def _at(
     own: NDArray[np.bool_],
     others: NDArray[np.bool_],
 ) -> tuple[float, Setting]:
-    """Log likelihood of some stretches under what was fitted on others, and that belief."""
+    """Nats that what was fitted on others adds to the look's own likelihood of some stretches, and that
+    belief."""
     held = look.parabola.held
     fitted = parabola_of(look.sums, look.setting, model, held, others).answer(effects, _reach(look, effects))
     judged = parabola_of(look.sums, look.setting, model, held, own)
-    nats = float(look.sums.log_likelihood[own].sum()) + judged.predicted(fitted)
-    return nats, taken(look, fitted.whole, effects)
+    return judged.predicted(fitted), taken(look, fitted.whole, effects)
+
+
+def _of_the_same_readings(one: Look, other: Look) -> tuple[Array, Array]:
+    """(stretches,) log likelihoods of two looks, without readings that either did not judge.
+
+    What is near the floor, or may be cut, differs a little between beliefs: no reading may count in one
+    alone.
+    """
+    nats = one.sums.log_likelihood.copy(), other.sums.log_likelihood.copy()
+    if one is other:
+        return nats
+    for k, runs in enumerate(zip(one.sums.passes, other.sums.passes, strict=True)):
+        events = len(runs[0].status)
+        stretches = np.flatnonzero(one.sums.flight == k)[: one.sums.readings[k]]
+        bounds = np.linspace(0, events, len(stretches) + 1).astype(np.int64)
+        judged = [run.status != IGNORED for run in runs]
+        for side, run in enumerate(runs):
+            alone = judged[side] & ~judged[1 - side]
+            square = np.where(run.status == USED, run.white**2, GATE**2)
+            cost = np.where(alone, 0.5 * (square + run.log_variance), 0.0).sum(axis=1)
+            nats[side][stretches] += np.add.reduceat(cost, bounds[:-1])
+    return nats
 
 
 def _reach(look: Look, effects: Sequence[Effect]) -> dict[str, float]:

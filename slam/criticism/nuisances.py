@@ -36,18 +36,20 @@ class Nuisance:
     step: float = 0.02
 
 
+FIFTH = 0.225
+"""20 % either way: a logarithm reaches further down than up."""
 NUISANCES = (
     Nuisance("vehicle.gain", "1", "mean", (), 0.05, True, 1e-3),
     Nuisance("vehicle.drag_1_s", "1/s", "mean", (), 0.10, True, 1e-3),
     Nuisance("vehicle.attitude_time_s", "s", "mean", (), 0.10, True, 1e-4),
     Nuisance("sonar.datum_m", "m", "mean", (), 0.01, False, 1e-3),
-    Nuisance("tilt_std_rad", "rad", "hold", (HOLD.index("tilt_std_rad"),), 0.22),
+    Nuisance("tilt_std_rad", "rad", "hold", (HOLD.index("tilt_std_rad"),), FIFTH),
     Nuisance("tilt_time_s", "s", "hold", (HOLD.index("tilt_time_s"),), 0.5),
-    Nuisance("yaw_rate_std_rad_s", "rad/s", "hold", (HOLD.index("yaw_rate_std_rad_s"),), 0.2),
+    Nuisance("yaw_rate_std_rad_s", "rad/s", "hold", (HOLD.index("yaw_rate_std_rad_s"),), FIFTH),
     Nuisance("yaw_rate_time_s", "s", "hold", (HOLD.index("yaw_rate_time_s"),), 0.56),
-    Nuisance("velocity_std_m_s", "m/s", "hold", (HOLD.index("velocity_std_m_s"),), 0.2),
+    Nuisance("velocity_std_m_s", "m/s", "hold", (HOLD.index("velocity_std_m_s"),), FIFTH),
     Nuisance("velocity_time_s", "s", "hold", (HOLD.index("velocity_time_s"),), 0.85),
-    Nuisance("velocity_up_std_m_s", "m/s", "hold", (HOLD.index("velocity_up_std_m_s"),), 0.2),
+    Nuisance("velocity_up_std_m_s", "m/s", "hold", (HOLD.index("velocity_up_std_m_s"),), FIFTH),
     Nuisance("gyro_noise", "1", "noise", (0, 1, 2), 0.2),
     Nuisance("accel_noise", "1", "noise", (3, 4, 5), 0.2),
     Nuisance("attitude_noise", "1", "noise", (6, 7, 8), 0.2),

@@ -61,6 +61,8 @@ class Sums:
     """(stretches,)."""
     passes: tuple[Pass, ...]
     """The plain run of each flight."""
+    readings: tuple[int, ...]
+    """Of each flight, how many of its stretches are readings; one more is its pictures."""
 
     def index(self, names: Sequence[str]) -> NDArray[np.int64]:
         """Columns of these names."""
@@ -115,6 +117,7 @@ def sums_of(
         np.array([score for _, score, _ in flat]),
         np.array([nats for _, _, nats in flat]),
         tuple(plain),
+        tuple(len(flight) - (r.sights is not None) for flight, r in zip(parts, records, strict=True)),
     )
 
 

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 SHORTEST_S = 3.0
 LEAST_STICK = 0.01
+CALM_RAD = 0.1
 FEWEST_READINGS = 20
 FOREIGN_FACTOR = 1.6
 FOREIGN_RATE_HZ = 20.0
@@ -27,10 +28,12 @@ def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
     """Records of the flights that can be judged, and what was left out with the reason."""
     kept: list[Flight] = []
     records, dropped = [], []
+    # A hover tells of the instruments, beside flights that tell of the motion.
+    steered = any(_is_steered(flight) for flight in flights)
     for flight in flights:
         clean, reasons = _without_dead_streams(flight)
         dropped += [f"{flight.name}: {reason}" for reason in reasons]
-        reason = _unusable(clean)
+        reason = _unusable(clean) or ("" if steered and _is_calm(clean) else _unsteered(clean))
         if reason:
             dropped.append(f"{flight.name}: {reason}")
             continue
@@ -87,14 +90,37 @@ def _unusable(flight: Flight) -> str:
         return f"lasts {end - begin:.1f} s; {SHORTEST_S:g} s are the least"
     if flight.command is None or len(flight.command.stamps_s) == 0:
         return "no command log: give flights with command0"
-    stamps, stick = flight.command.stamps_s, flight.command.stick
+    stamps = flight.command.stamps_s
     if stamps[0] > end or stamps[-1] < begin:
         away = stamps[0] - end if stamps[0] > end else begin - stamps[-1]
         return f"the command log is on another clock: {away:.0f} s away from the readings"
-    during = np.nan_to_num(stick[(stamps >= begin - 1.0) & (stamps <= end)])
-    if len(during) == 0 or np.abs(during).max() < LEAST_STICK:
-        return "the stick is never moved: nothing drives the model"
+    if not ((stamps >= begin - 1.0) & (stamps <= end)).any():
+        return "the command log is empty while there are readings"
     return ""
+
+
+def _unsteered(flight: Flight) -> str:
+    return "" if _is_steered(flight) else "the stick is never moved: nothing drives the model"
+
+
+def _is_steered(flight: Flight) -> bool:
+    """Whether the stick is moved while there are readings."""
+    streams = [s for s in (flight.imu, flight.attitude, flight.velocity, flight.sonar) if s is not None]
+    stamped = [s.stamps_s for s in streams if len(s.stamps_s)]
+    if flight.command is None or not stamped:
+        return False
+    stamps = flight.command.stamps_s
+    during = stamps >= min(float(s[0]) for s in stamped) - 1.0
+    during &= stamps <= max(float(s[-1]) for s in stamped)
+    return bool((np.abs(np.nan_to_num(flight.command.stick[during])) >= LEAST_STICK).any())
+
+
+def _is_calm(flight: Flight) -> bool:
+    """Whether the vehicle's tilt stays where a hover's does: else it obeyed something that was not logged."""
+    if flight.attitude is None:
+        return False
+    tilt = flight.attitude.roll_pitch_yaw_rad[:, :2]
+    return bool(np.nanmax(np.nanquantile(tilt, 0.99, axis=0) - np.nanquantile(tilt, 0.01, axis=0)) < CALM_RAD)
 
 
 def _without_dead_streams(flight: Flight) -> tuple[Flight, list[str]]:

@@ -38,7 +38,7 @@ RATES_READ = (
 )  # fmt: skip
 """For each kind of event, entries of the state's rate that its reading may depend on, ..."""
 STATES_READ = (
-    (2, 6, 7, 8, _NONE, _NONE), (6, 7, 8, _NONE, _NONE, _NONE), (2, 8, _NONE, _NONE, _NONE, _NONE),
+    (6, 7, 8, _NONE, _NONE, _NONE), (6, 7, 8, _NONE, _NONE, _NONE), (2, 8, _NONE, _NONE, _NONE, _NONE),
     (0, 1, 2, 6, 7, 8),
 )  # fmt: skip
 """... and of the state itself, the noise's acceleration aside."""
