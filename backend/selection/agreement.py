@@ -2,10 +2,11 @@
 
 A false loop is told by prediction. What is believed so far predicts each other loop with a covariance; one
 that lies outside is not believed, one that lies inside a *sharp* prediction is, since chance would hardly put
-it there. Each loop that is believed sharpens the predictions of others. Where no prediction is sharp, each
-loop is tried as a hypothesis, and the one that makes the most others agree sharply goes ahead: loops that lie
-together (a floor that repeats) are then outvoted by the rest. The idea is that of pairwise consistency
-(Mangelson et al. 2018, ICRA), with predictions by all that is believed instead of by odometry alone.
+it there; how often it does is measured on decoys. Each loop that is believed sharpens the predictions of
+others. Where no prediction is sharp, each loop is tried as a hypothesis, and those that make the most others
+agree sharply go ahead: loops that lie together (a floor that repeats) are then outvoted by the rest. The idea
+is that of pairwise consistency (Mangelson et al. 2018, ICRA), with predictions by all that is believed
+instead of by odometry alone. Loops that would join together are first held against each other.
 """
 
 from __future__ import annotations
@@ -13,124 +14,45 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array, csc_array
+from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import splu
 from scipy.spatial import cKDTree
-from scipy.special import gammaln
 from scipy.stats import chi2
 
-from backend import se3
 from backend.problem import Problem
+from backend.selection.decoys import decoys, measured_chance
+from backend.selection.prediction import (
+    CHANCE,
+    Innovations,
+    first_scale,
+    innovations,
+    limit,
+    log_volume,
+    noise_scale,
+    squared,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 Solve = Callable[[Mask, Array], Array]
 """Poses from some edges and a start."""
+Draw = Callable[[Mask, Array], Array | None]
+"""Draws about a solution; None where it is singular or time is up."""
 
-CHANCE = 1e-3
-"""A false loop agrees with a sharp prediction once in a thousand."""
-
-_ROUNDS = 60
+_ROUNDS = 400
 _HYPOTHESES = 300
-_MIXING = 50
+_DOUBT = 0.05
+"""Odds against a loop that is believed for its support."""
 _TAIL = 3.0
-"""Limits of the noise that the others show: its tails are heavier than a Gaussian's."""
+"""How far noise may be over what the others show: its tails are heavier than a Gaussian's."""
 _STRIKES = 2
 """A loop may have been pulled away by others that were dropped with it: once."""
+_TURNS = 4
 _STRETCH = 3
 """Poses between neighbouring loops of one stretch."""
-_SAMPLES = {3: 60, 6: 150}
-
-
-@dataclass(frozen=True)
-class Innovations:
-    """Edges against what the rest predicts of them; whitened by the edges' own noise."""
-
-    edges: Index
-    residual: Array
-    """(k, d)."""
-    spread: Array
-    """(k, d, s) of the prediction, in draws."""
-    log_room: Array
-    """(k,) logarithm of the whitened volume in which a false loop might lie."""
-
-    def covariance(self) -> Array:
-        """(k, d, d) of edge and prediction together."""
-        d = self.residual.shape[1]
-        return np.eye(d) + self.spread @ np.swapaxes(self.spread, 1, 2) / self.spread.shape[2]
-
-    def sigma(self) -> Array:
-        """(k,) distance in sigmas of edge and prediction."""
-        return np.sqrt(_squared(self.residual, self.covariance()))
-
-    def log_chance(self) -> Array:
-        """(k,) logarithm of the probability that a false loop agrees."""
-        return _log_volume(self.covariance(), _limit(self.residual.shape[1])) - self.log_room
-
-    def log_closer(self) -> Array:
-        """(k,) logarithm of the probability that a false loop agrees better."""
-        covariance = self.covariance()
-        return _log_volume(covariance, _squared(self.residual, covariance)) - self.log_room
-
-
-def _squared(residual: Array, covariance: Array) -> Array:
-    return np.einsum("...a,...a->...", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
-
-
-def _limit(d: int) -> float:
-    return float(chi2.ppf(1 - CHANCE, d))
-
-
-def _log_volume(covariance: Array, squared: Array | float) -> Array:
-    """Logarithm of the volume of the ellipsoid at a squared distance in sigmas."""
-    d = covariance.shape[-1]
-    ball = d / 2 * np.log(np.pi * np.maximum(squared, 1e-12)) - gammaln(d / 2 + 1)
-    return np.asarray(ball + np.linalg.slogdet(covariance)[1] / 2)
-
-
-def draws(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, d: int) -> Array | None:
-    """(n, d, s) draws from the Gaussian about a solution, right perturbations; None where it is singular.
-
-    With J the whitened system, x = (J'J)^-1 J' e has the covariance (J'J)^-1 for e of unit covariance: all
-    joint covariances at the price of one factor. Source: Papandreou and Yuille 2010 (NIPS).
-    """
-    triplets = np.asarray(graph.linearize(values).sparseJacobian_())
-    size = values.size() * d
-    row, column = triplets[0].astype(np.int64) - 1, triplets[1].astype(np.int64) - 1
-    left = column < size
-    J = csc_array((triplets[2][left], (row[left], column[left])), shape=(int(row.max()) + 1, size))
-    # Noise only, and always the same: the answer must not depend on the call.
-    noise = np.random.default_rng(0).standard_normal((J.shape[0], _SAMPLES[d]))
-    try:
-        options = {"SymmetricMode": True}
-        factor = splu(csc_array(J.T @ J), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0, options=options)
-    except RuntimeError:
-        return None
-    found = factor.solve(np.asarray(J.T @ noise))
-    return found.reshape(-1, d, _SAMPLES[d]) if np.isfinite(found).all() else None
-
-
-def innovations(problem: Problem, w_T: Array, drawn: Array, edges: Index, scale: float = 1.0) -> Innovations:
-    """Some edges, none of which took part, against the solution ``w_T`` and its ``draws``.
-
-    ``scale`` is how large noise is over what is stated.
-    """
-    some = problem.with_edges(np.isin(np.arange(len(problem.i)), edges))
-    d = problem.freedom
-    turn = se3.adjoint(se3.inverse(w_T[some.j]) @ w_T[some.i])
-    if d == 3:
-        turn = turn[:, se3.PLANAR[:, None], se3.PLANAR]
-    spread = some.sqrt_information @ (drawn[some.j] - turn @ drawn[some.i])
-    extent = np.ptp(w_T[:, : problem.dimension, 3], axis=0)
-    room = np.log(np.maximum(extent, 1e-3 * extent.max() + 1e-9)).sum()
-    room += np.log(2 * np.pi) if d == 3 else np.log(8 * np.pi**2)
-    log_room = room + np.linalg.slogdet(some.sqrt_information)[1]
-    return Innovations(np.sort(edges), some.residuals(w_T) / scale, spread, log_room - d * np.log(scale))
 
 
 def grown(
@@ -138,124 +60,153 @@ def grown(
     base: Mask,
     w_T: Array,
     solve: Solve,
-    draw: Callable[[Mask, Array], Array | None],
+    draw: Draw,
     on_round: Callable[[int, int], None],
 ) -> tuple[Mask, Array]:
-    """Edges (m,) that agree, beginning with those of ``base`` (solved: ``w_T``), and the poses from them.
-
-    ``solve`` gives poses from some edges and a start, ``draw`` the draws about them.
-    """
-    kept, dropped = base.copy(), np.zeros(len(base), dtype=np.int64)
-    limit, places = _limit(problem.freedom), _places(problem.i, problem.j)
+    """Edges (m,) that agree, beginning with those of ``base`` (solved: ``w_T``), and the poses from them."""
+    growth = _Growth(problem, base, _places(problem.i, problem.j), solve, draw)
+    loops = np.flatnonzero(~base)
+    decoy = decoys(problem, loops, growth.places[loops])
+    kept, strikes = base.copy(), np.zeros(len(base), dtype=np.int64)
     for number in range(_ROUNDS):
         drawn = draw(kept, w_T)
         if drawn is None:
             break
-        left = np.flatnonzero(~kept & (dropped < _STRIKES))
+        left = np.flatnonzero(~kept & (strikes < _STRIKES))
         scale = noise_scale(problem, kept, w_T)
         if number == 0:
-            scale = _first_scale(innovations(problem, w_T, drawn, left), places[left])
+            scale = first_scale(innovations(problem, w_T, drawn, left), growth.places[left])
         pending = innovations(problem, w_T, drawn, left, scale)
-        joined = _joining(pending, places, limit, _believed(kept, base))
+        false = innovations(decoy, w_T, drawn, np.arange(len(decoy.i)), scale)
+        chance = measured_chance(false).of(pending.log_chance())
+        joined = _joining(pending, chance, growth.places[left], _believed(kept, base))
         if len(joined) == 0:
             break
-        kept[joined] = True
-        w_T = solve(kept, w_T)
-        squared = (problem.residuals(w_T) ** 2).sum(axis=1)
-        out = kept & ~base & (squared > limit * scale**2)
+        new = growth.crossed(kept, joined, w_T, scale)
+        new, w_T = growth.fitting(kept, new, w_T, scale if number else np.inf)
+        strikes[np.setdiff1d(joined, new)] += 1
+        kept[new] = True
+        off = (problem.residuals(w_T) ** 2).sum(axis=1)
+        out = kept & ~base & (off > limit(problem.freedom) * scale**2)
         if out.any():
             # The worst go first: those that they pulled away may agree without them.
-            out &= squared >= np.quantile(squared[out], 0.5)
-            kept, dropped = kept & ~out, dropped + out
+            out &= off >= np.quantile(off[out], 0.5)
+            kept, strikes = kept & ~out, strikes + out
             w_T = solve(kept, w_T)
         on_round(number, int(kept.sum()))
     return kept, w_T
 
 
-def _first_scale(pending: Innovations, place: Index) -> float:
-    """The same before any loop is believed: from how close to their prediction the closest lie.
-
-    Expectation maximisation over a mixture: true loops about the prediction, false ones anywhere.
-    """
-    d = pending.residual.shape[1]
-    covariance = pending.covariance()
-    squared = _squared(pending.residual, covariance)
-    peak = -d / 2 * np.log(2 * np.pi) - np.linalg.slogdet(covariance)[1] / 2 + pending.log_room
-    true, variance = 0.5, float(np.quantile(squared, 0.1)) / d
-    for _ in range(_MIXING):
-        odds = peak - squared / variance / 2 - d / 2 * np.log(variance) + np.log(true / (1 - true))
-        share = 1 / (1 + np.exp(-np.clip(odds, -50, 50)))
-        variance = max(float(share @ squared) / (d * max(float(share.sum()), 1e-9)), 1e-12)
-        true = float(np.clip(share.mean(), 0.01, 0.99))
-    # Loops between the same places lie equally far off: they tell but once.
-    freedom = d * max(len(np.unique(place[share > 0.5])), 1)
-    return float(np.sqrt(min(variance * freedom / chi2.ppf(CHANCE, freedom), 1.0)))
-
-
 def judged(problem: Problem, kept: Mask, w_T: Array, drawn: Array) -> tuple[Mask, Array]:
-    """Which other edges agree with a solution after all (m,), and by how many sigmas they are off (m,).
-
-    One agrees that lies within its own covariance as it is stated, not far outside of what the others show
-    noise to be, and closer to the prediction than false loops would.
-    """
+    """Which other edges agree with a solution after all (m,), and by how many sigmas they are off (m,)."""
     edges, scale = np.flatnonzero(~kept), noise_scale(problem, kept, w_T)
     agrees, sigma = np.zeros_like(kept), np.full(len(kept), np.nan)
     if len(edges) == 0:
         return agrees, sigma
     found = innovations(problem, w_T, drawn, edges, scale)
-    place = _places(problem.i[edges], problem.j[edges])
+    places, loops = _places(problem.i, problem.j), np.flatnonzero(~problem.trusted)
+    decoy = decoys(problem, loops, places[loops])
+    false = innovations(decoy, w_T, drawn, np.arange(len(decoy.i)), scale)
+    chance = measured_chance(false).of(found.log_chance())
     sigma[edges] = found.sigma()
-    within = found.sigma() <= np.sqrt(_limit(problem.freedom)) * np.clip(1 / scale, 1, _TAIL)
-    agrees[edges] = _sure(found.log_closer(), within, place, _DOUBT)
+    # Real noise has tails: within its covariance as stated, if the prediction is sharp even for that.
+    wide = float(np.clip(1 / scale, 1, _TAIL))
+    agrees[edges] = _sure(chance, found.agrees(), places[edges])
+    agrees[edges] |= _sure(
+        np.minimum(chance + problem.freedom * np.log(wide), 0.0),
+        sigma[edges] ** 2 <= limit(problem.freedom) * wide**2,
+        places[edges],
+    )
     return agrees, sigma
 
 
-def noise_scale(problem: Problem, kept: Mask, w_T: Array) -> float:
-    """How large noise is over what covariances state, from the loops that are kept.
+@dataclass(frozen=True)
+class _Growth:
+    """What stays fixed while the set grows."""
 
-    1 unless chance does not explain another figure. Covariances that are too wide by far would let false
-    loops through, since these agree with anything; then the largest scale that chance explains is taken.
-    """
-    d = problem.freedom
-    freedom = d * (int(kept.sum()) - problem.count + 1)
-    if freedom <= 0:
-        return 1.0
-    statistic = float((problem.residuals(w_T)[kept] ** 2).sum())
-    if statistic > chi2.ppf(1 - CHANCE, freedom):
-        return float(np.sqrt(statistic / freedom))
-    return float(np.sqrt(min(statistic / chi2.ppf(CHANCE, freedom), 1.0)))
+    problem: Problem
+    base: Mask
+    places: Index
+    solve: Solve
+    draw: Draw
+
+    def crossed(self, kept: Mask, joined: Index, w_T: Array, scale: float) -> Index:
+        """Those that agree with what is kept and the other half of them: a false one that joined by chance is
+        told by the true ones that came with it, and once more by those that are left."""
+        for turn in range(_TURNS):
+            passed = self._halves(kept, joined, w_T, scale, turn)
+            if len(passed) == len(joined):
+                break
+            joined = passed
+        return joined
+
+    def _halves(self, kept: Mask, joined: Index, w_T: Array, scale: float, turn: int) -> Index:
+        # Loops between the same places stay together.
+        half = (np.unique(self.places[joined], return_inverse=True)[1] >> turn) % 2 == 0
+        if half.all():
+            half = np.arange(len(joined)) % 2 == 0
+        if half.all():
+            return joined
+        good = []
+        for some, others in ((joined[half], joined[~half]), (joined[~half], joined[half])):
+            now = kept.copy()
+            now[some] = True
+            at = self.solve(now, w_T)
+            drawn = self.draw(now, at)
+            if drawn is None:
+                return joined[:0]
+            wide = max(scale, noise_scale(self.problem, now, at))
+            found = innovations(self.problem, at, drawn, others, wide)
+            good.append(found.edges[found.agrees()])
+        return np.sort(np.concatenate(good))
+
+    def fitting(self, kept: Mask, new: Index, w_T: Array, scale: float) -> tuple[Index, Array]:
+        """Those that strain all the rest no more than noise would, the worst half left out until they do, and
+        the poses from them."""
+        before = float((self.problem.residuals(w_T)[kept] ** 2).sum())
+        while len(new):
+            now = kept.copy()
+            now[new] = True
+            at = self.solve(now, w_T)
+            off = (self.problem.residuals(at) ** 2).sum(axis=1)
+            allowed = _TAIL * scale**2 * float(chi2.ppf(1 - CHANCE, self.problem.freedom * len(new)))
+            if float(off[now].sum()) - before <= allowed:
+                return new, at
+            new = new[off[new] < np.quantile(off[new], 0.5)]
+        return new, w_T
 
 
 def _believed(kept: Mask, base: Mask) -> float:
     """Share of the loops that are believed, with one of each kind for granted."""
-    return (1 + (kept & ~base).sum()) / (2 + (~base).sum())
+    return float((1 + (kept & ~base).sum()) / (2 + (~base).sum()))
 
 
-def _joining(pending: Innovations, places: Index, limit: float, believed: float) -> Index:
-    """Which edges to believe next."""
-    agrees = pending.sigma() ** 2 <= limit
-    if not agrees.any():
-        return pending.edges[:0]
-    chance = pending.log_chance()
-    sure = _sure(chance, agrees, places[pending.edges])
-    if sure.any():
-        # The sharper half: the other half is then judged by sharper predictions.
+def _joining(pending: Innovations, chance: Array, places: Index, believed: float) -> Index:
+    """Which edges to believe next; ``chance`` and ``places`` (k,) go with the pending ones."""
+    agrees = pending.agrees()
+    sure = _sure(chance, agrees, places)
+    if sure.any() or not agrees.any():
+        # What is sharp goes first: the rest is then judged by sharper predictions.
         return pending.edges[sure]
     open_ = np.flatnonzero(agrees)
     open_ = open_[np.argsort(chance[open_])][:_HYPOTHESES]
-    support, follows = _support(pending, open_, places[pending.edges[open_]], limit)
-    best = int(np.argmax(support))
-    odds = believed / (1 - believed)
-    if support[best] + np.log(odds) < -np.log(_DOUBT):
-        return open_[:0]
-    return pending.edges[open_[follows[best]]]
+    votes = _votes(pending, open_, places[open_], chance[open_])
+    # Of as many hypotheses some find others that agree by chance.
+    support = np.where(votes.own >= np.log(len(open_) / _DOUBT), votes.support, 0.0)
+    least = -np.log(_DOUBT * believed / (1 - believed))
+    best = float(support.max())
+    if best < least:
+        return pending.edges[:0]
+    taken: list[int] = []
+    for h in np.argsort(-support).tolist():
+        if taken and support[h] < max(least + np.log(len(open_)), best / 2):
+            break
+        if votes.fits[taken, h].all() and votes.fits[h, taken].all():
+            taken.append(h)
+    return pending.edges[open_[votes.follows[taken].any(axis=0)]]
 
 
-_DOUBT = 0.05
-"""Odds against a loop that is believed for its support."""
-
-
-def _sure(chance: Array, agrees: Mask, place: Index, rate: float = CHANCE) -> Mask:
+def _sure(chance: Array, agrees: Mask, place: Index) -> Mask:
     """Agreeing loops of so sharp predictions that of a thousand not one would be false.
 
     If all of the sharpest k loops were false, the sum of their chances would agree. Loops between the same
@@ -265,39 +216,52 @@ def _sure(chance: Array, agrees: Mask, place: Index, rate: float = CHANCE) -> Ma
     order = np.argsort(chance, kind="stable")
     weight = (1 / np.maximum(np.bincount(place), 1))[place][order]
     false, true = np.cumsum(weight * np.exp(chance[order])), np.cumsum(weight * agrees[order])
-    enough = np.flatnonzero(false <= rate * true)
+    enough = np.flatnonzero(false <= CHANCE * true)
     sure = np.zeros(len(chance), dtype=bool)
     if len(enough):
         sure[order[: enough[-1] + 1]] = True
     return sure & agrees
 
 
-def _support(pending: Innovations, open_: Index, place: Index, limit: float) -> tuple[Array, Mask]:
-    """For each of some edges as a hypothesis (h,): the surprise in nats that it and what it makes agree
-    sharply do so by chance, and which go with it (h, h): its neighbours, and what then is sure.
+@dataclass(frozen=True)
+class _Votes:
+    """What each of h loops, taken as a hypothesis, makes of the others."""
 
-    Loops between the same two places (``place``) count once: where the floor repeats they are false together.
-    """
+    support: Array
+    """(h,) surprise in nats that it and what it makes agree sharply do so by chance."""
+    own: Array
+    """(h,) the part of it that would be missing without the hypothesis."""
+    follows: Mask
+    """(h, h) which go with it: its neighbours, and what then is sure."""
+    fits: Mask
+    """(h, h) which then agree."""
+
+
+def _votes(pending: Innovations, open_: Index, place: Index, chance: Array) -> _Votes:
+    """Loops between the same two places (``place``) count once: where the floor repeats they are false
+    together."""
     residual, spread = pending.residual[open_], pending.spread[open_]
-    covariance, room = pending.covariance()[open_], pending.log_room[open_]
-    s = spread.shape[2]
-    support, follows = np.zeros(len(open_)), np.zeros((len(open_), len(open_)), dtype=bool)
-    alone = room - _log_volume(covariance, limit)
-    for a in range(len(open_)):
+    covariance, most = pending.covariance()[open_], limit(pending.residual.shape[1])
+    h, s = len(open_), spread.shape[2]
+    support, own = np.zeros(h), np.zeros(h)
+    follows, fits = np.zeros((h, h), dtype=bool), np.zeros((h, h), dtype=bool)
+    volume = log_volume(covariance, most)
+    for a in range(h):
         cross = spread @ spread[a].T / s
         gain = np.swapaxes(np.linalg.solve(covariance[a], np.swapaxes(cross, 1, 2)), 1, 2)
         left = covariance - gain @ np.swapaxes(cross, 1, 2)
-        moved = residual - gain @ residual[a]
-        chance = _log_volume(left, limit) - room
-        agrees = _squared(moved, left) <= limit
-        sure = _sure(chance, agrees, place)
-        follows[a] = sure | (agrees & (chance <= np.log(CHANCE)) & (place == place[a]))
+        fits[a] = squared(residual - gain @ residual[a], left) <= most
+        sharper = volume - log_volume(left, most)
+        then = np.minimum(chance - sharper, 0.0)
+        sure = _sure(then, fits[a], place)
+        follows[a] = sure | (fits[a] & (then <= np.log(CHANCE)) & (place == place[a]))
         follows[a, a] = True
         elsewhere = sure & (place != place[a])
-        surprise = np.zeros(place.max() + 1)
-        np.maximum.at(surprise, place[elsewhere], -chance[elsewhere])
-        support[a] = max(alone[a], 0) + surprise.sum()
-    return support, follows
+        for total, nats in ((support, -then), (own, sharper)):
+            surprise = np.zeros(place.max() + 1)
+            np.maximum.at(surprise, place[elsewhere], nats[elsewhere])
+            total[a] = -chance[a] + surprise.sum()
+    return _Votes(support, own, follows, fits)
 
 
 def _places(i: Index, j: Index) -> Index:

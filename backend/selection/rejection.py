@@ -12,8 +12,9 @@ from backend.anchored import Anchored, Fit, plain_fit, start_of
 from backend.errors import BackendError
 from backend.initialize import spanning_tree, tree_edges
 from backend.problem import Problem
-from backend.selection.agreement import draws, grown, judged, noise_scale
+from backend.selection.agreement import grown, judged
 from backend.selection.consistency import agreeing_edges, edge_limit
+from backend.selection.prediction import draws, noise_scale
 from backend.solve import Minimum, gauss_newton, levenberg_marquardt
 
 Array = NDArray[np.float64]

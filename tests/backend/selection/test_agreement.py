@@ -8,7 +8,7 @@ from backend import se3
 from backend.accept import from_measurements
 from backend.graph import solve, solve_pose_graph
 from backend.problem import from_pose_graph
-from backend.selection.agreement import draws
+from backend.selection.prediction import draws
 from tests.backend.synthetic import LOOP_STD, Made, falsified, flight, graph
 from tests.benchmarks.false_loops import KINDS, cases_of
 from tests.benchmarks.false_loops import falsified as falsified_graph

@@ -1,0 +1,149 @@
+"""What some edges predict of others: by how much each one is off, and how much room that leaves to chance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
+from scipy.special import gammaln
+from scipy.stats import chi2
+
+from backend import se3
+from backend.problem import Problem
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
+
+CHANCE = 1e-3
+"""A false loop agrees with a sharp prediction once in a thousand."""
+
+_MIXING = 50
+_SAMPLES = {3: 60, 6: 150}
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """Edges against what the rest predicts of them; whitened by the edges' own noise."""
+
+    edges: Index
+    residual: Array
+    """(k, d)."""
+    spread: Array
+    """(k, d, s) of the prediction, in draws."""
+    log_room: Array
+    """(k,) logarithm of the whitened volume in which a false loop might lie."""
+
+    def covariance(self) -> Array:
+        """(k, d, d) of edge and prediction together."""
+        d = self.residual.shape[1]
+        return np.eye(d) + self.spread @ np.swapaxes(self.spread, 1, 2) / self.spread.shape[2]
+
+    def sigma(self) -> Array:
+        """(k,) distance in sigmas of edge and prediction."""
+        return np.sqrt(squared(self.residual, self.covariance()))
+
+    def agrees(self) -> Mask:
+        """(k,) whether a true loop lies as far off but once in a thousand."""
+        return np.asarray(self.sigma() ** 2 <= limit(self.residual.shape[1]))
+
+    def log_chance(self) -> Array:
+        """(k,) logarithm of the probability that a loop agrees that may lie anywhere."""
+        return log_volume(self.covariance(), limit(self.residual.shape[1])) - self.log_room
+
+
+def squared(residual: Array, covariance: Array) -> Array:
+    """(...,) squared distance in sigmas."""
+    return np.einsum("...a,...a->...", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
+
+
+def limit(d: int) -> float:
+    """Squared sigmas that a true loop exceeds once in a thousand."""
+    return float(chi2.ppf(1 - CHANCE, d))
+
+
+def log_volume(covariance: Array, within: float) -> Array:
+    """Logarithm of the volume of the ellipsoid at a squared distance in sigmas."""
+    d = covariance.shape[-1]
+    ball = d / 2 * np.log(np.pi * within) - gammaln(d / 2 + 1)
+    return np.asarray(ball + np.linalg.slogdet(covariance)[1] / 2)
+
+
+def draws(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, d: int) -> Array | None:
+    """(n, d, s) draws from the Gaussian about a solution, right perturbations; None where it is singular.
+
+    With J the whitened system, x = (J'J)^-1 J' e has the covariance (J'J)^-1 for e of unit covariance: all
+    joint covariances at the price of one factor. Source: Papandreou and Yuille 2010 (NIPS).
+    """
+    triplets = np.asarray(graph.linearize(values).sparseJacobian_())
+    size = values.size() * d
+    row, column = triplets[0].astype(np.int64) - 1, triplets[1].astype(np.int64) - 1
+    left = column < size
+    J = csc_array((triplets[2][left], (row[left], column[left])), shape=(int(row.max()) + 1, size))
+    # Noise only, and always the same: the answer must not depend on the call.
+    noise = np.random.default_rng(0).standard_normal((J.shape[0], _SAMPLES[d]))
+    try:
+        options = {"SymmetricMode": True}
+        factor = splu(csc_array(J.T @ J), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0, options=options)
+    except RuntimeError:
+        return None
+    found = factor.solve(np.asarray(J.T @ noise))
+    return found.reshape(-1, d, _SAMPLES[d]) if np.isfinite(found).all() else None
+
+
+def innovations(problem: Problem, w_T: Array, drawn: Array, edges: Index, scale: float = 1.0) -> Innovations:
+    """Some edges, none of which took part, against the solution ``w_T`` and its ``draws``.
+
+    ``scale`` is how large noise is over what is stated.
+    """
+    some = problem.with_edges(np.isin(np.arange(len(problem.i)), edges))
+    d = problem.freedom
+    turn = se3.adjoint(se3.inverse(w_T[some.j]) @ w_T[some.i])
+    if d == 3:
+        turn = turn[:, se3.PLANAR[:, None], se3.PLANAR]
+    spread = some.sqrt_information @ (drawn[some.j] - turn @ drawn[some.i])
+    extent = np.ptp(w_T[:, : problem.dimension, 3], axis=0)
+    room = np.log(np.maximum(extent, 1e-3 * extent.max() + 1e-9)).sum()
+    room += np.log(2 * np.pi) if d == 3 else np.log(8 * np.pi**2)
+    log_room = room + np.linalg.slogdet(some.sqrt_information)[1]
+    return Innovations(np.sort(edges), some.residuals(w_T) / scale, spread, log_room - d * np.log(scale))
+
+
+def first_scale(pending: Innovations, place: Index) -> float:
+    """The same before any loop is believed: from how close to their prediction the closest lie.
+
+    Expectation maximisation over a mixture: true loops about the prediction, false ones anywhere.
+    """
+    d = pending.residual.shape[1]
+    covariance = pending.covariance()
+    off = squared(pending.residual, covariance)
+    peak = -d / 2 * np.log(2 * np.pi) - np.linalg.slogdet(covariance)[1] / 2 + pending.log_room
+    true, variance = 0.5, float(np.quantile(off, 0.1)) / d
+    for _ in range(_MIXING):
+        odds = peak - off / variance / 2 - d / 2 * np.log(variance) + np.log(true / (1 - true))
+        share = 1 / (1 + np.exp(-np.clip(odds, -50, 50)))
+        variance = max(float(share @ off) / (d * max(float(share.sum()), 1e-9)), 1e-12)
+        true = float(np.clip(share.mean(), 0.01, 0.99))
+    # Loops between the same places lie equally far off: they tell but once.
+    freedom = d * max(len(np.unique(place[share > 0.5])), 1)
+    return float(np.sqrt(min(variance * freedom / chi2.ppf(CHANCE, freedom), 1.0)))
+
+
+def noise_scale(problem: Problem, kept: Mask, w_T: Array) -> float:
+    """How large noise is over what covariances state, from the loops that are kept.
+
+    1 unless chance does not explain another figure. Covariances that are too wide by far would let false
+    loops through, since these agree with anything; then the largest scale that chance explains is taken.
+    """
+    d = problem.freedom
+    freedom = d * (int(kept.sum()) - problem.count + 1)
+    if freedom <= 0:
+        return 1.0
+    statistic = float((problem.residuals(w_T)[kept] ** 2).sum())
+    if statistic > chi2.ppf(1 - CHANCE, freedom):
+        return float(np.sqrt(statistic / freedom))
+    return float(np.sqrt(min(statistic / chi2.ppf(CHANCE, freedom), 1.0)))
