@@ -1,0 +1,107 @@
+"""Other ways to tell false loops, on the same graphs: what `backend.selection` is held against.
+
+Each begins at the odometry and takes it for right, as ours does, and ends with a plain solve of what it kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import gtsam
+import networkx
+import numpy as np
+
+from backend.absolutes import fixed, gtsam_poses
+from backend.anchored import Anchored, Options, plain_fit
+from backend.initialize import spanning_tree
+from backend.pose_graph import PoseGraph
+from backend.problem import Problem, from_pose_graph
+from backend.selection.consistency import agreeing_edges, edge_limit
+from backend.selection.prediction import draws, innovations, limit, squared
+
+Array = np.ndarray
+Rival = Callable[[PoseGraph], tuple[Array, Array]]
+"""Which edges are kept (m,), and the poses from them (n, 4, 4)."""
+
+_EXACT = 150
+"""A maximum clique of more loops takes too long."""
+
+
+def kernel(graph: PoseGraph) -> tuple[Array, Array]:
+    """Cauchy's kernel on every loop, nothing else: what sticks out in the end is left out."""
+    problem, odometry, anchored = _begun(graph)
+    factors = problem.with_edges(problem.trusted).edge_factors()
+    loops = problem.with_edges(~problem.trusted)
+    make = gtsam.BetweenFactorPose2 if problem.dimension == 2 else gtsam.BetweenFactorPose3
+    cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(1.0)
+    poses = gtsam_poses(loops.ij_T, loops.dimension)
+    for i, j, pose, R in zip(loops.i.tolist(), loops.j.tolist(), poses, loops.sqrt_information, strict=True):
+        noise = gtsam.noiseModel.Robust.Create(cauchy, gtsam.noiseModel.Gaussian.SqrtInformation(R))
+        factors.add(make(i, j, pose, noise))
+    factors.push_back(anchored.ties)
+    found = gtsam.LevenbergMarquardtOptimizer(factors, problem.values(odometry)).optimize()
+    w_T = problem.poses(gtsam.Values(found))
+    near = np.linalg.norm(problem.residuals(w_T), axis=1) <= edge_limit(problem)
+    return _solved(anchored, problem.trusted | near, w_T)
+
+
+def gnc(graph: PoseGraph) -> tuple[Array, Array]:
+    """Graduated non-convexity with truncated least squares (Yang et al. 2020)."""
+    problem, odometry, anchored = _begun(graph)
+    return _solved(anchored, *agreeing_edges(problem, anchored.ties, odometry, ~problem.trusted))
+
+
+def clique(graph: PoseGraph) -> tuple[Array, Array]:
+    """The largest set of loops of which every two agree by the odometry between them (Mangelson et al. 2018).
+
+    The maximum clique of up to a hundred and fifty loops; of more the best that a greedy search finds from
+    each, as its authors do.
+    """
+    problem, odometry, anchored = _begun(graph)
+    drawn = draws(anchored.graph(problem.trusted), problem.values(odometry), problem.freedom)
+    assert drawn is not None
+    loops = np.flatnonzero(~problem.trusted)
+    found = innovations(problem, odometry, drawn, loops)
+    covariance, spread, residual = found.covariance(), found.spread, found.residual
+    agree = np.empty((len(loops), len(loops)), dtype=bool)
+    for a in range(len(loops)):
+        cross = spread @ spread[a].T / spread.shape[2]
+        gain = np.swapaxes(np.linalg.solve(covariance[a], np.swapaxes(cross, 1, 2)), 1, 2)
+        left = covariance - gain @ np.swapaxes(cross, 1, 2)
+        agree[a] = squared(residual - gain @ residual[a], left) <= limit(problem.freedom)
+    agree &= agree.T
+    np.fill_diagonal(agree, False)
+    if len(loops) <= _EXACT:
+        chosen = networkx.max_weight_clique(networkx.from_numpy_array(agree), weight=None)[0]
+    else:
+        chosen = max((_greedy(agree, a) for a in range(len(loops))), key=len)
+    kept = problem.trusted.copy()
+    kept[loops[chosen]] = True
+    return _solved(anchored, kept, odometry)
+
+
+def _greedy(agree: Array, first: int) -> list[int]:
+    """A clique grown from one loop by the one that most others agree with (Pattabiraman et al. 2015)."""
+    degree, members, open_ = agree.sum(axis=1), [first], agree[first].copy()
+    while open_.any():
+        best = int(np.argmax(np.where(open_, degree, -1)))
+        members.append(best)
+        open_ &= agree[best]
+    return members
+
+
+def _begun(graph: PoseGraph) -> tuple[Problem, Array, Anchored]:
+    problem = from_pose_graph(graph)
+    chain = problem.with_edges(problem.trusted)
+    cost = np.ones(len(chain.i))
+    odometry = spanning_tree(problem.count, chain.i, chain.j, chain.ij_T, cost, 0, np.eye(4))
+    ties = gtsam.NonlinearFactorGraph()
+    ties.push_back(fixed(0, odometry[0], problem.dimension).factor)
+    return problem, odometry, Anchored(problem, ties, Options(covariances=False))
+
+
+def _solved(anchored: Anchored, kept: Array, w_T: Array) -> tuple[Array, Array]:
+    return kept, plain_fit(anchored, kept, w_T).w_T
+
+
+RIVALS: dict[str, Rival] = {"GNC": gnc, "PCM clique": clique, "kernel alone": kernel}
