@@ -16,7 +16,7 @@ from slam.criticism.extended import extended_model
 from slam.criticism.heldout import taken
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL
-from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.record import Record, is_led
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.moving import is_wall
 from slam.criticism.next_flight import next_flight
@@ -26,7 +26,8 @@ from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, 
 from slam.criticism.search import Look, Search, search
 from slam.criticism.sentence import sentence_of
 from slam.criticism.thresholds import Thresholds, beside, load_thresholds
-from slam.criticism.usable import coarsened, is_foreign, usable_records
+from slam.criticism.unled.verdict import NOTHING_TO_HOLD, judged_unled
+from slam.criticism.usable import coarsened, is_foreign, usable_records, without_dead_streams
 from slam.criticism.vibration import vibration_of
 from slam.flight import Flight
 from slam.simulation.model import Model, load_model
@@ -45,6 +46,8 @@ def criticise(flights: Sequence[Flight], model: Model | str | Path = "nominal") 
     from threadpoolctl import threadpool_limits
 
     believed = model if isinstance(model, Model) else load_model(model)
+    if flights and not any(is_led(flight) for flight in flights):
+        return _unled(flights, believed)
     records, dropped = usable_records(flights)
     names = tuple(record.name for record in records)
     if not records:
@@ -52,6 +55,16 @@ def criticise(flights: Sequence[Flight], model: Model | str | Path = "nominal") 
         return Criticism("unusable", f"These data cannot be judged: {reason}.", dropped=tuple(dropped))
     with threadpool_limits(1):
         return replace(_judged(records, believed), flights=names, dropped=tuple(dropped))
+
+
+def _unled(flights: Sequence[Flight], model: Model) -> Criticism:
+    """The verdict without any command log."""
+    clean, dropped = without_dead_streams(flights)
+    found = judged_unled(clean, model, dropped)
+    if found is None:
+        reason = "; ".join([NOTHING_TO_HOLD, *dropped])
+        return Criticism("unusable", f"These data cannot be judged: {reason}.", dropped=tuple(dropped))
+    return found
 
 
 def _judged(records: Sequence[Record], model: Model) -> Criticism:

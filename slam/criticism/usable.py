@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.camera.pictures import look_all
 from slam.criticism.kalman.readings import FIRST_CHANNEL, WIDTH
-from slam.criticism.kalman.record import Record, record_of
+from slam.criticism.kalman.record import Record, is_led, record_of
 from slam.flight import Flight
 from slam.simulation.model import Model
 
@@ -43,6 +43,16 @@ def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
         except ValueError as error:
             dropped.append(f"{flight.name}: {error}")
     return [replace(r, sights=s) for r, s in zip(records, look_all(kept), strict=True)], dropped
+
+
+def without_dead_streams(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
+    """The flights without streams that hold nothing, and what was left out with the reason."""
+    clean, dropped = [], []
+    for flight in flights:
+        alive, reasons = _without_dead_streams(flight)
+        clean.append(alive)
+        dropped += [f"{flight.name}: {reason}" for reason in reasons]
+    return clean, dropped
 
 
 def is_foreign(records: Sequence[Record], model: Model) -> bool:
@@ -88,8 +98,8 @@ def _unusable(flight: Flight) -> str:
     end = max(float(s.stamps_s[-1]) for s in streams)
     if end - begin < SHORTEST_S:
         return f"lasts {end - begin:.1f} s; {SHORTEST_S:g} s are the least"
-    if flight.command is None or len(flight.command.stamps_s) == 0:
-        return "no command log: give flights with command0"
+    if flight.command is None or not is_led(flight):
+        return "no command log, which other flights have"
     stamps = flight.command.stamps_s
     if stamps[0] > end or stamps[-1] < begin:
         away = stamps[0] - end if stamps[0] > end else begin - stamps[-1]

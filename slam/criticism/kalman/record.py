@@ -89,7 +89,7 @@ def record_of(flight: Flight) -> Record:
         last = int(gaps[0]) + 1
         times, kinds, values = times[:last], kinds[:last], values[:last]
     first_step, begin, lengths = steps_between(times)
-    if flight.command is None or len(flight.command.stamps_s) == 0:
+    if flight.command is None or not is_led(flight):
         stick = Stick(np.zeros(1), np.zeros((1, 4)), float(times[-1]))
     else:
         stick = stick_of(flight.command, float(times[-1]))
@@ -99,6 +99,11 @@ def record_of(flight: Flight) -> Record:
         flight.name, times, kinds, values, np.clip(times / times[-1], 0.0, 1.0), first_step, begin, lengths,
         stick, _noise_std(flight), np.array(limits, dtype=float), start, start_std,
     )  # fmt: skip
+
+
+def is_led(flight: Flight) -> bool:
+    """Whether the flight has a command log."""
+    return flight.command is not None and len(flight.command.stamps_s) > 0
 
 
 def _streams(flight: Flight) -> list[tuple[int, Array, Array]]:

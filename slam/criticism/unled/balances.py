@@ -1,0 +1,264 @@
+"""What two instruments tell of the same motion, and how each effect parts them.
+
+Whatever moves a vehicle, its tilt is the integral of its gyro, its speed that of its accelerometer and its
+height the second one. The difference of what is read and what is integrated is averaged about moments half a
+second apart; between these it may change (twice, for the height) by noise alone, or by an effect. No equation
+of motion of the vehicle is in it, so that no pilot and no wind matter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from backend.measurements import GRAVITY_M_S2
+from slam.flight import Flight
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+NODE_S, ABOUT_S = 0.5, 0.1
+"""Moments, and half the time about each over which differences are averaged."""
+LONGEST_GAP_S = 0.15
+LOWEST_M = 0.35
+"""Nearer to the floor the vehicle may touch it, which shakes all instruments."""
+FEWEST = 20
+INTEGRATED = " as integrated"
+"""Marks the second way to know what a scale multiplies."""
+LEAST_SHARE = 0.05
+FAR_OFF = 5.0
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Differences of unit variance, and what each effect's unit makes of them."""
+
+    kind: str
+    """``attitude``, ``velocity`` or ``height``: what is held against the imu."""
+    times_s: Array
+    """(n,)."""
+    off: Array
+    """(n,)."""
+    traces: dict[str, Array]
+    """Column -> (n,)."""
+
+
+@dataclass(frozen=True)
+class _Imu:
+    """The imu of a flight with the attitude at its stamps."""
+
+    stamps_s: Array
+    gyro: Array
+    accel: Array
+    angles: Array
+    """(n, 3) roll, pitch, yaw."""
+
+    def integral(self, rate: Array) -> Array:
+        """(n, k) of a rate (n, k)."""
+        step = np.diff(self.stamps_s)[:, None] * 0.5 * (rate[1:] + rate[:-1])
+        return np.vstack([np.zeros(rate.shape[1]), np.cumsum(step, axis=0)])
+
+    def at(self, times_s: Array, signal: Array) -> Array:
+        """(m, k) of a signal (n, k)."""
+        return np.column_stack([np.interp(times_s, self.stamps_s, column) for column in signal.T])
+
+
+def balances_of(flight: Flight) -> list[Rows]:
+    """Every comparison that the flight's streams allow."""
+    if flight.imu is None or flight.attitude is None:
+        return []
+    angles = flight.attitude.roll_pitch_yaw_rad
+    known = np.isfinite(angles).all(axis=1)
+    if known.sum() < FEWEST or len(flight.imu.stamps_s) < FEWEST:
+        return []
+    turned, stamps = np.unwrap(angles[known], axis=0), flight.attitude.stamps_s[known]
+    b_R_s = flight.imu.b_T_s[:3, :3]
+    at_imu = np.column_stack([np.interp(flight.imu.stamps_s, stamps, column) for column in turned.T])
+    imu = _Imu(flight.imu.stamps_s, flight.imu.gyro_rad_s @ b_R_s.T, flight.imu.accel_m_s2 @ b_R_s.T, at_imu)
+    aloft = _aloft(flight)
+    found = _attitude(imu, stamps, turned, aloft)
+    if flight.velocity is not None:
+        found += _velocity(imu, flight, aloft)
+    if flight.sonar is not None:
+        found += _height(imu, flight, aloft)
+    return found
+
+
+def _attitude(imu: _Imu, stamps: Array, angles: Array, aloft: Array) -> list[Rows]:
+    rates = _euler(imu.angles)
+    eye = np.eye(3)
+    turn = np.einsum("nij,nj->ni", rates, imu.gyro)
+    columns = {f"gyro_bias.{a}": -imu.integral(rates[:, :, j]) for j, a in enumerate("xyz")}
+    columns["gyro_scale.eps"] = -imu.integral(turn)
+    for j, axis in enumerate("xyz"):
+        crossed = np.einsum("nij,nj->ni", rates, np.cross(eye[j], imu.gyro))
+        columns[f"imu_misalignment.{axis}"] = imu.integral(crossed)
+    columns["attitude late.s"] = -turn
+    traces = {name: imu.at(stamps, column) for name, column in columns.items()}
+    off = angles - imu.at(stamps, imu.integral(turn))
+    return _rows("attitude", stamps, off, traces, aloft, 1)
+
+
+def _velocity(imu: _Imu, flight: Flight, aloft: Array) -> list[Rows]:
+    assert flight.velocity is not None
+    good = np.isfinite(flight.velocity.v_m_s).all(axis=1)
+    stamps, seen = flight.velocity.stamps_s[good], flight.velocity.v_m_s[good]
+    if good.sum() < FEWEST:
+        return []
+    yaw = imu.at(stamps, imu.angles[:, 2:])[:, 0]
+    speed = _led_by(yaw, seen)
+    columns = _of_accel(imu)
+    columns["velocity late.s"] = -np.einsum("nij,nj->ni", _rotation(imu.angles), imu.accel)
+    traces = {name: imu.at(stamps, column)[:, :2] for name, column in columns.items()}
+    lifted = imu.integral(_lift(imu))
+    traces["flow_scale.eps"], traces["flow_scale.eps" + INTEGRATED] = speed, imu.at(stamps, lifted)[:, :2]
+    if flight.sonar is not None and np.isfinite(flight.sonar.range_m).sum() >= FEWEST:
+        known = np.isfinite(flight.sonar.range_m)
+        height = np.interp(stamps, flight.sonar.stamps_s[known], flight.sonar.range_m[known])
+        gyro = imu.at(stamps, imu.gyro)
+        traces["flow_derotation.kappa"] = _led_by(yaw, height[:, None] * gyro[:, [1, 0]] * [1.0, -1.0])
+    off = speed - imu.at(stamps, lifted)[:, :2]
+    _as_read(traces, "accel_scale.eps", off)
+    return _rows("velocity", stamps, off, traces, aloft, 1)
+
+
+def _height(imu: _Imu, flight: Flight, aloft: Array) -> list[Rows]:
+    assert flight.sonar is not None
+    good = np.isfinite(flight.sonar.range_m)
+    stamps, seen = flight.sonar.stamps_s[good], flight.sonar.range_m[good]
+    if good.sum() < FEWEST:
+        return []
+    roll, pitch, _ = imu.at(stamps, imu.angles).T
+    level = np.cos(roll) * np.cos(pitch)
+    height = seen * level
+    columns = {name: imu.integral(column) for name, column in _of_accel(imu).items()}
+    traces = {name: imu.at(stamps, column)[:, 2:] for name, column in columns.items()}
+    climb = imu.integral(_lift(imu))[:, 2:]
+    risen = imu.at(stamps, imu.integral(climb))
+    traces["sonar_scale.eps"], traces["sonar_scale.eps" + INTEGRATED] = height[:, None], risen
+    traces["sonar_lag.T"] = -imu.at(stamps, climb)
+    traces["sonar_slant.c"] = (height * (1.0 - level))[:, None]
+    traces["sonar_tilt.y"] = (height * np.sin(pitch) / level)[:, None]
+    traces["sonar_tilt.x"] = (height * np.cos(pitch) * np.sin(roll) / level)[:, None]
+    off = height[:, None] - risen
+    _as_read(traces, "accel_scale.eps", off)
+    return _rows("height", stamps, off, traces, aloft, 2)
+
+
+def _as_read(traces: dict[str, Array], name: str, off: Array) -> None:
+    """Let a scale of what is integrated be known from what is read too."""
+    traces[name + INTEGRATED] = traces[name]
+    traces[name] = traces[name] - off
+
+
+def _of_accel(imu: _Imu) -> dict[str, Array]:
+    """Columns of the accelerometer in the integrated speed, (n, 3) each."""
+    R, eye = _rotation(imu.angles), np.eye(3)
+    found = {f"accel_bias.{a}": -imu.integral(R[:, :, j]) for j, a in enumerate("xyz")}
+    found["accel_scale.eps"] = -imu.integral(np.einsum("nij,nj->ni", R, imu.accel))
+    for j, axis in enumerate("xyz"):
+        crossed = np.einsum("nij,nj->ni", R, np.cross(eye[j], imu.accel))
+        found[f"imu_misalignment.{axis}"] = imu.integral(crossed)
+    return found
+
+
+def _lift(imu: _Imu) -> Array:
+    """(n, 3) acceleration in the world."""
+    return np.asarray(np.einsum("nij,nj->ni", _rotation(imu.angles), imu.accel) - [0.0, 0.0, GRAVITY_M_S2])
+
+
+def _rows(
+    kind: str, stamps: Array, off: Array, traces: dict[str, Array], aloft: Array, order: int
+) -> list[Rows]:
+    """One set of white rows a component of ``off`` (n, components)."""
+    nodes = np.arange(stamps[0] + ABOUT_S, stamps[-1] - ABOUT_S, NODE_S)
+    begin = np.searchsorted(stamps, nodes - ABOUT_S)
+    end = np.searchsorted(stamps, nodes + ABOUT_S)
+    far = np.diff(stamps, append=np.inf) > LONGEST_GAP_S
+    gaps = np.concatenate([[0], np.cumsum(far)])
+    low = np.searchsorted(aloft, nodes + 2 * ABOUT_S) - np.searchsorted(aloft, nodes - 2 * ABOUT_S)
+    whole = (end - begin >= 2) & (low == 0)
+    made = []
+    for c in range(off.shape[1]):
+        table = np.column_stack([off[:, c], *(t[:, c] for t in traces.values())])
+        total = np.vstack([np.zeros(table.shape[1]), np.cumsum(table - table.mean(axis=0), axis=0)])
+        means = (total[end] - total[begin]) / np.maximum(end - begin, 1)[:, None]
+        steps = np.diff(means, n=order, axis=0)
+        kept = np.all([whole[k : len(whole) - order + k] for k in range(order + 1)], axis=0)
+        kept &= gaps[end[order:] - 1] == gaps[begin[: len(begin) - order]]
+        if kept.sum() >= FEWEST:
+            made.append(
+                _white(kind, nodes[order:][kept], np.flatnonzero(kept), steps[kept], list(traces), order)
+            )
+    return made
+
+
+def _white(kind: str, times_s: Array, place: Ints, table: Array, names: list[str], order: int) -> Rows:
+    """Rows whitened by what their own scatter is: that of the averages, and that of the integral."""
+    left = np.clip(table[:, 0], *np.quantile(table[:, 0], [0.02, 0.98]))
+    near = np.diff(place) == 1
+    variance, next_one = float(np.mean(left**2)), float(np.mean((left[1:] * left[:-1])[near]))
+    shape = np.array([2.0, -1.0]) if order == 1 else np.array([6.0, -4.0, 1.0])
+    of_ends = float(np.clip(next_one / shape[1], 0.0, (1 - LEAST_SHARE) * variance / shape[0]))
+    # The noise of either side is in what is explained: in their mean by weight it is not. Where there is
+    # little else in them, they tell nothing of a scale.
+    read = shape[0] * of_ends / variance
+    for k in [k for k, name in enumerate(names) if name + INTEGRATED in names]:
+        beside = names.index(names[k] + INTEGRATED)
+        moves = float(np.mean(table[:, 1 + k] * table[:, 1 + beside])) > variance
+        both = (1.0 - read) * table[:, 1 + k] + read * table[:, 1 + beside]
+        table[:, 1 + k] = both if moves else 0.0
+    apart = np.abs(place[:, None] - place)
+    banded = np.append(of_ends * shape, 0.0)[np.minimum(apart, len(shape))]
+    banded[np.diag_indices(len(banded))] += variance - shape[0] * of_ends
+    white = solve_triangular(np.linalg.cholesky(banded), table, lower=True)
+    # What effects make of them is no scatter, and no reason to leave rows out.
+    own = [1 + k for k, n in enumerate(names) if not n.endswith(INTEGRATED) and n + INTEGRATED not in names]
+    size = np.linalg.lstsq(white[:, own], white[:, 0], rcond=1e-6)[0]
+    left = white[:, 0] - white[:, own] @ size
+    far = np.abs(left) > FAR_OFF * 1.4826 * float(np.median(np.abs(left)))
+    free = max(int(np.sum(~far)) - len(size), 1)
+    white /= max(float(np.sqrt(np.sum(left[~far] ** 2) / free)), 1e-9)
+    white[far] = 0.0
+    traces = {n: white[:, 1 + k] for k, n in enumerate(names) if not n.endswith(INTEGRATED)}
+    return Rows(kind, times_s, white[:, 0], traces)
+
+
+def _aloft(flight: Flight) -> Array:
+    """Stamps of ranges that are so small that the vehicle may stand, or missing."""
+    if flight.sonar is None:
+        return np.zeros(0)
+    near = ~(flight.sonar.range_m > LOWEST_M)
+    return flight.sonar.stamps_s[near]
+
+
+def _led_by(yaw: Array, ahead_left: Array) -> Array:
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y = ahead_left.T
+    return np.column_stack([c * x - s * y, s * x + c * y])
+
+
+def _rotation(angles: Array) -> Array:
+    """(n, 3, 3) Rz(yaw) Ry(pitch) Rx(roll)."""
+    (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a), np.cos(a)) for a in angles.T)
+    rows = [
+        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+        [-sp, cp * sr, cp * cr],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def _euler(angles: Array) -> Array:
+    """(n, 3, 3) body rates to rates of roll, pitch and yaw."""
+    (sr, cr), pitch = (np.sin(angles[:, 0]), np.cos(angles[:, 0])), angles[:, 1]
+    zero, one = np.zeros(len(pitch)), np.ones(len(pitch))
+    rows = [
+        [one, sr * np.tan(pitch), cr * np.tan(pitch)],
+        [zero, cr, -sr],
+        [zero, sr / np.cos(pitch), cr / np.cos(pitch)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
