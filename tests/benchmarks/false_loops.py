@@ -28,7 +28,8 @@ from tests.benchmarks.rivals import RIVALS, Rival
 NAMES = ("CSAIL", "intel", "manhattan", "parking-garage", "sphere2500", "torus3D", "city10000")
 COMPARED = ("CSAIL", "intel", "manhattan", "sphere2500")
 """Graphs that the other methods solve in a minute."""
-SHARES, KINDS, SEEDS = (0.5, 0.9), {"alone": 1, "groups": 10}, (0, 1)
+SHARES, KINDS, SEEDS = (0.5, 0.9), {"alone": 1, "groups": 10}, (1,)
+"""Seed 0 was looked at while the selection was built."""
 HALF_WITHIN, MOST_WITHIN, MOST = 1.2, 2.0, 0.9
 
 Array = np.ndarray
@@ -74,19 +75,18 @@ def measure() -> list[Metric]:
     slowest = max(cases, key=lambda case: case.seconds)
     metrics.append(told("longest solve", slowest.seconds, "s", slowest.label))
     return metrics + [
-        told(f"{name}, {100 * share:.0f} % false, by {method}: error over the clean one's", worst, "x", how)
+        told(f"{name}, 50 % false, by {method}: error over the clean one's", worst, "x", how)
         for name in COMPARED
-        for share in SHARES
-        for method, worst, how in _by_others(data / f"{name}.g2o", share)
+        for method, worst, how in _by_others(data / f"{name}.g2o")
     ]
 
 
-def _by_others(path: Path, share: float) -> Iterator[tuple[str, float, str]]:
-    """The worse of alone and in groups, by other methods, on the first seed."""
+def _by_others(path: Path) -> Iterator[tuple[str, float, str]]:
+    """The worse of alone and in groups, by other methods, with half of the loops false."""
     graph = read_g2o(path)
     whole = solve_pose_graph(graph, covariances=False).w_T_b
     for method, rival in RIVALS.items():
-        cases = [case(path.stem, graph, whole, share, kind, SEEDS[0], rival) for kind in KINDS]
+        cases = [case(path.stem, graph, whole, 0.5, kind, SEEDS[0], rival) for kind in KINDS]
         yield method, max(c.ratio for c in cases), _said(cases)
 
 

@@ -29,6 +29,7 @@ from tests.benchmarks.metric import Metric, Skipped
 TITLES = {
     "demo": "Figure-eight demo",
     "bound": "Figure eight against its Cramer-Rao bound",
+    "calibration": "Covariances against errors, made flights",
     "hybrid": "AR.Drone 2 over a photographed floor (`ardrone2-hybrid`)",
     "caliterra": "75 aerial photographs (`caliterra`)",
     "graphs": "Standard pose graphs",
