@@ -27,7 +27,7 @@ REASON = (
     "no command log: what moved the vehicle is not known; its instruments are held against each other and "
     "its motion is not judged"
 )
-NOTHING_TO_HOLD = "no command log, and no imu with an attitude to hold the other instruments against"
+NOTHING_TO_HOLD = "no command log, and too little of imu and attitude to hold other instruments against"
 STANDS_OUT_Z = 5.0
 CONFIRMED_NATS = 2.0
 VERY_SIMILAR_NATS = 4.0

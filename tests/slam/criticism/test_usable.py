@@ -32,6 +32,21 @@ def test_a_flight_that_never_moves(flight):
     assert "never moved" in unusable(still)
 
 
+def test_a_hover_is_judged_beside_flights_that_move(flight):
+    hover = flown(load_model("nominal"), stick_for(["hover for 8 s"]), 2)
+    records, dropped = usable_records([flight, hover])
+    assert len(records) == 2
+    assert not dropped
+    # A stick at rest under a vehicle that tilts is a log that was lost.
+    lost = replace(flight, command=replace(flight.command, stick=0.0 * flight.command.stick))
+    tilting = replace(
+        lost, attitude=replace(lost.attitude, roll_pitch_yaw_rad=3.0 * lost.attitude.roll_pitch_yaw_rad)
+    )
+    records, dropped = usable_records([flight, tilting])
+    assert len(records) == 1
+    assert "never moved" in dropped[0]
+
+
 def test_a_log_on_another_clock(flight):
     late = replace(flight, command=replace(flight.command, stamps_s=flight.command.stamps_s + 4000))
     assert "another clock" in unusable(late)

@@ -118,3 +118,28 @@ def test_the_trace_of_a_term_is_what_the_simulator_does(term, parameter, step):
     assert np.linalg.norm(expected) > 0
     miss = np.linalg.norm(done - expected) / np.linalg.norm(expected)
     assert miss < (0.15 if term in LOOSE else 0.04)
+
+
+def test_a_late_vehicle_is_known_less_well_just_after_the_stick_jumps():
+    model = slow(load_model("nominal")).with_term("control_latency", T=0.1)
+    record = record_of(flown(model, stick_for(["pulse of 1 s forward at 0.25 and coast"]), 3))
+    sure = whole(record, replace(setting_of(model), latency_s=0.0))
+    unsure = whole(record, setting_of(model))
+    pitch = (record.kinds == 1) & (unsure.status[:, 1] == USED)
+    wider = unsure.log_variance[pitch, 1] - sure.log_variance[pitch, 1]
+    jumps = np.flatnonzero(np.any(np.diff(record.stick.values, axis=0) != 0, axis=1))
+    since = record.times_s[pitch] - (record.stick.stamps_s[jumps[0] + 1] + 0.1)
+    assert wider[(since > 0.0) & (since < 0.05)].max() > 0.05
+    # Gyro readings beside the jump itself are left out, which the pitch hardly feels.
+    assert abs(wider[since < 0.0]).max() < 0.02
+
+
+def test_the_unrest_that_is_left_near_the_floor_tells_no_height():
+    from slam.criticism.kalman.transition import jacobian
+
+    setting = setting_of(load_model("nominal"))
+    state = np.zeros(19)
+    state[2], state[10:19] = 0.1, 0.05
+    rate, slopes = np.empty(12), np.empty((10, 19))
+    jacobian(state, np.zeros(6), setting.parameters, rate, slopes)
+    assert not slopes[[0, 1, 2, 3, 4, 6, 7, 8, 9], 2].any()
