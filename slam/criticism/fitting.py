@@ -36,7 +36,7 @@ def changes_of(setting: Setting) -> list[Change]:
         def apply(s: Setting) -> Setting:
             return with_value(nuisance, s, value_of(nuisance, s) + nuisance.step)
 
-        return Change(nuisance.name, apply, nuisance.step)
+        return Change(nuisance.name, apply, nuisance.step, everywhere=False)
 
     return [change(k) for k in range(len(RESTLESS))]
 

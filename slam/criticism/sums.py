@@ -34,6 +34,7 @@ WORKERS = 2
 CUT = 9.0
 """e^2 beyond this counts as this in the variance's score: one outlier is not a change of variance."""
 STRETCH_S = 10.0
+ENOUGH_S = 200.0
 PARTED = 0.1
 
 
@@ -44,6 +45,8 @@ class Change:
     name: str
     apply: Callable[[Setting], Setting]
     step: float
+    everywhere: bool = True
+    """Or else only in the first flights, of ``ENOUGH_S`` together: it shows in all alike."""
 
 
 @dataclass(frozen=True)
@@ -93,17 +96,20 @@ def sums_of(
 
     ``plain`` are runs under ``setting`` itself, where they are known already.
     """
-    settings = [c.apply(setting) for c in changes]
-    wanted = [(r, s) for r in records for s in (settings if plain else [setting, *settings])]
-    runs = in_threads(lambda pair: whole(*pair), wanted)
     if not plain:
-        width = 1 + len(changes)
-        plain, runs = runs[::width], [run for k, run in enumerate(runs) if k % width]
+        plain = in_threads(lambda record: whole(record, setting), records)
+    settings = [c.apply(setting) for c in changes]
+    before_s = np.cumsum([0.0, *(r.duration_s for r in records)])
+    tried = [(k, c) for k in range(len(records)) for c in range(len(changes))
+             if changes[c].everywhere or before_s[k] < ENOUGH_S]  # fmt: skip
+    runs = in_threads(lambda at: whole(records[at[0]], settings[at[1]]), tried)
+    other = dict(zip(tried, runs, strict=True))
     weight = _variance_weight(records, plain)
     steps = np.array([c.step for c in changes])
 
     def one(k: int) -> list[tuple[Array, Array, float]]:
-        changed = _difference(plain[k], runs[k * len(changes) : (k + 1) * len(changes)], steps)
+        beside = [other.get((k, c), plain[k]) for c in range(len(changes))]
+        changed = _difference(plain[k], beside, steps)
         found = signals[k] if signals is not None else {}
         rows = list(_stretch_sums(records[k], setting, directions, found, changed, weight, plain[k]))
         return rows + _sighted(records[k], setting, directions, len(changes))
