@@ -191,15 +191,14 @@ def _joining(pending: Innovations, chance: Array, places: Index, believed: float
     open_ = np.flatnonzero(agrees)
     open_ = open_[np.argsort(chance[open_])][:_HYPOTHESES]
     votes = _votes(pending, open_, places[open_], chance[open_])
-    # Of as many hypotheses some find others that agree by chance.
-    support = np.where(votes.own >= np.log(len(open_) / _DOUBT), votes.support, 0.0)
     least = -np.log(_DOUBT * believed / (1 - believed))
-    best = float(support.max())
+    best = float(votes.support.max())
     if best < least:
         return pending.edges[:0]
     taken: list[int] = []
-    for h in np.argsort(-support).tolist():
-        if taken and support[h] < max(least + np.log(len(open_)), best / 2):
+    for h in np.argsort(-votes.support).tolist():
+        # Of as many hypotheses some find others that agree by chance.
+        if taken and votes.support[h] < max(least + np.log(len(open_)), best / 2):
             break
         if votes.fits[taken, h].all() and votes.fits[h, taken].all():
             taken.append(h)
@@ -229,8 +228,6 @@ class _Votes:
 
     support: Array
     """(h,) surprise in nats that it and what it makes agree sharply do so by chance."""
-    own: Array
-    """(h,) the part of it that would be missing without the hypothesis."""
     follows: Mask
     """(h, h) which go with it: its neighbours, and what then is sure."""
     fits: Mask
@@ -243,7 +240,7 @@ def _votes(pending: Innovations, open_: Index, place: Index, chance: Array) -> _
     residual, spread = pending.residual[open_], pending.spread[open_]
     covariance, most = pending.covariance()[open_], limit(pending.residual.shape[1])
     h, s = len(open_), spread.shape[2]
-    support, own = np.zeros(h), np.zeros(h)
+    support = np.zeros(h)
     follows, fits = np.zeros((h, h), dtype=bool), np.zeros((h, h), dtype=bool)
     volume = log_volume(covariance, most)
     for a in range(h):
@@ -251,17 +248,15 @@ def _votes(pending: Innovations, open_: Index, place: Index, chance: Array) -> _
         gain = np.swapaxes(np.linalg.solve(covariance[a], np.swapaxes(cross, 1, 2)), 1, 2)
         left = covariance - gain @ np.swapaxes(cross, 1, 2)
         fits[a] = squared(residual - gain @ residual[a], left) <= most
-        sharper = volume - log_volume(left, most)
-        then = np.minimum(chance - sharper, 0.0)
+        then = np.minimum(chance + log_volume(left, most) - volume, 0.0)
         sure = _sure(then, fits[a], place)
         follows[a] = sure | (fits[a] & (then <= np.log(CHANCE)) & (place == place[a]))
         follows[a, a] = True
         elsewhere = sure & (place != place[a])
-        for total, nats in ((support, -then), (own, sharper)):
-            surprise = np.zeros(place.max() + 1)
-            np.maximum.at(surprise, place[elsewhere], nats[elsewhere])
-            total[a] = -chance[a] + surprise.sum()
-    return _Votes(support, own, follows, fits)
+        surprise = np.zeros(place.max() + 1)
+        np.maximum.at(surprise, place[elsewhere], -then[elsewhere])
+        support[a] = -chance[a] + surprise.sum()
+    return _Votes(support, follows, fits)
 
 
 def _places(i: Index, j: Index) -> Index:
