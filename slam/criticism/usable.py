@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 SHORTEST_S = 3.0
 LEAST_STICK = 0.01
 CALM_RAD = 0.1
+UNSTEERED = "the stick is never moved: nothing drives the model"
 FEWEST_READINGS = 20
 FOREIGN_FACTOR = 1.6
 FOREIGN_RATE_HZ = 20.0
@@ -33,7 +34,9 @@ def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
     for flight in flights:
         clean, reasons = _without_dead_streams(flight)
         dropped += [f"{flight.name}: {reason}" for reason in reasons]
-        reason = _unusable(clean) or ("" if steered and _is_calm(clean) else _unsteered(clean))
+        reason = _unusable(clean) or _unsteered(clean)
+        if reason == UNSTEERED and steered and _is_calm(clean):
+            reason = ""
         if reason:
             dropped.append(f"{flight.name}: {reason}")
             continue
@@ -110,7 +113,7 @@ def _unusable(flight: Flight) -> str:
 
 
 def _unsteered(flight: Flight) -> str:
-    return "" if _is_steered(flight) else "the stick is never moved: nothing drives the model"
+    return "" if _is_steered(flight) else UNSTEERED
 
 
 def _is_steered(flight: Flight) -> bool:
@@ -130,7 +133,10 @@ def _is_calm(flight: Flight) -> bool:
     if flight.attitude is None:
         return False
     tilt = flight.attitude.roll_pitch_yaw_rad[:, :2]
-    return bool(np.nanmax(np.nanquantile(tilt, 0.99, axis=0) - np.nanquantile(tilt, 0.01, axis=0)) < CALM_RAD)
+    tilt = tilt[np.isfinite(tilt).all(axis=1)]
+    if len(tilt) < FEWEST_READINGS:
+        return False
+    return bool(np.max(np.quantile(tilt, 0.99, axis=0) - np.quantile(tilt, 0.01, axis=0)) < CALM_RAD)
 
 
 def _without_dead_streams(flight: Flight) -> tuple[Flight, list[str]]:
