@@ -72,12 +72,15 @@ def balances_of(flight: Flight) -> list[Rows]:
         return []
     angles = flight.attitude.roll_pitch_yaw_rad
     known = np.isfinite(angles).all(axis=1)
-    if known.sum() < FEWEST or len(flight.imu.stamps_s) < FEWEST:
+    felt = np.isfinite(flight.imu.gyro_rad_s).all(axis=1) & np.isfinite(flight.imu.accel_m_s2).all(axis=1)
+    if known.sum() < FEWEST or felt.sum() < FEWEST:
         return []
     turned, stamps = np.unwrap(angles[known], axis=0), flight.attitude.stamps_s[known]
     b_R_s = flight.imu.b_T_s[:3, :3]
-    at_imu = np.column_stack([np.interp(flight.imu.stamps_s, stamps, column) for column in turned.T])
-    imu = _Imu(flight.imu.stamps_s, flight.imu.gyro_rad_s @ b_R_s.T, flight.imu.accel_m_s2 @ b_R_s.T, at_imu)
+    imu_s = flight.imu.stamps_s[felt]
+    at_imu = np.column_stack([np.interp(imu_s, stamps, column) for column in turned.T])
+    gyro, accel = flight.imu.gyro_rad_s[felt] @ b_R_s.T, flight.imu.accel_m_s2[felt] @ b_R_s.T
+    imu = _Imu(imu_s, gyro, accel, at_imu)
     aloft = _aloft(flight)
     found = _attitude(imu, stamps, turned, aloft)
     if flight.velocity is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from slam.criticism import criticise
@@ -62,3 +63,11 @@ def test_one_instrument_alone_has_nothing_to_be_held_against():
     found = criticise(bare)
     assert found.verdict == "unusable"
     assert "no command log" in found.sentence
+
+
+def test_readings_that_are_not_numbers_are_left_out():
+    broken = flights()
+    gyro, accel = broken[0].imu.gyro_rad_s.copy(), broken[0].imu.accel_m_s2.copy()
+    gyro[50:60], accel[200] = np.inf, np.nan
+    broken[0] = replace(broken[0], imu=replace(broken[0].imu, gyro_rad_s=gyro, accel_m_s2=accel))
+    assert criticise(broken).verdict == "nothing_wrong"
