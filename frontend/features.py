@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from frontend.cells import COUNT as CELLS
+from frontend.cells import GRID, cells
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -18,6 +20,13 @@ FeatureKind = Literal["sift", "orb", "orb-teblid", "akaze", "surf"]
 
 ORB_SCALE = 1.2
 """From one level of ORB's pyramid to the next."""
+CROWDED = 0.68
+"""Features crowd where the fullest third of the picture holds more than this share of them. On floors it
+holds half to two thirds; then cells with less than half their even share are searched once more, and fuller
+ones keep just that share."""
+BARE_SHARE, USED_UP = 0.5, 0.9
+ALL_FEATURES = 100_000
+"""More than any picture has."""
 SMALLEST_PX = 16
 """Narrower pictures have no features: some pyramids would have empty levels."""
 
@@ -55,6 +64,38 @@ class Features:
         return len(self.pixel)
 
 
+@dataclass(frozen=True)
+class _Detected:
+    """What a detector found."""
+
+    points: list[cv2.KeyPoint]
+    descriptor: NDArray[Any]
+
+    def __getitem__(self, which: NDArray[np.int64]) -> _Detected:
+        return _Detected([self.points[k] for k in which], self.descriptor[which])
+
+    def cells(self, size_px: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The cell of the picture (width, height) in which each lies."""
+        pixel = np.asarray(cv2.KeyPoint.convert(self.points), dtype=float).reshape(-1, 2)
+        return cells(pixel, (int(size_px[0]), int(size_px[1])))
+
+    def spread(self, size_px: NDArray[np.int64], quota: int, bare: Image) -> _Detected:
+        """The strongest of each cell, at most ``quota``, without those where ``bare`` (h, w) is not 0."""
+        order = _by_strength(self.points)
+        cell = self.cells(size_px)[order]
+        rank = np.empty(len(order), np.int64)
+        for number in np.unique(cell):
+            mine = np.flatnonzero(cell == number)
+            rank[mine] = np.arange(len(mine))
+        column, row = np.asarray(cv2.KeyPoint.convert(self.points)).reshape(-1, 2).astype(int).T
+        return self[order[(rank < quota) & (bare[row, column][order] == 0)]]
+
+    def with_others(self, others: _Detected, most: int) -> _Detected:
+        """These, and the strongest of others until there are ``most``."""
+        more = others[_by_strength(others.points)[: max(0, most - len(self.points))]]
+        return _Detected(self.points + more.points, np.concatenate([self.descriptor, more.descriptor]))
+
+
 class Extractor:
     """Detects and describes features; one object serves a whole flight.
 
@@ -64,6 +105,7 @@ class Extractor:
     def __init__(self, config: FeatureConfig = FeatureConfig()) -> None:
         self.config = config
         self._detector, self._descriptor = _create(config)
+        self._searcher, _ = _create(replace(config, max_features=ALL_FEATURES))
 
     def __call__(self, image: Image, camera: Camera, mask: Image | None = None) -> Features:
         """Features of one picture, (h, w) grey or (h, w, 3) BGR uint8; ``mask`` is 0 where to look away."""
@@ -76,29 +118,70 @@ class Extractor:
             grey = cv2.resize(grey, size.tolist(), interpolation=cv2.INTER_AREA)
             if mask is not None:
                 mask = cv2.resize(mask, size.tolist(), interpolation=cv2.INTER_NEAREST)
+        found = self._strongest(grey, mask)
+        if (bare := self._left_bare(found, size)) is not None:
+            elsewhere = self._strongest(grey, bare if mask is None else np.minimum(bare, mask))
+            crowd = found.spread(size, round(self.config.max_features / CELLS), bare)
+            found = crowd.with_others(elsewhere, self.config.max_features)
+        if len(found.points) == 0:
+            return self._nothing()
+        pixel = _positions(self.config.kind, found.points, size)
+        # A reduced picture's pixel x covers full-size pixels around (x + 1/2) full / size - 1/2.
+        pixel = (pixel + 0.5) * full / size - 0.5
+        return Features(camera.undistort(pixel), _normalise(found.descriptor))
+
+    def _strongest(self, grey: Image, mask: Image | None) -> _Detected:
+        """At most ``max_features``, the strongest where the detector found more."""
+        most = self.config.max_features
         if self._descriptor is None:
             points, descriptor = self._detector.detectAndCompute(grey, mask)
         else:
             points, descriptor = self._descriptor.compute(grey, self._detector.detect(grey, mask))
+        if mask is not None and len(points) < most // 2:
+            # Detectors keep their strongest before they look at a mask: what it hides may have used them up.
+            points = _strongest(self._searcher.detect(grey, mask), most)
+            points, descriptor = (self._descriptor or self._detector).compute(grey, points)
         if descriptor is None or len(points) == 0:
-            return self._nothing()
-        descriptor = descriptor.reshape(len(points), -1)
-        if len(points) > self.config.max_features:  # detectors treat their own limit loosely
-            response = np.fromiter((p.response for p in points), float, len(points))
-            best = np.argsort(-response, kind="stable")[: self.config.max_features]
-            points, descriptor = [points[k] for k in best], descriptor[best]
-        pixel = _positions(self.config.kind, points, size)
-        # A reduced picture's pixel x covers full-size pixels around (x + 1/2) full / size - 1/2.
-        pixel = (pixel + 0.5) * full / size - 0.5
-        return Features(camera.undistort(pixel), _normalise(descriptor))
+            return _Detected([], np.empty((0, self._width), self._dtype))
+        found = _Detected(list(points), descriptor.reshape(len(points), -1))
+        # Detectors treat their own limit loosely.
+        return found[_by_strength(found.points)[:most]] if len(points) > most else found
+
+    def _left_bare(self, found: _Detected, size: NDArray[np.int64]) -> Image | None:
+        """Where (h, w) to look once more, since the strongest features crowd in a part of the picture.
+
+        Something rich in texture, a landing gear or a passer-by, would else leave nothing to the floor. None
+        where they don't.
+        """
+        if len(found.points) < USED_UP * self.config.max_features:
+            return None
+        held = np.bincount(found.cells(size), minlength=CELLS)
+        if np.sort(held)[-CELLS // 3 :].sum() <= CROWDED * held.sum():
+            return None
+        bare = held < BARE_SHARE * self.config.max_features / CELLS
+        cell_of = np.where(bare, 255, 0).astype(np.uint8).reshape(GRID[::-1])
+        return np.asarray(cv2.resize(cell_of, size.tolist(), interpolation=cv2.INTER_NEAREST), np.uint8)
 
     def _nothing(self) -> Features:
-        width = (self._descriptor or self._detector).descriptorSize()
-        return Features(np.empty((0, 2)), np.empty((0, width), self._dtype))
+        return Features(np.empty((0, 2)), np.empty((0, self._width), self._dtype))
+
+    @property
+    def _width(self) -> int:
+        return int((self._descriptor or self._detector).descriptorSize())
 
     @property
     def _dtype(self) -> type:
         return np.float32 if self.config.kind in ("sift", "surf") else np.uint8
+
+
+def _strongest(points: Sequence[cv2.KeyPoint], most: int) -> list[cv2.KeyPoint]:
+    return [points[k] for k in _by_strength(points)[:most]]
+
+
+def _by_strength(points: Sequence[cv2.KeyPoint]) -> NDArray[np.int64]:
+    """Places of all, the strongest first."""
+    response = np.fromiter((p.response for p in points), float, len(points))
+    return np.argsort(-response, kind="stable")
 
 
 def _create(config: FeatureConfig) -> tuple[Any, Any]:

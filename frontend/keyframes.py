@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from frontend.cells import cells
 from frontend.features import Extractor, Features
 from frontend.gates import GateConfig, relative_change
 from frontend.homography import HomographyConfig
@@ -45,9 +46,28 @@ class Keyframe:
 
 @dataclass(frozen=True)
 class _Tracked:
+    """A frame with all its features, those of what moves by itself too: only so can it be told from the
+    floor in the next."""
+
     frame: int
     features: Features
-    link: Registration
+    link: Registration | None
+    on_floor: NDArray[np.bool_]
+    """(n,) features that the map gets."""
+
+    def keyframe(self, last: _Tracked | None) -> Keyframe:
+        """The frame as one that stays, with the features on the floor alone."""
+        features, link = self.features, self.link
+        if self.on_floor.all() and (last is None or last.on_floor.all()):
+            return Keyframe(self.frame, features, link)
+        if link is not None and last is not None:
+            i, j = link.matches.T
+            kept = last.on_floor[i] & self.on_floor[j]
+            number_i, number_j = np.cumsum(last.on_floor) - 1, np.cumsum(self.on_floor) - 1
+            matches = np.column_stack([number_i[i[kept]], number_j[j[kept]]]).astype(np.int32)
+            link = replace(link, matches=matches, elsewhere=np.empty(0, np.int32))
+        on_floor = Features(features.pixel[self.on_floor], features.descriptor[self.on_floor])
+        return Keyframe(self.frame, on_floor, link)
 
 
 class Tracker:
@@ -67,35 +87,42 @@ class Tracker:
         self.homography, self.gates, self.config, self.masks = homography, gates, config, masks
         self.rejected: Counter[str] = Counter()
         self.frames = 0
+        self.moving: set[int] = set()
+        """Frames in which something moves otherwise than the floor."""
 
     def keyframes(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
         """Keyframes in order of time."""
         number = -1
-        last: Keyframe | None = None
+        last: _Tracked | None = None
         best: _Tracked | None = None
         failures = 0
         for frame, features in self._seen(images):
             if last is None:
-                last, number = Keyframe(frame, features, None), number + 1
-                yield last
+                last, number = _first(frame, features), number + 1
+                yield last.keyframe(None)
                 continue
             tracked, reason = self._track(number, frame, last, features)
-            if (tracked is None or tracked.link.overlap < self.config.min_overlap) and best is not None:
+            if best is not None and (tracked is None or self._leaves(tracked)):
                 # The frame before was still well in view: it becomes the keyframe.
-                last, number, best = Keyframe(best.frame, best.features, best.link), number + 1, None
-                yield last
+                yield best.keyframe(last)
+                last, number, best = best, number + 1, None
                 tracked, reason = self._track(number, frame, last, features)
             if tracked is None:
                 self.rejected[reason] += 1
                 failures += 1
                 if failures > self.config.patience:
                     self.rejected["tracking started anew"] += 1
-                    last, number, failures = Keyframe(frame, features, None), number + 1, 0
-                    yield last
+                    last, number, failures = _first(frame, features), number + 1, 0
+                    yield last.keyframe(None)
                 continue
             failures, best = 0, tracked
-        if best is not None:
-            yield Keyframe(best.frame, best.features, best.link)
+        if best is not None and last is not None:
+            yield best.keyframe(last)
+
+    def _leaves(self, tracked: _Tracked) -> bool:
+        assert tracked.link is not None
+        # Which of two motions is the floor's is sure only while most of it is in view: so both count.
+        return tracked.link.least_overlap < self.config.min_overlap
 
     def every(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
         """Each readable picture as a keyframe, linked to the one before where the two overlap."""
@@ -149,7 +176,7 @@ class Tracker:
         return features
 
     def _track(
-        self, number: int, frame: int, last: Keyframe, features: Features
+        self, number: int, frame: int, last: _Tracked, features: Features
     ) -> tuple[_Tracked | None, str]:
         """The frame as the last keyframe sees it, or why not."""
         link = register(number, number + 1, last.features, features, self.camera, self.homography, self.gates)
@@ -157,4 +184,20 @@ class Tracker:
             return None, link.reason
         if relative_change(link.i_H_j, self.camera) > self.gates.max_relative_change:
             return None, "change above gamma_2"
-        return _Tracked(frame, features, link), ""
+        on_floor = _on_floor(features, link, self.camera)
+        if not on_floor.all():
+            self.moving.add(frame)
+        return _Tracked(frame, features, link, on_floor), ""
+
+
+def _first(frame: int, features: Features) -> _Tracked:
+    return _Tracked(frame, features, None, np.ones(len(features), dtype=bool))
+
+
+def _on_floor(features: Features, link: Registration, camera: Camera) -> NDArray[np.bool_]:
+    """All features but those where only what moves by itself was matched."""
+    cell = cells(features.pixel, camera.size_px)
+    other = np.setdiff1d(cell[link.elsewhere], cell[link.matches[:, 1]])
+    kept = ~np.isin(cell, other)
+    kept[link.elsewhere] = False
+    return kept

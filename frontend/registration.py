@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.features import Features
 from frontend.gates import GateConfig, reject_reason
-from frontend.homography import HomographyConfig, fit_homography, transfer
+from frontend.homography import HomographyConfig, transfer
 from frontend.matching import match
+from frontend.motions import floor_motion
 
 Array = NDArray[np.float64]
 
@@ -34,6 +35,10 @@ class Registration:
     noise_px: float
     overlap: float
     """Share of picture j that picture i shows too."""
+    elsewhere: NDArray[np.int32] = field(default_factory=lambda: np.empty(0, np.int32))
+    """(k,) features of j that move together by themselves: on something else than the floor."""
+    least_overlap: float = 1.0
+    """``overlap``, or that of what moves by itself where it is less."""
 
     @property
     def ok(self) -> bool:
@@ -56,9 +61,10 @@ def register(
         return refused(i, j, "too few matches")
     pixel_i, pixel_j = a.pixel[pairs[:, 0]], b.pixel[pairs[:, 1]]
     corners = camera.undistort(camera.corners_px)
-    fit = fit_homography(pixel_i, pixel_j, corners, homography)
-    if fit is None:
+    found = floor_motion(pixel_i, pixel_j, corners, camera.size_px, homography)
+    if found is None:
         return refused(i, j, "no plane fits the matches")
+    fit = found.fit
     covered = overlap(fit.i_H_j, camera)
     reason = reject_reason(fit, pixel_j, camera, covered, gates)
     return Registration(
@@ -70,6 +76,8 @@ def register(
         fit.corner_covariance,
         fit.noise_px,
         covered,
+        pairs[found.elsewhere, 1].astype(np.int32),
+        covered if found.other_i_H_j is None else min(covered, overlap(found.other_i_H_j, camera)),
     )
 
 

@@ -22,6 +22,10 @@ from slam.settings import PipelineConfig
 Array = NDArray[np.float64]
 
 
+MOVING_SHARE = 0.02
+"""Of the pictures: fewer in which something seems to move by itself are chance."""
+
+
 @dataclass(frozen=True)
 class Mapped:
     """Everything that the pipeline has found."""
@@ -115,6 +119,7 @@ def account(
             *flight.warnings,
             *describe(flight).odd,
             *missing_for_map(flight),
+            *_moving(sightings),
             *warnings,
             *solution.warnings,
         ),
@@ -124,6 +129,16 @@ def account(
         graph_error=fused.bundle.error if fused.bundle else solution.error,
         iterations=solution.iterations + (fused.bundle.iterations if fused.bundle else 0),
     )
+
+
+def _moving(sightings: Sightings) -> list[str]:
+    """What else than the floor moves in the pictures, if it is more than a chance find."""
+    if sightings.moving <= MOVING_SHARE * sightings.frames:
+        return []
+    return [
+        f"something else than the floor moves in {sightings.moving} of {sightings.frames} pictures: "
+        "what was seen on it is left out"
+    ]
 
 
 def _main(fused: Fused) -> Array:

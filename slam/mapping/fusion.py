@@ -16,7 +16,7 @@ from backend.solution import Solution
 from frontend.camera import Camera
 from frontend.registration import Registration
 from slam.estimate import over_floor
-from slam.mapping.mapper import Edges, Mapper, Sensors
+from slam.mapping.mapper import LEAST_SEEN, Edges, Mapper, Sensors
 from slam.mapping.placement import lay_onto
 from slam.mapping.sightings import Sightings
 from slam.progress import Progress
@@ -62,8 +62,13 @@ def fuse(mapper: Mapper, sightings: Sightings, edges: Edges, solution: Solution,
     w_T_b[component < 0] = np.nan
     warnings: list[str] = []
     camera, floor_z_m, first, georeferenced = mapper.camera, 0.0, None, False
+    seen = np.bincount(tracks.keyframe, minlength=n)
     for part in range(int(component.max(initial=-1)) + 1):
         members = np.flatnonzero(component == part)
+        if (seen[members] >= LEAST_SEEN).sum() >= 2:
+            # A picture that sees next to no point of the others' must not keep them from being refined.
+            component[members[seen[members] < LEAST_SEEN]] = -1
+            members = np.flatnonzero(component == part)
         metric = bool(edges.heights.metric[members].all())
         laid = lay_onto(w_T_b[members], _renumbered(mapper, members), metric)
         start, floor = laid if laid is not None else (_headed(w_T_b[members], sensors, members), 0.0)
@@ -84,6 +89,7 @@ def fuse(mapper: Mapper, sightings: Sightings, edges: Edges, solution: Solution,
                 first, camera = bundle, _calibrated(camera, bundle)
         if part == 0:
             floor_z_m, georeferenced = floor, laid is not None
+    w_T_b[component < 0] = np.nan
     return Fused(w_T_b, covariances, component, floor_z_m, camera, first, georeferenced, tuple(warnings))
 
 

@@ -36,6 +36,8 @@ from slam.settings import PipelineConfig
 
 Array = NDArray[np.float64]
 
+LEAST_SEEN = 4
+"""Floor points that a keyframe must share with others to be refined: they determine a homography."""
 WIDENED_BY_TILT = 1.5
 """A corner of a tilted picture sees farther: a wide lens leaning by 15 degrees."""
 
@@ -248,7 +250,7 @@ class Mapper:
         _, track = np.unique(tracks.track[mine], return_inverse=True)
         tracks = FloorTracks(number[tracks.keyframe[mine]], track, tracks.pixel[mine], tracks.std_px[mine])
         seen = np.bincount(tracks.keyframe, minlength=len(members))
-        if len(members) < 2 or (seen < 4).any():
+        if len(members) < 2 or (seen < LEAST_SEEN).any():
             raise BackendError("some keyframes share too few floor points with others")
         sensors, camera = self.sensors, self.camera
         level = np.array([self.config.trust.level_std_rad] * 2 + [np.inf])

@@ -43,6 +43,8 @@ class Sightings:
     """Candidates that did not verify."""
     frames: int
     rejected: Counter[str]
+    moving: int = 0
+    """Frames in which something moves otherwise than the floor."""
 
     def without(self, reasons: dict[tuple[int, int], str]) -> Sightings:
         """The same with some pairs (i, j) refused, each for its reason."""
@@ -84,7 +86,17 @@ class Sighter:
         kept = tuple(link for link in links if link is not None)
         stamps_s = flight.frames.stamps_s[index] if len(index) else np.empty(0)
         rejected = _with_reasons(tracker.rejected, flight.frames.failures)
-        return Sightings(store, index, stamps_s, tuple(links), kept, tuple(refused), tracker.frames, rejected)
+        return Sightings(
+            store,
+            index,
+            stamps_s,
+            tuple(links),
+            kept,
+            tuple(refused),
+            tracker.frames,
+            rejected,
+            len(tracker.moving),
+        )
 
     def neighbours(self, sightings: Sightings) -> Sightings:
         """Compare each keyframe with the ones just before the last: a chain alone is weak."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.features import Extractor, FeatureConfig, FeatureKind, FeatureUnavailableError
@@ -111,15 +112,41 @@ def test_mask_is_respected(kind: FeatureKind) -> None:
     assert len(Extractor(FeatureConfig(kind))(picture, CAMERA, np.zeros_like(mask))) == 0
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_limit_keeps_the_strongest(kind: FeatureKind) -> None:
-    """Contrast fades from left to right: the strongest stand at the left."""
+def faded(contrast: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """A texture whose contrast differs from column to column (320,)."""
     noise = texture(np.random.default_rng(3), 320, 240).astype(float) - 125
-    picture = np.clip(125 + noise * np.linspace(1.0, 0.1, 320), 0, 255).astype(np.uint8)
+    return np.clip(125 + noise * contrast, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("kind", ["sift", "akaze"])
+def test_limit_keeps_the_strongest(kind: FeatureKind) -> None:
+    """Contrast fades a little from left to right: the strongest stand at the left."""
+    picture = faded(np.linspace(1.0, 0.8, 320))
     many = Extractor(FeatureConfig(kind, 2000))(picture, CAMERA)
-    few = Extractor(FeatureConfig(kind, 100))(picture, CAMERA)
-    assert 20 < len(few) <= 100 < len(many)
-    assert few.pixel[:, 0].mean() < many.pixel[:, 0].mean() - 20
+    few = Extractor(FeatureConfig(kind, 400))(picture, CAMERA)
+    assert 100 < len(few) <= 400 < len(many)
+    assert few.pixel[:, 0].mean() < many.pixel[:, 0].mean() - 5
+
+
+def test_something_rich_in_texture_leaves_features_to_the_rest() -> None:
+    """A third of the picture has five times the contrast; it holds no more than half of the features."""
+    picture = faded(np.where(np.arange(320) < 107, 1.0, 0.2))
+    found = Extractor(FeatureConfig("sift", 200))(picture, CAMERA)
+    assert len(found) > 120
+    assert (found.pixel[:, 0] < 107).mean() < 0.5
+    both = np.column_stack([found.pixel, found.descriptor.astype(float)])
+    assert len(np.unique(both.round(3), axis=0)) == len(found), "found twice"
+
+
+@pytest.mark.parametrize("kind", ["sift", "orb", "orb-teblid"])
+def test_what_is_masked_does_not_use_up_the_limit(kind: FeatureKind) -> None:
+    """Detectors keep their strongest and look at the mask then: the rest would get what is left over."""
+    picture = faded(np.where(np.arange(320) < 160, 1.0, 0.3))
+    mask = np.full((240, 320), 255, np.uint8)
+    mask[:, :160] = 0
+    found = Extractor(FeatureConfig(kind, 150))(picture, CAMERA, mask)
+    assert len(found) > 120
+    assert (found.pixel[:, 0] > 155).all()
 
 
 @pytest.mark.parametrize("kind", KINDS)

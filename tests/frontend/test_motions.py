@@ -1,0 +1,58 @@
+"""Of two motions in a pair of pictures the floor's is taken, though the other has more matches."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from frontend.homography import transfer
+from frontend.motions import floor_motion
+
+SIZE = (320, 240)
+CORNERS = np.array([[-0.5, -0.5], [319.5, -0.5], [319.5, 239.5], [-0.5, 239.5]])
+FLOOR = np.array([[1.0, 0.02, 25.0], [-0.02, 1.0, -8.0], [0.0, 0.0, 1.0]])
+
+
+def matches(rng, floor: int, other: int, other_H, noise_px=0.2, wrong=0):
+    """Floor points all over the picture but its left third, others there; some matches are wrong."""
+    on_floor = rng.uniform([110, 0], [320, 240], (floor, 2))
+    beside = rng.uniform([0, 0], [105, 240], (other, 2))
+    astray = rng.uniform([0, 0], [320, 240], (wrong, 2))
+    j = np.vstack([on_floor, beside, astray])
+    i = np.vstack([transfer(FLOOR, on_floor), transfer(other_H, beside), rng.uniform(0, 240, (wrong, 2))])
+    order = rng.permutation(len(j))
+    i, j = i + rng.normal(0, noise_px, i.shape), j + rng.normal(0, noise_px, j.shape)
+    return i[order], j[order]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (-30.0, 12.0)])
+def test_the_floor_wins_with_a_third_of_the_matches(seed, shift):
+    other = np.eye(3)
+    other[:2, 2] = shift
+    i, j = matches(np.random.default_rng(seed), 100, 200, other, wrong=30)
+    found = floor_motion(i, j, CORNERS, SIZE)
+    assert found is not None
+    off = transfer(found.fit.i_H_j, CORNERS) - transfer(FLOOR, CORNERS)
+    assert np.abs(off).max() < 1.5
+    assert found.elsewhere.sum() > 180
+    assert not (found.elsewhere & found.fit.inlier).any()
+    assert found.other_i_H_j is not None
+    beside = np.array([[5.0, 5.0], [100.0, 5.0], [100.0, 230.0], [5.0, 230.0]])
+    np.testing.assert_allclose(transfer(found.other_i_H_j, beside), transfer(other, beside), atol=3.0)
+
+
+@pytest.mark.parametrize("wrong", [0, 60])
+def test_a_floor_alone_has_no_other_motion(wrong):
+    rng = np.random.default_rng(7)
+    i, j = matches(rng, 200, 100, FLOOR, wrong=wrong)
+    found = floor_motion(i, j, CORNERS, SIZE)
+    assert found is not None
+    assert not found.elsewhere.any()
+    assert found.other_i_H_j is None
+    assert found.fit.inlier.sum() > 290
+
+
+def test_nothing_that_agrees_is_none():
+    rng = np.random.default_rng(1)
+    assert floor_motion(*rng.uniform(0, 240, (2, 3, 2)), CORNERS, SIZE) is None
