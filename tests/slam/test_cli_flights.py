@@ -123,7 +123,7 @@ def test_optimize_writes_every_file(done):
         width_m = mosaic.width * mosaic.transform.a
     assert 1.0 < width_m < 3.5, "0.8 m flown under a view of about 1 m"
     report = (done / "report.html").read_text()
-    assert report.count("data:image/jpeg;base64,") == 2, "before and after"
+    assert report.count("data:image/jpeg;base64,") == 3, "before, after, and how far to trust it"
 
 
 def test_a_second_run_replaces_the_first_with_the_same(flight, done, tmp_path):
