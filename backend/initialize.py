@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree, reverse_cuthill_mckee
-from scipy.sparse.linalg import splu
 
 from backend import se3
+from backend.linear import cholesky
 from backend.problem import Problem
 
 Array = NDArray[np.float64]
@@ -118,8 +118,7 @@ def _laplacian_solve(
     if n == 1:
         return first
     try:
-        options = {"SymmetricMode": True}
-        factor = splu(csc_array(H[d:, d:]), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0, options=options)
+        factor = cholesky(csc_array(H[d:, d:]))
     except RuntimeError:
         return None
     x = np.vstack([first, factor.solve(np.asarray(right))])

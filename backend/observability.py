@@ -12,6 +12,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
 from backend import se3
 from backend.gauge import floating_parts, key_name, key_runs
+from backend.linear import jacobian
 
 Array = NDArray[np.float64]
 
@@ -71,11 +72,7 @@ def null_space(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, width: N
     Columns of the system are first brought to unit length, so that radians and metres compare. Dense below
     1200 unknowns, shift-invert Lanczos above.
     """
-    triplets = np.asarray(graph.linearize(values).sparseJacobian_())
-    dim = int(width.sum())
-    row, column = triplets[0].astype(np.int64) - 1, triplets[1].astype(np.int64) - 1
-    left = column < dim
-    J = csc_array((triplets[2][left], (row[left], column[left])), shape=(row.max() + 1, dim))
+    J, dim = jacobian(graph, values), int(width.sum())
     length = np.sqrt(np.asarray(J.multiply(J).sum(axis=0)).ravel())
     length[length == 0] = 1
     scaled = J @ diags_array(1 / length)

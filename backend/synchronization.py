@@ -9,16 +9,16 @@ Source: Rosen, Carlone, Bandeira, Leonard 2019 (IJRR), "SE-Sync", equation 12.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
-from scipy.sparse.linalg import LinearOperator, SuperLU, cg, splu
+from scipy.sparse.linalg import LinearOperator, cg
 from scipy.spatial.transform import Rotation
 
 from backend import se3
 from backend.errors import BackendError
+from backend.linear import cholesky
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -217,7 +217,7 @@ def elimination_order(problem: Synchronization) -> Index:
     """Poses in an order of little fill. Raises ``BackendError`` where any would fill up."""
     n = problem.count
     ones = np.ones((len(problem.i), 1, 1))
-    factor = _cholesky(csc_array(assembled(problem, ones, ones, -ones) + block_diagonal(np.ones((n, 1, 1)))))
+    factor = cholesky(csc_array(assembled(problem, ones, ones, -ones) + block_diagonal(np.ones((n, 1, 1)))))
     if factor.L.nnz * _width(problem.dimension) ** 2 > MOST_FILL:
         raise BackendError("its loops are too many to factorise")
     return np.argsort(factor.perm_c)
@@ -236,7 +236,7 @@ class Factor:
         rows = (order[:, None] * q + np.arange(q)).ravel() - missing
         self._rows = rows[rows >= 0]
         try:
-            self._factor = _cholesky(csc_array(matrix[self._rows][:, self._rows]), "NATURAL")
+            self._factor = cholesky(csc_array(matrix[self._rows][:, self._rows]), "NATURAL")
         except RuntimeError as error:
             raise BackendError(f"its linear system is singular: {error}") from error
 
@@ -250,10 +250,3 @@ class Factor:
         out = np.empty_like(rhs)
         out[self._rows] = self._factor.solve(rhs[self._rows])
         return out
-
-
-def _cholesky(
-    matrix: csc_array, permutation: Literal["NATURAL", "MMD_AT_PLUS_A"] = "MMD_AT_PLUS_A"
-) -> SuperLU:
-    # Pivots stay on the diagonal, so that U's diagonal is that of L D L'.
-    return splu(matrix, permc_spec=permutation, diag_pivot_thresh=0, options={"SymmetricMode": True})

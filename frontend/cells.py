@@ -5,12 +5,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+Ints = NDArray[np.int64]
+
 GRID = (8, 6)
 """Cells across and down a picture."""
 COUNT = GRID[0] * GRID[1]
 
 
-def cells(pixel: NDArray[np.float64], size_px: tuple[int, int]) -> NDArray[np.int64]:
+def cells(pixel: NDArray[np.float64], size_px: tuple[int, int], grid: tuple[int, int] = GRID) -> Ints:
     """(n,) number of the cell, row by row, in which each pixel (n, 2) of a picture (width, height) lies."""
-    place = np.clip(pixel / size_px * GRID, 0, np.array(GRID) - 1).astype(np.int64)
-    return place[:, 1] * GRID[0] + place[:, 0]
+    (across, down), (w, h) = grid, size_px
+    column = np.clip(pixel[:, 0] * across / w, 0, across - 1).astype(np.int64)
+    row = np.clip(pixel[:, 1] * down / h, 0, down - 1).astype(np.int64)
+    return row * across + column
+
+
+def place_in_run(group: Ints) -> Ints:
+    """Place of each entry in its run of equal ones: 0, 1, 2, ..."""
+    begin = np.flatnonzero(np.diff(group, prepend=-1))
+    return np.arange(len(group)) - np.repeat(begin, np.diff(begin, append=len(group)))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.cells import COUNT as CELLS
-from frontend.cells import GRID, cells
+from frontend.cells import GRID, cells, place_in_run
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -83,12 +83,11 @@ class _Detected:
         """The strongest of each cell, at most ``quota``, without those where ``bare`` (h, w) is not 0."""
         order = _by_strength(self.points)
         cell = self.cells(size_px)[order]
-        rank = np.empty(len(order), np.int64)
-        for number in np.unique(cell):
-            mine = np.flatnonzero(cell == number)
-            rank[mine] = np.arange(len(mine))
+        by_cell = np.argsort(cell, kind="stable")
+        first = np.zeros(len(order), dtype=bool)
+        first[by_cell[place_in_run(cell[by_cell]) < quota]] = True
         column, row = np.asarray(cv2.KeyPoint.convert(self.points)).reshape(-1, 2).astype(int).T
-        return self[order[(rank < quota) & (bare[row, column][order] == 0)]]
+        return self[order[first & (bare[row, column][order] == 0)]]
 
     def with_others(self, others: _Detected, most: int) -> _Detected:
         """These, and the strongest of others until there are ``most``."""
@@ -139,7 +138,8 @@ class Extractor:
             points, descriptor = self._descriptor.compute(grey, self._detector.detect(grey, mask))
         if mask is not None and len(points) < most // 2:
             # Detectors keep their strongest before they look at a mask: what it hides may have used them up.
-            points = _strongest(self._searcher.detect(grey, mask), most)
+            every = self._searcher.detect(grey, mask)
+            points = [every[k] for k in _by_strength(every)[:most]]
             points, descriptor = (self._descriptor or self._detector).compute(grey, points)
         if descriptor is None or len(points) == 0:
             return _Detected([], np.empty((0, self._width), self._dtype))
@@ -172,10 +172,6 @@ class Extractor:
     @property
     def _dtype(self) -> type:
         return np.float32 if self.config.kind in ("sift", "surf") else np.uint8
-
-
-def _strongest(points: Sequence[cv2.KeyPoint], most: int) -> list[cv2.KeyPoint]:
-    return [points[k] for k in _by_strength(points)[:most]]
 
 
 def _by_strength(points: Sequence[cv2.KeyPoint]) -> NDArray[np.int64]:

@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from backend.measurements import FloorTracks
 from frontend.camera import Camera
+from frontend.cells import cells, place_in_run
 from frontend.registration import Registration
 
 Array = NDArray[np.float64]
@@ -51,11 +52,7 @@ class _Observations:
 
     def cells(self, camera: Camera, grid: tuple[int, int]) -> NDArray[np.int64]:
         """Number of the cell of its picture that each lies in; no two pictures share one."""
-        across, down = grid
-        w, h = camera.size_px
-        column = np.clip(self.pixel[:, 0] * across / w, 0, across - 1).astype(np.int64)
-        row = np.clip(self.pixel[:, 1] * down / h, 0, down - 1).astype(np.int64)
-        return (self.keyframe * down + row) * across + column
+        return self.keyframe * grid[0] * grid[1] + cells(self.pixel, camera.size_px, grid)
 
 
 def join_tracks(
@@ -109,21 +106,15 @@ def _longest_of_cells(seen: _Observations, camera: Camera, grid: tuple[int, int]
     """The longest track of each cell of each picture."""
     cell = seen.cells(camera, grid)
     order = np.lexsort((seen.track, -seen.length, cell))
-    return np.unique(seen.track[order][_place(cell[order]) == 0])
+    return np.unique(seen.track[order][place_in_run(cell[order]) == 0])
 
 
 def _first_of_each(seen: _Observations, camera: Camera, grid: tuple[int, int], quota: int) -> _Observations:
     """What each keyframe keeps: the longest track of each cell, then the second longest."""
     cell, length = seen.cells(camera, grid), seen.length
     order = np.lexsort((seen.track, -length, cell))
-    order = order[np.lexsort((-length[order], _place(cell[order]), seen.keyframe[order]))]
-    return seen[np.sort(order[_place(seen.keyframe[order]) < quota])]
-
-
-def _place(group: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Place of each entry in its run of equal ones: 0, 1, 2, ..."""
-    begin = np.flatnonzero(np.diff(group, prepend=-1))
-    return np.arange(len(group)) - np.repeat(begin, np.diff(begin, append=len(group)))
+    order = order[np.lexsort((-length[order], place_in_run(cell[order]), seen.keyframe[order]))]
+    return seen[np.sort(order[place_in_run(seen.keyframe[order]) < quota])]
 
 
 def _noise_of_keyframes(count: int, registrations: Sequence[Registration]) -> Array:

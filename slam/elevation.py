@@ -6,8 +6,8 @@ import io
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from frontend.elevation import Elevation
 from slam.estimate import Estimate
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, write_bands
@@ -28,22 +28,15 @@ def write_elevation(estimate: Estimate, out_dir: Path) -> Path | None:
     grid = Grid(elevation.west_m, elevation.north_m, elevation.gsd_m, cols, rows, estimate.origin)
     write_bands(out_dir / "elevation.tif", grid, {"height over the floor [m]": elevation.height_m})
     path = out_dir / "elevation.png"
-    write_whole(path, elevation_picture(elevation, geographic=estimate.origin is not None))
+    write_whole(path, elevation_picture(elevation.height_m, grid))
     return path
 
 
-def elevation_picture(elevation: Elevation, geographic: bool) -> bytes:
+def elevation_picture(height: NDArray[np.float32], grid: Grid) -> bytes:
     """The heights in colour over x and y in metres, as PNG."""
     from matplotlib.figure import Figure
 
-    height = elevation.height_m
     rows, cols = height.shape
-    extent = (
-        elevation.west_m,
-        elevation.west_m + cols * elevation.gsd_m,
-        elevation.north_m - rows * elevation.gsd_m,
-        elevation.north_m,
-    )
     figure = Figure(
         figsize=(8.0, float(np.clip(7.0 * rows / cols, 2.2, 10.0)) + 1.0), dpi=130, layout="constrained"
     )
@@ -51,9 +44,11 @@ def elevation_picture(elevation: Elevation, geographic: bool) -> bytes:
     axes.set_facecolor("#e8eaed")
     low, high = (float(q) for q in np.nanpercentile(height, [0.5, 99.5]))
     low, high = min(low, -LEAST_SPAN_M / 4), max(high, LEAST_SPAN_M)
-    drawn = axes.imshow(height, cmap="cividis", extent=extent, vmin=low, vmax=high, interpolation="nearest")
-    axes.set_xlabel("east [m]" if geographic else "x [m]")
-    axes.set_ylabel("north [m]" if geographic else "y [m]")
+    drawn = axes.imshow(
+        height, cmap="cividis", extent=grid.extent_m, vmin=low, vmax=high, interpolation="nearest"
+    )
+    axes.set_xlabel("east [m]" if grid.origin else "x [m]")
+    axes.set_ylabel("north [m]" if grid.origin else "y [m]")
     axes.set_title("Height over the floor, by the sonar (grey: the beam has not been there)", fontsize=10)
     figure.colorbar(drawn, ax=axes, label="m", shrink=0.9)
     stream = io.BytesIO()

@@ -39,12 +39,6 @@ def quality_picture(quality: MosaicQuality, grid: Grid) -> bytes:
     """The three bands in colour over x and y in metres, as PNG."""
     from matplotlib.figure import Figure
 
-    extent = (
-        grid.west_m,
-        grid.west_m + grid.width * grid.gsd_m,
-        grid.north_m - grid.height * grid.gsd_m,
-        grid.north_m,
-    )
     unit, factor = _unit(quality.position_std_m)
     panels: tuple[tuple[str, NDArray[np.float32], str], ...] = (
         ("Pictures that see it", quality.pictures, "viridis"),
@@ -57,7 +51,7 @@ def quality_picture(quality: MosaicQuality, grid: Grid) -> bytes:
         axes.set_facecolor("#e8eaed")
         high = float(np.nanpercentile(values, 99)) if np.isfinite(values).any() else 1.0
         drawn = axes.imshow(
-            values, cmap=colours, extent=extent, vmin=0, vmax=max(high, 1e-9), interpolation="nearest"
+            values, cmap=colours, extent=grid.extent_m, vmin=0, vmax=max(high, 1e-9), interpolation="nearest"
         )
         axes.set_title(title, fontsize=10)
         axes.set_xlabel("east [m]" if grid.origin else "x [m]")

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
-from scipy.sparse.linalg import SuperLU, splu
+from scipy.sparse.linalg import SuperLU
 
 from backend.bundle.factors import WORLD_SIZE
 from backend.bundle.graph import BundleConfig, BundleProblem, build_graph, start_values
 from backend.bundle.noise import start_noise
 from backend.bundle.refinement import metric_jacobians
 from backend.errors import BackendError
+from backend.linear import cholesky, jacobian
 from backend.measurements import Measurements
 
 Array = NDArray[np.float64]
@@ -54,15 +55,10 @@ def information(measurements: Measurements, w_T_b: Array, config: BundleConfig) 
     values = start_values(problem, w_T_b, 0.0)
     used = np.ones(len(tracks.track), dtype=bool)
     graph = build_graph(problem, start_noise(measurements, config), used, values)
-    # gtsam sorts the columns by key: points (l), world (w), poses (x).
-    row, column, value = np.asarray(graph.linearize(values).sparseJacobian_())
-    size = values.dim()
-    left = column <= size
-    index = row[left].astype(np.int64) - 1, column[left].astype(np.int64) - 1
-    J = csc_array((value[left], index), shape=(int(row.max()), size))
-    options = {"SymmetricMode": True}
+    # By key: points (l), world (w), poses (x).
+    J = jacobian(graph, values)
     try:
-        factor = splu(csc_array(J.T @ J), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0, options=options)
+        factor = cholesky(csc_array(J.T @ J))
     except RuntimeError:
         raise BackendError("information: the measurements leave a direction open") from None
     return Information(factor, metric_jacobians(problem, values, np.zeros(3)))

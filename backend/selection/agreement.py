@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
 from backend.problem import Problem
-from backend.selection.decoys import decoys, measured_chance
+from backend.selection.decoys import Decoys
 from backend.selection.prediction import (
     CHANCE,
     Innovations,
@@ -66,7 +66,7 @@ def grown(
     """Edges (m,) that agree, beginning with those of ``base`` (solved: ``w_T``), and the poses from them."""
     growth = _Growth(problem, base, _places(problem.i, problem.j), solve, draw)
     loops = np.flatnonzero(~base)
-    decoy = decoys(problem, loops, growth.places[loops])
+    decoy = Decoys.of(problem, loops, growth.places[loops])
     kept, strikes = base.copy(), np.zeros(len(base), dtype=np.int64)
     for number in range(_ROUNDS):
         drawn = draw(kept, w_T)
@@ -77,8 +77,7 @@ def grown(
         if number == 0:
             scale = first_scale(innovations(problem, w_T, drawn, left), growth.places[left])
         pending = innovations(problem, w_T, drawn, left, scale)
-        false = innovations(decoy, w_T, drawn, np.arange(len(decoy.i)), scale)
-        chance = measured_chance(false).of(pending.log_chance())
+        chance = decoy.chance(w_T, drawn, scale).of(pending.log_chance())
         joined = _joining(pending, chance, growth.places[left], _believed(kept, base))
         if len(joined) == 0:
             break
@@ -105,9 +104,8 @@ def judged(problem: Problem, kept: Mask, w_T: Array, drawn: Array) -> tuple[Mask
         return agrees, sigma
     found = innovations(problem, w_T, drawn, edges, scale)
     places, loops = _places(problem.i, problem.j), np.flatnonzero(~problem.trusted)
-    decoy = decoys(problem, loops, places[loops])
-    false = innovations(decoy, w_T, drawn, np.arange(len(decoy.i)), scale)
-    chance = measured_chance(false).of(found.log_chance())
+    decoy = Decoys.of(problem, loops, places[loops])
+    chance = decoy.chance(w_T, drawn, scale).of(found.log_chance())
     sigma[edges] = found.sigma()
     # Real noise has tails: within its covariance as stated, if the prediction is sharp even for that.
     wide = float(np.clip(1 / scale, 1, _TAIL))
@@ -237,17 +235,14 @@ class _Votes:
 def _votes(pending: Innovations, open_: Index, place: Index, chance: Array) -> _Votes:
     """Loops between the same two places (``place``) count once: where the floor repeats they are false
     together."""
-    residual, spread = pending.residual[open_], pending.spread[open_]
-    covariance, most = pending.covariance()[open_], limit(pending.residual.shape[1])
-    h, s = len(open_), spread.shape[2]
+    some, most = pending.only(open_), limit(pending.residual.shape[1])
+    h = len(open_)
     support = np.zeros(h)
     follows, fits = np.zeros((h, h), dtype=bool), np.zeros((h, h), dtype=bool)
-    volume = log_volume(covariance, most)
+    volume = log_volume(some.covariance, most)
     for a in range(h):
-        cross = spread @ spread[a].T / s
-        gain = np.swapaxes(np.linalg.solve(covariance[a], np.swapaxes(cross, 1, 2)), 1, 2)
-        left = covariance - gain @ np.swapaxes(cross, 1, 2)
-        fits[a] = squared(residual - gain @ residual[a], left) <= most
+        residual, left = some.given(a)
+        fits[a] = squared(residual, left) <= most
         then = np.minimum(chance + log_volume(left, most) - volume, 0.0)
         sure = _sure(then, fits[a], place)
         follows[a] = sure | (fits[a] & (then <= np.log(CHANCE)) & (place == place[a]))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.problem import Problem
-from backend.selection.prediction import Innovations
+from backend.selection.prediction import Innovations, innovations
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -28,8 +28,38 @@ _GRID = np.meshgrid(
 """Share of decoys that are right by accident; offset; slope; logarithm of the chance."""
 
 
-def decoys(problem: Problem, loops: Index, place: Index) -> Problem:
-    """The problem with decoys of ``loops`` for its edges; ``place`` (k,) numbers the two places of each."""
+@dataclass(frozen=True)
+class Chance:
+    """Logarithm of the probability that a false loop agrees, as a line over that of one that may lie
+    anywhere."""
+
+    offset: float
+    slope: float
+
+    def of(self, log_chance: Array) -> Array:
+        """(k,) never below what it would be for a loop that may lie anywhere."""
+        return np.minimum(np.maximum(log_chance, self.offset + self.slope * log_chance), 0.0)
+
+
+@dataclass(frozen=True)
+class Decoys:
+    """Loops that are false by construction."""
+
+    problem: Problem
+    """Their poses and edges."""
+
+    @staticmethod
+    def of(problem: Problem, loops: Index, place: Index) -> Decoys:
+        """Decoys of some loops; ``place`` (k,) numbers the two places of each."""
+        return Decoys(_drawn(problem, loops, place))
+
+    def chance(self, w_T: Array, drawn: Array, scale: float) -> Chance:
+        """How often they agree with a solution and its draws."""
+        edges = np.arange(len(self.problem.i))
+        return measured_chance(innovations(self.problem, w_T, drawn, edges, scale))
+
+
+def _drawn(problem: Problem, loops: Index, place: Index) -> Problem:
     # Always the same: the answer must not depend on the call.
     rng = np.random.default_rng(0)
     times = min(max(1, _COUNT // max(len(loops), 1)), len(loops))
@@ -48,19 +78,6 @@ def decoys(problem: Problem, loops: Index, place: Index) -> Problem:
         sqrt_information=problem.sqrt_information[source],
         trusted=np.zeros(int(wrong.sum()), dtype=bool),
     )
-
-
-@dataclass(frozen=True)
-class Chance:
-    """Logarithm of the probability that a false loop agrees, as a line over that of one that may lie
-    anywhere."""
-
-    offset: float
-    slope: float
-
-    def of(self, log_chance: Array) -> Array:
-        """(k,) never below what it would be for a loop that may lie anywhere."""
-        return np.minimum(np.maximum(log_chance, self.offset + self.slope * log_chance), 0.0)
 
 
 def measured_chance(found: Innovations) -> Chance:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
-from scipy.sparse.linalg import splu
 from scipy.special import gammaln
 from scipy.stats import chi2
 
 from backend import se3
+from backend.linear import cholesky, jacobian
 from backend.problem import Problem
 
 Array = NDArray[np.float64]
@@ -38,6 +39,7 @@ class Innovations:
     log_room: Array
     """(k,) logarithm of the whitened volume in which a false loop might lie."""
 
+    @cached_property
     def covariance(self) -> Array:
         """(k, d, d) of edge and prediction together."""
         d = self.residual.shape[1]
@@ -45,15 +47,26 @@ class Innovations:
 
     def sigma(self) -> Array:
         """(k,) distance in sigmas of edge and prediction."""
-        return np.sqrt(squared(self.residual, self.covariance()))
+        return np.sqrt(squared(self.residual, self.covariance))
 
     def agrees(self) -> Mask:
         """(k,) whether a true loop lies as far off but once in a thousand."""
         return np.asarray(self.sigma() ** 2 <= limit(self.residual.shape[1]))
 
+    def given(self, one: int) -> tuple[Array, Array]:
+        """Residuals (k, d) and covariances (k, d, d) of all where edge number ``one`` is believed."""
+        covariance = self.covariance
+        cross = self.spread @ self.spread[one].T / self.spread.shape[2]
+        gain = np.swapaxes(np.linalg.solve(covariance[one], np.swapaxes(cross, 1, 2)), 1, 2)
+        return self.residual - gain @ self.residual[one], covariance - gain @ np.swapaxes(cross, 1, 2)
+
+    def only(self, which: Index) -> Innovations:
+        """Some of them, by number."""
+        return Innovations(self.edges[which], self.residual[which], self.spread[which], self.log_room[which])
+
     def log_chance(self) -> Array:
         """(k,) logarithm of the probability that a loop agrees that may lie anywhere."""
-        return log_volume(self.covariance(), limit(self.residual.shape[1])) - self.log_room
+        return log_volume(self.covariance, limit(self.residual.shape[1])) - self.log_room
 
 
 def squared(residual: Array, covariance: Array) -> Array:
@@ -79,16 +92,11 @@ def draws(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, d: int) -> Ar
     With J the whitened system, x = (J'J)^-1 J' e has the covariance (J'J)^-1 for e of unit covariance: all
     joint covariances at the price of one factor. Source: Papandreou and Yuille 2010 (NIPS).
     """
-    triplets = np.asarray(graph.linearize(values).sparseJacobian_())
-    size = values.size() * d
-    row, column = triplets[0].astype(np.int64) - 1, triplets[1].astype(np.int64) - 1
-    left = column < size
-    J = csc_array((triplets[2][left], (row[left], column[left])), shape=(int(row.max()) + 1, size))
+    J = jacobian(graph, values)
     # Noise only, and always the same: the answer must not depend on the call.
     noise = np.random.default_rng(0).standard_normal((J.shape[0], _SAMPLES[d]))
     try:
-        options = {"SymmetricMode": True}
-        factor = splu(csc_array(J.T @ J), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0, options=options)
+        factor = cholesky(csc_array(J.T @ J))
     except RuntimeError:
         return None
     found = factor.solve(np.asarray(J.T @ noise))
@@ -119,7 +127,7 @@ def first_scale(pending: Innovations, place: Index) -> float:
     Expectation maximisation over a mixture: true loops about the prediction, false ones anywhere.
     """
     d = pending.residual.shape[1]
-    covariance = pending.covariance()
+    covariance = pending.covariance
     off = squared(pending.residual, covariance)
     peak = -d / 2 * np.log(2 * np.pi) - np.linalg.slogdet(covariance)[1] / 2 + pending.log_room
     true, variance = 0.5, float(np.quantile(off, 0.1)) / d

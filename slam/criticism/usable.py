@@ -34,9 +34,9 @@ def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
     for flight in flights:
         clean, reasons = _without_dead_streams(flight)
         dropped += [f"{flight.name}: {reason}" for reason in reasons]
-        reason = _unusable(clean) or _unsteered(clean)
-        if reason == UNSTEERED and steered and _is_calm(clean):
-            reason = ""
+        reason = _unusable(clean)
+        if not reason and not _is_steered(clean) and not (steered and _is_calm(clean)):
+            reason = UNSTEERED
         if reason:
             dropped.append(f"{flight.name}: {reason}")
             continue
@@ -110,10 +110,6 @@ def _unusable(flight: Flight) -> str:
     if not ((stamps >= begin - 1.0) & (stamps <= end)).any():
         return "the command log is empty while there are readings"
     return ""
-
-
-def _unsteered(flight: Flight) -> str:
-    return "" if _is_steered(flight) else UNSTEERED
 
 
 def _is_steered(flight: Flight) -> bool:

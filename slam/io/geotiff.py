@@ -49,6 +49,12 @@ class Grid:
     """Where x = y = 0 stands on Earth, x to the east and y to the north; None for a local plane."""
 
     @property
+    def extent_m(self) -> tuple[float, float, float, float]:
+        """West, east, south and north end."""
+        east_m = self.west_m + self.width * self.gsd_m
+        return self.west_m, east_m, self.north_m - self.height * self.gsd_m, self.north_m
+
+    @property
     def affine(self) -> Affine:
         """(column, row) of a pixel corner to (x, y)."""
         return Affine(self.gsd_m, 0.0, self.west_m, 0.0, -self.gsd_m, self.north_m)

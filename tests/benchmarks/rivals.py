@@ -62,13 +62,9 @@ def clique(graph: PoseGraph) -> tuple[Array, Array]:
     assert drawn is not None
     loops = np.flatnonzero(~problem.trusted)
     found = innovations(problem, odometry, drawn, loops)
-    covariance, spread, residual = found.covariance(), found.spread, found.residual
     agree = np.empty((len(loops), len(loops)), dtype=bool)
     for a in range(len(loops)):
-        cross = spread @ spread[a].T / spread.shape[2]
-        gain = np.swapaxes(np.linalg.solve(covariance[a], np.swapaxes(cross, 1, 2)), 1, 2)
-        left = covariance - gain @ np.swapaxes(cross, 1, 2)
-        agree[a] = squared(residual - gain @ residual[a], left) <= limit(problem.freedom)
+        agree[a] = squared(*found.given(a)) <= limit(problem.freedom)
     agree &= agree.T
     np.fill_diagonal(agree, False)
     if len(loops) <= _EXACT:

@@ -186,6 +186,22 @@ def _carried(matrix: Array, tangents: Array, moved: Array) -> None:
 
 
 @kernel
+def _told(h: Array, direct: Array, ph: Array, s_var: float, tangents: Array, told: Array) -> None:
+    """``told`` (m,): how each tangent changes the prediction of a reading with row ``h`` (n,); the tangents
+    are then corrected by the reading as the state is."""
+    told[:] = direct
+    for k in range(len(h)):
+        x = h[k]
+        if x != 0.0:
+            for d in range(len(told)):
+                told[d] += x * tangents[k, d]
+    for i in range(len(ph)):
+        x = ph[i] / s_var
+        for d in range(len(told)):
+            tangents[i, d] -= x * told[d]
+
+
+@kernel
 def run(
     begin: int, end: int, times: Array, kinds: Ints, values: Array, elapsed: Array, jumps: Ints,
     first_step: Ints, lengths: Array, sticks: Array, jolts: Array, late_var: float, commands: Array,
@@ -272,19 +288,9 @@ def run(
                 continue
             status[e, c] = USED
             if m > 0:
-                for d in range(m):
-                    a[d] = direct[c, d]
-                for k in range(n):
-                    x = h_matrix[c, k]
-                    if x != 0.0:
-                        for d in range(m):
-                            a[d] += x * tangents[k, d]
+                _told(h_matrix[c], direct[c], ph, s_var, tangents, a)
                 for d in range(m):
                     traces[row, d] = a[d] / std
-                for i in range(n):
-                    x = ph[i] / s_var
-                    for d in range(m):
-                        tangents[i, d] -= x * a[d]
             row += 1
             correct(state, p, ph, s_var, miss, done)
     keep[0] = row

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.spatial.transform import Rotation
 
 from backend.measurements import GRAVITY_M_S2
 from slam.flight import Flight
@@ -81,17 +82,17 @@ def balances_of(flight: Flight) -> list[Rows]:
     at_imu = np.column_stack([np.interp(imu_s, stamps, column) for column in turned.T])
     gyro, accel = flight.imu.gyro_rad_s[felt] @ b_R_s.T, flight.imu.accel_m_s2[felt] @ b_R_s.T
     imu = _Imu(imu_s, gyro, accel, at_imu)
-    aloft = _aloft(flight)
-    found = _attitude(imu, stamps, turned, aloft)
+    near_floor = _near_floor(flight)
+    found = _attitude(imu, stamps, turned, near_floor)
     if flight.velocity is not None:
-        found += _velocity(imu, flight, aloft)
+        found += _velocity(imu, flight, near_floor)
     if flight.sonar is not None:
-        found += _height(imu, flight, aloft)
+        found += _height(imu, flight, near_floor)
     return found
 
 
-def _attitude(imu: _Imu, stamps: Array, angles: Array, aloft: Array) -> list[Rows]:
-    rates = _euler(imu.angles)
+def _attitude(imu: _Imu, stamps: Array, angles: Array, near_floor: Array) -> list[Rows]:
+    rates = _angle_rates(imu.angles)
     eye = np.eye(3)
     turn = np.einsum("nij,nj->ni", rates, imu.gyro)
     columns = {f"gyro_bias.{a}": -imu.integral(rates[:, :, j]) for j, a in enumerate("xyz")}
@@ -102,33 +103,33 @@ def _attitude(imu: _Imu, stamps: Array, angles: Array, aloft: Array) -> list[Row
     columns["attitude late.s"] = -turn
     traces = {name: imu.at(stamps, column) for name, column in columns.items()}
     off = angles - imu.at(stamps, imu.integral(turn))
-    return _rows("attitude", stamps, off, traces, aloft, 1)
+    return _rows("attitude", stamps, off, traces, near_floor, 1)
 
 
-def _velocity(imu: _Imu, flight: Flight, aloft: Array) -> list[Rows]:
+def _velocity(imu: _Imu, flight: Flight, near_floor: Array) -> list[Rows]:
     assert flight.velocity is not None
     good = np.isfinite(flight.velocity.v_m_s).all(axis=1)
     stamps, seen = flight.velocity.stamps_s[good], flight.velocity.v_m_s[good]
     if good.sum() < FEWEST:
         return []
     yaw = imu.at(stamps, imu.angles[:, 2:])[:, 0]
-    speed = _led_by(yaw, seen)
+    speed = _into_world(yaw, seen)
     columns = _of_accel(imu)
     columns["velocity late.s"] = -np.einsum("nij,nj->ni", _rotation(imu.angles), imu.accel)
     traces = {name: imu.at(stamps, column)[:, :2] for name, column in columns.items()}
-    lifted = imu.integral(_lift(imu))
+    lifted = imu.integral(_acceleration(imu))
     traces["flow_scale.eps"], traces["flow_scale.eps" + INTEGRATED] = speed, imu.at(stamps, lifted)[:, :2]
     if flight.sonar is not None and np.isfinite(flight.sonar.range_m).sum() >= FEWEST:
         known = np.isfinite(flight.sonar.range_m)
         height = np.interp(stamps, flight.sonar.stamps_s[known], flight.sonar.range_m[known])
         gyro = imu.at(stamps, imu.gyro)
-        traces["flow_derotation.kappa"] = _led_by(yaw, height[:, None] * gyro[:, [1, 0]] * [1.0, -1.0])
+        traces["flow_derotation.kappa"] = _into_world(yaw, height[:, None] * gyro[:, [1, 0]] * [1.0, -1.0])
     off = speed - imu.at(stamps, lifted)[:, :2]
     _as_read(traces, "accel_scale.eps", off)
-    return _rows("velocity", stamps, off, traces, aloft, 1)
+    return _rows("velocity", stamps, off, traces, near_floor, 1)
 
 
-def _height(imu: _Imu, flight: Flight, aloft: Array) -> list[Rows]:
+def _height(imu: _Imu, flight: Flight, near_floor: Array) -> list[Rows]:
     assert flight.sonar is not None
     good = np.isfinite(flight.sonar.range_m)
     stamps, seen = flight.sonar.stamps_s[good], flight.sonar.range_m[good]
@@ -139,7 +140,7 @@ def _height(imu: _Imu, flight: Flight, aloft: Array) -> list[Rows]:
     height = seen * level
     columns = {name: imu.integral(column) for name, column in _of_accel(imu).items()}
     traces = {name: imu.at(stamps, column)[:, 2:] for name, column in columns.items()}
-    climb = imu.integral(_lift(imu))[:, 2:]
+    climb = imu.integral(_acceleration(imu))[:, 2:]
     risen = imu.at(stamps, imu.integral(climb))
     traces["sonar_scale.eps"], traces["sonar_scale.eps" + INTEGRATED] = height[:, None], risen
     traces["sonar_lag.T"] = -imu.at(stamps, climb)
@@ -148,7 +149,7 @@ def _height(imu: _Imu, flight: Flight, aloft: Array) -> list[Rows]:
     traces["sonar_tilt.x"] = (height * np.cos(pitch) * np.sin(roll) / level)[:, None]
     off = height[:, None] - risen
     _as_read(traces, "accel_scale.eps", off)
-    return _rows("height", stamps, off, traces, aloft, 2)
+    return _rows("height", stamps, off, traces, near_floor, 2)
 
 
 def _as_read(traces: dict[str, Array], name: str, off: Array) -> None:
@@ -168,13 +169,13 @@ def _of_accel(imu: _Imu) -> dict[str, Array]:
     return found
 
 
-def _lift(imu: _Imu) -> Array:
+def _acceleration(imu: _Imu) -> Array:
     """(n, 3) acceleration in the world."""
     return np.asarray(np.einsum("nij,nj->ni", _rotation(imu.angles), imu.accel) - [0.0, 0.0, GRAVITY_M_S2])
 
 
 def _rows(
-    kind: str, stamps: Array, off: Array, traces: dict[str, Array], aloft: Array, order: int
+    kind: str, stamps: Array, off: Array, traces: dict[str, Array], near_floor: Array, order: int
 ) -> list[Rows]:
     """One set of white rows a component of ``off`` (n, components)."""
     nodes = np.arange(stamps[0] + ABOUT_S, stamps[-1] - ABOUT_S, NODE_S)
@@ -182,7 +183,7 @@ def _rows(
     end = np.searchsorted(stamps, nodes + ABOUT_S)
     far = np.diff(stamps, append=np.inf) > LONGEST_GAP_S
     gaps = np.concatenate([[0], np.cumsum(far)])
-    low = np.searchsorted(aloft, nodes + 2 * ABOUT_S) - np.searchsorted(aloft, nodes - 2 * ABOUT_S)
+    low = np.searchsorted(near_floor, nodes + 2 * ABOUT_S) - np.searchsorted(near_floor, nodes - 2 * ABOUT_S)
     whole = (end - begin >= 2) & (low == 0)
     made = []
     for c in range(off.shape[1]):
@@ -230,7 +231,7 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, names: list[str
     return Rows(kind, times_s, white[:, 0], traces)
 
 
-def _aloft(flight: Flight) -> Array:
+def _near_floor(flight: Flight) -> Array:
     """Stamps of ranges that are so small that the vehicle may stand, or missing."""
     if flight.sonar is None:
         return np.zeros(0)
@@ -238,24 +239,19 @@ def _aloft(flight: Flight) -> Array:
     return flight.sonar.stamps_s[near]
 
 
-def _led_by(yaw: Array, ahead_left: Array) -> Array:
+def _into_world(yaw: Array, ahead_left: Array) -> Array:
+    """(n, 2) east and north of what is told ahead and to the left."""
     c, s = np.cos(yaw), np.sin(yaw)
     x, y = ahead_left.T
     return np.column_stack([c * x - s * y, s * x + c * y])
 
 
 def _rotation(angles: Array) -> Array:
-    """(n, 3, 3) Rz(yaw) Ry(pitch) Rx(roll)."""
-    (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a), np.cos(a)) for a in angles.T)
-    rows = [
-        [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-        [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-        [-sp, cp * sr, cp * cr],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    """(n, 3, 3) body to world of roll, pitch, yaw."""
+    return np.asarray(Rotation.from_euler("ZYX", angles[:, ::-1]).as_matrix(), dtype=float)
 
 
-def _euler(angles: Array) -> Array:
+def _angle_rates(angles: Array) -> Array:
     """(n, 3, 3) body rates to rates of roll, pitch and yaw."""
     (sr, cr), pitch = (np.sin(angles[:, 0]), np.cos(angles[:, 0])), angles[:, 1]
     zero, one = np.zeros(len(pitch)), np.ones(len(pitch))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from backend.accept import from_measurements
-from backend.selection.decoys import decoys, measured_chance
+from backend.selection.decoys import Decoys, measured_chance
 from backend.selection.prediction import Innovations, limit
 from tests.backend.synthetic import flight
 
@@ -16,13 +16,13 @@ def test_no_decoy_joins_the_places_of_a_loop():
     loops = np.flatnonzero(~problem.trusted)
     loops = loops[np.unique(problem.i[loops], return_index=True)[1]]
     place = np.arange(len(loops)) // 2
-    made = decoys(problem, loops, place)
+    made = Decoys.of(problem, loops, place).problem
     assert len(made.i) > 100
     a, b = (np.searchsorted(problem.i[loops], end) for end in (made.i, made.j - 40))
     np.testing.assert_array_equal(problem.i[loops[a]], made.i)
     np.testing.assert_array_equal(problem.j[loops[b]], made.j)
     assert (place[a] != place[b]).all()
-    np.testing.assert_array_equal(made.ij_T, decoys(problem, loops, place).ij_T)
+    np.testing.assert_array_equal(made.ij_T, Decoys.of(problem, loops, place).problem.ij_T)
 
 
 @pytest.mark.parametrize(("offset", "slope"), [(0.0, 1.0), (2.0, 0.5), (0.0, 0.2)])
