@@ -74,8 +74,9 @@ def _optimize(
         reach = mapper.reach(odometry, without_loops)
         sightings = sighter.retrieve(sightings, reach)  # retrieve -> verify
         _refuse_unless(len(sightings.registrations) > 0, flight, sightings)
+        known = without_loops.w_T_b, without_loops.covariances, without_loops.component
         edges = mapper.edges(sightings.registrations)
-        sightings = sightings.without(mapper.contradictions(edges, without_loops))
+        sightings = sightings.without(mapper.contradictions(edges, *known))
     with clock("graph"):
         edges = mapper.edges(sightings.registrations)
         solution = mapper.solve(edges, step)
@@ -93,6 +94,10 @@ def _optimize(
         sightings = sighter.revisit(sightings, fused.over_floor_T_b, fused.floor_z_m)
     with clock("graph"):
         informed = mapper.knowing(fused.over_floor_T_b, fused.covariances)
+        # Footprints that overlap may be registered by a look-alike piece of floor beside the shared one.
+        known = fused.over_floor_T_b, fused.covariances, fused.component
+        edges = informed.edges(sightings.registrations)
+        sightings = sightings.without(informed.contradictions(edges, *known))
         edges = informed.edges(sightings.registrations)
         solution = informed.solve(edges, step)
     with clock("refine"):

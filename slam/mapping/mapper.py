@@ -175,15 +175,16 @@ class Mapper:
             known.w_T_b[:, :3, 3], view_m + self.config.loops.plausible_sigmas * std_m, known.component
         )
 
-    def contradictions(self, edges: Edges, known: Solution) -> dict[tuple[int, int], str]:
+    def contradictions(
+        self, edges: Edges, w_T_b: Array, covariances: Array | None, component: NDArray[np.int64]
+    ) -> dict[tuple[int, int], str]:
         """Edges that lie where the poses known so far cannot have them: (i, j) -> reason.
 
         The distance between measured and known place of j in i is held against the uncertainty of both. It
         is what tells a look-alike floor from a place seen before. Parts that nothing joins yet say nothing.
         """
-        if known.covariances is None or not edges.relative_poses:
+        if covariances is None or not edges.relative_poses:
             return {}
-        w_T_b, covariances = known.w_T_b, known.covariances
         i = np.array([r.i for r in edges.relative_poses])
         j = np.array([r.j for r in edges.relative_poses])
         measured = np.array([r.i_T_j[:3, 3] for r in edges.relative_poses])
@@ -200,7 +201,7 @@ class Mapper:
                 int(i[m]),
                 int(j[m]),
             ): f"implausible: {off[m]:.2f} off where the poses have it, with {limit[m]:.2f} allowed"
-            for m in np.flatnonzero((off > limit) & (known.component[i] == known.component[j]))
+            for m in np.flatnonzero((off > limit) & (component[i] == component[j]))
         }
 
     def solve(

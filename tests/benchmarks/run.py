@@ -43,6 +43,7 @@ TITLES = {
     "masking": "Obstacle masking in the gym",
     "features": "Features compared",
     "loops": "Loop closure",
+    "aliased": "Floors that repeat",
     "retrieval": "Loop candidates among many keyframes",
 }
 ROOT = Path(__file__).parents[2]

@@ -154,7 +154,7 @@ def test_a_false_loop_is_refused_and_named():
     false = replace(registration(elsewhere, 3, 8), matches=np.empty((0, 2), np.int64))
     edges = mapper.edges([*(registration(w_T_b, *pair) for pair in PAIRS), false])
     without = mapper.solve(edges_of(mapper, w_T_b, PAIRS[:11]), covariances=True)
-    refused = mapper.contradictions(edges, without)
+    refused = mapper.contradictions(edges, without.w_T_b, without.covariances, without.component)
     assert list(refused) == [(3, 8)]
     assert "1.5" in refused[3, 8]
     solution = mapper.solve(edges)

@@ -1,0 +1,145 @@
+"""Floors that repeat: 50 flights over the paper's tile, nine times the same, its wear too and no marks.
+
+A loop between two places one tile apart verifies as well as a true one. Flights differ in their floor, start,
+height, shape and heading: the figure eight, a random way flown round and once more, there and back, a
+lawn mower's lines and a crossing, a closed way at changing heights.
+
+``python -m tests.benchmarks.aliased FIRST LAST`` flies some of them alone, a line of JSON each.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from slam.evaluation import evaluate
+from slam.flight import Flight
+from slam.pipeline import optimize
+from slam.simulation import simulate
+from slam.simulation.maneuver import Maneuver, WayPoint
+from slam.simulation.recipe import load_recipe
+from tests.benchmarks.metric import Metric, at_least, at_most, told
+
+FLIGHTS = 50
+WAYS = ("eight", "round twice", "there and back", "lines", "heights")
+FLOOR_M = (0.2, 4.3)
+LEAST_LEG_M = 1.0
+
+
+@dataclass(frozen=True)
+class Aliased:
+    """What came of one flight."""
+
+    seed: int
+    way: str
+    false_kept: int
+    true_kept: int
+    true_pairs: int
+    refused: int
+    """Pairs whose homography holds, refused by the poses."""
+    error_m: float
+    """RMS of positions."""
+    placed: float
+    """Share of the keyframes in the main map."""
+
+
+def measure() -> list[Metric]:
+    """False and true loops in the maps of all flights."""
+    flown = [fly(seed) for seed in range(FLIGHTS)]
+    with_loops = [f for f in flown if f.true_pairs]
+    worst = min(with_loops, key=lambda f: f.true_kept / f.true_pairs)
+    refused = sum(f.refused for f in flown)
+    pairs = f"of {sum(f.true_pairs for f in flown)} true ones {sum(f.true_kept for f in flown)} are kept"
+    furthest = max(flown, key=lambda f: f.error_m)
+    return [
+        at_most(
+            f"false loops in the maps of {FLIGHTS} flights", sum(f.false_kept for f in flown), "", 0,
+            f"{pairs}; {refused} pairs whose homography holds were refused by the poses",
+        ),
+        at_least(
+            "least share of true loops kept in a flight", 100 * worst.true_kept / worst.true_pairs, "%", 50,
+            f"flight {worst.seed}, {worst.way}",
+        ),
+        told("largest error of a map", 1e3 * furthest.error_m, "mm", f"flight {furthest.seed}"),
+        told("least share of keyframes placed", 100 * min(f.placed for f in flown), "%"),
+    ]  # fmt: skip
+
+
+def fly(seed: int) -> Aliased:
+    """Simulate one flight and map it."""
+    flight = repeated(seed)
+    estimate = optimize(flight)
+    evaluation = evaluate(estimate, flight)
+    assert evaluation.loops is not None
+    assert evaluation.ate_m is not None
+    return Aliased(
+        seed,
+        WAYS[seed % len(WAYS)],
+        evaluation.loops.false_kept,
+        evaluation.loops.true_kept,
+        evaluation.loops.true_pairs,
+        sum("implausible" in loop.reason for loop in estimate.loops),
+        evaluation.ate_m.rmse,
+        float((estimate.component == 0).mean()),
+    )
+
+
+def repeated(seed: int, corners: int = 6, rate_hz: float = 3.0) -> Flight:
+    """A flight over a floor that repeats."""
+    eight = load_recipe("figure_eight")
+    assert eight.camera is not None
+    rng = np.random.default_rng((seed, 3))
+    world = replace(eight.world, repeat=True, mark_diameter_m=0.0, seed=int(rng.integers(1000)))
+    recipe = replace(
+        eight,
+        name=f"repeated floor {seed}",
+        landmark_pairs=(),
+        gaps=(),
+        world=world,
+        maneuver=way(eight.maneuver, WAYS[seed % len(WAYS)], seed, corners, rng),
+        camera=replace(eight.camera, rate_hz=rate_hz),
+    )
+    return simulate(recipe, seed)
+
+
+def way(eight: Maneuver, shape: str, seed: int, corners: int, rng: np.random.Generator) -> Maneuver:
+    """Where a flight goes; even ones keep their heading, odd ones fly nose first."""
+    height_m = float(rng.uniform(0.6, 1.0))
+    if shape == "eight":
+        return replace(eight, height_m=height_m)
+    points: list[WayPoint] = []
+    if shape == "lines":
+        lines = np.linspace(*FLOOR_M, 4).tolist()
+        for k, y in enumerate(lines):
+            points += [(x, y) for x in (FLOOR_M if k % 2 == 0 else FLOOR_M[::-1])]
+        points.append(_anywhere(rng))
+    else:
+        points.append(_anywhere(rng))
+        while len(points) < corners:
+            if np.hypot(*np.subtract(there := _anywhere(rng), points[-1])) > LEAST_LEG_M:
+                points.append(there)
+    if shape == "round twice":
+        points += points[:2]
+    if shape == "there and back":
+        points = [*points[:5], *points[3::-1]]
+    if shape == "heights":
+        points = [(*point, float(rng.uniform(0.6, 1.2))) for point in points]
+        points.append(points[0])
+    heading_deg = float(rng.uniform(-180, 180)) if seed % 2 == 0 else 0.0
+    return replace(
+        eight, way_points=tuple(points), height_m=height_m,
+        heading="along_path" if seed % 2 else "fixed", heading_deg=heading_deg,
+    )  # fmt: skip
+
+
+def _anywhere(rng: np.random.Generator) -> tuple[float, float]:
+    x, y = rng.uniform(*FLOOR_M, 2).tolist()
+    return x, y
+
+
+if __name__ == "__main__":
+    for number in range(int(sys.argv[1]), int(sys.argv[2]) + 1):
+        print(json.dumps(asdict(fly(number))), flush=True)
