@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from slam.criticism.criticism import Cause, Gain, Interval, Verdict
 from slam.criticism.effects import Effect, catalogue_value
+from slam.criticism.flown import FREE, Flown
 from slam.criticism.heldout import held_out
 from slam.criticism.hypotheses import SEEN
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.moving import is_wall, on_grid
+from slam.criticism.moving import held_value, is_wall, on_grid
 from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, Posterior, named
 from slam.criticism.rollouts import roll_out_errors
 from slam.criticism.screening import LEAST_SHARE, correlation, project
@@ -61,14 +62,19 @@ def confirmed(found: Search, model: Setting) -> Search:
 
 
 def causes_of(
-    records: Sequence[Record], model: Setting, found: Search, posterior: Posterior
+    records: Sequence[Record],
+    model: Setting,
+    found: Search,
+    posterior: Posterior,
+    best: Flown | None = None,
 ) -> tuple[Cause, ...]:
-    """The chosen terms of the catalogue."""
+    """The chosen terms of the catalogue, at the sizes that fly best where these are given."""
     known = [e for e in found.chosen if named(e)]
     if not known:
         return ()
     all_together = held_out(found, model)
-    channels = roll_out_errors(records, all_together.before, all_together.after)
+    after = all_together.after if best is None else best.left_out
+    channels = roll_out_errors(records, all_together.before, after)
     causes = []
     for effect in known:
         rest = [e for e in found.chosen if e is not effect]
@@ -81,7 +87,7 @@ def causes_of(
             Cause(
                 effect.name,
                 posterior.probability.get(effect.name, 0.0),
-                sizes(found.last, effect, found.chosen),
+                _flown_sizes(best, effect) if best else sizes(found.last, effect, found.chosen),
                 Gain(own.total, own.ci95, own.by, tuple(own.nats.tolist()), channels),
                 z,
                 posterior.lead_nats[place],
@@ -106,18 +112,39 @@ def sizes(look: Look, effect: Effect, chosen: Sequence[Effect]) -> dict[str, Int
     found = {}
     for k, name in enumerate(effect.parameters):
         std = float(np.sqrt(covariance[k, k]))
-        value, *ends = (
-            _value(look, effect, k, float(step[k]) + side * WIDE * SCATTER * std) for side in (0, -1, 1)
+        found[name] = _interval(
+            effect,
+            name,
+            [_value(look, effect, k, float(step[k]) + side * WIDE * SCATTER * std) for side in (0, -1, 1)],
         )
-        parameter = CATALOGUE[effect.name].parameter(name)
-        # A limit is its own size: without one it is far away.
-        own = MISFIT * min(abs(value - parameter.neutral), abs(value))
-        low, high = min(ends), max(ends)
-        found[name] = Interval(
-            value, parameter.unit,
-            value - float(np.hypot(value - low, own)), value + float(np.hypot(high - value, own)),
-        )  # fmt: skip
     return found
+
+
+def _flown_sizes(best: Flown, effect: Effect) -> dict[str, Interval]:
+    """The same of sizes that fly best; of a term that roll-outs do not fit, what the belief holds."""
+    found = {}
+    for k, (name, column) in enumerate(zip(effect.parameters, effect.columns, strict=True)):
+        held = 0.0 if column in FREE else held_value(best.setting, column)
+        reach = WIDE * best.std.get(column, 0.0)
+        found[name] = _interval(
+            effect,
+            name,
+            [catalogue_value(effect, k, side * reach, best.setting, held) for side in (0, -1, 1)],
+        )
+    return found
+
+
+def _interval(effect: Effect, name: str, values: Sequence[float]) -> Interval:
+    """Value and both ends of chance, with the equation's own misfit on top."""
+    value, *ends = values
+    parameter = CATALOGUE[effect.name].parameter(name)
+    # A limit is its own size: without one it is far away.
+    own = MISFIT * min(abs(value - parameter.neutral), abs(value))
+    low, high = min(ends), max(ends)
+    return Interval(
+        value, parameter.unit,
+        value - float(np.hypot(value - low, own)), value + float(np.hypot(high - value, own)),
+    )  # fmt: skip
 
 
 def _value(look: Look, effect: Effect, k: int, step: float) -> float:

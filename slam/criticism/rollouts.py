@@ -45,7 +45,10 @@ def roll_out_errors(
     found = []
     for horizon in HORIZONS_S:
         errors = [
-            [_errors(record, setting, horizon) for record, setting in zip(records, side, strict=True)]
+            [
+                misses_of(record, whole(record, setting).states, setting, horizon)
+                for record, setting in zip(records, side, strict=True)
+            ]
             for side in (before, after)
         ]
         for channel in range(6, len(CHANNELS)):
@@ -56,9 +59,14 @@ def roll_out_errors(
     return tuple(found)
 
 
-def _errors(record: Record, setting: Setting, horizon_s: float) -> dict[int, Array]:
-    """Channel -> misses over the last quarter of the horizon, of roll-outs from every second second."""
-    states = whole(record, setting).states[:, :10]
+def misses_of(
+    record: Record, filtered: Array, setting: Setting, horizon_s: float, share: float = 0.25
+) -> dict[int, Array]:
+    """Channel -> misses over the last share of the horizon, of roll-outs from every second second.
+
+    ``filtered`` (events, >= 10) are the states that they begin from.
+    """
+    states = filtered[:, :10]
     first, last = record.times_s[0] + SETTLE_S, record.times_s[-1] - horizon_s
     begins = np.arange(first, last, START_EVERY_S)
     empty: dict[int, Array] = {c: np.zeros(0) for c in range(len(CHANNELS))}
@@ -77,7 +85,7 @@ def _errors(record: Record, setting: Setting, horizon_s: float) -> dict[int, Arr
     )  # fmt: skip
     misses: dict[int, list[Array]] = {c: [] for c in range(len(CHANNELS))}
     for k, begin in enumerate(begins):
-        judged = (record.times_s > begin + 0.75 * horizon_s) & (record.times_s <= begin + horizon_s)
+        judged = (record.times_s > begin + (1.0 - share) * horizon_s) & (record.times_s <= begin + horizon_s)
         judged &= record.kinds != IMU
         rows = np.flatnonzero(judged)
         at = np.column_stack([np.interp(record.times_s[rows], nodes[k], path[k, :, i]) for i in range(12)])

@@ -13,6 +13,7 @@ from slam.criticism.boxes import without_boxes
 from slam.criticism.criticism import ChannelCheck, Criticism, Interval, Rank
 from slam.criticism.decision import causes_of, confirmed, confusable, decide, detectable, in_order
 from slam.criticism.extended import extended_model
+from slam.criticism.flown import Flown, flown
 from slam.criticism.heldout import taken
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL
@@ -20,7 +21,7 @@ from slam.criticism.kalman.record import Record, is_led
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.moving import is_wall
 from slam.criticism.next_flight import next_flight
-from slam.criticism.nuisances import NUISANCES
+from slam.criticism.nuisances import NUISANCES, value_of
 from slam.criticism.oddities import ENTAILS, Oddity, combed, oddities, without_dead_zone
 from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, posterior_of
 from slam.criticism.search import Look, Search, search
@@ -83,9 +84,13 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     if refuted:
         found = replace(found, chosen=tuple(e for e in found.chosen if e.name not in refuted))
         belief = _belief(found)
+    best = None
+    if setting.foreign and found.chosen and len(records) > 1:
+        best = flown(records, belief, found.first.setting, found)
+        found, belief = replace(found, chosen=best.chosen), best.setting
     posterior = posterior_of(found)
     odd = [*odd, *oddities(records, found.last.sums.passes)]
-    causes = in_order([*causes_of(records, setting, found, posterior), *(o.cause() for o in odd)])
+    causes = in_order([*causes_of(records, setting, found, posterior, best), *(o.cause() for o in odd)])
     left = found.last.standing(found.chosen, found.last.shapes)
     left = sorted(left, key=lambda s: -s.z)
     shaking = vibration_of(records, found.last.sums.passes)
@@ -108,7 +113,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         ranking=_ranking(found, posterior.probability),
         confusable=confusable(found.first),
         shapes=tuple((s.effect.name, s.z) for s in left[:SHOWN_SHAPES]),
-        nuisances=_nuisances(found),
+        nuisances=_nuisances(found, best),
         checks=_checks(records, found.last),
         threshold=limits.effects,
         model=model,
@@ -150,13 +155,15 @@ def _ranking(found: Search, probability: dict[str, float]) -> tuple[Rank, ...]:
     return tuple(sorted(ranks, key=lambda r: (-r.probability, -r.z)))
 
 
-def _nuisances(found: Search) -> dict[str, Interval]:
+def _nuisances(found: Search, best: Flown | None) -> dict[str, Interval]:
     look = found.last
     answer = look.parabola.answer(found.chosen)
     step, covariance = answer.of(look.parabola.index(look.parabola.names))
     values: dict[str, Interval] = {}
     for k, nuisance in enumerate(NUISANCES):
         x, std = look.parabola.at[k] + step[k], 1.96 * float(np.sqrt(covariance[k, k]))
+        if best is not None and nuisance.name in best.std:
+            x, std = value_of(nuisance, best.setting), 1.96 * best.std[nuisance.name]
         ends = [x, x - std, x + std]
         if nuisance.kind != "mean":
             ends = [float(np.exp(e)) for e in ends]

@@ -1,0 +1,209 @@
+"""Sizes that fly best: what a foreign vehicle's causes are worth two seconds ahead.
+
+The equations are another vehicle's: whatever they leave out pulls at the sizes that make the next reading
+likeliest, and likelihoods of tens of thousands of readings that are each a little wrong confirm or refute
+nothing. So where a vehicle is of another make, sizes are those with which roll-outs from the filtered states
+miss least; one more cause enters if with it each flight is better predicted from the others; and intervals
+are how far sizes move as each flight in turn is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.effects import Effect
+from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.readings import CHANNELS
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
+from slam.criticism.moving import bounded, held_value, is_wall, moved, on_grid, taken_down
+from slam.criticism.nuisances import MEAN, limits_of, value_of
+from slam.criticism.posterior import named
+from slam.criticism.rollouts import misses_of
+from slam.criticism.search import Search
+from slam.criticism.sums import in_threads
+from slam.criticism.thresholds import MISFIT
+
+Array = NDArray[np.float64]
+
+AHEAD_S = 2.0
+ROUNDS = 25
+SETTLED = 1e-4
+"""Share of the squared misses that a round must take away to be followed by another."""
+DAMPING, RIDGE = 1e-3, 1e-9
+"""What no flight shows stays as it is believed."""
+PULL = 0.01
+"""A constant at the edge of its healthy range costs the square of this; what a healthy vehicle misses, 1."""
+LAG, LAG_CONSTANT = "attitude_lag", "vehicle.attitude_time_s"
+FREE = {"vehicle.gain": 0.02, "vehicle.drag_1_s": 0.02, LAG_CONSTANT: 0.005}
+"""Constants of the vehicle, and the differences that their slopes are taken over."""
+CANDIDATE_Z = 4.5
+MOST_CANDIDATES = 3
+
+
+@dataclass(frozen=True)
+class Flown:
+    """What roll-outs make of a belief."""
+
+    setting: Setting
+    chosen: tuple[Effect, ...]
+    std: dict[str, float]
+    """Column -> standard deviation of its size, from how far it moves as each flight is left out."""
+    left_out: tuple[Setting, ...]
+    """For each flight, the belief by the others."""
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Columns at their best over all flights, and with each flight left out."""
+
+    setting: Setting
+    columns: tuple[str, ...]
+    left_out: tuple[Setting, ...]
+    steps: Array
+    """(flights, columns) from the best to where each flight left out puts it."""
+    missed: Array
+    """(flights,) squared misses of each, predicted from the others."""
+
+    def better_than(self, other: _Fit) -> bool:
+        """Whether held-out flights miss less, most of them and by more than a misfit makes."""
+        less = self.missed.sum() < (1.0 - MISFIT) * other.missed.sum()
+        return bool(less and np.mean(self.missed < other.missed) > 0.5)
+
+
+def flown(records: Sequence[Record], belief: Setting, healthy: Setting, found: Search) -> Flown:
+    """The chosen terms at the sizes that fly best, and those with which flights fly better still.
+
+    ``healthy`` is the belief without any cause: its misses are the measure.
+    """
+    course = _Course(records, belief, healthy, found.model)
+    chosen = list(found.chosen)
+    fit = course.fitted(belief, chosen)
+    names = {e.name for e in chosen}
+    standing = found.last.standing(chosen, found.last.effects)
+    moving = [s.effect for s in standing if s.z > CANDIDATE_Z and _flies(s.effect)]
+    for extra in [e for e in moving if e.name not in names][:MOST_CANDIDATES]:
+        if all(extra.name != e.name for e in chosen):
+            tried = course.fitted(fit.setting, [*chosen, extra])
+            if tried.better_than(fit):
+                chosen, fit = [*chosen, extra], tried
+    for effect in found.chosen:
+        rest = [e for e in chosen if e is not effect]
+        if _flies(effect) and rest:
+            tried = course.fitted(_without(effect, fit.setting), rest)
+            if not fit.better_than(tried):
+                chosen, fit = rest, tried
+    off = fit.steps - fit.steps.mean(axis=0)
+    std = np.sqrt((1.0 - 1.0 / len(records)) * (off**2).sum(axis=0))
+    chosen += [e for e in found.last.effects if e.name == LAG and _is_slow(fit, std, found.model)][:1]
+    return Flown(fit.setting, tuple(chosen), dict(zip(fit.columns, std.tolist(), strict=True)), fit.left_out)
+
+
+def _is_slow(fit: _Fit, std: Array, model: Setting) -> bool:
+    """Whether the tilt's time constant lies beyond what is healthy, whatever flight is left out."""
+    constant = next(n for n in MEAN if n.name == LAG_CONSTANT)
+    low, high = limits_of(constant, model)
+    tau, reach = value_of(constant, fit.setting), 2.0 * float(std[fit.columns.index(LAG_CONSTANT)])
+    return tau - reach > high or tau + reach < low
+
+
+def _flies(effect: Effect) -> bool:
+    """Whether a term has a slope in what roll-outs miss."""
+    kinds = {d.kind for d in effect.directions}
+    return (
+        named(effect) and bool(kinds) and kinds <= {"parameters", "sensor", "latency"} and not on_grid(effect)
+    )
+
+
+def _without(effect: Effect, setting: Setting) -> Setting:
+    """The belief without a term."""
+    if is_wall(effect):
+        return taken_down(effect, setting)
+    for column in effect.columns:
+        setting = moved(setting, column, -held_value(setting, column))
+    return setting
+
+
+class _Course:
+    """The flights' roll-outs, from the same states under every belief."""
+
+    def __init__(self, records: Sequence[Record], belief: Setting, healthy: Setting, model: Setting) -> None:
+        self._records, self._model = records, model
+        self._states = in_threads(lambda record: whole(record, belief).states, records)
+        misses = [self._misses(k, healthy) for k in range(len(records))]
+        pooled = {c: np.concatenate([flight[c] for flight in misses]) for c in range(6, len(CHANNELS))}
+        seen = {c: m for c, m in pooled.items() if len(m)}
+        # Each channel weighs as much as any other, whatever its unit.
+        self._weight = {c: 1.0 / np.sqrt(max(float(m @ m), 1e-12) * len(seen)) for c, m in seen.items()}
+
+    def _misses(self, flight: int, setting: Setting) -> dict[int, Array]:
+        return misses_of(self._records[flight], self._states[flight], setting, AHEAD_S, 1.0)
+
+    def _missed(self, flight: int, setting: Setting) -> Array:
+        """What a flight's roll-outs miss: the squares of all flights are 1 for a healthy vehicle."""
+        missed = self._misses(flight, setting)
+        return np.concatenate([weight * missed[c] for c, weight in self._weight.items()])
+
+    def _away(self, setting: Setting) -> Array:
+        """How far the vehicle's constants are from a healthy one's, weighed so that flights outweigh it."""
+        away = []
+        for nuisance in (n for n in MEAN if n.name in FREE):
+            low, high = limits_of(nuisance, self._model)
+            away.append(PULL * (2.0 * value_of(nuisance, setting) - low - high) / (high - low))
+        return np.array(away)
+
+    def _left(self, setting: Setting) -> list[Array]:
+        """What each flight misses, and last how far the constants are away."""
+        missed = in_threads(lambda k: self._missed(k, setting), range(len(self._records)))
+        return [*missed, self._away(setting)]
+
+    def _slopes(self, setting: Setting, columns: Sequence[str], h: Array, left: list[Array]) -> list[Array]:
+        """(misses, columns) of each part of ``_left``, for columns in units of ``h``."""
+        beside = [self._left(moved(setting, c, step)) for c, step in zip(columns, h.tolist(), strict=True)]
+        return [np.column_stack([b[k] - at for b in beside]) for k, at in enumerate(left)]
+
+    def fitted(self, start: Setting, effects: Sequence[Effect]) -> _Fit:
+        """Levenberg-Marquardt over all flights; then one step more for each flight left out."""
+        steps = FREE | {d.name: d.step for e in effects if _flies(e) for d in e.directions}
+        columns, h = tuple(steps), np.array(list(steps.values()))
+        setting, damping, left = start, DAMPING, self._left(start)
+        slope = self._slopes(setting, columns, h, left)
+        for _ in range(ROUNDS):
+            trial = _taken(setting, columns, h * _solved(slope, left, damping))
+            now = self._left(trial)
+            if _squares(now) < _squares(left):
+                gained = 1.0 - _squares(now) / _squares(left)
+                setting, left, damping = trial, now, damping / 5.0
+                slope = self._slopes(setting, columns, h, left)
+                if gained < SETTLED:
+                    break
+            else:
+                damping *= 5.0
+        apart = []
+        for k in range(len(self._records)):
+            others = [j for j in range(len(left)) if j != k]
+            apart.append(h * _solved([slope[j] for j in others], [left[j] for j in others], DAMPING))
+        beliefs = [_taken(setting, columns, step) for step in apart]
+        missed = [_squares([self._missed(k, belief)]) for k, belief in enumerate(beliefs)]
+        return _Fit(setting, columns, tuple(beliefs), np.array(apart), np.array(missed))
+
+
+def _solved(slope: Sequence[Array], left: Sequence[Array], damping: float) -> Array:
+    """The step of least squares that is left."""
+    slopes, missed = np.concatenate(slope), np.concatenate(left)
+    a, b = slopes.T @ slopes, slopes.T @ missed
+    return np.asarray(-np.linalg.solve(a + damping * np.diag(np.diag(a)) + RIDGE * np.eye(len(a)), b))
+
+
+def _taken(setting: Setting, columns: Sequence[str], step: Array) -> Setting:
+    for column, size in zip(columns, step.tolist(), strict=True):
+        setting = moved(setting, column, bounded(column, size, setting))
+    return setting
+
+
+def _squares(parts: Sequence[Array]) -> float:
+    return float(sum(part @ part for part in parts))

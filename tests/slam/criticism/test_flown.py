@@ -1,0 +1,66 @@
+"""Sizes that fly best: roll-outs of flights whose vehicle is known find its sizes, from far off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism.effects import effects_for
+from slam.criticism.flown import _Course
+from slam.criticism.healthy import flown
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.manoeuvres import stick_for
+from slam.criticism.usable import usable_records
+from slam.simulation.dynamics import ATTITUDE_TIME
+from slam.simulation.model import load_model
+
+PLAN = ["three speeds forward: 0.1, 0.2, 0.4", "three speeds to the side: 0.1, 0.2, 0.4"]
+LEAN = 0.8
+
+
+@pytest.fixture(scope="module")
+def braking():
+    """Three flights of a vehicle that leans against its speed, and the nominal belief."""
+    model = load_model("nominal")
+    slower = replace(
+        model, imu=replace(model.imu, rate_hz=100.0), attitude=replace(model.attitude, rate_hz=50.0)
+    )
+    vehicle = slower.with_term("active_braking", lean=LEAN)
+    vehicle = replace(vehicle, vehicle=replace(vehicle.vehicle, attitude_time_s=0.2))
+    flights = [flown(vehicle, stick_for(PLAN), seed, told=slower) for seed in (1, 2, 3)]
+    records, dropped = usable_records(flights)
+    assert not dropped
+    return records, setting_of(slower)
+
+
+def lean_of(records, setting):
+    return next(
+        e for e in effects_for(records, setting)
+        if e.name == "active_braking" and e.parameters == ("lean",)
+    )  # fmt: skip
+
+
+def test_sizes_are_found_from_far_off_and_left_out_flights_say_how_well(braking):
+    records, nominal = braking
+    course = _Course(records, nominal, nominal, nominal)
+    lean = lean_of(records, nominal)
+    with_it, without = (course.fitted(nominal, effects) for effects in ([lean], []))
+    found = dict(zip(with_it.columns, with_it.steps.T, strict=True))
+    size = with_it.setting.parameters[lean.directions[0].entry]
+    tau = with_it.setting.parameters[ATTITUDE_TIME]
+    assert size == pytest.approx(LEAN, rel=0.15)
+    assert tau == pytest.approx(0.2, rel=0.15)
+    assert 0.0 < np.abs(found[lean.columns[0]]).max() < 0.3 * LEAN
+    # Every flight is predicted better from the others with it than without.
+    assert (with_it.missed < 0.75 * without.missed).all()
+
+
+def test_what_is_not_there_has_no_size(braking):
+    records, nominal = braking
+    course = _Course(records, nominal, nominal, nominal)
+    lean = lean_of(records, nominal)
+    drag = next(e for e in effects_for(records, nominal) if e.name == "quadratic_drag")
+    both, one = course.fitted(nominal, [lean, drag]), course.fitted(nominal, [lean])
+    assert both.missed.sum() > 0.95 * one.missed.sum()
