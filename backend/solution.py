@@ -50,5 +50,3 @@ class RangeErrors:
     gain_std: float
     zero_m: float
     zero_std_m: float
-    scale_std: float
-    """Of the logarithm of the map's scale, which is uncertain with them."""

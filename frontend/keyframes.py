@@ -45,6 +45,18 @@ class Keyframe:
 
 
 @dataclass(frozen=True)
+class Passed:
+    """A frame that did not become a keyframe, as the keyframe before it sees it."""
+
+    frame: int
+    keyframe: int
+    i_H_j: NDArray[np.float64]
+    """(3, 3), j being the frame."""
+    corner_covariance: NDArray[np.float64]
+    """(8, 8) px², as in `frontend.registration`."""
+
+
+@dataclass(frozen=True)
 class _Tracked:
     """A frame with all its features, those of what moves by itself too: only so can it be told from the
     floor in the next."""
@@ -69,6 +81,11 @@ class _Tracked:
         on_floor = Features(features.pixel[self.on_floor], features.descriptor[self.on_floor])
         return Keyframe(self.frame, on_floor, link)
 
+    def passed(self) -> Passed:
+        """The frame as one that does not stay."""
+        assert self.link is not None
+        return Passed(self.frame, self.link.i, self.link.i_H_j, self.link.corner_covariance)
+
 
 class Tracker:
     """Goes through the frames once; ``rejected`` counts what was dropped, by reason."""
@@ -89,6 +106,7 @@ class Tracker:
         self.frames = 0
         self.moving: set[int] = set()
         """Frames in which something moves otherwise than the floor."""
+        self.passed: list[Passed] = []
 
     def keyframes(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
         """Keyframes in order of time."""
@@ -107,6 +125,8 @@ class Tracker:
                 yield best.keyframe(last)
                 last, number, best = best, number + 1, None
                 tracked, reason = self._track(number, frame, last, features)
+            elif best is not None:
+                self.passed.append(best.passed())
             if tracked is None:
                 self.rejected[reason] += 1
                 failures += 1

@@ -54,10 +54,21 @@ class AttitudeErrors:
 
 @dataclass(frozen=True)
 class AccelerometerErrors:
-    """Offset in body axes (forward, left, up), from mean acceleration between known speeds."""
+    """The accelerometer against the map's path (`backend.inertial_scale`); body axes (forward, left, up)."""
 
     offset_m_s2: tuple[float, float, float]
     offset_std_m_s2: tuple[float, float, float]
+    arm_m: tuple[float, float, float]
+    """From the body's origin to the accelerometer."""
+    arm_std_m: tuple[float, float, float]
+    delay_s: float
+    """The pictures' stamps are so much later than the accelerometer's for the same moment."""
+    scale: float
+    """True lengths, as it has them, over the map's before it was heard."""
+    scale_std: float
+    """The uncertainty of its own gain included."""
+    used: bool
+    """Whether the map's lengths rest on it too."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +121,8 @@ class Estimate:
     iterations: int = 0
     floor_slope_rad: tuple[float, float] = (0.0, 0.0)
     """Rotation vector (x, y) that takes the level to the ground; zero where nothing told of a slope."""
+    scale_std: float | None = None
+    """Relative standard deviation that all lengths share; None where nothing told the scale."""
     range_errors: RangeErrors | None = None
     """What the height sensor's readings turned out to have in common; None where there is none."""
     instruments: InstrumentErrors = InstrumentErrors(None, None)

@@ -18,6 +18,7 @@ from slam.mapping.fusion import Fused, fuse
 from slam.mapping.mapper import Mapper, Sensors
 from slam.mapping.obstacles import Obstacles, echoes_in_map, find_obstacles, no_masks
 from slam.mapping.sightings import Sighter, Sightings
+from slam.mapping.synchronize import inertial_readings
 from slam.progress import Progress, silent
 from slam.settings import PipelineConfig
 from slam.stopwatch import Stopwatch
@@ -101,7 +102,8 @@ def _optimize(
         edges = informed.edges(sightings.registrations)
         solution = informed.solve(edges, step)
     with clock("refine"):
-        fused = bridges.join(fuse(mapper, sightings, edges, solution, progress))
+        readings = inertial_readings(flight.imu)
+        fused = bridges.join(fuse(mapper, sightings, edges, solution, progress, readings))
     mapped = Mapped(sightings, edges, solution, fused, odometry, without_loops)
     estimate = account(flight, config, mapper, mapped, clock.seconds)
     echoes = echoes_in_map(flown.sonar, sightings.stamps_s, fused.over_floor_T_b, fused.floor_z_m)

@@ -27,6 +27,8 @@ class SensorTrust:
     """Roll and pitch of a camera that is only said to look straight down."""
     range_floor_m: float = 0.005
     """No range is believed better than this."""
+    accel_gain_std: float = 0.02
+    """Relative: an accelerometer's own gain, by which it has all lengths wrong."""
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,8 @@ class Summary:
     """Graphs alone: half the squared whitened residuals over all kept edges."""
     iterations: int | None = None
     """Graphs alone."""
+    scale_std: float | None = None
+    """Relative, of all lengths together; None where nothing told the scale."""
     range_errors: RangeErrors | None = None
     """Flights with a height sensor: the gain and the zero of its readings, as found."""
     instruments: InstrumentErrors | None = None
@@ -68,7 +70,7 @@ class Summary:
         if self.iterations is not None:
             record["iterations"] = self.iterations
         if self.range_errors is not None:
-            record["height_sensor"] = asdict(self.range_errors)
+            record["height_sensor"] = {**asdict(self.range_errors), "scale_std": self.scale_std}
         for name, errors in ({} if self.instruments is None else asdict(self.instruments)).items():
             if errors is not None:
                 record[name] = errors
@@ -93,6 +95,7 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
         warnings=estimate.warnings,
         error=float(estimate.graph_error) if graph_alone else None,
         iterations=int(estimate.iterations) if graph_alone else None,
+        scale_std=estimate.scale_std,
         range_errors=estimate.range_errors,
         instruments=estimate.instruments,
         certificate=estimate.certificate,

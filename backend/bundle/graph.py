@@ -59,6 +59,15 @@ class NoiseLevels:
 
 
 @dataclass(frozen=True)
+class Lengths:
+    """What something else than ranges and positions tells of the scale."""
+
+    ratio: float
+    """True lengths over those of the start."""
+    log_std: float
+
+
+@dataclass(frozen=True)
 class BundleProblem:
     """Everything that stays fixed over a round."""
 
@@ -67,6 +76,13 @@ class BundleProblem:
     camera: PinholeModel
     config: BundleConfig
     calibrates: bool
+    lengths: Lengths | None = None
+
+    @property
+    def scaled(self) -> bool:
+        """Whether anything tells the scale."""
+        measured = self.measurements
+        return bool(measured.ranges or measured.positions) or self.lengths is not None
 
     @property
     def c_T_b(self) -> Array:
@@ -165,23 +181,27 @@ def _add_gauge(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, start:
     """Hold what nothing observes at its start.
 
     Always the first keyframe's height in the poses' own unit (the scale is a variable of its own); without
-    positions its place and heading and the floor's height too; without ranges and positions the scale.
+    positions its place and heading and the floor's height too; the scale unless something tells it.
     """
     held, free = 1e-5, 1e3
-    placed, scaled = bool(problem.measurements.positions), bool(problem.measurements.ranges)
+    placed = bool(problem.measurements.positions)
     first, plane = start.atPose3(POSE(0)), free if placed else held
     place = gtsam.noiseModel.Diagonal.Sigmas(np.array([plane, plane, held]))
     graph.push_back(gtsam.PoseTranslationPrior3D(POSE(0), first, place))
     heading = gtsam.noiseModel.Diagonal.Sigmas(np.array([free, free, plane]))
     graph.push_back(gtsam.PoseRotationPrior3D(POSE(0), first, heading))
     sigmas = np.full(WORLD_SIZE, held)
-    sigmas[LOG_SCALE] = free if placed or scaled else held
+    sigmas[LOG_SCALE] = free if problem.scaled else held
     sigmas[FLOOR_Z] = 1e5 if placed else held
     sigmas[LOG_GAIN] = max(problem.measurements.range_gain_std, held)
     sigmas[DATUM] = max(problem.measurements.range_datum_std_m, held)
     sigmas[SLOPE] = problem.config.slope_std_rad if placed else held
+    world = start.atVector(WORLD)
+    if problem.lengths is not None:
+        sigmas[LOG_SCALE] = problem.lengths.log_std
+        world[LOG_SCALE] += np.log(problem.lengths.ratio)
     model = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
-    graph.push_back(gtsam.PriorFactorVector(WORLD, start.atVector(WORLD), model))
+    graph.push_back(gtsam.PriorFactorVector(WORLD, world, model))
 
 
 def metric_poses(problem: BundleProblem, values: gtsam.Values) -> Array:

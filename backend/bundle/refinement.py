@@ -28,6 +28,7 @@ from backend.bundle.graph import (
     WORLD,
     BundleConfig,
     BundleProblem,
+    Lengths,
     NoiseLevels,
     build_graph,
     metric_poses,
@@ -62,6 +63,8 @@ class Bundle:
     """Radial coefficients (k1, k2) that go with ``focal_px``; zero where they were held."""
     range_errors: RangeErrors | None
     """None where nothing was ranged."""
+    scale_std: float | None
+    """Relative; None where nothing told the scale."""
     noise: NoiseLevels
     dropped_observations: int
     error: float
@@ -74,10 +77,12 @@ def refine(
     floor_z_m: float = 0.0,
     config: BundleConfig = BundleConfig(),
     on_step: Callable[[int, float], None] | None = None,
+    lengths: Lengths | None = None,
 ) -> Bundle:
     """Refine one connected set of keyframes, all of them in ``measurements.tracks``.
 
-    ``w_T_b`` (n, 4, 4): a start within the basin of the optimum, such as the pose graph's.
+    ``w_T_b`` (n, 4, 4): a start within the basin of the optimum, such as the pose graph's; ``lengths`` tells
+    of its scale.
     Raises ``BackendError`` where the problem cannot be solved.
     """
     tracks, camera = measurements.tracks, measurements.camera
@@ -85,7 +90,7 @@ def refine(
         raise BackendError(
             "bundle adjustment: no tracks of floor points, or no camera; solve the pose graph alone"
         )
-    problem = BundleProblem(measurements, tracks, camera, config, calibrates=False)
+    problem = BundleProblem(measurements, tracks, camera, config, calibrates=False, lengths=lengths)
     noise = start_noise(measurements, config)
     values = start_values(problem, w_T_b, floor_z_m)
     start = values
@@ -167,6 +172,7 @@ def _result(
         focal,
         radial,
         _range_errors(world, joint[0, 6:, 6:]) if problem.measurements.ranges else None,
+        float(np.sqrt(joint[0, 6 + LOG_SCALE, 6 + LOG_SCALE])) if problem.scaled else None,
         noise,
         int((~used).sum()),
         error,
@@ -176,6 +182,4 @@ def _result(
 
 def _range_errors(world: Array, covariance: Array) -> RangeErrors:
     gain, std = float(np.exp(world[LOG_GAIN])), np.sqrt(np.diag(covariance))
-    return RangeErrors(
-        gain, gain * float(std[LOG_GAIN]), float(world[DATUM]), float(std[DATUM]), float(std[LOG_SCALE])
-    )
+    return RangeErrors(gain, gain * float(std[LOG_GAIN]), float(world[DATUM]), float(std[DATUM]))

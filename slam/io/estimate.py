@@ -161,6 +161,7 @@ def _record(estimate: Estimate) -> dict[str, Any]:
         "camera": None if camera is None else {**asdict(camera), "b_T_c": camera.b_T_c.tolist()},
         "floor_z_m": float(estimate.floor_z_m),
         "floor_slope_rad": [float(angle) for angle in estimate.floor_slope_rad],
+        "scale_std": None if estimate.scale_std is None else float(estimate.scale_std),
         "range_errors": None if estimate.range_errors is None else asdict(estimate.range_errors),
         "origin": None if estimate.origin is None else asdict(estimate.origin),
         "frames": int(estimate.frames),
@@ -282,6 +283,7 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         camera=None if camera is None else _camera(camera),
         floor_z_m=float(record["floor_z_m"]),
         floor_slope_rad=(float(record["floor_slope_rad"][0]), float(record["floor_slope_rad"][1])),
+        scale_std=_scale_std(record),
         range_errors=_range_errors(record),
         origin=None if origin is None else GeoOrigin(**origin),
         relative_poses=tuple(RelativePose(i, j, T, P, kind) for (i, j), T, P, kind in edges),
@@ -296,6 +298,11 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         iterations=int(record["iterations"]),
         ways=_ways(record),
     )
+
+
+def _scale_std(record: dict[str, Any]) -> float | None:
+    told = record.get("scale_std")
+    return None if told is None else float(told)
 
 
 def _range_errors(record: dict[str, Any]) -> RangeErrors | None:

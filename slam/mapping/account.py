@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.solution import Solution
-from slam.estimate import Estimate, LoopVerdict
+from slam.estimate import Estimate, InstrumentErrors, LoopVerdict
 from slam.flight import Flight
 from slam.info import describe, missing_for_map
 from slam.mapping.chain import chain
 from slam.mapping.fusion import Fused, comparable
-from slam.mapping.instrument_errors import instrument_errors
+from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.mapper import Edges, Mapper
 from slam.mapping.sightings import Sightings
 from slam.settings import PipelineConfig
@@ -68,9 +68,16 @@ def _status(fused: Fused, metric: bool) -> tuple[str, list[str]]:
         who = f"{lost} keyframes overlap" if lost > 1 else "1 keyframe overlaps"
         warnings.append(f"{who} no other: not placed")
     if not metric and not fused.georeferenced:
-        warnings.append("no sonar and no GPS: no metric scale; lengths are in mean heights of the camera")
+        warnings.append(_scale_told(fused))
     status = "ok" if not warnings else "; ".join(warnings)
     return status, warnings
+
+
+def _scale_told(fused: Fused) -> str:
+    if fused.bundle is None or fused.bundle.scale_std is None:
+        return "no sonar and no GPS: no metric scale; lengths are in mean heights of the camera"
+    std = 100 * fused.bundle.scale_std
+    return f"no sonar and no GPS: lengths are the accelerometer's, known to {std:.2g} %"
 
 
 def account(
@@ -124,7 +131,11 @@ def account(
             *solution.warnings,
         ),
         floor_slope_rad=fused.slope_rad,
-        instruments=instrument_errors(flight, sightings.stamps_s, _main(fused), not flight.parts),
+        instruments=InstrumentErrors(
+            attitude_errors(flight, sightings.stamps_s, _main(fused), not flight.parts),
+            accelerometer_errors(fused.heard),
+        ),
+        scale_std=fused.bundle.scale_std if fused.bundle else None,
         range_errors=fused.bundle.range_errors if fused.bundle else None,
         graph_error=fused.bundle.error if fused.bundle else solution.error,
         iterations=solution.iterations + (fused.bundle.iterations if fused.bundle else 0),

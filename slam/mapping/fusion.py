@@ -11,11 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
-from backend.measurements import Position, RelativePose
+from backend.inertial_scale import InertialReadings
+from backend.measurements import FloorTracks, Position, RelativePose
 from backend.solution import Solution
 from frontend.camera import Camera
 from frontend.registration import Registration
 from slam.estimate import over_floor
+from slam.mapping.lengths import Heard, heard
 from slam.mapping.mapper import LEAST_SEEN, Edges, Mapper, Sensors
 from slam.mapping.placement import lay_onto
 from slam.mapping.sightings import Sightings
@@ -37,6 +39,8 @@ class Fused:
     """Of the largest part."""
     georeferenced: bool
     warnings: tuple[str, ...]
+    heard: Heard | None = None
+    """What the accelerometer tells of the largest part."""
     bridges: tuple[RelativePose, ...] = ()
     """Edges of kind ``inertial`` along which parts were laid together (`slam.mapping.bridging`)."""
 
@@ -51,8 +55,15 @@ class Fused:
         return over_floor(self.w_T_b, self.slope_rad, self.floor_z_m)
 
 
-def fuse(mapper: Mapper, sightings: Sightings, edges: Edges, solution: Solution, progress: Progress) -> Fused:
-    """Place each connected part and refine it on its floor points."""
+def fuse(
+    mapper: Mapper,
+    sightings: Sightings,
+    edges: Edges,
+    solution: Solution,
+    progress: Progress,
+    readings: InertialReadings | None = None,
+) -> Fused:
+    """Place each connected part and refine it on its floor points; with ``readings`` on its inertia too."""
     sensors = mapper.sensors
     n = len(sensors.stamps_s)
     kept = [r for r, ok in zip(edges.registrations, solution.edge_kept, strict=True) if ok]
@@ -61,7 +72,7 @@ def fuse(mapper: Mapper, sightings: Sightings, edges: Edges, solution: Solution,
     component = _largest_first(np.where(_tied(n, kept), solution.component, -1))
     w_T_b[component < 0] = np.nan
     warnings: list[str] = []
-    camera, floor_z_m, first, georeferenced = mapper.camera, 0.0, None, False
+    camera, floor_z_m, first, inertial, georeferenced = mapper.camera, 0.0, None, None, False
     seen = np.bincount(tracks.keyframe, minlength=n)
     for part in range(int(component.max(initial=-1)) + 1):
         members = np.flatnonzero(component == part)
@@ -80,17 +91,47 @@ def fuse(mapper: Mapper, sightings: Sightings, edges: Edges, solution: Solution,
         try:
             # Positions that could not place the part are not to pull at it either.
             usable = mapper if laid is not None else mapper.without_positions()
-            bundle = usable.refine(members, w_T_b, floor, tracks, lambda k, _: progress("refine", k, 0))
+            bundle, said = _refined(usable, sightings, members, w_T_b, floor, tracks, progress, readings)
         except BackendError as error:
             warnings.append(f"part of {len(members)} keyframes not refined: {error}")
         else:
             w_T_b[members], covariances[members], floor = bundle.w_T_b, bundle.covariances, bundle.floor_z_m
             if part == 0:
-                first, camera = bundle, _calibrated(camera, bundle)
+                first, inertial, camera = bundle, said, _calibrated(camera, bundle)
+            warnings += [said.contradiction] if said is not None and said.contradiction else []
         if part == 0:
             floor_z_m, georeferenced = floor, laid is not None
     w_T_b[component < 0] = np.nan
-    return Fused(w_T_b, covariances, component, floor_z_m, camera, first, georeferenced, tuple(warnings))
+    return Fused(
+        w_T_b, covariances, component, floor_z_m, camera, first, georeferenced, tuple(warnings), inertial
+    )
+
+
+def _refined(
+    mapper: Mapper,
+    sightings: Sightings,
+    members: NDArray[np.int64],
+    w_T_b: Array,
+    floor_z_m: float,
+    tracks: FloorTracks,
+    progress: Progress,
+    readings: InertialReadings | None,
+) -> tuple[Bundle, Heard | None]:
+    """One part, and what the accelerometer tells of it: used where ranges and positions tell less."""
+
+    def step(iteration: int, _: float) -> None:
+        progress("refine", iteration, 0)
+
+    bundle = mapper.refine(members, w_T_b, floor_z_m, tracks, step)
+    if readings is None:
+        return bundle, None
+    camera, gain_std = _calibrated(mapper.camera, bundle), mapper.config.trust.accel_gain_std
+    said = heard(readings, sightings, members, bundle, camera, gain_std)
+    if said is None or not said.helps:
+        return bundle, said
+    start = w_T_b.copy()
+    start[members] = bundle.w_T_b
+    return mapper.refine(members, start, bundle.floor_z_m, tracks, step, said.lengths), said
 
 
 def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.features import Extractor, FeatureUnavailableError
-from frontend.keyframes import Tracker
+from frontend.keyframes import Passed, Tracker
 from frontend.loops import overlapping, propose_loops, verify
 from frontend.registration import Registration, overlap, refused
 from frontend.store import FeatureStore
@@ -45,6 +45,10 @@ class Sightings:
     rejected: Counter[str]
     moving: int = 0
     """Frames in which something moves otherwise than the floor."""
+    frame_stamps_s: Array = field(default_factory=lambda: np.empty(0))
+    """(f,) of all frames."""
+    passed: tuple[Passed, ...] = ()
+    """Frames between keyframes."""
 
     def without(self, reasons: dict[tuple[int, int], str]) -> Sightings:
         """The same with some pairs (i, j) refused, each for its reason."""
@@ -96,6 +100,8 @@ class Sighter:
             tracker.frames,
             rejected,
             len(tracker.moving),
+            flight.frames.stamps_s,
+            tuple(tracker.passed),
         )
 
     def neighbours(self, sightings: Sightings) -> Sightings:

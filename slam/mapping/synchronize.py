@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.inertial_scale import InertialReadings
 from backend.measurements import Attitude, Position, SlantRange
-from slam.flight import AttitudeSeries, Flight, GeoOrigin, Sonar
+from slam.flight import AttitudeSeries, Flight, GeoOrigin, Imu, Sonar
 from slam.io.geodesy import enu_from_geodetic
 
 Array = NDArray[np.float64]
@@ -108,3 +109,15 @@ def positions_at(flight: Flight, at_s: Array, origin: GeoOrigin | None) -> tuple
             std[2] = 1e3
         positions.append(Position(k, value, std))
     return tuple(positions)
+
+
+def inertial_readings(imu: Imu | None) -> InertialReadings | None:
+    """Gyro and accelerometer turned into body axes, in order of time; what is not finite is left out."""
+    if imu is None:
+        return None
+    good = np.isfinite(imu.gyro_rad_s).all(axis=1) & np.isfinite(imu.accel_m_s2).all(axis=1)
+    stamps_s, first = np.unique(imu.stamps_s[good], return_index=True)
+    turn = imu.b_T_s[:3, :3].T
+    if len(stamps_s) < 2:
+        return None
+    return InertialReadings(stamps_s, imu.gyro_rad_s[good][first] @ turn, imu.accel_m_s2[good][first] @ turn)

@@ -121,7 +121,7 @@ def sentence(facts: Facts) -> str:
         relative = f"relative to {facts.relative_to} " if facts.relative_to else ""
         said += f"; {relative}a position is known to ±{_SPACE}{median} (median), ±{_SPACE}{worst} at worst"
         if facts.mostly_scale:
-            said += f", mostly because the height sensor's scale is known to {percent(facts.scale_std)} only"
+            said += f", mostly because the scale of all lengths is known to {percent(facts.scale_std)} only"
     said += "."
     if facts.loops_kept:
         closures = "loop closure holds" if facts.loops_kept == 1 else "loop closures hold"
@@ -175,10 +175,10 @@ def _relative_to(estimate: Estimate, flight: Flight | None) -> str:
 
 
 def _scale_std(estimate: Estimate, flight: Flight | None) -> float:
-    """Of the scale that all lengths share; positions on Earth know it better than any height sensor."""
-    if flight is None or estimate.range_errors is None or estimate.origin is not None:
+    """Of the scale that all lengths share; positions on Earth know it better than any other."""
+    if flight is None or estimate.scale_std is None or estimate.origin is not None:
         return 0.0
-    return estimate.range_errors.scale_std
+    return estimate.scale_std
 
 
 def _is_mostly_scale(estimate: Estimate, members: NDArray[np.int64], scale_std: float) -> bool:
@@ -219,4 +219,6 @@ def _scale_source(estimate: Estimate, flight: Flight | None) -> str:
         ["height sensor"] if flight.sonar is not None and np.isfinite(flight.sonar.range_m).any() else []
     )
     sources += ["GPS"] if estimate.origin is not None else []
+    accelerometer = estimate.instruments.accelerometer
+    sources += ["accelerometer"] if accelerometer is not None and accelerometer.used else []
     return " and ".join(sources) or "none"

@@ -33,3 +33,21 @@ def accelerometer_told(found: AccelerometerErrors | None) -> str:
         return ""
     axes = zip(("forward", "left", "up"), found.offset_m_s2, found.offset_std_m_s2, strict=True)
     return ", ".join(f"{name} {offset:+.3f} ±{_SPACE}{std:.3f}" for name, offset, std in axes) + " m/s²"
+
+
+def arm_told(found: AccelerometerErrors | None) -> str:
+    """Where on the body it sits."""
+    if found is None:
+        return ""
+    axes = zip(("forward", "left", "up"), found.arm_m, found.arm_std_m, strict=True)
+    return ", ".join(f"{name} {1e3 * at:+.0f} ±{_SPACE}{1e3 * std:.0f}" for name, at, std in axes) + " mm"
+
+
+def lengths_told(found: AccelerometerErrors | None) -> str:
+    """What it says of the map's lengths."""
+    if found is None:
+        return ""
+    off, std = 100 * (found.scale - 1), 100 * found.scale_std
+    return (
+        f"{off:+.1f} ±{_SPACE}{std:.1f}{_SPACE}% off the map's{', heard' if found.used else ', not needed'}"
+    )

@@ -11,7 +11,13 @@ import numpy as np
 import slam
 from slam.estimate import Estimate
 from slam.report.facts import Facts, gather, length, percent, sentence
-from slam.report.instrument_errors import accelerometer_told, attitude_told, heading_told
+from slam.report.instrument_errors import (
+    accelerometer_told,
+    arm_told,
+    attitude_told,
+    heading_told,
+    lengths_told,
+)
 from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture
 from slam.summary import Summary
@@ -110,6 +116,8 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Attitude sensor against the map", attitude_told(estimate.instruments.attitude)),
         Item("Its heading wanders by", heading_told(estimate.instruments.attitude)),
         Item("Accelerometer's offset", accelerometer_told(estimate.instruments.accelerometer)),
+        Item("Its place on the body", arm_told(estimate.instruments.accelerometer)),
+        Item("Lengths as it has them", lengths_told(estimate.instruments.accelerometer)),
         Item("Scale that all lengths share, 1σ", percent(facts.scale_std) if facts.scale_std else ""),
         Item("Position of a keyframe, 1σ: median", length(facts.sigma_median_m)),
         Item("Position of a keyframe, 1σ: largest", length(facts.sigma_max_m)),

@@ -43,7 +43,8 @@ def made_estimate(count: int = 60, name: str = "made eight", sigma_m: float = 0.
         floor_z_m=0.0,
         origin=None,
         relative_poses=tuple(edges),
-        range_errors=RangeErrors(gain=1.0, gain_std=0.05, zero_m=0.0035, zero_std_m=0.0011, scale_std=0.05),
+        scale_std=0.05,
+        range_errors=RangeErrors(gain=1.0, gain_std=0.05, zero_m=0.0035, zero_std_m=0.0011),
         loops=tuple(
             LoopVerdict(i, j, verdict, "" if verdict == "kept" else REJECTION) for i, j, verdict in loops
         ),

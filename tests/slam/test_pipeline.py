@@ -129,7 +129,7 @@ def test_progress_is_told_and_what_it_raises_passes_through():
 
 
 def test_without_sonar_the_shape_is_right_and_the_missing_scale_is_told():
-    flight = replace(flown(0), sonar=None)
+    flight = replace(flown(0), sonar=None, imu=None)
     estimate = optimize(flight)
     assert_whole(estimate)
     assert "no metric scale" in estimate.status
@@ -138,6 +138,26 @@ def test_without_sonar_the_shape_is_right_and_the_missing_scale_is_told():
     found = evaluate(estimate, flight)
     assert found.ate_sim3_m.rmse < 1.5e-3
     assert found.scale == pytest.approx(0.8, rel=0.03)
+
+
+def test_without_sonar_the_accelerometer_tells_how_long_a_metre_is():
+    flight = replace(flown(0), sonar=None)
+    estimate = optimize(flight)
+    assert_whole(estimate)
+    assert "lengths are the accelerometer's" in estimate.status
+    assert estimate.instruments.accelerometer.used
+    scale = evaluate(estimate, flight).to_json()["ate_sim3_m"]["scale"]
+    assert abs(scale - 1) < 3 * estimate.scale_std
+    assert estimate.scale_std < 0.06
+
+
+def test_an_accelerometer_that_contradicts_the_ranges_is_not_believed():
+    flight = flown(0)
+    sonar = replace(flight.sonar, scale_std=0.0)
+    estimate = optimize(replace(flight, sonar=replace(sonar, range_m=sonar.range_m / 2)))
+    assert any("one instrument is off" in line for line in estimate.warnings)
+    assert not estimate.instruments.accelerometer.used
+    assert estimate.instruments.accelerometer.scale == pytest.approx(2, rel=0.15)
 
 
 def test_without_attitude_the_pictures_alone_tell_the_tilt():
@@ -188,7 +208,7 @@ def test_streams_without_one_value_are_like_none():
         ),
     )
     none = replace(flight, attitude=None, sonar=None)
-    one, other = optimize(empty), optimize(none)
+    one, other = (optimize(replace(f, imu=None)) for f in (empty, none))
     assert one.w_T_b.tobytes() == other.w_T_b.tobytes()
     assert one.status == other.status
     assert "no metric scale" in one.status

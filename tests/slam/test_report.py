@@ -120,9 +120,8 @@ def test_the_sentence_says_what_a_position_is_relative_to():
     vague = gather(replace(estimate, covariances=scaled), flight)
     assert vague.mostly_scale
     assert "relative to the first keyframe" in sentence(vague)
-    assert "scale is known to 5\N{NO-BREAK SPACE}% only" in sentence(vague)
-    known = replace(estimate.range_errors, scale_std=0.0)
-    exact = gather(replace(estimate, covariances=scaled, range_errors=known), flight)
+    assert "scale of all lengths is known to 5\N{NO-BREAK SPACE}% only" in sentence(vague)
+    exact = gather(replace(estimate, covariances=scaled, scale_std=0.0), flight)
     assert "relative to the first keyframe" in sentence(exact)
     assert "scale" not in sentence(exact)
     placed = gather(replace(estimate, covariances=scaled, origin=GeoOrigin(47.0, 8.0, 400.0)), flight)

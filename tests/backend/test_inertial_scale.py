@@ -1,0 +1,116 @@
+"""Scale, offset, arm and delay put into made flights are found again, with honest deviations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from backend.inertial_scale import InertialReadings, InertialScale, inertial_scale
+from backend.measurements import GRAVITY_M_S2
+
+SCALE, DELAY_S = 1.3, -0.02
+OFFSET_M_S2, ARM_M = np.array([0.1, -0.2, -0.6]), np.array([-0.02, 0.03, 0.06])
+STEP_S = 1e-3
+
+
+@dataclass(frozen=True)
+class Made:
+    """A flight that sways about a place over the floor."""
+
+    stamps_s: np.ndarray
+    w_T_b: np.ndarray
+    readings: InertialReadings
+
+    @property
+    def found(self) -> InertialScale | None:
+        """What the accelerometer tells of it."""
+        return inertial_scale(self.stamps_s, self.w_T_b, self.readings)
+
+
+def made(seed: int, lasts_s: float = 50.0, sway: float = 1.0, arm_m: np.ndarray = ARM_M) -> Made:
+    """``sway`` times a decimetre or two and several degrees, at 0.2 to 0.8 Hz, in all six axes."""
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(-1.0, lasts_s + 1.0, STEP_S)
+
+    def swaying(size: np.ndarray) -> np.ndarray:
+        waves = 2 * np.pi * (rng.uniform(0.2, 0.8, (4, 3, 1)) * time_s + rng.uniform(size=(4, 3, 1)))
+        return sway * size * np.sin(waves).sum(axis=0).T
+
+    place_m = swaying(np.array([0.15, 0.15, 0.08])) + [0, 0, 1.2]
+    w_R_b = Rotation.from_euler("ZYX", swaying(np.array([0.2, 0.05, 0.05])))
+    arm_way = place_m + w_R_b.apply(arm_m)
+    acceleration = np.gradient(np.gradient(arm_way, STEP_S, axis=0), STEP_S, axis=0)
+    force = w_R_b.inv().apply(acceleration + [0, 0, GRAVITY_M_S2]) + OFFSET_M_S2
+    gyro = (w_R_b[:-1].inv() * w_R_b[1:]).as_rotvec() / STEP_S
+    imu = np.arange(100, len(time_s) - 100, 5)
+    readings = InertialReadings(
+        time_s[imu],
+        gyro[imu] + [0.01, -0.02, 0.01] + rng.normal(0, 0.01, (len(imu), 3)),
+        force[imu] + rng.normal(0, 0.2, (len(imu), 3)),
+    )
+    seen = np.arange(1000, len(time_s) - 1000, 67)
+    w_T_b = np.tile(np.eye(4), (len(seen), 1, 1))
+    w_T_b[:, :3, :3] = (w_R_b[seen] * Rotation.from_rotvec(rng.normal(0, 5e-4, (len(seen), 3)))).as_matrix()
+    w_T_b[:, :3, 3] = (place_m[seen] + rng.normal(0, 1e-3, (len(seen), 3))) / SCALE
+    return Made(time_s[seen] + DELAY_S, w_T_b, readings)
+
+
+def test_what_was_put_in_is_found_to_within_what_is_told():
+    found = [made(seed).found for seed in range(12)]
+    off = np.array(
+        [np.append((np.array(f.arm_m) - ARM_M) / f.arm_std_m, (f.scale - SCALE) / f.scale_std) for f in found]
+    )
+    squares = (off**2).sum(axis=0)
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], len(found))
+    assert (squares > low).all()
+    assert (squares < high).all()
+    assert max(f.scale_std for f in found) < 0.02
+    assert max(max(f.arm_std_m) for f in found) < 0.004
+    assert np.abs([f.delay_s - DELAY_S for f in found]).max() < 0.004
+    # Where the vehicle hardly turns, the offset's level axes and tilt errors are one.
+    assert np.abs([np.array(f.offset_m_s2) - OFFSET_M_S2 for f in found]).max() < 0.03
+
+
+def test_a_long_arm_is_told_from_the_scale():
+    flight = made(0, arm_m=np.array([0.0, 0.0, 0.3]))
+    assert flight.found.scale == pytest.approx(SCALE, rel=0.03)
+    assert flight.found.arm_m[2] == pytest.approx(0.3, abs=0.02)
+
+
+def test_the_world_may_be_turned_and_shifted():
+    flight = made(1)
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("z", 1.1).as_matrix()
+    turn[:3, 3] = [5.0, -3.0, 0.0]
+    turned = replace(flight, w_T_b=turn @ flight.w_T_b).found
+    assert turned.scale == pytest.approx(flight.found.scale, rel=1e-3)
+    assert turned.arm_m == pytest.approx(flight.found.arm_m, abs=1e-4)
+
+
+def test_gaps_in_pictures_and_readings_do_no_harm():
+    flight = made(2)
+    seen = (flight.stamps_s % 17) > 3
+    r = flight.readings
+    read = (r.stamps_s % 23) > 1.5
+    thinned = Made(
+        flight.stamps_s[seen],
+        flight.w_T_b[seen],
+        InertialReadings(r.stamps_s[read], r.gyro_rad_s[read], r.accel_m_s2[read]),
+    )
+    assert thinned.found.scale == pytest.approx(SCALE, abs=4 * thinned.found.scale_std)
+    assert thinned.found.scale_std > flight.found.scale_std
+
+
+@pytest.mark.parametrize("flight", [made(3, sway=1e-3), made(3, lasts_s=4.0)], ids=["hovers", "too short"])
+def test_what_the_flight_does_not_tell_is_not_told(flight: Made):
+    assert flight.found is None
+
+
+def test_readings_from_another_time_tell_nothing():
+    flight = made(4, lasts_s=15.0)
+    late = replace(flight.readings, stamps_s=flight.readings.stamps_s + 1000)
+    assert inertial_scale(flight.stamps_s, flight.w_T_b, late) is None
