@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from slam.criticism.criticism import Cause, Gain, Interval, Verdict
 from slam.criticism.effects import Effect, catalogue_value
 from slam.criticism.flown import FREE, Flown
-from slam.criticism.heldout import held_out
+from slam.criticism.heldout import drawn_again, held_out
 from slam.criticism.hypotheses import SEEN
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.moving import held_value, is_wall, on_grid
-from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, Posterior, named
+from slam.criticism.posterior import KNOWN, NOTHING, SOMETHING_ELSE, Posterior, named
 from slam.criticism.rollouts import roll_out_errors
 from slam.criticism.screening import LEAST_SHARE, correlation, project
-from slam.criticism.search import Look, Search, Standing
+from slam.criticism.search import Look, Search, Standing, occam
 from slam.criticism.thresholds import MISFIT
 from slam.simulation.terms import CATALOGUE
 
@@ -87,14 +87,25 @@ def causes_of(
             Cause(
                 effect.name,
                 posterior.probability.get(effect.name, 0.0),
-                _flown_sizes(best, effect) if best else sizes(found.last, effect, found.chosen),
+                sizes(found.last, effect, found.chosen),
                 Gain(own.total, own.ci95, own.by, tuple(own.nats.tolist()), channels),
                 z,
                 posterior.lead_nats[place],
                 posterior.alternatives[place],
             )
         )
-    return tuple(causes)
+    return tuple(causes) if best is None else tuple(map(_as_flown, causes, known, [best] * len(known)))
+
+
+def _as_flown(cause: Cause, effect: Effect, best: Flown) -> Cause:
+    """The cause at the size that flies best, as probable as flights predicted from the others have it."""
+    found = replace(cause, parameters=_flown_sizes(best, effect))
+    if effect.name not in best.nats:
+        return found
+    parts = np.array(best.nats[effect.name])
+    gain = replace(cause.gain, nats=float(parts.sum()), ci95=drawn_again(parts), parts=tuple(parts.tolist()))
+    odds = gain.nats - occam(len(effect.columns)) - np.log(len(CATALOGUE) / KNOWN)
+    return replace(found, gain=gain, probability=float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0)))))
 
 
 def in_order(causes: Sequence[Cause]) -> tuple[Cause, ...]:

@@ -30,7 +30,8 @@ from slam.criticism.thresholds import MISFIT
 
 Array = NDArray[np.float64]
 
-AHEAD_S = 2.0
+AHEAD_S, APART_S = 2.0, 1.0
+"""Of roll-outs; misses of one flight that are less apart are one miss."""
 ROUNDS = 25
 SETTLED = 1e-4
 """Share of the squared misses that a round must take away to be followed by another."""
@@ -55,6 +56,8 @@ class Flown:
     """Column -> standard deviation of its size, from how far it moves as each flight is left out."""
     left_out: tuple[Setting, ...]
     """For each flight, the belief by the others."""
+    nats: dict[str, tuple[float, ...]]
+    """Term -> what it gains in each flight, predicted from the others."""
 
 
 @dataclass(frozen=True)
@@ -76,31 +79,46 @@ class _Fit:
 
 
 def flown(records: Sequence[Record], belief: Setting, healthy: Setting, found: Search) -> Flown:
-    """The chosen terms at the sizes that fly best, and those with which flights fly better still.
+    """The chosen terms at the sizes that fly best, with those with which flights fly better still, and
+    without those that make no flight better.
 
     ``healthy`` is the belief without any cause: its misses are the measure.
     """
     course = _Course(records, belief, healthy, found.model)
     chosen = list(found.chosen)
     fit = course.fitted(belief, chosen)
-    names = {e.name for e in chosen}
     standing = found.last.standing(chosen, found.last.effects)
     moving = [s.effect for s in standing if s.z > CANDIDATE_Z and _flies(s.effect)]
+    names = {e.name for e in chosen}
     for extra in [e for e in moving if e.name not in names][:MOST_CANDIDATES]:
         if all(extra.name != e.name for e in chosen):
             tried = course.fitted(fit.setting, [*chosen, extra])
             if tried.better_than(fit):
                 chosen, fit = [*chosen, extra], tried
-    for effect in found.chosen:
-        rest = [e for e in chosen if e is not effect]
-        if _flies(effect) and rest:
-            tried = course.fitted(_without(effect, fit.setting), rest)
-            if not fit.better_than(tried):
-                chosen, fit = rest, tried
+    while True:
+        without = {
+            e.label: course.fitted(_without(e, fit.setting), [o for o in chosen if o is not e])
+            for e in chosen
+            if _flies(e)
+        }
+        idle = [e for e in chosen if e.label in without and not fit.better_than(without[e.label])]
+        if not idle or len(chosen) == 1:
+            break
+        least = min(idle, key=lambda e: without[e.label].missed.sum())
+        chosen, fit = [e for e in chosen if e is not least], without[least.label]
     off = fit.steps - fit.steps.mean(axis=0)
     std = np.sqrt((1.0 - 1.0 / len(records)) * (off**2).sum(axis=0))
+    # Gaussian misses of the spread that is left, as many as there are independent ones.
+    scale = 0.5 * course.independent / fit.missed.sum()
+    nats = {
+        e.name: tuple((scale * (without[e.label].missed - fit.missed)).tolist())
+        for e in chosen
+        if e.label in without
+    }
     chosen += [e for e in found.last.effects if e.name == LAG and _is_slow(fit, std, found.model)][:1]
-    return Flown(fit.setting, tuple(chosen), dict(zip(fit.columns, std.tolist(), strict=True)), fit.left_out)
+    return Flown(
+        fit.setting, tuple(chosen), dict(zip(fit.columns, std.tolist(), strict=True)), fit.left_out, nats
+    )
 
 
 def _is_slow(fit: _Fit, std: Array, model: Setting) -> bool:
@@ -137,6 +155,9 @@ class _Course:
         misses = [self._misses(k, healthy) for k in range(len(records))]
         pooled = {c: np.concatenate([flight[c] for flight in misses]) for c in range(6, len(CHANNELS))}
         seen = {c: m for c, m in pooled.items() if len(m)}
+        spans = [record.duration_s // APART_S for record in records]
+        self.independent = len(seen) * float(sum(spans))
+        """Misses that tell each something of their own."""
         # Each channel weighs as much as any other, whatever its unit.
         self._weight = {c: 1.0 / np.sqrt(max(float(m @ m), 1e-12) * len(seen)) for c, m in seen.items()}
 

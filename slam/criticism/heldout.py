@@ -46,11 +46,16 @@ class HeldOut:
 
     @property
     def ci95(self) -> tuple[float, float]:
-        """Of the sum, by drawing parts with replacement."""
-        rng = np.random.default_rng(0)
-        drawn = rng.choice(self.nats, size=(DRAWS, len(self.nats))).sum(axis=1)
-        low, high = np.quantile(drawn, [0.025, 0.975])
-        return float(low), float(high)
+        """Of the sum."""
+        return drawn_again(self.nats)
+
+
+def drawn_again(nats: Array) -> tuple[float, float]:
+    """95 % interval of a sum over parts, by drawing parts with replacement."""
+    rng = np.random.default_rng(0)
+    drawn = rng.choice(nats, size=(DRAWS, len(nats))).sum(axis=1)
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    return float(low), float(high)
 
 
 def parts_of(flight: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.criticism import Cause, Gain, Interval
+from slam.criticism.heldout import drawn_again
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import Pass
 from slam.criticism.kalman.readings import SONAR
@@ -51,10 +52,7 @@ class Oddity:
         """As the verdict tells it."""
         total = sum(self.nats)
         lead = total - occam(1) - np.log(len(CATALOGUE) / 0.9)
-        rng = np.random.default_rng(0)
-        drawn = rng.choice(np.array(self.nats), size=(2000, len(self.nats))).sum(axis=1)
-        low, high = np.quantile(drawn, [0.025, 0.975])
-        gain = Gain(total, (float(low), float(high)), "flight", self.nats, ())
+        gain = Gain(total, drawn_again(np.array(self.nats)), "flight", self.nats, ())
         probability = float(1.0 / (1.0 + np.exp(-min(lead, 700.0))))
         return Cause(self.name, probability, self.parameters, gain, float(np.sqrt(2 * total)), float(lead))
 

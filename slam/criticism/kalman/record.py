@@ -21,6 +21,7 @@ Ints = NDArray[np.int64]
 LONGEST_STEP_S = 0.005
 """Of the filter between two events: a tenth of the vehicle's fastest lag."""
 HIGH_UP_M = 20.0
+FIRST_RANGES, HEIGHT_STD_M = 5, 0.05
 LONGEST_GAP_S = 5.0
 """A flight whose readings pause longer is judged up to there only."""
 
@@ -166,8 +167,10 @@ def _start(kinds: Ints, values: Array) -> tuple[Array, Array]:
     # Without a sonar the height is anybody's guess: then far from the floor, where it does nothing.
     start[2], std[2] = HIGH_UP_M, 0.5
     if (k := np.flatnonzero(kinds == SONAR)).size:
-        # The middle of some: one by itself may be a second echo.
-        start[2], std[2] = np.median(values[k[:5], 0]), 0.2
+        # The middle of some: one by itself may be a second echo, and must not pass for the height either.
+        some = values[k[:FIRST_RANGES], 0]
+        start[2] = np.median(some)
+        std[2] = HEIGHT_STD_M + 1.5 * np.median(np.abs(some - start[2]))
     if (k := np.flatnonzero(kinds == VELOCITY)).size:
         heading = start[8]
         u, w = np.nan_to_num(values[k[0], :2])
