@@ -98,14 +98,16 @@ def causes_of(
 
 
 def _as_flown(cause: Cause, effect: Effect, best: Flown) -> Cause:
-    """The cause at the size that flies best, as probable as flights predicted from the others have it."""
+    """The cause at the size that flies best; and as probable as flights predicted from the others have it,
+    where they are surer of it than the next readings."""
     found = replace(cause, parameters=_flown_sizes(best, effect))
-    if effect.name not in best.nats:
+    parts = np.array(best.nats.get(effect.name, ()))
+    odds = float(parts.sum()) - occam(len(effect.columns)) - np.log(len(CATALOGUE) / KNOWN)
+    probability = float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0))))
+    if probability <= cause.probability:
         return found
-    parts = np.array(best.nats[effect.name])
     gain = replace(cause.gain, nats=float(parts.sum()), ci95=drawn_again(parts), parts=tuple(parts.tolist()))
-    odds = gain.nats - occam(len(effect.columns)) - np.log(len(CATALOGUE) / KNOWN)
-    return replace(found, gain=gain, probability=float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0)))))
+    return replace(found, gain=gain, probability=probability)
 
 
 def in_order(causes: Sequence[Cause]) -> tuple[Cause, ...]:
