@@ -8,6 +8,7 @@ corners of picture j after transfer into picture i, (x0, y0, x1, y1, ...).
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -25,6 +26,9 @@ class HomographyConfig:
     500 px; in wider ones it grows with the width, because relief moves points by a share of the picture."""
     max_iterations: int = 2000
     confidence: float = 0.9999
+    score: Literal["magsac", "msac"] = "magsac"
+    """MAGSAC++ asks for no exact threshold, but takes a blend of two motions a little apart for one; MSAC
+    takes either."""
     noise_floor_px: float = 0.05
     """Feature positions are never believed better than this."""
 
@@ -56,7 +60,7 @@ def transfer(a_H_b: Array, pixel: Array) -> Array:
 def fit_homography(
     pixel_i: Array, pixel_j: Array, corners_px: Array, config: HomographyConfig = HomographyConfig()
 ) -> HomographyFit | None:
-    """MAGSAC++ fit refined on its inliers by weighted Gauss-Newton; None where no plane explains the matches.
+    """Robust fit refined on its inliers by weighted Gauss-Newton; None where no plane explains the matches.
 
     ``pixel_i``, ``pixel_j``: (m, 2) matched undistorted pixels; ``corners_px``: (4, 2) corners of picture j.
     Source: Barath et al. 2020 (MAGSAC++); Hartley and Zisserman 2004, sections 4.3 and 5.2 (covariance).
@@ -67,7 +71,7 @@ def fit_homography(
     params.threshold = config.threshold_px
     params.maxIterations = config.max_iterations
     params.confidence = config.confidence
-    params.score = cv2.SCORE_METHOD_MAGSAC
+    params.score = cv2.SCORE_METHOD_MAGSAC if config.score == "magsac" else cv2.SCORE_METHOD_MSAC
     params.sampler = cv2.SAMPLING_UNIFORM
     params.loMethod = cv2.LOCAL_OPTIM_SIGMA
     params.loIterations = 10

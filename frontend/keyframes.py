@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.cells import cells
+from frontend.continuity import Trail
 from frontend.features import Extractor, Features
 from frontend.gates import GateConfig, relative_change
-from frontend.homography import HomographyConfig
+from frontend.homography import HomographyConfig, transfer
 from frontend.objection import objection
 from frontend.registration import Registration, register
 
@@ -66,6 +67,13 @@ class _Tracked:
     link: Registration | None
     on_floor: NDArray[np.bool_]
     """(n,) features that the map gets."""
+    trail: Trail
+    """This frame's place, and that of the one before, as the last keyframe sees them."""
+
+    def as_last(self) -> _Tracked:
+        """As the keyframe that later frames are registered to."""
+        assert self.link is not None
+        return replace(self, trail=self.trail.seen_from(self.link.i_H_j))
 
     def keyframe(self, last: _Tracked | None) -> Keyframe:
         """The frame as one that stays, with the features on the floor alone."""
@@ -102,6 +110,7 @@ class Tracker:
         """``masks``: of each frame by its number, 0 where to look away."""
         self.camera, self.extractor = camera, extractor
         self.homography, self.gates, self.config, self.masks = homography, gates, config, masks
+        self._corners = camera.undistort(camera.corners_px)
         self.rejected: Counter[str] = Counter()
         self.frames = 0
         self.moving: set[int] = set()
@@ -116,15 +125,15 @@ class Tracker:
         failures = 0
         for frame, features in self._seen(images):
             if last is None:
-                last, number = _first(frame, features), number + 1
+                last, number = self._first(frame, features), number + 1
                 yield last.keyframe(None)
                 continue
-            tracked, reason = self._track(number, frame, last, features)
+            tracked, reason = self._track(number, frame, last, features, (best or last).trail)
             if best is not None and (tracked is None or self._leaves(tracked)):
                 # The frame before was still well in view: it becomes the keyframe.
                 yield best.keyframe(last)
-                last, number, best = best, number + 1, None
-                tracked, reason = self._track(number, frame, last, features)
+                last, number, best = best.as_last(), number + 1, None
+                tracked, reason = self._track(number, frame, last, features, last.trail)
             elif best is not None:
                 self.passed.append(best.passed())
             if tracked is None:
@@ -132,7 +141,7 @@ class Tracker:
                 failures += 1
                 if failures > self.config.patience:
                     self.rejected["tracking started anew"] += 1
-                    last, number, failures = _first(frame, features), number + 1, 0
+                    last, number, failures = self._first(frame, features), number + 1, 0
                     yield last.keyframe(None)
                 continue
             failures, best = 0, tracked
@@ -196,10 +205,13 @@ class Tracker:
         return features
 
     def _track(
-        self, number: int, frame: int, last: _Tracked, features: Features
+        self, number: int, frame: int, last: _Tracked, features: Features, trail: Trail
     ) -> tuple[_Tracked | None, str]:
         """The frame as the last keyframe sees it, or why not."""
-        link = register(number, number + 1, last.features, features, self.camera, self.homography, self.gates)
+        link = register(
+            number, number + 1, last.features, features, self.camera, self.homography, self.gates,
+            trail.expected(frame),
+        )  # fmt: skip
         if not link.ok:
             return None, link.reason
         if relative_change(link.i_H_j, self.camera) > self.gates.max_relative_change:
@@ -207,11 +219,13 @@ class Tracker:
         on_floor = _on_floor(features, link, self.camera)
         if not on_floor.all():
             self.moving.add(frame)
-        return _Tracked(frame, features, link, on_floor), ""
+        alone, width_px = len(link.elsewhere) == 0, self.camera.size_px[0]
+        trail = trail.then(frame, transfer(link.i_H_j, self._corners), link.lead, alone, width_px)
+        return _Tracked(frame, features, link, on_floor, trail), ""
 
-
-def _first(frame: int, features: Features) -> _Tracked:
-    return _Tracked(frame, features, None, np.ones(len(features), dtype=bool))
+    def _first(self, frame: int, features: Features) -> _Tracked:
+        every = np.ones(len(features), dtype=bool)
+        return _Tracked(frame, features, None, every, Trail.begin(frame, self._corners))
 
 
 def _on_floor(features: Features, link: Registration, camera: Camera) -> NDArray[np.bool_]:

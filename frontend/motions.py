@@ -2,18 +2,22 @@
 
 A landing gear, a shadow's edge or a vehicle that drives through may carry more features than the floor, so
 that the largest number of matches is not the floor's. The floor is what fills most of the picture: of two
-motions the one whose matches cover more of it is taken.
+motions the one whose matches cover more of it is taken. One pair of pictures may be wrong about that; so
+where the floor's motion is known from the pictures before, the motion that continues it is the floor's until
+the other has covered more over many of them. The same tells the right piece of a floor that repeats within
+a picture from its neighbours.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.cells import cells
-from frontend.homography import HomographyConfig, HomographyFit, fit_homography
+from frontend.homography import HomographyConfig, HomographyFit, fit_homography, transfer
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -22,6 +26,35 @@ ELSEWHERE = 0.4
 """A second motion is looked for where matches that do not agree fill cells of their own, this many for each
 cell of those that agree."""
 _LEAST, _ITERATIONS = 15, 300
+
+AWAY = 0.05
+"""A motion whose corners lie this many picture widths from where they are expected may not be the floor's."""
+MOST_LEAD = 2.0
+"""No floor leads by more than so many pictures that it alone fills."""
+MIXED, SHARP, SHARPER = 0.1, 0.25, 3.0
+"""Where the noise of a fit is more than this share of its threshold, two motions may be mixed in it: the fit
+with this share of the threshold is one of them if its noise is so many times less."""
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What the pictures before say of the next."""
+
+    corners_px: Array
+    """(4, 2) where the corners of picture j should lie in picture i."""
+    lead: float
+    """Share of pictures by which the floor explained more of them than other motions, summed over all."""
+
+    def off_px(self, i_H_j: Array, corners_px: Array) -> float:
+        """Mean distance of the corners from where they are expected."""
+        return float(np.linalg.norm(transfer(i_H_j, corners_px) - self.corners_px, axis=1).mean())
+
+    def nearer(self, pixel_i: Array, pixel_j: Array, corners_px: Array, reach_px: float) -> Mask:
+        """(m,) matches that lie less than this from where they are expected."""
+        here, there = corners_px.astype(np.float32), self.corners_px.astype(np.float32)
+        i_H_j = cv2.getPerspectiveTransform(here, there)
+        with np.errstate(divide="ignore", invalid="ignore"):  # expected corners may lie in one place
+            return np.asarray(np.linalg.norm(transfer(i_H_j, pixel_j) - pixel_i, axis=1) < reach_px)
 
 
 @dataclass(frozen=True)
@@ -33,32 +66,80 @@ class FloorMotion:
     """(m,) matches that agree on another motion."""
     other_i_H_j: Array | None
     """(3, 3) that motion; None where there is no other."""
+    lead: float
+    """As in `Expectation`, this pair of pictures included."""
 
 
 def floor_motion(
     pixel_i: Array,
     pixel_j: Array,
+    seen_j: Array,
     corners_px: Array,
     size_px: tuple[int, int],
     config: HomographyConfig = HomographyConfig(),
+    expected: Expectation | None = None,
 ) -> FloorMotion | None:
-    """As `fit_homography`, of matches (m, 2) and (m, 2); None where no plane explains them."""
-    most = fit_homography(pixel_i, pixel_j, corners_px, config)
+    """As `fit_homography`, of matches (m, 2) and (m, 2); None where no plane explains them.
+
+    ``seen_j`` (n, 2): all features of picture j.
+    """
+    most = _one_motion(pixel_i, pixel_j, corners_px, config)
     if most is None:
         return None
-    alone = FloorMotion(most, np.zeros(len(pixel_i), dtype=bool), None)
-    cell = cells(pixel_j, size_px)
-    inside, outside = set(cell[most.inlier].tolist()), set(cell[~most.inlier].tolist())
-    rest = np.flatnonzero(~most.inlier)
-    if len(outside - inside) <= ELSEWHERE * len(inside) or len(rest) < _LEAST:
-        return alone
+    cell, away_px = cells(pixel_j, size_px), AWAY * size_px[0]
+    chosen = ~most.inlier
+    off_px = expected.off_px(most.i_H_j, corners_px) if expected else 0.0
+    if expected and off_px > away_px:
+        chosen &= expected.nearer(pixel_i, pixel_j, corners_px, off_px)
+    elif len(np.setdiff1d(cell[chosen], cell[most.inlier])) <= ELSEWHERE * len(np.unique(cell[most.inlier])):
+        chosen[:] = False
+    other = _agreeing(pixel_i, pixel_j, np.flatnonzero(chosen), corners_px, config)
+    lead = expected.lead if expected else 0.0
+    if other is None:
+        return FloorMotion(most, np.zeros(len(pixel_i), dtype=bool), None, lead)
+    other_off_px = expected.off_px(other.i_H_j, corners_px) if expected else 0.0
+    first, second = (most, other) if off_px <= other_off_px else (other, most)
+    more = _explained(first, cell, seen_j, size_px) - _explained(second, cell, seen_j, size_px)
+    if abs(off_px - other_off_px) <= away_px:
+        # Both may continue the floor's motion: what was before does not tell them apart.
+        first_is_floor = more >= 0
+    else:
+        lead = min(MOST_LEAD, lead + more)
+        first_is_floor = lead >= 0
+    floor, other = (first, second) if first_is_floor else (second, first)
+    return FloorMotion(floor, other.inlier & ~floor.inlier, other.i_H_j, abs(lead))
+
+
+def _one_motion(
+    pixel_i: Array, pixel_j: Array, corners_px: Array, config: HomographyConfig
+) -> HomographyFit | None:
+    """The motion that most matches agree on; where two little different ones make a blurred one, either."""
+    most = fit_homography(pixel_i, pixel_j, corners_px, config)
+    if most is None or most.noise_px < MIXED * config.threshold_px:
+        return most
+    sharp = replace(config, threshold_px=SHARP * config.threshold_px, score="msac")
+    one = _agreeing(pixel_i, pixel_j, np.arange(len(pixel_i)), corners_px, sharp)
+    return one if one is not None and one.noise_px < most.noise_px / SHARPER else most
+
+
+def _explained(fit: HomographyFit, cell: NDArray[np.int64], seen_j: Array, size_px: tuple[int, int]) -> float:
+    """Of the cells with features of picture j that picture i should show too: the share with matches."""
+    there = transfer(fit.i_H_j, seen_j)
+    common = ((there >= 0) & (there < size_px)).all(axis=1)
+    filled = np.unique(cell[fit.inlier])
+    return len(filled) / max(1, len(np.union1d(filled, cells(seen_j[common], size_px))))
+
+
+def _agreeing(
+    pixel_i: Array, pixel_j: Array, chosen: NDArray[np.int64], corners_px: Array, config: HomographyConfig
+) -> HomographyFit | None:
+    """A motion that enough of the chosen matches agree on; its inliers are told among all."""
+    if len(chosen) < _LEAST:
+        return None
     quick = replace(config, max_iterations=min(config.max_iterations, _ITERATIONS))
-    found = fit_homography(pixel_i[rest], pixel_j[rest], corners_px, quick)
+    found = fit_homography(pixel_i[chosen], pixel_j[chosen], corners_px, quick)
     if found is None or found.inlier.sum() < _LEAST:
-        return alone
+        return None
     inlier = np.zeros(len(pixel_i), dtype=bool)
-    inlier[rest[found.inlier]] = True
-    second = replace(found, inlier=inlier)
-    first_is_floor = len(inside) >= len(set(cell[inlier].tolist()))
-    floor, other = (most, second) if first_is_floor else (second, most)
-    return FloorMotion(floor, other.inlier, other.i_H_j)
+    inlier[chosen[found.inlier]] = True
+    return replace(found, inlier=inlier)

@@ -13,7 +13,7 @@ from frontend.features import Features
 from frontend.gates import GateConfig, reject_reason
 from frontend.homography import HomographyConfig, transfer
 from frontend.matching import match
-from frontend.motions import floor_motion
+from frontend.motions import Expectation, floor_motion
 
 Array = NDArray[np.float64]
 
@@ -39,6 +39,8 @@ class Registration:
     """(k,) features of j that move together by themselves: on something else than the floor."""
     least_overlap: float = 1.0
     """``overlap``, or that of what moves by itself where it is less."""
+    lead: float = 0.0
+    """By how much the floor is told from other motions, as `frontend.motions.Expectation` has it."""
 
     @property
     def ok(self) -> bool:
@@ -54,14 +56,15 @@ def register(
     camera: Camera,
     homography: HomographyConfig,
     gates: GateConfig,
+    expected: Expectation | None = None,
 ) -> Registration:
-    """Register picture j to picture i from their features."""
+    """Register picture j to picture i from their features, and from where the floor is expected."""
     pairs = match(a, b)
     if len(pairs) < gates.min_inliers:
         return refused(i, j, "too few matches")
     pixel_i, pixel_j = a.pixel[pairs[:, 0]], b.pixel[pairs[:, 1]]
     corners = camera.undistort(camera.corners_px)
-    found = floor_motion(pixel_i, pixel_j, corners, camera.size_px, homography)
+    found = floor_motion(pixel_i, pixel_j, b.pixel, corners, camera.size_px, homography, expected)
     if found is None:
         return refused(i, j, "no plane fits the matches")
     fit = found.fit
@@ -78,6 +81,7 @@ def register(
         covered,
         pairs[found.elsewhere, 1].astype(np.int32),
         covered if found.other_i_H_j is None else min(covered, overlap(found.other_i_H_j, camera)),
+        found.lead,
     )
 
 

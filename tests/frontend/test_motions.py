@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from frontend.homography import transfer
-from frontend.motions import floor_motion
+from frontend.motions import AWAY, Expectation, floor_motion
 
 SIZE = (320, 240)
 CORNERS = np.array([[-0.5, -0.5], [319.5, -0.5], [319.5, 239.5], [-0.5, 239.5]])
@@ -31,7 +31,7 @@ def test_the_floor_wins_with_a_third_of_the_matches(seed, shift):
     other = np.eye(3)
     other[:2, 2] = shift
     i, j = matches(np.random.default_rng(seed), 100, 200, other, wrong=30)
-    found = floor_motion(i, j, CORNERS, SIZE)
+    found = floor_motion(i, j, j, CORNERS, SIZE)
     assert found is not None
     off = transfer(found.fit.i_H_j, CORNERS) - transfer(FLOOR, CORNERS)
     assert np.abs(off).max() < 1.5
@@ -46,7 +46,7 @@ def test_the_floor_wins_with_a_third_of_the_matches(seed, shift):
 def test_a_floor_alone_has_no_other_motion(wrong):
     rng = np.random.default_rng(7)
     i, j = matches(rng, 200, 100, FLOOR, wrong=wrong)
-    found = floor_motion(i, j, CORNERS, SIZE)
+    found = floor_motion(i, j, j, CORNERS, SIZE)
     assert found is not None
     assert not found.elsewhere.any()
     assert found.other_i_H_j is None
@@ -55,4 +55,64 @@ def test_a_floor_alone_has_no_other_motion(wrong):
 
 def test_nothing_that_agrees_is_none():
     rng = np.random.default_rng(1)
-    assert floor_motion(*rng.uniform(0, 240, (2, 3, 2)), CORNERS, SIZE) is None
+    i, j = rng.uniform(0, 240, (2, 3, 2))
+    assert floor_motion(i, j, j, CORNERS, SIZE) is None
+
+
+def shifted(x: float, y: float) -> np.ndarray:
+    H = np.eye(3)
+    H[:2, 2] = x, y
+    return H
+
+
+def expecting(H: np.ndarray, lead: float) -> Expectation:
+    return Expectation(transfer(H, CORNERS), lead)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_continues_is_the_floor_until_the_other_has_filled_more_for_long(seed):
+    """Here the other fills two thirds of the picture, and a floor is expected in the third."""
+    third = shifted(60.0, 0.0)
+    i, j = matches(np.random.default_rng(seed), 200, 60, third)
+    lead, told = 1.0, []
+    for _ in range(8):
+        found = floor_motion(i, j, j, CORNERS, SIZE, expected=expecting(third, lead))
+        assert found is not None
+        told.append(np.abs(transfer(found.fit.i_H_j, CORNERS) - transfer(FLOOR, CORNERS)).max() < 3.0)
+        lead = found.lead if not told[-1] else lead
+    assert not told[0]
+    assert told[-1]
+    assert sorted(told) == told
+
+
+def test_a_picture_that_comes_as_expected_is_taken_with_the_fewer_matches():
+    """A floor that repeats: two thirds of the matches are with the wrong copy, one period away."""
+    rng = np.random.default_rng(0)
+    j = rng.uniform([0, 0], SIZE, (150, 2))
+    right, wrong = shifted(30.0, 5.0), shifted(-70.0, 5.0)
+    copies = np.arange(150) % 3 > 0
+    i = np.where(copies[:, None], transfer(wrong, j), transfer(right, j)) + rng.normal(0, 0.2, j.shape)
+    alone = floor_motion(i, j, j, CORNERS, SIZE)
+    found = floor_motion(i, j, j, CORNERS, SIZE, expected=expecting(shifted(27.0, 3.0), 2.0))
+    assert alone is not None
+    assert found is not None
+    assert transfer(alone.fit.i_H_j, CORNERS) == pytest.approx(transfer(wrong, CORNERS), abs=2.0)
+    assert transfer(found.fit.i_H_j, CORNERS) == pytest.approx(transfer(right, CORNERS), abs=2.0)
+
+
+def test_a_jump_is_believed_where_nothing_lies_as_expected():
+    i, j = matches(np.random.default_rng(3), 200, 100, FLOOR, wrong=30)
+    found = floor_motion(i, j, j, CORNERS, SIZE, expected=expecting(shifted(-3 * AWAY * SIZE[0], 0), 2.0))
+    assert found is not None
+    assert transfer(found.fit.i_H_j, CORNERS) == pytest.approx(transfer(FLOOR, CORNERS), abs=1.0)
+
+
+@pytest.mark.parametrize("apart_px", [6.0, 9.0])
+def test_two_motions_a_little_apart_are_not_blended(apart_px):
+    other = FLOOR.copy()
+    other[0, 2] -= apart_px
+    i, j = matches(np.random.default_rng(4), 100, 130, other, noise_px=0.05)
+    found = floor_motion(i, j, j, CORNERS, SIZE)
+    assert found is not None
+    assert found.fit.noise_px < 0.2
+    assert transfer(found.fit.i_H_j, CORNERS) == pytest.approx(transfer(FLOOR, CORNERS), abs=1.0)
