@@ -1,28 +1,31 @@
 """How long a metre is: a path that pictures know up to its scale, held against the accelerometer.
 
 Over a stretch of a few seconds the specific force, turned into the world, less gravity and integrated twice,
-is the way of the accelerometer, but for a start and a speed that nobody knows. It is the path of the body,
-times the scale, plus the arm from the body's origin to the accelerometer, turned along. Divided by the scale
-all of this is linear in seven numbers: one over the scale, the accelerometer's offset and its arm. An arm of
-five centimetres matters: a vehicle that sways once a second turns its tilt into a fifth of the acceleration.
+is the way of the accelerometer, but for a start and a speed that nobody knows. It is the scale times the path
+of the body, plus the arm from the body's origin to the accelerometer, turned along, plus what the
+accelerometer's offset makes of it: linear in seven numbers. An arm of five centimetres matters: a vehicle
+that sways once a second turns its tilt into a fifth of the acceleration.
 
-The pictures err by white noise; the integrated force errs by white noise integrated twice. How much of each
-there is, and by how much the pictures' clock is off, is what makes the record most likely.
+Both sides err: the path by white noise, the integrated force by white noise integrated twice. Least squares
+that took either for right would have the scale too small or too large; these are total, over both. How much
+of each noise there is, and by how much the pictures' clock is off, is what makes the record most likely.
 
 Source: Martinelli 2014 (IJCV 106), sections 3 and 4, for the linear system; Forster et al. 2017 (T-RO 33),
-equation 33, for the integrals; Harville 1977 (JASA 72) for the likelihood, the linear part projected out.
+equation 33, for the integrals; Fuller 1987, Measurement Error Models, section 2.3, for two sides that err;
+Harville 1977 (JASA 72) for the likelihood of the noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
-from scipy.linalg import solve_triangular
+from scipy.linalg import eigh, null_space
 from scipy.optimize import minimize, minimize_scalar
 from scipy.spatial.transform import Rotation
 
@@ -40,11 +43,12 @@ _MOST_DELAY_S = 0.1
 _FORCE_NOISE, _PLACE_NOISE = 0.02, 1e-3
 """Where the search begins: m/s²/sqrt(Hz), and over the height."""
 _SURE = 5.0
-"""Standard deviations by which one over the scale must differ from 0."""
-_NUMBERS = 7
-"""One over the scale; the offset and the arm, both over the scale."""
-_PRIOR = np.diag(1 / np.array([10.0, 3.0, 3.0, 3.0, 0.3, 0.3, 0.3]) ** 2)
-"""What is known beforehand, for a vehicle that does not turn or hardly moves: m/s², m."""
+"""Standard deviations by which the scale must differ from 0."""
+_ROUNDS = 3
+_RANGE = 10.0
+"""By how much the scale may differ from its first guess."""
+_PRIOR = np.diag(np.array([0.0, *[3.0**-2] * 3, *[0.3**-2] * 3]))
+"""Of scale, offset and arm, for a vehicle that does not turn or hardly moves: m/s², m."""
 
 
 @dataclass(frozen=True)
@@ -87,25 +91,38 @@ def inertial_scale(stamps_s: Array, w_T_b: Array, readings: InertialReadings) ->
         return None
     path = _Path(stamps_s, w_T_b, readings, stretches)
     noise = np.log([_FORCE_NOISE, _PLACE_NOISE * float(np.median(w_T_b[:, 2, 3]))])
-    delay_s = 0.0
-    for _ in range(2):
-        noise = _likeliest_noise(path, delay_s, noise)
-        delay_s = _likeliest_delay(path, noise)
-    return _told(_fit(path.systems(delay_s), noise), delay_s)
+    scale, delay_s = 1.0, 0.0
+    for number in range(_ROUNDS):
+        rows = path.rows(delay_s)
+        scale = _best_scale(rows, noise, _RANGE if number == 0 else 2.0, scale)
+        noise = _likeliest_noise(rows, scale, noise)
+        delay_s = _likeliest_delay(path, scale, noise)
+    rows = path.rows(delay_s)
+    return _told(rows, _best_scale(rows, noise, 2.0, scale), noise, delay_s)
 
 
-def _likeliest_noise(path: _Path, delay_s: float, start: Array) -> Array:
-    systems = path.systems(delay_s)
+def _best_scale(rows: _Rows, noise: Array, within: float, about: float) -> float:
+    """Total least squares: the path is what both sides together have least to mend for."""
 
+    def cost(log_scale: float) -> float:
+        return rows.squares(float(np.exp(log_scale)), noise)
+
+    grid = np.log(about) + np.linspace(-np.log(within), np.log(within), 25)
+    best = grid[int(np.argmin([cost(x) for x in grid.tolist()]))]
+    step = grid[1] - grid[0]
+    return float(np.exp(minimize_scalar(cost, bounds=(best - step, best + step), method="bounded").x))
+
+
+def _likeliest_noise(rows: _Rows, scale: float, start: Array) -> Array:
     def cost(noise: Array) -> float:
-        return -_fit(systems, noise).likelihood
+        return rows.squares(scale, noise) + rows.log_volume(scale, noise)
 
-    return np.asarray(minimize(cost, start, method="Nelder-Mead", options={"xatol": 0.05, "fatol": 0.1}).x)
+    return np.asarray(minimize(cost, start, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.1}).x)
 
 
-def _likeliest_delay(path: _Path, noise: Array) -> float:
+def _likeliest_delay(path: _Path, scale: float, noise: Array) -> float:
     def cost(delay_s: float) -> float:
-        return -_fit(path.systems(delay_s), noise).likelihood
+        return path.rows(delay_s).squares(scale, noise)
 
     within = (-_MOST_DELAY_S, _MOST_DELAY_S)
     return float(minimize_scalar(cost, bounds=within, method="bounded", options={"xatol": 1e-3}).x)
@@ -113,10 +130,13 @@ def _likeliest_delay(path: _Path, noise: Array) -> float:
 
 def _stretches(stamps_s: Array, imu_s: Array) -> list[slice]:
     """Runs of poses that last as long as a stretch, none with a gap in poses or readings."""
-    broken = np.diff(stamps_s) > _LONGEST_GAP_S
-    gaps = imu_s[:-1][np.diff(imu_s) > _LONGEST_GAP_S / 5]
-    broken |= np.searchsorted(gaps, stamps_s[:-1]) != np.searchsorted(gaps, stamps_s[1:])
-    inside = (stamps_s >= imu_s[0] + _MOST_DELAY_S) & (stamps_s <= imu_s[-1] - _MOST_DELAY_S)
+    gap = np.diff(imu_s) > _LONGEST_GAP_S / 5
+    # As many gaps have ended before a pose as have begun until it, whatever the delay.
+    inside = np.searchsorted(imu_s[1:][gap], stamps_s - _MOST_DELAY_S) == np.searchsorted(
+        imu_s[:-1][gap], stamps_s + _MOST_DELAY_S
+    )
+    inside &= (stamps_s >= imu_s[0] + _MOST_DELAY_S) & (stamps_s <= imu_s[-1] - _MOST_DELAY_S)
+    broken = (np.diff(stamps_s) > _LONGEST_GAP_S) | ~inside[1:] | ~inside[:-1]
     runs = [run[inside[run]] for run in np.split(np.arange(len(stamps_s)), np.flatnonzero(broken) + 1)]
     runs = [run for run in runs if len(run) >= _LEAST_POSES]
     lasts_s = sum(float(stamps_s[run[-1]] - stamps_s[run[0]]) for run in runs)
@@ -132,15 +152,44 @@ def _stretches(stamps_s: Array, imu_s: Array) -> list[slice]:
 
 
 @dataclass(frozen=True)
-class _System:
-    """One stretch: ``path = numbers @ known + start + speed * time + noise``."""
+class _Rows:
+    """All stretches, each turned so that start and speed are gone and noise is independent from row to row:
+    ``way = known @ (scale, offset, arm) + noise``."""
 
-    time_s: Array
-    """(m,) since its begin."""
-    path: Array
-    """(m, 3)."""
+    stretch: NDArray[np.int64]
+    """(r,) number of the stretch."""
+    growth: Array
+    """(r,) variance of unit white noise integrated twice."""
+    way: Array
+    """(r, 3)."""
     known: Array
-    """(m, 3, 7)."""
+    """(r, 3, 7)."""
+
+    def weight(self, scale: float, noise: Array) -> Array:
+        """(r,) of force noise [m/s²/sqrt(Hz)] and of the path's own, both as logarithms."""
+        force, place = np.exp(noise)
+        return np.asarray(1 / (force**2 * self.growth + (scale * place) ** 2))
+
+    def at(self, scale: float, noise: Array) -> tuple[Array, Array]:
+        """Offset and arm (6,) at a scale, and what is left over (r, 3)."""
+        w = self.weight(scale, noise)[:, None, None]
+        others, left = self.known[..., 1:], self.way - scale * self.known[..., 0]
+        weighted = (w * others).reshape(-1, 6).T
+        H = weighted @ others.reshape(-1, 6) + _PRIOR[1:, 1:]
+        found = np.linalg.solve(H, weighted @ left.reshape(-1))
+        return np.asarray(found, dtype=float), left - others @ found
+
+    def squares(self, scale: float, noise: Array) -> float:
+        """Weighted, with the best offset and arm."""
+        found, left = self.at(scale, noise)
+        prior = float(found @ _PRIOR[1:, 1:] @ found)
+        return float(self.weight(scale, noise) @ (left**2).sum(axis=1)) + prior
+
+    def log_volume(self, scale: float, noise: Array) -> float:
+        """What the likelihood takes for the noise's size, offset and arm projected out."""
+        w, others = self.weight(scale, noise), self.known[..., 1:]
+        H = (w[:, None, None] * others).reshape(-1, 6).T @ others.reshape(-1, 6) + _PRIOR[1:, 1:]
+        return float(np.linalg.slogdet(H)[1] - 3 * np.log(w).sum())
 
 
 @dataclass(frozen=True)
@@ -150,20 +199,41 @@ class _Path:
     readings: InertialReadings
     stretches: Sequence[slice]
 
-    def systems(self, delay_s: float) -> list[_System]:
-        return [self._system(stretch, delay_s) for stretch in self.stretches]
+    @cached_property
+    def turns(self) -> list[tuple[Array, Array]]:
+        """Of each stretch: what turns it (r, m), and the variance of each row (r,)."""
+        turns = []
+        for stretch in self.stretches:
+            t = self.stamps_s[stretch] - self.stamps_s[stretch.start]
+            early, late = np.minimum.outer(t, t), np.maximum.outer(t, t)
+            free = null_space(np.column_stack([np.ones_like(t), t]).T)
+            growth, axes = eigh(free.T @ (early**2 * (3 * late - early) / 6) @ free)
+            turns.append(((free @ axes).T, np.maximum(growth, 0.0)))
+        return turns
 
-    def _system(self, stretch: slice, delay_s: float) -> _System:
+    def rows(self, delay_s: float) -> _Rows:
+        """All stretches, the pictures' clock late by so much."""
+        way, known = [], []
+        for stretch, (turn, _) in zip(self.stretches, self.turns, strict=True):
+            one_way, one_known = self._stretch(stretch, delay_s)
+            way.append(turn @ one_way)
+            known.append(np.tensordot(turn, one_known, axes=1))
+        count = [len(growth) for _, growth in self.turns]
+        growth = np.concatenate([growth for _, growth in self.turns])
+        return _Rows(
+            np.repeat(np.arange(len(count)), count), growth, np.concatenate(way), np.concatenate(known)
+        )
+
+    def _stretch(self, stretch: slice, delay_s: float) -> tuple[Array, Array]:
+        """Way (m, 3), and what it is made of (m, 3, 7)."""
         at_s, w_T_b, readings = self.stamps_s[stretch] - delay_s, self.w_T_b[stretch], self.readings
         first, last = np.searchsorted(readings.stamps_s, at_s[[0, -1]]) + [-1, 1]
         imu_s = readings.stamps_s[first:last]
         w_R_b = _attitudes(at_s, w_T_b[:, :3, :3], imu_s, readings.gyro_rad_s[first:last])
         force = np.einsum("kab,kb->ka", w_R_b, readings.accel_m_s2[first:last]) - [0, 0, GRAVITY_M_S2]
-        # Columns: the way without offset, and what each axis of the offset takes from it.
-        twice = _integrated_twice(imu_s, np.concatenate([force[..., None], -w_R_b], axis=-1), at_s)
-        known = np.concatenate([twice, -w_T_b[:, :3, :3]], axis=-1)
-        path = w_T_b[:, :3, 3] - w_T_b[0, :3, 3]
-        return _System(at_s - at_s[0], path, known)
+        twice = _integrated_twice(imu_s, np.concatenate([force[..., None], w_R_b], axis=-1), at_s)
+        path = w_T_b[:, :3, 3:] - w_T_b[0, :3, 3:]
+        return twice[..., 0], np.concatenate([path, twice[..., 1:], w_T_b[:, :3, :3]], axis=-1)
 
 
 def _attitudes(at_s: Array, w_R_b: Array, imu_s: Array, gyro_rad_s: Array) -> Array:
@@ -190,53 +260,35 @@ def _integrated_twice(stamps_s: Array, values: Array, at_s: Array) -> Array:
     return np.asarray(CubicHermiteSpline(stamps_s, _integrated(stamps_s, once), once)(at_s))
 
 
-@dataclass(frozen=True)
-class _Fitted:
-    information: Array
-    """(s, 7, 7) of each stretch."""
-    gradient: Array
-    """(s, 7) of each stretch, at zero."""
-    likelihood: float
-    """Logarithm, but for a constant."""
-
-
-def _fit(systems: Sequence[_System], noise: Array) -> _Fitted:
-    """At a noise of the force [m/s²/sqrt(Hz)] and of the path's positions; both as logarithms."""
-    force, position = np.exp(noise)
-    information, gradient = np.zeros((len(systems), _NUMBERS, _NUMBERS)), np.zeros((len(systems), _NUMBERS))
-    squares = volume = 0.0
-    for s, system in enumerate(systems):
-        t = system.time_s
-        early, late = np.minimum.outer(t, t), np.maximum.outer(t, t)
-        # White noise integrated twice.
-        covariance = force**2 * early**2 * (3 * late - early) / 6 + position**2 * np.eye(len(t))
-        L = np.linalg.cholesky(covariance)
-        line = solve_triangular(L, np.column_stack([np.ones_like(t), t]), lower=True)
-        Q, R = np.linalg.qr(line)
-        known = solve_triangular(L, system.known.reshape(len(t), -1), lower=True)
-        path = solve_triangular(L, system.path, lower=True)
-        # Start and speed are free in each stretch.
-        known = (known - Q @ (Q.T @ known)).reshape(-1, _NUMBERS)
-        path = (path - Q @ (Q.T @ path)).reshape(-1)
-        information[s], gradient[s] = known.T @ known, known.T @ path
-        squares += float(path @ path)
-        volume += 3 * float(np.log(np.diag(L)).sum() + np.log(np.abs(np.diag(R))).sum())
-    H, g = _PRIOR + information.sum(axis=0), gradient.sum(axis=0)
-    squares -= float(g @ np.linalg.solve(H, g))
-    return _Fitted(information, gradient, -0.5 * squares - volume - 0.5 * float(np.linalg.slogdet(H)[1]))
-
-
-def _told(fit: _Fitted, delay_s: float) -> InertialScale | None:
-    H, g = _PRIOR + fit.information.sum(axis=0), fit.gradient.sum(axis=0)
-    numbers = np.linalg.solve(H, g)
-    without = np.linalg.solve(H - fit.information, (g - fit.gradient)[..., None])[..., 0]
-    count = len(without)
-    # Stretches may differ by more than white noise has them: leaving out each in turn shows it.
-    jackknife = (count - 1) / count * ((without - without.mean(axis=0)) ** 2).sum(axis=0)
-    std = np.sqrt(np.maximum(np.diag(np.linalg.inv(H)), jackknife))
-    if numbers[0] <= _SURE * std[0]:
+def _told(rows: _Rows, scale: float, noise: Array, delay_s: float) -> InertialScale | None:
+    others, left = rows.at(scale, noise)
+    w, place = rows.weight(scale, noise), float(np.exp(noise[1]))
+    weighted = w[:, None, None] * rows.known
+    information = weighted.reshape(-1, 7).T @ rows.known.reshape(-1, 7) + _PRIOR
+    # The path's own noise looks like a way, too.
+    information[0, 0] -= 3 * place**2 * float(w.sum())
+    score = np.einsum("rak,ra->rk", weighted, left)
+    score[:, 0] += scale * place**2 * w**2 * (left**2).sum(axis=1)
+    count = int(rows.stretch.max()) + 1
+    by_stretch = np.zeros((count, 7))
+    np.add.at(by_stretch, rows.stretch, score)
+    inverse = np.linalg.inv(information)
+    # Stretches may differ by more than white noise has them.
+    between = inverse @ (by_stretch.T @ by_stretch) @ inverse * count / (count - 1)
+    std = np.sqrt(np.maximum(np.diag(inverse), np.diag(between)))
+    if not scale > _SURE * std[0]:
         return None
-    scale = 1 / float(numbers[0])
-    offset, arm = (tuple((scale * numbers[at]).tolist()) for at in (slice(1, 4), slice(4, 7)))
-    offset_std, arm_std = (tuple((scale * std[at]).tolist()) for at in (slice(1, 4), slice(4, 7)))
-    return InertialScale(scale, scale**2 * float(std[0]), offset, offset_std, arm, arm_std, delay_s)
+    return InertialScale(
+        scale,
+        float(std[0]),
+        _axes(others[:3]),
+        _axes(std[1:4]),
+        _axes(others[3:]),
+        _axes(std[4:7]),
+        delay_s,
+    )
+
+
+def _axes(values: Array) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z

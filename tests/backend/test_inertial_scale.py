@@ -60,7 +60,7 @@ def made(seed: int, lasts_s: float = 50.0, sway: float = 1.0, arm_m: np.ndarray 
 
 
 def test_what_was_put_in_is_found_to_within_what_is_told():
-    found = [made(seed).found for seed in range(12)]
+    found = [made(seed).found for seed in range(8)]
     off = np.array(
         [np.append((np.array(f.arm_m) - ARM_M) / f.arm_std_m, (f.scale - SCALE) / f.scale_std) for f in found]
     )
@@ -103,6 +103,14 @@ def test_gaps_in_pictures_and_readings_do_no_harm():
     )
     assert thinned.found.scale == pytest.approx(SCALE, abs=4 * thinned.found.scale_std)
     assert thinned.found.scale_std > flight.found.scale_std
+
+
+def test_a_slow_flight_is_not_taken_for_larger_or_smaller_than_it_is():
+    """Where noise is no longer small beside the way, least squares on either side would bend the scale."""
+    found = [made(seed, sway=0.03).found for seed in range(6)]
+    off = np.array([(f.scale - SCALE) / f.scale_std for f in found])
+    assert abs(off.mean()) < 4 / np.sqrt(len(off))
+    assert np.mean([f.scale_std for f in found]) > 0.015
 
 
 @pytest.mark.parametrize("flight", [made(3, sway=1e-3), made(3, lasts_s=4.0)], ids=["hovers", "too short"])
