@@ -16,6 +16,7 @@ from frontend.features import Extractor, FeatureConfig, Features
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, register
+from slam.criticism.camera.triangles import confirmed
 from slam.flight import Flight
 from slam.progress import Progress, silent
 
@@ -106,22 +107,25 @@ def _looked_at(flight: Flight, progress: Progress) -> Sights | None:
         shots.append((frame.stamp_s, points, _tones(image, camera.project(camera.rays(points.pixel)))))
     robust = HomographyConfig().for_width(camera.size_px[0])
     pairs = [(j - step, j) for j in range(len(shots)) for step in STEPS if j >= step]
+    registered = {
+        (i, j): pair for i, j in pairs
+        if (pair := register(i, j, shots[i][1], shots[j][1], camera, robust, GateConfig())).ok
+    }  # fmt: skip
+    kept = confirmed({key: pair.i_H_j for key, pair in registered.items()}, camera)
     found: list[tuple[Array, ...]] = []
-    successive = 0
-    for i, j in pairs:
-        pair = register(i, j, shots[i][1], shots[j][1], camera, robust, GateConfig())
-        if pair.ok:
-            successive += j == i + 1
+    for (i, j), pair in registered.items():
+        if (i, j) in kept:
             good, std = _chosen(pair, shots[i][1].pixel, shots[j][1].pixel)
             index = np.tile([[i, j]], (len(good), 1))
             found.append((index, std, *_picked(pair, good, shots[i], shots[j])))
     if not found:
         return None
     index, std, a, b, tone_a, tone_b = (np.concatenate(part) for part in zip(*found, strict=True))
-    stamps_s, registered = np.array([shot[0] for shot in shots]), successive / max(len(shots) - 1, 1)
+    stamps_s = np.array([shot[0] for shot in shots])
+    successive = sum(j == i + 1 for i, j in kept) / max(len(shots) - 1, 1)
     return Sights(
         camera, stamps_s, index[:, 0], index[:, 1], a, b, std, tone_a, tone_b,
-        registered, _missing(frames.stamps_s),
+        successive, _missing(frames.stamps_s),
     )  # fmt: skip
 
 
