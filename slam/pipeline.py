@@ -15,7 +15,7 @@ from slam.flight import Flight
 from slam.mapping.account import Mapped, account
 from slam.mapping.bridging import Bridges
 from slam.mapping.fusion import Fused, fuse
-from slam.mapping.mapper import Mapper, Sensors
+from slam.mapping.mapper import Known, Mapper, Sensors
 from slam.mapping.obstacles import Obstacles, echoes_in_map, find_obstacles, no_masks
 from slam.mapping.sightings import Sighter, Sightings
 from slam.mapping.synchronize import inertial_readings
@@ -75,9 +75,10 @@ def _optimize(
         reach = mapper.reach(odometry, without_loops)
         sightings = sighter.retrieve(sightings, reach)  # retrieve -> verify
         _refuse_unless(len(sightings.registrations) > 0, flight, sightings)
-        known = without_loops.w_T_b, without_loops.covariances, without_loops.component
+        height_m = odometry.heights.height_m
+        known = Known(without_loops.w_T_b, without_loops.covariances, without_loops.component, height_m)
         edges = mapper.edges(sightings.registrations)
-        sightings = sightings.without(mapper.contradictions(edges, *known))
+        sightings = sightings.without(mapper.contradictions(edges, known))
     with clock("graph"):
         edges = mapper.edges(sightings.registrations)
         solution = mapper.solve(edges, step)
@@ -96,9 +97,10 @@ def _optimize(
     with clock("graph"):
         informed = mapper.knowing(fused.over_floor_T_b, fused.covariances)
         # Footprints that overlap may be registered by a look-alike piece of floor beside the shared one.
-        known = fused.over_floor_T_b, fused.covariances, fused.component
+        height_m = fused.over_floor_T_b[:, 2, 3] - fused.floor_z_m
+        known = Known(fused.over_floor_T_b, fused.covariances, fused.component, height_m)
         edges = informed.edges(sightings.registrations)
-        sightings = sightings.without(informed.contradictions(edges, *known))
+        sightings = sightings.without(informed.contradictions(edges, known))
         edges = informed.edges(sightings.registrations)
         solution = informed.solve(edges, step)
     with clock("refine"):

@@ -14,7 +14,7 @@ from backend.measurements import FloorTracks, RelativePose
 from frontend.camera import Camera
 from frontend.registration import Registration
 from slam.flight import AttitudeSeries, Flight, Sonar, Truth
-from slam.mapping.mapper import Edges, Mapper, Sensors
+from slam.mapping.mapper import Edges, Known, Mapper, Sensors
 from slam.settings import PipelineConfig
 from tests.slam.small_flight import ORIGIN, gps_of
 
@@ -154,9 +154,18 @@ def test_a_false_loop_is_refused_and_named():
     false = replace(registration(elsewhere, 3, 8), matches=np.empty((0, 2), np.int64))
     edges = mapper.edges([*(registration(w_T_b, *pair) for pair in PAIRS), false])
     without = mapper.solve(edges_of(mapper, w_T_b, PAIRS[:11]), covariances=True)
-    refused = mapper.contradictions(edges, without.w_T_b, without.covariances, without.component)
+    known = Known(without.w_T_b, without.covariances, without.component, edges.heights.height_m)
+    refused = mapper.contradictions(edges, known)
     assert list(refused) == [(3, 8)]
     assert "1.5" in refused[3, 8]
+    larger = replace(
+        known,
+        w_T_b=known.w_T_b.copy(),
+        covariances=100.0 * np.asarray(known.covariances),
+        height_m=10 * known.height_m,
+    )
+    larger.w_T_b[:, :3, 3] *= 10
+    assert list(mapper.contradictions(edges, larger)) == [(3, 8)]
     solution = mapper.solve(edges)
     assert solution.edge_kept.tolist() == [True] * len(PAIRS) + [False]
 
