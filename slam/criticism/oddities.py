@@ -1,6 +1,7 @@
-"""Terms that change single readings of the sonar, not their mean: spikes, quantisation, a dead zone.
+"""Terms that change single readings, not their mean: spikes, quantisation and a dead zone of the sonar, and
+pictures in which something moves.
 
-They are mixtures: each odd reading adds what it tells for the term against a healthy sonar, in nats.
+They are mixtures: each odd reading adds what it tells for the term against a healthy instrument, in nats.
 """
 
 from __future__ import annotations
@@ -37,6 +38,9 @@ ENTAILS = {
 RUN = 8
 """The same reading, to the last digit, so many times in a row is no noise."""
 NATS_A_REPEAT = 4.0
+PASS_S, LEAST_PASS = 1.0, 3
+"""Pictures nearer in time show one thing going through, if they are so many: one alone is an accident."""
+NATS_A_PAIR = 9.0
 
 
 @dataclass(frozen=True)
@@ -98,8 +102,24 @@ def _stuck(ranges: Array) -> NDArray[np.bool_]:
 
 
 def oddities(records: Sequence[Record], passes: Sequence[Pass]) -> list[Oddity]:
-    """Spikes and quantisation, from the readings and a filter run."""
-    return [*_spikes(records, passes), *_quantisation(records)]
+    """Spikes, quantisation and what moves, from the readings and a filter run."""
+    return [*_spikes(records, passes), *_quantisation(records), *_movers(records)]
+
+
+def _movers(records: Sequence[Record]) -> list[Oddity]:
+    """Things that go through the pictures."""
+    passes = []
+    for record in records:
+        times_s = record.sights.moving_s if record.sights is not None else np.zeros(0)
+        parts = np.split(times_s, np.flatnonzero(np.diff(times_s) > PASS_S) + 1)
+        passes.append([len(part) for part in parts if len(part) >= LEAST_PASS])
+    found = sum(map(len, passes))
+    if found == 0:
+        return []
+    reach = 1.96 * np.sqrt(found)
+    count = Interval(float(found), "1", max(found - reach, 1.0), found + reach)
+    nats = tuple(NATS_A_PAIR * float(sum(flight)) for flight in passes)
+    return [Oddity("moving_objects", {"count": count}, nats)]
 
 
 def _spikes(records: Sequence[Record], passes: Sequence[Pass]) -> list[Oddity]:

@@ -16,6 +16,7 @@ from frontend.features import Extractor, FeatureConfig, Features
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, register
+from slam.criticism.camera.movers import moves
 from slam.criticism.camera.triangles import confirmed
 from slam.flight import Flight
 from slam.progress import Progress, silent
@@ -67,6 +68,8 @@ class Sights:
     """Share of the successive pairs that could be registered."""
     missing: int
     """Pictures that the regular stamps would have, but that are not there."""
+    moving_s: Array = field(default_factory=lambda: np.zeros(0))
+    """(k,) of pictures in which something moves over the floor since the one before."""
     paths: dict[bytes, tuple[Array, Any]] = field(default_factory=dict, repr=False, compare=False)
     """Smoothed paths at the pictures that were worked out so far."""
     figures: list[Any] = field(default_factory=list, repr=False, compare=False)
@@ -122,10 +125,15 @@ def _looked_at(flight: Flight, progress: Progress) -> Sights | None:
         return None
     index, std, a, b, tone_a, tone_b = (np.concatenate(part) for part in zip(*found, strict=True))
     stamps_s = np.array([shot[0] for shot in shots])
+    moving = [
+        shots[j][0] for (i, j), pair in registered.items()
+        if j == i + 1 and (i, j) in kept
+        and moves(shots[i][1], shots[j][1], pair.i_H_j, camera.size_px[0])
+    ]  # fmt: skip
     successive = sum(j == i + 1 for i, j in kept) / max(len(shots) - 1, 1)
     return Sights(
         camera, stamps_s, index[:, 0], index[:, 1], a, b, std, tone_a, tone_b,
-        successive, _missing(frames.stamps_s),
+        successive, _missing(frames.stamps_s), np.array(moving),
     )  # fmt: skip
 
 
