@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from frontend.camera import Camera
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
+from frontend.motions import Expectation
 from frontend.registration import Registration, register
 from frontend.retrieval import (
     Appearance,
@@ -87,12 +88,16 @@ def verify(
     gates: GateConfig,
     workers: int = 2,
     on_done: Callable[[int], None] = lambda done: None,
+    expected: Callable[[int, int], Expectation | None] = lambda i, j: None,
 ) -> Iterable[Registration]:
-    """Geometric verification of candidates, in their order; each result holds or tells why not."""
+    """Geometric verification of candidates, in their order; each result holds or tells why not.
+
+    ``expected``: where the later picture of a pair should lie in the earlier, where that is known.
+    """
 
     def compare(pair: Pair) -> Registration:
         i, j = pair
-        return register(i, j, store[i], store[j], camera, homography, gates)
+        return register(i, j, store[i], store[j], camera, homography, gates, expected(i, j))
 
     with ThreadPoolExecutor(workers) as pool:
         for done, result in enumerate(pool.map(compare, pairs), 1):

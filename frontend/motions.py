@@ -45,6 +45,13 @@ class Expectation:
     lead: float
     """Share of pictures by which the floor explained more of them than other motions, summed over all."""
 
+    @staticmethod
+    def at(i_H_j: Array, corners_px: Array) -> Expectation | None:
+        """Of a picture whose place is known; None where it lies beyond the horizon."""
+        if (corners_px @ i_H_j[2, :2] + i_H_j[2, 2] <= 0).any() or not np.isfinite(i_H_j).all():
+            return None
+        return Expectation(transfer(i_H_j, corners_px), MOST_LEAD)
+
     def off_px(self, i_H_j: Array, corners_px: Array) -> float:
         """Mean distance of the corners from where they are expected."""
         return float(np.linalg.norm(transfer(i_H_j, corners_px) - self.corners_px, axis=1).mean())

@@ -147,8 +147,8 @@ def _moving(sightings: Sightings) -> list[str]:
     if sightings.moving <= MOVING_SHARE * sightings.frames:
         return []
     return [
-        f"something else than the floor moves in {sightings.moving} of {sightings.frames} pictures: "
-        "what was seen on it is left out"
+        f"something else than the floor moves in {sightings.moving} of {sightings.frames} pictures, or the "
+        "floor repeats in them: what was seen on it is left out"
     ]
 
 

@@ -14,6 +14,7 @@ from frontend.camera import Camera
 from frontend.features import Extractor, FeatureUnavailableError
 from frontend.keyframes import Passed, Tracker
 from frontend.loops import overlapping, propose_loops, verify
+from frontend.motions import AWAY, Expectation
 from frontend.registration import Registration, overlap, refused
 from frontend.store import FeatureStore
 from slam.errors import InputError
@@ -24,6 +25,9 @@ from slam.progress import Progress
 from slam.settings import PipelineConfig
 
 Array = NDArray[np.float64]
+
+LINK = 2
+"""A link stands on the pictures between its ends too: it counts for as many pairs that agree with it."""
 
 
 @dataclass(frozen=True)
@@ -106,14 +110,37 @@ class Sighter:
 
     def neighbours(self, sightings: Sightings) -> Sightings:
         """Compare each keyframe with the ones just before the last: a chain alone is weak."""
-        pairs = []
+        composed: dict[tuple[int, int], Array] = {}
         for k in range(2, len(sightings.links)):
             i_H_k, i = np.eye(3), k
             while i > 0 and k - i < 4 and (link := sightings.links[i]) is not None:
                 i_H_k, i = link.i_H_j @ i_H_k, i - 1
                 if k - i > 1 and overlap(i_H_k, self.camera) >= self.config.loops.min_overlap:
-                    pairs.append((i, k))
-        return self._compare(sightings, pairs, "neighbours")
+                    composed[i, k] = i_H_k
+        compared = self._compare(sightings, list(composed), "neighbours", lambda i, j: composed[i, j])
+        return compared.without(self._against_chain(compared, composed))
+
+    def _against_chain(
+        self, sightings: Sightings, composed: Mapping[tuple[int, int], Array]
+    ) -> dict[tuple[int, int], str]:
+        """Neighbours that lie elsewhere than the links between them have it: (i, j) -> reason.
+
+        They matched a look-alike beside their common floor, unless most that cross a link contradict it.
+        """
+        corners_px, width_px = self.camera.undistort(self.camera.corners_px), self.camera.size_px[0]
+        off: dict[tuple[int, int], float] = {}
+        for r in sightings.registrations:
+            by_chain = Expectation.at(composed[r.i, r.j], corners_px) if (r.i, r.j) in composed else None
+            if by_chain is not None:
+                off[r.i, r.j] = by_chain.off_px(r.i_H_j, corners_px) / width_px
+        agree = np.full(len(sightings.links), LINK)
+        for (i, j), widths in off.items():
+            agree[i + 1 : j + 1] += 1 if widths <= AWAY else -1
+        return {
+            (i, j): f"elsewhere than the pictures between: {widths:.2f} picture widths off"
+            for (i, j), widths in off.items()
+            if widths > AWAY and (agree[i + 1 : j + 1] > 0).all()
+        }
 
     def retrieve(self, sightings: Sightings, reach: Reach) -> Sightings:
         """Compare keyframes that look alike, were not compared yet, and lie within reach of each other."""
@@ -138,9 +165,26 @@ class Sighter:
         loops = self.config.loops
         neighbours = int(np.clip(2 * loops.max_pairs / max(1, len(w_T_b)), 4, 80))
         pairs = overlapping(self.camera, w_T_b, floor_z_m, loops.min_overlap, neighbours)
-        return self._compare(sightings, pairs, "overlaps")
 
-    def _compare(self, sightings: Sightings, pairs: Sequence[tuple[int, int]], stage: str) -> Sightings:
+        def known(i: int, j: int) -> Array:
+            floor_H_i, floor_H_j = (self.camera.floor_H_image(w_T_b[k], floor_z_m) for k in (i, j))
+            return np.asarray(np.linalg.inv(floor_H_i) @ floor_H_j, dtype=float)
+
+        return self._compare(sightings, pairs, "overlaps", known)
+
+    def _compare(
+        self,
+        sightings: Sightings,
+        pairs: Sequence[tuple[int, int]],
+        stage: str,
+        i_H_j: Callable[[int, int], Array] | None = None,
+    ) -> Sightings:
+        """``i_H_j``: where the pictures of a pair are known to lie, unless the floor repeats there."""
+        corners_px = self.camera.undistort(self.camera.corners_px)
+
+        def expected(i: int, j: int) -> Expectation | None:
+            return None if i_H_j is None else Expectation.at(i_H_j(i, j), corners_px)
+
         known = {(r.i, r.j) for r in (*sightings.registrations, *sightings.refused)}
         pairs = [pair for pair in dict.fromkeys(pairs) if pair not in known]
         held, refused = list(sightings.registrations), list(sightings.refused)
@@ -151,6 +195,7 @@ class Sighter:
             self.homography,
             self.config.gates,
             on_done=lambda done: self.progress(stage, done, len(pairs)),
+            expected=expected,
         )
         for registration in verdicts:
             (held if registration.ok else refused).append(registration)

@@ -12,6 +12,7 @@ import pytest
 
 from frontend.camera import Camera
 from frontend.features import FeatureConfig
+from frontend.loops import verify
 from frontend.registration import Registration
 from slam.errors import InputError
 from slam.flight import Flight, Frames
@@ -64,6 +65,27 @@ def test_neighbours_tie_the_chain_crosswise():
     assert {j - i for i, j in added} == {2, 3, 4}
     pairs = Counter((r.i, r.j) for r in (*tied.registrations, *tied.refused))
     assert max(pairs.values()) == 1
+
+
+@pytest.mark.parametrize("all_that_cross", [False, True])
+def test_a_neighbour_off_the_chain_is_refused_unless_most_contradict_it(monkeypatch, all_that_cross):
+    """One pair a tile off is a look-alike; where all that cross the link from 5 to 6 are, the link may be."""
+    _, sighter, sightings = watched()
+
+    def astray(r: Registration) -> bool:
+        return r.i <= 5 < r.j if all_that_cross else (r.i, r.j) == (5, 7)
+
+    def slipped(*arguments, **named):
+        for r in verify(*arguments, **named):
+            off = np.eye(3)
+            off[0, 2] = 60.0 if astray(r) else 0.0
+            yield replace(r, i_H_j=off @ r.i_H_j)
+
+    monkeypatch.setattr("slam.mapping.sightings.verify", slipped)
+    tied = sighter.neighbours(sightings)
+    assert (5, 7) in {(r.i, r.j) for r in (*tied.registrations, *tied.refused)}
+    told = [(r.i, r.j) for r in tied.refused if "elsewhere than the pictures between" in r.reason]
+    assert told == ([] if all_that_cross else [(5, 7)])
 
 
 def test_neighbours_do_not_reach_across_a_break():
