@@ -70,12 +70,16 @@ class _Fit:
     steps: Array
     """(flights, columns) from the best to where each flight left out puts it."""
     missed: Array
-    """(flights,) squared misses of each, predicted from the others."""
+    """(flights, channels) squared misses of each, predicted from the others."""
 
     def better_than(self, other: _Fit) -> bool:
-        """Whether held-out flights miss less, most of them and by more than a misfit makes."""
-        less = self.missed.sum() < (1.0 - MISFIT) * other.missed.sum()
-        return bool(less and np.mean(self.missed < other.missed) > 0.5)
+        """Whether held-out flights miss less: a channel by more than a misfit makes, all together no more,
+        and most of the flights that show a difference."""
+        channels, before = self.missed.sum(axis=0), other.missed.sum(axis=0)
+        less = (channels < (1.0 - MISFIT) * before).any() and channels.sum() < before.sum()
+        flights, before = self.missed.sum(axis=1), other.missed.sum(axis=1)
+        shows = np.abs(flights - before) > MISFIT * before
+        return bool(less and shows.any() and np.mean(flights[shows] < before[shows]) > 0.5)
 
 
 def flown(records: Sequence[Record], belief: Setting, healthy: Setting, found: Search) -> Flown:
@@ -111,7 +115,7 @@ def flown(records: Sequence[Record], belief: Setting, healthy: Setting, found: S
     # Gaussian misses of the spread that is left, as many as there are independent ones.
     scale = 0.5 * course.independent / fit.missed.sum()
     nats = {
-        e.name: tuple((scale * (without[e.label].missed - fit.missed)).tolist())
+        e.name: tuple((scale * (without[e.label].missed - fit.missed).sum(axis=1)).tolist())
         for e in chosen
         if e.label in without
     }
@@ -166,8 +170,11 @@ class _Course:
 
     def _missed(self, flight: int, setting: Setting) -> Array:
         """What a flight's roll-outs miss: the squares of all flights are 1 for a healthy vehicle."""
+        return np.concatenate(self._by_channel(flight, setting))
+
+    def _by_channel(self, flight: int, setting: Setting) -> list[Array]:
         missed = self._misses(flight, setting)
-        return np.concatenate([weight * missed[c] for c, weight in self._weight.items()])
+        return [weight * missed[c] for c, weight in self._weight.items()]
 
     def _away(self, setting: Setting) -> Array:
         """How far the vehicle's constants are from a healthy one's, weighed so that flights outweigh it."""
@@ -209,7 +216,7 @@ class _Course:
             others = [j for j in range(len(left)) if j != k]
             apart.append(h * _solved([slope[j] for j in others], [left[j] for j in others], DAMPING))
         beliefs = [_taken(setting, columns, step) for step in apart]
-        missed = [_squares([self._missed(k, belief)]) for k, belief in enumerate(beliefs)]
+        missed = [[_squares([c]) for c in self._by_channel(k, belief)] for k, belief in enumerate(beliefs)]
         return _Fit(setting, columns, tuple(beliefs), np.array(apart), np.array(missed))
 
 

@@ -54,7 +54,9 @@ def test_sizes_are_found_from_far_off_and_left_out_flights_say_how_well(braking)
     assert tau == pytest.approx(0.2, rel=0.15)
     assert 0.0 < np.abs(found[lean.columns[0]]).max() < 0.3 * LEAN
     # Every flight is predicted better from the others with it than without.
-    assert (with_it.missed < 0.75 * without.missed).all()
+    assert (with_it.missed.sum(axis=1) < 0.75 * without.missed.sum(axis=1)).all()
+    assert with_it.better_than(without)
+    assert not without.better_than(with_it)
 
 
 def test_what_is_not_there_has_no_size(braking):
@@ -63,4 +65,4 @@ def test_what_is_not_there_has_no_size(braking):
     lean = lean_of(records, nominal)
     drag = next(e for e in effects_for(records, nominal) if e.name == "quadratic_drag")
     both, one = course.fitted(nominal, [lean, drag]), course.fitted(nominal, [lean])
-    assert both.missed.sum() > 0.95 * one.missed.sum()
+    assert not both.better_than(one)
