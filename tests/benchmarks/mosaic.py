@@ -17,7 +17,7 @@ from slam.estimate import Estimate
 from slam.flight import Flight, Frames
 from slam.mosaic import write_mosaic
 from tests.benchmarks.apart import peak_mb, run_apart
-from tests.benchmarks.metric import Metric, told
+from tests.benchmarks.metric import Metric, at_most, told
 
 CAMERA = Camera((1000.0, 1000.0), (599.5, 449.5), (1200, 900))
 HEIGHT_M = 30.0
@@ -42,6 +42,8 @@ SCENES = {
     "lines": (120, 1200, "along the same lines"),
     "area": (200, 2000, "over ground that grows with them"),
 }
+LARGE = "area"
+"""The scene whose larger mosaic has to keep limits of memory and time."""
 
 
 def measure() -> list[Metric]:
@@ -50,7 +52,15 @@ def measure() -> list[Metric]:
     for scene, (few, many, where) in SCENES.items():
         a, b = (MosaicRun(**run_apart("tests.benchmarks.mosaic", scene, n)) for n in (few, many))
         source = f"{a.peak_mb:.0f} -> {b.peak_mb:.0f} MB, {a.megapixels:.0f} -> {b.megapixels:.0f} Mpx"
+        seams = f"{b.seam_before:.3f} -> {b.seam_after:.4f}, rms share of brightness"
         metrics += [
+            at_most(
+                f"seams after compensation over before, {where}",
+                b.seam_after / b.seam_before,
+                "x",
+                0.5,
+                seams,
+            ),
             told(f"mosaic memory, {many} over {few} pictures {where}", b.peak_mb / a.peak_mb, "x", source),
             told(
                 f"mosaic time, {many} over {few} pictures {where}",
@@ -59,6 +69,13 @@ def measure() -> list[Metric]:
                 f"{a.seconds:.1f} -> {b.seconds:.1f} s",
             ),
         ]
+        if scene == LARGE:
+            metrics += [
+                at_most(f"memory of a mosaic of {many} pictures", b.peak_mb, "MB", 2000, f"{b.used} used"),
+                at_most(
+                    f"time of a mosaic of {many} pictures", b.seconds, "s", 600, f"{b.megapixels:.0f} Mpx"
+                ),
+            ]
     return metrics
 
 
