@@ -197,7 +197,11 @@ def decide(
         remains.append(f"{lead.name} may be something else")
     if lead.gain.nats < CONFIRMED_NATS:
         remains.append("held-out flights do not confirm it")
-    return ("named_with_remainder" if remains else "named"), tuple(c.name for c in causes), "; ".join(remains)
+    return (
+        ("named_with_remainder" if remains else "named"),
+        tuple(dict.fromkeys(c.name for c in causes)),
+        "; ".join(remains),
+    )
 
 
 def _strongest(left: Sequence[Standing]) -> str:
