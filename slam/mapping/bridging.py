@@ -210,7 +210,8 @@ def _way(fused: Fused, edge: RelativePose, part: int) -> _Placed:
         turn = se3.adjoint(i_T_j[None])[0]
         i_T_j, covariance = se3.inverse(i_T_j[None])[0], turn @ covariance @ turn.T
     back = se3.adjoint(se3.inverse(i_T_j[None]))[0]
-    own = [np.nan_to_num(fused.covariances[k]) for k in (i, j)]
+    # A part that the refinement left without covariances passes none on: unknown is not certain.
+    own = [fused.covariances[k] for k in (i, j)]
     total = covariance + own[1] + back @ own[0] @ back.T
     carry = se3.adjoint(fused.w_T_b[j][None])[0]
     total = carry @ total @ carry.T

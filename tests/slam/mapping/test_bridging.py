@@ -126,6 +126,16 @@ def test_covariance_behind_a_bridge_is_that_of_many_draws():
     np.testing.assert_allclose(np.cov(errors.T), told.covariances[7], rtol=0.15, atol=3e-5)
 
 
+def test_behind_a_part_without_covariances_nothing_is_certain():
+    """The refinement may leave a part without them: that is no part known exactly."""
+    _, fused, edge = made_parts(np.random.default_rng(3))
+    unknown = fused.covariances.copy()
+    unknown[:5] = np.nan
+    found = joined(replace(fused, covariances=unknown), [edge])
+    assert np.isfinite(found.w_T_b).all()
+    assert np.isnan(found.covariances).any(axis=(1, 2)).all()
+
+
 def test_an_edge_within_a_part_or_to_an_unplaced_keyframe_changes_nothing():
     _, fused, edge = made_parts(np.random.default_rng(2))
     assert joined(fused, [replace(edge, i=0, j=1), replace(edge, i=6, j=7)]) is fused
