@@ -44,6 +44,8 @@ _FORCE_NOISE, _PLACE_NOISE = 0.02, 1e-3
 """Where the search begins: m/s²/sqrt(Hz), and over the height."""
 _SURE = 5.0
 """Standard deviations by which the scale must differ from 0."""
+_MOST_OFFSET_M_S2 = 3.0
+"""An accelerometer that is farther off has its signs or its unit wrong."""
 _ROUNDS = 3
 _RANGE = 10.0
 """By how much the scale may differ from its first guess."""
@@ -276,7 +278,7 @@ def _told(rows: _Rows, scale: float, noise: Array, delay_s: float) -> InertialSc
     # Stretches may differ by more than white noise has them.
     between = inverse @ (by_stretch.T @ by_stretch) @ inverse * count / (count - 1)
     std = np.sqrt(np.maximum(np.diag(inverse), np.diag(between)))
-    if not scale > _SURE * std[0]:
+    if not scale > _SURE * std[0] or np.linalg.norm(others[:3]) > _MOST_OFFSET_M_S2:
         return None
     return InertialScale(
         scale,

@@ -17,6 +17,8 @@ from backend.measurements import FloorTracks, Measurements
 
 Array = NDArray[np.float64]
 
+_TOLD_COUNT = 20
+"""What a maker tells of his instrument weighs as much as so many residuals."""
 STUDENT_SCALE = 0.831
 """Scale c of Student's t with 4 degrees of freedom fitted to N(0, 1): E[5 x^2 / (4 c^2 + x^2)] = 1."""
 
@@ -125,7 +127,7 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
             [np.cross(body_up(a.roll_pitch_yaw_rad), w_T_b[a.k, 2, :3])[:2] for a in measurements.attitudes]
         )
         told = float(np.median([a.std_rad[:2].max() for a in measurements.attitudes]))
-        level = replace(level, roll_pitch_rad=max(told, coloured_std(tilt)))
+        level = replace(level, roll_pitch_rad=_pooled(told, coloured_std(tilt), len(tilt)))
     if len(measurements.positions) > 3:
         off = np.array([p.w_p_b_m - w_T_b[p.k, :3, 3] for p in measurements.positions])
         horizontal, vertical = coloured_std(off[:, :2]), coloured_std(off[:, 2:])
@@ -137,8 +139,18 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
         seen = np.exp(world[LOG_GAIN]) * f_T_b[:, 2, 3] / f_T_b[:, 2, 2] + world[DATUM]
         off = np.array([seen[r.k] - r.range_m for r in measurements.ranges])
         told = float(np.median([r.std_m for r in measurements.ranges]))
-        level = replace(level, range_m=max(told, coloured_std(off[:, None])))
+        level = replace(level, range_m=_pooled(told, coloured_std(off[:, None]), len(off)))
     return level
+
+
+def _pooled(told: float, found: float, count: int) -> float:
+    """What the residuals show; where that is less than the maker tells, floored, both: a few may lie close by
+    chance.
+
+    One number was fitted to them: the scale to ranges, the map's lean to each axis of attitudes.
+    """
+    squares, freedom = count * found**2, count - 1
+    return float(np.sqrt(max(squares / freedom, (_TOLD_COUNT * told**2 + squares) / (_TOLD_COUNT + freedom))))
 
 
 def colour_along_tracks(

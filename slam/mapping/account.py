@@ -67,6 +67,11 @@ def _status(fused: Fused, metric: bool) -> tuple[str, list[str]]:
     if lost:
         who = f"{lost} keyframes overlap" if lost > 1 else "1 keyframe overlaps"
         warnings.append(f"{who} no other: not placed")
+    vague = int(((fused.component >= 0) & ~np.isfinite(fused.covariances).all(axis=(1, 2))).sum())
+    if vague:
+        warnings.append(
+            f"{vague} keyframes have no uncertainty: what was measured of them does not hold together"
+        )
     if not metric and not fused.georeferenced:
         warnings.append(_scale_told(fused))
     status = "ok" if not warnings else "; ".join(warnings)

@@ -44,7 +44,7 @@ class Heard:
     def contradiction(self) -> str:
         """In words, where ranges or positions and the accelerometer cannot all be right; else empty."""
         ratio, std = self.lengths.ratio, self.lengths.log_std
-        if self.map_std is None or abs(np.log(ratio)) < _CONTRADICTED * np.hypot(std, self.map_std):
+        if self.map_std is None or not abs(np.log(ratio)) > _CONTRADICTED * np.hypot(std, self.map_std):
             return ""
         return (
             f"the accelerometer has lengths {100 * (ratio - 1):+.0f} ± {100 * std:.2g} % off the map's, "

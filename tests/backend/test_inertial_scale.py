@@ -122,3 +122,10 @@ def test_readings_from_another_time_tell_nothing():
     flight = made(4, lasts_s=15.0)
     late = replace(flight.readings, stamps_s=flight.readings.stamps_s + 1000)
     assert inertial_scale(flight.stamps_s, flight.w_T_b, late) is None
+
+
+def test_an_accelerometer_of_wrong_signs_or_unit_is_not_heard():
+    flight = made(5, lasts_s=15.0)
+    for factor in (-1.0, 1 / GRAVITY_M_S2):
+        wrong = replace(flight.readings, accel_m_s2=factor * flight.readings.accel_m_s2)
+        assert inertial_scale(flight.stamps_s, flight.w_T_b, wrong) is None

@@ -1,8 +1,8 @@
-"""Whether covariances tell the truth: NEES over a hundred made flights of each kind.
+"""Whether covariances tell the truth: NEES over four hundred made flights of each kind.
 
 Made are the measurements (`tests.backend.made_floor`: followed floor points, attitudes, ranges, fixes, each
 with its own Gaussian noise); the refinement is the real one. Of each flight one keyframe counts, the one that
-lies farthest out, so that the hundred are independent and the band is that of a chi-square.
+lies farthest out, so that the flights are independent and the band is that of a chi-square.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from backend.measurements import FloorTracks
 from tests.backend.made_floor import Made, Scene, aligned, make, nees
 from tests.benchmarks.metric import Metric, told, within
 
-FLIGHTS = 100
+FLIGHTS = 400
 CHANCE = 0.05
 KINDS = {
     "no loops": Scene(keyframes=32),
