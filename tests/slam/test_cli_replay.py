@@ -28,7 +28,7 @@ def run(*arguments: object):
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
-def refused(result, saying: str) -> None:
+def assert_refused(result, saying: str) -> None:
     assert result.exit_code == 1, result.output
     assert re.fullmatch(rf"slam: [^\n]*{saying}[^\n]*\n", result.stderr), result.stderr
 
@@ -73,10 +73,12 @@ def test_a_model_of_ones_own_flies_and_explains(folder, tmp_path):
 
 def test_what_cannot_be_replayed_is_refused_in_one_line(folder, tmp_path):
     out = tmp_path / "out"
-    refused(run("replay", folder / "flight", "--model", "nomnal", "--out", out), "did you mean 'nominal'")
-    refused(run("replay", folder / "gone", "--out", out), "does not exist")
+    assert_refused(
+        run("replay", folder / "flight", "--model", "nomnal", "--out", out), "did you mean 'nominal'"
+    )
+    assert_refused(run("replay", folder / "gone", "--out", out), "does not exist")
     (tmp_path / "bad.toml").write_text("[terms.steady_wind]\nz = 1.0\n")
-    refused(
+    assert_refused(
         run("replay", folder / "flight", "--model", tmp_path / "bad.toml", "--out", out),
         "terms.steady_wind.z",
     )
@@ -84,11 +86,11 @@ def test_what_cannot_be_replayed_is_refused_in_one_line(folder, tmp_path):
     full = tmp_path / "full"
     full.mkdir()
     (full / "mine.txt").write_text("mine")
-    refused(run("replay", folder / "flight", "--out", full), "mine.txt")
+    assert_refused(run("replay", folder / "flight", "--out", full), "mine.txt")
 
 
 def test_a_model_that_is_not_there_flies_nothing(folder, tmp_path):
-    refused(
+    assert_refused(
         run("simulate", folder / "pulse.toml", "--out", tmp_path / "f", "--model", "papre"),
         "did you mean 'paper'",
     )

@@ -32,7 +32,7 @@ class Rig:
             raise ValueError("size_px must not be empty")
 
 
-def refused(mapping):
+def assert_refused(mapping):
     with pytest.raises(InputError) as caught:
         load_config(Rig, mapping, "rig.toml")
     message = str(caught.value)
@@ -72,7 +72,7 @@ def test_what_is_left_out_has_its_default():
     ],
 )
 def test_an_unknown_key_names_the_nearest_known_one(mapping, key, nearest):
-    message = refused(mapping)
+    message = assert_refused(mapping)
     assert f"'{key}'" in message
     assert f"'{nearest}'" in message
 
@@ -96,7 +96,7 @@ def test_an_unknown_key_names_the_nearest_known_one(mapping, key, nearest):
     ],
 )  # fmt: skip
 def test_a_wrong_value_is_one_line_with_its_place(mapping, place):
-    assert place in refused(mapping)
+    assert place in assert_refused(mapping)
 
 
 @given(

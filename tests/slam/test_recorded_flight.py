@@ -17,7 +17,7 @@ FOLDER = Path(__file__).parents[2] / "datasets" / "figure_eight_recorded"
 FLIGHT = FOLDER / "flight"
 
 
-def closes(flight):
+def assert_loop_closes(flight):
     evaluation = evaluate(optimize(flight), flight)
     (gap,) = evaluation.loop_gaps
     assert gap.name == "A-E"
@@ -59,12 +59,12 @@ def test_it_has_all_streams_and_the_papers_landmarks():
 
 def test_every_other_picture_is_enough_to_close_the_loop():
     flight = read_flight(FLIGHT)
-    closes(with_pictures(flight, np.arange(0, len(flight.frames), 2)))
+    assert_loop_closes(with_pictures(flight, np.arange(0, len(flight.frames), 2)))
 
 
 @pytest.mark.slow
 def test_all_pictures_close_it():
-    evaluation = closes(read_flight(FLIGHT))
+    evaluation = assert_loop_closes(read_flight(FLIGHT))
     assert evaluation.nees.pose.lower95 < evaluation.nees.pose.mean < evaluation.nees.pose.upper95
 
 

@@ -125,7 +125,7 @@ def written(tmp_path):
     return tmp_path / "estimate.npz"
 
 
-def refused(path):
+def assert_refused(path):
     with pytest.raises(InputError) as error:
         read_estimate(path.parent)
     assert "\n" not in str(error.value)
@@ -160,7 +160,7 @@ def record(**change):
 
 
 def test_a_missing_file_names_what_makes_it(tmp_path):
-    assert "slam optimize" in refused(tmp_path / "estimate.npz")
+    assert "slam optimize" in assert_refused(tmp_path / "estimate.npz")
 
 
 def test_recompressed_by_another_tool_it_is_read(written):
@@ -192,7 +192,7 @@ def test_recompressed_by_another_tool_it_is_read(written):
 )
 def test_another_shape_or_content_is_refused(written, name, content):
     rewritten(written, {name: content})
-    refused(written)
+    assert_refused(written)
 
 
 def test_a_pickle_is_never_run(written):
@@ -201,9 +201,9 @@ def test_a_pickle_is_never_run(written):
             return (pytest.fail, ("the pickle was run",))
 
     rewritten(written, {"frame_names.npy": stored(np.array([Bomb()] * 20, dtype=object), allow_pickle=True)})
-    refused(written)
+    assert_refused(written)
     written.write_bytes(pickle.dumps([Bomb()]))
-    refused(written)
+    assert_refused(written)
 
 
 def header(shape):
@@ -217,13 +217,13 @@ def header(shape):
 )
 def test_an_array_that_lies_about_its_length_is_refused_before_it_is_made(written, content):
     rewritten(written, {"w_T_b.npy": content})
-    refused(written)
+    assert_refused(written)
 
 
 def test_a_bomb_is_refused_by_its_directory(written):
     rewritten(written, {"w_T_b.npy": stored(np.zeros((1_000_000, 4, 4)))})
     assert written.stat().st_size < 1_000_000
-    assert "unpacks to" in refused(written)
+    assert "unpacks to" in assert_refused(written)
 
 
 @pytest.mark.parametrize("seed", range(60))
@@ -243,7 +243,7 @@ def test_any_damage_is_refused_or_harmless(written, seed):
     try:
         back = read_estimate(written.parent)
     except InputError:
-        refused(written)
+        assert_refused(written)
         return
     assert kind == 2
     for field in fields(Estimate):
