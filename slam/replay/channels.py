@@ -82,15 +82,19 @@ def streams_of(flight: Flight, model: Model, begin_s: float, end_s: float) -> tu
 
 
 def _filled(stream: Stream) -> Stream:
-    """The stream without columns in which no value was recorded."""
+    """The stream without columns in which no value was recorded, and angles without jumps of a turn."""
     some = np.flatnonzero(np.isfinite(stream.values).any(axis=0))
     whole = stream.predict
 
     def predict(motion: Motion, times_s: Array) -> Array:
         return whole(motion, times_s)[:, some]
 
-    channels = tuple(stream.channels[k] for k in some)
-    return Stream(stream.times_s, stream.values[:, some], channels, predict)
+    channels, values = tuple(stream.channels[k] for k in some), stream.values[:, some].copy()
+    for k, channel in enumerate(channels):
+        known = np.isfinite(values[:, k])
+        if channel.angle:
+            values[known, k] = np.unwrap(values[known, k])
+    return Stream(stream.times_s, values, channels, predict)
 
 
 def _attitude(flight: Flight, model: Model) -> Stream | None:

@@ -202,6 +202,11 @@ def _many(
         rows = [stream.within(begin_s, end_s) for stream in streams]
         simulated = [s.predict(motion, s.times_s[row]) for s, row in zip(streams, rows, strict=True)]
         off = [s.off(row, found) for s, row, found in zip(streams, rows, simulated, strict=True)]
+        # Angles are told on the turn that was measured.
+        simulated = [
+            np.where(np.isfinite(o), s.values[row] - o, found)
+            for s, row, found, o in zip(streams, rows, simulated, off, strict=True)
+        ]
         rolls.append(_RollOut(begin_s, rows, simulated, off))
     return rolls
 

@@ -201,3 +201,17 @@ def test_a_flight_that_cannot_be_replayed_is_refused_in_one_line(flight, said):
     with pytest.raises(InputError, match=said) as caught:
         replay(flight, Model())
     assert "\n" not in str(caught.value)
+
+
+def test_a_heading_that_passes_half_a_turn_is_the_same_heading():
+    """Written between -pi and pi; measured and simulated are told on one turn, so that they can be drawn."""
+    flight, model = flown(3)
+    angles = flight.attitude.roll_pitch_yaw_rad.copy()
+    middle = np.median(angles[:, 2])
+    angles[:, 2] = np.angle(np.exp(1j * (angles[:, 2] - middle + np.pi)))
+    assert np.abs(np.diff(angles[:, 2])).max() > 6
+    wrapped = replace(without_truth(flight), attitude=replace(flight.attitude, roll_pitch_yaw_rad=angles))
+    yaw = next(c for c in replay(wrapped, model).channels if c.name == "attitude.yaw")
+    assert np.abs(np.diff(yaw.measured)).max() < 1
+    for simulated in (yaw.simulated, yaw.restarted):
+        assert np.nanmax(np.abs(simulated - yaw.measured)) < 1
