@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from slam.criticism.criticism import Cause, Verdict
+from slam.criticism.criticism import JUDGED_HORIZON_S, Cause, Gain, Verdict
 
 
 def sentence_of(
@@ -27,13 +27,24 @@ def sentence_of(
         named = f" ({', '.join(c.name for c in causes)} explain a part)" if causes else ""
         return f"Something is wrong that no term of the catalogue explains: {remainder}{named}."
     told = "; ".join(_told(cause) for cause in causes)
-    gain = causes[0].gain
-    held = f"on held-out {gain.by}s the likelihood gains {gain.nats:.0f} nats"
+    held = _mended(causes[0].gain)
     if verdict == "ambiguous":
         text = f"The flights cannot tell {', '.join(equivalents)} apart; best: {told}; {held}"
     else:
         text = f"The model lacks {told}; {held}"
     return f"{text}; left over: {remainder}." if remainder else f"{text}."
+
+
+def _mended(gain: Gain) -> str:
+    """The channel that gains most two seconds ahead, in its own unit; nats where none is told or better."""
+    ahead = [c for c in gain.channels if c.horizon_s == JUDGED_HORIZON_S and 0 < c.after < c.before]
+    if not ahead:
+        return f"on held-out {gain.by}s the likelihood gains {gain.nats:.0f} nats"
+    most = min(ahead, key=lambda c: c.after / c.before)
+    return (
+        f"on held-out {gain.by}s {most.channel} {JUDGED_HORIZON_S:g} s ahead is off by {most.after:.2g} "
+        f"{most.unit} instead of {most.before:.2g} ({gain.nats:.0f} nats)"
+    )
 
 
 def _told(cause: Cause) -> str:

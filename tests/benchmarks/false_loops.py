@@ -9,7 +9,6 @@ methods (`tests.benchmarks.rivals`) are told beside.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -48,7 +47,6 @@ class Case:
     false: int
     kept: int
     """False loops kept."""
-    seconds: float
 
     @property
     def label(self) -> str:
@@ -72,8 +70,6 @@ def measure() -> list[Metric]:
     most = [case for case in cases if case.share == 0.9]
     within = float(np.mean([case.ratio <= MOST_WITHIN for case in most]))
     metrics.append(at_least("90 % false: share of cases within 2 x", within, "", MOST, _said(most)))
-    slowest = max(cases, key=lambda case: case.seconds)
-    metrics.append(told("longest solve", slowest.seconds, "s", slowest.label))
     return metrics + [
         told(f"{name}, 50 % false, by {method}: error over the clean one's", worst, "x", how)
         for name in COMPARED
@@ -119,11 +115,9 @@ def case(
     made, false = falsified(graph, whole, share, KINDS[kind], seed)
     true = edges_of(made, ~false)
     clean = solve_pose_graph(true, covariances=False, loops_robust=False).w_T_b
-    begin = time.perf_counter()
     kept, w_T_b = method(made)
-    seconds = time.perf_counter() - begin
     error, best = (aligned_rmse(w_T[:, :3, 3], whole[:, :3, 3]) for w_T in (w_T_b, clean))
-    return Case(name, share, kind, seed, error / best, int(false.sum()), int((false & kept).sum()), seconds)
+    return Case(name, share, kind, seed, error / best, int(false.sum()), int((false & kept).sum()))
 
 
 def edges_of(graph: PoseGraph, which: Array) -> PoseGraph:

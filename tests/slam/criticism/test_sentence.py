@@ -1,0 +1,37 @@
+"""The verdict in one sentence: what was found and what it gains, in units that a pilot knows."""
+
+from __future__ import annotations
+
+import pytest
+
+from slam.criticism.criticism import Cause, Gain, Interval
+from slam.criticism.rollouts import ChannelError
+from slam.criticism.sentence import sentence_of
+
+SPEED = ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12)
+PITCH = ChannelError("pitch", "rad", 2.0, 0.020, 0.018)
+SOON, WORSE = ChannelError("pitch", "rad", 0.5, 0.02, 0.001), ChannelError("range", "m", 2.0, 0.01, 0.02)
+
+
+def told(verdict: str, *channels: ChannelError) -> str:
+    cause = Cause(
+        "active_braking",
+        0.97,
+        {"k_b": Interval(0.9, "1/s", 0.8, 1.0)},
+        Gain(45.2, (30.0, 60.0), "flight", (20.0, 25.2), channels),
+        9.0,
+        20.0,
+    )
+    return sentence_of(verdict, (cause,), ("active_braking", "asymmetric_drag"), "", {})
+
+
+@pytest.mark.parametrize("verdict", ["named", "ambiguous"])
+def test_the_gain_is_told_where_it_is_greatest_two_seconds_ahead(verdict: str):
+    said = told(verdict, PITCH, SOON, SPEED, WORSE)
+    assert "active_braking (k_b = 0.9 (0.8 to 1) 1/s; probability 0.97)" in said
+    assert "velocity_x 2 s ahead is off by 0.12 m/s instead of 0.31 (45 nats)" in said
+
+
+@pytest.mark.parametrize("channels", [(), (WORSE,), (SOON,)])
+def test_where_no_reading_gains_the_likelihood_is_told(channels: tuple[ChannelError, ...]):
+    assert "the likelihood gains 45 nats" in told("named", *channels)
