@@ -92,7 +92,7 @@ def inertial_scale(stamps_s: Array, w_T_b: Array, readings: InertialReadings) ->
     if len(stretches) < _LEAST:
         return None
     path = _Path(stamps_s, w_T_b, readings, stretches)
-    noise = np.log([_FORCE_NOISE, _PLACE_NOISE * float(np.median(w_T_b[:, 2, 3]))])
+    noise = np.log([_FORCE_NOISE, _PLACE_NOISE * max(float(np.median(w_T_b[:, 2, 3])), _PLACE_NOISE)])
     scale, delay_s = 1.0, 0.0
     for number in range(_ROUNDS):
         rows = path.rows(delay_s)
@@ -267,8 +267,10 @@ def _told(rows: _Rows, scale: float, noise: Array, delay_s: float) -> InertialSc
     w, place = rows.weight(scale, noise), float(np.exp(noise[1]))
     weighted = w[:, None, None] * rows.known
     information = weighted.reshape(-1, 7).T @ rows.known.reshape(-1, 7) + _PRIOR
-    # The path's own noise looks like a way, too.
+    # The path's own noise looks like a way, too; where chance explains all of it, nothing moved.
     information[0, 0] -= 3 * place**2 * float(w.sum())
+    if information[0, 0] <= _SURE * place**2 * float(np.sqrt(6 * np.sum(w**2))):
+        return None
     score = np.einsum("rak,ra->rk", weighted, left)
     score[:, 0] += scale * place**2 * w**2 * (left**2).sum(axis=1)
     count = int(rows.stretch.max()) + 1

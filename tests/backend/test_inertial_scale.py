@@ -129,3 +129,9 @@ def test_an_accelerometer_of_wrong_signs_or_unit_is_not_heard():
     for factor in (-1.0, 1 / GRAVITY_M_S2):
         wrong = replace(flight.readings, accel_m_s2=factor * flight.readings.accel_m_s2)
         assert inertial_scale(flight.stamps_s, flight.w_T_b, wrong) is None
+
+
+def test_a_path_that_stands_while_the_accelerometer_moves_tells_nothing():
+    flight = made(6, lasts_s=15.0)
+    standing = np.tile(flight.w_T_b[:1], (len(flight.w_T_b), 1, 1))
+    assert inertial_scale(flight.stamps_s, standing, flight.readings) is None
