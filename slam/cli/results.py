@@ -47,7 +47,7 @@ def write_results(
     """Write trajectory, graph, mosaics, summary and report of a flight. Raises ``InputError``."""
     from backend.g2o import write_g2o
     from backend.pose_graph import pose_graph
-    from slam.elevation import write_elevation
+    from slam.rasters.elevation import write_elevation
 
     write_estimate(estimate, folder)
     with (folder / "graph.g2o").open("w", encoding="ascii") as stream:
@@ -80,8 +80,8 @@ def _write_mosaics(
     folder: Path, estimate: Estimate, flight: Flight, wish: MosaicWish, progress: Progress
 ) -> tuple[Mosaics, tuple[str, ...]]:
     """The map, and the chain's beside it; a map that cannot be drawn is told and costs nothing else."""
-    from frontend.mosaic_plan import MosaicError
-    from slam.mosaic import write_mosaic
+    from frontend.mosaic.plan import MosaicError
+    from slam.rasters.mosaic import write_mosaic
 
     if not wish.wanted:
         return Mosaics(), ()

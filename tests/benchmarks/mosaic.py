@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from slam.estimate import Estimate
 from slam.flight import Flight, Frames
-from slam.mosaic import write_mosaic
+from slam.rasters.mosaic import write_mosaic
 from tests.benchmarks.apart import peak_mb, run_apart
 from tests.benchmarks.metric import Metric, at_most, told
 

@@ -22,8 +22,8 @@ from slam.evaluation.association import associate
 from slam.evaluation.landmarks import seen_at
 from slam.evaluation.trajectory import umeyama
 from slam.flight import Flight, Frames
-from slam.mosaic import write_mosaic
 from slam.pipeline import optimize
+from slam.rasters.mosaic import write_mosaic
 from slam.simulation import simulate
 from tests.benchmarks.apart import run_apart
 from tests.benchmarks.metric import Metric, at_least, at_most, told

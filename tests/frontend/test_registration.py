@@ -14,8 +14,8 @@ from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, overlap, register
 from tests.frontend.floor_pairs import CAMERA, pair, texture, true_homography
-from tests.frontend.mosaic_scene import CAMERA as SMALL
-from tests.frontend.mosaic_scene import photograph, pose, smooth_floor
+from tests.frontend.mosaic.scene import CAMERA as SMALL
+from tests.frontend.mosaic.scene import photograph, pose, smooth_floor
 
 
 def compare(a: Features, b: Features, camera: Camera = CAMERA) -> Registration:

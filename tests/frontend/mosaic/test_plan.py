@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from frontend.camera import Camera
-from frontend.mosaic_plan import CELL_PX, GOOD_ENOUGH, MosaicError, plan_mosaic
-from frontend.mosaic_view import Lattice, View, pixel_maps, view_of
-from tests.frontend.mosaic_scene import CAMERA, FLOOR_Z_M, pose, survey
+from frontend.mosaic.plan import CELL_PX, GOOD_ENOUGH, MosaicError, plan_mosaic
+from frontend.mosaic.view import Lattice, View, pixel_maps, view_of
+from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, pose, survey
 
 WIDE = Camera((90.0, 95.0), (101.0, 73.0), (200, 150), (-0.2, 0.05, 0.003, -0.002))
 

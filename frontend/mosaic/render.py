@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.blending import REACH_PX, MultiBand
-from frontend.exposure import Exposure, Samples, estimate_exposure
-from frontend.mosaic_plan import CELL_PX, MosaicPlan, Tile
-from frontend.mosaic_view import Lattice, pixel_maps, visible
+from frontend.mosaic.blending import REACH_PX, MultiBand
+from frontend.mosaic.exposure import Exposure, Samples, estimate_exposure
+from frontend.mosaic.plan import CELL_PX, MosaicPlan, Tile
+from frontend.mosaic.view import Lattice, pixel_maps, visible
 from frontend.objection import objection
 
 Array = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from frontend.blending import MultiBand
+from frontend.mosaic.blending import MultiBand
 
 
 def test_one_picture_with_a_ragged_mask_comes_out_as_it_went_in() -> None:

@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.exposure import Exposure
-from frontend.mosaic import Pictures, measure_exposure, render_tiles
-from frontend.mosaic_plan import MosaicError, MosaicPlan, plan_mosaic
+from frontend.mosaic.exposure import Exposure
+from frontend.mosaic.plan import MosaicError, MosaicPlan, plan_mosaic
+from frontend.mosaic.render import Pictures, measure_exposure, render_tiles
 from slam.errors import NO_CAMERA, InputError
 from slam.estimate import Estimate
 from slam.flight import Flight, Image
 from slam.io.geotiff import Block, Grid, write_geotiff, write_png
-from slam.mosaic_quality import write_quality
 from slam.progress import Progress, silent
+from slam.rasters.quality import write_quality
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ class MosaicFiles:
     png: Path
     world_file: Path | None
     quality: Path | None
-    """How far each piece is to be trusted: `slam.mosaic_quality`."""
+    """How far each piece is to be trusted: `slam.rasters.quality`."""
     gsd_m: float
     """Metres a pixel of the GeoTIFF."""
     png_gsd_m: float

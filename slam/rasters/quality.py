@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.exposure import Exposure
-from frontend.mosaic_plan import MosaicPlan
-from frontend.mosaic_quality import MosaicQuality, mosaic_quality
+from frontend.mosaic.exposure import Exposure
+from frontend.mosaic.plan import MosaicPlan
+from frontend.mosaic.quality import MosaicQuality, mosaic_quality
 from slam.estimate import Estimate
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, write_bands

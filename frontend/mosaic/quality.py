@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.exposure import Exposure
-from frontend.mosaic_plan import CELL_PX, MosaicPlan
-from frontend.mosaic_view import Lattice, View, pixel_maps, view_of, visible
+from frontend.mosaic.exposure import Exposure
+from frontend.mosaic.plan import CELL_PX, MosaicPlan
+from frontend.mosaic.view import Lattice, View, pixel_maps, view_of, visible
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]

@@ -7,11 +7,11 @@ import pytest
 
 from backend import se3
 from frontend.camera import Camera
-from frontend.mosaic import Pictures, measure_exposure
-from frontend.mosaic_plan import CELL_PX, plan_mosaic
-from frontend.mosaic_quality import ground_std, mosaic_quality
-from frontend.mosaic_view import Lattice, View, view_of
-from tests.frontend.mosaic_scene import FLOOR_Z_M, pose
+from frontend.mosaic.plan import CELL_PX, plan_mosaic
+from frontend.mosaic.quality import ground_std, mosaic_quality
+from frontend.mosaic.render import Pictures, measure_exposure
+from frontend.mosaic.view import Lattice, View, view_of
+from tests.frontend.mosaic.scene import FLOOR_Z_M, pose
 
 CAMERA = Camera((180.0, 180.0), (79.5, 59.5), (160, 120))
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import rasterio
 
-import slam.mosaic
+import slam.rasters.mosaic
 from slam.errors import InputError
 from slam.estimate import Estimate
 from slam.flight import Flight, Frames, GeoOrigin
-from slam.mosaic import write_mosaic
-from tests.frontend.mosaic_scene import CAMERA, FLOOR_Z_M, photograph, smooth_floor, survey
+from slam.rasters.mosaic import write_mosaic
+from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, photograph, smooth_floor, survey
 
 FILES = ["mosaic.pgw", "mosaic.png", "mosaic.tif", "mosaic_quality.png", "mosaic_quality.tif"]
 
@@ -112,8 +112,8 @@ def test_what_is_left_out_is_counted(tmp_path: Path) -> None:
 
 def test_budget_is_kept_and_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     estimate, flight, _ = scene()
-    monkeypatch.setattr(slam.mosaic, "MAX_MOSAIC_PIXELS", 40_000)
-    monkeypatch.setattr(slam.mosaic, "MAX_PNG_PIXELS", 20_000)
+    monkeypatch.setattr(slam.rasters.mosaic, "MAX_MOSAIC_PIXELS", 40_000)
+    monkeypatch.setattr(slam.rasters.mosaic, "MAX_PNG_PIXELS", 20_000)
     files = write_mosaic(estimate, flight, tmp_path, gsd_m=None)
     assert files.width * files.height <= 40_000
     assert "m/pixel" in files.note

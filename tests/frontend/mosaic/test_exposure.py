@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from frontend.exposure import Exposure, Samples, estimate_exposure
+from frontend.mosaic.exposure import Exposure, Samples, estimate_exposure
 
 
 def strip(

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.mosaic_view import Lattice, View, pixel_maps, view_of, visible
+from frontend.mosaic.view import Lattice, View, pixel_maps, view_of, visible
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from frontend.camera import Camera
-from frontend.exposure import Exposure
-from frontend.mosaic import Pictures, measure_exposure, render_tile, render_tiles
-from frontend.mosaic_plan import MosaicPlan, Tile, plan_mosaic
-from tests.frontend.mosaic_scene import CAMERA, FLOOR_Z_M, Floor, photograph, pose, smooth_floor, survey
+from frontend.mosaic.exposure import Exposure
+from frontend.mosaic.plan import MosaicPlan, Tile, plan_mosaic
+from frontend.mosaic.render import Pictures, measure_exposure, render_tile, render_tiles
+from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, Floor, photograph, pose, smooth_floor, survey
 
 LENS = dataclasses.replace(CAMERA, distortion=(-0.12, 0.03, 0.002, -0.001))
 
