@@ -94,7 +94,9 @@ def causes_of(
                 posterior.alternatives[place],
             )
         )
-    return tuple(causes) if best is None else tuple(map(_as_flown, causes, known, [best] * len(known)))
+    if best is None:
+        return tuple(causes)
+    return tuple(_as_flown(cause, effect, best) for cause, effect in zip(causes, known, strict=True))
 
 
 def _as_flown(cause: Cause, effect: Effect, best: Flown) -> Cause:

@@ -89,16 +89,35 @@ def flown(records: Sequence[Record], belief: Setting, healthy: Setting, found: S
     ``healthy`` is the belief without any cause: its misses are the measure.
     """
     course = _Course(records, belief, healthy, found.model)
+    chosen, fit = _extended(course, found, course.fitted(belief, found.chosen))
+    chosen, fit, without = _needed(course, chosen, fit)
+    off = fit.steps - fit.steps.mean(axis=0)
+    std = np.sqrt((1.0 - 1.0 / len(records)) * (off**2).sum(axis=0))
+    nats = _gained(chosen, fit, without, course.independent)
+    chosen += [e for e in found.last.effects if e.name == LAG and _is_slow(fit, std, found.model)][:1]
+    return Flown(
+        fit.setting, tuple(chosen), dict(zip(fit.columns, std.tolist(), strict=True)), fit.left_out, nats
+    )
+
+
+def _extended(course: _Course, found: Search, fit: _Fit) -> tuple[list[Effect], _Fit]:
+    """The chosen terms with those of the ones that stand out beside them with which flights fly better."""
     chosen = list(found.chosen)
-    fit = course.fitted(belief, chosen)
     standing = found.last.standing(chosen, found.last.effects)
-    moving = [s.effect for s in standing if s.z > CANDIDATE_Z and _flies(s.effect)]
     names = {e.name for e in chosen}
+    moving = [s.effect for s in standing if s.z > CANDIDATE_Z and _flies(s.effect)]
     for extra in [e for e in moving if e.name not in names][:MOST_CANDIDATES]:
-        if all(extra.name != e.name for e in chosen):
-            tried = course.fitted(fit.setting, [*chosen, extra])
-            if tried.better_than(fit):
-                chosen, fit = [*chosen, extra], tried
+        # Of two ways to try a term, the first that is better stands for it.
+        if extra.name in {e.name for e in chosen}:
+            continue
+        tried = course.fitted(fit.setting, [*chosen, extra])
+        if tried.better_than(fit):
+            chosen, fit = [*chosen, extra], tried
+    return chosen, fit
+
+
+def _needed(course: _Course, chosen: list[Effect], fit: _Fit) -> tuple[list[Effect], _Fit, dict[str, _Fit]]:
+    """The terms that make flights better, and the fits without each of them by label; one stays."""
     while True:
         without = {
             e.label: course.fitted(_without(e, fit.setting), [o for o in chosen if o is not e])
@@ -107,22 +126,24 @@ def flown(records: Sequence[Record], belief: Setting, healthy: Setting, found: S
         }
         idle = [e for e in chosen if e.label in without and not fit.better_than(without[e.label])]
         if not idle or len(chosen) == 1:
-            break
+            return chosen, fit, without
         least = min(idle, key=lambda e: without[e.label].missed.sum())
         chosen, fit = [e for e in chosen if e is not least], without[least.label]
-    off = fit.steps - fit.steps.mean(axis=0)
-    std = np.sqrt((1.0 - 1.0 / len(records)) * (off**2).sum(axis=0))
-    # Gaussian misses of the spread that is left, as many as there are independent ones.
-    scale = 0.5 * course.independent / fit.missed.sum()
-    nats = {
+
+
+def _gained(
+    chosen: Sequence[Effect], fit: _Fit, without: dict[str, _Fit], independent: float
+) -> dict[str, tuple[float, ...]]:
+    """Term -> nats that it gains in each flight.
+
+    Gaussian misses of the spread that is left, as many as there are independent ones.
+    """
+    scale = 0.5 * independent / fit.missed.sum()
+    return {
         e.name: tuple((scale * (without[e.label].missed - fit.missed).sum(axis=1)).tolist())
         for e in chosen
         if e.label in without
     }
-    chosen += [e for e in found.last.effects if e.name == LAG and _is_slow(fit, std, found.model)][:1]
-    return Flown(
-        fit.setting, tuple(chosen), dict(zip(fit.columns, std.tolist(), strict=True)), fit.left_out, nats
-    )
 
 
 def _is_slow(fit: _Fit, std: Array, model: Setting) -> bool:

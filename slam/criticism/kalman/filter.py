@@ -15,17 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.compiled import kernel
-from slam.criticism.kalman.readings import (
-    BEFORE,
-    BEHIND,
-    FIRST_CHANNEL,
-    GUST,
-    IMU,
-    MOVING,
-    TARGET,
-    WIDTH,
-    reading,
-)
+from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, MOVING, TARGET, WIDTH
+from slam.criticism.kalman.sensitivity import ENTRIES, carry, direct_change, force, tell
 from slam.criticism.kalman.steps import (
     after_contact,
     correct,
@@ -37,168 +28,85 @@ from slam.criticism.kalman.steps import (
     spread_along,
 )
 from slam.criticism.kalman.transition import POLE, decay, jacobian, kicks, spread
-from slam.simulation.dynamics import derivative, rates, thrust
+from slam.simulation.dynamics import derivative
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 USED, OUTLIER, IGNORED = 1, 2, 0
-_ENTRIES = 11
-"""Places that a force may go in at (``_inject``)."""
-_INJECTED = 1e-3
 
 
 @kernel
-def _inject(entry: int, size: float, yaw: float, noise: Array, command: Array) -> None:
-    """Add a signal to a noise (0 to 7), to the climb stick (8), or as wind ahead (9) or to the left (10)."""
-    if entry < 8:
-        noise[entry] += size
-    elif entry == 8:
-        command[2] += size
-    elif entry == 9:
-        noise[6] += size * math.cos(yaw)
-        noise[7] += size * math.sin(yaw)
-    else:
-        noise[6] -= size * math.sin(yaw)
-        noise[7] += size * math.cos(yaw)
-
-
-@kernel
-def _felt(
-    state: Array, noise: Array, command: Array, parameters: Array, rate: Array, inject_at: Ints, acts: Ints,
-    felt: Array,
+def _ahead(
+    begin: int, end: int, state: Array, p: Array, tangents: Array, sticks: Array, jolts: Array,
+    late_var: float, lengths: Array, parameters: Array, hold: Array,
+    acts: Ints, stick_of: Ints, parameters_of: Array, inject_at: Ints, signal_of: Ints, signals: Array,
+    scale: Array, slopes: Array, matrix: Array, q: Array, work: Array, rate: Array, middle: Array,
+    middle_noise: Array, moved: Array, felt: Array, added: Array,
 ) -> None:  # fmt: skip
-    """Change of the state's rate with a unit injected at each entry that is used: ``felt`` (entries, 10)."""
-    c, s = math.cos(state[8]), math.sin(state[8])
-    ahead, aside = thrust(state[6], state[7], parameters)
-    other, pushed, moved = np.empty(12), np.empty(8), np.empty(6)
-    rates(state, c, s, ahead, aside, command, noise, parameters, rate)
-    seen = np.zeros(_ENTRIES, dtype=np.bool_)
-    for d in range(len(acts)):
-        entry = inject_at[d]
-        if acts[d] == 0 or entry < 0 or seen[entry]:
-            continue
-        seen[entry] = True
-        pushed[:], moved[:] = noise, command
-        _inject(entry, _INJECTED, state[8], pushed, moved)
-        rates(state, c, s, ahead, aside, moved, pushed, parameters, other)
-        for i in range(MOVING):
-            felt[entry, i] = (other[i] - rate[i]) / _INJECTED
+    """State, covariance and tangents over the steps ``begin`` to ``end``, in place; the last line of
+    arguments but two is room to work, ``slopes`` (10, n) are left as of the last step."""
+    for s in range(begin, end):
+        h = lengths[s]
+        predict(
+            state, p, sticks[0, s], jolts[s], late_var, parameters, hold, h, slopes, matrix, q, work,
+            rate, middle, middle_noise,
+        )  # fmt: skip
+        if tangents.shape[1] > 0:
+            carry(matrix, tangents, moved)
+            force(
+                tangents, slopes, h, middle, middle_noise, s, parameters, sticks, acts, stick_of,
+                parameters_of, inject_at, signal_of, signals, scale, felt, added,
+            )  # fmt: skip
 
 
 @kernel
-def _force(
-    tangents: Array, slopes: Array, h: float, middle: Array, middle_noise: Array, step: int,
-    parameters: Array, sticks: Array, acts: Ints, stick_of: Ints, parameters_of: Array,
-    inject_at: Ints, signal_of: Ints, signals: Array, scale: Array, felt: Array, added: Array,
-) -> None:  # fmt: skip
-    """Add to the tangents (n, m) what their perturbation does within the step."""
-    rate, other = np.empty(12), np.empty(12)
-    _felt(middle, middle_noise, sticks[0, step], parameters, rate, inject_at, acts, felt)
-    c, s = math.cos(middle[8]), math.sin(middle[8])
-    ahead, aside = thrust(middle[6], middle[7], parameters)
-    for d in range(tangents.shape[1]):
-        if acts[d] == 0:
-            continue
-        if inject_at[d] >= 0:
-            for i in range(MOVING):
-                added[i] = h * felt[inject_at[d], i] * signals[signal_of[d], step]
-        else:
-            rates(
-                middle, c, s, ahead, aside, sticks[stick_of[d], step], middle_noise, parameters_of[d], other
-            )
-            for i in range(MOVING):
-                added[i] = h * (other[i] - rate[i]) * scale[d]
-        for i in range(MOVING):
-            total = added[i]
-            for k in range(MOVING):
-                total += 0.5 * h * slopes[i, k] * added[k]
-            tangents[i, d] += total
-
-
-@kernel
-def _direct(
-    kind: int, event: int, state: Array, rate: Array, elapsed: float, parameters: Array,
-    pole_s: float, predicted: Array, by_rate: Array, commands: Array, acts: Ints, reads: Ints,
-    stick_of: Ints, parameters_of: Array, sensor_of: Array, inject_at: Ints, signal_of: Ints, signals: Array,
-    scale: Array, felt: Array, direct: Array,
-) -> None:  # fmt: skip
-    """What each perturbation changes in a reading by itself, the state left alone: (6, m)."""
-    full, noise, other, out = np.empty(12), np.empty(8), np.empty(12), np.empty(6)
-    change = np.empty(MOVING)
-    spread(state, full, noise)
-    c_yaw, s_yaw = math.cos(state[8]), math.sin(state[8])
-    ahead, aside = thrust(state[6], state[7], parameters)
-    if kind == IMU:
-        _felt(full, noise, commands[0, event], parameters, other, inject_at, acts, felt)
-    for d in range(direct.shape[1]):
-        for c in range(WIDTH[kind]):
-            direct[c, d] = 0.0
-        if inject_at[d] >= 100:
-            c = inject_at[d] - 100 - FIRST_CHANNEL[kind]
-            if 0 <= c < WIDTH[kind]:
-                direct[c, d] = signals[signal_of[d], event]
-        elif acts[d] == 1 and kind == IMU:
-            if inject_at[d] >= 0:
-                for i in range(MOVING):
-                    change[i] = felt[inject_at[d], i] * signals[signal_of[d], event]
-            else:
-                rates(
-                    full, c_yaw, s_yaw, ahead, aside, commands[stick_of[d], event], noise, parameters_of[d],
-                    other,
-                )  # fmt: skip
-                for i in range(MOVING):
-                    change[i] = (other[i] - rate[i]) * scale[d]
-            # The imu reads rates as they are: linear in them.
-            for c in range(WIDTH[kind]):
-                for i in range(3, 9):
-                    direct[c, d] += by_rate[c, i] * change[i]
-        elif (reads[d] >> kind) & 1:
-            reading(kind, state, rate, sensor_of[d], parameters_of[d], pole_s, elapsed, out)
-            for c in range(WIDTH[kind]):
-                direct[c, d] = (out[c] - predicted[c]) * scale[d]
-
-
-@kernel
-def _carried(matrix: Array, tangents: Array, moved: Array) -> None:
-    """Tangents (n, m) over a step by its transition matrix, in place; ``moved`` (10, m) is room to work."""
-    n, m = tangents.shape
+def _spread_by_stamp(row: Array, rate: Array, jitter_var: float) -> float:
+    """Variance that a reading with row ``row`` (n,) has from its stamp's: off by t times its own rate."""
+    if jitter_var <= 0.0:
+        return 0.0
+    slope = 0.0
     for i in range(MOVING):
-        for d in range(m):
-            moved[i, d] = 0.0
-        for k in range(n):
-            x = matrix[i, k]
-            if x != 0.0:
-                for d in range(m):
-                    moved[i, d] += x * tangents[k, d]
-    for i in range(MOVING):
-        for d in range(m):
-            tangents[i, d] = moved[i, d]
-    # Of the noises, w follows o, and all others only themselves.
-    for i in range(n - 1, MOVING - 1, -1):
-        x = matrix[i, i]
-        for d in range(m):
-            tangents[i, d] *= x
-        if BEHIND <= i < GUST:
-            x = matrix[i, i - BEHIND + BEFORE]
-            for d in range(m):
-                tangents[i, d] += x * tangents[i - BEHIND + BEFORE, d]
+        slope += row[i] * rate[i]
+    return jitter_var * slope * slope
 
 
 @kernel
-def _told(h: Array, direct: Array, ph: Array, s_var: float, tangents: Array, told: Array) -> None:
-    """``told`` (m,): how each tangent changes the prediction of a reading with row ``h`` (n,); the tangents
-    are then corrected by the reading as the state is."""
-    told[:] = direct
-    for k in range(len(h)):
-        x = h[k]
-        if x != 0.0:
-            for d in range(len(told)):
-                told[d] += x * tangents[k, d]
-    for i in range(len(ph)):
-        x = ph[i] / s_var
-        for d in range(len(told)):
-            tangents[i, d] -= x * told[d]
+def _take(
+    event: int, kind: int, read: Array, near: bool, jump: int, predicted: Array, rows: Array, rate: Array,
+    noise_var: Array, jitter_var: float, limits: Array, state: Array, p: Array, memory: Array,
+    tangents: Array, direct: Array, innovation: Array, log_variance: Array, status: Ints, traces: Array,
+    row: int, ph: Array, told: Array, done: Array,
+) -> int:  # fmt: skip
+    """Take the channels of one event, one after the other, into state, covariance and tangents.
+
+    ``read`` and ``predicted`` (6,), ``rows`` (6, n); the traces are written from ``row`` on. Returns the row
+    after the last.
+    """
+    done[:] = 0.0
+    for c in range(WIDTH[kind]):
+        status[event, c] = IGNORED
+        channel = FIRST_CHANNEL[kind] + c
+        noise = noise_var[channel]
+        if not judged(kind, channel, read[c], predicted[c], noise, near, jump, limits):
+            continue
+        noise += _spread_by_stamp(rows[c], rate, jitter_var)
+        s_var = noise + spread_along(p, rows[c], ph)
+        miss = miss_of(kind, c, read[c], predicted[c], rows[c], done)
+        std = math.sqrt(s_var)
+        innovation[event, c] = miss / std
+        log_variance[event, c] = math.log(s_var)
+        if is_outlier(miss, std, channel, memory):
+            status[event, c] = OUTLIER
+            continue
+        status[event, c] = USED
+        if tangents.shape[1] > 0:
+            tell(rows[c], direct[c], ph, s_var, tangents, told)
+            for d in range(tangents.shape[1]):
+                traces[row, d] = told[d] / std
+        row += 1
+        correct(state, p, ph, s_var, miss, done)
+    return row
 
 
 @kernel
@@ -228,22 +136,15 @@ def run(
     work, rate, added = np.empty((n, n)), np.empty(12), np.empty(MOVING)
     middle, middle_noise = np.empty(12), np.empty(8)
     predicted, h_matrix, direct = np.empty(6), np.zeros((6, n)), np.zeros((6, m))
-    by_rate, felt = np.zeros((6, MOVING)), np.zeros((_ENTRIES, MOVING))
-    moved, ph, a, done = np.empty((MOVING, m)), np.empty(n), np.empty(m), np.empty(n)
+    by_rate, felt = np.zeros((6, MOVING)), np.zeros((ENTRIES, MOVING))
+    moved, ph, told, done = np.empty((MOVING, m)), np.empty(n), np.empty(m), np.empty(n)
     row = 0
     for e in range(begin, end):
-        for s in range(first_step[e], first_step[e + 1]):
-            h = lengths[s]
-            predict(
-                state, p, sticks[0, s], jolts[s], late_var, parameters, hold, h, slopes, matrix, q, work,
-                rate, middle, middle_noise,
-            )  # fmt: skip
-            if m > 0:
-                _carried(matrix, tangents, moved)
-                _force(
-                    tangents, slopes, h, middle, middle_noise, s, parameters, sticks, acts, stick_of,
-                    parameters_of, inject_at, signal_of, step_signals, scale, felt, added,
-                )  # fmt: skip
+        _ahead(
+            first_step[e], first_step[e + 1], state, p, tangents, sticks, jolts, late_var, lengths,
+            parameters, hold, acts, stick_of, parameters_of, inject_at, signal_of, step_signals, scale,
+            slopes, matrix, q, work, rate, middle, middle_noise, moved, felt, added,
+        )  # fmt: skip
         kind = kinds[e]
         for i in range(MOVING):
             states[e, i] = state[i]
@@ -260,39 +161,15 @@ def run(
             h_matrix,
         )  # fmt: skip
         if m > 0:
-            _direct(
+            direct_change(
                 kind, e, state, rate, elapsed[e], parameters, hold[POLE], predicted, by_rate, commands,
                 acts, reads, stick_of, parameters_of, sensor_of, inject_at, signal_of, event_signals, scale,
                 felt, direct,
             )  # fmt: skip
-        done[:] = 0.0
-        for c in range(WIDTH[kind]):
-            status[e, c] = IGNORED
-            channel = FIRST_CHANNEL[kind] + c
-            noise = noise_var[channel]
-            if not judged(kind, channel, values[e, c], predicted[c], noise, near, jumps[e], limits):
-                continue
-            if jitter_var > 0.0:
-                # A reading whose stamp is off by t is off by t times its own rate.
-                slope = 0.0
-                for i in range(MOVING):
-                    slope += h_matrix[c, i] * rate[i]
-                noise += jitter_var * slope * slope
-            s_var = noise + spread_along(p, h_matrix[c], ph)
-            miss = miss_of(kind, c, values[e, c], predicted[c], h_matrix[c], done)
-            std = math.sqrt(s_var)
-            innovation[e, c] = miss / std
-            log_variance[e, c] = math.log(s_var)
-            if is_outlier(miss, std, channel, memory):
-                status[e, c] = OUTLIER
-                continue
-            status[e, c] = USED
-            if m > 0:
-                _told(h_matrix[c], direct[c], ph, s_var, tangents, a)
-                for d in range(m):
-                    traces[row, d] = a[d] / std
-            row += 1
-            correct(state, p, ph, s_var, miss, done)
+        row = _take(
+            e, kind, values[e], near, jumps[e], predicted, h_matrix, rate, noise_var, jitter_var, limits,
+            state, p, memory, tangents, direct, innovation, log_variance, status, traces, row, ph, told, done,
+        )  # fmt: skip
     keep[0] = row
 
 
