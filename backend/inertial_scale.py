@@ -10,9 +10,8 @@ Both sides err: the path by white noise, the integrated force by white noise int
 that took either for right would have the scale too small or too large; these are total, over both. How much
 of each noise there is, and by how much the pictures' clock is off, is what makes the record most likely.
 
-Source: Martinelli 2014 (IJCV 106), sections 3 and 4, for the linear system; Forster et al. 2017 (T-RO 33),
-equation 33, for the integrals; Fuller 1987, Measurement Error Models, section 2.3, for two sides that err;
-Harville 1977 (JASA 72) for the likelihood of the noise.
+Source: Martinelli 2014 (IJCV 106), sections 3 and 4, for the linear system; Fuller 1987, Measurement Error
+Models, section 2.3, for two sides that err; Harville 1977 (JASA 72) for the likelihood of the noise.
 """
 
 from __future__ import annotations
@@ -24,12 +23,11 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import eigh, null_space
 from scipy.optimize import minimize, minimize_scalar
-from scipy.spatial.transform import Rotation
 
 from backend.measurements import GRAVITY_M_S2
+from backend.preintegration import InertialReadings, attitudes_between, integrated_twice
 
 Array = NDArray[np.float64]
 
@@ -71,18 +69,6 @@ class InertialScale:
     """The pictures' stamps are so much later than the accelerometer's for the same moment."""
 
 
-@dataclass(frozen=True)
-class InertialReadings:
-    """Gyro and accelerometer in body axes; finite, in order of time."""
-
-    stamps_s: Array
-    """(k,)."""
-    gyro_rad_s: Array
-    """(k, 3)."""
-    accel_m_s2: Array
-    """(k, 3)."""
-
-
 def inertial_scale(stamps_s: Array, w_T_b: Array, readings: InertialReadings) -> InertialScale | None:
     """Scale of a path (n, 4, 4) over a level floor at z = 0, at ``stamps_s`` (n,) in order of time.
 
@@ -100,7 +86,7 @@ def inertial_scale(stamps_s: Array, w_T_b: Array, readings: InertialReadings) ->
         noise = _likeliest_noise(rows, scale, noise)
         delay_s = _likeliest_delay(path, scale, noise)
     rows = path.rows(delay_s)
-    return _told(rows, _best_scale(rows, noise, 2.0, scale), noise, delay_s)
+    return _found(rows, _best_scale(rows, noise, 2.0, scale), noise, delay_s)
 
 
 def _best_scale(rows: _Rows, noise: Array, within: float, about: float) -> float:
@@ -172,14 +158,18 @@ class _Rows:
         force, place = np.exp(noise)
         return np.asarray(1 / (force**2 * self.growth + (scale * place) ** 2))
 
+    def _normal(self, scale: float, noise: Array) -> tuple[Array, Array]:
+        """Weighted gradient (6, 3r) of offset and arm, and their information (6, 6)."""
+        others = self.known[..., 1:]
+        weighted = (self.weight(scale, noise)[:, None, None] * others).reshape(-1, 6).T
+        return weighted, weighted @ others.reshape(-1, 6) + _PRIOR[1:, 1:]
+
     def at(self, scale: float, noise: Array) -> tuple[Array, Array]:
         """Offset and arm (6,) at a scale, and what is left over (r, 3)."""
-        w = self.weight(scale, noise)[:, None, None]
-        others, left = self.known[..., 1:], self.way - scale * self.known[..., 0]
-        weighted = (w * others).reshape(-1, 6).T
-        H = weighted @ others.reshape(-1, 6) + _PRIOR[1:, 1:]
+        weighted, H = self._normal(scale, noise)
+        left = self.way - scale * self.known[..., 0]
         found = np.linalg.solve(H, weighted @ left.reshape(-1))
-        return np.asarray(found, dtype=float), left - others @ found
+        return np.asarray(found, dtype=float), left - self.known[..., 1:] @ found
 
     def squares(self, scale: float, noise: Array) -> float:
         """Weighted, with the best offset and arm."""
@@ -189,9 +179,8 @@ class _Rows:
 
     def log_volume(self, scale: float, noise: Array) -> float:
         """What the likelihood takes for the noise's size, offset and arm projected out."""
-        w, others = self.weight(scale, noise), self.known[..., 1:]
-        H = (w[:, None, None] * others).reshape(-1, 6).T @ others.reshape(-1, 6) + _PRIOR[1:, 1:]
-        return float(np.linalg.slogdet(H)[1] - 3 * np.log(w).sum())
+        H = self._normal(scale, noise)[1]
+        return float(np.linalg.slogdet(H)[1] - 3 * np.log(self.weight(scale, noise)).sum())
 
 
 @dataclass(frozen=True)
@@ -202,26 +191,27 @@ class _Path:
     stretches: Sequence[slice]
 
     @cached_property
-    def turns(self) -> list[tuple[Array, Array]]:
-        """Of each stretch: what turns it (r, m), and the variance of each row (r,)."""
-        turns = []
+    def contrasts(self) -> list[tuple[Array, Array]]:
+        """Of each stretch: sums over its moments (r, m) that neither start nor speed enters, and the variance
+        of each (r,)."""
+        contrasts = []
         for stretch in self.stretches:
             t = self.stamps_s[stretch] - self.stamps_s[stretch.start]
             early, late = np.minimum.outer(t, t), np.maximum.outer(t, t)
             free = null_space(np.column_stack([np.ones_like(t), t]).T)
             growth, axes = eigh(free.T @ (early**2 * (3 * late - early) / 6) @ free)
-            turns.append(((free @ axes).T, np.maximum(growth, 0.0)))
-        return turns
+            contrasts.append(((free @ axes).T, np.maximum(growth, 0.0)))
+        return contrasts
 
     def rows(self, delay_s: float) -> _Rows:
         """All stretches, the pictures' clock late by so much."""
         way, known = [], []
-        for stretch, (turn, _) in zip(self.stretches, self.turns, strict=True):
+        for stretch, (contrast, _) in zip(self.stretches, self.contrasts, strict=True):
             one_way, one_known = self._stretch(stretch, delay_s)
-            way.append(turn @ one_way)
-            known.append(np.tensordot(turn, one_known, axes=1))
-        count = [len(growth) for _, growth in self.turns]
-        growth = np.concatenate([growth for _, growth in self.turns])
+            way.append(contrast @ one_way)
+            known.append(np.tensordot(contrast, one_known, axes=1))
+        count = [len(growth) for _, growth in self.contrasts]
+        growth = np.concatenate([growth for _, growth in self.contrasts])
         return _Rows(
             np.repeat(np.arange(len(count)), count), growth, np.concatenate(way), np.concatenate(known)
         )
@@ -231,38 +221,14 @@ class _Path:
         at_s, w_T_b, readings = self.stamps_s[stretch] - delay_s, self.w_T_b[stretch], self.readings
         first, last = np.searchsorted(readings.stamps_s, at_s[[0, -1]]) + [-1, 1]
         imu_s = readings.stamps_s[first:last]
-        w_R_b = _attitudes(at_s, w_T_b[:, :3, :3], imu_s, readings.gyro_rad_s[first:last])
+        w_R_b = attitudes_between(at_s, w_T_b[:, :3, :3], imu_s, readings.gyro_rad_s[first:last])
         force = np.einsum("kab,kb->ka", w_R_b, readings.accel_m_s2[first:last]) - [0, 0, GRAVITY_M_S2]
-        twice = _integrated_twice(imu_s, np.concatenate([force[..., None], w_R_b], axis=-1), at_s)
+        twice = integrated_twice(imu_s, np.concatenate([force[..., None], w_R_b], axis=-1), at_s)
         path = w_T_b[:, :3, 3:] - w_T_b[0, :3, 3:]
         return twice[..., 0], np.concatenate([path, twice[..., 1:], w_T_b[:, :3, :3]], axis=-1)
 
 
-def _attitudes(at_s: Array, w_R_b: Array, imu_s: Array, gyro_rad_s: Array) -> Array:
-    """(k, 3, 3) at the readings: between poses the gyro's shape, so turned that it meets both."""
-    turned = _integrated(imu_s, gyro_rad_s)
-    at_poses = np.column_stack([np.interp(at_s, imu_s, turned[:, a]) for a in range(3)])
-    piece = np.clip(np.searchsorted(at_s, imu_s, side="right") - 1, 0, len(at_s) - 2)
-    share = (imu_s - at_s[piece]) / (at_s[piece + 1] - at_s[piece])
-    within = turned - at_poses[piece] - share[:, None] * (at_poses[piece + 1] - at_poses[piece])
-    known = Rotation.from_matrix(w_R_b)
-    step = (known[:-1].inv() * known[1:]).as_rotvec()
-    found = known[piece] * Rotation.from_rotvec(share[:, None] * step[piece]) * Rotation.from_rotvec(within)
-    return np.asarray(found.as_matrix())
-
-
-def _integrated(stamps_s: Array, values: Array) -> Array:
-    dt = np.diff(stamps_s).reshape(-1, *[1] * (values.ndim - 1))
-    steps = 0.5 * (values[1:] + values[:-1]) * dt
-    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(steps, axis=0)])
-
-
-def _integrated_twice(stamps_s: Array, values: Array, at_s: Array) -> Array:
-    once = _integrated(stamps_s, values)
-    return np.asarray(CubicHermiteSpline(stamps_s, _integrated(stamps_s, once), once)(at_s))
-
-
-def _told(rows: _Rows, scale: float, noise: Array, delay_s: float) -> InertialScale | None:
+def _found(rows: _Rows, scale: float, noise: Array, delay_s: float) -> InertialScale | None:
     others, left = rows.at(scale, noise)
     w, place = rows.weight(scale, noise), float(np.exp(noise[1]))
     weighted = w[:, None, None] * rows.known
@@ -285,14 +251,14 @@ def _told(rows: _Rows, scale: float, noise: Array, delay_s: float) -> InertialSc
     return InertialScale(
         scale,
         float(std[0]),
-        _axes(others[:3]),
-        _axes(std[1:4]),
-        _axes(others[3:]),
-        _axes(std[4:7]),
+        _triple(others[:3]),
+        _triple(std[1:4]),
+        _triple(others[3:]),
+        _triple(std[4:7]),
         delay_s,
     )
 
 
-def _axes(values: Array) -> tuple[float, float, float]:
+def _triple(values: Array) -> tuple[float, float, float]:
     x, y, z = values.tolist()
     return x, y, z

@@ -24,7 +24,7 @@ from backend.bundle.information import Information, information
 from backend.bundle.noise import colour_along_tracks, huber_std, start_noise
 from backend.bundle.refinement import refine
 from backend.measurements import FloorTracks, Measurements, PinholeModel
-from backend.se3 import cross_matrix
+from frontend.mosaic.quality import ground_jacobian
 from slam.errors import InputError
 from slam.estimate import Estimate
 from slam.evaluation.association import poses_at
@@ -35,6 +35,9 @@ from slam.mapping.sightings import Sightings
 from slam.settings import PipelineConfig
 
 Array = NDArray[np.float64]
+
+_LEVEL = 2e-4
+"""Relief over the mean height of a floor that has none: what the refinement goes down to."""
 
 
 @dataclass(frozen=True)
@@ -94,11 +97,8 @@ class Bound:
         k = np.flatnonzero(seen_at(flight.camera, self.w_T_b, w_p)[1])
         gradient = np.full((len(self.w_T_b), 3, 6), 0.0 if len(k) else np.nan)
         for pose, row in zip(self.w_T_b[k], k, strict=True):
-            # The ray's end moves with the body; along the ray it slides back to the floor.
-            ray = w_p - (pose @ flight.camera.b_T_c)[:3, 3]
-            slide = np.eye(3) - np.outer(ray, [0.0, 0.0, 1.0]) / ray[2]
-            R, b_p = pose[:3, :3], pose[:3, :3].T @ (w_p - pose[:3, 3])
-            gradient[row] = slide @ R @ np.hstack([-cross_matrix(b_p), np.eye(3)]) / len(k)
+            J = ground_jacobian(w_p, (pose @ flight.camera.b_T_c)[:3, 3], pose[:3, 3])
+            gradient[row, :2] = J @ np.kron(np.eye(2), pose[:3, :3]) / len(k)
         return gradient
 
 
@@ -162,10 +162,6 @@ def _near(tracks: FloorTracks, off: Array, limit: float) -> FloorTracks:
     near &= np.bincount(tracks.track, near)[tracks.track] >= 2
     track = np.unique(tracks.track[near], return_inverse=True)[1]
     return FloorTracks(tracks.keyframe[near], track, tracks.pixel[near], tracks.std_px[near])
-
-
-_LEVEL = 2e-4
-"""Relief over the mean height of a floor that has none: what the refinement goes down to."""
 
 
 def _on_the_floor(tracks: FloorTracks, camera: PinholeModel, w_T_b: Array) -> Array:

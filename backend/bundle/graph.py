@@ -59,7 +59,7 @@ class NoiseLevels:
 
 
 @dataclass(frozen=True)
-class Lengths:
+class ScalePrior:
     """What something else than ranges and positions tells of the scale."""
 
     ratio: float
@@ -76,7 +76,7 @@ class BundleProblem:
     camera: PinholeModel
     config: BundleConfig
     calibrates: bool
-    lengths: Lengths | None = None
+    lengths: ScalePrior | None = None
 
     @property
     def scaled(self) -> bool:

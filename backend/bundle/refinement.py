@@ -28,8 +28,8 @@ from backend.bundle.graph import (
     WORLD,
     BundleConfig,
     BundleProblem,
-    Lengths,
     NoiseLevels,
+    ScalePrior,
     build_graph,
     metric_poses,
     start_values,
@@ -77,7 +77,7 @@ def refine(
     floor_z_m: float = 0.0,
     config: BundleConfig = BundleConfig(),
     on_step: Callable[[int, float], None] | None = None,
-    lengths: Lengths | None = None,
+    lengths: ScalePrior | None = None,
 ) -> Bundle:
     """Refine one connected set of keyframes, all of them in ``measurements.tracks``.
 

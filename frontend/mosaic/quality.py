@@ -61,23 +61,31 @@ def _inside(plan: MosaicPlan, view: View, lattice: Lattice) -> NDArray[np.bool_]
 def ground_std(view: View, w_T_b: Array, covariance: Array, lattice: Lattice, floor_z_m: float) -> Float32:
     """(rows, cols): how uncertain the place of what a picture shows at each node is, in metres.
 
-    A point X of the body's frame moves by R (omega x X + rho) with the pose, and slides along its ray back
-    to the floor. First order, as in Haralick 1996, Propagating covariance in computer vision.
+    First order, as in Haralick 1996, Propagating covariance in computer vision.
     """
     x = lattice.x0_m + lattice.step_m * np.arange(lattice.cols)
     y = lattice.y0_m - lattice.step_m * np.arange(lattice.rows)
     p = np.stack(np.broadcast_arrays(x[None], y[:, None], floor_z_m), axis=-1)
-    ray, arm, R = p - view.w_p_c_m, p - w_T_b[:3, 3], w_T_b[:3, :3]
-    # In world axes: omega x X + rho becomes w x arm + r.
-    turned = np.kron(np.eye(2), R)
+    turned = np.kron(np.eye(2), w_T_b[:3, :3])
     C = turned @ covariance @ turned.T
+    J = ground_jacobian(p, view.w_p_c_m, w_T_b[:3, 3])
+    return np.sqrt(np.einsum("rcai,ij,rcaj->rc", J, C, J)).astype(np.float32)
+
+
+def ground_jacobian(w_p: Array, w_p_c: Array, w_p_b: Array) -> Array:
+    """(..., 2, 6) of where a camera at ``w_p_c`` (3,) shows floor points ``w_p`` (..., 3), by the pose of the
+    body at ``w_p_b`` (3,): its turn and its step, both in world axes. Source: derived.
+
+    The end of the ray moves with the body; along the ray it slides back to the floor.
+    """
+    ray, arm = w_p - w_p_c, w_p - w_p_b
     slide = -ray[..., :2] / ray[..., 2:]
-    J = np.zeros((*p.shape[:2], 2, 6))
+    J = np.zeros((*w_p.shape[:-1], 2, 6))
     for a in range(2):
-        along = np.zeros_like(p)
+        along = np.zeros_like(w_p)
         along[..., a], along[..., 2] = 1.0, slide[..., a]
         J[..., a, :3], J[..., a, 3:] = np.cross(arm, along), along
-    return np.sqrt(np.einsum("rcai,ij,rcaj->rc", J, C, J)).astype(np.float32)
+    return J
 
 
 def _seams(plan: MosaicPlan, exposure: Exposure) -> Float32:

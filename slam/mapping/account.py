@@ -65,8 +65,8 @@ def _status(fused: Fused, metric: bool) -> tuple[str, list[str]]:
         sizes = ", ".join(str(int((fused.component == k).sum())) for k in range(parts))
         warnings.append(f"the flight falls into {parts} parts that no picture joins ({sizes} keyframes)")
     if lost:
-        who = f"{lost} keyframes overlap" if lost > 1 else "1 keyframe overlaps"
-        warnings.append(f"{who} no other: not placed")
+        who = f"{lost} keyframes share" if lost > 1 else "1 keyframe shares"
+        warnings.append(f"{who} too little ground with any other: not placed")
     vague = int(((fused.component >= 0) & ~np.isfinite(fused.covariances).all(axis=(1, 2))).sum())
     if vague:
         warnings.append(
@@ -138,7 +138,7 @@ def account(
         floor_slope_rad=fused.slope_rad,
         instruments=InstrumentErrors(
             attitude_errors(flight, sightings.stamps_s, _main(fused), not flight.parts),
-            accelerometer_errors(fused.heard),
+            accelerometer_errors(fused.inertial),
         ),
         scale_std=fused.bundle.scale_std if fused.bundle else None,
         range_errors=fused.bundle.range_errors if fused.bundle else None,

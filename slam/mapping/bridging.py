@@ -26,7 +26,7 @@ from frontend.registration import Registration
 from slam.errors import InputError
 from slam.flight import Flight
 from slam.inertial.instruments import InertialTrust
-from slam.mapping.fusion import Fused
+from slam.mapping.fusion import Fused, largest_first
 from slam.mapping.mapper import Mapper
 from slam.progress import Progress, silent
 
@@ -184,22 +184,14 @@ def joined(fused: Fused, edges: Sequence[RelativePose]) -> Fused:
             component[members] = root
     if not used:
         return fused
-    _, component[component >= 0] = np.unique(component[component >= 0], return_inverse=True)
     return replace(
         fused,
         w_T_b=w_T_b,
         covariances=covariances,
-        component=_largest_first(component),
+        component=largest_first(component),
         bridges=tuple(used),
         warnings=(*fused.warnings, *(_told(edge) for edge in used)),
     )
-
-
-def _largest_first(component: NDArray[np.int64]) -> NDArray[np.int64]:
-    size = np.bincount(component[component >= 0])
-    rank = np.empty(len(size), dtype=np.int64)
-    rank[np.argsort(-size, kind="stable")] = np.arange(len(size))
-    return np.where(component >= 0, rank[component], -1)
 
 
 def _way(fused: Fused, edge: RelativePose, part: int) -> _Placed:

@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
-from backend.inertial_scale import InertialReadings
 from backend.measurements import FloorTracks, Position, RelativePose
+from backend.preintegration import InertialReadings
 from backend.solution import Solution
 from frontend.camera import Camera
 from frontend.registration import Registration
 from slam.estimate import over_floor
-from slam.mapping.lengths import Heard, heard
+from slam.mapping.lengths import InertialLengths, inertial_lengths
 from slam.mapping.mapper import LEAST_SEEN, Edges, Mapper, Sensors
 from slam.mapping.placement import lay_onto
 from slam.mapping.sightings import Sightings
@@ -39,7 +39,7 @@ class Fused:
     """Of the largest part."""
     georeferenced: bool
     warnings: tuple[str, ...]
-    heard: Heard | None = None
+    inertial: InertialLengths | None = None
     """What the accelerometer tells of the largest part."""
     bridges: tuple[RelativePose, ...] = ()
     """Edges of kind ``inertial`` along which parts were laid together (`slam.mapping.bridging`)."""
@@ -69,7 +69,7 @@ def fuse(
     kept = [r for r, ok in zip(edges.registrations, solution.edge_kept, strict=True) if ok]
     tracks = mapper.tracks(sightings.store.pixels, kept)
     w_T_b, covariances = solution.w_T_b.copy(), np.full((n, 6, 6), np.nan)
-    component = _largest_first(np.where(_tied(n, kept), solution.component, -1))
+    component = largest_first(np.where(_tied(n, kept), solution.component, -1))
     w_T_b[component < 0] = np.nan
     warnings: list[str] = []
     camera, floor_z_m, first, inertial, georeferenced = mapper.camera, 0.0, None, None, False
@@ -116,7 +116,7 @@ def _refined(
     tracks: FloorTracks,
     progress: Progress,
     readings: InertialReadings | None,
-) -> tuple[Bundle, Heard | None]:
+) -> tuple[Bundle, InertialLengths | None]:
     """One part, and what the accelerometer tells of it: used where ranges and positions tell less."""
 
     def step(iteration: int, _: float) -> None:
@@ -126,7 +126,7 @@ def _refined(
     if readings is None:
         return bundle, None
     camera, gain_std = _calibrated(mapper.camera, bundle), mapper.config.trust.accel_gain_std
-    said = heard(readings, sightings, members, bundle, camera, gain_std)
+    said = inertial_lengths(readings, sightings, members, bundle, camera, gain_std)
     if said is None or not said.helps:
         return bundle, said
     start = w_T_b.copy()
@@ -141,7 +141,7 @@ def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:
     return tied
 
 
-def _largest_first(component: NDArray[np.int64]) -> NDArray[np.int64]:
+def largest_first(component: NDArray[np.int64]) -> NDArray[np.int64]:
     """Parts renumbered without gaps, 0 the largest; -1 stays."""
     label, size = np.unique(component[component >= 0], return_counts=True)
     out = np.full_like(component, -1)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from backend.bundle.noise import coloured_std
 from slam.estimate import AccelerometerErrors, AttitudeErrors
 from slam.flight import Flight
-from slam.mapping.lengths import Heard
+from slam.mapping.lengths import InertialLengths
 from slam.mapping.synchronize import attitudes_at
 
 Array = NDArray[np.float64]
@@ -52,11 +52,11 @@ def attitude_errors(
     )
 
 
-def accelerometer_errors(heard: Heard | None) -> AccelerometerErrors | None:
+def accelerometer_errors(told: InertialLengths | None) -> AccelerometerErrors | None:
     """What the accelerometer was found to be off by, and what it says of lengths."""
-    if heard is None:
+    if told is None:
         return None
-    found, lengths = heard.found, heard.lengths
+    found, lengths = told.found, told.lengths
     return AccelerometerErrors(
         found.offset_m_s2,
         found.offset_std_m_s2,
@@ -65,5 +65,5 @@ def accelerometer_errors(heard: Heard | None) -> AccelerometerErrors | None:
         found.delay_s,
         lengths.ratio,
         lengths.ratio * lengths.log_std,
-        heard.helps,
+        told.helps,
     )

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.bundle.graph import Lengths
+from backend.bundle.graph import ScalePrior
 from backend.bundle.refinement import Bundle
-from backend.inertial_scale import InertialReadings, InertialScale, inertial_scale
+from backend.inertial_scale import InertialScale, inertial_scale
+from backend.preintegration import InertialReadings
 from frontend.camera import Camera
 from frontend.lift import lift
 from slam.estimate import over_floor
@@ -31,11 +32,11 @@ _HELPFUL = 3.0
 
 
 @dataclass(frozen=True)
-class Heard:
+class InertialLengths:
     """What the accelerometer tells of a refined part of a map."""
 
     found: InertialScale
-    lengths: Lengths
+    lengths: ScalePrior
     """True ones over the map's, the accelerometer's own gain as uncertain as it is taken to be."""
     map_std: float | None
     """Relative, of the map's scale; None where nothing else tells it."""
@@ -58,14 +59,14 @@ class Heard:
         return believed and (self.map_std is None or self.lengths.log_std < _HELPFUL * self.map_std)
 
 
-def heard(
+def inertial_lengths(
     readings: InertialReadings,
     sightings: Sightings,
     members: NDArray[np.int64],
     bundle: Bundle,
     camera: Camera,
     gain_std: float,
-) -> Heard | None:
+) -> InertialLengths | None:
     """Hold the refined keyframes ``members`` against the accelerometer; None where it tells nothing."""
     w_T_b = np.full((len(sightings.stamps_s), 4, 4), np.nan)
     w_T_b[members] = over_floor(bundle.w_T_b, bundle.floor_slope_rad, bundle.floor_z_m)
@@ -77,7 +78,7 @@ def heard(
     if found is None:
         return None
     std = float(np.hypot(found.scale_std / found.scale, gain_std))
-    return Heard(found, Lengths(found.scale, std), bundle.scale_std)
+    return InertialLengths(found, ScalePrior(found.scale, std), bundle.scale_std)
 
 
 def path_at_frames(sightings: Sightings, w_T_b: Array, camera: Camera) -> tuple[Array, Array]:

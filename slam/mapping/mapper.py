@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from backend.bundle.graph import Lengths
+from backend.bundle.graph import ScalePrior
 from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
 from backend.graph import solve
@@ -252,7 +252,7 @@ class Mapper:
         floor_z_m: float,
         tracks: FloorTracks,
         on_step: Callable[[int, float], None] | None = None,
-        lengths: Lengths | None = None,
+        lengths: ScalePrior | None = None,
     ) -> Bundle:
         """Planar bundle adjustment of one connected set of keyframes (sorted numbers)."""
         measured = self.measured(members, tracks)

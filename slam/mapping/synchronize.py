@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.inertial_scale import InertialReadings
 from backend.measurements import Attitude, Position, SlantRange
+from backend.preintegration import InertialReadings
 from slam.flight import AttitudeSeries, Flight, GeoOrigin, Imu, Sonar
 from slam.io.geodesy import enu_from_geodetic
 

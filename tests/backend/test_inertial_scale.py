@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from backend.inertial_scale import InertialReadings, InertialScale, inertial_scale
+from backend.inertial_scale import InertialScale, inertial_scale
 from backend.measurements import GRAVITY_M_S2
+from backend.preintegration import InertialReadings
 
 SCALE, DELAY_S = 1.3, -0.02
 OFFSET_M_S2, ARM_M = np.array([0.1, -0.2, -0.6]), np.array([-0.02, 0.03, 0.06])

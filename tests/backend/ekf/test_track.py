@@ -175,7 +175,7 @@ def consistency(seeds, model, rounds):
     return np.array(rows)
 
 
-def judge(rows):
+def assert_consistent(rows):
     """Two-sided: the late instant's chi-square over seeds in its 99.9 % band, the means near 1."""
     n = len(rows)
     low, high = chi2.ppf([0.0005, 0.9995], 6 * n) / (6 * n)
@@ -186,11 +186,11 @@ def judge(rows):
 
 
 def test_filter_is_consistent():
-    judge(consistency(range(8), KNOWN, rounds=0))
+    assert_consistent(consistency(range(8), KNOWN, rounds=0))
 
 
 def test_smoother_is_consistent_with_unknown_scales():
-    judge(consistency(range(100, 106), MODEL, rounds=3))
+    assert_consistent(consistency(range(100, 106), MODEL, rounds=3))
 
 
 @pytest.mark.slow
@@ -200,7 +200,7 @@ def test_consistent_over_fifty_seeds(model, rounds):
     low, high = chi2.ppf([0.025, 0.975], 6 * 50) / (6 * 50)
     print(f"late NEES {rows[:, 2].mean():.2f} of 6 in [{6 * low:.2f}, {6 * high:.2f}]")
     assert low < rows[:, 2].mean() / 6 < high
-    judge(rows)
+    assert_consistent(rows)
 
 
 def test_innovations_are_white_and_of_unit_variance():

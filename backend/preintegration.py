@@ -1,0 +1,53 @@
+"""Gyro and accelerometer between poses that are known: how the body turned meanwhile, where force takes it.
+
+Source: Forster et al. 2017 (T-RO 33), equation 33, for the integrals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class InertialReadings:
+    """Gyro and accelerometer in body axes; finite, in order of time."""
+
+    stamps_s: Array
+    """(k,)."""
+    gyro_rad_s: Array
+    """(k, 3)."""
+    accel_m_s2: Array
+    """(k, 3)."""
+
+
+def attitudes_between(at_s: Array, w_R_b: Array, imu_s: Array, gyro_rad_s: Array) -> Array:
+    """(k, 3, 3) at the readings: between poses the gyro's shape, so turned that it meets both."""
+    turned = integrated(imu_s, gyro_rad_s)
+    at_poses = np.column_stack([np.interp(at_s, imu_s, turned[:, a]) for a in range(3)])
+    piece = np.clip(np.searchsorted(at_s, imu_s, side="right") - 1, 0, len(at_s) - 2)
+    share = (imu_s - at_s[piece]) / (at_s[piece + 1] - at_s[piece])
+    within = turned - at_poses[piece] - share[:, None] * (at_poses[piece + 1] - at_poses[piece])
+    known = Rotation.from_matrix(w_R_b)
+    step = (known[:-1].inv() * known[1:]).as_rotvec()
+    found = known[piece] * Rotation.from_rotvec(share[:, None] * step[piece]) * Rotation.from_rotvec(within)
+    return np.asarray(found.as_matrix())
+
+
+def integrated(stamps_s: Array, values: Array) -> Array:
+    """Of readings (k, ...) at (k,), from the first one on: (k, ...), by trapezia."""
+    dt = np.diff(stamps_s).reshape(-1, *[1] * (values.ndim - 1))
+    steps = 0.5 * (values[1:] + values[:-1]) * dt
+    return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(steps, axis=0)])
+
+
+def integrated_twice(stamps_s: Array, values: Array, at_s: Array) -> Array:
+    """Of readings (k, ...), at other times (m,) within theirs: (m, ...)."""
+    once = integrated(stamps_s, values)
+    return np.asarray(CubicHermiteSpline(stamps_s, integrated(stamps_s, once), once)(at_s))

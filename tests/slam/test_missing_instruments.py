@@ -1,0 +1,143 @@
+"""The whole job on flights that lack an instrument, or have one that is off."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.evaluation import evaluate
+from slam.io.geodesy import geodetic_from_enu
+from slam.pipeline import optimize
+from tests.slam.small_flight import ORIGIN, flown, gps_of
+from tests.slam.whole_job import assert_whole, normal
+
+
+def test_without_sonar_the_shape_is_right_and_the_missing_scale_is_told():
+    flight = replace(flown(0), sonar=None, imu=None)
+    estimate = optimize(flight)
+    assert_whole(estimate)
+    assert "no metric scale" in estimate.status
+    assert estimate.status in estimate.warnings
+    assert np.median(estimate.w_T_b[:, 2, 3]) == pytest.approx(1.0, abs=0.05)
+    found = evaluate(estimate, flight)
+    assert found.ate_sim3_m.rmse < 1.5e-3
+    assert found.scale == pytest.approx(0.8, rel=0.03)
+
+
+def test_without_sonar_the_accelerometer_tells_how_long_a_metre_is():
+    flight = replace(flown(0), sonar=None)
+    estimate = optimize(flight)
+    assert_whole(estimate)
+    assert "lengths are the accelerometer's" in estimate.status
+    assert estimate.instruments.accelerometer.used
+    scale = evaluate(estimate, flight).to_json()["ate_sim3_m"]["scale"]
+    assert abs(scale - 1) < 3 * estimate.scale_std
+    assert estimate.scale_std < 0.06
+
+
+def test_an_accelerometer_that_contradicts_the_ranges_is_not_believed():
+    flight = flown(0)
+    sonar = replace(flight.sonar, scale_std=0.0)
+    estimate = optimize(replace(flight, sonar=replace(sonar, range_m=sonar.range_m / 2)))
+    assert any("one instrument is off" in line for line in estimate.warnings)
+    assert not estimate.instruments.accelerometer.used
+    assert estimate.instruments.accelerometer.scale == pytest.approx(2, rel=0.15)
+
+
+def test_without_attitude_the_pictures_alone_tell_the_tilt():
+    flight = replace(flown(0), attitude=None)
+    estimate = optimize(flight)
+    assert estimate.status == "ok"
+    found = evaluate(estimate, flight)
+    assert 3e-4 < found.ate_m.rmse < 3e-3
+    # Wide for one flight: what all its poses share (height, scale) is one draw. The next test is sharp.
+    assert 0.5 * found.nees.pose.lower95 < found.nees.pose.mean < 2 * found.nees.pose.upper95
+
+
+def test_missing_values_in_sonar_and_attitude_are_no_harm():
+    flight = flown(0)
+    angles, range_m = flight.attitude.roll_pitch_yaw_rad.copy(), flight.sonar.range_m.copy()
+    angles[200:260] = np.nan
+    angles[300:, 2] = np.nan
+    range_m[::3] = np.nan
+    range_m[100:140] = np.nan
+    broken = replace(
+        flight,
+        attitude=replace(flight.attitude, roll_pitch_yaw_rad=angles),
+        sonar=replace(flight.sonar, range_m=range_m),
+    )
+    estimate = optimize(broken)
+    assert estimate.status == "ok"
+    assert evaluate(estimate, broken).ate_m.rmse < 3e-3
+
+
+def test_a_sonar_that_reads_one_figure_only_is_told():
+    flight = flown(0)
+    stuck = replace(flight.sonar, range_m=np.full(len(flight.sonar.stamps_s), 0.8))
+    estimate = optimize(replace(flight, sonar=stuck))
+    assert any("reads exactly 0.8 m" in warning for warning in estimate.warnings)
+
+
+def test_streams_without_one_value_are_like_none():
+    flight = flown(0)
+    empty = replace(
+        flight,
+        attitude=replace(
+            flight.attitude, roll_pitch_yaw_rad=np.full((len(flight.attitude.stamps_s), 3), np.nan)
+        ),
+        sonar=replace(flight.sonar, range_m=np.full(len(flight.sonar.stamps_s), np.nan)),
+        gps=replace(
+            gps_of(flight, 0.1),
+            **dict.fromkeys(("latitude_deg", "longitude_deg", "altitude_m"), np.full(63, np.nan)),
+        ),
+    )
+    none = replace(flight, attitude=None, sonar=None)
+    one, other = (optimize(replace(f, imu=None)) for f in (empty, none))
+    assert one.w_T_b.tobytes() == other.w_T_b.tobytes()
+    assert one.status == other.status
+    assert "no metric scale" in one.status
+
+
+def test_gps_gives_place_heading_and_scale():
+    """Absolute errors of the size that the fixes' own noise leaves, inside the covariance."""
+    flight = replace(flown(0), sonar=None, attitude=None)
+    flight = replace(flight, gps=gps_of(flight, 0.05))
+    estimate = optimize(flight)
+    assert_whole(estimate)
+    assert estimate.status == "ok"
+    assert estimate.origin is not None
+    origin = flight.geo_origin()
+    east_north_up = np.array(geodetic_from_enu(np.zeros((1, 3)), origin)).ravel() - [
+        ORIGIN.latitude_deg,
+        ORIGIN.longitude_deg,
+        ORIGIN.altitude_m,
+    ]
+    assert np.abs(east_north_up[:2]).max() < 1e-4
+    truth = np.column_stack(
+        [np.interp(estimate.stamps_s, flight.truth.stamps_s, flight.truth.w_T_b[:, a, 3]) for a in range(3)]
+    )
+    first_fix = flight.truth.w_T_b[0, :3, 3]
+    off = estimate.w_T_b[:, :3, 3] - (truth - first_fix)
+    # The origin is the first fix, noise and all: what is left beside it is the map's own error.
+    within = np.linalg.norm(off - off.mean(axis=0), axis=1)
+    assert 1e-3 < np.sqrt(np.mean(within**2)) < 0.06
+    assert np.linalg.norm(off.mean(axis=0)) < 4 * 0.05
+
+
+def test_a_gps_that_stands_still_is_left_alone():
+    """A receiver that repeats one fix: told, and the map is what it is without."""
+    flight, without = normal()
+    stuck = gps_of(flight, 0.0)
+    n = len(stuck.stamps_s)
+    stuck = replace(
+        stuck, latitude_deg=np.full(n, 47.0), longitude_deg=np.full(n, 8.0), altitude_m=np.full(n, 400.0)
+    )
+    estimate = optimize(replace(flight, gps=stuck))
+    assert "no usable position" in estimate.status
+    assert estimate.origin is None
+    assert estimate.w_T_b.tobytes() == without.w_T_b.tobytes()
+    no_scale = optimize(replace(flight, gps=stuck, sonar=None))
+    assert np.isfinite(no_scale.covariances).all()
+    assert evaluate(no_scale, flight).ate_sim3_m.rmse < 1.5e-3

@@ -1,0 +1,66 @@
+"""The whole job on photographs: no order, no stamps of use, perhaps nothing that ties them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.pipeline import optimize
+from tests.slam.small_flight import elsewhere, flown, photographs
+from tests.slam.whole_job import assert_whole, refusal
+
+
+def test_photographs_without_gps_are_placed_in_any_order():
+    flight = flown(0)
+    order = np.random.default_rng(1).permutation(np.arange(0, 98, 3))
+    estimate = optimize(photographs([(flight, int(k)) for k in order]))
+    assert len(estimate.stamps_s) == 33
+    assert_whole(estimate)
+    assert "no metric scale" in estimate.status
+    there = np.array(
+        [
+            [
+                np.interp(flight.frames.stamps_s[k], flight.truth.stamps_s, flight.truth.w_T_b[:, a, 3])
+                for a in (0, 1)
+            ]
+            for k in order
+        ]
+    )
+    # The same picture up to a similarity of the plane: complex numbers, Horn's fit.
+    a, b = estimate.w_T_b[:, :2, 3] @ [1, 1j], there @ [1, 1j]
+    a, b = a - a.mean(), b - b.mean()
+    left = b - a * np.vdot(a, b) / np.vdot(a, a)
+    assert np.sqrt(np.mean(np.abs(left) ** 2)) < 2e-3
+
+
+@pytest.mark.parametrize("mixed", ["one after the other", "in turns"])
+def test_photographs_of_two_places_are_two_parts(mixed):
+    """In turns no picture overlaps the one before: only looking at all pairs finds who belongs together."""
+    here, there = flown(0), elsewhere()
+    photos = [(here, 3 * k) for k in range(12)] + [(there, 3 * k) for k in range(9)]
+    if mixed == "in turns":
+        photos = [pair for k in range(9) for pair in ((here, 3 * k), (there, 3 * k))] + photos[9:12]
+    estimate = optimize(photographs(photos))
+    belongs = np.array([0 if flight is here else 1 for flight, _ in photos])
+    assert np.array_equal(estimate.component, belongs)
+    assert "2 parts that no picture joins (12, 9 keyframes)" in estimate.status
+
+
+def test_a_photograph_that_belongs_to_nothing_is_left_out():
+    here, there = flown(0), elsewhere()
+    flight = photographs([(here, 3 * k) for k in range(8)] + [(there, 0)])
+    estimate = optimize(flight)
+    assert estimate.component.tolist() == [0] * 8 + [-1]
+    assert np.isnan(estimate.w_T_b[8]).all()
+    assert np.isnan(estimate.covariances[8]).all()
+    assert "1 keyframe shares too little ground with any other: not placed" in estimate.status
+    with_sonar = optimize(replace(flight, sonar=replace(here.sonar, stamps_s=here.sonar.stamps_s * 1.1)))
+    assert "no metric scale" not in with_sonar.status
+
+
+def test_photographs_that_do_not_overlap_are_refused():
+    message = refusal(photographs([(flown(0), 0), (elsewhere(), 0)]))
+    assert re.search(r"no two of 2 pictures could be joined \(1 x [a-z ]+\)", message)
