@@ -28,6 +28,9 @@ GAIN_STD = 0.2
 VIGNETTE_STD = 0.3
 HUBER = 0.1
 GAIN_LIMIT = 2.5
+GAIN_STEP, VIGNETTE_STEP = 1 / 256, 1 / 128
+"""Logarithms are rounded to these, a grey level at most: a change elsewhere leaves them as they are, to the
+last bit."""
 ROUNDS = 5
 
 
@@ -94,6 +97,9 @@ def estimate_exposure(samples: Samples, views: int) -> Exposure:
         residual = _residual(y + X @ theta, B, weight)
         size = np.sqrt((residual**2).mean(axis=1))
         weight = np.minimum(1, HUBER / np.maximum(size, 1e-9))
+    step = np.full((views + 2, 1), GAIN_STEP)
+    step[views:] = VIGNETTE_STEP
+    theta = np.round(theta / step) * step
     gain = np.clip(np.exp(theta[:views]), 1 / GAIN_LIMIT, GAIN_LIMIT)
     corrected = y + X @ theta
     after = _spread(corrected, B, np.ones(m))

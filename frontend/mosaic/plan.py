@@ -5,13 +5,11 @@ above, at the resolution of the mosaic. Owners are found once for the whole mosa
 cells, so that a tile can be rendered alone and still equals the same tile of the whole. Of many pictures
 of one spot (a hovering drone) only those are kept that see some ground clearly better than the ones kept
 before (greedy cover), so that the work grows with the ground and not with the flight.
-
-Pixel (r, c) of the mosaic has its centre at x = west_m + (c + 1/2) gsd_m, y = north_m - (r + 1/2) gsd_m.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import networkx as nx
@@ -19,14 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from frontend.mosaic.canvas import CELL_PX, Canvas, MosaicError, Tile, canvas_over
 from frontend.mosaic.view import Lattice, View, pixel_maps, view_of, visible
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
-CELL_PX = 16
-"""Side of the cells in which owners are found; a power of two, as the blending pyramid wants it."""
-TILE_PX = 1024
 POINTS_A_SIDE = 20
 """Exposure is sampled on about this many points along the side of a picture."""
 GOOD_ENOUGH = 0.6
@@ -37,35 +33,22 @@ CANVAS_RATIO = 4.0
 """Pictures apart from the rest are left out where the canvas would grow beyond this many times its parts."""
 
 
-class MosaicError(ValueError):
-    """No mosaic can be made of this: one line that says why."""
-
-
 @dataclass(frozen=True)
-class Tile:
-    """A rectangle of mosaic pixels."""
+class Sampling:
+    """Squares of the grid in whose middles pictures are compared for their exposure."""
 
-    row: int
-    col: int
-    """First pixel."""
-    rows: int
-    cols: int
+    pitch_px: int
+    squares: Tile
+    """Pixel where the first one begins, which may lie before the mosaic's first; and their number."""
 
 
-@dataclass(frozen=True)
-class MosaicPlan:
+@dataclass(frozen=True, kw_only=True)
+class MosaicPlan(Canvas):
     """The mosaic before a single picture is read."""
 
     camera: Camera
-    gsd_m: float
-    west_m: float
-    north_m: float
-    """Outer corner of the first pixel."""
-    width: int
-    height: int
-    """Pixels."""
     views: tuple[View, ...]
-    """The pictures that are needed."""
+    """The pictures that are needed, in the order of their poses."""
     owner: NDArray[np.int32]
     """(rows, cols) of cells: which of ``views`` owns each; -1 where none sees the ground."""
     redundant: int = 0
@@ -74,30 +57,17 @@ class MosaicPlan:
     """Pose number -> why its picture cannot be used."""
     note: str = ""
     """What was decided for the user, in one sentence; empty where nothing was."""
-    tile_px: int = TILE_PX
 
     @property
-    def tiles(self) -> Iterator[Tile]:
-        """All tiles, row by row."""
-        for row in range(0, self.height, self.tile_px):
-            for col in range(0, self.width, self.tile_px):
-                rows, cols = min(self.tile_px, self.height - row), min(self.tile_px, self.width - col)
-                yield Tile(row, col, rows, cols)
-
-    @property
-    def sampling_px(self) -> int:
-        """Pitch of the points at which pictures are compared for their exposure."""
+    def sampling(self) -> Sampling:
+        """About ``POINTS_A_SIDE`` along the side of a picture; doubled or halved, never shifted."""
         sides = [np.sqrt(np.prod(v.bounds_m[2:] - v.bounds_m[:2])) for v in self.views]
-        return max(CELL_PX, round(float(np.median(sides)) / self.gsd_m / POINTS_A_SIDE))
-
-    def cells_under(self, view: View) -> tuple[tuple[slice, slice], Lattice]:
-        """The cells under a picture, and their middles."""
-        return _cells_under(view, self.owner.shape, self.west_m, self.north_m, CELL_PX * self.gsd_m)
-
-    def lattice(self, row: int, col: int, rows: int, cols: int) -> Lattice:
-        """The pixel centres of a rectangle, which may reach beyond the mosaic."""
-        x, y = self.west_m + (col + 0.5) * self.gsd_m, self.north_m - (row + 0.5) * self.gsd_m
-        return Lattice(x, y, self.gsd_m, rows, cols)
+        cells = float(np.median(sides)) / self.gsd_m / POINTS_A_SIDE / CELL_PX
+        pitch = CELL_PX * 2 ** max(0, round(np.log2(cells)))
+        row, col = -(self.first_row % pitch), -(self.first_col % pitch)
+        return Sampling(
+            pitch, Tile(row, col, -(-(self.height - row) // pitch), -(-(self.width - col) // pitch))
+        )
 
 
 def plan_mosaic(
@@ -114,7 +84,7 @@ def plan_mosaic(
     have, made coarser until the mosaic has at most ``max_pixels``. ``leave_out`` names pictures not to use,
     with reasons.
 
-    Raises ``MosaicError`` where no picture sees the floor or a given ``gsd_m`` asks for over 4e9 pixels.
+    Raises ``MosaicError`` where no picture sees the floor or a given ``gsd_m`` asks for too many pixels.
     """
     left_out = dict(leave_out or {})
     views: list[View] = []
@@ -131,11 +101,12 @@ def plan_mosaic(
     if not views:
         reasons = ", ".join(sorted(set(left_out.values()))) or "there are none"
         raise MosaicError(f"no picture can be put into a mosaic: {reasons}")
-    gsd_m, west_m, north_m, width, height, note = _canvas(views, gsd_m, max_pixels)
-    kept, owner = _owners(camera, views, gsd_m, west_m, north_m, width, height)
+    canvas, note = canvas_over(views, gsd_m, max_pixels)
+    kept, owner = _owners(camera, views, canvas)
     return MosaicPlan(
-        camera, gsd_m, west_m, north_m, width, height, kept, owner, len(views) - len(kept), left_out, note
-    )
+        **vars(canvas), camera=camera, views=kept, owner=owner, redundant=len(views) - len(kept),
+        left_out=left_out, note=note,
+    )  # fmt: skip
 
 
 def _weights(camera: Camera, view: View, lattice: Lattice, gsd_m: float) -> Float32:
@@ -155,19 +126,16 @@ def _weights(camera: Camera, view: View, lattice: Lattice, gsd_m: float) -> Floa
     return np.where(touches, inside * nadir * np.minimum(1, gsd_m * resolution), 0).astype(np.float32)
 
 
-def _owners(
-    camera: Camera, views: list[View], gsd_m: float, west_m: float, north_m: float, width: int, height: int
-) -> tuple[tuple[View, ...], NDArray[np.int32]]:
+def _owners(camera: Camera, views: list[View], canvas: Canvas) -> tuple[tuple[View, ...], NDArray[np.int32]]:
     """The pictures to keep, and for each cell which of them owns it.
 
     A greedy cover: pictures are tried in the order of the ground that they see best.
     """
-    step = CELL_PX * gsd_m
-    shape = (-(-height // CELL_PX), -(-width // CELL_PX))
+    shape = canvas.cell_shape
 
     def look(view: View) -> tuple[tuple[slice, slice], Float32]:
-        where, lattice = _cells_under(view, shape, west_m, north_m, step)
-        return where, _weights(camera, view, lattice, gsd_m)
+        where, lattice = canvas.cells_under(view)
+        return where, _weights(camera, view, lattice, canvas.gsd_m)
 
     best = np.zeros(shape, np.float32)
     first = np.full(shape, -1, np.int32)
@@ -177,7 +145,7 @@ def _owners(
         best[where][better], first[where][better] = weight[better], i
     owned = np.bincount(first[first >= 0], minlength=len(views))
 
-    kept: list[View] = []
+    kept: list[int] = []
     reached = np.zeros(shape, np.float32)
     owner = np.full(shape, -1, np.int32)
     for i in np.argsort(-owned, kind="stable")[: np.count_nonzero(owned)]:
@@ -187,47 +155,13 @@ def _owners(
         only = (weight > 0) & (now == 0)
         if only.any() or needed.sum() > WORTH_KEEPING * np.count_nonzero(weight):
             better = weight > now
-            now[better], owner[where][better] = weight[better], len(kept)
-            kept.append(views[i])
-    return tuple(kept), owner
-
-
-def _cells_under(
-    view: View, shape: tuple[int, ...], west_m: float, north_m: float, step_m: float
-) -> tuple[tuple[slice, slice], Lattice]:
-    west, south, east, north = view.bounds_m
-    c0, r0 = max(0, int((west - west_m) / step_m)), max(0, int((north_m - north) / step_m))
-    c1 = min(shape[1], int((east - west_m) / step_m) + 1)
-    r1 = min(shape[0], int((north_m - south) / step_m) + 1)
-    lattice = Lattice(west_m + (c0 + 0.5) * step_m, north_m - (r0 + 0.5) * step_m, step_m, r1 - r0, c1 - c0)
-    return (slice(r0, r1), slice(c0, c1)), lattice
-
-
-def _canvas(
-    views: list[View], gsd_m: float | None, max_pixels: int
-) -> tuple[float, float, float, int, int, str]:
-    """Ground resolution, west and north end, width and height in pixels, and what to say about it."""
-    bounds = np.array([v.bounds_m for v in views])
-    (west, south), (east, north) = bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)
-    area = float((east - west) * (north - south))
-    note = ""
-    if gsd_m is None:
-        gsd_m = native = float(np.median([v.gsd_m for v in views]))
-        if area / gsd_m**2 > max_pixels:
-            # Whole pixels on all four sides may add a row and a column.
-            gsd_m = float(np.sqrt(area / max_pixels)) * (1 + 4 / np.sqrt(max_pixels))
-            note = (
-                f"the pictures have {native:.3g} m/pixel; the mosaic has {gsd_m:.3g} m/pixel to stay below "
-                f"{max_pixels / 1e6:.0f} megapixels"
-            )
-    elif area / gsd_m**2 > 4e9:
-        raise MosaicError(
-            f"{gsd_m:g} m/pixel would give {area / gsd_m**2:.2g} pixels over {east - west:.0f} x "
-            f"{north - south:.0f} m; choose {np.sqrt(area / 4e9):.2g} m/pixel or coarser"
-        )
-    left, top = np.floor(west / gsd_m), np.ceil(north / gsd_m)
-    width, height = int(np.ceil(east / gsd_m) - left), int(top - np.floor(south / gsd_m))
-    return gsd_m, float(left * gsd_m), float(top * gsd_m), max(width, 1), max(height, 1), note
+            now[better], owner[where][better] = weight[better], i
+            kept.append(int(i))
+    # By pose, not by rank: a picture whose rank changes shall not change how others overlap.
+    kept.sort()
+    number = np.full(len(views) + 1, -1, np.int32)
+    number[kept] = np.arange(len(kept))
+    return tuple(views[i] for i in kept), number[owner]
 
 
 def _without_strays(views: list[View]) -> tuple[list[View], dict[int, str]]:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.mosaic.canvas import CELL_PX
 from frontend.mosaic.exposure import Exposure
-from frontend.mosaic.plan import CELL_PX, MosaicPlan
+from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.view import Lattice, View, pixel_maps, view_of, visible
 
 Array = NDArray[np.float64]
@@ -93,10 +94,10 @@ def _seams(plan: MosaicPlan, exposure: Exposure) -> Float32:
     rows, cols = plan.owner.shape
     out = np.full((rows, cols), np.nan, np.float32)
     if len(exposure.point):
-        pitch = plan.sampling_px
-        sampled = np.full((-(-plan.height // pitch), -(-plan.width // pitch)), np.nan, np.float32)
+        pitch, squares = plan.sampling.pitch_px, plan.sampling.squares
+        sampled = np.full((squares.rows, squares.cols), np.nan, np.float32)
         sampled.ravel()[exposure.point] = exposure.point_seam
-        r = np.minimum((np.arange(rows) * CELL_PX + CELL_PX // 2) // pitch, sampled.shape[0] - 1)
-        c = np.minimum((np.arange(cols) * CELL_PX + CELL_PX // 2) // pitch, sampled.shape[1] - 1)
+        r = np.minimum((np.arange(rows) * CELL_PX + CELL_PX // 2 - squares.row) // pitch, squares.rows - 1)
+        c = np.minimum((np.arange(cols) * CELL_PX + CELL_PX // 2 - squares.col) // pitch, squares.cols - 1)
         out = sampled[np.ix_(r, c)]
     return np.where(plan.owner < 0, np.nan, out).astype(np.float32)

@@ -10,15 +10,18 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from hashlib import blake2b
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.mosaic.blending import REACH_PX, MultiBand
+from frontend.mosaic.canvas import CELL_PX, Tile
 from frontend.mosaic.exposure import Exposure, Samples, estimate_exposure
-from frontend.mosaic.plan import CELL_PX, MosaicPlan, Tile
-from frontend.mosaic.view import Lattice, pixel_maps, visible
+from frontend.mosaic.plan import MosaicPlan
+from frontend.mosaic.view import pixel_maps, visible
+from frontend.mosaic.window import SOFT_CELLS, fingerprint, owners_around, window_of
 from frontend.objection import objection
 
 Array = NDArray[np.float64]
@@ -26,9 +29,9 @@ Float32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
 Load = Callable[[int], "Image | None"]
 Report = Callable[[str, int, int], None]
+Earlier = Callable[[Tile, str], "Image | None"]
+"""The pixels that a tile with some fingerprint had in an earlier mosaic; None where it was in none."""
 
-SOFT_CELLS = 2
-"""Owners are smoothed over this many cells; a picture that ends early is replaced from as far."""
 DARK, BRIGHT = 3, 252
 """Grey levels beyond which a pixel tells nothing of the exposure."""
 
@@ -40,6 +43,10 @@ class RenderedTile:
     tile: Tile
     rgba: Image
     """(rows, cols, 4); alpha is 255 where a picture shows the floor and 0 elsewhere."""
+    fingerprint: str
+    """What it was made of: `frontend.mosaic.window`."""
+    kept: bool = False
+    """Taken from an earlier mosaic."""
 
 
 class Pictures:
@@ -49,6 +56,7 @@ class Pictures:
         self._plan, self._load, self._max_bytes = plan, load, max_mb * 1e6
         self._kept: OrderedDict[int, Image] = OrderedDict()
         self._bytes = 0
+        self._digests: dict[int, bytes] = {}
         self.unusable: dict[int, str] = {}
         """Pose number -> why its picture could not be used."""
 
@@ -72,11 +80,24 @@ class Pictures:
             h, w = picture.shape[:2]
             size = (max(2, round(w / ratio)), max(2, round(h / ratio)))
             picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+        self._digests[index] = _digest(picture)
         self._kept[index] = picture
         self._bytes += picture.nbytes
         while self._bytes > self._max_bytes and len(self._kept) > 1:
             self._bytes -= self._kept.popitem(last=False)[1].nbytes
         return picture
+
+    def digest(self, index: int) -> bytes:
+        """Of the picture of ``plan.views[index]``, its size included; of nothing where it is unusable."""
+        if index not in self._digests and self[index] is None:
+            return b""
+        return self._digests[index]
+
+
+def _digest(picture: Image) -> bytes:
+    made = blake2b(repr(picture.shape).encode(), digest_size=16)
+    made.update(picture.tobytes())
+    return made.digest()
 
 
 def _objection(picture: Image | None, size_px: tuple[int, int]) -> str:
@@ -93,14 +114,13 @@ def measure_exposure(plan: MosaicPlan, pictures: Pictures, report: Report | None
 
     Reads each picture once; those that cannot be used stand in ``pictures.unusable`` afterwards.
     """
-    pitch = plan.sampling_px
     parts: list[tuple[Array, ...]] = []
     for index in range(len(plan.views)):
         if report:
             report("exposure", index, len(plan.views))
         picture = pictures[index]
         if picture is not None:
-            parts.append(_brightness(plan, index, picture, pitch))
+            parts.append(_brightness(plan, index, picture))
     if report:
         report("exposure", len(plan.views), len(plan.views))
     if not parts:
@@ -110,13 +130,12 @@ def measure_exposure(plan: MosaicPlan, pictures: Pictures, report: Report | None
     return estimate_exposure(samples, len(plan.views))
 
 
-def _brightness(plan: MosaicPlan, index: int, picture: Image, pitch: int) -> tuple[Array, ...]:
+def _brightness(plan: MosaicPlan, index: int, picture: Image) -> tuple[Array, ...]:
     """Point, view, rho^2 and log brightness of one picture on the mosaic's lattice of sampling points."""
     camera, view = plan.camera, plan.views[index]
-    rows, cols = -(-plan.height // pitch), -(-plan.width // pitch)
-    r0, r1, c0, c1 = _window(plan, view.bounds_m, pitch, rows, cols)
-    lattice = plan.lattice(r0 * pitch + pitch // 2, c0 * pitch + pitch // 2, r1 - r0, c1 - c0)
-    lattice = Lattice(lattice.x0_m, lattice.y0_m, plan.gsd_m * pitch, lattice.rows, lattice.cols)
+    pitch, squares = plan.sampling.pitch_px, plan.sampling.squares
+    r0, r1, c0, c1 = plan.squares_under(view, squares, pitch)
+    lattice = plan.lattice(squares.row + r0 * pitch, squares.col + c0 * pitch, r1 - r0, c1 - c0, pitch)
     seen, _, _ = visible(view, lattice)
     u, v = pixel_maps(camera, view, lattice)
     sx, sy = picture.shape[1] / camera.size_px[0], picture.shape[0] / camera.size_px[1]
@@ -131,7 +150,7 @@ def _brightness(plan: MosaicPlan, index: int, picture: Image, pitch: int) -> tup
     )
     good = seen & (inside >= side // 2) & (share > 0.9)
     r, c = np.nonzero(good)
-    point = (r + r0) * cols + c + c0
+    point = (r + r0) * squares.cols + c + c0
     log_bgr = np.log(np.maximum(bgr[good], 1.0).astype(float))
     return (
         point.astype(float),
@@ -139,15 +158,6 @@ def _brightness(plan: MosaicPlan, index: int, picture: Image, pitch: int) -> tup
         _rho2(plan, u[good], v[good]).astype(float),
         log_bgr,
     )
-
-
-def _window(plan: MosaicPlan, bounds_m: Array, pitch: int, rows: int, cols: int) -> tuple[int, int, int, int]:
-    """First and last+1 row and column of the pitch lattice under some ground."""
-    west, south, east, north = bounds_m
-    step = pitch * plan.gsd_m
-    r0, r1 = int((plan.north_m - north) / step), int((plan.north_m - south) / step) + 1
-    c0, c1 = int((west - plan.west_m) / step), int((east - plan.west_m) / step) + 1
-    return max(r0, 0), min(r1, rows), max(c0, 0), min(c1, cols)
 
 
 def _rho2(plan: MosaicPlan, u: Float32, v: Float32) -> Float32:
@@ -158,28 +168,36 @@ def _rho2(plan: MosaicPlan, u: Float32, v: Float32) -> Float32:
 
 
 def render_tiles(
-    plan: MosaicPlan, pictures: Pictures, exposure: Exposure, report: Report | None = None
+    plan: MosaicPlan,
+    pictures: Pictures,
+    exposure: Exposure,
+    report: Report | None = None,
+    earlier: Earlier | None = None,
 ) -> Iterator[RenderedTile]:
-    """All tiles of the plan, row by row."""
+    """All tiles of the plan, row by row; those whose fingerprint ``earlier`` knows are not rendered."""
     tiles = list(plan.tiles)
     for done, tile in enumerate(tiles):
         if report:
             report("mosaic", done, len(tiles))
-        yield render_tile(plan, tile, pictures, exposure)
+        mark = fingerprint(plan, tile, pictures.digest, exposure)
+        old = earlier(tile, mark) if earlier else None
+        if old is not None:
+            yield RenderedTile(tile, old, mark, kept=True)
+        else:
+            yield RenderedTile(tile, render_tile(plan, tile, pictures, exposure), mark)
     if report:
         report("mosaic", len(tiles), len(tiles))
 
 
-def render_tile(plan: MosaicPlan, tile: Tile, pictures: Pictures, exposure: Exposure) -> RenderedTile:
-    """One tile; the same pixels whichever other tiles are rendered."""
-    rows, cols = (-(-n // CELL_PX) * CELL_PX + 2 * REACH_PX for n in (tile.rows, tile.cols))
-    window = Tile(tile.row - REACH_PX, tile.col - REACH_PX, rows, cols)
+def render_tile(plan: MosaicPlan, tile: Tile, pictures: Pictures, exposure: Exposure) -> Image:
+    """(rows, cols, 4) of one tile; the same pixels whichever other tiles are rendered."""
+    window = window_of(tile)
     owner = _pixel_owners(plan, window, pictures)
     inner = (slice(REACH_PX, REACH_PX + tile.rows), slice(REACH_PX, REACH_PX + tile.cols))
     rgba = np.zeros((tile.rows, tile.cols, 4), np.uint8)
     present = np.unique(owner[owner >= 0])
     if (owner[inner] >= 0).any():
-        band = MultiBand(rows, cols)
+        band = MultiBand(window.rows, window.cols)
         for index in present:
             mask = owner == index
             r0, r1, c0, c1 = _reach(mask)
@@ -194,7 +212,7 @@ def render_tile(plan: MosaicPlan, tile: Tile, pictures: Pictures, exposure: Expo
         bgr = np.clip(np.rint(band.blend()[inner]), 0, 255)
         rgba[covered, :3] = bgr[covered][:, ::-1]
         rgba[covered, 3] = 255
-    return RenderedTile(tile, rgba)
+    return rgba
 
 
 def _pixel_owners(plan: MosaicPlan, window: Tile, pictures: Pictures) -> NDArray[np.int32]:
@@ -202,7 +220,7 @@ def _pixel_owners(plan: MosaicPlan, window: Tile, pictures: Pictures) -> NDArray
 
     Cell owners are smoothed to soft memberships; the strongest among the views that truly see the pixel wins.
     """
-    cells = _cells(plan, window)
+    cells = owners_around(plan, window)
     pad = SOFT_CELLS + 1
     owner = np.full((window.rows, window.cols), -1, np.int32)
     strongest = np.zeros(owner.shape, np.float32)
@@ -233,18 +251,6 @@ def _pixel_owners(plan: MosaicPlan, window: Tile, pictures: Pictures) -> NDArray
         here[wins] = member[wins]
         owner[a:b, d:e][wins] = index
     return owner
-
-
-def _cells(plan: MosaicPlan, window: Tile) -> NDArray[np.int32]:
-    """Owners of the cells under the window and ``SOFT_CELLS`` + 1 around it; -1 beyond the mosaic."""
-    pad = SOFT_CELLS + 1
-    r0, c0 = window.row // CELL_PX - pad, window.col // CELL_PX - pad
-    rows, cols = window.rows // CELL_PX + 2 * pad, window.cols // CELL_PX + 2 * pad
-    cells = np.full((rows, cols), -1, np.int32)
-    a, b = max(r0, 0), min(r0 + rows, plan.owner.shape[0])
-    d, e = max(c0, 0), min(c0 + cols, plan.owner.shape[1])
-    cells[a - r0 : b - r0, d - c0 : e - c0] = plan.owner[a:b, d:e]
-    return cells
 
 
 def _reach(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:

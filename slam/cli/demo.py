@@ -34,7 +34,7 @@ def demo(
         evaluation = evaluate(estimate, flight)
         tables = accuracy_tables(evaluation)
         write_evaluation(folder, evaluation)
-        results = write_results(folder, estimate, flight, MosaicWish(), progress, tables)
+        results = write_results(folder, estimate, flight, MosaicWish(earlier=out), progress, tables)
     screen.print(outcome(results.facts, results.summary))
     for table in tables:
         screen.print(shown(table))

@@ -43,7 +43,7 @@ def optimize(
     if len(sources) == 1 and kind_of(sources[0]) == "graph":
         results = _graph(sources[0], out, screen)
     else:
-        results = _flights(sources, out, MosaicWish(mosaic, gsd), config, features, screen)
+        results = _flights(sources, out, MosaicWish(mosaic, gsd, out), config, features, screen)
     screen.print(outcome(results.facts, results.summary))
     first = [out / "report.html", out / "mosaic.png"]
     screen.print(written([path for path in first if path.exists()]), soft_wrap=True)

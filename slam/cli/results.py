@@ -26,6 +26,8 @@ class MosaicWish:
     wanted: bool = True
     gsd_m: float | None = None
     """Metres a pixel; None leaves it to the mosaic."""
+    earlier: Path | None = None
+    """An output whose tiles are taken where nothing that they show has changed."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ def _write_mosaics(
     folder: Path, estimate: Estimate, flight: Flight, wish: MosaicWish, progress: Progress
 ) -> tuple[Mosaics, tuple[str, ...]]:
     """The map, and the chain's beside it; a map that cannot be drawn is told and costs nothing else."""
-    from frontend.mosaic.plan import MosaicError
+    from frontend.mosaic.canvas import MosaicError
     from slam.rasters.mosaic import write_mosaic
 
     if not wish.wanted:
@@ -89,7 +91,8 @@ def _write_mosaics(
         return Mosaics(), ("no mosaic: no keyframe could be placed",)
     before: Path | None = None
     try:
-        made = write_mosaic(estimate, flight, folder, wish.gsd_m, progress)
+        earlier = wish.earlier / "mosaic.tif" if wish.earlier else None
+        made = write_mosaic(estimate, flight, folder, wish.gsd_m, progress, earlier=earlier)
     except InputError as refusal:
         if not isinstance(refusal.__context__, MosaicError):
             raise
@@ -97,6 +100,8 @@ def _write_mosaics(
     notes = [f"mosaic: {count} keyframes left out: {reason}" for reason, count in made.left_out.items()]
     if made.note:
         notes.append(f"mosaic: {made.note}")
+    if made.kept:
+        notes.append(f"mosaic: {made.kept} of {made.tiles} tiles are those of the earlier one, unchanged")
     try:
         chain, gsd_m = chain_on_result(estimate), made.png_gsd_m
         before = write_mosaic(

@@ -12,13 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.mosaic.canvas import MosaicError, Tile
 from frontend.mosaic.exposure import Exposure
-from frontend.mosaic.plan import MosaicError, MosaicPlan, plan_mosaic
+from frontend.mosaic.plan import MosaicPlan, plan_mosaic
 from frontend.mosaic.render import Pictures, measure_exposure, render_tiles
 from slam.errors import NO_CAMERA, InputError
 from slam.estimate import Estimate
 from slam.flight import Flight, Image
-from slam.io.geotiff import Block, Grid, write_geotiff, write_png
+from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, write_geotiff, write_png
 from slam.progress import Progress, silent
 from slam.rasters.quality import write_quality
 
@@ -58,6 +59,9 @@ class MosaicFiles:
     """The same after exposure and vignetting were compensated."""
     note: str
     """What was decided for the user; empty where nothing was."""
+    tiles: int
+    kept: int
+    """Tiles whose pixels were taken from the earlier mosaic: nothing that they show has changed."""
 
 
 def write_mosaic(
@@ -69,11 +73,16 @@ def write_mosaic(
     poses: Array | None = None,
     stem: str = "mosaic",
     picture_only: bool = False,
+    earlier: Path | None = None,
 ) -> MosaicFiles:
     """Render the keyframes over the floor into ``stem``.tif, .png, .pgw and _quality.tif, or the PNG alone.
 
     ``poses`` (n, 4, 4) replace the optimized ones (to show the chain beside them). Parts of the graph that
     are tied to nothing have no place relative to the largest one: without GPS only the largest is drawn.
+
+    Tiles that the GeoTIFF ``earlier`` has already, made of the same pictures at the same places in the same
+    way, are taken from it; the files come out the same as without it. Where none is given it is the one that
+    stands in ``out_dir`` and is replaced; one that is missing, foreign or damaged gives nothing.
 
     Raises ``InputError`` where there is no camera or picture, where no picture sees the floor, or where the
     disk refuses; the files of an earlier run then stand as they were.
@@ -105,7 +114,10 @@ def write_mosaic(
             plan = plan_mosaic(camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out)
     except MosaicError as error:
         raise InputError(f"{flight.name}: {error}") from None
-    return _write(plan, pictures, exposure, estimate, out_dir, progress, stem, picture_only)
+    return _write(
+        plan, pictures, exposure, estimate, out_dir, progress, stem, picture_only,
+        earlier or out_dir / f"{stem}.tif",
+    )  # fmt: skip
 
 
 def _write(
@@ -117,6 +129,7 @@ def _write(
     progress: Progress,
     stem: str,
     picture_only: bool,
+    earlier: Path,
 ) -> MosaicFiles:
     """All files of one mosaic are complete before the first takes its place."""
     grid = Grid(plan.west_m, plan.north_m, plan.gsd_m, plan.width, plan.height, estimate.origin)
@@ -125,7 +138,9 @@ def _write(
         with tempfile.TemporaryDirectory(prefix=f".{stem}-", dir=out_dir) as name:
             work = Path(name)
             tif, png = work / f"{stem}.tif", work / f"{stem}.png"
-            write_geotiff(tif, grid, _blocks(plan, pictures, exposure, _stage(progress, stem)))
+            with earlier_blocks(earlier) as known:
+                tiles = _Tiles(plan, pictures, exposure, known, _stage(progress, stem))
+                write_geotiff(tif, grid, tiles.blocks())
             png_gsd_m = write_png(tif, png, MAX_PNG_PIXELS, world_file=not picture_only)
             if picture_only:
                 tif.unlink()
@@ -152,12 +167,30 @@ def _write(
         seam_before=exposure.seam_before,
         seam_after=exposure.seam_after,
         note=plan.note,
+        tiles=tiles.drawn + tiles.kept,
+        kept=tiles.kept,
     )
 
 
-def _blocks(plan: MosaicPlan, pictures: Pictures, exposure: Exposure, progress: Progress) -> Iterator[Block]:
-    for done in render_tiles(plan, pictures, exposure, progress):
-        yield Block(done.tile.row, done.tile.col, done.rgba)
+@dataclass
+class _Tiles:
+    """The mosaic's pixels, tile by tile, and how many were rendered for it."""
+
+    plan: MosaicPlan
+    pictures: Pictures
+    exposure: Exposure
+    known: EarlierBlock
+    progress: Progress
+    drawn: int = 0
+    kept: int = 0
+
+    def blocks(self) -> Iterator[Block]:
+        def earlier(tile: Tile, mark: str) -> Image | None:
+            return self.known(mark, (tile.rows, tile.cols))
+
+        for done in render_tiles(self.plan, self.pictures, self.exposure, self.progress, earlier):
+            self.kept, self.drawn = self.kept + done.kept, self.drawn + (not done.kept)
+            yield Block(done.tile.row, done.tile.col, done.rgba, done.fingerprint)
 
 
 def _stage(progress: Progress, stem: str) -> Progress:

@@ -134,6 +134,16 @@ def test_a_second_run_replaces_the_first_with_the_same(flight, done, tmp_path):
         assert (again / name).read_bytes() == (done / name).read_bytes()
 
 
+def test_a_second_run_renders_no_tile_that_the_first_one_has(flight, done, tmp_path):
+    again = shutil.copytree(done, tmp_path / "out")
+    assert run("optimize", flight, "--out", again).exit_code == 0
+    assert (again / "mosaic.tif").read_bytes() == (done / "mosaic.tif").read_bytes()
+    told = [w for w in json.loads((again / "summary.json").read_text())["warnings"] if "tiles" in w]
+    assert len(told) == 1
+    kept, tiles = re.match(r"mosaic: (\d+) of (\d+) tiles are those of the earlier one", told[0]).groups()
+    assert kept == tiles
+
+
 def test_evaluate_adds_its_files_and_leaves_the_rest(flight, done, tmp_path):
     out = shutil.copytree(done, tmp_path / "out")
     result = run("evaluate", out, "--truth", flight)

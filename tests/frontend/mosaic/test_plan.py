@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 
 import cv2
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 
 from frontend.camera import Camera
-from frontend.mosaic.plan import CELL_PX, GOOD_ENOUGH, MosaicError, plan_mosaic
+from frontend.mosaic.canvas import CELL_PX, MosaicError
+from frontend.mosaic.plan import GOOD_ENOUGH, MosaicPlan, plan_mosaic
 from frontend.mosaic.view import Lattice, View, pixel_maps, view_of
 from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, pose, survey
 
@@ -102,10 +104,44 @@ def test_canvas_holds_every_footprint_and_lies_on_whole_pixels() -> None:
     high = np.array([plan.west_m + plan.width * plan.gsd_m, plan.north_m])
     assert (corners.min(axis=0) >= low - 1e-9).all()
     assert (corners.max(axis=0) <= high + 1e-9).all()
-    assert (corners.min(axis=0) - low < plan.gsd_m + 1e-9).all()
-    assert np.array([plan.west_m, plan.north_m]) / 0.013 == pytest.approx(
-        np.round(np.array([plan.west_m, plan.north_m]) / 0.013), abs=1e-6
-    )
+    # Whole cells to the west and north, whole pixels to the south and east.
+    spare = np.array([corners[:, 0].min() - low[0], high[1] - corners[:, 1].max()])
+    assert (spare < CELL_PX * plan.gsd_m + 1e-9).all()
+    spare = np.array([high[0] - corners[:, 0].max(), corners[:, 1].min() - low[1]])
+    assert (spare < plan.gsd_m + 1e-9).all()
+    assert plan.first_row % CELL_PX == plan.first_col % CELL_PX == 0
+
+
+def test_a_canvas_that_grows_keeps_its_tiles_and_points() -> None:
+    poses = survey(1)
+    plan = plan_mosaic(CAMERA, poses, FLOOR_Z_M, gsd_m=0.013)
+    grown = plan_mosaic(CAMERA, np.concatenate([poses, [pose(-4.1, 3.3, 2)]]), FLOOR_Z_M, gsd_m=0.013)
+    assert grown.first_row < plan.first_row
+    assert grown.first_col < plan.first_col
+
+    def places(plan: MosaicPlan) -> set[tuple[int, ...]]:
+        return {
+            (plan.first_row + t.row, plan.first_col + t.col, t.rows, t.cols)
+            for t in dataclasses.replace(plan, tile_px=64).tiles
+            if min(t.row, t.col) > 0
+        }
+
+    kept = places(plan) & places(grown)
+    assert len(kept) > 0.6 * len(places(plan))
+    assert sum(rows * cols for *_, rows, cols in places(plan)) < plan.width * plan.height
+    assert plan.sampling.pitch_px == grown.sampling.pitch_px
+    for each in (plan, grown):
+        squares, pitch = each.sampling.squares, each.sampling.pitch_px
+        assert (each.first_row + squares.row) % pitch == (each.first_col + squares.col) % pitch == 0
+    # The same pixel has the same place, to the last bit.
+    down, right = plan.first_row - grown.first_row, plan.first_col - grown.first_col
+    assert plan.lattice(7, 9, 2, 2) == grown.lattice(7 + down, 9 + right, 2, 2)
+
+
+def test_default_resolution_does_not_follow_every_picture() -> None:
+    few = {plan_mosaic(CAMERA, survey(seed), FLOOR_Z_M).gsd_m for seed in range(12)}
+    assert len(few) <= 4
+    assert all(gsd_m == float(f"{gsd_m:.1e}") for gsd_m in few)
 
 
 def test_default_resolution_gives_way_to_the_pixel_budget_and_says_so() -> None:
@@ -113,9 +149,9 @@ def test_default_resolution_gives_way_to_the_pixel_budget_and_says_so() -> None:
     free = plan_mosaic(CAMERA, poses, FLOOR_Z_M)
     assert free.note == ""
     assert free.gsd_m == pytest.approx(0.01, rel=0.1)
-    for budget in (20_000, 5_000, 300):
+    for budget in (60_000, 20_000, 8_000):
         tight = plan_mosaic(CAMERA, poses, FLOOR_Z_M, max_pixels=budget)
-        assert 0.6 * budget < tight.width * tight.height <= budget
+        assert 0.5 * budget < tight.width * tight.height <= budget
         assert f"{tight.gsd_m:.3g} m/pixel" in tight.note
     with pytest.raises(MosaicError, match="coarser"):
         plan_mosaic(CAMERA, poses, FLOOR_Z_M, gsd_m=1e-6)

@@ -7,7 +7,8 @@ import pytest
 
 from backend import se3
 from frontend.camera import Camera
-from frontend.mosaic.plan import CELL_PX, plan_mosaic
+from frontend.mosaic.canvas import CELL_PX
+from frontend.mosaic.plan import plan_mosaic
 from frontend.mosaic.quality import ground_std, mosaic_quality
 from frontend.mosaic.render import Pictures, measure_exposure
 from frontend.mosaic.view import Lattice, View, view_of

@@ -1,0 +1,157 @@
+"""Where a mosaic lies on the floor: whole pixels of a grid that covers the whole plane.
+
+Column 0 of that grid begins at x = 0 and row 0 at y = 0, columns count to the east and rows to the south.
+Cells, tiles and sampling points are cut out of it too, so that a mosaic that grows keeps those it has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.mosaic.view import Lattice, View
+
+Array = NDArray[np.float64]
+
+CELL_PX = 16
+"""Side of the cells in which owners are found; a power of two, as the blending pyramid wants it."""
+TILE_PX = 1024
+"""A multiple of the cell's side."""
+MAX_PIXELS = 4e9
+MIN_BUDGET_PX = 4 * CELL_PX**2
+"""Whole cells on two sides may need as many."""
+
+
+class MosaicError(ValueError):
+    """No mosaic can be made of this: one line that says why."""
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A rectangle of mosaic pixels."""
+
+    row: int
+    col: int
+    """First pixel."""
+    rows: int
+    cols: int
+
+
+@dataclass(frozen=True)
+class Canvas:
+    """The rectangle of the grid that the mosaic fills.
+
+    Pixel (r, c) has its centre at x = (first_col + c + 1/2) gsd_m, y = -(first_row + r + 1/2) gsd_m.
+    """
+
+    gsd_m: float
+    first_row: int
+    first_col: int
+    """Place in the grid, in pixels; multiples of ``CELL_PX``."""
+    width: int
+    height: int
+    """Pixels."""
+    tile_px: int = TILE_PX
+
+    @property
+    def west_m(self) -> float:
+        """Outer corner of the first pixel."""
+        return self.first_col * self.gsd_m
+
+    @property
+    def north_m(self) -> float:
+        """Outer corner of the first pixel."""
+        return -self.first_row * self.gsd_m
+
+    @property
+    def tiles(self) -> Iterator[Tile]:
+        """All tiles, row by row; the first and last of a row may be cut off."""
+        for row, rows in _cut(self.first_row, self.height, self.tile_px):
+            for col, cols in _cut(self.first_col, self.width, self.tile_px):
+                yield Tile(row, col, rows, cols)
+
+    @property
+    def cell_shape(self) -> tuple[int, int]:
+        """Rows and columns of cells; the last ones may be cut off."""
+        return -(-self.height // CELL_PX), -(-self.width // CELL_PX)
+
+    def lattice(self, row: int, col: int, rows: int, cols: int, pitch_px: int = 1) -> Lattice:
+        """Middles of squares of ``pitch_px`` from a pixel on; the rectangle may reach beyond the mosaic."""
+        # Of whole numbers: the same to the last bit whatever canvas the pixel is a part of.
+        x = (self.first_col + col + pitch_px / 2) * self.gsd_m
+        y = -(self.first_row + row + pitch_px / 2) * self.gsd_m
+        return Lattice(x, y, self.gsd_m * pitch_px, rows, cols)
+
+    def cells_under(self, view: View) -> tuple[tuple[slice, slice], Lattice]:
+        """The cells under a picture, and their middles."""
+        r0, r1, c0, c1 = self.squares_under(view, Tile(0, 0, *self.cell_shape), CELL_PX)
+        lattice = self.lattice(r0 * CELL_PX, c0 * CELL_PX, r1 - r0, c1 - c0, CELL_PX)
+        return (slice(r0, r1), slice(c0, c1)), lattice
+
+    def squares_under(self, view: View, squares: Tile, pitch_px: int) -> tuple[int, int, int, int]:
+        """First and last+1 row and column under a picture, of squares that begin at a pixel (row, col)."""
+        west, south, east, north = view.bounds_m / (pitch_px * self.gsd_m)
+        left = (self.first_col + squares.col) / pitch_px
+        top = (self.first_row + squares.row) / pitch_px
+        r0, r1 = int(-north - top), int(-south - top) + 1
+        c0, c1 = int(west - left), int(east - left) + 1
+        return max(r0, 0), min(r1, squares.rows), max(c0, 0), min(c1, squares.cols)
+
+
+def canvas_over(views: Sequence[View], gsd_m: float | None, max_pixels: int) -> tuple[Canvas, str]:
+    """The canvas that holds all views, and what to say about its resolution.
+
+    Where no ``gsd_m`` is given it is the median of what the pictures have, coarser where that would be too
+    many pixels, in two digits: a picture more or less changes nothing.
+
+    Raises ``MosaicError`` where a given one asks for over ``MAX_PIXELS``.
+    """
+    bounds = np.array([v.bounds_m for v in views])
+    extent = np.concatenate([bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)])
+    if gsd_m is not None:
+        size_m = extent[2:] - extent[:2]
+        if (pixels := float(np.prod(size_m)) / gsd_m**2) > MAX_PIXELS:
+            raise MosaicError(
+                f"{gsd_m:g} m/pixel would give {pixels:.2g} pixels over {size_m[0]:.0f} x {size_m[1]:.0f} m; "
+                f"choose {gsd_m * np.sqrt(pixels / MAX_PIXELS):.2g} m/pixel or coarser"
+            )
+        return _canvas(extent, gsd_m), ""
+    native = _two_digits(float(np.median([v.gsd_m for v in views])))
+    canvas = _canvas(extent, native)
+    budget = max(max_pixels, MIN_BUDGET_PX)
+    while (times := canvas.width * canvas.height / budget) > 1:
+        coarser = _two_digits(canvas.gsd_m * float(np.sqrt(times)))
+        if coarser <= canvas.gsd_m:
+            coarser = _two_digits(1.1 * canvas.gsd_m)
+        canvas = _canvas(extent, coarser)
+    note = ""
+    if canvas.gsd_m != native:
+        note = (
+            f"the pictures have {native:.3g} m/pixel; the mosaic has {canvas.gsd_m:.3g} m/pixel to stay "
+            f"below {max_pixels / 1e6:.0f} megapixels"
+        )
+    return canvas, note
+
+
+def _canvas(extent_m: Array, gsd_m: float) -> Canvas:
+    """Whole cells to the west and north, whole pixels to the east and south."""
+    west, south, east, north = extent_m / gsd_m
+    col, row = (int(np.floor(at / CELL_PX)) * CELL_PX for at in (west, -north))
+    width, height = max(int(np.ceil(east)) - col, 1), max(int(np.ceil(-south)) - row, 1)
+    return Canvas(gsd_m, row, col, width, height)
+
+
+def _two_digits(value: float) -> float:
+    return float(f"{value:.1e}")
+
+
+def _cut(first: int, size: int, step: int) -> Iterator[tuple[int, int]]:
+    """Begin and length of the pieces of ``size`` pixels, cut at the grid's multiples of ``step``."""
+    begin = 0
+    while begin < size:
+        end = min((first + begin) // step * step + step - first, size)
+        yield begin, end - begin
+        begin = end
