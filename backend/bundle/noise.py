@@ -88,16 +88,15 @@ def estimate_noise(
     residuals = _linearise(problem, values, std_px, used)
     whitened = residuals.pixel / std_px[:, None]
     # Far off is told by the noise found where it is larger: what was told may be several times too small.
-    limit = problem.config.drop_sigmas * max(1.0, _spread(problem, residuals, whitened, noise, used))
-    used = used & (np.linalg.norm(whitened, axis=1) < limit)
+    spread = _spread(problem, residuals, whitened, noise, noise.relief, used)
+    used = used & (np.linalg.norm(whitened, axis=1) < problem.config.drop_sigmas * max(1.0, spread))
     seen = np.bincount(tracks.track[used], minlength=len(residuals.relief))
     used = used & (seen[tracks.track] >= 2)
-    spread = _spread(problem, residuals, whitened, noise, used)
+    relief = _estimate_relief(residuals, noise.relief, seen >= 2)
+    spread = _spread(problem, residuals, whitened, noise, relief, used)
     spread *= np.sqrt(colour_along_tracks(tracks, whitened, used))
     pixel_scale = noise.pixel_scale * float(np.clip(spread, 0.2, 5.0))
-    level = replace(
-        noise, pixel_scale=pixel_scale, relief=_estimate_relief(residuals, noise.relief, seen >= 2)
-    )
+    level = replace(noise, pixel_scale=pixel_scale, relief=relief)
     return _sensor_noise(problem, values, level), used
 
 
@@ -106,15 +105,23 @@ def _spread(
     residuals: _Residuals,
     whitened: Array,
     noise: NoiseLevels,
+    relief: float,
     used: NDArray[np.bool_],
 ) -> float:
-    """Standard deviation of the whitened noise behind the residuals that the fit has left of it."""
-    seen = np.bincount(problem.tracks.track[used], minlength=len(residuals.relief)) >= 2
-    # Each point takes two parameters from the residuals and as much of a third as the relief leaves free.
-    free_z = residuals.relief_information / (residuals.relief_information + 1.0 / noise.relief**2)
-    spent = 2 * int(seen.sum()) + float(free_z[seen].sum()) + 6 * problem.measurements.count
-    freedom = max(1.0, 2 * float(used.sum()) - spent)
-    return huber_std(whitened[used], problem.config.huber_sigmas) * float(np.sqrt(2 * used.sum() / freedom))
+    """Standard deviation of the whitened noise behind the residuals that a fit with ``noise`` has left of it,
+    over a floor of this relief."""
+    track = problem.tracks.track[used]
+    seen = np.bincount(track, minlength=len(residuals.relief))
+    # A point's place takes its share of each of its residuals, half of it where two pictures see the point:
+    # evened out first, for a mixture of spreads would look like one with tails.
+    evened = whitened[used] * np.sqrt(seen / np.maximum(seen - 1, 1))[track][:, None]
+    # The poses take six numbers each from what is left; a height what it could follow of the noise: all that
+    # there is where it was held to ``noise.relief``, more than that where the floor is flatter.
+    held = 1.0 / (1.0 + residuals.relief_information * noise.relief**2)
+    left_z = held**2 * (1.0 + residuals.relief_information * relief**2)
+    left = 2 * float((seen[seen >= 2] - 1).sum())
+    freedom = max(1.0, left - float((1.0 - left_z)[seen >= 2].sum()) - 6 * problem.measurements.count)
+    return huber_std(evened, problem.config.huber_sigmas) * float(np.sqrt(left / freedom))
 
 
 def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLevels) -> NoiseLevels:
@@ -168,15 +175,18 @@ def colour_along_tracks(
     if long.sum() < 100:
         return 1.0
     variance = float(np.mean(residual[long] ** 2))
-    total = 1.0
+    excess, chance = 0.0, 0.0
     for lag in range(1, lags + 1):
         pair = (track[lag:] == track[:-lag]) & long[lag:]
         if pair.sum() < 50:
             break
         alike = float(np.mean(residual[lag:][pair] * residual[:-lag][pair])) / variance
         alike += float(np.mean(1.0 / length[track[lag:]][pair]))
-        total += 2.0 * max(0.0, alike) * float(pair.sum()) / float(long.sum())
-    return total
+        share = float(pair.sum()) / float(long.sum())
+        excess += 2.0 * max(0.0, alike) * share
+        chance += (2.0 * share) ** 2 / (2 * float(pair.sum()))
+    # Errors that are independent look a little alike by chance.
+    return 1.0 + excess if excess > 2.0 * np.sqrt(chance) else 1.0
 
 
 def _estimate_relief(residuals: _Residuals, start: float, seen: NDArray[np.bool_]) -> float:

@@ -90,6 +90,39 @@ def _renumbered(steps: tuple[PictureStep, ...], inside: NDArray[np.bool_]) -> tu
     )
 
 
+def inertial_edges(
+    flight: Flight,
+    stamps_s: Array,
+    steps: tuple[PictureStep, ...],
+    trust: InertialTrust = InertialTrust(),
+    progress: Progress = silent,
+) -> tuple[RelativePose, ...]:
+    """Ways from keyframes to the next ones that no step of the pictures leads to, by the filter: one edge of
+    kind ``inertial`` each, but where the way is too uncertain. None without a sonar, for want of metres.
+
+    Raises ``InputError`` where too little was recorded, ``BackendError`` where the filter fails.
+    """
+    from slam.inertial.motion import follow
+    from slam.inertial.trials import suited
+
+    given = suited(flight, trust, progress)
+    inside = (stamps_s >= given.start_s) & (stamps_s <= given.end_s)
+    if given.readings.range_m is None or inside.sum() < 2:
+        return ()
+    reached = {step.j for step in steps}
+    found = follow(given, stamps_s[inside], steps=_renumbered(steps, inside), keep="each", progress=progress)
+    states, numbers = found.smoothed, np.flatnonzero(inside)
+    assert states is not None
+    edges = []
+    for k in range(1, len(numbers)):
+        i, j = int(numbers[k - 1]), int(numbers[k])
+        covariance = states.kept_covariances[k]
+        height_m = max(float(states.w_T_b[k - 1, 2, 3]), 0.0)
+        if j not in reached and np.trace(covariance[3:, 3:]) < (_MOST_HEIGHTS * height_m) ** 2:
+            edges.append(RelativePose(i, j, states.kept_T_b[k], covariance, "inertial"))
+    return tuple(edges)
+
+
 class Bridges:
     """Ways across the breaks in one flight's chain of keyframes; worked out when a map first needs them."""
 
@@ -116,36 +149,16 @@ class Bridges:
         return joined(fused, self.edges())
 
     def edges(self) -> tuple[RelativePose, ...]:
-        """One edge of kind ``inertial`` for each break; none where the instruments tell too little."""
+        """One for each break; none where the instruments tell too little."""
         if self._edges is None:
+            steps = picture_steps(self.links, self.mapper)
             try:
-                self._edges = self._across()
+                stamps_s = self.mapper.sensors.stamps_s
+                self._edges = inertial_edges(self.flight, stamps_s, steps, self.trust, self.progress)
             except (InputError, BackendError):
                 # The map stays in parts, and says so.
                 self._edges = ()
         return self._edges
-
-    def _across(self) -> tuple[RelativePose, ...]:
-        from slam.inertial.motion import follow
-        from slam.inertial.trials import suited
-
-        stamps_s = self.mapper.sensors.stamps_s
-        given = suited(self.flight, self.trust, self.progress)
-        inside = (stamps_s >= given.start_s) & (stamps_s <= given.end_s)
-        if given.readings.range_m is None or inside.sum() < 2:
-            return ()
-        steps = _renumbered(picture_steps(self.links, self.mapper), inside)
-        found = follow(given, stamps_s[inside], steps=steps, keep="each", progress=self.progress)
-        states, numbers = found.smoothed, np.flatnonzero(inside)
-        assert states is not None
-        edges = []
-        for k in range(1, len(numbers)):
-            i, j = int(numbers[k - 1]), int(numbers[k])
-            covariance = states.kept_covariances[k]
-            height_m = max(float(states.w_T_b[k - 1, 2, 3]), 0.0)
-            if self.links[j] is None and np.trace(covariance[3:, 3:]) < (_MOST_HEIGHTS * height_m) ** 2:
-                edges.append(RelativePose(i, j, states.kept_T_b[k], covariance, "inertial"))
-        return tuple(edges)
 
 
 @dataclass(frozen=True)

@@ -1,19 +1,30 @@
-"""Whether covariances tell the truth: NEES over four hundred made flights of each kind.
+"""Whether covariances tell the truth: NEES over hundreds of made flights of each kind.
 
 Made are the measurements (`tests.backend.made_floor`: followed floor points, attitudes, ranges, fixes, each
 with its own Gaussian noise); the refinement is the real one. Of each flight one keyframe counts, the one that
-lies farthest out, so that the flights are independent and the band is that of a chi-square.
+lies farthest out, so that the flights are independent and the band is that of a chi-square; and one landmark,
+where that keyframe shows it, with the covariance that the mosaic's uncertainty is drawn from.
+
+Of flights over two seconds without features the instruments are those of the simulator, as is the filter that
+carries the map across; what pictures tell of the steps before and behind is made.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
+from backend import se3
 from backend.bundle.refinement import refine
+from backend.ekf.inputs import PictureStep
 from backend.measurements import FloorTracks
+from frontend.mosaic.quality import ground_jacobian
+from slam.evaluation.association import poses_at
+from slam.mapping.bridging import inertial_edges
+from slam.simulation import simulate
+from slam.simulation.recipe import recipe_from
 from tests.backend.made_floor import Made, Scene, aligned, make, nees
 from tests.benchmarks.metric import Metric, told, within
 
@@ -27,25 +38,68 @@ KINDS = {
     "sonar of unknown gain": Scene(range_gain_std=0.05),
 }
 
+BRIDGED = 150
+BRIDGES = {
+    "IMU bridging 2 s": False,
+    "IMU and speed over ground bridging 2 s": True,
+}
+BLIND_S = 4.0, 6.0
+_STEP_STD = np.array([2e-3, 2e-3, 1e-3, 2e-3, 2e-3, 2e-3])
+_STRAIGHT = recipe_from(
+    {
+        "name": "straight",
+        "landmarks": {"A": [0.3, 0.3], "B": [4.3, 0.3]},
+        "landmark_pairs": [["A", "B"]],
+        "maneuver": {"way_points": ["A", "B"], "cruise_m_s": 0.5},
+        "camera": "none",
+        "world": {"extent_m": [0, 0, 4.6, 1.0], "margin_m": 0.6, "metres_per_px": 0.02, "seed": 3},
+    },
+    "calibration",
+)
+
 Array = np.ndarray
 
 
 def measure() -> list[Metric]:
     """Each kind of flight."""
-    low, high = (float(chi2.ppf(q, 6 * FLIGHTS)) / FLIGHTS for q in (CHANCE / 2, 1 - CHANCE / 2))
     metrics = []
     for kind in KINDS:
-        found = np.array([flight(kind, seed) for seed in range(FLIGHTS)])
-        metrics.append(
-            within(f"{kind}: mean NEES of {FLIGHTS} flights", found.mean(), "", (low, high), "6 expected")
-        )
-        beyond = float(np.mean(found > chi2.ppf(1 - CHANCE, 6)))
-        metrics.append(told(f"{kind}: share of flights beyond 95 %", beyond, "", "0.05 expected"))
+        found = [flight(kind, seed) for seed in range(FLIGHTS)]
+        for freedom, what, own in (
+            (6, kind, [f.pose for f in found]),
+            (2, f"{kind}, landmarks", [f.landmark for f in found]),
+            (1, f"{kind}, scale", [f.scale for f in found]),
+        ):
+            metrics += judged(what, np.array(own), freedom)
+    for kind, with_velocity in BRIDGES.items():
+        metrics += judged(kind, np.array([bridge(seed, with_velocity) for seed in range(BRIDGED)]), 6)
     return metrics
 
 
-def flight(kind: str, seed: int) -> float:
-    """NEES of one keyframe of one flight."""
+def judged(kind: str, nees: Array, freedom: int) -> list[Metric]:
+    """Independent ones (n,) against what a chi-square allows their mean."""
+    n = len(nees)
+    low, high = (float(chi2.ppf(q, freedom * n)) / n for q in (CHANCE / 2, 1 - CHANCE / 2))
+    beyond = float(np.mean(nees > chi2.ppf(1 - CHANCE, freedom)))
+    return [
+        within(
+            f"{kind}: mean NEES of {n} flights", float(nees.mean()), "", (low, high), f"{freedom} expected"
+        ),
+        told(f"{kind}: share of flights beyond 95 %", beyond, "", "0.05 expected"),
+    ]
+
+
+@dataclass(frozen=True)
+class Found:
+    """Squared errors of one flight over what was told of them."""
+
+    pose: float
+    landmark: float
+    scale: float
+
+
+def flight(kind: str, seed: int) -> Found:
+    """One keyframe of one flight, what it shows of the floor, and the lengths of the whole."""
     scene = KINDS[kind]
     # A gain is unknown by as much as it is told to be.
     gain = 1 + scene.range_gain_std * np.random.default_rng([seed, 1]).standard_normal()
@@ -55,8 +109,49 @@ def flight(kind: str, seed: int) -> float:
         made = _first(made, turn)
     found = refine(made.measurements, made.start, made.floor_z_m)
     hat = found.w_T_b if scene.position_std_m is not None else aligned(found.w_T_b, made.w_T_b)
-    k = slice(turn - 1, turn)
-    return float(nees(hat[k], made.w_T_b[k], found.covariances[k])[0])
+    k = turn - 1
+    # The unit of all lengths is the first keyframe's height.
+    ratio = (found.w_T_b[0, 2, 3] - found.floor_z_m) / (made.w_T_b[0, 2, 3] - made.floor_z_m)
+    assert found.scale_std is not None
+    return Found(
+        float(nees(hat[k : k + 1], made.w_T_b[k : k + 1], found.covariances[k : k + 1])[0]),
+        _of_landmark(hat[k], made.w_T_b[k], found.covariances[k], made.floor_z_m, found.floor_z_m),
+        float(np.log(ratio) / found.scale_std) ** 2,
+    )
+
+
+def _of_landmark(
+    hat: Array, truth: Array, covariance: Array, floor_z_m: float, hat_floor_z_m: float
+) -> float:
+    """A mark half a height ahead of the vehicle, put where the refined picture shows it."""
+    mark = np.array([*(truth[:2, 3] + 0.5 * truth[:2, 0] * (truth[2, 3] - floor_z_m)), floor_z_m])
+    # The camera looks from the body's origin.
+    ray = hat[:3, :3] @ truth[:3, :3].T @ (mark - truth[:3, 3])
+    place = hat[:3, 3] + ray * (hat_floor_z_m - hat[2, 3]) / ray[2]
+    J = ground_jacobian(place, hat[:3, 3], hat[:3, 3]) @ np.kron(np.eye(2), hat[:3, :3])
+    off = (place - mark)[:2]
+    return float(off @ np.linalg.solve(J @ covariance @ J.T, off))
+
+
+def bridge(seed: int, with_velocity: bool) -> float:
+    """The edge across two seconds of a straight flight of four metres."""
+    flown = simulate(_STRAIGHT, seed)
+    assert flown.truth is not None
+    stamps_s = np.arange(flown.truth.stamps_s[0] + 0.5, flown.truth.stamps_s[-1] - 0.5, 0.3)
+    stamps_s = stamps_s[(stamps_s <= BLIND_S[0]) | (stamps_s >= BLIND_S[1])]
+    w_T_b = poses_at(flown.truth, stamps_s)
+    rng, steps = np.random.default_rng([seed, 7]), []
+    for k in np.flatnonzero(np.diff(stamps_s) < 1.0).tolist():
+        i_T_j = np.linalg.inv(w_T_b[k]) @ w_T_b[k + 1]
+        i_T_j[:3, 3] /= w_T_b[k, 2, 3]
+        noisy = i_T_j @ se3.exp(rng.normal(0, _STEP_STD, (1, 6)))[0]
+        steps.append(PictureStep(k, k + 1, noisy, np.diag(_STEP_STD**2)))
+    # The simulated speed has the scale that it is told to have.
+    velocity = replace(flown.velocity, scale_std=0.0) if with_velocity and flown.velocity else None
+    flown = replace(flown, velocity=velocity)
+    (edge,) = inertial_edges(flown, stamps_s, tuple(steps))
+    truth = np.linalg.inv(w_T_b[edge.i]) @ w_T_b[edge.j]
+    return float(nees(edge.i_T_j[None], truth[None], edge.covariance[None])[0])
 
 
 def _first(made: Made, count: int) -> Made:

@@ -86,6 +86,15 @@ def test_errors_that_last_along_a_track_widen_the_pixel_noise():
     assert 0.6 < np.mean(scale) < 2.0
 
 
+def test_short_flights_over_a_flat_floor_have_the_pixel_noise_that_was_put_in():
+    """Neither heights that could follow the noise nor residuals that look alike by chance move its mean."""
+    scale = [
+        refine(made.measurements, made.start, made.floor_z_m).noise.pixel_scale
+        for made in (make(Scene(keyframes=8, relief=0.0), seed) for seed in range(60))
+    ]
+    assert np.mean(scale) == pytest.approx(1.0, abs=0.02)
+
+
 def test_the_relief_is_found_over_a_wide_range():
     for relief in (0.003, 0.01, 0.06):
         scene = Scene(relief=relief, pixel_std=0.1, told_pixel_std=0.1, points_in_view=60)
