@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import tempfile
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from slam.flight import Flight, GeoOrigin, Gps
 from slam.io.geodesy import enu_from_geodetic, geodetic_from_enu
 from slam.io.photos import import_photos
 from slam.pipeline import optimize
+from tests.benchmarks.by_pycolmap import mapped
 from tests.benchmarks.measured import folder
 from tests.benchmarks.metric import Metric, Skipped, at_least, at_most, told
 
@@ -160,37 +160,18 @@ def beside_pycolmap(photos: Path, seconds: float, reference_m: Array) -> list[Me
     """Its time on the same photos in the same run: SIFT on two cores, every photo against every other."""
     ours = told("our time, pictures to poses", seconds, "s")
     try:
-        theirs_s, registered = run_pycolmap(photos)
+        theirs = mapped(photos, sorted(path.name for path in photos.glob("*.jpg")), PYCOLMAP_SIDE_PX)
     except Skipped as skipped:
         return [replace(ours, source=f"pycolmap's not taken: {skipped}")]
-    source = f"{seconds:.0f} s over {theirs_s:.0f} s; it placed {registered} of {len(reference_m)}"
+    placed = f"it placed {len(theirs.c_T_w)} of {len(reference_m)}"
     return [
         ours,
-        told(f"pycolmap's time, {PYCOLMAP_SIDE_PX} px, exhaustive matching, CPU", theirs_s, "s"),
-        told("our time over pycolmap's", seconds / theirs_s, "x", source),
-    ]
-
-
-def run_pycolmap(photos: Path) -> tuple[float, int]:
-    """Seconds and photos placed. Raises ``Skipped`` where the package is missing."""
-    try:
-        import pycolmap
-    except ImportError:
-        raise Skipped("pycolmap is not installed (pip install --group bench)") from None
-    pycolmap.logging.minloglevel = 2
-    with tempfile.TemporaryDirectory() as scratch:
-        database, names = Path(scratch) / "photos.db", sorted(path.name for path in photos.glob("*.jpg"))
-        extraction = pycolmap.FeatureExtractionOptions()
-        extraction.max_image_size = PYCOLMAP_SIDE_PX
-        cpu = pycolmap.Device.cpu
-        began = time.perf_counter()
-        pycolmap.extract_features(
-            database, photos, names, pycolmap.CameraMode.SINGLE, extraction_options=extraction, device=cpu
-        )
-        pycolmap.match_exhaustive(database, device=cpu)
-        models = pycolmap.incremental_mapping(database, photos, Path(scratch))
-        seconds = time.perf_counter() - began
-    return seconds, max((model.num_reg_images() for model in models.values()), default=0)
+        told(f"pycolmap's time, {PYCOLMAP_SIDE_PX} px, exhaustive matching, CPU", theirs.seconds, "s"),
+        told(
+            "our time over pycolmap's", seconds / theirs.seconds, "x",
+            f"{seconds:.0f} s over {theirs.seconds:.0f} s; {placed}",
+        ),
+    ]  # fmt: skip
 
 
 def rms(off_m: Array) -> float:

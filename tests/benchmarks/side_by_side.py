@@ -1,7 +1,9 @@
-"""The demo's keyframes stitched by OpenCV, by the chain of homographies, and by us, in one run.
+"""The demo's keyframes mapped by OpenCV's stitcher, pycolmap, the chain of homographies, and us, in one run.
 
 Every map is judged in the same way: where it has the landmarks, after the similarity of least squares.
-OpenCV's stitcher runs in a process of its own with a time limit: it compares every picture with every other.
+OpenCV's stitcher and pycolmap run in processes of their own with a time limit: both compare every picture
+with every other. Pycolmap is given the true intrinsics, as we are; it is told neither heights nor that the
+floor is flat, and a landmark is where its rays come nearest to each other.
 """
 
 from __future__ import annotations
@@ -26,12 +28,13 @@ from slam.pipeline import optimize
 from slam.rasters.mosaic import write_mosaic
 from slam.simulation import simulate
 from tests.benchmarks.apart import run_apart
-from tests.benchmarks.metric import Metric, at_least, at_most, told
+from tests.benchmarks.by_pycolmap import mapped_apart
+from tests.benchmarks.metric import Metric, Skipped, at_least, at_most, told
 
 Array = NDArray[np.float64]
 
 _ME = "tests.benchmarks.side_by_side"
-STITCHER_LIMIT_S = 420.0
+LIMIT_S = 420.0
 
 
 @dataclass(frozen=True)
@@ -56,10 +59,34 @@ class Verdict:
     """Of the distances between named pairs."""
 
 
+@dataclass(frozen=True)
+class Scene:
+    """What all are given, and what they are judged by."""
+
+    flight: Flight
+    camera: Camera
+    pictures: Path
+    """Folder of the keyframes, in order."""
+    sightings: list[Sighting]
+
+    def judged(self, places: Array) -> Verdict:
+        """Landmarks at the mean of their (m, 2) places in each sighting, against the truth."""
+        names = list(self.flight.landmarks)
+        mean = np.full((len(names), 3), np.nan)
+        for row, mine in enumerate(self.by_landmark()):
+            known = places[mine][np.isfinite(places[mine]).all(axis=1)]
+            if len(known):
+                mean[row] = np.append(known.mean(axis=0), 0.0)
+        return judge(self.flight, mean)
+
+    def by_landmark(self) -> list[list[int]]:
+        """Numbers of the sightings of each landmark."""
+        return [[n for n, s in enumerate(self.sightings) if s.name == name] for name in self.flight.landmarks]
+
+
 def measure() -> list[Metric]:
-    """Time, topology and landmark error of the three."""
-    whole = simulate("figure_eight", 0)
-    flight = keyframes_of(whole)
+    """Time, topology and landmark error of the four."""
+    flight = keyframes_of(simulate("figure_eight", 0))
     assert flight.frames is not None
     assert flight.camera is not None
     began = time.perf_counter()
@@ -71,32 +98,77 @@ def measure() -> list[Metric]:
         pictures.mkdir()
         for k, frame in enumerate(flight.frames):
             cv2.imwrite(str(pictures / f"{k:05d}.png"), frame.read())
-        stitcher_s, canvas_H, status = stitched(pictures)
-    truth = associate(estimate, flight).w_T_b
-    assert truth is not None
-    sightings = landmarks_seen(flight.landmarks, flight.camera, truth)
-    ways = {
-        "ours": judge(flight, sightings, over_floor(sightings, flight.camera, estimate.w_T_b)),
-        "chain of homographies": judge(
-            flight, sightings, over_floor(sightings, flight.camera, estimate.chain_w_T_b)
-        ),
-    }
-    metrics = []
-    for name, verdict in ways.items():
-        metrics += told_of(name, verdict, len(flight.landmarks))
-    metrics += [
+        truth = associate(estimate, flight).w_T_b
+        assert truth is not None
+        scene = Scene(flight, flight.camera, pictures, landmarks_seen(flight.landmarks, flight.camera, truth))
+        rivals = beside_stitcher(scene, ours_s)
+        ours = scene.judged(over_floor(scene.sightings, flight.camera, estimate.w_T_b))
+        placed = int((estimate.component == 0).sum())
+        rivals += beside_pycolmap(scene, ours_s, ours, placed)
+    chain = scene.judged(over_floor(scene.sightings, flight.camera, estimate.chain_w_T_b))
+    count = len(flight.landmarks)
+    return [
+        *told_of("ours", ours, count),
+        *told_of("chain of homographies", chain, count),
+        told("ours: keyframes placed", placed, "", f"of {len(flight.frames)}"),
         told("ours: time, mosaic included", ours_s, "s", f"{len(flight.frames)} keyframes"),
         told("chain of homographies: time, without a mosaic", estimate.timing_s["track"], "s"),
-        told("cv2.Stitcher (SCANS): time, mosaic included", stitcher_s, "s", status),
-        at_most("our time over cv2.Stitcher's", ours_s / stitcher_s, "x", 1.0),
+        *rivals,
     ]
+
+
+def beside_stitcher(scene: Scene, ours_s: float) -> list[Metric]:
+    """OpenCV's stitcher for scans."""
+    seconds, canvas_H, status = stitched(scene.pictures)
     on_canvas = [
         carried(canvas_H[s.keyframe], s.pixel) if s.keyframe in canvas_H else np.full(2, np.nan)
-        for s in sightings
+        for s in scene.sightings
     ]
-    return metrics + told_of(
-        "cv2.Stitcher (SCANS)", judge(flight, sightings, np.array(on_canvas)), len(flight.landmarks)
-    )
+    name = "cv2.Stitcher (SCANS)"
+    return [
+        told(f"{name}: time, mosaic included", seconds, "s", status),
+        at_most("our time over cv2.Stitcher's", ours_s / seconds, "x", 1.0),
+        *told_of(name, scene.judged(np.array(on_canvas)), len(scene.flight.landmarks)),
+    ]
+
+
+def beside_pycolmap(scene: Scene, ours_s: float, ours: Verdict, placed: int) -> list[Metric]:
+    """Structure from motion with the known camera; it draws no mosaic."""
+    name = "pycolmap"
+    try:
+        made = mapped_apart(scene.pictures, scene.camera, LIMIT_S)
+    except Skipped as skipped:
+        return [told(f"{name}: keyframes placed", float("nan"), "", str(skipped))]
+    if made is None:
+        late = f"no answer within {LIMIT_S:.0f} s"
+        return [told(f"{name}: keyframes placed", 0, "", late)]
+    verdict = judge(scene.flight, nearest_to_rays(scene, made.c_T_w))
+    theirs = f"{len(made.c_T_w)} placed in the largest of its models ({made.models}), intrinsics given"
+    return [
+        told(f"{name}: keyframes placed", len(made.c_T_w), "", theirs),
+        at_least("our keyframes placed over pycolmap's", placed / max(len(made.c_T_w), 1), "x", 1.0),
+        told(f"{name}: time, without a mosaic, CPU", made.seconds, "s"),
+        at_most("our time, mosaic included, over pycolmap's", ours_s / made.seconds, "x", 1.0),
+        *told_of(name, verdict, len(scene.flight.landmarks)),
+        at_most("our RMS of landmark places over pycolmap's", ours.rms_m / verdict.rms_m, "x", 1.0),
+    ]
+
+
+def nearest_to_rays(scene: Scene, c_T_w: dict[str, Array]) -> Array:
+    """(landmarks, 3): the point nearest to all rays to a landmark, in the model's world; NaN below two."""
+    numbers = {int(Path(name).stem): pose for name, pose in c_T_w.items()}
+    points = np.full((len(scene.flight.landmarks), 3), np.nan)
+    for row, mine in enumerate(scene.by_landmark()):
+        normal, right, rays = np.zeros((3, 3)), np.zeros(3), 0
+        for s in (scene.sightings[n] for n in mine):
+            if s.keyframe in numbers:
+                R, t = numbers[s.keyframe][:, :3], numbers[s.keyframe][:, 3]
+                ray = R.T @ scene.camera.rays(s.pixel)[0]
+                across = np.eye(3) - np.outer(ray, ray) / (ray @ ray)
+                normal, right, rays = normal + across, right + across @ (-R.T @ t), rays + 1
+        if rays >= 2:
+            points[row] = np.linalg.solve(normal, right)
+    return points
 
 
 def told_of(name: str, verdict: Verdict, landmarks: int) -> list[Metric]:
@@ -141,14 +213,9 @@ def carried(H: Array, pixel: Array) -> Array:
     return np.array([u / w, v / w])
 
 
-def judge(flight: Flight, sightings: list[Sighting], places: Array) -> Verdict:
-    """Landmarks at the mean of their (m, 2) places, against the truth."""
+def judge(flight: Flight, mean: Array) -> Verdict:
+    """Landmarks at (n, 3) places of a map, NaN where unknown, against the truth."""
     names = list(flight.landmarks)
-    mean = np.full((len(names), 3), np.nan)
-    for row, name in enumerate(names):
-        mine = [p for s, p in zip(sightings, places, strict=True) if s.name == name and np.isfinite(p).all()]
-        if mine:
-            mean[row] = np.append(np.mean(mine, axis=0), 0.0)
     true = np.array(list(flight.landmarks.values()))
     known = np.isfinite(mean).all(axis=1)
     if known.sum() < 3:
@@ -172,9 +239,9 @@ def judge(flight: Flight, sightings: list[Sighting], places: Array) -> Verdict:
 
 def stitched(pictures: Path) -> tuple[float, dict[int, Array], str]:
     """OpenCV's stitcher for scans: seconds, pixels to canvas by keyframe, what became of it."""
-    found = run_apart(_ME, pictures, limit_s=STITCHER_LIMIT_S)
+    found = run_apart(_ME, pictures, limit_s=LIMIT_S)
     if found is None:
-        return STITCHER_LIMIT_S, {}, f"no answer within {STITCHER_LIMIT_S:.0f} s"
+        return LIMIT_S, {}, f"no answer within {LIMIT_S:.0f} s"
     canvas_H = {int(k): np.array(H) for k, H in found["canvas_H"].items()}
     return found["seconds"], canvas_H, found["status"]
 
