@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -95,16 +96,35 @@ class _Detected:
         return _Detected(self.points + more.points, np.concatenate([self.descriptor, more.descriptor]))
 
 
+@dataclass(frozen=True)
+class _Tools:
+    """OpenCV's objects."""
+
+    detector: Any
+    descriptor: Any
+    """None where the detector describes too."""
+    searcher: Any
+    """A detector without a limit."""
+
+
 class Extractor:
-    """Detects and describes features; one object serves a whole flight.
+    """Detects and describes features; one object serves a whole flight, and several threads.
 
     Raises ``FeatureUnavailableError`` where the OpenCV build lacks the detector.
     """
 
     def __init__(self, config: FeatureConfig = FeatureConfig()) -> None:
         self.config = config
-        self._detector, self._descriptor = _create(config)
-        self._searcher, _ = _create(replace(config, max_features=ALL_FEATURES))
+        self._own = threading.local()
+        self._tools()
+
+    def _tools(self) -> _Tools:
+        """This thread's: OpenCV does not say which of its detectors two may share."""
+        if not hasattr(self._own, "tools"):
+            searcher, _ = _create(replace(self.config, max_features=ALL_FEATURES))
+            self._own.tools = _Tools(*_create(self.config), searcher)
+        tools: _Tools = self._own.tools
+        return tools
 
     def __call__(self, image: Image, camera: Camera, mask: Image | None = None) -> Features:
         """Features of one picture, (h, w) grey or (h, w, 3) BGR uint8; ``mask`` is 0 where to look away."""
@@ -131,16 +151,16 @@ class Extractor:
 
     def _strongest(self, grey: Image, mask: Image | None) -> _Detected:
         """At most ``max_features``, the strongest where the detector found more."""
-        most = self.config.max_features
-        if self._descriptor is None:
-            points, descriptor = self._detector.detectAndCompute(grey, mask)
+        most, tools = self.config.max_features, self._tools()
+        if tools.descriptor is None:
+            points, descriptor = tools.detector.detectAndCompute(grey, mask)
         else:
-            points, descriptor = self._descriptor.compute(grey, self._detector.detect(grey, mask))
+            points, descriptor = tools.descriptor.compute(grey, tools.detector.detect(grey, mask))
         if mask is not None and len(points) < most // 2:
             # Detectors keep their strongest before they look at a mask: what it hides may have used them up.
-            every = self._searcher.detect(grey, mask)
+            every = tools.searcher.detect(grey, mask)
             points = [every[k] for k in _by_strength(every)[:most]]
-            points, descriptor = (self._descriptor or self._detector).compute(grey, points)
+            points, descriptor = (tools.descriptor or tools.detector).compute(grey, points)
         if descriptor is None or len(points) == 0:
             return _Detected([], np.empty((0, self._width), self._dtype))
         found = _Detected(list(points), descriptor.reshape(len(points), -1))
@@ -167,7 +187,7 @@ class Extractor:
 
     @property
     def _width(self) -> int:
-        return int((self._descriptor or self._detector).descriptorSize())
+        return int((self._tools().descriptor or self._tools().detector).descriptorSize())
 
     @property
     def _dtype(self) -> type:
@@ -217,18 +237,20 @@ def _positions(kind: FeatureKind, points: Sequence[cv2.KeyPoint], size_px: NDArr
     average and up to 2 px, AKAZE by 0.5 px an octave on pictures of odd size; SIFT is right.
     """
     pixel = np.asarray(cv2.KeyPoint.convert(points), dtype=float).reshape(-1, 2)
+    if kind not in ("orb", "orb-teblid", "akaze"):
+        return pixel
     level = np.array([p.octave for p in points])[:, None]
     if kind in ("orb", "orb-teblid"):
         nominal = np.float32(ORB_SCALE) ** level
         return (pixel / nominal + 0.5) * size_px / np.rint(size_px / nominal) - 0.5
-    if kind == "akaze":
-        return (pixel + 0.5) * size_px / (size_px // 2**level * 2**level) - 0.5
-    return pixel
+    return (pixel + 0.5) * size_px / (size_px // 2**level * 2**level) - 0.5
 
 
 def _normalise(descriptor: NDArray[Any]) -> NDArray[Any]:
     """RootSIFT for float descriptors (Arandjelovic and Zisserman 2012): Hellinger distance by L2."""
     if descriptor.dtype == np.uint8:
         return descriptor
-    absolute = np.sqrt(np.abs(descriptor) / (np.abs(descriptor).sum(axis=1, keepdims=True) + 1e-12))
-    return (np.sign(descriptor) * absolute).astype(np.float32)
+    root: NDArray[np.float32] = np.abs(descriptor)
+    root /= root.sum(axis=1, keepdims=True) + 1e-12
+    np.sqrt(root, out=root)
+    return np.copysign(root, descriptor, out=root)

@@ -21,6 +21,10 @@ from frontend.registration import Registration, register
 
 Image = NDArray[np.uint8]
 
+SEARCHED_AT_ONCE, MOST_PX = 2, 500_000
+"""Pictures of up to so many pixels are searched two at a time: OpenCV splits a small one badly among cores.
+Larger ones it splits well, and each takes a lot of memory."""
+
 
 @dataclass(frozen=True)
 class KeyframeConfig:
@@ -184,11 +188,13 @@ class Tracker:
         """Features of each frame, or why there are none; the next ones are found while these are matched."""
         coming: deque[Future[Features | str]] = deque()
         before: Image | None = None
-        with ThreadPoolExecutor(1) as pool:
+        width, height = self.camera.size_px
+        ahead = SEARCHED_AT_ONCE if width * height <= MOST_PX else 1
+        with ThreadPoolExecutor(ahead) as pool:
             for frame, image in enumerate(images):
                 coming.append(pool.submit(self._features, frame, image, before))
                 before = image if image is not None else before
-                if len(coming) > 1:
+                if len(coming) > ahead:
                     yield coming.popleft().result()
             while coming:
                 yield coming.popleft().result()
@@ -230,6 +236,8 @@ class Tracker:
 
 def _on_floor(features: Features, link: Registration, camera: Camera) -> NDArray[np.bool_]:
     """All features but those where only what moves by itself was matched."""
+    if len(link.elsewhere) == 0:
+        return np.ones(len(features), dtype=bool)
     cell = cells(features.pixel, camera.size_px)
     other = np.setdiff1d(cell[link.elsewhere], cell[link.matches[:, 1]])
     kept = ~np.isin(cell, other)

@@ -24,28 +24,30 @@ def match(a: Features, b: Features, ratio: float = 0.85) -> NDArray[np.int64]:
             b.descriptor, a.descriptor, cv2.CV_32S, normType=cv2.NORM_HAMMING, K=1
         )
         first, second, nearest = distance[:, 0], distance[:, 1], nearest.reshape(-1, 2)[:, 0]
-        backward = backward.reshape(-1)
+        mutual = backward.reshape(-1)[nearest] == np.arange(len(a))
     else:
-        first, second, nearest, backward = _euclidean(a.descriptor, b.descriptor)
-    mutual = backward[nearest] == np.arange(len(a))
+        first, second, nearest, mutual = _euclidean(a.descriptor, b.descriptor)
     kept = np.flatnonzero(mutual & (first < ratio * second))
     return np.column_stack([kept, nearest[kept]]).astype(np.int64)
 
 
 def _euclidean(
     a: NDArray[np.float32], b: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.intp], NDArray[np.intp]]:
-    """Distances to nearest and second, nearest in b, nearest in a; descriptors have unit length.
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.intp], NDArray[np.bool_]]:
+    """Distances to nearest and second, nearest in b, and whether it has no nearer one in a.
 
-    One matrix product: five times as fast as OpenCV's matcher on 500 x 500, and the same answer.
+    Descriptors have unit length. One matrix product: five times as fast as OpenCV's matcher on 500 x 500, and
+    the same answer.
     """
     likeness = a @ b.T
     row = np.arange(len(a))
-    nearest, backward = likeness.argmax(axis=1), likeness.argmax(axis=0)
+    nearest = likeness.argmax(axis=1)
     first = likeness[row, nearest]
+    # Where the best of each column stands takes ten times as long to find as what it is.
+    mutual = first == likeness.max(axis=0)[nearest]
     likeness[row, nearest] = -2.0
     second = likeness.max(axis=1)
-    return _distance(first), _distance(second), nearest, backward
+    return _distance(first), _distance(second), nearest, mutual
 
 
 def _distance(cosine: NDArray[np.float32]) -> NDArray[np.float32]:
