@@ -30,12 +30,16 @@ class GateConfig:
     max_scale: float = 3.5
     """Largest ratio of heights."""
     min_overlap: float = 0.1
+    """Share of the smaller footprint."""
 
 
 def reject_reason(
     fit: HomographyFit, pixel_j: Array, camera: Camera, overlap: float, gates: GateConfig
 ) -> str:
-    """Why the fit is refused; empty where it is not. ``pixel_j`` (m, 2): all matches, inliers or not."""
+    """Why the fit is refused; empty where it is not.
+
+    ``pixel_j`` (m, 2): all matches, inliers or not; ``overlap``: share of the smaller footprint.
+    """
     inliers = int(fit.inlier.sum())
     if inliers < gates.min_inliers:
         return "too few inliers"

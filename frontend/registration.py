@@ -69,7 +69,7 @@ def register(
         return refused(i, j, "no plane fits the matches")
     fit = found.fit
     covered = overlap(fit.i_H_j, camera)
-    reason = reject_reason(fit, pixel_j, camera, covered, gates)
+    reason = reject_reason(fit, pixel_j, camera, _shared(fit.i_H_j, covered, camera, gates), gates)
     return Registration(
         i,
         j,
@@ -97,6 +97,17 @@ def overlap(i_H_j: Array, camera: Camera) -> float:
         return 0.0
     shared, _ = cv2.intersectConvexConvex(quad, corners.astype(np.float32))
     return float(min(1.0, max(0.0, shared) / area))
+
+
+def _shared(i_H_j: Array, covered: float, camera: Camera, gates: GateConfig) -> float:
+    """Share of the smaller footprint: of a picture from three times as high no other shows more than a ninth.
+
+    ``covered``: the share of picture j.
+    """
+    if covered == 0.0 or covered >= gates.min_overlap:
+        return covered
+    j_H_i = np.linalg.inv(i_H_j)
+    return max(covered, overlap(np.asarray(j_H_i / j_H_i[2, 2], dtype=float), camera))
 
 
 def refused(i: int, j: int, reason: str) -> Registration:

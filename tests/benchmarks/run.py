@@ -42,6 +42,7 @@ TITLES = {
     "simulator": "Simulator and Kalman filter",
     "masking": "Obstacle masking in the gym",
     "features": "Features compared",
+    "registration": "Registration of rendered pairs",
     "loops": "Loop closure",
     "aliased": "Floors that repeat",
     "retrieval": "Loop candidates among many keyframes",

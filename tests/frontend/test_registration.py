@@ -98,6 +98,27 @@ def test_too_few_matches_no_plane_and_refusals_have_their_reason() -> None:
     )
 
 
+@pytest.mark.parametrize("ratio", [1 / 3, 0.5, 2.0, 3.0])
+def test_pictures_from_very_different_heights_register(ratio: float) -> None:
+    """The higher one shows nine times the ground: of that the lower one has hardly a tenth."""
+    rng, shared, height_m = np.random.default_rng(5), [], max(ratio, 1 / ratio)
+    for _ in range(10):
+        low = pose(0.0, 0.0, 0.75, rng.uniform(-3, 3))
+        high = pose(*rng.uniform(-0.35, 0.35, 2) * height_m, height_m - 0.25, rng.uniform(-3, 3))
+        H = true_homography(CAMERA, low, high)
+        seen_high = rng.uniform([0, 0], [319, 239], (600, 2))
+        seen_low = transfer(H, seen_high)
+        both = ((seen_low >= 0) & (seen_low <= [319, 239])).all(axis=1)
+        seen_high, seen_low = seen_high[both], seen_low[both] + rng.normal(0, 0.3, (int(both.sum()), 2))
+        descriptor = rng.normal(size=(len(seen_low), 32))
+        descriptor = (descriptor / np.linalg.norm(descriptor, axis=1, keepdims=True)).astype(np.float32)
+        i, j = (seen_low, seen_high) if ratio > 1 else (seen_high, seen_low)
+        link = compare(Features(i, descriptor), Features(j, descriptor))
+        assert link.ok, link.reason
+        shared.append(link.overlap)
+    assert (min(shared) < GateConfig().min_overlap) == (ratio == 3.0)
+
+
 def test_random_features_never_register() -> None:
     """Fault 46, from descriptors on: nothing in common."""
     rng = np.random.default_rng(3)
