@@ -34,7 +34,7 @@ from tests.benchmarks.metric import Metric, Skipped, at_least, at_most, told
 Array = NDArray[np.float64]
 
 _ME = "tests.benchmarks.side_by_side"
-LIMIT_S = 420.0
+LIMIT_S = 1200.0
 
 
 @dataclass(frozen=True)
