@@ -1,5 +1,5 @@
-"""Terms that change single readings, not their mean: spikes, quantisation and a dead zone of the sonar, and
-pictures in which something moves.
+"""Terms that change single readings, not their mean: spikes, quantisation and a dead zone of the sonar,
+pictures that are lost, and such in which something moves or shines.
 
 They are mixtures: each odd reading adds what it tells for the term against a healthy instrument, in nats.
 """
@@ -41,6 +41,15 @@ NATS_A_REPEAT = 4.0
 PASS_S, LEAST_PASS = 1.0, 3
 """Pictures nearer in time show one thing going through, if they are so many: one alone is an accident."""
 NATS_A_PAIR = 9.0
+HEALTHY_LOSS = 5e-4
+"""Share of pictures that any recorder may lose."""
+LOST_NATS = 9.0
+"""That lost pictures must tell against it: four of 500."""
+FEWEST_SPOTS, MOSTLY = 6, 0.6
+"""Pairs of pictures with spots that lag behind the floor: so many, and so many for each with a spot that goes
+otherwise. Boxes and moving things made 0.2 to 0.3, lamps 0.9 and more; healthy pictures have no spots."""
+SATURATED = 1.5
+"""A lamp may be stronger by this than what it adds to a floor that is bright already."""
 
 
 @dataclass(frozen=True)
@@ -102,8 +111,41 @@ def _stuck(ranges: Array) -> NDArray[np.bool_]:
 
 
 def oddities(records: Sequence[Record], passes: Sequence[Pass]) -> list[Oddity]:
-    """Spikes, quantisation and what moves, from the readings and a filter run."""
-    return [*_spikes(records, passes), *_quantisation(records), *_movers(records)]
+    """All but the dead zone, from the readings and a filter run."""
+    return [
+        *_spikes(records, passes), *_quantisation(records), *_dropped(records), *_movers(records),
+        *_highlights(records),
+    ]  # fmt: skip
+
+
+def _dropped(records: Sequence[Record]) -> list[Oddity]:
+    """Pictures that gaps between stamps would have held: a Poisson number."""
+    sights = [r.sights for r in records]
+    lost = np.array([s.missing if s is not None else 0 for s in sights], dtype=float)
+    taken = np.array([s.taken if s is not None else 0 for s in sights], dtype=float)
+    if not lost.any():
+        return []
+    share = float(lost.sum() / (lost + taken).sum())
+    nats = lost * np.log(share / HEALTHY_LOSS) - (lost + taken) * (share - HEALTHY_LOSS)
+    if share < HEALTHY_LOSS or nats.sum() < LOST_NATS:
+        return []
+    reach = 1.96 * share / float(np.sqrt(lost.sum()))
+    interval = Interval(share, "1", max(share - reach, 0.0), share + reach)
+    return [Oddity("dropped_frames", {"share": interval}, tuple(nats.tolist()))]
+
+
+def _highlights(records: Sequence[Record]) -> list[Oddity]:
+    """Lamps mirrored in the floor."""
+    seen = [r.sights.spots if r.sights is not None else np.zeros((0, 3)) for r in records]
+    every = np.concatenate(seen)
+    lagging, otherwise = (int(np.sum(every[:, k] > 0)) for k in (0, 1))
+    if lagging < FEWEST_SPOTS or lagging < MOSTLY * otherwise:
+        return []
+    strengths = every[every[:, 0] > 0, 2]
+    low, strength, high = (float(np.quantile(strengths, q)) for q in (0.5, 0.75, 0.9))
+    interval = Interval(strength, "1", 0.9 * low, SATURATED * high)
+    nats = tuple(NATS_A_PAIR * float(np.sum(flight[:, 0] > 0)) for flight in seen)
+    return [Oddity("specular_highlights", {"strength": interval}, nats)]
 
 
 def _movers(records: Sequence[Record]) -> list[Oddity]:

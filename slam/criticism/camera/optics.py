@@ -16,13 +16,12 @@ CAMERA = (
     "focal_length.eps", "radial_distortion.k1", "camera_tilt.x", "camera_tilt.y",
     "camera_time_offset.offset", "rolling_shutter.readout",
     "vignetting.a", "motion_blur.exposure", "exposure_variation.gain", "exposure_variation.gamma",
-    "dropped_frames.share",
 )  # fmt: skip
-(FOCAL, RADIAL, TILT_X, TILT_Y, OFFSET, READOUT, VIGNETTING, BLUR, GAIN, GAMMA, DROPPED) = range(len(CAMERA))
+(FOCAL, RADIAL, TILT_X, TILT_Y, OFFSET, READOUT, VIGNETTING, BLUR, GAIN, GAMMA) = range(len(CAMERA))
 POINTS = 6
 """The first so many entries move points of the picture."""
 SQUARES = (BLUR, GAIN, GAMMA)
-STEPS = (1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3, 1e-6, 1e-5, 1e-5, 1e-4)
+STEPS = (1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3, 1e-6, 1e-5, 1e-5)
 
 
 def camera_vector(model: Model) -> Array:

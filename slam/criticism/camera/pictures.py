@@ -16,6 +16,7 @@ from frontend.features import Extractor, FeatureConfig, Features
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, register
+from slam.criticism.camera.highlights import dimmed, spots
 from slam.criticism.camera.movers import moves
 from slam.criticism.camera.triangles import confirmed
 from slam.flight import Flight
@@ -67,9 +68,14 @@ class Sights:
     registered: float
     """Share of the successive pairs that could be registered."""
     missing: int
-    """Pictures that the regular stamps would have, but that are not there."""
+    """Pictures that the regular stamps would have, but that are not there, ..."""
+    taken: int
+    """... and those that are, looked at or not."""
     moving_s: Array = field(default_factory=lambda: np.zeros(0))
     """(k,) of pictures in which something moves over the floor since the one before."""
+    spots: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    """(k, 3) for each pair of pictures with bright spots that do not go with the floor: how many lag behind
+    it, how many go otherwise, and the strength of the former."""
     paths: dict[bytes, tuple[Array, Any]] = field(default_factory=dict, repr=False, compare=False)
     """Smoothed paths at the pictures that were worked out so far."""
     figures: list[Any] = field(default_factory=list, repr=False, compare=False)
@@ -99,6 +105,7 @@ def _looked_at(flight: Flight, progress: Progress) -> Sights | None:
         return None
     extract = Extractor(FEATURES.for_width(camera.size_px[0]))
     shots: list[_Shot] = []
+    dims: list[Image] = []
     for frame in frames:
         progress("pictures", frame.index, len(frames))
         if shots and frame.stamp_s - shots[-1][0] < SHORTEST_S:
@@ -107,6 +114,7 @@ def _looked_at(flight: Flight, progress: Progress) -> Sights | None:
         if image is None or image.shape[1::-1] != camera.size_px:
             continue
         points = extract(image, camera)
+        dims.append(dimmed(image))
         shots.append((frame.stamp_s, points, _tones(image, camera.project(camera.rays(points.pixel)))))
     robust = HomographyConfig().for_width(camera.size_px[0])
     pairs = [(j - step, j) for j in range(len(shots)) for step in STEPS if j >= step]
@@ -130,10 +138,12 @@ def _looked_at(flight: Flight, progress: Progress) -> Sights | None:
         if j == i + 1 and (i, j) in kept
         and moves(shots[i][1], shots[j][1], pair.i_H_j, camera.size_px[0])
     ]  # fmt: skip
+    seen = [spots(dims[i], dims[j], registered[i, j].i_H_j, camera) for i, j in kept]
+    bright = [(s.lagging, s.others, s.strength) for s in seen if s.lagging or s.others]
     successive = sum(j == i + 1 for i, j in kept) / max(len(shots) - 1, 1)
     return Sights(
         camera, stamps_s, index[:, 0], index[:, 1], a, b, std, tone_a, tone_b,
-        successive, _missing(frames.stamps_s), np.array(moving),
+        successive, _missing(frames.stamps_s), len(frames), np.array(moving), np.array(bright).reshape(-1, 3),
     )  # fmt: skip
 
 

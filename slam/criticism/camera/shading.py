@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.camera.optics import BLUR, DROPPED, GAIN, GAMMA, VIGNETTING
+from slam.criticism.camera.optics import BLUR, GAIN, GAMMA, VIGNETTING
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.camera.tones import CONTRAST, SHARPNESS, Tones, tones_of, weigh
 from slam.criticism.kalman.smoothing import Path
@@ -29,8 +29,8 @@ LARGE_SMEAR_PX2 = 2.0
 BORDER = 0.35
 """r^2 in half diagonals where a picture's matches lie, in the mean."""
 SHADING_TOLERANCE = 0.01
-LEAST_DROPPED = 5e-4
-"""Share of pictures that any recorder may lose."""
+OUTWARD_TOLERANCE = 0.02
+"""Brightness that corners may lack: what lies farther out in one of two pictures tells nothing by that."""
 SLOW_SHARPNESS = 0.3
 """Change of the logarithm of local detail over a flight that a floor's other places may make."""
 TOLERANCE = {0: 0.03, 1: 0.03, 2: 0.03, CONTRAST: 0.1, SHARPNESS: 0.3}
@@ -51,7 +51,6 @@ def shade(
 ) -> Shades:
     """Score and information of the directions that tones can tell of; 0 for all others."""
     total = _Total(directions)
-    _dropped(total, sights, camera)
     tones = _within(tones_of(sights), inside)
     if len(tones.i) < 2:
         return total.shades()
@@ -67,16 +66,20 @@ def shade(
         shapes: dict[tuple[str, int], Array] = {}
         ours, slow = np.zeros(len(tones.i)), np.column_stack([between(elapsed), between(elapsed**2)])
         healthy = TOLERANCE.get(figure, 0.0) * between(height)[:, None]
-        restless, held = -1, 0.0
+        restless: dict[int, float] = {}
         if figure < CONTRAST:
             shapes["picture", 0] = between(elapsed)
             shapes["picture", 1] = (figure - 1) * between(elapsed)
             shapes["picture", 4] = between(height)
-            restless, held = GAIN, camera[GAIN]
+            # Between black and white a gamma makes brighter or darker as a gain does.
+            restless = {GAIN: 1.0, GAMMA: float(np.mean(tones.depth[:, figure]) ** 2)}
+            darker = 1.0 - BORDER * camera[VIGNETTING]
+            ours = -camera[VIGNETTING] / darker * tones.outward
+            healthy = np.column_stack([healthy, OUTWARD_TOLERANCE * tones.outward])
         elif figure == CONTRAST:
             shapes["picture", 2] = between(elapsed)
             shapes["camera", BLUR], ours = _blurred(BLUR_CONTRAST, between, speed2, camera[BLUR])
-            restless, held = GAMMA, camera[GAMMA]
+            restless = {GAMMA: 1.0}
         elif figure == SHARPNESS:
             shapes["picture", 3] = between(elapsed)
             shapes["camera", BLUR], ours = _blurred(BLUR_DETAIL, between, speed2, camera[BLUR])
@@ -87,8 +90,14 @@ def shade(
             shapes["camera", VIGNETTING] = np.full(len(tones.i), -1.0 / darker**2)
             ours = np.full(len(tones.i), -camera[VIGNETTING] / darker)
         table = np.column_stack(list(shapes.values()))
+        held = sum(share * camera[entry] for entry, share in restless.items())
         found = weigh(tones, figure, table, ours, healthy, held, memory, slow)
-        total.add([*shapes, ("camera", restless)], found.information, found.score, found.log_likelihood)
+        # The last column is a variance that these entries make together, each with its share.
+        parts = np.zeros((len(shapes) + 1, len(shapes) + len(restless)))
+        parts[: len(shapes), : len(shapes)] = np.eye(len(shapes))
+        parts[-1, len(shapes) :] = list(restless.values())
+        keys = [*shapes, *(("camera", entry) for entry in restless)]
+        total.add(keys, parts.T @ found.information @ parts, found.score @ parts, found.log_likelihood)
     return total.shades()
 
 
@@ -120,19 +129,13 @@ class _Total:
         return Shades(self._information, self._score, self._nats)
 
 
-def _dropped(total: _Total, sights: Sights, camera: Array) -> None:
-    """Poisson numbers of lost pictures."""
-    share = max(float(camera[DROPPED]), LEAST_DROPPED)
-    count = len(sights.stamps_s) + sights.missing
-    excess = sights.missing - count * float(camera[DROPPED])
-    nats = sights.missing * float(np.log(share)) - count * share
-    total.add([("camera", DROPPED)], np.array([[count / share]]), np.array([excess / share]), nats)
-
-
 def _within(tones: Tones, inside: NDArray[np.bool_]) -> Tones:
     kept = inside[tones.i] & inside[tones.j]
     place = np.cumsum(inside) - 1
-    return Tones(place[tones.i[kept]], place[tones.j[kept]], tones.figures[kept], tones.std[kept])
+    return Tones(
+        place[tones.i[kept]], place[tones.j[kept]], tones.figures[kept], tones.std[kept],
+        tones.outward[kept], tones.depth[kept],
+    )  # fmt: skip
 
 
 def _speed2(sights: Sights, path: Path) -> Array:

@@ -44,6 +44,10 @@ class Tones:
     """(p, 6)."""
     std: Array
     """(p, 6)."""
+    outward: Array
+    """(p,) how much farther from the middle the points lie in i than in j: mean difference of r^2."""
+    depth: Array
+    """(p, 3) logarithm of white over each colour's level: how much a gamma changes it."""
 
 
 def tones_of(sights: Sights) -> Tones:
@@ -58,19 +62,21 @@ def _worked_out(sights: Sights) -> Tones:
     key = sights.earlier * (len(sights.stamps_s) + 1) + sights.later
     order = np.argsort(key, kind="stable")
     bounds = np.flatnonzero(np.diff(key[order], prepend=-1, append=-1))
-    rows, pairs = [], []
+    rows, pairs, outward, depth = [], [], [], []
     for begin, end in pairwise(bounds.tolist()):
         own = order[begin:end]
         found = _figures(sights, own)
         if found is not None:
             rows.append(found)
             pairs.append((sights.earlier[own[0]], sights.later[own[0]]))
+            outward.append(_outward(sights, own).mean())
+            depth.append(_depth(sights, own))
     if not rows:
         nothing = np.zeros(0, dtype=np.int64)
-        return Tones(nothing, nothing, np.zeros((0, 6)), np.ones((0, 6)))
+        return Tones(nothing, nothing, np.zeros((0, 6)), np.ones((0, 6)), np.zeros(0), np.zeros((0, 3)))
     index = np.array(pairs, dtype=np.int64)
     values, std = (np.array(part) for part in zip(*rows, strict=True))
-    return Tones(index[:, 0], index[:, 1], values, std)
+    return Tones(index[:, 0], index[:, 1], values, std, np.array(outward), np.array(depth))
 
 
 def _figures(sights: Sights, own: Ints) -> tuple[Array, Array] | None:
@@ -99,7 +105,7 @@ def _figures(sights: Sights, own: Ints) -> tuple[Array, Array] | None:
     std[CONTRAST] = np.sqrt(max(1.0 - like**2, 1e-6) / m) + std[:3].mean()
     detail, spread = _middle(np.log(a[:, 3] / b[:, 3]))
     values[SHARPNESS], std[SHARPNESS] = detail - wider, 1.25 * spread / np.sqrt(m)
-    outward = _radius2(sights, sights.pixel_i[own]) - _radius2(sights, sights.pixel_j[own])
+    outward = _outward(sights, own)
     away = outward - outward.mean()
     values[SHADING] = float(away @ ratio / max(away @ away, 1e-9))
     std[SHADING] = float(np.std(ratio)) / np.sqrt(max(away @ away, 1e-9))
@@ -110,6 +116,15 @@ def _middle(x: Array) -> tuple[float, float]:
     """Median and robust standard deviation."""
     middle = float(np.median(x))
     return middle, 1.4826 * float(np.median(np.abs(x - middle)))
+
+
+def _outward(sights: Sights, own: Ints) -> Array:
+    return _radius2(sights, sights.pixel_i[own]) - _radius2(sights, sights.pixel_j[own])
+
+
+def _depth(sights: Sights, own: Ints) -> Array:
+    level = np.median(np.concatenate([sights.tone_i[own, :3], sights.tone_j[own, :3]]), axis=0)
+    return np.asarray(np.log(255.0 / np.maximum(level, 1.0)))
 
 
 def _radius2(sights: Sights, pixel: Array) -> Array:

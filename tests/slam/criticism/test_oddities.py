@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from frontend.camera import Camera
+from slam.criticism.camera.pictures import Sights
 from slam.criticism.healthy import flown
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.oddities import oddities, without_dead_zone
+from slam.criticism.oddities import _dropped, oddities, without_dead_zone
 from slam.simulation.model import load_model
 
 
@@ -37,6 +39,25 @@ def found(record):
 
 def test_a_healthy_sonar_is_not_odd(record):
     assert found(record) == {}
+
+
+def seen(taken: int, missing: int) -> Sights:
+    """Pictures without matches."""
+    none, stamps = np.zeros(0, dtype=np.int64), 0.25 * np.arange(taken)
+    camera = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
+    at, tone = np.zeros((0, 2)), np.zeros((0, 4))
+    return Sights(camera, stamps, none, none, at, at, np.zeros(0), tone, tone, 0.0, missing, taken)
+
+
+@pytest.mark.parametrize(("missing", "told"), [(0, False), (2, False), (14, True)])
+def test_lost_pictures_are_told_where_they_are_many(record, missing, told):
+    odd = _dropped([replace(record, sights=seen(480 - missing, missing))])
+    assert [o.name for o in odd] == ["dropped_frames"] * told
+    if told:
+        share = odd[0].parameters["share"]
+        assert share.value == pytest.approx(missing / 480)
+        assert share.low < missing / 480 < share.high
+        assert odd[0].cause().probability > 0.99
 
 
 def test_spikes_are_counted(record):

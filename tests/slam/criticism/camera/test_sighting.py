@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from frontend.camera import Camera
 from slam.criticism.camera.lens import floor_of, pixels_of
-from slam.criticism.camera.optics import CAMERA, DROPPED, FOCAL, POINTS, STEPS, TILT_Y
+from slam.criticism.camera.optics import CAMERA, FOCAL, POINTS, STEPS, TILT_Y
 from slam.criticism.camera.pictures import Sights, look
 from slam.criticism.camera.sighting import TOLERANCE, Sighted, sighted
 from slam.criticism.kalman.record import Record, record_of
@@ -120,15 +120,6 @@ def test_a_lens_projects_as_the_simulator_s_camera() -> None:
     np.testing.assert_allclose(seen_at, real.project(points @ c_T_w[:3, :3].T + c_T_w[:3, 3]), atol=1e-6)
     back = floor_of(told, vector, np.tile(pose, (3, 1)), seen_at, np.zeros(2))
     np.testing.assert_allclose(back, points, atol=1e-4)
-
-
-def test_lost_pictures_count(healthy: tuple[Record, Sights, Sighted], setting: Setting) -> None:
-    record, sights, _ = healthy
-    found = sighted(record, replace(sights, missing=3, paths={}), setting, DIRECTIONS)
-    size, std = estimate(found, DROPPED)
-    assert size / std > 4.0
-    assert size == pytest.approx(3 / (len(sights.stamps_s) + 3), rel=0.05)
-    assert estimate(sighted(record, sights, setting, DIRECTIONS), DROPPED)[0] == 0.0
 
 
 def test_no_camera_is_believed_beyond_its_tolerance(healthy: tuple[Record, Sights, Sighted]) -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.criticism.camera.optics import CAMERA, GAIN, STEPS, VIGNETTING
+from slam.criticism.camera.optics import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.camera.shading import PICTURE_SHAPES, Shades, shade
 from slam.criticism.kalman.smoothing import Path
@@ -24,12 +24,17 @@ PICTURES, POINTS = 60, 20
 
 
 def made(
-    seed: int, gain: Array | None = None, fog: Array | None = None, vignetting: float = 0.0
+    seed: int,
+    gain: Array | None = None,
+    fog: Array | None = None,
+    vignetting: float = 0.0,
+    gamma: Array | None = None,
 ) -> tuple[Sights, Path]:
     """Pictures that show each other's points, one and two before."""
     rng = np.random.default_rng(seed)
     gain = np.ones(PICTURES) if gain is None else gain
     fog = np.zeros(PICTURES) if fog is None else fog
+    gamma = np.ones(PICTURES) if gamma is None else gamma
     i, j = (np.concatenate([np.arange(PICTURES - s) + k * s for s in (1, 2)]).repeat(POINTS) for k in (0, 1))
     m = len(i)
     level, detail = rng.uniform(60, 180, (m, 3)), rng.uniform(5, 20, m)
@@ -39,18 +44,28 @@ def made(
         r2 = ((at - CAMERA_AT.center_px) ** 2).sum(axis=1) / (np.hypot(176, 144) / 2) ** 2
         seen = level * (gain[picture] * (1 - vignetting * r2))[:, None]
         seen = seen * (1 - fog[picture])[:, None] + 170 * fog[picture][:, None]
+        seen = 255.0 * (seen / 255.0) ** gamma[picture][:, None]
         local = detail * gain[picture] * (1 - fog[picture]) * np.exp(0.05 * rng.standard_normal(m))
         return np.column_stack([seen + 0.8 * rng.standard_normal((m, 3)), local])
 
     stamps = 0.25 * np.arange(PICTURES)
     sights = Sights(
         CAMERA_AT, stamps, i, j, pixel[0], pixel[1], np.full(m, 0.2), tone(i, pixel[0]), tone(j, pixel[1]),
-        1.0, 0,
+        1.0, 0, PICTURES,
     )  # fmt: skip
     poses, rates = np.zeros((PICTURES, 6)), np.zeros((PICTURES, 6))
     poses[:, 2] = 1.2 + 0.1 * np.sin(stamps)
     rates[:, 0] = np.abs(np.sin(0.7 * stamps))
     return sights, Path(stamps, poses, rates, 0 * rates, np.eye(6 * PICTURES), np.zeros((6 * PICTURES, 0)))
+
+
+def walk(seed: int) -> Array:
+    """Of an automatic with a memory of a second."""
+    kicks = np.random.default_rng(seed).standard_normal(PICTURES)
+    walked = np.zeros(PICTURES)
+    for k in range(1, PICTURES):
+        walked[k] = np.exp(-0.25) * walked[k - 1] + np.sqrt(1 - np.exp(-0.5)) * kicks[k]
+    return walked
 
 
 def judged(sights: Sights, path: Path) -> tuple[Array, Shades]:
@@ -76,13 +91,32 @@ def test_fog_is_a_shape_of_its_own_and_no_exposure() -> None:
 
 
 def test_an_automatic_exposure_is_restless() -> None:
-    rng = np.random.default_rng(2)
-    walk = np.zeros(PICTURES)
-    for k in range(1, PICTURES):
-        walk[k] = np.exp(-0.25) * walk[k - 1] + np.sqrt(1 - np.exp(-0.5)) * rng.standard_normal()
-    z, found = judged(*made(2, gain=np.exp(0.05 * walk)))
+    z, found = judged(*made(2, gain=np.exp(0.05 * walk(2))))
     assert z[GAIN] > 10.0
     assert np.sqrt(found.score[GAIN] / found.information[GAIN, GAIN]) == pytest.approx(0.05, rel=0.5)
+
+
+def test_a_restless_gamma_is_no_restless_gain() -> None:
+    """It makes brighter and darker as well; contrast tells them apart."""
+    sights, path = made(4, gamma=np.exp(0.15 * walk(4)))
+    camera = np.zeros(len(CAMERA))
+    z = []
+    for camera[GAMMA] in (0.0, 0.15**2):
+        found = shade(sights, camera, path, np.full(PICTURES, True), DIRECTIONS)
+        z.append(found.score[GAIN] / np.sqrt(found.information[GAIN, GAIN]))
+    assert z[0] > 10.0
+    assert z[1] < 3.5
+
+
+def test_what_lies_farther_out_is_darker_and_no_matter_of_height() -> None:
+    """The belief that holds the corners' darkness sees no trend beside it."""
+    sights, path = made(5, vignetting=0.3)
+    camera = np.zeros(len(CAMERA))
+    camera[VIGNETTING] = 0.3
+    found = shade(sights, camera, path, np.full(PICTURES, True), DIRECTIONS)
+    z = found.score / np.sqrt(np.maximum(np.diag(found.information), 1e-12))
+    assert np.abs(z[len(CAMERA) :]).max() < 4.0
+    assert abs(z[GAIN]) < 3.5
 
 
 def test_dark_corners_are_vignetting_at_its_size() -> None:

@@ -1,0 +1,137 @@
+"""Lamps mirrored in the floor: spots of light that lag behind the floor from picture to picture.
+
+A lamp's mirror image lies deep below the floor, so that as the camera moves its spot goes over the picture
+more slowly than the floor does. What stands on the floor goes faster, and what is painted on it as fast. Two
+pictures laid over each other show a spot twice, brighter in the one and in the other; the way between both
+runs against the floor's own flow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import center_of_mass, label, maximum
+
+from frontend.camera import Camera
+from frontend.homography import transfer
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+WIDTH_PX = 88
+"""Pictures are looked at this small: a spot is no detail."""
+SMOOTH_PX = 3
+LEAST_LEVELS, DEVIATIONS = 25.0, 6.0
+"""By which a spot is brighter than the floor beneath, at least; and far beyond what pictures differ by."""
+LEAST_SEEN = 0.3
+MOST_TURN = 0.1
+"""Radians that a pair of pictures may be turned against each other: all that is seen turns alike."""
+LEAST_AREA = 1e-3
+"""Of the picture."""
+MOST_FLOW, LEAST_FLOW = 0.5, 0.015
+"""Of the picture's width that the floor goes between two pictures in which a spot may be followed."""
+LEAST_LAG = 0.15
+"""Share of the floor's flow that a spot stays behind by; more than 1 where one hides the other's middle."""
+ACROSS = 0.5
+"""Of what it stays behind by, across the flow."""
+
+
+@dataclass(frozen=True)
+class Spots:
+    """Bright spots of a pair of pictures that do not go with the floor."""
+
+    lagging: int
+    others: int
+    """That go otherwise: things that move or stand on the floor."""
+    strength: float
+    """Share of white by which the strongest lagging one is brighter than the floor; NaN without any."""
+
+
+def dimmed(image: Image) -> Image:
+    """The darkest colour of each pixel, small: light that is white raises all of them."""
+    dark = image if image.ndim == 2 else image.min(axis=2)
+    height, width = dark.shape
+    if width <= WIDTH_PX:
+        return dark
+    return cv2.resize(dark, (WIDTH_PX, round(height * WIDTH_PX / width)), interpolation=cv2.INTER_AREA)
+
+
+def spots(dim_i: Image, dim_j: Image, i_H_j: Array, camera: Camera) -> Spots:
+    """Of two dimmed pictures of one camera, with the floor's homography between undistorted pixels."""
+    nothing = Spots(0, 0, np.nan)
+    pixel = _pixels(dim_i.shape, camera.focal_px, camera.center_px, camera.size_px, camera.distortion)
+    j_H_i = np.asarray(np.linalg.inv(i_H_j), dtype=np.float64)
+    middle = np.array([camera.center_px])
+    flow = float(np.linalg.norm(middle - transfer(j_H_i, middle))) / camera.size_px[0]
+    turn = abs(float(np.arctan2(j_H_i[1, 0] - j_H_i[0, 1], j_H_i[0, 0] + j_H_i[1, 1])))
+    if not LEAST_FLOW < flow < MOST_FLOW or turn > MOST_TURN:
+        return nothing
+    seen, excess = _excess(dim_i, dim_j, transfer(j_H_i, pixel), camera)
+    if seen.mean() < LEAST_SEEN:
+        return nothing
+    spread = 1.4826 * float(np.median(np.abs(excess[seen])))
+    threshold = max(LEAST_LEVELS, DEVIATIONS * spread)
+    if excess.max() < threshold or excess.min() > -threshold:
+        return nothing
+    here, gone = (_blobs(side * excess, threshold, seen) for side in (1, -1))
+    lagging, others, strength = 0, 0, np.nan
+    for at, level in here:
+        if not gone:
+            break
+        was: Array = min((pixel[b] for b, _ in gone), key=lambda p: float(np.linalg.norm(p - pixel[at])))
+        moved = was - transfer(j_H_i, was[None])[0]
+        behind, length = pixel[at] - was, float(np.linalg.norm(moved))
+        share = -float(behind @ moved) / max(length, 1e-9) ** 2
+        across = float(np.linalg.norm(behind + share * moved))
+        if share > LEAST_LAG and across < ACROSS * share * length:
+            lagging, strength = lagging + 1, np.fmax(strength, level / 255.0)
+        else:
+            others += 1
+    return Spots(lagging, others, float(strength))
+
+
+@lru_cache(maxsize=4)
+def _pixels(
+    shape: tuple[int, int],
+    focal_px: tuple[float, float],
+    center_px: tuple[float, float],
+    size_px: tuple[int, int],
+    distortion: tuple[float, ...],
+) -> Array:
+    """(h w, 2) undistorted pixels, of the camera's own size, at the middles of a dimmed picture's."""
+    camera, scale = Camera(focal_px, center_px, size_px, distortion), size_px[0] / shape[1]
+    columns, rows = np.meshgrid(np.arange(shape[1]), np.arange(shape[0]))
+    grid = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64) + 0.5
+    return camera.undistort(grid * scale - 0.5)
+
+
+def _excess(dim_i: Image, dim_j: Image, back: Array, camera: Camera) -> tuple[NDArray[np.bool_], Array]:
+    """(h, w) where both pictures show the floor, and how much brighter i is there, 0 elsewhere."""
+    scale = camera.size_px[0] / dim_j.shape[1]
+    at = camera.project(camera.rays(back)) if camera.is_distorted else back
+    at = ((at + 0.5) / scale - 0.5).astype(np.float32).reshape(*dim_i.shape, 2)
+    height, width = dim_j.shape
+    seen = (at >= 0).all(axis=2) & (at[..., 0] <= width - 1) & (at[..., 1] <= height - 1)
+    other = cv2.remap(dim_j.astype(np.float32), at[..., 0], at[..., 1], cv2.INTER_LINEAR)
+    own = dim_i.astype(np.float32)
+    if seen.any():
+        other *= float(np.median((own[seen] + 1.0) / (other[seen] + 1.0)))
+    smooth = cv2.blur(np.where(seen, own - other, np.float32(0.0)), (SMOOTH_PX, SMOOTH_PX))
+    return seen, smooth.astype(np.float64)
+
+
+def _blobs(excess: Array, threshold: float, seen: NDArray[np.bool_]) -> list[tuple[int, float]]:
+    """Places (flat) of the middles, and peaks, of what is brighter than the threshold and not cut off."""
+    labels, count = label(excess > threshold)
+    inside = cv2.erode(seen.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0
+    area, cut = (np.bincount(labels[part], minlength=count + 1) for part in (seen, ~inside))
+    found = [k for k in range(1, count + 1) if area[k] > LEAST_AREA * labels.size and cut[k] == 0]
+    if not found:
+        return []
+    middles = np.rint(center_of_mass(excess, labels, found)).astype(np.int64)
+    peaks = maximum(excess, labels, found)
+    return [(int(y * labels.shape[1] + x), float(p)) for (y, x), p in zip(middles, peaks, strict=True)]
