@@ -5,7 +5,7 @@ Source: Jegou et al. 2010 (VLAD); Arandjelovic and Zisserman 2013 (intra-normali
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -32,12 +32,24 @@ class RetrievalConfig:
     """Principal components of the signatures that are kept."""
 
 
-def vocabulary(descriptors: Iterable[NDArray], config: RetrievalConfig, seed: int = 0) -> Float:
-    """(words, d) cluster centres of a sample of the flight's own descriptors."""
-    pool = np.concatenate([as_float(d) for d in descriptors])
-    rng = np.random.default_rng(seed)
-    if len(pool) > config.sample:
-        pool = pool[rng.choice(len(pool), config.sample, replace=False)]
+def vocabulary(
+    descriptors: Iterable[NDArray], counts: Sequence[int], config: RetrievalConfig, seed: int = 0
+) -> Float:
+    """(words, d) cluster centres of a sample of the flight's own descriptors.
+
+    ``counts``: how many each picture has; so no more than the sample is ever held.
+    """
+    total = int(sum(counts))
+    chosen = np.arange(total)
+    if total > config.sample:
+        chosen = np.random.default_rng(seed).choice(total, config.sample, replace=False)
+    order, at, taken = np.argsort(chosen), 0, []
+    ends = np.searchsorted(chosen[order], np.cumsum([0, *counts]))
+    for picture, begin, end in zip(descriptors, ends[:-1], ends[1:], strict=True):
+        taken.append(as_float(picture[chosen[order[begin:end]] - at]))
+        at += len(picture)
+    pool = np.empty((len(chosen), taken[0].shape[1]), np.float32)
+    pool[order] = np.concatenate(taken)
     words = min(config.words, max(1, len(pool) // 8))
     cv2.setRNGSeed(seed)
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 12, 1e-4)

@@ -61,12 +61,23 @@ def test_vocabulary_is_deterministic_sampled_and_sized_to_what_there_is() -> Non
     rng = np.random.default_rng(0)
     descriptors = [rng.normal(size=(300, 16)).astype(np.float32) for _ in range(4)]
     config = RetrievalConfig(words=32, sample=500)
-    one, again = vocabulary(descriptors, config, seed=4), vocabulary(descriptors, config, seed=4)
-    np.testing.assert_array_equal(one, again)
-    assert one.shape == (32, 16)
-    assert not np.array_equal(one, vocabulary(descriptors, config, seed=5))
-    assert vocabulary([descriptors[0][:40]], config).shape == (5, 16)
-    assert vocabulary([descriptors[0][:3], descriptors[0][:0]], config).shape == (1, 16)
+
+    def words(of: list[np.ndarray], seed: int = 0) -> np.ndarray:
+        return vocabulary(iter(of), [len(d) for d in of], config, seed)
+
+    np.testing.assert_array_equal(words(descriptors, 4), words(descriptors, 4))
+    assert words(descriptors, 4).shape == (32, 16)
+    assert not np.array_equal(words(descriptors, 4), words(descriptors, 5))
+    assert words([descriptors[0][:40]]).shape == (5, 16)
+    assert words([descriptors[0][:3], descriptors[0][:0]]).shape == (1, 16)
+
+
+def test_vocabulary_is_of_rows_of_all_pictures_drawn_alike() -> None:
+    """Each picture's descriptors are one point: each point that is drawn often becomes a word."""
+    descriptors = [np.full((count, 4), float(k), np.float32) for k, count in enumerate((400, 0, 800, 400))]
+    config = RetrievalConfig(words=3, sample=200)
+    centres = vocabulary(iter(descriptors), [len(d) for d in descriptors], config)
+    assert sorted(centres[:, 0].round(3).tolist()) == [0.0, 2.0, 3.0]
 
 
 def test_signature_is_vlad_by_its_definition() -> None:
