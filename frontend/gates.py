@@ -30,7 +30,7 @@ class GateConfig:
     max_scale: float = 3.5
     """Largest ratio of heights."""
     min_overlap: float = 0.1
-    """Share of the smaller footprint."""
+    """Of the pictures; of the lower one where heights differ much."""
 
 
 def reject_reason(
@@ -38,7 +38,7 @@ def reject_reason(
 ) -> str:
     """Why the fit is refused; empty where it is not.
 
-    ``pixel_j`` (m, 2): all matches, inliers or not; ``overlap``: share of the smaller footprint.
+    ``pixel_j`` (m, 2): all matches, inliers or not; ``overlap``: what the pictures share.
     """
     inliers = int(fit.inlier.sum())
     if inliers < gates.min_inliers:

@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.features import Features
-from frontend.gates import GateConfig, reject_reason
+from frontend.gates import GateConfig, local_scale, reject_reason
 from frontend.homography import HomographyConfig, transfer
 from frontend.matching import match
 from frontend.motions import Expectation, floor_motion
 
 Array = NDArray[np.float64]
+
+HIGHER = 1.5
+"""A picture from this many times as high is much the larger one."""
 
 
 @dataclass(frozen=True)
@@ -100,14 +103,14 @@ def overlap(i_H_j: Array, camera: Camera) -> float:
 
 
 def _shared(i_H_j: Array, covered: float, camera: Camera, gates: GateConfig) -> float:
-    """Share of the smaller footprint: of a picture from three times as high no other shows more than a ninth.
+    """Share of picture j, ``covered``; of picture i where j is from much higher.
 
-    ``covered``: the share of picture j.
+    Of a picture from three times as high no other shows more than a ninth.
     """
-    if covered == 0.0 or covered >= gates.min_overlap:
+    if covered == 0.0 or covered >= gates.min_overlap or local_scale(i_H_j, camera) < HIGHER:
         return covered
     j_H_i = np.linalg.inv(i_H_j)
-    return max(covered, overlap(np.asarray(j_H_i / j_H_i[2, 2], dtype=float), camera))
+    return overlap(np.asarray(j_H_i / j_H_i[2, 2], dtype=float), camera)
 
 
 def refused(i: int, j: int, reason: str) -> Registration:
