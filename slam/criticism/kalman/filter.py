@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.compiled import kernel
-from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, MOVING, TARGET, WIDTH
+from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, MOVING, RANGE_LAG, SONAR, TARGET, WIDTH
 from slam.criticism.kalman.sensitivity import ENTRIES, carry, direct_change, force, tell
 from slam.criticism.kalman.steps import (
     after_contact,
@@ -34,6 +34,12 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 USED, OUTLIER, IGNORED = 1, 2, 0
+ROLL, PITCH = 6, 7
+"""Entries of the state."""
+SHORT_S = 1e-5
+OWN_SHARE = 0.25
+"""Of a stamp's standard deviation times the kicks: a third of E |t|, as the next reading shows the rest. With
+none of it gyros whose stamps are off by 7 ms scatter more about the axes that tilt than about yaw."""
 
 
 @kernel
@@ -44,8 +50,10 @@ def _ahead(
     scale: Array, slopes: Array, matrix: Array, q: Array, work: Array, rate: Array, middle: Array,
     middle_noise: Array, moved: Array, felt: Array, added: Array,
 ) -> None:  # fmt: skip
-    """State, covariance and tangents over the steps ``begin`` to ``end``, in place; the last line of
-    arguments but two is room to work, ``slopes`` (10, n) are left as of the last step."""
+    """State, covariance and tangents over the steps ``begin`` to ``end``, in place.
+
+    From ``slopes`` on arguments are room to work; ``slopes`` (10, n) is left as of the last step.
+    """
     for s in range(begin, end):
         h = lengths[s]
         predict(
@@ -61,20 +69,52 @@ def _ahead(
 
 
 @kernel
-def _spread_by_stamp(row: Array, rate: Array, jitter_var: float) -> float:
-    """Variance that a reading with row ``row`` (n,) has from its stamp's: off by t times its own rate."""
-    if jitter_var <= 0.0:
+def _spread_by_stamp(row: Array, rate: Array, rough: Array, jitter_s: float) -> float:
+    """Variance of a reading with row ``row`` (n,) from its stamp, off by t of a deviation ``jitter_s``.
+
+    It is off by t times its own rate, and by what the noises did in between: their kicks ``rough`` (n,) a
+    second, of which the next reading shows most as well.
+    """
+    if jitter_s <= 0.0:
         return 0.0
-    slope = 0.0
+    slope, kicked = 0.0, 0.0
     for i in range(MOVING):
         slope += row[i] * rate[i]
-    return jitter_var * slope * slope
+    for i in range(TARGET, row.shape[0]):
+        kicked += row[i] * row[i] * rough[i]
+    return jitter_s * jitter_s * slope * slope + OWN_SHARE * jitter_s * kicked
+
+
+@kernel
+def _roughness(hold: Array, n: int) -> Array:
+    """(n,) growth of each noise's variance by its kicks, a second."""
+    matrix, q = np.zeros((n, n)), np.zeros((n, n))
+    decay(hold, SHORT_S, matrix)
+    kicks(hold, matrix, q)
+    return np.diag(q) / SHORT_S
+
+
+@kernel
+def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate: Array) -> None:
+    """Put the mean rates of roll and pitch over a sonar's lag before an event in place of its moment's own.
+
+    Tilts begin and end within a lag: the tilt then is not the tilt now less the lag times its rate.
+    """
+    then = times[event] - lag_s
+    e = event
+    while e > 0 and times[e] > then:
+        e -= 1
+    if e == event or times[e] > then:
+        return
+    part = (then - times[e]) / (times[e + 1] - times[e])
+    for i in (ROLL, PITCH):
+        rate[i] = (states[event, i] - states[e, i] - part * (states[e + 1, i] - states[e, i])) / lag_s
 
 
 @kernel
 def _take(
     event: int, kind: int, read: Array, near: bool, jump: int, predicted: Array, rows: Array, rate: Array,
-    noise_var: Array, jitter_var: float, limits: Array, state: Array, p: Array, memory: Array,
+    noise_var: Array, rough: Array, jitter_s: float, limits: Array, state: Array, p: Array, memory: Array,
     tangents: Array, direct: Array, innovation: Array, log_variance: Array, status: Ints, traces: Array,
     row: int, ph: Array, told: Array, done: Array,
 ) -> int:  # fmt: skip
@@ -90,7 +130,7 @@ def _take(
         noise = noise_var[channel]
         if not judged(kind, channel, read[c], predicted[c], noise, near, jump, limits):
             continue
-        noise += _spread_by_stamp(rows[c], rate, jitter_var)
+        noise += _spread_by_stamp(rows[c], rate, rough, jitter_s)
         s_var = noise + spread_along(p, rows[c], ph)
         miss = miss_of(kind, c, read[c], predicted[c], rows[c], done)
         std = math.sqrt(s_var)
@@ -114,7 +154,7 @@ def run(
     begin: int, end: int, times: Array, kinds: Ints, values: Array, elapsed: Array, jumps: Ints,
     first_step: Ints, lengths: Array, sticks: Array, jolts: Array, late_var: float, commands: Array,
     parameters: Array, sensor: Array, hold: Array,
-    noise_var: Array, jitter_var: float, limits: Array, state: Array, p: Array, memory: Array,
+    noise_var: Array, jitter_s: float, limits: Array, state: Array, p: Array, memory: Array,
     acts: Ints, reads: Ints, stick_of: Ints, parameters_of: Array, sensor_of: Array, inject_at: Ints,
     signal_of: Ints, step_signals: Array, event_signals: Array, scale: Array, tangents: Array,
     innovation: Array, log_variance: Array, status: Ints, traces: Array, states: Array, keep: Ints,
@@ -123,7 +163,7 @@ def run(
     carry on.
 
     ``times``, ``kinds``, ``elapsed``, ``jumps`` (events,), ``values`` (events, 6) with NaN for what is
-    missing; gyro readings where the stick jumps are not judged. Event e is reached by steps
+    missing; the first ``jumps`` channels of the IMU are not judged. Event e is reached by steps
     ``first_step[e]`` to ``first_step[e + 1]`` of ``lengths``, with the sticks' means ``sticks`` (variants,
     steps, 6) over each, jumps ``jolts`` (steps, 6) within, whose moments vary by ``late_var``, and
     ``commands`` (variants, events, 6) at the event. Written: ``innovation``
@@ -138,6 +178,7 @@ def run(
     predicted, h_matrix, direct = np.empty(6), np.zeros((6, n)), np.zeros((6, m))
     by_rate, felt = np.zeros((6, MOVING)), np.zeros((ENTRIES, MOVING))
     moved, ph, told, done = np.empty((MOVING, m)), np.empty(n), np.empty(m), np.empty(n)
+    rough = _roughness(hold, n)
     row = 0
     for e in range(begin, end):
         _ahead(
@@ -156,6 +197,8 @@ def run(
         else:
             spread(state, middle, middle_noise)
             derivative(middle, commands[0, e], middle_noise, parameters, rate)
+        if kind == SONAR and sensor[RANGE_LAG] > 0.0:
+            _turn_within_lag(e, times, states, sensor[RANGE_LAG], rate)
         measurement(
             kind, state, rate, slopes, sensor, parameters, hold[POLE], elapsed[e], predicted, by_rate,
             h_matrix,
@@ -167,8 +210,9 @@ def run(
                 felt, direct,
             )  # fmt: skip
         row = _take(
-            e, kind, values[e], near, jumps[e], predicted, h_matrix, rate, noise_var, jitter_var, limits,
-            state, p, memory, tangents, direct, innovation, log_variance, status, traces, row, ph, told, done,
+            e, kind, values[e], near, jumps[e], predicted, h_matrix, rate, noise_var, rough, jitter_s,
+            limits, state, p, memory, tangents, direct, innovation, log_variance, status, traces, row, ph,
+            told, done,
         )  # fmt: skip
     keep[0] = row
 

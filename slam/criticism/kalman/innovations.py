@@ -112,7 +112,7 @@ class _Run:
                 begin, end, record.times_s, record.kinds, record.values, record.elapsed, table.jumps,
                 record.first_step, record.step_s, table.sticks, table.jolts, setting.late_std_s**2,
                 table.commands, setting.parameters, setting.sensor, setting.hold,
-                noise_var, setting.jitter_s**2, record.range_limits, self._state, self._p, self._memory,
+                noise_var, setting.jitter_s, record.range_limits, self._state, self._p, self._memory,
                 table.acts, table.reads, table.stick_of, table.parameters_of, table.sensor_of,
                 table.inject_at, table.signal_of, table.step_signals, table.event_signals, table.scale,
                 self._tangents, self.white, self.log_variance, self.status, traces, self.states, keep,

@@ -145,13 +145,13 @@ def judged(
     kind: int, channel: int, value: float, predicted: float, noise_var: float, near: bool, jump: int,
     limits: Array,
 ) -> bool:  # fmt: skip
-    """Whether a reading says anything: not a missing one, speeds after contact, the gyro beside a jump of the
-    stick, or a range that may be cut."""
+    """Whether a reading says anything: not a missing one, speeds after contact, the first ``jump`` channels
+    of the IMU beside a jump of the stick, or a range that may be cut."""
     if math.isnan(value):
         return False
     if near and (3 <= channel < 6 or 9 <= channel < 11):
         return False
-    if jump and channel < 3:
+    if channel < jump:
         return False
     if kind == SONAR:
         margin = SONAR_MARGIN * math.sqrt(noise_var)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.optics import CAMERA
-from slam.criticism.kalman.readings import ATTITUDE, IMU, SENSOR, SONAR, VELOCITY
+from slam.criticism.kalman.readings import ATTITUDE, IMU, SENSOR, SONAR, VELOCITY, WIDTH
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import LATE_SPREAD, Setting
 from slam.simulation.dynamics import NOISE, PARAMETERS
@@ -32,6 +32,9 @@ FORCES = (*NOISE, "up", "ahead", "left")
 _ON_CHANNEL = 100
 JUMP_S = 0.002
 """A log's stamps say no better when the stick jumped; the gyro jumps with it."""
+GYRO_CHANNELS = 3
+JITTER_REACH, LARGE_JUMP = 3.0, 0.03
+"""Standard deviations of a stamp, and the least jump of a stick that matters so far away."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ class Tangents:
     commands: Array
     """(variants, events, 6)."""
     jumps: Ints
-    """(events,) 1 where the stick jumps within ``JUMP_S`` of the event."""
+    """(events,) how many of the event's channels, from the first, a jump of the stick near it may spoil."""
     jolts: Array
     """(steps, 6) how far it jumps within each step."""
     names: tuple[str, ...] = field(default=())
@@ -149,11 +152,20 @@ def _jolts(record: Record, setting: Setting) -> Array:
 
 
 def _jumps(record: Record, setting: Setting) -> Ints:
-    changed = np.any(np.diff(record.stick.values, axis=0) != 0, axis=1)
-    at = (record.stick.stamps_s[1:][changed] + setting.latency_s) * (1 + setting.drift)
-    if len(at) == 0:
-        return np.zeros(len(record.times_s), dtype=np.int64)
-    after = np.searchsorted(at, record.times_s)
-    before_s = np.abs(record.times_s - at[np.maximum(after - 1, 0)])
-    after_s = np.abs(at[np.minimum(after, len(at) - 1)] - record.times_s)
-    return (np.minimum(before_s, after_s) < JUMP_S + LATE_SHARE * setting.latency_s).astype(np.int64)
+    size = np.abs(np.diff(record.stick.values, axis=0)).max(axis=1, initial=0.0)
+    at = (record.stick.stamps_s[1:] + setting.latency_s) * (1 + setting.drift)
+    beside = _apart(record.times_s, at[size > 0]) < JUMP_S + LATE_SHARE * setting.latency_s
+    spoilt = np.where(beside, GYRO_CHANNELS, 0)
+    # With stamps that are off by themselves the climb's own jump, smaller, is in doubt as well.
+    spoilt[_apart(record.times_s, at[size > LARGE_JUMP]) < JITTER_REACH * setting.jitter_s] = WIDTH[IMU]
+    return np.asarray(spoilt, dtype=np.int64)
+
+
+def _apart(times_s: Array, moments_s: Array) -> Array:
+    """Time from each to the nearest moment."""
+    if len(moments_s) == 0:
+        return np.full(len(times_s), np.inf)
+    after = np.searchsorted(moments_s, times_s)
+    before_s = np.abs(times_s - moments_s[np.maximum(after - 1, 0)])
+    after_s = np.abs(moments_s[np.minimum(after, len(moments_s) - 1)] - times_s)
+    return np.asarray(np.minimum(before_s, after_s))

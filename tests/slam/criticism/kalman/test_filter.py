@@ -11,12 +11,14 @@ from slam.criticism.effects import _STEPS, RADIUS_M, effects_for
 from slam.criticism.healthy import drawn_vehicle, flown
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.innovations import stretches, whole
-from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL
+from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, IMU
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
+from slam.criticism.kalman.tangents import parameter_direction
 from slam.criticism.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
+TILTS = [f"short pulses of 0.2 s {way} at half stick" for way in ("forward", "to the side")] * 2
 PLAN = ["tilts of 15 deg to all four sides", "yaw on the spot while climbing", "reversing forward at 0.2"]
 
 
@@ -41,6 +43,30 @@ def test_innovations_are_white_under_the_truth(seed):
         assert abs(white.mean()) * np.sqrt(n) < 4, name
         assert abs(white.var() - 1) * np.sqrt(n / 2) < 4.5, name
         assert abs((white[1:] * white[:-1]).sum()) / np.sqrt(n) < 4.5, name
+
+
+@pytest.mark.parametrize("lag_s", [0.03, 0.1])
+def test_a_late_sonar_is_not_less_late_in_quick_tilts(lag_s):
+    """About the true lag its score is chance: tilts that begin and end within it are no less late."""
+    vehicle = slow(load_model("nominal")).with_term("sonar_lag", T=lag_s)
+    record = record_of(flown(vehicle, stick_for(TILTS), 5))
+    lag = parameter_direction("sonar_lag.T", 1e-3)
+    score = information = 0.0
+    for rows in stretches(record, setting_of(vehicle), [lag], {}):
+        score += float(rows.white @ rows.traces[:, 0])
+        information += float(rows.traces[:, 0] @ rows.traces[:, 0])
+    assert information**-0.5 < 0.1 * lag_s
+    assert abs(score) / information < max(3.0 * information**-0.5, 0.05 * lag_s)
+
+
+def test_stamps_that_are_off_make_gyros_scatter_no_more_than_they_are_said_to():
+    vehicle = slow(load_model("nominal")).with_term("timestamp_jitter", sigma=0.006)
+    record = record_of(flown(vehicle, stick_for(TILTS), 6))
+    run = whole(record, setting_of(vehicle))
+    rows = record.kinds == IMU
+    for c in range(3):
+        white = run.white[rows, c][run.status[rows, c] == USED]
+        assert 0.8 < float(np.mean(white**2)) < 1.25, CHANNELS[c]
 
 
 def test_a_wrong_noise_is_seen():
