@@ -60,8 +60,8 @@ def posterior_of(found: Search) -> Posterior:
     for place in places:
         if place is not None and is_wall(place):
             # The search has held it against all others with the filter run anew.
-            alternatives.append((place.name,))
-            leads.append(np.inf)
+            alternatives.append((place.name, *_as_good(found, place)))
+            leads.append(np.inf if len(alternatives[-1]) == 1 else 0.0)
             continue
         rest = [e for e in chosen if e is not place]
         if place is not None:
@@ -97,7 +97,17 @@ def posterior_of(found: Search) -> Posterior:
             near += [n for n in found.rivals.get(place.name, ()) if n in others and n not in near]
             alternatives.append((place.name, *near))
             leads.append(own - max(others.values(), default=-np.inf))
-    return Posterior(_probabilities(weights), tuple(alternatives), tuple(leads), float(unknown))
+    probability = _probabilities(weights)
+    for names in (a for p, a in zip(places, alternatives, strict=False) if p is not None and is_wall(p)):
+        share = probability.get(names[0], 0.0) / len(names)
+        probability.update({n: max(share, probability.get(n, 0.0)) for n in names[1:]} | {names[0]: share})
+    return Posterior(probability, tuple(alternatives), tuple(leads), float(unknown))
+
+
+def _as_good(found: Search, wall: Effect) -> tuple[str, ...]:
+    """What fitted as well as a wall when it was chosen; of a foreign vehicle it is told as what remains."""
+    chosen = {e.name for e in found.chosen}
+    return () if found.model.foreign else tuple(n for n in found.rivals.get(wall.name, ()) if n not in chosen)
 
 
 def _evidence(look: Look, rest: Sequence[Effect], extra: Effect | None = None) -> float:

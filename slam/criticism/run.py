@@ -94,7 +94,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     left = found.last.standing(found.chosen, found.last.shapes)
     left = sorted(left, key=lambda s: -s.z)
     shaking = vibration_of(records, found.last.sums.passes)
-    walls = [e.name for e in found.chosen if is_wall(e) and found.rivals.get(e.name)]
+    walls = [e.name for e in found.chosen if is_wall(e) and found.rivals.get(e.name) and setting.foreign]
     told = [f"{name} may be {' or '.join(found.rivals[name])}" for name in walls]
     told += [*doubts.values(), *([str(shaking)] if shaking else [])]
     verdict, equivalents, remainder = decide(
