@@ -24,9 +24,11 @@ CONTACT = ("sonar_bias",)
 FINE_S, COARSE_S = GRID_S / 2, GRID_S
 CHANCE = ("gusts", "timestamp_jitter", "sonar_spikes", "sonar_quantisation")
 """Effects that change the scatter only: no difference without noise tells their strength."""
-KINDS = ("null", "null_heavy", "null_edge", "single", "pair", "strange", "untellable")
-SHARE = {"null": 3, "null_heavy": 2, "null_edge": 2, "single": 9, "pair": 2, "strange": 3, "untellable": 2}
+KINDS = ("null", "null_heavy", "null_coloured", "null_edge", "single", "pair", "strange", "untellable")
+SHARE = dict(zip(KINDS, (3, 2, 1, 2, 9, 2, 3, 2), strict=True))
 """How a suite of all kinds is mixed."""
+COLOUR = (0.3, 0.6)
+"""Correlation of successive samples of coloured noise."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,9 @@ class Case:
         return asdict(self)
 
 
-def nuisances_of(rng: np.random.Generator, edge: bool = False, heavy: bool = False) -> dict[str, float]:
+def nuisances_of(
+    rng: np.random.Generator, edge: bool = False, heavy: bool = False, coloured: bool = False
+) -> dict[str, float]:
     """A healthy vehicle; at the edges of all priors if ``edge``."""
 
     def around(width: float) -> float:
@@ -83,6 +87,8 @@ def nuisances_of(rng: np.random.Generator, edge: bool = False, heavy: bool = Fal
     k["tilt_tau"], k["spin_tau"] = between(0.15, 0.4), between(0.2, 0.5)
     k["shake_tau"], k["datum"] = between(0.05, 0.25), 0.01 * (around(1.0) - 1.0)
     k["charge"], k["tails"] = float(rng.uniform(0.55, 0.95)), float(heavy)
+    if coloured:
+        k["colour"] = float(rng.uniform(*COLOUR))
     return k
 
 
@@ -201,7 +207,7 @@ def make(
     """Draw a case, write its flights below ``home`` and tell what is true. ``fault`` and ``d`` may be set."""
     assert kind in KINDS, kind
     rng = np.random.Generator(np.random.Philox(np.random.SeedSequence((seed, index))))
-    base = nuisances_of(rng, edge=kind == "null_edge", heavy=kind == "null_heavy")
+    base = nuisances_of(rng, *(kind == f"null_{sort}" for sort in ("edge", "heavy", "coloured")))
     target = d or float(np.exp(rng.uniform(np.log(5.0), np.log(20.0))))
     kept: tuple[str, ...] = tuple(RATE_HZ)
     case = Case(f"case_{index:03d}", kind, (), duration_s, knobs=base)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from tests.blind.vehicle import FADE, POLE_S, YAW_RATE, YAW_S, G, Path, calm, climbed, lift, push
@@ -186,10 +187,15 @@ def stamps(rate_hz: float, duration_s: float, rng: np.random.Generator) -> np.nd
     return first + np.arange(int((duration_s - first) * rate)) / rate
 
 
-def noisy(value: np.ndarray, std: float, heavy: float, rng: np.random.Generator) -> np.ndarray:
-    """White noise; of Student's t with four degrees of freedom and the same spread if ``heavy``."""
-    draw = rng.standard_t(4, value.shape) / np.sqrt(2.0) if heavy else rng.standard_normal(value.shape)
-    return value + std * draw
+def noisy(value: np.ndarray, std: float, k: dict[str, float], rng: np.random.Generator) -> np.ndarray:
+    """White noise; of Student's t with four degrees of freedom and the same spread if ``k["tails"]``; a first
+    order autoregression of that spread, ``k["colour"]`` from one sample to the next, if that is not 0."""
+    shape = (len(value), value.size // len(value))
+    draw = rng.standard_t(4, shape) / np.sqrt(2.0) if k["tails"] else rng.standard_normal(shape)
+    if k["colour"]:
+        draw[1:] *= np.sqrt(1.0 - k["colour"] ** 2)
+        draw = lfilter([1.0], [1.0, -k["colour"]], draw, axis=0)
+    return value + std * draw.reshape(value.shape)
 
 
 def streams(path: Path, member: int, stick: np.ndarray, rng: np.random.Generator) -> dict[str, tuple]:
@@ -198,21 +204,26 @@ def streams(path: Path, member: int, stick: np.ndarray, rng: np.random.Generator
     duration = path.h * len(path.held)
     t = {name: stamps(rate, duration, rng) for name, rate in RATE_HZ.items()}
     imu = inertial(moments(path, member, t["imu0"], rng))
-    gyro = noisy(imu[:, :3], NOISE["gyro"] * k["n_gyro"], k["tails"], rng)
-    accel = noisy(imu[:, 3:], NOISE["accel"] * k["n_accel"], k["tails"], rng)
+    gyro = noisy(imu[:, :3], NOISE["gyro"] * k["n_gyro"], k, rng)
+    accel = noisy(imu[:, 3:], NOISE["accel"] * k["n_accel"], k, rng)
     angles = attitude(moments(path, member, t["attitude0"]))
-    angles = noisy(angles, NOISE["attitude"] * k["n_attitude"], k["tails"], rng)
+    angles = noisy(angles, NOISE["attitude"] * k["n_attitude"], k, rng)
     angles[:, 2] = (angles[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     flow = velocity(moments(path, member, t["velocity0"], rng))
-    flow = noisy(flow, NOISE["velocity"] * k["n_flow"], k["tails"], rng)
+    flow = noisy(flow, NOISE["velocity"] * k["n_flow"], k, rng)
     reach = heard(path, member, t["sonar0"])
     twice = rng.uniform(size=len(reach)) < k["echo_twice"]
-    reach = noisy(np.where(twice, 1.98 * reach, reach), NOISE["sonar"] * k["n_echo"], k["tails"], rng)
+    reach = noisy(np.where(twice, 1.98 * reach, reach), NOISE["sonar"] * k["n_echo"], k, rng)
     if k["echo_step"] > 0.0:
         reach = np.floor(reach / k["echo_step"] + 0.5) * k["echo_step"]
     reach = np.maximum(reach, k["echo_floor"])
     reach[(reach < RANGE_M[0]) | (reach > RANGE_M[1])] = np.nan
-    volts = noisy(voltage(stick, k["charge"], duration, t["battery0"]), NOISE["battery"], 0.0, rng)
+    volts = noisy(
+        voltage(stick, k["charge"], duration, t["battery0"]),
+        NOISE["battery"],
+        {"tails": 0.0, "colour": 0.0},
+        rng,
+    )
     values = {
         "imu0": np.column_stack([gyro.round(5), accel.round(4)]), "attitude0": angles.round(5),
         "velocity0": flow.round(4), "sonar0": reach[:, None].round(4), "battery0": volts[:, None].round(3),

@@ -178,6 +178,7 @@ def card(answers: list[Answer]) -> list[Row]:
         for name, some, floor, best in (
             ("false alarms, clean", clean, 0.02, 0.01),
             ("false alarms, heavy tails", of.get("null_heavy", []), 0.05, 0.02),
+            ("false alarms, coloured noise", of.get("null_coloured", []), 0.05, 0.02),
         )
     ]
     sizes = [len(a.credible) for a in at(8, found)]

@@ -11,7 +11,7 @@ import pytest
 from tests.blind import folder
 from tests.blind.cases import CHANCE, CONTACT, KINDS, Outing, make, nuisances_of, plans_for, sized, suite
 from tests.blind.faults import BY_NAME, FAULTS, STRANGE, UNTELLABLE
-from tests.blind.instruments import NOISE, RATE_HZ, streams
+from tests.blind.instruments import NOISE, RATE_HZ, noisy, streams
 from tests.blind.strength import NUISANCES, STEP_S, outputs, strengths, whitened
 from tests.blind.vehicle import HEALTHY
 
@@ -177,6 +177,15 @@ def test_a_case_is_what_its_seed_says(made, tmp_path):
     assert all((tmp_path / "case_004" / f).read_bytes() == (made / f).read_bytes() for f in files)
     theirs = tmp_path / "other" / other.name
     assert all((theirs / f).read_bytes() != (made / f).read_bytes() for f in files)
+
+
+def test_coloured_noise_spreads_as_white_noise_does_and_remembers():
+    rng = np.random.default_rng(1)
+    draws = noisy(np.zeros((20_000, 2)), 0.3, {"tails": 0.0, "colour": 0.5}, rng)
+    assert draws.std() == pytest.approx(0.3, rel=0.03)
+    for column in draws.T:
+        assert np.corrcoef(column[1:], column[:-1])[0, 1] == pytest.approx(0.5, abs=0.03)
+    assert abs(np.corrcoef(draws.T)[0, 1]) < 0.03
 
 
 def test_nothing_but_numbers_tells_a_faulty_case(made, tmp_path):

@@ -33,6 +33,7 @@ def says(word: str, *causes: tuple[str, float], value: float = 0.5, **more) -> d
 RIGHT = [
     Answer(case("null"), says("nothing_wrong")),
     Answer(case("null_heavy"), says("nothing_wrong")),
+    Answer(case("null_coloured"), says("nothing_wrong")),
     Answer(case("single", BRAKE), says("named", ("active_braking", 0.99))),
     Answer(case("pair", BRAKE, SONAR), says("named", ("active_braking", 0.99), ("sonar_lag", 0.98))),
     Answer(case("strange", HUM), says("unknown", remainder="17 Hz in imu.gyro_x")),
@@ -46,6 +47,7 @@ RIGHT = [
 WRONG = [
     Answer(case("null"), says("named", ("gyro_bias", 0.99))),
     Answer(case("null_heavy"), says("unknown")),
+    Answer(case("null_coloured"), says("unknown")),
     Answer(case("single", BRAKE), says("named", ("gyro_bias", 0.99))),
     Answer(case("pair", BRAKE, SONAR), says("named", ("active_braking", 0.99))),
     Answer(case("strange", HUM), says("named", ("gyro_bias", 0.99))),
@@ -66,7 +68,8 @@ def test_right_answers_keep_every_floor():
 def test_wrong_answers_are_seen():
     missed = {row.name for row in card(WRONG) if row.met is False}
     assert missed >= {
-        "false alarms, clean", "false alarms, heavy tails", "right, given detection, d >= 6",
+        "false alarms, clean", "false alarms, heavy tails", "false alarms, coloured noise",
+        "right, given detection, d >= 6",
         "true cause in the 95 % set", "right when claiming P >= 0.95", "pairs: both found, each d >= 8",
         "strange: not misnamed", "strange: flagged", "strange: right channel", "cannot tell: says so",
     }  # fmt: skip
