@@ -64,9 +64,9 @@ def grown(
     on_round: Callable[[int, int], None],
 ) -> tuple[Mask, Array]:
     """Edges (m,) that agree, beginning with those of ``base`` (solved: ``w_T``), and the poses from them."""
-    growth = _Growth(problem, base, _places(problem.i, problem.j), solve, draw)
+    growth = _Growth(problem, base, places(problem.i, problem.j), solve, draw)
     loops = np.flatnonzero(~base)
-    decoy = Decoys.of(problem, loops, growth.places[loops])
+    decoy = Decoys.of(problem, loops, growth.place[loops])
     kept, strikes = base.copy(), np.zeros(len(base), dtype=np.int64)
     for number in range(_ROUNDS):
         drawn = draw(kept, w_T)
@@ -75,10 +75,10 @@ def grown(
         left = np.flatnonzero(~kept & (strikes < _STRIKES))
         scale = noise_scale(problem, kept, w_T)
         if number == 0:
-            scale = first_scale(innovations(problem, w_T, drawn, left), growth.places[left])
+            scale = first_scale(innovations(problem, w_T, drawn, left), growth.place[left])
         pending = innovations(problem, w_T, drawn, left, scale)
         chance = decoy.chance(w_T, drawn, scale).of(pending.log_chance())
-        joined = _joining(pending, chance, growth.places[left], _believed(kept, base))
+        joined = _joining(pending, chance, growth.place[left], _believed(kept, base))
         if len(joined) == 0:
             break
         new = growth.crossed(kept, joined, w_T, scale)
@@ -103,17 +103,17 @@ def judged(problem: Problem, kept: Mask, w_T: Array, drawn: Array) -> tuple[Mask
     if len(edges) == 0:
         return agrees, sigma
     found = innovations(problem, w_T, drawn, edges, scale)
-    places, loops = _places(problem.i, problem.j), np.flatnonzero(~problem.trusted)
-    decoy = Decoys.of(problem, loops, places[loops])
+    place, loops = places(problem.i, problem.j), np.flatnonzero(~problem.trusted)
+    decoy = Decoys.of(problem, loops, place[loops])
     chance = decoy.chance(w_T, drawn, scale).of(found.log_chance())
     sigma[edges] = found.sigma()
     # Real noise has tails: within its covariance as stated, if the prediction is sharp even for that.
     wide = float(np.clip(1 / scale, 1, _TAIL))
-    agrees[edges] = _sure(chance, found.agrees(), places[edges])
+    agrees[edges] = _sure(chance, found.agrees(), place[edges])
     agrees[edges] |= _sure(
         np.minimum(chance + problem.freedom * np.log(wide), 0.0),
         sigma[edges] ** 2 <= limit(problem.freedom) * wide**2,
-        places[edges],
+        place[edges],
     )
     return agrees, sigma
 
@@ -124,7 +124,7 @@ class _Growth:
 
     problem: Problem
     base: Mask
-    places: Index
+    place: Index
     solve: Solve
     draw: Draw
 
@@ -140,7 +140,7 @@ class _Growth:
 
     def _halves(self, kept: Mask, joined: Index, w_T: Array, scale: float, turn: int) -> Index:
         # Loops between the same places stay together.
-        half = (np.unique(self.places[joined], return_inverse=True)[1] >> turn) % 2 == 0
+        half = (np.unique(self.place[joined], return_inverse=True)[1] >> turn) % 2 == 0
         if half.all():
             half = np.arange(len(joined)) % 2 == 0
         if half.all():
@@ -179,16 +179,16 @@ def _believed(kept: Mask, base: Mask) -> float:
     return float((1 + (kept & ~base).sum()) / (2 + (~base).sum()))
 
 
-def _joining(pending: Innovations, chance: Array, places: Index, believed: float) -> Index:
-    """Which edges to believe next; ``chance`` and ``places`` (k,) go with the pending ones."""
+def _joining(pending: Innovations, chance: Array, place: Index, believed: float) -> Index:
+    """Which edges to believe next; ``chance`` and ``place`` (k,) go with the pending ones."""
     agrees = pending.agrees()
-    sure = _sure(chance, agrees, places)
+    sure = _sure(chance, agrees, place)
     if sure.any() or not agrees.any():
         # What is sharp goes first: the rest is then judged by sharper predictions.
         return pending.edges[sure]
     open_ = np.flatnonzero(agrees)
     open_ = open_[np.argsort(chance[open_])][:_HYPOTHESES]
-    votes = _votes(pending, open_, places[open_], chance[open_])
+    votes = _votes(pending, open_, place[open_], chance[open_])
     least = -np.log(_DOUBT * believed / (1 - believed))
     best = float(votes.support.max())
     if best < least:
@@ -254,7 +254,7 @@ def _votes(pending: Innovations, open_: Index, place: Index, chance: Array) -> _
     return _Votes(support, follows, fits)
 
 
-def _places(i: Index, j: Index) -> Index:
+def places(i: Index, j: Index) -> Index:
     """(k,) which loops join the same two stretches of the way: neighbours of neighbours have one number."""
     near = cKDTree(np.column_stack([np.minimum(i, j), np.maximum(i, j)])).query_pairs(_STRETCH, p=np.inf)
     pairs = np.array(sorted(near), dtype=np.int64).reshape(-1, 2)

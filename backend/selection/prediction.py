@@ -108,17 +108,27 @@ def innovations(problem: Problem, w_T: Array, drawn: Array, edges: Index, scale:
 
     ``scale`` is how large noise is over what is stated.
     """
-    some = problem.with_edges(np.isin(np.arange(len(problem.i)), edges))
-    d = problem.freedom
-    turn = se3.adjoint(se3.inverse(w_T[some.j]) @ w_T[some.i])
-    if d == 3:
+    edges = np.sort(edges)
+    residual = problem.with_edges(np.isin(np.arange(len(problem.i)), edges)).residuals(w_T)
+    room = log_room(problem, w_T)[edges] - problem.freedom * np.log(scale)
+    return Innovations(edges, residual / scale, whitened_spread(problem, w_T, drawn, edges), room)
+
+
+def whitened_spread(problem: Problem, w_T: Array, drawn: Array, edges: Index) -> Array:
+    """(k, d, s) what a solution predicts of some edges, in ``draws`` (n, d, s) about it."""
+    i, j = problem.i[edges], problem.j[edges]
+    turn = se3.adjoint(se3.inverse(w_T[j]) @ w_T[i])
+    if problem.freedom == 3:
         turn = turn[:, se3.PLANAR[:, None], se3.PLANAR]
-    spread = some.sqrt_information @ (drawn[some.j] - turn @ drawn[some.i])
+    return np.asarray(problem.sqrt_information[edges] @ (drawn[j] - turn @ drawn[i]))
+
+
+def log_room(problem: Problem, w_T: Array) -> Array:
+    """(m,) logarithm of the whitened volume in which a false loop might lie: the map's, and all headings."""
     extent = np.ptp(w_T[:, : problem.dimension, 3], axis=0)
     room = np.log(np.maximum(extent, 1e-3 * extent.max() + 1e-9)).sum()
-    room += np.log(2 * np.pi) if d == 3 else np.log(8 * np.pi**2)
-    log_room = room + np.linalg.slogdet(some.sqrt_information)[1]
-    return Innovations(np.sort(edges), some.residuals(w_T) / scale, spread, log_room - d * np.log(scale))
+    room += np.log(2 * np.pi) if problem.freedom == 3 else np.log(8 * np.pi**2)
+    return np.asarray(room + np.linalg.slogdet(problem.sqrt_information)[1])
 
 
 def first_scale(pending: Innovations, place: Index) -> float:

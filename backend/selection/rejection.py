@@ -12,8 +12,9 @@ from backend.anchored import Anchored, Fit, plain_fit, start_of
 from backend.errors import BackendError
 from backend.initialize import spanning_tree, tree_edges
 from backend.problem import Problem
-from backend.selection.agreement import grown, judged
+from backend.selection.agreement import Solve, grown, judged
 from backend.selection.consistency import agreeing_edges, edge_limit
+from backend.selection.exchange import exchanged
 from backend.selection.prediction import draws, noise_scale
 from backend.solve import Minimum, gauss_newton, levenberg_marquardt
 
@@ -33,8 +34,8 @@ def without_disagreeing(anchored: Anchored, fit: Fit | None) -> tuple[Mask, Fit,
     problem, trusted = anchored.problem, anchored.problem.trusted
     found = None
     if fit is None or has_loops_on_odometry(problem):
-        kept, at = _grown(anchored)
-        found = _settled(anchored, kept, ~trusted, at)
+        found = _settled(anchored, *_grown(anchored), ~trusted)
+        found = _exchanged(anchored, found)
         if fit is None or found[1].test.passed or not _sticks_out(problem, found, trusted).any():
             return found
     # Odometry may be wrong too: then all edges are judged alike.
@@ -42,7 +43,7 @@ def without_disagreeing(anchored: Anchored, fit: Fit | None) -> tuple[Mask, Fit,
     kept, at = agreeing_edges(
         problem, anchored.ties, fit.w_T, everything, anchored.options.on_step, anchored.options.deadline
     )
-    other = _settled(anchored, _connected(problem, kept, at), everything, at)
+    other = _settled(anchored, _connected(problem, kept, at), at, everything)
     if found is None or other[0].sum() > found[0].sum():
         return other
     return found
@@ -61,7 +62,8 @@ def _sticks_out(problem: Problem, found: tuple[Mask, Fit, Array], among: Mask) -
     return np.asarray(among & (off > edge_limit(problem)))
 
 
-def _grown(anchored: Anchored) -> tuple[Mask, Array]:
+def _solver(anchored: Anchored) -> Solve:
+    """Coarse, for the solves on the way."""
     problem, options = anchored.problem, anchored.options
 
     def solve(kept: Mask, w_T: Array) -> Array:
@@ -75,6 +77,23 @@ def _grown(anchored: Anchored) -> tuple[Mask, Array]:
         if not at.converged:
             at = levenberg_marquardt(graph, at, *limits)
         return problem.poses(at.values)
+
+    return solve
+
+
+def _exchanged(anchored: Anchored, found: tuple[Mask, Fit, Array]) -> tuple[Mask, Fit, Array]:
+    def late() -> bool:
+        return time.monotonic() > anchored.options.deadline
+
+    kept, w_T = exchanged(anchored.problem, anchored.graph, _solver(anchored), found[0], found[1].w_T, late)
+    if np.array_equal(kept, found[0]):
+        return found
+    return _settled(anchored, kept, w_T, ~anchored.problem.trusted)
+
+
+def _grown(anchored: Anchored) -> tuple[Mask, Array]:
+    problem, options = anchored.problem, anchored.options
+    solve = _solver(anchored)
 
     def draw(kept: Mask, w_T: Array) -> Array | None:
         if time.monotonic() > options.deadline:
@@ -100,7 +119,7 @@ def _connected(problem: Problem, kept: Mask, w_T: Array) -> Mask:
     return kept | np.isin(np.arange(len(kept)), tree)
 
 
-def _settled(anchored: Anchored, kept: Mask, candidate: Mask, w_T: Array) -> tuple[Mask, Fit, Array]:
+def _settled(anchored: Anchored, kept: Mask, w_T: Array, candidate: Mask) -> tuple[Mask, Fit, Array]:
     """Solve the kept edges plainly; take back what the prediction's uncertainty explains, drop what sticks
     out."""
     problem, limit = anchored.problem, edge_limit(anchored.problem)
