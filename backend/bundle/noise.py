@@ -236,9 +236,12 @@ def coloured_std(x: Array) -> float:
     variance = float(np.mean(x**2))
     if variance <= 0 or n < 4:
         return float(np.sqrt(variance))
-    total = 1.0
+    total, lag = 1.0, 0
     for lag in range(1, n // 2):
         total += 2 * float(np.mean(np.sum(x[lag:] * x[:-lag], axis=1))) / (x.shape[1] * variance)
         if lag > 5 * total:
             break
-    return float(np.sqrt(variance * max(1.0, total)))
+    # Values that are independent look a little alike by chance.
+    if total - 1 < 2 * np.sqrt(4 * lag / x.size):
+        return float(np.sqrt(variance))
+    return float(np.sqrt(variance * total))
