@@ -45,7 +45,7 @@ _CANDIDATES, _KEPT = 150, 300
 _FORCED_IN, _FORCED_OUT = 100, 30
 _REACH, _LOST = 200.0, 400.0
 """Nats against a loop that is tried all the same, and below which no way is followed."""
-_LEAST_GAIN = 1.0
+_LEAST_GAIN = 5.0
 _BLOCK = 60
 _HELD = 1e-9
 
@@ -234,10 +234,14 @@ class _Search:
         self.on[x] = not self.on[x]
 
     def way(self, first: int | None) -> tuple[float, list[int]]:
-        """Gain in nats and the loops that change, one by force at first; each changes once."""
+        """Gain in nats and the loops that change, one by force at first; each changes once.
+
+        Some must leave and others come: what only sticks out, or only agrees, is not judged here.
+        """
         self._begin()
         total, best, way = 0.0, 0.0, 0
         done: list[int] = []
+        come: set[bool] = set()
         while len(done) < _MOVES and total > -_LOST:
             gain = np.where(self.on, -1.0, 1.0) * self.likely()
             gain[done] = -np.inf
@@ -247,6 +251,7 @@ class _Search:
             total += float(gain[x])
             self._change(x)
             done.append(x)
-            if total > best:
+            come.add(bool(self.on[x]))
+            if total > best and len(come) == 2:
                 best, way = total, len(done)
         return best, done[:way]
