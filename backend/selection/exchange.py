@@ -45,7 +45,7 @@ _CANDIDATES, _KEPT = 150, 300
 _FORCED_IN, _FORCED_OUT = 100, 30
 _REACH, _LOST = 200.0, 400.0
 """Nats against a loop that is tried all the same, and below which no way is followed."""
-_LEAST_GAIN = 5.0
+_LEAST_GAIN = 1.0
 _BLOCK = 60
 _HELD = 1e-9
 
@@ -59,23 +59,33 @@ def exchanged(
     """
     place = places(problem.i, problem.j)
     spokesmen = _spokesmen(problem, kept, w_T, place)
-    chosen, at = _climbed(problem, graph, solve, spokesmen, solve(spokesmen, w_T), place, late)
-    if not np.array_equal(chosen, spokesmen):
+    chosen, at = _climbed(problem, graph, solve, spokesmen, solve(spokesmen, w_T), place, late, False)
+    opened = not np.array_equal(chosen, spokesmen)
+    if opened:
         kept = chosen | (kept & np.isin(place, place[chosen & ~problem.trusted]))
         w_T = solve(kept, at)
-    return _climbed(problem, graph, solve, kept, w_T, place, late)
+    return _climbed(problem, graph, solve, kept, w_T, place, late, opened)
 
 
 def _climbed(
-    problem: Problem, graph: Graph, solve: Solve, kept: Mask, w_T: Array, place: Index, late: Late
+    problem: Problem,
+    graph: Graph,
+    solve: Solve,
+    kept: Mask,
+    w_T: Array,
+    place: Index,
+    late: Late,
+    opened: bool,
 ) -> tuple[Mask, Array]:
+    """What merely sticks out or agrees was judged before: that is open again (``opened``) only once loops
+    were exchanged."""
     # The room is that of the first map: one that grows must not look better for it.
     rooms = log_room(problem, w_T) - problem.freedom / 2 * np.log(2 * np.pi)
     here = _Standing.of(problem, graph, kept, w_T, rooms)
     for _ in range(_ROUNDS):
         if here is None or late():
             break
-        changes = _best_way(problem, graph, here, place)
+        changes = _best_way(problem, graph, here, place, both=not opened)
         if len(changes) == 0:
             break
         other = here.kept.copy()
@@ -83,7 +93,7 @@ def _climbed(
         there = _Standing.of(problem, graph, other, solve(other, here.w_T), rooms)
         if there is None or there.evidence(here.scale, here.odds) <= here.evidence(here.scale, here.odds):
             break
-        here = there
+        here, opened = there, True
     return (kept, w_T) if here is None else (here.kept, here.w_T)
 
 
@@ -147,8 +157,8 @@ class _Standing:
         return gained - self.squares / scale**2 / 2 - volume / 2
 
 
-def _best_way(problem: Problem, graph: Graph, here: _Standing, place: Index) -> Index:
-    """Numbers of the loops that are to change sides; none where nothing helps."""
+def _best_way(problem: Problem, graph: Graph, here: _Standing, place: Index, both: bool) -> Index:
+    """Numbers of the loops that are to change sides, with ``both`` to either; none where nothing helps."""
     drawn = draws(graph(here.kept), problem.values(here.w_T), problem.freedom)
     left_out = np.flatnonzero(~here.kept & ~np.isin(place, place[here.kept & here.loops]))
     if drawn is None or len(left_out) == 0:
@@ -173,7 +183,7 @@ def _best_way(problem: Problem, graph: Graph, here: _Standing, place: Index) -> 
         *outer[np.argsort(-likely[outer])[:_FORCED_IN]].tolist(),
         *inner[np.argsort(likely[inner])[:_FORCED_OUT]].tolist(),
     ]
-    gain, way = max((search.way(first) for first in [None, *forced]), key=lambda found: found[0])
+    gain, way = max((search.way(first, both) for first in [None, *forced]), key=lambda found: found[0])
     return search.loops[way] if gain > _LEAST_GAIN else left_out[:0]
 
 
@@ -233,10 +243,10 @@ class _Search:
         self._changes.append((x, gain, column, sign))
         self.on[x] = not self.on[x]
 
-    def way(self, first: int | None) -> tuple[float, list[int]]:
+    def way(self, first: int | None, both: bool) -> tuple[float, list[int]]:
         """Gain in nats and the loops that change, one by force at first; each changes once.
 
-        Some must leave and others come: what only sticks out, or only agrees, is not judged here.
+        With ``both`` some must leave and others come.
         """
         self._begin()
         total, best, way = 0.0, 0.0, 0
@@ -252,6 +262,6 @@ class _Search:
             self._change(x)
             done.append(x)
             come.add(bool(self.on[x]))
-            if total > best and len(come) == 2:
+            if total > best and (len(come) == 2 or not both):
                 best, way = total, len(done)
         return best, done[:way]
