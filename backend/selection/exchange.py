@@ -42,8 +42,8 @@ _ROUNDS = 10
 _MOVES = 40
 _CANDIDATES, _KEPT = 150, 300
 """Loops left out, and loops kept, that may change sides in one round."""
-_FORCED_IN, _FORCED_OUT = 100, 30
-_REACH, _LOST = 200.0, 400.0
+_FORCED_IN, _FORCED_OUT = 40, 20
+_REACH, _LOST = 120.0, 150.0
 """Nats against a loop that is tried all the same, and below which no way is followed."""
 _LEAST_GAIN = 1.0
 _BLOCK = 60
