@@ -78,7 +78,7 @@ def grown(
             scale = first_scale(innovations(problem, w_T, drawn, left), growth.place[left])
         pending = innovations(problem, w_T, drawn, left, scale)
         chance = decoy.chance(w_T, drawn, scale).of(pending.log_chance())
-        joined = _joining(pending, chance, growth.place[left], _believed(kept, base))
+        joined = _joining(pending, chance, growth.place[left], log_odds(kept, ~base))
         if len(joined) == 0:
             break
         new = growth.crossed(kept, joined, w_T, scale)
@@ -174,12 +174,14 @@ class _Growth:
         return new, w_T
 
 
-def _believed(kept: Mask, base: Mask) -> float:
-    """Share of the loops that are believed, with one of each kind for granted."""
-    return float((1 + (kept & ~base).sum()) / (2 + (~base).sum()))
+def log_odds(kept: Mask, loops: Mask) -> float:
+    """For a loop before it is looked at: by how many of the loops (m,) are believed, with one of each kind
+    for granted; less the doubt for which one that just breaks even is not taken."""
+    believed = float((1 + (kept & loops).sum()) / (2 + loops.sum()))
+    return float(np.log(_DOUBT * believed / (1 - believed)))
 
 
-def _joining(pending: Innovations, chance: Array, place: Index, believed: float) -> Index:
+def _joining(pending: Innovations, chance: Array, place: Index, odds: float) -> Index:
     """Which edges to believe next; ``chance`` and ``place`` (k,) go with the pending ones."""
     agrees = pending.agrees()
     sure = _sure(chance, agrees, place)
@@ -189,7 +191,7 @@ def _joining(pending: Innovations, chance: Array, place: Index, believed: float)
     open_ = np.flatnonzero(agrees)
     open_ = open_[np.argsort(chance[open_])][:_HYPOTHESES]
     votes = _votes(pending, open_, place[open_], chance[open_])
-    least = -np.log(_DOUBT * believed / (1 - believed))
+    least = -odds
     best = float(votes.support.max())
     if best < least:
         return pending.edges[:0]

@@ -41,6 +41,19 @@ class Tile:
 
 
 @dataclass(frozen=True)
+class Squares:
+    """Equal squares of mosaic pixels, side by side."""
+
+    pitch_px: int
+    row: int
+    col: int
+    """Pixel where the first one begins; it may lie before the mosaic's first."""
+    rows: int
+    cols: int
+    """Of squares."""
+
+
+@dataclass(frozen=True)
 class Canvas:
     """The rectangle of the grid that the mosaic fills.
 
@@ -87,18 +100,18 @@ class Canvas:
 
     def cells_under(self, view: View) -> tuple[tuple[slice, slice], Lattice]:
         """The cells under a picture, and their middles."""
-        r0, r1, c0, c1 = self.squares_under(view, Tile(0, 0, *self.cell_shape), CELL_PX)
-        lattice = self.lattice(r0 * CELL_PX, c0 * CELL_PX, r1 - r0, c1 - c0, CELL_PX)
-        return (slice(r0, r1), slice(c0, c1)), lattice
+        return self.squares_under(view, Squares(CELL_PX, 0, 0, *self.cell_shape))
 
-    def squares_under(self, view: View, squares: Tile, pitch_px: int) -> tuple[int, int, int, int]:
-        """First and last+1 row and column under a picture, of squares that begin at a pixel (row, col)."""
-        west, south, east, north = view.bounds_m / (pitch_px * self.gsd_m)
-        left = (self.first_col + squares.col) / pitch_px
-        top = (self.first_row + squares.row) / pitch_px
-        r0, r1 = int(-north - top), int(-south - top) + 1
-        c0, c1 = int(west - left), int(east - left) + 1
-        return max(r0, 0), min(r1, squares.rows), max(c0, 0), min(c1, squares.cols)
+    def squares_under(self, view: View, squares: Squares) -> tuple[tuple[slice, slice], Lattice]:
+        """Rows and columns of the squares under a picture, and their middles."""
+        pitch = squares.pitch_px
+        west, south, east, north = view.bounds_m / (pitch * self.gsd_m)
+        left = (self.first_col + squares.col) / pitch
+        top = (self.first_row + squares.row) / pitch
+        r0, r1 = max(int(-north - top), 0), min(int(-south - top) + 1, squares.rows)
+        c0, c1 = max(int(west - left), 0), min(int(east - left) + 1, squares.cols)
+        lattice = self.lattice(squares.row + r0 * pitch, squares.col + c0 * pitch, r1 - r0, c1 - c0, pitch)
+        return (slice(r0, r1), slice(c0, c1)), lattice
 
 
 def canvas_over(views: Sequence[View], gsd_m: float | None, max_pixels: int) -> tuple[Canvas, str]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.mosaic.canvas import CELL_PX, Canvas, MosaicError, Tile, canvas_over
+from frontend.mosaic.canvas import CELL_PX, Canvas, MosaicError, Squares, canvas_over
 from frontend.mosaic.view import Lattice, View, pixel_maps, view_of, visible
 
 Array = NDArray[np.float64]
@@ -31,15 +31,6 @@ WORTH_KEEPING = 0.02
 """Share of its own ground for which a picture must be needed to be kept."""
 CANVAS_RATIO = 4.0
 """Pictures apart from the rest are left out where the canvas would grow beyond this many times its parts."""
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """Squares of the grid in whose middles pictures are compared for their exposure."""
-
-    pitch_px: int
-    squares: Tile
-    """Pixel where the first one begins, which may lie before the mosaic's first; and their number."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,15 +50,14 @@ class MosaicPlan(Canvas):
     """What was decided for the user, in one sentence; empty where nothing was."""
 
     @property
-    def sampling(self) -> Sampling:
-        """About ``POINTS_A_SIDE`` along the side of a picture; doubled or halved, never shifted."""
+    def sampling(self) -> Squares:
+        """In whose middles pictures are compared for their exposure: about ``POINTS_A_SIDE`` along the side
+        of a picture; doubled or halved, never shifted."""
         sides = [np.sqrt(np.prod(v.bounds_m[2:] - v.bounds_m[:2])) for v in self.views]
         cells = float(np.median(sides)) / self.gsd_m / POINTS_A_SIDE / CELL_PX
         pitch = CELL_PX * 2 ** max(0, round(np.log2(cells)))
         row, col = -(self.first_row % pitch), -(self.first_col % pitch)
-        return Sampling(
-            pitch, Tile(row, col, -(-(self.height - row) // pitch), -(-(self.width - col) // pitch))
-        )
+        return Squares(pitch, row, col, -(-(self.height - row) // pitch), -(-(self.width - col) // pitch))
 
 
 def plan_mosaic(

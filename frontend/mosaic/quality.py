@@ -94,7 +94,7 @@ def _seams(plan: MosaicPlan, exposure: Exposure) -> Float32:
     rows, cols = plan.owner.shape
     out = np.full((rows, cols), np.nan, np.float32)
     if len(exposure.point):
-        pitch, squares = plan.sampling.pitch_px, plan.sampling.squares
+        squares, pitch = plan.sampling, plan.sampling.pitch_px
         sampled = np.full((squares.rows, squares.cols), np.nan, np.float32)
         sampled.ravel()[exposure.point] = exposure.point_seam
         r = np.minimum((np.arange(rows) * CELL_PX + CELL_PX // 2 - squares.row) // pitch, squares.rows - 1)

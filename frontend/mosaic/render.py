@@ -133,13 +133,12 @@ def measure_exposure(plan: MosaicPlan, pictures: Pictures, report: Report | None
 def _brightness(plan: MosaicPlan, index: int, picture: Image) -> tuple[Array, ...]:
     """Point, view, rho^2 and log brightness of one picture on the mosaic's lattice of sampling points."""
     camera, view = plan.camera, plan.views[index]
-    pitch, squares = plan.sampling.pitch_px, plan.sampling.squares
-    r0, r1, c0, c1 = plan.squares_under(view, squares, pitch)
-    lattice = plan.lattice(squares.row + r0 * pitch, squares.col + c0 * pitch, r1 - r0, c1 - c0, pitch)
+    squares = plan.sampling
+    (rows, cols), lattice = plan.squares_under(view, squares)
     seen, _, _ = visible(view, lattice)
     u, v = pixel_maps(camera, view, lattice)
     sx, sy = picture.shape[1] / camera.size_px[0], picture.shape[0] / camera.size_px[1]
-    side = int(np.clip(round(pitch * plan.gsd_m / view.gsd_m * sx / 2), 3, 63)) | 1
+    side = int(np.clip(round(squares.pitch_px * plan.gsd_m / view.gsd_m * sx / 2), 3, 63)) | 1
     usable = ((picture > DARK) & (picture < BRIGHT)).all(axis=2).astype(np.float32)
     mean = cv2.blur(picture.astype(np.float32), (side, side))
     at = ((u + 0.5) * sx - 0.5, (v + 0.5) * sy - 0.5)
@@ -150,7 +149,7 @@ def _brightness(plan: MosaicPlan, index: int, picture: Image) -> tuple[Array, ..
     )
     good = seen & (inside >= side // 2) & (share > 0.9)
     r, c = np.nonzero(good)
-    point = (r + r0) * squares.cols + c + c0
+    point = (r + rows.start) * squares.cols + c + cols.start
     log_bgr = np.log(np.maximum(bgr[good], 1.0).astype(float))
     return (
         point.astype(float),

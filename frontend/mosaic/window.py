@@ -47,7 +47,7 @@ def fingerprint(plan: MosaicPlan, tile: Tile, digest: Callable[[int], bytes], ex
     cells = owners_around(plan, window_of(tile))
     present = np.unique(cells[cells >= 0])
     # Views are told by what they are, in their order: how many others the mosaic has does not matter.
-    number = np.append(np.searchsorted(present, cells.ravel()), 0)[:-1]
+    number = np.searchsorted(present, cells.ravel())
     number[cells.ravel() < 0] = -1
     lens = (plan.camera.focal_px, plan.camera.center_px, plan.camera.size_px, plan.camera.distortion)
     place = (plan.gsd_m, plan.first_row + tile.row, plan.first_col + tile.col, tile.rows, tile.cols)

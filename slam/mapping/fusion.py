@@ -91,14 +91,18 @@ def fuse(
         try:
             # Positions that could not place the part are not to pull at it either.
             usable = mapper if laid is not None else mapper.without_positions()
-            bundle, said = _refined(usable, sightings, members, w_T_b, floor, tracks, progress, readings)
+            bundle, by_inertia = _refined(
+                usable, sightings, members, w_T_b, floor, tracks, progress, readings
+            )
         except BackendError as error:
             warnings.append(f"part of {len(members)} keyframes not refined: {error}")
         else:
             w_T_b[members], covariances[members], floor = bundle.w_T_b, bundle.covariances, bundle.floor_z_m
             if part == 0:
-                first, inertial, camera = bundle, said, _calibrated(camera, bundle)
-            warnings += [said.contradiction] if said is not None and said.contradiction else []
+                first, inertial, camera = bundle, by_inertia, _calibrated(camera, bundle)
+            warnings += (
+                [by_inertia.contradiction] if by_inertia is not None and by_inertia.contradiction else []
+            )
         if part == 0:
             floor_z_m, georeferenced = floor, laid is not None
     w_T_b[component < 0] = np.nan
@@ -126,12 +130,12 @@ def _refined(
     if readings is None:
         return bundle, None
     camera, gain_std = _calibrated(mapper.camera, bundle), mapper.config.trust.accel_gain_std
-    said = inertial_lengths(readings, sightings, members, bundle, camera, gain_std)
-    if said is None or not said.helps:
-        return bundle, said
+    by_inertia = inertial_lengths(readings, sightings, members, bundle, camera, gain_std)
+    if by_inertia is None or not by_inertia.helps:
+        return bundle, by_inertia
     start = w_T_b.copy()
     start[members] = bundle.w_T_b
-    return mapper.refine(members, start, bundle.floor_z_m, tracks, step, said.lengths), said
+    return mapper.refine(members, start, bundle.floor_z_m, tracks, step, by_inertia.lengths), by_inertia
 
 
 def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:

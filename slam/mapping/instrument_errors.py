@@ -52,11 +52,11 @@ def attitude_errors(
     )
 
 
-def accelerometer_errors(told: InertialLengths | None) -> AccelerometerErrors | None:
+def accelerometer_errors(by_inertia: InertialLengths | None) -> AccelerometerErrors | None:
     """What the accelerometer was found to be off by, and what it says of lengths."""
-    if told is None:
+    if by_inertia is None:
         return None
-    found, lengths = told.found, told.lengths
+    found, lengths = by_inertia.found, by_inertia.lengths
     return AccelerometerErrors(
         found.offset_m_s2,
         found.offset_std_m_s2,
@@ -65,5 +65,5 @@ def accelerometer_errors(told: InertialLengths | None) -> AccelerometerErrors | 
         found.delay_s,
         lengths.ratio,
         lengths.ratio * lengths.log_std,
-        told.helps,
+        by_inertia.helps,
     )

@@ -23,6 +23,8 @@ Ints = NDArray[np.int64]
 ENTRIES = 11
 """Places that a force may go in at (``_inject``)."""
 _INJECTED = 1e-3
+ON_CHANNEL = 100
+"""Entries from here on are channels of instruments, not forces."""
 
 
 @kernel
@@ -111,8 +113,8 @@ def direct_change(
     for d in range(direct.shape[1]):
         for c in range(WIDTH[kind]):
             direct[c, d] = 0.0
-        if inject_at[d] >= 100:
-            c = inject_at[d] - 100 - FIRST_CHANNEL[kind]
+        if inject_at[d] >= ON_CHANNEL:
+            c = inject_at[d] - ON_CHANNEL - FIRST_CHANNEL[kind]
             if 0 <= c < WIDTH[kind]:
                 direct[c, d] = signals[signal_of[d], event]
         elif acts[d] == 1 and kind == IMU:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from slam.criticism.camera.optics import CAMERA
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SENSOR, SONAR, VELOCITY, WIDTH
 from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.sensitivity import ON_CHANNEL
 from slam.criticism.kalman.setting import LATE_SPREAD, Setting
 from slam.simulation.dynamics import NOISE, PARAMETERS
 
@@ -29,7 +30,6 @@ Signal = tuple[Array, Array]
 
 FORCES = (*NOISE, "up", "ahead", "left")
 """Where a force goes in: the equations' noises, the climb stick, and wind in the vehicle's own axes."""
-_ON_CHANNEL = 100
 JUMP_S = 0.002
 """A log's stamps say no better when the stick jumped; the gyro jumps with it."""
 GYRO_CHANNELS = 3
@@ -127,7 +127,7 @@ def tangents_for(
             variants.append((setting.latency_s + late, setting.drift + fast))
         elif d.kind in ("force", "channel"):
             table.signal_of[k] = names.index(d.signal)
-            table.inject_at[k] = d.entry if d.kind == "force" else _ON_CHANNEL + d.entry
+            table.inject_at[k] = d.entry if d.kind == "force" else ON_CHANNEL + d.entry
             table.acts[k] = int(d.kind == "force")
     sticks, commands = zip(*(_obeyed(record, *variant) for variant in variants), strict=True)
     return Tangents(**{**vars(table), "sticks": np.array(sticks), "commands": np.array(commands)})

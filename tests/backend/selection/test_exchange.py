@@ -11,10 +11,12 @@ from backend.absolutes import fixed
 from backend.accept import from_measurements
 from backend.linear import jacobian
 from backend.problem import Problem, from_pose_graph
-from backend.selection.exchange import _Search, _Standing, exchanged
+from backend.selection.evidence import Standing
+from backend.selection.exchange import exchanged
 from backend.selection.prediction import log_room
+from backend.selection.ways import Ways
 from backend.solve import minimise
-from tests.backend.synthetic import flight, graph
+from tests.backend.synthetic import LOOP_STD, flight, graph
 
 
 def factors(problem: Problem, kept: np.ndarray) -> gtsam.NonlinearFactorGraph:
@@ -29,8 +31,8 @@ def solved(problem: Problem, kept: np.ndarray, w_T: np.ndarray) -> np.ndarray:
     )
 
 
-def standing(problem: Problem, kept: np.ndarray, w_T: np.ndarray) -> _Standing:
-    found = _Standing.of(problem, lambda some: factors(problem, some), kept, w_T, log_room(problem, w_T))
+def standing(problem: Problem, kept: np.ndarray, w_T: np.ndarray) -> Standing:
+    found = Standing.of(problem, lambda some: factors(problem, some), kept, w_T, log_room(problem, w_T))
     assert found is not None
     return found
 
@@ -50,19 +52,19 @@ def test_a_loop_that_changes_sides_moves_the_others_as_dense_algebra_says(dimens
     problem, loops, w_T = with_loops(dimension)
     d, kept = problem.freedom, np.ones(len(problem.i), dtype=bool)
     kept[loops[:2]] = False
-    search = _Search(standing(problem, kept, w_T), loops, problem.residuals(w_T))
+    ways = Ways(standing(problem, kept, w_T), loops, problem.residuals(w_T))
     J = jacobian(factors(problem, np.ones_like(kept)), problem.values(w_T)).toarray()
     error = np.append(problem.residuals(w_T).ravel(), np.zeros(len(J) - d * len(kept)))
     for change in (0, len(loops) - 1, 3, 1, 0):
-        search._change(change)
+        ways.change(change)
         kept[loops[change]] = ~kept[loops[change]]
         used = np.append(np.repeat(kept, d), np.ones(len(J) - d * len(kept), dtype=bool))
         covariance = np.linalg.inv(J[used].T @ J[used])
         moved = error - J @ covariance @ J[used].T @ error[used]
         for k, loop in enumerate(loops):
             rows = slice(d * loop, d * loop + d)
-            np.testing.assert_allclose(search.residual[k], moved[rows], atol=1e-6)
-            np.testing.assert_allclose(search.own[k], J[rows] @ covariance @ J[rows].T, atol=1e-6)
+            np.testing.assert_allclose(ways.residual[k], moved[rows], atol=1e-6)
+            np.testing.assert_allclose(ways.own[k], J[rows] @ covariance @ J[rows].T, atol=1e-6)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -72,14 +74,14 @@ def test_the_gain_of_a_change_is_that_of_the_evidence(dimension: int):
     kept = np.ones(len(problem.i), dtype=bool)
     kept[loops[:2]] = False
     here = standing(problem, kept, w_T)
-    search = _Search(here, loops, problem.residuals(w_T))
+    ways = Ways(here, loops, problem.residuals(w_T))
     for change in (0, 5):
         other = kept.copy()
         other[loops[change]] = ~other[loops[change]]
         there = standing(problem, other, solved(problem, other, w_T))
         gained = there.evidence(here.scale, here.odds) - here.evidence(here.scale, here.odds)
         sign = 1 if other[loops[change]] else -1
-        assert sign * search.likely()[change] == pytest.approx(gained, abs=0.3)
+        assert sign * ways.likely()[change] == pytest.approx(gained, abs=0.3)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -89,12 +91,13 @@ def test_false_loops_that_hold_each_other_up_give_way_to_more_true_ones(seed: in
     rng = np.random.default_rng(seed)
     tale = se3.exp(np.array([[0.0, 0.0, 0.2, 0.8, -0.6, 0.0]]))[0]
     edges, false = list(made.measurements.relative_poses), []
-    std = np.array([0.006, 0.006, 0.01, 0.015, 0.015, 0.015])
     for k, wrong in [(k, k % 16 == 4) for k in range(0, 52, 4)]:
-        noise = se3.exp((rng.normal(size=6) * std)[None])[0]
+        noise = se3.exp((rng.normal(size=6) * LOOP_STD)[None])[0]
         start = tale @ made.truth[k] if wrong else made.truth[k]
         i_T_j = se3.inverse(start) @ made.truth[k + 60] @ noise
-        edges.append(replace(edges[0], i=k, j=k + 60, i_T_j=i_T_j, covariance=np.diag(std**2), kind="loop"))
+        edges.append(
+            replace(edges[0], i=k, j=k + 60, i_T_j=i_T_j, covariance=np.diag(LOOP_STD**2), kind="loop")
+        )
         false.append(wrong)
     problem, _ = from_measurements(replace(made.measurements, relative_poses=tuple(edges)), made.truth)
     wrong = np.append(np.zeros(119, dtype=bool), false)

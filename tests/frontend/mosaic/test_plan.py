@@ -131,7 +131,7 @@ def test_a_canvas_that_grows_keeps_its_tiles_and_points() -> None:
     assert sum(rows * cols for *_, rows, cols in places(plan)) < plan.width * plan.height
     assert plan.sampling.pitch_px == grown.sampling.pitch_px
     for each in (plan, grown):
-        squares, pitch = each.sampling.squares, each.sampling.pitch_px
+        squares, pitch = each.sampling, each.sampling.pitch_px
         assert (each.first_row + squares.row) % pitch == (each.first_col + squares.col) % pitch == 0
     # The same pixel has the same place, to the last bit.
     down, right = plan.first_row - grown.first_row, plan.first_col - grown.first_col

@@ -1,0 +1,71 @@
+"""How likely all measurements are where some loops are true and any other may lie anywhere in the map.
+
+Source: MacKay 1992 (Neural Computation 4), section 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, csr_array
+from scipy.sparse.linalg import SuperLU
+
+from backend.linear import cholesky, jacobian
+from backend.problem import Problem
+from backend.selection.agreement import log_odds
+from backend.selection.prediction import noise_scale
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Graph = Callable[[Mask], gtsam.NonlinearFactorGraph]
+"""The factors of some edges, with all that holds them."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A set of edges, its solution, and the linear system about it."""
+
+    kept: Mask
+    w_T: Array
+    loops: Mask
+    J: csr_array
+    """(m d, size) of all edges."""
+    factor: SuperLU
+    """Of the information of those that are kept."""
+    squares: float
+    rooms: Array
+    """(m,) logarithm of the whitened volume in which a loop might lie, over that of a unit Gaussian."""
+    scale: float
+    """How large noise is over what is stated."""
+
+    @staticmethod
+    def of(problem: Problem, graph: Graph, kept: Mask, w_T: Array, rooms: Array) -> Standing | None:
+        """Of some edges (m,) and the poses from them; None where the system is singular."""
+        m, d = len(problem.i), problem.freedom
+        J = csr_array(jacobian(graph(np.ones(m, dtype=bool)), problem.values(w_T)))
+        edges = J[: m * d]
+        used = J[np.append(np.repeat(kept, d), np.ones(J.shape[0] - m * d, dtype=bool))]
+        try:
+            factor = cholesky(csc_array(used.T @ used))
+        except RuntimeError:
+            return None
+        squares = float((problem.residuals(w_T)[kept] ** 2).sum())
+        scale = noise_scale(problem, kept, w_T)
+        return Standing(kept, w_T, ~problem.trusted, edges, factor, squares, rooms, scale)
+
+    @property
+    def odds(self) -> float:
+        """Logarithm, of a loop before it was looked at."""
+        return log_odds(self.kept, self.loops)
+
+    def evidence(self, scale: float, odds: float) -> float:
+        """Logarithm, but for what is common to all sets; the information is that of Laplace."""
+        d = self.J.shape[0] // len(self.kept)
+        taken = self.kept & self.loops
+        volume = float(np.log(np.abs(self.factor.U.diagonal())).sum())
+        gained = float((self.rooms[taken] - d * np.log(scale) + odds).sum())
+        return gained - self.squares / scale**2 / 2 - volume / 2
