@@ -96,6 +96,9 @@ class Estimate:
     """(n, 4, 4) optimized poses; NaN where a keyframe could not be placed."""
     covariances: Array
     """(n, 6, 6), rotation first, right perturbation; NaN where unknown."""
+    over_floor_covariances: Array
+    """(n, 6, 6) of ``over_floor_T_b``, without what pictures and floor are off together: how well the place
+    of what a picture shows of the floor is known. NaN where unknown."""
     component: NDArray[np.int64]
     """(n,) connected part of the graph each keyframe belongs to; 0 is the largest, -1 not placed."""
     camera: Camera | None

@@ -53,6 +53,9 @@ class Bundle:
     """(n, 4, 4)."""
     covariances: Array
     """(n, 6, 6), rotation first, right perturbation."""
+    over_floor_covariances: Array
+    """(n, 6, 6) of where they stand over the floor: what the floor's own height and slope are off moves
+    pictures and ground together."""
     floor_z_m: float
     """Of the floor under the origin."""
     floor_slope_rad: tuple[float, float]
@@ -136,12 +139,21 @@ def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array
     return np.asarray(gtsam.Pose3(problem.camera.b_T_c).AdjointMap() @ jacobians)
 
 
-def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Values) -> Array:
-    """(n, 6, 6) of body poses in metres, from those of pose and world together (n, 6 + w, 6 + w)."""
+def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Values) -> tuple[Array, Array]:
+    """(n, 6, 6) of body poses in metres, in the world and over the floor, from those of pose and world
+    together (n, 6 + w, 6 + w)."""
     # Without positions the first keyframe is the origin by definition, its height above the floor included.
-    origin = np.zeros(3) if problem.measurements.positions else values.atPose3(POSE(0)).translation()
-    J = metric_jacobians(problem, values, origin)
-    return np.asarray(J @ joint @ np.swapaxes(J, 1, 2))
+    first = np.zeros(3) if problem.measurements.positions else values.atPose3(POSE(0)).translation()
+    in_world = metric_jacobians(problem, values, first)
+    # Over the floor the origin is the point under it.
+    over_floor = metric_jacobians(problem, values, first * [1.0, 1.0, 0.0])
+    over_floor[:, :, 6 + FLOOR_Z] = 0.0
+    over_floor[:, :, 6:][:, :, SLOPE] = 0.0
+    return _carried(in_world, joint), _carried(over_floor, joint)
+
+
+def _carried(J: Array, covariances: Array) -> Array:
+    return np.asarray(J @ covariances @ np.swapaxes(J, 1, 2))
 
 
 def _result(
@@ -165,7 +177,7 @@ def _result(
     joint = joint_covariances(graph, values, poses, WORLD)
     return Bundle(
         metric_poses(problem, values),
-        _metric_covariances(problem, joint, values),
+        *_metric_covariances(problem, joint, values),
         float(world[FLOOR_Z]),
         (float(world[SLOPE][0]), float(world[SLOPE][1])),
         float(np.exp(world[LOG_SCALE])),

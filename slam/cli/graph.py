@@ -90,6 +90,7 @@ def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[st
         frame_index=np.arange(count),
         w_T_b=solution.w_T_b,
         covariances=unknown if solution.covariances is None else solution.covariances,
+        over_floor_covariances=unknown,
         component=solution.component,
         camera=None,
         floor_z_m=0.0,

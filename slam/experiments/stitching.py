@@ -103,6 +103,7 @@ def placed(estimate: Estimate, w_T_b: Array) -> Estimate:
         chain_w_T_b=w_T_b,
         odometry_w_T_b=w_T_b,
         covariances=np.full((n, 6, 6), np.nan),
+        over_floor_covariances=np.full((n, 6, 6), np.nan),
         component=np.where(known, 0, -1),
         camera=None,
         relative_poses=(),

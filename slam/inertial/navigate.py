@@ -74,6 +74,7 @@ def navigate(
         frame_index=np.arange(len(at_s)),
         w_T_b=track.smoothed.w_T_b,
         covariances=covariances,
+        over_floor_covariances=np.full_like(covariances, np.nan),
         component=np.zeros(len(at_s), np.int64),
         camera=None,
         floor_z_m=0.0,

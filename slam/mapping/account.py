@@ -116,6 +116,7 @@ def account(
         frame_index=sightings.frame_index,
         w_T_b=fused.w_T_b,
         covariances=fused.covariances,
+        over_floor_covariances=fused.over_floor_covariances,
         component=fused.component,
         camera=fused.camera,
         floor_z_m=fused.floor_z_m,

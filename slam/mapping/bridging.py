@@ -183,6 +183,7 @@ def joined(fused: Fused, edges: Sequence[RelativePose]) -> Fused:
             ways.add_edge(a, b, weight=weight, edge=edge)
     surest = nx.minimum_spanning_tree(ways)
     w_T_b, covariances = fused.w_T_b.copy(), fused.covariances.copy()
+    over_floor_covariances = fused.over_floor_covariances.copy()
     component, used = fused.component.copy(), []
     for root in sorted(min(nodes) for nodes in nx.connected_components(surest)):
         placed = {root: _Placed(np.eye(4), np.zeros((6, 6)))}
@@ -193,7 +194,9 @@ def joined(fused: Fused, edges: Sequence[RelativePose]) -> Fused:
             members = fused.component == part
             w_T_b[members] = placed[part].root_T_part @ fused.w_T_b[members]
             carry = se3.adjoint(se3.inverse(fused.w_T_b[members]))
-            covariances[members] += carry @ placed[part].covariance @ carry.transpose(0, 2, 1)
+            added = carry @ placed[part].covariance @ carry.transpose(0, 2, 1)
+            covariances[members] += added
+            over_floor_covariances[members] += added
             component[members] = root
     if not used:
         return fused
@@ -201,6 +204,7 @@ def joined(fused: Fused, edges: Sequence[RelativePose]) -> Fused:
         fused,
         w_T_b=w_T_b,
         covariances=covariances,
+        over_floor_covariances=over_floor_covariances,
         component=largest_first(component),
         bridges=tuple(used),
         warnings=(*fused.warnings, *(_told(edge) for edge in used)),

@@ -32,6 +32,8 @@ class Fused:
 
     w_T_b: Array
     covariances: Array
+    over_floor_covariances: Array
+    """Both as `slam.estimate.Estimate` has them."""
     component: NDArray[np.int64]
     floor_z_m: float
     camera: Camera
@@ -68,7 +70,7 @@ def fuse(
     n = len(sensors.stamps_s)
     kept = [r for r, ok in zip(edges.registrations, solution.edge_kept, strict=True) if ok]
     tracks = mapper.tracks(sightings.store.pixels, kept)
-    w_T_b, covariances = solution.w_T_b.copy(), np.full((n, 6, 6), np.nan)
+    w_T_b, (covariances, over_floor_covariances) = solution.w_T_b.copy(), np.full((2, n, 6, 6), np.nan)
     component = largest_first(np.where(_tied(n, kept), solution.component, -1))
     w_T_b[component < 0] = np.nan
     warnings: list[str] = []
@@ -97,7 +99,9 @@ def fuse(
         except BackendError as error:
             warnings.append(f"part of {len(members)} keyframes not refined: {error}")
         else:
-            w_T_b[members], covariances[members], floor = bundle.w_T_b, bundle.covariances, bundle.floor_z_m
+            w_T_b[members], floor = bundle.w_T_b, bundle.floor_z_m
+            covariances[members] = bundle.covariances
+            over_floor_covariances[members] = bundle.over_floor_covariances
             if part == 0:
                 first, inertial, camera = bundle, by_inertia, _calibrated(camera, bundle)
             warnings += (
@@ -107,8 +111,9 @@ def fuse(
             floor_z_m, georeferenced = floor, laid is not None
     w_T_b[component < 0] = np.nan
     return Fused(
-        w_T_b, covariances, component, floor_z_m, camera, first, georeferenced, tuple(warnings), inertial
-    )
+        w_T_b, covariances, over_floor_covariances, component, floor_z_m, camera, first, georeferenced,
+        tuple(warnings), inertial,
+    )  # fmt: skip
 
 
 def _refined(

@@ -22,7 +22,7 @@ def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path
     Raises ``InputError`` where the disk refuses.
     """
     quality = mosaic_quality(
-        plan, exposure, estimate.over_floor_T_b, estimate.covariances, estimate.floor_z_m
+        plan, exposure, estimate.over_floor_T_b, estimate.over_floor_covariances, estimate.floor_z_m
     )
     rows, cols = quality.pictures.shape
     grid = Grid(plan.west_m, plan.north_m, quality.cell_m, cols, rows, estimate.origin)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from backend import se3
+from backend.bundle.refinement import Bundle
 from backend.measurements import (
     Attitude,
     FloorTracks,
@@ -16,6 +17,8 @@ from backend.measurements import (
     Position,
     SlantRange,
 )
+from frontend.mosaic.quality import ground_jacobian
+from slam.estimate import over_floor
 
 NADIR = np.array([[0.0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]])
 SIZE_PX = np.array([320.0, 240.0])
@@ -63,6 +66,7 @@ class Made:
     start: np.ndarray
     w_T_b: np.ndarray
     floor_z_m: float
+    slope_rad: tuple[float, float]
 
 
 def make(scene: Scene, seed: int) -> Made:
@@ -92,7 +96,7 @@ def make(scene: Scene, seed: int) -> Made:
     if not placed:
         start[0, :2, 3] = 0.0
         start[:, :3, 3] *= 1.03
-    return Made(measurements, start, w_T_b, float(floor[2, 3]))
+    return Made(measurements, start, w_T_b, float(floor[2, 3]), scene.slope_rad)
 
 
 def _poses(scene: Scene, rng: np.random.Generator) -> np.ndarray:
@@ -178,3 +182,22 @@ def nees(hat: np.ndarray, truth: np.ndarray, covariances: np.ndarray) -> np.ndar
     """(n,) squared whitened errors, 6 degrees of freedom each."""
     xi = se3.log(se3.inverse(hat) @ truth)
     return np.einsum("na,na->n", xi, np.linalg.solve(covariances, xi[..., None])[..., 0])
+
+
+def mark_nees(made: Made, found: Bundle, k: int) -> float:
+    """Squared whitened error, 2 degrees of freedom, of where a map over its floor has a mark half a height
+    ahead of a keyframe, put where the refined picture shows it; the camera looks from the body's origin."""
+    truth, floor_z_m = over_floor(made.w_T_b, made.slope_rad, made.floor_z_m)[k], made.floor_z_m
+    over = over_floor(found.w_T_b, found.floor_slope_rad, found.floor_z_m)
+    if not made.measurements.positions:
+        # Heights are the floor's, not the first keyframe's.
+        z = over[:, 2, 3].copy()
+        over = aligned(over, made.w_T_b)
+        over[:, 2, 3] = z
+    hat = over[k]
+    mark = np.array([*(truth[:2, 3] + 0.5 * truth[:2, 0] * (truth[2, 3] - floor_z_m)), floor_z_m])
+    ray = hat[:3, :3] @ truth[:3, :3].T @ (mark - truth[:3, 3])
+    place = hat[:3, 3] + ray * (found.floor_z_m - hat[2, 3]) / ray[2]
+    J = ground_jacobian(place, hat[:3, 3], hat[:3, 3]) @ np.kron(np.eye(2), hat[:3, :3])
+    off = (place - mark)[:2]
+    return float(off @ np.linalg.solve(J @ found.over_floor_covariances[k] @ J.T, off))

@@ -20,12 +20,11 @@ from backend import se3
 from backend.bundle.refinement import refine
 from backend.ekf.inputs import PictureStep
 from backend.measurements import FloorTracks
-from frontend.mosaic.quality import ground_jacobian
 from slam.evaluation.association import poses_at
 from slam.mapping.bridging import inertial_edges
 from slam.simulation import simulate
 from slam.simulation.recipe import recipe_from
-from tests.backend.made_floor import Made, Scene, aligned, make, nees
+from tests.backend.made_floor import Made, Scene, aligned, make, mark_nees, nees
 from tests.benchmarks.metric import Metric, told, within
 
 FLIGHTS = 400
@@ -115,22 +114,9 @@ def flight(kind: str, seed: int) -> Found:
     assert found.scale_std is not None
     return Found(
         float(nees(hat[k : k + 1], made.w_T_b[k : k + 1], found.covariances[k : k + 1])[0]),
-        _of_landmark(hat[k], made.w_T_b[k], found.covariances[k], made.floor_z_m, found.floor_z_m),
+        mark_nees(made, found, k),
         float(np.log(ratio) / found.scale_std) ** 2,
     )
-
-
-def _of_landmark(
-    hat: Array, truth: Array, covariance: Array, floor_z_m: float, hat_floor_z_m: float
-) -> float:
-    """A mark half a height ahead of the vehicle, put where the refined picture shows it."""
-    mark = np.array([*(truth[:2, 3] + 0.5 * truth[:2, 0] * (truth[2, 3] - floor_z_m)), floor_z_m])
-    # The camera looks from the body's origin.
-    ray = hat[:3, :3] @ truth[:3, :3].T @ (mark - truth[:3, 3])
-    place = hat[:3, 3] + ray * (hat_floor_z_m - hat[2, 3]) / ray[2]
-    J = ground_jacobian(place, hat[:3, 3], hat[:3, 3]) @ np.kron(np.eye(2), hat[:3, :3])
-    off = (place - mark)[:2]
-    return float(off @ np.linalg.solve(J @ covariance @ J.T, off))
 
 
 def bridge(seed: int, with_velocity: bool) -> float:
@@ -168,4 +154,4 @@ def _first(made: Made, count: int) -> Made:
         ranges=tuple(r for r in measured.ranges if r.k < count),
         tracks=FloorTracks(tracks.keyframe[out], track, tracks.pixel[out], tracks.std_px[out]),
     )
-    return Made(measured, made.start[:count], made.w_T_b[:count], made.floor_z_m)
+    return replace(made, measurements=measured, start=made.start[:count], w_T_b=made.w_T_b[:count])

@@ -129,8 +129,9 @@ def run(scene: str, count: int) -> MosaicRun:
         return cv2.convertScaleAbs(picture, alpha=gain[k])
 
     stamps, names = np.arange(count) * 1.0, tuple(map(str, range(count)))
+    unknown = np.full((count, 6, 6), np.nan)
     estimate = Estimate(
-        scene, "ok", 0, stamps, names, np.arange(count), w_T_b, np.full((count, 6, 6), np.nan),
+        scene, "ok", 0, stamps, names, np.arange(count), w_T_b, unknown, unknown,
         np.zeros(count, np.int64), CAMERA, 0.0, None, (), (), w_T_b, w_T_b,
     )  # fmt: skip
     flight = Flight(scene, camera=CAMERA, frames=Frames(stamps, names, load))

@@ -38,6 +38,7 @@ def made_estimate(count: int = 60, name: str = "made eight", sigma_m: float = 0.
         frame_index=np.arange(count) * 4,
         w_T_b=w_T_b,
         covariances=covariances,
+        over_floor_covariances=0.5 * covariances,
         component=np.zeros(count, dtype=np.int64),
         camera=None,
         floor_z_m=0.0,

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
 from backend.measurements import Measurements
-from tests.backend.made_floor import CAMERA, NADIR, Made, Scene, aligned, make, nees
+from tests.backend.made_floor import CAMERA, NADIR, Made, Scene, aligned, make, mark_nees, nees
 
 SEEDS = range(20)
 
@@ -62,6 +62,23 @@ def errors_squared(made: Made, bundle: Bundle) -> np.ndarray:
         return nees(bundle.w_T_b, made.w_T_b, bundle.covariances)
     hat = aligned(bundle.w_T_b, made.w_T_b)
     return nees(hat[1:], made.w_T_b[1:], bundle.covariances[1:])
+
+
+@pytest.mark.parametrize("name", ["height of the floor by a coarse gps", "scale by a coarse sonar"])
+def test_the_place_of_what_a_picture_shows_is_known_as_well_as_told(name: str):
+    """A floor of unknown height misplaces no mark; a wrong scale moves marks from the floor's origin."""
+    scene = {
+        "height of the floor by a coarse gps": Scene(position_std_m=(0.02, 0.5), slope_rad=(0.04, -0.03)),
+        "scale by a coarse sonar": Scene(range_std_m=0.2),
+    }[name]
+    drawn = []
+    for seed in range(40):
+        made = make(scene, seed)
+        bundle = refine(made.measurements, made.start, made.floor_z_m)
+        drawn.append([mark_nees(made, bundle, k) for k in (1, scene.keyframes // 2 - 1)])
+    of_each = np.sum(drawn, axis=0)
+    assert (chi2.ppf(0.0005, 2 * len(drawn)) < of_each).all()
+    assert (of_each < chi2.ppf(0.9995, 2 * len(drawn))).all()
 
 
 def position_rms(made: Made, w_T_b: np.ndarray) -> float:

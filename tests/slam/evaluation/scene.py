@@ -51,6 +51,7 @@ def estimate_of(w_T_b: np.ndarray, step_s: float = 0.25, **changes: object) -> E
         frame_index=np.arange(n),
         w_T_b=w_T_b,
         covariances=np.tile(np.eye(6) * 1e-4, (n, 1, 1)),
+        over_floor_covariances=np.tile(np.eye(6) * 0.5e-4, (n, 1, 1)),
         component=np.zeros(n, dtype=np.int64),
         camera=CAMERA,
         floor_z_m=0.0,

@@ -99,7 +99,7 @@ def made_parts(rng):
     apart = np.where((component == 1)[:, None, None], moved @ w_T_b, w_T_b)
     std = np.array([0.002, 0.002, 0.01, 0.05, 0.03, 0.01])
     edge = RelativePose(4, 5, np.linalg.inv(w_T_b[4]) @ w_T_b[5], np.diag(std**2), "inertial")
-    fused = Fused(apart, np.zeros((n, 6, 6)), component, 0.0, None, None, False, ())
+    fused = Fused(apart, *np.zeros((2, n, 6, 6)), component, 0.0, None, None, False, ())
     return w_T_b, fused, edge
 
 
@@ -124,6 +124,7 @@ def test_covariance_behind_a_bridge_is_that_of_many_draws():
         draws.append(joined(fused, [noisy]).w_T_b[7])
     errors = se3.log(np.linalg.inv(told.w_T_b[7])[None] @ np.array(draws))
     np.testing.assert_allclose(np.cov(errors.T), told.covariances[7], rtol=0.15, atol=3e-5)
+    np.testing.assert_array_equal(told.over_floor_covariances, told.covariances)
 
 
 def test_behind_a_part_without_covariances_nothing_is_certain():

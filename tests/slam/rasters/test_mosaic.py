@@ -32,8 +32,8 @@ def scene(seed: int = 1) -> tuple[Estimate, Flight, list[np.ndarray | None]]:
     unknown = np.full((n, 6, 6), np.nan)
     names = tuple(f"{k}.png" for k in index)
     estimate = Estimate(
-        "made", "ok", 0, np.arange(n) * 1.0, names, index, poses, unknown, np.zeros(n, np.int64), CAMERA,
-        FLOOR_Z_M, None, (), (), poses, poses,
+        "made", "ok", 0, np.arange(n) * 1.0, names, index, poses, unknown, unknown,
+        np.zeros(n, np.int64), CAMERA, FLOOR_Z_M, None, (), (), poses, poses,
     )  # fmt: skip
     names = tuple(f"{k}.png" for k in range(2 * n))
     return (
