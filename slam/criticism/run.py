@@ -18,6 +18,7 @@ from slam.criticism.heldout import taken
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL
 from slam.criticism.kalman.record import Record, is_led
+from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.moving import is_wall
 from slam.criticism.next_flight import next_flight
@@ -74,6 +75,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     if setting.foreign:
         records = [coarsened(record, model) for record in records]
         limits = Thresholds(FOREIGN * limits.effects, FOREIGN * limits.shapes, FOREIGN * limits.second)
+    records = [referred(record, setting) for record in records]
     records, odd = without_dead_zone(records)
     if not setting.foreign and not combed(records):
         records, steps = without_boxes(records, setting)

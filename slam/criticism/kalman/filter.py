@@ -18,7 +18,6 @@ from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, MOVING, RANGE_LAG, SONAR, TARGET, WIDTH
 from slam.criticism.kalman.sensitivity import ENTRIES, carry, direct_change, force, tell
 from slam.criticism.kalman.steps import (
-    after_contact,
     correct,
     is_outlier,
     judged,
@@ -32,6 +31,7 @@ from slam.simulation.dynamics import derivative
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 USED, OUTLIER, IGNORED = 1, 2, 0
 ROLL, PITCH = 6, 7
@@ -113,7 +113,7 @@ def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate
 
 @kernel
 def _take(
-    event: int, kind: int, read: Array, near: bool, jump: int, predicted: Array, rows: Array, rate: Array,
+    event: int, kind: int, read: Array, landing: bool, jump: int, predicted: Array, rows: Array, rate: Array,
     noise_var: Array, rough: Array, jitter_s: float, limits: Array, state: Array, p: Array, memory: Array,
     tangents: Array, direct: Array, innovation: Array, log_variance: Array, status: Ints, traces: Array,
     row: int, ph: Array, told: Array, done: Array,
@@ -128,7 +128,7 @@ def _take(
         status[event, c] = IGNORED
         channel = FIRST_CHANNEL[kind] + c
         noise = noise_var[channel]
-        if not judged(kind, channel, read[c], predicted[c], noise, near, jump, limits):
+        if not judged(kind, channel, read[c], predicted[c], noise, landing, jump, limits):
             continue
         noise += _spread_by_stamp(rows[c], rate, rough, jitter_s)
         s_var = noise + spread_along(p, rows[c], ph)
@@ -151,9 +151,9 @@ def _take(
 
 @kernel
 def run(
-    begin: int, end: int, times: Array, kinds: Ints, values: Array, elapsed: Array, jumps: Ints,
-    first_step: Ints, lengths: Array, sticks: Array, jolts: Array, late_var: float, commands: Array,
-    parameters: Array, sensor: Array, hold: Array,
+    begin: int, end: int, times: Array, kinds: Ints, values: Array, elapsed: Array, landing: Flags,
+    jumps: Ints, first_step: Ints, lengths: Array, sticks: Array, jolts: Array, late_var: float,
+    commands: Array, parameters: Array, sensor: Array, hold: Array,
     noise_var: Array, jitter_s: float, limits: Array, state: Array, p: Array, memory: Array,
     acts: Ints, reads: Ints, stick_of: Ints, parameters_of: Array, sensor_of: Array, inject_at: Ints,
     signal_of: Ints, step_signals: Array, event_signals: Array, scale: Array, tangents: Array,
@@ -162,8 +162,8 @@ def run(
     """Filter events ``begin`` to ``end``; ``state`` (n,), ``p`` (n, n), ``tangents`` (n, m) and ``memory``
     carry on.
 
-    ``times``, ``kinds``, ``elapsed``, ``jumps`` (events,), ``values`` (events, 6) with NaN for what is
-    missing; the first ``jumps`` channels of the IMU are not judged. Event e is reached by steps
+    ``times``, ``kinds``, ``elapsed``, ``landing``, ``jumps`` (events,), ``values`` (events, 6) with NaN for
+    what is missing; the first ``jumps`` channels of the IMU are not judged. Event e is reached by steps
     ``first_step[e]`` to ``first_step[e + 1]`` of ``lengths``, with the sticks' means ``sticks`` (variants,
     steps, 6) over each, jumps ``jolts`` (steps, 6) within, whose moments vary by ``late_var``, and
     ``commands`` (variants, events, 6) at the event. Written: ``innovation``
@@ -190,7 +190,6 @@ def run(
         for i in range(MOVING):
             states[e, i] = state[i]
         states[e, 10] = math.sqrt(p[2, 2])
-        near = after_contact(times[e], state, p, parameters, memory)
         if kind == IMU or first_step[e + 1] == first_step[e]:
             # Only rates of tilt and speed jump with the stick: all else may use the last step's slopes.
             jacobian(state, commands[0, e], parameters, rate, slopes)
@@ -210,7 +209,7 @@ def run(
                 felt, direct,
             )  # fmt: skip
         row = _take(
-            e, kind, values[e], near, jumps[e], predicted, h_matrix, rate, noise_var, rough, jitter_s,
+            e, kind, values[e], landing[e], jumps[e], predicted, h_matrix, rate, noise_var, rough, jitter_s,
             limits, state, p, memory, tangents, direct, innovation, log_variance, status, traces, row, ph,
             told, done,
         )  # fmt: skip
