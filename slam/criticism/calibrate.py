@@ -14,6 +14,7 @@ import numpy as np
 
 from slam.criticism.fitting import fit_nuisances
 from slam.criticism.healthy import healthy_case
+from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.search import look_at
 from slam.criticism.usable import usable_records
@@ -32,6 +33,7 @@ def greatest(seed: int) -> tuple[float, str, float, str]:
     )
     records, _ = usable_records(healthy_case(slower, seed, student=seed % 3 == 2))
     nominal = setting_of(slower)
+    records = [referred(record, nominal) for record in records]
     look = look_at(records, nominal, fit_nuisances(records, nominal))
     terms = max(look.standing([], look.effects), key=lambda s: s.z)
     shapes = max(look.standing([], look.shapes), key=lambda s: s.z)

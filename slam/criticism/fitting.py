@@ -69,6 +69,7 @@ def cut(record: Record, longest_s: float) -> Record:
     return replace(
         record,
         times_s=record.times_s[:events], kinds=record.kinds[:events], values=record.values[:events],
-        elapsed=record.elapsed[:events], first_step=record.first_step[: events + 1],
+        elapsed=record.elapsed[:events], landing=record.landing[:events],
+        first_step=record.first_step[: events + 1],
         step_begin_s=record.step_begin_s[:steps], step_s=record.step_s[:steps],
     )  # fmt: skip

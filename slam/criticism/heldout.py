@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from slam.criticism.effects import Effect
 from slam.criticism.hypotheses import parabola_of
-from slam.criticism.kalman.filter import IGNORED, USED
+from slam.criticism.kalman.filter import IGNORED
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.kalman.steps import GATE
 from slam.criticism.moving import moved, on_grid
 from slam.criticism.search import SIZE_PRIOR, Look, Search
 
@@ -119,9 +118,8 @@ def _of_the_same_readings(one: Look, other: Look) -> tuple[Array, Array]:
         judged = [run.status != IGNORED for run in runs]
         for side, run in enumerate(runs):
             alone = judged[side] & ~judged[1 - side]
-            square = np.where(run.status == USED, run.white**2, GATE**2)
-            cost = np.where(alone, 0.5 * (square + run.log_variance), 0.0).sum(axis=1)
-            nats[side][stretches] += np.add.reduceat(cost, bounds[:-1])
+            of_it = np.where(alone, run.nats, 0.0).sum(axis=1)
+            nats[side][stretches] -= np.add.reduceat(of_it, bounds[:-1])
     return nats
 
 

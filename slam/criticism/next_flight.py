@@ -14,6 +14,7 @@ from slam.criticism.effects import Effect
 from slam.criticism.healthy import flown
 from slam.criticism.kalman.innovations import stretches
 from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.nuisances import MEAN, direction_of, prior_precision
@@ -37,7 +38,7 @@ def next_flight(model: Model, first: Effect, second: Effect, sizes: np.ndarray) 
     beside = len(second.directions)
 
     def separation(name: str) -> float:
-        record = record_of(flown(slower, stick_for([name]), 1))
+        record = referred(record_of(flown(slower, stick_for([name]), 1)), setting)
         every = [direction_of(n) for n in MEAN] + directions
         information = np.zeros((len(every), len(every)))
         for rows in stretches(record, setting, every):

@@ -16,8 +16,9 @@ from slam.criticism.extended import extended_model
 from slam.criticism.flown import Flown, flown
 from slam.criticism.heldout import taken
 from slam.criticism.kalman.filter import USED
-from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, INSTRUMENTS
+from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL
 from slam.criticism.kalman.record import Record, is_led
+from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.moving import is_wall
 from slam.criticism.next_flight import next_flight
@@ -74,6 +75,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     if setting.foreign:
         records = [coarsened(record, model) for record in records]
         limits = Thresholds(FOREIGN * limits.effects, FOREIGN * limits.shapes, FOREIGN * limits.second)
+    records = [referred(record, setting) for record in records]
     records, odd = without_dead_zone(records)
     if not setting.foreign and not combed(records):
         records, steps = without_boxes(records, setting)
@@ -102,10 +104,9 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         [name for o in odd for name in ENTAILS.get(o.name, ())],
     )  # fmt: skip
     seen = detectable(found.first, limits.effects)
-    colour = {n: x for n, x in zip(INSTRUMENTS, belief.colour.tolist(), strict=True) if x > 0.0}
     return Criticism(
         verdict,
-        sentence_of(verdict, causes, equivalents, remainder, seen, colour),
+        sentence_of(verdict, causes, equivalents, remainder, seen),
         causes,
         equivalents,
         remainder,
@@ -115,7 +116,6 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         confusable=confusable(found.first),
         shapes=tuple((s.effect.name, s.z) for s in left[:SHOWN_SHAPES]),
         nuisances=_nuisances(found, best),
-        noise_correlation=colour,
         checks=_checks(records, found.last),
         threshold=limits.effects,
         model=model,

@@ -18,12 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.sighting import sighted
-from slam.criticism.kalman.filter import OUTLIER, USED
-from slam.criticism.kalman.innovations import Innovations, Pass, stretches, whole
+from slam.criticism.kalman.filter import USED
+from slam.criticism.kalman.innovations import Pass, stretches, whole
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.kalman.steps import GATE
 from slam.criticism.kalman.tangents import Direction, Signal
 
 Array = NDArray[np.float64]
@@ -142,6 +141,7 @@ def _sighted(
 
 def _stretch_sums(record, setting, directions, signals, changed, weight, plain):  # type: ignore[no-untyped-def]
     moved, widened = changed
+    nats = plain.nats
     for rows in stretches(record, setting, directions, signals, STRETCH_S):
         column = rows.channels - np.array([0, 6, 9, 11])[record.kinds[rows.events]]
         traces = np.column_stack([rows.traces, moved[rows.events, column]])
@@ -152,16 +152,8 @@ def _stretch_sums(record, setting, directions, signals, changed, weight, plain):
         excess = np.minimum(rows.white**2, CUT) - weight[1][rows.channels]
         score[d:] += 0.5 * (excess * weight[0][rows.channels]) @ widened[rows.events, column]
         information[d:, d:] += 0.5 * spread.T @ widened[rows.events, column]
-        yield information, score, rows.log_likelihood - _outliers(plain, rows)
-
-
-def _outliers(plain: Pass, rows: Innovations) -> float:
-    """Nats that the outliers of a stretch cost: each as much as one at the gate."""
-    if len(rows.events) == 0:
-        return 0.0
-    part = slice(int(rows.events[0]), int(rows.events[-1]) + 1)
-    odd = plain.status[part] == OUTLIER
-    return float(0.5 * np.sum(GATE**2 + plain.log_variance[part][odd]))
+        first, last = (rows.events[0], rows.events[-1] + 1) if len(rows.events) else (0, 0)
+        yield information, score, float(nats[first:last].sum())
 
 
 def _difference(plain: Pass, others: Sequence[Pass], steps: Array) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ LONGEST_S = 600.0
 
 def verdict_on(flights: Sequence[Path], out: Path, options: Sequence[str] = ()) -> dict[str, Any]:
     """What ``slam criticise`` says; a verdict "invalid" with the last line it wrote where it fails."""
-    call = [sys.executable, "-c", "from slam.cli import main; main()", "criticise", *map(str, flights)]
+    call = [sys.executable, "-m", "slam", "criticise", *map(str, flights)]
     return _told([*call, "--out", str(out), *options], out / "verdict.json")
 
 

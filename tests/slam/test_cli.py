@@ -36,7 +36,7 @@ def run(*arguments: object):
 
 
 def shell(*arguments: object, **options):
-    command = [sys.executable, "-c", "from slam.cli import main; main()", *map(str, arguments)]
+    command = [sys.executable, "-m", "slam", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, check=False, **options)
 
 

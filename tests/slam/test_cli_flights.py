@@ -36,7 +36,7 @@ extent_m = [0.0, 0.0, 1.6, 1.6]
 size_px = [176, 144]
 rate_hz = 8.0
 """
-MAIN = [sys.executable, "-c", "from slam.cli import main; main()"]
+MAIN = [sys.executable, "-m", "slam"]
 
 
 def run(*arguments: object):

@@ -112,7 +112,7 @@ def test_what_is_refused(tmp_path, arguments, code, words):
 def test_interrupted_or_robbed_of_a_worker_it_leaves_one_line_and_nothing_else(tmp_path, what, code, words):
     out = tmp_path / "out"
     command = ["reproduce", "table5", "--seeds", "200", "--jobs", "2", "--out", str(out)]
-    main = [sys.executable, "-c", "from slam.cli import main; main()"]
+    main = [sys.executable, "-m", "slam"]
     running = subprocess.Popen(
         [*main, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )

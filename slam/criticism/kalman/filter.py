@@ -14,12 +14,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.kalman.coloured import Coloured, heard, learn, sample, step
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, MOVING, RANGE_LAG, SONAR, TARGET, WIDTH
 from slam.criticism.kalman.sensitivity import ENTRIES, carry, direct_change, force, tell
 from slam.criticism.kalman.steps import (
-    after_contact,
     correct,
     is_outlier,
     judged,
@@ -33,6 +31,7 @@ from slam.simulation.dynamics import derivative
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 USED, OUTLIER, IGNORED = 1, 2, 0
 ROLL, PITCH = 6, 7
@@ -49,11 +48,11 @@ def _ahead(
     late_var: float, lengths: Array, parameters: Array, hold: Array,
     acts: Ints, stick_of: Ints, parameters_of: Array, inject_at: Ints, signal_of: Ints, signals: Array,
     scale: Array, slopes: Array, matrix: Array, q: Array, work: Array, rate: Array, middle: Array,
-    middle_noise: Array, moved: Array, felt: Array, added: Array, coloured: Coloured | None,
+    middle_noise: Array, moved: Array, felt: Array, added: Array,
 ) -> None:  # fmt: skip
     """State, covariance and tangents over the steps ``begin`` to ``end``, in place.
 
-    From ``slopes`` to ``added`` arguments are room to work; ``slopes`` (10, n) is left as of the last step.
+    From ``slopes`` on arguments are room to work; ``slopes`` (10, n) is left as of the last step.
     """
     for s in range(begin, end):
         h = lengths[s]
@@ -61,8 +60,6 @@ def _ahead(
             state, p, sticks[0, s], jolts[s], late_var, parameters, hold, h, slopes, matrix, q, work,
             rate, middle, middle_noise,
         )  # fmt: skip
-        if coloured is not None:
-            step(coloured, matrix)
         if tangents.shape[1] > 0:
             carry(matrix, tangents, moved)
             force(
@@ -116,10 +113,10 @@ def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate
 
 @kernel
 def _take(
-    event: int, kind: int, read: Array, near: bool, jump: int, predicted: Array, rows: Array, rate: Array,
+    event: int, kind: int, read: Array, landing: bool, jump: int, predicted: Array, rows: Array, rate: Array,
     noise_var: Array, rough: Array, jitter_s: float, limits: Array, state: Array, p: Array, memory: Array,
     tangents: Array, direct: Array, innovation: Array, log_variance: Array, status: Ints, traces: Array,
-    row: int, ph: Array, told: Array, done: Array, coloured: Coloured | None,
+    row: int, ph: Array, told: Array, done: Array,
 ) -> int:  # fmt: skip
     """Take the channels of one event, one after the other, into state, covariance and tangents.
 
@@ -127,23 +124,15 @@ def _take(
     after the last.
     """
     done[:] = 0.0
-    if coloured is not None:
-        sample(coloured, event, kind)
     for c in range(WIDTH[kind]):
         status[event, c] = IGNORED
         channel = FIRST_CHANNEL[kind] + c
         noise = noise_var[channel]
-        if not judged(kind, channel, read[c], predicted[c], noise, near, jump, limits):
+        if not judged(kind, channel, read[c], predicted[c], noise, landing, jump, limits):
             continue
-        value = read[c]
-        if coloured is not None and coloured.slot[channel] >= 0:
-            noise = 0.0
-            value -= coloured.mean[coloured.slot[channel]]
         noise += _spread_by_stamp(rows[c], rate, rough, jitter_s)
         s_var = noise + spread_along(p, rows[c], ph)
-        if coloured is not None:
-            s_var += heard(coloured, coloured.slot[channel], rows[c], ph)
-        miss = miss_of(kind, c, value, predicted[c], rows[c], done)
+        miss = miss_of(kind, c, read[c], predicted[c], rows[c], done)
         std = math.sqrt(s_var)
         innovation[event, c] = miss / std
         log_variance[event, c] = math.log(s_var)
@@ -152,34 +141,29 @@ def _take(
             continue
         status[event, c] = USED
         if tangents.shape[1] > 0:
-            if coloured is not None and coloured.slot[channel] >= 0:
-                direct[c] += coloured.tangents[coloured.slot[channel]]
             tell(rows[c], direct[c], ph, s_var, tangents, told)
             for d in range(tangents.shape[1]):
                 traces[row, d] = told[d] / std
         row += 1
-        if coloured is not None:
-            learn(coloured, ph, s_var, miss, told)
         correct(state, p, ph, s_var, miss, done)
     return row
 
 
 @kernel
 def run(
-    begin: int, end: int, times: Array, kinds: Ints, values: Array, elapsed: Array, jumps: Ints,
-    first_step: Ints, lengths: Array, sticks: Array, jolts: Array, late_var: float, commands: Array,
-    parameters: Array, sensor: Array, hold: Array,
+    begin: int, end: int, times: Array, kinds: Ints, values: Array, elapsed: Array, landing: Flags,
+    jumps: Ints, first_step: Ints, lengths: Array, sticks: Array, jolts: Array, late_var: float,
+    commands: Array, parameters: Array, sensor: Array, hold: Array,
     noise_var: Array, jitter_s: float, limits: Array, state: Array, p: Array, memory: Array,
     acts: Ints, reads: Ints, stick_of: Ints, parameters_of: Array, sensor_of: Array, inject_at: Ints,
     signal_of: Ints, step_signals: Array, event_signals: Array, scale: Array, tangents: Array,
     innovation: Array, log_variance: Array, status: Ints, traces: Array, states: Array, keep: Ints,
-    coloured: Coloured | None,
 ) -> None:  # fmt: skip
-    """Filter events ``begin`` to ``end``; ``state`` (n,), ``p`` (n, n), ``tangents`` (n, m), ``memory`` and
-    the ``coloured`` noises, where there are any, carry on.
+    """Filter events ``begin`` to ``end``; ``state`` (n,), ``p`` (n, n), ``tangents`` (n, m) and ``memory``
+    carry on.
 
-    ``times``, ``kinds``, ``elapsed``, ``jumps`` (events,), ``values`` (events, 6) with NaN for what is
-    missing; the first ``jumps`` channels of the IMU are not judged. Event e is reached by steps
+    ``times``, ``kinds``, ``elapsed``, ``landing``, ``jumps`` (events,), ``values`` (events, 6) with NaN for
+    what is missing; the first ``jumps`` channels of the IMU are not judged. Event e is reached by steps
     ``first_step[e]`` to ``first_step[e + 1]`` of ``lengths``, with the sticks' means ``sticks`` (variants,
     steps, 6) over each, jumps ``jolts`` (steps, 6) within, whose moments vary by ``late_var``, and
     ``commands`` (variants, events, 6) at the event. Written: ``innovation``
@@ -200,13 +184,12 @@ def run(
         _ahead(
             first_step[e], first_step[e + 1], state, p, tangents, sticks, jolts, late_var, lengths,
             parameters, hold, acts, stick_of, parameters_of, inject_at, signal_of, step_signals, scale,
-            slopes, matrix, q, work, rate, middle, middle_noise, moved, felt, added, coloured,
+            slopes, matrix, q, work, rate, middle, middle_noise, moved, felt, added,
         )  # fmt: skip
         kind = kinds[e]
         for i in range(MOVING):
             states[e, i] = state[i]
         states[e, 10] = math.sqrt(p[2, 2])
-        near = after_contact(times[e], state, p, parameters, memory)
         if kind == IMU or first_step[e + 1] == first_step[e]:
             # Only rates of tilt and speed jump with the stick: all else may use the last step's slopes.
             jacobian(state, commands[0, e], parameters, rate, slopes)
@@ -226,9 +209,9 @@ def run(
                 felt, direct,
             )  # fmt: skip
         row = _take(
-            e, kind, values[e], near, jumps[e], predicted, h_matrix, rate, noise_var, rough, jitter_s,
+            e, kind, values[e], landing[e], jumps[e], predicted, h_matrix, rate, noise_var, rough, jitter_s,
             limits, state, p, memory, tangents, direct, innovation, log_variance, status, traces, row, ph,
-            told, done, coloured,
+            told, done,
         )  # fmt: skip
     keep[0] = row
 

@@ -9,11 +9,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.kalman.coloured import coloured_for
-from slam.criticism.kalman.filter import USED, run, start_noise
-from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, STATES, STATES_WITH_GUSTS
+from slam.criticism.kalman.filter import IGNORED, USED, run, start_noise
+from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, STATES, STATES_WITH_GUSTS, WIDTH
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
+from slam.criticism.kalman.steps import GATE
 from slam.criticism.kalman.tangents import Direction, Signal, tangents_for
 from slam.criticism.kalman.transition import GUST_STD
 
@@ -31,15 +31,8 @@ class Innovations:
     """(rows,) index into ``readings.CHANNELS``."""
     white: Array
     """(rows,) innovation over its standard deviation: independent and standard normal under the belief."""
-    log_variance: Array
-    """(rows,) of the innovation."""
     traces: Array
     """(rows, directions): change of the prediction with the direction, over the standard deviation."""
-
-    @property
-    def log_likelihood(self) -> float:
-        """Of the rows, in nats, without the constant."""
-        return float(-0.5 * np.sum(self.white**2 + self.log_variance))
 
 
 @dataclass(frozen=True)
@@ -49,17 +42,26 @@ class Pass:
     white: Array
     """(events, 6) innovation over its standard deviation, also of outliers; NaN where nothing was judged."""
     log_variance: Array
-    """(events, 6)."""
+    """(events, 6) of the innovation, less the usual one of its channel."""
     status: Ints
     """(events, 6) ``filter.USED``, ``filter.OUTLIER`` or ``filter.IGNORED``."""
     states: Array
     """(events, 11) moving state predicted before each event, and the standard deviation of z."""
 
     @property
+    def nats(self) -> Array:
+        """(events, 6) log likelihood of each reading, less what a healthy vehicle's is on average.
+
+        So one that a belief does not judge, by 0, counts neither for that belief nor against it; an outlier
+        counts as much as one at the gate.
+        """
+        square = np.where(self.status == USED, self.white**2, GATE**2)
+        return np.where(self.status == IGNORED, 0.0, -0.5 * (square - 1.0 + self.log_variance))
+
+    @property
     def log_likelihood(self) -> float:
-        """Of the readings used, in nats, without the constant."""
-        used = self.status == USED
-        return float(-0.5 * np.sum(self.white[used] ** 2 + self.log_variance[used]))
+        """Of all readings together."""
+        return float(self.nats.sum())
 
 
 def stretches(
@@ -78,7 +80,11 @@ def whole(record: Record, setting: Setting) -> Pass:
     filtered = _Run(record, setting, (), {})
     for _ in filtered.stretches(np.inf):
         pass
-    return Pass(filtered.white, filtered.log_variance, filtered.status, filtered.states)
+    usual = np.zeros((4, 6))
+    for kind, (first, width) in enumerate(zip(FIRST_CHANNEL, WIDTH, strict=True)):
+        usual[kind, :width] = record.usual_log_variance[first : first + width]
+    log_variance = filtered.log_variance - usual[record.kinds]
+    return Pass(filtered.white, log_variance, filtered.status, filtered.states)
 
 
 class _Run:
@@ -95,9 +101,7 @@ class _Run:
         self._state[:10] = record.start
         self._p[np.arange(10), np.arange(10)] = record.start_std**2
         start_noise(setting.hold, self._p)
-        self._coloured = coloured_for(record, setting, n, self._m)
-        self._memory = np.zeros(1 + len(CHANNELS))
-        self._memory[0] = -np.inf
+        self._memory = np.zeros(len(CHANNELS))
         self.white, self.log_variance = np.full((events, 6), np.nan), np.full((events, 6), np.nan)
         self.status, self.states = np.zeros((events, 6), dtype=np.int64), np.zeros((events, 11))
 
@@ -111,14 +115,14 @@ class _Run:
             readings = int(np.isfinite(record.values[begin:end]).sum())
             traces = np.empty((readings, self._m))
             run(
-                begin, end, record.times_s, record.kinds, record.values, record.elapsed, table.jumps,
-                record.first_step, record.step_s, table.sticks, table.jolts, setting.late_std_s**2,
+                begin, end, record.times_s, record.kinds, record.values, record.elapsed, record.landing,
+                table.jumps, record.first_step, record.step_s, table.sticks, table.jolts,
+                setting.late_std_s**2,
                 table.commands, setting.parameters, setting.sensor, setting.hold,
                 noise_var, setting.jitter_s, record.range_limits, self._state, self._p, self._memory,
                 table.acts, table.reads, table.stick_of, table.parameters_of, table.sensor_of,
                 table.inject_at, table.signal_of, table.step_signals, table.event_signals, table.scale,
                 self._tangents, self.white, self.log_variance, self.status, traces, self.states, keep,
-                self._coloured,
             )  # fmt: skip
             used = self.status[begin:end] == USED
             events, column = np.nonzero(used)
@@ -127,6 +131,5 @@ class _Run:
                 events,
                 np.array(FIRST_CHANNEL)[record.kinds[events]] + column,
                 self.white[events, column],
-                self.log_variance[events, column],
                 traces[: keep[0]],
             )

@@ -53,6 +53,10 @@ class Record:
     start: Array
     """(10,) a first guess of the moving state, and ``start_std`` (10,) how good it is."""
     start_std: Array
+    landing: NDArray[np.bool_]
+    """(events,) where the gear settles on the floor, and what feels that is not judged."""
+    usual_log_variance: Array
+    """(channels,) of a healthy vehicle's innovations. Both are 0 until ``reference.referred``."""
     sights: Sights | None = None
     """What its pictures show."""
 
@@ -99,6 +103,7 @@ def record_of(flight: Flight) -> Record:
     return Record(
         flight.name, times, kinds, values, np.clip(times / times[-1], 0.0, 1.0), first_step, begin, lengths,
         stick, _noise_std(flight), np.array(limits, dtype=float), start, start_std,
+        np.zeros(len(times), dtype=bool), np.zeros(len(CHANNELS)),
     )  # fmt: skip
 
 

@@ -22,7 +22,6 @@ from slam.criticism.kalman.readings import (
     ATTITUDE,
     CHANNELS,
     FIRST_CHANNEL,
-    INSTRUMENT_OF,
     MOVING,
     SONAR,
     STATES,
@@ -32,7 +31,6 @@ from slam.criticism.kalman.readings import (
 from slam.criticism.kalman.record import Record, steps_between
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.steps import (
-    after_contact,
     correct,
     is_outlier,
     judged,
@@ -46,6 +44,7 @@ from slam.criticism.kalman.transition import POLE, jacobian
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 POSE = (0, 1, 2, 6, 7, 8)
 """Entries of the state that place a camera: x, y, z, roll, pitch, yaw."""
@@ -91,14 +90,13 @@ def smoothed(
     p = np.zeros((STATES, STATES))
     p[np.arange(10), np.arange(10)] = record.start_std**2
     start_noise(setting.hold, p)
-    # Coloured noise counts as the white noise that averages out as slowly.
-    colour = setting.colour[list(INSTRUMENT_OF)]
-    noise_var = (record.noise_std * setting.noise_factor) ** 2 * (1.0 + colour) / (1.0 - colour)
+    noise_var = (record.noise_std * setting.noise_factor) ** 2
     forward = _forward(
-        record.times_s, record.kinds, record.values, record.elapsed, table.jumps, record.first_step,
-        record.step_s, table.sticks[0], table.jolts, setting.late_std_s**2, table.commands[0],
+        record.times_s, record.kinds, record.values, record.elapsed, record.landing, table.jumps,
+        record.first_step, record.step_s, table.sticks[0], table.jolts, setting.late_std_s**2,
+        table.commands[0],
         setting.parameters, setting.sensor, setting.hold, noise_var, record.range_limits, start, p,
-        np.concatenate([[-np.inf], np.zeros(len(CHANNELS))]),
+        np.zeros(len(CHANNELS)),
         table.reads, table.sensor_of, table.scale,
     )  # fmt: skip
     at = np.flatnonzero(record.kinds == _MOMENT)
@@ -126,16 +124,18 @@ def _with_moments(record: Record, times_s: Array) -> Record:
     times = times[order]
     kinds = np.concatenate([record.kinds, np.full(len(times_s), _MOMENT)])[order]
     values = np.concatenate([record.values, np.full((len(times_s), 6), np.nan)])[order]
+    landing = np.concatenate([record.landing, np.zeros(len(times_s), dtype=bool)])[order]
     first_step, begin, lengths = steps_between(times)
     return replace(
-        record, times_s=times, kinds=kinds, values=values, elapsed=np.clip(times / times[-1], 0.0, 1.0),
-        first_step=first_step, step_begin_s=begin, step_s=lengths,
+        record, times_s=times, kinds=kinds, values=values, landing=landing,
+        elapsed=np.clip(times / times[-1], 0.0, 1.0), first_step=first_step, step_begin_s=begin,
+        step_s=lengths,
     )  # fmt: skip
 
 
 @kernel
 def _forward(  # type: ignore[no-untyped-def]
-    times: Array, kinds: Ints, values: Array, elapsed: Array, jumps: Ints, first_step: Ints,
+    times: Array, kinds: Ints, values: Array, elapsed: Array, landing: Flags, jumps: Ints, first_step: Ints,
     lengths: Array, sticks: Array, jolts: Array, late_var: float, commands: Array, parameters: Array,
     sensor: Array, hold: Array, noise_var: Array, limits: Array, start: Array, p: Array, memory: Array,
     reads: Ints, sensor_of: Array, scale: Array,
@@ -164,7 +164,6 @@ def _forward(  # type: ignore[no-untyped-def]
         tangents = np.dot(total, tangents)
         moves[e], x_before[e], p_before[e], t_before[e] = total, state, p, tangents
         kind = kinds[e]
-        near = after_contact(times[e], state, p, parameters, memory)
         if kind <= SONAR:
             jacobian(state, commands[e], parameters, rate, slopes)
             measurement(
@@ -181,7 +180,7 @@ def _forward(  # type: ignore[no-untyped-def]
             for c in range(WIDTH[kind]):
                 channel = FIRST_CHANNEL[kind] + c
                 noise = noise_var[channel]
-                if not judged(kind, channel, values[e, c], predicted[c], noise, near, jumps[e], limits):
+                if not judged(kind, channel, values[e, c], predicted[c], noise, landing[e], jumps[e], limits):
                     continue
                 s_var = noise + spread_along(p, h_matrix[c], ph)
                 miss = miss_of(kind, c, values[e, c], predicted[c], h_matrix[c], done)

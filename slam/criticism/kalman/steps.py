@@ -22,11 +22,13 @@ GATE = 6.0
 """An innovation beyond so many standard deviations is an outlier: it is kept out of the state."""
 STREAK = 2
 """So many outliers of a channel in a row are none: then the model is wrong, not the reading."""
-CONTACT_S = 0.3
-"""The landing gear's bounce differs from vehicle to vehicle: so long after it, speed is not judged."""
 CONTACT_M = 0.03
 CONTACT_NOISE = 0.3
-"""Process noise of the velocity near the floor, m/s/sqrt(s)."""
+"""Process noise of the velocity while the gear settles, m/s/sqrt(s): its bounce differs between vehicles."""
+STANDS_M_S = 0.05
+"""Who stands on the floor is no faster up or down."""
+UP = 2
+"""Entry of the stick."""
 SONAR_MARGIN = 4.0
 """Ranges due so many standard deviations from the limits, and beyond, are not judged: half are missing."""
 
@@ -45,8 +47,11 @@ STATES_READ = (
 
 
 @kernel
-def near_floor(state: Array, p: Array, parameters: Array) -> bool:
-    """Whether the gear may touch the floor."""
+def settling(state: Array, p: Array, stick: Array, parameters: Array) -> bool:
+    """Whether the gear may hit the floor, or just did. Who stands there, or is told to climb, is not shaken
+    by it: there the height is known."""
+    if stick[UP] > 0.0 or abs(state[5]) < STANDS_M_S:
+        return False
     return bool(state[2] - parameters[GEAR] < CONTACT_M + 3.0 * math.sqrt(p[2, 2]))
 
 
@@ -68,7 +73,7 @@ def predict(
     covariance_step(matrix, q, slopes, h, p, work)
     if late_var > 0.0:
         _unsure(state, p, stick, jolt, late_var, parameters, rate, middle_noise)
-    if near_floor(state, p, parameters):
+    if settling(state, p, stick, parameters):
         for i in range(3, 6):
             p[i, i] += CONTACT_NOISE**2 * h
 
@@ -133,23 +138,15 @@ def measurement(
 
 
 @kernel
-def after_contact(time: float, state: Array, p: Array, parameters: Array, memory: Array) -> bool:
-    """Whether the floor was near within ``CONTACT_S``; ``memory[0]`` keeps when it last was."""
-    if near_floor(state, p, parameters):
-        memory[0] = time
-    return bool(time - memory[0] < CONTACT_S)
-
-
-@kernel
 def judged(
-    kind: int, channel: int, value: float, predicted: float, noise_var: float, near: bool, jump: int,
+    kind: int, channel: int, value: float, predicted: float, noise_var: float, landing: bool, jump: int,
     limits: Array,
 ) -> bool:  # fmt: skip
-    """Whether a reading says anything: not a missing one, speeds after contact, the first ``jump`` channels
-    of the IMU beside a jump of the stick, or a range that may be cut."""
+    """Whether a reading says anything: not a missing one, speeds while ``landing``, the first ``jump``
+    channels of the IMU beside a jump of the stick, or a range that may be cut."""
     if math.isnan(value):
         return False
-    if near and (3 <= channel < 6 or 9 <= channel < 11):
+    if landing and (3 <= channel < 6 or 9 <= channel < 11):
         return False
     if channel < jump:
         return False
@@ -189,11 +186,11 @@ def miss_of(kind: int, c: int, value: float, predicted: float, row: Array, done:
 
 @kernel
 def is_outlier(miss: float, std: float, channel: int, memory: Array) -> bool:
-    """Whether a reading is kept out; ``memory[1 + channel]`` counts how many were in a row."""
-    if abs(miss) > GATE * std and memory[1 + channel] < STREAK:
-        memory[1 + channel] += 1.0
+    """Whether a reading is kept out; ``memory[channel]`` counts how many were in a row."""
+    if abs(miss) > GATE * std and memory[channel] < STREAK:
+        memory[channel] += 1.0
         return True
-    memory[1 + channel] = 0.0
+    memory[channel] = 0.0
     return False
 
 

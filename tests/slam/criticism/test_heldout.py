@@ -28,8 +28,7 @@ class Look:
 def look(run, pieces, shown=0.0):
     """A look at one flight whose stretches are its events in equal parts, pictures last."""
     bounds = np.linspace(0, len(run.status), pieces + 1).astype(int)
-    cost = np.where(run.status == USED, 0.5 * (run.white**2 + run.log_variance), 0.0).sum(axis=1)
-    nats = [-cost[a:b].sum() for a, b in pairwise(bounds)]
+    nats = [run.nats[a:b].sum() for a, b in pairwise(bounds)]
     return Look(Sums(np.array([*nats, shown]), np.zeros(pieces + 1, dtype=int), (pieces,), (run,)))
 
 

@@ -1,0 +1,54 @@
+"""What a healthy vehicle makes of a flight, the same for every belief about it.
+
+Beliefs differ in where they have the vehicle and when it obeys. Were each to say for itself which readings a
+landing spoils, and were one that is not judged to weigh nothing, a belief would gain by what it leaves out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.kalman.filter import USED
+from slam.criticism.kalman.innovations import Pass, whole
+from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, WIDTH
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
+from slam.criticism.kalman.steps import STANDS_M_S, UP
+from slam.simulation.dynamics import GEAR
+
+CONTACT_S = 0.3
+"""The landing gear's bounce differs from vehicle to vehicle: so long after it, speed is not judged."""
+REACH_M = 0.08
+"""Heights may be off by a sonar's zero: contact may come so much earlier."""
+
+
+def referred(record: Record, setting: Setting) -> Record:
+    """The record with where it lands, and how surely its channels are foretold, under ``setting``."""
+    landed = replace(record, landing=_landing(record, setting), usual_log_variance=np.zeros(sum(WIDTH)))
+    return replace(landed, usual_log_variance=_usual(landed, whole(landed, setting)))
+
+
+def _landing(record: Record, setting: Setting) -> NDArray[np.bool_]:
+    """(events,) by a run without accelerometer: the shock of contact must not move the height."""
+    values = record.values.copy()
+    values[record.kinds == IMU, 3:6] = np.nan
+    states = whole(replace(record, values=values), setting).states
+    low = states[:, 2] - setting.parameters[GEAR] < REACH_M + 3.0 * states[:, 10]
+    sinks = record.stick.at(record.times_s, setting.latency_s)[:, UP] <= 0.0
+    settles = low & sinks & (np.abs(states[:, 5]) > STANDS_M_S)
+    last = np.maximum.accumulate(np.where(settles, record.times_s, -np.inf))
+    return np.asarray(record.times_s - last < CONTACT_S)
+
+
+def _usual(record: Record, run: Pass) -> NDArray[np.float64]:
+    """(channels,) median of the logarithm of the innovation's variance; 0 where there is none."""
+    usual = np.zeros(sum(WIDTH))
+    for kind, (first, width) in enumerate(zip(FIRST_CHANNEL, WIDTH, strict=True)):
+        rows = record.kinds == kind
+        for c in range(width):
+            found = run.log_variance[rows, c][run.status[rows, c] == USED]
+            usual[first + c] = np.median(found) if len(found) else 0.0
+    return usual
