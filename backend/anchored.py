@@ -6,6 +6,8 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import compress
 
 import gtsam
 import numpy as np
@@ -59,9 +61,23 @@ class Anchored:
 
     def graph(self, kept: Mask) -> gtsam.NonlinearFactorGraph:
         """Some of the edges with all that ties them to the world."""
-        graph = self.problem.with_edges(kept).edge_factors()
+        graph = gtsam.NonlinearFactorGraph()
+        add = graph.add
+        for factor in compress(self.edges, kept.tolist()):
+            add(factor)
         graph.push_back(self.ties)
         return graph
+
+    @cached_property
+    def edges(self) -> list[gtsam.NonlinearFactor]:
+        """(m,) the factor of each edge: most of the time of a graph goes into making them."""
+        return list(self.problem.single_factors())
+
+    @property
+    def rows(self) -> int:
+        """Of the linear system with all edges."""
+        ties = (self.ties.at(k).dim() for k in range(self.ties.size()))
+        return self.problem.freedom * len(self.problem.i) + sum(ties)
 
 
 def start_of(problem: Problem) -> Array:

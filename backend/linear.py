@@ -6,17 +6,38 @@ from typing import Literal
 
 import gtsam
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU, splu
 
+Index = NDArray[np.int64]
 
-def jacobian(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> csc_array:
-    """(rows, dimensions) whitened Jacobian at ``values``; gtsam sorts the columns by key."""
+
+def jacobian(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, order: Index | None = None
+) -> csc_array:
+    """(rows, dimensions) whitened Jacobian at ``values``; gtsam sorts the columns by key, or they stand in an
+    ``order`` (dimensions,)."""
     row, column, value = np.asarray(graph.linearize(values).sparseJacobian_())
     size = values.dim()
     left = column <= size  # the last column is the right-hand side
-    index = row[left].astype(np.int64) - 1, column[left].astype(np.int64) - 1
-    return csc_array((value[left], index), shape=(int(row.max()), size))
+    at = column[left].astype(np.int64) - 1
+    if order is not None:
+        place = np.empty(size, dtype=np.int64)
+        place[order] = np.arange(size)
+        at = place[at]
+    return csc_array((value[left], (row[left].astype(np.int64) - 1, at)), shape=(int(row.max()), size))
+
+
+def elimination_order(graph: gtsam.NonlinearFactorGraph, d: int) -> Index:
+    """(n d,) columns of variables 0..n-1 of ``d`` dimensions each, so that an elimination fills in little.
+
+    A variable stays in one piece: on a pose graph a factor takes half the time that it takes in an order of
+    single columns.
+    """
+    found = gtsam.Ordering.ColamdNonlinearFactorGraph(graph)
+    keys = np.array([found.at(k) for k in range(found.size())], dtype=np.int64)
+    return (d * keys[:, None] + np.arange(d)).ravel()
 
 
 def cholesky(

@@ -3,6 +3,7 @@ factors."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import gtsam
@@ -90,19 +91,21 @@ class Problem:
 
     def edge_factors(self, weight: Array | None = None) -> gtsam.NonlinearFactorGraph:
         """One between factor an edge; ``weight`` (m,) multiplies the information, 0 leaves the edge out."""
-        graph = gtsam.NonlinearFactorGraph()
         if weight is not None:
             used = weight > 0
             scaled = replace(self, sqrt_information=np.sqrt(weight)[:, None, None] * self.sqrt_information)
             return scaled.with_edges(used).edge_factors()
+        graph = gtsam.NonlinearFactorGraph()
+        add = graph.add
+        for factor in self.single_factors():
+            add(factor)
+        return graph
+
+    def single_factors(self) -> Iterator[gtsam.NonlinearFactor]:
+        """The same one by one."""
         make = gtsam.BetweenFactorPose2 if self.dimension == 2 else gtsam.BetweenFactorPose3
         poses = gtsam_poses(self.ij_T, self.dimension)
-        add = graph.add
-        models = _models(self.sqrt_information)
-        pairs = zip(self.i.tolist(), self.j.tolist(), poses, models, strict=True)
-        for a, b, pose, model in pairs:
-            add(make(a, b, pose, model))
-        return graph
+        return map(make, self.i.tolist(), self.j.tolist(), poses, _models(self.sqrt_information))
 
     def absolute_factors(self) -> gtsam.NonlinearFactorGraph:
         """The absolute measurements as they are solved."""

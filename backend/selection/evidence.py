@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array
 from scipy.sparse.linalg import SuperLU
 
-from backend.linear import cholesky, jacobian
+from backend.linear import cholesky, elimination_order, jacobian
 from backend.problem import Problem
 from backend.selection.agreement import log_odds
 from backend.selection.prediction import noise_scale
@@ -33,7 +33,7 @@ class Standing:
     w_T: Array
     loops: Mask
     J: csr_array
-    """(m d, size) of all edges."""
+    """(m d, size) of all edges, columns in the order in which they are eliminated."""
     factor: SuperLU
     """Of the information of those that are kept."""
     squares: float
@@ -46,11 +46,12 @@ class Standing:
     def of(problem: Problem, graph: Graph, kept: Mask, w_T: Array, rooms: Array) -> Standing | None:
         """Of some edges (m,) and the poses from them; None where the system is singular."""
         m, d = len(problem.i), problem.freedom
-        J = csr_array(jacobian(graph(np.ones(m, dtype=bool)), problem.values(w_T)))
+        order = elimination_order(graph(kept), d)
+        J = csr_array(jacobian(graph(np.ones(m, dtype=bool)), problem.values(w_T), order))
         edges = J[: m * d]
         used = J[np.append(np.repeat(kept, d), np.ones(J.shape[0] - m * d, dtype=bool))]
         try:
-            factor = cholesky(csc_array(used.T @ used))
+            factor = cholesky(csc_array(used.T @ used), "NATURAL")
         except RuntimeError:
             return None
         squares = float((problem.residuals(w_T)[kept] ** 2).sum())

@@ -13,7 +13,7 @@ from scipy.special import gammaln
 from scipy.stats import chi2
 
 from backend import se3
-from backend.linear import cholesky, jacobian
+from backend.linear import cholesky, elimination_order, jacobian
 from backend.problem import Problem
 
 Array = NDArray[np.float64]
@@ -86,21 +86,35 @@ def log_volume(covariance: Array, within: float) -> Array:
     return np.asarray(ball + np.linalg.slogdet(covariance)[1] / 2)
 
 
-def draws(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, d: int) -> Array | None:
+def white_noise(rows: int, d: int) -> Array:
+    """(rows, s) for `draws`; always the same, since the answer must not depend on the call."""
+    return np.random.default_rng(0).standard_normal((rows, _SAMPLES[d]))
+
+
+def draws(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, d: int, noise: Array | None = None
+) -> Array | None:
     """(n, d, s) draws from the Gaussian about a solution, right perturbations; None where it is singular.
+
+    ``noise`` is `white_noise` of at least as many rows as the graph has.
 
     With J the whitened system, x = (J'J)^-1 J' e has the covariance (J'J)^-1 for e of unit covariance: all
     joint covariances at the price of one factor. Source: Papandreou and Yuille 2010 (NIPS).
     """
-    J = jacobian(graph, values)
-    # Noise only, and always the same: the answer must not depend on the call.
-    noise = np.random.default_rng(0).standard_normal((J.shape[0], _SAMPLES[d]))
+    order = elimination_order(graph, d)
+    J = jacobian(graph, values, order)
+    if noise is None:
+        noise = white_noise(J.shape[0], d)
     try:
-        factor = cholesky(csc_array(J.T @ J))
+        factor = cholesky(csc_array(J.T @ J), "NATURAL")
     except RuntimeError:
         return None
-    found = factor.solve(np.asarray(J.T @ noise))
-    return found.reshape(-1, d, _SAMPLES[d]) if np.isfinite(found).all() else None
+    solved = factor.solve(np.asarray(J.T @ noise[: J.shape[0]]))
+    if not np.isfinite(solved).all():
+        return None
+    found = np.empty_like(solved)
+    found[order] = solved
+    return found.reshape(-1, d, _SAMPLES[d])
 
 
 def innovations(problem: Problem, w_T: Array, drawn: Array, edges: Index, scale: float = 1.0) -> Innovations:

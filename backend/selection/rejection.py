@@ -15,7 +15,7 @@ from backend.problem import Problem
 from backend.selection.agreement import Solve, grown, judged
 from backend.selection.consistency import agreeing_edges, edge_limit
 from backend.selection.exchange import exchanged
-from backend.selection.prediction import draws, noise_scale
+from backend.selection.prediction import draws, noise_scale, white_noise
 from backend.solve import Minimum, gauss_newton, levenberg_marquardt
 
 Array = NDArray[np.float64]
@@ -94,11 +94,12 @@ def _exchanged(anchored: Anchored, found: tuple[Mask, Fit, Array]) -> tuple[Mask
 def _grown(anchored: Anchored) -> tuple[Mask, Array]:
     problem, options = anchored.problem, anchored.options
     solve = _solver(anchored)
+    noise = white_noise(anchored.rows, problem.freedom)
 
     def draw(kept: Mask, w_T: Array) -> Array | None:
         if time.monotonic() > options.deadline:
             return None
-        return draws(anchored.graph(kept), problem.values(w_T), problem.freedom)
+        return draws(anchored.graph(kept), problem.values(w_T), problem.freedom, noise)
 
     def on_round(number: int, believed: int) -> None:
         if options.on_step is not None:
