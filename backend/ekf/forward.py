@@ -160,10 +160,15 @@ def _gate_step(
     gates: Array,
     log: Log,
 ) -> bool:
-    """Whether to take a step seen in pictures: wrong ones are wrong as a whole."""
+    """Whether to take a step seen in pictures: wrong ones are wrong as a whole. Logged are its components,
+    each given those before it, of one that is refused too: it speaks against what foresaw another."""
     S = H @ (C @ np.ascontiguousarray(H.T)) + np.eye(6)
     off = innovation - H @ e
-    nis = float(off @ np.linalg.solve(S, off))
+    L = np.linalg.cholesky(S)
+    apart = np.linalg.solve(L, off)
+    nis = float((apart**2).sum())
+    for i in range(6):
+        log.innovation[k, i], log.variance[k, i] = apart[i] * L[i, i], L[i, i] ** 2
     if nis <= gates[1]:
         refused_since[STEP, 0] = math.inf
         return True
@@ -215,9 +220,8 @@ def _take(
             Ch += h[j] * C[j]
     expected = (h * Ch).sum()
     S = expected + variance
-    if i < 3:
-        log.innovation[k, i], log.variance[k, i] = innovation, S
     if kind != STEP:
+        log.innovation[k, i], log.variance[k, i] = innovation, S
         log.status[k, i] = USED
         over = innovation * innovation / S / gates[0]
         if over <= 1:
@@ -240,7 +244,7 @@ def _take(
                 log.status[k, i] = SOFTENED
                 variance += (over - 1) * S
                 S = expected + variance
-    elif i < 3:
+    else:
         log.status[k, i] = max(log.status[k, i], USED)
     K = Ch / S
     e += K * innovation

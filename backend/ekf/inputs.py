@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
 import numpy as np
@@ -41,6 +41,16 @@ class PictureStep:
     """(4, 4) of body axes at the camera, translation in heights of camera i above the floor."""
     covariance: Array
     """(6, 6), rotation first, right perturbation."""
+
+
+def renumbered(steps: tuple[PictureStep, ...], inside: NDArray[np.bool_]) -> tuple[PictureStep, ...]:
+    """Steps whose ends are both among the chosen times (n,), which form one run, with their new numbers."""
+    number = np.cumsum(inside) - 1
+    return tuple(
+        replace(step, i=int(number[step.i]), j=int(number[step.j]))
+        for step in steps
+        if inside[step.i] and inside[step.j]
+    )
 
 
 @dataclass(frozen=True)

@@ -39,11 +39,11 @@ class Log(NamedTuple):
     """What became of each component of each reading."""
 
     status: NDArray[np.int64]
-    """(e, 3) see above; 0 where there was none."""
+    """(e, 6) see above; 0 where there was none."""
     innovation: Array
-    """(e, 3) each given those before it; of a step the first three, whitened."""
+    """(e, 6) each given those before it; of a step whitened."""
     variance: Array
-    """(e, 3) what it should scatter by."""
+    """(e, 6) what it should scatter by."""
 
 
 class Found(NamedTuple):

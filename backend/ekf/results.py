@@ -25,12 +25,12 @@ class Channel:
     stamps_s: Array
     """(m,) of all readings."""
     innovation: Array
-    """(m, 3) reading minus what was expected, each component given those before it; NaN where there is none.
-    Of a step seen in pictures the first three, whitened."""
+    """(m, d) reading minus what was expected, each component given those before it; NaN where there is none.
+    d is 3; 6 for steps seen in pictures, which are whitened."""
     std: Array
-    """(m, 3) what innovations should scatter."""
+    """(m, d) what innovations should scatter."""
     status: NDArray[np.int64]
-    """(m, 3) see `backend.ekf.records`; 0 where there is none."""
+    """(m, d) see `backend.ekf.records`; 0 where there is none."""
     log_likelihood: float
     """Of all readings given those before; one beyond its gate counts as if it were at the gate."""
 
@@ -40,7 +40,7 @@ class Channel:
 
     @property
     def nis(self) -> Array:
-        """(m, 3) squared whitened innovations: 1 on average where the filter's model is right."""
+        """(m, d) squared whitened innovations: 1 on average where the filter's model is right."""
         return (self.innovation / self.std) ** 2
 
 
@@ -152,13 +152,14 @@ def channels_of(events: Events, log: Log, model: FilterModel) -> dict[str, Chann
     for name, number in kinds.CHANNELS.items():
         mine = np.flatnonzero(events.kind == number)
         if len(mine):
-            innovation, variance = log.innovation[mine], log.variance[mine]
+            width = 6 if number == kinds.STEP else 3
+            innovation, variance = log.innovation[mine, :width], log.variance[mine, :width]
             nats = np.minimum(innovation**2 / variance, gate) + np.log(2 * np.pi * variance)
             channels[name] = Channel(
                 events.stamps_s[mine],
                 innovation,
                 np.sqrt(variance),
-                log.status[mine],
+                log.status[mine, :width],
                 float(-0.5 * np.nansum(nats)),
             )
     return channels

@@ -164,7 +164,7 @@ def _found(asked: int, size: int, all_events: int = 0) -> Found:
 
 def _log(events: Events) -> Log:
     count = len(events.kind)
-    return Log(np.zeros((count, 3), np.int64), np.full((count, 3), np.nan), np.full((count, 3), np.nan))
+    return Log(np.zeros((count, 6), np.int64), np.full((count, 6), np.nan), np.full((count, 6), np.nan))
 
 
 def _tape(length: int, size: int) -> Tape:

@@ -2,7 +2,8 @@
 start.
 
 A filter is run with each candidate. What speaks is how well the readings of attitude, range, velocity,
-position and barometer were foreseen, each from those before it: the likelihood of the innovations. An
+position and barometer, and steps seen in pictures, were foreseen, each from those before it: the likelihood
+of the innovations. An
 error that is allowed and does not show costs likelihood, so that the plainest instrument that explains
 the readings is found.
 """
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from backend.ekf.inputs import Readings
+from backend.ekf.inputs import PictureStep, Readings, renumbered
 from slam.inertial.filter_input import FIELDS, Adjusted, FilterInput, filter_input
 from slam.inertial.instruments import InertialTrust
 from slam.progress import Progress, silent
@@ -32,12 +33,14 @@ CLEARLY = 3.0
 """Nats by which a candidate must be more likely."""
 _TINY = 1e-9
 _FORESEEN = ("attitude", "range", "velocity", "position", "barometer")
+_SPEAKING = (*_FORESEEN, "pictures")
 _DELAYED = ("attitude", "range", "velocity", "position")
 _DELAYS_S = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
 _GIVE_UP = 2
 """Delays in a row that are no better: one may be so by chance."""
 _QUANTILES = (0.5, 0.9)
 _ROUNDS, _WIDEN_FROM = 5, 1.15
+_NO_STAMPS = np.zeros(0)
 
 AS_MADE: dict[str, dict[str, float]] = {
     "gyro and accelerometer": {
@@ -54,16 +57,21 @@ does not tell them."""
 
 
 def suited(
-    flight: Flight, trust: InertialTrust = InertialTrust(), progress: Progress = silent
+    flight: Flight,
+    trust: InertialTrust = InertialTrust(),
+    progress: Progress = silent,
+    stamps_s: Array = _NO_STAMPS,
+    steps: tuple[PictureStep, ...] = (),
 ) -> FilterInput:
-    """What the filter is given of a flight, after trials on its first two minutes.
+    """What the filter is given of a flight, after trials on its first two minutes; ``steps`` between pictures
+    at ``stamps_s`` (n,) speak too.
 
     White noise is widened until innovations are as large as they should be; delays grow as long as that
     makes the readings more likely, and count if clearly; noise is widened anew; and each instrument whose
     maker names a credible noise, and which is more likely without lasting errors, is taken as made.
     Raises ``InputError``.
     """
-    trial = _Trial(flight, progress)
+    trial = _Trial(flight, progress, stamps_s, steps)
     found = _widened(trial, trust, Adjusted())
     best = trial.likelihood(trust, found)
     for name in _DELAYED:
@@ -103,8 +111,11 @@ def _credible(flight: Flight, trust: InertialTrust) -> list[dict[str, float]]:
 class _Trial:
     """Runs of the filter over the start of one flight."""
 
-    def __init__(self, flight: Flight, progress: Progress) -> None:
+    def __init__(
+        self, flight: Flight, progress: Progress, stamps_s: Array, steps: tuple[PictureStep, ...]
+    ) -> None:
         self.flight, self.progress, self.done = flight, progress, 0
+        self.stamps_s, self.steps = stamps_s, steps
         self.held: Readings = filter_input(flight).readings
 
     def run(self, trust: InertialTrust, adjusted: Adjusted) -> Track:
@@ -112,14 +123,16 @@ class _Trial:
 
         given = filter_input(self.flight, trust, adjusted)
         until_s = min(given.end_s, given.start_s + LONGEST_TRIAL_S)
-        readings = given.readings.between(given.start_s, until_s)
+        inside = (self.stamps_s >= given.start_s) & (self.stamps_s < until_s)
+        steps = renumbered(self.steps, inside)
+        readings = replace(given.readings.between(given.start_s, until_s), steps=steps)
         self.done += 1
         self.progress("instruments", self.done, 0)
-        return track(readings, np.array([until_s]), given.start, given.model, rounds=0)
+        return track(readings, np.append(self.stamps_s[inside], until_s), given.start, given.model, rounds=0)
 
     def likelihood(self, trust: InertialTrust, adjusted: Adjusted) -> float:
         channels = self.run(trust, adjusted).channels
-        return sum(channels[name].log_likelihood for name in _FORESEEN if name in channels)
+        return sum(channels[name].log_likelihood for name in _SPEAKING if name in channels)
 
 
 def _widened(trial: _Trial, trust: InertialTrust, adjusted: Adjusted) -> Adjusted:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend import se3
-from backend.ekf.inputs import PictureStep
+from backend.ekf.inputs import PictureStep, renumbered
 from backend.errors import BackendError
 from backend.measurements import RelativePose
 from frontend.lift import lift
@@ -71,23 +71,13 @@ def filter_chain(
     from slam.inertial.motion import follow
     from slam.inertial.trials import suited
 
-    given = suited(flight, trust, progress)
+    given = suited(flight, trust, progress, stamps_s, steps)
     inside = (stamps_s >= given.start_s) & (stamps_s <= given.end_s)
     poses = np.full((len(stamps_s), 4, 4), np.nan)
-    kept = _renumbered(steps, inside)
+    kept = renumbered(steps, inside)
     found = follow(given, stamps_s[inside], steps=kept, smooth=False, progress=progress)
     poses[inside] = found.filtered.w_T_b
     return poses
-
-
-def _renumbered(steps: tuple[PictureStep, ...], inside: NDArray[np.bool_]) -> tuple[PictureStep, ...]:
-    """Steps whose ends are both among the chosen keyframes, which form one run, with their new numbers."""
-    number = np.cumsum(inside) - 1
-    return tuple(
-        replace(step, i=int(number[step.i]), j=int(number[step.j]))
-        for step in steps
-        if inside[step.i] and inside[step.j]
-    )
 
 
 def inertial_edges(
@@ -105,12 +95,12 @@ def inertial_edges(
     from slam.inertial.motion import follow
     from slam.inertial.trials import suited
 
-    given = suited(flight, trust, progress)
+    given = suited(flight, trust, progress, stamps_s, steps)
     inside = (stamps_s >= given.start_s) & (stamps_s <= given.end_s)
     if given.readings.range_m is None or inside.sum() < 2:
         return ()
     reached = {step.j for step in steps}
-    found = follow(given, stamps_s[inside], steps=_renumbered(steps, inside), keep="each", progress=progress)
+    found = follow(given, stamps_s[inside], steps=renumbered(steps, inside), keep="each", progress=progress)
     states, numbers = found.smoothed, np.flatnonzero(inside)
     assert states is not None
     edges = []

@@ -42,6 +42,7 @@ BRIDGES = {
     "IMU bridging 2 s": False,
     "IMU and speed over ground bridging 2 s": True,
 }
+WRONG_SPEED_M_S = 0.03
 BLIND_S = 4.0, 6.0
 _STEP_STD = np.array([2e-3, 2e-3, 1e-3, 2e-3, 2e-3, 2e-3])
 _STRAIGHT = recipe_from(
@@ -72,7 +73,13 @@ def measure() -> list[Metric]:
             metrics += judged(what, np.array(own), freedom)
     for kind, with_velocity in BRIDGES.items():
         metrics += judged(kind, np.array([bridge(seed, with_velocity) for seed in range(BRIDGED)]), 6)
-    return metrics
+    return [*metrics, _wrong_speed()]
+
+
+def _wrong_speed() -> Metric:
+    scores = [bridge(seed, True, WRONG_SPEED_M_S) for seed in range(BRIDGED)]
+    what = f"the same, speed always read {100 * WRONG_SPEED_M_S:.0f} cm/s too large: mean NEES"
+    return told(what, float(np.mean(scores)), "", "6 expected; the maker names no such error")
 
 
 def judged(kind: str, nees: Array, freedom: int) -> list[Metric]:
@@ -119,8 +126,9 @@ def flight(kind: str, seed: int) -> Found:
     )
 
 
-def bridge(seed: int, with_velocity: bool) -> float:
-    """The edge across two seconds of a straight flight of four metres."""
+def bridge(seed: int, with_velocity: bool, velocity_error_m_s: float = 0.0) -> float:
+    """The edge across two seconds of a straight flight of four metres; speed is always read too large by
+    ``velocity_error_m_s``."""
     flown = simulate(_STRAIGHT, seed)
     assert flown.truth is not None
     stamps_s = np.arange(flown.truth.stamps_s[0] + 0.5, flown.truth.stamps_s[-1] - 0.5, 0.3)
@@ -133,7 +141,9 @@ def bridge(seed: int, with_velocity: bool) -> float:
         noisy = i_T_j @ se3.exp(rng.normal(0, _STEP_STD, (1, 6)))[0]
         steps.append(PictureStep(k, k + 1, noisy, np.diag(_STEP_STD**2)))
     # The simulated speed has the scale that it is told to have.
-    velocity = replace(flown.velocity, scale_std=0.0) if with_velocity and flown.velocity else None
+    velocity = flown.velocity if with_velocity else None
+    if velocity is not None:
+        velocity = replace(velocity, scale_std=0.0, v_m_s=velocity.v_m_s + velocity_error_m_s)
     flown = replace(flown, velocity=velocity)
     (edge,) = inertial_edges(flown, stamps_s, tuple(steps))
     truth = np.linalg.inv(w_T_b[edge.i]) @ w_T_b[edge.j]

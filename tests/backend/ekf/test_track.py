@@ -349,6 +349,25 @@ def test_steps_of_pictures_hold_the_position():
     assert low < sum(off) < high
 
 
+def test_steps_of_pictures_are_foreseen_as_well_as_told_and_a_wrong_one_counts():
+    rng = np.random.default_rng(5)
+    flight = fly(rng)
+    model = as_the_flight_moves(flight, KNOWN)
+    readings = read(flight, model, rng, seconds=12.0)
+    start = start_of(flight, readings, rng)
+    steps = list(seen_steps(flight, AT_S, rng))
+    found = track(replace(readings, steps=tuple(steps)), AT_S, start, model).channels["pictures"]
+    assert found.nis.shape == (len(steps), 6)
+    low, high = chi2.ppf([0.0005, 0.9995], found.nis.size)
+    assert low < found.nis.sum() < high
+    off = np.array([0.0, 0.0, 0.0, 0.5, 0.0, 0.0])
+    steps[9] = replace(steps[9], i_T_j=steps[9].i_T_j @ se3.exp(off[None])[0])
+    wrong = track(replace(readings, steps=tuple(steps)), AT_S, start, model).channels["pictures"]
+    assert (wrong.status[9] == ekf_records.REFUSED).all()
+    assert wrong.count(ekf_records.REFUSED) == 6
+    assert wrong.log_likelihood < found.log_likelihood - 5.0
+
+
 def test_the_way_across_a_stretch_without_pictures_is_as_uncertain_as_told():
     """Steps before and after tell the speed; between them the accelerometer carries on for two seconds."""
     scores, std_m = [], []

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from backend import se3
 from backend.measurements import RelativePose
@@ -17,6 +18,7 @@ from slam.flight import Flight
 from slam.mapping.bridging import filter_chain, joined
 from slam.mapping.fusion import Fused
 from slam.pipeline import optimize
+from tests.benchmarks.calibration import bridge
 from tests.slam.small_flight import flown, seeing
 
 GREY = np.full((144, 176, 3), 120, np.uint8)
@@ -59,6 +61,14 @@ def test_a_stretch_without_features_leaves_one_map(with_velocity):
     std_m = np.sqrt(np.trace(edge.covariance[3:, 3:]))
     assert found.ate_m.max < 4 * std_m + 0.01
     assert std_m < (0.07 if with_velocity else 0.2)
+
+
+@pytest.mark.parametrize("velocity_error_m_s", [0.0, 0.03])
+def test_a_speed_that_reads_too_much_is_told_from_a_faultless_one(velocity_error_m_s):
+    """By the steps that pictures tell: a bridge is off as far as told with either."""
+    scores = [bridge(seed, True, velocity_error_m_s) for seed in range(10)]
+    low, high = chi2.ppf([0.0005, 0.9995], 6 * len(scores))
+    assert low < sum(scores) < high
 
 
 def test_behind_the_bridge_the_map_is_less_certain():
