@@ -98,6 +98,8 @@ class Criticism:
     shapes: tuple[tuple[str, float], ...] = ()
     """Strongest shapes of the dictionary beside the causes, and their z."""
     nuisances: dict[str, Interval] = field(default_factory=dict)
+    noise_correlation: dict[str, float] = field(default_factory=dict)
+    """Instrument -> correlation of one sample's noise with the next, where it is coloured: healthy."""
     checks: tuple[ChannelCheck, ...] = ()
     threshold: float = 0.0
     model: Model | None = None
@@ -123,6 +125,7 @@ class Criticism:
                 {"name": r.name, "probability": round(r.probability, 6), "z": round(r.z, 3)}
                 for r in self.ranking
             ],
+            "noise_correlation": {n: _short(x) for n, x in self.noise_correlation.items()},
             "dropped": list(self.dropped),
         }
 

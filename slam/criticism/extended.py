@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam.criticism.camera.optics import catalogued
-from slam.criticism.kalman.readings import DATUM
+from slam.criticism.kalman.readings import DATUM, INSTRUMENTS
 from slam.criticism.kalman.setting import Setting, setting_of, slot
 from slam.criticism.kalman.transition import (
     GUST_STD,
@@ -29,6 +29,7 @@ from slam.simulation.terms import CATALOGUE
 def extended_model(model: Model, setting: Setting, causes: Sequence[str]) -> Model:
     """The model that a belief is; only terms of ``causes`` enter, each within what its equation bears."""
     hold, noise = setting.hold, setting.noise_factor
+    colour = dict(zip(INSTRUMENTS, setting.colour.tolist(), strict=True))
     plain = replace(
         model,
         vehicle=replace(
@@ -51,12 +52,23 @@ def extended_model(model: Model, setting: Setting, causes: Sequence[str]) -> Mod
             model.imu,
             gyro_noise_density=float(model.imu.gyro_noise_density * noise[0]),
             accel_noise_density=float(model.imu.accel_noise_density * noise[3]),
+            gyro_noise_correlation=colour["gyro"],
+            accel_noise_correlation=colour["accel"],
         ),
-        attitude=replace(model.attitude, noise_std_deg=float(model.attitude.noise_std_deg * noise[6])),
-        velocity=replace(model.velocity, noise_std_m_s=float(model.velocity.noise_std_m_s * noise[9])),
+        attitude=replace(
+            model.attitude,
+            noise_std_deg=float(model.attitude.noise_std_deg * noise[6]),
+            noise_correlation=colour["attitude"],
+        ),
+        velocity=replace(
+            model.velocity,
+            noise_std_m_s=float(model.velocity.noise_std_m_s * noise[9]),
+            noise_correlation=colour["velocity"],
+        ),
         sonar=replace(
             model.sonar,
             noise_std_m=float(model.sonar.noise_std_m * noise[11]),
+            noise_correlation=colour["sonar"],
             datum_m=float(setting.sensor[DATUM]),
         ),
     )

@@ -1,7 +1,7 @@
 """Simulated flights of one vehicle for criticism itself: healthy ones to calibrate on.
 
 What may differ between healthy vehicles is drawn within its range; noise of the instruments is Gaussian or
-has Student's tails with four degrees of freedom and the same standard deviation.
+has Student's tails with four degrees of freedom and the same standard deviation, in the vehicle's own colour.
 """
 
 from __future__ import annotations
@@ -97,19 +97,23 @@ def flown(model: Model, stick: Stick, seed: int, told: Model | None = None, stud
     )
     maker = told or model
 
-    def noisy(clean: Array, std: float) -> Array:
+    def noisy(clean: Array, std: float, correlation: float) -> Array:
         if student:
             drawn = rng.standard_t(STUDENT_DEGREES, clean.shape) / np.sqrt(2.0)
         else:
             drawn = rng.standard_normal(clean.shape)
-        return clean + std * drawn
+        return clean + std * sensors.in_colour(drawn, correlation)
 
     root = np.sqrt(model.imu.rate_hz)
     imu = sensors.read_imu(motion, silent, seed)
     imu = replace(
         imu,
-        gyro_rad_s=noisy(imu.gyro_rad_s, model.imu.gyro_noise_density * root),
-        accel_m_s2=noisy(imu.accel_m_s2, model.imu.accel_noise_density * root),
+        gyro_rad_s=noisy(
+            imu.gyro_rad_s, model.imu.gyro_noise_density * root, model.imu.gyro_noise_correlation
+        ),
+        accel_m_s2=noisy(
+            imu.accel_m_s2, model.imu.accel_noise_density * root, model.imu.accel_noise_correlation
+        ),
         gyro_noise_density=maker.imu.gyro_noise_density,
         accel_noise_density=maker.imu.accel_noise_density,
     )
@@ -118,18 +122,20 @@ def flown(model: Model, stick: Stick, seed: int, told: Model | None = None, stud
     attitude = replace(
         attitude,
         roll_pitch_yaw_rad=noisy(
-            attitude.roll_pitch_yaw_rad, float(np.radians(model.attitude.noise_std_deg))
+            attitude.roll_pitch_yaw_rad,
+            float(np.radians(model.attitude.noise_std_deg)),
+            model.attitude.noise_correlation,
         ),
         noise_std_rad=(told_rad, told_rad, told_rad),
     )
     velocity = sensors.read_velocity(motion, silent, world, seed)
     velocity = replace(
         velocity,
-        v_m_s=noisy(velocity.v_m_s, model.velocity.noise_std_m_s),
+        v_m_s=noisy(velocity.v_m_s, model.velocity.noise_std_m_s, model.velocity.noise_correlation),
         noise_std_m_s=(maker.velocity.noise_std_m_s,) * 2,
     )
     sonar = sensors.read_sonar(motion, silent, world, seed)
-    range_m = noisy(sonar.range_m, model.sonar.noise_std_m)
+    range_m = noisy(sonar.range_m, model.sonar.noise_std_m, model.sonar.noise_correlation)
     range_m[(range_m < model.sonar.min_range_m) | (range_m > model.sonar.max_range_m)] = np.nan
     sonar = replace(sonar, range_m=range_m, noise_std_m=maker.sonar.noise_std_m)
     command = sensors.log_command(stick, model)

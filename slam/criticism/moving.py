@@ -11,14 +11,14 @@ from slam.criticism.effects import LATENCY_STEP_S, Effect
 from slam.criticism.kalman.setting import Setting, slot
 from slam.criticism.kalman.tangents import Direction
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
-from slam.criticism.nuisances import NUISANCES, value_of, with_value
+from slam.criticism.nuisances import COLOURS, NUISANCES, value_of, with_value
 from slam.simulation.dynamics import PARAMETERS, TILT_LIMIT
 from slam.simulation.terms import CATALOGUE
 
 _RADIUS = PARAMETERS.index("ground_effect.radius")
 LARGEST_SHARE = 0.4
 """Of a constant of the vehicle in one step."""
-_BY_NAME = {n.name: n for n in NUISANCES}
+_BY_NAME = {n.name: n for n in (*NUISANCES, *COLOURS)}
 
 
 def moved(setting: Setting, column: str, step: float) -> Setting:

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.kalman.readings import INSTRUMENTS
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.kalman.transition import HOLD
@@ -26,9 +27,10 @@ class Nuisance:
 
     name: str
     unit: str
-    kind: Literal["mean", "hold", "noise"]
+    kind: Literal["mean", "hold", "noise", "colour"]
     entry: tuple[int, ...]
-    """Of the equations' parameters (by ``tangent``), of ``transition.HOLD``, or of the channels."""
+    """Of the equations' parameters (by ``tangent``), of ``transition.HOLD``, of the channels or of the
+    instruments."""
     reach: float
     """Half the healthy range, about the model's own value; of the logarithm for the restless sort."""
     relative: bool = False
@@ -38,6 +40,7 @@ class Nuisance:
 
 FIFTH = 0.225
 """20 % either way: a logarithm reaches further down than up."""
+MOST_COLOUR = 0.95
 NUISANCES = (
     Nuisance("vehicle.gain", "1", "mean", (), 0.05, True, 1e-3),
     Nuisance("vehicle.drag_1_s", "1/s", "mean", (), 0.10, True, 1e-3),
@@ -56,6 +59,10 @@ NUISANCES = (
     Nuisance("velocity_noise", "1", "noise", (9, 10), 0.2),
     Nuisance("sonar_noise", "1", "noise", (11,), 0.2),
 )
+COLOURS = tuple(
+    Nuisance(f"{name}_colour", "1", "colour", (k,), MOST_COLOUR) for k, name in enumerate(INSTRUMENTS)
+)
+"""Correlations of successive samples: fitted where noise is not white, not always."""
 TAILS = 0.16
 FOREIGN_NOISE = 4.0
 """Reach of the logarithms upwards where a vehicle's instruments are not the model's: a factor of 50."""
@@ -74,6 +81,8 @@ def value_of(nuisance: Nuisance, setting: Setting) -> float:
         direction = direction_of(nuisance)
         vector = setting.parameters if direction.kind == "parameters" else setting.sensor
         return float(vector[direction.entry])
+    if nuisance.kind == "colour":
+        return float(setting.colour[nuisance.entry[0]])
     vector = setting.hold if nuisance.kind == "hold" else setting.noise_factor
     return float(np.log(vector[nuisance.entry[0]]))
 
@@ -85,6 +94,8 @@ def with_value(nuisance: Nuisance, setting: Setting, x: float) -> Setting:
         where = "parameters" if direction.kind == "parameters" else "sensor"
         entries: list[int] = [direction.entry]
         size = x
+    elif nuisance.kind == "colour":
+        where, entries, size = "colour", list(nuisance.entry), min(max(x, 0.0), MOST_COLOUR)
     else:
         where = "hold" if nuisance.kind == "hold" else "noise_factor"
         entries, size = list(nuisance.entry), float(np.exp(x))

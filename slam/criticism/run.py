@@ -16,7 +16,7 @@ from slam.criticism.extended import extended_model
 from slam.criticism.flown import Flown, flown
 from slam.criticism.heldout import taken
 from slam.criticism.kalman.filter import USED
-from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL
+from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, INSTRUMENTS
 from slam.criticism.kalman.record import Record, is_led
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
@@ -104,9 +104,10 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         [name for o in odd for name in ENTAILS.get(o.name, ())],
     )  # fmt: skip
     seen = detectable(found.first, limits.effects)
+    colour = {n: x for n, x in zip(INSTRUMENTS, belief.colour.tolist(), strict=True) if x > 0.0}
     return Criticism(
         verdict,
-        sentence_of(verdict, causes, equivalents, remainder, seen),
+        sentence_of(verdict, causes, equivalents, remainder, seen, colour),
         causes,
         equivalents,
         remainder,
@@ -116,6 +117,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         confusable=confusable(found.first),
         shapes=tuple((s.effect.name, s.z) for s in left[:SHOWN_SHAPES]),
         nuisances=_nuisances(found, best),
+        noise_correlation=colour,
         checks=_checks(records, found.last),
         threshold=limits.effects,
         model=model,

@@ -8,12 +8,13 @@ and the flights are looked at from there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.optics import CAMERA
+from slam.criticism.colour import coloured, foretold, in_colour
 from slam.criticism.dictionary import dictionary, signals_of
 from slam.criticism.effects import Effect, catalogue_value, effects_for, plausible, relaxations
 from slam.criticism.fitting import changes_of, cut, fit_nuisances
@@ -131,8 +132,9 @@ def look_at(
 
 def search(records: Sequence[Record], model: Setting, limits: Thresholds) -> Search:
     """Terms that stand out by more than the thresholds beside each other, best first."""
-    setting = fit_nuisances(records, model)
-    first = look = look_at(records, model, setting)
+    setting = fit_nuisances(records, model, effects=coloured(model))
+    records, look = _seen(records, model, setting)
+    first = look
     chosen: list[Effect] = []
     rivals: dict[str, tuple[str, ...]] = {}
     fitted, greatest = True, 0.0
@@ -154,10 +156,28 @@ def search(records: Sequence[Record], model: Setting, limits: Thresholds) -> Sea
             chosen.append(effect)
             greatest = max(greatest, best.z)
         chosen = [settled(c, setting) for c in chosen]
-        setting = fit_nuisances(records, model, setting, chosen)
-        look = look_at(records, model, setting, chosen)
+        setting = fit_nuisances(records, model, setting, [*chosen, *coloured(setting)])
+        records, look = _seen(records, model, setting, chosen)
         chosen, fitted = [look.own(c) for c in chosen], True
+    if (look.setting.colour != first.setting.colour).any():
+        # With and without the terms noise is the same.
+        healthy = fit_nuisances(records, model, replace(first.setting, colour=look.setting.colour))
+        first = look_at(records, model, healthy)
     return Search(model, first, look, tuple(_needed(records, model, look, chosen, limits)), rivals)
+
+
+def _seen(
+    records: Sequence[Record], model: Setting, setting: Setting, chosen: Sequence[Effect] = ()
+) -> tuple[Sequence[Record], Look]:
+    """The records and a look at them; where coloured noise explains more than any term or shape would, the
+    belief has it, and the records are referred to that."""
+    look = look_at(records, model, setting, chosen)
+    best = look.standing([look.own(c) for c in chosen], [*look.effects, *look.shapes])[0]
+    shaded = in_colour(records, model, setting, look.sums.passes, chosen, best.nats)
+    if shaded is None:
+        return records, look
+    records = foretold(records, setting, shaded)
+    return records, look_at(records, model, shaded, chosen)
 
 
 def _needed(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from slam.criticism.criticism import JUDGED_HORIZON_S, Cause, Gain, Verdict
 
@@ -13,8 +13,23 @@ def sentence_of(
     equivalents: Sequence[str],
     remainder: str,
     detectable: dict[str, tuple[float, str]],
+    noise_correlation: Mapping[str, float] | None = None,
 ) -> str:
-    """What was found, how sure, and what it gains."""
+    """What was found, how sure, and what it gains; and which instruments' noise is coloured."""
+    said = _said(verdict, causes, equivalents, remainder, detectable)
+    if not noise_correlation:
+        return said
+    shares = ", ".join(f"{name} ({share:.2f})" for name, share in noise_correlation.items())
+    return f"{said} Noise that correlates from one sample to the next, which is healthy: {shares}."
+
+
+def _said(
+    verdict: Verdict,
+    causes: Sequence[Cause],
+    equivalents: Sequence[str],
+    remainder: str,
+    detectable: dict[str, tuple[float, str]],
+) -> str:
     if verdict == "nothing_wrong":
         some = ", ".join(
             f"{name} of {detectable[name][0]:.2g} {detectable[name][1]}"

@@ -81,6 +81,10 @@ def render_criticism(result: Criticism, flights: Sequence[Flight]) -> str:
         nuisances=[
             Item(name, f"{_figure(n.value)} {_unit(n.unit)} ({_figure(n.low)} to {_figure(n.high)})")
             for name, n in result.nuisances.items()
+        ]
+        + [
+            Item(f"{name}: noise of one sample with the next", f"{_figure(share)}")
+            for name, share in result.noise_correlation.items()
         ],
         confusable=[Item(f"{a} and {b}", f"{c:+.2f}") for a, b, c in result.confusable],
         detectable=[Item(n, f"{_figure(size)} {_unit(u)}") for n, (size, u) in result.detectable.items()],

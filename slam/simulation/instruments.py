@@ -12,17 +12,21 @@ from pydantic import Field
 
 Rate = Annotated[float, Field(gt=0, le=2000)]
 Noise = Annotated[float, Field(ge=0, le=100)]
+Correlation = Annotated[float, Field(ge=0, lt=1)]
+"""Of one sample's noise with the next: a first-order autoregression of the same spread; 0 is white noise."""
 
 
 @dataclass(frozen=True)
 class ImuModel:
-    """Gyro and accelerometer with white noise."""
+    """Gyro and accelerometer with noise, white by default."""
 
     rate_hz: Rate = 200.0
     gyro_noise_density: Noise = 1.5e-3
     """rad/s/sqrt(Hz)."""
     accel_noise_density: Noise = 5.0e-2
     """m/s^2/sqrt(Hz)."""
+    gyro_noise_correlation: Correlation = 0.0
+    accel_noise_correlation: Correlation = 0.0
     gyro_random_walk: Noise = 0.0
     """rad/s^2/sqrt(Hz): a bias that starts at 0 and walks."""
     accel_random_walk: Noise = 0.0
@@ -31,18 +35,20 @@ class ImuModel:
 
 @dataclass(frozen=True)
 class AttitudeModel:
-    """The vehicle's own attitude with white noise."""
+    """The vehicle's own attitude with noise."""
 
     rate_hz: Rate = 200.0
     noise_std_deg: Noise = 0.3
+    noise_correlation: Correlation = 0.0
 
 
 @dataclass(frozen=True)
 class VelocityModel:
-    """The speed over ground of the on-board optical flow, in the heading frame, with white noise."""
+    """The speed over ground of the on-board optical flow, in the heading frame, with noise."""
 
     rate_hz: Rate = 60.0
     noise_std_m_s: Noise = 0.03
+    noise_correlation: Correlation = 0.0
 
 
 @dataclass(frozen=True)
@@ -51,6 +57,7 @@ class SonarModel:
 
     rate_hz: Rate = 25.0
     noise_std_m: Noise = 0.01
+    noise_correlation: Correlation = 0.0
     datum_m: Annotated[float, Field(ge=-1, le=1)] = 0.0
     """Added to every range: the error of its zero."""
     datum_std_m: Annotated[float, Field(ge=0, le=1)] = 0.0

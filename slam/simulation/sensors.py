@@ -11,6 +11,7 @@ import zlib
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from slam.flight import AttitudeSeries, Command, Imu, Sonar, Velocity
@@ -45,6 +46,14 @@ def stamps(rate_hz: float, duration_s: float, rng: np.random.Generator) -> Array
     first = rng.uniform(0.0, min(LATEST_START_S, duration_s))
     count = int((duration_s - first) * rate_hz) + 1
     return np.round(first + np.arange(count) / rate_hz, 9)
+
+
+def in_colour(white: Array, correlation: float) -> Array:
+    """(n, ...) noise of the same spread of which each sample keeps so much of the one before."""
+    if correlation == 0.0:
+        return white
+    white = np.concatenate([white[:1], np.sqrt(1.0 - correlation**2) * white[1:]])
+    return np.asarray(lfilter([1.0], [1.0, -correlation], white, axis=0))
 
 
 def stamped(times_s: Array, model: Model, rng: np.random.Generator) -> Array:
@@ -111,13 +120,15 @@ def in_limits(range_m: Array, model: Model) -> Array:
 
 
 def read_imu(motion: Motion, model: Model, seed: int) -> Imu:
-    """Gyro and accelerometer with white noise, and with biases that walk."""
+    """Gyro and accelerometer with noise, and with biases that walk."""
     imu, rng = model.imu, generator(seed, "imu")
     times = stamps(imu.rate_hz, motion.duration_s, rng)
     gyro, accel = inertial(motion.at(times), model)
     per_sample = np.sqrt(imu.rate_hz)
-    gyro = gyro + rng.normal(0.0, imu.gyro_noise_density * per_sample, gyro.shape)
-    accel = accel + rng.normal(0.0, imu.accel_noise_density * per_sample, accel.shape)
+    gyro_noise = rng.normal(0.0, imu.gyro_noise_density * per_sample, gyro.shape)
+    accel_noise = rng.normal(0.0, imu.accel_noise_density * per_sample, accel.shape)
+    gyro = gyro + in_colour(gyro_noise, imu.gyro_noise_correlation)
+    accel = accel + in_colour(accel_noise, imu.accel_noise_correlation)
     walks = generator(seed, "imu bias").standard_normal((2, *gyro.shape)).cumsum(axis=1) / per_sample
     return Imu(
         stamped(times, model, generator(seed, "imu clock")),
@@ -137,7 +148,8 @@ def read_attitude(motion: Motion, model: Model, seed: int) -> AttitudeSeries:
     std = float(np.radians(model.attitude.noise_std_deg))
     angles = motion.at(times).roll_pitch_yaw_rad
     told = stamped(times, model, generator(seed, "attitude clock"))
-    return AttitudeSeries(told, angles + rng.normal(0.0, std, angles.shape), (std, std, std))
+    noise = in_colour(rng.normal(0.0, std, angles.shape), model.attitude.noise_correlation)
+    return AttitudeSeries(told, angles + noise, (std, std, std))
 
 
 def read_velocity(motion: Motion, model: Model, world: World, seed: int) -> Velocity:
@@ -146,8 +158,9 @@ def read_velocity(motion: Motion, model: Model, world: World, seed: int) -> Velo
     times = stamps(model.velocity.rate_hz, motion.duration_s, rng)
     speed = flow_speed(motion.at(times), model, world)
     told = stamped(times, model, generator(seed, "velocity clock"))
+    noise = in_colour(rng.normal(0.0, std, speed.shape), model.velocity.noise_correlation)
     # Its scale is exact too.
-    return Velocity(told, speed + rng.normal(0.0, std, speed.shape), (std, std), scale_std=0.0)
+    return Velocity(told, speed + noise, (std, std), scale_std=0.0)
 
 
 def read_sonar(motion: Motion, model: Model, world: World, seed: int) -> Sonar:
@@ -156,7 +169,8 @@ def read_sonar(motion: Motion, model: Model, world: World, seed: int) -> Sonar:
     times = stamps(sonar.rate_hz, motion.duration_s, rng)
     pose = motion.at(times - model.value("sonar_lag", "T")).w_T_b
     range_m = slant_range(pose, model, world, times / motion.duration_s)
-    range_m = range_m + rng.normal(0.0, sonar.noise_std_m, range_m.shape)
+    noise = rng.normal(0.0, sonar.noise_std_m, range_m.shape)
+    range_m = range_m + in_colour(noise, sonar.noise_correlation)
     spikes = generator(seed, "sonar spikes")
     twice = spikes.uniform(size=len(times)) < model.value("sonar_spikes", "share")
     range_m = np.where(twice, range_m * (2 + SECOND_ECHO_STD * spikes.standard_normal(len(times))), range_m)

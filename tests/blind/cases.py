@@ -203,11 +203,16 @@ def make(
     duration_s: float = 40.0,
     fault: str | None = None,
     d: float | None = None,
+    coloured: bool = False,
 ) -> Case:
-    """Draw a case, write its flights below ``home`` and tell what is true. ``fault`` and ``d`` may be set."""
+    """Draw a case, write its flights below ``home`` and tell what is true.
+
+    ``fault`` and ``d`` may be set, and noise may be ``coloured`` in any kind of case.
+    """
     assert kind in KINDS, kind
     rng = np.random.Generator(np.random.Philox(np.random.SeedSequence((seed, index))))
-    base = nuisances_of(rng, *(kind == f"null_{sort}" for sort in ("edge", "heavy", "coloured")))
+    coloured = coloured or kind == "null_coloured"
+    base = nuisances_of(rng, kind == "null_edge", kind == "null_heavy", coloured)
     target = d or float(np.exp(rng.uniform(np.log(5.0), np.log(20.0))))
     kept: tuple[str, ...] = tuple(RATE_HZ)
     case = Case(f"case_{index:03d}", kind, (), duration_s, knobs=base)

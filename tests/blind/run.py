@@ -26,8 +26,9 @@ def judged(kind: str, fault: str | None, index: int, options: argparse.Namespace
     """One case: made, criticised, thrown away."""
     with tempfile.TemporaryDirectory(prefix="flights-") as home:
         case = make(
-            kind, options.seed, index, Path(home), options.flights, options.seconds, fault, options.strength
-        )
+            kind, options.seed, index, Path(home), options.flights, options.seconds, fault, options.strength,
+            options.coloured,
+        )  # fmt: skip
         begin = time.monotonic()
         judge = verdict_of_call if options.library else verdict_on
         verdict = judge(flights_of(Path(home) / case.name), Path(home) / "answer")
@@ -63,6 +64,9 @@ def main() -> None:
     parser.add_argument("--fault", help="hide this one in every case that hides one")
     parser.add_argument(
         "--strength", type=float, help="sigmas that it shall stand out by, instead of 5 to 20"
+    )
+    parser.add_argument(
+        "--coloured", action="store_true", help="let successive samples of every case's noise correlate"
     )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)

@@ -44,6 +44,7 @@ def made(verdict: str = "named") -> Criticism:
         RANKING,
         (("quadratic_drag", "flow_scale", 0.93),),
         nuisances={"vehicle.gain": Interval(0.96, "1", 0.95, 0.97)},
+        noise_correlation={"accel": 0.437},
         checks=(ChannelCheck("gyro_x", 1000, 1.02, 0.01),),
         threshold=3.7,
         model=load_model("nominal"),
@@ -58,6 +59,7 @@ def test_the_page_says_what_it_must(verdict: str) -> None:
     page = render_criticism(made(verdict), [])
     assert VERDICTS[verdict] in page
     assert "The model lacks &lt;quadratic&gt; drag." in page
+    assert "0.437" in page
     assert "sonar_lag" in page  # what could not have been seen
     assert "steps of three sizes" in page  # the next flight
     assert "flight_09: never moves" in page

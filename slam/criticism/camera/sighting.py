@@ -80,7 +80,7 @@ def path_of(record: Record, sights: Sights, setting: Setting) -> tuple[Path, NDA
 
 def _key(setting: Setting, duration_s: float) -> bytes:
     """Equal for beliefs under which the readings tell nearly the same path."""
-    parts = [setting.parameters, setting.hold, setting.noise_factor]
+    parts = [setting.parameters, setting.hold, setting.noise_factor, setting.colour]
     numbers = np.concatenate(parts)
     coarse = np.round(np.sign(numbers) * np.log1p(np.abs(numbers) / 0.01) / _SAME_SHARE)
     clocks = [setting.latency_s, setting.drift * 100, setting.jitter_s, *setting.camera[[OFFSET, READOUT]]]

@@ -14,6 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.kalman.coloured import Coloured, heard, learn, sample, step
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, MOVING, RANGE_LAG, SONAR, TARGET, WIDTH
 from slam.criticism.kalman.sensitivity import ENTRIES, carry, direct_change, force, tell
@@ -48,11 +49,11 @@ def _ahead(
     late_var: float, lengths: Array, parameters: Array, hold: Array,
     acts: Ints, stick_of: Ints, parameters_of: Array, inject_at: Ints, signal_of: Ints, signals: Array,
     scale: Array, slopes: Array, matrix: Array, q: Array, work: Array, rate: Array, middle: Array,
-    middle_noise: Array, moved: Array, felt: Array, added: Array,
+    middle_noise: Array, moved: Array, felt: Array, added: Array, coloured: Coloured | None,
 ) -> None:  # fmt: skip
     """State, covariance and tangents over the steps ``begin`` to ``end``, in place.
 
-    From ``slopes`` on arguments are room to work; ``slopes`` (10, n) is left as of the last step.
+    From ``slopes`` to ``added`` arguments are room to work; ``slopes`` (10, n) is left as of the last step.
     """
     for s in range(begin, end):
         h = lengths[s]
@@ -60,6 +61,8 @@ def _ahead(
             state, p, sticks[0, s], jolts[s], late_var, parameters, hold, h, slopes, matrix, q, work,
             rate, middle, middle_noise,
         )  # fmt: skip
+        if coloured is not None:
+            step(coloured, matrix)
         if tangents.shape[1] > 0:
             carry(matrix, tangents, moved)
             force(
@@ -116,7 +119,7 @@ def _take(
     event: int, kind: int, read: Array, landing: bool, jump: int, predicted: Array, rows: Array, rate: Array,
     noise_var: Array, rough: Array, jitter_s: float, limits: Array, state: Array, p: Array, memory: Array,
     tangents: Array, direct: Array, innovation: Array, log_variance: Array, status: Ints, traces: Array,
-    row: int, ph: Array, told: Array, done: Array,
+    row: int, ph: Array, told: Array, done: Array, coloured: Coloured | None,
 ) -> int:  # fmt: skip
     """Take the channels of one event, one after the other, into state, covariance and tangents.
 
@@ -124,15 +127,23 @@ def _take(
     after the last.
     """
     done[:] = 0.0
+    if coloured is not None:
+        sample(coloured, event, kind)
     for c in range(WIDTH[kind]):
         status[event, c] = IGNORED
         channel = FIRST_CHANNEL[kind] + c
         noise = noise_var[channel]
         if not judged(kind, channel, read[c], predicted[c], noise, landing, jump, limits):
             continue
+        value = read[c]
+        if coloured is not None and coloured.slot[channel] >= 0:
+            noise = 0.0
+            value -= coloured.mean[coloured.slot[channel]]
         noise += _spread_by_stamp(rows[c], rate, rough, jitter_s)
         s_var = noise + spread_along(p, rows[c], ph)
-        miss = miss_of(kind, c, read[c], predicted[c], rows[c], done)
+        if coloured is not None:
+            s_var += heard(coloured, coloured.slot[channel], rows[c], ph)
+        miss = miss_of(kind, c, value, predicted[c], rows[c], done)
         std = math.sqrt(s_var)
         innovation[event, c] = miss / std
         log_variance[event, c] = math.log(s_var)
@@ -141,10 +152,14 @@ def _take(
             continue
         status[event, c] = USED
         if tangents.shape[1] > 0:
+            if coloured is not None and coloured.slot[channel] >= 0:
+                direct[c] += coloured.tangents[coloured.slot[channel]]
             tell(rows[c], direct[c], ph, s_var, tangents, told)
             for d in range(tangents.shape[1]):
                 traces[row, d] = told[d] / std
         row += 1
+        if coloured is not None:
+            learn(coloured, ph, s_var, miss, told)
         correct(state, p, ph, s_var, miss, done)
     return row
 
@@ -158,9 +173,10 @@ def run(
     acts: Ints, reads: Ints, stick_of: Ints, parameters_of: Array, sensor_of: Array, inject_at: Ints,
     signal_of: Ints, step_signals: Array, event_signals: Array, scale: Array, tangents: Array,
     innovation: Array, log_variance: Array, status: Ints, traces: Array, states: Array, keep: Ints,
+    coloured: Coloured | None,
 ) -> None:  # fmt: skip
-    """Filter events ``begin`` to ``end``; ``state`` (n,), ``p`` (n, n), ``tangents`` (n, m) and ``memory``
-    carry on.
+    """Filter events ``begin`` to ``end``; ``state`` (n,), ``p`` (n, n), ``tangents`` (n, m), ``memory`` and
+    the ``coloured`` noises, where there are any, carry on.
 
     ``times``, ``kinds``, ``elapsed``, ``landing``, ``jumps`` (events,), ``values`` (events, 6) with NaN for
     what is missing; the first ``jumps`` channels of the IMU are not judged. Event e is reached by steps
@@ -184,7 +200,7 @@ def run(
         _ahead(
             first_step[e], first_step[e + 1], state, p, tangents, sticks, jolts, late_var, lengths,
             parameters, hold, acts, stick_of, parameters_of, inject_at, signal_of, step_signals, scale,
-            slopes, matrix, q, work, rate, middle, middle_noise, moved, felt, added,
+            slopes, matrix, q, work, rate, middle, middle_noise, moved, felt, added, coloured,
         )  # fmt: skip
         kind = kinds[e]
         for i in range(MOVING):
@@ -211,7 +227,7 @@ def run(
         row = _take(
             e, kind, values[e], landing[e], jumps[e], predicted, h_matrix, rate, noise_var, rough, jitter_s,
             limits, state, p, memory, tangents, direct, innovation, log_variance, status, traces, row, ph,
-            told, done,
+            told, done, coloured,
         )  # fmt: skip
     keep[0] = row
 

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.kalman.coloured import coloured_for
 from slam.criticism.kalman.filter import IGNORED, USED, run, start_noise
 from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, STATES, STATES_WITH_GUSTS, WIDTH
 from slam.criticism.kalman.record import Record
@@ -101,6 +102,7 @@ class _Run:
         self._state[:10] = record.start
         self._p[np.arange(10), np.arange(10)] = record.start_std**2
         start_noise(setting.hold, self._p)
+        self._coloured = coloured_for(record, setting, n, self._m)
         self._memory = np.zeros(len(CHANNELS))
         self.white, self.log_variance = np.full((events, 6), np.nan), np.full((events, 6), np.nan)
         self.status, self.states = np.zeros((events, 6), dtype=np.int64), np.zeros((events, 11))
@@ -123,6 +125,7 @@ class _Run:
                 table.acts, table.reads, table.stick_of, table.parameters_of, table.sensor_of,
                 table.inject_at, table.signal_of, table.step_signals, table.event_signals, table.scale,
                 self._tangents, self.white, self.log_variance, self.status, traces, self.states, keep,
+                self._coloured,
             )  # fmt: skip
             used = self.status[begin:end] == USED
             events, column = np.nonzero(used)

@@ -34,6 +34,9 @@ CHANNELS = (
 CHANNEL_UNITS = ("rad/s",) * 3 + ("m/s^2",) * 3 + ("rad",) * 3 + ("m/s",) * 2 + ("m",)
 WIDTH = (6, 3, 2, 1)
 """Channels of each kind."""
+INSTRUMENTS = ("gyro", "accel", "attitude", "velocity", "sonar")
+INSTRUMENT_OF = (0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 4)
+"""Of each channel: its noise is of one sort."""
 
 SENSOR = (
     "flow_scale.eps", "flow_derotation.kappa",

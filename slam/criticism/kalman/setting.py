@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.optics import CAMERA, camera_vector
-from slam.criticism.kalman.readings import CHANNELS, SENSOR, SLANT
+from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, SENSOR, SLANT
 from slam.criticism.kalman.transition import HOLD
 from slam.simulation.dynamics import PARAMETERS
 from slam.simulation.model import Model
@@ -37,6 +37,8 @@ class Setting:
     """The vehicle's clock against the recorder's: gains so much of the time."""
     jitter_s: float = 0.0
     """Standard deviation of the stamps."""
+    colour: Array = field(default_factory=lambda: np.zeros(len(INSTRUMENTS)))
+    """(``readings.INSTRUMENTS``,) correlation of the noise of one sample with that of the next; 0: white."""
     foreign: bool = False
     """The vehicle is of another make: how restless it and its instruments are is not known beforehand."""
     camera: Array = field(default_factory=lambda: np.zeros(len(CAMERA)))
@@ -75,6 +77,15 @@ def setting_of(model: Model) -> Setting:
         model.value("control_latency", "T"),
         1e-6 * model.value("clock_drift", "ppm"),
         model.value("timestamp_jitter", "sigma"),
+        colour=np.array(
+            [
+                model.imu.gyro_noise_correlation,
+                model.imu.accel_noise_correlation,
+                model.attitude.noise_correlation,
+                model.velocity.noise_correlation,
+                model.sonar.noise_correlation,
+            ]
+        ),
         camera=camera_vector(model),
     )
 

@@ -22,6 +22,7 @@ from slam.criticism.kalman.readings import (
     ATTITUDE,
     CHANNELS,
     FIRST_CHANNEL,
+    INSTRUMENT_OF,
     MOVING,
     SONAR,
     STATES,
@@ -90,7 +91,9 @@ def smoothed(
     p = np.zeros((STATES, STATES))
     p[np.arange(10), np.arange(10)] = record.start_std**2
     start_noise(setting.hold, p)
-    noise_var = (record.noise_std * setting.noise_factor) ** 2
+    # Coloured noise counts as the white noise that averages out as slowly.
+    colour = setting.colour[list(INSTRUMENT_OF)]
+    noise_var = (record.noise_std * setting.noise_factor) ** 2 * (1.0 + colour) / (1.0 - colour)
     forward = _forward(
         record.times_s, record.kinds, record.values, record.elapsed, record.landing, table.jumps,
         record.first_step, record.step_s, table.sticks[0], table.jolts, setting.late_std_s**2,

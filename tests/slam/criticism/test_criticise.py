@@ -32,10 +32,21 @@ def slow(model):
     )
 
 
-def case(seed, student=False, **terms):
+def coloured(model, gyro, others):
+    """With noise that resembles the sample before."""
+    return replace(
+        model,
+        imu=replace(model.imu, gyro_noise_correlation=gyro, accel_noise_correlation=others),
+        attitude=replace(model.attitude, noise_correlation=others),
+        velocity=replace(model.velocity, noise_correlation=others),
+        sonar=replace(model.sonar, noise_correlation=others),
+    )
+
+
+def case(seed, student=False, colour=(0.0, 0.0), **terms):
     """Three short flights of one drawn vehicle with terms, told as the nominal one."""
     nominal = slow(load_model("nominal"))
-    vehicle = drawn_vehicle(nominal, np.random.default_rng(seed))
+    vehicle = coloured(drawn_vehicle(nominal, np.random.default_rng(seed)), *colour)
     for name, values in terms.items():
         vehicle = vehicle.with_term(name, **values)
     return [
@@ -58,6 +69,29 @@ def test_a_healthy_vehicle_is_left_in_peace(seed, student):
     assert found.detectable["quadratic_drag"][0] < 0.15
 
 
+def test_coloured_noise_is_healthy_and_told():
+    found = criticise(case(4, colour=(0.5, 0.4)))
+    assert found.verdict == "nothing_wrong", found.sentence
+    assert found.noise_correlation["gyro"] == pytest.approx(0.5, abs=0.06)
+    for name in ("accel", "attitude", "velocity", "sonar"):
+        assert found.noise_correlation[name] == pytest.approx(0.4, abs=0.1), name
+    assert "gyro (0.5" in found.sentence
+    assert found.to_json()["noise_correlation"]["gyro"] == pytest.approx(0.5, abs=0.06)
+    assert found.extended.imu.gyro_noise_correlation == found.noise_correlation["gyro"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "parameter", "size"), [("quadratic_drag", "c", 0.15), ("control_latency", "T", 0.06)]
+)
+def test_a_cause_beside_coloured_noise_is_named(name, parameter, size):
+    found = criticise(case(3, colour=(0.5, 0.4), **{name: {parameter: size}}))
+    assert found.causes[0].name == name, found.sentence
+    interval = found.causes[0].parameters[parameter]
+    assert interval.low < size < interval.high
+    assert found.noise_correlation["gyro"] == pytest.approx(0.5, abs=0.1)
+
+
 def test_quadratic_drag_is_named_with_its_size():
     _, found = dragging()
     assert found.verdict == "named", found.sentence
@@ -66,6 +100,7 @@ def test_quadratic_drag_is_named_with_its_size():
     assert cause.probability > 0.95
     assert cause.parameters["c"].low < 0.15 < cause.parameters["c"].high
     assert cause.gain.ci95[0] > 0
+    assert found.noise_correlation == {}
     assert found.extended.value("quadratic_drag", "c") == pytest.approx(0.15, rel=0.25)
 
 

@@ -35,3 +35,11 @@ def test_the_gain_is_told_where_it_is_greatest_two_seconds_ahead(verdict: str):
 @pytest.mark.parametrize("channels", [(), (WORSE,), (SOON,)])
 def test_where_no_reading_gains_the_likelihood_is_told(channels: tuple[ChannelError, ...]):
     assert "the likelihood gains 45 nats" in told("named", *channels)
+
+
+def test_coloured_noise_is_told_beside_the_verdict_and_white_noise_is_not():
+    plain = sentence_of("nothing_wrong", (), (), "", {})
+    assert sentence_of("nothing_wrong", (), (), "", {}, {}) == plain
+    told_too = sentence_of("nothing_wrong", (), (), "", {}, {"gyro": 0.512, "sonar": 0.3})
+    assert told_too.startswith(plain)
+    assert "gyro (0.51), sonar (0.30)" in told_too

@@ -100,6 +100,36 @@ def test_noise_has_its_size_at_any_rate_and_no_mean(motion, kind, rate_hz):
         assert abs(noise.mean()) < 4 * std / np.sqrt(noise.size)
 
 
+@pytest.mark.parametrize("correlation", [0.3, 0.8])
+def test_coloured_noise_keeps_its_spread_and_resembles_the_sample_before(correlation):
+    white = np.random.default_rng(3).normal(0.0, 0.2, (40_000, 2))
+    noise = sensors.in_colour(white, correlation)
+    chance = 5 / np.sqrt(len(noise) * (1 - correlation) / (1 + correlation))
+    assert np.allclose(noise.std(axis=0) / 0.2, 1.0, atol=chance)
+    for apart in (1, 3):
+        alike = [np.corrcoef(column[apart:], column[:-apart])[0, 1] for column in noise.T]
+        assert np.allclose(alike, correlation**apart, atol=chance)
+    assert sensors.in_colour(white, 0.0) is white
+
+
+@pytest.mark.parametrize("kind", ["imu", "attitude", "velocity", "sonar"])
+def test_each_instrument_has_the_colour_that_its_model_says(motion, kind):
+    names = ("gyro_noise_correlation", "accel_noise_correlation") if kind == "imu" else ("noise_correlation",)
+    own = replace(getattr(Model(), kind), rate_hz=500.0, **dict.fromkeys(names, 0.6))
+    quiet = replace(getattr(CLEAN, kind), rate_hz=500.0)
+    read = clean(kind, motion, replace(Model(), **{kind: own}))
+    true = clean(kind, motion, replace(CLEAN, **{kind: quiet}))
+    fields = {
+        "imu": ("gyro_rad_s", "accel_m_s2"),
+        "attitude": ("roll_pitch_yaw_rad",),
+        "velocity": ("v_m_s",),
+    }
+    for name in fields.get(kind, ("range_m",)):
+        noise = (getattr(read, name) - getattr(true, name)).reshape(len(read.stamps_s), -1)
+        alike = (noise[1:] * noise[:-1]).sum() / (noise**2).sum()
+        assert alike == pytest.approx(0.6, abs=5 * np.sqrt((1 - 0.6**2) / noise.size))
+
+
 def test_out_of_range_is_missing(motion):
     model = replace(CLEAN, sonar=SonarModel(noise_std_m=0, max_range_m=1.2))
     sonar = clean("sonar", motion, model)

@@ -1,0 +1,132 @@
+"""Whether the noise of instruments is coloured: healthy, but no model that takes it for white.
+
+Innovations that resemble the ones before may come of noise that does, or of an effect that the belief lacks.
+So colour competes with the causes: where it stands out, its correlations are fitted with the nuisances, the
+filter run anew, and the belief turns to it where it explains more than the best cause or shape beside it,
+and something in every channel of its instrument and in every flight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.effects import Effect
+from slam.criticism.fitting import fit_nuisances
+from slam.criticism.kalman.filter import USED
+from slam.criticism.kalman.innovations import Pass, whole
+from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, INSTRUMENT_OF, WIDTH
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
+from slam.criticism.nuisances import COLOURS, Nuisance, value_of, with_value
+from slam.criticism.sums import Change, in_threads
+
+Array = NDArray[np.float64]
+
+STEP = 0.03
+LEAST_COLOUR = 0.05
+"""Less of it makes what is left over look stronger by a twentieth at most: then noise is held to be white."""
+STANDS_OUT = 3.0
+"""Deviates of the correlation of innovations with the next, in every channel of an instrument."""
+LEAD_NATS = 20.0
+"""By which colour must explain more than what else there is."""
+
+
+def coloured(setting: Setting) -> tuple[Effect, ...]:
+    """The correlations of the instruments that a belief holds to be coloured, as something to be fitted."""
+    return tuple(_effect(n) for n in COLOURS if value_of(n, setting) > 0.0)
+
+
+def in_colour(
+    records: Sequence[Record],
+    model: Setting,
+    setting: Setting,
+    passes: Sequence[Pass],
+    chosen: Sequence[Effect],
+    most_nats: float,
+) -> Setting | None:
+    """The belief with coloured noise, if that explains more of the flights than anything else.
+
+    ``passes`` are the filter's runs under ``setting``, which holds the ``chosen`` terms; ``most_nats`` is
+    what the best other explanation beside these gains. A foreign vehicle's instruments are not looked into.
+    """
+    correlation, deviate = lag_one(records, passes)
+    seen = [] if model.foreign else [n for n in COLOURS if _stands_out(n, correlation, deviate)]
+    while seen:
+        shaded = fit_nuisances(records, model, setting, [*chosen, *(_effect(n) for n in seen)])
+        shaded = replace(shaded, colour=np.where(shaded.colour < LEAST_COLOUR, 0.0, shaded.colour))
+        gained = _gained(records, passes, shaded)
+        kept = [n for n in seen if value_of(n, shaded) > 0.0 and _everywhere(gained[:, _channels(n)])]
+        if kept == seen:
+            break
+        seen = kept
+    if not seen or gained.sum() < most_nats + LEAD_NATS:
+        return None
+    return fit_nuisances(records, model, shaded, [*chosen, *coloured(shaded)])
+
+
+def foretold(records: Sequence[Record], before: Setting, after: Setting) -> list[Record]:
+    """The records as referred to a belief of another colour: the sample before foretells what it keeps."""
+    share = np.log1p(-(after.colour**2)) - np.log1p(-(before.colour**2))
+    told = share[list(INSTRUMENT_OF)]
+    return [replace(record, usual_log_variance=record.usual_log_variance + told) for record in records]
+
+
+def lag_one(records: Sequence[Record], passes: Sequence[Pass]) -> tuple[Array, Array]:
+    """(channels,) correlation of innovations with the next of their channel, and its deviate; NaN where there
+    are none."""
+    products, pairs, squares = (np.zeros(len(CHANNELS)) for _ in range(3))
+    for record, run in zip(records, passes, strict=True):
+        for kind, width in enumerate(WIDTH):
+            rows = record.kinds == kind
+            white = np.where(run.status[rows] == USED, run.white[rows], np.nan)
+            for c in range(width):
+                k = FIRST_CHANNEL[kind] + c
+                product = white[1:, c] * white[:-1, c]
+                products[k] += np.nansum(product)
+                pairs[k] += np.isfinite(product).sum()
+                squares[k] += np.nansum(white[:, c] ** 2)
+    with np.errstate(invalid="ignore"):
+        correlation = products / squares
+    return correlation, correlation * np.sqrt(pairs)
+
+
+def _channels(nuisance: Nuisance) -> NDArray[np.int64]:
+    """Those of the instrument whose colour it is."""
+    return np.flatnonzero(np.array(INSTRUMENT_OF) == nuisance.entry[0])
+
+
+def _stands_out(nuisance: Nuisance, correlation: Array, deviate: Array) -> bool:
+    """Whether all channels that an instrument has look coloured; some may, from noise that the belief's own
+    restlessness has taken in, much less than others."""
+    own = _channels(nuisance)
+    own = own[np.isfinite(deviate[own])]
+    return bool(len(own) and deviate[own].min() > STANDS_OUT and correlation[own].mean() > LEAST_COLOUR)
+
+
+def _effect(nuisance: Nuisance) -> Effect:
+    def apply(s: Setting) -> Setting:
+        return with_value(nuisance, s, value_of(nuisance, s) + STEP)
+
+    return Effect(nuisance.name, (), (Change(nuisance.name, apply, STEP),), (), True)
+
+
+def _gained(records: Sequence[Record], before: Sequence[Pass], shaded: Setting) -> Array:
+    """(flights, channels) nats of a belief over the runs before, from the readings that both take."""
+    after = in_threads(lambda record: whole(record, shaded), records)
+    nats = np.zeros((len(records), len(CHANNELS)))
+    for flight, (record, old, new) in enumerate(zip(records, before, after, strict=True)):
+        events, c = np.nonzero((old.status == USED) & (new.status == USED))
+        channels = np.array(FIRST_CHANNEL)[record.kinds[events]] + c
+        np.add.at(nats[flight], channels, (new.nats - old.nats)[events, c])
+    return nats
+
+
+def _everywhere(gained: Array) -> bool:
+    """Whether an instrument's colour explains something in each of its channels and each flight: an effect is
+    in some axes and at some times."""
+    parts = np.concatenate([gained.sum(axis=0), gained.sum(axis=1)])
+    return bool((parts[parts != 0.0] > 0.0).all())

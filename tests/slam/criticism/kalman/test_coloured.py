@@ -1,0 +1,108 @@
+"""Coloured noise in the filter: white innovations, a likelihood that peaks at the truth, exact tangents."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism.colour import lag_one
+from slam.criticism.healthy import flown
+from slam.criticism.kalman.coloured import coloured_for
+from slam.criticism.kalman.innovations import stretches, whole
+from slam.criticism.kalman.readings import INSTRUMENTS, SONAR
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.kalman.tangents import parameter_direction
+from slam.criticism.manoeuvres import stick_for
+from slam.criticism.moving import moved
+from slam.simulation.model import load_model
+
+PLAN = ["tilts of 15 deg to all four sides", "reversing forward at 0.2", "climb and descend by 0.6 m"]
+COLOUR = np.array([0.5, 0.3, 0.6, 0.45, 0.4])
+
+
+def of_colour(colour):
+    """The nominal vehicle, at lower rates, whose instruments' noise has these correlations."""
+    nominal = load_model("nominal")
+    gyro, accel, attitude, velocity, sonar = (float(c) for c in colour)
+    return replace(
+        nominal,
+        imu=replace(nominal.imu, rate_hz=100.0, gyro_noise_correlation=gyro, accel_noise_correlation=accel),
+        attitude=replace(nominal.attitude, rate_hz=50.0, noise_correlation=attitude),
+        velocity=replace(nominal.velocity, noise_correlation=velocity),
+        sonar=replace(nominal.sonar, noise_correlation=sonar),
+    )
+
+
+def flight(seed, colour=COLOUR):
+    vehicle = of_colour(colour)
+    return flown(vehicle, stick_for(PLAN * 2), seed), setting_of(vehicle)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_innovations_are_white_under_the_true_colour_alone(seed):
+    measured, true = flight(seed)
+    record = record_of(measured)
+    _, deviate = lag_one([record], [whole(record, true)])
+    assert (np.abs(deviate) < 4.5).all()
+    _, deviate = lag_one([record], [whole(record, replace(true, colour=np.zeros(5)))])
+    assert (deviate > 3.0).all()
+
+
+def test_the_likelihood_peaks_at_each_instruments_own_colour():
+    measured, true = flight(3)
+    record = record_of(measured)
+    right = whole(record, true).log_likelihood
+    for k, name in enumerate(INSTRUMENTS):
+        for wrong in (COLOUR[k] - 0.15, COLOUR[k] + 0.15):
+            colour = np.where(np.arange(5) == k, wrong, COLOUR)
+            assert whole(record, replace(true, colour=colour)).log_likelihood < right - 3.0, name
+
+
+def test_lost_samples_let_the_noise_fade_as_long_as_they_are_many():
+    """The same likelihood, whether ranges are lost from a record or were never in the flight."""
+    measured, true = flight(4)
+    full, rng = record_of(measured), np.random.default_rng(4)
+    lost = rng.uniform(size=len(measured.sonar.range_m)) < 0.4
+    ranges = np.where(lost, np.nan, measured.sonar.range_m)
+    thinned = record_of(replace(measured, sonar=replace(measured.sonar, range_m=ranges)))
+    values = full.values.copy()
+    values[np.flatnonzero(full.kinds == SONAR)[lost], 0] = np.nan
+    right = whole(replace(full, values=values), true).log_likelihood
+    assert whole(thinned, true).log_likelihood == pytest.approx(right, abs=0.5)
+    noise = coloured_for(thinned, true, 19, 0)
+    assert noise is not None
+    apart = np.diff(np.flatnonzero(~lost))
+    assert np.array_equal(noise.samples[thinned.kinds == SONAR][1:], apart)
+
+
+def test_hardly_any_colour_is_as_none():
+    measured, true = flight(5, np.zeros(5))
+    record = record_of(measured)
+    assert coloured_for(record, true, 19, 0) is None
+    white, faint = whole(record, true), whole(record, replace(true, colour=np.full(5, 1e-9)))
+    assert np.array_equal(white.status, faint.status)
+    np.testing.assert_allclose(faint.white, white.white, atol=1e-5)
+    np.testing.assert_allclose(faint.log_variance, white.log_variance, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["gyro_bias.x", "accel_bias.z", "sonar_bias.b", "vehicle.drag_1_s"])
+def test_tangents_are_what_a_change_does_to_the_innovations(name):
+    measured, true = flight(6)
+    record, step = record_of(measured), 1e-4
+    rows = list(stretches(record, true, [parameter_direction(name, step)]))
+    traces = np.concatenate([r.traces[:, 0] for r in rows])
+    before = np.concatenate([r.white for r in rows])
+    direction = parameter_direction(name, step)
+    if direction.kind == "sensor":
+        other = moved(true, name, step)
+    else:
+        parameters = true.parameters.copy()
+        parameters[direction.entry] += step
+        other = replace(true, parameters=parameters)
+    after = np.concatenate([r.white for r in stretches(record, other)])
+    difference = (before - after) / step
+    assert np.abs(traces).max() > 1.0
+    assert np.linalg.norm(traces - difference) < 0.03 * np.linalg.norm(traces)

@@ -1,0 +1,94 @@
+"""Colour competes with causes: taken where noise has it, and not for an effect that colours innovations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism.colour import in_colour
+from slam.criticism.fitting import fit_nuisances
+from slam.criticism.healthy import flown
+from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.manoeuvres import stick_for
+from slam.criticism.search import look_at
+from slam.simulation.model import load_model
+
+PLANS = (
+    ["tilts of 15 deg to all four sides", "yaw on the spot while climbing"],
+    ["reversing forward at 0.2", "climb and descend by 0.6 m", "short pulses of 0.2 s forward at half stick"],
+)
+
+
+def slow():
+    nominal = load_model("nominal")
+    return replace(
+        nominal, imu=replace(nominal.imu, rate_hz=100.0), attitude=replace(nominal.attitude, rate_hz=50.0)
+    )
+
+
+def measured(vehicle, attitude=lambda angles, t: angles):
+    """Records of two flights of a vehicle, the model, and the healthy belief."""
+    records = []
+    for k, plan in enumerate(PLANS):
+        flight = flown(vehicle, stick_for(plan), 50 + k, told=slow())
+        read = flight.attitude
+        angles = attitude(read.roll_pitch_yaw_rad, read.stamps_s)
+        records.append(record_of(replace(flight, attitude=replace(read, roll_pitch_yaw_rad=angles))))
+    model = setting_of(slow())
+    return records, model, fit_nuisances(records, model)
+
+
+def asked(vehicle, most_nats=10.0, attitude=lambda angles, t: angles):
+    """What becomes of the healthy belief."""
+    records, model, setting = measured(vehicle, attitude)
+    passes = [whole(record, setting) for record in records]
+    return in_colour(records, model, setting, passes, (), most_nats)
+
+
+def test_only_what_is_coloured_is_said_to_be():
+    vehicle = slow()
+    vehicle = replace(
+        vehicle,
+        velocity=replace(vehicle.velocity, noise_correlation=0.4),
+        sonar=replace(vehicle.sonar, noise_correlation=0.5),
+    )
+    found = asked(vehicle)
+    assert found is not None
+    assert np.array_equal(found.colour > 0, [False, False, False, True, True])
+    assert found.colour[3:] == pytest.approx([0.4, 0.5], abs=0.1)
+    # What explains more than the colour of so few readings is believed before it.
+    assert asked(vehicle, most_nats=3000.0) is None
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("control_latency", {"T": 0.04}),
+        ("gusts", {"sigma": 0.3, "tau": 1.0}),
+        ("timestamp_jitter", {"sigma": 0.006}),
+        ("quadratic_drag", {"c": 0.2}),
+    ],
+)
+def test_an_effect_is_no_colour_even_where_nothing_else_would_explain_it(name, values):
+    assert asked(slow().with_term(name, **values), most_nats=0.0) is None
+
+
+def test_a_late_sonar_explains_more_than_its_colour():
+    """One channel by itself: here only the comparison tells them apart."""
+    records, model, setting = measured(slow().with_term("sonar_lag", T=0.1))
+    look = look_at(records, model, setting)
+    late = look.standing([], look.effects)[0]
+    assert late.effect.name == "sonar_lag"
+    assert in_colour(records, model, setting, look.sums.passes, (), late.nats) is None
+
+
+def test_one_axis_that_wanders_is_no_colour_of_the_unit():
+    def wandering(angles, t):
+        off = 0.01 * np.sin(2 * np.pi * t / 3.0)
+        return angles + off[:, None] * [0.0, 0.0, 1.0]
+
+    assert asked(slow(), most_nats=0.0, attitude=wandering) is None
