@@ -57,15 +57,22 @@ def in_colour(
     seen = [] if model.foreign else [n for n in COLOURS if _stands_out(n, correlation, deviate)]
     while seen:
         shaded = fit_nuisances(records, model, setting, [*chosen, *(_effect(n) for n in seen)])
-        shaded = replace(shaded, colour=np.where(shaded.colour < LEAST_COLOUR, 0.0, shaded.colour))
+        shaded = without_faint(shaded)
         gained = _gained(records, passes, shaded)
         kept = [n for n in seen if value_of(n, shaded) > 0.0 and _everywhere(gained[:, _channels(n)])]
         if kept == seen:
             break
         seen = kept
-    if not seen or gained.sum() < most_nats + LEAD_NATS:
+    # What the nuisances gain elsewhere, fitted once more, is not the colour's; what they lose is.
+    own = [channel for n in seen for channel in _channels(n)]
+    if not seen or min(gained[:, own].sum(), gained.sum()) < most_nats + LEAD_NATS:
         return None
-    return fit_nuisances(records, model, shaded, [*chosen, *coloured(shaded)])
+    return without_faint(fit_nuisances(records, model, shaded, [*chosen, *coloured(shaded)]))
+
+
+def without_faint(setting: Setting) -> Setting:
+    """The belief without colour that is hardly any: beside a cause that was not there when it was fitted."""
+    return replace(setting, colour=np.where(setting.colour < LEAST_COLOUR, 0.0, setting.colour))
 
 
 def foretold(records: Sequence[Record], before: Setting, after: Setting) -> list[Record]:

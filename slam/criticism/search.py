@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.optics import CAMERA
-from slam.criticism.colour import coloured, foretold, in_colour
+from slam.criticism.colour import coloured, foretold, in_colour, without_faint
 from slam.criticism.dictionary import dictionary, signals_of
 from slam.criticism.effects import Effect, catalogue_value, effects_for, plausible, relaxations
 from slam.criticism.fitting import changes_of, cut, fit_nuisances
@@ -156,7 +156,7 @@ def search(records: Sequence[Record], model: Setting, limits: Thresholds) -> Sea
             chosen.append(effect)
             greatest = max(greatest, best.z)
         chosen = [settled(c, setting) for c in chosen]
-        setting = fit_nuisances(records, model, setting, [*chosen, *coloured(setting)])
+        setting = without_faint(fit_nuisances(records, model, setting, [*chosen, *coloured(setting)]))
         records, look = _seen(records, model, setting, chosen)
         chosen, fitted = [look.own(c) for c in chosen], True
     if (look.setting.colour != first.setting.colour).any():
