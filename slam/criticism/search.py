@@ -87,7 +87,8 @@ class Look:
         base = self.parabola.answer(chosen).nats
         found = []
         for effect in among:
-            if any(effect.label == c.label for c in chosen):
+            if any((effect.name, effect.parameters) == (c.name, c.parameters) for c in chosen):
+                # Also where its label differs: gusts of another time are the same number once more.
                 continue
             answer = self.parabola.answer([*chosen, effect])
             nats = 0.0 if _backwards(effect, self, answer) else max(answer.nats - base, 0.0)
