@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.shading import PICTURE_SHAPES
+from slam.criticism.effects import Effect
 from slam.criticism.kalman.readings import CHANNELS, SENSOR
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.tangents import FORCES, Direction, Signal
@@ -25,6 +26,13 @@ SIGNALS = (
 ON_CHANNELS = SIGNALS[:12]
 ON_FORCES = SIGNALS[:16]
 FORCED = ("roll", "pitch", "yaw_rate", "up", "ahead", "left", "gust_x", "gust_y")
+LEVEL = (
+    ("velocity_x", "velocity_y"), ("accel_x", "accel_y"), ("pitch", "roll"), ("gyro_y", "gyro_x"),
+    ("force ahead", "force left"), ("force pitch", "force roll"),
+)  # fmt: skip
+"""What is read and what acts ahead and to the left, ..."""
+WAYS = (("ahead", "left"), ("pitch", "roll"), ("stick_ahead", "stick_left"))
+"""... and the signals that may lead it."""
 
 
 def dictionary(records: Sequence[Record]) -> list[Direction]:
@@ -47,6 +55,22 @@ def dictionary(records: Sequence[Record]) -> list[Direction]:
     if any(c in channels for c in (9, 10)):
         found.append(Direction("velocity late", "sensor", SENSOR.index("velocity.delay_s"), 1e-3))
     return found
+
+
+def shapes_of(directions: Sequence[Direction]) -> tuple[Effect, ...]:
+    """Each direction by itself, and those of one kind ahead and to the left together.
+
+    What does not mind which way is ahead leaves half of its trace in each: one alone would lose against a
+    term that has both and is wrong.
+    """
+    known = {d.name: d for d in directions}
+    shapes = [Effect(name, (direction,)) for name, direction in known.items()]
+    for ahead, left in LEVEL:
+        for along, across in WAYS:
+            pair = known.get(f"{ahead} ~ {along}"), known.get(f"{left} ~ {across}")
+            if pair[0] is not None and pair[1] is not None:
+                shapes.append(Effect(f"{pair[0].name}, {pair[1].name}", (pair[0], pair[1])))
+    return tuple(shapes)
 
 
 def signals_of(record: Record, states: Array) -> dict[str, Signal]:

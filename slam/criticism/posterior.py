@@ -71,7 +71,7 @@ def posterior_of(found: Search) -> Posterior:
         for effect in (*look.effects, *look.shapes):
             if any(effect.label == e.label for e in chosen):
                 continue
-            shape = not named(effect) and len(effect.columns) == 1 and not effect.relaxes
+            shape = not named(effect) and not effect.relaxes
             if (
                 place is not None
                 and named(place)

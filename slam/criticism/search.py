@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.camera.optics import CAMERA
 from slam.criticism.colour import coloured, foretold, in_colour, without_faint
-from slam.criticism.dictionary import dictionary, signals_of
+from slam.criticism.dictionary import dictionary, shapes_of, signals_of
 from slam.criticism.effects import Effect, catalogue_value, effects_for, plausible, relaxations
 from slam.criticism.fitting import changes_of, cut, fit_nuisances
 from slam.criticism.hypotheses import Answer, Parabola, parabola_of
@@ -127,7 +127,7 @@ def look_at(
     values = {c: v for c, v in values.items() if v != 0.0}
     return Look(
         setting, sums, parabola_of(sums, setting, model, values), (*effects, *relaxations(model.foreign)),
-        tuple(Effect(d.name, (d,)) for d in shapes),
+        shapes_of(shapes),
     )  # fmt: skip
 
 
