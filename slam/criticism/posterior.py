@@ -1,8 +1,8 @@
 """How probable each cause is, with "nothing" and "something unknown" always among the hypotheses.
 
-Hypotheses are the chosen set, the set without one of its terms, and the set with one of them replaced by any
-other term or by any shape of the dictionary that is not the term itself to the eye of these flights. Each
-weighs its likelihood at its best, what its numbers cost, and its prior.
+Hypotheses are the chosen set, the set without one of its terms, the set with one of them replaced by any
+other term or by any shape of the dictionary that is not the term itself to the eye of these flights, and any
+one in place of several. Each weighs its likelihood at its best, what its numbers cost, and its prior.
 """
 
 from __future__ import annotations
@@ -97,6 +97,10 @@ def posterior_of(found: Search) -> Posterior:
             near += [n for n in found.rivals.get(place.name, ()) if n in others and n not in near]
             alternatives.append((place.name, *near))
             leads.append(own - max(others.values(), default=-np.inf))
+    if len(chosen) > 1 and not any(is_wall(e) for e in chosen):
+        # What several terms explain may be one thing that none of them is.
+        for effect in (*look.effects, *look.shapes):
+            weights.append((_evidence(look, [], effect), _names([effect])))
     probability = _probabilities(weights)
     for names in (a for p, a in zip(places, alternatives, strict=False) if p is not None and is_wall(p)):
         share = probability.get(names[0], 0.0) / len(names)

@@ -66,8 +66,13 @@ def test_a_single_cause_is_named(fault, seed, made, judged):
     assert error < 0.3
 
 
-def test_what_no_term_explains_is_not_named(made, judged):
-    case = made("strange", 31, "iron_in_floor", 40.0)
+@pytest.mark.parametrize(
+    ("fault", "seed"),
+    # The load looks like a flow that reads too little, the level like a gyro that does.
+    [("iron_in_floor", 31), ("swinging_load", 32), ("false_level", 33)],
+)
+def test_what_no_term_explains_is_not_named(fault, seed, made, judged):
+    case = made("strange", seed, fault, 40.0)
     answer = Answer(case.case, judged(*case.flights))
     assert answer.word in ("unknown", "named_with_remainder"), (answer.word, answer.top)
     assert answer.verdict["remainder"]
