@@ -1,4 +1,4 @@
-"""Fitting the nuisances, and with them any parameters: Fisher scoring within the healthy ranges."""
+"""Fitting the nuisances, and with them any parameters: Fisher scoring and Gauss-Newton."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from slam.criticism.effects import Effect
 from slam.criticism.hypotheses import parabola_of
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.moving import bounded, moved
+from slam.criticism.moving import bounded, entered, moved, settled
 from slam.criticism.nuisances import MEAN, RESTLESS, direction_of, limits_of, value_of, with_value
 from slam.criticism.sums import Change, sums_of
 
@@ -24,6 +24,8 @@ ROUNDS = 2
 FOREIGN_ROUNDS = 7
 LARGEST_STEP = 0.5
 """Of a logarithm in one round."""
+ITERATIONS = 8
+ENOUGH_NATS = 0.5
 _RESTLESS = {n.name: n for n in RESTLESS}
 
 
@@ -60,6 +62,43 @@ def fit_nuisances(
                 move = np.clip(np.clip(move, -LARGEST_STEP, LARGEST_STEP), low - at, high - at)
             setting = moved(setting, name, bounded(name, float(move), setting))
     return setting
+
+
+def refit(
+    records: Sequence[Record], model: Setting, setting: Setting, effects: Sequence[Effect]
+) -> tuple[float, Setting]:
+    """Gauss-Newton on the terms and the nuisances of the mean: log likelihood and belief at the end."""
+    for effect in effects:
+        setting = entered(effect, setting)
+    effects = [settled(e, setting) for e in effects]
+    restless = [e for e in effects if e.changes]
+    best: tuple[float, Setting] | None = None
+    share, step, columns = 1.0, np.zeros(0), []
+    trial = setting
+    for _ in range(ITERATIONS):
+        directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions]
+        sums = sums_of(records, trial, directions, [c for e in restless for c in e.changes])
+        parabola = parabola_of(sums, trial, model, {}, nuisances=MEAN)
+        loose = [e for e in effects if all(c in sums.columns for c in e.columns)]
+        nats = float(sums.log_likelihood.sum()) - parabola.penalty_at_belief(
+            [c for e in loose for c in e.relaxes]
+        )
+        if best is not None and nats < best[0]:
+            share *= 0.4
+            if share < 0.05:
+                break
+        else:
+            gained = np.inf if best is None else nats - best[0]
+            best, share = (nats, trial), 1.0
+            answer = parabola.answer(loose)
+            columns, step = [sums.columns[c] for c in answer.columns], answer.step
+            if gained < ENOUGH_NATS:
+                break
+        trial = best[1]
+        for column, size in zip(columns, step, strict=True):
+            trial = moved(trial, column, share * bounded(column, float(size), best[1]))
+    assert best is not None
+    return best
 
 
 def cut(record: Record, longest_s: float) -> Record:

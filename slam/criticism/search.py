@@ -17,12 +17,12 @@ from slam.criticism.camera.optics import CAMERA
 from slam.criticism.colour import coloured, foretold, in_colour, without_faint
 from slam.criticism.dictionary import dictionary, shapes_of, signals_of
 from slam.criticism.effects import Effect, catalogue_value, effects_for, plausible, relaxations
-from slam.criticism.fitting import changes_of, cut, fit_nuisances
+from slam.criticism.fitting import changes_of, cut, fit_nuisances, refit
 from slam.criticism.hypotheses import Answer, Parabola, parabola_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.moving import bounded, entered, held_value, is_wall, moved, on_grid, settled, taken_down
+from slam.criticism.moving import held_value, is_wall, on_grid, settled, taken_down
 from slam.criticism.nuisances import MEAN, direction_of
 from slam.criticism.screening import deviate
 from slam.criticism.sums import Sums, in_threads, sums_of
@@ -42,8 +42,6 @@ NAMED_FIRST = 0.8
 """A constant out of its range must explain more than a term of the catalogue, which says why."""
 SHORT_S = 80.0
 """Candidates are compared on so much of the flights: they all stand out by far."""
-ITERATIONS = 8
-ENOUGH_NATS = 0.5
 VERY_SIMILAR_NATS = 4.0
 SIZE_PRIOR = 100.0
 """Prior variance of an effect's size in units of its standard error: sizes of up to about 20 sigma."""
@@ -243,43 +241,6 @@ def _refitted(
     return best[1], best[2], tuple(sorted(n for n in others if n in CATALOGUE))
 
 
-def refit(
-    records: Sequence[Record], model: Setting, setting: Setting, effects: Sequence[Effect]
-) -> tuple[float, Setting]:
-    """Gauss-Newton on the terms and the nuisances of the mean: log likelihood and belief at the end."""
-    for effect in effects:
-        setting = entered(effect, setting)
-    effects = [settled(e, setting) for e in effects]
-    restless = [e for e in effects if e.changes]
-    best: tuple[float, Setting] | None = None
-    share, step, columns = 1.0, np.zeros(0), []
-    trial = setting
-    for _ in range(ITERATIONS):
-        directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions]
-        sums = sums_of(records, trial, directions, [c for e in restless for c in e.changes])
-        parabola = parabola_of(sums, trial, model, {}, nuisances=MEAN)
-        loose = [e for e in effects if all(c in sums.columns for c in e.columns)]
-        nats = float(sums.log_likelihood.sum()) - parabola.penalty_at_belief(
-            [c for e in loose for c in e.relaxes]
-        )
-        if best is not None and nats < best[0]:
-            share *= 0.4
-            if share < 0.05:
-                break
-        else:
-            gained = np.inf if best is None else nats - best[0]
-            best, share = (nats, trial), 1.0
-            answer = parabola.answer(loose)
-            columns, step = [sums.columns[c] for c in answer.columns], answer.step
-            if gained < ENOUGH_NATS:
-                break
-        trial = best[1]
-        for column, size in zip(columns, step, strict=True):
-            trial = moved(trial, column, share * bounded(column, float(size), best[1]))
-    assert best is not None
-    return best
-
-
 def _backwards(effect: Effect, look: Look, answer: Answer) -> bool:
     """Whether a size would have to be negative that never is, or far beyond what there is."""
     step, covariance = answer.of(look.parabola.index(effect.columns))
@@ -298,4 +259,4 @@ def _backwards(effect: Effect, look: Look, answer: Answer) -> bool:
     return False
 
 
-__all__ = ["Look", "Search", "Standing", "look_at", "occam", "refit", "search"]
+__all__ = ["Look", "Search", "Standing", "look_at", "occam", "search"]
