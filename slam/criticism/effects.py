@@ -47,6 +47,10 @@ class Effect:
         """Its name, and which of several ways it is tried in."""
         return f"{self.name}:{self.columns[0]}"
 
+    def repeats(self, other: Effect) -> bool:
+        """Whether it is the same number once more, be it tried in another way: gusts of another time."""
+        return (self.name, self.parameters) == (other.name, other.parameters)
+
 
 _STEPS: dict[str, tuple[tuple[str, float], ...]] = {
     "active_braking": (("k_b", 1e-2),),

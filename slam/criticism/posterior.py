@@ -69,7 +69,7 @@ def posterior_of(found: Search) -> Posterior:
         rivals: dict[str, float] = {}
         tried: dict[str, Effect] = {}
         for effect in (*look.effects, *look.shapes):
-            if any(effect.label == e.label for e in chosen):
+            if any(effect.repeats(e) for e in chosen):
                 continue
             shape = not named(effect) and not effect.relaxes
             if (

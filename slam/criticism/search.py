@@ -85,8 +85,7 @@ class Look:
         base = self.parabola.answer(chosen).nats
         found = []
         for effect in among:
-            if any((effect.name, effect.parameters) == (c.name, c.parameters) for c in chosen):
-                # Also where its label differs: gusts of another time are the same number once more.
+            if any(effect.repeats(c) for c in chosen):
                 continue
             answer = self.parabola.answer([*chosen, effect])
             nats = 0.0 if _backwards(effect, self, answer) else max(answer.nats - base, 0.0)
