@@ -54,7 +54,7 @@ class Record:
     """(10,) a first guess of the moving state, and ``start_std`` (10,) how good it is."""
     start_std: Array
     landing: NDArray[np.bool_]
-    """(events,) where the gear settles on the floor, and what feels that is not judged."""
+    """(events,) on the floor and just after: what feels the gear is not judged."""
     usual_log_variance: Array
     """(channels,) of a healthy vehicle's innovations. Both are 0 until ``reference.referred``."""
     sights: Sights | None = None

@@ -16,11 +16,11 @@ from slam.criticism.kalman.innovations import Pass, whole
 from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, WIDTH
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.kalman.steps import STANDS_M_S, UP
+from slam.criticism.kalman.steps import UP
 from slam.simulation.dynamics import GEAR
 
 CONTACT_S = 0.3
-"""The landing gear's bounce differs from vehicle to vehicle: so long after it, speed is not judged."""
+"""The landing gear differs from vehicle to vehicle: so long after the floor, what feels it is not judged."""
 REACH_M = 0.08
 """Heights may be off by a sonar's zero: contact may come so much earlier."""
 
@@ -38,8 +38,8 @@ def _landing(record: Record, setting: Setting) -> NDArray[np.bool_]:
     states = whole(replace(record, values=values), setting).states
     low = states[:, 2] - setting.parameters[GEAR] < REACH_M + 3.0 * states[:, 10]
     sinks = record.stick.at(record.times_s, setting.latency_s)[:, UP] <= 0.0
-    settles = low & sinks & (np.abs(states[:, 5]) > STANDS_M_S)
-    last = np.maximum.accumulate(np.where(settles, record.times_s, -np.inf))
+    # Standing counts as well: the gear is so stiff that a hair's breadth of height shakes the accelerometer.
+    last = np.maximum.accumulate(np.where(low & sinks, record.times_s, -np.inf))
     return np.asarray(record.times_s - last < CONTACT_S)
 
 

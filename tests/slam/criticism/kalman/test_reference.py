@@ -49,7 +49,7 @@ def test_who_stood_on_the_floor_knows_the_height():
         record, run, first = after_take_off(vehicle(), seed)
         assert run.states[first[0], 10] < 0.012
         white.extend(run.white[first, 0])
-        # The shock of contact is not judged, the stand and the take-off are.
+        # The shock of contact is not judged, the ranges after the take-off are.
         shock = (record.kinds == IMU) & (np.abs(record.values[:, 5] - 9.81) > 5.0)
         assert shock.any()
         assert record.landing[shock].all()
