@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import replace
 
 import numpy as np
 
 from slam.criticism.fitting import fit_nuisances
-from slam.criticism.healthy import healthy_case
+from slam.criticism.healthy import at_lower_rates, healthy_case
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.search import look_at
@@ -27,10 +26,7 @@ SHARES = (0.7, 0.3)
 
 def greatest(seed: int) -> tuple[float, str, float, str]:
     """Greatest z of the terms and of the dictionary of one healthy case, with their names."""
-    model = load_model("nominal")
-    slower = replace(
-        model, imu=replace(model.imu, rate_hz=100.0), attitude=replace(model.attitude, rate_hz=50.0)
-    )
+    slower = at_lower_rates(load_model("nominal"))
     records, _ = usable_records(healthy_case(slower, seed, student=seed % 3 == 2))
     nominal = setting_of(slower)
     records = [referred(record, nominal) for record in records]

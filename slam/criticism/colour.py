@@ -18,7 +18,7 @@ from slam.criticism.effects import Effect
 from slam.criticism.fitting import fit_nuisances
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.innovations import Pass, whole
-from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, INSTRUMENT_OF, WIDTH
+from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, INSTRUMENT_OF, place_of
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.nuisances import COLOURS, Nuisance, value_of, with_value
@@ -75,27 +75,19 @@ def without_faint(setting: Setting) -> Setting:
     return replace(setting, colour=np.where(setting.colour < LEAST_COLOUR, 0.0, setting.colour))
 
 
-def foretold(records: Sequence[Record], before: Setting, after: Setting) -> list[Record]:
-    """The records as referred to a belief of another colour: the sample before foretells what it keeps."""
-    share = np.log1p(-(after.colour**2)) - np.log1p(-(before.colour**2))
-    told = share[list(INSTRUMENT_OF)]
-    return [replace(record, usual_log_variance=record.usual_log_variance + told) for record in records]
-
-
 def lag_one(records: Sequence[Record], passes: Sequence[Pass]) -> tuple[Array, Array]:
     """(channels,) correlation of innovations with the next of their channel, and its deviate; NaN where there
     are none."""
     products, pairs, squares = (np.zeros(len(CHANNELS)) for _ in range(3))
     for record, run in zip(records, passes, strict=True):
-        for kind, width in enumerate(WIDTH):
+        for k in range(len(CHANNELS)):
+            kind, c = place_of(k)
             rows = record.kinds == kind
-            white = np.where(run.status[rows] == USED, run.white[rows], np.nan)
-            for c in range(width):
-                k = FIRST_CHANNEL[kind] + c
-                product = white[1:, c] * white[:-1, c]
-                products[k] += np.nansum(product)
-                pairs[k] += np.isfinite(product).sum()
-                squares[k] += np.nansum(white[:, c] ** 2)
+            white = np.where(run.status[rows, c] == USED, run.white[rows, c], np.nan)
+            product = white[1:] * white[:-1]
+            products[k] += np.nansum(product)
+            pairs[k] += np.isfinite(product).sum()
+            squares[k] += np.nansum(white**2)
     with np.errstate(invalid="ignore"):
         correlation = products / squares
     return correlation, correlation * np.sqrt(pairs)
@@ -127,7 +119,7 @@ def _gained(records: Sequence[Record], before: Sequence[Pass], shaded: Setting) 
     nats = np.zeros((len(records), len(CHANNELS)))
     for flight, (record, old, new) in enumerate(zip(records, before, after, strict=True)):
         events, c = np.nonzero((old.status == USED) & (new.status == USED))
-        channels = np.array(FIRST_CHANNEL)[record.kinds[events]] + c
+        channels = CHANNEL_AT[record.kinds[events], c]
         np.add.at(nats[flight], channels, (new.nats - old.nats)[events, c])
     return nats
 

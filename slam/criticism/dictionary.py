@@ -26,12 +26,12 @@ SIGNALS = (
 ON_CHANNELS = SIGNALS[:12]
 ON_FORCES = SIGNALS[:16]
 FORCED = ("roll", "pitch", "yaw_rate", "up", "ahead", "left", "gust_x", "gust_y")
-LEVEL = (
+LEVEL_TARGETS = (
     ("velocity_x", "velocity_y"), ("accel_x", "accel_y"), ("pitch", "roll"), ("gyro_y", "gyro_x"),
     ("force ahead", "force left"), ("force pitch", "force roll"),
 )  # fmt: skip
 """What is read and what acts ahead and to the left, ..."""
-WAYS = (("ahead", "left"), ("pitch", "roll"), ("stick_ahead", "stick_left"))
+LEVEL_SIGNALS = (("ahead", "left"), ("pitch", "roll"), ("stick_ahead", "stick_left"))
 """... and the signals that may lead it."""
 
 
@@ -65,8 +65,8 @@ def shapes_of(directions: Sequence[Direction]) -> tuple[Effect, ...]:
     """
     known = {d.name: d for d in directions}
     shapes = [Effect(name, (direction,)) for name, direction in known.items()]
-    for ahead, left in LEVEL:
-        for along, across in WAYS:
+    for ahead, left in LEVEL_TARGETS:
+        for along, across in LEVEL_SIGNALS:
             pair = known.get(f"{ahead} ~ {along}"), known.get(f"{left} ~ {across}")
             if pair[0] is not None and pair[1] is not None:
                 shapes.append(Effect(f"{pair[0].name}, {pair[1].name}", (pair[0], pair[1])))

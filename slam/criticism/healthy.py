@@ -28,6 +28,13 @@ ROOM_M = 60.0
 STUDENT_DEGREES = 4
 
 
+def at_lower_rates(model: Model) -> Model:
+    """The model with half the readings of its fastest instruments: half the work."""
+    return replace(
+        model, imu=replace(model.imu, rate_hz=100.0), attitude=replace(model.attitude, rate_hz=50.0)
+    )
+
+
 def drawn_vehicle(model: Model, rng: np.random.Generator) -> Model:
     """A healthy vehicle of a model's kind."""
 

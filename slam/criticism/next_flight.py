@@ -6,12 +6,10 @@ taken out: its size times the root of that information is the separation in sigm
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from slam.criticism.effects import Effect
-from slam.criticism.healthy import flown
+from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.innovations import stretches
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
@@ -32,9 +30,7 @@ def next_flight(model: Model, first: Effect, second: Effect, sizes: np.ndarray) 
     if not first.directions:
         return ""
     setting = setting_of(model)
-    slower = replace(
-        model, imu=replace(model.imu, rate_hz=100.0), attitude=replace(model.attitude, rate_hz=50.0)
-    )
+    slower = at_lower_rates(model)
     beside = len(second.directions)
 
     def separation(name: str) -> float:

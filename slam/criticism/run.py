@@ -16,7 +16,7 @@ from slam.criticism.extended import extended_model
 from slam.criticism.flown import Flown, flown
 from slam.criticism.heldout import taken
 from slam.criticism.kalman.filter import USED
-from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, INSTRUMENTS
+from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, place_of
 from slam.criticism.kalman.record import Record, is_led
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
@@ -179,8 +179,8 @@ def _checks(records: Sequence[Record], look: Look) -> tuple[ChannelCheck, ...]:
     pooled: dict[int, list[np.ndarray]] = {}
     for record, run in zip(records, look.sums.passes, strict=True):
         for channel in range(len(CHANNELS)):
-            kind = int(np.searchsorted(FIRST_CHANNEL, channel, side="right")) - 1
-            rows, c = record.kinds == kind, channel - FIRST_CHANNEL[kind]
+            kind, c = place_of(channel)
+            rows = record.kinds == kind
             white = run.white[rows, c][run.status[rows, c] == USED]
             if len(white) > 1:
                 pooled.setdefault(channel, []).append(white)

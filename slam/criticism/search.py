@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.optics import CAMERA
-from slam.criticism.colour import coloured, foretold, in_colour, without_faint
+from slam.criticism.colour import coloured, in_colour, without_faint
 from slam.criticism.dictionary import dictionary, shapes_of, signals_of
 from slam.criticism.effects import Effect, catalogue_value, effects_for, plausible, relaxations
 from slam.criticism.fitting import changes_of, cut, fit_nuisances, refit
 from slam.criticism.hypotheses import Answer, Parabola, parabola_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.reference import recoloured
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.moving import held_value, is_wall, on_grid, settled, taken_down
 from slam.criticism.nuisances import MEAN, direction_of
@@ -174,7 +175,7 @@ def _seen(
     shaded = in_colour(records, model, setting, look.sums.passes, chosen, best.nats)
     if shaded is None:
         return records, look
-    records = foretold(records, setting, shaded)
+    records = [recoloured(record, setting, shaded) for record in records]
     return records, look_at(records, model, shaded, chosen)
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from slam.criticism.camera.sighting import sighted
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.innovations import Pass, stretches, whole
-from slam.criticism.kalman.readings import CHANNELS
+from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction, Signal
@@ -143,7 +143,7 @@ def _stretch_sums(record, setting, directions, signals, changed, weight, plain):
     moved, widened = changed
     nats = plain.nats
     for rows in stretches(record, setting, directions, signals, STRETCH_S):
-        column = rows.channels - np.array([0, 6, 9, 11])[record.kinds[rows.events]]
+        column = rows.channels - CHANNEL_AT[record.kinds[rows.events], 0]
         traces = np.column_stack([rows.traces, moved[rows.events, column]])
         spread = widened[rows.events, column] * weight[0][rows.channels, None]
         score = rows.white @ traces
@@ -177,11 +177,10 @@ def _variance_weight(records: Sequence[Record], plain: Sequence[Pass]) -> tuple[
     """
     weight = np.ones(len(CHANNELS))
     mean = np.full(len(CHANNELS), _CUT_MEAN)
-    first = np.array([0, 6, 9, 11])
     squares: list[list[Array]] = [[] for _ in CHANNELS]
     for record, run in zip(records, plain, strict=True):
         events, column = np.nonzero(run.status == USED)
-        channel = first[record.kinds[events]] + column
+        channel = CHANNEL_AT[record.kinds[events], column]
         cut = np.minimum(run.white[events, column] ** 2, CUT)
         for k in np.unique(channel):
             squares[k].append(cut[channel == k])

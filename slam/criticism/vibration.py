@@ -15,7 +15,7 @@ from scipy.special import gammaln, logsumexp
 
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.innovations import Pass
-from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL
+from slam.criticism.kalman.readings import CHANNELS, place_of
 from slam.criticism.kalman.record import Record
 
 Array = NDArray[np.float64]
@@ -69,8 +69,8 @@ def _line(channel: int, records: Sequence[Record], passes: Sequence[Pass]) -> Vi
 
 def _white(channel: int, record: Record, run: Pass) -> tuple[Array, float]:
     """Whitened innovations of a channel, 0 where none was used, and their step."""
-    kind = int(np.searchsorted(FIRST_CHANNEL, channel, side="right")) - 1
-    rows, c = np.flatnonzero(record.kinds == kind), channel - FIRST_CHANNEL[kind]
+    kind, c = place_of(channel)
+    rows = np.flatnonzero(record.kinds == kind)
     used = run.status[rows, c] == USED
     if used.sum() < FEWEST:
         return np.zeros(0), 0.0

@@ -3,9 +3,8 @@ start.
 
 A filter is run with each candidate. What speaks is how well the readings of attitude, range, velocity,
 position and barometer, and steps seen in pictures, were foreseen, each from those before it: the likelihood
-of the innovations. An
-error that is allowed and does not show costs likelihood, so that the plainest instrument that explains
-the readings is found.
+of the innovations. An error that is allowed and does not show costs likelihood, so that the plainest
+instrument that explains the readings is found.
 """
 
 from __future__ import annotations

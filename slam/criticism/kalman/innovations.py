@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from slam.criticism.kalman.coloured import coloured_for
 from slam.criticism.kalman.filter import IGNORED, USED, run, start_noise
-from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, STATES, STATES_WITH_GUSTS, WIDTH
+from slam.criticism.kalman.readings import (
+    CHANNEL_AT,
+    CHANNELS,
+    STATES,
+    STATES_WITH_GUSTS,
+)
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.steps import GATE
@@ -81,10 +86,7 @@ def whole(record: Record, setting: Setting) -> Pass:
     filtered = _Run(record, setting, (), {})
     for _ in filtered.stretches(np.inf):
         pass
-    usual = np.zeros((4, 6))
-    for kind, (first, width) in enumerate(zip(FIRST_CHANNEL, WIDTH, strict=True)):
-        usual[kind, :width] = record.usual_log_variance[first : first + width]
-    log_variance = filtered.log_variance - usual[record.kinds]
+    log_variance = filtered.log_variance - record.usual_log_variance[CHANNEL_AT[record.kinds]]
     return Pass(filtered.white, log_variance, filtered.status, filtered.states)
 
 
@@ -132,7 +134,7 @@ class _Run:
             events += begin
             yield Innovations(
                 events,
-                np.array(FIRST_CHANNEL)[record.kinds[events]] + column,
+                CHANNEL_AT[record.kinds[events], column],
                 self.white[events, column],
                 traces[: keep[0]],
             )

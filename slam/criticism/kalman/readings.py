@@ -34,9 +34,24 @@ CHANNELS = (
 CHANNEL_UNITS = ("rad/s",) * 3 + ("m/s^2",) * 3 + ("rad",) * 3 + ("m/s",) * 2 + ("m",)
 WIDTH = (6, 3, 2, 1)
 """Channels of each kind."""
+NO_CHANNEL = -1
+CHANNEL_AT = np.array(
+    [
+        [first + column if column < width else NO_CHANNEL for column in range(max(WIDTH))]
+        for first, width in zip(FIRST_CHANNEL, WIDTH, strict=True)
+    ]
+)
+"""(kinds, 6) channel in each column of an event's values; ``NO_CHANNEL`` where it has no such column."""
 INSTRUMENTS = ("gyro", "accel", "attitude", "velocity", "sonar")
 INSTRUMENT_OF = (0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 4)
 """Of each channel: its noise is of one sort."""
+
+
+def place_of(channel: int) -> tuple[int, int]:
+    """Kind of the events that read a channel, and its column there."""
+    kind, column = np.argwhere(channel == CHANNEL_AT)[0]
+    return int(kind), int(column)
+
 
 SENSOR = (
     "flow_scale.eps", "flow_derotation.kappa",

@@ -11,7 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.pictures import Sights
-from slam.criticism.kalman.readings import ATTITUDE, CHANNELS, FIRST_CHANNEL, IMU, SONAR, VELOCITY, WIDTH
+from slam.criticism.kalman.readings import (
+    ATTITUDE,
+    CHANNELS,
+    IMU,
+    SONAR,
+    VELOCITY,
+    WIDTH,
+    place_of,
+)
 from slam.flight import Flight
 from slam.simulation.stick import Stick, stick_of
 
@@ -67,9 +75,8 @@ class Record:
 
     def has(self, channel: int) -> bool:
         """Whether the flight has readings of a channel."""
-        kind = int(np.searchsorted(FIRST_CHANNEL, channel, side="right")) - 1
-        rows = self.kinds == kind
-        return bool(np.isfinite(self.values[rows, channel - FIRST_CHANNEL[kind]]).any())
+        kind, column = place_of(channel)
+        return bool(np.isfinite(self.values[self.kinds == kind, column]).any())
 
 
 def record_of(flight: Flight) -> Record:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.innovations import Pass, whole
-from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, WIDTH
+from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, INSTRUMENT_OF, NO_CHANNEL
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.steps import UP
@@ -27,7 +27,7 @@ REACH_M = 0.08
 
 def referred(record: Record, setting: Setting) -> Record:
     """The record with where it lands, and how surely its channels are foretold, under ``setting``."""
-    landed = replace(record, landing=_landing(record, setting), usual_log_variance=np.zeros(sum(WIDTH)))
+    landed = replace(record, landing=_landing(record, setting), usual_log_variance=np.zeros(len(CHANNELS)))
     return replace(landed, usual_log_variance=_usual(landed, whole(landed, setting)))
 
 
@@ -45,10 +45,15 @@ def _landing(record: Record, setting: Setting) -> NDArray[np.bool_]:
 
 def _usual(record: Record, run: Pass) -> NDArray[np.float64]:
     """(channels,) median of the logarithm of the innovation's variance; 0 where there is none."""
-    usual = np.zeros(sum(WIDTH))
-    for kind, (first, width) in enumerate(zip(FIRST_CHANNEL, WIDTH, strict=True)):
-        rows = record.kinds == kind
-        for c in range(width):
-            found = run.log_variance[rows, c][run.status[rows, c] == USED]
-            usual[first + c] = np.median(found) if len(found) else 0.0
+    usual = np.zeros(len(CHANNELS))
+    channels = np.where(run.status == USED, CHANNEL_AT[record.kinds], NO_CHANNEL)
+    for channel in range(len(CHANNELS)):
+        found = run.log_variance[channels == channel]
+        usual[channel] = np.median(found) if len(found) else 0.0
     return usual
+
+
+def recoloured(record: Record, before: Setting, after: Setting) -> Record:
+    """The record as referred to a belief of another colour: the sample before foretells what it keeps."""
+    share = np.log1p(-(after.colour**2)) - np.log1p(-(before.colour**2))
+    return replace(record, usual_log_variance=record.usual_log_variance + share[list(INSTRUMENT_OF)])

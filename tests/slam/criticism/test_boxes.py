@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.boxes import without_boxes
-from slam.criticism.healthy import flown
+from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
@@ -19,10 +19,7 @@ PLAN = ["three speeds forward: 0.1, 0.2, 0.4", "brisk climb steps at full stick"
 
 
 def slower():
-    model = load_model("nominal")
-    return replace(
-        model, imu=replace(model.imu, rate_hz=100.0), attitude=replace(model.attitude, rate_hz=50.0)
-    )
+    return at_lower_rates(load_model("nominal"))
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["gaussian", "student"])

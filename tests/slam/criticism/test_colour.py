@@ -9,7 +9,7 @@ import pytest
 
 from slam.criticism.colour import in_colour
 from slam.criticism.fitting import fit_nuisances
-from slam.criticism.healthy import flown
+from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
@@ -24,10 +24,7 @@ PLANS = (
 
 
 def slow():
-    nominal = load_model("nominal")
-    return replace(
-        nominal, imu=replace(nominal.imu, rate_hz=100.0), attitude=replace(nominal.attitude, rate_hz=50.0)
-    )
+    return at_lower_rates(load_model("nominal"))
 
 
 def measured(vehicle, attitude=lambda angles, t: angles):

@@ -11,7 +11,7 @@ import pytest
 
 from slam.criticism import criticise
 from slam.criticism import effects as effects_module
-from slam.criticism.healthy import drawn_vehicle, flown
+from slam.criticism.healthy import at_lower_rates, drawn_vehicle, flown
 from slam.criticism.manoeuvres import stick_for
 from slam.simulation.model import load_model
 
@@ -24,12 +24,6 @@ PLANS = (
     ],
     ["turn by 180 deg between pulses forward", "brisk climb steps at full stick"],
 )
-
-
-def slow(model):
-    return replace(
-        model, imu=replace(model.imu, rate_hz=100.0), attitude=replace(model.attitude, rate_hz=50.0)
-    )
 
 
 def coloured(model, gyro, others):
@@ -45,7 +39,7 @@ def coloured(model, gyro, others):
 
 def case(seed, student=False, colour=(0.0, 0.0), **terms):
     """Three short flights of one drawn vehicle with terms, told as the nominal one."""
-    nominal = slow(load_model("nominal"))
+    nominal = at_lower_rates(load_model("nominal"))
     vehicle = coloured(drawn_vehicle(nominal, np.random.default_rng(seed)), *colour)
     for name, values in terms.items():
         vehicle = vehicle.with_term(name, **values)

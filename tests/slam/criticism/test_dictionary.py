@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from slam.criticism.dictionary import LEVEL, WAYS, dictionary, shapes_of
+from slam.criticism.dictionary import LEVEL_SIGNALS, LEVEL_TARGETS, dictionary, shapes_of
 from slam.criticism.healthy import flown
 from slam.criticism.kalman.record import record_of
 from slam.criticism.manoeuvres import stick_for
@@ -21,7 +19,11 @@ def test_each_direction_has_its_shape_and_level_ones_one_together():
     assert {s.name for s in alone} == names
     assert len(alone) + len(together) == len(shapes)
     # Sticks are not led into instruments.
-    assert len(together) == len(LEVEL) * len(WAYS) - 4
+    assert len(together) == len(LEVEL_TARGETS) * len(LEVEL_SIGNALS) - 4
     assert all(set(s.columns) <= names for s in together)
     assert len({s.name for s in shapes}) == len(shapes)
-    assert np.all([d in s.directions for s in together for d in directions if d.name in s.columns])
+    # One column ahead, the other to the left, of the same kind.
+    columns = {s.columns for s in together}
+    assert ("force ahead ~ pitch", "force left ~ roll") in columns
+    assert ("gyro_y ~ ahead", "gyro_x ~ left") in columns
+    assert not any(s.columns[0] == s.columns[1] for s in together)

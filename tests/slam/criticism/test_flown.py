@@ -9,7 +9,7 @@ import pytest
 
 from slam.criticism.effects import effects_for
 from slam.criticism.flown import _Course
-from slam.criticism.healthy import flown
+from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.usable import usable_records
@@ -23,10 +23,7 @@ LEAN = 0.8
 @pytest.fixture(scope="module")
 def braking():
     """Three flights of a vehicle that leans against its speed, and the nominal belief."""
-    model = load_model("nominal")
-    slower = replace(
-        model, imu=replace(model.imu, rate_hz=100.0), attitude=replace(model.attitude, rate_hz=50.0)
-    )
+    slower = at_lower_rates(load_model("nominal"))
     vehicle = slower.with_term("active_braking", lean=LEAN)
     vehicle = replace(vehicle, vehicle=replace(vehicle.vehicle, attitude_time_s=0.2))
     flights = [flown(vehicle, stick_for(PLAN), seed, told=slower) for seed in (1, 2, 3)]

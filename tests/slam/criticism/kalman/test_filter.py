@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from slam.criticism.effects import _STEPS, RADIUS_M, effects_for
-from slam.criticism.healthy import drawn_vehicle, flown
+from slam.criticism.healthy import at_lower_rates, drawn_vehicle, flown
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.innovations import stretches, whole
-from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, IMU
+from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, place_of
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.kalman.tangents import parameter_direction
@@ -22,21 +22,14 @@ TILTS = [f"short pulses of 0.2 s {way} at half stick" for way in ("forward", "to
 PLAN = ["tilts of 15 deg to all four sides", "yaw on the spot while climbing", "reversing forward at 0.2"]
 
 
-def slow(model):
-    """At the lower rates: half the work."""
-    return replace(
-        model, imu=replace(model.imu, rate_hz=100.0), attitude=replace(model.attitude, rate_hz=50.0)
-    )
-
-
 @pytest.mark.parametrize("seed", [1, 2])
 def test_innovations_are_white_under_the_truth(seed):
-    vehicle = drawn_vehicle(slow(load_model("nominal")), np.random.default_rng(seed))
+    vehicle = drawn_vehicle(at_lower_rates(load_model("nominal")), np.random.default_rng(seed))
     record = record_of(flown(vehicle, stick_for(PLAN * 2), seed))
     run = whole(record, setting_of(vehicle))
     for channel, name in enumerate(CHANNELS):
-        kind = int(np.searchsorted(FIRST_CHANNEL, channel, side="right")) - 1
-        rows, c = record.kinds == kind, channel - FIRST_CHANNEL[kind]
+        kind, c = place_of(channel)
+        rows = record.kinds == kind
         white = run.white[rows, c][run.status[rows, c] == USED]
         n = len(white)
         assert n > 300, name
@@ -48,7 +41,7 @@ def test_innovations_are_white_under_the_truth(seed):
 @pytest.mark.parametrize("lag_s", [0.03, 0.1])
 def test_a_late_sonar_is_not_less_late_in_quick_tilts(lag_s):
     """About the true lag its score is chance: tilts that begin and end within it are no less late."""
-    vehicle = slow(load_model("nominal")).with_term("sonar_lag", T=lag_s)
+    vehicle = at_lower_rates(load_model("nominal")).with_term("sonar_lag", T=lag_s)
     record = record_of(flown(vehicle, stick_for(TILTS), 5))
     lag = parameter_direction("sonar_lag.T", 1e-3)
     score = information = 0.0
@@ -60,7 +53,7 @@ def test_a_late_sonar_is_not_less_late_in_quick_tilts(lag_s):
 
 
 def test_stamps_that_are_off_make_gyros_scatter_no_more_than_they_are_said_to():
-    vehicle = slow(load_model("nominal")).with_term("timestamp_jitter", sigma=0.006)
+    vehicle = at_lower_rates(load_model("nominal")).with_term("timestamp_jitter", sigma=0.006)
     record = record_of(flown(vehicle, stick_for(TILTS), 6))
     run = whole(record, setting_of(vehicle))
     rows = record.kinds == IMU
@@ -70,7 +63,7 @@ def test_stamps_that_are_off_make_gyros_scatter_no_more_than_they_are_said_to():
 
 
 def test_a_wrong_noise_is_seen():
-    vehicle = slow(load_model("nominal"))
+    vehicle = at_lower_rates(load_model("nominal"))
     record = record_of(flown(vehicle, stick_for(PLAN), 3))
     setting = setting_of(vehicle)
     right = whole(record, setting).log_likelihood
@@ -118,7 +111,7 @@ def far_from_jumps(record):
 @pytest.mark.parametrize(("term", "parameter", "step"), COLUMNS, ids=lambda x: str(x))
 def test_the_trace_of_a_term_is_what_the_simulator_does(term, parameter, step):
     """Noise-free flights with and without: the innovations change by the trace times the size."""
-    model = slow(load_model("nominal"))
+    model = at_lower_rates(load_model("nominal"))
     plan = SMOOTH.get(term, PLAN)
     size = step if term != "active_braking" else 0.05
     ill = model.with_term(term, **{parameter: (1.0 if term == "sonar_slant" else 0.0) + size})
@@ -133,7 +126,7 @@ def test_the_trace_of_a_term_is_what_the_simulator_does(term, parameter, step):
     rows = list(stretches(healthy, setting, directions))
     trace = np.full(healthy.values.shape, np.nan)
     for part in rows:
-        c = part.channels - np.array(FIRST_CHANNEL)[healthy.kinds[part.events]]
+        c = part.channels - CHANNEL_AT[healthy.kinds[part.events], 0]
         trace[part.events, c] = part.traces[:, 0]
     before, after = whole(healthy, setting), whole(changed, setting)
     used = (before.status == USED) & (after.status == USED)
@@ -147,7 +140,7 @@ def test_the_trace_of_a_term_is_what_the_simulator_does(term, parameter, step):
 
 
 def test_a_late_vehicle_is_known_less_well_just_after_the_stick_jumps():
-    model = slow(load_model("nominal")).with_term("control_latency", T=0.1)
+    model = at_lower_rates(load_model("nominal")).with_term("control_latency", T=0.1)
     record = record_of(flown(model, stick_for(["pulse of 1 s forward at 0.25 and coast"]), 3))
     sure = whole(record, replace(setting_of(model), latency_s=0.0))
     unsure = whole(record, setting_of(model))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import flown
+from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.filter import IGNORED, USED
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import IMU, SONAR
@@ -22,10 +22,7 @@ STARTS = ["pulse of 1 s forward at 0.25 and coast", "reversing forward at 0.2"] 
 
 
 def vehicle(**terms):
-    model = load_model("nominal")
-    model = replace(
-        model, imu=replace(model.imu, rate_hz=100.0), attitude=replace(model.attitude, rate_hz=50.0)
-    )
+    model = at_lower_rates(load_model("nominal"))
     for name, values in terms.items():
         model = model.with_term(name, **values)
     return model
