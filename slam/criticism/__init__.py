@@ -10,12 +10,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from slam.criticism.criticism import Criticism
     from slam.criticism.run import criticise
+    from slam.criticism.verdict.criticism import Criticism
 
 __all__ = ["Criticism", "criticise"]
 
-_HOME = {"Criticism": "slam.criticism.criticism", "criticise": "slam.criticism.run"}
+_HOME = {"Criticism": "slam.criticism.verdict.criticism", "criticise": "slam.criticism.run"}
 
 
 def __getattr__(name: str) -> Any:

@@ -11,11 +11,11 @@ import sys
 
 import numpy as np
 
-from slam.criticism.fitting import fit_nuisances
 from slam.criticism.healthy import at_lower_rates, healthy_case
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import setting_of
-from slam.criticism.search import look_at
+from slam.criticism.search.fitting import fit_nuisances
+from slam.criticism.search.search import look_at
 from slam.criticism.usable import usable_records
 from slam.simulation.model import load_model
 

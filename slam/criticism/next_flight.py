@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam.criticism.effects import Effect
 from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.innovations import stretches
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
-from slam.criticism.nuisances import MEAN, direction_of, prior_precision
-from slam.criticism.screening import project
-from slam.criticism.sums import in_threads
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.nuisances import MEAN, direction_of, prior_precision
+from slam.criticism.search.screening import project
+from slam.criticism.search.sums import in_threads
 from slam.simulation.model import Model
 
 TOLD_APART_SIGMA = 3.3

@@ -8,29 +8,29 @@ from pathlib import Path
 
 import numpy as np
 
-from slam.criticism.agreement import contradictions
-from slam.criticism.boxes import without_boxes
-from slam.criticism.criticism import ChannelCheck, Criticism, Interval, Rank
-from slam.criticism.decision import causes_of, confirmed, confusable, decide, detectable, in_order
 from slam.criticism.extended import extended_model
-from slam.criticism.flown import Flown, flown
-from slam.criticism.heldout import taken
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, place_of
 from slam.criticism.kalman.record import Record, is_led
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
-from slam.criticism.moving import is_wall
 from slam.criticism.next_flight import next_flight
-from slam.criticism.nuisances import NUISANCES, value_of
-from slam.criticism.oddities import ENTAILS, Oddity, combed, oddities, without_dead_zone
-from slam.criticism.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, posterior_of
-from slam.criticism.search import Look, Search, search
-from slam.criticism.sentence import sentence_of
-from slam.criticism.thresholds import Thresholds, beside, load_thresholds
+from slam.criticism.residuals.boxes import without_boxes
+from slam.criticism.residuals.oddities import ENTAILS, Oddity, combed, oddities, without_dead_zone
+from slam.criticism.residuals.vibration import vibration_of
+from slam.criticism.search.moving import is_wall
+from slam.criticism.search.nuisances import NUISANCES, value_of
+from slam.criticism.search.search import Look, Search, search
+from slam.criticism.search.thresholds import Thresholds, beside, load_thresholds
 from slam.criticism.unled.verdict import NOTHING_TO_HOLD, judged_unled
 from slam.criticism.usable import coarsened, is_foreign, usable_records, without_dead_streams
-from slam.criticism.vibration import vibration_of
+from slam.criticism.verdict.agreement import contradictions
+from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Interval, Rank
+from slam.criticism.verdict.decision import causes_of, confirmed, confusable, decide, detectable, in_order
+from slam.criticism.verdict.flown import Flown, flown
+from slam.criticism.verdict.heldout import taken
+from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, posterior_of
+from slam.criticism.verdict.sentence import sentence_of
 from slam.flight import Flight
 from slam.simulation.model import Model, load_model
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from slam.report.pictures import BLUE, GREEN, GREY, ORANGE, VERMILLION, canvas, legend_below, png
 
 if TYPE_CHECKING:
-    from slam.criticism.criticism import Criticism, Gain
+    from slam.criticism.verdict.criticism import Criticism, Gain
     from slam.flight import Flight
     from slam.simulation.model import Model
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from slam.criticism.criticism import Cause, ChannelCheck, Criticism, Gain, Interval, Rank
-from slam.criticism.rollouts import ChannelError
+from slam.criticism.verdict.criticism import Cause, ChannelCheck, Criticism, Gain, Interval, Rank
+from slam.criticism.verdict.rollouts import ChannelError
 from slam.report.criticism_pictures import gain_picture, ranking_picture
 from slam.report.criticism_report import VERDICTS, render_criticism
 from slam.simulation.model import load_model

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.criticism import Cause, Criticism, Gain, Interval, Rank
-from slam.criticism.effects import plausible
-from slam.criticism.sentence import sentence_of
+from slam.criticism.search.effects import plausible
 from slam.criticism.unled.balances import Rows, balances_of
+from slam.criticism.verdict.criticism import Cause, Criticism, Gain, Interval, Rank
+from slam.criticism.verdict.sentence import sentence_of
 from slam.flight import Flight
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE

@@ -11,7 +11,7 @@ from frontend.camera import Camera
 from slam.criticism.camera.highlights import dimmed, spots
 from slam.criticism.camera.pictures import look
 from slam.criticism.kalman.record import record_of
-from slam.criticism.oddities import Oddity, _highlights
+from slam.criticism.residuals.oddities import Oddity, _highlights
 from tests.slam.criticism.camera.seen_flight import seen_flight
 
 CAMERA = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))

@@ -9,7 +9,7 @@ import pytest
 
 from slam.criticism.camera.pictures import look
 from slam.criticism.kalman.record import record_of
-from slam.criticism.oddities import _movers
+from slam.criticism.residuals.oddities import _movers
 from tests.slam.criticism.camera.seen_flight import seen_flight
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.colour import lag_one
 from slam.criticism.healthy import flown
 from slam.criticism.kalman.coloured import coloured_for
 from slam.criticism.kalman.innovations import stretches, whole
@@ -16,7 +15,8 @@ from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.kalman.tangents import parameter_direction
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.moving import moved
+from slam.criticism.search.colour import lag_one
+from slam.criticism.search.moving import moved
 from slam.simulation.model import load_model
 
 PLAN = ["tilts of 15 deg to all four sides", "reversing forward at 0.2", "climb and descend by 0.6 m"]

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.effects import _STEPS, RADIUS_M, effects_for
 from slam.criticism.healthy import at_lower_rates, drawn_vehicle, flown
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.innovations import stretches, whole
@@ -16,6 +15,7 @@ from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.kalman.tangents import parameter_direction
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.search.effects import _STEPS, RADIUS_M, effects_for
 from slam.simulation.model import load_model
 
 TILTS = [f"short pulses of 0.2 s {way} at half stick" for way in ("forward", "to the side")] * 2

@@ -14,7 +14,7 @@ from slam.criticism.kalman.readings import IMU
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.vibration import vibration_of
+from slam.criticism.residuals.vibration import vibration_of
 from slam.simulation.model import load_model
 
 

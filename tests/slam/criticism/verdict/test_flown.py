@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.effects import effects_for
-from slam.criticism.flown import _Course
 from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.search.effects import effects_for
 from slam.criticism.usable import usable_records
+from slam.criticism.verdict.flown import _Course
 from slam.simulation.dynamics import ATTITUDE_TIME
 from slam.simulation.model import load_model
 

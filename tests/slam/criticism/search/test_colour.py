@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.colour import in_colour
-from slam.criticism.fitting import fit_nuisances
 from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.search import look_at
+from slam.criticism.search.colour import in_colour
+from slam.criticism.search.fitting import fit_nuisances
+from slam.criticism.search.search import look_at
 from slam.simulation.model import load_model
 
 PLANS = (

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.effects import Effect
-from slam.criticism.hypotheses import parabola_of
 from slam.criticism.kalman.filter import IGNORED
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.moving import moved, on_grid
-from slam.criticism.search import SIZE_PRIOR, Look, Search
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.hypotheses import parabola_of
+from slam.criticism.search.moving import moved, on_grid
+from slam.criticism.search.search import SIZE_PRIOR, Look, Search
 
 Array = NDArray[np.float64]
 

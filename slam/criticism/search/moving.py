@@ -7,11 +7,11 @@ from math import pi
 
 import numpy as np
 
-from slam.criticism.effects import LATENCY_STEP_S, Effect
 from slam.criticism.kalman.setting import Setting, slot
 from slam.criticism.kalman.tangents import Direction
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
-from slam.criticism.nuisances import COLOURS, NUISANCES, value_of, with_value
+from slam.criticism.search.effects import LATENCY_STEP_S, Effect
+from slam.criticism.search.nuisances import COLOURS, NUISANCES, value_of, with_value
 from slam.simulation.dynamics import PARAMETERS, TILT_LIMIT
 from slam.simulation.terms import CATALOGUE
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.criticism.hypotheses import Answer, Parabola
+from slam.criticism.search.hypotheses import Answer, Parabola
 
 
 def test_predicted_is_the_average_over_the_answers_uncertainty():

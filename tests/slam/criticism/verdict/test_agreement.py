@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.criticism.agreement import _agreement
+from slam.criticism.verdict.agreement import _agreement
 
 ROWS, PARTS = 6000, 6
 

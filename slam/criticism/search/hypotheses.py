@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.effects import Effect
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.nuisances import NUISANCES, Nuisance, limits_of, prior_precision, value_of
-from slam.criticism.sums import Sums
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.nuisances import NUISANCES, Nuisance, limits_of, prior_precision, value_of
+from slam.criticism.search.sums import Sums
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from slam.criticism.dictionary import LEVEL_SIGNALS, LEVEL_TARGETS, dictionary, shapes_of
 from slam.criticism.healthy import flown
 from slam.criticism.kalman.record import record_of
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.search.dictionary import LEVEL_SIGNALS, LEVEL_TARGETS, dictionary, shapes_of
 from slam.simulation.model import load_model
 
 

@@ -14,15 +14,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.effects import Effect
-from slam.criticism.fitting import fit_nuisances
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.innovations import Pass, whole
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, INSTRUMENT_OF, place_of
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.nuisances import COLOURS, Nuisance, value_of, with_value
-from slam.criticism.sums import Change, in_threads
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.fitting import fit_nuisances
+from slam.criticism.search.nuisances import COLOURS, Nuisance, value_of, with_value
+from slam.criticism.search.sums import Change, in_threads
 
 Array = NDArray[np.float64]
 

@@ -13,16 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.effects import Effect
 from slam.criticism.kalman.innovations import stretches
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.moving import is_wall, settled
-from slam.criticism.nuisances import MEAN, direction_of, prior_precision
-from slam.criticism.screening import deviate
-from slam.criticism.search import Search
-from slam.criticism.sums import in_threads
-from slam.criticism.thresholds import beside
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.moving import is_wall, settled
+from slam.criticism.search.nuisances import MEAN, direction_of, prior_precision
+from slam.criticism.search.screening import deviate
+from slam.criticism.search.search import Search
+from slam.criticism.search.sums import in_threads
+from slam.criticism.search.thresholds import beside
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

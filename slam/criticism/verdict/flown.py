@@ -15,18 +15,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.effects import Effect
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.moving import bounded, held_value, is_wall, moved, on_grid, taken_down
-from slam.criticism.nuisances import MEAN, limits_of, value_of
-from slam.criticism.posterior import named
-from slam.criticism.rollouts import misses_of
-from slam.criticism.search import Search
-from slam.criticism.sums import in_threads
-from slam.criticism.thresholds import MISFIT
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.moving import bounded, held_value, is_wall, moved, on_grid, taken_down
+from slam.criticism.search.nuisances import MEAN, limits_of, value_of
+from slam.criticism.search.search import Search
+from slam.criticism.search.sums import in_threads
+from slam.criticism.search.thresholds import MISFIT
+from slam.criticism.verdict.posterior import named
+from slam.criticism.verdict.rollouts import misses_of
 
 Array = NDArray[np.float64]
 

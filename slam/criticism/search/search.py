@@ -14,20 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.optics import CAMERA
-from slam.criticism.colour import coloured, in_colour, without_faint
-from slam.criticism.dictionary import dictionary, shapes_of, signals_of
-from slam.criticism.effects import Effect, catalogue_value, effects_for, plausible, relaxations
-from slam.criticism.fitting import changes_of, cut, fit_nuisances, refit
-from slam.criticism.hypotheses import Answer, Parabola, parabola_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.reference import recoloured
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.moving import held_value, is_wall, on_grid, settled, taken_down
-from slam.criticism.nuisances import MEAN, direction_of
-from slam.criticism.screening import deviate
-from slam.criticism.sums import Sums, in_threads, sums_of
-from slam.criticism.thresholds import Thresholds, beside
+from slam.criticism.search.colour import coloured, in_colour, without_faint
+from slam.criticism.search.dictionary import dictionary, shapes_of, signals_of
+from slam.criticism.search.effects import Effect, catalogue_value, effects_for, plausible, relaxations
+from slam.criticism.search.fitting import changes_of, cut, fit_nuisances, refit
+from slam.criticism.search.hypotheses import Answer, Parabola, parabola_of
+from slam.criticism.search.moving import held_value, is_wall, on_grid, settled, taken_down
+from slam.criticism.search.nuisances import MEAN, direction_of
+from slam.criticism.search.screening import deviate
+from slam.criticism.search.sums import Sums, in_threads, sums_of
+from slam.criticism.search.thresholds import Thresholds, beside
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]

@@ -23,7 +23,7 @@ class Thresholds:
 
 def load_thresholds() -> Thresholds:
     """The shipped ones."""
-    text = resources.files("slam.criticism").joinpath("thresholds.toml").read_text(encoding="utf-8")
+    text = resources.files("slam.criticism.search").joinpath("thresholds.toml").read_text(encoding="utf-8")
     table = tomllib.loads(text)
     return Thresholds(float(table["effects"]), float(table["shapes"]), float(table["second"]))
 

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.shading import PICTURE_SHAPES
-from slam.criticism.effects import Effect
 from slam.criticism.kalman.readings import CHANNELS, SENSOR
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.tangents import FORCES, Direction, Signal
+from slam.criticism.search.effects import Effect
 
 Array = NDArray[np.float64]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from slam.criticism.criticism import JUDGED_HORIZON_S, Cause, Gain, Verdict
+from slam.criticism.verdict.criticism import JUDGED_HORIZON_S, Cause, Gain, Verdict
 
 
 def sentence_of(

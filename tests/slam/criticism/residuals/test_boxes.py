@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.boxes import without_boxes
 from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.residuals.boxes import without_boxes
 from slam.simulation.model import load_model
 
 PLAN = ["three speeds forward: 0.1, 0.2, 0.4", "brisk climb steps at full stick"]

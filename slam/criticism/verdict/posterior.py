@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.effects import Effect
-from slam.criticism.moving import is_wall
-from slam.criticism.search import VERY_SIMILAR_NATS, Look, Search, occam
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.moving import is_wall
+from slam.criticism.search.search import VERY_SIMILAR_NATS, Look, Search, occam
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]

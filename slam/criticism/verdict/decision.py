@@ -9,19 +9,19 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.criticism import Cause, Gain, Interval, Verdict
-from slam.criticism.effects import Effect, catalogue_value
-from slam.criticism.flown import FREE, Flown
-from slam.criticism.heldout import drawn_again, held_out
-from slam.criticism.hypotheses import SEEN
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.moving import held_value, is_wall, on_grid
-from slam.criticism.posterior import KNOWN, NOTHING, SOMETHING_ELSE, Posterior, named
-from slam.criticism.rollouts import roll_out_errors
-from slam.criticism.screening import LEAST_SHARE, correlation, project
-from slam.criticism.search import Look, Search, Standing, occam
-from slam.criticism.thresholds import MISFIT
+from slam.criticism.search.effects import Effect, catalogue_value
+from slam.criticism.search.hypotheses import SEEN
+from slam.criticism.search.moving import held_value, is_wall, on_grid
+from slam.criticism.search.screening import LEAST_SHARE, correlation, project
+from slam.criticism.search.search import Look, Search, Standing, occam
+from slam.criticism.search.thresholds import MISFIT
+from slam.criticism.verdict.criticism import Cause, Gain, Interval, Verdict
+from slam.criticism.verdict.flown import FREE, Flown
+from slam.criticism.verdict.heldout import drawn_again, held_out
+from slam.criticism.verdict.posterior import KNOWN, NOTHING, SOMETHING_ELSE, Posterior, named
+from slam.criticism.verdict.rollouts import roll_out_errors
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]

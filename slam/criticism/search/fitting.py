@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.effects import Effect
-from slam.criticism.hypotheses import parabola_of
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.moving import bounded, entered, moved, settled
-from slam.criticism.nuisances import MEAN, RESTLESS, direction_of, limits_of, value_of, with_value
-from slam.criticism.sums import Change, sums_of
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.hypotheses import parabola_of
+from slam.criticism.search.moving import bounded, entered, moved, settled
+from slam.criticism.search.nuisances import MEAN, RESTLESS, direction_of, limits_of, value_of, with_value
+from slam.criticism.search.sums import Change, sums_of
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.rollouts import ChannelError
+from slam.criticism.verdict.rollouts import ChannelError
 from slam.simulation.model import Model
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.oddities import _dropped, oddities, without_dead_zone
+from slam.criticism.residuals.oddities import _dropped, oddities, without_dead_zone
 from slam.simulation.model import load_model
 
 

@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from slam.criticism.heldout import _of_the_same_readings
 from slam.criticism.kalman.filter import IGNORED, USED
 from slam.criticism.kalman.innovations import Pass
+from slam.criticism.verdict.heldout import _of_the_same_readings
 
 
 @dataclass

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.criticism import Cause, Gain, Interval
-from slam.criticism.heldout import drawn_again
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import Pass
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import Record
-from slam.criticism.search import occam
+from slam.criticism.search.search import occam
+from slam.criticism.verdict.criticism import Cause, Gain, Interval
+from slam.criticism.verdict.heldout import drawn_again
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
