@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.criticism.camera.optics import catalogued
+from slam.criticism.kalman.optics import catalogued
 from slam.criticism.kalman.readings import DATUM, INSTRUMENTS
 from slam.criticism.kalman.setting import Setting, setting_of, slot
 from slam.criticism.kalman.transition import (

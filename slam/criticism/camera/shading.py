@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.camera.optics import BLUR, GAIN, GAMMA, VIGNETTING
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.camera.tones import CONTRAST, SHARPNESS, Tones, tones_of, weigh
+from slam.criticism.kalman.optics import BLUR, GAIN, GAMMA, VIGNETTING
 from slam.criticism.kalman.smoothing import Path
 from slam.criticism.kalman.tangents import Direction
 

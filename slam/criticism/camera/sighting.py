@@ -16,9 +16,9 @@ from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.sparse import csr_array
 
 from slam.criticism.camera.lens import NUDGE, floor_of, pixels_of
-from slam.criticism.camera.optics import CAMERA, OFFSET, POINTS, READOUT
 from slam.criticism.camera.pictures import SHORTEST_S, Sights
 from slam.criticism.camera.shading import shade
+from slam.criticism.kalman.optics import CAMERA, OFFSET, POINTS, READOUT
 from slam.criticism.kalman.readings import SENSOR, SLOPE_X, SLOPE_Y
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting

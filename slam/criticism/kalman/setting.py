@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.camera.optics import CAMERA, camera_vector
+from slam.criticism.kalman.optics import CAMERA, camera_vector
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, SENSOR, SLANT
 from slam.criticism.kalman.transition import HOLD
 from slam.simulation.dynamics import PARAMETERS

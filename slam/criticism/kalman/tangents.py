@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.camera.optics import CAMERA
+from slam.criticism.kalman.optics import CAMERA
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SENSOR, SONAR, VELOCITY, WIDTH
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import ON_CHANNEL

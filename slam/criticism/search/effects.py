@@ -12,7 +12,7 @@ from math import pi
 
 import numpy as np
 
-from slam.criticism.camera.optics import CAMERA, SQUARES, STEPS, catalogued
+from slam.criticism.kalman.optics import CAMERA, SQUARES, STEPS, catalogued
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction, parameter_direction

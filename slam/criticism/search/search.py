@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.camera.optics import CAMERA
 from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.optics import CAMERA
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.reference import recoloured
 from slam.criticism.kalman.setting import Setting

@@ -10,9 +10,9 @@ from scipy.stats import chi2
 
 from frontend.camera import Camera
 from slam.criticism.camera.lens import floor_of, pixels_of
-from slam.criticism.camera.optics import CAMERA, FOCAL, POINTS, STEPS, TILT_Y
 from slam.criticism.camera.pictures import Sights, look
 from slam.criticism.camera.sighting import TOLERANCE, Sighted, sighted
+from slam.criticism.kalman.optics import CAMERA, FOCAL, POINTS, STEPS, TILT_Y
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.kalman.smoothing import smoothed

@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.criticism.camera.optics import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.camera.shading import PICTURE_SHAPES, Shades, shade
+from slam.criticism.kalman.optics import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
 from slam.criticism.kalman.smoothing import Path
 from slam.criticism.kalman.tangents import Direction
 
