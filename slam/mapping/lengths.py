@@ -71,36 +71,48 @@ def inertial_lengths(
     w_T_b = np.full((len(sightings.stamps_s), 4, 4), np.nan)
     w_T_b[members] = over_floor(bundle.w_T_b, bundle.floor_slope_rad, bundle.floor_z_m)
     w_T_b[members, 2, 3] -= bundle.floor_z_m
-    stamps_s, path = path_at_frames(sightings, w_T_b, camera)
+    stamps_s, path, covariances = path_at_frames(sightings, w_T_b, camera)
+    if len(covariances) == 0:
+        return None
     lean = np.eye(4)
     lean[:3, :3] = Rotation.from_rotvec([*bundle.floor_slope_rad, 0.0]).as_matrix()
-    found = inertial_scale(stamps_s, lean @ path, readings)
+    found = inertial_scale(stamps_s, lean @ path, readings, _typical(covariances))
     if found is None:
         return None
     std = float(np.hypot(found.scale_std / found.scale, gain_std))
     return InertialLengths(found, ScalePrior(found.scale, std), bundle.scale_std)
 
 
-def path_at_frames(sightings: Sightings, w_T_b: Array, camera: Camera) -> tuple[Array, Array]:
-    """Times (m,) in order and poses (m, 4, 4) of keyframes and of the frames between them.
+def path_at_frames(sightings: Sightings, w_T_b: Array, camera: Camera) -> tuple[Array, Array, Array]:
+    """Times (m,) in order and poses (m, 4, 4) of keyframes and of the frames between them, and covariances
+    (l, 6, 6) of what single pictures err by: those between, or the keyframes themselves where none is.
 
     ``w_T_b`` (n, 4, 4): of the keyframes, over a floor at z = 0; NaN where not placed.
     """
-    placed = np.isfinite(w_T_b).all(axis=(1, 2))
-    between = [p for p in sightings.passed if np.isfinite(w_T_b[p.keyframe]).all()]
+    placed = np.asarray(np.isfinite(w_T_b).all(axis=(1, 2)))
     frames, path = sightings.frame_index[placed], w_T_b[placed]
+    between = [p for p in sightings.passed if placed[p.keyframe]]
+    links = [link for link in sightings.links if link is not None and placed[link.i]]
+    k = np.array([p.keyframe for p in between] or [link.i for link in links], dtype=np.int64)
+    seen = between or links
+    lifted = lift(
+        np.array([p.i_H_j for p in seen]).reshape(-1, 3, 3),
+        np.array([p.corner_covariance for p in seen]).reshape(-1, 8, 8),
+        camera,
+        Rotation.from_matrix(w_T_b[k, :3, :3]).as_euler("ZYX")[:, [2, 1]],
+        np.full((len(k), 2), _REFINED_RAD),
+    )
+    height_m, good = w_T_b[k, 2, 3], np.flatnonzero(lifted.usable)
+    i_T_j, covariances = lifted.scale(height_m, np.zeros_like(height_m))
     if between:
-        k = np.array([p.keyframe for p in between])
-        lifted = lift(
-            np.array([p.i_H_j for p in between]),
-            np.array([p.corner_covariance for p in between]),
-            camera,
-            Rotation.from_matrix(w_T_b[k, :3, :3]).as_euler("ZYX")[:, [2, 1]],
-            np.full((len(k), 2), _REFINED_RAD),
-        )
-        height_m, good = w_T_b[k, 2, 3], np.flatnonzero(lifted.usable)
-        i_T_j = lifted.scale(height_m, np.zeros_like(height_m))[0]
         frames = np.concatenate([frames, np.array([p.frame for p in between])[good]])
         path = np.concatenate([path, (w_T_b[k] @ i_T_j)[good]])
     stamps_s, first = np.unique(sightings.frame_stamps_s[frames], return_index=True)
-    return stamps_s, path[first]
+    return stamps_s, path[first], covariances[good]
+
+
+def _typical(covariances: Array) -> Array:
+    """(6, 6) mean of the half of (m, 6, 6) covariances whose size is nearest to the median."""
+    by_size = np.argsort(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
+    quarter = len(by_size) // 4
+    return np.asarray(covariances[by_size[quarter : len(by_size) - quarter]].mean(axis=0))

@@ -25,15 +25,27 @@ class Made:
     stamps_s: np.ndarray
     w_T_b: np.ndarray
     readings: InertialReadings
+    covariance: np.ndarray
+    """Of a pose's own error."""
 
     @property
     def found(self) -> InertialScale | None:
         """What the accelerometer tells of it."""
-        return inertial_scale(self.stamps_s, self.w_T_b, self.readings)
+        return inertial_scale(self.stamps_s, self.w_T_b, self.readings, self.covariance)
 
 
-def made(seed: int, lasts_s: float = 50.0, sway: float = 1.0, arm_m: np.ndarray = ARM_M) -> Made:
-    """``sway`` times a decimetre or two and several degrees, at 0.2 to 0.8 Hz, in all six axes."""
+def made(
+    seed: int,
+    lasts_s: float = 50.0,
+    sway: float = 1.0,
+    arm_m: np.ndarray = ARM_M,
+    step: int = 67,
+    tilt_std: float = 5e-4,
+    height_m: float = 0.0,
+) -> Made:
+    """``sway`` times a decimetre or two and several degrees, at 0.2 to 0.8 Hz, in all six axes; a pose each
+    ``step`` ms, whose place errs by a millimetre, and by its tilt's error times a height.
+    """
     rng = np.random.default_rng(seed)
     time_s = np.arange(-1.0, lasts_s + 1.0, STEP_S)
 
@@ -55,9 +67,13 @@ def made(seed: int, lasts_s: float = 50.0, sway: float = 1.0, arm_m: np.ndarray 
     )
     seen = np.arange(1000, len(time_s) - 1000, 67)
     w_T_b = np.tile(np.eye(4), (len(seen), 1, 1))
-    w_T_b[:, :3, :3] = (w_R_b[seen] * Rotation.from_rotvec(rng.normal(0, 5e-4, (len(seen), 3)))).as_matrix()
-    w_T_b[:, :3, 3] = (place_m[seen] + rng.normal(0, 1e-3, (len(seen), 3))) / SCALE
-    return Made(time_s[seen] + DELAY_S, w_T_b, readings)
+    tilt, to_place = rng.normal(0, tilt_std, (len(seen), 3)), np.cross(np.eye(3), [0, 0, height_m])
+    w_T_b[:, :3, :3] = (w_R_b[seen] * Rotation.from_rotvec(tilt)).as_matrix()
+    off_m = w_R_b[seen].apply(tilt @ to_place) + rng.normal(0, 1e-3, (len(seen), 3))
+    w_T_b[:, :3, 3] = (place_m[seen] + off_m) / SCALE
+    both = np.hstack([np.eye(3), to_place / SCALE])
+    covariance = tilt_std**2 * both.T @ both + np.diag([0.0] * 3 + [(1e-3 / SCALE) ** 2] * 3)
+    return Made(time_s[seen] + DELAY_S, w_T_b, readings, covariance)
 
 
 def test_what_was_put_in_is_found_to_within_what_is_told():
@@ -101,6 +117,7 @@ def test_gaps_in_pictures_and_readings_do_no_harm():
         flight.stamps_s[seen],
         flight.w_T_b[seen],
         InertialReadings(r.stamps_s[read], r.gyro_rad_s[read], r.accel_m_s2[read]),
+        flight.covariance,
     )
     assert thinned.found.scale == pytest.approx(SCALE, abs=4 * thinned.found.scale_std)
     assert thinned.found.scale_std > flight.found.scale_std
@@ -114,6 +131,23 @@ def test_a_slow_flight_is_not_taken_for_larger_or_smaller_than_it_is():
     assert np.mean([f.scale_std for f in found]) > 0.015
 
 
+@pytest.mark.parametrize("step", [67, 17])
+def test_pictures_whose_tilt_errs_move_no_length(step: int):
+    """A tilt that is off moves the place by the height times that: an arm as long would explain both away."""
+    flights = [made(seed, 25.0, 0.3, step=step, tilt_std=2e-3, height_m=0.8) for seed in range(6)]
+    found = [flight.found for flight in flights]
+    off = np.array([(f.scale - SCALE) / f.scale_std for f in found])
+    assert (off**2).sum() < chi2.ppf(1 - 1e-4, len(off))
+    assert np.mean([f.scale_std for f in found]) < 0.05
+    assert np.abs([f.arm_m[2] - ARM_M[2] for f in found]).max() < 0.1
+
+
+def test_the_told_size_of_the_poses_error_does_not_matter():
+    flight = made(7, 25.0, 0.3, tilt_std=2e-3, height_m=0.8)
+    quarter = replace(flight, covariance=flight.covariance / 16)
+    assert quarter.found.scale == pytest.approx(flight.found.scale, rel=1e-3)
+
+
 @pytest.mark.parametrize("flight", [made(3, sway=1e-3), made(3, lasts_s=4.0)], ids=["hovers", "too short"])
 def test_what_the_flight_does_not_tell_is_not_told(flight: Made):
     assert flight.found is None
@@ -122,17 +156,17 @@ def test_what_the_flight_does_not_tell_is_not_told(flight: Made):
 def test_readings_from_another_time_tell_nothing():
     flight = made(4, lasts_s=15.0)
     late = replace(flight.readings, stamps_s=flight.readings.stamps_s + 1000)
-    assert inertial_scale(flight.stamps_s, flight.w_T_b, late) is None
+    assert inertial_scale(flight.stamps_s, flight.w_T_b, late, flight.covariance) is None
 
 
 def test_an_accelerometer_of_wrong_signs_or_unit_is_not_heard():
     flight = made(5, lasts_s=15.0)
     for factor in (-1.0, 1 / GRAVITY_M_S2):
         wrong = replace(flight.readings, accel_m_s2=factor * flight.readings.accel_m_s2)
-        assert inertial_scale(flight.stamps_s, flight.w_T_b, wrong) is None
+        assert inertial_scale(flight.stamps_s, flight.w_T_b, wrong, flight.covariance) is None
 
 
 def test_a_path_that_stands_while_the_accelerometer_moves_tells_nothing():
     flight = made(6, lasts_s=15.0)
     standing = np.tile(flight.w_T_b[:1], (len(flight.w_T_b), 1, 1))
-    assert inertial_scale(flight.stamps_s, standing, flight.readings) is None
+    assert inertial_scale(flight.stamps_s, standing, flight.readings, flight.covariance) is None

@@ -1,0 +1,181 @@
+"""A path that pictures know up to its scale beside the accelerometer's way, in rows of independent noise.
+
+Over a stretch of a few seconds the specific force, turned into the world, less gravity and integrated twice,
+is the way of the accelerometer, but for a start and a speed that nobody knows. It is the scale times the path
+of the body, plus the arm from the body's origin to the accelerometer, turned along, plus what the
+accelerometer's offset makes of it: linear in seven sizes. An arm of five centimetres matters: a vehicle
+that sways once a second turns its tilt into a fifth of the acceleration.
+
+Source: Martinelli 2014 (IJCV 106), sections 3 and 4, for the linear system; Fuller 1987, Measurement Error
+Models, section 2.3, for regressors that err together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh, null_space
+
+from backend.measurements import GRAVITY_M_S2
+from backend.preintegration import InertialReadings, attitudes_between, integrated_twice
+
+Array = NDArray[np.float64]
+
+_STRETCH_S = (1.0, 4.0)
+"""Longer ones gain little: integrated noise is larger than the way by then."""
+_WANTED, _MOST, LEAST_STRETCHES = 12, 60, 8
+"""Stretches: short flights have shorter ones."""
+_LEAST_POSES = 8
+_LONGEST_GAP_S = 0.5
+MOST_DELAY_S = 0.1
+CLOSEST_S = 0.05
+"""Poses that follow each other more closely share their errors, and gain nothing: lengths show at 1 Hz."""
+PRIOR = np.diag(np.array([0.0, *[3.0**-2] * 3, *[0.3**-2] * 3]))
+"""Of scale, offset and arm, for a vehicle that does not turn or hardly moves: m/s², m."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """All stretches, each turned so that start and speed are gone and noise is independent from row to row:
+    ``way = known @ (scale, offset, arm) + noise``."""
+
+    stretch: NDArray[np.int64]
+    """(r,) number of the stretch."""
+    growth: Array
+    """(r,) variance of unit white noise integrated twice."""
+    way: Array
+    """(r, 3)."""
+    known: Array
+    """(r, 3, 7)."""
+    column_noise: Array
+    """(3, 7, 7) covariance of the columns' own noise in each axis, as told."""
+
+    def weight(self, sizes: Array, noise: Array) -> Array:
+        """(r, 3) of force noise [m/s²/sqrt(Hz)] and of the poses' over what was told, both as logarithms."""
+        force, poses = np.exp(2 * noise)
+        return np.asarray(1 / (force * self.growth[:, None] + poses * (self.column_noise @ sizes @ sizes)))
+
+    def left(self, sizes: Array) -> Array:
+        """(r, 3) what scale, offset and arm leave of the way."""
+        return np.asarray(self.way - self.known @ sizes)
+
+    def whitened(self, sizes: Array, noise: Array) -> Array:
+        """(3r + 7,) what is left over unit noise, and the sizes over what is thought of them beforehand."""
+        left = np.sqrt(self.weight(sizes, noise)) * self.left(sizes)
+        return np.concatenate([left.ravel(), np.sqrt(np.diag(PRIOR)) * sizes])
+
+    def slopes(self, sizes: Array, noise: Array) -> Array:
+        """(3r + 7, 7) of ``whitened``: with the sizes the noise grows, too."""
+        root = np.sqrt(self.weight(sizes, noise))[..., None]
+        growing = np.exp(2 * noise[1]) * (self.column_noise @ sizes)
+        slopes = -root * self.known - root**3 * self.left(sizes)[..., None] * growing
+        return np.concatenate([slopes.reshape(-1, 7), np.sqrt(PRIOR)])
+
+    def at(self, scale: float, noise: Array) -> Array:
+        """Sizes (7,) of a scale, with the offset and arm that fit it if the arm is short."""
+        short = np.array([scale, *[0.0] * 6])
+        weight, others = self.weight(short, noise), self.known[..., 1:]
+        weighted = (weight[..., None] * others).reshape(-1, 6).T
+        information = weighted @ others.reshape(-1, 6) + PRIOR[1:, 1:]
+        short[1:] = np.linalg.solve(information, weighted @ self.left(short).ravel())
+        return short
+
+    def log_volume(self, sizes: Array, noise: Array) -> float:
+        """What the likelihood takes for the noise's size, offset and arm projected out."""
+        weight, others = self.weight(sizes, noise), self.known[..., 1:]
+        H = np.einsum("rak,ra,ral->kl", others, weight, others, optimize=True) + PRIOR[1:, 1:]
+        return float(np.linalg.slogdet(H)[1] - np.log(weight).sum())
+
+
+@dataclass(frozen=True)
+class PathBeside:
+    """The path, the readings beside it, and the stretches over which they are compared."""
+
+    stamps_s: Array
+    w_T_b: Array
+    readings: InertialReadings
+    stretches: Sequence[slice]
+    column_noise: Array
+    """As `Rows` has it."""
+
+    @cached_property
+    def contrasts(self) -> list[tuple[Array, Array]]:
+        """Of each stretch: sums over its moments (r, m) that neither start nor speed enters, and the variance
+        of each (r,)."""
+        contrasts = []
+        for stretch in self.stretches:
+            t = self.stamps_s[stretch] - self.stamps_s[stretch.start]
+            early, late = np.minimum.outer(t, t), np.maximum.outer(t, t)
+            free = null_space(np.column_stack([np.ones_like(t), t]).T)
+            growth, axes = eigh(free.T @ (early**2 * (3 * late - early) / 6) @ free)
+            contrasts.append(((free @ axes).T, np.maximum(growth, 0.0)))
+        return contrasts
+
+    def rows(self, delay_s: float) -> Rows:
+        """All stretches, the pictures' clock late by so much."""
+        way, known = [], []
+        for stretch, (contrast, _) in zip(self.stretches, self.contrasts, strict=True):
+            one_way, one_known = self._stretch(stretch, delay_s)
+            way.append(contrast @ one_way)
+            known.append(np.tensordot(contrast, one_known, axes=1))
+        count = [len(growth) for _, growth in self.contrasts]
+        growth = np.concatenate([growth for _, growth in self.contrasts])
+        return Rows(
+            np.repeat(np.arange(len(count)), count),
+            growth,
+            np.concatenate(way),
+            np.concatenate(known),
+            self.column_noise,
+        )
+
+    def _stretch(self, stretch: slice, delay_s: float) -> tuple[Array, Array]:
+        """Way (m, 3), and what it is made of (m, 3, 7)."""
+        at_s, w_T_b, readings = self.stamps_s[stretch] - delay_s, self.w_T_b[stretch], self.readings
+        first, last = np.searchsorted(readings.stamps_s, at_s[[0, -1]]) + [-1, 1]
+        imu_s = readings.stamps_s[first:last]
+        w_R_b = attitudes_between(at_s, w_T_b[:, :3, :3], imu_s, readings.gyro_rad_s[first:last])
+        force = np.einsum("kab,kb->ka", w_R_b, readings.accel_m_s2[first:last]) - [0, 0, GRAVITY_M_S2]
+        twice = integrated_twice(imu_s, np.concatenate([force[..., None], w_R_b], axis=-1), at_s)
+        path = w_T_b[:, :3, 3:] - w_T_b[0, :3, 3:]
+        return twice[..., 0], np.concatenate([path, twice[..., 1:], w_T_b[:, :3, :3]], axis=-1)
+
+
+def stretches_of(stamps_s: Array, imu_s: Array) -> list[slice]:
+    """Runs of poses that last as long as a stretch, none with a gap in poses or readings."""
+    gap = np.diff(imu_s) > _LONGEST_GAP_S / 5
+    # As many gaps have ended before a pose as have begun until it, whatever the delay.
+    inside = np.searchsorted(imu_s[1:][gap], stamps_s - MOST_DELAY_S) == np.searchsorted(
+        imu_s[:-1][gap], stamps_s + MOST_DELAY_S
+    )
+    inside &= (stamps_s >= imu_s[0] + MOST_DELAY_S) & (stamps_s <= imu_s[-1] - MOST_DELAY_S)
+    broken = (np.diff(stamps_s) > _LONGEST_GAP_S) | ~inside[1:] | ~inside[:-1]
+    runs = [run[inside[run]] for run in np.split(np.arange(len(stamps_s)), np.flatnonzero(broken) + 1)]
+    runs = [run for run in runs if len(run) >= _LEAST_POSES]
+    lasts_s = sum(float(stamps_s[run[-1]] - stamps_s[run[0]]) for run in runs)
+    stretch_s = float(np.clip(lasts_s / _WANTED, *_STRETCH_S))
+    found = []
+    for run in runs:
+        count = int((stamps_s[run[-1]] - stamps_s[run[0]]) / stretch_s + 1e-9)
+        ends = np.searchsorted(stamps_s[run], stamps_s[run[0]] + stretch_s * np.arange(count + 1))
+        found += [slice(run[0] + a, run[0] + b) for a, b in pairwise(ends.tolist())]
+    found = [s for s in found if s.stop - s.start >= _LEAST_POSES]
+    some = np.unique(np.linspace(0, len(found) - 1, min(_MOST, len(found))).round().astype(int))
+    return [found[k] for k in some.tolist()]
+
+
+def column_noise_of(covariance: Array) -> Array:
+    """(3, 7, 7) what a pose's own error makes of the seven columns in each row of `Rows.known`.
+
+    The vehicle turns about the vertical: both level axes have the mean of the two.
+    """
+    columns = np.zeros((3, 7, 6))
+    columns[:, 0, 3:] = np.eye(3)
+    columns[:, 4:, :3] = [np.cross(axis, np.eye(3)).T for axis in np.eye(3)]
+    found = np.einsum("aki,ij,alj->akl", columns, covariance, columns)
+    found[:2] = found[:2].mean(axis=0)
+    return np.asarray(found)
