@@ -20,6 +20,11 @@ def cells(pixel: NDArray[np.float64], size_px: tuple[int, int], grid: tuple[int,
     return row * across + column
 
 
+def held(cell: Ints) -> NDArray[np.bool_]:
+    """(COUNT,) which cells of ``GRID`` are among some."""
+    return np.bincount(cell, minlength=COUNT) > 0
+
+
 def place_in_run(group: Ints) -> Ints:
     """Place of each entry in its run of equal ones: 0, 1, 2, ..."""
     begin = np.flatnonzero(np.diff(group, prepend=-1))

@@ -65,7 +65,8 @@ def local_scale(i_H_j: Array, camera: Camera) -> float:
     w, h = camera.size_px
     c = np.array([(w - 1) / 2, (h - 1) / 2])
     p = transfer(i_H_j, np.array([c, c + [1.0, 0], c + [0, 1.0]]))
-    return float(np.sqrt(abs(np.linalg.det(np.column_stack([p[1] - p[0], p[2] - p[0]])))))
+    (a, b), (c, d) = p[1:] - p[0]
+    return float(np.sqrt(abs(a * d - b * c)))
 
 
 def relative_change(i_H_j: Array, camera: Camera) -> float:
@@ -76,7 +77,6 @@ def relative_change(i_H_j: Array, camera: Camera) -> float:
     picture that was not level. So the old picture is the canvas, elements are in picture widths, where 1 is
     the natural size of each, and 1 + |old - new| stands for the ratio. An unchanged homography gives 1.
     """
-    w = camera.size_px[0]
-    to_widths = np.diag([1.0 / w, 1.0 / w, 1.0])
-    local = to_widths @ i_H_j @ np.linalg.inv(to_widths)
+    size = np.array([camera.size_px[0], camera.size_px[0], 1.0])
+    local = i_H_j * size / size[:, None]
     return float(1.0 + np.abs(local / local[2, 2] - np.eye(3)).mean())

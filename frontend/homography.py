@@ -101,12 +101,12 @@ def _refine(
 
     Both pictures carry noise: the residual in i has variance noise² (1 + J J') with J the local scale of H.
     """
-    noise = max(config.noise_floor_px, 0.3)
+    noise, ridge = max(config.noise_floor_px, 0.3), 1e-12 * np.eye(8)
     for _ in range(5):
         residual, jacobian, spread = _transfer_residuals(H, pixel_i, pixel_j)
         distance = np.sqrt(residual[:, 0] ** 2 + residual[:, 1] ** 2) / spread
         inlier = distance < config.threshold_px
-        if inlier.sum() < 5:
+        if np.count_nonzero(inlier) < 5:
             return None
         noise = max(config.noise_floor_px, 1.4826 * _median(distance[inlier]) / 1.1774)
         weight = np.sqrt(inlier / (1.0 + (distance / (3.0 * noise)) ** 2)) / spread
@@ -114,13 +114,13 @@ def _refine(
         b = (residual * weight[:, None]).ravel()
         information = A.T @ A
         try:
-            step = np.linalg.solve(information + 1e-12 * np.diag(np.diag(information)), A.T @ b)
+            step = np.linalg.solve(information + ridge * information, A.T @ b)
         except np.linalg.LinAlgError:
             return None
-        H = H + np.append(step, 0.0).reshape(3, 3)
+        H = H + np.array([*step, 0.0]).reshape(3, 3)
         if not np.isfinite(H).all():
             return None
-        if np.abs(step[[2, 5]]).max() < 1e-4:
+        if max(abs(step[2]), abs(step[5])) < 1e-4:
             break
     used = weight * spread  # robust weights, 1 for a perfect match
     noise = float(np.sqrt(b @ b / max(1.0, 2 * float(used @ used) - 8)))
@@ -139,12 +139,12 @@ def _refine(
 
 def _transfer_residuals(H: Array, pixel_i: Array, pixel_j: Array) -> tuple[Array, Array, Array]:
     """Residual (m, 2) in i, its Jacobian (m, 2, 8) for the first eight entries of H, its spread (m,)."""
-    x, y = pixel_j[:, 0], pixel_j[:, 1]
     u = pixel_j @ H[:, :2].T + H[:, 2]
     w = 1.0 / u[:, 2]
     p = u[:, :2] * w[:, None]
-    first = np.column_stack([x * w, y * w, w])
-    J = np.zeros((len(x), 2, 8))
+    first = np.empty((len(w), 3))
+    first[:, :2], first[:, 2] = pixel_j * w[:, None], w
+    J = np.zeros((len(w), 2, 8))
     J[:, 0, :3] = J[:, 1, 3:6] = first
     J[:, :, 6:] = -p[:, :, None] * first[:, None, :2]
     # Local scale of the map j -> i: mean squared size of d p / d pixel_j.
@@ -158,4 +158,5 @@ def _median(values: Array) -> float:
     middle = len(values) // 2
     if len(values) % 2:
         return float(np.partition(values, middle)[middle])
-    return float(np.partition(values, (middle - 1, middle))[middle - 1 : middle + 1].mean())
+    below, above = np.partition(values, (middle - 1, middle))[middle - 1 : middle + 1]
+    return float((below + above) / 2)

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.cells import cells
+from frontend.cells import cells, held
 from frontend.homography import HomographyConfig, HomographyFit, fit_homography, transfer
 
 Array = NDArray[np.float64]
@@ -98,8 +98,10 @@ def floor_motion(
     off_px = expected.off_px(most.i_H_j, corners_px) if expected else 0.0
     if expected and off_px > away_px:
         chosen &= expected.nearer(pixel_i, pixel_j, corners_px, off_px)
-    elif len(np.setdiff1d(cell[chosen], cell[most.inlier])) <= ELSEWHERE * len(np.unique(cell[most.inlier])):
-        chosen[:] = False
+    else:
+        filled = held(cell[most.inlier])
+        if (held(cell[chosen]) & ~filled).sum() <= ELSEWHERE * filled.sum():
+            chosen[:] = False
     other = _agreeing(pixel_i, pixel_j, np.flatnonzero(chosen), corners_px, config)
     lead = expected.lead if expected else 0.0
     if other is None:
@@ -133,8 +135,8 @@ def _explained(fit: HomographyFit, cell: NDArray[np.int64], seen_j: Array, size_
     """Of the cells with features of picture j that picture i should show too: the share with matches."""
     there = transfer(fit.i_H_j, seen_j)
     common = ((there >= 0) & (there < size_px)).all(axis=1)
-    filled = np.unique(cell[fit.inlier])
-    return len(filled) / max(1, len(np.union1d(filled, cells(seen_j[common], size_px))))
+    filled = held(cell[fit.inlier])
+    return float(filled.sum() / max(1, (filled | held(cells(seen_j[common], size_px))).sum()))
 
 
 def _agreeing(
