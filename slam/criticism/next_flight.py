@@ -17,7 +17,7 @@ from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.nuisances import MEAN, direction_of, prior_precision
 from slam.criticism.search.screening import project
-from slam.criticism.search.sums import in_threads
+from slam.criticism.threads import in_threads
 from slam.simulation.model import Model
 
 TOLD_APART_SIGMA = 3.3

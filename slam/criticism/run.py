@@ -22,6 +22,7 @@ from slam.criticism.search.moving import is_wall
 from slam.criticism.search.nuisances import NUISANCES, value_of
 from slam.criticism.search.search import Look, Search, search
 from slam.criticism.search.thresholds import Thresholds, beside, load_thresholds
+from slam.criticism.threads import in_threads
 from slam.criticism.unled.verdict import NOTHING_TO_HOLD, judged_unled
 from slam.criticism.usable import coarsened, is_foreign, usable_records, without_dead_streams
 from slam.criticism.verdict.agreement import contradictions
@@ -75,7 +76,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     if setting.foreign:
         records = [coarsened(record, model) for record in records]
         limits = Thresholds(FOREIGN * limits.effects, FOREIGN * limits.shapes, FOREIGN * limits.second)
-    records = [referred(record, setting) for record in records]
+    records = in_threads(lambda record: referred(record, setting), records)
     records, odd = without_dead_zone(records)
     if not setting.foreign and not combed(records):
         records, steps = without_boxes(records, setting)

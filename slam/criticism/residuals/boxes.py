@@ -17,7 +17,7 @@ from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.residuals.oddities import Oddity
-from slam.criticism.search.sums import in_threads
+from slam.criticism.threads import in_threads
 from slam.criticism.verdict.criticism import Interval
 
 Array = NDArray[np.float64]

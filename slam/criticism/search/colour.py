@@ -22,7 +22,8 @@ from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.nuisances import COLOURS, Nuisance, value_of, with_value
-from slam.criticism.search.sums import Change, in_threads
+from slam.criticism.search.sums import Change
+from slam.criticism.threads import in_threads
 
 Array = NDArray[np.float64]
 

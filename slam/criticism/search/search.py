@@ -26,8 +26,9 @@ from slam.criticism.search.hypotheses import Answer, Parabola, parabola_of
 from slam.criticism.search.moving import held_value, is_wall, on_grid, settled, taken_down
 from slam.criticism.search.nuisances import MEAN, direction_of
 from slam.criticism.search.screening import deviate
-from slam.criticism.search.sums import Sums, in_threads, sums_of
+from slam.criticism.search.sums import Sums, sums_of
 from slam.criticism.search.thresholds import Thresholds, beside
+from slam.criticism.threads import in_threads
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]

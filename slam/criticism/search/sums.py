@@ -10,9 +10,7 @@ as it is; the second is weighted down by the variance that e^2 really has.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +22,10 @@ from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction, Signal
+from slam.criticism.threads import in_threads
 
 Array = NDArray[np.float64]
-Given = TypeVar("Given")
-Made = TypeVar("Made")
 
-WORKERS = 2
 CUT = 9.0
 """e^2 beyond this counts as this in the variance's score: one outlier is not a change of variance."""
 STRETCH_S = 10.0
@@ -75,12 +71,6 @@ class Sums:
         """Information (p, p) and score (p,) over some flights, by default all."""
         rows = slice(None) if flights is None else np.isin(self.flight, flights)
         return self.information[rows].sum(axis=0), self.score[rows].sum(axis=0)
-
-
-def in_threads(job: Callable[[Given], Made], given: Sequence[Given]) -> list[Made]:
-    """The jobs' results in order; the kernels free the interpreter."""
-    with ThreadPoolExecutor(WORKERS) as pool:
-        return list(pool.map(job, given))
 
 
 def sums_of(

@@ -21,8 +21,8 @@ from slam.criticism.search.moving import is_wall, settled
 from slam.criticism.search.nuisances import MEAN, direction_of, prior_precision
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.search import Search
-from slam.criticism.search.sums import in_threads
 from slam.criticism.search.thresholds import beside
+from slam.criticism.threads import in_threads
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -23,8 +23,8 @@ from slam.criticism.search.effects import Effect
 from slam.criticism.search.moving import bounded, held_value, is_wall, moved, on_grid, taken_down
 from slam.criticism.search.nuisances import MEAN, limits_of, value_of
 from slam.criticism.search.search import Search
-from slam.criticism.search.sums import in_threads
 from slam.criticism.search.thresholds import MISFIT
+from slam.criticism.threads import in_threads
 from slam.criticism.verdict.posterior import named
 from slam.criticism.verdict.rollouts import misses_of
 

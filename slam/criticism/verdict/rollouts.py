@@ -16,6 +16,7 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import CHANNEL_UNITS, CHANNELS, FIRST_CHANNEL, IMU, reading
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
+from slam.criticism.threads import in_threads
 from slam.simulation.dynamics import derivative, integrate
 
 Array = NDArray[np.float64]
@@ -42,15 +43,13 @@ def roll_out_errors(
     records: Sequence[Record], before: Sequence[Setting], after: Sequence[Setting]
 ) -> tuple[ChannelError, ...]:
     """Errors of all channels but the imu's, pooled over the flights."""
+    settings = (*before, *after)
+    flown = (*records, *records)
+    states = in_threads(lambda k: whole(flown[k], settings[k]).states, range(len(flown)))
     found = []
     for horizon in HORIZONS_S:
-        errors = [
-            [
-                misses_of(record, whole(record, setting).states, setting, horizon)
-                for record, setting in zip(records, side, strict=True)
-            ]
-            for side in (before, after)
-        ]
+        misses = [misses_of(*each, horizon) for each in zip(flown, states, settings, strict=True)]
+        errors = misses[: len(records)], misses[len(records) :]
         for channel in range(6, len(CHANNELS)):
             pooled = [np.concatenate([flight[channel] for flight in side]) for side in errors]
             if len(pooled[0]) and len(pooled[1]):
