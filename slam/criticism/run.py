@@ -17,6 +17,7 @@ from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.next_flight import next_flight
 from slam.criticism.residuals.boxes import without_boxes
 from slam.criticism.residuals.oddities import ENTAILS, Oddity, combed, oddities, without_dead_zone
+from slam.criticism.residuals.outliers import outliers_of
 from slam.criticism.residuals.vibration import vibration_of
 from slam.criticism.search.moving import is_wall
 from slam.criticism.search.nuisances import NUISANCES, value_of
@@ -31,11 +32,12 @@ from slam.criticism.verdict.decision import causes_of, confirmed, confusable, de
 from slam.criticism.verdict.flown import Flown, flown
 from slam.criticism.verdict.heldout import taken
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, posterior_of
-from slam.criticism.verdict.sentence import sentence_of
+from slam.criticism.verdict.sentence import sentence_of, within_reach
 from slam.flight import Flight
 from slam.simulation.model import Model, load_model
 
 SHOWN_SHAPES = 8
+UNTESTED = "These data cannot be judged: no effect of the catalogue would have shown at a usual size."
 FOREIGN = 2.0
 """Times the thresholds: the equations of another vehicle are not held to the last sigma."""
 
@@ -100,11 +102,14 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     walls = [e.name for e in found.chosen if is_wall(e) and found.rivals.get(e.name) and setting.foreign]
     told = [f"{name} may be {' or '.join(found.rivals[name])}" for name in walls]
     told += [*doubts.values(), *([str(shaking)] if shaking else [])]
+    told += outliers_of(records, found.last.sums.passes)
     verdict, equivalents, remainder = decide(
         causes, found, posterior, left, told, beside(limits.shapes, max((c.z for c in causes), default=0.0)),
         [name for o in odd for name in ENTAILS.get(o.name, ())],
     )  # fmt: skip
     seen = detectable(found.first, limits.effects)
+    if verdict == "nothing_wrong" and not within_reach(seen):
+        return Criticism("unusable", UNTESTED, detectable=seen, threshold=limits.effects, model=model)
     colour = {n: x for n, x in zip(INSTRUMENTS, belief.colour.tolist(), strict=True) if x > 0.0}
     return Criticism(
         verdict,

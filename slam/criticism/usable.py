@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.answers import late_answer
 from slam.criticism.camera.pictures import look_all
 from slam.criticism.kalman.readings import FIRST_CHANNEL, WIDTH
 from slam.criticism.kalman.record import Record, is_led, record_of
@@ -41,10 +42,15 @@ def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
             dropped.append(f"{flight.name}: {reason}")
             continue
         try:
-            records.append(record_of(clean))
-            kept.append(clean)
+            record = record_of(clean)
         except ValueError as error:
             dropped.append(f"{flight.name}: {error}")
+            continue
+        if (late := late_answer(record)) is not None:
+            dropped.append(f"{flight.name}: {late}")
+            continue
+        records.append(record)
+        kept.append(clean)
     return [replace(r, sights=s) for r, s in zip(records, look_all(kept), strict=True)], dropped
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from slam.criticism.verdict.criticism import JUDGED_HORIZON_S, Cause, Gain, Verdict
+from slam.simulation.terms import CATALOGUE
 
 
 def sentence_of(
@@ -31,13 +32,12 @@ def _said(
     detectable: dict[str, tuple[float, str]],
 ) -> str:
     if verdict == "nothing_wrong":
-        some = ", ".join(
-            f"{name} of {detectable[name][0]:.2g} {detectable[name][1]}"
-            for name in ("quadratic_drag", "control_latency", "sonar_scale", "gyro_scale")
-            if name in detectable
+        seen = within_reach(detectable)
+        some = ", ".join(f"{name} of {_figure(*detectable[name])}" for name in _one_a_family(seen))
+        return (
+            "The flights show nothing that the model gets wrong; at a usual size they would have shown "
+            f"{len(seen)} of {len(CATALOGUE)} effects, such as {some}."
         )
-        seen = f"; they would have shown {some}" if some else ""
-        return f"The flights show nothing that the model gets wrong{seen}."
     if verdict == "unknown":
         named = f" ({', '.join(c.name for c in causes)} explain a part)" if causes else ""
         return f"Something is wrong that no term of the catalogue explains: {remainder}{named}."
@@ -48,6 +48,27 @@ def _said(
     else:
         text = f"The model lacks {told}; {held}"
     return f"{text}; left over: {remainder}." if remainder else f"{text}."
+
+
+def within_reach(detectable: Mapping[str, tuple[float, str]]) -> dict[str, float]:
+    """Of what would have been seen at a usual size: the smallest size as a share of the greatest usual one,
+    most sharply tested first."""
+    shares = {}
+    for name, (size, unit) in detectable.items():
+        sizes = [p for p in CATALOGUE[name].parameters if p.unit == unit]
+        shares[name] = size / max(max(abs(p.low - p.neutral), abs(p.high - p.neutral)) for p in sizes)
+    return dict(sorted((item for item in shares.items() if item[1] <= 1.0), key=lambda item: item[1]))
+
+
+def _one_a_family(names: Iterable[str]) -> list[str]:
+    first: dict[str, str] = {}
+    for name in names:
+        first.setdefault(CATALOGUE[name].family, name)
+    return list(first.values())
+
+
+def _figure(size: float, unit: str) -> str:
+    return f"{size:.2g}" if unit == "1" else f"{size:.2g} {unit}"
 
 
 def _mended(gain: Gain) -> str:

@@ -6,7 +6,7 @@ import pytest
 
 from slam.criticism.verdict.criticism import Cause, Gain, Interval
 from slam.criticism.verdict.rollouts import ChannelError
-from slam.criticism.verdict.sentence import sentence_of
+from slam.criticism.verdict.sentence import sentence_of, within_reach
 
 SPEED = ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12)
 PITCH = ChannelError("pitch", "rad", 2.0, 0.020, 0.018)
@@ -35,6 +35,19 @@ def test_the_gain_is_told_where_it_is_greatest_two_seconds_ahead(verdict: str):
 @pytest.mark.parametrize("channels", [(), (WORSE,), (SOON,)])
 def test_where_no_reading_gains_the_likelihood_is_told(channels: tuple[ChannelError, ...]):
     assert "the likelihood gains 45 nats" in told("named", *channels)
+
+
+def test_only_what_shows_at_a_usual_size_counts_as_tested():
+    seen = {"trim_offset": (0.02, "rad"), "attitude_lag": (2.5, "s"), "quadratic_drag": (0.024, "1/m")}
+    seen |= {"sonar_scale": (0.038, "1")}
+    shares = within_reach(seen)
+    # Three degrees of trim, 0.3 /m of drag and 5 % of scale are usual; a lag of 2.5 s never is.
+    assert shares == pytest.approx(
+        {"quadratic_drag": 0.08, "trim_offset": 0.382, "sonar_scale": 0.76}, rel=0.01
+    )
+    assert list(shares) == ["quadratic_drag", "trim_offset", "sonar_scale"]
+    said = sentence_of("nothing_wrong", (), (), "", seen)
+    assert "3 of 46 effects, such as quadratic_drag of 0.024 1/m, sonar_scale of 0.038." in said
 
 
 def test_coloured_noise_is_told_beside_the_verdict_and_white_noise_is_not():

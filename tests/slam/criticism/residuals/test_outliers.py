@@ -1,0 +1,30 @@
+"""Many readings that the filter did not take are no chance, and no cause either: they are told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism.healthy import flown
+from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.readings import ATTITUDE
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.manoeuvres import stick_for
+from slam.criticism.residuals.outliers import outliers_of
+from slam.simulation.model import load_model
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.0, False), (0.02, False), (0.1, True)])
+def test_a_share_that_no_noise_makes_is_told(share, told):
+    model = load_model("nominal")
+    record = record_of(flown(model, stick_for(["climb and descend by 0.6 m"]), 1))
+    values, rng = record.values.copy(), np.random.default_rng(2)
+    rolls = np.flatnonzero(record.kinds == ATTITUDE)
+    values[rng.choice(rolls, int(share * len(rolls)), replace=False), 0] += 0.3
+    record = replace(record, values=values)
+    found = outliers_of([record], [whole(record, setting_of(model))])
+    assert bool(found) == told
+    assert all("readings of roll are far" in phrase for phrase in found)
