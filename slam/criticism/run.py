@@ -37,6 +37,8 @@ from slam.flight import Flight
 from slam.simulation.model import Model, load_model
 
 SHOWN_SHAPES = 8
+FAINT = 0.05
+"""A less probable cause, of no class that has others in it, is told as what is left over."""
 UNTESTED = "These data cannot be judged: no effect of the catalogue would have shown at a usual size."
 FOREIGN = 2.0
 """Times the thresholds: the equations of another vehicle are not held to the last sigma."""
@@ -95,13 +97,17 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         found, belief = replace(found, chosen=best.chosen), best.setting
     posterior = posterior_of(found)
     odd = [*odd, *oddities(records, found.last.sums.passes)]
-    causes = in_order([*causes_of(records, setting, found, posterior, best), *(o.cause() for o in odd)])
+    fitted = causes_of(records, setting, found, posterior, best)
+    # Of a foreign vehicle some shape is always likelier than any equation.
+    faint = [c for c in fitted if not setting.foreign and c.probability < FAINT and len(c.alternatives) == 1]
+    causes = in_order([*(c for c in fitted if c not in faint), *(o.cause() for o in odd)])
     left = found.last.standing(found.chosen, found.last.shapes)
     left = sorted(left, key=lambda s: -s.z)
     shaking = vibration_of(records, found.last.sums.passes)
     walls = [e.name for e in found.chosen if is_wall(e) and found.rivals.get(e.name) and setting.foreign]
     told = [f"{name} may be {' or '.join(found.rivals[name])}" for name in walls]
     told += [*doubts.values(), *([str(shaking)] if shaking else [])]
+    told += [f"what looks like {c.name} is something else" for c in faint]
     told += outliers_of(records, found.last.sums.passes)
     verdict, equivalents, remainder = decide(
         causes, found, posterior, left, told, beside(limits.shapes, max((c.z for c in causes), default=0.0)),
