@@ -32,6 +32,7 @@ def scaled_range_factor(
     body's z is s p_z + r t and R33 = r u; a right perturbation w turns r into r - w x r. Source: derived.
     """
     u, t = c_T_b[:3, 2], c_T_b[:3, 3]
+    u_hat, t_hat = cross_matrix(u), cross_matrix(t)
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         pose, world = values.atPose3(pose_key), values.atVector(world_key)
@@ -40,7 +41,7 @@ def scaled_range_factor(
         height, cosine = scale * z + row @ t, row @ u
         if jacobians is not None:
             J = np.empty((1, 6))
-            J[0, :3] = (np.cross(t, row) - height / cosine * np.cross(u, row)) / cosine
+            J[0, :3] = (t_hat @ row - height / cosine * (u_hat @ row)) / cosine
             J[0, 3:] = scale * row / cosine
             jacobians[0] = gain * J
             J = np.zeros((1, WORLD_SIZE))
