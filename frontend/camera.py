@@ -13,6 +13,9 @@ Array = NDArray[np.float64]
 NADIR_B_T_C: Array = np.array([[0.0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]])
 """Down-looking camera at the body origin with the nose at the top of the picture."""
 
+_FOLDED = 0.01
+"""Of its area: what a lens draws together more than that lies in the fold of its distortion's polynomial."""
+
 
 @dataclass(frozen=True)
 class Camera:
@@ -58,6 +61,21 @@ class Camera:
         return cv2.undistortPoints(
             pixel[:, None], self.matrix, np.array(self.distortion), P=self.matrix, criteria=stop
         ).reshape(-1, 2)
+
+    def magnification(self, pixel: Array) -> Array:
+        """How many **undistorted** pixels (n, 2) a recorded one takes there, a side: (n,) by area.
+
+        What a feature's position errs by was recorded; where a lens draws together it is that much more.
+        """
+        pixel = np.asarray(pixel, dtype=float).reshape(-1, 2)
+        if not self.is_distorted or len(pixel) == 0:
+            return np.ones(len(pixel))
+        right, down = (
+            self.project(self.rays(pixel + step)) - self.project(self.rays(pixel - step))
+            for step in 0.5 * np.eye(2)
+        )
+        area = np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0])
+        return np.asarray(1 / np.sqrt(np.maximum(area, _FOLDED)))
 
     def rays(self, pixel: Array) -> Array:
         """Directions in camera axes with z = 1 of **undistorted** pixels. (n, 2) -> (n, 3)."""

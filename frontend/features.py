@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.cells import COUNT as CELLS
 from frontend.cells import GRID, cells, place_in_run
+from frontend.rectified import rectifier
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -137,6 +138,12 @@ class Extractor:
             grey = cv2.resize(grey, size.tolist(), interpolation=cv2.INTER_AREA)
             if mask is not None:
                 mask = cv2.resize(mask, size.tolist(), interpolation=cv2.INTER_NEAREST)
+        scale, first_px = full / size, np.zeros(2)
+        if (ideal := rectifier(camera, (int(size[0]), int(size[1])))) is not None:
+            grey, mask, first_px = ideal.picture(grey), ideal.mask(mask), ideal.first_px
+            size = np.array(grey.shape[::-1])
+            if size.min() < SMALLEST_PX:
+                return self._nothing()
         found = self._strongest(grey, mask)
         if (bare := self._left_bare(found, size)) is not None:
             elsewhere = self._strongest(grey, bare if mask is None else np.minimum(bare, mask))
@@ -146,8 +153,8 @@ class Extractor:
             return self._nothing()
         pixel = _positions(self.config.kind, found.points, size)
         # A reduced picture's pixel x covers full-size pixels around (x + 1/2) full / size - 1/2.
-        pixel = (pixel + 0.5) * full / size - 0.5
-        return Features(camera.undistort(pixel), _normalise(found.descriptor))
+        pixel = (pixel + first_px + 0.5) * scale - 0.5
+        return Features(pixel, _normalise(found.descriptor))
 
     def _strongest(self, grey: Image, mask: Image | None) -> _Detected:
         """At most ``max_features``, the strongest where the detector found more."""

@@ -75,7 +75,8 @@ def join_tracks(
         chosen = _first_of_each(chosen, camera, grid, quota)
         chosen = chosen[chosen.length >= 2]
     _, track = np.unique(chosen.track, return_inverse=True)
-    return FloorTracks(chosen.keyframe, track, chosen.pixel, noise[chosen.keyframe])
+    std_px = noise[chosen.keyframe] * camera.magnification(chosen.pixel)
+    return FloorTracks(chosen.keyframe, track, chosen.pixel, std_px)
 
 
 def _joined(pixels: Sequence[Array], registrations: Sequence[Registration]) -> _Observations:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import networkx as nx
 import numpy as np
 import pytest
@@ -82,6 +84,16 @@ def test_each_observation_has_the_median_noise_of_its_keyframes_registrations() 
         2: 0.4,
         3: 0.9,
     }
+
+
+def test_what_a_lens_draws_together_is_known_less_well() -> None:
+    pixels, links = random_flight(np.random.default_rng(3), 4, 60, 30, 0.0)
+    lens = replace(CAMERA, distortion=(-0.2, 0.0, 0.0, 0.0))
+    ideal, bent = (join_tracks(pixels, links, camera, ALL) for camera in (CAMERA, lens))
+    ratio = bent.std_px / ideal.std_px
+    np.testing.assert_allclose(ratio, lens.magnification(bent.pixel))
+    away = np.linalg.norm(bent.pixel - np.array(CAMERA.center_px), axis=1)
+    assert np.corrcoef(ratio, away)[0, 1] > 0.9
 
 
 def test_selection_takes_the_longest_of_each_cell_of_each_picture_and_nothing_else() -> None:
