@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from slam.criticism import criticise
-from slam.criticism import effects as effects_module
 from slam.criticism.healthy import at_lower_rates, drawn_vehicle, flown
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.search import effects as effects_module
 from slam.simulation.model import load_model
 
 PLANS = (
