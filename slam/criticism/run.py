@@ -28,7 +28,17 @@ from slam.criticism.unled.verdict import NOTHING_TO_HOLD, judged_unled
 from slam.criticism.usable import coarsened, is_foreign, usable_records, without_dead_streams
 from slam.criticism.verdict.agreement import contradictions
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Interval, Rank
-from slam.criticism.verdict.decision import causes_of, confirmed, confusable, decide, detectable, in_order
+from slam.criticism.verdict.decision import (
+    SURE,
+    causes_of,
+    confirmed,
+    confusable,
+    decide,
+    detectable,
+    in_order,
+    probability_of,
+    shared_with_unknown,
+)
 from slam.criticism.verdict.flown import Flown, flown
 from slam.criticism.verdict.heldout import taken
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, posterior_of
@@ -38,7 +48,7 @@ from slam.simulation.model import Model, load_model
 
 SHOWN_SHAPES = 8
 FAINT = 0.05
-"""A less probable cause, of no class that has others in it, is told as what is left over."""
+"""A less probable cause, with all that may stand in for it, is told as what is left over."""
 UNTESTED = "These data cannot be judged: no effect of the catalogue would have shown at a usual size."
 FOREIGN = 2.0
 """Times the thresholds: the equations of another vehicle are not held to the last sigma."""
@@ -98,8 +108,12 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     posterior = posterior_of(found)
     odd = [*odd, *oddities(records, found.last.sums.passes)]
     fitted = causes_of(records, setting, found, posterior, best)
+    if not setting.foreign and posterior.probability[SOMETHING_ELSE] > SURE:
+        # Any motion that the model lacks is unrest to it.
+        restless = [e.name for e in found.chosen if not e.directions]
+        fitted = shared_with_unknown(fitted, [*doubts, *restless])
     # Of a foreign vehicle some shape is always likelier than any equation.
-    faint = [c for c in fitted if not setting.foreign and c.probability < FAINT and len(c.alternatives) == 1]
+    faint = [] if setting.foreign else [c for c in fitted if probability_of(c, posterior) < FAINT]
     causes = in_order([*(c for c in fitted if c not in faint), *(o.cause() for o in odd)])
     left = found.last.standing(found.chosen, found.last.shapes)
     left = sorted(left, key=lambda s: -s.z)

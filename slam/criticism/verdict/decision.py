@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -112,6 +112,17 @@ def _as_flown(cause: Cause, effect: Effect, best: Flown) -> Cause:
     return replace(found, gain=gain, probability=probability)
 
 
+def probability_of(cause: Cause, posterior: Posterior) -> float:
+    """Of a cause or what may stand in for it."""
+    others = sum(posterior.probability.get(name, 0.0) for name in cause.alternatives[1:])
+    return cause.probability + others
+
+
+def shared_with_unknown(causes: Sequence[Cause], doubted: Container[str]) -> tuple[Cause, ...]:
+    """The causes beside something that no term is: at even odds that makes what contradicts itself, too."""
+    return tuple(replace(c, probability=0.5 * c.probability) if c.name in doubted else c for c in causes)
+
+
 def in_order(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     """The leading cause first: of the likely ones that which explains most."""
     return tuple(sorted(causes, key=lambda c: (c.probability < LIKELY, -c.gain.nats)))
@@ -186,7 +197,7 @@ def decide(
     if not causes:
         return ("unknown" if remains else "nothing_wrong"), (), "; ".join(remains)
     lead, others = causes[0], causes[1:]
-    if not odd and posterior.probability[SOMETHING_ELSE] > 0.5 and lead.probability < 0.5:
+    if posterior.probability[SOMETHING_ELSE] > LIKELY >= lead.probability:
         return "unknown", (), "; ".join(remains) or _strongest(left)
     for cause in others:
         if len(cause.alternatives) > 1:
