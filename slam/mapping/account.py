@@ -14,7 +14,7 @@ from slam.flight import Flight
 from slam.info import describe, missing_for_map
 from slam.mapping.chain import chain
 from slam.mapping.fusion import Fused, comparable
-from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors
+from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors, lean_told
 from slam.mapping.mapper import Edges, Mapper
 from slam.mapping.sightings import Sightings
 from slam.settings import PipelineConfig
@@ -133,6 +133,7 @@ def account(
             *describe(flight).odd,
             *missing_for_map(flight),
             *_moving(sightings),
+            *_leaning(flight, sightings, fused),
             *warnings,
             *solution.warnings,
         ),
@@ -156,6 +157,14 @@ def _moving(sightings: Sightings) -> list[str]:
         f"something else than the floor moves in {sightings.moving} of {sightings.frames} pictures, or the "
         "floor repeats in them: what was seen on it is left out"
     ]
+
+
+def _leaning(flight: Flight, sightings: Sightings, fused: Fused) -> list[str]:
+    """Whether the ground may slope; positions would have told."""
+    if fused.georeferenced or flight.parts:
+        return []
+    told = lean_told(flight, sightings.stamps_s, _main(fused))
+    return [told] if told else []
 
 
 def _main(fused: Fused) -> Array:
