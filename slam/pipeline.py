@@ -95,10 +95,10 @@ def _optimize(
     with clock("loops"):
         sightings = sighter.revisit(sightings, fused.over_floor_T_b, fused.floor_z_m)
     with clock("graph"):
-        informed = mapper.knowing(fused.over_floor_T_b, fused.covariances)
+        informed = mapper.knowing(fused.over_floor_T_b, fused.over_floor_covariances)
         # Footprints that overlap may be registered by a look-alike piece of floor beside the shared one.
         height_m = fused.over_floor_T_b[:, 2, 3] - fused.floor_z_m
-        known = Known(fused.over_floor_T_b, fused.covariances, fused.component, height_m)
+        known = Known(fused.over_floor_T_b, fused.over_floor_covariances, fused.component, height_m)
         edges = informed.edges(sightings.registrations)
         sightings = sightings.without(informed.contradictions(edges, known))
         edges = informed.edges(sightings.registrations)

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from slam.evaluation import evaluate
+from slam.mapping.mapper import Mapper
 from slam.pipeline import optimize
 from slam.simulation import simulate
-from tests.slam.small_flight import flown, only, recipe
+from tests.slam.small_flight import flown, gps_of, only, recipe
 from tests.slam.whole_job import assert_whole, normal, refusal
 
 
@@ -88,6 +89,23 @@ def test_progress_is_told_and_what_it_raises_passes_through():
 
     with pytest.raises(KeyboardInterrupt):
         optimize(flight, progress=interrupted)
+
+
+def test_pictures_are_lifted_by_how_they_lean_against_the_floor_and_not_on_earth(monkeypatch):
+    """How the ground slopes no GPS tells well; all pictures of it share that."""
+    tilt_std_rad: list[float] = []
+    knowing = Mapper.knowing
+
+    def spy(self, w_T_b, covariances):
+        found = knowing(self, w_T_b, covariances)
+        tilt_std_rad.append(float(np.median(found.sensors.roll_pitch_std_rad)))
+        return found
+
+    monkeypatch.setattr(Mapper, "knowing", spy)
+    flight = flown(1)
+    estimate = optimize(replace(flight, attitude=None, gps=gps_of(flight, 0.3)))
+    on_earth_rad = np.sqrt(np.median(estimate.covariances[:, [0, 1], [0, 1]]))
+    assert tilt_std_rad[-1] < 0.7 * on_earth_rad
 
 
 def test_no_camera_names_the_command_that_needs_none():
