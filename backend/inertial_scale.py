@@ -14,6 +14,7 @@ Source: Fuller 1987, Measurement Error Models, section 2.3, for regressors that 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,8 @@ _SURE = 5.0
 _MOST_OFFSET_M_S2 = 3.0
 """An accelerometer that is farther off has its signs or its unit wrong."""
 _ROUNDS = 3
+_ASIDE_S = 0.005
+"""So far to both sides the cost tells how well a delay is known."""
 _RANGE = 10.0
 """By how much the scale may differ from its first guess."""
 
@@ -61,6 +64,8 @@ class InertialScale:
     arm_std_m: tuple[float, float, float]
     delay_s: float
     """The pictures' stamps are so much later than the accelerometer's for the same moment."""
+    delay_std_s: float
+    """Infinite where paths late and early are as likely."""
 
 
 def inertial_scale(
@@ -86,7 +91,8 @@ def inertial_scale(
         noise = _likeliest_noise(rows, sizes, noise)
         delay_s = _likeliest_delay(path, sizes, noise)
         rows = path.rows(delay_s)
-    return _found(rows, _best_sizes(rows, noise, sizes), noise, delay_s)
+    delay = delay_s, _delay_std(path, sizes, noise, delay_s)
+    return _found(rows, _best_sizes(rows, noise, sizes), noise, delay)
 
 
 def _first_sizes(rows: Rows, noise: Array) -> Array:
@@ -119,15 +125,25 @@ def _likeliest_noise(rows: Rows, sizes: Array, start: Array) -> Array:
 
 
 def _likeliest_delay(path: PathBeside, sizes: Array, noise: Array) -> float:
-    def cost(delay_s: float) -> float:
-        rows = path.rows(delay_s)
-        return float(np.sum(rows.whitened(rows.at(float(sizes[0]), noise), noise) ** 2))
-
     within = (-MOST_DELAY_S, MOST_DELAY_S)
+    cost = partial(_cost_of_delay, path, sizes, noise)
     return float(minimize_scalar(cost, bounds=within, method="bounded", options={"xatol": 1e-3}).x)
 
 
-def _found(rows: Rows, sizes: Array, noise: Array, delay_s: float) -> InertialScale | None:
+def _cost_of_delay(path: PathBeside, sizes: Array, noise: Array, delay_s: float) -> float:
+    rows = path.rows(delay_s)
+    return float(np.sum(rows.whitened(rows.at(float(sizes[0]), noise), noise) ** 2))
+
+
+def _delay_std(path: PathBeside, sizes: Array, noise: Array, delay_s: float) -> float:
+    """By how the cost, a chi-square, grows to both sides."""
+    at = np.clip(delay_s, -MOST_DELAY_S + _ASIDE_S, MOST_DELAY_S - _ASIDE_S)
+    costs = [_cost_of_delay(path, sizes, noise, float(at + side)) for side in (-_ASIDE_S, 0.0, _ASIDE_S)]
+    curvature = (costs[0] + costs[2] - 2 * costs[1]) / _ASIDE_S**2
+    return float(np.sqrt(2.0 / curvature)) if curvature > 0 else float("inf")
+
+
+def _found(rows: Rows, sizes: Array, noise: Array, delay: tuple[float, float]) -> InertialScale | None:
     scale, offset, arm = float(sizes[0]), sizes[1:4], sizes[4:]
     left, w, spread = rows.left(sizes), rows.weight(sizes, noise), np.exp(2 * noise[1]) * rows.column_noise
     information = np.einsum("rak,ra,ral->kl", rows.known, w, rows.known, optimize=True) + PRIOR
@@ -154,7 +170,7 @@ def _found(rows: Rows, sizes: Array, noise: Array, delay_s: float) -> InertialSc
         _triple(std[1:4]),
         _triple(arm),
         _triple(std[4:7]),
-        delay_s,
+        *delay,
     )
 
 

@@ -14,7 +14,7 @@ from slam.flight import Flight
 from slam.info import describe, missing_for_map
 from slam.mapping.chain import chain
 from slam.mapping.fusion import Fused, comparable
-from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors, lean_told
+from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors, delay_told, lean_told
 from slam.mapping.mapper import Edges, Mapper
 from slam.mapping.sightings import Sightings
 from slam.settings import PipelineConfig
@@ -134,6 +134,7 @@ def account(
             *missing_for_map(flight),
             *_moving(sightings),
             *_leaning(flight, sightings, fused),
+            *filter(None, [delay_told(fused.inertial)]),
             *warnings,
             *solution.warnings,
         ),

@@ -22,7 +22,9 @@ _LEAST_KEYFRAMES = 8
 _NOTABLE_RAD = np.radians(2.0)
 """A lean that is worth a word: an attitude's zero is seldom better than a degree."""
 _SURE = 4.0
-"""Standard deviations by which a lean must differ from none."""
+"""Standard deviations by which a lean, or a delay, must differ from none."""
+_NOTABLE_S = 0.025
+"""A delay that is worth a word: clocks of cheap cameras are seldom better."""
 _CLEARLY = 2.0
 """So many times steadier in the world's axes than in the body's, or the other way round."""
 
@@ -93,6 +95,20 @@ def lean_told(flight: Flight, stamps_s: Array, w_T_b: Array) -> str:
     return (
         f"attitude0 leans {np.degrees(lean):.1f}° against the floor{where}: {cause}; "
         "the map takes the ground for level"
+    )
+
+
+def delay_told(by_inertia: InertialLengths | None) -> str:
+    """In words, where pictures and accelerometer are stamped by clocks that differ; empty where not."""
+    if by_inertia is None:
+        return ""
+    delay_s, std_s = by_inertia.found.delay_s, by_inertia.found.delay_std_s
+    if abs(delay_s) < max(_NOTABLE_S, _SURE * std_s):
+        return ""
+    return (
+        f"pictures are stamped {1e3 * abs(delay_s):.0f} ms {'after' if delay_s > 0 else 'before'} the imu's "
+        "readings of the same moment: attitude and ranges are taken at the wrong time; shift the stamps in "
+        f"cam0/data.csv by {-1e3 * delay_s:+.0f} ms"
     )
 
 

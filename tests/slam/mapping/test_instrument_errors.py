@@ -91,3 +91,16 @@ def test_ground_that_slopes_is_told_and_from_what():
 def test_the_map_of_a_flight_whose_attitude_leans_says_so(flight):
     assert any("leans" in w for w in optimize(flight).warnings)
     assert not any("leans" in w for w in optimize(flown(3)).warnings)
+
+
+@pytest.mark.parametrize("late_s", [-0.05, 0.0, 0.08])
+def test_pictures_on_another_clock_are_told_with_the_shift_that_mends_them(late_s):
+    clean = flown(3)
+    frames = replace(clean.frames, stamps_s=clean.frames.stamps_s + late_s)
+    said = [w for w in optimize(replace(clean, frames=frames)).warnings if "stamped" in w]
+    if not late_s:
+        assert said == []
+        return
+    (told,) = said
+    shift = re.search(r"cam0/data.csv by ([+-]\d+) ms", told)
+    assert float(shift[1]) == pytest.approx(-1e3 * late_s, abs=8)
