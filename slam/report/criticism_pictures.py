@@ -46,20 +46,31 @@ class _Found:
     after: Array
 
 
-def before_after_picture(model: Model, extended: Model, flights: Sequence[Flight]) -> Stretch | None:
-    """The stretch where the extension mends most, as measured and as both models fly it."""
+REPLAYED = {
+    "roll": "attitude.roll", "pitch": "attitude.pitch", "yaw": "attitude.yaw",
+    "velocity_x": "velocity.v_x", "velocity_y": "velocity.v_y", "range": "sonar.range",
+}  # fmt: skip
+"""Names of criticism's channels in a replay."""
+
+
+def before_after_picture(
+    model: Model, extended: Model, flights: Sequence[Flight], foremost: str = ""
+) -> Stretch | None:
+    """The stretch where the extension mends most, as measured and as both models fly it: of the channel that
+    criticism names ``foremost``, where it does."""
     from slam.errors import InputError
     from slam.replay import replay
 
     best: _Found | None = None
+    among = REPLAYED.get(foremost)
     for flight in flights[:MOST_FLIGHTS]:
         try:
             pair = replay(flight, model), replay(flight, extended)
         except InputError:
             continue  # a flight without commands has no replay
         for old, new in zip(pair[0].channels, pair[1].channels, strict=True):
-            if old.name.startswith("imu."):
-                continue  # noise hides what the eye should see
+            if old.name.startswith("imu.") or (among is not None and old.name != among):
+                continue  # noise of an imu hides what the eye should see
             found = _worst(flight.name, old.name, old.unit, old.noise_std, old.stamps_s, old.measured,
                            old.restarted, new.restarted)  # fmt: skip
             if found is not None and (best is None or found.gain > best.gain):

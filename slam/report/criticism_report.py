@@ -142,10 +142,11 @@ def _gains(result: Criticism) -> list[GainRow]:
 
 
 def _before_after(result: Criticism, flights: Sequence[Flight]) -> BeforeAfter | None:
-    """The stretch where the model is worst, over all flights and channels, measured by its noise."""
+    """The stretch that the extension mends most, of the channel that gains most on held-out data."""
     if not result.causes or result.model is None or result.extended is None:
         return None
-    found = before_after_picture(result.model, result.extended, flights)
+    foremost = result.causes[0].gain.foremost if result.causes else None
+    found = before_after_picture(result.model, result.extended, flights, foremost.channel if foremost else "")
     return None if found is None else BeforeAfter(embedded(found.picture), found.caption)
 
 

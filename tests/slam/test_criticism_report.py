@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from slam.criticism.healthy import flown
+from slam.criticism.manoeuvres import stick_for
 from slam.criticism.verdict.criticism import Cause, ChannelCheck, Criticism, Gain, Interval, Rank
 from slam.criticism.verdict.rollouts import ChannelError
-from slam.report.criticism_pictures import gain_picture, ranking_picture
+from slam.report.criticism_pictures import before_after_picture, gain_picture, ranking_picture
 from slam.report.criticism_report import VERDICTS, render_criticism
 from slam.simulation.model import load_model
 
@@ -70,6 +72,16 @@ def test_the_page_says_what_it_must(verdict: str) -> None:
         assert "+10 %" in page  # what got worse is told
     assert ("cannot tell apart" in page) == (verdict == "ambiguous")
     assert ("gyro_x against speed" in page) == ("remainder" in verdict)
+
+
+def test_the_stretch_that_is_drawn_is_of_the_channel_that_gains_most() -> None:
+    slow = load_model("nominal").with_term("climb_asymmetry", eps=-0.3)
+    flights = [flown(slow, stick_for(["climb and descend by 0.6 m"]), 1)]
+    assert made().causes[0].gain.foremost == ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12)
+    for channel, name in (("range", "sonar.range"), ("pitch", "attitude.pitch")):
+        drawn = before_after_picture(load_model("nominal"), slow, flights, channel)
+        assert drawn is not None
+        assert drawn.caption.startswith(name)
 
 
 def test_nothing_and_unknown_are_always_among_the_bars() -> None:

@@ -41,6 +41,12 @@ class Gain:
     channels: tuple[ChannelError, ...]
     """Open-loop roll-out errors before and after, by channel and horizon."""
 
+    @property
+    def foremost(self) -> ChannelError | None:
+        """What gains most two seconds ahead; None where nothing does or no roll-outs are told."""
+        ahead = [c for c in self.channels if c.horizon_s == JUDGED_HORIZON_S and 0 < c.after < c.before]
+        return min(ahead, key=lambda c: c.after / c.before, default=None)
+
 
 @dataclass(frozen=True)
 class Cause:

@@ -73,10 +73,9 @@ def _figure(size: float, unit: str) -> str:
 
 def _mended(gain: Gain) -> str:
     """The channel that gains most two seconds ahead, in its own unit; nats where none is told or better."""
-    ahead = [c for c in gain.channels if c.horizon_s == JUDGED_HORIZON_S and 0 < c.after < c.before]
-    if not ahead:
+    most = gain.foremost
+    if most is None:
         return f"on held-out {gain.by}s the likelihood gains {gain.nats:.0f} nats"
-    most = min(ahead, key=lambda c: c.after / c.before)
     return (
         f"on held-out {gain.by}s {most.channel} {JUDGED_HORIZON_S:g} s ahead is off by {most.after:.2g} "
         f"{most.unit} instead of {most.before:.2g} ({gain.nats:.0f} nats)"
@@ -85,7 +84,7 @@ def _mended(gain: Gain) -> str:
 
 def _told(cause: Cause) -> str:
     sizes = ", ".join(
-        f"{name} = {p.value:.3g} ({p.low:.3g} to {p.high:.3g}) {p.unit}"
+        f"{name} = {p.value:.3g} ({p.low:.3g} to {p.high:.3g}){'' if p.unit == '1' else ' ' + p.unit}"
         for name, p in cause.parameters.items()
     )
     return f"{cause.name} ({sizes}; probability {cause.probability:.2f})"
