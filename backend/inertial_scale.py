@@ -103,14 +103,8 @@ def _first_sizes(rows: Rows, noise: Array) -> Array:
 
 def _best_sizes(rows: Rows, noise: Array, start: Array) -> Array:
     """Total least squares: scale, offset and arm that both sides together have least to mend for."""
-
-    def residuals(sizes: Array) -> Array:
-        return rows.whitened(sizes, noise)
-
-    def slopes(sizes: Array) -> Array:
-        return rows.slopes(sizes, noise)
-
-    return np.asarray(least_squares(residuals, start, slopes, x_scale="jac").x)
+    left, slopes = partial(rows.whitened, noise=noise), partial(rows.slopes, noise=noise)
+    return np.asarray(least_squares(left, start, slopes, x_scale="jac").x)
 
 
 def _likeliest_noise(rows: Rows, sizes: Array, start: Array) -> Array:

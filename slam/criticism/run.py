@@ -27,28 +27,17 @@ from slam.criticism.threads import in_threads
 from slam.criticism.unled.verdict import NOTHING_TO_HOLD, judged_unled
 from slam.criticism.usable import coarsened, is_foreign, usable_records, without_dead_streams
 from slam.criticism.verdict.agreement import contradictions
-from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Interval, Rank
-from slam.criticism.verdict.decision import (
-    SURE,
-    causes_of,
-    confirmed,
-    confusable,
-    decide,
-    detectable,
-    in_order,
-    probability_of,
-    shared_with_unknown,
-)
+from slam.criticism.verdict.criticism import Cause, ChannelCheck, Criticism, Interval, Rank
+from slam.criticism.verdict.decision import causes_of, confirmed, decide, in_order, weighed
 from slam.criticism.verdict.flown import Flown, flown
 from slam.criticism.verdict.heldout import taken
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, posterior_of
-from slam.criticism.verdict.sentence import sentence_of, within_reach
+from slam.criticism.verdict.power import confusable, detectable, within_reach
+from slam.criticism.verdict.sentence import sentence_of
 from slam.flight import Flight
 from slam.simulation.model import Model, load_model
 
 SHOWN_SHAPES = 8
-FAINT = 0.05
-"""A less probable cause, with all that may stand in for it, is told as what is left over."""
 UNTESTED = "These data cannot be judged: no effect of the catalogue would have shown at a usual size."
 FOREIGN = 2.0
 """Times the thresholds: the equations of another vehicle are not held to the last sigma."""
@@ -108,23 +97,13 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     posterior = posterior_of(found)
     odd = [*odd, *oddities(records, found.last.sums.passes)]
     fitted = causes_of(records, setting, found, posterior, best)
-    if not setting.foreign and posterior.probability[SOMETHING_ELSE] > SURE:
-        # Any motion that the model lacks is unrest to it.
-        restless = [e.name for e in found.chosen if not e.directions]
-        fitted = shared_with_unknown(fitted, [*doubts, *restless])
-    # Of a foreign vehicle some shape is always likelier than any equation.
-    faint = [] if setting.foreign else [c for c in fitted if probability_of(c, posterior) < FAINT]
-    causes = in_order([*(c for c in fitted if c not in faint), *(o.cause() for o in odd)])
+    likely, faint = weighed(fitted, found, posterior, doubts)
+    causes = in_order([*likely, *(o.cause() for o in odd)])
     left = found.last.standing(found.chosen, found.last.shapes)
     left = sorted(left, key=lambda s: -s.z)
-    shaking = vibration_of(records, found.last.sums.passes)
-    walls = [e.name for e in found.chosen if is_wall(e) and found.rivals.get(e.name) and setting.foreign]
-    told = [f"{name} may be {' or '.join(found.rivals[name])}" for name in walls]
-    told += [*doubts.values(), *([str(shaking)] if shaking else [])]
-    told += [f"what looks like {c.name} is something else" for c in faint]
-    told += outliers_of(records, found.last.sums.passes)
+    shape_z = beside(limits.shapes, max((c.z for c in causes), default=0.0))
     verdict, equivalents, remainder = decide(
-        causes, found, posterior, left, told, beside(limits.shapes, max((c.z for c in causes), default=0.0)),
+        causes, found, posterior, left, _left_over(records, found, doubts, faint), shape_z,
         [name for o in odd for name in ENTAILS.get(o.name, ())],
     )  # fmt: skip
     seen = detectable(found.first, limits.effects)
@@ -149,6 +128,22 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         model=model,
         extended=_extended(model, belief, found, odd),
     )
+
+
+def _left_over(
+    records: Sequence[Record], found: Search, doubts: dict[str, str], faint: Sequence[Cause]
+) -> list[str]:
+    """What no cause explains, in words, but for shapes."""
+    passes = found.last.sums.passes
+    shaking = vibration_of(records, passes)
+    walls = [e.name for e in found.chosen if is_wall(e) and found.rivals.get(e.name) and found.model.foreign]
+    return [
+        *(f"{name} may be {' or '.join(found.rivals[name])}" for name in walls),
+        *doubts.values(),
+        *([str(shaking)] if shaking else []),
+        *(f"what looks like {c.name} is something else" for c in faint),
+        *outliers_of(records, passes),
+    ]
 
 
 def _belief(found: Search) -> Setting:

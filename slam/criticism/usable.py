@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.answers import late_answer
 from slam.criticism.camera.pictures import look_all
+from slam.criticism.command_clock import FEWEST_READINGS, clock_error
 from slam.criticism.kalman.readings import FIRST_CHANNEL, WIDTH
 from slam.criticism.kalman.record import Record, is_led, record_of
 from slam.flight import Flight
@@ -21,7 +21,6 @@ SHORTEST_S = 3.0
 LEAST_STICK = 0.01
 CALM_RAD = 0.1
 UNSTEERED = "the stick is never moved: nothing drives the model"
-FEWEST_READINGS = 20
 FOREIGN_FACTOR = 1.6
 FOREIGN_RATE_HZ = 20.0
 
@@ -46,8 +45,8 @@ def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
         except ValueError as error:
             dropped.append(f"{flight.name}: {error}")
             continue
-        if (late := late_answer(record)) is not None:
-            dropped.append(f"{flight.name}: {late}")
+        if (off := clock_error(record)) is not None:
+            dropped.append(f"{flight.name}: {off}")
             continue
         records.append(record)
         kept.append(clean)

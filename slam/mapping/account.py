@@ -133,8 +133,7 @@ def account(
             *describe(flight).odd,
             *missing_for_map(flight),
             *_moving(sightings),
-            *_leaning(flight, sightings, fused),
-            *filter(None, [delay_told(fused.inertial)]),
+            *_instruments_off(flight, sightings, fused),
             *warnings,
             *solution.warnings,
         ),
@@ -160,12 +159,12 @@ def _moving(sightings: Sightings) -> list[str]:
     ]
 
 
-def _leaning(flight: Flight, sightings: Sightings, fused: Fused) -> list[str]:
-    """Whether the ground may slope; positions would have told."""
-    if fused.georeferenced or flight.parts:
-        return []
-    told = lean_told(flight, sightings.stamps_s, _main(fused))
-    return [told] if told else []
+def _instruments_off(flight: Flight, sightings: Sightings, fused: Fused) -> list[str]:
+    told = [delay_told(fused.inertial)]
+    if not fused.georeferenced and not flight.parts:
+        # Positions would have told whether the ground slopes.
+        told.insert(0, lean_told(flight, sightings.stamps_s, _main(fused)))
+    return [line for line in told if line]
 
 
 def _main(fused: Fused) -> Array:

@@ -54,7 +54,7 @@ REPLAYED = {
 
 
 def before_after_picture(
-    model: Model, extended: Model, flights: Sequence[Flight], foremost: str = ""
+    model: Model, extended: Model, flights: Sequence[Flight], foremost: str | None = None
 ) -> Stretch | None:
     """The stretch where the extension mends most, as measured and as both models fly it: of the channel that
     criticism names ``foremost``, where it does."""
@@ -62,7 +62,7 @@ def before_after_picture(
     from slam.replay import replay
 
     best: _Found | None = None
-    among = REPLAYED.get(foremost)
+    among = REPLAYED.get(foremost) if foremost else None
     for flight in flights[:MOST_FLIGHTS]:
         try:
             pair = replay(flight, model), replay(flight, extended)

@@ -145,8 +145,9 @@ def _before_after(result: Criticism, flights: Sequence[Flight]) -> BeforeAfter |
     """The stretch that the extension mends most, of the channel that gains most on held-out data."""
     if not result.causes or result.model is None or result.extended is None:
         return None
-    foremost = result.causes[0].gain.foremost if result.causes else None
-    found = before_after_picture(result.model, result.extended, flights, foremost.channel if foremost else "")
+    foremost = result.causes[0].gain.foremost
+    channel = foremost.channel if foremost else None
+    found = before_after_picture(result.model, result.extended, flights, channel)
     return None if found is None else BeforeAfter(embedded(found.picture), found.caption)
 
 

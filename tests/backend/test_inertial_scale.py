@@ -65,7 +65,7 @@ def made(
         gyro[imu] + [0.01, -0.02, 0.01] + rng.normal(0, 0.01, (len(imu), 3)),
         force[imu] + rng.normal(0, 0.2, (len(imu), 3)),
     )
-    seen = np.arange(1000, len(time_s) - 1000, 67)
+    seen = np.arange(1000, len(time_s) - 1000, step)
     w_T_b = np.tile(np.eye(4), (len(seen), 1, 1))
     tilt, to_place = rng.normal(0, tilt_std, (len(seen), 3)), np.cross(np.eye(3), [0, 0, height_m])
     w_T_b[:, :3, :3] = (w_R_b[seen] * Rotation.from_rotvec(tilt)).as_matrix()

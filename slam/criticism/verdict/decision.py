@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Container, Sequence
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +11,7 @@ from numpy.typing import NDArray
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect, catalogue_value
-from slam.criticism.search.hypotheses import SEEN
-from slam.criticism.search.moving import held_value, is_wall, on_grid
-from slam.criticism.search.screening import LEAST_SHARE, correlation, project
+from slam.criticism.search.moving import held_value, is_wall
 from slam.criticism.search.search import Look, Search, Standing, occam
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.criticism import Cause, Gain, Interval, Verdict
@@ -28,11 +25,12 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SURE, LIKELY = 0.95, 0.5
+FAINT = 0.05
+"""A less probable cause, with all that may stand in for it, is told as what is left over."""
 CONFIRMED_NATS = 2.0
 """Least gain on held-out flights that confirms a term."""
 PLAIN_Z = 8.0
 """Beyond this no chance made it, whatever the held-out flights say."""
-CONFUSED = 0.9
 MOST_ALIKE = 4
 """Names of an equivalence set."""
 WIDE = 1.96
@@ -112,15 +110,30 @@ def _as_flown(cause: Cause, effect: Effect, best: Flown) -> Cause:
     return replace(found, gain=gain, probability=probability)
 
 
-def probability_of(cause: Cause, posterior: Posterior) -> float:
-    """Of a cause or what may stand in for it."""
-    others = sum(posterior.probability.get(name, 0.0) for name in cause.alternatives[1:])
-    return cause.probability + others
+def weighed(
+    causes: Sequence[Cause], found: Search, posterior: Posterior, doubted: Container[str]
+) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+    """The causes that are likely enough to be told, and those that are not.
+
+    Beside something that no term is, what contradicts itself (``doubted``) is at even odds a part of that,
+    and so is unrest, which any motion makes that the model lacks. Of a foreign vehicle some shape is always
+    likelier than any equation: there nothing is weighed.
+    """
+    if found.model.foreign:
+        return tuple(causes), ()
+    if posterior.probability[SOMETHING_ELSE] > SURE:
+        restless = {e.name for e in found.chosen if not e.directions}
+        causes = [
+            replace(c, probability=0.5 * c.probability) if c.name in doubted or c.name in restless else c
+            for c in causes
+        ]
+    faint = tuple(c for c in causes if _with_alternatives(c, posterior) < FAINT)
+    return tuple(c for c in causes if c not in faint), faint
 
 
-def shared_with_unknown(causes: Sequence[Cause], doubted: Container[str]) -> tuple[Cause, ...]:
-    """The causes beside something that no term is: at even odds that makes what contradicts itself, too."""
-    return tuple(replace(c, probability=0.5 * c.probability) if c.name in doubted else c for c in causes)
+def _with_alternatives(cause: Cause, posterior: Posterior) -> float:
+    """Probability of a cause or what may stand in for it."""
+    return cause.probability + sum(posterior.probability.get(n, 0.0) for n in cause.alternatives[1:])
 
 
 def in_order(causes: Sequence[Cause]) -> tuple[Cause, ...]:
@@ -221,44 +234,4 @@ def _strongest(left: Sequence[Standing]) -> str:
     return f"{left[0].effect.name} (z = {left[0].z:.1f})" if left else ""
 
 
-def detectable(look: Look, threshold: float) -> dict[str, tuple[float, str]]:
-    """Smallest size of each term that would have been seen in nine of ten cases."""
-    found: dict[str, tuple[float, str]] = {}
-    for effect in look.effects:
-        if not named(effect) or on_grid(effect):
-            continue
-        columns = look.parabola.index(effect.columns)
-        _, covariance = look.parabola.answer([effect]).of(columns)
-        # The direction of a vector that shows least.
-        k = int(np.argmax(np.diag(covariance)))
-        size = (threshold + 1.28) * float(np.sqrt(covariance[k, k]))
-        neutral = catalogue_value(effect, k, 0.0, look.setting, 0.0)
-        value = abs(catalogue_value(effect, k, size, look.setting, 0.0) - neutral)
-        unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
-        parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
-        if np.isfinite(value) and value < 10 * max(abs(parameter.most), abs(parameter.least)):
-            kept = found.get(effect.name)
-            found[effect.name] = (min(value, kept[0]) if kept else value), unit
-    return found
-
-
-def confusable(look: Look) -> tuple[tuple[str, str, float], ...]:
-    """Pairs of terms whose traces correlate by more than ``CONFUSED`` here, nuisances taken out."""
-    parabola = look.parabola
-    out = parabola.index(parabola.names)
-    left = project(parabola.information, parabola.score, out, parabola.precision)
-    seen: dict[str, Ints] = {}
-    for effect in look.effects:
-        if not named(effect) or on_grid(effect) or effect.relaxes or effect.name in seen:
-            continue
-        columns = parabola.index(effect.columns)
-        shown = (np.diag(parabola.information)[columns] > SEEN) & (left.share[columns] > LEAST_SHARE)
-        if shown.all():
-            seen[effect.name] = columns
-    pairs = [
-        (a, b, correlation(left.information, seen[a], seen[b])) for a, b in combinations(sorted(seen), 2)
-    ]
-    return tuple(sorted((p for p in pairs if p[2] > CONFUSED), key=lambda p: -p[2]))
-
-
-__all__ = ["NOTHING", "causes_of", "confirmed", "confusable", "decide", "detectable", "in_order", "sizes"]
+__all__ = ["NOTHING", "causes_of", "confirmed", "decide", "in_order", "sizes"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from slam.criticism.verdict.criticism import JUDGED_HORIZON_S, Cause, Gain, Verdict
+from slam.criticism.verdict.power import within_reach
 from slam.simulation.terms import CATALOGUE
 
 
@@ -33,7 +34,8 @@ def _said(
 ) -> str:
     if verdict == "nothing_wrong":
         seen = within_reach(detectable)
-        some = ", ".join(f"{name} of {_figure(*detectable[name])}" for name in _one_a_family(seen))
+        sizes = {name: detectable[name] for name in _one_a_family(seen)}
+        some = ", ".join(f"{name} of {size:.2g}{_spaced(unit)}" for name, (size, unit) in sizes.items())
         return (
             "The flights show nothing that the model gets wrong; at a usual size they would have shown "
             f"{len(seen)} of {len(CATALOGUE)} effects, such as {some}."
@@ -50,16 +52,6 @@ def _said(
     return f"{text}; left over: {remainder}." if remainder else f"{text}."
 
 
-def within_reach(detectable: Mapping[str, tuple[float, str]]) -> dict[str, float]:
-    """Of what would have been seen at a usual size: the smallest size as a share of the greatest usual one,
-    most sharply tested first."""
-    shares = {}
-    for name, (size, unit) in detectable.items():
-        sizes = [p for p in CATALOGUE[name].parameters if p.unit == unit]
-        shares[name] = size / max(max(abs(p.low - p.neutral), abs(p.high - p.neutral)) for p in sizes)
-    return dict(sorted((item for item in shares.items() if item[1] <= 1.0), key=lambda item: item[1]))
-
-
 def _one_a_family(names: Iterable[str]) -> list[str]:
     first: dict[str, str] = {}
     for name in names:
@@ -67,8 +59,9 @@ def _one_a_family(names: Iterable[str]) -> list[str]:
     return list(first.values())
 
 
-def _figure(size: float, unit: str) -> str:
-    return f"{size:.2g}" if unit == "1" else f"{size:.2g} {unit}"
+def _spaced(unit: str) -> str:
+    """A factor has no unit."""
+    return "" if unit == "1" else f" {unit}"
 
 
 def _mended(gain: Gain) -> str:
@@ -84,7 +77,7 @@ def _mended(gain: Gain) -> str:
 
 def _told(cause: Cause) -> str:
     sizes = ", ".join(
-        f"{name} = {p.value:.3g} ({p.low:.3g} to {p.high:.3g}){'' if p.unit == '1' else ' ' + p.unit}"
+        f"{name} = {p.value:.3g} ({p.low:.3g} to {p.high:.3g}){_spaced(p.unit)}"
         for name, p in cause.parameters.items()
     )
     return f"{cause.name} ({sizes}; probability {cause.probability:.2f})"

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from slam.criticism.verdict.criticism import Cause, Gain
-from slam.criticism.verdict.decision import decide, shared_with_unknown
+from slam.criticism.verdict.decision import decide, weighed
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior
 
 GAIN = Gain(50.0, (30.0, 60.0), "flight", (25.0, 25.0), ())
@@ -17,24 +17,34 @@ def cause(name: str, probability: float = 1.0) -> Cause:
     return Cause(name, probability, {}, GAIN, 20.0, 30.0, (name,))
 
 
-def verdict_on(causes: tuple[Cause, ...], unknown: float) -> str:
+def told(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), foreign: bool = False):
+    """Verdict, and the probabilities of the causes that are told and of those that are not."""
     odd = SimpleNamespace(name="vehicle.drag_1_s out of range", directions=())
+    terms = [SimpleNamespace(name=c.name, directions=() if c.name == "gusts" else ("x",)) for c in causes]
     posterior = Posterior({SOMETHING_ELSE: unknown, NOTHING: 0.0}, (), (), 0.0)
-    found = SimpleNamespace(chosen=(odd,) if unknown > 0.5 else ())
-    return decide(causes, found, posterior, [], [], 4.5)[0]
+    chosen = (*terms, odd) if unknown > 0.5 else tuple(terms)
+    found = SimpleNamespace(model=SimpleNamespace(foreign=foreign), chosen=chosen)
+    likely, faint = weighed(causes, found, posterior, doubted)
+    verdict = decide(likely, found, posterior, [], ["faint"] * len(faint), 4.5)[0]
+    return verdict, [c.probability for c in likely], [c.probability for c in faint]
 
 
-def test_a_cause_that_contradicts_itself_beside_something_unknown_is_not_claimed():
-    causes = shared_with_unknown([cause("flow_scale"), cause("gusts")], ["flow_scale", "gusts"])
-    assert [c.probability for c in causes] == [0.5, 0.5]
-    assert verdict_on(causes, unknown=1.0) == "unknown"
+def test_what_contradicts_itself_and_unrest_are_not_claimed_beside_something_unknown():
+    causes = cause("flow_scale"), cause("gusts")
+    assert told(*causes, unknown=1.0, doubted=("flow_scale",)) == ("unknown", [0.5, 0.5], [])
+    assert told(*causes, unknown=1.0, doubted=("flow_scale",), foreign=True)[1] == [1.0, 1.0]
 
 
 def test_one_that_is_the_same_everywhere_is_claimed_with_a_remainder():
-    causes = shared_with_unknown([cause("flow_scale"), cause("gusts")], ["gusts"])
-    assert verdict_on(causes, unknown=1.0) == "named_with_remainder"
+    verdict, probabilities, _ = told(cause("flow_scale"), cause("gusts"), unknown=1.0)
+    assert verdict == "named_with_remainder"
+    assert probabilities == [1.0, 0.5]
+
+
+def test_what_is_next_to_impossible_is_left_over():
+    assert told(cause("flow_scale", 0.01), unknown=0.9) == ("unknown", [], [0.01])
 
 
 @pytest.mark.parametrize("probability", [0.97, 1.0])
 def test_one_by_itself_is_named(probability: float):
-    assert verdict_on((cause("flow_scale", probability),), unknown=0.01) == "named"
+    assert told(cause("flow_scale", probability), unknown=0.01)[0] == "named"

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from slam.criticism.verdict.criticism import Cause, Gain, Interval
+from slam.criticism.verdict.power import within_reach
 from slam.criticism.verdict.rollouts import ChannelError
-from slam.criticism.verdict.sentence import sentence_of, within_reach
+from slam.criticism.verdict.sentence import sentence_of
 
 SPEED = ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12)
 PITCH = ChannelError("pitch", "rad", 2.0, 0.020, 0.018)

@@ -26,16 +26,17 @@ WINDOW_S, HOP_S = 6.0, 2.0
 LEAST_ASKED = 0.05
 """Of the flight's largest demand: what asks for less than this share is no question."""
 TILT_LAG_S = 0.1
-"""Roughly."""
+"""Of a healthy vehicle, roughly: what is late by seconds is not looked for by hundredths."""
 ALIKE, ALIKE_IN_WINDOW = 0.3, 0.7
 """Squared correlation of command and answer that makes it one; in a window chance does more."""
 LEADS = 2.5
 """Times as great as the greatest at a plausible time it must be."""
 FEWEST_READINGS = 20
+"""Of a stream: fewer tell nothing."""
 
 
 @dataclass(frozen=True)
-class Late:
+class ClockError:
     """An answer at no plausible time."""
 
     late_s: float
@@ -53,7 +54,7 @@ class Late:
         )
 
 
-def late_answer(record: Record) -> Late | None:
+def clock_error(record: Record) -> ClockError | None:
     """The clearest answer at an implausible time, or None where there is none.
 
     Of tilts, read by the attitude or else by the gyro; of the whole flight where that is late.
@@ -62,13 +63,14 @@ def late_answer(record: Record) -> Late | None:
     if len(times_s) < 2:
         return None
     answers = _answers(record, times_s)
-    found = [late for pair in answers for late in _whole(*pair)]
-    found = found or [late for pair in answers for late in _windows(*pair)]
+    found = [error for pair in answers for error in _implausible(*pair, ALIKE, None)]
+    found = found or [error for pair in answers for error in _in_windows(*pair)]
     return max(found, key=lambda f: f[0], default=(0.0, None))[1]
 
 
 def _answers(record: Record, times_s: Array) -> list[tuple[Array, Array]]:
-    """What forward and left stick ask of pitch and roll, and what these did, on one grid."""
+    """What forward and left stick ask of pitch and roll, and what these did, on one grid: the latter held for
+    ``REACH_S`` longer at both ends."""
     stick = record.stick.mean(times_s, times_s + GRID_S)[:, :2]
     decay = float(np.exp(-GRID_S / TILT_LAG_S))
     tilt = lfilter([1.0 - decay], [1.0, -decay], stick, axis=0)
@@ -78,43 +80,36 @@ def _answers(record: Record, times_s: Array) -> list[tuple[Array, Array]]:
             rows = (record.kinds == kind) & np.isfinite(record.values[:, column])
             if rows.sum() >= FEWEST_READINGS:
                 read = np.interp(times_s, record.times_s[rows], record.values[rows, column])
-                pairs.append((sign * asked, read))
+                pairs.append((sign * asked, np.pad(read, round(REACH_S / GRID_S), mode="edge")))
                 break
     return [pair for pair in pairs if np.ptp(pair[0]) > 0.0]
 
 
-def _whole(asked: Array, answer: Array) -> list[tuple[float, Late]]:
-    return _implausible(asked, _padded(answer), ALIKE, None)
-
-
-def _windows(asked: Array, answer: Array) -> list[tuple[float, Late]]:
+def _in_windows(asked: Array, answer: Array) -> list[tuple[float, ClockError]]:
     length, hop, reach = round(WINDOW_S / GRID_S), round(HOP_S / GRID_S), round(REACH_S / GRID_S)
-    padded = _padded(answer)
     found = []
     for begin in range(0, len(asked) - length, hop):
         part = asked[begin : begin + length]
         if np.ptp(part) > LEAST_ASKED * np.ptp(asked):
-            near = padded[begin : begin + length + 2 * reach]
+            near = answer[begin : begin + length + 2 * reach]
             found += _implausible(part, near, ALIKE_IN_WINDOW, begin * GRID_S)
     return found
 
 
-def _padded(answer: Array) -> Array:
-    return np.pad(answer, round(REACH_S / GRID_S), mode="edge")
-
-
-def _implausible(asked: Array, padded: Array, least: float, at_s: float | None) -> list[tuple[float, Late]]:
+def _implausible(
+    asked: Array, answer: Array, least: float, at_s: float | None
+) -> list[tuple[float, ClockError]]:
     """The answer with its squared correlation, where it comes at no plausible time; else nothing."""
     n = len(asked)
     centred = asked - asked.mean()
-    sums = [np.cumsum(np.pad(x, (1, 0))) for x in (padded, padded**2)]
+    sums = [np.cumsum(np.pad(x, (1, 0))) for x in (answer, answer**2)]
     mean, square = ((s[n:] - s[:-n]) / n for s in sums)
     spread = np.sqrt(n * np.maximum(square - mean**2, 0.0))
-    alike = np.correlate(padded, centred, mode="valid") / np.maximum(np.linalg.norm(centred) * spread, 1e-12)
+    alike = np.correlate(answer, centred, mode="valid") / np.maximum(np.linalg.norm(centred) * spread, 1e-12)
     late_s = GRID_S * (np.arange(len(alike)) - len(alike) // 2)
     squared = np.maximum(alike, 0.0) ** 2
     plausible = (late_s >= EARLIEST_S) & (late_s <= LATEST_S)
     best = int(np.argmax(squared))
     if plausible[best] or squared[best] < max(least, LEADS * squared[plausible].max()):
         return []
-    return [(float(squared[best]), Late(float(late_s[best]), at_s))]
+    return [(float(squared[best]), ClockError(float(late_s[best]), at_s))]

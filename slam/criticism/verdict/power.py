@@ -1,0 +1,71 @@
+"""What flights could have shown: the smallest sizes of terms, and which terms they cannot tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.search.effects import catalogue_value
+from slam.criticism.search.hypotheses import SEEN
+from slam.criticism.search.moving import on_grid
+from slam.criticism.search.screening import LEAST_SHARE, correlation, project
+from slam.criticism.search.search import Look
+from slam.criticism.verdict.posterior import named
+from slam.simulation.terms import CATALOGUE
+
+Ints = NDArray[np.int64]
+
+CONFUSED = 0.9
+
+
+def detectable(look: Look, threshold: float) -> dict[str, tuple[float, str]]:
+    """Smallest size of each term that would have been seen in nine of ten cases."""
+    found: dict[str, tuple[float, str]] = {}
+    for effect in look.effects:
+        if not named(effect) or on_grid(effect):
+            continue
+        columns = look.parabola.index(effect.columns)
+        _, covariance = look.parabola.answer([effect]).of(columns)
+        # The direction of a vector that shows least.
+        k = int(np.argmax(np.diag(covariance)))
+        size = (threshold + 1.28) * float(np.sqrt(covariance[k, k]))
+        neutral = catalogue_value(effect, k, 0.0, look.setting, 0.0)
+        value = abs(catalogue_value(effect, k, size, look.setting, 0.0) - neutral)
+        unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
+        parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
+        if np.isfinite(value) and value < 10 * max(abs(parameter.most), abs(parameter.least)):
+            kept = found.get(effect.name)
+            found[effect.name] = (min(value, kept[0]) if kept else value), unit
+    return found
+
+
+def confusable(look: Look) -> tuple[tuple[str, str, float], ...]:
+    """Pairs of terms whose traces correlate by more than ``CONFUSED`` here, nuisances taken out."""
+    parabola = look.parabola
+    out = parabola.index(parabola.names)
+    left = project(parabola.information, parabola.score, out, parabola.precision)
+    seen: dict[str, Ints] = {}
+    for effect in look.effects:
+        if not named(effect) or on_grid(effect) or effect.relaxes or effect.name in seen:
+            continue
+        columns = parabola.index(effect.columns)
+        shown = (np.diag(parabola.information)[columns] > SEEN) & (left.share[columns] > LEAST_SHARE)
+        if shown.all():
+            seen[effect.name] = columns
+    pairs = [
+        (a, b, correlation(left.information, seen[a], seen[b])) for a, b in combinations(sorted(seen), 2)
+    ]
+    return tuple(sorted((p for p in pairs if p[2] > CONFUSED), key=lambda p: -p[2]))
+
+
+def within_reach(detectable: Mapping[str, tuple[float, str]]) -> dict[str, float]:
+    """Of what would have been seen at a usual size: the smallest size as a share of the greatest usual one,
+    most sharply tested first."""
+    shares = {}
+    for name, (size, unit) in detectable.items():
+        sizes = [p for p in CATALOGUE[name].parameters if p.unit == unit]
+        shares[name] = size / max(max(abs(p.low - p.neutral), abs(p.high - p.neutral)) for p in sizes)
+    return dict(sorted((item for item in shares.items() if item[1] <= 1.0), key=lambda item: item[1]))
