@@ -19,9 +19,12 @@ from slam.io.csv_header import header_of
 from slam.io.landmarks import HEADER
 from slam.io.streams import COLUMNS, KNOWN_KEYS
 from slam.outputs import EVALUATE_NAMES, OPTIMIZE_NAMES
+from slam.report.criticism_report import VERDICTS
+from slam.simulation.model import load_model
 from slam.simulation.recipe import shipped_recipes
 from slam.summary import summarise
 from tests.benchmarks.figures import HEADLINES, headlines
+from tests.benchmarks.measured_studies import STUDIES
 from tests.benchmarks.run import earlier
 from tests.slam.evaluation.scene import estimate_of, flight_of, smooth_poses
 from tests.slam.made_estimate import made_estimate
@@ -34,6 +37,8 @@ PAGES = (
     "docs/method.md",
     "docs/flight-format.md",
     "docs/experiments.md",
+    "docs/criticism.md",
+    *(f"docs/measured/{name}.md" for name in STUDIES),
 )
 
 
@@ -91,6 +96,20 @@ def test_links_lead_somewhere():
     for name in PAGES:
         for link in re.findall(r"\]\(([^)]+)\)", page(name)):
             assert link.startswith("https://") or ((ROOT / name).parent / link).exists(), (name, link)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_page_of_measured_flights_tells_its_verdict_and_shows_it(name):
+    text = page(f"docs/measured/{name}.md")
+    verdict, sentence = re.search(r"^\*\*(\w+)\*\*: (.+)$", text, re.MULTILINE).groups()
+    assert verdict in VERDICTS
+    assert sentence.endswith((".", ".)"))
+    assert STUDIES[name].shown in text
+    assert f"](measured/{name}.md)" in page("docs/criticism.md")
+    load_model(ROOT / "docs" / "measured" / f"{name}.toml")
+    pictures = re.findall(r"!\[[^]]+\]\(([^)]+)\)", text)
+    assert len(pictures) >= 3
+    assert all((ROOT / "docs" / "measured" / p).stat().st_size < 150_000 for p in pictures)
 
 
 def test_the_picture_is_small():

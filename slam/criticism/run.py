@@ -27,6 +27,7 @@ from slam.criticism.threads import in_threads
 from slam.criticism.unled.verdict import NOTHING_TO_HOLD, judged_unled
 from slam.criticism.usable import coarsened, is_foreign, usable_records, without_dead_streams
 from slam.criticism.verdict.agreement import contradictions
+from slam.criticism.verdict.covariate import covariate
 from slam.criticism.verdict.criticism import Cause, ChannelCheck, Criticism, Interval, Rank
 from slam.criticism.verdict.decision import causes_of, confirmed, decide, in_order, weighed
 from slam.criticism.verdict.flown import Flown, flown
@@ -124,6 +125,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         nuisances=_nuisances(found, best),
         noise_correlation=colour,
         checks=_checks(records, found.last),
+        covariate=covariate(records, belief, found, causes[0].name, causes[0].z) if causes else None,
         threshold=limits.effects,
         model=model,
         extended=_extended(model, belief, found, odd),

@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from slam.report.pictures import BLUE, GREEN, GREY, ORANGE, VERMILLION, canvas, legend_below, png
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from slam.criticism.verdict.covariate import Covariate, Misses
     from slam.criticism.verdict.criticism import Criticism, Gain
     from slam.flight import Flight
     from slam.simulation.model import Model
@@ -21,8 +24,12 @@ Array = NDArray[np.float64]
 STRETCH_S = 10.0
 FEWEST_SAMPLES = 20
 MOST_BARS = 12
-MOST_FLIGHTS = 4
+MOST_FLIGHTS = 20
 """Flights that are searched for the worst stretch."""
+COVARIATE_BINS, FEWEST_IN_BIN = 12, 3
+MOST_DOTS = 1500
+SHOWN_SHARE = 0.005
+"""Of the values at either end is left out of a drawing's axes: one stray reading squeezes all others."""
 
 
 @dataclass(frozen=True)
@@ -54,23 +61,24 @@ REPLAYED = {
 
 
 def before_after_picture(
-    model: Model, extended: Model, flights: Sequence[Flight], foremost: str | None = None
+    model: Model, extended: Model, flights: Sequence[Flight], channel: str | None = None
 ) -> Stretch | None:
-    """The stretch where the extension mends most, as measured and as both models fly it: of the channel that
-    criticism names ``foremost``, where it does."""
+    """The stretch where the extension mends most, as measured and as both models fly it: of one
+    ``channel`` of the replay, or of all that are the vehicle's own instruments."""
     from slam.errors import InputError
     from slam.replay import replay
 
     best: _Found | None = None
-    among = REPLAYED.get(foremost) if foremost else None
     for flight in flights[:MOST_FLIGHTS]:
         try:
             pair = replay(flight, model), replay(flight, extended)
         except InputError:
             continue  # a flight without commands has no replay
         for old, new in zip(pair[0].channels, pair[1].channels, strict=True):
-            if old.name.startswith("imu.") or (among is not None and old.name != among):
-                continue  # noise of an imu hides what the eye should see
+            if channel is not None and old.name != channel:
+                continue
+            if old.name.startswith("imu.") or (channel is None and old.noise_std <= 0):
+                continue  # noise of an imu hides what the eye should see; a truth's figures have no scale
             found = _worst(flight.name, old.name, old.unit, old.noise_std, old.stamps_s, old.measured,
                            old.restarted, new.restarted)  # fmt: skip
             if found is not None and (best is None or found.gain > best.gain):
@@ -103,9 +111,10 @@ def _worst(
     end = np.searchsorted(stamps_s, stamps_s + STRETCH_S)
     count = np.concatenate([[0], np.cumsum(known)])
     inside = count[end] - count[:-1]
-    if noise_std <= 0 or inside.max(initial=0) < FEWEST_SAMPLES:
+    if inside.max(initial=0) < FEWEST_SAMPLES:
         return None
-    mended = np.where(known, (before - measured) ** 2 - (after - measured) ** 2, 0.0) / noise_std**2
+    mended = np.where(known, (before - measured) ** 2 - (after - measured) ** 2, 0.0)
+    mended /= noise_std**2 or 1.0
     total = np.concatenate([[0.0], np.cumsum(mended)])
     gain = np.where(inside >= 0.8 * inside.max(), (total[end] - total[:-1]) / np.maximum(inside, 1), -np.inf)
     k = int(np.argmax(gain))
@@ -113,6 +122,49 @@ def _worst(
     return _Found(
         float(gain[k]), flight, channel, unit, stamps_s[part], measured[part], before[part], after[part]
     )
+
+
+def covariate_picture(found: Covariate) -> bytes:
+    """What is missed against what the leading cause makes of it, and against what its rival makes of it."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(3.7 * len(found.against), 3.4), dpi=160, layout="constrained")
+    for axes, misses in zip(np.ravel(figure.subplots(1, len(found.against))), found.against, strict=True):
+        _draw_misses(axes, misses, found)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
+    return png(figure)
+
+
+def _draw_misses(axes: Axes, misses: Misses, found: Covariate) -> None:
+    x, plain = misses.explained, misses.missed[""]
+    some = np.unique(np.linspace(0, len(x) - 1, MOST_DOTS).astype(np.int64))
+    axes.plot(x[some], plain[some], ".", color=GREY, markersize=3, alpha=0.5)
+    low, high = np.quantile(x, [SHOWN_SHARE, 1.0 - SHOWN_SHARE])
+    edges = np.linspace(low, high, COVARIATE_BINS + 1)
+    bins = np.digitize(x, edges)
+    full = [k for k in range(1, len(edges)) if np.sum(bins == k) >= FEWEST_IN_BIN]
+    middle = [float(np.mean(x[bins == k])) for k in full]
+    shown = [low, high, *np.quantile(plain, [SHOWN_SHARE, 1.0 - SHOWN_SHARE])]
+    ways = (("", "without either", VERMILLION), (found.cause, f"with {_words(found.cause)}", BLUE),
+            (found.rival, f"with {_words(found.rival)} instead", ORANGE))  # fmt: skip
+    for name, label, colour in ways:
+        if name in misses.missed and (name or colour == VERMILLION):
+            means = [float(np.mean(misses.missed[name][bins == k])) for k in full]
+            shown += means
+            axes.plot(middle, means, "o-", color=colour, markersize=4, linewidth=1.4, label=label)
+    axes.plot([low, high], [low, high], "--", color=GREY, linewidth=1, label="all of it explained")
+    axes.axhline(0.0, color=GREY, linewidth=0.8)
+    axes.set_ylim(min(shown), max(shown))
+    unit = misses.unit
+    axes.set_xlabel(f"what {_words(misses.cause)} says [{unit}]", fontsize=9)
+    axes.set_ylabel(f"{_words(misses.channel)}: missed [{unit}]", fontsize=9)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(labelsize=8)
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def ranking_picture(result: Criticism) -> bytes:

@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import slam
-from slam.report.criticism_pictures import before_after_picture, gain_picture, ranking_picture
+from slam.report.criticism_pictures import (
+    REPLAYED,
+    Stretch,
+    before_after_picture,
+    covariate_picture,
+    gain_picture,
+    ranking_picture,
+)
 from slam.report.page import Item, embedded, render_page
 
 if TYPE_CHECKING:
@@ -72,10 +79,12 @@ def render_criticism(result: Criticism, flights: Sequence[Flight]) -> str:
         model=result.model.name if result.model else "none",
         result=result,
         tiles=_tiles(result),
-        before_after=_before_after(result, flights),
+        before_after=before_after(result, flights),
+        covariate=embedded(covariate_picture(result.covariate)) if result.covariate else None,
+        about_covariate=about_covariate(result),
         ranking=embedded(ranking_picture(result)) if result.ranking else None,
-        causes=_causes(result),
-        gains=_gains(result),
+        causes=cause_rows(result),
+        gains=gain_rows(result),
         held_out=f"each {gain.by} in turn" if gain else "",
         dots=embedded(gain_picture(gain)) if gain and len(gain.parts) > 1 else None,
         nuisances=[
@@ -107,7 +116,8 @@ def _whole_flights_dropped(result: Criticism) -> list[str]:
     return [name for name in result.flights if any(line.startswith(f"{name}:") for line in result.dropped)]
 
 
-def _causes(result: Criticism) -> list[CauseRow]:
+def cause_rows(result: Criticism) -> list[CauseRow]:
+    """A row a parameter; name, equation and probability stand in the first of each cause."""
     from slam.simulation.terms import CATALOGUE
 
     rows = []
@@ -118,14 +128,15 @@ def _causes(result: Criticism) -> list[CauseRow]:
             shown = first if k == 0 else ("", "", "")
             rows.append(
                 CauseRow(
-                    shown[0], shown[1], name, f"{_figure(p.value)} {_unit(p.unit)}",
+                    shown[0], shown[1], name, _sized(p.value, p.unit),
                     f"{_figure(p.low)} to {_figure(p.high)}", shown[2],
                 )
             )  # fmt: skip
     return rows
 
 
-def _gains(result: Criticism) -> list[GainRow]:
+def gain_rows(result: Criticism) -> list[GainRow]:
+    """Errors of roll-outs by channel and horizon, on what was held out."""
     if not result.causes:
         return []
     rows = []
@@ -134,25 +145,54 @@ def _gains(result: Criticism) -> list[GainRow]:
             change = 100 * (error.after / error.before - 1)
             rows.append(
                 GainRow(
-                    error.channel, f"{error.horizon_s:g} s", f"{_figure(error.before)} {_unit(error.unit)}",
-                    f"{_figure(error.after)} {_unit(error.unit)}", f"{change:+.0f} %",
+                    error.channel, f"{error.horizon_s:g} s", _sized(error.before, error.unit),
+                    _sized(error.after, error.unit), f"{change:+.0f} %",
                 )
             )  # fmt: skip
     return rows
 
 
-def _before_after(result: Criticism, flights: Sequence[Flight]) -> BeforeAfter | None:
+def before_after(result: Criticism, flights: Sequence[Flight]) -> BeforeAfter | None:
+    """The stretch that the extension mends most, embedded."""
+    found = worst_stretch(result, flights)
+    return None if found is None else BeforeAfter(embedded(found.picture), found.caption)
+
+
+def worst_stretch(result: Criticism, flights: Sequence[Flight]) -> Stretch | None:
     """The stretch that the extension mends most, of the channel that gains most on held-out data."""
     if not result.causes or result.model is None or result.extended is None:
         return None
     foremost = result.causes[0].gain.foremost
-    channel = foremost.channel if foremost else None
-    found = before_after_picture(result.model, result.extended, flights, channel)
-    return None if found is None else BeforeAfter(embedded(found.picture), found.caption)
+    channel = REPLAYED.get(foremost.channel) if foremost else None
+    return before_after_picture(result.model, result.extended, flights, channel)
+
+
+def about_covariate(result: Criticism) -> str:
+    """What the picture of the covariate shows; empty where there is none."""
+    found = result.covariate
+    if found is None:
+        return ""
+    first = found.against[0]
+    what = (
+        "by how much the instruments disagree, in standard deviations of that"
+        if first.unit == "sigma"
+        else "what the model misses within two seconds ahead"
+    )
+    text = (
+        f"Upwards: {what}. To the right: what {found.cause} says that it should be. The means without it "
+        "follow the dashed line as far as it explains what is missed; those with it should lie flat."
+    )
+    if not found.rival:
+        return text
+    return f"{text} Beside it the same for {found.rival}, which explains most in its place."
 
 
 def _figure(value: float) -> str:
     return f"{value:.3g}"
+
+
+def _sized(value: float, unit: str) -> str:
+    return f"{_figure(value)} {_unit(unit)}".strip()
 
 
 def _unit(unit: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,10 +12,17 @@ from PIL import Image
 
 from slam.criticism.healthy import flown
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.verdict.covariate import Covariate, Misses
 from slam.criticism.verdict.criticism import Cause, ChannelCheck, Criticism, Gain, Interval, Rank
 from slam.criticism.verdict.rollouts import ChannelError
-from slam.report.criticism_pictures import before_after_picture, gain_picture, ranking_picture
+from slam.report.criticism_pictures import (
+    before_after_picture,
+    covariate_picture,
+    gain_picture,
+    ranking_picture,
+)
 from slam.report.criticism_report import VERDICTS, render_criticism
+from slam.report.pictures import BLUE, ORANGE, VERMILLION
 from slam.simulation.model import load_model
 
 RANKING = (
@@ -78,10 +86,24 @@ def test_the_stretch_that_is_drawn_is_of_the_channel_that_gains_most() -> None:
     slow = load_model("nominal").with_term("climb_asymmetry", eps=-0.3)
     flights = [flown(slow, stick_for(["climb and descend by 0.6 m"]), 1)]
     assert made().causes[0].gain.foremost == ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12)
-    for channel, name in (("range", "sonar.range"), ("pitch", "attitude.pitch")):
-        drawn = before_after_picture(load_model("nominal"), slow, flights, channel)
+    for name in ("sonar.range", "attitude.pitch"):
+        drawn = before_after_picture(load_model("nominal"), slow, flights, name)
         assert drawn is not None
         assert drawn.caption.startswith(name)
+
+
+def test_the_covariate_is_drawn_for_cause_and_rival_with_means_before_and_after() -> None:
+    x = np.linspace(-1.0, 1.0, 200)
+    missed = {"": x, "quadratic_drag": 0.0 * x, "flow_scale": 0.5 * x}
+    both = [Misses(name, "velocity_x", "m/s", x, missed) for name in ("quadratic_drag", "flow_scale")]
+    result = replace(made(), covariate=Covariate("quadratic_drag", "flow_scale", tuple(both)))
+    picture = np.asarray(Image.open(io.BytesIO(covariate_picture(result.covariate))).convert("RGB"))
+    for colour in (BLUE, VERMILLION, ORANGE):
+        rgb = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+        assert (np.abs(picture.astype(int) - rgb).sum(axis=2) < 30).sum() > 500, colour
+    page = render_criticism(result, [])
+    assert "Why this cause" in page
+    assert "Why this cause" not in render_criticism(made(), [])
 
 
 def test_nothing_and_unknown_are_always_among_the_bars() -> None:

@@ -120,3 +120,12 @@ def taken_down(wall: Effect, setting: Setting) -> Setting:
     parameters = setting.parameters.copy()
     parameters[TILT_LIMIT] = pi / 2
     return replace(setting, parameters=parameters)
+
+
+def taken_out(effect: Effect, setting: Setting) -> Setting:
+    """The belief without a term; a nuisance beyond its range stays where it is."""
+    if is_wall(effect):
+        return taken_down(effect, setting)
+    for direction in effect.directions:
+        setting = moved(setting, direction.name, -held_value(setting, direction.name))
+    return setting

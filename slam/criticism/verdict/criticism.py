@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.verdict.covariate import Covariate
 from slam.criticism.verdict.rollouts import ChannelError
 from slam.simulation.model import Model
 
@@ -107,6 +108,8 @@ class Criticism:
     noise_correlation: dict[str, float] = field(default_factory=dict)
     """Instrument -> correlation of one sample's noise with the next, where it is coloured: healthy."""
     checks: tuple[ChannelCheck, ...] = ()
+    covariate: Covariate | None = None
+    """What is missed, against what the leading cause makes of it; None where roll-outs do not show it."""
     threshold: float = 0.0
     model: Model | None = None
     """The nominal model that was criticised."""

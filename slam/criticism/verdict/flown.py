@@ -20,7 +20,7 @@ from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.moving import bounded, held_value, is_wall, moved, on_grid, taken_down
+from slam.criticism.search.moving import bounded, moved, on_grid, taken_out
 from slam.criticism.search.nuisances import MEAN, limits_of, value_of
 from slam.criticism.search.search import Search
 from slam.criticism.search.thresholds import MISFIT
@@ -120,7 +120,7 @@ def _needed(course: _Course, chosen: list[Effect], fit: _Fit) -> tuple[list[Effe
     """The terms that make flights better, and the fits without each of them by label; one stays."""
     while True:
         without = {
-            e.label: course.fitted(_without(e, fit.setting), [o for o in chosen if o is not e])
+            e.label: course.fitted(taken_out(e, fit.setting), [o for o in chosen if o is not e])
             for e in chosen
             if _flies(e)
         }
@@ -160,15 +160,6 @@ def _flies(effect: Effect) -> bool:
     return (
         named(effect) and bool(kinds) and kinds <= {"parameters", "sensor", "latency"} and not on_grid(effect)
     )
-
-
-def _without(effect: Effect, setting: Setting) -> Setting:
-    """The belief without a term."""
-    if is_wall(effect):
-        return taken_down(effect, setting)
-    for column in effect.columns:
-        setting = moved(setting, column, -held_value(setting, column))
-    return setting
 
 
 class _Course:

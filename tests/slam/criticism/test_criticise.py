@@ -74,6 +74,21 @@ def test_coloured_noise_is_healthy_and_told():
     assert found.extended.imu.gyro_noise_correlation == found.noise_correlation["gyro"]
 
 
+def test_what_is_missed_follows_the_guilty_covariate_until_the_cause_is_in_the_model():
+    _, found = dragging()
+    assert found.covariate.cause == "quadratic_drag"
+    own, other = found.covariate.against
+    assert other.cause == found.covariate.rival != "quadratic_drag"
+    assert own.channel.startswith("velocity")
+
+    def slope(missed):
+        return float(own.explained @ missed / (own.explained @ own.explained))
+
+    assert 0.8 < slope(own.missed[""]) < 1.2
+    assert abs(slope(own.missed["quadratic_drag"])) < 0.2
+    assert slope(own.missed[found.covariate.rival]) > slope(own.missed["quadratic_drag"])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "parameter", "size"), [("quadratic_drag", "c", 0.15), ("control_latency", "T", 0.06)]

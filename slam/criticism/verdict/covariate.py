@@ -1,0 +1,119 @@
+"""What is missed, against what the leading cause makes of it, beside the same for the best other cause.
+
+Every belief rolls out from the same filtered states. The difference between the roll-outs without and with a
+cause is what that cause says should be missed: its covariate, in the units of the channel. If the cause is
+right, what is missed without it rises with that, one for one, and what is missed with it does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.readings import CHANNEL_UNITS, CHANNELS
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.fitting import cut, refit
+from slam.criticism.search.moving import is_wall, taken_out
+from slam.criticism.search.search import LINEAR_Z, SHORT_S, Search
+from slam.criticism.threads import in_threads
+from slam.criticism.verdict.heldout import taken
+from slam.criticism.verdict.posterior import named
+from slam.criticism.verdict.rollouts import misses_of
+
+Array = NDArray[np.float64]
+
+AHEAD_S = 2.0
+
+
+@dataclass(frozen=True)
+class Misses:
+    """One channel over two seconds ahead, against what one cause makes of it."""
+
+    cause: str
+    """Whose covariate it is."""
+    channel: str
+    unit: str
+    explained: Array
+    """(n,) what the cause says should be missed without it."""
+    missed: dict[str, Array]
+    """Cause that is in the model, or "" for none -> (n,) measured less predicted."""
+
+
+@dataclass(frozen=True)
+class Covariate:
+    """The leading cause, and the one that explains most in its place."""
+
+    cause: str
+    rival: str
+    """Empty where no other term explains anything."""
+    against: tuple[Misses, ...]
+    """The leading cause's covariate, and the rival's."""
+
+
+def covariate(
+    records: Sequence[Record], belief: Setting, found: Search, cause: str, z: float
+) -> Covariate | None:
+    """Both covariates of ``cause``, one of the chosen, which stands out by ``z``; None where roll-outs do not
+    show it.
+
+    Without it, and with its rival, sizes and nuisances are fitted: of a large cause with the filter run anew.
+    """
+    effect = next((e for e in found.chosen if e.name == cause), None)
+    if effect is None or not (effect.directions or effect.relaxes):
+        return None
+    rest = [e for e in found.chosen if e is not effect]
+    short = [cut(record, SHORT_S / len(records)) for record in records]
+    rival = _rival(found, effect, rest)
+
+    def believed(effects: list[Effect]) -> Setting:
+        if z < LINEAR_Z and not is_wall(effect):
+            return taken(found.last, found.last.parabola.answer(effects).whole, effects)
+        return refit(short, found.model, taken_out(effect, belief), effects)[1]
+
+    settings = {"": believed(rest), cause: belief}
+    if rival is not None:
+        settings[rival.name] = believed([*rest, rival])
+    states = in_threads(lambda record: whole(record, belief).states, short)
+    missed = {
+        name: [misses_of(r, s, setting, AHEAD_S, 1.0) for r, s in zip(short, states, strict=True)]
+        for name, setting in settings.items()
+    }
+    pooled = {
+        name: {c: np.concatenate([flight[c] for flight in flights]) for c in range(6, len(CHANNELS))}
+        for name, flights in missed.items()
+    }
+    against = tuple(m for name in settings if name and (m := _against(pooled, name)) is not None)
+    if not against or against[0].cause != cause:
+        return None
+    return Covariate(cause, rival.name if rival is not None else "", against)
+
+
+def _rival(found: Search, effect: Effect, rest: Sequence[Effect]) -> Effect | None:
+    """The term that explains most in a cause's place; how it is without a wall only the first look knows."""
+    look, beside = (found.first, []) if is_wall(effect) else (found.last, list(rest))
+    taken = {e.name for e in found.chosen}
+    others = [e for e in look.effects if named(e) and e.name not in taken and (e.directions or e.relaxes)]
+    best = next(iter(look.standing(beside, others)), None)
+    return best.effect if best is not None and best.nats > 0.0 else None
+
+
+def _against(pooled: dict[str, dict[int, Array]], cause: str) -> Misses | None:
+    """Of the channel of which the cause takes away the greatest share of what is missed without it."""
+    shares = {}
+    for channel, plain in pooled[""].items():
+        left = pooled[cause][channel]
+        if np.any(plain != left):
+            shares[channel] = 1.0 - float(np.sum(left**2) / max(np.sum(plain**2), 1e-300))
+    if not shares:
+        return None
+    best = max(shares, key=lambda c: shares[c])
+    return Misses(
+        cause, CHANNELS[best], CHANNEL_UNITS[best], pooled[""][best] - pooled[cause][best],
+        {name: of[best] for name, of in pooled.items()},
+    )  # fmt: skip

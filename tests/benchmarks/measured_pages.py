@@ -1,0 +1,238 @@
+"""Write docs/measured: what ``slam criticise`` says of measured flights, a page and its pictures each.
+
+``SLAM_DATA=data python -m tests.benchmarks.measured_pages [NAME]...``
+Every number on the pages comes from the verdict, from a replay, or from the truth; none is typed.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from slam.criticism import Criticism, criticise
+from slam.criticism.verdict.criticism import Interval
+from slam.criticism.verdict.power import within_reach
+from slam.flight import Flight
+from slam.report.criticism_pictures import (
+    Stretch,
+    before_after_picture,
+    covariate_picture,
+    gain_picture,
+    ranking_picture,
+)
+from slam.report.criticism_report import about_covariate, cause_rows, gain_rows, worst_stretch
+from slam.simulation.model import save_model
+from tests.benchmarks.measured import folder
+from tests.benchmarks.measured_studies import STUDIES, Study
+from tests.benchmarks.measured_truth import APART_S, against_gps, with_truth_for_instruments
+from tests.benchmarks.measured_unseen import unseen_rows
+
+HOME = Path(__file__).parents[2] / "docs" / "measured"
+MOST_SHOWN = 8
+
+
+def page(name: str, study: Study) -> None:
+    """Judge the flights of a study; write its page, its pictures and the extended model."""
+    flights = [_flight(path) for path in study.flights]
+    found = criticise(flights)
+    home = HOME / name
+    home.parent.mkdir(exist_ok=True)
+    parts = [
+        f"# {study.title}",
+        study.about,
+        f"```\nslam criticise {study.shown} --out out/{name}\n```",
+        f"**{found.verdict}**: {found.sentence}",
+        *_section("What it found", [_causes(found), _model(home, found)]),
+        *_section("Before and after", _drawn(home, "stretch", worst_stretch(found, flights))),
+        *_section("Why this cause", _why(home, found)),
+        *_section("What it could be", _ranking(home, found)),
+        *_section("The gain on what the fit has not seen", _gain(home, found)),
+        *_section("Flights that it never saw", _unseen(home, study, found)),
+        *_section("Independent truth", _truth(study, flights[0], found)),
+        *_section(
+            "What is left over", [f"- {part}" for part in found.remainder.split("; ")], found.remainder
+        ),
+        *_section("What these flights cannot tell", _silent(found)),
+        *_section("The next flight", [found.next_flight], found.next_flight),
+        *_section("What was not judged", [f"- {line}" for line in found.dropped], found.dropped),
+        "Written by `python -m tests.benchmarks.measured_pages`; see [criticism](../criticism.md).",
+    ]
+    text = "\n\n".join(part for part in parts if part).replace("\n\n- ", "\n- ")
+    home.with_suffix(".md").write_text(text + "\n", encoding="utf-8")
+
+
+def _flight(path: str) -> Flight:
+    return Flight.open(folder("flights") / path)
+
+
+def _section(title: str, content: Sequence[str], there: object = True) -> list[str]:
+    content = [c for c in content if c]
+    return [f"## {title}", *content] if content and there else []
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) if rows else ""
+
+
+def _causes(found: Criticism) -> str:
+    rows = [
+        (f"`{r.name}`" if r.name else "", r.equation, r.parameter, r.value, r.interval, r.probability)
+        for r in cause_rows(found)
+    ]
+    return _table(("cause", "what it does", "parameter", "value", "95 % interval", "probability"), rows)
+
+
+def _model(home: Path, found: Criticism) -> str:
+    if found.extended is None or not found.causes:
+        return ""
+    save_model(found.extended, home.with_suffix(".toml"))
+    return (
+        f"The model with all that in it: [{home.name}.toml]({home.name}.toml), for `slam simulate --model` "
+        "and `slam replay --model`."
+    )
+
+
+def _image(home: Path, kind: str, alt: str, picture: bytes) -> str:
+    path = home.with_name(f"{home.name}-{kind}.png")
+    path.write_bytes(picture)
+    return f"![{alt}]({path.name})"
+
+
+def _drawn(home: Path, kind: str, stretch: Stretch | None) -> list[str]:
+    if stretch is None:
+        return []
+    return [
+        _image(home, kind, "Measured, by the model, by the extended model", stretch.picture),
+        stretch.caption,
+    ]
+
+
+def _why(home: Path, found: Criticism) -> list[str]:
+    if found.covariate is None:
+        return []
+    picture = covariate_picture(found.covariate)
+    return [
+        _image(home, "covariate", "What is missed against what causes say", picture),
+        about_covariate(found),
+    ]
+
+
+def _ranking(home: Path, found: Criticism) -> list[str]:
+    return [
+        _image(home, "ranking", "Probability and strength of each hypothesis", ranking_picture(found)),
+        "Left: probability. Right: how far each stands out alone on the model as it was; the line is what "
+        f"chance reaches once in a hundred healthy cases ({found.threshold:.1f}).",
+    ]
+
+
+def _gain(home: Path, found: Criticism) -> list[str]:
+    if not found.causes:
+        return []
+    gain = found.causes[0].gain
+    rows = [(r.channel, r.horizon, r.before, r.after, r.change) for r in gain_rows(found)]
+    return [
+        f"Each {gain.by} in turn is held out and predicted by the others: {gain.nats:+.0f} nats "
+        f"({gain.ci95[0]:.0f} to {gain.ci95[1]:.0f}).",
+        _table(("channel", "ahead", "nominal model", "extended", "change"), rows),
+        _image(home, "gain", "Gain of each held-out part", gain_picture(gain)),
+    ]
+
+
+def _unseen(home: Path, study: Study, found: Criticism) -> list[str]:
+    if not study.rounds:
+        return []
+    rounds, models = study.rounds, []
+    for one in rounds:
+        again = found if one.judged == study.flights else criticise([_flight(path) for path in one.judged])
+        models.append((again.model, again.extended))
+    unseen = [_flight(path) for group in rounds[0].groups.values() for path in group]
+    stretch = before_after_picture(*models[0], unseen, study.drawn)
+    truth = any(flight.truth is not None for flight in unseen)
+    captured = " Channels that begin with `truth` are the motion capture's." if truth else ""
+    times = "one round" if len(rounds) == 1 else f"{len(rounds)} rounds"
+    return [
+        f"Predicted over 2 s by `slam replay`, with a model that other flights made ({times}). What got "
+        f"worse is told too.{captured}",
+        _table(
+            ("flights", "channel", "nominal model", "extended", "change"),
+            unseen_rows(rounds, models, _flight),
+        ),
+        *_drawn(home, "unseen", stretch),
+    ]
+
+
+def _silent(found: Criticism) -> list[str]:
+    usual = within_reach(found.detectable)
+    sizes = [
+        f"{name} of {size:.2g} {'' if unit == '1' else unit}".strip()
+        for name, (size, unit) in found.detectable.items()
+        if name in usual
+    ]
+    pairs = [f"- {a} and {b} (cosine {c:+.2f})" for a, b, c in found.confusable[:MOST_SHOWN]]
+    missed = "Smaller than this they would have missed in more than one of ten cases"
+    return [
+        f"{missed}: {', '.join(sizes)}. What is not in this list they would not have shown at a usual size."
+        if sizes
+        else "",
+        "Pairs whose traces look alike in them:" if pairs else "",
+        *pairs,
+    ]
+
+
+def _truth(study: Study, flight: Flight, found: Criticism) -> list[str]:
+    if study.truth == "motion capture":
+        return _of_motion_capture(flight, found)
+    return _of_gps(flight) if study.truth == "gps" else []
+
+
+def _of_motion_capture(flight: Flight, found: Criticism) -> list[str]:
+    """The same question, asked with the motion capture in place of attitude, speed and height."""
+    again = criticise([with_truth_for_instruments(flight)])
+    told = {cause.name: cause.parameters for cause in again.causes}
+    rows = []
+    for cause in found.causes:
+        for name, own in cause.parameters.items():
+            other = told.get(cause.name, {}).get(name)
+            there = ("not named", "")
+            if other is not None:
+                overlap = max(own.low, other.low) <= min(own.high, other.high)
+                there = (_sized(other), "yes" if overlap else "no")
+            rows.append((f"`{cause.name}`", name, _sized(own), *there))
+    beyond = [name for name in told if name not in {cause.name for cause in found.causes}]
+    return [
+        "Asked again with the motion capture's attitude, speed and height in place of the drone's own, so "
+        "that its inertial unit alone is judged:",
+        _table(("cause", "parameter", "own instruments", "motion capture", "intervals overlap"), rows),
+        f"Beyond that the motion capture names {' and '.join(beyond)}: of its own markers as much as of the "
+        "drone, as they are not where the inertial unit is."
+        if beyond
+        else "",
+    ]
+
+
+def _sized(p: Interval) -> str:
+    return f"{p.value:.3g} ({p.low:.3g} to {p.high:.3g}) {'' if p.unit == '1' else p.unit}".strip()
+
+
+def _of_gps(flight: Flight) -> list[str]:
+    """Speed over ground by GPS."""
+    found = against_gps(flight)
+    return [
+        "Of what was judged here GPS can check the flow sensor's speed alone: against the speed between GPS "
+        f"positions it reads {found.scale:.3f} of it (± {1.96 * found.std:.3f}, {found.count} stretches of "
+        f"{APART_S:g} s, GPS {found.late_s:.2f} s late, {found.rms_m_s:.2f} m/s rms left). It "
+        "cannot tell zeros of a gyro, nor, as the log holds no altitude of the receiver, what the "
+        "accelerometer feels upwards."
+    ]
+
+
+def main(names: Sequence[str]) -> None:
+    """The pages of these names, or all."""
+    for name in names or STUDIES:
+        page(name, STUDIES[name])
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
