@@ -80,6 +80,16 @@ def hat(v: Array) -> Array:
 
 
 @njit(cache=True)
+def left_jacobian(v: Array) -> Array:
+    """(3, 3): ``Exp(v + dv) = Exp(left_jacobian(v) dv) Exp(v)`` for small dv."""
+    angle, across = math.sqrt((v * v).sum()), hat(v)
+    if angle < 1e-4:  # the closed form cancels
+        return np.eye(3) + across / 2
+    once, twice = (1 - math.cos(angle)) / angle**2, (angle - math.sin(angle)) / angle**3
+    return np.eye(3) + once * across + twice * (across @ across)
+
+
+@njit(cache=True)
 def retract(x: Array, e: Array) -> Array:
     """The nominal state (STATE,) moved by an error (SIZE,) or (PLAIN,)."""
     out = x.copy()

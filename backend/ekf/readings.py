@@ -36,8 +36,10 @@ from backend.ekf.motion import (
     V,
     W,
     hat,
+    left_jacobian,
     rotation,
     rotation_vector,
+    turned,
 )
 from backend.measurements import GRAVITY_M_S2
 
@@ -141,17 +143,26 @@ def angle_rates(R: Array) -> Array:
 
 @njit(cache=True)
 def _attitude(x: Array, value: Array, z: Array, H: Array) -> bool:
-    """Roll, pitch, yaw, each with its lasting error; yaw within half a turn of what was read."""
+    """Roll, pitch, yaw of ``Rz(yaw error) Exp(tilt error) R``; yaw within half a turn of what was read.
+
+    What an attitude that is added up from body rates has wrong stays where it is in the world, not on the
+    body: where the vehicle turns under it, and where tilt makes heading of a body rate, that shows.
+    """
     R = rotation(x[XQ:XW])
     if math.sqrt(R[2, 1] ** 2 + R[2, 2] ** 2) < _LEAST_COSINE:
         return False
-    z[:3] = angles(R) + x[AT + 1 : AT + 4]
+    tilt = np.array([x[AT + 1], x[AT + 2], 0.0])
+    own = rotation(turned(np.array([1.0, 0.0, 0.0, 0.0]), tilt)) @ R
+    z[:3] = angles(own)
+    z[2] += x[AT + 3]
     for k in (0, 2):
         if math.isfinite(value[k]):
             z[k] += 2 * math.pi * round((value[k] - z[k]) / (2 * math.pi))
-    H[:3, TH : TH + 3] = angle_rates(R)
-    for k in range(3):
-        H[k, AT + k] = 1.0
+    rates = angle_rates(own)
+    H[:3, TH : TH + 3] = rates
+    by_tilt = rates @ np.ascontiguousarray(own.T) @ left_jacobian(tilt)
+    H[:3, AT : AT + 2] = by_tilt[:, :2]
+    H[2, AT + 2] = 1.0
     return True
 
 

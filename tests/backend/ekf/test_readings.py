@@ -70,3 +70,19 @@ def test_derivatives_of_a_step(seed):
     np.testing.assert_allclose(
         H, -differences(lambda y: kinds.step_residual(y, seen, MODEL, scratch)[0], x), atol=2e-6
     )
+
+
+def test_an_error_of_the_own_attitude_stays_in_the_world():
+    """It turns the world under the vehicle: the same lean is roll or pitch, as the vehicle is headed."""
+    lean = np.array([0.15, 0.0, 0.0])
+    scratch = np.empty((6, at.SIZE))
+    for yaw in (0.0, 1.0, 2.5):
+        body = Rotation.from_euler("ZYX", [yaw, 0.2, -0.1])
+        x = np.zeros(at.STATE)
+        x[at.XQ : at.XW], x[at.XCQ] = body.as_quat(scalar_first=True), 1.0
+        x[at.AT + 1 : at.AT + 4] = [*lean[:2], 0.4]
+        said, able = kinds.predict(kinds.ATTITUDE, x, np.full(3, np.nan), MODEL, scratch)
+        assert able
+        own = Rotation.from_euler("z", 0.4) * Rotation.from_rotvec(lean) * body
+        read = Rotation.from_euler("ZYX", said[:3][::-1])
+        assert (own.inv() * read).magnitude() < 1e-12

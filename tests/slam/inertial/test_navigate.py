@@ -175,3 +175,16 @@ def test_consistent_over_fifty_simulated_flights():
     )
     assert low < np.mean(middle) < high
     assert low < np.mean(means) < high
+
+
+def test_an_error_that_lasts_is_found_where_single_readings_do_not_show_it(flight):
+    assert suited(flight).adjusted.wider.get("range", 1.0) < 1.5
+    rng = np.random.default_rng(0)
+    sonar = flight.sonar
+    # Half a second long the same few centimetres, in steps of less than the noise of one reading.
+    steps = int(0.5 / np.median(np.diff(sonar.stamps_s)))
+    lasting = np.convolve(
+        rng.normal(size=len(sonar.stamps_s) + steps - 1), np.ones(steps) / np.sqrt(steps), "valid"
+    )
+    off = replace(sonar, range_m=sonar.range_m + 2 * sonar.noise_std_m * lasting)
+    assert suited(replace(flight, sonar=off)).adjusted.wider["range"] > 3
