@@ -25,7 +25,7 @@ from slam.criticism.search.search import Look, Search, search
 from slam.criticism.search.thresholds import Thresholds, beside, load_thresholds
 from slam.criticism.threads import in_threads
 from slam.criticism.unled.verdict import NOTHING_TO_HOLD, judged_unled
-from slam.criticism.usable import coarsened, is_foreign, usable_records, without_dead_streams
+from slam.criticism.usable import coarsened, is_foreign, untested, usable_records, without_dead_streams
 from slam.criticism.verdict.agreement import contradictions
 from slam.criticism.verdict.covariate import covariate
 from slam.criticism.verdict.criticism import Cause, ChannelCheck, Criticism, Interval, Rank
@@ -39,7 +39,8 @@ from slam.flight import Flight
 from slam.simulation.model import Model, load_model
 
 SHOWN_SHAPES = 8
-UNTESTED = "These data cannot be judged: no effect of the catalogue would have shown at a usual size."
+FEWEST_SHOWN = 5
+"""A tenth of the catalogue: of flights that would show fewer effects nobody can say that nothing is wrong."""
 FOREIGN = 2.0
 """Times the thresholds: the equations of another vehicle are not held to the last sigma."""
 
@@ -104,12 +105,15 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     left = sorted(left, key=lambda s: -s.z)
     shape_z = beside(limits.shapes, max((c.z for c in causes), default=0.0))
     verdict, equivalents, remainder = decide(
-        causes, found, posterior, left, _left_over(records, found, doubts, faint), shape_z,
+        causes, found, posterior, left, _left_over(records, found, doubts, (causes, faint), best), shape_z,
         [name for o in odd for name in ENTAILS.get(o.name, ())],
     )  # fmt: skip
     seen = detectable(found.first, limits.effects)
-    if verdict == "nothing_wrong" and not within_reach(seen):
-        return Criticism("unusable", UNTESTED, detectable=seen, threshold=limits.effects, model=model)
+    if verdict == "nothing_wrong" and len(within_reach(seen)) < FEWEST_SHOWN:
+        reason = untested(records, list(within_reach(seen)))
+        return Criticism("unusable", reason, detectable=seen, threshold=limits.effects, model=model)
+    if verdict == "unknown" and not causes:
+        remainder = "; ".join(part for part in (remainder, *_nearest(found, limits.effects)) if part)
     colour = {n: x for n, x in zip(INSTRUMENTS, belief.colour.tolist(), strict=True) if x > 0.0}
     return Criticism(
         verdict,
@@ -133,19 +137,37 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
 
 
 def _left_over(
-    records: Sequence[Record], found: Search, doubts: dict[str, str], faint: Sequence[Cause]
+    records: Sequence[Record],
+    found: Search,
+    doubts: dict[str, str],
+    weighed: tuple[Sequence[Cause], Sequence[Cause]],
+    best: Flown | None,
 ) -> list[str]:
-    """What no cause explains, in words, but for shapes."""
+    """What no cause explains, in words, but for shapes.
+
+    ``weighed``: the causes that are told, and those that are too faint.
+    """
+    told, faint = ({c.name for c in causes} for causes in weighed)
     passes = found.last.sums.passes
     shaking = vibration_of(records, passes)
     walls = [e.name for e in found.chosen if is_wall(e) and found.rivals.get(e.name) and found.model.foreign]
     return [
         *(f"{name} may be {' or '.join(found.rivals[name])}" for name in walls),
-        *doubts.values(),
+        *(f"{n if n in told else f'what looks like {n}'} {doubt}" for n, doubt in doubts.items()),
+        *(best.odd if best is not None else ()),
         *([str(shaking)] if shaking else []),
-        *(f"what looks like {c.name} is something else" for c in faint),
+        *(f"what looks like {name} is something else" for name in faint if name not in doubts),
         *outliers_of(records, passes),
     ]
+
+
+def _nearest(found: Search, threshold: float) -> list[str]:
+    """The term that stands out most on the healthy vehicle, where it is half of what is asked for."""
+    known = [s for s in found.first.standing([], found.first.effects) if named(s.effect)]
+    best = max(known, key=lambda s: s.z, default=None)
+    if best is None or best.z < 0.5 * threshold:
+        return []
+    return [f"nearest is {best.effect.name}, by {best.z:.1f} sigma where {threshold:.1f} are asked for"]
 
 
 def _belief(found: Search) -> Setting:

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from slam.criticism.camera.pictures import look_all
 from slam.criticism.command_clock import FEWEST_READINGS, clock_error
-from slam.criticism.kalman.readings import FIRST_CHANNEL, WIDTH
+from slam.criticism.kalman.readings import ATTITUDE, CHANNELS, FIRST_CHANNEL, IMU, SONAR, VELOCITY, WIDTH
 from slam.criticism.kalman.record import Record, is_led, record_of
 from slam.flight import Flight
 from slam.simulation.model import Model
+from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 
@@ -23,6 +24,16 @@ CALM_RAD = 0.1
 UNSTEERED = "the stick is never moved: nothing drives the model"
 FOREIGN_FACTOR = 1.6
 FOREIGN_RATE_HZ = 20.0
+SLOW_HZ = 10.0
+"""A vehicle answers within a tenth of a second: read more seldom, most of the answer lies between."""
+STICKS = ("forward", "left", "up", "yaw")
+SHOWN_BY = {
+    "forward": (("pitch", "gyro_y", "velocity_x"), "attitude, gyro or speed"),
+    "left": (("roll", "gyro_x", "velocity_y"), "attitude, gyro or speed"),
+    "up": (("range", "accel_z"), "sonar or accelerometer"),
+    "yaw": (("yaw", "gyro_z"), "attitude or gyro"),
+}
+"""Stick -> channels that show what it does, and the instruments."""
 
 
 def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
@@ -61,6 +72,22 @@ def without_dead_streams(flights: Sequence[Flight]) -> tuple[list[Flight], list[
         clean.append(alive)
         dropped += [f"{flight.name}: {reason}" for reason in reasons]
     return clean, dropped
+
+
+def untested(records: Sequence[Record], shown: Sequence[str]) -> str:
+    """Why flights could show next to nothing, and what would: ``shown`` are the effects that they could."""
+    some = f"no more than {', '.join(shown)}" if shown else "none"
+    reasons = [f"of {len(CATALOGUE)} effects {some} would have shown at a usual size"]
+    for stick, (channels, instruments) in SHOWN_BY.items():
+        moved = any((np.abs(r.stick.values[:, STICKS.index(stick)]) >= LEAST_STICK).any() for r in records)
+        if moved and not any(r.has(CHANNELS.index(c)) for r in records for c in channels):
+            reasons.append(f"the {stick} stick was moved, and no {instruments} was recorded to show it")
+    for name, kind in (("imu", IMU), ("attitude", ATTITUDE), ("velocity", VELOCITY), ("sonar", SONAR)):
+        count = sum(int(np.count_nonzero(r.kinds == kind)) for r in records)
+        rate_hz = count / max(sum(r.duration_s for r in records), 1e-9)
+        if 0 < rate_hz < SLOW_HZ:
+            reasons.append(f"the {name} was read {rate_hz:.1f} times a second; {SLOW_HZ:g} are few")
+    return f"These data cannot be judged: {'; '.join(reasons)}. Fly longer, or record more."
 
 
 def is_foreign(records: Sequence[Record], model: Model) -> bool:
@@ -147,7 +174,9 @@ def _without_dead_streams(flight: Flight) -> tuple[Flight, list[str]]:
     for name, values in _values(flight).items():
         finite = np.isfinite(values).any(axis=1)
         if finite.sum() < FEWEST_READINGS:
-            reasons.append(f"{name} has {int(finite.sum())} readings; it was left out")
+            reasons.append(
+                f"{name} has {int(finite.sum())} readings, {FEWEST_READINGS} are the least; it was left out"
+            )
             changes[name] = None
         elif all(
             np.ptp(column[np.isfinite(column)]) == 0.0 for column in values.T if np.isfinite(column).any()

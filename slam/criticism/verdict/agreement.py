@@ -123,7 +123,7 @@ def contradictions(
         whole = found.last.standing(rest, [effect])[0]
         if worst is None or worst.z < beside(DISAGREE_Z, 0.0 if is_wall(effect) else whole.z):
             continue
-        told[effect.name] = f"{effect.name} is not the same in every {worst.by} (z = {worst.z:.1f})"
+        told[effect.name] = f"is not the same in every {worst.by} (z = {worst.z:.1f})"
         if not is_wall(effect) and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
             refuted.add(effect.name)
     return told, refuted

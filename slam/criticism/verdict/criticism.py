@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.covariate import Covariate
 from slam.criticism.verdict.rollouts import ChannelError
 from slam.simulation.model import Model
@@ -44,8 +45,12 @@ class Gain:
 
     @property
     def foremost(self) -> ChannelError | None:
-        """What gains most two seconds ahead; None where nothing does or no roll-outs are told."""
-        ahead = [c for c in self.channels if c.horizon_s == JUDGED_HORIZON_S and 0 < c.after < c.before]
+        """What gains most two seconds ahead; None where nothing does by more than a misfit, or no roll-outs
+        are told."""
+        least = 1.0 - MISFIT
+        ahead = [
+            c for c in self.channels if c.horizon_s == JUDGED_HORIZON_S and 0 < c.after < least * c.before
+        ]
         return min(ahead, key=lambda c: c.after / c.before, default=None)
 
 

@@ -117,11 +117,9 @@ def weighed(
 
     Beside something that no term is, what contradicts itself (``doubted``) is at even odds a part of that,
     and so is unrest, which any motion makes that the model lacks. Of a foreign vehicle some shape is always
-    likelier than any equation: there nothing is weighed.
+    likelier than any equation: there odds are not shared with it.
     """
-    if found.model.foreign:
-        return tuple(causes), ()
-    if posterior.probability[SOMETHING_ELSE] > SURE:
+    if posterior.probability[SOMETHING_ELSE] > SURE and not found.model.foreign:
         restless = {e.name for e in found.chosen if not e.directions}
         causes = [
             replace(c, probability=0.5 * c.probability) if c.name in doubted or c.name in restless else c

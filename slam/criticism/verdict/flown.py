@@ -21,7 +21,7 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.moving import bounded, moved, on_grid, taken_out
-from slam.criticism.search.nuisances import MEAN, limits_of, value_of
+from slam.criticism.search.nuisances import MEAN, Nuisance, limits_of, value_of
 from slam.criticism.search.search import Search
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.threads import in_threads
@@ -42,6 +42,7 @@ PULL = 0.01
 LAG, LAG_CONSTANT = "attitude_lag", "vehicle.attitude_time_s"
 FREE = {"vehicle.gain": 0.02, "vehicle.drag_1_s": 0.02, LAG_CONSTANT: 0.005}
 """Constants of the vehicle, and the differences that their slopes are taken over."""
+_FREE = tuple(n for n in MEAN if n.name in FREE)
 CANDIDATE_Z = 4.5
 MOST_CANDIDATES = 3
 
@@ -58,6 +59,8 @@ class Flown:
     """For each flight, the belief by the others."""
     nats: dict[str, tuple[float, ...]]
     """Term -> what it gains in each flight, predicted from the others."""
+    odd: tuple[str, ...] = ()
+    """What of the vehicle's constants is not healthy, or would not be but for a term, in words."""
 
 
 @dataclass(frozen=True)
@@ -90,14 +93,21 @@ def flown(records: Sequence[Record], belief: Setting, healthy: Setting, found: S
     """
     course = _Course(records, belief, healthy, found.model)
     chosen, fit = _extended(course, found, course.fitted(belief, found.chosen))
-    chosen, fit, without = _needed(course, chosen, fit)
+    chosen, fit, without = _needed(course, chosen, fit, found.model)
     off = fit.steps - fit.steps.mean(axis=0)
     std = np.sqrt((1.0 - 1.0 / len(records)) * (off**2).sum(axis=0))
     nats = _gained(chosen, fit, without, course.independent)
-    chosen += [e for e in found.last.effects if e.name == LAG and _is_slow(fit, std, found.model)][:1]
-    return Flown(
-        fit.setting, tuple(chosen), dict(zip(fit.columns, std.tolist(), strict=True)), fit.left_out, nats
-    )
+    spread = dict(zip(fit.columns, std.tolist(), strict=True))
+    beyond = [n for n in _FREE if _is_beyond(n, fit.setting, found.model, spread[n.name])]
+    if any(n.name == LAG_CONSTANT for n in beyond):
+        chosen += [e for e in found.last.effects if e.name == LAG][:1]
+    odd = [_in_words(n, fit.setting, found.model) for n in beyond if n.name != LAG_CONSTANT]
+    for effect in [e for e in chosen if e.label in without and not fit.better_than(without[e.label])]:
+        odd += [
+            f"{effect.name} may be that {_in_words(n, without[effect.label].setting, found.model)}"
+            for n in _instead(fit, without[effect.label], found.model)
+        ]
+    return Flown(fit.setting, tuple(chosen), spread, fit.left_out, nats, tuple(odd))
 
 
 def _extended(course: _Course, found: Search, fit: _Fit) -> tuple[list[Effect], _Fit]:
@@ -116,15 +126,23 @@ def _extended(course: _Course, found: Search, fit: _Fit) -> tuple[list[Effect], 
     return chosen, fit
 
 
-def _needed(course: _Course, chosen: list[Effect], fit: _Fit) -> tuple[list[Effect], _Fit, dict[str, _Fit]]:
-    """The terms that make flights better, and the fits without each of them by label; one stays."""
+def _needed(
+    course: _Course, chosen: list[Effect], fit: _Fit, model: Setting
+) -> tuple[list[Effect], _Fit, dict[str, _Fit]]:
+    """The terms that make flights better, or without which a constant of the vehicle would not be healthy,
+    and the fits without each of them by label; one stays."""
     while True:
         without = {
             e.label: course.fitted(taken_out(e, fit.setting), [o for o in chosen if o is not e])
             for e in chosen
             if _flies(e)
         }
-        idle = [e for e in chosen if e.label in without and not fit.better_than(without[e.label])]
+        idle = [
+            e for e in chosen
+            if e.label in without
+            and not fit.better_than(without[e.label])
+            and not _instead(fit, without[e.label], model)
+        ]  # fmt: skip
         if not idle or len(chosen) == 1:
             return chosen, fit, without
         least = min(idle, key=lambda e: without[e.label].missed.sum())
@@ -146,12 +164,26 @@ def _gained(
     }
 
 
-def _is_slow(fit: _Fit, std: Array, model: Setting) -> bool:
-    """Whether the tilt's time constant lies beyond what is healthy, whatever flight is left out."""
-    constant = next(n for n in MEAN if n.name == LAG_CONSTANT)
+def _instead(fit: _Fit, without: _Fit, model: Setting) -> list[Nuisance]:
+    """The constants that are healthy with a term and take its place without it."""
+    return [
+        n for n in _FREE
+        if _is_beyond(n, without.setting, model, 0.0) and not _is_beyond(n, fit.setting, model, 0.0)
+    ]  # fmt: skip
+
+
+def _is_beyond(constant: Nuisance, setting: Setting, model: Setting, std: float) -> bool:
+    """Whether a constant lies beyond what is healthy, whatever flight is left out."""
     low, high = limits_of(constant, model)
-    tau, reach = value_of(constant, fit.setting), 2.0 * float(std[fit.columns.index(LAG_CONSTANT)])
-    return tau - reach > high or tau + reach < low
+    value, reach = value_of(constant, setting), 2.0 * std
+    return value - reach > high or value + reach < low
+
+
+def _in_words(constant: Nuisance, setting: Setting, model: Setting) -> str:
+    low, high = limits_of(constant, model)
+    unit = "" if constant.unit == "1" else f" {constant.unit}"
+    value = value_of(constant, setting)
+    return f"{constant.name} is {value:.3g}{unit} (healthy: {low:.3g} to {high:.3g})"
 
 
 def _flies(effect: Effect) -> bool:
@@ -191,7 +223,7 @@ class _Course:
     def _away(self, setting: Setting) -> Array:
         """How far the vehicle's constants are from a healthy one's, weighed so that flights outweigh it."""
         away = []
-        for nuisance in (n for n in MEAN if n.name in FREE):
+        for nuisance in _FREE:
             low, high = limits_of(nuisance, self._model)
             away.append(PULL * (2.0 * value_of(nuisance, setting) - low - high) / (high - low))
         return np.array(away)

@@ -41,7 +41,11 @@ def _said(
             f"{len(seen)} of {len(CATALOGUE)} effects, such as {some}."
         )
     if verdict == "unknown":
-        named = f" ({', '.join(c.name for c in causes)} explain a part)" if causes else ""
+        named = (
+            f" ({', '.join(c.name for c in causes)} explain{'s' if len(causes) == 1 else ''} a part)"
+            if causes
+            else ""
+        )
         return f"Something is wrong that no term of the catalogue explains: {remainder}{named}."
     told = "; ".join(_told(cause) for cause in causes)
     held = _mended(causes[0].gain)
@@ -68,7 +72,8 @@ def _mended(gain: Gain) -> str:
     """The channel that gains most two seconds ahead, in its own unit; nats where none is told or better."""
     most = gain.foremost
     if most is None:
-        return f"on held-out {gain.by}s the likelihood gains {gain.nats:.0f} nats"
+        ahead = f", and no channel is better {JUDGED_HORIZON_S:g} s ahead" if gain.channels else ""
+        return f"on held-out {gain.by}s the likelihood gains {gain.nats:.0f} nats{ahead}"
     return (
         f"on held-out {gain.by}s {most.channel} {JUDGED_HORIZON_S:g} s ahead is off by {most.after:.2g} "
         f"{most.unit} instead of {most.before:.2g} ({gain.nats:.0f} nats)"

@@ -57,6 +57,19 @@ def test_no_command_and_no_readings(flight):
     assert "no imu" in unusable(replace(flight, imu=None, attitude=None, velocity=None, sonar=None))
 
 
+def test_a_stick_that_nothing_shows_is_told_and_not_called_healthy(flight):
+    few = slice(None, None, 30)
+    attitude = replace(
+        flight.attitude,
+        stamps_s=flight.attitude.stamps_s[few],
+        roll_pitch_yaw_rad=flight.attitude.roll_pitch_yaw_rad[few],
+    )
+    told = unusable(replace(flight, attitude=attitude, imu=None, velocity=None, sonar=None))
+    assert "the up stick was moved, and no sonar or accelerometer was recorded" in told
+    assert "forward" not in told
+    assert "the attitude was read" in told
+
+
 def test_a_dead_stream_is_left_out_and_told(flight):
     stuck = replace(flight, sonar=replace(flight.sonar, range_m=np.full_like(flight.sonar.range_m, 1.0)))
     records, dropped = usable_records([stuck])

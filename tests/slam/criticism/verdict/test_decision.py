@@ -45,6 +45,11 @@ def test_what_is_next_to_impossible_is_left_over():
     assert told(cause("flow_scale", 0.01), unknown=0.9) == ("unknown", [], [0.01])
 
 
+def test_of_a_foreign_vehicle_too_nothing_is_claimed_that_is_next_to_impossible():
+    causes = cause("tilt_limit"), cause("flow_scale", 0.0)
+    assert told(*causes, unknown=1.0, foreign=True) == ("named_with_remainder", [1.0], [0.0])
+
+
 @pytest.mark.parametrize("probability", [0.97, 1.0])
 def test_one_by_itself_is_named(probability: float):
     assert told(cause("flow_scale", probability), unknown=0.01)[0] == "named"

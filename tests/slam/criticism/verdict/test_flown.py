@@ -11,8 +11,9 @@ from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.effects import effects_for
+from slam.criticism.search.moving import moved
 from slam.criticism.usable import usable_records
-from slam.criticism.verdict.flown import _Course
+from slam.criticism.verdict.flown import _Course, _Fit, _in_words, _instead, _is_beyond
 from slam.simulation.dynamics import ATTITUDE_TIME
 from slam.simulation.model import load_model
 
@@ -54,6 +55,21 @@ def test_sizes_are_found_from_far_off_and_left_out_flights_say_how_well(braking)
     assert (with_it.missed.sum(axis=1) < 0.75 * without.missed.sum(axis=1)).all()
     assert with_it.better_than(without)
     assert not without.better_than(with_it)
+
+
+def test_a_constant_far_from_healthy_is_told_and_no_reason_to_drop_a_term(braking):
+    _, nominal = braking
+    empty = np.zeros((1, 1))
+    healthy, bent = (
+        _Fit(setting, ("vehicle.gain",), (), empty, empty)
+        for setting in (nominal, moved(nominal, "vehicle.gain", -0.58))
+    )
+    assert [n.name for n in _instead(healthy, bent, nominal)] == ["vehicle.gain"]
+    assert _instead(bent, bent, nominal) == _instead(healthy, healthy, nominal) == []
+    (gain,) = _instead(healthy, bent, nominal)
+    assert _is_beyond(gain, bent.setting, nominal, 0.1)
+    assert not _is_beyond(gain, bent.setting, nominal, 0.5)
+    assert _in_words(gain, bent.setting, nominal) == "vehicle.gain is 0.42 (healthy: 0.95 to 1.05)"
 
 
 def test_what_is_not_there_has_no_size(braking):

@@ -38,6 +38,13 @@ def test_where_no_reading_gains_the_likelihood_is_told(channels: tuple[ChannelEr
     assert "the likelihood gains 45 nats" in told("named", *channels)
 
 
+def test_a_gain_that_no_reader_could_see_is_none():
+    hardly = ChannelError("pitch", "rad", 2.0, 0.0210, 0.0208)
+    assert "no channel is better 2 s ahead" in told("named", hardly)
+    assert "0.021" not in told("named", hardly)
+    assert "2 s ahead" not in told("named")
+
+
 def test_only_what_shows_at_a_usual_size_counts_as_tested():
     seen = {"trim_offset": (0.02, "rad"), "attitude_lag": (2.5, "s"), "quadratic_drag": (0.024, "1/m")}
     seen |= {"sonar_scale": (0.038, "1")}
