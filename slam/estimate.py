@@ -69,6 +69,10 @@ class AccelerometerErrors:
     """The uncertainty of its own gain included."""
     used: bool
     """Whether the map's lengths rest on it too."""
+    delay_std_s: float = float("nan")
+    """Infinite where the flight does not show the delay."""
+    delay_taken_out_s: float = 0.0
+    """So much of the delay the map has taken out of the instruments' stamps; 0 where it is held at none."""
 
 
 @dataclass(frozen=True)

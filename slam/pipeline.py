@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from backend.solution import Solution
 from frontend.camera import Camera
 from slam.errors import NO_CAMERA, InputError
 from slam.estimate import Estimate
 from slam.flight import Flight
 from slam.mapping.account import Mapped, account
 from slam.mapping.bridging import Bridges
+from slam.mapping.clocks import delay_to_take_out, stamped_later
 from slam.mapping.fusion import Fused, fuse
-from slam.mapping.mapper import Known, Mapper, Sensors
+from slam.mapping.mapper import Edges, Known, Mapper, Sensors
 from slam.mapping.obstacles import Obstacles, echoes_in_map, find_obstacles, no_masks
 from slam.mapping.sightings import Sighter, Sightings
 from slam.mapping.synchronize import inertial_readings
@@ -94,6 +96,44 @@ def _optimize(
         return _optimize(flown, camera, config, progress, clock, found, passes + 1)  # once more, without them
     with clock("loops"):
         sightings = sighter.revisit(sightings, fused.over_floor_T_b, fused.floor_z_m)
+    settled = _settled(flight, mapper, bridges, sightings, fused, progress, clock)
+    late_s = delay_to_take_out(settled.fused.inertial)
+    if late_s != 0.0:  # once more, the instruments read at the pictures' moments
+        flight, flown = stamped_later(flight, late_s), stamped_later(flown, late_s)
+        mapper = Mapper(camera, Sensors.at(flight, sightings.stamps_s, origin, config), config)
+        bridges = Bridges(flight, mapper, sightings.links, config.inertial, progress)
+        settled = _settled(flight, mapper, bridges, sightings, settled.fused, progress, clock)
+    sightings, fused = settled.sightings, settled.fused
+    mapped = Mapped(sightings, settled.edges, settled.solution, fused, odometry, without_loops, late_s)
+    estimate = account(flight, config, mapper, mapped, clock.seconds)
+    echoes = echoes_in_map(flown.sonar, sightings.stamps_s, fused.over_floor_T_b, fused.floor_z_m)
+    return replace(estimate, elevation=echoes.map if echoes else None), sightings
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """A map in which what must overlap was compared."""
+
+    sightings: Sightings
+    edges: Edges
+    solution: Solution
+    fused: Fused
+
+
+def _settled(
+    flight: Flight,
+    mapper: Mapper,
+    bridges: Bridges,
+    sightings: Sightings,
+    fused: Fused,
+    progress: Progress,
+    clock: Stopwatch,
+) -> _Settled:
+    """Solved and refined once more, from what ``fused`` knows of the poses."""
+
+    def step(iteration: int, _: float) -> None:
+        progress("graph", iteration, 0)
+
     with clock("graph"):
         informed = mapper.knowing(fused.over_floor_T_b, fused.over_floor_covariances)
         # Footprints that overlap may be registered by a look-alike piece of floor beside the shared one.
@@ -106,10 +146,7 @@ def _optimize(
     with clock("refine"):
         readings = inertial_readings(flight.imu)
         fused = bridges.join(fuse(mapper, sightings, edges, solution, progress, readings))
-    mapped = Mapped(sightings, edges, solution, fused, odometry, without_loops)
-    estimate = account(flight, config, mapper, mapped, clock.seconds)
-    echoes = echoes_in_map(flown.sonar, sightings.stamps_s, fused.over_floor_T_b, fused.floor_z_m)
-    return replace(estimate, elevation=echoes.map if echoes else None), sightings
+    return _Settled(sightings, edges, solution, fused)
 
 
 def _obstacles(

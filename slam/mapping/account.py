@@ -13,8 +13,9 @@ from slam.estimate import Estimate, InstrumentErrors, LoopVerdict
 from slam.flight import Flight
 from slam.info import describe, missing_for_map
 from slam.mapping.chain import chain
+from slam.mapping.clocks import delay_told
 from slam.mapping.fusion import Fused, comparable
-from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors, delay_told, lean_told
+from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors, lean_told
 from slam.mapping.mapper import Edges, Mapper
 from slam.mapping.sightings import Sightings
 from slam.settings import PipelineConfig
@@ -39,6 +40,8 @@ class Mapped:
     """Edges between neighbours in time alone."""
     without_loops: Solution
     """The pose graph of ``odometry``."""
+    late_s: float = 0.0
+    """By so much the pictures were found to be stamped late, and the instruments' stamps moved."""
 
 
 def _loop_verdicts(
@@ -133,14 +136,14 @@ def account(
             *describe(flight).odd,
             *missing_for_map(flight),
             *_moving(sightings),
-            *_instruments_off(flight, sightings, fused),
+            *_instruments_off(flight, mapped),
             *warnings,
             *solution.warnings,
         ),
         floor_slope_rad=fused.slope_rad,
         instruments=InstrumentErrors(
             attitude_errors(flight, sightings.stamps_s, _main(fused), not flight.parts),
-            accelerometer_errors(fused.inertial),
+            accelerometer_errors(fused.inertial, mapped.late_s),
         ),
         scale_std=fused.bundle.scale_std if fused.bundle else None,
         range_errors=fused.bundle.range_errors if fused.bundle else None,
@@ -159,8 +162,9 @@ def _moving(sightings: Sightings) -> list[str]:
     ]
 
 
-def _instruments_off(flight: Flight, sightings: Sightings, fused: Fused) -> list[str]:
-    told = [delay_told(fused.inertial)]
+def _instruments_off(flight: Flight, mapped: Mapped) -> list[str]:
+    sightings, fused = mapped.sightings, mapped.fused
+    told = [delay_told(fused.inertial, mapped.late_s)]
     if not fused.georeferenced and not flight.parts:
         # Positions would have told whether the ground slopes.
         told.insert(0, lean_told(flight, sightings.stamps_s, _main(fused)))

@@ -22,9 +22,7 @@ _LEAST_KEYFRAMES = 8
 _NOTABLE_RAD = np.radians(2.0)
 """A lean that is worth a word: an attitude's zero is seldom better than a degree."""
 _SURE = 4.0
-"""Standard deviations by which a lean, or a delay, must differ from none."""
-_NOTABLE_S = 0.025
-"""A delay that is worth a word: clocks of cheap cameras are seldom better."""
+"""Standard deviations by which a lean must differ from none."""
 _CLEARLY = 2.0
 """So many times steadier in the world's axes than in the body's, or the other way round."""
 
@@ -98,22 +96,11 @@ def lean_told(flight: Flight, stamps_s: Array, w_T_b: Array) -> str:
     )
 
 
-def delay_told(by_inertia: InertialLengths | None) -> str:
-    """In words, where pictures and accelerometer are stamped by clocks that differ; empty where not."""
-    if by_inertia is None:
-        return ""
-    delay_s, std_s = by_inertia.found.delay_s, by_inertia.found.delay_std_s
-    if abs(delay_s) < max(_NOTABLE_S, _SURE * std_s):
-        return ""
-    return (
-        f"pictures are stamped {1e3 * abs(delay_s):.0f} ms {'after' if delay_s > 0 else 'before'} the imu's "
-        "readings of the same moment: attitude and ranges are taken at the wrong time; shift the stamps in "
-        f"cam0/data.csv by {-1e3 * delay_s:+.0f} ms"
-    )
-
-
-def accelerometer_errors(by_inertia: InertialLengths | None) -> AccelerometerErrors | None:
-    """What the accelerometer was found to be off by, and what it says of lengths."""
+def accelerometer_errors(
+    by_inertia: InertialLengths | None, taken_out_s: float
+) -> AccelerometerErrors | None:
+    """What the accelerometer was found to be off by, and what it says of lengths; of the delay of the
+    pictures ``taken_out_s`` was taken out before."""
     if by_inertia is None:
         return None
     found, lengths = by_inertia.found, by_inertia.lengths
@@ -122,8 +109,10 @@ def accelerometer_errors(by_inertia: InertialLengths | None) -> AccelerometerErr
         found.offset_std_m_s2,
         found.arm_m,
         found.arm_std_m,
-        found.delay_s,
+        found.delay_s + taken_out_s,
         lengths.ratio,
         lengths.ratio * lengths.log_std,
         by_inertia.helps,
+        found.delay_std_s,
+        taken_out_s,
     )

@@ -1,0 +1,70 @@
+"""The camera's clock against the instruments': the delay that the map shows, and a flight without it.
+
+Pictures alone know the path, and the accelerometer knows when the vehicle swayed: by how much one is stamped
+after the other is what makes both most likely (`backend.inertial_scale`). Attitude and ranges are taken to
+be stamped by the clock of gyro and accelerometer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from backend.inertial_rows import MOST_DELAY_S
+from slam.flight import Flight
+from slam.mapping.lengths import InertialLengths
+
+_NOTABLE_S = 0.025
+"""What exposure, transfer and the jitter of cheap cameras' stamps make of one clock."""
+_SURE = 6.0
+"""Standard deviations by which a delay must differ from none: its own is of white noise alone."""
+_EDGE_S = 0.002
+"""So near to the longest delay that is looked for it may be any longer one; the search is exact to half of
+this."""
+_VAGUE_S = _NOTABLE_S / 2
+"""Known no better than this, a delay that matters could hide."""
+
+_STREAMS = ("imu", "sonar", "attitude", "velocity", "barometer")
+
+
+def stamped_later(flight: Flight, late_s: float) -> Flight:
+    """The flight with its instruments' stamps on the clock of its pictures, ``late_s`` after theirs."""
+    held = {name: getattr(flight, name) for name in _STREAMS}
+    later = {name: replace(s, stamps_s=s.stamps_s + late_s) for name, s in held.items() if s is not None}
+    return replace(flight, **later)
+
+
+def delay_to_take_out(by_inertia: InertialLengths | None) -> float:
+    """Seconds by which the pictures are stamped late; 0 where that is too little or too vague."""
+    if by_inertia is None:
+        return 0.0
+    delay_s, std_s = by_inertia.found.delay_s, by_inertia.found.delay_std_s
+    sure = abs(delay_s) >= max(_NOTABLE_S, _SURE * std_s)
+    return delay_s if sure and abs(delay_s) < MOST_DELAY_S - _EDGE_S else 0.0
+
+
+def delay_told(by_inertia: InertialLengths | None, taken_out_s: float) -> str:
+    """In words, where pictures and accelerometer are stamped by clocks that differ, or may; else empty."""
+    if by_inertia is None:
+        return ""
+    std_s = by_inertia.found.delay_std_s
+    delay_s = by_inertia.found.delay_s + taken_out_s
+    if not std_s < _VAGUE_S:
+        return (
+            "the flight does not show by how much the camera's clock differs from the imu's: "
+            "taken for the same; fly with more sway to have it found"
+        )
+    if abs(delay_s) < max(_NOTABLE_S, _SURE * std_s):
+        return ""
+    told = (
+        f"pictures are stamped {1e3 * abs(delay_s):.0f} ± {1e3 * max(std_s, 5e-4):.0f} ms "
+        f"{'after' if delay_s > 0 else 'before'} the imu's readings of the same moment"
+    )
+    if taken_out_s != 0.0:
+        return (
+            f"{told}: taken out of the map; for other programs shift the stamps in cam0/data.csv by "
+            f"{-1e3 * delay_s:+.0f} ms"
+        )
+    return (
+        f"{told}, or more: attitude and ranges are taken at the wrong time; shift the stamps in "
+        f"cam0/data.csv by {-1e3 * delay_s:+.0f} ms and look again"
+    )

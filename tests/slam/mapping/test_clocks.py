@@ -1,0 +1,57 @@
+"""A delay of the pictures that is well known is taken out, any other is held and told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backend.bundle.graph import ScalePrior
+from backend.inertial_scale import InertialScale
+from slam.mapping.clocks import delay_to_take_out, delay_told, stamped_later
+from slam.mapping.lengths import InertialLengths
+from slam.simulation import simulate
+from slam.simulation.recipe import load_recipe
+
+NONE = (0.0, 0.0, 0.0)
+
+
+def shown(delay_s: float, std_s: float) -> InertialLengths:
+    found = InertialScale(1.0, 0.01, NONE, NONE, NONE, NONE, delay_s, std_s)
+    return InertialLengths(found, ScalePrior(1.0, 0.02), 0.05)
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "std_s", "taken_out_s"),
+    [
+        (0.04, 0.002, 0.04),
+        (-0.06, 0.002, -0.06),
+        (0.02, 0.001, 0.0),  # a cheap camera's stamps
+        (0.04, 0.01, 0.0),  # chance
+        (0.0999, 0.001, 0.0),  # as far as was looked: it may be more
+        (0.04, np.inf, 0.0),
+    ],
+)
+def test_a_delay_is_taken_out_where_it_is_sure(delay_s, std_s, taken_out_s):
+    assert delay_to_take_out(shown(delay_s, std_s)) == taken_out_s
+    assert delay_to_take_out(None) == 0.0
+
+
+def test_what_is_told_names_what_was_done():
+    assert "40 ± 2 ms after" in delay_told(shown(0.001, 0.002), 0.039)
+    assert "taken out" in delay_told(shown(0.001, 0.002), 0.039)
+    assert "or more" in delay_told(shown(-0.0999, 0.001), 0.0)
+    assert "does not show" in delay_told(shown(0.04, np.inf), 0.0)
+    assert delay_told(shown(0.01, 0.001), 0.0) == ""
+    assert delay_told(None, 0.0) == ""
+
+
+def test_only_the_instruments_stamps_move():
+    flight = simulate(replace(load_recipe("figure_eight"), camera=None), 0)
+    later = stamped_later(flight, 0.03)
+    for name in ("imu", "sonar", "attitude", "velocity"):
+        moved = getattr(later, name).stamps_s - getattr(flight, name).stamps_s
+        np.testing.assert_allclose(moved, 0.03, atol=1e-12)
+    assert later.truth is flight.truth
+    assert later.command is flight.command
