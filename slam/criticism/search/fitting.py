@@ -13,7 +13,15 @@ from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.hypotheses import parabola_of
 from slam.criticism.search.moving import bounded, entered, moved, settled
-from slam.criticism.search.nuisances import MEAN, RESTLESS, direction_of, limits_of, value_of, with_value
+from slam.criticism.search.nuisances import (
+    MEAN,
+    NUISANCES,
+    RESTLESS,
+    direction_of,
+    limits_of,
+    value_of,
+    with_value,
+)
 from slam.criticism.search.sums import Change, sums_of
 
 Array = NDArray[np.float64]
@@ -53,7 +61,7 @@ def fit_nuisances(
         directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions]
         changes = changes_of(setting) + [c for e in effects for c in e.changes]
         found = sums_of(short, setting, directions, changes)
-        answer = parabola_of(found, setting, model, {}).answer(effects)
+        answer = parabola_of(found, setting, model, {}, nuisances=NUISANCES).answer(effects)
         for column, move in zip(answer.columns, answer.step, strict=True):
             name = found.columns[column]
             if name in _RESTLESS:

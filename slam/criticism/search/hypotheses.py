@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.nuisances import NUISANCES, Nuisance, limits_of, prior_precision, value_of
+from slam.criticism.search.nuisances import NUISANCES, WEIGHTS, Nuisance, limits_of, prior_precision, value_of
 from slam.criticism.search.sums import Sums
 
 Array = NDArray[np.float64]
@@ -163,7 +163,7 @@ def parabola_of(
     model: Setting,
     held: dict[str, float],
     stretches: NDArray[np.bool_] | None = None,
-    nuisances: Sequence[Nuisance] = NUISANCES,
+    nuisances: Sequence[Nuisance] = (*NUISANCES, *WEIGHTS),
 ) -> Parabola:
     """The parabola over some stretches of the flights, by default all."""
     rows = slice(None) if stretches is None else stretches

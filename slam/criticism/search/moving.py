@@ -11,7 +11,7 @@ from slam.criticism.kalman.setting import Setting, slot
 from slam.criticism.kalman.tangents import Direction
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
 from slam.criticism.search.effects import LATENCY_STEP_S, Effect
-from slam.criticism.search.nuisances import COLOURS, NUISANCES, value_of, with_value
+from slam.criticism.search.nuisances import COLOURS, NUISANCES, WEIGHTS, value_of, with_value
 from slam.simulation.dynamics import PARAMETERS, TILT_LIMIT
 from slam.simulation.terms import CATALOGUE
 
@@ -19,10 +19,14 @@ _RADIUS = PARAMETERS.index("ground_effect.radius")
 LARGEST_SHARE = 0.4
 """Of a constant of the vehicle in one step."""
 _BY_NAME = {n.name: n for n in (*NUISANCES, *COLOURS)}
+_OF_THE_GAINS = {n.name for n in WEIGHTS}
+"""Nothing that a belief holds."""
 
 
 def moved(setting: Setting, column: str, step: float) -> Setting:
     """The belief with a column changed, within what the equations bear."""
+    if column in _OF_THE_GAINS:
+        return setting
     if column in _BY_NAME:
         return with_value(_BY_NAME[column], setting, value_of(_BY_NAME[column], setting) + step)
     if column == "control_latency.T":

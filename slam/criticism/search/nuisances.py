@@ -17,6 +17,7 @@ from slam.criticism.kalman.readings import INSTRUMENTS
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.kalman.transition import HOLD
+from slam.criticism.search.sums import weight_of
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ class Nuisance:
 
     name: str
     unit: str
-    kind: Literal["mean", "hold", "noise", "colour"]
+    kind: Literal["mean", "hold", "noise", "colour", "weight"]
     entry: tuple[int, ...]
     """Of the equations' parameters (by ``tangent``), of ``transition.HOLD``, of the channels or of the
     instruments."""
@@ -68,6 +69,10 @@ FOREIGN_NOISE = 4.0
 """Reach of the logarithms upwards where a vehicle's instruments are not the model's: a factor of 50."""
 MEAN = tuple(n for n in NUISANCES if n.kind == "mean")
 RESTLESS = tuple(n for n in NUISANCES if n.kind != "mean")
+WEIGHED = tuple(n.name for n in RESTLESS)
+WEIGHTS = tuple(Nuisance(weight_of(name), "1", "weight", (), TAILS) for name in WEIGHED)
+"""How far the filter's gains are off by themselves: one Gaussian size cannot give both the scatter and the
+best gain of noise with heavy tails, and what a wrong gain leaves looks like a target that goes with tilt."""
 
 
 def direction_of(nuisance: Nuisance) -> Direction:
@@ -81,6 +86,8 @@ def value_of(nuisance: Nuisance, setting: Setting) -> float:
         direction = direction_of(nuisance)
         vector = setting.parameters if direction.kind == "parameters" else setting.sensor
         return float(vector[direction.entry])
+    if nuisance.kind == "weight":
+        return 0.0
     if nuisance.kind == "colour":
         return float(setting.colour[nuisance.entry[0]])
     vector = setting.hold if nuisance.kind == "hold" else setting.noise_factor

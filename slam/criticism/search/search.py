@@ -24,7 +24,7 @@ from slam.criticism.search.effects import Effect, catalogue_value, effects_for, 
 from slam.criticism.search.fitting import changes_of, cut, fit_nuisances, refit
 from slam.criticism.search.hypotheses import Answer, Parabola, parabola_of
 from slam.criticism.search.moving import held_value, is_wall, on_grid, settled, taken_down
-from slam.criticism.search.nuisances import MEAN, direction_of
+from slam.criticism.search.nuisances import MEAN, WEIGHED, direction_of
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.sums import Sums, sums_of
 from slam.criticism.search.thresholds import Thresholds, beside
@@ -121,7 +121,7 @@ def look_at(
     shapes = dictionary(records)
     directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions] + shapes
     changes = changes_of(setting) + [c for e in effects for c in e.changes]
-    sums = sums_of(records, setting, directions, changes, signals, plain)
+    sums = sums_of(records, setting, directions, changes, signals, plain, WEIGHED)
     values = {c: held_value(setting, c) for e in effects for c in e.columns if c not in e.relaxes}
     values = {c: v for c, v in values.items() if v != 0.0}
     return Look(

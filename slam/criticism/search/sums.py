@@ -44,6 +44,11 @@ class Change:
     """Or else only in the first flights, of ``ENOUGH_S`` together: it shows in all alike."""
 
 
+def weight_of(name: str) -> str:
+    """Column of what a change of the restlessness does to the mean alone: how much the filter believes."""
+    return f"weight of {name}"
+
+
 @dataclass(frozen=True)
 class Sums:
     """Per stretch of the flights: score and information of all columns."""
@@ -80,10 +85,12 @@ def sums_of(
     changes: Sequence[Change],
     signals: Sequence[dict[str, Signal]] | None = None,
     plain: Sequence[Pass] = (),
+    weighed: Sequence[str] = (),
 ) -> Sums:
     """Run the filter over the flights, once with all directions and once for each change.
 
-    ``plain`` are runs under ``setting`` itself, where they are known already.
+    ``plain`` are runs under ``setting`` itself, where they are known already. Of the changes ``weighed``
+    what they do to the mean is one more column, by ``weight_of`` their names.
     """
     if not plain:
         plain = in_threads(lambda record: whole(record, setting), records)
@@ -95,18 +102,19 @@ def sums_of(
     other = dict(zip(tried, runs, strict=True))
     weight = _variance_weight(records, plain)
     steps = np.array([c.step for c in changes])
+    apart = np.array([k for k, c in enumerate(changes) if c.name in weighed], dtype=np.int64)
 
     def one(k: int) -> list[tuple[Array, Array, float]]:
         beside = [other.get((k, c), plain[k]) for c in range(len(changes))]
         changed = _difference(plain[k], beside, steps)
         found = signals[k] if signals is not None else {}
-        rows = list(_stretch_sums(records[k], setting, directions, found, changed, weight, plain[k]))
-        return rows + _sighted(records[k], setting, directions, len(changes))
+        rows = list(_stretch_sums(records[k], setting, directions, found, changed, apart, weight, plain[k]))
+        return rows + _sighted(records[k], setting, directions, len(changes) + len(apart))
 
     parts = in_threads(one, range(len(records)))
     flat = [part for flight in parts for part in flight]
     return Sums(
-        (*(d.name for d in directions), *(c.name for c in changes)),
+        (*(d.name for d in directions), *(c.name for c in changes), *map(weight_of, weighed)),
         np.repeat(np.arange(len(records)), [len(flight) for flight in parts]),
         np.array([information for information, _, _ in flat]),
         np.array([score for _, score, _ in flat]),
@@ -129,19 +137,20 @@ def _sighted(
     return [(information, score, seen.log_likelihood)]
 
 
-def _stretch_sums(record, setting, directions, signals, changed, weight, plain):  # type: ignore[no-untyped-def]
+def _stretch_sums(record, setting, directions, signals, changed, apart, weight, plain):  # type: ignore[no-untyped-def]
     moved, widened = changed
+    d, end = len(directions), len(directions) + widened.shape[-1]
     nats = plain.nats
     for rows in stretches(record, setting, directions, signals, STRETCH_S):
         column = rows.channels - CHANNEL_AT[record.kinds[rows.events], 0]
-        traces = np.column_stack([rows.traces, moved[rows.events, column]])
+        shifted = moved[rows.events, column]
+        traces = np.column_stack([rows.traces, shifted, shifted[:, apart]])
         spread = widened[rows.events, column] * weight[0][rows.channels, None]
         score = rows.white @ traces
         information = traces.T @ traces
-        d = rows.traces.shape[1]
         excess = np.minimum(rows.white**2, CUT) - weight[1][rows.channels]
-        score[d:] += 0.5 * (excess * weight[0][rows.channels]) @ widened[rows.events, column]
-        information[d:, d:] += 0.5 * spread.T @ widened[rows.events, column]
+        score[d:end] += 0.5 * (excess * weight[0][rows.channels]) @ widened[rows.events, column]
+        information[d:end, d:end] += 0.5 * spread.T @ widened[rows.events, column]
         first, last = (rows.events[0], rows.events[-1] + 1) if len(rows.events) else (0, 0)
         yield information, score, float(nats[first:last].sum())
 
