@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 _ROTATION_FIRST = np.array([3, 4, 5, 0, 1, 2])
 _UNIT_TOLERANCE = 1e-3
+FARTHEST_M = 1e13
+"""Beyond, a double is no longer sure of the millimetres; squares of much more are infinite."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ def _text(path: Path) -> str:
         raise BackendError(f"{path}: is empty; name a .g2o file")
     if b"\0" in raw[:4096]:
         raise BackendError(f"{path}: is a binary file; name a .g2o text file")
-    return raw.decode("utf-8", errors="replace")
+    return raw.decode("utf-8-sig", errors="replace").replace("\r\n", "\n").replace("\r", "\n")
 
 
 def _rows(
@@ -165,6 +167,11 @@ def _block(rows: list[tuple[int, list[str]]], tag: str, name: str) -> _Block:
     bad = np.flatnonzero(~np.isfinite(figures).all(axis=1))
     if len(bad):
         raise BackendError(f"{name}:{lines[bad[0]]}: {tag} holds a field that is no finite number; mend it")
+    far = np.flatnonzero((np.abs(figures[:, :3]) > FARTHEST_M).any(axis=1))
+    if len(far):
+        raise BackendError(
+            f"{name}:{lines[far[0]]}: {tag} holds a place beyond {FARTHEST_M:.0e} m; mend or remove the line"
+        )
     return _Block(lines, ids.reshape(len(rows), shape.ids), figures)
 
 

@@ -103,6 +103,19 @@ def test_what_is_dropped_or_mended_is_counted(tmp_path: Path, text: str, expecte
     )
 
 
+@pytest.mark.parametrize("mark", ["", "\ufeff"], ids=["plain", "marked"])
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"], ids=["unix", "dos", "old mac"])
+def test_how_an_editor_marks_text_and_ends_lines_is_no_matter(tmp_path: Path, mark: str, end: str):
+    path = tmp_path / "g.g2o"
+    path.write_bytes((mark + PLANAR).replace("\n", end).encode())
+    read = read_g2o(path)
+    assert read.warnings == ()
+    assert (len(read.ids), len(read.i)) == (2, 1)
+    path.write_bytes((mark + PLANAR + "EDGE_SE2 0\n").replace("\n", end).encode())
+    with pytest.raises(BackendError, match=":4: EDGE_SE2 has 1 fields"):
+        read_g2o(path)
+
+
 def test_non_unit_quaternion_becomes_a_rotation(tmp_path: Path):
     read = _read(tmp_path, SPATIAL.replace("QUAT 1 1 0 0 0 0 0 1", "QUAT 1 1 0 0 0 0 2 2"))
     np.testing.assert_allclose(read.poses[1, :3, :3], [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
@@ -122,6 +135,8 @@ def test_non_unit_quaternion_becomes_a_rotation(tmp_path: Path):
         (PLANAR + "EDGE_SE2 0 1 1 0\n" + E.format(0, 1), ":4: EDGE_SE2 has 4 fields instead of 11"),
         (PLANAR.replace("1 0 0 10", "nan 0 0 10"), ":3: EDGE_SE2 holds a field"),
         (PLANAR.replace("1 0 0 10", "inf 0 0 10"), ":3: EDGE_SE2 holds a field"),
+        (PLANAR.replace("1 0 0 10", "1e300 0 0 10"), ":3: EDGE_SE2 holds a place beyond"),
+        (PLANAR.replace("SE2 1 1", "SE2 1 -1e300"), ":2: VERTEX_SE2 holds a place beyond"),
         (PLANAR.replace("1 0 0 10", "abc 0 0 10"), ":3: EDGE_SE2 holds a field"),
         (PLANAR.replace("EDGE_SE2 0", "EDGE_SE2 x"), ":3: vertex 'x'"),
         (PLANAR.replace("EDGE_SE2 0", "EDGE_SE2 -1"), ":3: vertex '-1'"),
