@@ -22,6 +22,8 @@ Value = str | list["Value"] | dict[str, "Value"]
 
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 8
+MAX_LEVER_M = 10.0
+"""No sensor sits farther from the middle of a small aircraft."""
 RIGID_TOLERANCE = 1e-3
 """Largest departure of R^T R from the identity that rounding by hand explains."""
 
@@ -81,6 +83,8 @@ class YamlFile:
         T = np.array([self._finite(key, v) for v in data]).reshape(4, 4)
         R = T[:3, :3]
         error = float(np.abs(R.T @ R - np.eye(3)).max())
+        if (far := float(np.linalg.norm(T[:3, 3]))) > MAX_LEVER_M:
+            raise self.refuse(key, f"puts the sensor {far:g} m from the body", "write metres (millimetres?)")
         if not np.allclose(T[3], (0, 0, 0, 1), atol=1e-9):
             raise self.refuse(key, "does not end in 0, 0, 0, 1", "write a rigid transform, row by row")
         if error > RIGID_TOLERANCE or np.linalg.det(R) < 0:

@@ -164,6 +164,9 @@ def _sonar(source: Source) -> Sonar:
     datum_std_m = sensor.number("datum_std", Sonar.datum_std_m)
     if datum_std_m > high:
         raise sensor.refuse("datum_std", f"is {datum_std_m:g}", f"write metres between 0 and {high:g}")
+    beam_rad = sensor.number("beam_width", Sonar.beam_width_rad)
+    if beam_rad >= math.pi:
+        raise sensor.refuse("beam_width", f"is {beam_rad:g}", "write radians below pi (degrees?)")
     median = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
     if median > 5 * high:
         unit = "centimetres" if median * 0.01 <= high else "millimetres"
@@ -176,7 +179,7 @@ def _sonar(source: Source) -> Sonar:
         source.noise(1, (Sonar.noise_std_m,))[0],
         low,
         high,
-        sensor.number("beam_width", Sonar.beam_width_rad),
+        beam_rad,
         scale_std=scale_std,
         datum_std_m=datum_std_m,
         b_T_s=sensor.transform(),

@@ -85,6 +85,8 @@ YAML = [
     ("imu0", r"gyroscope_noise_density: .*", "gyroscope_noise_density: -1", "positive"),
     ("imu0", r"rate_hz: .*", "rate_hz: often", "'often'"),
     ("sonar0", r"min_range: .*", "min_range: 9", "min_range < max_range"),
+    ("sonar0", r"beam_width: .*", "beam_width: 25", "degrees?"),
+    ("sonar0", r"data: \[[^]]*\]", "data: [1,0,0,30, 0,1,0,0, 0,0,1,0, 0,0,0,1]", "30 m from the body"),
     ("attitude0", r"noise_std: .*", "noise_std: [1, 2]", "3 numbers"),
     ("gps0", r"sensor_type: ", "sensor_type: &a ", "anchors"),
     ("gps0", r"sensor_type: gps", "sensor_type: !!python/object/apply:os.system [ls]", "tag"),
