@@ -17,6 +17,7 @@ from slam.mapping.account import Mapped, account
 from slam.mapping.bridging import Bridges
 from slam.mapping.clocks import delay_to_take_out, stamped_later
 from slam.mapping.fusion import Fused, fuse
+from slam.mapping.horizon import seeing_floor
 from slam.mapping.mapper import Edges, Known, Mapper, Sensors
 from slam.mapping.obstacles import Obstacles, echoes_in_map, find_obstacles, no_masks
 from slam.mapping.sightings import Sighter, Sightings
@@ -45,7 +46,8 @@ def optimize_with_sightings(
     """The same, and what the front end saw: features of the keyframes, registrations held and refused."""
     # Threads of BLAS and of OpenCV would spin against each other for the same cores.
     with threadpool_limits(1, "blas"):
-        return _optimize(flight, _camera(flight), config, progress, Stopwatch())
+        camera = _camera(flight)
+        return _optimize(seeing_floor(flight, camera), camera, config, progress, Stopwatch())
 
 
 def _optimize(

@@ -31,6 +31,7 @@ from frontend.lift import LiftedPoses, lift
 from frontend.registration import Registration
 from frontend.tracks import join_tracks
 from slam.flight import Flight, GeoOrigin
+from slam.mapping.horizon import LEAST_FALL
 from slam.mapping.reach import Reach
 from slam.mapping.synchronize import attitudes_at, positions_at, ranges_at
 from slam.settings import PipelineConfig
@@ -161,12 +162,13 @@ class Mapper:
     def _heights(
         self, i: NDArray[np.int64], j: NDArray[np.int64], lifted: LiftedPoses, good: NDArray[np.bool_]
     ) -> Heights:
-        tilt = self.sensors.roll_pitch_rad
-        k = np.array([r.k for r in self.sensors.ranges], dtype=np.int64)
-        height = np.array([r.range_m for r in self.sensors.ranges]) * np.cos(tilt[k]).prod(axis=1)
-        std = np.array([r.std_m for r in self.sensors.ranges]) / height if len(k) else np.empty(0)
+        fall = np.cos(self.sensors.roll_pitch_rad).prod(axis=1)
+        ranges = [r for r in self.sensors.ranges if fall[r.k] > LEAST_FALL]
+        k = np.array([r.k for r in ranges], dtype=np.int64)
+        height = np.array([r.range_m for r in ranges]) * fall[k]
+        std = np.array([r.std_m for r in ranges]) / height if len(k) else np.empty(0)
         return agree_on_heights(
-            len(tilt),
+            len(fall),
             i,
             j,
             np.log(lifted.height_ratio[good]),
@@ -231,9 +233,9 @@ class Mapper:
         for k in tied:
             std = np.append(sensors.roll_pitch_std_rad[k], np.inf)
             attitudes.append(Attitude(k, np.append(sensors.roll_pitch_rad[k], 0.0), std))
-            cosine = float(np.cos(sensors.roll_pitch_rad[k]).prod())
+            fall = max(LEAST_FALL, float(np.cos(sensors.roll_pitch_rad[k]).prod()))
             height = float(heights.height_m[k])
-            ranges.append(SlantRange(k, height / cosine, height * max(0.01, float(heights.log_std[k]))))
+            ranges.append(SlantRange(k, height / fall, height * max(0.01, float(heights.log_std[k]))))
         measurements = Measurements(sensors.stamps_s, edges.relative_poses, tuple(attitudes), tuple(ranges))
         plain = solve(measurements, loops_robust=False, covariances=False, on_step=on_step)
         if not edges.relative_poses:

@@ -144,6 +144,7 @@ FAULTS = (
     Fault(33, "microseconds", "E", "microseconds", column("imu0", 0, lambda s: int(s) // 1000)),
     Fault(35, "gap", "W", "1 gap", rows("sonar0", lambda t: [*t[:20], *t[-20:]])),
     Fault(36, "no IMU", "W", "no IMU", without("imu0"), "optimize"),
+    Fault(36, "attitude upside down", "W", "the sky", column("attitude0", 1, lambda _: 3.0), "optimize"),
     Fault(36, "no attitude", "W", "tilt is not measured", without("attitude0"), "optimize"),
     Fault(37, "no sonar", "W", "no metric scale", without("sonar0"), "optimize"),
     Fault(38, "no camera", "E", "slam estimate", without("cam0"), "optimize"),

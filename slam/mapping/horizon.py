@@ -1,0 +1,37 @@
+"""Attitudes against what the camera shows: pictures that match over a floor were not taken of the sky."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from frontend.camera import Camera
+from slam.flight import Flight
+
+LEAST_FALL = 0.17
+"""Of a unit vector that still meets the floor: within 10 degrees of the horizon neither a picture nor an echo
+says anything of it."""
+
+
+def seeing_floor(flight: Flight, camera: Camera) -> Flight:
+    """The flight without the attitudes by which the camera does not look at the floor; they are counted.
+
+    A tumbling vehicle's pictures match no floor, so that a flight loses nothing with them. What is left out
+    is an instrument that is broken, upside down, or of another convention.
+    """
+    if flight.attitude is None:
+        return flight
+    angles = flight.attitude.roll_pitch_yaw_rad
+    roll, pitch, _ = angles.T
+    up = np.column_stack([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])
+    away = up @ camera.b_T_c[:3, 2] > -LEAST_FALL  # not where an angle is missing
+    if not away.any():
+        return flight
+    told = (
+        f"attitude0: by {away.sum()} of {len(away)} readings the camera looks at the horizon or the sky; "
+        "they are left out: check its angles and the camera's T_BS"
+    )
+    left = np.where(away[:, None], np.nan, angles)
+    attitude = None if away.all() else replace(flight.attitude, roll_pitch_yaw_rad=left)
+    return replace(flight, attitude=attitude, warnings=(*flight.warnings, told))
