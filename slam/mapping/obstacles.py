@@ -32,6 +32,8 @@ SPIKE_READINGS = 5
 NEAR_MARGIN, LOW_RANGES = 1.2, 3.0
 """Between so many of the sensor's least ranges the floor is heard, and what is silent may stand too near."""
 FEWEST = 10
+MOST_STANDING = 0.8
+"""Share of the echoes: where hardly any is the floor's, it is the sonar that is at fault."""
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,10 @@ def find_obstacles(
     floor_z_m: float,
     config: MaskingConfig,
 ) -> Obstacles | None:
-    """What stands out from the floor under a map's keyframes; None where nothing does, or without a sonar."""
+    """What stands out from the floor under a map's keyframes; None where nothing does, or without a sonar.
+
+    Of a sonar that hardly ever hears the floor nothing is taken for an obstacle, and that is told.
+    """
     sonar, frames = flight.sonar, flight.frames
     echoes = (
         echoes_in_map(sonar, stamps_s, over_floor_T_b, floor_z_m) if config.pixels or config.echoes else None
@@ -203,6 +208,10 @@ def find_obstacles(
     elevation = echoes.map
     if elevation is None or standing.sum() < max(FEWEST, config.least_share * heard):
         return None
+    radius_m = float(np.nanmedian(echoes.radius_m))
+    if standing.sum() > MOST_STANDING * heard:
+        told = f"sonar0: {standing.sum()} of {heard} ranges are no heights over the floor; check it"
+        return Obstacles(sonar, no_masks, told, echoes.w_p_m, radius_m)
     gamma = echoes.gamma_m(config)
     mask = ObstacleMask(elevation, camera, floor_z_m, gamma)
     placed = np.flatnonzero(np.isfinite(over_floor_T_b).all(axis=(1, 2)))
@@ -221,5 +230,5 @@ def find_obstacles(
         (lambda frame: mask(poses[frame])) if config.pixels else no_masks,
         told,
         echoes.w_p_m,
-        float(np.nanmedian(echoes.radius_m)),
+        radius_m,
     )

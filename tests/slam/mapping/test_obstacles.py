@@ -101,6 +101,17 @@ def test_a_flat_floor_single_spikes_and_no_sonar_are_no_obstacles(over):
     assert find_obstacles(chosen, chosen.camera, *some_poses(chosen), 0.0, MaskingConfig()) is None
 
 
+def test_a_sonar_that_reads_at_random_has_found_no_obstacles():
+    """Masks of it would blind the camera."""
+    over = flight(boxes=False)
+    range_m = np.random.default_rng(0).uniform(0.3, 5.3, len(over.sonar.range_m))
+    broken = replace(over, sonar=replace(over.sonar, range_m=range_m))
+    found = find_obstacles(broken, over.camera, *some_poses(over), 0.0, MaskingConfig())
+    assert "are no heights over the floor" in found.told
+    assert all(found.masks(k) is None for k in range(len(over.frames)))
+    assert found.sonar is broken.sonar
+
+
 def test_it_can_be_switched_off_and_set():
     over = flight()
     for off in (
