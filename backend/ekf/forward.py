@@ -53,7 +53,7 @@ from backend.ekf.readings import (
     predict,
     step_residual,
 )
-from backend.ekf.records import REFUSED, SOFTENED, STEPPED, USED, Events, Found, Log, Tape
+from backend.ekf.records import REFUSED, SOFTENED, STEPPED, UNABLE, USED, Events, Found, Log, Tape
 
 _WILD = 4.0
 """A component so many times beyond its gate is refused; one nearer is softened: its noise is taken for as
@@ -107,6 +107,9 @@ def forward(
             if not fixed:
                 e[:] = 0.0
             innovation, able = _innovation(kind, k, x, events, model, H, variance)
+            for i in range(0 if able else 6):
+                if math.isfinite(innovation[i]):
+                    log.status[k, i] = UNABLE
             if kind == STEP:
                 able = able and _gate_step(k, innovation, e, C, H, variance, now, refused_since, gates, log)
             for i in range(6 if able else 0):
@@ -244,15 +247,15 @@ def _take(
                 log.status[k, i] = SOFTENED
                 variance += (over - 1) * S
                 S = expected + variance
-    else:
-        log.status[k, i] = max(log.status[k, i], USED)
+    elif log.status[k, i] != SOFTENED:
+        log.status[k, i] = USED
     K = Ch / S
     e += K * innovation
     # (1 - K h) C (1 - K h)' + K variance K', multiplied out.
     for r in range(n):
-        k, c = K[r], S * K[r] - Ch[r]
+        gain, c = K[r], S * K[r] - Ch[r]
         for j in range(n):
-            C[r, j] += c * K[j] - k * Ch[j]
+            C[r, j] += c * K[j] - gain * Ch[j]
     if len(tape.F) > 0:
         m = tape.dof[b]
         tape.H[b, m], tape.K[b, m], tape.S[b, m], tape.innovation[b, m] = h, K, S, innovation

@@ -116,9 +116,11 @@ class FilterModel:
     b_p_range_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     b_p_camera_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gate_probability: float = 1e-5
-    """A reading less likely than this is refused."""
+    """A component less likely than this is down-weighted to its gate; one beyond four times its squared gate
+    is refused."""
     patience_s: float = 1.0
-    """When all readings of a kind have been refused for so long, the filter is wrong, not they."""
+    """After so many seconds without a reading inside its gate, the instrument's own offset is taken to have
+    stepped; a component without one is from then on down-weighted instead of refused."""
 
 
 @dataclass(frozen=True)

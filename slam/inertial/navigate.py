@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 WAYS = ("dead reckoning on board", "filter", "smoothed")
 """What the three trajectories of such an estimate are."""
 MOST_POSES = 200_000
+_TOLD_TILT_DEG, _TOLD_SCALE = 3.0, 1e-6
+"""An own attitude that is off by more, and a scale that is held and less well known, are told."""
 
 
 @dataclass(frozen=True)
@@ -221,6 +223,3 @@ def _found_odd(given: FilterInput, track: Track) -> list[str]:
         if scale > _TOLD_SCALE:
             said.append(f"the scale of {words} is held, known to {100 * scale:.2g} %")
     return said
-
-
-_TOLD_TILT_DEG, _TOLD_SCALE = 3.0, 1e-6

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2, norm
 
 from backend import se3
@@ -244,6 +245,29 @@ def test_spikes_are_refused_and_counted(made):
     assert np.flatnonzero(status == ekf_records.REFUSED).tolist() == spiked.tolist()
     assert found.channels["range"].count(ekf_records.REFUSED) == len(spiked)
     np.testing.assert_allclose(found.smoothed.w_T_b[:, :3, 3], clean.smoothed.w_T_b[:, :3, 3], atol=0.005)
+
+
+def test_what_an_instrument_cannot_read_in_that_attitude_is_counted():
+    """With the nose 85 degrees down there is no yaw to speak of, no level velocity, and no floor below."""
+    pitched = np.array([0.0, np.radians(85), 0.0])
+    w_R_b = Rotation.from_euler("ZYX", pitched[::-1]).as_matrix()
+    stamps_s = np.arange(0.0, 2.0, 0.02)
+
+    def always(values, std):
+        return Series(stamps_s, np.tile(values, (len(stamps_s), 1)), np.full(len(values), std))
+
+    readings = Readings(
+        gyro_rad_s=always(np.zeros(3), 0.01),
+        accel_m_s2=always(w_R_b.T @ [0.0, 0.0, 9.80665], 0.1),
+        roll_pitch_yaw_rad=always(np.array([0.0, pitched[1], np.nan]), 0.01),
+        velocity_m_s=always(np.zeros(2), 0.05),
+        range_m=always(np.ones(1), 0.02),
+    )
+    start = Start(1.0, 0.01, w_R_b, tilt_std_rad=0.01)
+    channels = track(readings, np.array([1.0]), start, FilterModel()).channels
+    unable = {name: channel.count(ekf_records.UNABLE) for name, channel in channels.items()}
+    n = len(stamps_s)
+    assert unable == {"gyro": 0, "accelerometer": 0, "attitude": 2 * n, "velocity": 2 * n, "range": n}
 
 
 def test_a_step_becomes_the_instruments_own_error(made):
