@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from backend import se3
 from backend.absolutes import aligned
+from backend.chi_square import ChiSquare, chi_square
 from backend.errors import BackendError
 from backend.initialize import chordal, spanning_tree
 from backend.problem import Problem
-from backend.selection.consistency import ChiSquare, chi_square
 from backend.solve import Minimum, OnStep, gauss_newton, levenberg_marquardt
 
 Array = NDArray[np.float64]

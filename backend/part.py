@@ -16,8 +16,7 @@ from backend.gauge import direction_words, hold_factor, key_runs, open_direction
 from backend.initialize import elimination_cost
 from backend.marginals import pose_covariances
 from backend.problem import Problem
-from backend.selection.consistency import reason
-from backend.selection.rejection import has_loops_on_odometry, without_disagreeing
+from backend.selection.rejection import has_loops_on_odometry, reason, without_disagreeing
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

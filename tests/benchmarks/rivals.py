@@ -13,10 +13,11 @@ import numpy as np
 
 from backend.absolutes import fixed, gtsam_poses
 from backend.anchored import Anchored, Options, plain_fit
+from backend.chi_square import edge_limit
 from backend.initialize import spanning_tree
 from backend.pose_graph import PoseGraph
 from backend.problem import Problem, from_pose_graph
-from backend.selection.consistency import agreeing_edges, edge_limit
+from backend.selection.gnc import agreeing_edges
 from backend.selection.prediction import draws, innovations, limit, squared
 
 Array = np.ndarray

@@ -1,61 +1,23 @@
-"""Do all edges fit together, and which of them do not, where none is trusted more than another."""
+"""Graduated non-convexity: which edges do not fit with the others, where none is trusted above another."""
 
 from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
 
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
-from backend import se3
+from backend.chi_square import edge_limit
 from backend.elimination import set_ordering
 from backend.problem import Problem
 from backend.solve import OnStep
 
 Array = NDArray[np.float64]
 
-CONFIDENCE = 0.999
-"""Of the global test, and of the limit for one edge."""
-
 _GROWTH = 1.4
 _STEPS = 200
-
-
-@dataclass(frozen=True)
-class ChiSquare:
-    """Sum of the squared whitened residuals of the edges against what chance allows."""
-
-    statistic: float
-    freedom: int
-    limit: float
-
-    @property
-    def passed(self) -> bool:
-        """Whether chance explains the sum."""
-        return self.statistic <= self.limit
-
-
-def chi_square(problem: Problem, statistic: float) -> ChiSquare:
-    """Test whether the edges agree with each other and with the absolute measurements.
-
-    ``statistic`` is the sum of the edges' squared whitened residuals. The freedom is that of the edges'
-    loops, plus what absolute measurements may ask of them.
-    """
-    d = problem.freedom
-    tree = d * (problem.count - 1)
-    rows = sum(absolute.plain.dim() for absolute in problem.absolutes)
-    freedom = d * len(problem.i) - tree + min(rows, tree)
-    # A tree of edges always fits: its residuals are rounding.
-    return ChiSquare(statistic, freedom, float(chi2.ppf(CONFIDENCE, freedom)) if freedom > 0 else np.inf)
-
-
-def edge_limit(problem: Problem) -> float:
-    """Whitened norm that a true edge exceeds once in a thousand."""
-    return float(np.sqrt(chi2.ppf(CONFIDENCE, problem.freedom)))
 
 
 def agreeing_edges(
@@ -113,14 +75,3 @@ def _step(
     for _ in range(2):
         optimizer.iterate()
     return problem.poses(gtsam.Values(optimizer.values()))
-
-
-def reason(problem: Problem, edge: int, w_T: Array, sigma: float) -> str:
-    """Why an edge was rejected: ``disagrees by 7.3 sigma (limit 4.1): 1.2 m, 14 deg``."""
-    i, j = problem.i[edge], problem.j[edge]
-    off = se3.log((se3.inverse(problem.ij_T[edge]) @ se3.inverse(w_T[i]) @ w_T[j])[None])[0]
-    meters, degrees = np.linalg.norm(off[3:]), np.degrees(np.linalg.norm(off[:3]))
-    limit = edge_limit(problem)
-    if sigma <= limit:
-        return f"agrees to {sigma:.1f} sigma, but the rest tells too little of where it lies to trust it"
-    return f"disagrees by {sigma:.1f} sigma (limit {limit:.1f}): {meters:.2g} m, {degrees:.2g} deg"
