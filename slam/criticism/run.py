@@ -21,7 +21,7 @@ from slam.criticism.residuals.outliers import outliers_of
 from slam.criticism.residuals.vibration import vibration_of
 from slam.criticism.search.moving import is_wall
 from slam.criticism.search.nuisances import NUISANCES, value_of
-from slam.criticism.search.search import Look, Search, search
+from slam.criticism.search.search import Look, Search, exchanged, search
 from slam.criticism.search.thresholds import Thresholds, beside, load_thresholds
 from slam.criticism.threads import in_threads
 from slam.criticism.unled.verdict import NOTHING_TO_HOLD, judged_unled
@@ -32,7 +32,7 @@ from slam.criticism.verdict.criticism import Cause, ChannelCheck, Criticism, Int
 from slam.criticism.verdict.decision import causes_of, confirmed, decide, in_order, weighed
 from slam.criticism.verdict.flown import Flown, flown
 from slam.criticism.verdict.heldout import taken
-from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, posterior_of
+from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, likelier, named, posterior_of
 from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.sentence import sentence_of
 from slam.flight import Flight
@@ -86,7 +86,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     if not setting.foreign and not combed(records):
         records, steps = without_boxes(records, setting)
         odd = [*odd, *steps]
-    found = confirmed(search(records, setting, limits), setting)
+    found = _likeliest(records, confirmed(search(records, setting, limits), setting))
     belief = _belief(found)
     doubts, refuted = contradictions(records, setting, found, belief)
     if refuted:
@@ -134,6 +134,12 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         model=model,
         extended=_extended(model, belief, found, odd),
     )
+
+
+def _likeliest(records: Sequence[Record], found: Search) -> Search:
+    """The search with what is likelier in place of a chosen term, if any is."""
+    other = likelier(found, posterior_of(found))
+    return exchanged(records, found, *other) if other is not None else found
 
 
 def _left_over(

@@ -23,7 +23,7 @@ from slam.criticism.search.dictionary import dictionary, shapes_of, signals_of
 from slam.criticism.search.effects import Effect, catalogue_value, effects_for, plausible, relaxations
 from slam.criticism.search.fitting import changes_of, cut, fit_nuisances, refit
 from slam.criticism.search.hypotheses import Answer, Parabola, parabola_of
-from slam.criticism.search.moving import held_value, is_wall, on_grid, settled, taken_down
+from slam.criticism.search.moving import held_value, is_wall, on_grid, settled, taken_down, taken_out
 from slam.criticism.search.nuisances import MEAN, WEIGHED, direction_of
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.sums import Sums, sums_of
@@ -107,6 +107,30 @@ class Search:
     chosen: tuple[Effect, ...]
     rivals: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """For terms that the filter chose by runs anew: names that fitted as well then."""
+
+
+def exchanged(records: Sequence[Record], found: Search, place: Effect, by: str) -> Search:
+    """The search with another term in place of a chosen one, fitted with the filter run anew; as it was where
+    that explains no more.
+
+    A term enters as it looks from the healthy vehicle; what another would do in its place shows only from
+    there.
+    """
+    rest = [e for e in found.chosen if e is not place]
+    bare = taken_out(place, found.last.setting)
+    old, _ = refit(records, found.model, found.last.setting, found.chosen)
+    fits = []
+    for other in (e for e in found.last.effects if e.name == by):
+        nats, setting = refit(records, found.model, bare, [*rest, other])
+        fits.append((nats - occam(len(other.columns)), other, setting))
+    best, other, setting = max(fits, key=lambda fit: fit[0])
+    if best <= old - occam(len(place.columns)):
+        return found
+    chosen = [settled(other, setting) if e is place else settled(e, setting) for e in found.chosen]
+    look = look_at(records, found.model, setting, chosen)
+    alike = best - old + occam(len(place.columns)) < VERY_SIMILAR_NATS
+    rivals = found.rivals | {other.name: (place.name,) if alike else ()}
+    return replace(found, last=look, chosen=tuple(look.own(c) for c in chosen), rivals=rivals)
 
 
 def look_at(

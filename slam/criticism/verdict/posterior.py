@@ -108,6 +108,17 @@ def posterior_of(found: Search) -> Posterior:
     return Posterior(probability, tuple(alternatives), tuple(leads), float(unknown))
 
 
+def likelier(found: Search, posterior: Posterior) -> tuple[Effect, str] | None:
+    """A chosen term and another that is likelier in its place; None where there is none."""
+    for place, names in zip(found.chosen, posterior.alternatives, strict=False):
+        if named(place) and not is_wall(place) and not place.changes:
+            known = {n: posterior.probability.get(n, 0.0) for n in names}
+            best = max(known, key=lambda n: known[n])
+            if known[best] > known[place.name]:
+                return place, best
+    return None
+
+
 def _as_good(found: Search, wall: Effect) -> tuple[str, ...]:
     """What fitted as well as a wall when it was chosen; of a foreign vehicle it is told as what remains."""
     chosen = {e.name for e in found.chosen}

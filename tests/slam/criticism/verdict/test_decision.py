@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from slam.criticism.search.effects import Effect
 from slam.criticism.verdict.criticism import Cause, Gain
 from slam.criticism.verdict.decision import decide, weighed
-from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior
+from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, likelier
 
 GAIN = Gain(50.0, (30.0, 60.0), "flight", (25.0, 25.0), ())
 
@@ -48,6 +49,20 @@ def test_what_is_next_to_impossible_is_left_over():
 def test_of_a_foreign_vehicle_too_nothing_is_claimed_that_is_next_to_impossible():
     causes = cause("tilt_limit"), cause("flow_scale", 0.0)
     assert told(*causes, unknown=1.0, foreign=True) == ("named_with_remainder", [1.0], [0.0])
+
+
+def test_what_is_likelier_in_place_of_a_chosen_term_is_found():
+    lag = Effect("attitude_lag", relaxes=("vehicle.attitude_time_s",))
+    found = SimpleNamespace(chosen=(lag,))
+    names = (("attitude_lag", "control_latency"),)
+
+    def by(lag_p: float, latency_p: float):
+        return likelier(
+            found, Posterior({"attitude_lag": lag_p, "control_latency": latency_p}, names, (0.0,), 0.0)
+        )
+
+    assert by(0.001, 0.999) == (lag, "control_latency")
+    assert by(0.6, 0.4) is None
 
 
 @pytest.mark.parametrize("probability", [0.97, 1.0])
