@@ -232,7 +232,9 @@ def make(
     elif kind == "untellable":
         found = [b for b in UNTELLABLE if fault in (None, b.fault)]
         blind = found[rng.integers(len(found))]
-        faults, target, kept = [BY_NAME[blind.fault]], blind.strength, blind.streams
+        # Far beyond what is asked for any two causes are told apart.
+        faults = [replace(BY_NAME[blind.fault], scaled=True)]
+        target, kept = blind.strength, blind.streams
     plans = plans_for(faults, flights, rng)
     if blind is not None:
         plans = tuple(str(rng.choice(blind.plans)) for _ in range(flights))

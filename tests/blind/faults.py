@@ -172,12 +172,10 @@ class Blind:
 _ALL = ("imu0", "attitude0", "velocity0", "sonar0", "battery0")
 _FLOW = ("velocity0", "sonar0")
 UNTELLABLE: tuple[Blind, ...] = (
-    Blind(
-        "asymmetric_drag", ("pulse_and_coast",), _ALL, ("asymmetric_drag", "active_braking"), 12.0, "revers"
-    ),
-    Blind("steady_wind", ("hover", "pulse_and_coast"), _FLOW, ("steady_wind", "trim_offset"), 15.0, "turn"),
-    Blind("trim_offset", ("hover", "square"), _FLOW, ("steady_wind", "trim_offset"), 15.0, "turn"),
-    Blind("control_latency", ("pulse_and_coast",), _FLOW, ("control_latency", "attitude_lag"), 8.0, "pulse"),
+    Blind("asymmetric_drag", ("onward",), _FLOW, ("asymmetric_drag", "active_braking"), 6.0, "revers"),
+    Blind("steady_wind", ("hover", "pulse_and_coast"), _FLOW, ("steady_wind", "trim_offset"), 12.0, "turn"),
+    Blind("trim_offset", ("hover", "square"), _FLOW, ("steady_wind", "trim_offset"), 12.0, "turn"),
+    Blind("control_latency", ("swell",), _FLOW, ("control_latency", "attitude_lag"), 7.0, "pulse"),
     Blind(
         "sonar_bias", ("hover", "square", "yaw_repeat"), _ALL, ("sonar_bias", "sonar_scale"), None, "touch"
     ),

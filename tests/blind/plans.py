@@ -114,6 +114,26 @@ def touchdown(rng: Rng) -> Iterator[Piece]:
         yield (1.5, 0.0, 0.0, 0.0, 0.0)
 
 
+def onward(rng: Rng) -> Iterator[Piece]:
+    """Pushed one way and never let to stop: all slowing is coasting, at speed."""
+    f, left = _in_direction(1.0, rng)
+    while True:
+        size = rng.uniform(0.1, 0.2)
+        yield (rng.uniform(0.6, 1.2), size * f, size * left, 0.0, 0.0)
+        yield (rng.uniform(1.0, 1.8), 0.0, 0.0, 0.0, 0.0)
+
+
+def swell(rng: Rng) -> Iterator[Piece]:
+    """Nothing but slow waves: what comes late and what comes lazily look the same."""
+    size, period, t = rng.uniform(0.14, 0.24), rng.uniform(7.0, 10.0), 0.0
+    while True:
+        phase = 2.0 * np.pi * t / period
+        yield (0.05, size * np.sin(phase), 0.8 * size * np.sin(2.0 * phase), 0.0, 0.0)
+        t += 0.05
+
+
+UNTELLING: dict[str, Callable[[Rng], Iterator[Piece]]] = {p.__name__: p for p in (onward, swell)}
+"""Flown only where causes shall not be told apart."""
 PLANS: dict[str, Callable[[Rng], Iterator[Piece]]] = {
     p.__name__: p
     for p in (
@@ -128,7 +148,7 @@ def stick_of(plan: str, duration_s: float, rng: Rng) -> np.ndarray:
     """(duration / GRID_S, 4) forward left up yaw as given, rounded as a log would."""
     out = np.zeros((round(duration_s / GRID_S), 4))
     at = round(rng.uniform(1.5, 3.0) / GRID_S)
-    for seconds, *values in PLANS[plan](rng):
+    for seconds, *values in (PLANS | UNTELLING)[plan](rng):
         if at >= len(out):
             return out
         end = at + max(round(seconds / GRID_S), 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from tests.blind import folder
 from tests.blind.cases import CHANCE, CONTACT, KINDS, Outing, make, nuisances_of, plans_for, sized, suite
-from tests.blind.faults import BY_NAME, FAULTS, STRANGE, UNTELLABLE
+from tests.blind.faults import BY_NAME, FAULTS, STRANGE, UNTELLABLE, Blind
 from tests.blind.instruments import NOISE, RATE_HZ, noisy, streams
 from tests.blind.strength import NUISANCES, STEP_S, outputs, strengths, whitened
 from tests.blind.vehicle import HEALTHY
@@ -111,6 +112,49 @@ def test_effects_of_chance_change_the_streams(name):
         np.array_equal(a, b, equal_nan=True) for s in ALL for a, b in zip(*(r[s] for r in read), strict=True)
     ]
     assert not all(same)
+
+
+ALIKE = 2.0
+"""Sigmas of a difference of two nats: half of what two causes must differ by to be told apart."""
+
+
+def left_by_the_rival(blind: Blind, seed: int) -> float:
+    """Sigmas of an effect that the other cause of its set, at its best size, does not explain."""
+    rng = np.random.default_rng(seed)
+    outing = Outing(seed, 0, tuple(str(rng.choice(blind.plans)) for _ in range(4)), 40.0, one_heading=True)
+    base = nuisances_of(rng)
+    hidden = replace(BY_NAME[blind.fault], scaled=True)
+    _, what, trace = sized(outing, base, hidden, blind.strength, blind.streams)
+    assert what.d == pytest.approx(blind.strength, rel=0.1)
+    steps = [{**base, n: base[n] + step} for n, (step, _) in NUISANCES.items()]
+    halves = [half / abs(step) for step, half in NUISANCES.values()]
+    rivals = [BY_NAME[n] for n in blind.equivalents if n != blind.fault]
+    # Two directions span what a vector may be.
+    tried = [
+        {**base, **rival.apply(size, base, np.random.default_rng(way))}
+        for rival in rivals
+        for size in np.geomspace(rival.low, rival.high, 6)
+        for way in (1, 2)
+    ]
+    traces = outing.traces(base, [*steps, *tried], blind.streams)
+    healthy, ways = traces[:, : len(steps)], traces[:, len(steps) :]
+    pairs = [np.hstack([healthy, ways[:, k : k + 2]]) for k in range(0, ways.shape[1], 2)]
+    return min(float(strengths(trace, pair, [*halves, 10.0, 10.0])[0]) for pair in pairs)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("blind", [b for b in UNTELLABLE if b.strength], ids=lambda b: b.fault)
+def test_what_cannot_be_told_apart_leaves_the_same_trace(blind):
+    """By the generator's own whitening, whatever a critic says."""
+    assert left_by_the_rival(blind, 5) < ALIKE
+
+
+@pytest.mark.slow
+def test_pulses_that_every_instrument_sees_do_tell():
+    """Brakes lean, drag does not."""
+    known = next(b for b in UNTELLABLE if b.fault == "asymmetric_drag")
+    seen = replace(known, plans=("pulse_and_coast",), streams=ALL, strength=12.0)
+    assert left_by_the_rival(seen, 5) > 2.0 * ALIKE
 
 
 def test_the_catalogue_is_covered():
