@@ -19,7 +19,7 @@ from backend.accept import from_measurements
 from backend.errors import BackendError, first_line
 from backend.gauge import hold_factor, open_directions
 from backend.measurements import Attitude, Measurements, Position, RelativePose, SlantRange
-from backend.problem import Problem
+from backend.problem import Problem, spatial_poses
 from backend.solve import minimise
 
 Array = NDArray[np.float64]
@@ -109,10 +109,7 @@ class Incremental:
 
     def trajectory(self) -> Array:
         """(n, 4, 4) where all keyframes are by now."""
-        rows = np.asarray(gtsam.utilities.extractPose3(self._isam.calculateEstimate())).reshape(-1, 12)
-        w_T = np.tile(np.eye(4), (len(rows), 1, 1))
-        w_T[:, :3, :3], w_T[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
-        return w_T
+        return spatial_poses(self._isam.calculateEstimate())
 
     def settle(self) -> Step:
         """Take in what waits and solve all anew, at any price: the batch's answer."""

@@ -130,11 +130,15 @@ class Problem:
         """The inverse of ``values``."""
         if self.dimension == 2:
             return se3.from_planar(np.asarray(gtsam.utilities.extractPose2(values)).reshape(-1, 3))
-        rows = np.asarray(gtsam.utilities.extractPose3(values)).reshape(-1, 12)
-        w_T = np.tile(np.eye(4), (len(rows), 1, 1))
-        w_T[:, :3, :3] = rows[:, :9].reshape(-1, 3, 3)
-        w_T[:, :3, 3] = rows[:, 9:]
-        return w_T
+        return spatial_poses(values)
+
+
+def spatial_poses(values: gtsam.Values) -> Array:
+    """(n, 4, 4) all poses in space, in the order of their keys."""
+    rows = np.asarray(gtsam.utilities.extractPose3(values)).reshape(-1, 12)
+    w_T = np.tile(np.eye(4), (len(rows), 1, 1))
+    w_T[:, :3, :3], w_T[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
+    return w_T
 
 
 def _models(R: Array) -> list[gtsam.noiseModel.Gaussian]:

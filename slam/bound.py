@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from backend.bundle.floor_points import where_rays_meet
 from backend.bundle.graph import BundleConfig, NoiseLevels
 from backend.bundle.information import Information, information
 from backend.bundle.noise import colour_along_tracks, huber_std, start_noise
@@ -166,13 +167,9 @@ def _near(tracks: FloorTracks, off: Array, limit: float) -> FloorTracks:
 
 def _on_the_floor(tracks: FloorTracks, camera: PinholeModel, w_T_b: Array) -> Array:
     """(m, 2) where each observation would be if its point lay where its rays meet the floor, on average."""
-    w_T_c = (w_T_b @ camera.b_T_c)[tracks.keyframe]
-    ray = np.column_stack([(tracks.pixel - camera.center_px) / camera.focal_px, np.ones(len(tracks.pixel))])
-    ray = np.einsum("mab,mb->ma", w_T_c[:, :3, :3], ray)
-    hit = w_T_c[:, :3, 3] - (w_T_c[:, 2, 3] / ray[:, 2])[:, None] * ray
-    seen = np.bincount(tracks.track)
-    point = np.column_stack([np.bincount(tracks.track, hit[:, axis]) / seen for axis in range(3)])
-    c_p = np.einsum("mba,mb->ma", w_T_c[:, :3, :3], point[tracks.track] - w_T_c[:, :3, 3])
+    w_T_c = w_T_b @ camera.b_T_c
+    point, pose = where_rays_meet(tracks, camera, w_T_c), w_T_c[tracks.keyframe]
+    c_p = np.einsum("mba,mb->ma", pose[:, :3, :3], point[tracks.track] - pose[:, :3, 3])
     return np.asarray(c_p[:, :2] / c_p[:, 2:] * camera.focal_px + camera.center_px)
 
 

@@ -23,6 +23,7 @@ from backend.bundle.factors import (
     scaled_position_factor,
     scaled_range_factor,
 )
+from backend.bundle.floor_points import where_rays_meet
 from backend.measurements import FloorTracks, Measurements, PinholeModel
 
 Array = NDArray[np.float64]
@@ -100,14 +101,7 @@ def start_values(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> gtsa
     values = gtsam.Values()
     for k, pose in enumerate(w_T_c):
         values.insert(POSE(k), gtsam.Pose3(pose))
-    pose = w_T_c[tracks.keyframe]
-    ray = np.column_stack([(tracks.pixel - camera.center_px) / camera.focal_px, np.ones(len(tracks.pixel))])
-    ray = np.einsum("mab,mb->ma", pose[:, :3, :3], ray)
-    hit = pose[:, :3, 3] - (pose[:, 2, 3] / np.minimum(ray[:, 2], -1e-3))[:, None] * ray
-    seen = np.bincount(tracks.track)
-    for t, point in enumerate(
-        np.column_stack([np.bincount(tracks.track, hit[:, a]) / seen for a in range(3)])
-    ):
+    for t, point in enumerate(where_rays_meet(tracks, camera, w_T_c)):
         values.insert(POINT(t), point)
     values.insert(WORLD, np.array([np.log(scale), floor_z_m, *[0.0] * (WORLD_SIZE - 2)]))
     return values

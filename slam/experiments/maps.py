@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from slam.estimate import Estimate
-from slam.experiments.canvas import Canvas, paint
+from slam.experiments.canvas import Canvas, paint, show
 from slam.experiments.experiment import Row, Spread, Trial, spread
 from slam.experiments.stitching import LARGEST, consecutive, landmark_errors, placed
 from slam.flight import Flight
 from slam.pipeline import optimize
 from slam.simulation import simulate
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 CONSECUTIVE, KEYFRAMES, GRAPH = "chain of pictures, 6.67 Hz", "chain of keyframes", "pose graph"
 WAYS = (CONSECUTIVE, KEYFRAMES, GRAPH)
@@ -63,6 +67,13 @@ def rows(
         return Row(f"{pair} error" if pair == LARGEST else pair, "%", theirs, ours)
 
     return tuple(row(pair) for pair in (LARGEST, *next(iter(paper.values()))))
+
+
+def show_maps(panels: Iterable[Axes], trial: Trial, titles: Mapping[str, str], prefix: str = "") -> None:
+    """Draw the maps of some ways (``titles`` by way), each with its largest error."""
+    for axes, (way, title) in zip(panels, titles.items(), strict=True):
+        percent = trial.figures[f"{prefix}{way}/{LARGEST}"]
+        show(axes, trial.drawing[way], f"{title}: largest error {percent:.2f} %")
 
 
 def largest(trials: Sequence[Trial], way: str, prefix: str = "") -> Spread:

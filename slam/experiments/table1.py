@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from slam.experiments.canvas import show
 from slam.experiments.experiment import DRONE, SIMULATOR, Conclusion, Experiment, Trial, told, verdict
-from slam.experiments.maps import CONSECUTIVE, GRAPH, KEYFRAMES, largest, mapped, rows
+from slam.experiments.maps import CONSECUTIVE, GRAPH, KEYFRAMES, largest, mapped, rows, show_maps
 from slam.report.paper import SQUARE_DRONE_PERCENT, SQUARE_PERCENT
 
 if TYPE_CHECKING:
@@ -33,13 +32,7 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
 
 
 def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
-    panels = figure.subplots(1, 2)
-    for axes, way in zip(panels, (CONSECUTIVE, KEYFRAMES), strict=True):
-        show(
-            axes,
-            trials[0].drawing[way],
-            f"{way}: largest error {trials[0].figures[f'{way}/largest']:.2f} %",
-        )
+    show_maps(figure.subplots(1, 2), trials[0], {way: way for way in (CONSECUTIVE, KEYFRAMES)})
 
 
 EXPERIMENT = Experiment(

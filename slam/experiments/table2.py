@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import wilcoxon
 
-from slam.experiments.canvas import show
 from slam.experiments.experiment import (
     DRONE,
     SIMULATOR,
@@ -20,7 +19,7 @@ from slam.experiments.experiment import (
     told,
     verdict,
 )
-from slam.experiments.maps import CONSECUTIVE, GRAPH, KEYFRAMES, WAYS, largest, mapped, rows
+from slam.experiments.maps import CONSECUTIVE, GRAPH, KEYFRAMES, WAYS, largest, mapped, rows, show_maps
 from slam.experiments.stitching import LARGEST
 from slam.report.paper import SQUARE_DRONE_PERCENT, SQUARE_PERCENT, WHITE_BALANCE_PERCENT
 
@@ -73,9 +72,7 @@ def _chance(ratios: list[float]) -> float:
 
 def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
     panels = figure.subplots(1, 2)
-    for axes, way in zip(panels, (CONSECUTIVE, KEYFRAMES), strict=True):
-        percent = trials[0].figures[f"{_WITH}{way}/{LARGEST}"]
-        show(axes, trials[0].drawing[way], f"{way}, white balance: largest error {percent:.2f} %")
+    show_maps(panels, trials[0], {way: f"{way}, white balance" for way in (CONSECUTIVE, KEYFRAMES)}, _WITH)
 
 
 EXPERIMENT = Experiment(

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.evaluation.association import poses_at
-from slam.experiments.canvas import show
 from slam.experiments.experiment import (
     SIMULATOR,
     Conclusion,
@@ -30,8 +29,9 @@ from slam.experiments.maps import (
     in_all_ways,
     largest,
     rows,
+    show_maps,
 )
-from slam.experiments.stitching import LARGEST, filtered
+from slam.experiments.stitching import filtered
 from slam.pipeline import optimize
 from slam.report.paper import EKF_PERCENT, STITCHED_PERCENT
 from slam.simulation import load_recipe, simulate
@@ -96,10 +96,7 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
 
 
 def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
-    panels = figure.subplots(2, 2).ravel()
-    for axes, way in zip(panels, WAYS, strict=True):
-        percent = trials[0].figures[f"{way}/{LARGEST}"]
-        show(axes, trials[0].drawing[way], f"{way}: largest error {percent:.2f} %")
+    show_maps(figure.subplots(2, 2).ravel(), trials[0], {way: way for way in WAYS})
 
 
 EXPERIMENT = Experiment(
