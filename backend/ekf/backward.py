@@ -14,7 +14,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from backend.ekf.forward import note
-from backend.ekf.motion import CP, TH, Array, P, both_sides, pull, retract
+from backend.ekf.motion import (
+    KEPT_POS,
+    POS,
+    ROT,
+    Array,
+    both_sides,
+    pull,
+    retract,
+)
 from backend.ekf.readings import ASK, KEEP
 from backend.ekf.records import Events, Found, Tape
 
@@ -56,7 +64,7 @@ def backward(
 def _let_go(y: Array, L: Array) -> None:
     """The adjoint of keeping: what is known of the copy is known of the original."""
     for k in range(6):
-        copy, of = CP + k, (P if k < 3 else TH - 3) + k
+        copy, of = KEPT_POS + k, (POS if k < 3 else ROT - 3) + k
         L[of] += L[copy]
         L[:, of] += L[:, copy]
         y[of] += y[copy]

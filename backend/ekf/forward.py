@@ -19,22 +19,22 @@ from numba import njit
 from numpy.typing import NDArray
 
 from backend.ekf.motion import (
-    AT,
-    BO,
-    CP,
-    CT,
-    GO,
-    RO,
+    ATTITUDE_ERROR,
+    BARO_ZERO,
+    GPS_ZERO,
+    KEPT_POS,
+    KEPT_ROT,
+    POS,
+    RANGE_BIAS,
+    ROT,
     SIZE,
     STATE,
-    TH,
-    VB,
-    XC,
-    XCQ,
-    XQ,
-    XW,
+    VEL_ERROR,
+    X_KEPT_POS,
+    X_KEPT_ROT,
+    X_RATE,
+    X_ROT,
     Array,
-    P,
     difference,
     propagate,
     push,
@@ -186,14 +186,14 @@ def _gate_step(
 def _own_error(kind: int, i: int) -> int:
     """Where the error of an instrument stands that may step; -1 where it has none."""
     if kind == ATTITUDE:
-        return AT + i
+        return ATTITUDE_ERROR + i
     if kind == RANGE:
-        return RO
+        return RANGE_BIAS
     if kind == VELOCITY:
-        return VB + i
+        return VEL_ERROR + i
     if kind == BAROMETER:
-        return BO
-    return GO if kind == POSITION and i == 2 else -1
+        return BARO_ZERO
+    return GPS_ZERO if kind == POSITION and i == 2 else -1
 
 
 @njit(cache=True)
@@ -276,10 +276,10 @@ def note(found: Found, q: int, x: Array, C: Array, rows: NDArray[np.int64]) -> N
 @njit(cache=True)
 def _keep(x: Array, e: Array, C: Array) -> None:
     """Keep a copy of the present pose; the one kept before is let go."""
-    x[XC:XCQ], x[XCQ:STATE] = x[:3], x[XQ:XW]
-    e[CP:CT], e[CT:SIZE] = e[P : P + 3], e[TH : TH + 3]
-    C[CP:CT], C[CT:SIZE] = C[P : P + 3], C[TH : TH + 3]
-    C[:, CP:CT], C[:, CT:SIZE] = C[:, P : P + 3], C[:, TH : TH + 3]
+    x[X_KEPT_POS:X_KEPT_ROT], x[X_KEPT_ROT:STATE] = x[:3], x[X_ROT:X_RATE]
+    e[KEPT_POS:KEPT_ROT], e[KEPT_ROT:SIZE] = e[POS : POS + 3], e[ROT : ROT + 3]
+    C[KEPT_POS:KEPT_ROT], C[KEPT_ROT:SIZE] = C[POS : POS + 3], C[ROT : ROT + 3]
+    C[:, KEPT_POS:KEPT_ROT], C[:, KEPT_ROT:SIZE] = C[:, POS : POS + 3], C[:, ROT : ROT + 3]
 
 
 @njit(cache=True)

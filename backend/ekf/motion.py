@@ -24,18 +24,22 @@ Array = NDArray[np.float64]
 
 discard_stale(Path(__file__).parent.glob("*.py"))
 
-P, V, A, TH, W, BG, BA, AT, RS, RO, VS, VB, BO, GO, CP, CT = (
-    0, 3, 6, 9, 12, 15, 18, 21, 24, 25, 26, 28, 30, 31, 32, 35,
-)  # fmt: skip
+(
+    POS, VEL, ACC, ROT, RATE, GYRO_BIAS, ACCEL_BIAS, ATTITUDE_ERROR, RANGE_SCALE, RANGE_BIAS, VEL_SCALE,
+    VEL_ERROR, BARO_ZERO, GPS_ZERO, KEPT_POS, KEPT_ROT,
+) = (0, 3, 6, 9, 12, 15, 18, 21, 24, 25, 26, 28, 30, 31, 32, 35)  # fmt: skip
 """Where each part stands in the error: position, velocity, acceleration (world), attitude, body rate, gyro
 and accelerometer offset, error of the vehicle's own attitude, scale and offset of the range, scale and
 lasting error of the velocity, offset of the barometer, offset of the positions' height; a pose kept from
 earlier."""
 PLAIN, SIZE = 32, 38
 """Length of the error without and with the kept pose."""
-XQ, XW, XC, XCQ, STATE = 9, 13, 33, 36, 40
-"""In the nominal state attitudes are quaternions (w, x, y, z): attitude, body rate, kept position and
-attitude, length. What lies between body rate and kept position stands one higher than in the error."""
+(
+    X_ROT, X_RATE, X_GYRO_BIAS, X_ACCEL_BIAS, X_ATTITUDE_ERROR, X_RANGE_SCALE, X_RANGE_BIAS, X_VEL_SCALE,
+    X_VEL_ERROR, X_BARO_ZERO, X_GPS_ZERO, X_KEPT_POS, X_KEPT_ROT, STATE,
+) = (9, 13, 16, 19, 22, 25, 26, 27, 29, 31, 32, 33, 36, 40)  # fmt: skip
+"""The same in the nominal state, in which attitudes are quaternions (w, x, y, z), and its length; position,
+velocity and acceleration stand where they do in the error."""
 
 (
     ACCEL_STD, ACCEL_TAU, RATE_STD, RATE_TAU, GYRO_WALK, BIAS_WALK, TILT_STD, TILT_TAU, YAW_WALK,
@@ -93,12 +97,12 @@ def left_jacobian(v: Array) -> Array:
 def retract(x: Array, e: Array) -> Array:
     """The nominal state (STATE,) moved by an error (SIZE,) or (PLAIN,)."""
     out = x.copy()
-    out[:XQ] += e[:TH]
-    out[XQ:XW] = turned(x[XQ:XW], e[TH:W])
-    out[XW:XC] += e[W:CP]
+    out[:X_ROT] += e[:ROT]
+    out[X_ROT:X_RATE] = turned(x[X_ROT:X_RATE], e[ROT:RATE])
+    out[X_RATE:X_KEPT_POS] += e[RATE:KEPT_POS]
     if len(e) == SIZE:
-        out[XC:XCQ] += e[CP:CT]
-        out[XCQ:STATE] = turned(x[XCQ:STATE], e[CT:SIZE])
+        out[X_KEPT_POS:X_KEPT_ROT] += e[KEPT_POS:KEPT_ROT]
+        out[X_KEPT_ROT:STATE] = turned(x[X_KEPT_ROT:STATE], e[KEPT_ROT:SIZE])
     return out
 
 
@@ -116,13 +120,14 @@ def rotation_vector(R: Array) -> Array:
 def difference(y: Array, x: Array, n: int) -> Array:
     """The error (n,) that takes the nominal state x to y."""
     out = np.empty(n)
-    out[:TH] = y[:XQ] - x[:XQ]
-    out[TH:W] = rotation_vector(np.ascontiguousarray(rotation(x[XQ:XW]).T) @ rotation(y[XQ:XW]))
-    out[W:CP] = y[XW:XC] - x[XW:XC]
+    out[:ROT] = y[:X_ROT] - x[:X_ROT]
+    back = np.ascontiguousarray(rotation(x[X_ROT:X_RATE]).T)
+    out[ROT:RATE] = rotation_vector(back @ rotation(y[X_ROT:X_RATE]))
+    out[RATE:KEPT_POS] = y[X_RATE:X_KEPT_POS] - x[X_RATE:X_KEPT_POS]
     if n == SIZE:
-        out[CP:CT] = y[XC:XCQ] - x[XC:XCQ]
-        kept = np.ascontiguousarray(rotation(x[XCQ:STATE]).T)
-        out[CT:SIZE] = rotation_vector(kept @ rotation(y[XCQ:STATE]))
+        out[KEPT_POS:KEPT_ROT] = y[X_KEPT_POS:X_KEPT_ROT] - x[X_KEPT_POS:X_KEPT_ROT]
+        kept = np.ascontiguousarray(rotation(x[X_KEPT_ROT:STATE]).T)
+        out[KEPT_ROT:SIZE] = rotation_vector(kept @ rotation(y[X_KEPT_ROT:STATE]))
     return out
 
 
@@ -164,7 +169,7 @@ def propagate(x: Array, C: Array, dt: float, model: Array, F: Array) -> None:
     `pull_back`."""
     a, qa = correlated(dt, model[ACCEL_STD], model[ACCEL_TAU])
     w, qw = correlated(dt, model[RATE_STD], model[RATE_TAU])
-    v = w[1] * x[XW : XW + 3]
+    v = w[1] * x[X_RATE : X_RATE + 3]
     F[0, 0], F[0, 1], F[0, 2] = dt, a[0], a[1]
     F[1, 0], F[1, 1] = a[2], w[2]
     F[1, 2] = math.exp(-dt / model[TILT_TAU])
@@ -172,29 +177,29 @@ def propagate(x: Array, C: Array, dt: float, model: Array, F: Array) -> None:
     F[5:8] = w[1] * (np.eye(3) - 0.5 * hat(v))
     F[8, 0] = math.exp(-dt / model[FLOW_TAU])
     for k in range(3):
-        x[k] += dt * x[V + k] + a[0] * x[A + k]
-        x[V + k] += a[1] * x[A + k]
-        x[A + k] *= a[2]
-    x[XQ:XW] = turned(x[XQ:XW], v)
-    x[XW : XW + 3] *= w[2]
-    x[AT + 1 : AT + 3] *= F[1, 2]
-    x[VB + 1 : VB + 3] *= F[8, 0]
+        x[k] += dt * x[VEL + k] + a[0] * x[ACC + k]
+        x[VEL + k] += a[1] * x[ACC + k]
+        x[ACC + k] *= a[2]
+    x[X_ROT:X_RATE] = turned(x[X_ROT:X_RATE], v)
+    x[X_RATE : X_RATE + 3] *= w[2]
+    x[X_ATTITUDE_ERROR : X_ATTITUDE_ERROR + 2] *= F[1, 2]
+    x[X_VEL_ERROR : X_VEL_ERROR + 2] *= F[8, 0]
     both_sides(C, F, False)
     for k in range(3):
         for i in range(3):
             for j in range(3):
                 C[3 * i + k, 3 * j + k] += qa[i, j]
-        C[TH + k, TH + k] += qw[1, 1]
-        C[TH + k, W + k] += qw[1, 2]
-        C[W + k, TH + k] += qw[1, 2]
-        C[W + k, W + k] += qw[2, 2]
-        C[BG + k, BG + k] += model[GYRO_WALK] ** 2 * dt
-        C[BA + k, BA + k] += model[BIAS_WALK] ** 2 * dt
+        C[ROT + k, ROT + k] += qw[1, 1]
+        C[ROT + k, RATE + k] += qw[1, 2]
+        C[RATE + k, ROT + k] += qw[1, 2]
+        C[RATE + k, RATE + k] += qw[2, 2]
+        C[GYRO_BIAS + k, GYRO_BIAS + k] += model[GYRO_WALK] ** 2 * dt
+        C[ACCEL_BIAS + k, ACCEL_BIAS + k] += model[BIAS_WALK] ** 2 * dt
     for k in range(2):
-        C[AT + k, AT + k] += model[TILT_STD] ** 2 * (1 - F[1, 2] ** 2)
-        C[VB + k, VB + k] += model[FLOW_STD] ** 2 * (1 - F[8, 0] ** 2)
-    C[AT + 2, AT + 2] += model[YAW_WALK] ** 2 * dt
-    C[BO, BO] += model[BARO_WALK] ** 2 * dt
+        C[ATTITUDE_ERROR + k, ATTITUDE_ERROR + k] += model[TILT_STD] ** 2 * (1 - F[1, 2] ** 2)
+        C[VEL_ERROR + k, VEL_ERROR + k] += model[FLOW_STD] ** 2 * (1 - F[8, 0] ** 2)
+    C[ATTITUDE_ERROR + 2, ATTITUDE_ERROR + 2] += model[YAW_WALK] ** 2 * dt
+    C[BARO_ZERO, BARO_ZERO] += model[BARO_WALK] ** 2 * dt
 
 
 @njit(cache=True)
@@ -202,33 +207,33 @@ def push(v: Array, F: Array) -> None:
     """The transition times an error v (n,), in place: position takes from velocity and acceleration, and so
     on."""
     for k in range(3):
-        v[P + k] += F[0, 0] * v[V + k] + F[0, 1] * v[A + k]
-        v[V + k] += F[0, 2] * v[A + k]
-        v[A + k] *= F[1, 0]
-    t0, t1, t2, w0, w1, w2 = v[TH], v[TH + 1], v[TH + 2], v[W], v[W + 1], v[W + 2]
+        v[POS + k] += F[0, 0] * v[VEL + k] + F[0, 1] * v[ACC + k]
+        v[VEL + k] += F[0, 2] * v[ACC + k]
+        v[ACC + k] *= F[1, 0]
+    t0, t1, t2, w0, w1, w2 = v[ROT], v[ROT + 1], v[ROT + 2], v[RATE], v[RATE + 1], v[RATE + 2]
     for k in range(3):
         turn = F[2 + k, 0] * t0 + F[2 + k, 1] * t1 + F[2 + k, 2] * t2
-        v[TH + k] = turn + F[5 + k, 0] * w0 + F[5 + k, 1] * w1 + F[5 + k, 2] * w2
-        v[W + k] *= F[1, 1]
+        v[ROT + k] = turn + F[5 + k, 0] * w0 + F[5 + k, 1] * w1 + F[5 + k, 2] * w2
+        v[RATE + k] *= F[1, 1]
     for k in range(2):
-        v[AT + k] *= F[1, 2]
-        v[VB + k] *= F[8, 0]
+        v[ATTITUDE_ERROR + k] *= F[1, 2]
+        v[VEL_ERROR + k] *= F[8, 0]
 
 
 @njit(cache=True)
 def pull(v: Array, F: Array) -> None:
     """The transposed transition times v (n,), in place."""
     for k in range(3):
-        v[A + k] = F[0, 1] * v[P + k] + F[0, 2] * v[V + k] + F[1, 0] * v[A + k]
-        v[V + k] += F[0, 0] * v[P + k]
-    t0, t1, t2 = v[TH], v[TH + 1], v[TH + 2]
+        v[ACC + k] = F[0, 1] * v[POS + k] + F[0, 2] * v[VEL + k] + F[1, 0] * v[ACC + k]
+        v[VEL + k] += F[0, 0] * v[POS + k]
+    t0, t1, t2 = v[ROT], v[ROT + 1], v[ROT + 2]
     for k in range(3):
-        v[W + k] = F[1, 1] * v[W + k] + F[5, k] * t0 + F[6, k] * t1 + F[7, k] * t2
+        v[RATE + k] = F[1, 1] * v[RATE + k] + F[5, k] * t0 + F[6, k] * t1 + F[7, k] * t2
     for k in range(3):
-        v[TH + k] = F[2, k] * t0 + F[3, k] * t1 + F[4, k] * t2
+        v[ROT + k] = F[2, k] * t0 + F[3, k] * t1 + F[4, k] * t2
     for k in range(2):
-        v[AT + k] *= F[1, 2]
-        v[VB + k] *= F[8, 0]
+        v[ATTITUDE_ERROR + k] *= F[1, 2]
+        v[VEL_ERROR + k] *= F[8, 0]
 
 
 @njit(cache=True)

@@ -12,29 +12,38 @@ import numpy as np
 from numba import njit
 
 from backend.ekf.motion import (
-    AT,
-    BA,
-    BG,
-    BO,
-    CP,
-    CT,
-    GO,
+    ACC,
+    ACCEL_BIAS,
+    ATTITUDE_ERROR,
+    BARO_ZERO,
+    GPS_ZERO,
+    GYRO_BIAS,
+    KEPT_POS,
+    KEPT_ROT,
     MOTION,
-    RO,
-    RS,
+    POS,
+    RANGE_BIAS,
+    RANGE_SCALE,
+    RATE,
+    ROT,
     STATE,
-    TH,
-    VB,
-    VS,
-    XC,
-    XCQ,
-    XQ,
-    XW,
-    A,
+    VEL,
+    VEL_ERROR,
+    VEL_SCALE,
+    X_ACCEL_BIAS,
+    X_ATTITUDE_ERROR,
+    X_BARO_ZERO,
+    X_GPS_ZERO,
+    X_GYRO_BIAS,
+    X_KEPT_POS,
+    X_KEPT_ROT,
+    X_RANGE_BIAS,
+    X_RANGE_SCALE,
+    X_RATE,
+    X_ROT,
+    X_VEL_ERROR,
+    X_VEL_SCALE,
     Array,
-    P,
-    V,
-    W,
     hat,
     left_jacobian,
     rotation,
@@ -73,9 +82,9 @@ def predict(kind: int, x: Array, value: Array, model: Array, H: Array) -> tuple[
     z = np.zeros(6)
     able = True
     if kind == GYRO:
-        z[:3] = x[XW : XW + 3] + x[BG + 1 : BG + 4]
+        z[:3] = x[X_RATE : X_RATE + 3] + x[X_GYRO_BIAS : X_GYRO_BIAS + 3]
         for k in range(3):
-            H[k, W + k] = H[k, BG + k] = 1.0
+            H[k, RATE + k] = H[k, GYRO_BIAS + k] = 1.0
     elif kind == ACCEL:
         _specific_force(x, z, H)
     elif kind == ATTITUDE:
@@ -87,35 +96,35 @@ def predict(kind: int, x: Array, value: Array, model: Array, H: Array) -> tuple[
     elif kind == POSITION:
         for k in range(3):
             z[k] = x[k]
-            H[k, P + k] = 1.0
-        z[2] += x[GO + 1]
-        H[2, GO] = 1.0
+            H[k, POS + k] = 1.0
+        z[2] += x[X_GPS_ZERO]
+        H[2, GPS_ZERO] = 1.0
     elif kind == BAROMETER:
-        z[0] = x[2] + x[BO + 1]
-        H[0, P + 2] = H[0, BO] = 1.0
+        z[0] = x[2] + x[X_BARO_ZERO]
+        H[0, POS + 2] = H[0, BARO_ZERO] = 1.0
     elif kind == REST:
         for k in range(3):
-            z[k] = x[V + k]
-            H[k, V + k] = 1.0
+            z[k] = x[VEL + k]
+            H[k, VEL + k] = 1.0
     elif kind == STILL:
         for k in range(3):
-            z[k] = x[XW + k]
-            H[k, W + k] = 1.0
+            z[k] = x[X_RATE + k]
+            H[k, RATE + k] = 1.0
     return z, able
 
 
 @njit(cache=True)
 def _specific_force(x: Array, z: Array, H: Array) -> None:
     """``R' (a + g) + offset``."""
-    R = rotation(x[XQ:XW])
-    up = x[A : A + 3].copy()
+    R = rotation(x[X_ROT:X_RATE])
+    up = x[ACC : ACC + 3].copy()
     up[2] += GRAVITY_M_S2
     force = np.ascontiguousarray(R.T) @ up
-    z[:3] = force + x[BA + 1 : BA + 4]
-    H[:3, A : A + 3] = R.T
-    H[:3, TH : TH + 3] = hat(force)
+    z[:3] = force + x[X_ACCEL_BIAS : X_ACCEL_BIAS + 3]
+    H[:3, ACC : ACC + 3] = R.T
+    H[:3, ROT : ROT + 3] = hat(force)
     for k in range(3):
-        H[k, BA + k] = 1.0
+        H[k, ACCEL_BIAS + k] = 1.0
 
 
 @njit(cache=True)
@@ -148,21 +157,21 @@ def _attitude(x: Array, value: Array, z: Array, H: Array) -> bool:
     What an attitude that is added up from body rates has wrong stays where it is in the world, not on the
     body: where the vehicle turns under it, and where tilt makes heading of a body rate, that shows.
     """
-    R = rotation(x[XQ:XW])
+    R = rotation(x[X_ROT:X_RATE])
     if math.sqrt(R[2, 1] ** 2 + R[2, 2] ** 2) < _LEAST_COSINE:
         return False
-    tilt = np.array([x[AT + 1], x[AT + 2], 0.0])
+    tilt = np.array([x[X_ATTITUDE_ERROR], x[X_ATTITUDE_ERROR + 1], 0.0])
     own = rotation(turned(np.array([1.0, 0.0, 0.0, 0.0]), tilt)) @ R
     z[:3] = angles(own)
-    z[2] += x[AT + 3]
+    z[2] += x[X_ATTITUDE_ERROR + 2]
     for k in (0, 2):
         if math.isfinite(value[k]):
             z[k] += 2 * math.pi * round((value[k] - z[k]) / (2 * math.pi))
     rates = angle_rates(own)
-    H[:3, TH : TH + 3] = rates
+    H[:3, ROT : ROT + 3] = rates
     by_tilt = rates @ np.ascontiguousarray(own.T) @ left_jacobian(tilt)
-    H[:3, AT : AT + 2] = by_tilt[:, :2]
-    H[2, AT + 2] = 1.0
+    H[:3, ATTITUDE_ERROR : ATTITUDE_ERROR + 2] = by_tilt[:, :2]
+    H[2, ATTITUDE_ERROR + 2] = 1.0
     return True
 
 
@@ -173,38 +182,38 @@ def _range(x: Array, model: Array, z: Array, H: Array) -> bool:
     The beam's direction and the sensor's place (body axes) stand in the model.
     """
     beam, lever = model[MOTION : MOTION + 3], model[MOTION + 3 : MOTION + 6]
-    R = rotation(x[XQ:XW])
+    R = rotation(x[X_ROT:X_RATE])
     cosine = -(R[2] * beam).sum()
     height = x[2] + (R[2] * lever).sum()
     if cosine < _LEAST_COSINE:
         return False
-    slant, scale = height / cosine, 1 + x[RS + 1]
-    z[0] = scale * slant + x[RO + 1]
-    H[0, P + 2] = scale / cosine
+    slant, scale = height / cosine, 1 + x[X_RANGE_SCALE]
+    z[0] = scale * slant + x[X_RANGE_BIAS]
+    H[0, POS + 2] = scale / cosine
     d_height, d_cosine = -(R[2] @ hat(lever)), R[2] @ hat(beam)
-    H[0, TH : TH + 3] = scale * (d_height - slant * d_cosine) / cosine
-    H[0, RS], H[0, RO] = slant, 1.0
+    H[0, ROT : ROT + 3] = scale * (d_height - slant * d_cosine) / cosine
+    H[0, RANGE_SCALE], H[0, RANGE_BIAS] = slant, 1.0
     return True
 
 
 @njit(cache=True)
 def _heading_velocity(x: Array, z: Array, H: Array) -> bool:
     """Level velocity with yaw taken out, forward and left, each with its scale and lasting error."""
-    R = rotation(x[XQ:XW])
+    R = rotation(x[X_ROT:X_RATE])
     cosine = math.sqrt(R[0, 0] ** 2 + R[1, 0] ** 2)
     if cosine < _LEAST_COSINE or math.sqrt(R[2, 1] ** 2 + R[2, 2] ** 2) < _LEAST_COSINE:
         return False
     c, s = R[0, 0] / cosine, R[1, 0] / cosine
-    forward, left = c * x[V] + s * x[V + 1], -s * x[V] + c * x[V + 1]
+    forward, left = c * x[VEL] + s * x[VEL + 1], -s * x[VEL] + c * x[VEL + 1]
     yaw = angle_rates(R)[2]
     for k in range(2):
         along, turned_by = (forward, left) if k == 0 else (left, -forward)
-        scale = 1 + x[VS + 1 + k]
-        z[k] = scale * along + x[VB + 1 + k]
-        H[k, V] = scale * (c if k == 0 else -s)
-        H[k, V + 1] = scale * (s if k == 0 else c)
-        H[k, TH : TH + 3] = scale * turned_by * yaw
-        H[k, VS + k], H[k, VB + k] = along, 1.0
+        scale = 1 + x[X_VEL_SCALE + k]
+        z[k] = scale * along + x[X_VEL_ERROR + k]
+        H[k, VEL] = scale * (c if k == 0 else -s)
+        H[k, VEL + 1] = scale * (s if k == 0 else c)
+        H[k, ROT : ROT + 3] = scale * turned_by * yaw
+        H[k, VEL_SCALE + k], H[k, VEL_ERROR + k] = along, 1.0
     return True
 
 
@@ -219,27 +228,27 @@ def step_residual(x: Array, seen: Array, model: Array, H: Array) -> tuple[Array,
     H[:] = 0.0
     out = np.zeros(6)
     lever = model[MOTION + 6 : MOTION + 9]
-    kept, now = rotation(x[XCQ:STATE]), rotation(x[XQ:XW])
-    height = x[XC + 2] + (kept[2] * lever).sum()
+    kept, now = rotation(x[X_KEPT_ROT:STATE]), rotation(x[X_ROT:X_RATE])
+    height = x[X_KEPT_POS + 2] + (kept[2] * lever).sum()
     if height < _LEAST_HEIGHT_M:
         return out, False
     to_kept = np.ascontiguousarray(kept.T)
     turn = to_kept @ now
     back = np.ascontiguousarray(turn.T)
-    seen_from_body = to_kept @ (x[:3] - x[XC:XCQ] + now @ lever)
+    seen_from_body = to_kept @ (x[:3] - x[X_KEPT_POS:X_KEPT_ROT] + now @ lever)
     moved = (seen_from_body - lever) / height
     out[:3] = rotation_vector(back @ np.ascontiguousarray(seen[:3, :3]))
     out[3:] = back @ (seen[:3, 3] - moved)
-    H[:3, TH : TH + 3] = np.eye(3)
-    H[:3, CT : CT + 3] = -back
+    H[:3, ROT : ROT + 3] = np.eye(3)
+    H[:3, KEPT_ROT : KEPT_ROT + 3] = -back
     to_now = np.ascontiguousarray(now.T) / height
-    H[3:, P : P + 3] = to_now
-    H[3:, CP : CP + 3] = -to_now
-    H[3:, TH : TH + 3] = -hat(lever) / height
-    H[3:, CT : CT + 3] = back @ hat(seen_from_body) / height
+    H[3:, POS : POS + 3] = to_now
+    H[3:, KEPT_POS : KEPT_POS + 3] = -to_now
+    H[3:, ROT : ROT + 3] = -hat(lever) / height
+    H[3:, KEPT_ROT : KEPT_ROT + 3] = back @ hat(seen_from_body) / height
     shorter = back @ moved / height
     tipped = kept[2] @ hat(lever)
     for k in range(3):
-        H[3 + k, CP + 2] -= shorter[k]
-        H[3 + k, CT : CT + 3] += shorter[k] * tipped
+        H[3 + k, KEPT_POS + 2] -= shorter[k]
+        H[3 + k, KEPT_ROT : KEPT_ROT + 3] += shorter[k] * tipped
     return out, True

@@ -84,25 +84,26 @@ class Track:
 
 
 _ERRORS = {
-    "gyro_offset": (at.BG, 3),
-    "accel_offset": (at.BA, 3),
-    "own_attitude": (at.AT, 3),
-    "range_scale": (at.RS, 1),
-    "range_offset": (at.RO, 1),
-    "velocity_scale": (at.VS, 2),
-    "velocity_error": (at.VB, 2),
-    "barometer_zero": (at.BO, 1),
-    "position_zero": (at.GO, 1),
+    "gyro_offset": (at.X_GYRO_BIAS, at.GYRO_BIAS, 3),
+    "accel_offset": (at.X_ACCEL_BIAS, at.ACCEL_BIAS, 3),
+    "own_attitude": (at.X_ATTITUDE_ERROR, at.ATTITUDE_ERROR, 3),
+    "range_scale": (at.X_RANGE_SCALE, at.RANGE_SCALE, 1),
+    "range_offset": (at.X_RANGE_BIAS, at.RANGE_BIAS, 1),
+    "velocity_scale": (at.X_VEL_SCALE, at.VEL_SCALE, 2),
+    "velocity_error": (at.X_VEL_ERROR, at.VEL_ERROR, 2),
+    "barometer_zero": (at.X_BARO_ZERO, at.BARO_ZERO, 1),
+    "position_zero": (at.X_GPS_ZERO, at.GPS_ZERO, 1),
 }
+"""Name -> where it stands in the state, where in the error, and how many numbers it is."""
 
 
 def states_of(found: Found, keep: bool) -> States:
     """Poses and their covariances from nominal states and errors."""
     x, C = found.x, found.C
-    R = _rotations(x[:, at.XQ : at.XW])
+    R = _rotations(x[:, at.X_ROT : at.X_RATE])
     w_T_b = _poses(R, x[:, :3])
     to_body = np.zeros((len(x), 6, 12))
-    to_body[:, :3, at.TH : at.W] = np.eye(3)
+    to_body[:, :3, at.ROT : at.RATE] = np.eye(3)
     to_body[:, 3:, :3] = R.transpose(0, 2, 1)
     motion = C[:, :12, :12]
     kept_T_b, kept_covariances, since = np.full_like(w_T_b, np.nan), *np.full((2, len(x), 6, 6), np.nan)
@@ -111,10 +112,10 @@ def states_of(found: Found, keep: bool) -> States:
     return States(
         w_T_b,
         to_body @ motion @ to_body.transpose(0, 2, 1),
-        x[:, at.V : at.A],
-        x[:, at.A : at.TH],
-        {name: x[:, k + 1 : k + 1 + d] for name, (k, d) in _ERRORS.items()},
-        {name: found.std[:, k : k + d] for name, (k, d) in _ERRORS.items()},
+        x[:, at.VEL : at.ACC],
+        x[:, at.ACC : at.ROT],
+        {name: x[:, k : k + d] for name, (k, _, d) in _ERRORS.items()},
+        {name: found.std[:, k : k + d] for name, (_, k, d) in _ERRORS.items()},
         motion,
         kept_T_b,
         kept_covariances,
@@ -124,8 +125,8 @@ def states_of(found: Found, keep: bool) -> States:
 
 def _from_kept(x: Array, C: Array, w_R_b: Array) -> tuple[Array, Array, Array]:
     """The way from the kept pose to the present one, its covariance, and that with the kept place certain."""
-    kept = _rotations(x[:, at.XCQ : at.STATE]).transpose(0, 2, 1)
-    R, moved = kept @ w_R_b, np.einsum("nab,nb->na", kept, x[:, :3] - x[:, at.XC : at.XCQ])
+    kept = _rotations(x[:, at.X_KEPT_ROT : at.STATE]).transpose(0, 2, 1)
+    R, moved = kept @ w_R_b, np.einsum("nab,nb->na", kept, x[:, :3] - x[:, at.X_KEPT_POS : at.X_KEPT_ROT])
     back, to_body = R.transpose(0, 2, 1), w_R_b.transpose(0, 2, 1)
     J = np.zeros((len(x), 6, 18))
     J[:, :3, 9:12], J[:, :3, 15:] = np.eye(3), -back

@@ -149,7 +149,7 @@ class _Passes:
 
 def _rows(size: int) -> NDArray[np.int64]:
     """Rows of the covariance that are told: the motion, and the kept pose."""
-    return np.array([*range(at.P, at.W), *(range(at.CP, at.SIZE) if size == at.SIZE else ())])
+    return np.array([*range(at.POS, at.RATE), *(range(at.KEPT_POS, at.SIZE) if size == at.SIZE else ())])
 
 
 def _found(asked: int, size: int, all_events: int = 0) -> Found:
@@ -194,22 +194,24 @@ def _first(start: Start, model: FilterModel, size: int) -> tuple[Array, Array]:
     """State and covariance at the first event."""
     x, std = np.zeros(at.STATE), np.zeros(size)
     x[:3] = [*start.place_m, start.height_m]
-    x[at.V : at.A] = start.w_v_m_s
+    x[at.VEL : at.ACC] = start.w_v_m_s
     turn = Rotation.from_matrix(start.w_R_b)
-    x[at.XQ : at.XW] = turn.as_quat(scalar_first=True)
-    x[at.XCQ] = 1.0
+    x[at.X_ROT : at.X_RATE] = turn.as_quat(scalar_first=True)
+    x[at.X_KEPT_ROT] = 1.0
     std[:3] = [start.place_std_m, start.place_std_m, start.height_std_m]
-    std[at.V : at.A] = start.velocity_std_m_s
-    std[at.A : at.TH], std[at.W : at.BG] = start.accel_std_m_s2, start.rate_std_rad_s
-    std[at.BG : at.BA], std[at.BA : at.AT] = model.gyro_offset_rad_s, model.accel_offset_m_s2
+    std[at.VEL : at.ACC] = start.velocity_std_m_s
+    std[at.ACC : at.ROT], std[at.RATE : at.GYRO_BIAS] = start.accel_std_m_s2, start.rate_std_rad_s
+    std[at.GYRO_BIAS : at.ACCEL_BIAS] = model.gyro_offset_rad_s
+    std[at.ACCEL_BIAS : at.ATTITUDE_ERROR] = model.accel_offset_m_s2
     tilt_error = model.tilt_error_rad if start.tilt_error_rad is None else start.tilt_error_rad
-    std[at.AT : at.RS] = [tilt_error, tilt_error, start.yaw_zero_std_rad]
-    x[at.RS + 1], x[at.VS + 1 : at.VB + 1] = start.range_scale, start.velocity_scale
-    std[at.RS], std[at.RO] = model.range_scale, model.range_offset_m
-    std[at.VS : at.VB], std[at.VB : at.BO] = model.velocity_scale, model.velocity_error_m_s
-    std[at.BO], std[at.GO] = start.barometer_zero_std_m, start.position_zero_std_m
+    std[at.ATTITUDE_ERROR : at.RANGE_SCALE] = [tilt_error, tilt_error, start.yaw_zero_std_rad]
+    x[at.X_RANGE_SCALE], x[at.X_VEL_SCALE : at.X_VEL_ERROR] = start.range_scale, start.velocity_scale
+    std[at.RANGE_SCALE], std[at.RANGE_BIAS] = model.range_scale, model.range_offset_m
+    std[at.VEL_SCALE : at.VEL_ERROR] = model.velocity_scale
+    std[at.VEL_ERROR : at.BARO_ZERO] = model.velocity_error_m_s
+    std[at.BARO_ZERO], std[at.GPS_ZERO] = start.barometer_zero_std_m, start.position_zero_std_m
     C = np.diag(std**2)
     R = turn.as_matrix()
     about_world = np.array([start.tilt_std_rad, start.tilt_std_rad, start.yaw_std_rad]) ** 2
-    C[at.TH : at.W, at.TH : at.W] = R.T @ np.diag(about_world) @ R
+    C[at.ROT : at.RATE, at.ROT : at.RATE] = R.T @ np.diag(about_world) @ R
     return x, C

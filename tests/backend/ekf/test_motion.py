@@ -14,7 +14,7 @@ MODEL = np.concatenate([[1.5, 0.4, 0.8, 0.3, 1e-3, 2e-3, 0.05, 20.0, 0.01, 0.1, 
 
 def drawn_state(rng):
     x = rng.normal(0, 1, at.STATE)
-    for first in (at.XQ, at.XCQ):
+    for first in (at.X_ROT, at.X_KEPT_ROT):
         x[first : first + 4] = Rotation.random(rng=rng).as_quat(scalar_first=True)
     return x
 
@@ -22,9 +22,9 @@ def drawn_state(rng):
 def difference(y, x):
     """The error that takes state x to state y."""
     e = np.zeros(at.SIZE)
-    e[: at.TH], e[at.W : at.CP] = (y - x)[: at.XQ], (y - x)[at.XW : at.XC]
-    e[at.CP : at.CT] = (y - x)[at.XC : at.XCQ]
-    for error, first in ((at.TH, at.XQ), (at.CT, at.XCQ)):
+    e[: at.ROT], e[at.RATE : at.KEPT_POS] = (y - x)[: at.X_ROT], (y - x)[at.X_RATE : at.X_KEPT_POS]
+    e[at.KEPT_POS : at.KEPT_ROT] = (y - x)[at.X_KEPT_POS : at.X_KEPT_ROT]
+    for error, first in ((at.ROT, at.X_ROT), (at.KEPT_ROT, at.X_KEPT_ROT)):
         a, b = (Rotation.from_quat(s[first : first + 4], scalar_first=True) for s in (x, y))
         e[error : error + 3] = (a.inv() * b).as_rotvec()
     return e

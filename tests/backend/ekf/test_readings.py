@@ -19,11 +19,11 @@ MODEL = np.concatenate([np.ones(at.MOTION), BEAM / np.linalg.norm(BEAM), RANGE_A
 
 def drawn_state(rng):
     x = rng.normal(0, 1, at.STATE)
-    x[2], x[at.XC + 2] = 1.5, 1.2
-    for first in (at.XQ, at.XCQ):
+    x[2], x[at.X_KEPT_POS + 2] = 1.5, 1.2
+    for first in (at.X_ROT, at.X_KEPT_ROT):
         tilted = Rotation.from_euler("ZYX", rng.uniform([-3, -0.6, -0.6], [3, 0.6, 0.6]))
         x[first : first + 4] = tilted.as_quat(scalar_first=True)
-    x[at.RS + 1] *= 0.1
+    x[at.X_RANGE_SCALE] *= 0.1
     return x
 
 
@@ -57,11 +57,13 @@ def test_derivatives(kind, seed):
 def test_derivatives_of_a_step(seed):
     rng = np.random.default_rng(seed)
     x, H = drawn_state(rng), np.empty((6, at.SIZE))
-    kept, now = (Rotation.from_quat(x[k : k + 4], scalar_first=True).as_matrix() for k in (at.XCQ, at.XQ))
-    height = x[at.XC + 2] + (kept @ CAMERA_AT)[2]
+    kept, now = (
+        Rotation.from_quat(x[k : k + 4], scalar_first=True).as_matrix() for k in (at.X_KEPT_ROT, at.X_ROT)
+    )
+    height = x[at.X_KEPT_POS + 2] + (kept @ CAMERA_AT)[2]
     seen = np.eye(4)
     seen[:3, :3] = kept.T @ now
-    seen[:3, 3] = (kept.T @ (x[:3] + now @ CAMERA_AT - x[at.XC : at.XCQ]) - CAMERA_AT) / height
+    seen[:3, 3] = (kept.T @ (x[:3] + now @ CAMERA_AT - x[at.X_KEPT_POS : at.X_KEPT_ROT]) - CAMERA_AT) / height
     residual, able = kinds.step_residual(x, seen, MODEL, H)
     assert able
     np.testing.assert_allclose(residual, 0, atol=1e-12)
@@ -79,8 +81,8 @@ def test_an_error_of_the_own_attitude_stays_in_the_world():
     for yaw in (0.0, 1.0, 2.5):
         body = Rotation.from_euler("ZYX", [yaw, 0.2, -0.1])
         x = np.zeros(at.STATE)
-        x[at.XQ : at.XW], x[at.XCQ] = body.as_quat(scalar_first=True), 1.0
-        x[at.AT + 1 : at.AT + 4] = [*lean[:2], 0.4]
+        x[at.X_ROT : at.X_RATE], x[at.X_KEPT_ROT] = body.as_quat(scalar_first=True), 1.0
+        x[at.X_ATTITUDE_ERROR : at.X_ATTITUDE_ERROR + 3] = [*lean[:2], 0.4]
         said, able = kinds.predict(kinds.ATTITUDE, x, np.full(3, np.nan), MODEL, scratch)
         assert able
         own = Rotation.from_euler("z", 0.4) * Rotation.from_rotvec(lean) * body
