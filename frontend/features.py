@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.cells import COUNT as CELLS
 from frontend.cells import GRID, cells, place_in_run
+from frontend.points import Points
 from frontend.rectified import rectifier
 
 Array = NDArray[np.float64]
@@ -27,6 +28,8 @@ CROWDED = 0.68
 holds half to two thirds; then cells with less than half their even share are searched once more, and fuller
 ones keep just that share."""
 BARE_SHARE, USED_UP = 0.5, 0.9
+COARSE_PX = 8.0
+"""A spot of this diameter is known half as well, by variance, as a fine one of the same contrast."""
 ALL_FEATURES = 100_000
 """More than any picture has."""
 SMALLEST_PX = 16
@@ -57,13 +60,20 @@ class FeatureConfig:
 class Features:
     """Features of one picture."""
 
-    pixel: Array
-    """(n, 2) undistorted pixel positions at full size."""
+    points: Points
     descriptor: NDArray[Any]
     """(n, d) float32, or uint8 bit strings."""
 
     def __len__(self) -> int:
-        return len(self.pixel)
+        return len(self.points)
+
+    @property
+    def pixel(self) -> Array:
+        """(n, 2) where they lie, as in `Points`."""
+        return self.points.pixel
+
+    def __getitem__(self, which: NDArray[Any]) -> Features:
+        return Features(self.points[which], self.descriptor[which])
 
 
 @dataclass(frozen=True)
@@ -154,7 +164,8 @@ class Extractor:
         pixel = _positions(self.config.kind, found.points, size)
         # A reduced picture's pixel x covers full-size pixels around (x + 1/2) full / size - 1/2.
         pixel = (pixel + first_px + 0.5) * scale - 0.5
-        return Features(pixel, _normalise(found.descriptor))
+        spread = _spread(self.config.kind, found.points) * camera.magnification(pixel)
+        return Features(Points(pixel, spread), _normalise(found.descriptor))
 
     def _strongest(self, grey: Image, mask: Image | None) -> _Detected:
         """At most ``max_features``, the strongest where the detector found more."""
@@ -190,7 +201,7 @@ class Extractor:
         return np.asarray(cv2.resize(cell_of, size.tolist(), interpolation=cv2.INTER_NEAREST), np.uint8)
 
     def _nothing(self) -> Features:
-        return Features(np.empty((0, 2)), np.empty((0, self._width), self._dtype))
+        return Features(Points.alike(np.empty((0, 2))), np.empty((0, self._width), self._dtype))
 
     @property
     def _width(self) -> int:
@@ -251,6 +262,19 @@ def _positions(kind: FeatureKind, points: Sequence[cv2.KeyPoint], size_px: NDArr
         nominal = np.float32(ORB_SCALE) ** level
         return (pixel / nominal + 0.5) * size_px / np.rint(size_px / nominal) - 0.5
     return (pixel + 0.5) * size_px / (size_px // 2**level * 2**level) - 0.5
+
+
+def _spread(kind: FeatureKind, points: Sequence[cv2.KeyPoint]) -> Array:
+    """(n,) standard deviation of each position over the median one of the picture.
+
+    Noise moves a faint spot farther, and shading, or a neighbour, a coarse one. For SIFT the law was found
+    from rendered pairs (`tests/benchmarks/registration.py`); of the others it is not known.
+    """
+    if kind != "sift":
+        return np.ones(len(points))
+    size, response = np.array([p.size for p in points]), np.array([p.response for p in points])
+    variance = (1.0 + (size / COARSE_PX) ** 2) / response
+    return np.sqrt(variance / np.median(variance))
 
 
 def _normalise(descriptor: NDArray[Any]) -> NDArray[Any]:

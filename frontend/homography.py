@@ -14,7 +14,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from frontend.points import Points
+
 Array = NDArray[np.float64]
+
+CAUCHY = 3.0
+"""Standard deviations at which a match counts half."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +53,7 @@ class HomographyFit:
     inlier: NDArray[np.bool_]
     """(m,) which matches agree."""
     noise_px: float
-    """Standard deviation of one coordinate of one feature, as the residuals show it."""
+    """Standard deviation of one coordinate of a usual feature, as the residuals show it."""
 
 
 def transfer(a_H_b: Array, pixel: Array) -> Array:
@@ -58,14 +63,14 @@ def transfer(a_H_b: Array, pixel: Array) -> Array:
 
 
 def fit_homography(
-    pixel_i: Array, pixel_j: Array, corners_px: Array, config: HomographyConfig = HomographyConfig()
+    points_i: Points, points_j: Points, corners_px: Array, config: HomographyConfig = HomographyConfig()
 ) -> HomographyFit | None:
     """Robust fit refined on its inliers by weighted Gauss-Newton; None where no plane explains the matches.
 
-    ``pixel_i``, ``pixel_j``: (m, 2) matched undistorted pixels; ``corners_px``: (4, 2) corners of picture j.
+    ``points_i``, ``points_j``: m matched points; ``corners_px``: (4, 2) corners of picture j.
     Source: Barath et al. 2020 (MAGSAC++); Hartley and Zisserman 2004, sections 4.3 and 5.2 (covariance).
     """
-    if len(pixel_i) < 4:
+    if len(points_i) < 4:
         return None
     params = cv2.UsacParams()
     params.threshold = config.threshold_px
@@ -78,7 +83,7 @@ def fit_homography(
     params.loSampleSize = 50
     params.randomGeneratorState = 0
     try:
-        H, mask = cv2.findHomography(pixel_j.reshape(-1, 1, 2), pixel_i.reshape(-1, 1, 2), params)
+        H, mask = cv2.findHomography(points_j.pixel[:, None], points_i.pixel[:, None], params)
     except cv2.error:
         return None
     if H is None or mask is None or not np.isfinite(H).all() or abs(H[2, 2]) < 1e-12:
@@ -86,30 +91,32 @@ def fit_homography(
     inlier = mask.ravel().astype(bool)
     if inlier.sum() < 5:
         return None
-    return _refine(H / H[2, 2], pixel_i, pixel_j, inlier, corners_px, config)
+    return _refine(H / H[2, 2], points_i, points_j, inlier, corners_px, config)
 
 
 def _refine(
     H: Array,
-    pixel_i: Array,
-    pixel_j: Array,
+    points_i: Points,
+    points_j: Points,
     inlier: NDArray[np.bool_],
     corners_px: Array,
     config: HomographyConfig,
 ) -> HomographyFit | None:
     """Gauss-Newton on the inliers with Cauchy weights, then the covariance of the carried corners.
 
-    Both pictures carry noise: the residual in i has variance noise² (1 + J J') with J the local scale of H.
+    Both pictures carry noise: the residual in i has variance noise² (a² + b² J J') with J the local scale of
+    H, a and b the points' own spreads.
     """
     noise, ridge = max(config.noise_floor_px, 0.3), 1e-12 * np.eye(8)
     for _ in range(5):
-        residual, jacobian, spread = _transfer_residuals(H, pixel_i, pixel_j)
+        residual, jacobian, spread = _transfer_residuals(H, points_i, points_j)
         distance = np.sqrt(residual[:, 0] ** 2 + residual[:, 1] ** 2) / spread
         inlier = distance < config.threshold_px
         if np.count_nonzero(inlier) < 5:
             return None
         noise = max(config.noise_floor_px, 1.4826 * _median(distance[inlier]) / 1.1774)
-        weight = np.sqrt(inlier / (1.0 + (distance / (3.0 * noise)) ** 2)) / spread
+        robust = inlier / (1.0 + (distance / (CAUCHY * noise)) ** 2)
+        weight = np.sqrt(robust) / spread
         A = (jacobian * weight[:, None, None]).reshape(-1, 8)
         b = (residual * weight[:, None]).ravel()
         information = A.T @ A
@@ -122,13 +129,12 @@ def _refine(
             return None
         if max(abs(step[2]), abs(step[5])) < 1e-4:
             break
-    used = weight * spread  # robust weights, 1 for a perfect match
-    noise = float(np.sqrt(b @ b / max(1.0, 2 * float(used @ used) - 8)))
-    noise = max(config.noise_floor_px, noise)
-    _, corner_jacobian, _ = _transfer_residuals(H, transfer(H, corners_px), corners_px)
+    noise = max(config.noise_floor_px, _noise_of_estimate(distance[inlier], robust[inlier], CAUCHY * noise))
+    corners = Points.alike(corners_px)
+    _, corner_jacobian, _ = _transfer_residuals(H, corners, corners)
     C = corner_jacobian.reshape(8, 8)
     try:
-        covariance = noise**2 * C @ np.linalg.solve(information, C.T)
+        covariance = noise**2 * C @ np.linalg.solve(information / np.mean(robust[inlier]), C.T)
     except np.linalg.LinAlgError:
         return None
     covariance = 0.5 * (covariance + covariance.T)
@@ -137,8 +143,21 @@ def _refine(
     return HomographyFit(H, covariance, inlier, noise)
 
 
-def _transfer_residuals(H: Array, pixel_i: Array, pixel_j: Array) -> tuple[Array, Array, Array]:
+def _noise_of_estimate(distance: Array, robust: Array, scale_px: float) -> float:
+    """Standard deviation of one coordinate that makes the covariance of least squares that of the robust fit.
+
+    Distant matches are weighed down and so tell less, but those near by tell of the place what all of them
+    together do. Source: Huber 1981, section 6.3 (asymptotic covariance of M-estimates), for Cauchy's weights
+    and residuals of two coordinates.
+    """
+    told, pull = robust * distance, robust - (robust * distance / scale_px) ** 2
+    spare = len(distance) / max(1.0, len(distance) - 4.0)
+    return float(np.sqrt(0.5 * np.mean(told**2) * spare) / max(np.mean(pull), 0.1))
+
+
+def _transfer_residuals(H: Array, points_i: Points, points_j: Points) -> tuple[Array, Array, Array]:
     """Residual (m, 2) in i, its Jacobian (m, 2, 8) for the first eight entries of H, its spread (m,)."""
+    pixel_j = points_j.pixel
     u = pixel_j @ H[:, :2].T + H[:, 2]
     w = 1.0 / u[:, 2]
     p = u[:, :2] * w[:, None]
@@ -149,8 +168,8 @@ def _transfer_residuals(H: Array, pixel_i: Array, pixel_j: Array) -> tuple[Array
     J[:, :, 6:] = -p[:, :, None] * first[:, None, :2]
     # Local scale of the map j -> i: mean squared size of d p / d pixel_j.
     local = (H[None, :2, :2] - p[:, :, None] * H[None, 2:, :2]) * w[:, None, None]
-    spread = np.sqrt(1.0 + 0.5 * np.einsum("nij,nij->n", local, local))
-    return pixel_i - p, J, spread
+    spread = np.sqrt(points_i.spread**2 + 0.5 * np.einsum("nij,nij->n", local, local) * points_j.spread**2)
+    return points_i.pixel - p, J, spread
 
 
 def _median(values: Array) -> float:

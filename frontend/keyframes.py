@@ -90,7 +90,7 @@ class _Tracked:
             number_i, number_j = np.cumsum(last.on_floor) - 1, np.cumsum(self.on_floor) - 1
             matches = np.column_stack([number_i[i[kept]], number_j[j[kept]]]).astype(np.int32)
             link = replace(link, matches=matches, elsewhere=np.empty(0, np.int32))
-        on_floor = Features(features.pixel[self.on_floor], features.descriptor[self.on_floor])
+        on_floor = features[self.on_floor]
         return Keyframe(self.frame, on_floor, link)
 
     def passed(self) -> Passed:

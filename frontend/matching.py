@@ -12,6 +12,9 @@ from frontend.features import Features
 def match(a: Features, b: Features, ratio: float = 0.85) -> NDArray[np.int64]:
     """Mutual nearest neighbours that are clearly nearer than the second. (m, 2) rows (index in a, in b).
 
+    A detector that describes a spot once for each of its orientations finds the same pair of spots several
+    times; that is one measurement, told by the first feature of each spot.
+
     Source: Lowe 2004, section 7.1 (ratio test); the paper (section 3.1) takes the nearest alone.
     """
     if len(a) < 2 or len(b) < 2:
@@ -28,7 +31,9 @@ def match(a: Features, b: Features, ratio: float = 0.85) -> NDArray[np.int64]:
     else:
         first, second, nearest, mutual = _euclidean(a.descriptor, b.descriptor)
     kept = np.flatnonzero(mutual & (first < ratio * second))
-    return np.column_stack([kept, nearest[kept]]).astype(np.int64)
+    spot_a, spot_b = a.points.spot[kept], b.points.spot[nearest[kept]]
+    once = np.unique(spot_a * len(b) + spot_b)
+    return np.column_stack(np.divmod(once, len(b)))
 
 
 def _euclidean(

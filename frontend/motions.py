@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from frontend.cells import cells, held
 from frontend.homography import HomographyConfig, HomographyFit, fit_homography, transfer
+from frontend.points import Points
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -78,34 +79,34 @@ class FloorMotion:
 
 
 def floor_motion(
-    pixel_i: Array,
-    pixel_j: Array,
+    points_i: Points,
+    points_j: Points,
     seen_j: Array,
     corners_px: Array,
     size_px: tuple[int, int],
     config: HomographyConfig = HomographyConfig(),
     expected: Expectation | None = None,
 ) -> FloorMotion | None:
-    """As `fit_homography`, of matches (m, 2) and (m, 2); None where no plane explains them.
+    """As `fit_homography`, of m matched points; None where no plane explains them.
 
     ``seen_j`` (n, 2): all features of picture j.
     """
-    most = _one_motion(pixel_i, pixel_j, corners_px, config)
+    most = _one_motion(points_i, points_j, corners_px, config)
     if most is None:
         return None
-    cell, away_px = cells(pixel_j, size_px), AWAY * size_px[0]
+    cell, away_px = cells(points_j.pixel, size_px), AWAY * size_px[0]
     chosen = ~most.inlier
     off_px = expected.off_px(most.i_H_j, corners_px) if expected else 0.0
     if expected and off_px > away_px:
-        chosen &= expected.nearer(pixel_i, pixel_j, corners_px, off_px)
+        chosen &= expected.nearer(points_i.pixel, points_j.pixel, corners_px, off_px)
     else:
         filled = held(cell[most.inlier])
         if (held(cell[chosen]) & ~filled).sum() <= ELSEWHERE * filled.sum():
             chosen[:] = False
-    other = _agreeing(pixel_i, pixel_j, np.flatnonzero(chosen), corners_px, config)
+    other = _agreeing(points_i, points_j, np.flatnonzero(chosen), corners_px, config)
     lead = expected.lead if expected else 0.0
     if other is None:
-        return FloorMotion(most, np.zeros(len(pixel_i), dtype=bool), None, lead)
+        return FloorMotion(most, np.zeros(len(points_i), dtype=bool), None, lead)
     other_off_px = expected.off_px(other.i_H_j, corners_px) if expected else 0.0
     first, second = (most, other) if off_px <= other_off_px else (other, most)
     more = _explained(first, cell, seen_j, size_px) - _explained(second, cell, seen_j, size_px)
@@ -120,14 +121,14 @@ def floor_motion(
 
 
 def _one_motion(
-    pixel_i: Array, pixel_j: Array, corners_px: Array, config: HomographyConfig
+    points_i: Points, points_j: Points, corners_px: Array, config: HomographyConfig
 ) -> HomographyFit | None:
     """The motion that most matches agree on; where two little different ones make a blurred one, either."""
-    most = fit_homography(pixel_i, pixel_j, corners_px, config)
+    most = fit_homography(points_i, points_j, corners_px, config)
     if most is None or most.noise_px < MIXED * config.threshold_px:
         return most
     sharp = replace(config, threshold_px=SHARP * config.threshold_px, score="msac")
-    one = _agreeing(pixel_i, pixel_j, np.arange(len(pixel_i)), corners_px, sharp)
+    one = _agreeing(points_i, points_j, np.arange(len(points_i)), corners_px, sharp)
     return one if one is not None and one.noise_px < most.noise_px / SHARPER else most
 
 
@@ -140,15 +141,19 @@ def _explained(fit: HomographyFit, cell: NDArray[np.int64], seen_j: Array, size_
 
 
 def _agreeing(
-    pixel_i: Array, pixel_j: Array, chosen: NDArray[np.int64], corners_px: Array, config: HomographyConfig
+    points_i: Points,
+    points_j: Points,
+    chosen: NDArray[np.int64],
+    corners_px: Array,
+    config: HomographyConfig,
 ) -> HomographyFit | None:
     """A motion that enough of the chosen matches agree on; its inliers are told among all."""
     if len(chosen) < _LEAST:
         return None
     quick = replace(config, max_iterations=min(config.max_iterations, _ITERATIONS))
-    found = fit_homography(pixel_i[chosen], pixel_j[chosen], corners_px, quick)
+    found = fit_homography(points_i[chosen], points_j[chosen], corners_px, quick)
     if found is None or found.inlier.sum() < _LEAST:
         return None
-    inlier = np.zeros(len(pixel_i), dtype=bool)
+    inlier = np.zeros(len(points_i), dtype=bool)
     inlier[chosen[found.inlier]] = True
     return replace(found, inlier=inlier)

@@ -65,14 +65,14 @@ def register(
     pairs = match(a, b)
     if len(pairs) < gates.min_inliers:
         return refused(i, j, "too few matches")
-    pixel_i, pixel_j = a.pixel[pairs[:, 0]], b.pixel[pairs[:, 1]]
+    points_i, points_j = a.points[pairs[:, 0]], b.points[pairs[:, 1]]
     corners = camera.undistort(camera.corners_px)
-    found = floor_motion(pixel_i, pixel_j, b.pixel, corners, camera.size_px, homography, expected)
+    found = floor_motion(points_i, points_j, b.pixel, corners, camera.size_px, homography, expected)
     if found is None:
         return refused(i, j, "no plane fits the matches")
     fit = found.fit
     covered = overlap(fit.i_H_j, camera)
-    reason = reject_reason(fit, pixel_j, camera, _shared(fit.i_H_j, covered, camera, gates), gates)
+    reason = reject_reason(fit, points_j.pixel, camera, _shared(fit.i_H_j, covered, camera, gates), gates)
     return Registration(
         i,
         j,

@@ -8,15 +8,13 @@ import weakref
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontend.features import Features
-
-Array = NDArray[np.float64]
+from frontend.points import Points
 
 
 class FeatureStore:
-    """Append-only; positions stay in memory (16 bytes a feature), descriptors in a temporary file."""
+    """Append-only; points stay in memory (24 bytes a feature), descriptors in a temporary file."""
 
     def __init__(self) -> None:
         self._file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  it lives as long as the store
@@ -25,8 +23,8 @@ class FeatureStore:
         self._dtype: np.dtype[Any] = np.dtype(np.float32)
         self._end = 0
         weakref.finalize(self, self._file.close)
-        self.pixels: list[Array] = []
-        """(n_k, 2) undistorted positions of each keyframe's features."""
+        self.points: list[Points] = []
+        """Where each keyframe's features lie."""
 
     def append(self, features: Features) -> None:
         """Keep the features of the next keyframe."""
@@ -38,12 +36,12 @@ class FeatureStore:
             written += os.pwrite(self._file.fileno(), raw[written:], self._end + written)
         self._shape.append((data.shape[0], data.shape[1]))
         self._end += data.nbytes
-        self.pixels.append(features.pixel)
+        self.points.append(features.points)
 
     def __len__(self) -> int:
-        return len(self.pixels)
+        return len(self.points)
 
     def __getitem__(self, k: int) -> Features:
         rows, width = self._shape[k]
         data = os.pread(self._file.fileno(), rows * width * self._dtype.itemsize, self._offset[k])
-        return Features(self.pixels[k], np.frombuffer(data, self._dtype).reshape(rows, width))
+        return Features(self.points[k], np.frombuffer(data, self._dtype).reshape(rows, width))

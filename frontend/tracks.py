@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from backend.measurements import FloorTracks
 from frontend.camera import Camera
 from frontend.cells import cells, place_in_run
+from frontend.points import Points
 from frontend.registration import Registration
 
 Array = NDArray[np.float64]
@@ -36,14 +37,13 @@ class _Observations:
 
     keyframe: NDArray[np.int64]
     track: NDArray[np.int64]
-    pixel: Array
-    """(m, 2)."""
+    points: Points
 
     def __len__(self) -> int:
         return len(self.track)
 
     def __getitem__(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> _Observations:
-        return _Observations(self.keyframe[which], self.track[which], self.pixel[which])
+        return _Observations(self.keyframe[which], self.track[which], self.points[which])
 
     @property
     def length(self) -> NDArray[np.int64]:
@@ -52,45 +52,47 @@ class _Observations:
 
     def cells(self, camera: Camera, grid: tuple[int, int]) -> NDArray[np.int64]:
         """Number of the cell of its picture that each lies in; no two pictures share one."""
-        return self.keyframe * grid[0] * grid[1] + cells(self.pixel, camera.size_px, grid)
+        return self.keyframe * grid[0] * grid[1] + cells(self.points.pixel, camera.size_px, grid)
 
 
 def join_tracks(
-    pixels: Sequence[Array], registrations: Sequence[Registration], camera: Camera, config: TrackConfig
+    points: Sequence[Points], registrations: Sequence[Registration], camera: Camera, config: TrackConfig
 ) -> FloorTracks:
     """Tracks from the inliers of all kept registrations.
 
-    ``pixels``: (n_k, 2) undistorted feature positions of each keyframe. A component that holds two features
+    ``points``: those of each keyframe. A component that holds two features
     of one keyframe joins two different points: it is left out whole.
     """
-    noise = _noise_of_keyframes(len(pixels), registrations)
-    seen = _joined(pixels, registrations)
+    noise = _noise_of_keyframes(len(points), registrations)
+    seen = _joined(points, registrations)
     for grid in config.grids:
         chosen = seen[np.isin(seen.track, _longest_of_cells(seen, camera, grid))]
         if len(chosen) <= config.max_observations:
             break
     else:
         # Laps over the same ground: a point is seen from everywhere. Each keyframe keeps some of its points.
-        quota = max(config.least_a_keyframe, config.max_observations // max(1, len(pixels)))
+        quota = max(config.least_a_keyframe, config.max_observations // max(1, len(points)))
         chosen = _first_of_each(chosen, camera, grid, quota)
         chosen = chosen[chosen.length >= 2]
     _, track = np.unique(chosen.track, return_inverse=True)
-    std_px = noise[chosen.keyframe] * camera.magnification(chosen.pixel)
-    return FloorTracks(chosen.keyframe, track, chosen.pixel, std_px)
+    std_px = noise[chosen.keyframe] * chosen.points.spread
+    return FloorTracks(chosen.keyframe, track, chosen.points.pixel, std_px)
 
 
-def _joined(pixels: Sequence[Array], registrations: Sequence[Registration]) -> _Observations:
+def _joined(points: Sequence[Points], registrations: Sequence[Registration]) -> _Observations:
     """All tracks whole, but those that hold two features of one keyframe."""
-    start = np.concatenate([[0], np.cumsum([len(p) for p in pixels], dtype=np.int64)])
-    keyframe = np.repeat(np.arange(len(pixels)), np.diff(start))
+    start = np.concatenate([[0], np.cumsum([len(p) for p in points], dtype=np.int64)])
+    keyframe = np.repeat(np.arange(len(points)), np.diff(start))
     part = _parts(start, registrations)
     node = np.flatnonzero(np.bincount(part)[part] >= 2)
     order = node[np.lexsort((keyframe[node], part[node]))]
     twice = (np.diff(part[order]) == 0) & (np.diff(keyframe[order]) == 0)
     broken = np.unique(part[order][1:][twice])
     order = order[~np.isin(part[order], broken)]
-    pixel = np.concatenate(list(pixels))[order] if len(order) else np.empty((0, 2))
-    return _Observations(keyframe[order], part[order], pixel)
+    if len(order) == 0:
+        return _Observations(order, order, Points.alike(np.empty((0, 2))))
+    every = Points(np.concatenate([p.pixel for p in points]), np.concatenate([p.spread for p in points]))
+    return _Observations(keyframe[order], part[order], every[order])
 
 
 def _parts(start: NDArray[np.int64], registrations: Sequence[Registration]) -> NDArray[np.int64]:

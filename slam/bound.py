@@ -119,7 +119,7 @@ def cramer_rao(
     pairs = {(edge.i, edge.j) for edge in estimate.relative_poses}
     kept = [r for r in sightings.registrations if (r.i, r.j) in pairs]
     members = np.flatnonzero(estimate.component == 0)
-    measured = mapper.measured(members, mapper.tracks(sightings.store.pixels, kept))
+    measured = mapper.measured(members, mapper.tracks(sightings.store.points, kept))
     w_T_b = poses_at(flight.truth, sightings.stamps_s[members])
     ideal, as_measured, noise = at_the_truth(measured, w_T_b, config.bundle)
     there = replace(config.bundle, rounds=1, start_relief=noise.relief)

@@ -144,7 +144,7 @@ class Relocalizer:
             )
             points.append(np.column_stack([on_floor, np.full(len(ours), self._floor_z_m)]))
             pixels.append(seen.pixel[theirs])
-            noise.append(np.full(len(ours), r.noise_px))
+            noise.append(r.noise_px * seen.points.spread[theirs])
         w_p = np.concatenate(points)
         usable = np.isfinite(w_p).all(axis=1)
         return w_p[usable], np.concatenate(pixels)[usable], np.concatenate(noise)[usable]

@@ -69,7 +69,7 @@ def fuse(
     sensors = mapper.sensors
     n = len(sensors.stamps_s)
     kept = [r for r, ok in zip(edges.registrations, solution.edge_kept, strict=True) if ok]
-    tracks = mapper.tracks(sightings.store.pixels, kept)
+    tracks = mapper.tracks(sightings.store.points, kept)
     w_T_b, (covariances, over_floor_covariances) = solution.w_T_b.copy(), np.full((2, n, 6, 6), np.nan)
     component = largest_first(np.where(_tied(n, kept), solution.component, -1))
     w_T_b[component < 0] = np.nan

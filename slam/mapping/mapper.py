@@ -28,6 +28,7 @@ from backend.measurements import (
 from backend.solution import Solution
 from frontend.camera import Camera
 from frontend.lift import LiftedPoses, lift
+from frontend.points import Points
 from frontend.registration import Registration
 from frontend.tracks import join_tracks
 from slam.flight import Flight, GeoOrigin
@@ -290,6 +291,6 @@ class Mapper:
             ),
         )
 
-    def tracks(self, pixels: Sequence[Array], registrations: Sequence[Registration]) -> FloorTracks:
+    def tracks(self, points: Sequence[Points], registrations: Sequence[Registration]) -> FloorTracks:
         """Floor points followed through the registrations."""
-        return join_tracks(pixels, registrations, self.camera, self.config.tracks)
+        return join_tracks(points, registrations, self.camera, self.config.tracks)

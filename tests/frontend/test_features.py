@@ -84,6 +84,35 @@ def test_positions_are_where_a_coarser_picture_of_the_same_floor_shows_them(
     assert std_px[0] < error.std() < std_px[1]
 
 
+def test_sift_tells_which_of_its_positions_are_good() -> None:
+    """Noise of 6 grey levels, twice, over a floor whose contrast grows from left to right."""
+    rng = np.random.default_rng(4)
+    floor = 128 + (texture(rng, 480, 360) - 128.0) * np.linspace(0.3, 1.0, 480)
+    camera, extract = camera_of(480, 360), Extractor(FeatureConfig("sift", 2000))
+    a, b = (
+        extract(np.clip(floor + rng.normal(0, 6, floor.shape), 0, 255).astype(np.uint8), camera)
+        for _ in range(2)
+    )
+    pairs = match(a, b)
+    off = np.linalg.norm(a.pixel[pairs[:, 0]] - b.pixel[pairs[:, 1]], axis=1)
+    told = np.hypot(a.points.spread[pairs[:, 0]], b.points.spread[pairs[:, 1]])
+    assert np.median(a.points.spread) == pytest.approx(1.0)
+    low, high = np.quantile(told, [0.25, 0.75])
+    assert np.median(off[told > high]) > 1.4 * np.median(off[told < low])
+
+
+def test_where_a_lens_draws_together_positions_are_known_less_well() -> None:
+    picture = texture(np.random.default_rng(5), *FISHY.size_px)
+    bent = Extractor()(picture, FISHY)
+    away = np.linalg.norm(bent.pixel - np.array(FISHY.center_px), axis=1)
+    out, middle = (
+        bent.points.spread[away > np.quantile(away, 0.8)],
+        bent.points.spread[away < np.median(away)],
+    )
+    grown = FISHY.magnification(bent.pixel)[away > np.quantile(away, 0.8)]
+    assert np.median(out) / np.median(middle) == pytest.approx(np.median(grown), rel=0.15)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_reduced_picture_gives_positions_at_full_size(kind: FeatureKind) -> None:
     fine = cv2.GaussianBlur(texture(np.random.default_rng(4), 900, 675, 4.0), (0, 0), 2.0)

@@ -10,6 +10,7 @@ import pytest
 from frontend.camera import Camera
 from frontend.gates import GateConfig, local_scale, reject_reason, relative_change
 from frontend.homography import HomographyFit, fit_homography
+from frontend.points import Points
 from tests.frontend.floor_pairs import CAMERA, Array, body, pair, true_homography
 
 GATES = GateConfig()
@@ -91,7 +92,7 @@ def test_random_matches_never_pass() -> None:
     for _ in range(60):
         count = int(rng.integers(15, 300))
         pixel_i, pixel_j = rng.uniform([0, 0], [319, 239], (2, count, 2))
-        fit = fit_homography(pixel_i, pixel_j, WIDE.corners_px)
+        fit = fit_homography(Points.alike(pixel_i), Points.alike(pixel_j), WIDE.corners_px)
         verdict = "none" if fit is None else reason(fit, pixel_j)
         assert verdict
         verdicts.add(verdict)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from frontend.features import Features
 from frontend.matching import match
+from frontend.points import Points
 
 
 def brute_force(a: NDArray, b: NDArray, ratio: float) -> set[tuple[int, int]]:
@@ -42,7 +43,9 @@ def two_views(rng: np.random.Generator, binary: bool, n: int = 120) -> tuple[Fea
         a, b = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (a, b))
         a, b = a.astype(np.float32), b.astype(np.float32)
     b = b[rng.permutation(n)][: n - 7]
-    return Features(rng.uniform(0, 300, (len(a), 2)), a), Features(rng.uniform(0, 300, (len(b), 2)), b)
+    return Features(Points.alike(rng.uniform(0, 300, (len(a), 2))), a), Features(
+        Points.alike(rng.uniform(0, 300, (len(b), 2))), b
+    )
 
 
 @pytest.mark.parametrize("binary", [False, True])
@@ -65,7 +68,7 @@ def test_no_feature_is_used_twice_and_no_pair_depends_on_order(binary: bool) -> 
     pairs = match(a, b)
     assert len(set(pairs[:, 0])) == len(set(pairs[:, 1])) == len(pairs)
     order = rng.permutation(len(b))
-    shuffled = match(a, Features(b.pixel[order], b.descriptor[order]))
+    shuffled = match(a, b[order])
     assert {(i, int(order[j])) for i, j in shuffled.tolist()} == {tuple(p) for p in pairs.tolist()}
 
 
@@ -79,8 +82,8 @@ def test_repeated_pattern_gives_no_match(binary: bool) -> None:
     else:
         seen = b.descriptor + rng.normal(0, 0.03, b.descriptor.shape)
         seen = (seen / np.linalg.norm(seen, axis=1, keepdims=True)).astype(np.float32)
-    a = Features(b.pixel, seen)
-    twice = Features(np.tile(b.pixel, (2, 1)), np.tile(b.descriptor, (2, 1)))
+    a = Features(b.points, seen)
+    twice = b[np.tile(np.arange(len(b)), 2)]
     assert len(match(a, twice)) == 0
     np.testing.assert_array_equal(match(a, b), np.column_stack([np.arange(20)] * 2))
 
@@ -88,4 +91,22 @@ def test_repeated_pattern_gives_no_match(binary: bool) -> None:
 @pytest.mark.parametrize(("n", "m"), [(0, 5), (5, 0), (1, 5), (5, 1), (0, 0)])
 def test_too_few_to_compare_gives_none(n: int, m: int) -> None:
     d = np.eye(8, dtype=np.float32)
-    assert match(Features(np.zeros((n, 2)), d[:n]), Features(np.zeros((m, 2)), d[:m])).shape == (0, 2)
+    a, b = (Features(Points.alike(np.zeros((k, 2))), d[:k]) for k in (n, m))
+    assert match(a, b).shape == (0, 2)
+
+
+def test_a_spot_that_is_described_twice_is_matched_once() -> None:
+    """As SIFT does where a spot has two orientations: one measurement, however many features find it."""
+    rng = np.random.default_rng(12)
+    b, _ = two_views(rng, False, 20)
+    pixel = b.pixel.copy()
+    pixel[[1, 7]], pixel[5] = pixel[3], pixel[4]
+    here = Features(Points.alike(pixel), b.descriptor)
+    there = Features(Points.alike(pixel[::-1] + 10.0), b.descriptor[::-1])
+    pairs = match(here, there)
+    kept = [k for k in range(20) if k not in (3, 5, 7)]
+    assert pairs[:, 0].tolist() == kept
+    np.testing.assert_allclose(there.pixel[pairs[:, 1]] - 10.0, here.pixel[pairs[:, 0]])
+    crossed = np.array(pixel)
+    crossed[1] += 5.0  # the two no longer show one spot in both pictures: two measurements
+    assert len(match(Features(Points.alike(crossed), b.descriptor), there)) == 18

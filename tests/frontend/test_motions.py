@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from frontend.homography import transfer
-from frontend.motions import AWAY, Expectation, floor_motion
+from frontend.motions import AWAY, Expectation, FloorMotion, floor_motion
+from frontend.points import Points
 
 SIZE = (320, 240)
 CORNERS = np.array([[-0.5, -0.5], [319.5, -0.5], [319.5, 239.5], [-0.5, 239.5]])
@@ -25,13 +26,18 @@ def matches(rng, floor: int, other: int, other_H, noise_px=0.2, wrong=0):
     return i[order], j[order]
 
 
+def floor_of(i: np.ndarray, j: np.ndarray, expected: Expectation | None = None) -> FloorMotion | None:
+    """Of matched pixels, each as surely known as the other."""
+    return floor_motion(Points.alike(i), Points.alike(j), j, CORNERS, SIZE, expected=expected)
+
+
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("shift", [(0.0, 0.0), (-30.0, 12.0)])
 def test_the_floor_wins_with_a_third_of_the_matches(seed, shift):
     other = np.eye(3)
     other[:2, 2] = shift
     i, j = matches(np.random.default_rng(seed), 100, 200, other, wrong=30)
-    found = floor_motion(i, j, j, CORNERS, SIZE)
+    found = floor_of(i, j)
     assert found is not None
     off = transfer(found.fit.i_H_j, CORNERS) - transfer(FLOOR, CORNERS)
     assert np.abs(off).max() < 1.5
@@ -46,7 +52,7 @@ def test_the_floor_wins_with_a_third_of_the_matches(seed, shift):
 def test_a_floor_alone_has_no_other_motion(wrong):
     rng = np.random.default_rng(7)
     i, j = matches(rng, 200, 100, FLOOR, wrong=wrong)
-    found = floor_motion(i, j, j, CORNERS, SIZE)
+    found = floor_of(i, j)
     assert found is not None
     assert not found.elsewhere.any()
     assert found.other_i_H_j is None
@@ -56,7 +62,7 @@ def test_a_floor_alone_has_no_other_motion(wrong):
 def test_nothing_that_agrees_is_none():
     rng = np.random.default_rng(1)
     i, j = rng.uniform(0, 240, (2, 3, 2))
-    assert floor_motion(i, j, j, CORNERS, SIZE) is None
+    assert floor_of(i, j) is None
 
 
 def shifted(x: float, y: float) -> np.ndarray:
@@ -76,7 +82,9 @@ def test_what_continues_is_the_floor_until_the_other_has_filled_more_for_long(se
     i, j = matches(np.random.default_rng(seed), 200, 60, third)
     lead, told = 1.0, []
     for _ in range(8):
-        found = floor_motion(i, j, j, CORNERS, SIZE, expected=expecting(third, lead))
+        found = floor_motion(
+            Points.alike(i), Points.alike(j), j, CORNERS, SIZE, expected=expecting(third, lead)
+        )
         assert found is not None
         told.append(np.abs(transfer(found.fit.i_H_j, CORNERS) - transfer(FLOOR, CORNERS)).max() < 3.0)
         lead = found.lead if not told[-1] else lead
@@ -92,8 +100,10 @@ def test_a_picture_that_comes_as_expected_is_taken_with_the_fewer_matches():
     right, wrong = shifted(30.0, 5.0), shifted(-70.0, 5.0)
     copies = np.arange(150) % 3 > 0
     i = np.where(copies[:, None], transfer(wrong, j), transfer(right, j)) + rng.normal(0, 0.2, j.shape)
-    alone = floor_motion(i, j, j, CORNERS, SIZE)
-    found = floor_motion(i, j, j, CORNERS, SIZE, expected=expecting(shifted(27.0, 3.0), 2.0))
+    alone = floor_of(i, j)
+    found = floor_motion(
+        Points.alike(i), Points.alike(j), j, CORNERS, SIZE, expected=expecting(shifted(27.0, 3.0), 2.0)
+    )
     assert alone is not None
     assert found is not None
     assert transfer(alone.fit.i_H_j, CORNERS) == pytest.approx(transfer(wrong, CORNERS), abs=2.0)
@@ -102,7 +112,14 @@ def test_a_picture_that_comes_as_expected_is_taken_with_the_fewer_matches():
 
 def test_a_jump_is_believed_where_nothing_lies_as_expected():
     i, j = matches(np.random.default_rng(3), 200, 100, FLOOR, wrong=30)
-    found = floor_motion(i, j, j, CORNERS, SIZE, expected=expecting(shifted(-3 * AWAY * SIZE[0], 0), 2.0))
+    found = floor_motion(
+        Points.alike(i),
+        Points.alike(j),
+        j,
+        CORNERS,
+        SIZE,
+        expected=expecting(shifted(-3 * AWAY * SIZE[0], 0), 2.0),
+    )
     assert found is not None
     assert transfer(found.fit.i_H_j, CORNERS) == pytest.approx(transfer(FLOOR, CORNERS), abs=1.0)
 
@@ -112,7 +129,7 @@ def test_two_motions_a_little_apart_are_not_blended(apart_px):
     other = FLOOR.copy()
     other[0, 2] -= apart_px
     i, j = matches(np.random.default_rng(4), 100, 130, other, noise_px=0.05)
-    found = floor_motion(i, j, j, CORNERS, SIZE)
+    found = floor_of(i, j)
     assert found is not None
     assert found.fit.noise_px < 0.2
     assert transfer(found.fit.i_H_j, CORNERS) == pytest.approx(transfer(FLOOR, CORNERS), abs=1.0)

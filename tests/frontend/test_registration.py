@@ -12,6 +12,7 @@ from frontend.camera import Camera
 from frontend.features import Extractor, FeatureConfig, FeatureKind, Features
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
+from frontend.points import Points
 from frontend.registration import Registration, overlap, register
 from tests.frontend.floor_pairs import CAMERA, pair, texture, true_homography
 from tests.frontend.mosaic.scene import CAMERA as SMALL
@@ -31,7 +32,7 @@ def synthetic(rng: np.random.Generator, count: int, wrong: float) -> tuple[Featu
     pixel_i[outlier] = rng.uniform([0, 0], [319, 239], (outlier.sum(), 2))
     descriptor = rng.normal(size=(count, 32))
     descriptor = (descriptor / np.linalg.norm(descriptor, axis=1, keepdims=True)).astype(np.float32)
-    return Features(pixel_i, descriptor), Features(pixel_j, descriptor), H
+    return Features(Points.alike(pixel_i), descriptor), Features(Points.alike(pixel_j), descriptor), H
 
 
 @pytest.mark.parametrize("kind", ["sift", "orb", "orb-teblid", "akaze"])
@@ -81,14 +82,18 @@ def test_too_few_matches_no_plane_and_refusals_have_their_reason() -> None:
         "outlier share above gamma_1",
         "no plane fits the matches",
     )
-    same = Features(np.tile([[50.0, 60]], (100, 1)), a.descriptor)
+    nearly = np.column_stack([50 + 1e-6 * np.arange(100), np.full(100, 60.0)])
+    same = Features(Points.alike(nearly), a.descriptor)
     refused = compare(same, same)
     assert refused.reason == "no plane fits the matches"
     assert not refused.ok
     assert np.isnan(refused.i_H_j).all()
     assert refused.matches.shape == (0, 2)
     line = np.array([[20.0, 30]]) + rng.uniform(0, 1, (100, 1)) * [250, 150]
-    on_line = Features(line, a.descriptor), Features(line + rng.normal(0, 0.2, line.shape), a.descriptor)
+    on_line = (
+        Features(Points.alike(line), a.descriptor),
+        Features(Points.alike(line + rng.normal(0, 0.2, line.shape)), a.descriptor),
+    )
     assert compare(*on_line).reason in (
         "no plane fits the matches",
         "inliers crowded in one place",
@@ -113,7 +118,7 @@ def test_pictures_from_very_different_heights_register(ratio: float) -> None:
         descriptor = rng.normal(size=(len(seen_low), 32))
         descriptor = (descriptor / np.linalg.norm(descriptor, axis=1, keepdims=True)).astype(np.float32)
         i, j = (seen_low, seen_high) if ratio > 1 else (seen_high, seen_low)
-        link = compare(Features(i, descriptor), Features(j, descriptor))
+        link = compare(Features(Points.alike(i), descriptor), Features(Points.alike(j), descriptor))
         assert link.ok, link.reason
         shared.append(link.overlap)
     assert (min(shared) < GateConfig().min_overlap) == (ratio == 3.0)

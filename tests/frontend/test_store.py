@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from frontend.features import Features
+from frontend.points import Points
 from frontend.store import FeatureStore
 
 
@@ -20,7 +21,7 @@ def made(rng: np.random.Generator, n: int, binary: bool) -> Features:
         if binary
         else rng.normal(size=(n, 128)).astype(np.float32)
     )
-    return Features(rng.uniform(0, 300, (n, 2)), descriptor)
+    return Features(Points(rng.uniform(0, 300, (n, 2)), rng.uniform(1, 2, n)), descriptor)
 
 
 @pytest.mark.parametrize("binary", [False, True])
@@ -36,14 +37,15 @@ def test_what_goes_in_comes_out_in_any_order(binary: bool) -> None:
         assert back.descriptor.dtype == kept[k].descriptor.dtype
         np.testing.assert_array_equal(back.descriptor, kept[k].descriptor)
         np.testing.assert_array_equal(back.pixel, kept[k].pixel)
-    assert [len(p) for p in store.pixels] == [0, 5, 300, 0, 1, 77, 0]
+        np.testing.assert_array_equal(back.points.spread, kept[k].points.spread)
+    assert [len(p) for p in store.points] == [0, 5, 300, 0, 1, 77, 0]
 
 
 def test_descriptors_that_are_a_view_of_something_larger_are_kept_right() -> None:
     rng = np.random.default_rng(1)
     whole = made(rng, 40, False)
     store = FeatureStore()
-    store.append(Features(whole.pixel[::2], whole.descriptor[::2]))
+    store.append(whole[np.arange(0, len(whole), 2)])
     np.testing.assert_array_equal(store[0].descriptor, whole.descriptor[::2])
 
 

@@ -8,6 +8,7 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from frontend.points import Points
 from frontend.registration import Registration
 from frontend.tracks import TrackConfig, join_tracks
 from tests.frontend.floor_pairs import CAMERA, Array
@@ -23,21 +24,21 @@ def link(i: int, j: int, matches: Array, noise_px: float = 0.3) -> Registration:
 
 
 def random_flight(
-    rng: np.random.Generator, n: int, features: int, points: int, wrong: float
-) -> tuple[list[Array], list[Registration]]:
+    rng: np.random.Generator, n: int, features: int, shown: int, wrong: float
+) -> tuple[list[Points], list[Registration]]:
     """Each keyframe sees each point or not; pairs match what both see, and sometimes what they don't."""
     corners = rng.permutation(320 * 240)[: n * features].reshape(n, features)  # no two in one pixel
-    pixels = [np.column_stack([c % 320, c // 320]).astype(float) for c in corners]
-    seen = [rng.permutation(features)[:points] for _ in range(n)]  # feature that shows point p
+    points = [Points.alike(np.column_stack([c % 320, c // 320]).astype(float)) for c in corners]
+    seen = [rng.permutation(features)[:shown] for _ in range(n)]  # feature that shows point p
     links = []
     for j in range(1, n):
         for i in range(max(0, j - 3), j):
-            shared = np.flatnonzero(rng.random(points) < 0.4)
+            shared = np.flatnonzero(rng.random(shown) < 0.4)
             matches = np.column_stack([seen[i][shared], seen[j][shared]])
             swap = rng.random(len(matches)) < wrong
             matches[swap, 1] = rng.integers(0, features, swap.sum())
             links.append(link(i, j, matches, rng.uniform(0.2, 0.6)))
-    return pixels, links
+    return points, links
 
 
 def oracle(links: list[Registration]) -> set[frozenset[tuple[int, int]]]:
@@ -52,9 +53,9 @@ def oracle(links: list[Registration]) -> set[frozenset[tuple[int, int]]]:
 @pytest.mark.parametrize("wrong", [0.0, 0.02, 0.2])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_tracks_are_the_connected_components_without_conflicts(seed: int, wrong: float) -> None:
-    pixels, links = random_flight(np.random.default_rng(seed), 12, 60, 30, wrong)
-    tracks = join_tracks(pixels, links, CAMERA, ALL)
-    place = {(k, *p): (k, f) for k, rows in enumerate(pixels) for f, p in enumerate(rows.tolist())}
+    points, links = random_flight(np.random.default_rng(seed), 12, 60, 30, wrong)
+    tracks = join_tracks(points, links, CAMERA, ALL)
+    place = {(k, *p): (k, f) for k, rows in enumerate(points) for f, p in enumerate(rows.pixel.tolist())}
     found: dict[int, set[tuple[int, int]]] = {}
     for k, t, p in zip(tracks.keyframe, tracks.track, tracks.pixel.tolist(), strict=True):
         found.setdefault(int(t), set()).add(place[int(k), p[0], p[1]])
@@ -66,18 +67,18 @@ def test_tracks_are_the_connected_components_without_conflicts(seed: int, wrong:
 
 
 def test_one_wrong_match_takes_out_its_two_tracks_and_no_other() -> None:
-    pixels = [np.array([[10.0, 10], [100, 10], [200, 10]]) for _ in range(3)]
+    points = [Points.alike(np.array([[10.0, 10], [100, 10], [200, 10]])) for _ in range(3)]
     straight = [[0, 0], [1, 1], [2, 2]]
-    clean = join_tracks(pixels, [link(0, 1, straight), link(1, 2, straight)], CAMERA, ALL)
+    clean = join_tracks(points, [link(0, 1, straight), link(1, 2, straight)], CAMERA, ALL)
     assert len(clean.track) == 9
-    crossed = join_tracks(pixels, [link(0, 1, straight), link(1, 2, [[0, 0], [1, 1], [2, 1]])], CAMERA, ALL)
+    crossed = join_tracks(points, [link(0, 1, straight), link(1, 2, [[0, 0], [1, 1], [2, 1]])], CAMERA, ALL)
     assert crossed.pixel[:, 0].tolist() == [10, 10, 10]
 
 
 def test_each_observation_has_the_median_noise_of_its_keyframes_registrations() -> None:
-    pixels = [np.array([[10.0, 10]]) for _ in range(4)]
+    points = [Points.alike(np.array([[10.0, 10]])) for _ in range(4)]
     links = [link(0, 1, [[0, 0]], 0.2), link(1, 2, [[0, 0]], 0.4), link(1, 3, [[0, 0]], 0.9)]
-    tracks = join_tracks(pixels, links, CAMERA, ALL)
+    tracks = join_tracks(points, links, CAMERA, ALL)
     assert dict(zip(tracks.keyframe.tolist(), tracks.std_px.tolist(), strict=True)) == {
         0: 0.2,
         1: 0.4,
@@ -86,22 +87,23 @@ def test_each_observation_has_the_median_noise_of_its_keyframes_registrations() 
     }
 
 
-def test_what_a_lens_draws_together_is_known_less_well() -> None:
-    pixels, links = random_flight(np.random.default_rng(3), 4, 60, 30, 0.0)
-    lens = replace(CAMERA, distortion=(-0.2, 0.0, 0.0, 0.0))
-    ideal, bent = (join_tracks(pixels, links, camera, ALL) for camera in (CAMERA, lens))
-    ratio = bent.std_px / ideal.std_px
-    np.testing.assert_allclose(ratio, lens.magnification(bent.pixel))
-    away = np.linalg.norm(bent.pixel - np.array(CAMERA.center_px), axis=1)
-    assert np.corrcoef(ratio, away)[0, 1] > 0.9
+def test_a_point_that_is_known_less_well_is_told_so() -> None:
+    rng = np.random.default_rng(3)
+    points, links = random_flight(rng, 4, 60, 30, 0.0)
+    even = join_tracks(points, links, CAMERA, ALL)
+    spread = {tuple(pixel): rng.uniform(1, 3) for p in points for pixel in p.pixel.tolist()}
+    uneven = [replace(p, spread=np.array([spread[tuple(q)] for q in p.pixel.tolist()])) for p in points]
+    found = join_tracks(uneven, links, CAMERA, ALL)
+    expected = [spread[tuple(q)] for q in found.pixel.tolist()]
+    np.testing.assert_allclose(found.std_px / even.std_px, expected)
 
 
 def test_selection_takes_the_longest_of_each_cell_of_each_picture_and_nothing_else() -> None:
     rng = np.random.default_rng(5)
-    pixels, links = random_flight(rng, 15, 150, 120, 0.0)
-    everything = join_tracks(pixels, links, CAMERA, ALL)
+    points, links = random_flight(rng, 15, 150, 120, 0.0)
+    everything = join_tracks(points, links, CAMERA, ALL)
     grid = (8, 6)
-    chosen = join_tracks(pixels, links, CAMERA, TrackConfig(grids=(grid,)))
+    chosen = join_tracks(points, links, CAMERA, TrackConfig(grids=(grid,)))
     length = np.bincount(everything.track)
     label = {
         (int(k), *p): int(t)
@@ -123,21 +125,21 @@ def test_selection_takes_the_longest_of_each_cell_of_each_picture_and_nothing_el
 
 
 def test_too_many_observations_call_for_a_coarser_grid() -> None:
-    pixels, links = random_flight(np.random.default_rng(6), 15, 150, 120, 0.0)
+    points, links = random_flight(np.random.default_rng(6), 15, 150, 120, 0.0)
     grids = ((8, 6), (6, 4), (4, 3))
-    alone = [join_tracks(pixels, links, CAMERA, TrackConfig((g,))) for g in grids]
+    alone = [join_tracks(points, links, CAMERA, TrackConfig((g,))) for g in grids]
     sizes = [len(t.track) for t in alone]
     assert sizes[0] > sizes[1] > sizes[2]
     for limit, expected in ((sizes[0], 0), (sizes[0] - 1, 1), (sizes[2], 2)):
-        tracks = join_tracks(pixels, links, CAMERA, TrackConfig(grids, limit))
+        tracks = join_tracks(points, links, CAMERA, TrackConfig(grids, limit))
         np.testing.assert_array_equal(tracks.pixel, alone[expected].pixel)
 
 
 @pytest.mark.parametrize("limit", [500, 300, 1])
 def test_the_ceiling_holds_and_every_keyframe_keeps_its_share(limit: int) -> None:
-    pixels, links = random_flight(np.random.default_rng(6), 15, 150, 120, 0.0)
-    whole = join_tracks(pixels, links, CAMERA, TrackConfig(((4, 3),)))
-    some = join_tracks(pixels, links, CAMERA, TrackConfig(((4, 3),), limit, least_a_keyframe=12))
+    points, links = random_flight(np.random.default_rng(6), 15, 150, 120, 0.0)
+    whole = join_tracks(points, links, CAMERA, TrackConfig(((4, 3),)))
+    some = join_tracks(points, links, CAMERA, TrackConfig(((4, 3),), limit, least_a_keyframe=12))
     quota = max(12, limit // 15)
     assert len(some.track) <= 15 * quota < len(whole.track)
     per_keyframe = np.bincount(some.keyframe, minlength=15)
@@ -154,7 +156,8 @@ def test_the_ceiling_holds_and_every_keyframe_keeps_its_share(limit: int) -> Non
 
 def test_nothing_matched_gives_no_tracks() -> None:
     for pixels in ([np.zeros((3, 2)), np.zeros((0, 2))], [], [np.zeros((0, 2))] * 2):
-        tracks = join_tracks(pixels, [], CAMERA, TrackConfig())
+        tracks = join_tracks([Points.alike(p) for p in pixels], [], CAMERA, TrackConfig())
         assert len(tracks.track) == len(tracks.keyframe) == len(tracks.pixel) == len(tracks.std_px) == 0
-    empty = join_tracks([np.zeros((3, 2))] * 2, [link(0, 1, np.empty((0, 2)))], CAMERA, TrackConfig())
+    three = Points.alike(np.zeros((3, 2)))
+    empty = join_tracks([three] * 2, [link(0, 1, np.empty((0, 2)))], CAMERA, TrackConfig())
     assert len(empty.track) == 0

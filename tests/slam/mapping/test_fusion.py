@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from frontend.features import Features
+from frontend.points import Points
 from frontend.registration import Registration
 from frontend.store import FeatureStore
 from slam.mapping.fusion import Fused, fuse
@@ -25,7 +26,7 @@ def sightings(w_T_b: np.ndarray, registrations: tuple[Registration, ...]) -> Sig
     store = FeatureStore()
     for pose in w_T_b:
         pixel = seen(pose)[1]
-        store.append(Features(pixel, np.zeros((len(pixel), 4), np.float32)))
+        store.append(Features(Points.alike(pixel), np.zeros((len(pixel), 4), np.float32)))
     n = len(w_T_b)
     return Sightings(store, np.arange(n), 3.0 * np.arange(n), (None,) * n, registrations, (), n, Counter())
 

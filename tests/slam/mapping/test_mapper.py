@@ -12,6 +12,7 @@ from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
 from backend.measurements import FloorTracks, RelativePose
 from frontend.camera import Camera
+from frontend.points import Points
 from frontend.registration import Registration
 from slam.flight import AttitudeSeries, Flight, Sonar, Truth
 from slam.mapping.mapper import Edges, Known, Mapper, Sensors
@@ -223,8 +224,8 @@ def test_sensors_are_read_at_the_keyframes():
 
 
 def refined(mapper: Mapper, w_T_b: np.ndarray, members: np.ndarray, start: np.ndarray) -> Bundle:
-    pixels = [seen(pose)[1] for pose in w_T_b]
-    tracks = mapper.tracks(pixels, [registration(w_T_b, *pair) for pair in PAIRS])
+    points = [Points.alike(seen(pose)[1]) for pose in w_T_b]
+    tracks = mapper.tracks(points, [registration(w_T_b, *pair) for pair in PAIRS])
     return mapper.refine(members, start, 0.0, tracks)
 
 

@@ -1,0 +1,38 @@
+"""Where the features of one picture lie, and how surely."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points of one picture."""
+
+    pixel: Array
+    """(n, 2) undistorted pixel positions at full size."""
+    spread: Array
+    """(n,) standard deviation of a position over that of the picture's usual feature."""
+
+    @staticmethod
+    def alike(pixel: Array) -> Points:
+        """All as surely known as each other."""
+        return Points(pixel, np.ones(len(pixel)))
+
+    def __len__(self) -> int:
+        return len(self.pixel)
+
+    def __getitem__(self, which: NDArray[Any]) -> Points:
+        return Points(self.pixel[which], self.spread[which])
+
+    @property
+    def spot(self) -> NDArray[np.int64]:
+        """(n,) the first point at the same place: SIFT has one for each orientation of a spot."""
+        _, first, of = np.unique(self.pixel @ [1.0, 1.0j], return_index=True, return_inverse=True)
+        return first[of]
