@@ -37,7 +37,8 @@ class Absolute:
     heading_known: bool = False
     w_p_b_m: Array = field(default_factory=lambda: np.full(3, np.nan))
     """(3,), NaN where not measured."""
-    range_m: float = float("nan")
+    b_p_floor_m: Array = field(default_factory=lambda: np.full(3, np.nan))
+    """(3,) the point of the floor that a range has hit, in body axes."""
 
     def renumbered(self, k: int) -> Absolute:
         """The same measurement on another key."""
@@ -88,17 +89,17 @@ def attitude(measured: Attitude) -> Absolute | None:
 
 
 def slant_range(measured: SlantRange, cos_tilt: float = 1.0) -> Absolute:
-    """Range along the body's -z to the plane z = 0: the point that it hits has height 0.
+    """Range along the sensor's -z to the plane z = 0: the point that it hits has height 0.
 
-    gtsam's position factor with a lever arm (0, 0, -range) says just that when x and y weigh nothing.
-    ``cos_tilt`` takes the deviation along the beam to the one in height.
+    gtsam's position factor with that point for a lever arm says just that when x and y weigh nothing.
+    ``cos_tilt``, of the beam, takes the deviation along it to the one in height.
     """
     root = np.diag([0, 0, 1 / (measured.std_m * cos_tilt)])
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
-    arm = np.array([0, 0, -measured.range_m])
+    arm = measured.b_T_s[:3] @ [0, 0, -measured.range_m, 1]
     plain = gtsam.GPSFactorArm(measured.k, np.zeros(3), arm, noise)
     factor = gtsam.GPSFactorArm(measured.k, np.zeros(3), arm, _robust(noise))
-    return Absolute(measured.k, factor, plain, "range", range_m=measured.range_m)
+    return Absolute(measured.k, factor, plain, "range", b_p_floor_m=arm)
 
 
 def position(measured: Position) -> Absolute | None:
@@ -154,7 +155,7 @@ def aligned(w_T: Array, absolutes: tuple[Absolute, ...]) -> Array:
     for axis in range(3):
         shift = [a.w_p_b_m[axis] - w_T[a.k, axis, 3] for a in places if np.isfinite(a.w_p_b_m[axis])]
         if axis == 2 and not shift:
-            shift = [a.range_m * w_T[a.k, 2, 2] - w_T[a.k, 2, 3] for a in absolutes if a.kind == "range"]
+            shift = [-w_T[a.k, 2] @ [*a.b_p_floor_m, 1] for a in absolutes if a.kind == "range"]
         if shift:
             w_T[:, axis, 3] += np.median(shift)
     return w_T

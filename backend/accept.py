@@ -18,6 +18,7 @@ from backend.problem import Problem, square_roots
 
 Array = NDArray[np.float64]
 
+_BODY_UP = np.array([0.0, 0.0, 1.0])
 _NOT_RIGID = 1e-3
 
 
@@ -99,12 +100,12 @@ def _edge(edge: RelativePose) -> str:
 def _absolutes(measurements: Measurements) -> tuple[tuple[Absolute, ...], list[str]]:
     singles: list[Absolute | None] = []
     unusable = 0
-    cos_tilt: dict[int, float] = {}
+    up: dict[int, Array] = {}
     for a in measurements.attitudes:
         _check_std(a.std_rad, "attitude", a.k)
         single = absolute.attitude(a)
         if single is not None and single.w_R_b is not None:
-            cos_tilt[a.k] = float(single.w_R_b[2, 2])
+            up[a.k] = single.w_R_b[2]
         singles.append(single)
     for r in measurements.ranges:
         if not (np.isfinite(r.range_m) and r.range_m > 0):
@@ -112,7 +113,8 @@ def _absolutes(measurements: Measurements) -> tuple[tuple[Absolute, ...], list[s
             continue
         _check_std(np.array([r.std_m]), "range", r.k)
         if np.isfinite(r.std_m):
-            singles.append(absolute.slant_range(r, max(cos_tilt.get(r.k, 1.0), 0.1)))
+            cos_tilt = float(up.get(r.k, _BODY_UP) @ r.b_T_s[:3, 2])
+            singles.append(absolute.slant_range(r, max(cos_tilt, 0.1)))
     for p in measurements.positions:
         _check_std(p.std_m, "position", p.k)
         singles.append(absolute.position(p))

@@ -53,11 +53,13 @@ class Attitude:
 
 @dataclass(frozen=True)
 class SlantRange:
-    """Distance from the body origin to the floor along the body's -z axis at keyframe ``k``."""
+    """Distance from the rangefinder to the floor along its -z axis at keyframe ``k``."""
 
     k: int
     range_m: float
     std_m: float
+    b_T_s: Array = field(default_factory=lambda: np.eye(4))
+    """(4, 4) how the rangefinder sits on the body."""
 
 
 @dataclass(frozen=True)

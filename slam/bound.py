@@ -184,11 +184,12 @@ def _with_noise(measured: Measurements, noise: NoiseLevels) -> Measurements:
 
 def _instruments_at_the_truth(measured: Measurements, w_T_b: Array) -> Measurements:
     turned = Rotation.from_matrix(w_T_b[:, :3, :3]).as_euler("ZYX")[:, ::-1]
-    slant = w_T_b[:, 2, 3] / w_T_b[:, 2, 2]
+    w_T_s = np.array([w_T_b[r.k] @ r.b_T_s for r in measured.ranges]).reshape(-1, 4, 4)
+    slant = w_T_s[:, 2, 3] / w_T_s[:, 2, 2]
     return replace(
         measured,
         attitudes=tuple(replace(a, roll_pitch_yaw_rad=turned[a.k]) for a in measured.attitudes),
-        ranges=tuple(replace(r, range_m=float(slant[r.k])) for r in measured.ranges),
+        ranges=tuple(replace(r, range_m=float(m)) for r, m in zip(measured.ranges, slant, strict=True)),
     )
 
 

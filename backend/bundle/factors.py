@@ -24,14 +24,14 @@ WORLD_SIZE = 6
 
 
 def scaled_range_factor(
-    pose_key: int, world_key: int, range_m: float, model: gtsam.noiseModel.Base, c_T_b: Array
+    pose_key: int, world_key: int, range_m: float, model: gtsam.noiseModel.Base, c_T_s: Array
 ) -> gtsam.CustomFactor:
-    """Slant range along the body's -z axis to the floor: g s z / R33 + d - range.
+    """Slant range along the sensor's -z axis to the floor: g s z / R33 + d - range.
 
-    With ``r`` the third row of R, ``u`` the body's z axis and ``t`` the body's origin in camera axes: the
-    body's z is s p_z + r t and R33 = r u; a right perturbation w turns r into r - w x r. Source: derived.
+    With ``r`` the third row of R, ``u`` the sensor's z axis and ``t`` its origin in camera axes: the
+    sensor's z is s p_z + r t and R33 = r u; a right perturbation w turns r into r - w x r. Source: derived.
     """
-    u, t = c_T_b[:3, 2], c_T_b[:3, 3]
+    u, t = c_T_s[:3, 2], c_T_s[:3, 3]
     u_hat, t_hat = cross_matrix(u), cross_matrix(t)
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:

@@ -164,7 +164,7 @@ def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, nois
     if measurements.ranges:
         model = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Isotropic.Sigma(1, noise.range_m))
         for r in measurements.ranges:
-            graph.push_back(scaled_range_factor(POSE(r.k), WORLD, r.range_m, model, c_T_b))
+            graph.push_back(scaled_range_factor(POSE(r.k), WORLD, r.range_m, model, c_T_b @ r.b_T_s))
     if measurements.positions:
         model = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Diagonal.Sigmas(noise.position_m))
         for p in measurements.positions:

@@ -142,9 +142,9 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
     if len(measurements.ranges) > 3:
         metric = f_T_c.copy()
         metric[:, :3, 3] *= np.exp(world[LOG_SCALE])
-        f_T_b = metric @ problem.c_T_b
-        seen = np.exp(world[LOG_GAIN]) * f_T_b[:, 2, 3] / f_T_b[:, 2, 2] + world[DATUM]
-        off = np.array([seen[r.k] - r.range_m for r in measurements.ranges])
+        f_T_s = np.array([metric[r.k] @ problem.c_T_b @ r.b_T_s for r in measurements.ranges])
+        seen = np.exp(world[LOG_GAIN]) * f_T_s[:, 2, 3] / f_T_s[:, 2, 2] + world[DATUM]
+        off = seen - np.array([r.range_m for r in measurements.ranges])
         told = float(np.median([r.std_m for r in measurements.ranges]))
         level = replace(level, range_m=_pooled(told, coloured_std(off[:, None]), len(off)))
     return level

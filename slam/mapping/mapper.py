@@ -27,7 +27,7 @@ from backend.measurements import (
 )
 from backend.solution import Solution
 from frontend.camera import Camera
-from frontend.lift import LiftedPoses, lift
+from frontend.lift import LiftedPoses, level_T_body, lift
 from frontend.points import Points
 from frontend.registration import Registration
 from frontend.tracks import join_tracks
@@ -39,6 +39,8 @@ from slam.settings import PipelineConfig
 
 Array = NDArray[np.float64]
 
+_LOWEST = 0.05
+"""Of the camera's height: a body far below its camera still has a height, for lengths scale with it."""
 LEAST_SEEN = 4
 """Floor points that a keyframe must share with others to be refined: they determine a homography."""
 WIDENED_BY_TILT = 1.5
@@ -163,21 +165,27 @@ class Mapper:
     def _heights(
         self, i: NDArray[np.int64], j: NDArray[np.int64], lifted: LiftedPoses, good: NDArray[np.bool_]
     ) -> Heights:
-        fall = np.cos(self.sensors.roll_pitch_rad).prod(axis=1)
-        ranges = [r for r in self.sensors.ranges if fall[r.k] > LEAST_FALL]
+        """Heights of the bodies, agreed on as heights of the cameras, whose ratios the pictures tell."""
+        level_up = level_T_body(self.sensors.roll_pitch_rad)[:, 2, :3]
+        b_p_c = self.camera.b_T_c[:3, 3]
+        ranges = [r for r in self.sensors.ranges if level_up[r.k] @ r.b_T_s[:3, 2] > LEAST_FALL]
         k = np.array([r.k for r in ranges], dtype=np.int64)
-        height = np.array([r.range_m for r in ranges]) * fall[k]
-        std = np.array([r.std_m for r in ranges]) / height if len(k) else np.empty(0)
-        return agree_on_heights(
-            len(fall),
+        b_p_floor = np.array([r.b_T_s[:3] @ [0, 0, -r.range_m, 1] for r in ranges]).reshape(-1, 3)
+        camera_m = np.einsum("ma,ma->m", level_up[k], b_p_c - b_p_floor)
+        std = np.array([r.std_m for r in ranges])
+        above = camera_m > 0
+        agreed = agree_on_heights(
+            len(level_up),
             i,
             j,
             np.log(lifted.height_ratio[good]),
             np.maximum(lifted.log_ratio_std[good], 1e-3),
-            k,
-            np.log(height),
-            np.maximum(std, 0.01),
+            k[above],
+            np.log(camera_m[above]),
+            np.maximum(std[above] / camera_m[above], 0.01),
         )
+        body_m = agreed.height_m - level_up @ b_p_c
+        return replace(agreed, height_m=np.maximum(body_m, _LOWEST * agreed.height_m))
 
     def reach(self, edges: Edges, known: Solution) -> Reach:
         """How far from where the poses known so far have it each keyframe's view may be."""

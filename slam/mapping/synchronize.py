@@ -75,7 +75,7 @@ def ranges_at(sonar: Sonar | None, at_s: Array, floor_std_m: float) -> tuple[Sla
     value, factor = local_value(sonar.stamps_s[good], sonar.range_m[good, None], at_s, 0.1)
     std = np.hypot(sonar.noise_std_m * factor, floor_std_m)
     return tuple(
-        SlantRange(int(k), float(value[k, 0]), float(std[k]))
+        SlantRange(int(k), float(value[k, 0]), float(std[k]), sonar.b_T_s)
         for k in np.flatnonzero(np.isfinite(value[:, 0]))
     )
 

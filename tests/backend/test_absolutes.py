@@ -59,6 +59,15 @@ def test_a_range_does_not_care_where_it_is_taken():
         assert _sigmas(single.plain, _pose([0, 0, 0.7], place)) == pytest.approx(0, abs=1e-9)
 
 
+def test_a_range_begins_at_its_sensor_and_goes_along_its_beam():
+    b_T_s = _pose([0.1, -0.2, 0.5], (0.1, -0.05, -0.06))
+    w_T_b = _pose([0.05, 0.1, 1.0], (3, 4, 1.2))
+    w_T_s = w_T_b @ b_T_s
+    single = slant_range(SlantRange(0, w_T_s[2, 3] / w_T_s[2, 2], 0.01, b_T_s))
+    assert _sigmas(single.plain, w_T_b) == pytest.approx(0, abs=1e-9)
+    assert aligned(w_T_b[None], (single,))[0] == pytest.approx(w_T_b)
+
+
 def test_only_the_held_direction_is_held():
     """Held along the world's x at a pose that looks along y: only a step along x is told."""
     T = _pose([0.2, -0.3, np.pi / 2])

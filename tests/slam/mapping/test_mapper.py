@@ -42,15 +42,18 @@ def angles_of(w_T_b: np.ndarray) -> np.ndarray:
     return Rotation.from_matrix(w_T_b[:, :3, :3]).as_euler("ZYX")[:, ::-1]
 
 
-def flight(w_T_b: np.ndarray, sonar: bool = True, attitude: bool = True) -> Flight:
-    """Exact streams with a sample at each keyframe, and others halfway."""
+def flight(
+    w_T_b: np.ndarray, sonar: bool = True, attitude: bool = True, b_T_s: np.ndarray = np.eye(4)
+) -> Flight:
+    """Exact streams with a sample at each keyframe, and others halfway; the sonar at ``b_T_s``."""
     stamps_s = 3.0 * np.arange(len(w_T_b))
     near_s = (stamps_s[:, None] + [-0.1, 0.0, 0.1]).ravel()
-    slant = np.repeat(w_T_b[:, 2, 3] / w_T_b[:, 2, 2], 3)
+    w_T_s = w_T_b @ b_T_s
+    slant = np.repeat(w_T_s[:, 2, 3] / w_T_s[:, 2, 2], 3)
     return Flight(
         "made",
         camera=CAMERA,
-        sonar=Sonar(near_s, slant, scale_std=0.02) if sonar else None,
+        sonar=Sonar(near_s, slant, scale_std=0.02, b_T_s=b_T_s) if sonar else None,
         attitude=AttitudeSeries(near_s, np.repeat(angles_of(w_T_b), 3, axis=0)) if attitude else None,
     )
 
@@ -60,25 +63,28 @@ def mapper_of(w_T_b: np.ndarray, **streams: bool) -> Mapper:
     return Mapper(CAMERA, Sensors.at(flight(w_T_b, **streams), stamps_s, None, CONFIG), CONFIG)
 
 
-def registration(w_T_b: np.ndarray, i: int, j: int, std_px: float = 0.1) -> Registration:
+def registration(
+    w_T_b: np.ndarray, i: int, j: int, std_px: float = 0.1, camera: Camera = CAMERA
+) -> Registration:
     """Exact; features on a grid of floor points, so that each point has one number everywhere."""
-    H = np.linalg.inv(CAMERA.floor_H_image(w_T_b[i])) @ CAMERA.floor_H_image(w_T_b[j])
-    both = np.intersect1d(seen(w_T_b[i])[0], seen(w_T_b[j])[0])
-    rows = [np.searchsorted(seen(w_T_b[k])[0], both) for k in (i, j)]
+    H = np.linalg.inv(camera.floor_H_image(w_T_b[i])) @ camera.floor_H_image(w_T_b[j])
+    seen_i, seen_j = (seen(w_T_b[k], camera)[0] for k in (i, j))
+    both = np.intersect1d(seen_i, seen_j)
+    rows = [np.searchsorted(numbers, both) for numbers in (seen_i, seen_j)]
     return Registration(i, j, "", np.column_stack(rows), H / H[2, 2], std_px**2 * np.eye(8), std_px, 0.5)
 
 
-def seen(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def seen(pose: np.ndarray, camera: Camera = CAMERA) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of the floor points in view, and where."""
     grid = np.stack(np.meshgrid(np.arange(-1, 3, 0.1), np.arange(-1, 1.4, 0.1)), axis=-1).reshape(-1, 2)
-    c_T_w = np.linalg.inv(pose @ CAMERA.b_T_c)
-    pixel = CAMERA.project(np.column_stack([grid, np.zeros(len(grid))]) @ c_T_w[:3, :3].T + c_T_w[:3, 3])
-    inside = ((pixel > 0) & (pixel < CAMERA.size_px)).all(axis=1)
+    c_T_w = np.linalg.inv(pose @ camera.b_T_c)
+    pixel = camera.project(np.column_stack([grid, np.zeros(len(grid))]) @ c_T_w[:3, :3].T + c_T_w[:3, 3])
+    inside = ((pixel > 0) & (pixel < camera.size_px)).all(axis=1)
     return np.flatnonzero(inside), pixel[inside]
 
 
 def edges_of(mapper: Mapper, w_T_b: np.ndarray, pairs: list[tuple[int, int]] = PAIRS) -> Edges:
-    return mapper.edges([registration(w_T_b, i, j) for i, j in pairs])
+    return mapper.edges([registration(w_T_b, i, j, camera=mapper.camera) for i, j in pairs])
 
 
 def assert_relative(edge: RelativePose, w_T_b: np.ndarray, scale: float = 1.0) -> None:
@@ -224,8 +230,8 @@ def test_sensors_are_read_at_the_keyframes():
 
 
 def refined(mapper: Mapper, w_T_b: np.ndarray, members: np.ndarray, start: np.ndarray) -> Bundle:
-    points = [Points.alike(seen(pose)[1]) for pose in w_T_b]
-    tracks = mapper.tracks(points, [registration(w_T_b, *pair) for pair in PAIRS])
+    points = [Points.alike(seen(pose, mapper.camera)[1]) for pose in w_T_b]
+    tracks = mapper.tracks(points, [registration(w_T_b, *pair, camera=mapper.camera) for pair in PAIRS])
     return mapper.refine(members, start, 0.0, tracks)
 
 
@@ -243,6 +249,29 @@ def test_the_refinement_of_a_part_uses_its_own_keyframes_alone(members):
     expected[:, :2, 3] -= expected[0, :2, 3]
     assert bundle.w_T_b == pytest.approx(expected, abs=5e-3)
     assert bundle.covariances.shape == (len(members), 6, 6)
+
+
+def test_camera_and_sonar_may_sit_anywhere_on_the_body():
+    """Both centimetres off the body's origin, the beam aslant, heights of 1 to 3: all are exact."""
+    w_T_b = truth()
+    w_T_b[:, 2, 3] *= np.linspace(0.5, 1.5, 12)
+    b_T_s, b_T_c = np.eye(4), CAMERA.b_T_c.copy()
+    b_T_s[:3, :3] = Rotation.from_euler("xy", [0.05, -0.08]).as_matrix()
+    b_T_s[:3, 3], b_T_c[:3, 3] = (0.10, 0.0, -0.06), (-0.08, 0.03, 0.07)
+    camera, stamps_s = replace(CAMERA, b_T_c=b_T_c), 3.0 * np.arange(12)
+    mapper = Mapper(camera, Sensors.at(flight(w_T_b, b_T_s=b_T_s), stamps_s, None, CONFIG), CONFIG)
+    edges = edges_of(mapper, w_T_b)
+    assert edges.heights.height_m == pytest.approx(w_T_b[:, 2, 3], rel=2e-3)
+    for edge in edges.relative_poses:
+        assert_relative(edge, w_T_b)
+    expected = w_T_b.copy()
+    expected[:, :2, 3] -= expected[0, :2, 3]
+    start = expected.copy()
+    start[:, :3, 3] *= 1.05
+    bundle = refined(mapper, w_T_b, np.arange(12), start)
+    found = bundle.w_T_b.copy()
+    found[:, :2, 3] -= found[0, :2, 3]
+    assert found == pytest.approx(expected, abs=1e-3)
 
 
 def test_the_lens_is_only_estimated_where_it_may_be():
