@@ -13,13 +13,13 @@ from frontend.camera import Camera
 from slam.errors import NO_CAMERA, InputError
 from slam.estimate import Estimate
 from slam.flight import Flight
-from slam.mapping.account import Mapped, account
+from slam.mapping.account import Mapped, account, reason_kind
 from slam.mapping.bridging import Bridges
 from slam.mapping.clocks import delay_to_take_out, stamped_later
 from slam.mapping.fusion import Fused, fuse
 from slam.mapping.horizon import seeing_floor
 from slam.mapping.mapper import Edges, Known, Mapper, Sensors
-from slam.mapping.obstacles import Obstacles, echoes_in_map, find_obstacles, no_masks
+from slam.mapping.obstacles import Masks, Obstacles, echoes_in_map, find_obstacles, no_masks
 from slam.mapping.sightings import Sighter, Sightings
 from slam.mapping.synchronize import inertial_readings
 from slam.progress import Progress, silent
@@ -27,7 +27,7 @@ from slam.settings import PipelineConfig
 from slam.stopwatch import Stopwatch
 
 MOST_PASSES = 2
-"""Obstacles bend the first map, so that it may have them at the wrong places; the second has not."""
+"""Obstacles found in a first map, which they bend, may be misplaced; the second pass places them anew."""
 
 
 def optimize(
@@ -44,77 +44,51 @@ def optimize_with_sightings(
     flight: Flight, config: PipelineConfig = PipelineConfig(), progress: Progress = silent
 ) -> tuple[Estimate, Sightings]:
     """The same, and what the front end saw: features of the keyframes, registrations held and refused."""
+    camera = _camera(flight)
+    flight, job = seeing_floor(flight, camera), _Job(camera, config, progress, Stopwatch())
     # Threads of BLAS and of OpenCV would spin against each other for the same cores.
     with threadpool_limits(1, "blas"):
-        camera = _camera(flight)
-        return _optimize(seeing_floor(flight, camera), camera, config, progress, Stopwatch())
-
-
-def _optimize(
-    flown: Flight,
-    camera: Camera,
-    config: PipelineConfig,
-    progress: Progress,
-    clock: Stopwatch,
-    obstacles: Obstacles | None = None,
-    passes: int = 0,
-) -> tuple[Estimate, Sightings]:
-    flight = flown if obstacles is None else obstacles.cleared(flown)
-
-    def step(iteration: int, _: float) -> None:
-        progress("graph", iteration, 0)
-
-    sighter = Sighter(flight, camera, config, progress)
-    with clock("track"):
-        sightings = sighter.watch(obstacles.masks if obstacles else no_masks)  # track -> gate -> keyframe
-        _refuse_unless(len(sightings.stamps_s) >= 2, flight, sightings)
-        sightings = sighter.neighbours(sightings)
-    origin = flight.geo_origin()
-    mapper = Mapper(camera, Sensors.at(flight, sightings.stamps_s, origin, config), config)
-    bridges = Bridges(flight, mapper, sightings.links, config.inertial, progress)
-    with clock("graph"):
-        odometry = mapper.edges(sightings.registrations)
-        without_loops = mapper.solve(odometry, step, covariances=True)
-    with clock("loops"):
-        reach = mapper.reach(odometry, without_loops)
-        sightings = sighter.retrieve(sightings, reach)  # retrieve -> verify
-        _refuse_unless(len(sightings.registrations) > 0, flight, sightings)
-        height_m = odometry.heights.height_m
-        known = Known(without_loops.w_T_b, without_loops.covariances, without_loops.component, height_m)
-        edges = mapper.edges(sightings.registrations)
-        sightings = sightings.without(mapper.contradictions(edges, known))
-    with clock("graph"):
-        edges = mapper.edges(sightings.registrations)
-        solution = mapper.solve(edges, step)
-    with clock("refine"):
-        fused = bridges.join(fuse(mapper, sightings, edges, solution, progress))
-        if (fused.component < 0).all():
-            raise InputError(
-                f"{flight.name}: the pictures match, but no pose of a camera above a floor explains how; "
-                "check T_BS (which way it looks) and intrinsics in cam0/sensor.yaml, and the attitude"
-            )
-    found = _obstacles(flown, camera, sightings, fused, config) if passes < MOST_PASSES else None
-    if found is not None and (obstacles is None or found.moved_from(obstacles)):
-        return _optimize(flown, camera, config, progress, clock, found, passes + 1)  # once more, without them
-    with clock("loops"):
-        sightings = sighter.revisit(sightings, fused.over_floor_T_b, fused.floor_z_m)
-    settled = _settled(flight, mapper, bridges, sightings, fused, progress, clock)
-    late_s = delay_to_take_out(settled.fused.inertial)
-    if late_s != 0.0:  # once more, the instruments read at the pictures' moments
-        flight, flown = stamped_later(flight, late_s), stamped_later(flown, late_s)
-        mapper = Mapper(camera, Sensors.at(flight, sightings.stamps_s, origin, config), config)
-        bridges = Bridges(flight, mapper, sightings.links, config.inertial, progress)
-        settled = _settled(flight, mapper, bridges, sightings, settled.fused, progress, clock)
-    sightings, fused = settled.sightings, settled.fused
-    mapped = Mapped(sightings, settled.edges, settled.solution, fused, odometry, without_loops, late_s)
-    estimate = account(flight, config, mapper, mapped, clock.seconds)
-    echoes = echoes_in_map(flown.sonar, sightings.stamps_s, fused.over_floor_T_b, fused.floor_z_m)
-    return replace(estimate, elevation=echoes.map if echoes else None), sightings
+        obstacles, first = None, job.first_map(flight, no_masks)
+        for _ in range(MOST_PASSES):
+            found = job.obstacles(flight, first)
+            if found is None or (obstacles is not None and not found.moved_from(obstacles)):
+                break
+            obstacles, first = found, job.first_map(found.cleared(flight), found.masks)
+        return job.final_map(flight, first)
 
 
 @dataclass(frozen=True)
-class _Settled:
-    """A map in which what must overlap was compared."""
+class _BackEnd:
+    """The back end for one flight with its keyframes."""
+
+    flight: Flight
+    mapper: Mapper
+    bridges: Bridges
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """Keyframe after keyframe, without loops."""
+
+    sightings: Sightings
+    edges: Edges
+    solution: Solution
+
+
+@dataclass(frozen=True)
+class _FirstMap:
+    """Refined once, with the loops that looks have found."""
+
+    sighter: Sighter
+    back_end: _BackEnd
+    chain: _Chain
+    sightings: Sightings
+    fused: Fused
+
+
+@dataclass(frozen=True)
+class _SettledMap:
+    """Refined again, after all that must overlap was compared."""
 
     sightings: Sightings
     edges: Edges
@@ -122,40 +96,101 @@ class _Settled:
     fused: Fused
 
 
-def _settled(
-    flight: Flight,
-    mapper: Mapper,
-    bridges: Bridges,
-    sightings: Sightings,
-    fused: Fused,
-    progress: Progress,
-    clock: Stopwatch,
-) -> _Settled:
-    """Solved and refined once more, from what ``fused`` knows of the poses."""
+@dataclass(frozen=True)
+class _Job:
+    """The stages of a map, in their order."""
 
-    def step(iteration: int, _: float) -> None:
-        progress("graph", iteration, 0)
+    camera: Camera
+    config: PipelineConfig
+    progress: Progress
+    clock: Stopwatch
 
-    with clock("graph"):
-        informed = mapper.knowing(fused.over_floor_T_b, fused.over_floor_covariances)
-        # Footprints that overlap may be registered by a look-alike piece of floor beside the shared one.
-        height_m = fused.over_floor_T_b[:, 2, 3] - fused.floor_z_m
-        known = Known(fused.over_floor_T_b, fused.over_floor_covariances, fused.component, height_m)
-        edges = informed.edges(sightings.registrations)
-        sightings = sightings.without(informed.contradictions(edges, known))
-        edges = informed.edges(sightings.registrations)
-        solution = informed.solve(edges, step)
-    with clock("refine"):
-        readings = inertial_readings(flight.imu)
-        fused = bridges.join(fuse(mapper, sightings, edges, solution, progress, readings))
-    return _Settled(sightings, edges, solution, fused)
+    def first_map(self, flight: Flight, masks: Masks) -> _FirstMap:
+        """Track, gate, retrieve, verify, solve, refine. Raises ``InputError`` where no two pictures join."""
+        sighter = Sighter(flight, self.camera, self.config, self.progress)
+        with self.clock("track"):
+            sightings = sighter.watch(masks)
+            _refuse_unless(len(sightings.stamps_s) >= 2, flight, sightings)
+            sightings = sighter.neighbours(sightings)
+        back_end = self._back_end(flight, sightings)
+        mapper = back_end.mapper
+        chain = self._chain(mapper, sightings)
+        with self.clock("loops"):
+            sightings = sighter.retrieve(sightings, mapper.reach(chain.edges, chain.solution))
+            _refuse_unless(len(sightings.registrations) > 0, flight, sightings)
+            poses, height_m = chain.solution, chain.edges.heights.height_m
+            known = Known(poses.w_T_b, poses.covariances, poses.component, height_m)
+            sightings = sightings.without(mapper.contradictions(mapper.edges(sightings.registrations), known))
+        with self.clock("graph"):
+            edges = mapper.edges(sightings.registrations)
+            solution = mapper.solve(edges, self._step)
+        with self.clock("refine"):
+            fused = back_end.bridges.join(fuse(mapper, sightings, edges, solution, self.progress))
+        if (fused.component < 0).all():
+            raise InputError(
+                f"{flight.name}: the pictures match, but no pose of a camera above a floor explains how; "
+                "check T_BS (which way it looks) and intrinsics in cam0/sensor.yaml, and the attitude"
+            )
+        return _FirstMap(sighter, back_end, chain, sightings, fused)
 
+    def obstacles(self, flight: Flight, first: _FirstMap) -> Obstacles | None:
+        """What the sonar hears standing on the floor of the first map."""
+        fused = first.fused
+        poses = np.where((fused.component == 0)[:, None, None], fused.over_floor_T_b, np.nan)
+        return find_obstacles(
+            flight, self.camera, first.sightings.stamps_s, poses, fused.floor_z_m, self.config.masking
+        )
 
-def _obstacles(
-    flight: Flight, camera: Camera, sightings: Sightings, fused: Fused, config: PipelineConfig
-) -> Obstacles | None:
-    poses = np.where((fused.component == 0)[:, None, None], fused.over_floor_T_b, np.nan)
-    return find_obstacles(flight, camera, sightings.stamps_s, poses, fused.floor_z_m, config.masking)
+    def final_map(self, flight: Flight, first: _FirstMap) -> tuple[Estimate, Sightings]:
+        """Compare what must overlap, refine, take out a clock's offset; ``flight`` is as it was flown."""
+        back_end, chain, fused = first.back_end, first.chain, first.fused
+        with self.clock("loops"):
+            sightings = first.sighter.revisit(first.sightings, fused.over_floor_T_b, fused.floor_z_m)
+        settled = self._settled(back_end, sightings, fused)
+        late_s = delay_to_take_out(settled.fused.inertial)
+        if late_s != 0.0:  # once more, the instruments read at the pictures' moments
+            flight = stamped_later(flight, late_s)
+            back_end = self._back_end(stamped_later(back_end.flight, late_s), sightings)
+            chain = self._chain(back_end.mapper, chain.sightings)
+            settled = self._settled(back_end, sightings, settled.fused)
+        fused = settled.fused
+        mapped = Mapped(
+            settled.sightings, settled.edges, settled.solution, fused, chain.edges, chain.solution, late_s
+        )
+        estimate = account(back_end.flight, self.config, back_end.mapper, mapped, self.clock.seconds)
+        echoes = echoes_in_map(flight.sonar, sightings.stamps_s, fused.over_floor_T_b, fused.floor_z_m)
+        return replace(estimate, elevation=echoes.map if echoes else None), settled.sightings
+
+    def _back_end(self, flight: Flight, sightings: Sightings) -> _BackEnd:
+        sensors = Sensors.at(flight, sightings.stamps_s, flight.geo_origin(), self.config)
+        mapper = Mapper(self.camera, sensors, self.config)
+        bridges = Bridges(flight, mapper, sightings.links, self.config.inertial, self.progress)
+        return _BackEnd(flight, mapper, bridges)
+
+    def _chain(self, mapper: Mapper, sightings: Sightings) -> _Chain:
+        with self.clock("graph"):
+            edges = mapper.edges(sightings.registrations)
+            return _Chain(sightings, edges, mapper.solve(edges, self._step, covariances=True))
+
+    def _settled(self, back_end: _BackEnd, sightings: Sightings, fused: Fused) -> _SettledMap:
+        """Solved and refined once more, from what ``fused`` knows of the poses."""
+        mapper, flight = back_end.mapper, back_end.flight
+        with self.clock("graph"):
+            informed = mapper.knowing(fused.over_floor_T_b, fused.over_floor_covariances)
+            # Footprints that overlap may be registered by a look-alike piece of floor beside the shared one.
+            height_m = fused.over_floor_T_b[:, 2, 3] - fused.floor_z_m
+            known = Known(fused.over_floor_T_b, fused.over_floor_covariances, fused.component, height_m)
+            edges = informed.edges(sightings.registrations)
+            sightings = sightings.without(informed.contradictions(edges, known))
+            edges = informed.edges(sightings.registrations)
+            solution = informed.solve(edges, self._step)
+        with self.clock("refine"):
+            readings = inertial_readings(flight.imu)
+            fused = fuse(mapper, sightings, edges, solution, self.progress, readings)
+            return _SettledMap(sightings, edges, solution, back_end.bridges.join(fused))
+
+    def _step(self, iteration: int, _: float) -> None:
+        self.progress("graph", iteration, 0)
 
 
 def _camera(flight: Flight) -> Camera:
@@ -167,7 +202,7 @@ def _camera(flight: Flight) -> Camera:
 def _refuse_unless(joined: bool, flight: Flight, sightings: Sightings) -> None:
     if joined:
         return
-    dropped = sightings.rejected + Counter(r.reason for r in sightings.refused)
+    dropped = sightings.rejected + Counter(reason_kind(r.reason) for r in sightings.refused)
     reasons = ", ".join(f"{count} x {reason}" for reason, count in dropped.most_common(3))
     usable, frames = len(sightings.stamps_s), sightings.frames
     what = (

@@ -154,5 +154,5 @@ def reason(problem: Problem, edge: int, w_T: Array, sigma: float) -> str:
     meters, degrees = np.linalg.norm(off[3:]), np.degrees(np.linalg.norm(off[:3]))
     limit = edge_limit(problem)
     if sigma <= limit:
-        return f"agrees to {sigma:.1f} sigma, but the rest tells too little of where it lies to trust it"
+        return f"agrees, but too little is known of where it lies to trust it: {sigma:.1f} sigma"
     return f"disagrees by {sigma:.1f} sigma (limit {limit:.1f}): {meters:.2g} m, {degrees:.2g} deg"

@@ -97,7 +97,7 @@ def account(
     status, warnings = _status(fused, bool(edges.heights.metric[fused.component >= 0].all()))
     loops = _loop_verdicts(config, sightings, edges, solution)
     rejected = Counter(sightings.rejected)
-    rejected.update(Counter(f"loop: {_kind(v.reason)}" for v in loops if v.verdict == "rejected"))
+    rejected.update(Counter(f"loop: {reason_kind(v.reason)}" for v in loops if v.verdict == "rejected"))
     if fused.bundle is not None and fused.bundle.dropped_observations:
         rejected["view of a floor point far off"] = fused.bundle.dropped_observations
     height_m = fused.over_floor_T_b[:, 2, 3] - fused.floor_z_m
@@ -176,6 +176,6 @@ def _main(fused: Fused) -> Array:
     return np.where((fused.component == 0)[:, None, None], fused.w_T_b, np.nan)
 
 
-def _kind(reason: str) -> str:
+def reason_kind(reason: str) -> str:
     """The reason without its figures, for counting."""
     return reason.split(":")[0].split(" by ")[0]

@@ -35,6 +35,9 @@ FEWEST = 10
 MOST_STANDING = 0.8
 """Share of the echoes: where hardly any is the floor's, it is the sonar that is at fault."""
 
+Masks = Callable[[int], Image | None]
+"""Of a frame's number: where to look for features, 0 where not; None where everywhere."""
+
 
 @dataclass(frozen=True)
 class MaskingConfig:
@@ -161,7 +164,7 @@ class Obstacles:
 
     sonar: Sonar
     """Without the readings that hear obstacles: they are no heights over the floor."""
-    masks: Callable[[int], Image | None]
+    masks: Masks
     """Mask of each frame by its number."""
     told: str
     """One line for the user."""

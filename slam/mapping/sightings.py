@@ -19,7 +19,7 @@ from frontend.registration import Registration, overlap, refused
 from frontend.store import FeatureStore
 from slam.errors import InputError
 from slam.flight import Flight, Image
-from slam.mapping.obstacles import no_masks
+from slam.mapping.obstacles import Masks, no_masks
 from slam.mapping.reach import Reach
 from slam.progress import Progress
 from slam.settings import PipelineConfig
@@ -75,7 +75,7 @@ class Sighter:
         except FeatureUnavailableError as error:
             raise InputError(str(error)) from None
 
-    def watch(self, masks: Callable[[int], Image | None] = no_masks) -> Sightings:
+    def watch(self, masks: Masks = no_masks) -> Sightings:
         """Go through the frames once: mask, track, gate, keyframe."""
         flight = self.flight
         assert flight.frames is not None
