@@ -56,7 +56,7 @@ class Certificate:
     lower_bound: float = math.nan
     """No poses have a lower F."""
     gap: float = math.nan
-    """Their difference over the objective; over a thousandth an edge where it is smaller: nothing is lost."""
+    """(objective - lower_bound) / max(objective, 0.001 an edge); 0 at the global optimum."""
     moved_m: float = math.nan
     """Largest distance between a solution's pose and the stand-in's."""
     moved_rad: float = math.nan

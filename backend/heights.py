@@ -63,7 +63,8 @@ def agree_on_heights(
         W = weight / sigma**2
         factor = splu(csc_matrix(A.T @ A.multiply(W[:, None]) + weak))
         x = factor.solve(A.T @ (W * b))
-        # The kernel narrows: at first wild ones draw their neighbours along, which must not be lost for it.
+        # The kernel starts wide and narrows: outliers first pull their neighbours away, and those must not be
+        # rejected for it.
         width = max(2.0, 32.0 * 0.5**number)
         weight = 1.0 / (1.0 + ((A @ x - b) / (width * sigma)) ** 2)
     assert factor is not None

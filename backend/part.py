@@ -94,7 +94,8 @@ def _warnings(problem: Problem, fit: Fit) -> list[str]:
         of_kind = [a for a in problem.absolutes if a.kind == kind]
         far = sum(2 * a.plain.error(minimum.values) > OUTLIER_SIGMA**2 for a in of_kind)
         if far:
-            said.append(f"{far} of {len(of_kind)} {kind}s lie beyond {OUTLIER_SIGMA:.0f} sigma: weighed down")
+            many = f"{far} of {len(of_kind)} {kind}s"
+            said.append(f"{many} lie beyond {OUTLIER_SIGMA:.0f} sigma: down-weighted")
     return said
 
 

@@ -63,8 +63,8 @@ class Passed:
 
 @dataclass(frozen=True)
 class _Tracked:
-    """A frame with all its features, those of what moves by itself too: only so can it be told from the
-    floor in the next."""
+    """A tracked frame with all its features, also those on moving things: the next frame needs them to tell
+    these from the floor."""
 
     frame: int
     features: Features

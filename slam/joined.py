@@ -104,7 +104,8 @@ def _shifts(parts: Sequence[Flight]) -> tuple[list[float], list[str]]:
         late = float(np.ceil(end_s + PAUSE_S - begin_s - shift))
         if late > 0:
             warnings.append(
-                f"{flight.name}: not after the flight before by its clock; its stamps are moved by {late:g} s"
+                f"{flight.name}: by its clock it begins before the previous flight ends; "
+                f"its stamps were shifted by {late:g} s"
             )
             shift += late
         shifts.append(shift)

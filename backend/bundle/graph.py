@@ -35,7 +35,8 @@ class BundleConfig:
     """How the refinement goes about it."""
 
     rounds: int = 3
-    """Re-estimations of the noise of each kind of measurement."""
+    """Solves; between two of them the noise of each kind of measurement is estimated anew. A lens that is not
+    known is free from the second on."""
     huber_sigmas: float = 2.0
     drop_sigmas: float = 6.0
     """Observations farther off than this are dropped between rounds, and counted."""

@@ -24,7 +24,7 @@ STUDENT_SCALE = 0.831
 
 
 def start_noise(measurements: Measurements, config: BundleConfig) -> NoiseLevels:
-    """What the makers say, or less."""
+    """The makers' figures, the median over the keyframes; infinite where there is no such instrument."""
     tilt = [a.std_rad[:2].max() for a in measurements.attitudes]
     position = [p.std_m for p in measurements.positions]
     ranges = [r.std_m for r in measurements.ranges]
@@ -151,10 +151,10 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
 
 
 def _pooled(told: float, found: float, count: int) -> float:
-    """What the residuals show; where that is less than the maker tells, floored, both: a few may lie close by
-    chance.
+    """Standard deviation from ``count`` residuals of deviation ``found``. Where that is below the maker's
+    ``told``, this counts as `_TOLD_COUNT` more residuals, since a few may be small by chance.
 
-    One number was fitted to them: the scale to ranges, the map's lean to each axis of attitudes.
+    One degree of freedom is spent on the scale (ranges) or on the lean of the map (each axis of attitudes).
     """
     squares, freedom = count * found**2, count - 1
     return float(np.sqrt(max(squares / freedom, (_TOLD_COUNT * told**2 + squares) / (_TOLD_COUNT + freedom))))

@@ -175,8 +175,9 @@ class _Growth:
 
 
 def log_odds(kept: Mask, loops: Mask) -> float:
-    """For a loop before it is looked at: by how many of the loops (m,) are believed, with one of each kind
-    for granted; less the doubt for which one that just breaks even is not taken."""
+    """Prior log odds that a loop is true: the share of loops (m,) kept so far, with one kept and one rejected
+    added (Laplace's rule of succession), lowered by `_DOUBT` so that a loop that only breaks even stays out.
+    """
     believed = float((1 + (kept & loops).sum()) / (2 + loops.sum()))
     return float(np.log(_DOUBT * believed / (1 - believed)))
 

@@ -80,8 +80,8 @@ class _Climb:
     late: Callable[[], bool]
 
     def to_summit(self, kept: Mask, w_T: Array, opened: bool) -> tuple[Mask, Array]:
-        """What merely sticks out or agrees was judged before: that is open again (``opened``) only once
-        loops were exchanged."""
+        """Loops that are merely outliers or merely agree were judged earlier; they are considered again
+        (``opened``) only after an exchange."""
         # The room is that of the first map: one that grows must not look better for it.
         rooms = log_room(self.problem, w_T) - self.problem.freedom / 2 * np.log(2 * np.pi)
         here = Standing.of(self.problem, self.graph, kept, w_T, rooms)

@@ -41,7 +41,7 @@ def agreeing_edges(
     r2 = (loops.residuals(w_T) ** 2).sum(axis=1)
     if len(r2) == 0 or r2.max() <= c2:
         return np.ones(len(problem.i), dtype=bool), w_T
-    mu = c2 / max(2 * r2.max() - c2, c2)
+    mu = c2 / (2 * r2.max() - c2)
     weight = np.ones(len(r2))
     for step in range(_STEPS):
         w_T = _step(problem, sure, loops, weight, w_T)

@@ -50,7 +50,7 @@ class Innovations:
         return np.sqrt(squared(self.residual, self.covariance))
 
     def agrees(self) -> Mask:
-        """(k,) whether a true loop lies as far off but once in a thousand."""
+        """(k,) whether the loop lies within the distance that a true one exceeds once in a thousand."""
         return np.asarray(self.sigma() ** 2 <= limit(self.residual.shape[1]))
 
     def given(self, one: int) -> tuple[Array, Array]:
@@ -146,7 +146,8 @@ def log_room(problem: Problem, w_T: Array) -> Array:
 
 
 def first_scale(pending: Innovations, place: Index) -> float:
-    """The same before any loop is believed: from how close to their prediction the closest lie.
+    """How large noise is over what covariances state, before any loop is kept: from how close to their
+    prediction the closest loops lie.
 
     Expectation maximisation over a mixture: true loops about the prediction, false ones anywhere.
     """

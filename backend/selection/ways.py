@@ -60,7 +60,7 @@ class Ways:
         return column
 
     def likely(self) -> Array:
-        """(k,) nats for each loop to be true and not anywhere, by what all others say of it."""
+        """(k,) log odds in nats that each loop is true rather than anywhere, given all others."""
         sign = np.where(self.on, -1.0, 1.0)
         spread = (1 + _HELD) * np.eye(self.d) + sign[:, None, None] * self.own
         off = squared(self.residual, spread) / self.here.scale**2

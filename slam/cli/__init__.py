@@ -59,13 +59,11 @@ def _version(asked: bool) -> None:
 @app.callback()
 def options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
     debug: Annotated[
         bool,
-        typer.Option(
-            "--debug", envvar="SLAM_DEBUG", help="On an error, print where in the program it arose."
-        ),
+        typer.Option("--debug", envvar="SLAM_DEBUG", help="On an error, print the traceback."),
     ] = False,
 ) -> None:
     """Options of every command."""

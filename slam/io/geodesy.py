@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 EQUATOR_M = 6378137.0
 FLATTENING = 1 / 298.257223563
 ECCENTRICITY_2 = FLATTENING * (2 - FLATTENING)
-POLE_M = EQUATOR_M * (1 - FLATTENING)
 
 _BOWRING_STEPS = 5
 """Each step gains about three digits near Earth, so that five reach the last bit from any altitude in use."""

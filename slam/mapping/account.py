@@ -73,7 +73,7 @@ def _status(fused: Fused, metric: bool) -> tuple[str, list[str]]:
     vague = int(((fused.component >= 0) & ~np.isfinite(fused.covariances).all(axis=(1, 2))).sum())
     if vague:
         warnings.append(
-            f"{vague} keyframes have no uncertainty: what was measured of them does not hold together"
+            f"no covariance for {vague} keyframes: not refined, or not determined by what was measured"
         )
     if not metric and not fused.georeferenced:
         warnings.append(_scale_told(fused))

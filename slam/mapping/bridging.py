@@ -87,8 +87,9 @@ def inertial_edges(
     trust: InertialTrust = InertialTrust(),
     progress: Progress = silent,
 ) -> tuple[RelativePose, ...]:
-    """Ways from keyframes to the next ones that no step of the pictures leads to, by the filter: one edge of
-    kind ``inertial`` each, but where the way is too uncertain. None without a sonar, for want of metres.
+    """Relative poses by the filter between successive keyframes that no step of the pictures joins, one edge
+    of kind ``inertial`` each; those that are too uncertain are left out. Empty without a sonar, which gives
+    the metres.
 
     Raises ``InputError`` where too little was recorded, ``BackendError`` where the filter fails.
     """

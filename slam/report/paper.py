@@ -36,18 +36,6 @@ EKF_PERCENT = {
 }  # fmt: skip
 """Table 4: map based on the extended Kalman filter, error of a landmark distance in percent."""
 
-STITCHED_M = {
-    "A-B": 0.220, "B-C": 0.87, "C-D": 0.579, "D-E": 0.220, "E-F": 0.523,
-    "F-G": 0.011, "G-H": 0.244, "H-A": 0.788, "B-G": 0.14,
-}  # fmt: skip
-"""Table 3, in metres."""
-
-EKF_M = {
-    "A-B": 0.029, "B-C": 0.689, "C-D": 0.049, "D-E": 0.565, "E-F": 0.013,
-    "F-G": 0.596, "G-H": 0.080, "H-A": 0.720, "B-G": 0.243,
-}  # fmt: skip
-"""Table 4, in metres."""
-
 STICKS = (0.05, 0.10, 0.15, 0.20, 0.25)
 SPEED_M_S = dict(zip(STICKS, (0.4044, 0.6284, 1.4427, 1.7587, 2.2094), strict=True))
 """Table 5: the real drone at the end of a pulse of 5 s, and the standard deviations."""

@@ -60,9 +60,9 @@ class Vehicle:
     small_angle: bool = False
     """The force is g times the tilt, as in the paper, not g times its tangent."""
     size_m: tuple[float, float, float] = (0.525, 0.515, 0.115)
-    """The paper's dimensions: length, width, height."""
+    """The paper's dimensions, for the record: length, width, height."""
     inertia_kg_m2: tuple[float, float, float] = (0.0241, 0.0232, 0.0451)
-    """The paper's principal moments; the attitude's lag stands for what they do."""
+    """The paper's principal moments, for the record: the attitude's lag stands for what they do."""
 
 
 @dataclass(frozen=True)

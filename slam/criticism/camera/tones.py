@@ -19,10 +19,9 @@ from slam.criticism.camera.pictures import Sights
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-FIGURES = ("blue", "green", "red", "contrast", "sharpness", "shading")
+BLUE, GREEN, RED, CONTRAST, SHARPNESS, SHADING = range(6)
 """Logarithms of: the level of each colour, its spread over the floor beside its mean, the local variation
 beside that; and how much darker pictures are towards the corners."""
-BLUE, GREEN, RED, CONTRAST, SHARPNESS, SHADING = range(6)
 DARKEST, BRIGHTEST = 12.0, 240.0
 FEWEST = 8
 """Matches of a pair that its figures are taken from."""
