@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import re
+import tomllib
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +23,7 @@ from slam.io.landmarks import HEADER
 from slam.io.streams import COLUMNS, KNOWN_KEYS
 from slam.outputs import EVALUATE_NAMES, OPTIMIZE_NAMES
 from slam.report.criticism_report import VERDICTS
+from slam.settings import PipelineConfig
 from slam.simulation.model import load_model
 from slam.simulation.recipe import shipped_recipes
 from slam.summary import summarise
@@ -38,6 +42,7 @@ PAGES = (
     "docs/flight-format.md",
     "docs/experiments.md",
     "docs/criticism.md",
+    "docs/settings.md",
     *(f"docs/measured/{name}.md" for name in STUDIES),
 )
 
@@ -81,9 +86,10 @@ def test_the_example_runs_and_prints_a_map_that_is_right():
 def test_every_command_is_in_the_table_and_the_other_way_round():
     told = set(re.findall(r"^\| `slam (\w+)", page("README.md"), re.MULTILINE))
     assert told == set(get_command(app).commands)
-    for command, option in re.findall(r"slam (\w+)[^`\n]* (--[a-z]+)", page("README.md")):
-        options = {name for p in get_command(app).commands[command].params for name in p.opts}
-        assert option in options, (command, option)
+    for command, rest in re.findall(r"slam (\w+)([^`\n]*)", page("README.md")):
+        for option in re.findall(r"--[a-z]+", rest):
+            options = {name for p in get_command(app).commands[command].params for name in p.opts}
+            assert option in options, (command, option)
 
 
 def test_make_has_the_targets():
@@ -92,10 +98,24 @@ def test_make_has_the_targets():
         assert set(re.findall(r"`make (\w+)", page(name))) <= targets
 
 
+def anchors(path: Path) -> list[str]:
+    """What a page's headings of plain words are linked by."""
+    words = re.findall(r"^#+ (.+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    return [w.lower().replace(" ", "-") for w in words]
+
+
 def test_links_lead_somewhere():
     for name in PAGES:
         for link in re.findall(r"\]\(([^)]+)\)", page(name)):
-            assert link.startswith("https://") or ((ROOT / name).parent / link).exists(), (name, link)
+            if link.startswith("https://"):
+                continue
+            file, _, heading = link.partition("#")
+            target = (ROOT / name).parent / file
+            assert target.exists(), (name, link)
+            words = (
+                re.findall(r"^#+ (.+)$", target.read_text(encoding="utf-8"), re.MULTILINE) if heading else []
+            )
+            assert not heading or heading in [w.lower().replace(" ", "-") for w in words], (name, link)
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -133,10 +153,9 @@ def test_the_readme_s_few_figures_are_those_that_were_measured():
     assert headlines(sections) in page("README.md")
 
 
-@pytest.mark.parametrize("name", ["README.md", "docs/method.md"])
-def test_every_output_file_is_named(name):
+def test_every_output_file_is_named():
     for file in (*OPTIMIZE_NAMES, *EVALUATE_NAMES):
-        assert f"`{file}`" in page(name), file
+        assert f"`{file}`" in page("docs/method.md"), file
 
 
 def test_every_key_and_array_is_explained():
@@ -159,6 +178,17 @@ def test_every_stream_and_key_of_a_flight_is_explained():
     for key in KNOWN_KEYS:
         assert f"`{key}`" in text, key
     assert f"`{','.join(HEADER)}`" in text
+
+
+def test_every_setting_is_explained_with_its_default():
+    told = {}
+    for line in page("docs/settings.md").splitlines():
+        if header := re.match(r"## `\[(\w+)\]`", line):
+            section = told.setdefault(header[1], {})
+        elif row := re.match(r"\| `(\w+)` \| `(.+?)` \|", line):
+            section[row[1]] = tomllib.loads(f"value = {row[2]}")["value"]
+    # As JSON, in which a tuple and a TOML array are one.
+    assert told == json.loads(json.dumps(asdict(PipelineConfig())))
 
 
 def test_recipes_are_explained():

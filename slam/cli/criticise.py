@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from slam.cli.options import OUT
+
 if TYPE_CHECKING:
     from rich.table import Table
 
     from slam.criticism import Criticism
 
 _FLIGHTS = typer.Argument(metavar="FLIGHT...", help="Flights of one vehicle, with commands or sensors only.")
-_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
 _MODEL = typer.Option(
     metavar="MODEL", help="The model to criticise: a name (nominal, paper) or a .toml file."
 )
@@ -21,7 +22,7 @@ _MODEL = typer.Option(
 
 def criticise(
     flights: Annotated[list[str], _FLIGHTS],
-    out: Annotated[Path, _OUT],
+    out: Annotated[Path, OUT],
     model: Annotated[str, _MODEL] = "nominal",
 ) -> None:
     """Say what a simulation gets wrong about measured flights, name the cause and extend the model."""

@@ -7,13 +7,14 @@ from typing import Annotated
 
 import typer
 
-_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
+from slam.cli.options import OUT, SEED
+
 _RECIPE = typer.Option(metavar="NAME", help="A recipe that comes with slam, or a .toml file.")
 
 
 def demo(
-    out: Annotated[Path, _OUT] = Path("out/demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all that is random.")] = 0,
+    out: Annotated[Path, OUT] = Path("out/demo"),
+    seed: Annotated[int, SEED] = 0,
     recipe: Annotated[str, _RECIPE] = "figure_eight",
 ) -> None:
     """Fly the paper's figure eight in simulation, map it, and compare the map with the truth."""

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from slam.cli.options import OUT
+
 if TYPE_CHECKING:
     from slam.flight import Flight
     from slam.inertial.navigate import Navigation
@@ -17,7 +19,6 @@ _SOURCE = typer.Argument(
     help="A flight folder or a EuRoC recording, with imu0, or velocity0 and attitude0.",
     show_default=False,
 )
-_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
 _RATE = typer.Option("--rate", metavar="HZ", min=0.01, max=2000, help="Poses a second.")
 _WITHOUT = typer.Option(
     "--without", metavar="STREAM", help="A stream to leave out, to compare with it (gps0); can be repeated."
@@ -36,7 +37,7 @@ _STREAMS = {
 
 def estimate(
     source: Annotated[Path, _SOURCE],
-    out: Annotated[Path, _OUT],
+    out: Annotated[Path, OUT],
     rate: Annotated[float, _RATE] = 20.0,
     without: Annotated[list[str] | None, _WITHOUT] = None,
     config: Annotated[Path | None, _CONFIG] = None,

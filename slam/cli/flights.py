@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from slam.cli.options import FLIGHT_OUT
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -20,10 +22,9 @@ _SHOWN = typer.Argument(
     help="A flight folder, a EuRoC recording, a folder of photos, or a .g2o pose graph.",
     show_default=False,
 )
-_OUT = typer.Option("--out", metavar="FLIGHT", help="The flight folder to write; must not exist yet.")
 
 
-def import_flight(source: Annotated[Path, _IMPORTED], out: Annotated[Path, _OUT]) -> None:
+def import_flight(source: Annotated[Path, _IMPORTED], out: Annotated[Path, FLIGHT_OUT]) -> None:
     """Make a flight folder from photos or from a EuRoC recording; pictures keep their names."""
     from slam.cli.source import import_source
     from slam.console import console, progress_shown

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from slam.cli.options import OUT
+
 if TYPE_CHECKING:
     from slam.relocation import Location, Relocalizer
     from slam.report.accuracy import FigureTable
@@ -14,7 +16,6 @@ if TYPE_CHECKING:
 _PICTURES = typer.Argument(metavar="PICTURE...", help="Pictures of the map's camera.", show_default=False)
 _MAP = typer.Option("--map", metavar="DIR", help="The folder that slam optimize wrote.")
 _FLIGHT = typer.Option("--flight", metavar="FLIGHT", help="What the map was made of; once for each flight.")
-_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
 _HEADER = "picture,reason,tx,ty,tz,qx,qy,qz,qw,std_x,std_y,std_z,points,keyframe"
 
 
@@ -22,7 +23,7 @@ def locate(
     pictures: Annotated[list[Path], _PICTURES],
     map_folder: Annotated[Path, _MAP],
     flights: Annotated[list[Path], _FLIGHT],
-    out: Annotated[Path, _OUT],
+    out: Annotated[Path, OUT],
 ) -> None:
     """Find where pictures were taken in a map, with the uncertainty of each."""
     from slam.cli.source import open_flight

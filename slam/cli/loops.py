@@ -7,22 +7,20 @@ from typing import Annotated
 
 import typer
 
-from slam.cli.optimize import Features
+from slam.cli.options import CONFIG, FEATURES, OUT, Features
 
 _FLIGHT = typer.Argument(
     metavar="FLIGHT",
     help="A flight folder, a EuRoC recording or a folder of photos, with truth or GPS.",
     show_default=False,
 )
-_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
-_CONFIG = typer.Option(metavar="FILE.toml", help="Settings of the stages; an unknown key is refused.")
 
 
 def loops(
     source: Annotated[Path, _FLIGHT],
-    out: Annotated[Path, _OUT],
-    config: Annotated[Path | None, _CONFIG] = None,
-    features: Annotated[Features | None, typer.Option(help="What pictures are matched by.")] = None,
+    out: Annotated[Path, OUT],
+    config: Annotated[Path | None, CONFIG] = None,
+    features: Annotated[Features | None, FEATURES] = None,
 ) -> None:
     """Measure precision and recall of loop closure, beside other methods, stage by stage."""
     from slam.cli.settings import pipeline_config

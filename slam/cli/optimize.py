@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from slam.cli.options import CONFIG, FEATURES, OUT, Features
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from slam.cli.results import MosaicWish, Results
-
-Features = Literal["sift", "orb", "orb-teblid", "akaze", "surf"]
 
 _SOURCE = typer.Argument(
     metavar="FLIGHT...",
@@ -20,18 +20,16 @@ _SOURCE = typer.Argument(
     "one camera over the same ground make one map.",
     show_default=False,
 )
-_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
 _GSD = typer.Option(metavar="M", min=1e-6, help="Metres a pixel of the mosaic; default: as the camera saw.")
-_CONFIG = typer.Option(metavar="FILE.toml", help="Settings of the stages; an unknown key is refused.")
 
 
 def optimize(
     sources: Annotated[list[Path], _SOURCE],
-    out: Annotated[Path, _OUT],
+    out: Annotated[Path, OUT],
     gsd: Annotated[float | None, _GSD] = None,
     mosaic: Annotated[bool, typer.Option("--mosaic/--no-mosaic", help="Render the map.")] = True,
-    config: Annotated[Path | None, _CONFIG] = None,
-    features: Annotated[Features | None, typer.Option(help="What pictures are matched by.")] = None,
+    config: Annotated[Path | None, CONFIG] = None,
+    features: Annotated[Features | None, FEATURES] = None,
 ) -> None:
     """Turn a flight, or several, into one consistent map: trajectory, graph, mosaic and a report."""
     from slam.cli.results import MosaicWish

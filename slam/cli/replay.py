@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from slam.cli.options import OUT
+
 if TYPE_CHECKING:
     from slam.replay import Replay
     from slam.report.accuracy import FigureTable
 
 _FLIGHT = typer.Argument(metavar="FLIGHT", help="A flight folder with commands.", show_default=False)
 _MODEL = typer.Option("--model", metavar="MODEL", help="nominal, paper, or a .toml file.")
-_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
 
 
 def replay(
     source: Annotated[Path, _FLIGHT],
-    out: Annotated[Path, _OUT],
+    out: Annotated[Path, OUT],
     model: Annotated[str, _MODEL] = "nominal",
 ) -> None:
     """Give a measured flight's commands to a model and show where the two part."""

@@ -9,19 +9,20 @@ from typing import Annotated
 
 import typer
 
+from slam.cli.options import OUT
+
 _NAMES = typer.Argument(
     metavar="[NAME]...",
     help="table1, table2, feature_distance, table3 (with table 4), table5, hover, pulses, squares, "
     "overlap_speed, arithmetic; all without a name.",
     show_default=False,
 )
-_OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
 _SEEDS = typer.Option(min=1, max=100_000, help="Flights of each experiment; a few give a quick look.")
 _JOBS = typer.Option(min=1, max=1024, help="Processes at a time.", show_default="all cores")
 
 
 def reproduce(
-    out: Annotated[Path, _OUT],
+    out: Annotated[Path, OUT],
     names: Annotated[list[str] | None, _NAMES] = None,
     seeds: Annotated[int, _SEEDS] = 20,
     jobs: Annotated[int | None, _JOBS] = None,

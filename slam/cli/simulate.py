@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from slam.cli.options import FLIGHT_OUT, SEED
+
 _RECIPE = typer.Argument(
     metavar="RECIPE",
     help="A recipe that comes with slam (figure_eight, square, hover, ...), or a .toml file.",
@@ -18,10 +20,8 @@ _MODEL = typer.Option(
 
 def simulate(
     recipe: Annotated[str, _RECIPE],
-    out: Annotated[
-        Path, typer.Option("--out", metavar="FLIGHT", help="The flight folder to write; must not exist yet.")
-    ],
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all that is random.")] = 0,
+    out: Annotated[Path, FLIGHT_OUT],
+    seed: Annotated[int, SEED] = 0,
     model: Annotated[str | None, _MODEL] = None,
 ) -> None:
     """Simulate a flight with camera, sensors and truth."""

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 Kind = Literal["flight", "euroc", "photos", "graph"]
 
 _GRAPH_WORDS = (b"VERTEX_", b"EDGE_", b"FIX ")
-_LATER = {
+_GIVE = "give a flight folder, a folder of photos or a .g2o graph"
+_NOT_READ = {
     ".bag": "a ROS 1 bag",
     ".db3": "a ROS 2 bag",
     ".mcap": "an MCAP recording",
@@ -30,17 +31,18 @@ def kind_of(path: Path) -> Kind:
     Raises ``InputError`` that names what was found instead.
     """
     if not path.exists():
-        raise InputError(f"{path}: does not exist; give a flight folder, a folder of photos or a .g2o graph")
+        raise InputError(f"{path}: does not exist; {_GIVE}")
     if path.is_dir():
         return _kind_of_folder(path)
     if not path.is_file():
-        raise InputError(
-            f"{path}: neither a file nor a folder; give a flight folder, a folder of photos or a .g2o graph"
-        )
+        raise InputError(f"{path}: neither a file nor a folder; {_GIVE}")
     if path.suffix.lower() == ".g2o" or _reads_like_graph(path):
         return "graph"
-    found = _LATER.get(path.suffix.lower(), "a file of another kind")
-    raise InputError(f"{path}: {found}; give a flight folder, a folder of photos or a .g2o graph")
+    if found := _NOT_READ.get(path.suffix.lower()):
+        raise InputError(
+            f"{path}: {found}, which slam does not read; make a flight folder of it (docs/flight-format.md)"
+        )
+    raise InputError(f"{path}: a file of another kind; {_GIVE}")
 
 
 def open_flight(path: Path, progress: Progress) -> tuple[Flight, Kind]:

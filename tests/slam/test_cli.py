@@ -172,7 +172,7 @@ def test_what_is_no_flight_is_refused(command, tmp_path):
         ("missing", "does not exist"),
         ("empty", "is empty"),
         ("others", "no mav0 folder"),
-        ("log.bag", "a ROS 1 bag"),
+        ("log.bag", "a ROS 1 bag, which slam does not read"),
         ("no\nlines", "is empty"),
         ("pipe", "neither a file nor a folder"),
     ):
