@@ -2,7 +2,7 @@
 
 An inverted file: vectors are sorted into cells by their nearest of some 2 sqrt(n) centres, and a query looks
 into the cells whose centres lie nearest. Up to some thousand vectors there is one cell: the answer is exact.
-Source: Jegou, Douze, Schmid 2011 (product quantization for nearest neighbor search), section IV.
+Source: Jégou, Douze, Schmid 2011 (product quantization for nearest neighbor search), section IV.
 
 OpenCV's own indices were tried on 100 000 made signatures (``tests/benchmarks/retrieval.py``): its kd-forest
 (FLANN) answers differently each time, and Annoy finds fewer places again in more time.

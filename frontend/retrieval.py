@@ -1,6 +1,6 @@
 """Which keyframes look alike: aggregated local descriptors (VLAD) and their nearest neighbours.
 
-Source: Jegou et al. 2010 (VLAD); Arandjelovic and Zisserman 2013 (intra-normalisation).
+Source: Jégou et al. 2010 (VLAD); Arandjelovic and Zisserman 2013 (intra-normalisation).
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def signature(descriptor: NDArray, centres: Float) -> Float:
 def principal_components(signatures: Float, dimensions: int) -> Float:
     """(d, w) directions in which a sample of signatures (n, w) differs most; d <= dimensions.
 
-    Source: Jegou and Chum 2012. What all pictures of one floor share lies outside and drops out.
+    Source: Jégou and Chum 2012. What all pictures of one floor share lies outside and drops out.
     """
     centred = signatures - signatures.mean(axis=0)
     _, strength, directions = np.linalg.svd(centred, full_matrices=False)

@@ -9,7 +9,7 @@ Pictures know everything but the scale. So the poses are kept in units of the me
 and one variable (`backend.bundle.factors`) makes metres of them where a range or a position is compared. Were
 the poses in metres, the assumption of a flat floor would pull the whole map to be small.
 
-Source: Triggs et al. 2000 (bundle adjustment); Forstner and Wrobel 2016, section 4.2.4 (variance components).
+Source: Triggs et al. 2000 (bundle adjustment); Förstner and Wrobel 2016, section 4.2.4 (variance components).
 """
 
 from __future__ import annotations

@@ -46,13 +46,13 @@ def measured(metric: Metric) -> str:
 
 
 def verdict(metric: Metric) -> tuple[str, str]:
-    """What was asked for, and ``met`` or ``missed``; both empty where nothing was."""
+    """The target, and ``met`` or ``missed``; both empty where there is none."""
     if metric.met is None:
         return "", ""
     limits = [number(_readable(limit, metric)[0]) for limit in metric.limit]
     unit = _readable(metric.value, metric)[1]
-    asked = " to ".join(limits) if metric.direction == "within" else f"{metric.direction} {limits[0]}"
-    return f"{asked} {unit}".strip(), "met" if metric.met else "missed"
+    target = " to ".join(limits) if metric.direction == "within" else f"{metric.direction} {limits[0]}"
+    return f"{target} {unit}".strip(), "met" if metric.met else "missed"
 
 
 def _readable(value: float, metric: Metric) -> tuple[float, str]:
@@ -68,7 +68,7 @@ def markdown(sections: Sequence[Section], commits: Sequence[str]) -> str:
         " part alone. Speed and memory are told as ratios of runs side by side; seconds and megabytes are"
         " those of that one run.",
         "",
-        "| figure | measured | asked for | |",
+        "| figure | measured | target | |",
         "|---|---|---|---|",
     ]
     for title, metrics, skipped in sections:
@@ -80,26 +80,25 @@ def markdown(sections: Sequence[Section], commits: Sequence[str]) -> str:
 
 
 def headlines(sections: Sequence[Section]) -> str:
-    """The few that a newcomer asks for, and how many of all were reached: the README's block."""
+    """The few that a newcomer asks for, and how many of all meet their target: the README's block."""
     metrics = [m for _, section, _ in sections for m in section]
-    lines = ["| figure | measured | asked for |", "|---|---|---|"]
+    lines = ["| figure | measured | target |", "|---|---|---|"]
     named = {m.key: m for m in metrics}
     for m, words in ((named[key], words) for key, words in HEADLINES.items() if key in named):
-        asked, met = _told(m)
-        lines.append(f"| {words} | {measured(m)} | {asked}{f': {met}' if 'missed' in met else ''} |")
-    asked_for = [m for m in metrics if m.met is not None]
-    missed = sum(not m.met for m in asked_for)
-    lines += ["", f"Of {len(asked_for)} figures that were asked for, {len(asked_for) - missed} are reached."]
+        target, met = _told(m)
+        lines.append(f"| {words} | {measured(m)} | {target}{f': {met}' if 'missed' in met else ''} |")
+    targeted = [m for m in metrics if m.met is not None]
+    missed = sum(not m.met for m in targeted)
+    lines += ["", f"Of {len(targeted)} figures with a target, {len(targeted) - missed} meet it."]
     if missed:
-        lines[-1] += (
-            f" The {missed} that {'is' if missed == 1 else 'are'} not: [docs/figures.md](docs/figures.md)."
-        )
+        does = "that does" if missed == 1 else f"{missed} that do"
+        lines[-1] += f" The {does} not are marked in [docs/figures.md](docs/figures.md)."
     return "\n".join(lines)
 
 
 def _told(metric: Metric) -> tuple[str, str]:
-    asked, met = verdict(metric)
-    return asked, "**missed**" if met == "missed" else met
+    target, met = verdict(metric)
+    return target, "**missed**" if met == "missed" else met
 
 
 def _cores() -> str:

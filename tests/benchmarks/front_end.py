@@ -35,7 +35,7 @@ from tests.benchmarks.metric import Metric, at_least, at_most, told
 CORES = 2
 PIECES, TURNS = 8, 5
 ASKED = {(176, 144): 100.0, (320, 240): 60.0}
-"""Frames a second asked for, by the size of the pictures."""
+"""Frames a second that are the target, by the size of the pictures."""
 
 
 def measure() -> list[Metric]:

@@ -1,4 +1,4 @@
-"""A figure that a benchmark tells, and what was asked of it."""
+"""A figure that a benchmark tells, and its target."""
 
 from __future__ import annotations
 

@@ -146,11 +146,11 @@ def shown(record: Record) -> Table | str:
     """One benchmark for the screen."""
     if record.skipped:
         return f"  skipped: {record.skipped}"
-    table = Table("figure", "measured", "asked for", "", "how", box=None, padding=(0, 2, 0, 0))
+    table = Table("figure", "measured", "target", "", "how", box=None, padding=(0, 2, 0, 0))
     colour = {"met": "green", "missed": "red"}
     for m in record.metrics:
-        value, asked, met = measured(m), *verdict(m)
-        table.add_row(m.key, value, asked, f"[{colour[met]}]{met}[/]" if met else "", m.source)
+        value, target, met = measured(m), *verdict(m)
+        table.add_row(m.key, value, target, f"[{colour[met]}]{met}[/]" if met else "", m.source)
     return table
 
 
