@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slam.body_range import with_body_ranges
 from slam.criticism.extended import extended_model
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, place_of
@@ -54,6 +55,7 @@ def criticise(flights: Sequence[Flight], model: Model | str | Path = "nominal") 
     from threadpoolctl import threadpool_limits
 
     believed = model if isinstance(model, Model) else load_model(model)
+    flights = [with_body_ranges(flight) for flight in flights]
     if flights and not any(is_led(flight) for flight in flights):
         return _unled(flights, believed)
     records, dropped = usable_records(flights)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.body_range import with_body_ranges
 from slam.errors import InputError
 from slam.flight import Flight
 from slam.replay.channels import Stream, angles_of, streams_of
@@ -86,7 +87,7 @@ def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_
     without anything to compare, or without a state to begin from.
     """
     stick, (begin_s, end_s), told = _commanded(flight)
-    flight, notes = _with_one_yaw(flight)
+    flight, notes = _with_one_yaw(with_body_ranges(flight))
     tilt = model.vehicle.max_tilt_rad
     if abs(told - tilt) > SAME_TILT_RAD:
         # What a maker's file says of a setting is criticised as the model's own figure is.
