@@ -54,14 +54,15 @@ class Certificate:
     objective: float = math.nan
     """F at the stand-in's minimum next to the solution."""
     lower_bound: float = math.nan
-    """No poses have a lower F."""
+    """No poses have a lower F, as far as the least eigenvalue is right (see `lower_bound`)."""
     gap: float = math.nan
     """(objective - lower_bound) / max(objective, 0.001 an edge); 0 at the global optimum."""
     moved_m: float = math.nan
     """Largest distance between a solution's pose and the stand-in's."""
     moved_rad: float = math.nan
     error_bound: float = math.nan
-    """No poses have a lower error of the graph itself, with its own covariances (half a chi-square)."""
+    """No poses have a lower error of the graph itself, with its own covariances (half a chi-square); as
+    surely as ``lower_bound``."""
 
     def sentence(self, error: float) -> str:
         """For a person; ``error`` is the solution's own."""
@@ -158,7 +159,12 @@ def _share(information: Array, kappa: Array, tau: Array) -> float:
 
 
 def lower_bound(problem: Synchronization, w_R: Array, w_t: Array, order: NDArray[np.int64]) -> float:
-    """What no poses can have less of F than, from the multipliers at a critical point; at least 0."""
+    """What no poses can have less of F than, from the multipliers at a critical point; at least 0.
+
+    The signs of a factor prove that no eigenvalue lies below minus the shift, which costs the bound GAP of F
+    where the first shift will do. What the bound claims beyond that rests on the eigenvalue: Lanczos' iteration
+    comes from above, and a margin of ten times its tolerance is taken off.
+    """
     n, d = w_t.shape
     multipliers = problem.multipliers(w_R, w_t)
     total = float(np.trace(multipliers, axis1=1, axis2=2).sum())

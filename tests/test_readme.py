@@ -193,6 +193,9 @@ def test_recipes_are_explained():
         assert f"| `{recipe}` |" in page("datasets/README.md")
 
 
-def test_pages_speak_of_the_project_alone():
+def test_pages_and_tests_speak_of_the_project_alone():
     for name in PAGES:
         assert not re.search(r"(?<![\w.])/(work|home|root|tmp)/|\.\./shared|TODO|localhost", page(name)), name
+    for path in (ROOT / "tests").rglob("*.py"):
+        # Numbers of a list that is not in the repository tell a reader nothing.
+        assert not re.search(r"\bFault \d", path.read_text(encoding="utf-8")), path

@@ -86,7 +86,7 @@ def test_local_scale_is_the_ratio_of_heights_of_level_cameras() -> None:
 
 
 def test_random_matches_never_pass() -> None:
-    """Fault 46: a homography is found among anything; the gates must see through it."""
+    """Some homography fits any matches, random ones too; the gates must see through it."""
     rng = np.random.default_rng(7)
     verdicts = set()
     for _ in range(60):

@@ -148,7 +148,7 @@ def test_fewer_than_four_matches_give_none(count: int) -> None:
 
 
 def test_collinear_and_identical_points_give_none_or_no_certainty() -> None:
-    """Fault 46. A line leaves the corners free: what comes back must say so."""
+    """A line leaves the corners free: what comes back must say so."""
     rng = np.random.default_rng(6)
     t = rng.uniform(0, 1, (60, 1))
     line = np.array([[20.0, 30]]) + t * [250, 150]

@@ -150,7 +150,7 @@ def test_gamma_2_is_reached_and_counted(flight: SmallFlight) -> None:
 
 
 def test_hovering_makes_two_keyframes_and_a_featureless_flight_none(flight: SmallFlight) -> None:
-    """Fault 45."""
+    """Where nothing moves only the ends are kept; where nothing can be matched, nothing is."""
     rng = np.random.default_rng(1)
     still = [
         np.clip(flight.images[3] + rng.normal(0, 2, flight.images[3].shape), 0, 255).astype(np.uint8)

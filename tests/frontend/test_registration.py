@@ -125,7 +125,7 @@ def test_pictures_from_very_different_heights_register(ratio: float) -> None:
 
 
 def test_random_features_never_register() -> None:
-    """Fault 46, from descriptors on: nothing in common."""
+    """The same from descriptors on: the two pictures have nothing in common."""
     rng = np.random.default_rng(3)
     extract = Extractor()
     pictures = [texture(rng, 320, 240) for _ in range(6)]
