@@ -162,8 +162,8 @@ def lower_bound(problem: Synchronization, w_R: Array, w_t: Array, order: NDArray
     """What no poses can have less of F than, from the multipliers at a critical point; at least 0.
 
     The signs of a factor prove that no eigenvalue lies below minus the shift, which costs the bound GAP of F
-    where the first shift will do. What the bound claims beyond that rests on the eigenvalue: Lanczos' iteration
-    comes from above, and a margin of ten times its tolerance is taken off.
+    where the first shift will do. What the bound claims beyond that rests on the eigenvalue: Lanczos'
+    iteration comes from above, and a margin of ten times its tolerance is taken off.
     """
     n, d = w_t.shape
     multipliers = problem.multipliers(w_R, w_t)
