@@ -6,8 +6,27 @@ the kernels that are compiled into it: after a change there it would go on with 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
+
+import numba
+
+
+def njit(**options: Any) -> Any:
+    """numba's ``njit``; what is to be cached is compiled in every process where it can be written nowhere.
+
+    So it is where the project is installed read-only for a user without a home, as in a container; there
+    ``NUMBA_CACHE_DIR`` may name one.
+    """
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        try:
+            return numba.njit(**options)(function)
+        except RuntimeError:  # "no locator available"
+            return numba.njit(**{**options, "cache": False})(function)
+
+    return compiled
 
 
 def discard_stale(sources: Iterable[Path]) -> int:

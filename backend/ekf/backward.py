@@ -10,9 +10,9 @@ Source: Bierman 1973, "Fixed interval smoothing with discrete measurements".
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from backend.compiled import njit
 from backend.ekf.forward import note
 from backend.ekf.motion import (
     KEPT_POS,

@@ -15,9 +15,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from backend.compiled import njit
 from backend.ekf.motion import (
     ATTITUDE_ERROR,
     BARO_ZERO,

@@ -15,10 +15,9 @@ import math
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from backend.compiled import discard_stale
+from backend.compiled import discard_stale, njit
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from backend.compiled import njit
 from backend.ekf.motion import (
     ACC,
     ACCEL_BIAS,

@@ -14,9 +14,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from backend.compiled import njit
 from backend.measurements import GRAVITY_M_S2
 
 Array = NDArray[np.float64]

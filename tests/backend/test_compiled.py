@@ -3,10 +3,12 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numba
+
 import backend.ekf.motion
 import slam.criticism.kalman.compiled
 import slam.simulation.dynamics
-from backend.compiled import discard_stale
+from backend.compiled import discard_stale, njit
 
 
 def made(folder: Path, name: str, source_s: float, cached_s: float) -> Path:
@@ -33,6 +35,18 @@ def test_nothing_goes_where_all_is_fresh(tmp_path):
     sources = [made(tmp_path, "calls", 100, 200), made(tmp_path, "called", 150, 250)]
     assert discard_stale(sources) == 0
     assert left(tmp_path) == {"calls", "called"}
+
+
+def test_where_nothing_can_be_cached_kernels_work_all_the_same(monkeypatch):
+    """As in an installation that is read-only, of a user without a home."""
+    monkeypatch.setattr(numba.core.caching.CacheImpl, "_locator_classes", [])
+
+    @njit(cache=True, nogil=True)
+    def twice(x):
+        return 2 * x
+
+    assert twice(4) == 8
+    assert twice.targetoptions["nogil"]
 
 
 def test_sources_that_were_never_compiled_are_no_trouble(tmp_path):

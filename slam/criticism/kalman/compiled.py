@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from numba import njit
-
-from backend.compiled import discard_stale
+from backend.compiled import discard_stale, njit
 
 _CRITICISM = Path(__file__).parents[1]
 discard_stale([*_CRITICISM.rglob("*.py"), _CRITICISM.parent / "simulation" / "dynamics.py"])

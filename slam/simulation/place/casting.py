@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from backend.compiled import njit
 from slam.simulation.place.obstacles import BASE, COS, HALF_LENGTH, HALF_WIDTH, ROUND, SIN, TOP, X, Y
 
 Array = NDArray[np.float64]
