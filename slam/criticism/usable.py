@@ -22,6 +22,8 @@ SHORTEST_S = 3.0
 LEAST_STICK = 0.01
 CALM_RAD = 0.1
 UNSTEERED = "the stick is never moved: nothing drives the model"
+MOST_TILT_RAD = 1.2
+"""Nothing that hangs on level rotors flies so for long; near a right angle roll and yaw are one."""
 FOREIGN_FACTOR = 1.6
 FOREIGN_RATE_HZ = 20.0
 SLOW_HZ = 10.0
@@ -168,7 +170,8 @@ def _is_calm(flight: Flight) -> bool:
 
 
 def _without_dead_streams(flight: Flight) -> tuple[Flight, list[str]]:
-    """The flight without streams that hold nothing: empty, not finite, or the same value all along."""
+    """The flight without streams that hold nothing: empty, not finite, the same value all along, or an
+    attitude that lies on its side."""
     reasons: list[str] = []
     changes: dict[str, None] = {}
     for name, values in _values(flight).items():
@@ -183,7 +186,15 @@ def _without_dead_streams(flight: Flight) -> tuple[Flight, list[str]]:
         ):
             reasons.append(f"{name} never changes; it was left out")
             changes[name] = None
+        elif name == "attitude" and (tilt_rad := _usual_tilt_rad(values)) > MOST_TILT_RAD:
+            reasons.append(f"attitude tilts by {np.degrees(tilt_rad):.0f} deg half the time; it was left out")
+            changes[name] = None
     return replace(flight, **changes), reasons  # type: ignore[arg-type]
+
+
+def _usual_tilt_rad(roll_pitch_yaw_rad: Array) -> float:
+    known = np.isfinite(roll_pitch_yaw_rad[:, :2]).all(axis=1)
+    return float(np.median(np.abs(roll_pitch_yaw_rad[known, :2]).max(axis=1))) if known.any() else 0.0
 
 
 def _values(flight: Flight) -> dict[str, Array]:

@@ -81,6 +81,16 @@ def test_a_dead_stream_is_left_out_and_told(flight):
     assert "velocity has 0 readings" in dropped[0]
 
 
+def test_an_attitude_that_lies_on_its_side_is_left_out_and_told(flight):
+    angles = flight.attitude.roll_pitch_yaw_rad.copy()
+    angles[:, 1] = np.pi / 2
+    lying = replace(flight, attitude=replace(flight.attitude, roll_pitch_yaw_rad=angles))
+    records, dropped = usable_records([lying])
+    assert not records[0].has(6)
+    assert records[0].has(11)
+    assert "attitude tilts by 90 deg half the time" in dropped[0]
+
+
 def test_values_that_are_not_finite_are_missing(flight):
     rates = flight.imu.gyro_rad_s.copy()
     rates[100:110] = np.inf
