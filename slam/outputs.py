@@ -94,8 +94,11 @@ def is_output(folder: Path) -> bool:
 
 
 def _checked(target: Path) -> Path:
+    try:
+        here = Path.cwd()
+    except FileNotFoundError:
+        raise InputError(f"{target}: the folder that you are in was removed; change to another") from None
     target = Path(os.path.realpath(target))
-    here = Path.cwd()
     if target == here or target in here.parents:
         raise InputError(f"{target}: --out is the folder you are in or holds it; name a folder of its own")
     if target.exists() and not target.is_dir():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import logging
 import os
 import signal
 import sys
@@ -75,6 +77,10 @@ def main() -> None:
     os.environ.setdefault(
         "OPENCV_LOG_LEVEL", "SILENT"
     )  # what a picture lacks is counted, not printed by OpenCV
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # where a terminal has no such letter, ? stands for it
+            stream.reconfigure(errors="replace")
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # that it cannot keep its cache is no fault
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     signal.signal(

@@ -85,6 +85,16 @@ def test_wrong_usage_is_exit_code_2(arguments):
     assert "Traceback" not in result.output
 
 
+def test_a_terminal_without_the_letters_is_no_fault(graph, tmp_path):
+    """In the C locale a table's sigma cannot be printed; the work is done all the same."""
+    plain = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    out = tmp_path / "M\u00fcnchen"
+    done = shell("optimize", graph, "--out", out, env=plain)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "?" in done.stdout
+    assert (out / "report.html").exists()
+
+
 # ---- graphs: the back end alone
 
 
