@@ -12,12 +12,12 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.accept import components, from_measurements
 from backend.anchored import Options
+from backend.connected_part import placed_alone, solve_part
 from backend.errors import BackendError
+from backend.from_measurements import components, from_measurements
 from backend.gauge import key_runs
 from backend.measurements import Measurements
-from backend.part import placed_alone, solve_part
 from backend.pose_graph import PoseGraph
 from backend.problem import Problem, from_pose_graph
 from backend.solution import Solution

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.absolutes import aligned, jacobian
-from backend.accept import from_measurements
 from backend.errors import BackendError, first_line
+from backend.from_measurements import from_measurements
 from backend.gauge import hold_factor, open_directions
 from backend.measurements import Attitude, Measurements, Position, RelativePose, SlantRange
 from backend.problem import Problem, spatial_poses

@@ -16,7 +16,7 @@ from frontend.continuity import Trail
 from frontend.features import Extractor, Features
 from frontend.gates import GateConfig, relative_change
 from frontend.homography import HomographyConfig, transfer
-from frontend.objection import objection
+from frontend.picture_check import unusable_reason
 from frontend.registration import Registration, register
 
 Image = NDArray[np.uint8]
@@ -202,7 +202,7 @@ class Tracker:
     def _features(self, frame: int, image: Image | None, before: Image | None) -> Features | str:
         if image is None:
             return "unreadable"
-        if reason := objection(image, self.camera.size_px):
+        if reason := unusable_reason(image, self.camera.size_px):
             return reason
         features = self.extractor(image, self.camera, self.masks(frame))
         if len(features) >= self.gates.min_inliers and before is not None and np.array_equal(image, before):

@@ -55,7 +55,7 @@ _STRETCH = 3
 """Poses between neighbouring loops of one stretch."""
 
 
-def grown(
+def grow_consistent_set(
     problem: Problem,
     base: Mask,
     w_T: Array,
@@ -96,7 +96,7 @@ def grown(
     return kept, w_T
 
 
-def judged(problem: Problem, kept: Mask, w_T: Array, drawn: Array) -> tuple[Mask, Array]:
+def recheck_rejected(problem: Problem, kept: Mask, w_T: Array, drawn: Array) -> tuple[Mask, Array]:
     """Which other edges agree with a solution after all (m,), and by how many sigmas they are off (m,)."""
     edges, scale = np.flatnonzero(~kept), noise_scale(problem, kept, w_T)
     agrees, sigma = np.zeros_like(kept), np.full(len(kept), np.nan)

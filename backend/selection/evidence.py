@@ -26,7 +26,7 @@ Graph = Callable[[Mask], gtsam.NonlinearFactorGraph]
 
 
 @dataclass(frozen=True)
-class Standing:
+class LinearizedSet:
     """A set of edges, its solution, and the linear system about it."""
 
     kept: Mask
@@ -37,13 +37,15 @@ class Standing:
     factor: SuperLU
     """Of the information of those that are kept."""
     squares: float
-    rooms: Array
+    log_volumes: Array
     """(m,) logarithm of the whitened volume in which a loop might lie, over that of a unit Gaussian."""
     scale: float
     """How large noise is over what is stated."""
 
     @staticmethod
-    def of(problem: Problem, graph: Graph, kept: Mask, w_T: Array, rooms: Array) -> Standing | None:
+    def of(
+        problem: Problem, graph: Graph, kept: Mask, w_T: Array, log_volumes: Array
+    ) -> LinearizedSet | None:
         """Of some edges (m,) and the poses from them; None where the system is singular."""
         m, d = len(problem.i), problem.freedom
         order = elimination_order(graph(kept), d)
@@ -56,7 +58,7 @@ class Standing:
             return None
         squares = float((problem.residuals(w_T)[kept] ** 2).sum())
         scale = noise_scale(problem, kept, w_T)
-        return Standing(kept, w_T, ~problem.trusted, edges, factor, squares, rooms, scale)
+        return LinearizedSet(kept, w_T, ~problem.trusted, edges, factor, squares, log_volumes, scale)
 
     @property
     def odds(self) -> float:
@@ -68,5 +70,5 @@ class Standing:
         d = self.J.shape[0] // len(self.kept)
         taken = self.kept & self.loops
         volume = float(np.log(np.abs(self.factor.U.diagonal())).sum())
-        gained = float((self.rooms[taken] - d * np.log(scale) + odds).sum())
+        gained = float((self.log_volumes[taken] - d * np.log(scale) + odds).sum())
         return gained - self.squares / scale**2 / 2 - volume / 2

@@ -36,7 +36,7 @@ class Innovations:
     """(k, d)."""
     spread: Array
     """(k, d, s) of the prediction, in draws."""
-    log_room: Array
+    log_prior_volume: Array
     """(k,) logarithm of the whitened volume in which a false loop might lie."""
 
     @cached_property
@@ -62,11 +62,13 @@ class Innovations:
 
     def only(self, which: Index) -> Innovations:
         """Some of them, by number."""
-        return Innovations(self.edges[which], self.residual[which], self.spread[which], self.log_room[which])
+        return Innovations(
+            self.edges[which], self.residual[which], self.spread[which], self.log_prior_volume[which]
+        )
 
     def log_chance(self) -> Array:
         """(k,) logarithm of the probability that a loop agrees that may lie anywhere."""
-        return log_volume(self.covariance, limit(self.residual.shape[1])) - self.log_room
+        return log_volume(self.covariance, limit(self.residual.shape[1])) - self.log_prior_volume
 
 
 def squared(residual: Array, covariance: Array) -> Array:
@@ -124,8 +126,8 @@ def innovations(problem: Problem, w_T: Array, drawn: Array, edges: Index, scale:
     """
     edges = np.sort(edges)
     residual = problem.with_edges(np.isin(np.arange(len(problem.i)), edges)).residuals(w_T)
-    room = log_room(problem, w_T)[edges] - problem.freedom * np.log(scale)
-    return Innovations(edges, residual / scale, whitened_spread(problem, w_T, drawn, edges), room)
+    volume = log_prior_volume(problem, w_T)[edges] - problem.freedom * np.log(scale)
+    return Innovations(edges, residual / scale, whitened_spread(problem, w_T, drawn, edges), volume)
 
 
 def whitened_spread(problem: Problem, w_T: Array, drawn: Array, edges: Index) -> Array:
@@ -137,7 +139,7 @@ def whitened_spread(problem: Problem, w_T: Array, drawn: Array, edges: Index) ->
     return np.asarray(problem.sqrt_information[edges] @ (drawn[j] - turn @ drawn[i]))
 
 
-def log_room(problem: Problem, w_T: Array) -> Array:
+def log_prior_volume(problem: Problem, w_T: Array) -> Array:
     """(m,) logarithm of the whitened volume in which a false loop might lie: the map's, and all headings."""
     extent = np.ptp(w_T[:, : problem.dimension, 3], axis=0)
     room = np.log(np.maximum(extent, 1e-3 * extent.max() + 1e-9)).sum()
@@ -154,7 +156,7 @@ def first_scale(pending: Innovations, place: Index) -> float:
     d = pending.residual.shape[1]
     covariance = pending.covariance
     off = squared(pending.residual, covariance)
-    peak = -d / 2 * np.log(2 * np.pi) - np.linalg.slogdet(covariance)[1] / 2 + pending.log_room
+    peak = -d / 2 * np.log(2 * np.pi) - np.linalg.slogdet(covariance)[1] / 2 + pending.log_prior_volume
     true, variance = 0.5, float(np.quantile(off, 0.1)) / d
     for _ in range(_MIXING):
         odds = peak - off / variance / 2 - d / 2 * np.log(variance) + np.log(true / (1 - true))

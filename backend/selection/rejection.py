@@ -14,8 +14,8 @@ from backend.chi_square import edge_limit
 from backend.errors import BackendError
 from backend.initialize import spanning_tree, tree_edges
 from backend.problem import Problem
-from backend.selection.agreement import Solve, grown, judged
-from backend.selection.exchange import exchanged
+from backend.selection.agreement import Solve, grow_consistent_set, recheck_rejected
+from backend.selection.exchange import exchange_loops
 from backend.selection.gnc import agreeing_edges
 from backend.selection.prediction import draws, noise_scale, white_noise
 from backend.solve import Minimum, gauss_newton, levenberg_marquardt
@@ -36,8 +36,8 @@ def without_disagreeing(anchored: Anchored, fit: Fit | None) -> tuple[Mask, Fit,
     problem, trusted = anchored.problem, anchored.problem.trusted
     found = None
     if fit is None or has_loops_on_odometry(problem):
-        found = _settled(anchored, *_grown(anchored), ~trusted)
-        found = _exchanged(anchored, found)
+        found = _settled(anchored, *_grow(anchored), ~trusted)
+        found = _exchange(anchored, found)
         if fit is None or found[1].test.passed or not _sticks_out(problem, found, trusted).any():
             return found
     # Odometry may be wrong too: then all edges are judged alike.
@@ -83,17 +83,19 @@ def _solver(anchored: Anchored) -> Solve:
     return solve
 
 
-def _exchanged(anchored: Anchored, found: tuple[Mask, Fit, Array]) -> tuple[Mask, Fit, Array]:
+def _exchange(anchored: Anchored, found: tuple[Mask, Fit, Array]) -> tuple[Mask, Fit, Array]:
     def late() -> bool:
         return time.monotonic() > anchored.options.deadline
 
-    kept, w_T = exchanged(anchored.problem, anchored.graph, _solver(anchored), found[0], found[1].w_T, late)
+    kept, w_T = exchange_loops(
+        anchored.problem, anchored.graph, _solver(anchored), found[0], found[1].w_T, late
+    )
     if np.array_equal(kept, found[0]):
         return found
     return _settled(anchored, kept, w_T, ~anchored.problem.trusted)
 
 
-def _grown(anchored: Anchored) -> tuple[Mask, Array]:
+def _grow(anchored: Anchored) -> tuple[Mask, Array]:
     problem, options = anchored.problem, anchored.options
     solve = _solver(anchored)
     noise = white_noise(anchored.rows, problem.freedom)
@@ -112,7 +114,7 @@ def _grown(anchored: Anchored) -> tuple[Mask, Array]:
         problem.count, chain.i, chain.j, chain.ij_T, np.ones(len(chain.i)), 0, start_of(problem)[0]
     )
     start = start if np.isfinite(problem.initial).any() else aligned(start, problem.absolutes)
-    return grown(problem, problem.trusted, solve(problem.trusted, start), solve, draw, on_round)
+    return grow_consistent_set(problem, problem.trusted, solve(problem.trusted, start), solve, draw, on_round)
 
 
 def _connected(problem: Problem, kept: Mask, w_T: Array) -> Mask:
@@ -137,7 +139,7 @@ def _settled(anchored: Anchored, kept: Mask, w_T: Array, candidate: Mask) -> tup
         drawn = draws(anchored.graph(kept), fit.minimum.values, problem.freedom)
         back = np.zeros_like(kept)
         if drawn is not None:
-            back, innovation = judged(problem, kept, w_T, drawn)
+            back, innovation = recheck_rejected(problem, kept, w_T, drawn)
             back &= ~banned
             sigma = np.where(kept, sigma, innovation)
         if remaining == 0 or not (back.any() or sticks_out.any()):

@@ -22,7 +22,7 @@ from frontend.mosaic.exposure import Exposure, Samples, estimate_exposure
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.view import pixel_maps, visible
 from frontend.mosaic.window import SOFT_CELLS, fingerprint, owners_around, window_of
-from frontend.objection import objection
+from frontend.picture_check import unusable_reason
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -69,7 +69,7 @@ class Pictures:
         if view.k in self.unusable:
             return None
         picture = self._load(view.k)
-        reason = _objection(picture, self._plan.camera.size_px)
+        reason = _reason_against(picture, self._plan.camera.size_px)
         if picture is None or reason:
             self.unusable[view.k] = reason
             return None
@@ -100,10 +100,10 @@ def _digest(picture: Image) -> bytes:
     return made.digest()
 
 
-def _objection(picture: Image | None, size_px: tuple[int, int]) -> str:
+def _reason_against(picture: Image | None, size_px: tuple[int, int]) -> str:
     if picture is None:
         return "cannot be read"
-    if reason := objection(picture, size_px):
+    if reason := unusable_reason(picture, size_px):
         return reason
     extreme = np.count_nonzero((picture <= DARK) | (picture >= BRIGHT))
     return "black or blown out" if extreme > 0.95 * picture.size else ""

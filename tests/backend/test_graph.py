@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import chi2
 
 from backend import se3
-from backend.accept import from_measurements
 from backend.errors import BackendError
+from backend.from_measurements import from_measurements
 from backend.graph import solve, solve_pose_graph
 from backend.measurements import Attitude, Measurements, Position, RelativePose, SlantRange
 from backend.problem import from_pose_graph

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from backend import se3
-from backend.accept import from_measurements
+from backend.from_measurements import from_measurements
 from backend.graph import solve, solve_pose_graph
 from backend.problem import from_pose_graph
 from backend.selection.prediction import draws

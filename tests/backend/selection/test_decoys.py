@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from backend.accept import from_measurements
+from backend.from_measurements import from_measurements
 from backend.selection.decoys import Decoys, measured_chance
 from backend.selection.prediction import Innovations, limit
 from tests.backend.synthetic import flight

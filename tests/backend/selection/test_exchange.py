@@ -8,13 +8,13 @@ import pytest
 
 from backend import se3
 from backend.absolutes import fixed
-from backend.accept import from_measurements
+from backend.from_measurements import from_measurements
 from backend.linear import jacobian
 from backend.problem import Problem, from_pose_graph
-from backend.selection.evidence import Standing
-from backend.selection.exchange import exchanged
-from backend.selection.prediction import log_room
-from backend.selection.ways import Ways
+from backend.selection.evidence import LinearizedSet
+from backend.selection.exchange import exchange_loops
+from backend.selection.exchange_search import ExchangeSearch
+from backend.selection.prediction import log_prior_volume
 from backend.solve import minimise
 from tests.backend.synthetic import LOOP_STD, flight, graph
 
@@ -31,8 +31,10 @@ def solved(problem: Problem, kept: np.ndarray, w_T: np.ndarray) -> np.ndarray:
     )
 
 
-def standing(problem: Problem, kept: np.ndarray, w_T: np.ndarray) -> Standing:
-    found = Standing.of(problem, lambda some: factors(problem, some), kept, w_T, log_room(problem, w_T))
+def linearized(problem: Problem, kept: np.ndarray, w_T: np.ndarray) -> LinearizedSet:
+    found = LinearizedSet.of(
+        problem, lambda some: factors(problem, some), kept, w_T, log_prior_volume(problem, w_T)
+    )
     assert found is not None
     return found
 
@@ -52,19 +54,19 @@ def test_a_loop_that_changes_sides_moves_the_others_as_dense_algebra_says(dimens
     problem, loops, w_T = with_loops(dimension)
     d, kept = problem.freedom, np.ones(len(problem.i), dtype=bool)
     kept[loops[:2]] = False
-    ways = Ways(standing(problem, kept, w_T), loops, problem.residuals(w_T))
+    search = ExchangeSearch(linearized(problem, kept, w_T), loops, problem.residuals(w_T))
     J = jacobian(factors(problem, np.ones_like(kept)), problem.values(w_T)).toarray()
     error = np.append(problem.residuals(w_T).ravel(), np.zeros(len(J) - d * len(kept)))
     for change in (0, len(loops) - 1, 3, 1, 0):
-        ways.change(change)
+        search.change(change)
         kept[loops[change]] = ~kept[loops[change]]
         used = np.append(np.repeat(kept, d), np.ones(len(J) - d * len(kept), dtype=bool))
         covariance = np.linalg.inv(J[used].T @ J[used])
         moved = error - J @ covariance @ J[used].T @ error[used]
         for k, loop in enumerate(loops):
             rows = slice(d * loop, d * loop + d)
-            np.testing.assert_allclose(ways.residual[k], moved[rows], atol=1e-6)
-            np.testing.assert_allclose(ways.own[k], J[rows] @ covariance @ J[rows].T, atol=1e-6)
+            np.testing.assert_allclose(search.residual[k], moved[rows], atol=1e-6)
+            np.testing.assert_allclose(search.own[k], J[rows] @ covariance @ J[rows].T, atol=1e-6)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -73,15 +75,15 @@ def test_the_gain_of_a_change_is_that_of_the_evidence(dimension: int):
     problem, loops, w_T = with_loops(dimension)
     kept = np.ones(len(problem.i), dtype=bool)
     kept[loops[:2]] = False
-    here = standing(problem, kept, w_T)
-    ways = Ways(here, loops, problem.residuals(w_T))
+    here = linearized(problem, kept, w_T)
+    search = ExchangeSearch(here, loops, problem.residuals(w_T))
     for change in (0, 5):
         other = kept.copy()
         other[loops[change]] = ~other[loops[change]]
-        there = standing(problem, other, solved(problem, other, w_T))
+        there = linearized(problem, other, solved(problem, other, w_T))
         gained = there.evidence(here.scale, here.odds) - here.evidence(here.scale, here.odds)
         sign = 1 if other[loops[change]] else -1
-        assert sign * ways.likely()[change] == pytest.approx(gained, abs=0.3)
+        assert sign * search.likely()[change] == pytest.approx(gained, abs=0.3)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -102,7 +104,7 @@ def test_false_loops_that_hold_each_other_up_give_way_to_more_true_ones(seed: in
     problem, _ = from_measurements(replace(made.measurements, relative_poses=tuple(edges)), made.truth)
     wrong = np.append(np.zeros(119, dtype=bool), false)
     begun = problem.trusted | wrong
-    kept, w_T = exchanged(
+    kept, w_T = exchange_loops(
         problem,
         lambda some: factors(problem, some),
         lambda some, at: solved(problem, some, at),
@@ -118,7 +120,7 @@ def test_a_set_that_explains_all_stays_as_it_is():
     problem = with_loops(3)[0]
     kept = np.ones(len(problem.i), dtype=bool)
     w_T = solved(problem, kept, problem.initial)
-    found, at = exchanged(
+    found, at = exchange_loops(
         problem,
         lambda some: factors(problem, some),
         lambda some, at: solved(problem, some, at),

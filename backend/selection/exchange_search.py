@@ -9,23 +9,23 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.selection.evidence import Standing
+from backend.selection.evidence import LinearizedSet
 from backend.selection.prediction import squared
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 LOST = 150.0
-"""Nats against a way below which it is not followed."""
+"""Nats against a sequence of changes below which it is not followed."""
 _MOVES = 40
 _BLOCK = 60
 _HELD = 1e-9
 
 
-class Ways:
+class ExchangeSearch:
     """Some loops that may change sides; what a change makes of the others, without solving anew."""
 
-    def __init__(self, here: Standing, loops: Index, residual: Array) -> None:
+    def __init__(self, here: LinearizedSet, loops: Index, residual: Array) -> None:
         self.here, self.loops, self.d = here, loops, residual.shape[1]
         rows = (loops[:, None] * self.d + np.arange(self.d)).ravel()
         self.J = here.J[rows]
@@ -65,7 +65,7 @@ class Ways:
         spread = (1 + _HELD) * np.eye(self.d) + sign[:, None, None] * self.own
         off = squared(self.residual, spread) / self.here.scale**2
         volume = sign * np.linalg.slogdet(spread)[1]
-        room = self.here.rooms[self.loops] - self.d * np.log(self.here.scale)
+        room = self.here.log_volumes[self.loops] - self.d * np.log(self.here.scale)
         return np.asarray(np.nan_to_num(room + self.here.odds - (off + volume) / 2, nan=-LOST))
 
     def change(self, x: int) -> None:
@@ -78,13 +78,13 @@ class Ways:
         self._changes.append((x, gain, column, sign))
         self.on[x] = not self.on[x]
 
-    def way(self, first: int | None, both: bool) -> tuple[float, list[int]]:
+    def best_sequence(self, first: int | None, both: bool) -> tuple[float, list[int]]:
         """Gain in nats and the loops that change, one by force at first; each changes once.
 
         With ``both`` some must leave and others come.
         """
         self._begin()
-        total, best, way = 0.0, 0.0, 0
+        total, best, length = 0.0, 0.0, 0
         done: list[int] = []
         come: set[bool] = set()
         while len(done) < _MOVES and total > -LOST:
@@ -98,5 +98,5 @@ class Ways:
             done.append(x)
             come.add(bool(self.on[x]))
             if total > best and (len(come) == 2 or not both):
-                best, way = total, len(done)
-        return best, done[:way]
+                best, length = total, len(done)
+        return best, done[:length]
