@@ -40,8 +40,6 @@ class Posterior:
     """For each chosen effect: names whose evidence lies within 4 nats of it in its place, itself first."""
     lead_nats: tuple[float, ...]
     """For each chosen effect: its lead over the best other name in its place."""
-    unknown_lead_nats: float
-    """Lead of the best shape of the dictionary, in place of the last chosen term or on its own."""
 
 
 def named(effect: Effect) -> bool:
@@ -55,7 +53,7 @@ def posterior_of(found: Search) -> Posterior:
     own = _evidence(look, chosen)
     weights: list[tuple[float, frozenset[str]]] = [(own, _names(chosen))]
     alternatives: list[tuple[str, ...]] = []
-    leads, unknown = [], -np.inf
+    leads: list[float] = []
     places = chosen if chosen else [None]
     for place in places:
         if place is not None and is_wall(place):
@@ -81,11 +79,8 @@ def posterior_of(found: Search) -> Posterior:
                 continue
             evidence = _evidence(look, rest, effect)
             weights.append((evidence, _names([*rest, effect])))
-            if named(effect):
-                if evidence > rivals.get(effect.name, -np.inf):
-                    rivals[effect.name], tried[effect.name] = evidence, effect
-            else:
-                unknown = max(unknown, evidence - own)
+            if named(effect) and evidence > rivals.get(effect.name, -np.inf):
+                rivals[effect.name], tried[effect.name] = evidence, effect
         if place is not None:
             others = {n: e for n, e in rivals.items() if n not in {c.name for c in chosen}}
             order = sorted(others.items(), key=lambda r: -r[1])
@@ -105,7 +100,7 @@ def posterior_of(found: Search) -> Posterior:
     for names in (a for p, a in zip(places, alternatives, strict=False) if p is not None and is_wall(p)):
         share = probability.get(names[0], 0.0) / len(names)
         probability.update({n: max(share, probability.get(n, 0.0)) for n in names[1:]} | {names[0]: share})
-    return Posterior(probability, tuple(alternatives), tuple(leads), float(unknown))
+    return Posterior(probability, tuple(alternatives), tuple(leads))
 
 
 def likelier(found: Search, posterior: Posterior) -> tuple[Effect, str] | None:

@@ -22,7 +22,7 @@ def told(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), foreign:
     """Verdict, and the probabilities of the causes that are told and of those that are not."""
     odd = SimpleNamespace(name="vehicle.drag_1_s out of range", directions=())
     terms = [SimpleNamespace(name=c.name, directions=() if c.name == "gusts" else ("x",)) for c in causes]
-    posterior = Posterior({SOMETHING_ELSE: unknown, NOTHING: 0.0}, (), (), 0.0)
+    posterior = Posterior({SOMETHING_ELSE: unknown, NOTHING: 0.0}, (), ())
     chosen = (*terms, odd) if unknown > 0.5 else tuple(terms)
     found = SimpleNamespace(model=SimpleNamespace(foreign=foreign), chosen=chosen)
     likely, faint = weighed(causes, found, posterior, doubted)
@@ -58,7 +58,7 @@ def test_what_is_likelier_in_place_of_a_chosen_term_is_found():
 
     def by(lag_p: float, latency_p: float):
         return likelier(
-            found, Posterior({"attitude_lag": lag_p, "control_latency": latency_p}, names, (0.0,), 0.0)
+            found, Posterior({"attitude_lag": lag_p, "control_latency": latency_p}, names, (0.0,))
         )
 
     assert by(0.001, 0.999) == (lag, "control_latency")
