@@ -34,9 +34,9 @@ WORLD = gtsam.symbol("w", 0)
 class BundleConfig:
     """How the refinement goes about it."""
 
-    rounds: int = 3
-    """Solves; between two of them the noise of each kind of measurement is estimated anew. A lens that is not
-    known is free from the second on."""
+    rounds: int = 10
+    """Solves at most; between two of them the noise of each kind of measurement is estimated anew, until it
+    stays. A lens that is not known is free from the second on."""
     huber_sigmas: float = 2.0
     drop_sigmas: float = 6.0
     """Observations farther off than this are dropped between rounds, and counted."""
@@ -118,7 +118,7 @@ def build_graph(
     for t in range(int(problem.tracks.track.max()) + 1):
         graph.push_back(gtsam.PriorFactorPoint3(POINT(t), np.zeros(3), flat))
     _add_sensors(graph, problem, noise)
-    _add_gauge(graph, problem, start)
+    _add_gauge(graph, problem, start, noise.relief)
     return graph
 
 
@@ -172,7 +172,9 @@ def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, nois
             graph.push_back(scaled_position_factor(POSE(p.k), WORLD, p.w_p_b_m, model, c_T_b))
 
 
-def _add_gauge(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, start: gtsam.Values) -> None:
+def _add_gauge(
+    graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, start: gtsam.Values, relief: float
+) -> None:
     """Hold what nothing observes at its start.
 
     Always the first keyframe's height in the poses' own unit (the scale is a variable of its own); without
@@ -189,7 +191,9 @@ def _add_gauge(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, start:
     sigmas[LOG_SCALE] = free if problem.scaled else held
     sigmas[FLOOR_Z] = 1e5 if placed else held
     sigmas[LOG_GAIN] = max(problem.measurements.range_gain_std, held)
-    sigmas[DATUM] = max(problem.measurements.range_datum_std_m, held)
+    # A beam hears the floor somewhere within its relief, always alike: its tops, or what lies between them.
+    heard_m = relief * float(np.exp(start.atVector(WORLD)[LOG_SCALE]))
+    sigmas[DATUM] = max(float(np.hypot(problem.measurements.range_datum_std_m, heard_m)), held)
     sigmas[SLOPE] = problem.config.slope_std_rad if placed else held
     world = start.atVector(WORLD)
     if problem.lengths is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import gtsam
 import numpy as np
@@ -19,6 +19,10 @@ Array = NDArray[np.float64]
 
 _TOLD_COUNT = 20
 """What a maker tells of his instrument weighs as much as so many residuals."""
+_LEAST_PIXEL_SCALE = 0.01
+"""Pictures without any noise would take it to nothing, round by round."""
+_ALIKE = 0.15
+"""Noise levels that differ by less are the same: a little more than the reliefs that are tried differ by."""
 STUDENT_SCALE = 0.831
 """Scale c of Student's t with 4 degrees of freedom fitted to N(0, 1): E[5 x^2 / (4 c^2 + x^2)] = 1."""
 
@@ -35,6 +39,11 @@ def start_noise(measurements: Measurements, config: BundleConfig) -> NoiseLevels
         position_m=np.median(position, axis=0) if position else np.full(3, np.inf),
         range_m=float(np.median(ranges)) if ranges else np.inf,
     )
+
+
+def alike(one: NoiseLevels, other: NoiseLevels) -> bool:
+    """Whether another round would leave the noise as it is."""
+    return all(np.allclose(getattr(one, f.name), getattr(other, f.name), _ALIKE) for f in fields(NoiseLevels))
 
 
 @dataclass(frozen=True)
@@ -95,7 +104,7 @@ def estimate_noise(
     relief = _estimate_relief(residuals, noise.relief, seen >= 2)
     spread = _spread(problem, residuals, whitened, noise, relief, used)
     spread *= np.sqrt(colour_along_tracks(tracks, whitened, used))
-    pixel_scale = noise.pixel_scale * float(np.clip(spread, 0.2, 5.0))
+    pixel_scale = max(noise.pixel_scale * float(np.clip(spread, 0.2, 5.0)), _LEAST_PIXEL_SCALE)
     level = replace(noise, pixel_scale=pixel_scale, relief=relief)
     return _sensor_noise(problem, values, level), used
 

@@ -34,7 +34,7 @@ from backend.bundle.graph import (
     metric_poses,
     start_values,
 )
-from backend.bundle.noise import estimate_noise, start_noise
+from backend.bundle.noise import alike, estimate_noise, start_noise
 from backend.errors import BackendError
 from backend.marginals import joint_covariances
 from backend.measurements import Measurements
@@ -81,11 +81,12 @@ def refine(
     config: BundleConfig = BundleConfig(),
     on_step: Callable[[int, float], None] | None = None,
     lengths: ScalePrior | None = None,
+    noise: NoiseLevels | None = None,
 ) -> Bundle:
     """Refine one connected set of keyframes, all of them in ``measurements.tracks``.
 
     ``w_T_b`` (n, 4, 4): a start within the basin of the optimum, such as the pose graph's; ``lengths`` tells
-    of its scale.
+    of its scale; ``noise`` to start from is what the makers say, unless it is known better.
     Raises ``BackendError`` where the problem cannot be solved.
     """
     tracks, camera = measurements.tracks, measurements.camera
@@ -94,11 +95,12 @@ def refine(
             "bundle adjustment: no tracks of floor points, or no camera; solve the pose graph alone"
         )
     problem = BundleProblem(measurements, tracks, camera, config, calibrates=False, lengths=lengths)
-    noise = start_noise(measurements, config)
+    noise = noise or start_noise(measurements, config)
     values = start_values(problem, w_T_b, floor_z_m)
     start = values
     used = np.ones(len(tracks.track), bool)
     iterations = 0
+    settled = False
     for number in range(config.rounds):
         if number == 1 and camera.focal_std_ratio > 0:
             # Only now: gtsam's factors with a free calibration forgive points behind the camera, which a
@@ -106,13 +108,16 @@ def refine(
             problem = replace(problem, calibrates=True)
             values.insert(CALIBRATION(0), gtsam.Cal3Bundler(camera.focal_px[0], 0, 0, *camera.center_px))
         graph = build_graph(problem, noise, used, start)
-        last = number + 1 == config.rounds
+        last = settled or number + 1 == config.rounds
         minimum = minimise(
             graph, values, max_iterations=30, relative_tolerance=1e-5 if last else 1e-3, on_step=on_step
         )
         values, iterations = minimum.values, iterations + minimum.iterations
-        if not last:
-            noise, used = estimate_noise(problem, values, noise, used)
+        if last:
+            break
+        before = noise
+        noise, used = estimate_noise(problem, values, noise, used)
+        settled = number > 0 and alike(before, noise)
     return _result(problem, graph, values, noise, used, minimum.error, iterations)
 
 

@@ -140,7 +140,8 @@ def _refined(
         return bundle, by_inertia
     start = w_T_b.copy()
     start[members] = bundle.w_T_b
-    return mapper.refine(members, start, bundle.floor_z_m, tracks, step, by_inertia.lengths), by_inertia
+    lengths, noise = by_inertia.lengths, bundle.noise
+    return mapper.refine(members, start, bundle.floor_z_m, tracks, step, lengths, noise), by_inertia
 
 
 def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:

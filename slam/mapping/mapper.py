@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from backend.bundle.graph import ScalePrior
+from backend.bundle.graph import NoiseLevels, ScalePrior
 from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
 from backend.graph import solve
@@ -264,10 +264,11 @@ class Mapper:
         tracks: FloorTracks,
         on_step: Callable[[int, float], None] | None = None,
         lengths: ScalePrior | None = None,
+        noise: NoiseLevels | None = None,
     ) -> Bundle:
         """Planar bundle adjustment of one connected set of keyframes (sorted numbers)."""
         measured = self.measured(members, tracks)
-        return refine(measured, w_T_b[members], floor_z_m, self.config.bundle, on_step, lengths)
+        return refine(measured, w_T_b[members], floor_z_m, self.config.bundle, on_step, lengths, noise)
 
     def measured(self, members: NDArray[np.int64], tracks: FloorTracks) -> Measurements:
         """All that was measured of one connected set of keyframes, renumbered from 0."""

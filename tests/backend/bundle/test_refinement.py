@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from backend.bundle.noise import alike
 from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
 from backend.measurements import Measurements
@@ -28,6 +29,7 @@ def tilted_mount() -> np.ndarray:
 
 SONAR = Scene()
 SURVEY = Scene(height_m=50.0, relief=0.01, attitude_std_rad=None, range_std_m=None, position_std_m=(1.0, 2.0))
+ROUGH = replace(SONAR, relief=0.03)
 SCENES = {
     "sonar": SONAR,
     "sonar, no attitude": replace(SONAR, attitude_std_rad=None),
@@ -105,9 +107,10 @@ def test_the_noise_put_in_is_the_noise_found(name: str):
     if scene.range_std_m is not None:
         expected["range_m"] = scene.range_std_m
     if scene.attitude_std_rad is not None:
-        # Chance autocorrelation of few keyframes counts upward only.
+        # Chance autocorrelation of few keyframes counts upward only; what poses follow of the attitudes where
+        # pictures are poor, downward.
         level = np.mean([level.roll_pitch_rad for level in found])
-        assert 0.95 * scene.attitude_std_rad < level < 1.35 * scene.attitude_std_rad
+        assert 0.9 * scene.attitude_std_rad < level < 1.35 * scene.attitude_std_rad
     for kind, put_in in expected.items():
         assert np.mean([getattr(level, kind) for level in found]) == pytest.approx(put_in, rel=0.2), kind
     if scene.position_std_m is not None:
@@ -201,6 +204,25 @@ def misled(made: Made, told_rad: float) -> Measurements:
         for a in made.measurements.attitudes
     )
     return replace(made.measurements, attitudes=wrong)
+
+
+def test_another_round_would_leave_the_noise_as_it_is():
+    """Attitudes that are degrees off look like relief until they are believed less, which takes rounds."""
+    scene = replace(SONAR, attitude_std_rad=0.005)
+    for seed in range(3):
+        made = make(scene, seed)
+        measured = misled(made, 0.005)
+        found = refine(measured, made.start)
+        again = refine(measured, made.start, noise=found.noise)
+        assert alike(found.noise, again.noise)
+
+
+def test_a_sonar_over_relief_knows_heights_to_within_it():
+    """Whether it hears tops or what lies between them nobody knows, however exact it is told to be."""
+    level, rough = (refine((m := make(scene, 0)).measurements, m.start) for scene in (SONAR, ROUGH))
+    assert level.range_errors.zero_std_m < 0.003
+    assert rough.range_errors.zero_std_m == pytest.approx(ROUGH.relief * ROUGH.height_m, rel=0.3)
+    assert rough.scale_std == pytest.approx(ROUGH.relief, rel=0.3)
 
 
 def test_attitudes_degrees_off_do_not_bend_the_map():
