@@ -48,6 +48,8 @@ class Rows:
     """(r,) number of the stretch."""
     growth: Array
     """(r,) variance of unit white noise integrated twice."""
+    lasting: Array
+    """(r,) variance of a unit random walk: an error that lasts over several poses."""
     way: Array
     """(r, 3)."""
     known: Array
@@ -55,10 +57,17 @@ class Rows:
     column_noise: Array
     """(3, 7, 7) covariance of the columns' own noise in each axis, as told."""
 
+    def of_poses(self, noise: Array) -> Array:
+        """(r,) variance of the poses' errors over what was told: each pose's own, and what lasts."""
+        alone, lasting = np.exp(2 * noise[1:])
+        return np.asarray(alone + lasting * self.lasting)
+
     def weight(self, sizes: Array, noise: Array) -> Array:
-        """(r, 3) of force noise [m/s²/sqrt(Hz)] and of the poses' over what was told, both as logarithms."""
-        force, poses = np.exp(2 * noise)
-        return np.asarray(1 / (force * self.growth[:, None] + poses * (self.column_noise @ sizes @ sizes)))
+        """(r, 3) of noise (3,), as logarithms: of force [m/s²/sqrt(Hz)], of poses over what was told, each
+        one's own and what they wander in a root second."""
+        force = np.exp(2 * noise[0]) * self.growth
+        poses = self.of_poses(noise)[:, None] * (self.column_noise @ sizes @ sizes)
+        return np.asarray(1 / (force[:, None] + poses))
 
     def left(self, sizes: Array) -> Array:
         """(r, 3) what scale, offset and arm leave of the way."""
@@ -72,7 +81,7 @@ class Rows:
     def slopes(self, sizes: Array, noise: Array) -> Array:
         """(3r + 7, 7) of ``whitened``: with the sizes the noise grows, too."""
         root = np.sqrt(self.weight(sizes, noise))[..., None]
-        growing = np.exp(2 * noise[1]) * (self.column_noise @ sizes)
+        growing = self.of_poses(noise)[:, None, None] * (self.column_noise @ sizes)
         slopes = -root * self.known - root**3 * self.left(sizes)[..., None] * growing
         return np.concatenate([slopes.reshape(-1, 7), np.sqrt(PRIOR)])
 
@@ -104,30 +113,33 @@ class PathBeside:
     """As `Rows` has it."""
 
     @cached_property
-    def contrasts(self) -> list[tuple[Array, Array]]:
+    def contrasts(self) -> list[tuple[Array, Array, Array]]:
         """Of each stretch: sums over its moments (r, m) that neither start nor speed enters, and the variance
-        of each (r,)."""
+        of each (r,) by white noise integrated twice, and integrated once."""
         contrasts = []
         for stretch in self.stretches:
             t = self.stamps_s[stretch] - self.stamps_s[stretch.start]
             early, late = np.minimum.outer(t, t), np.maximum.outer(t, t)
             free = null_space(np.column_stack([np.ones_like(t), t]).T)
             growth, axes = eigh(free.T @ (early**2 * (3 * late - early) / 6) @ free)
-            contrasts.append(((free @ axes).T, np.maximum(growth, 0.0)))
+            contrast = (free @ axes).T
+            lasting = np.einsum("rm,mn,rn->r", contrast, early, contrast)
+            contrasts.append((contrast, np.maximum(growth, 0.0), lasting))
         return contrasts
 
     def rows(self, delay_s: float) -> Rows:
         """All stretches, the pictures' clock late by so much."""
         way, known = [], []
-        for stretch, (contrast, _) in zip(self.stretches, self.contrasts, strict=True):
+        for stretch, (contrast, *_) in zip(self.stretches, self.contrasts, strict=True):
             one_way, one_known = self._stretch(stretch, delay_s)
             way.append(contrast @ one_way)
             known.append(np.tensordot(contrast, one_known, axes=1))
-        count = [len(growth) for _, growth in self.contrasts]
-        growth = np.concatenate([growth for _, growth in self.contrasts])
+        count = [len(growth) for _, growth, _ in self.contrasts]
+        growth, lasting = (np.concatenate([one[k] for one in self.contrasts]) for k in (1, 2))
         return Rows(
             np.repeat(np.arange(len(count)), count),
             growth,
+            lasting,
             np.concatenate(way),
             np.concatenate(known),
             self.column_noise,

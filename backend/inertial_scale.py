@@ -1,6 +1,8 @@
 """How long a metre is: a path that pictures know up to its scale, held against the accelerometer.
 
-Both sides err: poses by white noise, the integrated force by white noise integrated twice. Least squares
+Both sides err: the integrated force by white noise integrated twice, poses by noise of their own and by what
+they share with their neighbours, which hang on the same keyframe over the same uneven floor. That wanders,
+and taken for the force's noise it would have the path taken for right. Least squares
 that took either for right would have the scale too small or too large; these are total, over both. A picture
 of the floor that leans by mistake stands beside its place by the height times that, so errors of place and
 attitude are nearly one: an arm as long as the height would take both away, and with them most of the way, if
@@ -34,9 +36,10 @@ from backend.preintegration import InertialReadings
 
 Array = NDArray[np.float64]
 
-_FORCE_NOISE, _POSE_NOISE = 0.02, 4.0
-"""Where the search begins: m/s²/sqrt(Hz), and over what was told. Poses taken for too sure would have the
-lengths shrunk until they are: from this side no start ends there."""
+_FORCE_NOISE, _POSE_NOISE, _LASTING_NOISE = 0.02, 4.0, 1.0
+"""Where the search begins: m/s²/sqrt(Hz), and over what was told, of each pose alone and wandering in a root
+second. Poses taken for too sure would have the lengths shrunk until they are: from this side no start ends
+there."""
 _SURE = 5.0
 """Standard deviations by which the scale must differ from 0."""
 _MOST_OFFSET_M_S2 = 3.0
@@ -83,7 +86,7 @@ def inertial_scale(
     if len(stretches) < LEAST_STRETCHES:
         return None
     path = PathBeside(stamps_s, w_T_b, readings, stretches, column_noise_of(covariance))
-    noise, delay_s = np.log([_FORCE_NOISE, _POSE_NOISE]), 0.0
+    noise, delay_s = np.log([_FORCE_NOISE, _POSE_NOISE, _LASTING_NOISE]), 0.0
     rows = path.rows(delay_s)
     sizes = _first_sizes(rows, noise)
     for _ in range(_ROUNDS):
@@ -111,7 +114,7 @@ def _likeliest_noise(rows: Rows, sizes: Array, start: Array) -> Array:
     def cost(noise: Array) -> float:
         return float(np.sum(rows.whitened(sizes, noise) ** 2)) + rows.log_volume(sizes, noise)
 
-    first = start + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    first = start + np.vstack([np.zeros(3), np.eye(3)])
     found = minimize(
         cost, start, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 0.1, "initial_simplex": first}
     )
@@ -139,15 +142,16 @@ def _delay_std(path: PathBeside, sizes: Array, noise: Array, delay_s: float) -> 
 
 def _found(rows: Rows, sizes: Array, noise: Array, delay: tuple[float, float]) -> InertialScale | None:
     scale, offset, arm = float(sizes[0]), sizes[1:4], sizes[4:]
-    left, w, spread = rows.left(sizes), rows.weight(sizes, noise), np.exp(2 * noise[1]) * rows.column_noise
+    left, w = rows.left(sizes), rows.weight(sizes, noise)
+    spread = rows.of_poses(noise)[:, None, None, None] * rows.column_noise
     information = np.einsum("rak,ra,ral->kl", rows.known, w, rows.known, optimize=True) + PRIOR
     # The poses' own noise looks like a way, too; where chance explains all of it, nothing moved.
-    information -= np.einsum("ra,akl->kl", w, spread)
-    chance = float(np.sqrt(2 * np.sum((w * spread[:, 0, 0]) ** 2)))
+    information -= np.einsum("ra,rakl->kl", w, spread)
+    chance = float(np.sqrt(2 * np.sum((w * spread[:, :, 0, 0]) ** 2)))
     if information[0, 0] <= _SURE * chance or np.linalg.eigvalsh(information)[0] <= 0:
         return None
     score = np.einsum("ra,ra,rak->rk", w, left, rows.known)
-    score += np.einsum("ra,ak->rk", (w * left) ** 2, spread @ sizes)
+    score += np.einsum("ra,rak->rk", (w * left) ** 2, spread @ sizes)
     count = int(rows.stretch.max()) + 1
     by_stretch = np.zeros((count, 7))
     np.add.at(by_stretch, rows.stretch, score)
