@@ -92,7 +92,7 @@ class Estimate:
     """``ok``, or in one sentence what is not observed or could not be placed."""
     epoch_ns: int
     stamps_s: Array
-    """(n,) keyframe times, seconds since epoch_ns."""
+    """(n,) keyframe times, seconds since epoch_ns, on the instruments' clock where the camera's is off."""
     frame_names: tuple[str, ...]
     frame_index: NDArray[np.int64]
     """(n,) which frame of the flight each keyframe is."""

@@ -41,7 +41,8 @@ class Mapped:
     without_loops: Solution
     """The pose graph of ``odometry``."""
     late_s: float = 0.0
-    """By so much the pictures were found to be stamped late, and the instruments' stamps moved."""
+    """By so much the pictures were found to be stamped late, and the instruments' stamps moved; what comes of
+    it is told on the instruments' clock again, which is the flight's."""
 
 
 def _loop_verdicts(
@@ -114,7 +115,7 @@ def account(
         name=flight.name,
         status=status,
         epoch_ns=flight.epoch_ns,
-        stamps_s=sightings.stamps_s,
+        stamps_s=sightings.stamps_s - mapped.late_s,
         frame_names=tuple(flight.frames.names[k] for k in sightings.frame_index),
         frame_index=sightings.frame_index,
         w_T_b=fused.w_T_b,

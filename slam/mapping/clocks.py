@@ -23,7 +23,7 @@ this."""
 _VAGUE_S = _NOTABLE_S / 2
 """Known no better than this, a delay that matters could hide."""
 
-_STREAMS = ("imu", "sonar", "attitude", "velocity", "barometer")
+_STREAMS = ("imu", "sonar", "attitude", "velocity", "barometer", "gps")
 
 
 def stamped_later(flight: Flight, late_s: float) -> Flight:
@@ -61,7 +61,8 @@ def delay_told(by_inertia: InertialLengths | None, taken_out_s: float) -> str:
     )
     if taken_out_s != 0.0:
         return (
-            f"{told}: taken out of the map; for other programs shift the stamps in cam0/data.csv by "
+            f"{told}: taken out of the map, whose poses are stamped by the imu's clock; "
+            "for other programs shift the stamps in cam0/data.csv by "
             f"{-1e3 * delay_s:+.0f} ms"
         )
     return (

@@ -100,6 +100,18 @@ def test_streams_without_one_value_are_like_none():
     assert "no metric scale" in one.status
 
 
+def test_pictures_stamped_late_do_not_shift_the_poses():
+    """The flight's own clock is the instruments': the poses stand where the vehicle was by that."""
+    flight = flown(0)
+    late = replace(flight, frames=replace(flight.frames, stamps_s=flight.frames.stamps_s + 0.05))
+    estimate = optimize(late)
+    assert any("taken out" in line for line in estimate.warnings)
+    np.testing.assert_allclose(
+        estimate.stamps_s, flight.frames.stamps_s[estimate.frame_index], rtol=0, atol=0.005
+    )
+    assert evaluate(estimate, late).ate_m.rmse < 4e-3
+
+
 def test_gps_gives_place_heading_and_scale():
     """Absolute errors of the size that the fixes' own noise leaves, inside the covariance."""
     flight = replace(flown(0), sonar=None, attitude=None)
