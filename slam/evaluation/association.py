@@ -47,6 +47,7 @@ def associate(estimate: Estimate, flight: Flight) -> Association:
     Without a common origin on Earth the parts of a graph in several pieces have nothing to do with each
     other; then the largest part alone is compared. Raises ``InputError`` where nothing can be compared.
     """
+    _refuse_other_pictures(estimate, flight)
     stamps_s = estimate.stamps_s + (estimate.epoch_ns - flight.epoch_ns) * 1e-9
     comparable, left_out = _comparable(estimate)
     if flight.truth is not None and len(flight.truth.stamps_s) > 0:
@@ -63,6 +64,19 @@ def associate(estimate: Estimate, flight: Flight) -> Association:
     if len(found.keyframe) == 0:
         raise InputError(_nothing_in_common(estimate, flight, found, stamps_s, span_s))
     return found
+
+
+def _refuse_other_pictures(estimate: Estimate, flight: Flight) -> None:
+    """Two flights on one clock, as simulated ones are, would be compared without a word."""
+    if estimate.camera is None or flight.frames is None or not estimate.frame_names:
+        return
+    if not set(estimate.frame_names) & set(flight.frames.names):
+        raise InputError(
+            one_line(
+                f"{flight.name}: has none of the pictures of {estimate.name}, such as "
+                f"{estimate.frame_names[0]}; give the flight that the map was made of"
+            )
+        )
 
 
 def _nothing_in_common(

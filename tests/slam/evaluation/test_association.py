@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from slam.errors import InputError
 from slam.evaluation import evaluate
 from slam.evaluation.association import associate
-from slam.flight import Flight, GeoOrigin, Gps, Truth
+from slam.flight import Flight, Frames, GeoOrigin, Gps, Truth
 from slam.io.geodesy import geodetic_from_enu
 from tests.slam.evaluation.scene import estimate_of, flight_of, smooth_poses
 
@@ -74,6 +74,17 @@ def test_another_clock_is_refused_with_both_time_ranges():
     ) as refused:
         evaluate(estimate_of(truth), late)
     assert "\n" not in str(refused.value)
+
+
+def test_another_flight_on_the_same_clock_is_known_by_its_pictures():
+    truth = smooth_poses(np.random.default_rng(0), 30)
+    estimate, flight = estimate_of(truth), flight_of(truth)
+    names = (*estimate.frame_names[:1], *(f"other_{k}.png" for k in range(9)))
+    some = replace(flight, frames=Frames(np.arange(10.0), names, lambda k: None))
+    assert associate(estimate, some).left_out == {}, "some of its pictures may be lost"
+    none = replace(flight, frames=Frames(np.arange(9.0), names[1:], lambda k: None))
+    with pytest.raises(InputError, match="has none of the pictures of made, such as 000000"):
+        associate(estimate, none)
 
 
 def test_without_truth_and_gps_it_refuses():
