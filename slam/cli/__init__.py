@@ -73,7 +73,7 @@ def options(
 
 
 def main() -> None:
-    """The entry point of the command ``slam``."""
+    """What ``slam.__main__`` runs."""
     os.environ.setdefault(
         "OPENCV_LOG_LEVEL", "SILENT"
     )  # what a picture lacks is counted, not printed by OpenCV

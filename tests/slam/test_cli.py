@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import slam.__main__
 import slam.cli.graph
 from slam.cli import app
 from slam.io.estimate import read_estimate
@@ -83,6 +84,18 @@ def test_wrong_usage_is_exit_code_2(arguments):
     result = run(*arguments)
     assert result.exit_code == 2
     assert "Traceback" not in result.output
+
+
+def test_an_interrupt_while_the_commands_are_loaded_is_one_line(monkeypatch, capsys):
+    class Loading:
+        def __getattr__(self, name):
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "slam.cli", Loading())
+    with pytest.raises(SystemExit) as left:
+        slam.__main__.main()
+    assert left.value.code == 130
+    assert capsys.readouterr().err == "slam: interrupted; nothing was written\n"
 
 
 def test_a_terminal_without_the_letters_is_no_fault(graph, tmp_path):

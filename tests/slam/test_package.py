@@ -108,7 +108,7 @@ def test_the_wheel_holds_the_project_and_nothing_else(wheel: Path):
     }
     assert (wheel / "slam" / "report" / "page.html.j2").is_file()
     entry = next(wheel.glob("*.dist-info")) / "entry_points.txt"
-    assert "slam = slam.cli:main" in entry.read_text()
+    assert "slam = slam.__main__:main" in entry.read_text()
 
 
 def test_a_recipe_is_found_in_an_empty_folder(wheel: Path, tmp_path: Path):
