@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from backend.bundle.graph import BundleConfig
 from frontend.features import FeatureConfig
@@ -48,9 +48,60 @@ class LoopConfig:
     a long flight compares each keyframe with fewer others."""
 
 
+_MOST = 1e6
+"""Nothing that is set is larger, in any unit that is used."""
+_SHARE, _COUNT, _RATIO = (0.0, 1.0), (1, _MOST), (1.0, _MOST)
+_POSITIVE, _OR_NONE = (1e-12, _MOST), (0, _MOST)
+RANGES: dict[str, dict[str, tuple[float, float]]] = {
+    "features": {"max_features": _COUNT, "max_side_px": _COUNT},
+    "homography": {
+        "threshold_px": _POSITIVE,
+        "max_iterations": _COUNT,
+        "confidence": _SHARE,
+        "noise_floor_px": _OR_NONE,
+    },
+    "gates": {
+        "max_outlier_share": _SHARE,
+        "max_relative_change": _RATIO,
+        "min_inliers": _COUNT,
+        "min_spread": _SHARE,
+        "max_corner_std": _POSITIVE,
+        "max_scale": _RATIO,
+        "min_overlap": _SHARE,
+    },
+    "keyframes": {"min_overlap": (0.0, 2.0), "patience": _OR_NONE},
+    "retrieval": dict.fromkeys(("words", "sample", "neighbours", "dimensions"), _COUNT),
+    "loops": {
+        "min_separation_s": _OR_NONE,
+        "min_overlap": _SHARE,
+        "plausible_sigmas": _POSITIVE,
+        "plausible_heights": _OR_NONE,
+        "max_pairs": _OR_NONE,
+    },
+    "tracks": {"max_observations": _COUNT, "least_a_keyframe": _COUNT},
+    "bundle": {
+        "rounds": _COUNT,
+        "huber_sigmas": _POSITIVE,
+        "drop_sigmas": _POSITIVE,
+        "slope_std_rad": _POSITIVE,
+        "start_relief": _POSITIVE,
+    },
+    "masking": {"gamma_3_m": _OR_NONE, "least_share": _SHARE},
+    "trust": {
+        "attitude_floor_rad": _OR_NONE,
+        "attitude_graph_rad": _POSITIVE,
+        "level_std_rad": _POSITIVE,
+        "range_floor_m": _OR_NONE,
+        "accel_gain_std": _OR_NONE,
+    },
+    "inertial": dict.fromkeys((f.name for f in fields(InertialTrust)), _POSITIVE),
+}
+"""Least and most of every number, by section and key: `frontend` and `backend` know of no settings file."""
+
+
 @dataclass(frozen=True)
 class PipelineConfig:
-    """Settings of the whole post-flight job."""
+    """Settings of the whole post-flight job. Raises ``ValueError`` for a number outside its range."""
 
     features: FeatureConfig = field(default_factory=FeatureConfig)
     homography: HomographyConfig = field(default_factory=HomographyConfig)
@@ -63,3 +114,12 @@ class PipelineConfig:
     masking: MaskingConfig = field(default_factory=MaskingConfig)
     trust: SensorTrust = field(default_factory=SensorTrust)
     inertial: InertialTrust = field(default_factory=InertialTrust)
+
+    def __post_init__(self) -> None:
+        for section, keys in RANGES.items():
+            for key, (least, most) in keys.items():
+                value = getattr(getattr(self, section), key)
+                if not least <= value <= most:
+                    raise ValueError(f"{section}.{key}: must be from {least:g} to {most:g}, got {value:g}")
+        if not self.tracks.grids or min(min(grid) for grid in self.tracks.grids) < 1:
+            raise ValueError(f"tracks.grids: must hold cells across and down, got {self.tracks.grids}")
