@@ -20,7 +20,10 @@ Array = NDArray[np.float64]
 
 SHORTEST_S = 3.0
 LEAST_STICK = 0.01
-CALM_RAD = 0.1
+CALM_RAD, CALM_M_S, CALM_M = 0.1, 1.0, 0.3
+"""Tilt, the speed that such a tilt makes within a second, and height, that a hover stays within."""
+ECHOES = 0.1
+"""No sonar hears second echoes that often."""
 UNSTEERED = "the stick is never moved: nothing drives the model"
 MOST_TILT_RAD = 1.2
 """Nothing that hangs on level rotors flies so for long; near a right angle roll and yaw are one."""
@@ -42,13 +45,13 @@ def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
     """Records of the flights that can be judged, and what was left out with the reason."""
     kept: list[Flight] = []
     records, dropped = [], []
-    # A hover tells of the instruments, beside flights that tell of the motion.
+    # A hover tells of the instruments and of what lasts, and of the motion beside flights that are steered.
     steered = any(_is_steered(flight) for flight in flights)
     for flight in flights:
         clean, reasons = _without_dead_streams(flight)
         dropped += [f"{flight.name}: {reason}" for reason in reasons]
         reason = _unusable(clean)
-        if not reason and not _is_steered(clean) and not (steered and _is_calm(clean)):
+        if not reason and not _is_steered(clean) and not (_is_calm(clean) and (steered or _is_aloft(clean))):
             reason = UNSTEERED
         if reason:
             dropped.append(f"{flight.name}: {reason}")
@@ -159,14 +162,29 @@ def _is_steered(flight: Flight) -> bool:
 
 
 def _is_calm(flight: Flight) -> bool:
-    """Whether the vehicle's tilt stays where a hover's does: else it obeyed something that was not logged."""
-    if flight.attitude is None:
+    """Whether tilt, or else speed, and height stay where a hover's do: else the vehicle obeyed something
+    that was not logged."""
+    level = [
+        (flight.attitude.roll_pitch_yaw_rad[:, :2], CALM_RAD) if flight.attitude is not None else None,
+        (flight.velocity.v_m_s[:, :2], CALM_M_S) if flight.velocity is not None else None,
+    ]
+    held = next((known for known in level if known is not None), None)
+    if held is None or _spread(held[0]) >= held[1]:
         return False
-    tilt = flight.attitude.roll_pitch_yaw_rad[:, :2]
-    tilt = tilt[np.isfinite(tilt).all(axis=1)]
-    if len(tilt) < FEWEST_READINGS:
-        return False
-    return bool(np.max(np.quantile(tilt, 0.99, axis=0) - np.quantile(tilt, 0.01, axis=0)) < CALM_RAD)
+    return flight.sonar is None or not _spread(flight.sonar.range_m[:, None], ECHOES) >= CALM_M
+
+
+def _is_aloft(flight: Flight) -> bool:
+    """Whether a sonar shows that it flies: on the floor it is too near to see."""
+    return flight.sonar is not None and np.isfinite(flight.sonar.range_m).mean() > 0.5
+
+
+def _spread(values: Array, tail: float = 0.01) -> float:
+    """From the first to the last share ``tail``, of the column where that is most; of too few, infinite."""
+    values = values[np.isfinite(values).all(axis=1)]
+    if len(values) < FEWEST_READINGS:
+        return np.inf
+    return float(np.max(np.ptp(np.quantile(values, [tail, 1.0 - tail], axis=0), axis=0)))
 
 
 def _without_dead_streams(flight: Flight) -> tuple[Flight, list[str]]:

@@ -47,6 +47,19 @@ def test_a_hover_is_judged_beside_flights_that_move(flight):
     assert "never moved" in dropped[0]
 
 
+def test_a_hover_by_itself_tells_of_what_lasts_if_it_is_seen_to_fly():
+    hover = flown(load_model("nominal"), stick_for(["hover for 8 s"]), 2)
+    assert len(usable_records([hover])[0]) == 1
+    # On the floor the sonar is too near to see.
+    standing = replace(hover.sonar, range_m=np.full_like(hover.sonar.range_m, np.nan))
+    for sonar in (standing, None):
+        assert not usable_records([replace(hover, sonar=sonar)])[0]
+    slow = replace(hover, attitude=None)
+    assert len(usable_records([slow])[0]) == 1
+    fast = replace(slow, velocity=replace(slow.velocity, v_m_s=20.0 * slow.velocity.v_m_s))
+    assert not usable_records([fast])[0]
+
+
 def test_a_log_on_another_clock(flight):
     late = replace(flight, command=replace(flight.command, stamps_s=flight.command.stamps_s + 4000))
     assert "another clock" in unusable(late)
