@@ -6,10 +6,14 @@ taken out: its size times the root of that information is the separation in sigm
 
 from __future__ import annotations
 
+from collections.abc import Container
+from dataclasses import replace
+
 import numpy as np
 
 from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.innovations import stretches
+from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
@@ -20,12 +24,16 @@ from slam.criticism.search.screening import project
 from slam.criticism.threads import in_threads
 from slam.simulation.model import Model
 
+_STREAMS = {IMU: "imu", ATTITUDE: "attitude", VELOCITY: "velocity", SONAR: "sonar"}
 TOLD_APART_SIGMA = 3.3
 """Separation at which two terms are told apart in nineteen of twenty cases."""
 
 
-def next_flight(model: Model, first: Effect, second: Effect, sizes: np.ndarray) -> str:
-    """A sentence: which manoeuvre tells ``first``, of these sizes (columns,), from ``second`` best."""
+def next_flight(model: Model, first: Effect, second: Effect, sizes: np.ndarray, kinds: Container[int]) -> str:
+    """A sentence: which manoeuvre tells ``first``, of these sizes (columns,), from ``second`` best.
+
+    Best for the time that it takes, with these ``kinds`` of instruments on board.
+    """
     directions = [*first.directions, *second.directions]
     if not first.directions:
         return ""
@@ -34,7 +42,9 @@ def next_flight(model: Model, first: Effect, second: Effect, sizes: np.ndarray) 
     beside = len(second.directions)
 
     def separation(name: str) -> float:
-        record = referred(record_of(flown(slower, stick_for([name]), 1)), setting)
+        flight = flown(slower, stick_for([name]), 1)
+        missing = {stream: None for kind, stream in _STREAMS.items() if kind not in kinds}
+        record = referred(record_of(replace(flight, **missing)), setting)  # type: ignore[arg-type]
         every = [direction_of(n) for n in MEAN] + directions
         information = np.zeros((len(every), len(every)))
         for rows in stretches(record, setting, every):
@@ -47,7 +57,9 @@ def next_flight(model: Model, first: Effect, second: Effect, sizes: np.ndarray) 
 
     names = list(MANOEUVRES)
     found = in_threads(separation, names)
-    best = int(np.argmax(found))
+    # Separation grows as the root of the time flown.
+    took_s = np.array([stick_for([name]).duration_s for name in names])
+    best = int(np.argmax(found / np.sqrt(took_s)))
     times = int(np.ceil((TOLD_APART_SIGMA / max(found[best], 1e-3)) ** 2))
     if times > 200:
         return f"No manoeuvre of the list tells {first.name} from {second.name}: another sensor must."

@@ -123,7 +123,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         causes,
         equivalents,
         remainder,
-        _next(model, found, posterior),
+        _next(records, model, found, posterior),
         detectable=seen,
         ranking=_ranking(found, posterior.probability),
         confusable=confusable(found.first),
@@ -189,7 +189,7 @@ def _extended(model: Model, belief: Setting, found: Search, odd: Sequence[Oddity
     return extended
 
 
-def _next(model: Model, found: Search, posterior: Posterior) -> str:
+def _next(records: Sequence[Record], model: Model, found: Search, posterior: Posterior) -> str:
     """For the first chosen term that another may stand in for."""
     known = [(e, a) for e, a in zip(found.chosen, posterior.alternatives, strict=True) if len(a) > 1]
     if not known:
@@ -199,7 +199,8 @@ def _next(model: Model, found: Search, posterior: Posterior) -> str:
     look = found.last
     step, _ = look.parabola.answer(found.chosen).of(look.parabola.index(effect.columns))
     held = np.array([look.parabola.held.get(column, 0.0) for column in effect.columns])
-    return next_flight(model, effect, other, step + held)
+    kinds = {int(kind) for record in records for kind in np.unique(record.kinds)}
+    return next_flight(model, effect, other, step + held, kinds)
 
 
 def _ranking(found: Search, probability: dict[str, float]) -> tuple[Rank, ...]:
