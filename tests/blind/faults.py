@@ -135,12 +135,12 @@ STRANGE: tuple[Fault, ...] = (
         "attitude")),
     Fault(
         "swinging_load", "none", 0.005, 0.3, "1", _load, needs=MOVES, known=False,
-        channels=("velocity", "accel", "imu", "flow"),
+        channels=("velocity", "accel", "imu", "flow", "force ahead", "force left"),
     ),
     Fault(
         "sticky_throttle", "none", 0.3, 0.55, "1", plain("sticky_up"), scaled=False, needs=CLIMBS,
         known=False,
-        channels=("sonar", "accel", "imu"),
+        channels=("sonar", "range", "accel", "imu", "force up"),
     ),
     Fault(
         "false_level", "none", 0.005, 0.5, "1", plain("false_level"), needs=SHARP, known=False,

@@ -227,8 +227,10 @@ def misnamed(a: Answer) -> bool:
 
 
 def points_at_channel(a: Answer) -> bool:
-    """The remainder's own words hold one of the channels where the effect shows."""
+    """The remainder's own words hold one of the channels where the effect shows: names of terms are none."""
     said = str(a.verdict.get("remainder") or "").lower()
+    for words in ("out of range", *sorted(a.verdict.get("detectable") or (), key=len, reverse=True)):
+        said = said.replace(words, "")
     return any(word in said for h in a.case.hidden for word in h.channels)
 
 

@@ -26,6 +26,11 @@ SIGNALS = (
 ON_CHANNELS = SIGNALS[:12]
 ON_FORCES = SIGNALS[:16]
 FORCED = ("roll", "pitch", "yaw_rate", "up", "ahead", "left", "gust_x", "gust_y")
+AT_PLACE = ("x", "y", "r2")
+"""A hill over the ground, to the second order about where a flight begins: of each flight its own, as none
+knows where the others began."""
+YAW_AT_PLACE = "yaw ~ place"
+"""What a compass does above iron."""
 LEVEL_TARGETS = (
     ("velocity_x", "velocity_y"), ("accel_x", "accel_y"), ("pitch", "roll"), ("gyro_y", "gyro_x"),
     ("force ahead", "force left"), ("force pitch", "force roll"),
@@ -50,6 +55,13 @@ def dictionary(records: Sequence[Record]) -> list[Direction]:
     ]
     if any(r.sights is not None for r in records):
         found += [Direction(name, "picture", k) for k, name in enumerate(PICTURE_SHAPES)]
+    yaw = CHANNELS.index("yaw")
+    found += [
+        Direction(f"{YAW_AT_PLACE}: {signal}", "channel", yaw, 1.0, signal)
+        for flight, record in enumerate(records)
+        if record.has(yaw)
+        for signal in _of_flight(flight)
+    ]
     if any(c in channels for c in (6, 7, 8)):
         found.append(Direction("attitude late", "sensor", SENSOR.index("attitude.delay_s"), 1e-3))
     if any(c in channels for c in (9, 10)):
@@ -63,8 +75,11 @@ def shapes_of(directions: Sequence[Direction]) -> tuple[Effect, ...]:
     What does not mind which way is ahead leaves half of its trace in each: one alone would lose against a
     term that has both and is wrong.
     """
-    known = {d.name: d for d in directions}
+    placed = tuple(d for d in directions if d.name.startswith(YAW_AT_PLACE))
+    known = {d.name: d for d in directions if d not in placed}
     shapes = [Effect(name, (direction,)) for name, direction in known.items()]
+    if placed:
+        shapes.append(Effect(YAW_AT_PLACE, placed))
     for ahead, left in LEVEL_TARGETS:
         for along, across in LEVEL_SIGNALS:
             pair = known.get(f"{ahead} ~ {along}"), known.get(f"{left} ~ {across}")
@@ -73,14 +88,26 @@ def shapes_of(directions: Sequence[Direction]) -> tuple[Effect, ...]:
     return tuple(shapes)
 
 
-def signals_of(record: Record, states: Array) -> dict[str, Signal]:
-    """Each signal at the middle of the steps and at the events; ``states`` (events, >= 10) as filtered."""
+def signals_of(record: Record, states: Array, flight: int = 0, flights: int = 1) -> dict[str, Signal]:
+    """Each signal at the middle of the steps and at the events; ``states`` (events, >= 10) as filtered.
+
+    ``flight`` of ``flights``: place is each flight's own, and nothing in the others.
+    """
     at_events = _signals(record, record.times_s, states[:, :10])
     middle = record.step_begin_s + record.step_s / 2
     turned = states[:, :10].copy()
     moved = np.column_stack([np.interp(middle, record.times_s, column) for column in turned.T])
     at_steps = _signals(record, middle, moved)
-    return {name: (at_steps[name], at_events[name]) for name in SIGNALS}
+    found = {name: (at_steps[name], at_events[name]) for name in SIGNALS}
+    for other in range(flights):
+        for name, signal in zip(AT_PLACE, _of_flight(other), strict=True):
+            own = float(other == flight)
+            found[signal] = (own * at_steps[name], own * at_events[name])
+    return found
+
+
+def _of_flight(flight: int) -> list[str]:
+    return [f"{name} of flight {flight}" for name in AT_PLACE]
 
 
 def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
@@ -88,7 +115,9 @@ def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
     ahead, left = c * states[:, 3] + s * states[:, 4], c * states[:, 4] - s * states[:, 3]
     stick = record.stick.at(times_s)
     elapsed = times_s / record.duration_s
+    x, y = (states[:, :2] - states[0, :2]).T
     return {
+        "x": x, "y": y, "r2": x**2 + y**2,
         "one": np.ones(len(times_s)),
         "time": elapsed - 0.5,
         "height": states[:, 2] - 1.0,

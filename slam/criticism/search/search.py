@@ -62,6 +62,12 @@ class Standing:
     nats: float
     z: float
 
+    @property
+    def worth(self) -> float:
+        """Nats less what its numbers cost; of a constant out of its range, which says not why, fewer."""
+        share = 1.0 if self.effect.name in CATALOGUE else NAMED_FIRST
+        return share * self.nats - occam(len(self.effect.columns))
+
 
 @dataclass(frozen=True)
 class Look:
@@ -138,7 +144,8 @@ def look_at(
 ) -> Look:
     """One pass over the flights with every direction and change."""
     plain = in_threads(lambda record: whole(record, setting), records)
-    signals = [signals_of(record, run.states) for record, run in zip(records, plain, strict=True)]
+    both = zip(records, plain, strict=True)
+    signals = [signals_of(record, run.states, k, len(records)) for k, (record, run) in enumerate(both)]
     held = [settled(effect, setting) for effect in chosen if not effect.relaxes]
     labels = {effect.label for effect in held}
     effects = [e for e in effects_for(records, setting) if e.label not in labels] + held
@@ -163,19 +170,18 @@ def search(records: Sequence[Record], model: Setting, limits: Thresholds) -> Sea
     rivals: dict[str, tuple[str, ...]] = {}
     fitted, greatest = True, 0.0
     while True:
-        ranked = look.standing(chosen, look.effects)
-        best = ranked[0]
         threshold = beside(limits.second, greatest) if chosen else limits.effects
-        if best.z < threshold or len(chosen) == MOST_TERMS:
+        ranked = look.standing(chosen, look.effects)
+        standing_out = sorted((s for s in ranked if s.z >= threshold), key=lambda s: -s.worth)
+        if ranked[0].z < threshold or len(chosen) == MOST_TERMS:
             if fitted:
                 break
             _, setting = refit(records, model, look.setting, chosen)
-        elif best.z < LINEAR_Z and not on_grid(best.effect):
+        elif (best := standing_out[0]).z < LINEAR_Z and not on_grid(best.effect):
             chosen.append(best.effect)
             fitted, greatest = fitted and best.z < CURVED_Z, max(greatest, best.z)
             continue
         else:
-            standing_out = [s for s in ranked if s.z > threshold]
             effect, setting, rivals[effect.name] = _refitted(records, model, look, chosen, standing_out)
             chosen.append(effect)
             greatest = max(greatest, best.z)
@@ -254,10 +260,7 @@ def _refitted(
     base, _ = refit(short, model, look.setting, chosen)
     for standing in list(named.values())[:CANDIDATES]:
         nats, setting = refit(short, model, look.setting, [*chosen, standing.effect])
-        nats -= base + occam(len(standing.effect.columns))
-        if standing.effect.name not in CATALOGUE:
-            nats *= NAMED_FIRST
-        fits.append((nats, standing.effect, setting))
+        fits.append((replace(standing, nats=nats - base).worth, standing.effect, setting))
     most = max(nats for nats, _, _ in fits)
     # Of two that explain the same, the one with fewer numbers.
     alike = [fit for fit in fits if fit[0] > most - VERY_SIMILAR_NATS]

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from slam.criticism.healthy import flown
 from slam.criticism.kalman.record import record_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.search.dictionary import LEVEL_SIGNALS, LEVEL_TARGETS, dictionary, shapes_of
+from slam.criticism.search.dictionary import (
+    LEVEL_SIGNALS,
+    LEVEL_TARGETS,
+    YAW_AT_PLACE,
+    dictionary,
+    shapes_of,
+    signals_of,
+)
 from slam.simulation.model import load_model
 
 
@@ -13,11 +22,12 @@ def test_each_direction_has_its_shape_and_level_ones_one_together():
     flight = flown(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1)
     directions = dictionary([record_of(flight)])
     shapes = shapes_of(directions)
-    names = {d.name for d in directions}
+    names = {d.name for d in directions if not d.name.startswith(YAW_AT_PLACE)}
     alone = [s for s in shapes if len(s.columns) == 1]
     together = [s for s in shapes if len(s.columns) == 2]
     assert {s.name for s in alone} == names
-    assert len(alone) + len(together) == len(shapes)
+    assert [s.name for s in shapes if len(s.columns) > 2] == [YAW_AT_PLACE]
+    assert len(alone) + len(together) == len(shapes) - 1
     # Sticks are not led into instruments.
     assert len(together) == len(LEVEL_TARGETS) * len(LEVEL_SIGNALS) - 4
     assert all(set(s.columns) <= names for s in together)
@@ -27,3 +37,16 @@ def test_each_direction_has_its_shape_and_level_ones_one_together():
     assert ("force ahead ~ pitch", "force left ~ roll") in columns
     assert ("gyro_y ~ ahead", "gyro_x ~ left") in columns
     assert not any(s.columns[0] == s.columns[1] for s in together)
+
+
+def test_place_is_each_flights_own_and_counts_from_where_it_begins():
+    record = record_of(flown(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1))
+    states = np.zeros((len(record.times_s), 10))
+    states[:, 0] = 5.0 + record.times_s
+    signals = signals_of(record, states, 1, 2)
+    moved = record.times_s - record.times_s[0]
+    np.testing.assert_allclose(signals["x of flight 1"][1], moved)
+    np.testing.assert_allclose(signals["r2 of flight 1"][1], moved**2)
+    assert not signals["x of flight 0"][1].any()
+    (placed,) = [s for s in shapes_of(dictionary([record, record])) if s.name == YAW_AT_PLACE]
+    assert sorted(d.signal for d in placed.directions) == sorted(s for s in signals if "of flight" in s)
