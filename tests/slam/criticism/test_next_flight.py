@@ -1,0 +1,42 @@
+"""What the next flight should be depends on what is on board."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from slam.criticism.healthy import flown
+from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.manoeuvres import MANOEUVRES, stick_for
+from slam.criticism.next_flight import next_flight
+from slam.criticism.search.effects import effects_for
+from slam.simulation.model import load_model
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Manoeuvres of which one is long."""
+    names = ["hover for 8 s", "turn by 180 deg and hover", "square of four sides"]
+    for name in set(MANOEUVRES) - set(names):
+        monkeypatch.delitem(MANOEUVRES, name)
+
+
+def told(kinds: set[int]) -> tuple[str, float]:
+    """The manoeuvre and by how many sigmas it tells a wind from a trim."""
+    model = load_model("nominal")
+    record = record_of(flown(model, stick_for(["hover for 8 s"]), 1))
+    known = {e.name: e for e in effects_for([record], setting_of(model))}
+    said = next_flight(model, known["steady_wind"], known["trim_offset"], np.array([0.1, 0.1]), kinds)
+    name, sigma = re.search(r"fly '(.*)' .*: (.*) sigma", said).groups()
+    return name, float(sigma)
+
+
+def test_without_an_attitude_a_wind_is_told_from_a_trim_by_a_turn(few):
+    _, with_all = told({IMU, ATTITUDE, VELOCITY, SONAR})
+    name, with_few = told({VELOCITY, SONAR})
+    assert "turn by 180 deg" in name
+    assert with_few < 0.5 * with_all
