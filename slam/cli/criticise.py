@@ -26,6 +26,7 @@ def criticise(
     model: Annotated[str, _MODEL] = "nominal",
 ) -> None:
     """Say what a simulation gets wrong about measured flights, name the cause and extend the model."""
+    from slam.cli.tables import written
     from slam.console import console
     from slam.criticism import criticise as judge
     from slam.flight import Flight
@@ -45,6 +46,7 @@ def criticise(
         screen.print(_table(result))
     for line in result.dropped:
         screen.print(line, markup=False, style="yellow")
+    screen.print(written([out / "report.html", out / "verdict.json"]), soft_wrap=True)
 
 
 def write_criticism(result: Criticism, folder: Path) -> None:

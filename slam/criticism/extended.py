@@ -25,6 +25,9 @@ from slam.simulation.dynamics import ATTITUDE_TIME, DRAG, GAIN
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 
+_EXTENDED = " extended"
+"""Behind the name of the model that was extended; a name has at most 80 letters."""
+
 
 def extended_model(model: Model, setting: Setting, causes: Sequence[str]) -> Model:
     """The model that a belief is; only terms of ``causes`` enter, each within what its equation bears."""
@@ -32,6 +35,7 @@ def extended_model(model: Model, setting: Setting, causes: Sequence[str]) -> Mod
     colour = dict(zip(INSTRUMENTS, setting.colour.tolist(), strict=True))
     plain = replace(
         model,
+        name=f"{model.name.removesuffix(_EXTENDED)[: 80 - len(_EXTENDED)]}{_EXTENDED}",
         vehicle=replace(
             model.vehicle,
             gain=float(setting.parameters[GAIN]),

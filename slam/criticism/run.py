@@ -12,7 +12,7 @@ from slam.body_range import with_body_ranges
 from slam.criticism.extended import extended_model
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, place_of
-from slam.criticism.kalman.record import Record, is_led
+from slam.criticism.kalman.record import Record, holds_heading, is_led
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.next_flight import next_flight
@@ -23,7 +23,7 @@ from slam.criticism.residuals.vibration import vibration_of
 from slam.criticism.search.moving import is_wall
 from slam.criticism.search.nuisances import NUISANCES, value_of
 from slam.criticism.search.search import Look, Search, exchanged, search
-from slam.criticism.search.thresholds import Thresholds, beside, load_thresholds
+from slam.criticism.search.thresholds import beside, load_thresholds
 from slam.criticism.threads import in_threads
 from slam.criticism.unled.verdict import NOTHING_TO_HOLD, judged_unled
 from slam.criticism.usable import coarsened, is_foreign, untested, usable_records, without_dead_streams
@@ -42,6 +42,8 @@ from slam.simulation.model import Model, load_model
 SHOWN_SHAPES = 8
 FEWEST_SHOWN = 5
 """A tenth of the catalogue: of flights that would show fewer effects nobody can say that nothing is wrong."""
+STEERED = 1.5
+"""Times the thresholds where a controller flies: its sticks tell what it knows beyond the instruments."""
 FOREIGN = 2.0
 """Times the thresholds: the equations of another vehicle are not held to the last sigma."""
 
@@ -82,7 +84,9 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
     setting = replace(setting_of(model), foreign=is_foreign(records, model))
     if setting.foreign:
         records = [coarsened(record, model) for record in records]
-        limits = Thresholds(FOREIGN * limits.effects, FOREIGN * limits.shapes, FOREIGN * limits.second)
+        limits = limits.times(FOREIGN)
+    elif any(holds_heading(record.stick) for record in records):
+        limits = limits.times(STEERED)
     records = in_threads(lambda record: referred(record, setting), records)
     records, odd = without_dead_zone(records)
     if not setting.foreign and not combed(records):
@@ -125,7 +129,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         remainder,
         _next(records, model, found, posterior),
         detectable=seen,
-        ranking=_ranking(found, posterior.probability),
+        ranking=_ranking(found, posterior.probability | {c.name: c.probability for c in causes}),
         confusable=confusable(found.first),
         shapes=tuple((s.effect.name, s.z) for s in left[:SHOWN_SHAPES]),
         nuisances=_nuisances(found, best),

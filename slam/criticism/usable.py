@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from slam.criticism.camera.pictures import look_all
 from slam.criticism.command_clock import FEWEST_READINGS, clock_error
 from slam.criticism.kalman.readings import ATTITUDE, CHANNELS, FIRST_CHANNEL, IMU, SONAR, VELOCITY, WIDTH
-from slam.criticism.kalman.record import Record, is_led, record_of
+from slam.criticism.kalman.record import Record, holds_heading, is_led, record_of
 from slam.flight import Flight
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
@@ -41,6 +41,12 @@ SHOWN_BY = {
 """Stick -> channels that show what it does, and the instruments."""
 
 
+HELD_HEADING = (
+    "a controller moves the turn stick, and what it knows beyond the instruments looks like an effect of the "
+    "stick: yaw_drag is not judged and other effects must be half as large again; fly a script for more"
+)
+
+
 def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
     """Records of the flights that can be judged, and what was left out with the reason."""
     kept: list[Flight] = []
@@ -64,6 +70,8 @@ def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
         if (off := clock_error(record)) is not None:
             dropped.append(f"{flight.name}: {off}")
             continue
+        if holds_heading(record.stick):
+            dropped.append(f"{flight.name}: {HELD_HEADING}")
         records.append(record)
         kept.append(clean)
     return [replace(r, sights=s) for r, s in zip(records, look_all(kept), strict=True)], dropped

@@ -156,6 +156,7 @@ def _draw_misses(axes: Axes, misses: Misses, found: Covariate) -> None:
     axes.plot([low, high], [low, high], "--", color=GREY, linewidth=1, label="all of it explained")
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     axes.set_ylim(min(shown), max(shown))
+    axes.locator_params(axis="x", nbins=4)
     unit = misses.unit
     axes.set_xlabel(f"what {_words(misses.cause)} says [{unit}]", fontsize=9)
     axes.set_ylabel(f"{_words(misses.channel)}: missed [{unit}]", fontsize=9)
@@ -183,10 +184,12 @@ def ranking_picture(result: Criticism) -> bytes:
     left.set_xlim(0, 1)
     left.set_xlabel("probability")
     right.barh(names, [r.z for r in shown], color=colours)
-    right.axvline(result.threshold, color=VERMILLION, linewidth=1)
+    right.axvline(result.threshold, color=VERMILLION, linewidth=1, label="chance, once in 100 healthy cases")
     right.set_xlabel("stands out by [sigma]")
+    right.legend(loc="lower right", frameon=False, fontsize=7)
     if max((r.z for r in shown), default=0.0) > 50:
         right.set_xscale("symlog", linthresh=5)
+        right.xaxis.set_major_formatter("{x:g}")
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
         axes.tick_params(labelsize=8)

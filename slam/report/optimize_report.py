@@ -19,7 +19,7 @@ from slam.report.instrument_errors import (
     lengths_told,
 )
 from slam.report.page import Item, embedded, render_page
-from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture
+from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture, width_px
 from slam.summary import Summary
 
 if TYPE_CHECKING:
@@ -81,6 +81,7 @@ def render(
         tiles=_tiles(facts),
         mosaic=_embedded(mosaics.after),
         chain_mosaic=_embedded(mosaics.before),
+        widths=_widths(mosaics),
         quality=_embedded(mosaics.quality),
         trajectory=embedded(trajectory_picture(estimate, before)) if drawable else None,
         altitude=embedded(altitude_picture(estimate)) if drawable and not facts.is_graph else None,
@@ -145,6 +146,15 @@ def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:
         RejectedLoop(f"{loop.i} – {loop.j}", f"{names[loop.i]} – {names[loop.j]}", loop.reason)
         for loop in rejected
     )
+
+
+def _widths(mosaics: Mosaics) -> tuple[float, float]:
+    """Of the mosaics before and after, in percent of the wider: both are drawn to one scale."""
+    paths = mosaics.before, mosaics.after
+    if any(path is None or not path.exists() for path in paths):
+        return 100.0, 100.0
+    before, after = (width_px(path) for path in paths if path)
+    return 100.0 * before / max(before, after), 100.0 * after / max(before, after)
 
 
 def _embedded(path: Path | None) -> str | None:

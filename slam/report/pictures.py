@@ -80,6 +80,17 @@ def altitude_picture(estimate: Estimate) -> bytes:
     return png(figure)
 
 
+def width_px(path: Path) -> int:
+    """Of a picture of any size."""
+    import rasterio
+    from rasterio.errors import NotGeoreferencedWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        with rasterio.open(path) as source:
+            return int(source.width)
+
+
 def thumbnail(path: Path, most_px: int = 2000) -> bytes:
     """A picture of any size as JPEG of at most ``most_px``; what is transparent becomes white."""
     from PIL import Image

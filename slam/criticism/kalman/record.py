@@ -114,6 +114,20 @@ def record_of(flight: Flight) -> Record:
     )  # fmt: skip
 
 
+HELD_SHARE = 0.5
+"""Share of its readings at which a stick that a controller moves is elsewhere than before."""
+
+
+def holds_heading(stick: Stick) -> bool:
+    """Whether a controller moves the turn stick, rather than a hand or a script.
+
+    What it knows of the heading beyond the instruments, it tells by the stick: that looks like an effect of
+    the stick on the rate of turn. A pilot who follows way points of the simulator knows the truth.
+    """
+    turn = stick.values[:, 3]
+    return len(turn) > 1 and float(np.mean(np.diff(turn) != 0)) > HELD_SHARE
+
+
 def is_led(flight: Flight) -> bool:
     """Whether the flight has a command log."""
     return flight.command is not None and len(flight.command.stamps_s) > 0

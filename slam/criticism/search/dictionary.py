@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.camera.shading import PICTURE_SHAPES
 from slam.criticism.kalman.readings import CHANNELS, SENSOR
-from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.record import Record, holds_heading
 from slam.criticism.kalman.tangents import FORCES, Direction, Signal
 from slam.criticism.search.effects import Effect
 
@@ -29,6 +29,7 @@ FORCED = ("roll", "pitch", "yaw_rate", "up", "ahead", "left", "gust_x", "gust_y"
 AT_PLACE = ("x", "y", "r2")
 """A hill over the ground, to the second order about where a flight begins: of each flight its own, as none
 knows where the others began."""
+_SPEED = CHANNELS.index("velocity_x")
 YAW_AT_PLACE = "yaw ~ place"
 """What a compass does above iron."""
 LEVEL_TARGETS = (
@@ -52,6 +53,7 @@ def dictionary(records: Sequence[Record]) -> list[Direction]:
         Direction(f"force {name} ~ {signal}", "force", FORCES.index(name), 1e-3, signal)
         for name in FORCED
         for signal in ON_FORCES
+        if signal != "stick_turn" or not any(holds_heading(r.stick) for r in records)
     ]
     if any(r.sights is not None for r in records):
         found += [Direction(name, "picture", k) for k, name in enumerate(PICTURE_SHAPES)]
@@ -59,7 +61,7 @@ def dictionary(records: Sequence[Record]) -> list[Direction]:
     found += [
         Direction(f"{YAW_AT_PLACE}: {signal}", "channel", yaw, 1.0, signal)
         for flight, record in enumerate(records)
-        if record.has(yaw)
+        if record.has(yaw) and record.has(_SPEED)  # else nothing says where it was
         for signal in _of_flight(flight)
     ]
     if any(c in channels for c in (6, 7, 8)):

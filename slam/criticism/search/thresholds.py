@@ -20,6 +20,10 @@ class Thresholds:
     second: float
     """For one more term beside one that was found."""
 
+    def times(self, factor: float) -> Thresholds:
+        """All of them higher."""
+        return Thresholds(factor * self.effects, factor * self.shapes, factor * self.second)
+
 
 def load_thresholds() -> Thresholds:
     """The shipped ones."""

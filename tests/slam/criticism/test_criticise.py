@@ -13,7 +13,9 @@ from slam.criticism import criticise
 from slam.criticism.healthy import at_lower_rates, drawn_vehicle, flown
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search import effects as effects_module
+from slam.simulation import simulate
 from slam.simulation.model import load_model
+from slam.simulation.recipe import load_recipe
 
 PLANS = (
     ["three speeds forward: 0.1, 0.2, 0.4", "turn by 90 deg between pulses forward"],
@@ -157,3 +159,11 @@ def test_an_effect_that_is_not_in_the_catalogue_is_not_misnamed(monkeypatch):
     found = criticise(flights)
     assert found.verdict != "nothing_wrong"
     assert not (found.verdict == "named" and found.causes[0].probability > 0.95), found.sentence
+
+
+def test_a_pilot_who_knows_the_truth_is_no_effect():
+    """Way points are flown by sight of the truth: the sticks tell more than the instruments do."""
+    square = replace(load_recipe("square"), camera=None)
+    found = criticise([simulate(square, seed) for seed in (3, 4)])
+    assert found.verdict == "nothing_wrong"
+    assert any("a controller moves the turn stick" in line for line in found.dropped)

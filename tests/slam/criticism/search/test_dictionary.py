@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from slam.criticism.healthy import flown
@@ -16,6 +18,13 @@ from slam.criticism.search.dictionary import (
     signals_of,
 )
 from slam.simulation.model import load_model
+
+
+def test_yaw_is_not_laid_to_a_place_that_nothing_measured():
+    flight = flown(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1)
+    blind = record_of(replace(flight, velocity=None))
+    assert any(d.name.startswith(YAW_AT_PLACE) for d in dictionary([record_of(flight)]))
+    assert not any(d.name.startswith(YAW_AT_PLACE) for d in dictionary([blind]))
 
 
 def test_each_direction_has_its_shape_and_level_ones_one_together():
