@@ -119,7 +119,8 @@ def judged_unled(flights: Sequence[Flight], model: Model, dropped: Sequence[str]
         limits = {p.name: p for p in CATALOGUE[cause.name].parameters}
         values = {k: min(max(p.value, limits[k].least), limits[k].most) for k, p in cause.parameters.items()}
         extended = extended.with_term(cause.name, **values)
-    ranks = [Rank(e, 1.0 if e in chosen else 0.0, _z(data, [], e)) for e in data.effects() if e in CATALOGUE]
+    told = {cause.name: cause.probability for cause in causes}
+    ranks = [Rank(e, told.get(e, 0.0), _z(data, [], e)) for e in data.effects() if e in CATALOGUE]
     return Criticism(
         verdict,  # type: ignore[arg-type]
         f"{sentence} ({REASON[0].upper()}{REASON[1:]}.)",
