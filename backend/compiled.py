@@ -6,11 +6,13 @@ the kernels that are compiled into it: after a change there it would go on with 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numba
+from numba.core import event
 
 
 def njit(**options: Any) -> Any:
@@ -46,3 +48,29 @@ def discard_stale(sources: Iterable[Path]) -> int:
     except OSError:
         return 0  # another process is at it, or nothing may be written here
     return len(cached)
+
+
+@contextmanager
+def compiling(tell: Callable[[bool], None]) -> Iterator[None]:
+    """Call ``tell(False)`` before a kernel is compiled within the block and ``tell(True)`` once it is, with
+    all that it calls; what is loaded from the cache is not told."""
+    with event.install_listener("numba:compile", _Outermost(tell)):
+        yield
+
+
+class _Outermost(event.Listener):
+    """A kernel that calls others has them compiled while it is: only the outer one is told."""
+
+    def __init__(self, tell: Callable[[bool], None]) -> None:
+        self._tell = tell
+        self._depth = 0
+
+    def on_start(self, event: Any) -> None:
+        if self._depth == 0:
+            self._tell(False)
+        self._depth += 1
+
+    def on_end(self, event: Any) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            self._tell(True)

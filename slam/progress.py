@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Protocol
+
+COMPILING = "compile for this machine: once after an installation, a minute or two"
 
 
 class Progress(Protocol):
@@ -14,3 +18,12 @@ class Progress(Protocol):
 
 def silent(stage: str, done: int, total: int) -> None:
     """Show nothing."""
+
+
+@contextmanager
+def compilation_shown(progress: Progress) -> Iterator[None]:
+    """Show where the block has to wait until kernels are compiled; not where they are cached."""
+    from backend.compiled import compiling
+
+    with compiling(lambda done: progress(COMPILING, int(done), 1)):
+        yield

@@ -17,7 +17,7 @@ from slam.inertial.instruments import InertialTrust
 from slam.inertial.motion import follow
 from slam.inertial.trials import suited
 from slam.info import describe
-from slam.progress import Progress, silent
+from slam.progress import Progress, compilation_shown, silent
 from slam.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
@@ -53,11 +53,11 @@ def navigate(
     Raises ``InputError`` where the flight tells too little, or would give more than ``MOST_POSES`` poses.
     """
     clock = Stopwatch()
-    with clock("instruments"):
+    with clock("instruments"), compilation_shown(progress):
         given = suited(flight, trust, progress)
     at_s = _times(flight, given, rate_hz)
     absolute = given.readings.w_p_b_m is not None
-    with clock("filter"):
+    with clock("filter"), compilation_shown(progress):
         track = follow(given, at_s, keep="none" if absolute else "first", progress=progress)
     assert track.smoothed is not None
     turn = _heading(given, track.smoothed)

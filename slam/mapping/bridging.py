@@ -28,7 +28,7 @@ from slam.flight import Flight
 from slam.inertial.instruments import InertialTrust
 from slam.mapping.fusion import Fused, largest_first
 from slam.mapping.mapper import Mapper
-from slam.progress import Progress, silent
+from slam.progress import Progress, compilation_shown, silent
 
 Array = NDArray[np.float64]
 
@@ -145,7 +145,8 @@ class Bridges:
             steps = picture_steps(self.links, self.mapper)
             try:
                 stamps_s = self.mapper.sensors.stamps_s
-                self._edges = inertial_edges(self.flight, stamps_s, steps, self.trust, self.progress)
+                with compilation_shown(self.progress):
+                    self._edges = inertial_edges(self.flight, stamps_s, steps, self.trust, self.progress)
             except (InputError, BackendError):
                 # The map stays in parts, and says so.
                 self._edges = ()

@@ -8,7 +8,7 @@ import numba
 import backend.ekf.motion
 import slam.criticism.kalman.compiled
 import slam.simulation.dynamics
-from backend.compiled import discard_stale, njit
+from backend.compiled import compiling, discard_stale, njit
 
 
 def made(folder: Path, name: str, source_s: float, cached_s: float) -> Path:
@@ -58,3 +58,21 @@ def test_sources_that_were_never_compiled_are_no_trouble(tmp_path):
 def test_each_group_of_kernels_is_looked_after():
     for module in (backend.ekf.motion, slam.criticism.kalman.compiled):
         assert "discard_stale(" in Path(module.__file__).read_text()
+
+
+def test_what_is_compiled_is_told_once_with_all_that_it_calls_and_not_again():
+    @njit()
+    def inner(x):
+        return 2 * x
+
+    @njit()
+    def outer(x):
+        return inner(x) + 1
+
+    told: list[bool] = []
+    with compiling(told.append):
+        assert outer(3) == 7
+        assert told == [False, True]
+        outer(4)
+    outer(4.5)
+    assert told == [False, True]

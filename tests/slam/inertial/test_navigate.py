@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numba
 import numpy as np
 import pytest
 from scipy.stats import chi2
@@ -18,6 +19,7 @@ from slam.inertial.navigate import dead_reckoning, navigate
 from slam.inertial.trials import suited
 from slam.io.estimate import read_estimate
 from slam.io.flight_folder import write_flight
+from slam.progress import COMPILING
 from slam.simulation import simulate
 from tests.slam.inertial.made_navigation import made_flight, without
 
@@ -30,6 +32,18 @@ def flight():
 @pytest.fixture(scope="module")
 def navigation(flight):
     return navigate(flight)
+
+
+def test_where_the_filter_has_to_be_compiled_first_the_wait_is_shown(flight, monkeypatch):
+    def compiles(*_: object):
+        numba.njit(lambda x: x + 1)(1)
+        raise InputError("far enough")
+
+    shown: list[tuple[str, int, int]] = []
+    monkeypatch.setattr("slam.inertial.navigate.suited", compiles)
+    with pytest.raises(InputError, match="far enough"):
+        navigate(flight, progress=lambda *told: shown.append(told))
+    assert shown == [(COMPILING, 0, 1), (COMPILING, 1, 1)]
 
 
 def truth_at(flight, at_s):
