@@ -3,13 +3,14 @@ fitted."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slam.estimate import Estimate
-from slam.report.pictures import BLUE, GREY, ORANGE, VERMILLION, png
+from slam.report.pictures import BLUE, ORANGE, VERMILLION, legend_below, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,26 +28,43 @@ _LABELS = {
     "gyro": ("x", "y", "z"),
 }
 _COLORS = (BLUE, ORANGE, VERMILLION)
+_PALE_GREY = "#c3c7cd"
 _MOST_DOTS = 3000
 _ELLIPSES = 25
-_WIDEST = 6.0
-"""Innovations beyond so many standard deviations are drawn at the edge."""
+_NARROWEST, _WIDEST = 3.0, 6.0
+"""Standard deviations at the edges of the panels of innovations; what is beyond is drawn at the edge."""
+_WIDTH_IN, _PANEL_IN = 13.0, 1.45
+_VIEW_IN = 5.4
+"""Width of the top view; its height follows the way's shape, within limits."""
+_LEAST_VIEW_IN, _MOST_VIEW_IN = 3.0, 7.5
 
 
 def estimate_picture(estimate: Estimate, track: Track) -> bytes:
-    """Top view with 2-sigma ellipses, height with its band, and whitened innovations by channel, as PNG."""
+    """Top view, height and distance between the ways with their 2-sigma bands, and whitened innovations by
+    channel, as PNG."""
     from matplotlib.figure import Figure
 
     shown = [name for name in _SHOWN if name in track.channels]
-    figure = Figure(figsize=(13, max(6.0, 1.45 * (len(shown) + 2))), dpi=110, layout="constrained")
+    size_m = _size(estimate)
+    view_in = float(np.clip(_VIEW_IN * size_m[1] / size_m[0], _LEAST_VIEW_IN, _MOST_VIEW_IN))
+    beside_in = max(1.6, (_PANEL_IN * len(shown) - view_in) / 2)
+    height_in = view_in + 2 * beside_in + 1.2
+    figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=110, layout="constrained")
     left, right = np.asarray(figure.subfigures(1, 2, width_ratios=(1, 1.1)))
-    _top_view(left.subplots(), estimate)
-    panels = right.subplots(len(shown) + 1, 1, sharex=True, squeeze=False)[:, 0]
-    begin_s = float(estimate.stamps_s[0])
-    _height(panels[0], estimate)
-    for axes, name in zip(panels[1:], shown, strict=True):
-        _innovations(axes, name, track.channels[name], begin_s)
-    panels[-1].set_xlabel("time since the start [s]")
+    view, height, between = left.subplots(3, 1, height_ratios=(view_in, beside_in, beside_in))
+    _top_view(view, estimate, float(size_m.max()))
+    _height(height, estimate)
+    _between_ways(between, estimate)
+    height.sharex(between)
+    panels = right.subplots(max(len(shown), 1), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, name in zip(panels, shown, strict=False):
+        _innovations(axes, name, track.channels[name], float(estimate.stamps_s[0]))
+    panels[0].set_title(
+        "reading minus what was foreseen, in σ; what is further off, at the edge", fontsize="small"
+    )
+    for axes in (between, panels[-1]):
+        axes.set_xlabel("time since the start [s]")
+        axes.set_xlim(0.0, float(estimate.stamps_s[-1] - estimate.stamps_s[0]))
     right.align_ylabels(panels)
     figure.suptitle(_title(estimate), fontsize="medium")
     return png(figure)
@@ -56,30 +74,55 @@ def _title(estimate: Estimate) -> str:
     return estimate.name.replace("$", r"\$")
 
 
-def _top_view(axes: Axes, estimate: Estimate) -> None:
+def _ways(estimate: Estimate) -> Iterator[tuple[Array, str, float, str]]:
+    """Positions, colour, line width and name of each way there is, the widest first: what lies on another is
+    seen on both sides of it."""
     for poses, color, width, label in (
-        (estimate.chain_w_T_b, GREY, 0.9, estimate.ways[0]),
-        (estimate.odometry_w_T_b, ORANGE, 0.9, estimate.ways[1]),
-        (estimate.w_T_b, BLUE, 1.6, estimate.ways[2]),
+        (estimate.chain_w_T_b, _PALE_GREY, 4.5, estimate.ways[0]),
+        (estimate.odometry_w_T_b, ORANGE, 2.4, estimate.ways[1]),
+        (estimate.w_T_b, BLUE, 1.0, estimate.ways[2]),
     ):
         if np.isfinite(poses[:, 0, 3]).any():
-            axes.plot(poses[:, 0, 3], poses[:, 1, 3], color=color, lw=width, label=label)
-    start = estimate.w_T_b[0, :2, 3]
-    axes.plot(*start, "o", color=BLUE, mfc="white", ms=6, label="start")
-    picked = np.unique(np.linspace(0, len(estimate.w_T_b) - 1, _ELLIPSES).astype(int))
-    R = estimate.w_T_b[picked, :3, :3]
-    P = (R @ estimate.covariances[picked, 3:, 3:] @ R.transpose(0, 2, 1))[:, :2, :2]
-    circle = np.exp(1j * np.linspace(0, 2 * np.pi, 60))
-    unit = np.stack([circle.real, circle.imag])
-    for number, (k, block) in enumerate(zip(picked, P, strict=True)):
-        variance, axis = np.linalg.eigh(block)
-        ring = estimate.w_T_b[k, :2, 3, None] + 2 * (axis * np.sqrt(np.maximum(variance, 0))) @ unit
-        axes.plot(*ring, color=BLUE, lw=0.7, alpha=0.45, label="2σ of the place" if number == 0 else None)
+            yield poses[:, :3, 3], color, width, label
+
+
+def _size(estimate: Estimate) -> Array:
+    """(2,) metres that all ways together reach along x and y, never nothing."""
+    placed = np.concatenate([position[:, :2] for position, *_ in _ways(estimate)])
+    return np.maximum(np.nanmax(placed, axis=0) - np.nanmin(placed, axis=0), 0.01)
+
+
+def _top_view(axes: Axes, estimate: Estimate, across_m: float) -> None:
+    for position, color, width, label in _ways(estimate):
+        axes.plot(position[:, 0], position[:, 1], color=color, lw=width, label=label)
+    axes.plot(*estimate.w_T_b[0, :2, 3], "o", color=BLUE, mfc="white", ms=6, label="start", zorder=3)
+    _ellipses(axes, estimate, across_m)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("east [m]" if estimate.origin else "x [m]")
     axes.set_ylabel("north [m]" if estimate.origin else "y [m]")
     axes.grid(color="#e4e7eb", lw=0.6)
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=3, fontsize="small", frameon=False)
+    legend_below(axes)
+
+
+def _ellipses(axes: Axes, estimate: Estimate, across_m: float) -> None:
+    """Those that leave the ways to be seen; how large the others are stands in `_between_ways`."""
+    picked = np.unique(np.linspace(0, len(estimate.w_T_b) - 1, _ELLIPSES).astype(int))
+    variances, turns = np.linalg.eigh(_over_floor(estimate)[picked])
+    circle = np.exp(1j * np.linspace(0, 2 * np.pi, 60))
+    unit, label = np.stack([circle.real, circle.imag]), "2σ of the place"
+    for k, variance, turn in zip(picked, variances, turns, strict=True):
+        reach_m = 2 * np.sqrt(np.maximum(variance, 0))
+        if reach_m[-1] < across_m / 4:
+            ring = estimate.w_T_b[k, :2, 3, None] + (turn * reach_m) @ unit
+            axes.plot(*ring, color=BLUE, lw=0.7, alpha=0.45, label=label)
+            label = ""
+
+
+def _over_floor(estimate: Estimate) -> Array:
+    """Covariances (n, 2, 2) of the places along x and y of the world."""
+    R = estimate.w_T_b[:, :3, :3]
+    P: Array = (R @ estimate.covariances[:, 3:, 3:] @ R.transpose(0, 2, 1))[:, :2, :2]
+    return P
 
 
 def _height(axes: Axes, estimate: Estimate) -> None:
@@ -89,25 +132,41 @@ def _height(axes: Axes, estimate: Estimate) -> None:
     axes.fill_between(t, z - 2 * sigma, z + 2 * sigma, color=BLUE, alpha=0.2, lw=0)
     axes.plot(t, z, color=BLUE, lw=1.2)
     axes.set_ylabel("height [m]", fontsize="small")
-    axes.set_title("height with 2σ; below, reading minus what was foreseen, in σ", fontsize="small")
+    axes.set_title("height with 2σ", fontsize="small")
+    axes.tick_params(labelbottom=False)
+
+
+def _between_ways(axes: Axes, estimate: Estimate) -> None:
+    """How far the other ways are from the last one, over the floor."""
+    t = estimate.stamps_s - estimate.stamps_s[0]
+    known_m = 2 * np.sqrt(np.maximum(np.linalg.eigvalsh(_over_floor(estimate))[:, -1], 0))
+    axes.fill_between(t, 0, known_m, color=BLUE, alpha=0.2, lw=0, label="2σ of the place")
+    *others, (best, _, _, name) = _ways(estimate)
+    for position, color, width, label in others:
+        off = np.linalg.norm((position - best)[:, :2], axis=1)
+        axes.plot(t, off, color=color, lw=width / 2, label=label)
+    axes.set_ylim(0.0, None)
+    axes.set_ylabel("distance [m]", fontsize="small")
+    axes.set_title(f"how far the other ways are from the {name} one, over the floor", fontsize="small")
+    axes.legend(loc="upper left", fontsize="x-small", frameon=False)
 
 
 def _innovations(axes: Axes, name: str, channel: Channel, begin_s: float) -> None:
-    whitened = np.clip(channel.innovation / channel.std, -_WIDEST, _WIDEST)
-    every = max(1, len(whitened) // _MOST_DOTS)
+    """Dots of all components in order of time, so that none lies on top of another throughout."""
+    every = max(1, len(channel.stamps_s) // _MOST_DOTS)
     labels = _LABELS.get(name, ("",))
-    for k, (label, color) in enumerate(zip(labels, _COLORS, strict=False)):
-        if np.isfinite(whitened[:, k]).any():
-            axes.plot(
-                channel.stamps_s[::every] - begin_s,
-                whitened[::every, k],
-                ".",
-                color=color,
-                ms=1.5,
-                label=label,
-            )
+    whitened = (channel.innovation / channel.std)[::every, : len(labels)]
+    sizes = np.abs(whitened[np.isfinite(whitened)])
+    # All but the one in two hundred that is furthest off.
+    edge = float(np.clip(1.2 * np.quantile(sizes, 0.995) if len(sizes) else 0.0, _NARROWEST, _WIDEST))
+    stamps_s = np.repeat(channel.stamps_s[::every] - begin_s, whitened.shape[1])
+    colors = np.tile(_COLORS[: whitened.shape[1]], len(whitened))
+    axes.scatter(stamps_s, np.clip(whitened, -edge, edge).ravel(), s=1.5, c=colors, linewidths=0)
     axes.axhspan(-2, 2, color="black", alpha=0.06, lw=0)
-    axes.set_ylim(-_WIDEST - 0.3, _WIDEST + 0.3)
+    axes.set_ylim(-1.05 * edge, 1.05 * edge)
     axes.set_ylabel(name, fontsize="small")
     if len(labels) > 1:
-        axes.legend(loc="upper right", ncols=3, fontsize="x-small", frameon=False, markerscale=5)
+        for label, color, column in zip(labels, _COLORS, whitened.T, strict=False):
+            if np.isfinite(column).any():
+                axes.plot([], [], ".", color=color, ms=8, label=label)
+        axes.legend(loc="upper right", ncols=3, fontsize="x-small", frameon=False)
