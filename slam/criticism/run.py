@@ -28,7 +28,7 @@ from slam.criticism.threads import in_threads
 from slam.criticism.unled.verdict import NOTHING_TO_HOLD, judged_unled
 from slam.criticism.usable import coarsened, is_foreign, untested, usable_records, without_dead_streams
 from slam.criticism.verdict.agreement import contradictions
-from slam.criticism.verdict.covariate import covariate
+from slam.criticism.verdict.covariate import Covariate, covariate
 from slam.criticism.verdict.criticism import Cause, ChannelCheck, Criticism, Interval, Rank
 from slam.criticism.verdict.decision import causes_of, confirmed, decide, in_order, weighed
 from slam.criticism.verdict.flown import Flown, flown
@@ -135,11 +135,20 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         nuisances=_nuisances(found, best),
         noise_correlation=colour,
         checks=_checks(records, found.last),
-        covariate=covariate(records, belief, found, causes[0].name, causes[0].z) if causes else None,
+        covariate=_covariate(records, belief, found, causes),
         threshold=limits.effects,
         model=model,
         extended=_extended(model, belief, found, odd),
     )
+
+
+def _covariate(
+    records: Sequence[Record], belief: Setting, found: Search, causes: Sequence[Cause]
+) -> Covariate | None:
+    """Of the leading cause and its rival."""
+    if not causes:
+        return None
+    return covariate(records, belief, found, causes[0].name, causes[0].rival, causes[0].z)
 
 
 def _likeliest(records: Sequence[Record], found: Search) -> Search:

@@ -184,7 +184,7 @@ def about_covariate(result: Criticism) -> str:
     )
     if not found.rival:
         return text
-    return f"{text} Beside it the same for {found.rival}, which explains most in its place."
+    return f"{text} Beside it the same for {found.rival}, which is likeliest in its place."
 
 
 def _figure(value: float) -> str:

@@ -129,7 +129,7 @@ def judged_unled(flights: Sequence[Flight], model: Model, dropped: Sequence[str]
         remainder,
         detectable=seen,
         ranking=tuple(sorted(ranks, key=lambda r: (-r.probability, -r.z))),
-        covariate=_covariate(data, chosen, causes[0].name) if causes else None,
+        covariate=_covariate(data, chosen, causes[0]) if causes else None,
         threshold=STANDS_OUT_Z,
         model=model,
         extended=extended,
@@ -248,6 +248,7 @@ def _cause(data: _Data, chosen: Sequence[str], effect: str) -> Cause:
     near = sorted((e for e in open_ if leads[e] < VERY_SIMILAR_NATS), key=lambda e: leads[e])
     costs = {e: 0.0 if e in near else _cost(data, e) - _cost(data, effect) for e in open_}
     behind = np.array([0.0, *(max(leads[e] + costs[e], 0.0) for e in open_)])
+    rival = next(iter([*near, *sorted(open_, key=lambda e: leads[e] + costs[e])]), "")
     weights = np.exp(-np.clip(behind, -700.0, 700.0))
     gains = _held_out(data, rest, effect)
     drawn = np.random.default_rng(0).choice(gains, size=(4000, len(gains))).sum(axis=1)
@@ -255,7 +256,7 @@ def _cause(data: _Data, chosen: Sequence[str], effect: str) -> Cause:
     gain = Gain(float(gains.sum()), (float(low), float(high)), data.by, tuple(gains.tolist()), ())
     probability, lead = float(1.0 / weights.sum()), float(behind[1:].min(initial=np.inf))
     z = _z(data, chosen, effect)
-    return Cause(effect, probability, parameters, gain, z, lead, (effect, *near))
+    return Cause(effect, probability, parameters, gain, z, lead, (effect, *near), rival)
 
 
 def _lead(data: _Data, effects: Sequence[str], others: Sequence[str]) -> float:
@@ -271,11 +272,10 @@ def _lead(data: _Data, effects: Sequence[str], others: Sequence[str]) -> float:
     return lead * min(1.0, 2.0 * abs(lead) / max(variance, 1e-12))
 
 
-def _covariate(data: _Data, chosen: Sequence[str], cause: str) -> Covariate:
-    """What the leading cause and the best other make of what parts the instruments."""
+def _covariate(data: _Data, chosen: Sequence[str], lead: Cause) -> Covariate:
+    """What the leading cause and its rival make of what parts the instruments."""
+    cause, rival = lead.name, lead.rival
     rest = [e for e in chosen if e != cause]
-    others = [e for e in data.effects() if e not in chosen and e in CATALOGUE]
-    rival = max(others, key=lambda e: _nats(data, [*rest, e]), default="")
     models = {"": rest, cause: [*rest, cause]} | ({rival: [*rest, rival]} if rival else {})
     missed = {
         name: data.off - data.table(effects) @ _fit(data, effects)[0] for name, effects in models.items()

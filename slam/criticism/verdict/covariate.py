@@ -1,4 +1,4 @@
-"""What is missed, against what the leading cause makes of it, beside the same for the best other cause.
+"""What is missed, against what the leading cause makes of it, beside the same for its rival.
 
 Every belief rolls out from the same filtered states. The difference between the roll-outs without and with a
 cause is what that cause says should be missed: its covariate, in the units of the channel. If the cause is
@@ -23,7 +23,6 @@ from slam.criticism.search.moving import is_wall, taken_out
 from slam.criticism.search.search import LINEAR_Z, SHORT_S, Search
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.heldout import taken
-from slam.criticism.verdict.posterior import named
 from slam.criticism.verdict.rollouts import misses_of
 
 Array = NDArray[np.float64]
@@ -47,20 +46,20 @@ class Misses:
 
 @dataclass(frozen=True)
 class Covariate:
-    """The leading cause, and the one that explains most in its place."""
+    """The leading cause, and its rival in the verdict."""
 
     cause: str
     rival: str
-    """Empty where no other term explains anything."""
+    """Empty where there is none, or roll-outs cannot have it."""
     against: tuple[Misses, ...]
     """The leading cause's covariate, and the rival's."""
 
 
 def covariate(
-    records: Sequence[Record], belief: Setting, found: Search, cause: str, z: float
+    records: Sequence[Record], belief: Setting, found: Search, cause: str, rival: str, z: float
 ) -> Covariate | None:
-    """Both covariates of ``cause``, one of the chosen, which stands out by ``z``; None where roll-outs do not
-    show it.
+    """The covariates of ``cause``, one of the chosen, which stands out by ``z``, and of its ``rival``; None
+    where roll-outs do not show the cause.
 
     Without it, and with its rival, sizes and nuisances are fitted: of a large cause with the filter run anew.
     """
@@ -69,7 +68,7 @@ def covariate(
         return None
     rest = [e for e in found.chosen if e is not effect]
     short = [cut(record, SHORT_S / len(records)) for record in records]
-    rival = _rival(found, effect, rest)
+    other = _as_effect(rival, found, effect, rest)
 
     def believed(effects: list[Effect]) -> Setting:
         if z < LINEAR_Z and not is_wall(effect):
@@ -77,8 +76,8 @@ def covariate(
         return refit(short, found.model, taken_out(effect, belief), effects)[1]
 
     settings = {"": believed(rest), cause: belief}
-    if rival is not None:
-        settings[rival.name] = believed([*rest, rival])
+    if other is not None:
+        settings[rival] = believed([*rest, other])
     states = in_threads(lambda record: whole(record, belief).states, short)
     missed = {
         name: [misses_of(r, s, setting, AHEAD_S, 1.0) for r, s in zip(short, states, strict=True)]
@@ -91,16 +90,16 @@ def covariate(
     against = tuple(m for name in settings if name and (m := _against(pooled, name)) is not None)
     if not against or against[0].cause != cause:
         return None
-    return Covariate(cause, rival.name if rival is not None else "", against)
+    return Covariate(cause, rival if other is not None else "", against)
 
 
-def _rival(found: Search, effect: Effect, rest: Sequence[Effect]) -> Effect | None:
-    """The term that explains most in a cause's place; how it is without a wall only the first look knows."""
+def _as_effect(rival: str, found: Search, effect: Effect, rest: Sequence[Effect]) -> Effect | None:
+    """Of the ways in which a rival may act that which explains most in a cause's place; how it is without a
+    wall only the first look knows. None where roll-outs cannot have it."""
     look, beside = (found.first, []) if is_wall(effect) else (found.last, list(rest))
-    taken = {e.name for e in found.chosen}
-    others = [e for e in look.effects if named(e) and e.name not in taken and (e.directions or e.relaxes)]
-    best = next(iter(look.standing(beside, others)), None)
-    return best.effect if best is not None and best.nats > 0.0 else None
+    ways = [e for e in look.effects if e.name == rival and (e.directions or e.relaxes)]
+    best = next(iter(look.standing(beside, ways)), None)
+    return best.effect if best is not None else None
 
 
 def _against(pooled: dict[str, dict[int, Array]], cause: str) -> Misses | None:

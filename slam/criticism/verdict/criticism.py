@@ -68,6 +68,8 @@ class Cause:
     """Of its evidence over the best other term in its place."""
     alternatives: tuple[str, ...] = ()
     """Itself, and terms whose evidence in its place lies within 4 nats."""
+    rival: str = ""
+    """The other term that is likeliest in its place; empty where there is none."""
 
 
 @dataclass(frozen=True)

@@ -90,6 +90,7 @@ def causes_of(
                 z,
                 posterior.lead_nats[place],
                 posterior.alternatives[place],
+                posterior.rivals[place],
             )
         )
     if best is None:

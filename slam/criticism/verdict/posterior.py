@@ -40,6 +40,8 @@ class Posterior:
     """For each chosen effect: names whose evidence lies within 4 nats of it in its place, itself first."""
     lead_nats: tuple[float, ...]
     """For each chosen effect: its lead over the best other name in its place."""
+    rivals: tuple[str, ...] = ()
+    """For each chosen effect: the other term that is likeliest in its place; empty where there is none."""
 
 
 def named(effect: Effect) -> bool:
@@ -54,17 +56,19 @@ def posterior_of(found: Search) -> Posterior:
     weights: list[tuple[float, frozenset[str]]] = [(own, _names(chosen))]
     alternatives: list[tuple[str, ...]] = []
     leads: list[float] = []
+    second: list[str] = []
     places = chosen if chosen else [None]
     for place in places:
         if place is not None and is_wall(place):
             # The search has held it against all others with the filter run anew.
             alternatives.append((place.name, *_as_good(found, place)))
             leads.append(np.inf if len(alternatives[-1]) == 1 else 0.0)
+            second.append(next(iter(alternatives[-1][1:]), _second_to_wall(found)))
             continue
         rest = [e for e in chosen if e is not place]
         if place is not None:
             weights.append((_evidence(look, rest), _names(rest)))
-        rivals: dict[str, float] = {}
+        others: dict[str, float] = {}
         tried: dict[str, Effect] = {}
         for effect in (*look.effects, *look.shapes):
             if any(effect.repeats(e) for e in chosen):
@@ -79,10 +83,10 @@ def posterior_of(found: Search) -> Posterior:
                 continue
             evidence = _evidence(look, rest, effect)
             weights.append((evidence, _names([*rest, effect])))
-            if named(effect) and evidence > rivals.get(effect.name, -np.inf):
-                rivals[effect.name], tried[effect.name] = evidence, effect
+            if named(effect) and evidence > others.get(effect.name, -np.inf):
+                others[effect.name], tried[effect.name] = evidence, effect
         if place is not None:
-            others = {n: e for n, e in rivals.items() if n not in {c.name for c in chosen}}
+            others = {n: e for n, e in others.items() if n not in {c.name for c in chosen}}
             order = sorted(others.items(), key=lambda r: -r[1])
             near = [
                 n for n, e in order
@@ -92,6 +96,7 @@ def posterior_of(found: Search) -> Posterior:
             near += [n for n in found.rivals.get(place.name, ()) if n in others and n not in near]
             alternatives.append((place.name, *near))
             leads.append(own - max(others.values(), default=-np.inf))
+            second.append(next(iter([*near, *(n for n, _ in order)]), ""))
     if len(chosen) > 1 and not any(is_wall(e) for e in chosen):
         # What several terms explain may be one thing that none of them is.
         for effect in (*look.effects, *look.shapes):
@@ -100,7 +105,7 @@ def posterior_of(found: Search) -> Posterior:
     for names in (a for p, a in zip(places, alternatives, strict=False) if p is not None and is_wall(p)):
         share = probability.get(names[0], 0.0) / len(names)
         probability.update({n: max(share, probability.get(n, 0.0)) for n in names[1:]} | {names[0]: share})
-    return Posterior(probability, tuple(alternatives), tuple(leads))
+    return Posterior(probability, tuple(alternatives), tuple(leads), tuple(second))
 
 
 def likelier(found: Search, posterior: Posterior) -> tuple[Effect, str] | None:
@@ -118,6 +123,14 @@ def _as_good(found: Search, wall: Effect) -> tuple[str, ...]:
     """What fitted as well as a wall when it was chosen; of a foreign vehicle it is told as what remains."""
     chosen = {e.name for e in found.chosen}
     return () if found.model.foreign else tuple(n for n in found.rivals.get(wall.name, ()) if n not in chosen)
+
+
+def _second_to_wall(found: Search) -> str:
+    """The term that explains most in a wall's place: how it is without one only the first look knows."""
+    taken = {e.name for e in found.chosen}
+    others = [e for e in found.first.effects if named(e) and e.name not in taken]
+    best = next(iter(found.first.standing([], others)), None)
+    return best.effect.name if best is not None and best.nats > 0.0 else ""
 
 
 def _evidence(look: Look, rest: Sequence[Effect], extra: Effect | None = None) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from functools import lru_cache
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from slam.criticism import criticise
 from slam.criticism.healthy import at_lower_rates, drawn_vehicle, flown
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search import effects as effects_module
+from slam.criticism.verdict.covariate import covariate
 from slam.simulation import simulate
 from slam.simulation.model import load_model
 from slam.simulation.recipe import load_recipe
@@ -53,8 +55,10 @@ def case(seed, student=False, colour=(0.0, 0.0), **terms):
 
 @lru_cache
 def dragging():
+    """Flights, the verdict, and what its covariate was drawn of."""
     flights = case(3, quadratic_drag={"c": 0.15})
-    return flights, criticise(flights)
+    with mock.patch("slam.criticism.run.covariate", wraps=covariate) as drawn:
+        return flights, criticise(flights), drawn.call_args.args
 
 
 @pytest.mark.parametrize(("seed", "student"), [(1, False), pytest.param(2, True, marks=pytest.mark.slow)])
@@ -77,7 +81,7 @@ def test_coloured_noise_is_healthy_and_told():
 
 
 def test_what_is_missed_follows_the_guilty_covariate_until_the_cause_is_in_the_model():
-    _, found = dragging()
+    _, found, _ = dragging()
     assert found.covariate.cause == "quadratic_drag"
     own, other = found.covariate.against
     assert other.cause == found.covariate.rival != "quadratic_drag"
@@ -89,6 +93,15 @@ def test_what_is_missed_follows_the_guilty_covariate_until_the_cause_is_in_the_m
     assert 0.8 < slope(own.missed[""]) < 1.2
     assert abs(slope(own.missed["quadratic_drag"])) < 0.2
     assert slope(own.missed[found.covariate.rival]) > slope(own.missed["quadratic_drag"])
+
+
+def test_the_rival_that_is_drawn_is_that_of_the_verdict():
+    _, found, (records, belief, search, cause, rival, z) = dragging()
+    assert found.covariate.rival == found.causes[0].rival == rival
+    other = "flow_scale"
+    assert rival != other
+    drawn = covariate(records, belief, search, cause, other, z)
+    assert [drawn.rival, *(m.cause for m in drawn.against)] == [other, cause, other]
 
 
 @pytest.mark.slow
@@ -104,7 +117,7 @@ def test_a_cause_beside_coloured_noise_is_named(name, parameter, size):
 
 
 def test_quadratic_drag_is_named_with_its_size():
-    _, found = dragging()
+    _, found, _ = dragging()
     assert found.verdict == "named", found.sentence
     cause = found.causes[0]
     assert cause.name == "quadratic_drag"
@@ -118,7 +131,7 @@ def test_quadratic_drag_is_named_with_its_size():
 def test_the_verdict_is_json_and_the_extended_model_can_be_read(tmp_path):
     from slam.cli.criticise import write_criticism
 
-    _, found = dragging()
+    _, found, _ = dragging()
     write_criticism(found, tmp_path)
     verdict = json.loads((tmp_path / "verdict.json").read_text())
     assert verdict["verdict"] == "named"
@@ -128,7 +141,7 @@ def test_the_verdict_is_json_and_the_extended_model_can_be_read(tmp_path):
 
 @pytest.mark.slow
 def test_the_order_of_the_flights_says_nothing():
-    flights, found = dragging()
+    flights, found, _ = dragging()
     turned = criticise(flights[::-1])
     assert turned.verdict == found.verdict
     assert [c.name for c in turned.causes] == [c.name for c in found.causes]
@@ -139,7 +152,7 @@ def test_the_order_of_the_flights_says_nothing():
 
 @pytest.mark.slow
 def test_where_north_is_says_nothing():
-    flights, found = dragging()
+    flights, found, _ = dragging()
     turn = np.array([0.0, 0.0, 1.1])
     rotated = [
         replace(f, attitude=replace(f.attitude, roll_pitch_yaw_rad=f.attitude.roll_pitch_yaw_rad + turn))
@@ -153,7 +166,7 @@ def test_where_north_is_says_nothing():
 
 
 def test_an_effect_that_is_not_in_the_catalogue_is_not_misnamed(monkeypatch):
-    flights, _ = dragging()
+    flights, _, _ = dragging()
     steps = {k: v for k, v in effects_module._STEPS.items() if k != "quadratic_drag"}
     monkeypatch.setattr(effects_module, "_STEPS", steps)
     found = criticise(flights)

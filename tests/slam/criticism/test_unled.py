@@ -56,6 +56,8 @@ def test_an_instrument_that_errs_is_named_with_its_size(term, parameter, size):
     assert told.low < 1.05 * due
     assert told.high > 0.95 * due
     assert found.extended.holds(cause.name)
+    assert found.covariate.rival == cause.rival
+    assert cause.rival in cause.alternatives[1:] or cause.alternatives == (cause.name,)
 
 
 def test_one_instrument_alone_has_nothing_to_be_held_against():
