@@ -57,6 +57,17 @@ REPRODUCE_NAMES = (
 CRITICISE_NAMES = ("verdict.json", "extended.toml", "report.html", "summary.json")
 """Files that ``slam criticise`` writes."""
 
+_SIGNS = {
+    "optimize": "graph.g2o",
+    "estimate": "estimate.png",
+    "locate": "locations.csv",
+    "loops": "loops.json",
+    "replay": "replay.png",
+    "reproduce": "reproduce.html",
+    "criticise": "verdict.json",
+}
+"""Command -> a file that no other command writes."""
+
 _BYSTANDERS = (
     ".DS_Store",
     "Thumbs.db",
@@ -89,8 +100,15 @@ def output_folder(target: str | Path) -> Iterator[Path]:
 
 
 def is_output(folder: Path) -> bool:
-    """Whether a folder is a finished output of ``slam optimize``."""
+    """Whether a folder is a finished output of a command."""
     return (folder / _MARK).is_file()
+
+
+def writer_of(folder: Path) -> str:
+    """The command whose finished output a folder is; empty where it is none."""
+    if not is_output(folder):
+        return ""
+    return next((command for command, sign in _SIGNS.items() if (folder / sign).is_file()), "")
 
 
 def _checked(target: Path) -> Path:

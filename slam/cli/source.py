@@ -15,6 +15,11 @@ Kind = Literal["flight", "euroc", "photos", "graph"]
 
 _GRAPH_WORDS = (b"VERTEX_", b"EDGE_", b"FIX ")
 _GIVE = "give a flight folder, a folder of photos or a .g2o graph"
+_ALSO = {
+    "optimize": ", or its graph, {path}/graph.g2o",
+    "criticise": "; as --model give its {path}/extended.toml",
+}
+"""What else of an output can be given."""
 _NOT_READ = {
     ".bag": "a ROS 1 bag",
     ".db3": "a ROS 2 bag",
@@ -33,6 +38,7 @@ def kind_of(path: Path) -> Kind:
     if not path.exists():
         raise InputError(f"{path}: does not exist; {_GIVE}")
     if path.is_dir():
+        _refuse_output(path)
         return _kind_of_folder(path)
     if not path.is_file():
         raise InputError(f"{path}: neither a file nor a folder; {_GIVE}")
@@ -69,6 +75,17 @@ def import_source(path: Path, progress: Progress) -> Flight:
     from slam.io.euroc import import_euroc
 
     return import_euroc(path)
+
+
+def _refuse_output(path: Path) -> None:
+    """An output holds pictures, too, but no photographs."""
+    from slam.outputs import writer_of
+
+    if command := writer_of(path):
+        also = _ALSO.get(command, "").format(path=path)
+        raise InputError(
+            f"{path}: is the output of slam {command}, no flight; give the flight that it was made of{also}"
+        )
 
 
 def _kind_of_folder(path: Path) -> Kind:

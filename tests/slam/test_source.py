@@ -6,9 +6,19 @@ from dataclasses import replace
 
 import pytest
 
-from slam.cli.source import kind_of, open_flight
+from slam.cli.source import import_source, kind_of, open_flight
 from slam.errors import InputError
 from slam.io.flight_folder import write_flight
+from slam.outputs import (
+    CRITICISE_NAMES,
+    ESTIMATE_NAMES,
+    EVALUATE_NAMES,
+    LOCATE_NAMES,
+    LOOPS_NAMES,
+    OPTIMIZE_NAMES,
+    REPLAY_NAMES,
+    REPRODUCE_NAMES,
+)
 from slam.progress import silent
 from tests.slam.io.made_flight import made_flight
 
@@ -78,3 +88,33 @@ def test_a_folder_of_flights_names_them(tmp_path):
     root = made(tmp_path / "in", "one/mav0/cam0/data/1.png", "two/mav0/cam0/data/1.png")
     with pytest.raises(InputError, match="holds flights: one, two"):
         open_flight(root, silent)
+
+
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [
+        ("optimize", OPTIMIZE_NAMES),
+        ("estimate", ESTIMATE_NAMES),
+        ("locate", LOCATE_NAMES),
+        ("loops", LOOPS_NAMES),
+        ("replay", REPLAY_NAMES),
+        ("reproduce", REPRODUCE_NAMES),
+        ("criticise", CRITICISE_NAMES),
+    ],
+)
+def test_an_output_is_no_folder_of_photographs(tmp_path, command, names):
+    root = made(tmp_path / "out", *names)
+    for ask in (kind_of, lambda path: open_flight(path, silent), lambda path: import_source(path, silent)):
+        with pytest.raises(InputError, match=f"is the output of slam {command}, no flight; give"):
+            ask(root)
+
+
+def test_of_an_output_that_holds_a_graph_the_graph_can_be_given(tmp_path):
+    root = made(tmp_path / "out", *OPTIMIZE_NAMES, *EVALUATE_NAMES)
+    with pytest.raises(InputError, match=f"or its graph, {root}/graph.g2o"):
+        kind_of(root)
+    assert kind_of(root / "graph.g2o") == "graph"
+
+
+def test_photographs_beside_a_summary_are_photographs(tmp_path):
+    assert kind_of(made(tmp_path / "in", "a.jpg", "summary.json")) == "photos"
