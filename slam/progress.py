@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Protocol
+from threading import Lock
+from typing import Protocol, TypeVar
+
+Part = TypeVar("Part")
 
 COMPILING = "compile for this machine: once after an installation, a minute or two"
 
@@ -27,3 +30,29 @@ def compilation_shown(progress: Progress) -> Iterator[None]:
 
     with compiling(lambda done: progress(COMPILING, int(done), 1)):
         yield
+
+
+class Tally:
+    """Counts the finished parts of a stage, by several threads too; ``total`` 0 where only the end tells."""
+
+    def __init__(self, progress: Progress, stage: str, total: int = 0) -> None:
+        self._progress, self._stage, self._total = progress, stage, total
+        self._done, self._lock = 0, Lock()
+
+    @contextmanager
+    def part(self) -> Iterator[None]:
+        """One part of the stage: begun here, finished with the block."""
+        self._count(0)
+        yield
+        self._count(1)
+
+    def each(self, parts: Iterable[Part]) -> Iterator[Part]:
+        """The parts, each finished when the next is asked for."""
+        for part in parts:
+            with self.part():
+                yield part
+
+    def _count(self, parts: int) -> None:
+        with self._lock:
+            self._done += parts
+            self._progress(self._stage, self._done, self._total)

@@ -27,20 +27,22 @@ def criticise(
 ) -> None:
     """Say what a simulation gets wrong about measured flights, name the cause and extend the model."""
     from slam.cli.tables import written
-    from slam.console import console
+    from slam.console import console, progress_shown
     from slam.criticism import criticise as judge
     from slam.flight import Flight
     from slam.outputs import output_folder
+    from slam.progress import Tally
     from slam.report.criticism_report import write_criticism_report
     from slam.simulation.model import load_model
 
     screen = console()
     believed = load_model(model)
-    with output_folder(out) as folder:
+    with output_folder(out) as folder, progress_shown(screen) as progress:
         opened = [Flight.open(path) for path in flights]
-        result = judge(opened, believed)
+        result = judge(opened, believed, progress)
         write_criticism(result, folder)
-        write_criticism_report(folder / "report.html", result, opened)
+        with Tally(progress, "report", 1).part():
+            write_criticism_report(folder / "report.html", result, opened)
     screen.print(result.sentence, markup=False)
     if result.causes:
         screen.print(_table(result))

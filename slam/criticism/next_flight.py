@@ -22,6 +22,7 @@ from slam.criticism.search.effects import Effect
 from slam.criticism.search.nuisances import MEAN, direction_of, prior_precision
 from slam.criticism.search.screening import project
 from slam.criticism.threads import in_threads
+from slam.progress import Progress, Tally, silent
 from slam.simulation.model import Model
 
 _STREAMS = {IMU: "imu", ATTITUDE: "attitude", VELOCITY: "velocity", SONAR: "sonar"}
@@ -29,7 +30,14 @@ TOLD_APART_SIGMA = 3.3
 """Separation at which two terms are told apart in nineteen of twenty cases."""
 
 
-def next_flight(model: Model, first: Effect, second: Effect, sizes: np.ndarray, kinds: Container[int]) -> str:
+def next_flight(
+    model: Model,
+    first: Effect,
+    second: Effect,
+    sizes: np.ndarray,
+    kinds: Container[int],
+    progress: Progress = silent,
+) -> str:
     """A sentence: which manoeuvre tells ``first``, of these sizes (columns,), from ``second`` best.
 
     Best for the time that it takes, with these ``kinds`` of instruments on board.
@@ -56,7 +64,13 @@ def next_flight(model: Model, first: Effect, second: Effect, sizes: np.ndarray, 
         return float(np.sqrt(max(sizes @ left[own, own] @ sizes, 0.0)))
 
     names = list(MANOEUVRES)
-    found = in_threads(separation, names)
+    tried = Tally(progress, "next flight", len(names))
+
+    def told(name: str) -> float:
+        with tried.part():
+            return separation(name)
+
+    found = in_threads(told, names)
     # Separation grows as the root of the time flown.
     took_s = np.array([stick_for([name]).duration_s for name in names])
     best = int(np.argmax(found / np.sqrt(took_s)))

@@ -37,6 +37,7 @@ from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior,
 from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.sentence import sentence_of
 from slam.flight import Flight
+from slam.progress import Progress, Tally, compilation_shown, silent
 from slam.simulation.model import Model, load_model
 
 SHOWN_SHAPES = 8
@@ -48,7 +49,9 @@ FOREIGN = 2.0
 """Times the thresholds: the equations of another vehicle are not held to the last sigma."""
 
 
-def criticise(flights: Sequence[Flight], model: Model | str | Path = "nominal") -> Criticism:
+def criticise(
+    flights: Sequence[Flight], model: Model | str | Path = "nominal", progress: Progress = silent
+) -> Criticism:
     """Say what a model gets wrong about flights of one vehicle.
 
     Raises ``InputError`` for a model that cannot be read. Flights that cannot be judged are left out and
@@ -59,27 +62,27 @@ def criticise(flights: Sequence[Flight], model: Model | str | Path = "nominal") 
     believed = model if isinstance(model, Model) else load_model(model)
     flights = [with_body_ranges(flight) for flight in flights]
     if flights and not any(is_led(flight) for flight in flights):
-        return _unled(flights, believed)
-    records, dropped = usable_records(flights)
+        return _unled(flights, believed, progress)
+    records, dropped = usable_records(flights, progress)
     names = tuple(record.name for record in records)
     if not records:
         reason = "; ".join(dropped) if dropped else "no flights"
         return Criticism("unusable", f"These data cannot be judged: {reason}.", dropped=tuple(dropped))
-    with threadpool_limits(1):
-        return replace(_judged(records, believed), flights=names, dropped=tuple(dropped))
+    with threadpool_limits(1), compilation_shown(progress):
+        return replace(_judged(records, believed, progress), flights=names, dropped=tuple(dropped))
 
 
-def _unled(flights: Sequence[Flight], model: Model) -> Criticism:
+def _unled(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
     """The verdict without any command log."""
     clean, dropped = without_dead_streams(flights)
-    found = judged_unled(clean, model, dropped)
+    found = judged_unled(clean, model, dropped, progress)
     if found is None:
         reason = "; ".join([NOTHING_TO_HOLD, *dropped])
         return Criticism("unusable", f"These data cannot be judged: {reason}.", dropped=tuple(dropped))
     return found
 
 
-def _judged(records: Sequence[Record], model: Model) -> Criticism:
+def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Criticism:
     limits = load_thresholds()
     setting = replace(setting_of(model), foreign=is_foreign(records, model))
     if setting.foreign:
@@ -87,12 +90,12 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         limits = limits.times(FOREIGN)
     elif any(holds_heading(record.stick) for record in records):
         limits = limits.times(STEERED)
-    records = in_threads(lambda record: referred(record, setting), records)
+    records = _filtered(records, setting, progress)
     records, odd = without_dead_zone(records)
     if not setting.foreign and not combed(records):
         records, steps = without_boxes(records, setting)
         odd = [*odd, *steps]
-    found = _likeliest(records, confirmed(search(records, setting, limits), setting))
+    found = _likeliest(records, confirmed(search(records, setting, limits, progress), setting))
     belief = _belief(found)
     doubts, refuted = contradictions(records, setting, found, belief)
     if refuted:
@@ -100,11 +103,13 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         belief = _belief(found)
     best = None
     if setting.foreign and found.chosen and len(records) > 1:
-        best = flown(records, belief, found.first.setting, found)
+        best = flown(records, belief, found.first.setting, found, progress)
         found, belief = replace(found, chosen=best.chosen), best.setting
     posterior = posterior_of(found)
     odd = [*odd, *oddities(records, found.last.sums.passes)]
-    fitted = causes_of(records, setting, found, posterior, best)
+    rolled_out = Tally(progress, "roll out", 2)
+    with rolled_out.part():
+        fitted = causes_of(records, setting, found, posterior, best)
     likely, faint = weighed(fitted, found, posterior, doubts)
     causes = in_order([*likely, *(o.cause() for o in odd)])
     left = found.last.standing(found.chosen, found.last.shapes)
@@ -120,6 +125,8 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         return Criticism("unusable", reason, detectable=seen, threshold=limits.effects, model=model)
     if verdict == "unknown" and not causes:
         remainder = "; ".join(part for part in (remainder, *_nearest(found, limits.effects)) if part)
+    with rolled_out.part():
+        drawn = _covariate(records, belief, found, causes)
     colour = {n: x for n, x in zip(INSTRUMENTS, belief.colour.tolist(), strict=True) if x > 0.0}
     return Criticism(
         verdict,
@@ -127,7 +134,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         causes,
         equivalents,
         remainder,
-        _next(records, model, found, posterior),
+        _next(records, model, found, posterior, progress),
         detectable=seen,
         ranking=_ranking(found, posterior.probability | {c.name: c.probability for c in causes}),
         confusable=confusable(found.first),
@@ -135,7 +142,7 @@ def _judged(records: Sequence[Record], model: Model) -> Criticism:
         nuisances=_nuisances(found, best),
         noise_correlation=colour,
         checks=_checks(records, found.last),
-        covariate=_covariate(records, belief, found, causes),
+        covariate=drawn,
         threshold=limits.effects,
         model=model,
         extended=_extended(model, belief, found, odd),
@@ -149,6 +156,17 @@ def _covariate(
     if not causes:
         return None
     return covariate(records, belief, found, causes[0].name, causes[0].rival, causes[0].z)
+
+
+def _filtered(records: Sequence[Record], setting: Setting, progress: Progress) -> list[Record]:
+    """The records beside a healthy run of each."""
+    flights = Tally(progress, "filter", len(records))
+
+    def one(record: Record) -> Record:
+        with flights.part():
+            return referred(record, setting)
+
+    return in_threads(one, records)
 
 
 def _likeliest(records: Sequence[Record], found: Search) -> Search:
@@ -202,7 +220,9 @@ def _extended(model: Model, belief: Setting, found: Search, odd: Sequence[Oddity
     return extended
 
 
-def _next(records: Sequence[Record], model: Model, found: Search, posterior: Posterior) -> str:
+def _next(
+    records: Sequence[Record], model: Model, found: Search, posterior: Posterior, progress: Progress
+) -> str:
     """For the first chosen term that another may stand in for."""
     known = [(e, a) for e, a in zip(found.chosen, posterior.alternatives, strict=True) if len(a) > 1]
     if not known:
@@ -213,7 +233,7 @@ def _next(records: Sequence[Record], model: Model, found: Search, posterior: Pos
     step, _ = look.parabola.answer(found.chosen).of(look.parabola.index(effect.columns))
     held = np.array([look.parabola.held.get(column, 0.0) for column in effect.columns])
     kinds = {int(kind) for record in records for kind in np.unique(record.kinds)}
-    return next_flight(model, effect, other, step + held, kinds)
+    return next_flight(model, effect, other, step + held, kinds, progress)
 
 
 def _ranking(found: Search, probability: dict[str, float]) -> tuple[Rank, ...]:

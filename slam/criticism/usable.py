@@ -13,6 +13,7 @@ from slam.criticism.command_clock import FEWEST_READINGS, clock_error
 from slam.criticism.kalman.readings import ATTITUDE, CHANNELS, FIRST_CHANNEL, IMU, SONAR, VELOCITY, WIDTH
 from slam.criticism.kalman.record import Record, holds_heading, is_led, record_of
 from slam.flight import Flight
+from slam.progress import Progress, silent
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 
@@ -47,7 +48,7 @@ HELD_HEADING = (
 )
 
 
-def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
+def usable_records(flights: Sequence[Flight], progress: Progress = silent) -> tuple[list[Record], list[str]]:
     """Records of the flights that can be judged, and what was left out with the reason."""
     kept: list[Flight] = []
     records, dropped = [], []
@@ -74,7 +75,7 @@ def usable_records(flights: Sequence[Flight]) -> tuple[list[Record], list[str]]:
             dropped.append(f"{flight.name}: {HELD_HEADING}")
         records.append(record)
         kept.append(clean)
-    return [replace(r, sights=s) for r, s in zip(records, look_all(kept), strict=True)], dropped
+    return [replace(r, sights=s) for r, s in zip(records, look_all(kept, progress), strict=True)], dropped
 
 
 def without_dead_streams(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:

@@ -20,7 +20,7 @@ from slam.criticism.camera.highlights import dimmed, spots
 from slam.criticism.camera.movers import moves
 from slam.criticism.camera.triangles import confirmed
 from slam.flight import Flight
-from slam.progress import Progress, silent
+from slam.progress import Progress, Tally, silent
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -89,25 +89,26 @@ def look(flight: Flight, progress: Progress = silent) -> Sights | None:
 
 def look_all(flights: Sequence[Flight], progress: Progress = silent) -> list[Sights | None]:
     """``look`` at several flights, two at a time."""
+    pictures = Tally(progress, "pictures", sum(len(f.frames) for f in flights if f.frames is not None))
+    pairs = Tally(progress, "pairs of pictures")
     before = cv2.getNumThreads()
     # Small pictures: threads within one would only wait for each other.
     cv2.setNumThreads(1)
     try:
         with ThreadPoolExecutor(WORKERS) as pool:
-            return list(pool.map(lambda flight: _looked_at(flight, progress), flights))
+            return list(pool.map(lambda flight: _looked_at(flight, pictures, pairs), flights))
     finally:
         cv2.setNumThreads(before)
 
 
-def _looked_at(flight: Flight, progress: Progress) -> Sights | None:
+def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> Sights | None:
     camera, frames = flight.camera, flight.frames
     if camera is None or frames is None or len(frames) < 2:
         return None
     extract = Extractor(FEATURES.for_width(camera.size_px[0]))
     shots: list[_Shot] = []
     dims: list[Image] = []
-    for frame in frames:
-        progress("pictures", frame.index, len(frames))
+    for frame in pictures.each(frames):
         if shots and frame.stamp_s - shots[-1][0] < SHORTEST_S:
             continue
         image = frame.read()
@@ -117,9 +118,9 @@ def _looked_at(flight: Flight, progress: Progress) -> Sights | None:
         dims.append(dimmed(image))
         shots.append((frame.stamp_s, points, _tones(image, camera.project(camera.rays(points.pixel)))))
     robust = HomographyConfig().for_width(camera.size_px[0])
-    pairs = [(j - step, j) for j in range(len(shots)) for step in STEPS if j >= step]
+    near = [(j - step, j) for j in range(len(shots)) for step in STEPS if j >= step]
     registered = {
-        (i, j): pair for i, j in pairs
+        (i, j): pair for i, j in pairs.each(near)
         if (pair := register(i, j, shots[i][1], shots[j][1], camera, robust, GateConfig())).ok
     }  # fmt: skip
     kept = confirmed({key: pair.i_H_j for key, pair in registered.items()}, camera)

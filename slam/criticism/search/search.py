@@ -29,6 +29,7 @@ from slam.criticism.search.screening import deviate
 from slam.criticism.search.sums import Sums, sums_of
 from slam.criticism.search.thresholds import Thresholds, beside
 from slam.criticism.threads import in_threads
+from slam.progress import Progress, Tally, silent
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
@@ -40,6 +41,7 @@ CURVED_Z = 6.0
 CANDIDATES = 5
 WORTH_A_FIT = 0.25
 MOST_TERMS = 6
+STAGES = ("fit", "look", "try causes")
 NAMED_FIRST = 0.8
 """A constant out of its range must explain more than a term of the catalogue, which says why."""
 SHORT_S = 80.0
@@ -161,10 +163,15 @@ def look_at(
     )  # fmt: skip
 
 
-def search(records: Sequence[Record], model: Setting, limits: Thresholds) -> Search:
+def search(
+    records: Sequence[Record], model: Setting, limits: Thresholds, progress: Progress = silent
+) -> Search:
     """Terms that stand out by more than the thresholds beside each other, best first."""
-    setting = fit_nuisances(records, model, effects=coloured(model))
-    records, look = _seen(records, model, setting)
+    fits, looks, tries = (Tally(progress, stage) for stage in STAGES)
+    with fits.part():
+        setting = fit_nuisances(records, model, effects=coloured(model))
+    with looks.part():
+        records, look = _seen(records, model, setting)
     first = look
     chosen: list[Effect] = []
     rivals: dict[str, tuple[str, ...]] = {}
@@ -176,23 +183,30 @@ def search(records: Sequence[Record], model: Setting, limits: Thresholds) -> Sea
         if ranked[0].z < threshold or len(chosen) == MOST_TERMS:
             if fitted:
                 break
-            _, setting = refit(records, model, look.setting, chosen)
+            with fits.part():
+                _, setting = refit(records, model, look.setting, chosen)
         elif (best := standing_out[0]).z < LINEAR_Z and not on_grid(best.effect):
             chosen.append(best.effect)
             fitted, greatest = fitted and best.z < CURVED_Z, max(greatest, best.z)
             continue
         else:
-            effect, setting, rivals[effect.name] = _refitted(records, model, look, chosen, standing_out)
+            effect, setting, rivals[effect.name] = _refitted(
+                records, model, look, chosen, standing_out, tries
+            )
             chosen.append(effect)
             greatest = max(greatest, best.z)
         chosen = [settled(c, setting) for c in chosen]
-        setting = without_faint(fit_nuisances(records, model, setting, [*chosen, *coloured(setting)]))
-        records, look = _seen(records, model, setting, chosen)
+        with fits.part():
+            setting = without_faint(fit_nuisances(records, model, setting, [*chosen, *coloured(setting)]))
+        with looks.part():
+            records, look = _seen(records, model, setting, chosen)
         chosen, fitted = [look.own(c) for c in chosen], True
     if (look.setting.colour != first.setting.colour).any():
         # With and without the terms noise is the same.
-        healthy = fit_nuisances(records, model, replace(first.setting, colour=look.setting.colour))
-        first = look_at(records, model, healthy)
+        with fits.part():
+            healthy = fit_nuisances(records, model, replace(first.setting, colour=look.setting.colour))
+        with looks.part():
+            first = look_at(records, model, healthy)
     return Search(model, first, look, tuple(_needed(records, model, look, chosen, limits)), rivals)
 
 
@@ -246,6 +260,7 @@ def _refitted(
     look: Look,
     chosen: Sequence[Effect],
     ranked: Sequence[Standing],
+    tries: Tally,
 ) -> tuple[Effect, Setting, tuple[str, ...]]:
     """The candidate that explains most once each is fitted with the filter run anew, the belief with it, and
     what would do as well."""
@@ -258,7 +273,7 @@ def _refitted(
     fits: list[tuple[float, Effect, Setting]] = []
     short = [cut(record, SHORT_S / len(records)) for record in records]
     base, _ = refit(short, model, look.setting, chosen)
-    for standing in list(named.values())[:CANDIDATES]:
+    for standing in tries.each(list(named.values())[:CANDIDATES]):
         nats, setting = refit(short, model, look.setting, [*chosen, standing.effect])
         fits.append((replace(standing, nats=nats - base).worth, standing.effect, setting))
     most = max(nats for nats, _, _ in fits)

@@ -19,6 +19,7 @@ from slam.criticism.verdict.covariate import Covariate, Misses
 from slam.criticism.verdict.criticism import Cause, Criticism, Gain, Interval, Rank
 from slam.criticism.verdict.sentence import sentence_of
 from slam.flight import Flight
+from slam.progress import Progress, Tally, silent
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 
@@ -77,9 +78,11 @@ class _Data:
         return list(dict.fromkeys(n.rpartition(".")[0] for n in self.columns))
 
 
-def judged_unled(flights: Sequence[Flight], model: Model, dropped: Sequence[str] = ()) -> Criticism | None:
+def judged_unled(
+    flights: Sequence[Flight], model: Model, dropped: Sequence[str] = (), progress: Progress = silent
+) -> Criticism | None:
     """Hold the instruments against each other; None where the flights have no two that can be."""
-    rows = [balances_of(flight) for flight in flights]
+    rows = [balances_of(flight) for flight in Tally(progress, "instruments", len(flights)).each(flights)]
     if not any(rows):
         return None
     data = _data(rows)

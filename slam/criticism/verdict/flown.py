@@ -27,6 +27,7 @@ from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.posterior import named
 from slam.criticism.verdict.rollouts import misses_of
+from slam.progress import Progress, Tally, silent
 
 Array = NDArray[np.float64]
 
@@ -85,13 +86,15 @@ class _Fit:
         return bool(less and shows.any() and np.mean(flights[shows] < before[shows]) > 0.5)
 
 
-def flown(records: Sequence[Record], belief: Setting, healthy: Setting, found: Search) -> Flown:
+def flown(
+    records: Sequence[Record], belief: Setting, healthy: Setting, found: Search, progress: Progress = silent
+) -> Flown:
     """The chosen terms at the sizes that fly best, with those with which flights fly better still, and
     without those that make no flight better.
 
     ``healthy`` is the belief without any cause: its misses are the measure.
     """
-    course = _Course(records, belief, healthy, found.model)
+    course = _Course(records, belief, healthy, found.model, progress)
     chosen, fit = _extended(course, found, course.fitted(belief, found.chosen))
     chosen, fit, without = _needed(course, chosen, fit, found.model)
     off = fit.steps - fit.steps.mean(axis=0)
@@ -197,8 +200,16 @@ def _flies(effect: Effect) -> bool:
 class _Course:
     """The flights' roll-outs, from the same states under every belief."""
 
-    def __init__(self, records: Sequence[Record], belief: Setting, healthy: Setting, model: Setting) -> None:
+    def __init__(
+        self,
+        records: Sequence[Record],
+        belief: Setting,
+        healthy: Setting,
+        model: Setting,
+        progress: Progress = silent,
+    ) -> None:
         self._records, self._model = records, model
+        self._rounds = Tally(progress, "fly ahead")
         self._states = in_threads(lambda record: whole(record, belief).states, records)
         misses = [self._misses(k, healthy) for k in range(len(records))]
         pooled = {c: np.concatenate([flight[c] for flight in misses]) for c in range(6, len(CHANNELS))}
@@ -244,7 +255,7 @@ class _Course:
         columns, h = tuple(steps), np.array(list(steps.values()))
         setting, damping, left = start, DAMPING, self._left(start)
         slope = self._slopes(setting, columns, h, left)
-        for _ in range(ROUNDS):
+        for _ in self._rounds.each(range(ROUNDS)):
             trial = _taken(setting, columns, h * _solved(slope, left, damping))
             now = self._left(trial)
             if _squares(now) < _squares(left):

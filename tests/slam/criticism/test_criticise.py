@@ -15,6 +15,7 @@ from slam.criticism.healthy import at_lower_rates, drawn_vehicle, flown
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search import effects as effects_module
 from slam.criticism.verdict.covariate import covariate
+from slam.progress import COMPILING
 from slam.simulation import simulate
 from slam.simulation.model import load_model
 from slam.simulation.recipe import load_recipe
@@ -78,6 +79,20 @@ def test_coloured_noise_is_healthy_and_told():
     assert "gyro (0.5" in found.sentence
     assert found.to_json()["noise_correlation"]["gyro"] == pytest.approx(0.5, abs=0.06)
     assert found.extended.imu.gyro_noise_correlation == found.noise_correlation["gyro"]
+
+
+def test_progress_tells_each_stage_and_that_it_goes_on():
+    told = []
+    flights = case(1)[:2]
+    criticise(flights, progress=lambda *step: told.append(step))
+    stages = [stage for stage in dict.fromkeys(step[0] for step in told) if stage != COMPILING]
+    assert stages == ["filter", "fit", "look", "roll out"]
+    for stage in stages:
+        done = [step[1] for step in told if step[0] == stage]
+        assert done == sorted(done)
+        assert done[0] == 0
+        assert done[-1] > 0
+    assert [step for step in told if step[0] == "filter"][-1] == ("filter", 2, 2)
 
 
 def test_what_is_missed_follows_the_guilty_covariate_until_the_cause_is_in_the_model():
