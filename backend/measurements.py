@@ -89,6 +89,8 @@ class PinholeModel:
     """Relative uncertainty of the focal length; 0 holds it, above 0 it is estimated."""
     radial_std: float = 0.0
     """Uncertainty of the first radial coefficient beyond what was removed; 0 holds it."""
+    mount_std_rad: float = 0.0
+    """Of the mount's tilt, about the camera's x and y; 0 holds it, above 0 it is estimated."""
 
 
 @dataclass(frozen=True)

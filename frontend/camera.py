@@ -33,6 +33,8 @@ class Camera:
     """Relative uncertainty of the focal length; above 0 it may be estimated from the flight."""
     radial_std: float = 0.0
     """Uncertainty of the first radial coefficient; above 0 it may be estimated from the flight."""
+    mount_std_rad: float = 0.0
+    """Uncertainty of how the mount leans; above 0 it may be estimated from the flight."""
 
     @property
     def matrix(self) -> Array:

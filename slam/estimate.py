@@ -76,11 +76,25 @@ class AccelerometerErrors:
 
 
 @dataclass(frozen=True)
+class MountTilt:
+    """How the camera sits on the body, against what was told."""
+
+    tilt_rad: tuple[float, float]
+    """Rotation about the body's x and y that takes the told mount to the found one."""
+    std_rad: float
+    """Of either."""
+    b_T_c: tuple[tuple[float, ...], ...]
+    """The found mount, four rows of four: ``T_BS`` of ``cam0/sensor.yaml``."""
+
+
+@dataclass(frozen=True)
 class InstrumentErrors:
     """What the map shows of the instruments' own errors; None where it shows nothing."""
 
     attitude: AttitudeErrors | None
     accelerometer: AccelerometerErrors | None
+    mount: MountTilt | None = None
+    """None where the camera's mount was held as told."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +120,7 @@ class Estimate:
     component: NDArray[np.int64]
     """(n,) connected part of the graph each keyframe belongs to; 0 is the largest, -1 not placed."""
     camera: Camera | None
-    """As estimated, where focal length or distortion were."""
+    """As estimated, where focal length, distortion or mount were."""
     floor_z_m: float
     """Height of the floor under the world's origin."""
     origin: GeoOrigin | None
@@ -133,7 +147,7 @@ class Estimate:
     range_errors: RangeErrors | None = None
     """What the height sensor's readings turned out to have in common; None where there is none."""
     instruments: InstrumentErrors = InstrumentErrors(None, None)
-    """Errors of attitude and accelerometer, as the map shows them."""
+    """Errors of attitude, accelerometer and mount, as the map shows them."""
     certificate: Certificate | None = None
     """Graphs alone: whether the solution is the global optimum."""
     elevation: Elevation | None = None

@@ -18,6 +18,7 @@ from slam.mapping.bridging import Bridges
 from slam.mapping.clocks import delay_to_take_out, stamped_later
 from slam.mapping.fusion import Fused, fuse
 from slam.mapping.horizon import seeing_floor
+from slam.mapping.lean import lean_of, remounted
 from slam.mapping.mapper import Edges, Known, Mapper, Sensors
 from slam.mapping.obstacles import Masks, Obstacles, echoes_in_map, find_obstacles, no_masks
 from slam.mapping.sightings import Sighter, Sightings
@@ -142,17 +143,20 @@ class _Job:
         )
 
     def final_map(self, flight: Flight, first: _FirstMap) -> tuple[Estimate, Sightings]:
-        """Compare what must overlap, refine, take out a clock's offset; ``flight`` is as it was flown."""
+        """Compare what must overlap, refine, take out what clock and mount are off; ``flight`` is as it was
+        flown."""
         back_end, chain, fused = first.back_end, first.chain, first.fused
         with self.clock("loops"):
             sightings = first.sighter.revisit(first.sightings, fused.over_floor_T_b, fused.floor_z_m)
         settled = self._settled(back_end, sightings, fused)
         late_s = delay_to_take_out(settled.fused.inertial)
-        if late_s != 0.0:  # once more, the instruments read at the pictures' moments
+        camera = self._remounted(back_end.flight, settled)
+        if late_s != 0.0 or camera is not None:  # once more, by the pictures' clock and the mount as it is
             flight = stamped_later(flight, late_s)
-            back_end = self._back_end(stamped_later(back_end.flight, late_s), sightings)
-            chain = self._chain(back_end.mapper, chain.sightings)
-            settled = self._settled(back_end, sightings, settled.fused)
+            mended = replace(self, camera=camera or self.camera)
+            back_end = mended._back_end(stamped_later(back_end.flight, late_s), sightings)
+            chain = mended._chain(back_end.mapper, chain.sightings)
+            settled = mended._settled(back_end, sightings, settled.fused)
         fused = settled.fused
         mapped = Mapped(
             settled.sightings, settled.edges, settled.solution, fused, chain.edges, chain.solution, late_s
@@ -160,6 +164,12 @@ class _Job:
         estimate = account(back_end.flight, self.config, back_end.mapper, mapped, self.clock.seconds)
         echoes = echoes_in_map(flight.sonar, sightings.stamps_s, fused.over_floor_T_b, fused.floor_z_m)
         return replace(estimate, elevation=echoes.map if echoes else None), settled.sightings
+
+    def _remounted(self, flight: Flight, settled: _SettledMap) -> Camera | None:
+        if flight.parts:  # each has a level of its own
+            return None
+        lean = lean_of(flight, settled.sightings.stamps_s, settled.fused.main_T_b)
+        return remounted(self.camera, lean, settled.fused.inertial)
 
     def _back_end(self, flight: Flight, sightings: Sightings) -> _BackEnd:
         sensors = Sensors.at(flight, sightings.stamps_s, flight.geo_origin(), self.config)

@@ -1,9 +1,10 @@
 """Factors that gtsam lacks: measurements in metres of poses that are kept over their own floor.
 
-The pictures' world has the floor at z = 0 and the mean height for its unit. One variable of six numbers
-stands it in the measured world: (log s, f, log g, d, a, b). A camera pose (R, p) is there at
-s A p + (0, 0, f), turned by A = Exp(a, b, 0), the slope of the floor; and the ranging sensor reads g times
-the range plus d, the error of its zero.
+The pictures' world has the floor at z = 0 and the mean height for its unit. One variable of eight numbers
+stands it in the measured world: (log s, f, log g, d, a, b, m, n). A camera pose (R, p) is there at
+s A p + (0, 0, f), turned by A = Exp(a, b, 0), the slope of the floor; the ranging sensor reads g times
+the range plus d, the error of its zero; and the camera sits as told, but turned by M = Exp(m, n, 0)
+about its own axes: what is fixed to the body stands in the camera's axes turned by M'.
 
 gtsam crashes on a custom factor that returns no or ill-shaped Jacobians; these always return them.
 """
@@ -18,9 +19,15 @@ from backend.se3 import cross_matrix
 
 Array = NDArray[np.float64]
 
-LOG_SCALE, FLOOR_Z, LOG_GAIN, DATUM, SLOPE = 0, 1, 2, 3, slice(4, 6)
+LOG_SCALE, FLOOR_Z, LOG_GAIN, DATUM, SLOPE, MOUNT = 0, 1, 2, 3, slice(4, 6), slice(6, 8)
 """Where each number stands in the world variable, and how many there are."""
-WORLD_SIZE = 6
+WORLD_SIZE = 8
+
+
+def turn_of(world: Array, which: slice) -> tuple[Array, Array]:
+    """The rotation (3, 3) by the slope or the mount of a world variable, and its right Jacobian (3, 2)."""
+    vector = np.array([*world[which], 0.0])
+    return gtsam.Rot3.Expmap(vector).matrix(), gtsam.Rot3.ExpmapDerivative(vector)[:, :2]
 
 
 def scaled_range_factor(
@@ -31,20 +38,22 @@ def scaled_range_factor(
     With ``r`` the third row of R, ``u`` the sensor's z axis and ``t`` its origin in camera axes: the
     sensor's z is s p_z + r t and R33 = r u; a right perturbation w turns r into r - w x r. Source: derived.
     """
-    u, t = c_T_s[:3, 2], c_T_s[:3, 3]
-    u_hat, t_hat = cross_matrix(u), cross_matrix(t)
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         pose, world = values.atPose3(pose_key), values.atVector(world_key)
         scale, gain = np.exp(world[LOG_SCALE]), np.exp(world[LOG_GAIN])
+        M, turn = turn_of(world, MOUNT)
+        u, t = (M.T @ c_T_s[:3, 2:]).T
         row, z = pose.rotation().matrix()[2], pose.translation()[2]
         height, cosine = scale * z + row @ t, row @ u
         if jacobians is not None:
             J = np.empty((1, 6))
-            J[0, :3] = (t_hat @ row - height / cosine * (u_hat @ row)) / cosine
+            of_turn = (np.cross(t, row) - height / cosine * np.cross(u, row)) / cosine
+            J[0, :3] = of_turn
             J[0, 3:] = scale * row / cosine
             jacobians[0] = gain * J
             J = np.zeros((1, WORLD_SIZE))
+            J[0, MOUNT] = -gain * of_turn @ turn
             J[0, LOG_SCALE], J[0, LOG_GAIN] = gain / cosine * scale * z, gain / cosine * height
             J[0, DATUM] = 1.0
             jacobians[1] = J
@@ -57,19 +66,19 @@ def scaled_position_factor(
     pose_key: int, world_key: int, w_p_b_m: Array, model: gtsam.noiseModel.Base, c_T_b: Array
 ) -> gtsam.CustomFactor:
     """Position of the body's origin: A (s p + R t) + (0, 0, f) - measured; t is the body in camera axes."""
-    t = c_T_b[:3, 3]
-    t_hat = cross_matrix(t)
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         pose, world = values.atPose3(pose_key), values.atVector(world_key)
         R, p, scale = pose.rotation().matrix(), pose.translation(), np.exp(world[LOG_SCALE])
-        slope = np.array([*world[SLOPE], 0.0])
-        A, over_floor = gtsam.Rot3.Expmap(slope).matrix(), scale * p + R @ t
+        (A, slope_turn), (M, mount_turn) = turn_of(world, SLOPE), turn_of(world, MOUNT)
+        t = M.T @ c_T_b[:3, 3]
+        over_floor, t_hat = scale * p + R @ t, cross_matrix(t)
         if jacobians is not None:
             jacobians[0] = A @ np.hstack([-R @ t_hat, scale * R])
             J = np.zeros((3, WORLD_SIZE))
             J[:, LOG_SCALE], J[2, FLOOR_Z] = scale * A @ p, 1.0
-            J[:, SLOPE] = (-A @ cross_matrix(over_floor) @ gtsam.Rot3.ExpmapDerivative(slope))[:, :2]
+            J[:, SLOPE] = -A @ cross_matrix(over_floor) @ slope_turn
+            J[:, MOUNT] = A @ R @ t_hat @ mount_turn
             jacobians[1] = J
         return A @ over_floor + np.array([0.0, 0.0, world[FLOOR_Z]]) - w_p_b_m
 
@@ -79,24 +88,24 @@ def scaled_position_factor(
 def level_factor(
     pose_key: int, world_key: int, c_up: Array, model: gtsam.noiseModel.Base
 ) -> gtsam.CustomFactor:
-    """Measured up direction in camera axes against the world's, R' A' e_z: (2,) rad across the measured one.
+    """Measured up in camera axes against the world's, M R' A' e_z: (2,) rad across the measured one.
 
     The pose stands over its own floor, but gravity is the world's. Source: derived.
     """
     across = np.linalg.svd(c_up[None])[2][1:]
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
-        R = values.atPose3(pose_key).rotation().matrix()
-        slope = np.array([*values.atVector(world_key)[SLOPE], 0.0])
-        f_up = gtsam.Rot3.Expmap(slope).matrix()[2]
-        up = R.T @ f_up
+        R, world = values.atPose3(pose_key).rotation().matrix(), values.atVector(world_key)
+        (A, slope_turn), (M, mount_turn) = turn_of(world, SLOPE), turn_of(world, MOUNT)
+        f_up = A[2]
+        up, seen = R.T @ f_up, across @ M
         if jacobians is not None:
-            jacobians[0] = across @ np.hstack([cross_matrix(up), np.zeros((3, 3))])
-            turn = gtsam.Rot3.ExpmapDerivative(slope)[:, :2]
+            jacobians[0] = seen @ np.hstack([cross_matrix(up), np.zeros((3, 3))])
             J = np.zeros((2, WORLD_SIZE))
-            J[:, SLOPE] = across @ R.T @ cross_matrix(f_up) @ turn
+            J[:, SLOPE] = seen @ R.T @ cross_matrix(f_up) @ slope_turn
+            J[:, MOUNT] = -seen @ cross_matrix(up) @ mount_turn
             jacobians[1] = J
-        return np.asarray(across @ up)
+        return np.asarray(seen @ up)
 
     return gtsam.CustomFactor(model, [pose_key, world_key], error)
 

@@ -16,12 +16,14 @@ from backend.bundle.factors import (
     FLOOR_Z,
     LOG_GAIN,
     LOG_SCALE,
+    MOUNT,
     SLOPE,
     WORLD_SIZE,
     body_up,
     level_factor,
     scaled_position_factor,
     scaled_range_factor,
+    turn_of,
 )
 from backend.bundle.floor_points import where_rays_meet
 from backend.measurements import FloorTracks, Measurements, PinholeModel
@@ -88,8 +90,14 @@ class BundleProblem:
 
     @property
     def c_T_b(self) -> Array:
-        """Body coordinates to camera coordinates."""
+        """Body coordinates to camera coordinates, as the mount was told."""
         return np.asarray(np.linalg.inv(self.camera.b_T_c), dtype=float)
+
+    def b_T_c(self, values: gtsam.Values) -> Array:
+        """Camera coordinates to body coordinates, as the mount is found to be."""
+        turn = np.eye(4)
+        turn[:3, :3] = turn_of(values.atVector(WORLD), MOUNT)[0]
+        return np.asarray(self.camera.b_T_c @ turn)
 
 
 def start_values(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> gtsam.Values:
@@ -195,6 +203,7 @@ def _add_gauge(
     heard_m = relief * float(np.exp(start.atVector(WORLD)[LOG_SCALE]))
     sigmas[DATUM] = max(float(np.hypot(problem.measurements.range_datum_std_m, heard_m)), held)
     sigmas[SLOPE] = problem.config.slope_std_rad if placed else held
+    sigmas[MOUNT] = max(problem.camera.mount_std_rad, held)
     world = start.atVector(WORLD)
     if problem.lengths is not None:
         sigmas[LOG_SCALE] = problem.lengths.log_std
@@ -207,8 +216,8 @@ def metric_poses(problem: BundleProblem, values: gtsam.Values) -> Array:
     """Body poses (n, 4, 4) in metres in the measured world."""
     world = values.atVector(WORLD)
     w_T_f = np.eye(4)
-    w_T_f[:3, :3] = gtsam.Rot3.Expmap(np.array([*world[SLOPE], 0.0])).matrix()
+    w_T_f[:3, :3] = turn_of(world, SLOPE)[0]
     w_T_f[2, 3] = world[FLOOR_Z]
     f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(problem.measurements.count)])
     f_T_c[:, :3, 3] *= np.exp(world[LOG_SCALE])
-    return np.asarray(w_T_f @ f_T_c @ problem.c_T_b)
+    return np.asarray(w_T_f @ f_T_c @ np.linalg.inv(problem.b_T_c(values)))

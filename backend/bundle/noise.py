@@ -151,7 +151,8 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
     if len(measurements.ranges) > 3:
         metric = f_T_c.copy()
         metric[:, :3, 3] *= np.exp(world[LOG_SCALE])
-        f_T_s = np.array([metric[r.k] @ problem.c_T_b @ r.b_T_s for r in measurements.ranges])
+        c_T_b = np.linalg.inv(problem.b_T_c(values))
+        f_T_s = np.array([metric[r.k] @ c_T_b @ r.b_T_s for r in measurements.ranges])
         seen = np.exp(world[LOG_GAIN]) * f_T_s[:, 2, 3] / f_T_s[:, 2, 2] + world[DATUM]
         off = seen - np.array([r.range_m for r in measurements.ranges])
         told = float(np.median([r.std_m for r in measurements.ranges]))

@@ -23,7 +23,7 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.factors import DATUM, FLOOR_Z, LOG_GAIN, LOG_SCALE, SLOPE, WORLD_SIZE
+from backend.bundle.factors import DATUM, FLOOR_Z, LOG_GAIN, LOG_SCALE, MOUNT, SLOPE, WORLD_SIZE, turn_of
 from backend.bundle.graph import (
     WORLD,
     BundleConfig,
@@ -64,6 +64,10 @@ class Bundle:
     focal_px: tuple[float, float]
     radial: tuple[float, float]
     """Radial coefficients (k1, k2) that go with ``focal_px``; zero where they were held."""
+    b_T_c: Array
+    """(4, 4) how the camera sits on the body, as found."""
+    mount_std_rad: float
+    """Of its tilt, about the less certain axis; 0 where it was held."""
     range_errors: RangeErrors | None
     """None where nothing was ranged."""
     scale_std: float | None
@@ -127,8 +131,8 @@ def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array
     ``origin`` (3,), in mean heights, stays where it is when the scale changes.
     """
     n, world = problem.measurements.count, values.atVector(WORLD)
-    scale, tilt = float(np.exp(world[LOG_SCALE])), np.array([*world[SLOPE], 0.0])
-    A, turn = gtsam.Rot3.Expmap(tilt).matrix(), gtsam.Rot3.ExpmapDerivative(tilt)[:, :2]
+    scale = float(np.exp(world[LOG_SCALE]))
+    (A, turn), (_, mount_turn) = turn_of(world, SLOPE), turn_of(world, MOUNT)
     jacobians = np.zeros((n, 6, 6 + WORLD_SIZE))
     for k, J in enumerate(jacobians):
         pose = values.atPose3(POSE(k)).matrix()
@@ -141,7 +145,9 @@ def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array
         # A right perturbation of the slope turns the whole map about the floor under the origin.
         of_world[:3, SLOPE] = R.T @ turn
         of_world[3:, SLOPE] = -scale * R.T @ cross_matrix(p) @ turn
-    return np.asarray(gtsam.Pose3(problem.camera.b_T_c).AdjointMap() @ jacobians)
+        # The camera stays where it is; the body turns about it the other way.
+        of_world[:3, MOUNT] = -mount_turn
+    return np.asarray(gtsam.Pose3(problem.b_T_c(values)).AdjointMap() @ jacobians)
 
 
 def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Values) -> tuple[Array, Array]:
@@ -180,6 +186,7 @@ def _result(
     world = values.atVector(WORLD)
     poses = [POSE(k) for k in range(problem.measurements.count)]
     joint = joint_covariances(graph, values, poses, WORLD)
+    mount_std = float(np.sqrt(np.diag(joint[0, 6:, 6:])[MOUNT].max()))
     return Bundle(
         metric_poses(problem, values),
         *_metric_covariances(problem, joint, values),
@@ -188,6 +195,8 @@ def _result(
         float(np.exp(world[LOG_SCALE])),
         focal,
         radial,
+        problem.b_T_c(values),
+        mount_std if problem.camera.mount_std_rad > 0 else 0.0,
         _range_errors(world, joint[0, 6:, 6:]) if problem.measurements.ranges else None,
         float(np.sqrt(joint[0, 6 + LOG_SCALE, 6 + LOG_SCALE])) if problem.scaled else None,
         noise,

@@ -74,6 +74,7 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
         sensor.transform() if sensor.has("T_BS") else NADIR_B_T_C.copy(),
         sensor.number("focal_std_ratio", 0.0),
         sensor.number("radial_std", 0.0),
+        sensor.number("mount_std", 0.0),
     )
 
 

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.solution import Solution
-from slam.estimate import Estimate, InstrumentErrors, LoopVerdict
+from slam.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTilt
 from slam.flight import Flight
 from slam.info import describe, missing_for_map
 from slam.mapping.chain import chain
 from slam.mapping.clocks import delay_told
 from slam.mapping.fusion import Fused, comparable
-from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors, lean_told
+from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors
+from slam.mapping.lean import lean_of, lean_told, mount_tilt, mount_told
 from slam.mapping.mapper import Edges, Mapper
 from slam.mapping.sightings import Sightings
 from slam.settings import PipelineConfig
@@ -143,8 +144,9 @@ def account(
         ),
         floor_slope_rad=fused.slope_rad,
         instruments=InstrumentErrors(
-            attitude_errors(flight, sightings.stamps_s, _main(fused), not flight.parts),
+            attitude_errors(flight, sightings.stamps_s, fused.main_T_b, not flight.parts),
             accelerometer_errors(fused.inertial, mapped.late_s),
+            _mount(flight, fused),
         ),
         scale_std=fused.bundle.scale_std if fused.bundle else None,
         range_errors=fused.bundle.range_errors if fused.bundle else None,
@@ -165,16 +167,15 @@ def _moving(sightings: Sightings) -> list[str]:
 
 def _instruments_off(flight: Flight, mapped: Mapped) -> list[str]:
     sightings, fused = mapped.sightings, mapped.fused
-    told = [delay_told(fused.inertial, mapped.late_s)]
+    told = [mount_told(_mount(flight, fused)), delay_told(fused.inertial, mapped.late_s)]
     if not fused.georeferenced and not flight.parts:
         # Positions would have told whether the ground slopes.
-        told.insert(0, lean_told(flight, sightings.stamps_s, _main(fused)))
+        told.insert(0, lean_told(lean_of(flight, sightings.stamps_s, fused.main_T_b)))
     return [line for line in told if line]
 
 
-def _main(fused: Fused) -> Array:
-    """(n, 4, 4) poses of the largest part, NaN for the others, which have worlds of their own."""
-    return np.where((fused.component == 0)[:, None, None], fused.w_T_b, np.nan)
+def _mount(flight: Flight, fused: Fused) -> MountTilt | None:
+    return mount_tilt(flight.camera, fused.bundle) if flight.camera is not None else None
 
 
 def reason_kind(reason: str) -> str:

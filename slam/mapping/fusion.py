@@ -52,6 +52,11 @@ class Fused:
         return self.bundle.floor_slope_rad if self.bundle else (0.0, 0.0)
 
     @property
+    def main_T_b(self) -> Array:
+        """(n, 4, 4) poses of the largest part, NaN for the others, which have worlds of their own."""
+        return np.where((self.component == 0)[:, None, None], self.w_T_b, np.nan)
+
+    @property
     def over_floor_T_b(self) -> Array:
         """(n, 4, 4) poses over a floor made level at ``floor_z_m``."""
         return over_floor(self.w_T_b, self.slope_rad, self.floor_z_m)
@@ -195,6 +200,7 @@ def _headed(w_T_b: Array, sensors: Sensors, members: NDArray[np.int64]) -> Array
 
 
 def _calibrated(camera: Camera, bundle: Bundle) -> Camera:
+    camera = replace(camera, b_T_c=bundle.b_T_c)
     if camera.focal_std_ratio == 0:
         return camera
     return replace(camera, focal_px=bundle.focal_px, distortion=(*bundle.radial, 0.0, 0.0))

@@ -297,6 +297,7 @@ class Mapper:
                 camera.b_T_c,
                 camera.focal_std_ratio,
                 0.0 if camera.is_distorted else camera.radial_std,
+                camera.mount_std_rad,
             ),
         )
 

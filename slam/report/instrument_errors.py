@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import degrees
 
-from slam.estimate import AccelerometerErrors, AttitudeErrors
+from slam.estimate import AccelerometerErrors, AttitudeErrors, MountTilt
 
 _SPACE = "\N{NARROW NO-BREAK SPACE}"
 
@@ -25,6 +25,14 @@ def heading_told(found: AttitudeErrors | None) -> str:
     if found is None or found.heading_wander_rad is None:
         return ""
     return f"{degrees(found.heading_wander_rad):.1f}°"
+
+
+def mount_told(found: MountTilt | None) -> str:
+    """How the camera sits on the body, against what was told."""
+    if found is None:
+        return ""
+    roll, pitch = (f"{degrees(tilt):+.2f}" for tilt in found.tilt_rad)
+    return f"roll {roll}, pitch {pitch} ±{_SPACE}{degrees(found.std_rad):.2f}°"
 
 
 def accelerometer_told(found: AccelerometerErrors | None) -> str:

@@ -17,6 +17,7 @@ from slam.report.instrument_errors import (
     attitude_told,
     heading_told,
     lengths_told,
+    mount_told,
 )
 from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture, width_px
@@ -116,6 +117,7 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Zero of the height sensor", facts.sensor_zero),
         Item("Attitude sensor against the map", attitude_told(estimate.instruments.attitude)),
         Item("Its heading wanders by", heading_told(estimate.instruments.attitude)),
+        Item("Camera's mount is off by", mount_told(estimate.instruments.mount)),
         Item("Accelerometer's offset", accelerometer_told(estimate.instruments.accelerometer)),
         Item("Its place on the body", arm_told(estimate.instruments.accelerometer)),
         Item("Lengths as it has them", lengths_told(estimate.instruments.accelerometer)),

@@ -10,6 +10,7 @@ from backend.bundle.factors import (
     FLOOR_Z,
     LOG_GAIN,
     LOG_SCALE,
+    MOUNT,
     SLOPE,
     WORLD_SIZE,
     body_up,
@@ -40,16 +41,18 @@ def draw(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     c_T_b = rigid(mount, rng.normal(0, 0.2, 3))
     w_R_b = Rotation.from_euler("ZYX", [rng.uniform(-3, 3), *rng.uniform(-0.5, 0.5, 2)])
     f_T_c = rigid(w_R_b * mount.inv(), [*rng.normal(0, 3, 2), rng.uniform(0.5, 2)])
-    world = np.array([rng.uniform(-1, 5), *rng.normal(0, [100, 0.05, 0.1]), *rng.uniform(-0.3, 0.3, 2)])
+    world = np.array([rng.uniform(-1, 5), *rng.normal(0, [100, 0.05, 0.1]), *rng.uniform(-0.3, 0.3, 4)])
     return f_T_c, world, c_T_b
 
 
 def metric_world_pose(f_T_c: np.ndarray, world: np.ndarray, c_T_b: np.ndarray) -> np.ndarray:
-    """The body in the measured world, by the words of the module: scale, then lean, then lift."""
+    """The body in the measured world, by the words of the module: scale, then lean, then lift; the camera
+    turned on its mount."""
     over_floor = f_T_c.copy()
     over_floor[:3, 3] *= np.exp(world[LOG_SCALE])
     lean = rigid(Rotation.from_rotvec([*world[SLOPE], 0.0]), [0, 0, world[FLOOR_Z]])
-    return lean @ over_floor @ c_T_b
+    turned = rigid(Rotation.from_rotvec([*world[MOUNT], 0.0]).inv(), np.zeros(3))
+    return lean @ over_floor @ turned @ c_T_b
 
 
 def values_of(f_T_c: np.ndarray, world: np.ndarray) -> gtsam.Values:

@@ -7,11 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from slam import optimize
-from slam.flight import AttitudeSeries, Flight
-from slam.mapping.instrument_errors import attitude_errors, lean_told
+from slam.mapping.instrument_errors import attitude_errors
 from tests.slam.small_flight import flown
 
 OFFSET_RAD, WANDER_RAD = np.array([0.06, -0.03]), 0.2
@@ -60,32 +58,6 @@ def test_what_was_not_recorded_is_not_judged(flight):
     assert attitude_errors(flight, stamps_s, poses, level=False) is None
     assert attitude_errors(flight, stamps_s, np.full((20, 4, 4), np.nan)) is None
     assert optimize(replace(flight, imu=None)).instruments.accelerometer is None
-
-
-def leaning(of_ground_rad: float, of_mount_rad: float, turns_rad: float) -> str:
-    """What is told of a vehicle that turns over ground rising along x, its attitude's zero off in roll."""
-    rng = np.random.default_rng(0)
-    stamps_s = np.linspace(0, 20, 201)
-    heading = turns_rad * stamps_s / 20
-    sway = rng.normal(0, 0.01, (201, 2))
-    over_floor = Rotation.from_euler("ZYX", np.column_stack([heading, sway]))
-    upright = Rotation.from_euler("y", -of_ground_rad) * over_floor
-    angles = upright.as_euler("ZYX")[:, ::-1] + [of_mount_rad, 0, 0] + rng.normal(0, 0.005, (201, 3))
-    poses = np.tile(np.eye(4), (201, 1, 1))
-    poses[:, :3, :3] = over_floor.as_matrix()
-    return lean_told(Flight("made", attitude=AttitudeSeries(stamps_s, angles)), stamps_s, poses)
-
-
-def test_ground_that_slopes_is_told_and_from_what():
-    told = leaning(0.06, 0.0, 6.0)
-    size_deg, uphill_deg = (float(n) for n in re.findall(r"([-+]?[\d.]+)°", told))
-    assert size_deg == pytest.approx(np.degrees(0.06), abs=0.1)
-    assert abs(uphill_deg) < 3
-    assert "the ground slopes" in told
-    assert "one side of the body" in leaning(0.0, 0.06, 6.0)
-    # Under one heading nothing tells them apart.
-    assert "the ground slopes, the camera's mount leans or" in leaning(0.06, 0.0, 0.0)
-    assert leaning(0.01, 0.01, 6.0) == ""
 
 
 def test_the_map_of_a_flight_whose_attitude_leans_says_so(flight):
