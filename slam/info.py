@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from backend.measurements import GRAVITY_M_S2
 from slam.errors import NO_CAMERA
@@ -281,8 +282,16 @@ def print_info(info: FlightInfo, console: Console) -> None:
     """Print as tables and lists; text that came with the flight is shown as it is, never as markup."""
     table = Table(title=f"{escape(brief(info.name))}, {info.duration_s:.1f} s", title_justify="left")
     table.add_column("stream")
-    for title in ("rows", "Hz", "starts [s]", "lasts [s]", "gaps", "largest [s]", "values missing"):
-        table.add_column(title, justify="right")
+    for title in (
+        "rows",
+        "rate [Hz]",
+        "starts [s]",
+        "lasts [s]",
+        "gaps",
+        "largest gap [s]",
+        "values missing",
+    ):
+        table.add_column(Text(title), justify="right")
     for s in info.streams:
         rate = "" if math.isnan(s.rate_hz) else f"{s.rate_hz:.3g}"
         cells = [str(s.count), rate, f"{s.start_s:.2f}", f"{s.duration_s:.2f}", str(s.gaps or "")]

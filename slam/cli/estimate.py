@@ -91,6 +91,7 @@ def figures(navigation: Navigation) -> FigureTable:
     """The short table at the end."""
     import numpy as np
 
+    from slam.inertial.navigate import refused, softened
     from slam.report.accuracy import FigureTable
     from slam.report.facts import length, position_sigma_m
 
@@ -106,8 +107,9 @@ def figures(navigation: Navigation) -> FigureTable:
     for name, channel in track.channels.items():
         nis = channel.nis[np.isfinite(channel.nis)]
         mean = f"{nis.mean():.2f}" if len(nis) else "–"
-        rows.append((f"{name}, mean NIS", f"{mean} over {len(channel.stamps_s)} readings"))
-    rows.append(("left out", ", ".join(f"{n} x {why}" for why, n in found.rejected.items()) or "nothing"))
+        rows.append((f"{name}, mean NIS (1 is right)", f"{mean} over {len(channel.stamps_s)} readings"))
+    for name, counted in (("left out", refused(track)), ("weighed less", softened(track))):
+        rows.append((name, ", ".join(f"{n} x {why}" for why, n in counted.items()) or "nothing"))
     rows += [("found", warning) for warning in found.warnings]
     rows.append(("time", f"{sum(found.timing_s.values()):.1f} s"))
     return FigureTable(found.name, (), tuple(rows))

@@ -29,7 +29,7 @@ def loops(
     from slam.console import console, progress_shown
     from slam.loops import evaluate_loops
     from slam.loops.figure import draw
-    from slam.loops.output import full_record, summary_record, table
+    from slam.loops.output import EXPLAINED, full_record, summary_record, table
     from slam.outputs import output_folder
     from slam.summary import json_text
 
@@ -42,6 +42,8 @@ def loops(
         (folder / "loops.png").write_bytes(draw(result))
         (folder / "summary.json").write_text(json_text(summary_record(result)), encoding="utf-8")
     screen.print(shown(table(result)))
+    for line in EXPLAINED:
+        screen.print(line, markup=False)
     for warning in result.warnings:
         screen.print(f"note: {warning}", markup=False)
     screen.print(written([out / "loops.png"]), soft_wrap=True)

@@ -21,9 +21,10 @@ _MOST_WARNINGS = 8
 
 
 def shown(figures: FigureTable) -> Table:
-    """A table of the report for the terminal; names from outside are printed as text, never as markup."""
+    """A table of the report for the terminal; names from outside and units in brackets are printed as text,
+    never as markup."""
     made = Table(
-        title=figures.title,
+        title=Text(one_line(figures.title)),
         title_justify="left",
         box=box.SIMPLE_HEAD,
         pad_edge=False,
@@ -31,7 +32,7 @@ def shown(figures: FigureTable) -> Table:
     )
     for k in range(max((len(row) for row in figures.rows), default=1)):
         heading = figures.columns[k] if figures.columns else ""
-        made.add_column(heading, justify="left" if k == 0 else "right", overflow="fold")
+        made.add_column(Text(heading), justify="left" if k == 0 else "right", overflow="fold")
     for row in figures.rows:
         made.add_row(*(Text(one_line(cell)) for cell in row))
     return made

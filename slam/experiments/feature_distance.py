@@ -176,6 +176,7 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
     for strength, density in trials[0].drawing.items():
         left.stairs(density, edges, label=labels[strength], lw=1.6)
     left.set_yscale("log")
+    left.yaxis.set_major_formatter("{x:g}")
     left.set_xlabel("distance of the two features of a match in the picture [px]")
     left.set_ylabel("density [1/px]")
     left.set_title("one flight: all matches", fontsize=10)

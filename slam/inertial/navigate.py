@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -85,7 +86,7 @@ def navigate(
         loops=(),
         chain_w_T_b=dead_reckoning(flight, track.smoothed.w_T_b, at_s),
         odometry_w_T_b=track.filtered.w_T_b,
-        rejected=_refused(track),
+        rejected=refused(track) | softened(track),
         timing_s=clock.seconds,
         warnings=(*flight.warnings, *describe(flight).odd, *said, *_found_odd(given, track)),
         ways=WAYS,
@@ -184,18 +185,24 @@ def _unobserved(given: FilterInput, known_to_m: float) -> list[str]:
     return said
 
 
-def _refused(track: Track) -> dict[str, int]:
-    """Components of readings that were not taken as they are, by reason."""
-    counted: dict[str, int] = {}
-    for name, channel in track.channels.items():
-        for code, reason in (
-            (status.REFUSED, "far from what was foreseen"),
-            (status.SOFTENED, "off, taken with less weight"),
-            (status.UNABLE, "impossible in that attitude"),
-        ):
-            if count := channel.count(code):
-                counted[f"{name}: {reason}"] = count
-    return counted
+def refused(track: Track) -> dict[str, int]:
+    """Components of readings that were left out, by reason."""
+    reasons = {status.REFUSED: "far from what was foreseen", status.UNABLE: "impossible in that attitude"}
+    return _counted(track, reasons)
+
+
+def softened(track: Track) -> dict[str, int]:
+    """Components of readings that count for less than their noise says, by reason."""
+    return _counted(track, {status.SOFTENED: "off, taken with less weight"})
+
+
+def _counted(track: Track, reasons: Mapping[int, str]) -> dict[str, int]:
+    return {
+        f"{name}: {reason}": count
+        for name, channel in track.channels.items()
+        for code, reason in reasons.items()
+        if (count := channel.count(code))
+    }
 
 
 def _found_odd(given: FilterInput, track: Track) -> list[str]:
@@ -206,7 +213,8 @@ def _found_odd(given: FilterInput, track: Track) -> list[str]:
     ]
     for name, channel in track.channels.items():
         if steps := channel.count(status.STEPPED):
-            said.append(f"{name} stepped {steps} times; each step was taken for an error of its own")
+            times = "once; the step was" if steps == 1 else f"{steps} times; each step was"
+            said.append(f"{name} stepped {times} taken for an error of its own")
     assert track.smoothed is not None
     errors, std = track.smoothed.errors, track.smoothed.errors_std
     for name, words, unit in (

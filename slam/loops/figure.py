@@ -62,14 +62,16 @@ def _curves(
         label = method.name
         if evaluation.true_pairs:
             first = 100 * curve.full_precision_recall
-            label += f": area {curve.area:.3f}, {first:.0f} % before the first false loop"
+            label += f": {first:.0f} % before the first false loop, area {curve.area:.3f}"
         recall = np.concatenate([[0.0], curve.recall]) if len(curve.recall) else curve.recall
         precision = np.concatenate([curve.precision[:1], curve.precision])
         axes.plot(recall, precision, line, color=color, lw=width, label=label, drawstyle="steps-pre")
         axes.plot(recall[-1:], precision[-1:], "o", color=color, ms=5)
     if not evaluation.true_pairs:
         axes.text(0.5, 0.5, "no true loop in this flight", ha="center", color=GREY)
-    axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.04), xlabel="recall", ylabel="precision", title=title)
+    axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.04), title=title)
+    axes.set_xlabel("recall: share of all true loops that is taken")
+    axes.set_ylabel("precision: share of what is taken that is true")
     axes.grid(color="#e4e7eb", linewidth=0.6)
     _legend_below(axes, 1)
 
@@ -82,6 +84,7 @@ def _stages(axes: Axes, evaluation: LoopEvaluation) -> None:
         bars = axes.barh(place + offset, count, 0.36, color=color, label=f"{kind} loops")
         axes.bar_label(bars, [str(c) for c in count], padding=3, fontsize=9)
     axes.set_xscale("symlog", linthresh=10)
+    axes.xaxis.set_major_formatter("{x:g}")
     most = max((max(s.counts.true, s.counts.false) for s in evaluation.stages), default=1)
     axes.set_xlim(0, 3 * max(most, 10))
     axes.set_yticks(place, names)

@@ -168,16 +168,20 @@ def _words(name: str) -> str:
     return name.replace("_", " ")
 
 
+_IN_WORDS = {"nothing": "nothing is wrong", "unknown": "something unknown"}
+"""Hypotheses that are no terms."""
+
+
 def ranking_picture(result: Criticism) -> bytes:
     """Bars of probability and strength; ``nothing`` and ``unknown`` are always among them."""
-    always = [r for r in result.ranking if r.name in ("nothing", "unknown", "something else")]
+    always = [r for r in result.ranking if r.name in _IN_WORDS]
     named = sorted((r for r in result.ranking if r not in always), key=lambda r: (-r.probability, -r.z))
     shown = (named[: MOST_BARS - len(always)] + always)[::-1]
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7.2, 0.6 + 0.28 * len(shown)), dpi=160, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    names = [r.name.upper() if r in always else r.name.replace("_", " ") for r in shown]
+    names = [_IN_WORDS.get(r.name, _words(r.name)) for r in shown]
     chosen = {cause.name for cause in result.causes}
     colours = [BLUE if r.name in chosen else ORANGE if r in always else GREY for r in shown]
     left.barh(names, [r.probability for r in shown], color=colours)

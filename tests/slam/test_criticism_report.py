@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from slam.criticism.healthy import flown
@@ -111,6 +112,16 @@ def test_nothing_and_unknown_are_always_among_the_bars() -> None:
     many = np.asarray(Image.open(io.BytesIO(ranking_picture(made()))))
     few = np.asarray(Image.open(io.BytesIO(ranking_picture(Criticism("named", "", ranking=RANKING[-2:])))))
     assert many.shape[0] > few.shape[0] > 100
+
+
+def test_no_hypothesis_shouts(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr("slam.report.criticism_pictures.png", lambda figure: drawn.append(figure) or b"")
+    ranking_picture(made())
+    drawn[0].canvas.draw()
+    names = [tick.get_text() for tick in drawn[0].axes[0].get_yticklabels()]
+    assert {"nothing is wrong", "something unknown", "quadratic drag"} <= set(names)
+    assert all(name == name.lower() for name in names)
 
 
 def test_a_dot_a_part() -> None:

@@ -165,3 +165,11 @@ def test_measured_flights():
     info = describe(read_flight(Path(DATA, "flights/px4flow-quad")))
     assert any("yaw is unwrapped" in line for line in info.odd)
     assert all(s.gaps == 3 for s in info.streams)
+
+
+def test_every_column_names_its_unit():
+    out = io.StringIO()
+    print_info(describe(made_flight(seconds=20)), Console(file=out, width=200))
+    heading = next(line for line in out.getvalue().splitlines() if "stream" in line)
+    for title in ("rate [Hz]", "starts [s]", "lasts [s]", "largest gap [s]"):
+        assert title in heading

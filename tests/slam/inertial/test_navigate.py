@@ -11,7 +11,9 @@ from scipy.stats import chi2
 from typer.testing import CliRunner
 
 from backend import se3
+from backend.ekf import records as status
 from slam.cli import app
+from slam.cli.estimate import figures
 from slam.errors import InputError
 from slam.evaluation import evaluate
 from slam.evaluation.trajectory import gauge
@@ -158,6 +160,17 @@ def test_command_writes_all_and_evaluate_reads_it(flight, tmp_path):
     assert compared.exit_code == 0, compared.output
     again = CliRunner().invoke(app, ["estimate", str(tmp_path / "flight"), "--out", str(tmp_path / "out")])
     assert again.exit_code == 0, "an earlier output is replaced"
+
+
+def test_what_only_weighs_less_is_not_said_to_be_left_out(flight, navigation):
+    heard = navigation.track.channels["range"]
+    marked = heard.status.copy()
+    marked[:5, 0], marked[5:7, 0] = status.SOFTENED, status.REFUSED
+    channels = {**navigation.track.channels, "range": replace(heard, status=marked)}
+    rows = dict(figures(replace(navigation, track=replace(navigation.track, channels=channels))).rows)
+    assert "5 x range: off, taken with less weight" in rows["weighed less"]
+    assert "2 x range: far from what was foreseen" in rows["left out"]
+    assert "weight" not in rows["left out"]
 
 
 def test_command_refuses_in_one_line(flight, tmp_path):

@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 from slam.cli import app
@@ -26,6 +27,7 @@ from slam.loops.evaluation import (
     score_exhaustive,
     score_method,
 )
+from slam.loops.figure import draw
 from slam.loops.reference import FALSE, TRUE, UNDECIDED
 from slam.outputs import LOOPS_NAMES
 from tests.slam.small_flight import flown, gps_of, only
@@ -158,6 +160,15 @@ def test_what_cannot_be_judged_is_refused_in_one_line(spoil, saying):
     assert "\n" not in str(refusal.value)
 
 
+def test_counts_of_loops_stand_on_an_axis_of_plain_numbers(monkeypatch):
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+    draw(evaluated())
+    drawn[0].canvas.draw()
+    ticks = [tick.get_text() for tick in drawn[0].axes[2].get_xticklabels()]
+    assert {"0", "10", "100"} <= set(ticks)
+
+
 def test_the_command_writes_its_files_and_a_table(tmp_path):
     write_flight(only(flight(), range(0, len(flight().frames), 2)), tmp_path / "flight")
     out = tmp_path / "out"
@@ -166,6 +177,8 @@ def test_the_command_writes_its_files_and_a_table(tmp_path):
     assert run.exit_code == 0, run.output
     assert {path.name for path in out.iterdir()} == set(LOOPS_NAMES)
     assert re.search(r"bag of words +[01](\.\d{3})?", run.stdout)
+    assert re.search(r"our map +\d+ of \d+ / \d+", run.stdout)
+    assert "(recall at a precision of 100 %)" in " ".join(run.stdout.split())
     summary, record = (json.loads((out / name).read_text()) for name in ("summary.json", "loops.json"))
     assert summary["status"] == "ok"
     assert summary["methods"] == record["methods"]

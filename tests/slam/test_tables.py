@@ -1,0 +1,20 @@
+"""The tables on the terminal."""
+
+from __future__ import annotations
+
+import io
+
+from rich.console import Console
+
+from slam.cli.tables import shown
+from slam.report.accuracy import FigureTable
+
+
+def test_what_stands_in_brackets_is_printed_as_it_is():
+    out = io.StringIO()
+    table = FigureTable(
+        "a [bold]flight[/]", ("picture", "x, y, z [m]", "turn [rad]"), (("[red]a[/]", "1", "2"),)
+    )
+    Console(file=out, width=120).print(shown(table))
+    for text in ("a [bold]flight[/]", "x, y, z [m]", "turn [rad]", "[red]a[/]"):
+        assert text in out.getvalue()
