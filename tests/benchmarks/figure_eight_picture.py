@@ -1,0 +1,127 @@
+"""The README's first picture: the demo's flight as a chain of pictures, and as one map.
+
+``python -m tests.benchmarks.figure_eight_picture`` writes docs/figure_eight.jpg.
+
+Both are drawn in the world of the truth, each with its own first keyframe there. The square through the marks
+is the true one, laid on mark A; it leaves out the marks, and each letter stands beside its mark.
+"""
+
+from __future__ import annotations
+
+import io
+import tempfile
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from numpy.typing import NDArray
+from PIL import Image
+
+from slam.estimate import Estimate
+from slam.evaluation.association import associate
+from slam.evaluation.landmarks import landmark_places
+from slam.evaluation.maps import Map, Maps, maps_of
+from slam.flight import Flight
+from slam.pipeline import optimize
+from slam.rasters.mosaic import write_mosaic
+from slam.simulation import simulate
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+PICTURE = Path(__file__).parents[2] / "docs" / "figure_eight.jpg"
+CORNERS = ("B", "C", "G", "F")
+CLEAR_M = 0.1
+"""The square keeps so far from the middle of a mark, which is 12 cm across."""
+BESIDE_M = 0.17
+GSD_M = 0.005
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One map as a picture, in the truth's world."""
+
+    title: str
+    rgb: NDArray[np.uint8]
+    extent_m: tuple[float, float, float, float]
+    """West, east, south, north."""
+    marks: dict[str, Array]
+    """Where the map has each landmark, (2,)."""
+
+
+def main() -> None:
+    """Fly, map, and draw."""
+    flight = simulate("figure_eight", 0)
+    estimate = optimize(flight)
+    maps = maps_of(estimate, associate(estimate, flight))
+    before = drawn("Before: each picture laid on the one before it", estimate, flight, maps, maps.chain)
+    after = drawn("After: all pictures placed together", estimate, flight, maps, maps.loops)
+    Image.open(io.BytesIO(page(flight, (before, after)))).convert("RGB").save(
+        PICTURE, quality=82, optimize=True
+    )
+
+
+def drawn(title: str, estimate: Estimate, flight: Flight, maps: Maps, made: Map) -> Drawn:
+    """The mosaic of one map, and its landmarks."""
+    there = replace(estimate, w_T_b=made.w_T_b, floor_z_m=made.floor_z_m)
+    with tempfile.TemporaryDirectory() as folder:
+        files = write_mosaic(there, flight, folder, GSD_M, poses=made.w_T_b)
+        assert files.world_file is not None
+        step, _, _, _, west, north = (float(line) for line in files.world_file.read_text().split())
+        rgba = np.asarray(Image.open(files.png).convert("RGBA"))
+    seen = rgba[..., 3:] > 0
+    height, width = rgba.shape[:2]
+    west, north = west - step / 2, north + step / 2
+    extent_m = (west, west + width * step, north - height * step, north)
+    places = landmark_places(estimate, flight, associate(estimate, flight), replace(maps, loops=made))
+    marks = {name: place[:2] for name, place in places.items()}
+    return Drawn(title, np.where(seen, rgba[..., :3], 255).astype(np.uint8), extent_m, marks)
+
+
+def page(flight: Flight, maps: tuple[Drawn, ...]) -> bytes:
+    """The maps side by side at one scale, as PNG."""
+    figure = Figure(figsize=(14.0, 7.9), dpi=100, layout="constrained")
+    panels = figure.subplots(1, len(maps), sharex=True, sharey=True)
+    for axes, made in zip(panels, maps, strict=True):
+        axes.imshow(made.rgb, extent=made.extent_m, interpolation="antialiased")
+        axes.set_title(made.title, fontsize=16, loc="left")
+        _square(axes, flight, made)
+        _letters(axes, made)
+        axes.axis("off")
+    west, east, south, north = np.array([made.extent_m for made in maps]).T
+    panels[0].set(xlim=(west.min(), east.max()), ylim=(south.min(), north.max()))
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png")
+    return stream.getvalue()
+
+
+def _square(axes: Axes, flight: Flight, made: Drawn) -> None:
+    shift = made.marks["A"] - flight.landmarks["A"][:2]
+    corners = np.array([flight.landmarks[name][:2] for name in (*CORNERS, CORNERS[0])]) + shift
+    sides = [np.linspace(a, b, 1000) for a, b in pairwise(corners)]
+    line = np.concatenate(sides)
+    near = np.linalg.norm(line[:, None] - np.array(list(made.marks.values())), axis=2).min(axis=1) < CLEAR_M
+    line[near] = np.nan
+    axes.plot(*line.T, color="black", lw=3.4, solid_capstyle="butt")
+    axes.plot(*line.T, color="white", lw=1.8, solid_capstyle="butt")
+
+
+def _letters(axes: Axes, made: Drawn) -> None:
+    middle = np.mean(list(made.marks.values()), axis=0)
+    for name, mark in made.marks.items():
+        outwards = float(np.sign(mark[0] - middle[0]))
+        text = axes.text(
+            mark[0] + outwards * BESIDE_M, mark[1], name, color="white", fontsize=15, weight="bold",
+            ha="right" if outwards < 0 else "left", va="center",
+        )  # fmt: skip
+        text.set_path_effects([withStroke(linewidth=4, foreground="black")])
+
+
+if __name__ == "__main__":
+    main()
