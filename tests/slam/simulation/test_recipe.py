@@ -1,3 +1,4 @@
+import re
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 
@@ -5,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from slam import simulate
 from slam.errors import InputError
 from slam.simulation import model as models
 from slam.simulation import recipe as recipes
@@ -150,6 +152,22 @@ def test_the_readme_names_every_key_of_a_recipe_and_a_model():
     missing = {key for key in keys if f"`{key}`" not in text and f"[{key}]" not in text}
     assert missing == {"terms"}
     assert "[terms.NAME]" in text
+
+
+def test_the_readme_s_examples_fly_as_they_stand(tmp_path):
+    text = (recipes.shipped_folder() / "README.md").read_text(encoding="utf-8")
+    examples = re.findall(r"`(\w+\.toml)`[^`]*```toml\n(.+?)```", text, re.DOTALL)
+    assert [name for name, _ in examples] == ["two_rows.toml", "my_drone.toml"]
+    for name, content in examples:
+        (tmp_path / name).write_text(content, encoding="utf-8")
+        assert f"`{name}`" in text
+    own, drone = (tmp_path / name for name, _ in examples)
+    flight = simulate(load_recipe(own, drone), seed=0)
+    assert flight.frames[0].read().shape == (240, 320, 3)
+    assert flight.sonar.noise_std_m == 0.02
+    # Over the way points at 1 m height the sonar reads 3 % short.
+    assert np.nanmedian(flight.sonar.range_m) == pytest.approx(0.97, abs=0.02)
+    assert load_recipe("square", drone).model.terms["steady_wind"] == {"x": 0.5, "y": 0.0}
 
 
 @pytest.mark.parametrize("name", sorted(CATALOGUE))
