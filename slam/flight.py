@@ -7,8 +7,8 @@ OpenCV. A stream that was not recorded is ``None``; a value that is missing is N
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -235,3 +235,12 @@ class Flight:
             float(self.gps.longitude_deg[k]),
             float(altitude[0]) if len(altitude) else 0.0,
         )
+
+
+def told_apart(flights: Sequence[Flight]) -> tuple[Flight, ...]:
+    """The same flights, their names numbered where two have one."""
+    names = [flight.name for flight in flights]
+    return tuple(
+        replace(flight, name=f"{flight.name}.{k}") if names.count(flight.name) > 1 else flight
+        for k, flight in enumerate(flights, 1)
+    )

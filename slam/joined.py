@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from slam.errors import InputError
-from slam.flight import AttitudeSeries, Flight, Frames, Gps, Image, Sonar, Truth
+from slam.flight import AttitudeSeries, Flight, Frames, Gps, Image, Sonar, Truth, told_apart
 
 Array = NDArray[np.float64]
 Series = TypeVar("Series", Sonar, AttitudeSeries, Gps, Truth)
@@ -39,15 +39,14 @@ def join_flights(flights: Sequence[Flight]) -> Flight:
         return flights[0]
     for flight in flights:
         _refuse_unless_alike(flights[0], flight)
-    names = _told_apart([flight.name for flight in flights])
-    parts = tuple(replace(flight, name=name) for flight, name in zip(flights, names, strict=True))
+    parts = told_apart(flights)
     shifts_s, warnings = _shifts(parts)
     known = [flight.name for flight in parts if flight.truth is not None]
     if 0 < len(known) < len(parts):
         warnings.append(f"truth of {', '.join(known)} left out: the other flights have none")
     truths = [flight.truth if len(known) == len(parts) else None for flight in parts]
     return Flight(
-        name=" + ".join(names),
+        name=" + ".join(flight.name for flight in parts),
         epoch_ns=parts[0].epoch_ns,
         camera=parts[0].camera,
         frames=_frames(parts, shifts_s),
@@ -87,11 +86,6 @@ def _difference(a: Camera, b: Camera) -> str | None:
     if not np.allclose(bent_a, bent_b, atol=1e-3):
         return f"distortion {list(b.distortion)}, not {list(a.distortion)}"
     return None if np.allclose(a.b_T_c, b.b_T_c, atol=1e-3) else "mounted in another way"
-
-
-def _told_apart(names: list[str]) -> list[str]:
-    """The same names, numbered where two flights have one."""
-    return [f"{name}.{k}" if names.count(name) > 1 else name for k, name in enumerate(names, 1)]
 
 
 def _shifts(parts: Sequence[Flight]) -> tuple[list[float], list[str]]:

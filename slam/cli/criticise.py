@@ -21,24 +21,25 @@ _MODEL = typer.Option(
 
 
 def criticise(
-    flights: Annotated[list[str], _FLIGHTS],
+    flights: Annotated[list[Path], _FLIGHTS],
     out: Annotated[Path, OUT],
     model: Annotated[str, _MODEL] = "nominal",
 ) -> None:
     """Say what a simulation gets wrong about measured flights, name the cause and extend the model."""
+    from slam.cli.source import open_flight
     from slam.cli.tables import written
     from slam.console import console, progress_shown
     from slam.criticism import criticise as judge
-    from slam.flight import Flight
+    from slam.flight import told_apart
     from slam.outputs import output_folder
-    from slam.progress import Tally
+    from slam.progress import Tally, compilation_shown
     from slam.report.criticism_report import write_criticism_report
     from slam.simulation.model import load_model
 
     screen = console()
     believed = load_model(model)
-    with output_folder(out) as folder, progress_shown(screen) as progress:
-        opened = [Flight.open(path) for path in flights]
+    with output_folder(out) as folder, progress_shown(screen) as progress, compilation_shown(progress):
+        opened = told_apart([open_flight(path, progress)[0] for path in flights])
         result = judge(opened, believed, progress)
         write_criticism(result, folder)
         with Tally(progress, "report", 1).part():

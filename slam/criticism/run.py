@@ -36,7 +36,7 @@ from slam.criticism.verdict.heldout import taken
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, likelier, named, posterior_of
 from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.sentence import sentence_of
-from slam.flight import Flight
+from slam.flight import Flight, told_apart
 from slam.progress import Progress, Tally, compilation_shown, silent
 from slam.simulation.model import Model, load_model
 
@@ -60,7 +60,7 @@ def criticise(
     from threadpoolctl import threadpool_limits
 
     believed = model if isinstance(model, Model) else load_model(model)
-    flights = [with_body_ranges(flight) for flight in flights]
+    flights = [with_body_ranges(flight) for flight in told_apart(flights)]
     if flights and not any(is_led(flight) for flight in flights):
         return _unled(flights, believed, progress)
     records, dropped = usable_records(flights, progress)

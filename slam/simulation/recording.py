@@ -39,7 +39,7 @@ def record(recipe: Recipe, seed: int) -> Flight:
         raise InputError(f"recipe {recipe.name}: {error}") from None
     film = _film(recipe, world, motion, seed) if recipe.camera is not None else None
     return Flight(
-        name=recipe.name,
+        name=f"{recipe.name}-seed-{seed}",
         epoch_ns=EPOCH_NS,
         camera=None if film is None else film.told,
         frames=None if film is None else Frames(film.stamps_s, _names(film.stamps_s), film),

@@ -21,7 +21,7 @@ from tests.slam.small_flight import elsewhere, flown, gps_of, only, photographs,
 @pytest.fixture(scope="module")
 def two() -> tuple[Flight, Flight]:
     """The same ground flown twice, with a hold noise and a sensor noise of its own each."""
-    return flown(0), replace(flown(1), name="second")
+    return replace(flown(0), name="small"), replace(flown(1), name="second")
 
 
 def test_two_flights_over_the_same_ground_make_one_map_as_good_as_its_covariance_says(two):

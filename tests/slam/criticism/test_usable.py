@@ -11,6 +11,7 @@ from slam.criticism import criticise
 from slam.criticism.healthy import flown
 from slam.criticism.manoeuvres import REST, stick_for
 from slam.criticism.usable import usable_records
+from slam.flight import Flight
 from slam.simulation.model import load_model
 
 
@@ -114,3 +115,9 @@ def test_values_that_are_not_finite_are_missing(flight):
 
 def test_rest_is_rest():
     assert REST[1:] == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_flights_of_one_name_are_told_apart(flight):
+    nothing = Flight("pulses", command=flight.command)
+    dropped = criticise([nothing, nothing]).dropped
+    assert [line.partition(":")[0] for line in dropped] == ["pulses.1", "pulses.2"]

@@ -37,6 +37,10 @@ def test_the_figure_eight_has_the_shape_of_the_published_one():
     assert np.all(flight.truth.w_T_b[:, 2, 3] > 0.7)
 
 
+def test_flights_of_one_recipe_are_named_apart():
+    assert [simulate(SHORT, seed).name for seed in (0, 7)] == ["short-seed-0", "short-seed-7"]
+
+
 def test_every_landmark_of_the_figure_eight_is_seen():
     flight = simulate("figure_eight", 1)
     poses = flight.frames.load.w_T_b[:, 0]
