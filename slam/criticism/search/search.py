@@ -178,9 +178,8 @@ def search(
     fitted, greatest = True, 0.0
     while True:
         threshold = beside(limits.second, greatest) if chosen else limits.effects
-        ranked = look.standing(chosen, look.effects)
-        standing_out = sorted((s for s in ranked if s.z >= threshold), key=lambda s: -s.worth)
-        if ranked[0].z < threshold or len(chosen) == MOST_TERMS:
+        standing_out = beyond(look.standing(chosen, look.effects), threshold)
+        if not standing_out or len(chosen) == MOST_TERMS:
             if fitted:
                 break
             with fits.part():
@@ -210,14 +209,23 @@ def search(
     return Search(model, first, look, tuple(_needed(records, model, look, chosen, limits)), rivals)
 
 
+def beyond(ranked: Sequence[Standing], threshold: float) -> list[Standing]:
+    """What stands out by more than the threshold, worthiest first; nothing where what explains most does not,
+    or where there is nothing."""
+    if not any(s.z >= threshold for s in ranked[:1]):
+        return []
+    return sorted((s for s in ranked if s.z >= threshold), key=lambda s: -s.worth)
+
+
 def _seen(
     records: Sequence[Record], model: Setting, setting: Setting, chosen: Sequence[Effect] = ()
 ) -> tuple[Sequence[Record], Look]:
     """The records and a look at them; where coloured noise explains more than any term or shape would, the
     belief has it, and the records are referred to that."""
     look = look_at(records, model, setting, chosen)
-    best = look.standing([look.own(c) for c in chosen], [*look.effects, *look.shapes])[0]
-    shaded = in_colour(records, model, setting, look.sums.passes, chosen, best.nats)
+    others = look.standing([look.own(c) for c in chosen], [*look.effects, *look.shapes])
+    most_nats = others[0].nats if others else 0.0
+    shaded = in_colour(records, model, setting, look.sums.passes, chosen, most_nats)
     if shaded is None:
         return records, look
     records = [recoloured(record, setting, shaded) for record in records]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from slam.criticism.search.effects import Effect, relaxations
-from slam.criticism.search.search import Standing
+from slam.criticism.search.search import Standing, beyond
 
 BRAKE = Effect("active_braking", relaxes=("k_b",))
 BIAS = Effect("gyro_bias", relaxes=("x", "y", "z"))
@@ -19,3 +19,12 @@ def test_each_number_costs():
     assert (
         Standing(BIAS, 22.0, 6.0).worth < Standing(BRAKE, 20.0, 6.3).worth < Standing(BIAS, 26.0, 6.6).worth
     )
+
+
+def test_where_nothing_stands_out_nothing_is_taken():
+    nowhere = Standing(BIAS, float("nan"), float("nan"))
+    assert beyond([], 4.0) == beyond([nowhere], 4.0) == beyond([Standing(BIAS, 7.0, 3.0)], 4.0) == []
+    # What explains most decides whether to look further, what is worth most is taken.
+    small, large, faint = Standing(BRAKE, 20.0, 6.3), Standing(BIAS, 22.0, 6.0), Standing(BRAKE, 4.0, 2.8)
+    assert beyond([large, small, faint], 4.0) == [small, large]
+    assert beyond([faint, small], 4.0) == []
