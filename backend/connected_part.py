@@ -15,6 +15,7 @@ from backend.anchored import Anchored, Fit, Options, plain_fit, start_of
 from backend.gauge import direction_words, hold_factor, key_runs, open_directions
 from backend.initialize import elimination_cost
 from backend.marginals import pose_covariances
+from backend.observability import unobserved
 from backend.problem import Problem
 from backend.selection.rejection import has_loops_on_odometry, reason, without_disagreeing
 
@@ -38,6 +39,8 @@ class Part:
     iterations: int
     converged: bool
     held: str
+    open: tuple[str, ...]
+    """Directions that nothing measures and nothing holds, in words."""
     warnings: tuple[str, ...]
 
 
@@ -54,9 +57,13 @@ def solve_part(problem: Problem, options: Options) -> Part:
     if fit is None or (options.loops_robust and not fit.test.passed):
         kept, fit, sigma = without_disagreeing(anchored, fit)
     minimum, w_T = fit.minimum, fit.w_T
-    covariances = None
+    covariances: Array | None = None
+    still_open: tuple[str, ...] = ()
     if options.covariances:
-        covariances = pose_covariances(anchored.graph(kept), minimum.values, range(problem.count))
+        graph = anchored.graph(kept)
+        covariances = pose_covariances(graph, minimum.values, range(problem.count))
+        if np.isnan(covariances).any():
+            still_open = tuple(unobserved(graph, minimum.values, problem.name))
     return Part(
         w_T=w_T,
         covariances=covariances,
@@ -67,6 +74,7 @@ def solve_part(problem: Problem, options: Options) -> Part:
         iterations=minimum.iterations,
         converged=minimum.converged,
         held=held,
+        open=still_open,
         warnings=tuple(_warnings(problem, fit)),
     )
 

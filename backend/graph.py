@@ -18,7 +18,7 @@ from backend.errors import BackendError
 from backend.from_measurements import components, from_measurements
 from backend.gauge import key_runs
 from backend.measurements import Measurements
-from backend.pose_graph import PoseGraph
+from backend.pose_graph import PoseGraph, blind_told
 from backend.problem import Problem, from_pose_graph
 from backend.solution import Solution
 from backend.solve import OnStep
@@ -62,7 +62,8 @@ def solve_pose_graph(
     """The same for a g2o graph, planar or spatial. Fixed vertices are held; else the first of each part."""
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
     options = Options(loops_robust, covariances, max_iterations, relative_tolerance, on_step, deadline)
-    return _solve(from_pose_graph(graph), options, [])
+    problem = from_pose_graph(graph)
+    return _solve(problem, options, blind_told(graph))
 
 
 def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
@@ -75,6 +76,7 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
     kept, residual, reasons = np.zeros(m, dtype=bool), np.full(m, np.nan), [""] * m
     error, iterations, converged, solved = 0.0, 0, True, 0
     unobserved: list[str] = []
+    still_open: list[str] = []
     lonely: list[int] = []
     size = np.bincount(label)
     for number in range(len(size)):
@@ -104,6 +106,7 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
         converged = converged and part.converged
         warnings += part.warnings
         unobserved += [part.held] if part.held else []
+        still_open += part.open
     if lonely:
         unobserved.append(f"{key_runs(lonely, problem.name)} not placed: no edge and no position")
     return Solution(
@@ -116,18 +119,21 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
         error=error,
         iterations=iterations,
         converged=converged,
-        status=_status(solved, lonely, converged, warnings),
+        status=_status(solved, lonely, still_open, converged, warnings),
         unobserved=tuple(unobserved),
         warnings=tuple(warnings),
     )
 
 
-def _status(solved: int, lonely: list[int], converged: bool, warnings: list[str]) -> str:
+def _status(
+    solved: int, lonely: list[int], still_open: list[str], converged: bool, warnings: list[str]
+) -> str:
     said = []
     if solved > 1:
         said.append(f"{solved} parts are not connected to each other")
     if lonely:
         said.append(f"{len(lonely)} poses could not be placed")
+    said += still_open
     if not converged:
         said.append(
             next((w for w in warnings if "solved" in w or "converge" in w), "the solve did not converge")

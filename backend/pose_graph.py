@@ -14,6 +14,8 @@ from backend.measurements import RelativePose
 Array = NDArray[np.float64]
 
 _NOT_RIGID = 1e-3
+_NOTHING = 1e-9
+"""Below this an eigenvalue of the information, its diagonal brought to one, is zero: files round."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,28 @@ class PoseGraph:
     def has_pose(self) -> NDArray[np.bool_]:
         """(n,) whether the file gives the vertex a pose."""
         return _finite(self.poses)
+
+    @property
+    def is_blind(self) -> NDArray[np.bool_]:
+        """(m,) whether an edge tells nothing about some direction: its information is semi-definite."""
+        size = np.sqrt(np.maximum(np.diagonal(self.information, axis1=1, axis2=2), 0))
+        # Radians and metres differ in size.
+        unit = (
+            self.information / np.where(size > 0, size, 1)[:, :, None] / np.where(size > 0, size, 1)[:, None]
+        )
+        return np.asarray(np.linalg.eigvalsh(unit)[:, 0] < _NOTHING)
+
+
+def blind_told(graph: PoseGraph) -> list[str]:
+    """How many edges tell nothing about some direction, in one line; empty where all tell all."""
+    blind = np.flatnonzero(graph.is_blind)
+    if len(blind) == 0:
+        return []
+    i, j = graph.ids[graph.i[blind[0]]], graph.ids[graph.j[blind[0]]]
+    return [
+        f"{len(blind)} of {len(graph.i)} edges tell nothing about some direction (an eigenvalue of their "
+        f"information matrix is zero; the first is {i}-{j}): there other edges decide"
+    ]
 
 
 def check(graph: PoseGraph) -> None:

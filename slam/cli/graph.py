@@ -55,6 +55,7 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
 def graph_figures(path: Path) -> FigureTable:
     """What a g2o file holds, for ``slam info``."""
     from backend.g2o import read_g2o
+    from backend.pose_graph import blind_told
     from slam.report.accuracy import FigureTable
 
     graph = read_g2o(path)
@@ -66,7 +67,7 @@ def graph_figures(path: Path) -> FigureTable:
         ("vertices held in place", str(int(graph.fixed.sum()))),
         ("edges between neighbours", str(len(graph.i) - loops)),
         ("other edges", str(loops)),
-        *(("odd", warning) for warning in graph.warnings),
+        *(("odd", warning) for warning in (*graph.warnings, *blind_told(graph))),
     ]
     return FigureTable(str(path), (), tuple(rows))
 
@@ -117,7 +118,8 @@ def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[st
 
 
 def _covariances(graph: PoseGraph) -> np.ndarray:
-    """(m, 6, 6) of the edges; what a planar edge does not measure, and a singular direction, is NaN."""
-    if graph.dimension == 2:
-        return np.full((len(graph.i), 6, 6), np.nan)
-    return np.linalg.pinv(graph.information, hermitian=True)
+    """(m, 6, 6) of the edges; NaN for one that does not measure every direction, as no planar one does."""
+    covariance = np.full((len(graph.i), 6, 6), np.nan)
+    if graph.dimension == 3:
+        covariance[~graph.is_blind] = np.linalg.inv(graph.information[~graph.is_blind])
+    return covariance

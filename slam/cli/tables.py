@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,6 +55,8 @@ def written(paths: list[Path]) -> Text:
 
 
 def _known_to(facts: Facts) -> str:
+    if not math.isfinite(facts.sigma_median_m):
+        return "not known"
     said = f"{length(facts.sigma_median_m)} median, {length(facts.sigma_max_m)} largest"
     if facts.relative_to:
         said += f", relative to {facts.relative_to}"

@@ -11,6 +11,7 @@ from backend.errors import BackendError
 from backend.from_measurements import from_measurements
 from backend.graph import solve, solve_pose_graph
 from backend.measurements import Attitude, Measurements, Position, RelativePose, SlantRange
+from backend.pose_graph import blind_told
 from backend.problem import from_pose_graph
 from tests.backend.synthetic import falsified, flight, graph
 
@@ -354,3 +355,42 @@ print("solved")
     )
     assert done.returncode == 0, done.stderr[-500:]
     assert done.stdout.strip() == "solved"
+
+
+def without_x(made, *edges: int):
+    """The graph whose edges tell nothing about the step along their own x."""
+    information = made.information.copy()
+    for edge in edges:
+        information[edge, 0, :] = information[edge, :, 0] = 0.0
+    return replace(made, information=information)
+
+
+def test_edges_that_tell_nothing_about_a_direction_are_counted():
+    made = graph(3, 2)
+    edges = [int(e) for e in np.flatnonzero(made.j - made.i == 1)[:4]]
+    blind = without_x(made, *edges)
+    told = solve_pose_graph(blind).warnings[0]
+    i, j = made.ids[made.i[edges[0]]], made.ids[made.j[edges[0]]]
+    assert f"4 of {len(made.i)} edges tell nothing about some direction" in told
+    assert f"the first is {i}-{j})" in told
+    # Directions that are known badly, in whatever units, are known.
+    fine = np.diag([1e6, 1e6, 1e-6])
+    for same in (made, replace(made, information=fine @ made.information @ fine)):
+        assert not blind_told(same)
+
+
+def test_a_direction_that_no_edge_tells_is_in_the_status():
+    made = graph(3, 2)
+    last = int(made.j.max())
+    reaching = np.flatnonzero((made.i == last) | (made.j == last))
+    only = replace(
+        made,
+        **{
+            name: np.delete(getattr(made, name), reaching[1:], axis=0)
+            for name in ("i", "j", "ij_T", "information")
+        },
+    )
+    (edge,) = np.flatnonzero((only.i == last) | (only.j == last))
+    assert solve_pose_graph(only).status == "ok"
+    status = solve_pose_graph(without_x(only, int(edge))).status
+    assert status == f"1 direction around vertex {made.ids[last]} not observed"

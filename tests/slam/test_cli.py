@@ -54,6 +54,13 @@ def graph(tmp_path) -> Path:
     return path
 
 
+def test_info_and_optimize_tell_of_edges_that_tell_nothing_about_a_direction(graph, tmp_path):
+    graph.write_text(SQUARE.replace("1 2 1 0 1.5707963 100", "1 2 1 0 1.5707963 0"))
+    for command in (("info", graph), ("optimize", graph, "--out", tmp_path / "out")):
+        told = " ".join(run(*command).stdout.split())
+        assert "1 of 4 edges tell nothing about some direction" in told
+
+
 def test_version_and_help():
     assert run("--version").stdout == f"slam {slam.__version__}\n"
     for command in ("", "demo", "optimize", "evaluate", "simulate", "import", "info"):
