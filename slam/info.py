@@ -137,21 +137,31 @@ def missing_for_map(flight: Flight) -> tuple[str, ...]:
 
 
 def _missing(flight: Flight) -> list[str]:
-    lines = []
     if flight.camera is None or flight.frames is None:
-        lines.append(f"no camera: there is no map; {NO_CAMERA}")
-    ranged = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
-    if not ranged and flight.gps is None:
-        lines.append("no sonar and no GPS: no metric scale; distances in the map are relative")
-    elif not ranged:
-        lines.append("no sonar: the scale comes from GPS alone and is as coarse as that")
-    lines += missing_for_map(flight)
-    if flight.gps is None:
-        lines.append("no GPS: the map is in local metres, not placed on Earth")
+        lines = [f"no camera: there is no map; {NO_CAMERA}"]
+    else:
+        lines = [*_missing_for_scale(flight), *missing_for_map(flight)]
     if flight.truth is None and flight.gps is None:
         lines.append("no truth and no GPS: the result cannot be evaluated")
     if flight.command is None:
         lines.append("no commands: the flight cannot be replayed in the simulator")
+    return lines
+
+
+def _missing_for_scale(flight: Flight) -> list[str]:
+    """What a map cannot tell of its lengths and its place on Earth."""
+    lines = []
+    ranged = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
+    if not ranged and flight.gps is None and flight.imu is not None:
+        lines.append(
+            "no sonar and no GPS: lengths come from the accelerometer, if the flight moves it enough"
+        )
+    elif not ranged and flight.gps is None:
+        lines.append("no sonar and no GPS: no metric scale; distances in the map are relative")
+    elif not ranged:
+        lines.append("no sonar: the scale comes from GPS alone and is as coarse as that")
+    if flight.gps is None:
+        lines.append("no GPS: the map is in local metres, not placed on Earth")
     return lines
 
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from slam.criticism import Criticism
 
-_FLIGHTS = typer.Argument(metavar="FLIGHT...", help="Flights of one vehicle, with commands or sensors only.")
+_FLIGHTS = typer.Argument(metavar="FLIGHT", help="Flights of one vehicle, with commands or sensors only.")
 _MODEL = typer.Option(
     metavar="MODEL", help="The model to criticise: a name (nominal, paper) or a .toml file."
 )

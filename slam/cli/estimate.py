@@ -23,7 +23,7 @@ _RATE = typer.Option("--rate", metavar="HZ", min=0.01, max=2000, help="Poses a s
 _WITHOUT = typer.Option(
     "--without", metavar="STREAM", help="A stream to leave out, to compare with it (gps0); can be repeated."
 )
-_CONFIG = typer.Option(metavar="FILE.toml", help="Settings; those of [inertial] count here.")
+_CONFIG = typer.Option(metavar="FILE.toml", help="Settings; those of \\[inertial] count here.")
 
 _STREAMS = {
     "imu0": "imu",
@@ -68,7 +68,9 @@ def _without(flight: Flight, names: list[str]) -> Flight:
 
     for name in names:
         if name not in _STREAMS:
-            raise InputError(f"--without {name}: no such stream; one of {', '.join(_STREAMS)}")
+            near = [stream for stream in _STREAMS if stream.rstrip("0") == name.rstrip("0123456789")]
+            meant = f"did you mean {near[0]}? " if near else ""
+            raise InputError(f"--without {name}: no such stream; {meant}there are {', '.join(_STREAMS)}")
         nothing: dict[str, Any] = {_STREAMS[name]: None}
         flight = replace(flight, **nothing)
     return flight

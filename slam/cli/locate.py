@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from slam.relocation import Location, Relocalizer
     from slam.report.accuracy import FigureTable
 
-_PICTURES = typer.Argument(metavar="PICTURE...", help="Pictures of the map's camera.", show_default=False)
+_PICTURES = typer.Argument(metavar="PICTURE", help="Pictures of the map's camera.", show_default=False)
 _MAP = typer.Option("--map", metavar="DIR", help="The folder that slam optimize wrote.")
 _FLIGHT = typer.Option("--flight", metavar="FLIGHT", help="What the map was made of; once for each flight.")
 _HEADER = "picture,reason,tx,ty,tz,qx,qy,qz,qw,std_x,std_y,std_z,points,keyframe"

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from slam.cli.results import MosaicWish, Results
 
 _SOURCE = typer.Argument(
-    metavar="FLIGHT...",
+    metavar="FLIGHT",
     help="A flight folder, a EuRoC recording, a folder of photos, or a .g2o pose graph. Several flights of "
     "one camera over the same ground make one map.",
     show_default=False,

@@ -12,7 +12,7 @@ import typer
 from slam.cli.options import OUT
 
 _NAMES = typer.Argument(
-    metavar="[NAME]...",
+    metavar="NAME",
     help="table1, table2, feature_distance, table3 (with table 4), table5, hover, pulses, squares, "
     "overlap_speed, arithmetic; all without a name.",
     show_default=False,

@@ -16,7 +16,7 @@ Kind = Literal["flight", "euroc", "photos", "graph"]
 _GRAPH_WORDS = (b"VERTEX_", b"EDGE_", b"FIX ")
 _GIVE = "give a flight folder, a folder of photos or a .g2o graph"
 _ALSO = {
-    "optimize": ", or its graph, {path}/graph.g2o",
+    "optimize": "; to slam optimize and info its graph can be given, {path}/graph.g2o",
     "criticise": "; as --model give its {path}/extended.toml",
 }
 """What else of an output can be given."""

@@ -3,6 +3,7 @@
 import dataclasses
 import io
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -109,7 +110,10 @@ def test_missing_says_what_it_means():
     def missing(**changes):
         return " | ".join(describe(dataclasses.replace(made_flight(), **changes)).missing)
 
-    assert "no metric scale" in missing(sonar=None, gps=None)
+    assert "no metric scale" in missing(sonar=None, gps=None, imu=None)
+    assert "lengths come from the accelerometer" in missing(sonar=None, gps=None)
+    without = missing(camera=None, frames=None, sonar=None, gps=None, imu=None)
+    assert not re.search("scale|pictures|Earth", without), "there is no map to speak of"
     assert "scale comes from GPS" in missing(sonar=None)
     assert "flights without a camera are for `slam estimate`" in missing(camera=None, frames=None)
     assert "tilt is not measured" in missing(imu=None, attitude=None)
@@ -150,7 +154,7 @@ def test_printed_text_is_shown_as_it_is():
         "[bold]not markup[/]",
         "[red]hall[/red]",
         "[link=http://a]3 rows[/link] dropped",
-        "no metric scale",
+        "no sonar and no GPS",
     ):
         assert text in shown
     assert "imu0" in shown

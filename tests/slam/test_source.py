@@ -111,7 +111,7 @@ def test_an_output_is_no_folder_of_photographs(tmp_path, command, names):
 
 def test_of_an_output_that_holds_a_graph_the_graph_can_be_given(tmp_path):
     root = made(tmp_path / "out", *OPTIMIZE_NAMES, *EVALUATE_NAMES)
-    with pytest.raises(InputError, match=f"or its graph, {root}/graph.g2o"):
+    with pytest.raises(InputError, match=f"its graph can be given, {root}/graph.g2o"):
         kind_of(root)
     assert kind_of(root / "graph.g2o") == "graph"
 
