@@ -53,7 +53,7 @@ def test_a_replay_writes_a_picture_and_a_summary_and_may_be_repeated(folder, tmp
     assert set(os.listdir(tmp_path / "out")) == set(REPLAY_NAMES)
     assert (tmp_path / "out" / "replay.png").read_bytes().startswith(b"\x89PNG")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert (summary["flight"], summary["model"]) == ("pulse", "nominal")
+    assert (summary["flight"], summary["model"]) == ("pulse-seed-0", "nominal")
     assert set(summary["channels"]["velocity.v_x"]["rms"]) == {"0.5", "2", "10", "flight"}
     assert summary["channels"]["imu.gyro_x"]["unit"] == "rad/s"
     assert summary["rollouts"]["2"] >= 3
