@@ -143,7 +143,7 @@ def _missing(flight: Flight) -> list[str]:
         lines = [*_missing_for_scale(flight), *missing_for_map(flight)]
     if flight.truth is None and flight.gps is None:
         lines.append("no truth and no GPS: the result cannot be evaluated")
-    if flight.command is None:
+    if flight.command is None and not flight.all_keyframes:
         lines.append("no commands: the flight cannot be replayed in the simulator")
     return lines
 

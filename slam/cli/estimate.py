@@ -93,6 +93,7 @@ def figures(navigation: Navigation) -> FigureTable:
     """The short table at the end."""
     import numpy as np
 
+    from slam.cli.tables import warning_rows
     from slam.inertial.navigate import refused, softened
     from slam.report.accuracy import FigureTable
     from slam.report.facts import length, position_sigma_m
@@ -112,6 +113,6 @@ def figures(navigation: Navigation) -> FigureTable:
         rows.append((f"{name}, mean NIS (1 is right)", f"{mean} over {len(channel.stamps_s)} readings"))
     for name, counted in (("left out", refused(track)), ("weighed less", softened(track))):
         rows.append((name, ", ".join(f"{n} x {why}" for why, n in counted.items()) or "nothing"))
-    rows += [("found", warning) for warning in found.warnings]
     rows.append(("time", f"{sum(found.timing_s.values()):.1f} s"))
+    rows += warning_rows(found.warnings)
     return FigureTable(found.name, (), tuple(rows))

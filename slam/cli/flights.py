@@ -27,6 +27,7 @@ _SHOWN = typer.Argument(
 def import_flight(source: Annotated[Path, _IMPORTED], out: Annotated[Path, FLIGHT_OUT]) -> None:
     """Make a flight folder from photos or from a EuRoC recording; pictures keep their names."""
     from slam.cli.source import import_source
+    from slam.cli.tables import written
     from slam.console import console, progress_shown
     from slam.io.flight_folder import write_flight
 
@@ -35,6 +36,7 @@ def import_flight(source: Annotated[Path, _IMPORTED], out: Annotated[Path, FLIGH
         flight = import_source(source, progress)
         write_flight(flight, out, progress)
     show(flight, screen)
+    screen.print(written([out]), soft_wrap=True)
 
 
 def info(source: Annotated[Path, _SHOWN]) -> None:

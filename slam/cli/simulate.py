@@ -26,6 +26,7 @@ def simulate(
 ) -> None:
     """Simulate a flight with camera, sensors and truth."""
     from slam.cli.flights import show
+    from slam.cli.tables import written
     from slam.console import console, progress_shown
     from slam.io.flight_folder import write_flight
     from slam.simulation import load_recipe
@@ -36,3 +37,4 @@ def simulate(
         flight = fly(load_recipe(recipe, model), seed)
         write_flight(flight, out, progress)
     show(flight, screen)
+    screen.print(written([out]), soft_wrap=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -83,8 +84,12 @@ def _outcome_rows(facts: Facts, summary: Summary) -> list[tuple[str, str]]:
         rows.insert(3, ("error", f"{summary.error:.6g} after {summary.iterations} iterations"))
     if summary.error is not None and summary.certificate is not None:
         rows.insert(4, ("optimum", summary.certificate.sentence(summary.error)))
-    told = summary.warnings[:_MOST_WARNINGS]
-    rows += [("warning", warning) for warning in told]
-    if len(summary.warnings) > len(told):
-        rows.append(("", f"and {len(summary.warnings) - len(told)} more warnings in summary.json"))
+    return [*rows, *warning_rows(summary.warnings)]
+
+
+def warning_rows(warnings: Sequence[str]) -> list[tuple[str, str]]:
+    """The first warnings, and how many more there are."""
+    rows = [("warning", warning) for warning in warnings[:_MOST_WARNINGS]]
+    if len(warnings) > len(rows):
+        rows.append(("", f"and {len(warnings) - len(rows)} more warnings in summary.json"))
     return rows

@@ -89,7 +89,7 @@ def _against_reference(evaluation: Evaluation) -> FigureTable:
     if evaluation.nees is not None:
         pose = evaluation.nees.pose
         band = f"{pose.lower95:.2f} to {pose.upper95:.2f}"
-        rows.append(("mean NEES of the poses (95 % band)", f"{pose.mean:.2f} ({band})"))
+        rows.append(("squared errors over covariances (mean NEES)", f"{pose.mean:.2f}, right if {band}"))
     if evaluation.loops is not None:
         loops = evaluation.loops
         judged = f"{_share(loops.precision)} of {loops.true_kept + loops.false_kept}"

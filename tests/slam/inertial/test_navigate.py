@@ -173,6 +173,13 @@ def test_what_only_weighs_less_is_not_said_to_be_left_out(flight, navigation):
     assert "weight" not in rows["left out"]
 
 
+def test_of_many_warnings_the_first_are_shown_and_the_others_counted(navigation):
+    many = replace(navigation.estimate, warnings=tuple(f"w{k}" for k in range(12)))
+    rows = figures(replace(navigation, estimate=many)).rows
+    assert [text for name, text in rows if name == "warning"] == [f"w{k}" for k in range(8)]
+    assert rows[-1] == ("", "and 4 more warnings in summary.json")
+
+
 def test_command_refuses_in_one_line(flight, tmp_path):
     write_flight(without(flight, "imu", "velocity"), tmp_path / "flight")
     for more, said in (([], "too little to tell"), (["--without", "sonar7"], "no such stream")):
