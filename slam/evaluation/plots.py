@@ -14,7 +14,7 @@ from slam.evaluation.score import Evaluation, Tracks
 from slam.io.atomic import write_whole
 from slam.report.facts import length
 from slam.report.paper import EKF_PERCENT, STITCHED_PERCENT
-from slam.report.pictures import BLUE, GREY, ORANGE, VERMILLION
+from slam.report.pictures import BLUE, GREY, ORANGE, PALE_GREY, VERMILLION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,10 +65,11 @@ def trajectory_figure(evaluation: Evaluation) -> Figure:
 def _top_view(axes: Axes, evaluation: Evaluation) -> None:
     tracks = evaluation.tracks
     reference = "truth" if evaluation.reference == "truth" else "GPS"
-    axes.plot(*tracks.chain_m[:, :2].T, color=_CHAIN, lw=1, label=evaluation.ways[0])
-    axes.plot(*tracks.odometry_m[:, :2].T, color=_ODOMETRY, lw=1, label=evaluation.ways[1])
-    axes.plot(*tracks.reference_m[:, :2].T, color=_REFERENCE, lw=2.5, alpha=0.5, label=reference)
-    axes.plot(*tracks.loops_m[:, :2].T, ".-", color=_LOOPS, lw=1, ms=3, label=evaluation.ways[2])
+    # The widest first: what lies on another is seen on both sides of it.
+    axes.plot(*tracks.chain_m[:, :2].T, color=PALE_GREY, lw=5, label=evaluation.ways[0])
+    axes.plot(*tracks.odometry_m[:, :2].T, color=_ODOMETRY, lw=3.2, label=evaluation.ways[1])
+    axes.plot(*tracks.reference_m[:, :2].T, color=_REFERENCE, lw=1.9, label=reference)
+    axes.plot(*tracks.loops_m[:, :2].T, ".-", color=_LOOPS, lw=0.9, ms=3, label=evaluation.ways[2])
     for name, point in tracks.landmarks_m.items():
         axes.plot(point[0], point[1], "+", color=_REFERENCE, ms=8)
         axes.annotate(_plain(name), (point[0], point[1]), xytext=(4, 4), textcoords="offset points")
@@ -83,6 +84,8 @@ def _top_view(axes: Axes, evaluation: Evaluation) -> None:
 
 
 def _landmark_bars(axes: Axes, evaluation: Evaluation) -> None:
+    from matplotlib.ticker import NullLocator
+
     rows = evaluation.landmarks
     series = [
         (evaluation.ways[0], _CHAIN, [row.error_percent.chain for row in rows]),
@@ -102,8 +105,15 @@ def _landmark_bars(axes: Axes, evaluation: Evaluation) -> None:
     axes.set_xticks(range(len(rows)), [_plain(row.name) for row in rows])
     # The maps differ by orders of magnitude: below 0.1 % the scale is linear down to zero.
     axes.set_yscale("symlog", linthresh=0.1)
-    axes.set_ylim(bottom=0)
-    axes.set_yticks([0, 0.1, 1, 10, 100], ["0", "0.1", "1", "10", "100"])
+    largest = max(
+        (float(np.nanmax(percent)) for _, _, percent in series if np.isfinite(percent).any()), default=0
+    )
+    axes.set_ylim(0, max(1.2 * largest, 0.12))
+    axes.set_yticks(
+        [tick for tick in (0, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100) if tick <= 1.2 * largest]
+    )
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_locator(NullLocator())
     axes.set_ylabel("error of the distance [%]")
     axes.set_title("Distances between landmarks")
     _legend_below(axes, 3)
@@ -138,6 +148,8 @@ def _error_panel(axes: Axes, tracks: Tracks, k: int, factor: float, unit: str) -
 
 
 def _nees_panel(axes: Axes, evaluation: Evaluation) -> None:
+    from matplotlib.ticker import LogLocator, NullLocator
+
     assert evaluation.nees is not None
     pose = evaluation.nees.pose
     low, high = (float(chi2.ppf(quantile, pose.dof)) for quantile in (0.025, 0.975))
@@ -147,7 +159,9 @@ def _nees_panel(axes: Axes, evaluation: Evaluation) -> None:
     axes.axhline(pose.mean, color=_LOOPS, lw=1.5, label=f"mean {pose.mean:.2f}, expected {pose.dof}")
     axes.set_yscale("log")
     axes.set_ylabel("NEES")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_locator(NullLocator())
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=3, fontsize="small", frameon=False)
 
 

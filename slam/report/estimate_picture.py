@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.estimate import Estimate
-from slam.report.pictures import BLUE, ORANGE, VERMILLION, legend_below, png
+from slam.report.pictures import BLUE, ORANGE, PALE_GREY, VERMILLION, legend_below, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,7 +28,6 @@ _LABELS = {
     "gyro": ("x", "y", "z"),
 }
 _COLORS = (BLUE, ORANGE, VERMILLION)
-_PALE_GREY = "#c3c7cd"
 _MOST_DOTS = 3000
 _ELLIPSES = 25
 _NARROWEST, _WIDEST = 3.0, 6.0
@@ -78,7 +77,7 @@ def _ways(estimate: Estimate) -> Iterator[tuple[Array, str, float, str]]:
     """Positions, colour, line width and name of each way there is, the widest first: what lies on another is
     seen on both sides of it."""
     for poses, color, width, label in (
-        (estimate.chain_w_T_b, _PALE_GREY, 4.5, estimate.ways[0]),
+        (estimate.chain_w_T_b, PALE_GREY, 4.5, estimate.ways[0]),
         (estimate.odometry_w_T_b, ORANGE, 2.4, estimate.ways[1]),
         (estimate.w_T_b, BLUE, 1.0, estimate.ways[2]),
     ):

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 
 # Okabe and Ito's colours, told apart by colour-blind readers (jfly.uni-koeln.de/color, 2008).
 BLUE, GREEN, VERMILLION, GREY, ORANGE = "#0072b2", "#009e73", "#d55e00", "#8a8f98", "#e69f00"
+PALE_GREY = "#c3c7cd"
 _MOST_LOOPS = 400
 """Of a kind, drawn at most: a thousand lines hide the map they are about."""
 _MOST_ELLIPSES = 60

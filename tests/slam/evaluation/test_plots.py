@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -55,6 +57,23 @@ def test_the_error_picture_holds_the_band_and_the_nees(evaluation):
     line = figure.axes[2].lines[0].get_ydata()
     expected = 1e3 * (evaluation.tracks.loops_m - evaluation.tracks.reference_m)[:, 2]
     np.testing.assert_allclose(line, expected)
+
+
+def test_figures_stand_as_plain_numbers_and_fill_their_axes(evaluation):
+    _, bars = trajectory_figure(evaluation).axes
+    nees = error_figure(evaluation).axes[-1]
+    for axes in (bars, nees):
+        axes.figure.canvas.draw()
+        ticks = [tick.get_text() for minor in (False, True) for tick in axes.get_yticklabels(minor=minor)]
+        assert len(ticks) > 2
+        assert all(re.fullmatch(r"[0-9.]*", tick) for tick in ticks)
+    assert max(bar.get_height() for bar in bars.patches) > 0.8 * bars.get_ylim()[1]
+
+
+def test_no_map_hides_another(evaluation):
+    top, _ = trajectory_figure(evaluation).axes
+    widths = [line.get_linewidth() for line in top.lines[:4]]
+    assert all(below > 1.4 * above for below, above in pairwise(widths))
 
 
 def test_gps_without_altitude_has_two_error_panels_and_no_nees(tmp_path):
