@@ -29,6 +29,8 @@ from slam.stopwatch import Stopwatch
 
 MOST_PASSES = 2
 """Obstacles found in a first map, which they bend, may be misplaced; the second pass places them anew."""
+LEAST_LEFT = 0.5
+"""Of the share of keyframes in the map: where masks take more there is no floor to see beside them."""
 
 
 def optimize(
@@ -54,7 +56,11 @@ def optimize_with_sightings(
             found = job.obstacles(flight, first)
             if found is None or (obstacles is not None and not found.moved_from(obstacles)):
                 break
-            obstacles, first = found, job.first_map(found.cleared(flight), found.masks)
+            masked = job.without_obstacles(flight, found)
+            if masked is None or masked.placed_share < LEAST_LEFT * first.placed_share:
+                first = first.warned(found.torn)
+                break
+            obstacles, first = found, masked
         return job.final_map(flight, first)
 
 
@@ -85,6 +91,17 @@ class _FirstMap:
     chain: _Chain
     sightings: Sightings
     fused: Fused
+
+    @property
+    def placed_share(self) -> float:
+        """Of the keyframes are in the largest part."""
+        return float(np.mean(self.fused.component == 0))
+
+    def warned(self, line: str) -> _FirstMap:
+        """The same with one more line for the user."""
+        flight = self.back_end.flight
+        flight = replace(flight, warnings=(*flight.warnings, line))
+        return replace(self, back_end=replace(self.back_end, flight=flight))
 
 
 @dataclass(frozen=True)
@@ -141,6 +158,13 @@ class _Job:
         return find_obstacles(
             flight, self.camera, first.sightings.stamps_s, poses, fused.floor_z_m, self.config.masking
         )
+
+    def without_obstacles(self, flight: Flight, found: Obstacles) -> _FirstMap | None:
+        """The first map anew with what was found masked; None where no pictures join any more."""
+        try:
+            return self.first_map(found.cleared(flight), found.masks)
+        except InputError:
+            return None
 
     def final_map(self, flight: Flight, first: _FirstMap) -> tuple[Estimate, Sightings]:
         """Compare what must overlap, refine, take out what clock and mount are off; ``flight`` is as it was

@@ -32,8 +32,10 @@ SPIKE_READINGS = 5
 NEAR_MARGIN, LOW_RANGES = 1.2, 3.0
 """Between so many of the sensor's least ranges the floor is heard, and what is silent may stand too near."""
 FEWEST = 10
-MOST_STANDING = 0.8
-"""Share of the echoes: where hardly any is the floor's, it is the sonar that is at fault."""
+MOST_STANDING = 0.5
+"""Share of the echoes: the floor is what most of them hear, else sonar or heights of the map are at fault."""
+LONG_S, CLIMBED = 0.5, 0.5 * RELATIVE_GAMMA
+"""Between keyframes so far apart in time, and in height by so much of it, the height is anyone's guess."""
 
 Masks = Callable[[int], Image | None]
 """Of a frame's number: where to look for features, 0 where not; None where everywhere."""
@@ -94,6 +96,7 @@ def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m:
     if sonar is None or len(placed) < 2:
         return None
     poses = poses_between(stamps_s[placed], w_T_b[placed], sonar.stamps_s)
+    poses[_height_unknown(stamps_s[placed], w_T_b[placed, 2, 3] - floor_z_m, sonar.stamps_s)] = np.nan
     s_T = poses @ sonar.b_T_s
     axis, origin = -s_T[:, :3, 2], s_T[:, :3, 3]
     height = origin[:, 2] - floor_z_m
@@ -123,6 +126,13 @@ def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m:
         floor_std,
         float(np.nanmedian(height)),
     )
+
+
+def _height_unknown(stamps_s: Array, height_m: Array, at_s: Array) -> NDArray[np.bool_]:
+    """(k,) which times lie in a stretch without keyframes over which the vehicle has climbed or sunk."""
+    after = np.clip(np.searchsorted(stamps_s, at_s), 1, len(stamps_s) - 1)
+    climbed = np.abs(np.diff(height_m)) > CLIMBED * np.minimum(height_m[1:], height_m[:-1])
+    return np.asarray((climbed & (np.diff(stamps_s) > LONG_S))[after - 1])
 
 
 def _floor_ratio(ratio: Array) -> float:
@@ -183,6 +193,11 @@ class Obstacles:
         off = np.abs(b - np.vdot(a, b) / np.vdot(a, a) * a)
         return bool(np.percentile(off, 95) > 0.5 * self.radius_m)
 
+    @property
+    def torn(self) -> str:
+        """One line for the user, where there is no map without what shows them."""
+        return f"{self.told.split(';')[0]}; without them there is no map: nothing is masked"
+
     def cleared(self, flight: Flight) -> Flight:
         """The flight with heights over the floor alone."""
         return replace(flight, sonar=self.sonar, warnings=(*flight.warnings, self.told))
@@ -213,7 +228,10 @@ def find_obstacles(
         return None
     radius_m = float(np.nanmedian(echoes.radius_m))
     if standing.sum() > MOST_STANDING * heard:
-        told = f"sonar0: {standing.sum()} of {heard} ranges are no heights over the floor; check it"
+        told = (
+            f"sonar0: {standing.sum()} of {heard} ranges are no heights over the map's floor; check it, "
+            "and the camera's shutter and calibration"
+        )
         return Obstacles(sonar, no_masks, told, echoes.w_p_m, radius_m)
     gamma = echoes.gamma_m(config)
     mask = ObstacleMask(elevation, camera, floor_z_m, gamma)

@@ -11,7 +11,7 @@ import pytest
 from slam import optimize
 from slam.evaluation import evaluate
 from slam.evaluation.association import poses_at
-from slam.flight import Flight
+from slam.flight import Flight, Sonar
 from slam.mapping.obstacles import MaskingConfig, echoes_in_map, find_obstacles, poses_between
 from slam.settings import PipelineConfig
 from slam.simulation.place.terrain import elevation
@@ -107,9 +107,37 @@ def test_a_sonar_that_reads_at_random_has_found_no_obstacles():
     range_m = np.random.default_rng(0).uniform(0.3, 5.3, len(over.sonar.range_m))
     broken = replace(over, sonar=replace(over.sonar, range_m=range_m))
     found = find_obstacles(broken, over.camera, *some_poses(over), 0.0, MaskingConfig())
-    assert "are no heights over the floor" in found.told
+    assert "are no heights over the map's floor" in found.told
     assert all(found.masks(k) is None for k in range(len(over.frames)))
     assert found.sonar is broken.sonar
+
+
+def test_a_climb_that_no_keyframe_saw_is_no_obstacle():
+    """Between keyframes the way is taken for straight; how high it was in a long climb nobody knows."""
+
+    def height_m(t: np.ndarray) -> np.ndarray:
+        return 0.8 + 0.8 * np.clip((t - 4) / 4, 0, 1) ** 3
+
+    t = np.arange(0, 12, 0.04)
+    sonar = Sonar(t, height_m(t))
+    frequent = np.arange(0, 12.1, 0.25)
+    for keyframes_s, known in ((frequent, 1.0), (frequent[(frequent <= 4) | (frequent >= 8)], 8 / 12)):
+        poses = np.tile(np.eye(4), (len(keyframes_s), 1, 1))
+        poses[:, 2, 3] = height_m(keyframes_s)
+        echoes = echoes_in_map(sonar, keyframes_s, poses, 0.0)
+        assert not echoes.standing(MaskingConfig()).any()
+        assert np.isfinite(echoes.height_m).mean() == pytest.approx(known, abs=0.01)
+
+
+def test_masks_that_leave_no_floor_to_see_are_dropped_and_told(monkeypatch):
+    over = flight()
+    monkeypatch.setattr(
+        "slam.mapping.obstacles.ObstacleMask",
+        lambda *_: lambda pose: np.zeros(over.camera.size_px[::-1], np.uint8),
+    )
+    estimate = optimize(over)
+    assert (estimate.component == 0).mean() > 0.9
+    assert any("without them there is no map: nothing is masked" in line for line in estimate.warnings)
 
 
 def test_it_can_be_switched_off_and_set():
