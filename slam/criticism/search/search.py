@@ -115,6 +115,9 @@ class Search:
     chosen: tuple[Effect, ...]
     rivals: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """For terms that the filter chose by runs anew: names that fitted as well then."""
+    leads: dict[tuple[str, str], float] = field(default_factory=dict)
+    """Labels of a chosen term and of another -> nats of evidence that the first leads by in its place, both
+    fitted with the filter run anew."""
 
 
 def exchanged(records: Sequence[Record], found: Search, place: Effect, by: str) -> Search:
@@ -132,13 +135,14 @@ def exchanged(records: Sequence[Record], found: Search, place: Effect, by: str) 
         nats, setting = refit(records, found.model, bare, [*rest, other])
         fits.append((nats - occam(len(other.columns)), other, setting))
     best, other, setting = max(fits, key=lambda fit: fit[0])
-    if best <= old - occam(len(place.columns)):
-        return found
+    gained = best - old + occam(len(place.columns))
+    if gained <= 0.0:
+        return replace(found, leads=found.leads | {(place.label, other.label): -gained})
     chosen = [settled(other, setting) if e is place else settled(e, setting) for e in found.chosen]
     look = look_at(records, found.model, setting, chosen)
-    alike = best - old + occam(len(place.columns)) < VERY_SIMILAR_NATS
-    rivals = found.rivals | {other.name: (place.name,) if alike else ()}
-    return replace(found, last=look, chosen=tuple(look.own(c) for c in chosen), rivals=rivals)
+    rivals = found.rivals | {other.name: (place.name,) if gained < VERY_SIMILAR_NATS else ()}
+    leads = found.leads | {(other.label, place.label): gained}
+    return replace(found, last=look, chosen=tuple(look.own(c) for c in chosen), rivals=rivals, leads=leads)
 
 
 def look_at(
@@ -184,16 +188,14 @@ def search(
                 break
             with fits.part():
                 _, setting = refit(records, model, look.setting, chosen)
-        elif (best := standing_out[0]).z < LINEAR_Z and not on_grid(best.effect):
-            chosen.append(best.effect)
-            fitted, greatest = fitted and best.z < CURVED_Z, max(greatest, best.z)
-            continue
         else:
-            effect, setting, rivals[effect.name] = _refitted(
-                records, model, look, chosen, standing_out, tries
-            )
+            greatest = max(greatest, standing_out[0].z)
+            if not (doubtful := _doubtful(standing_out)):
+                chosen.append(standing_out[0].effect)
+                fitted = fitted and standing_out[0].z < CURVED_Z
+                continue
+            effect, setting, rivals[effect.name] = _refitted(records, model, look, chosen, doubtful, tries)
             chosen.append(effect)
-            greatest = max(greatest, best.z)
         chosen = [settled(c, setting) for c in chosen]
         with fits.part():
             setting = without_faint(fit_nuisances(records, model, setting, [*chosen, *coloured(setting)]))
@@ -215,6 +217,16 @@ def beyond(ranked: Sequence[Standing], threshold: float) -> list[Standing]:
     if not any(s.z >= threshold for s in ranked[:1]):
         return []
     return sorted((s for s in ranked if s.z >= threshold), key=lambda s: -s.worth)
+
+
+def _doubtful(standing_out: Sequence[Standing]) -> Sequence[Standing]:
+    """The candidates, best first, that must be fitted before one is chosen: all of them where the best is far
+    off or has no size yet, those as good as it where traces bend, none where one look tells."""
+    best = standing_out[0]
+    if best.z >= LINEAR_Z or on_grid(best.effect):
+        return standing_out
+    alike = [s for s in standing_out if s.worth > best.worth - VERY_SIMILAR_NATS]
+    return alike if best.z >= CURVED_Z and len({s.effect.name for s in alike}) > 1 else ()
 
 
 def _seen(
@@ -279,10 +291,11 @@ def _refitted(
         # Pictures are nearly linear: what explains little beside the best in one look is none.
         named = {k: v for k, v in named.items() if v.nats > WORTH_A_FIT * ranked[0].nats}
     fits: list[tuple[float, Effect, Setting]] = []
-    short = [cut(record, SHORT_S / len(records)) for record in records]
-    base, _ = refit(short, model, look.setting, chosen)
+    if ranked[0].z >= LINEAR_Z:
+        records = [cut(record, SHORT_S / len(records)) for record in records]
+    base, _ = refit(records, model, look.setting, chosen)
     for standing in tries.each(list(named.values())[:CANDIDATES]):
-        nats, setting = refit(short, model, look.setting, [*chosen, standing.effect])
+        nats, setting = refit(records, model, look.setting, [*chosen, standing.effect])
         fits.append((replace(standing, nats=nats - base).worth, standing.effect, setting))
     most = max(nats for nats, _, _ in fits)
     # Of two that explain the same, the one with fewer numbers.

@@ -43,7 +43,8 @@ chosen, and no noise is quite as it is taken to be. From 18 singles of
 def confirmed(found: Search, model: Setting) -> Search:
     """The search without terms that held-out flights do not confirm: weakest first, each beside the others.
 
-    A term that stands out by far stays, confirmed or not: something is there.
+    A term that stands out by far stays, confirmed or not: something is there. Without any the flights are
+    what they were to the healthy vehicle.
     """
     chosen = list(found.chosen)
     while any(named(e) for e in chosen):
@@ -56,7 +57,7 @@ def confirmed(found: Search, model: Setting) -> Search:
         if least[0] >= (CONFIRMED_NATS if len(chosen) > 1 else 0.0):
             break
         chosen = [e for e in chosen if e is not least[1]]
-    return replace(found, chosen=tuple(chosen))
+    return replace(found, last=found.last if chosen else found.first, chosen=tuple(chosen))
 
 
 def causes_of(

@@ -82,6 +82,8 @@ def posterior_of(found: Search) -> Posterior:
             ):
                 continue
             evidence = _evidence(look, rest, effect)
+            if place is not None and (place.label, effect.label) in found.leads:
+                evidence = own - found.leads[place.label, effect.label]
             weights.append((evidence, _names([*rest, effect])))
             if named(effect) and evidence > others.get(effect.name, -np.inf):
                 others[effect.name], tried[effect.name] = evidence, effect
