@@ -23,7 +23,7 @@ from slam.criticism.search.effects import Effect
 from slam.criticism.search.moving import bounded, moved, on_grid, taken_out
 from slam.criticism.search.nuisances import MEAN, Nuisance, limits_of, value_of
 from slam.criticism.search.search import Search
-from slam.criticism.search.thresholds import MISFIT
+from slam.criticism.search.thresholds import MISFIT, load_thresholds
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.posterior import named
 from slam.criticism.verdict.rollouts import misses_of
@@ -44,8 +44,9 @@ LAG, LAG_CONSTANT = "attitude_lag", "vehicle.attitude_time_s"
 FREE = {"vehicle.gain": 0.02, "vehicle.drag_1_s": 0.02, LAG_CONSTANT: 0.005}
 """Constants of the vehicle, and the differences that their slopes are taken over."""
 _FREE = tuple(n for n in MEAN if n.name in FREE)
-CANDIDATE_Z = 4.5
 MOST_CANDIDATES = 3
+"""Terms that are tried beside the chosen ones: those that the next readings ask for most, by more than chance
+does of a healthy vehicle. Whether they are there is for the flights to say."""
 
 
 @dataclass(frozen=True)
@@ -114,11 +115,12 @@ def flown(
 
 
 def _extended(course: _Course, found: Search, fit: _Fit) -> tuple[list[Effect], _Fit]:
-    """The chosen terms with those of the ones that stand out beside them with which flights fly better."""
+    """The chosen terms with those of the candidates beside them with which flights fly better."""
     chosen = list(found.chosen)
     standing = found.last.standing(chosen, found.last.effects)
     names = {e.name for e in chosen}
-    moving = [s.effect for s in standing if s.z > CANDIDATE_Z and _flies(s.effect)]
+    chance = load_thresholds().effects
+    moving = [s.effect for s in standing if s.z > chance and _flies(s.effect)]
     for extra in [e for e in moving if e.name not in names][:MOST_CANDIDATES]:
         # Of two ways to try a term, the first that is better stands for it.
         if extra.name in {e.name for e in chosen}:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from slam.criticism.search.effects import Effect, relaxations
-from slam.criticism.search.search import Standing, beyond
+from slam.criticism.search.search import Standing, _doubtful, beyond
 
 BRAKE = Effect("active_braking", relaxes=("k_b",))
 BIAS = Effect("gyro_bias", relaxes=("x", "y", "z"))
@@ -28,3 +28,18 @@ def test_where_nothing_stands_out_nothing_is_taken():
     small, large, faint = Standing(BRAKE, 20.0, 6.3), Standing(BIAS, 22.0, 6.0), Standing(BRAKE, 4.0, 2.8)
     assert beyond([large, small, faint], 4.0) == [small, large]
     assert beyond([faint, small], 4.0) == []
+
+
+def test_of_what_explains_the_same_far_off_each_is_fitted_before_one_is_chosen():
+    def standing(name: str, z: float, nats: float) -> Standing:
+        return Standing(Effect(name, relaxes=(name,)), nats, z)
+
+    def doubtful(*some: Standing) -> list[str]:
+        return [s.effect.name for s in _doubtful(some)]
+
+    bias, slant = standing("sonar_bias", 12.0, 80.8), standing("sonar_slant", 11.0, 60.0)
+    cushion = standing("ground_effect", 12.0, 81.1)
+    assert doubtful(cushion, bias, slant) == ["ground_effect", "sonar_bias"]
+    assert doubtful(bias, slant) == []
+    assert doubtful(standing("sonar_bias", 5.0, 12.4), standing("ground_effect", 5.0, 12.3)) == []
+    assert doubtful(standing("sonar_bias", 30.0, 450.0), slant) == ["sonar_bias", "sonar_slant"]

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from slam.criticism.search.effects import Effect
+from slam.criticism.search.search import Search
 from slam.criticism.verdict.criticism import Cause, Gain
-from slam.criticism.verdict.decision import decide, weighed
-from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, likelier
+from slam.criticism.verdict.decision import confirmed, decide, weighed
+from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, likelier, posterior_of
 
 GAIN = Gain(50.0, (30.0, 60.0), "flight", (25.0, 25.0), ())
 
@@ -63,6 +66,31 @@ def test_what_is_likelier_in_place_of_a_chosen_term_is_found():
 
     assert by(0.001, 0.999) == (lag, "control_latency")
     assert by(0.6, 0.4) is None
+
+
+def test_what_fits_say_of_a_rival_goes_before_what_a_look_says():
+    rise, scale = Effect("sonar_temperature", relaxes=("a",)), Effect("sonar_scale", relaxes=("b",))
+    nats = {(): 0.0, (rise,): 50.0, (scale,): 51.4, (rise, scale): 51.5}
+
+    def answer(effects):
+        return SimpleNamespace(nats=nats[tuple(effects)], of=lambda _: (np.zeros(2), np.eye(2)))
+
+    look = SimpleNamespace(
+        effects=(rise, scale),
+        shapes=(),
+        standing=lambda rest, tried: [SimpleNamespace(nats=answer([*rest, *tried]).nats)],
+        parabola=SimpleNamespace(answer=answer, index=lambda columns: columns),
+    )
+    found = Search(None, look, look, (rise,))
+    assert posterior_of(found).probability["sonar_temperature"] < 0.25
+    refitted = replace(found, leads={(rise.label, scale.label): 0.0})
+    assert posterior_of(refitted).probability["sonar_temperature"] == pytest.approx(0.5, abs=0.01)
+
+
+def test_flights_without_a_confirmed_cause_are_judged_as_at_first():
+    assert confirmed(Search(None, "first", "last", ()), None).last == "first"
+    limit = Effect("tilt_limit", relaxes=("tilt_limit.limit",))
+    assert confirmed(Search(None, "first", "last", (limit,)), None).last == "last"
 
 
 @pytest.mark.parametrize("probability", [0.97, 1.0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.effects import effects_for
 from slam.criticism.search.moving import moved
+from slam.criticism.search.search import Standing
 from slam.criticism.usable import usable_records
-from slam.criticism.verdict.flown import _Course, _Fit, _in_words, _instead, _is_beyond
+from slam.criticism.verdict.flown import _Course, _extended, _Fit, _in_words, _instead, _is_beyond
 from slam.simulation.dynamics import ATTITUDE_TIME
 from slam.simulation.model import load_model
 
@@ -79,3 +81,23 @@ def test_what_is_not_there_has_no_size(braking):
     drag = next(e for e in effects_for(records, nominal) if e.name == "quadratic_drag")
     both, one = course.fitted(nominal, [lean, drag]), course.fitted(nominal, [lean])
     assert not both.better_than(one)
+
+
+def test_of_what_no_chance_makes_flights_say_whether_it_enters(braking):
+    records, nominal = braking
+    every = effects_for(records, nominal)
+    asked = {e.name: e for e in every if e.name in ("quadratic_drag", "battery_sag")}
+    asked["active_braking"] = lean_of(records, nominal)
+    helps = {"active_braking": 0.5, "battery_sag": 0.2}
+
+    def fitted(_, effects):
+        missed = 1.0 - sum(helps.get(e.name, 0.0) for e in effects)
+        return SimpleNamespace(setting=nominal, missed=missed, better_than=lambda o: missed < o.missed)
+
+    z = {"quadratic_drag": 9.0, "active_braking": 4.2, "battery_sag": 3.0}
+    standing = [Standing(asked[name], 0.5 * z[name] ** 2, z[name]) for name in z]
+    look = SimpleNamespace(effects=every, standing=lambda *_: standing)
+    course, found = SimpleNamespace(fitted=fitted), SimpleNamespace(chosen=(), last=look)
+    chosen, fit = _extended(course, found, fitted(nominal, []))
+    assert [e.name for e in chosen] == ["active_braking"]
+    assert fit.missed == 0.5
