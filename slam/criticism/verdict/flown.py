@@ -43,6 +43,8 @@ PULL = 0.01
 LAG, LAG_CONSTANT = "attitude_lag", "vehicle.attitude_time_s"
 FREE = {"vehicle.gain": 0.02, "vehicle.drag_1_s": 0.02, LAG_CONSTANT: 0.005}
 """Constants of the vehicle, and the differences that their slopes are taken over."""
+DELAY = {"control_latency.T": 0.01}
+"""The same for a delay: over less, misses are rough, as commands move across readings, and fits get stuck."""
 _FREE = tuple(n for n in MEAN if n.name in FREE)
 MOST_CANDIDATES = 3
 """Terms that are tried beside the chosen ones: those that the next readings ask for most, by more than chance
@@ -253,7 +255,7 @@ class _Course:
 
     def fitted(self, start: Setting, effects: Sequence[Effect]) -> _Fit:
         """Levenberg-Marquardt over all flights; then one step more for each flight left out."""
-        steps = FREE | {d.name: d.step for e in effects if _flies(e) for d in e.directions}
+        steps = FREE | {d.name: DELAY.get(d.name, d.step) for e in effects if _flies(e) for d in e.directions}
         columns, h = tuple(steps), np.array(list(steps.values()))
         setting, damping, left = start, DAMPING, self._left(start)
         slope = self._slopes(setting, columns, h, left)

@@ -12,10 +12,11 @@ from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.effects import effects_for
-from slam.criticism.search.moving import moved
+from slam.criticism.search.moving import moved, settled
 from slam.criticism.search.search import Standing
 from slam.criticism.usable import usable_records
 from slam.criticism.verdict.flown import _Course, _extended, _Fit, _in_words, _instead, _is_beyond
+from slam.progress import Tally, silent
 from slam.simulation.dynamics import ATTITUDE_TIME
 from slam.simulation.model import load_model
 
@@ -101,3 +102,23 @@ def test_of_what_no_chance_makes_flights_say_whether_it_enters(braking):
     chosen, fit = _extended(course, found, fitted(nominal, []))
     assert [e.name for e in chosen] == ["active_braking"]
     assert fit.missed == 0.5
+
+
+class Rough(_Course):
+    """Misses that grow with how far a delay is from 80 ms, and jump where commands move across readings."""
+
+    def __init__(self, records, model):
+        self._records, self._model, self._rounds = records, model, Tally(silent, "fly ahead")
+
+    def _by_channel(self, flight, setting):
+        off_s = setting.latency_s - 0.08
+        return [np.array([10.0 * off_s + 0.02 * np.sin(2.0 * np.pi * off_s / 0.006)])]
+
+
+@pytest.mark.parametrize("start_s", [0.03, 0.05, 0.062, 0.11, 0.13])
+def test_a_delay_is_found_though_misses_are_rough(braking, start_s):
+    records, nominal = braking
+    latency = next(e for e in effects_for(records, nominal) if e.name == "control_latency")
+    start = replace(nominal, latency_s=start_s)
+    fit = Rough(records, nominal).fitted(start, [settled(latency, start)])
+    assert fit.setting.latency_s == pytest.approx(0.08, abs=0.006)
