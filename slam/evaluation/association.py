@@ -37,6 +37,8 @@ class Association:
     """Keyframes that are not compared, counted by reason."""
     dimensions: int = 3
     """2 where the reference has no height: its z and the estimate's are then left out of every error."""
+    between_rows: Array | None = None
+    """(m, 2) how far off the truth itself may be, rad and m, where it is interpolated; None for GPS."""
 
 
 def associate(estimate: Estimate, flight: Flight) -> Association:
@@ -134,7 +136,8 @@ def _with_truth(
     _count(left_out, "in a gap of the truth", comparable & inside & ~covered)
     keyframe = np.flatnonzero(comparable & inside & covered)
     w_T_b = _interpolated(times_s, poses, at_s[keyframe], left[keyframe], right[keyframe])
-    return Association("truth", keyframe, w_T_b[:, :3, 3].copy(), w_T_b, left_out)
+    vague = _between_rows(times_s, poses, at_s[keyframe], left[keyframe], right[keyframe])
+    return Association("truth", keyframe, w_T_b[:, :3, 3].copy(), w_T_b, left_out, between_rows=vague)
 
 
 def poses_at(truth: Truth, stamps_s: Array) -> Array:
@@ -164,6 +167,29 @@ def _interpolated(
     else:
         w_T_b[:, :3, :3] = Slerp(times_s, rotations)(at_s).as_matrix()
     return w_T_b
+
+
+def _between_rows(
+    times_s: Array, poses: Array, at_s: Array, left: NDArray[np.int64], right: NDArray[np.int64]
+) -> Array:
+    """(m, 2) what interpolation misses of the motion: u (1 - u) / 2 of the larger second difference beside.
+
+    Source: error of linear interpolation, h^2 u (1 - u) / 2 times the second derivative.
+    """
+    if len(times_s) < 3:
+        return np.zeros((len(at_s), 2))
+    steps = np.diff(times_s)[:, None]
+    turned = (
+        Rotation.from_matrix(poses[:-1, :3, :3]).inv() * Rotation.from_matrix(poses[1:, :3, :3])
+    ).as_rotvec()
+    rates = np.hstack([turned, np.diff(poses[:, :3, 3], axis=0)]) / steps
+    bent = np.diff(rates, axis=0) / (0.5 * (steps[1:] + steps[:-1]))
+    bent = np.abs(np.linalg.norm(bent.reshape(-1, 2, 3), axis=2))
+    # Of the rows at both ends of an interval; the first and the last row have none of their own.
+    at_row = np.vstack([bent[:1], bent, bent[-1:]])
+    span_s = times_s[right] - times_s[left]
+    share = np.divide(at_s - times_s[left], span_s, out=np.zeros_like(at_s), where=span_s > 0)
+    return (0.5 * share * (1 - share) * span_s**2)[:, None] * np.maximum(at_row[left], at_row[right])
 
 
 def _with_gps(

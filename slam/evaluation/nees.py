@@ -59,7 +59,7 @@ class Nees:
     per_keyframe: Array
     """(n,) NEES of each pose, 6 expected; NaN where it has no usable covariance."""
     left_out: int
-    """Keyframes without a positive definite covariance."""
+    """Keyframes without a positive definite covariance, or with NaN for it."""
 
 
 def nees(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array) -> Nees | None:

@@ -20,6 +20,9 @@ from slam.summary import without_nan
 
 Array = NDArray[np.float64]
 
+_TRUTH_SHARE = 0.5
+"""A reference that is off by half a deviation adds a quarter to what is squared."""
+
 
 @dataclass(frozen=True)
 class Tracks:
@@ -69,6 +72,9 @@ class Evaluation:
     rpe: tuple[RelativeError, ...]
     """Empty where the reference is GPS."""
     nees: Nees | None
+    too_coarse: int
+    """Keyframes not in the NEES: the truth's rows beside them are too far apart for the motion. Where the
+    first one is among them there is no NEES."""
     landmarks: tuple[LandmarkDistance, ...]
     loop_gaps: tuple[LoopGap, ...]
     loops: LoopScore | None
@@ -90,7 +96,7 @@ class Evaluation:
             "ate_aligned_m": _spread(self.ate_aligned_m),
             "ate_sim3_m": {**_spread(self.ate_sim3_m), "scale": self.scale},
             "rpe": {error.step: _relative(error) for error in self.rpe},
-            "nees": _nees(self.nees),
+            "nees": {**_nees(self.nees), "too_coarse": self.too_coarse},
             "landmarks": {row.name: _landmark(row) for row in self.landmarks},
             "loop_gap_m": {gap.name: _gap(gap) for gap in self.loop_gaps},
             "loops": None if self.loops is None else dict(vars(self.loops)),
@@ -111,7 +117,8 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
     reference_m[:, 2] *= association.dimensions == 3
     rigid = umeyama(estimated_m, reference_m, with_scale=False)
     similar = umeyama(estimated_m, reference_m, with_scale=True)
-    consistency, per_keyframe = _consistency(estimate, association, maps.loops.w_T_b)
+    coarse = _too_coarse(estimate, association)
+    consistency, per_keyframe = _consistency(estimate, association, maps.loops.w_T_b, coarse)
     landmarks, gaps = landmark_table(estimate, flight, association, maps)
     return Evaluation(
         name=estimate.name,
@@ -126,6 +133,7 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
         scale=similar.scale,
         rpe=_relative_errors(estimate, association),
         nees=consistency,
+        too_coarse=int(coarse.sum()),
         landmarks=landmarks,
         loop_gaps=gaps,
         loops=_loops(estimate, flight, association),
@@ -142,17 +150,31 @@ def _relative_errors(estimate: Estimate, association: Association) -> tuple[Rela
 
 
 def _consistency(
-    estimate: Estimate, association: Association, aligned_w_T_b: Array
+    estimate: Estimate, association: Association, aligned_w_T_b: Array, coarse: NDArray[np.bool_]
 ) -> tuple[Nees | None, Array]:
     """NEES of all but the first keyframe, which fixes the gauge: its errors are zero by construction."""
     per_keyframe = np.full(len(association.keyframe), np.nan)
-    if association.w_T_b is None or len(per_keyframe) < 2:
+    if association.w_T_b is None or len(per_keyframe) < 2 or coarse[0]:
         return None, per_keyframe
-    covariances = estimate.covariances[association.keyframe[1:]]
-    result = nees(aligned_w_T_b[1:], association.w_T_b[1:], covariances)
+    covariances = np.where(coarse[:, None, None], np.nan, estimate.covariances[association.keyframe])
+    result = nees(aligned_w_T_b[1:], association.w_T_b[1:], covariances[1:])
     if result is not None:
         per_keyframe[1:] = result.per_keyframe
     return result, per_keyframe
+
+
+def _too_coarse(estimate: Estimate, association: Association) -> NDArray[np.bool_]:
+    """(m,) where the truth between its rows is off by `_TRUTH_SHARE` of the estimate's own deviations: such a
+    keyframe's error would be the truth's. The first one is held by the gauge: its deviations are those of the
+    best known other one."""
+    coarse = np.zeros(len(association.keyframe), dtype=bool)
+    if association.between_rows is None or len(coarse) < 2:
+        return coarse
+    covariances = estimate.covariances[association.keyframe]
+    variances = np.diagonal(covariances, axis1=1, axis2=2).reshape(-1, 2, 3).max(axis=2)
+    deviations = np.sqrt(np.where(variances > 0, variances, np.inf))
+    deviations[0] = deviations[1:].min(axis=0)
+    return np.asarray((association.between_rows > _TRUTH_SHARE * deviations).any(axis=1))
 
 
 def _loops(estimate: Estimate, flight: Flight, association: Association) -> LoopScore | None:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 UNKNOWN = "–"
 
+_NEES = "squared errors over covariances (mean NEES)"
+
 
 @dataclass(frozen=True)
 class FigureTable:
@@ -86,10 +88,14 @@ def _against_reference(evaluation: Evaluation) -> FigureTable:
             _spread(evaluation.ate_sim3_m.rmse, evaluation.ate_sim3_m.max),
         ),
     ]
+    coarse = f"the truth's rows are too far apart for the motion at {evaluation.too_coarse} keyframes"
     if evaluation.nees is not None:
         pose = evaluation.nees.pose
         band = f"{pose.lower95:.2f} to {pose.upper95:.2f}"
-        rows.append(("squared errors over covariances (mean NEES)", f"{pose.mean:.2f}, right if {band}"))
+        without = f"; {coarse}, left out" if evaluation.too_coarse else ""
+        rows.append((_NEES, f"{pose.mean:.2f}, right if {band}{without}"))
+    elif evaluation.too_coarse:
+        rows.append((_NEES, f"cannot be judged: {coarse}"))
     if evaluation.loops is not None:
         loops = evaluation.loops
         judged = f"{_share(loops.precision)} of {loops.true_kept + loops.false_kept}"

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from slam.errors import InputError
 from slam.evaluation import evaluate
@@ -51,6 +51,57 @@ def test_slow_truth_is_still_interpolated_but_not_over_three_intervals():
     flight = flight_of(turning(times_s), truth=Truth(times_s, turning(times_s)))
     found = associate(estimate_of(turning(np.arange(18) * 0.25)), flight)
     assert found.left_out == {"in a gap of the truth": 6}
+
+
+def swaying(times_s):
+    """A motion that bends: 0.3 m and 0.2 rad to and fro, once in two seconds."""
+    w_T_b = np.tile(np.eye(4), (len(times_s), 1, 1))
+    sway = np.sin(np.pi * times_s)
+    w_T_b[:, :3, :3] = Rotation.from_rotvec(np.outer(sway, [0.2, 0.0, 0.0])).as_matrix()
+    w_T_b[:, :3, 3] = np.outer(sway, [0.3, 0.0, 0.0])
+    return w_T_b
+
+
+@pytest.mark.parametrize("every_s", [0.01, 0.2])
+def test_what_interpolation_misses_is_known(every_s):
+    times_s = np.arange(0, 10.1, every_s)
+    keyframes_s = np.arange(40) * 0.23
+    truth = Truth(times_s, swaying(times_s))
+    found = associate(
+        estimate_of(swaying(keyframes_s), stamps_s=keyframes_s), flight_of(truth.w_T_b, truth=truth)
+    )
+    off = np.linalg.inv(found.w_T_b) @ swaying(keyframes_s)
+    missed = np.column_stack(
+        [
+            np.linalg.norm(Rotation.from_matrix(off[:, :3, :3]).as_rotvec(), axis=1),
+            np.linalg.norm(off[:, :3, 3], axis=1),
+        ]
+    )
+    assert (missed <= 1.1 * found.between_rows + 1e-9).all()
+    assert found.between_rows.sum() < 2.5 * missed.sum() + 1e-6
+
+
+def test_a_coarse_truth_is_not_taken_for_wrong_covariances():
+    """It has the estimate's errors at its rows and its own between them."""
+    rng = np.random.default_rng(5)
+    keyframes_s = np.arange(60) * 0.25
+    errors = np.zeros((60, 6))
+    errors[1:] = rng.normal(0, [1e-3] * 3 + [2e-3] * 3, (59, 6))
+    poses = swaying(keyframes_s) @ RigidTransform.from_exp_coords(-errors).as_matrix()
+    estimate = estimate_of(poses, stamps_s=keyframes_s)
+    estimate = replace(estimate, covariances=np.tile(np.diag([1e-6] * 3 + [4e-6] * 3), (60, 1, 1)))
+    found = {}
+    for every_s in (0.01, 0.2):
+        times_s = np.arange(0, 15.1, every_s)
+        truth = Truth(times_s, swaying(times_s))
+        found[every_s] = evaluate(estimate, flight_of(truth.w_T_b, truth=truth))
+    fine, coarse = found[0.01], found[0.2]
+    assert fine.too_coarse == 0
+    assert 4.5 < fine.nees.pose.mean < 7.5
+    # One in four lies on a row.
+    assert 40 <= coarse.too_coarse <= 45
+    assert 3.5 < coarse.nees.pose.mean < 8.5
+    assert coarse.nees.left_out == coarse.too_coarse
 
 
 def test_other_epochs_and_truth_out_of_order_change_nothing():
