@@ -12,12 +12,12 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect, catalogue_value
 from slam.criticism.search.moving import held_value, is_wall
-from slam.criticism.search.search import Look, Search, Standing, occam
+from slam.criticism.search.search import Look, Search, Standing
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.criticism import Cause, Gain, Interval, Verdict
 from slam.criticism.verdict.flown import FREE, Flown
 from slam.criticism.verdict.heldout import drawn_again, held_out
-from slam.criticism.verdict.posterior import KNOWN, NOTHING, SOMETHING_ELSE, Posterior, named
+from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, price
 from slam.criticism.verdict.rollouts import roll_out_errors
 from slam.simulation.terms import CATALOGUE
 
@@ -104,7 +104,7 @@ def _as_flown(cause: Cause, effect: Effect, best: Flown) -> Cause:
     where they are surer of it than the next readings."""
     found = replace(cause, parameters=_flown_sizes(best, effect))
     parts = np.array(best.nats.get(effect.name, ()))
-    odds = float(parts.sum()) - occam(len(effect.columns)) - np.log(len(CATALOGUE) / KNOWN)
+    odds = float(parts.sum()) - price(effect)
     probability = float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0))))
     if probability <= cause.probability:
         return found

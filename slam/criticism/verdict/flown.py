@@ -25,7 +25,7 @@ from slam.criticism.search.nuisances import MEAN, Nuisance, limits_of, value_of
 from slam.criticism.search.search import Search
 from slam.criticism.search.thresholds import MISFIT, load_thresholds
 from slam.criticism.threads import in_threads
-from slam.criticism.verdict.posterior import named
+from slam.criticism.verdict.posterior import named, price
 from slam.criticism.verdict.rollouts import misses_of
 from slam.progress import Progress, Tally, silent
 
@@ -117,18 +117,22 @@ def flown(
 
 
 def _extended(course: _Course, found: Search, fit: _Fit) -> tuple[list[Effect], _Fit]:
-    """The chosen terms with those of the candidates beside them with which flights fly better."""
+    """The chosen terms with those of the candidates beside them with which flights fly better: likelier than
+    not by what they gain, where the next readings ask for less than of any second term.
+    """
     chosen = list(found.chosen)
     standing = found.last.standing(chosen, found.last.effects)
     names = {e.name for e in chosen}
-    chance = load_thresholds().effects
-    moving = [s.effect for s in standing if s.z > chance and _flies(s.effect)]
-    for extra in [e for e in moving if e.name not in names][:MOST_CANDIDATES]:
+    limits = load_thresholds()
+    moving = [s for s in standing if s.z > limits.effects and _flies(s.effect)]
+    for candidate in [s for s in moving if s.effect.name not in names][:MOST_CANDIDATES]:
+        extra = candidate.effect
         # Of two ways to try a term, the first that is better stands for it.
         if extra.name in {e.name for e in chosen}:
             continue
         tried = course.fitted(fit.setting, [*chosen, extra])
-        if tried.better_than(fit):
+        asked = candidate.z > limits.second or course.nats(tried, fit) > price(extra)
+        if asked and tried.better_than(fit):
             chosen, fit = [*chosen, extra], tried
     return chosen, fit
 
@@ -252,6 +256,11 @@ class _Course:
         """(misses, columns) of each part of ``_left``, for columns in units of ``h``."""
         beside = [self._left(moved(setting, c, step)) for c, step in zip(columns, h.tolist(), strict=True)]
         return [np.column_stack([b[k] - at for b in beside]) for k, at in enumerate(left)]
+
+    def nats(self, fit: _Fit, other: _Fit) -> float:
+        """What held-out flights gain by one fit over another: Gaussian misses of the spread that is left."""
+        missed = float(fit.missed.sum())
+        return 0.5 * self.independent * (float(other.missed.sum()) - missed) / missed
 
     def fitted(self, start: Setting, effects: Sequence[Effect]) -> _Fit:
         """Levenberg-Marquardt over all flights; then one step more for each flight left out."""

@@ -49,6 +49,11 @@ def named(effect: Effect) -> bool:
     return effect.name in CATALOGUE
 
 
+def price(effect: Effect) -> float:
+    """Nats that held-out flights must gain before a term is likelier than not."""
+    return occam(len(effect.columns)) + float(np.log(len(CATALOGUE) / KNOWN))
+
+
 def posterior_of(found: Search) -> Posterior:
     """Probabilities at the last look."""
     look, chosen = found.last, list(found.chosen)

@@ -95,13 +95,22 @@ def test_of_what_no_chance_makes_flights_say_whether_it_enters(braking):
         missed = 1.0 - sum(helps.get(e.name, 0.0) for e in effects)
         return SimpleNamespace(setting=nominal, missed=missed, better_than=lambda o: missed < o.missed)
 
+    def enters(independent):
+        def nats(fit, other):
+            return independent * (other.missed - fit.missed)
+
+        course = SimpleNamespace(fitted=fitted, nats=nats)
+        chosen, fit = _extended(course, found, fitted(nominal, []))
+        assert fit.missed == fitted(nominal, chosen).missed
+        return [e.name for e in chosen]
+
     z = {"quadratic_drag": 9.0, "active_braking": 4.2, "battery_sag": 3.0}
     standing = [Standing(asked[name], 0.5 * z[name] ** 2, z[name]) for name in z]
     look = SimpleNamespace(effects=every, standing=lambda *_: standing)
-    course, found = SimpleNamespace(fitted=fitted), SimpleNamespace(chosen=(), last=look)
-    chosen, fit = _extended(course, found, fitted(nominal, []))
-    assert [e.name for e in chosen] == ["active_braking"]
-    assert fit.missed == 0.5
+    found = SimpleNamespace(chosen=(), last=look)
+    assert enters(50.0) == ["active_braking"]
+    # Of what is asked for so little flights must be sure.
+    assert enters(5.0) == []
 
 
 class Rough(_Course):
