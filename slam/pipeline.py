@@ -136,8 +136,8 @@ class _Job:
         with self.clock("loops"):
             sightings = sighter.retrieve(sightings, mapper.reach(chain.edges, chain.solution))
             _refuse_unless(len(sightings.registrations) > 0, flight, sightings)
-            poses, height_m = chain.solution, chain.edges.heights.height_m
-            known = Known(poses.w_T_b, poses.covariances, poses.component, height_m)
+            poses = back_end.bridges.chained(chain.solution)
+            known = Known(poses.w_T_b, poses.covariances, poses.component, chain.edges.heights.height_m)
             sightings = sightings.without(mapper.contradictions(mapper.edges(sightings.registrations), known))
         with self.clock("graph"):
             edges = mapper.edges(sightings.registrations)

@@ -72,6 +72,8 @@ class Bundle:
     """None where nothing was ranged."""
     scale_std: float | None
     """Relative; None where nothing told the scale."""
+    own_scale_std: float
+    """The same beside what all ranges of the flight err by together; 0 where nothing told it."""
     noise: NoiseLevels
     dropped_observations: int
     error: float
@@ -199,11 +201,20 @@ def _result(
         mount_std if problem.camera.mount_std_rad > 0 else 0.0,
         _range_errors(world, joint[0, 6:, 6:]) if problem.measurements.ranges else None,
         float(np.sqrt(joint[0, 6 + LOG_SCALE, 6 + LOG_SCALE])) if problem.scaled else None,
+        _own_scale_std(joint[0, 6:, 6:]) if problem.scaled else 0.0,
         noise,
         int((~used).sum()),
         error,
         iterations,
     )
+
+
+def _own_scale_std(covariance: Array) -> float:
+    """Of the scale, given gain and zero of the ranges, which another part of the flight has too."""
+    shared, scale = [LOG_GAIN, DATUM], LOG_SCALE
+    along = covariance[scale, shared]
+    told = along @ np.linalg.solve(covariance[np.ix_(shared, shared)], along)
+    return float(np.sqrt(max(covariance[scale, scale] - told, 0.0)))
 
 
 def _range_errors(world: Array, covariance: Array) -> RangeErrors:

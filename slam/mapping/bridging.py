@@ -21,6 +21,7 @@ from backend import se3
 from backend.ekf.inputs import PictureStep, renumbered
 from backend.errors import BackendError
 from backend.measurements import RelativePose
+from backend.solution import Solution
 from frontend.lift import lift
 from frontend.registration import Registration
 from slam.errors import InputError
@@ -34,6 +35,7 @@ Array = NDArray[np.float64]
 
 _LEVEL = np.array([2, 3, 4])
 """Rows of a pose's error that a part of a map is free in: heading, x, y. Its floor is level and at z = 0."""
+_HEIGHT = 5
 _MOST_HEIGHTS = 1.0
 """A bridge uncertain by more heights than this joins nothing: the pictures could lie anywhere."""
 
@@ -139,6 +141,16 @@ class Bridges:
             return fused
         return joined(fused, self.edges())
 
+    def chained(self, chain: Solution) -> Fused:
+        """A chain with its parts in one world: a floor that repeats must not join them elsewhere."""
+        assert chain.covariances is not None
+        component = largest_first(chain.component)
+        parts = Fused(
+            chain.w_T_b, chain.covariances, chain.covariances, component, 0.0, self.mapper.camera, None,
+            self.flight.gps is not None, (),
+        )  # fmt: skip
+        return self.join(parts)
+
     def edges(self) -> tuple[RelativePose, ...]:
         """One for each break; none where the instruments tell too little."""
         if self._edges is None:
@@ -159,7 +171,13 @@ class _Placed:
 
     root_T_part: Array
     covariance: Array
-    """(6, 6), rotation first, right perturbation; zero but for heading, x and y."""
+    """(6, 6), rotation first, right perturbation; zero but for heading and place."""
+
+    def with_height_std(self, std_m: float) -> _Placed:
+        """Both parts stand over one floor: their heights err each by itself, however long the way between."""
+        covariance = self.covariance.copy()
+        covariance[_HEIGHT, _HEIGHT] = std_m**2
+        return _Placed(self.root_T_part, covariance)
 
 
 def joined(fused: Fused, edges: Sequence[RelativePose]) -> Fused:
@@ -174,6 +192,7 @@ def joined(fused: Fused, edges: Sequence[RelativePose]) -> Fused:
         if not ways.has_edge(a, b) or weight < ways[a][b]["weight"]:
             ways.add_edge(a, b, weight=weight, edge=edge)
     surest = nx.minimum_spanning_tree(ways)
+    height_std_m = fused.height_std_m or (0.0,) * len(ways)
     w_T_b, covariances = fused.w_T_b.copy(), fused.covariances.copy()
     over_floor_covariances = fused.over_floor_covariances.copy()
     component, used = fused.component.copy(), []
@@ -181,14 +200,17 @@ def joined(fused: Fused, edges: Sequence[RelativePose]) -> Fused:
         placed = {root: _Placed(np.eye(4), np.zeros((6, 6)))}
         for parent, part in nx.bfs_edges(surest, root):
             edge = surest[parent][part]["edge"]
-            placed[part] = _onto(placed[parent], _way(fused, edge, part))
+            placed[part] = _onto(placed[parent], _way(fused, edge, part)).with_height_std(
+                float(np.hypot(height_std_m[root], height_std_m[part]))
+            )
             used.append(edge)
             members = fused.component == part
             w_T_b[members] = placed[part].root_T_part @ fused.w_T_b[members]
             carry = se3.adjoint(se3.inverse(fused.w_T_b[members]))
-            added = carry @ placed[part].covariance @ carry.transpose(0, 2, 1)
-            covariances[members] += added
-            over_floor_covariances[members] += added
+            covariances[members] += carry @ placed[part].covariance @ carry.transpose(0, 2, 1)
+            # How high over the floor is in those of the part itself.
+            level = placed[part].with_height_std(0.0).covariance
+            over_floor_covariances[members] += carry @ level @ carry.transpose(0, 2, 1)
             component[members] = root
     if not used:
         return fused

@@ -43,6 +43,9 @@ class Fused:
     warnings: tuple[str, ...]
     inertial: InertialLengths | None = None
     """What the accelerometer tells of the largest part."""
+    height_std_m: tuple[float, ...] = ()
+    """Of each part's first keyframe over the floor, beside what all parts err by together; 0 where not
+    known. In the part's own covariances that height is certain."""
     bridges: tuple[RelativePose, ...] = ()
     """Edges of kind ``inertial`` along which parts were laid together (`slam.mapping.bridging`)."""
 
@@ -80,6 +83,7 @@ def fuse(
     w_T_b[component < 0] = np.nan
     warnings: list[str] = []
     camera, floor_z_m, first, inertial, georeferenced = mapper.camera, 0.0, None, None, False
+    height_std_m = [0.0] * (int(component.max(initial=-1)) + 1)
     seen = np.bincount(tracks.keyframe, minlength=n)
     for part in range(int(component.max(initial=-1)) + 1):
         members = np.flatnonzero(component == part)
@@ -107,6 +111,7 @@ def fuse(
             w_T_b[members], floor = bundle.w_T_b, bundle.floor_z_m
             covariances[members] = bundle.covariances
             over_floor_covariances[members] = bundle.over_floor_covariances
+            height_std_m[part] = bundle.own_scale_std * float(bundle.w_T_b[0, 2, 3] - bundle.floor_z_m)
             if part == 0:
                 first, inertial, camera = bundle, by_inertia, _calibrated(camera, bundle)
             warnings += (
@@ -117,7 +122,7 @@ def fuse(
     w_T_b[component < 0] = np.nan
     return Fused(
         w_T_b, covariances, over_floor_covariances, component, floor_z_m, camera, first, georeferenced,
-        tuple(warnings), inertial,
+        tuple(warnings), inertial, tuple(height_std_m),
     )  # fmt: skip
 
 

@@ -63,6 +63,15 @@ def test_a_stretch_without_features_leaves_one_map(with_velocity):
     assert std_m < (0.07 if with_velocity else 0.2)
 
 
+def test_covariances_hold_on_both_sides_of_the_bridge():
+    """How high the one part is against the other is none of them's own gauge."""
+    scores = [
+        evaluate(estimate, flight).nees for flight, estimate in (bridged(seed, True) for seed in range(4))
+    ]
+    assert 3 < np.mean([score.pose.mean for score in scores]) < 9
+    assert max(np.nanmax(score.per_keyframe) for score in scores) < chi2.ppf(0.99999, 6)
+
+
 @pytest.mark.parametrize("velocity_error_m_s", [0.0, 0.03])
 def test_a_speed_that_reads_too_much_is_told_from_a_faultless_one(velocity_error_m_s):
     """By the steps that pictures tell: a bridge is off as far as told with either."""
