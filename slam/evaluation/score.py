@@ -20,9 +20,6 @@ from slam.summary import without_nan
 
 Array = NDArray[np.float64]
 
-_TRUTH_SHARE = 0.5
-"""A reference that is off by half a deviation adds a quarter to what is squared."""
-
 
 @dataclass(frozen=True)
 class Tracks:
@@ -164,17 +161,16 @@ def _consistency(
 
 
 def _too_coarse(estimate: Estimate, association: Association) -> NDArray[np.bool_]:
-    """(m,) where the truth between its rows is off by `_TRUTH_SHARE` of the estimate's own deviations: such a
-    keyframe's error would be the truth's. The first one is held by the gauge: its deviations are those of the
-    best known other one."""
+    """(m,) where the truth between its rows is off by as much as the estimate's own deviations: such a
+    keyframe's error would be the truth's. The first one, the gauge of all, is held against what is usual."""
     coarse = np.zeros(len(association.keyframe), dtype=bool)
     if association.between_rows is None or len(coarse) < 2:
         return coarse
     covariances = estimate.covariances[association.keyframe]
     variances = np.diagonal(covariances, axis1=1, axis2=2).reshape(-1, 2, 3).max(axis=2)
     deviations = np.sqrt(np.where(variances > 0, variances, np.inf))
-    deviations[0] = deviations[1:].min(axis=0)
-    return np.asarray((association.between_rows > _TRUTH_SHARE * deviations).any(axis=1))
+    deviations[0] = np.median(deviations[1:], axis=0)
+    return np.asarray((association.between_rows > deviations).any(axis=1))
 
 
 def _loops(estimate: Estimate, flight: Flight, association: Association) -> LoopScore | None:
