@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -290,9 +291,11 @@ def _noiseless(flight: Flight) -> list[str]:
 
 def print_info(info: FlightInfo, console: Console) -> None:
     """Print as tables and lists; text that came with the flight is shown as it is, never as markup."""
-    table = Table(title=f"{escape(brief(info.name))}, {info.duration_s:.1f} s", title_justify="left")
-    table.add_column("stream")
-    for title in (
+    title = f"{escape(brief(info.name))}, {info.duration_s:.1f} s"
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    # Names of instruments stay whole on a terminal of 80 letters.
+    table.add_column("stream", min_width=len("attitude0"), overflow="fold")
+    for heading in (
         "rows",
         "rate [Hz]",
         "starts [s]",
@@ -301,7 +304,7 @@ def print_info(info: FlightInfo, console: Console) -> None:
         "largest gap [s]",
         "values missing",
     ):
-        table.add_column(Text(title), justify="right")
+        table.add_column(Text(heading), justify="right")
     for s in info.streams:
         rate = "" if math.isnan(s.rate_hz) else f"{s.rate_hz:.3g}"
         cells = [str(s.count), rate, f"{s.start_s:.2f}", f"{s.duration_s:.2f}", str(s.gaps or "")]

@@ -143,13 +143,13 @@ class Bridges:
 
     def chained(self, chain: Solution) -> Fused:
         """A chain with its parts in one world: a floor that repeats must not join them elsewhere."""
-        assert chain.covariances is not None
-        component = largest_first(chain.component)
+        n = len(chain.w_T_b)
+        covariances = np.full((n, 6, 6), np.nan) if chain.covariances is None else chain.covariances
         parts = Fused(
-            chain.w_T_b, chain.covariances, chain.covariances, component, 0.0, self.mapper.camera, None,
-            self.flight.gps is not None, (),
+            chain.w_T_b, covariances, covariances, largest_first(chain.component), 0.0,
+            self.mapper.camera, None, self.flight.gps is not None, (),
         )  # fmt: skip
-        return self.join(parts)
+        return parts if chain.covariances is None else self.join(parts)
 
     def edges(self) -> tuple[RelativePose, ...]:
         """One for each break; none where the instruments tell too little."""
