@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from frontend.camera import Camera
 from slam.errors import InputError, one_line
 from slam.estimate import Estimate
 from slam.flight import Flight, Truth
@@ -66,6 +67,15 @@ def associate(estimate: Estimate, flight: Flight) -> Association:
     if len(found.keyframe) == 0:
         raise InputError(_nothing_in_common(estimate, flight, found, stamps_s, span_s))
     return found
+
+
+def seeing_camera(estimate: Estimate, flight: Flight) -> Camera | None:
+    """The camera that took the pictures, as far as is known: the flight's, its mount as the map has found it
+    where that was estimated."""
+    told, found = flight.camera, estimate.camera
+    if told is None or found is None:
+        return told or found
+    return replace(told, b_T_c=found.b_T_c) if found.mount_std_rad > 0 else told
 
 
 def _refuse_other_pictures(estimate: Estimate, flight: Flight) -> None:

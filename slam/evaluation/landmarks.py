@@ -1,6 +1,7 @@
 """Distances between landmarks on the map: the paper's measure of drift.
 
-A landmark's pixel is where the true camera sees it; the estimated pose carries that pixel to the floor; the
+A landmark's pixel is where the true camera sees it, its mount as the map has found it where it was told wrong
+(`slam.evaluation.association.seeing_camera`); the estimated pose carries that pixel to the floor; the
 plain mean over all keyframes that see it is where the map has the landmark. (IMAV 2011 paper, section 4.1.)
 
 That mean runs over all visits, so drift between two visits shows in it by half at most. A **gap** therefore
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from slam.estimate import Estimate
-from slam.evaluation.association import Association
+from slam.evaluation.association import Association, seeing_camera
 from slam.evaluation.maps import Map, Maps
 from slam.flight import Flight
 
@@ -138,7 +139,7 @@ def _sightings(
     estimate: Estimate, flight: Flight, association: Association, maps: Maps
 ) -> dict[str, _Sightings]:
     """What each map makes of every landmark; empty without truth or a camera."""
-    true_camera = flight.camera or estimate.camera
+    true_camera = seeing_camera(estimate, flight)
     if association.w_T_b is None or true_camera is None:
         return {}
     sightings = {}

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.estimate import MAP_WAYS, Estimate
-from slam.evaluation.association import Association, associate
+from slam.evaluation.association import Association, associate, seeing_camera
 from slam.evaluation.landmarks import LandmarkDistance, LoopGap, landmark_table
 from slam.evaluation.loops import LoopScore, score_loops
 from slam.evaluation.maps import Maps, maps_of
@@ -174,7 +174,7 @@ def _too_coarse(estimate: Estimate, association: Association) -> NDArray[np.bool
 
 
 def _loops(estimate: Estimate, flight: Flight, association: Association) -> LoopScore | None:
-    camera = flight.camera or estimate.camera
+    camera = seeing_camera(estimate, flight)
     if association.w_T_b is None or camera is None or estimate.ways != MAP_WAYS:  # loops are a map's
         return None
     return score_loops(estimate.loops, estimate.stamps_s, association.keyframe, association.w_T_b, camera)
