@@ -49,10 +49,9 @@ class PoseGraph:
     def is_blind(self) -> NDArray[np.bool_]:
         """(m,) whether an edge tells nothing about some direction: its information is semi-definite."""
         size = np.sqrt(np.maximum(np.diagonal(self.information, axis1=1, axis2=2), 0))
+        size[size == 0] = 1
         # Radians and metres differ in size.
-        unit = (
-            self.information / np.where(size > 0, size, 1)[:, :, None] / np.where(size > 0, size, 1)[:, None]
-        )
+        unit = self.information / size[:, :, None] / size[:, None]
         return np.asarray(np.linalg.eigvalsh(unit)[:, 0] < _NOTHING)
 
 

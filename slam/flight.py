@@ -220,6 +220,10 @@ class Flight:
 
         return read_flight(path)
 
+    def warned(self, line: str) -> Flight:
+        """The same flight with one more line of ``warnings``."""
+        return replace(self, warnings=(*self.warnings, line))
+
     def geo_origin(self) -> GeoOrigin | None:
         """The first GPS fix with an altitude: origin of the local east-north-up world."""
         if self.gps is None:

@@ -18,8 +18,9 @@ from slam.mapping.bridging import Bridges
 from slam.mapping.clocks import delay_to_take_out, stamped_later
 from slam.mapping.fusion import Fused, fuse
 from slam.mapping.horizon import seeing_floor
-from slam.mapping.lean import lean_of, remounted
+from slam.mapping.lean import lean_of
 from slam.mapping.mapper import Edges, Known, Mapper, Sensors
+from slam.mapping.mount import remounted
 from slam.mapping.obstacles import Masks, Obstacles, echoes_in_map, find_obstacles, no_masks
 from slam.mapping.sightings import Sighter, Sightings
 from slam.mapping.synchronize import inertial_readings
@@ -57,7 +58,7 @@ def optimize_with_sightings(
             if found is None or (obstacles is not None and not found.moved_from(obstacles)):
                 break
             masked = job.without_obstacles(flight, found)
-            if masked is None or masked.placed_share < LEAST_LEFT * first.placed_share:
+            if masked is None or masked.main_share < LEAST_LEFT * first.main_share:
                 first = first.warned(found.torn)
                 break
             obstacles, first = found, masked
@@ -93,15 +94,13 @@ class _FirstMap:
     fused: Fused
 
     @property
-    def placed_share(self) -> float:
-        """Of the keyframes are in the largest part."""
+    def main_share(self) -> float:
+        """Share of the keyframes that are in the largest part."""
         return float(np.mean(self.fused.component == 0))
 
     def warned(self, line: str) -> _FirstMap:
         """The same with one more line for the user."""
-        flight = self.back_end.flight
-        flight = replace(flight, warnings=(*flight.warnings, line))
-        return replace(self, back_end=replace(self.back_end, flight=flight))
+        return replace(self, back_end=replace(self.back_end, flight=self.back_end.flight.warned(line)))
 
 
 @dataclass(frozen=True)
@@ -154,7 +153,7 @@ class _Job:
     def obstacles(self, flight: Flight, first: _FirstMap) -> Obstacles | None:
         """What the sonar hears standing on the floor of the first map."""
         fused = first.fused
-        poses = np.where((fused.component == 0)[:, None, None], fused.over_floor_T_b, np.nan)
+        poses = fused.of_main(fused.over_floor_T_b)
         return find_obstacles(
             flight, self.camera, first.sightings.stamps_s, poses, fused.floor_z_m, self.config.masking
         )
@@ -192,7 +191,7 @@ class _Job:
     def _remounted(self, flight: Flight, settled: _SettledMap) -> Camera | None:
         if flight.parts:  # each has a level of its own
             return None
-        lean = lean_of(flight, settled.sightings.stamps_s, settled.fused.main_T_b)
+        lean = lean_of(flight, settled.sightings.stamps_s, settled.fused.of_main(settled.fused.w_T_b))
         return remounted(self.camera, lean, settled.fused.inertial)
 
     def _back_end(self, flight: Flight, sightings: Sightings) -> _BackEnd:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from threading import Lock
 from typing import Protocol, TypeVar
 
 Part = TypeVar("Part")
+Given = TypeVar("Given")
+Made = TypeVar("Made")
 
 COMPILING = "compile for this machine: once after an installation, a minute or two"
 
@@ -45,6 +47,15 @@ class Tally:
         self._count(0)
         yield
         self._count(1)
+
+    def counting(self, job: Callable[[Given], Made]) -> Callable[[Given], Made]:
+        """The job, each call of which is one part."""
+
+        def counted(given: Given) -> Made:
+            with self.part():
+                return job(given)
+
+        return counted
 
     def each(self, parts: Iterable[Part]) -> Iterator[Part]:
         """The parts, each finished when the next is asked for."""

@@ -96,7 +96,7 @@ class BundleProblem:
     def b_T_c(self, values: gtsam.Values) -> Array:
         """Camera coordinates to body coordinates, as the mount is found to be."""
         turn = np.eye(4)
-        turn[:3, :3] = turn_of(values.atVector(WORLD), MOUNT)[0]
+        turn[:3, :3] = turn_of(values.atVector(WORLD), MOUNT)
         return np.asarray(self.camera.b_T_c @ turn)
 
 
@@ -216,7 +216,7 @@ def metric_poses(problem: BundleProblem, values: gtsam.Values) -> Array:
     """Body poses (n, 4, 4) in metres in the measured world."""
     world = values.atVector(WORLD)
     w_T_f = np.eye(4)
-    w_T_f[:3, :3] = turn_of(world, SLOPE)[0]
+    w_T_f[:3, :3] = turn_of(world, SLOPE)
     w_T_f[2, 3] = world[FLOOR_Z]
     f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(problem.measurements.count)])
     f_T_c[:, :3, 3] *= np.exp(world[LOG_SCALE])

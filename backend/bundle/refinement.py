@@ -23,7 +23,17 @@ from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import X as POSE
 from numpy.typing import NDArray
 
-from backend.bundle.factors import DATUM, FLOOR_Z, LOG_GAIN, LOG_SCALE, MOUNT, SLOPE, WORLD_SIZE, turn_of
+from backend.bundle.factors import (
+    DATUM,
+    FLOOR_Z,
+    LOG_GAIN,
+    LOG_SCALE,
+    MOUNT,
+    SLOPE,
+    WORLD_SIZE,
+    turn_jacobian,
+    turn_of,
+)
 from backend.bundle.graph import (
     WORLD,
     BundleConfig,
@@ -134,7 +144,7 @@ def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array
     """
     n, world = problem.measurements.count, values.atVector(WORLD)
     scale = float(np.exp(world[LOG_SCALE]))
-    (A, turn), (_, mount_turn) = turn_of(world, SLOPE), turn_of(world, MOUNT)
+    A, turn, mount_turn = turn_of(world, SLOPE), turn_jacobian(world, SLOPE), turn_jacobian(world, MOUNT)
     jacobians = np.zeros((n, 6, 6 + WORLD_SIZE))
     for k, J in enumerate(jacobians):
         pose = values.atPose3(POSE(k)).matrix()

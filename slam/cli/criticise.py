@@ -32,13 +32,13 @@ def criticise(
     from slam.criticism import criticise as judge
     from slam.flight import told_apart
     from slam.outputs import output_folder
-    from slam.progress import Tally, compilation_shown
+    from slam.progress import Tally
     from slam.report.criticism_report import write_criticism_report
     from slam.simulation.model import load_model
 
     screen = console()
     believed = load_model(model)
-    with output_folder(out) as folder, progress_shown(screen) as progress, compilation_shown(progress):
+    with output_folder(out) as folder, progress_shown(screen) as progress:
         opened = told_apart([open_flight(path, progress)[0] for path in flights])
         result = judge(opened, believed, progress)
         write_criticism(result, folder)

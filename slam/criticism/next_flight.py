@@ -64,13 +64,7 @@ def next_flight(
         return float(np.sqrt(max(sizes @ left[own, own] @ sizes, 0.0)))
 
     names = list(MANOEUVRES)
-    tried = Tally(progress, "next flight", len(names))
-
-    def told(name: str) -> float:
-        with tried.part():
-            return separation(name)
-
-    found = in_threads(told, names)
+    found = in_threads(Tally(progress, "next flight", len(names)).counting(separation), names)
     # Separation grows as the root of the time flown.
     took_s = np.array([stick_for([name]).duration_s for name in names])
     best = int(np.argmax(found / np.sqrt(took_s)))

@@ -12,7 +12,7 @@ from slam.body_range import with_body_ranges
 from slam.criticism.extended import extended_model
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, place_of
-from slam.criticism.kalman.record import Record, holds_heading, is_led
+from slam.criticism.kalman.record import Record, any_holds_heading, is_led
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.next_flight import next_flight
@@ -61,15 +61,20 @@ def criticise(
 
     believed = model if isinstance(model, Model) else load_model(model)
     flights = [with_body_ranges(flight) for flight in told_apart(flights)]
-    if flights and not any(is_led(flight) for flight in flights):
-        return _unled(flights, believed, progress)
+    with threadpool_limits(1), compilation_shown(progress):
+        if flights and not any(is_led(flight) for flight in flights):
+            return _unled(flights, believed, progress)
+        return _led(flights, believed, progress)
+
+
+def _led(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
+    """The verdict where there are command logs."""
     records, dropped = usable_records(flights, progress)
     names = tuple(record.name for record in records)
     if not records:
         reason = "; ".join(dropped) if dropped else "no flights"
         return Criticism("unusable", f"These data cannot be judged: {reason}.", dropped=tuple(dropped))
-    with threadpool_limits(1), compilation_shown(progress):
-        return replace(_judged(records, believed, progress), flights=names, dropped=tuple(dropped))
+    return replace(_judged(records, model, progress), flights=names, dropped=tuple(dropped))
 
 
 def _unled(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
@@ -88,7 +93,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     if setting.foreign:
         records = [coarsened(record, model) for record in records]
         limits = limits.times(FOREIGN)
-    elif any(holds_heading(record.stick) for record in records):
+    elif any_holds_heading(records):
         limits = limits.times(STEERED)
     records = _filtered(records, setting, progress)
     records, odd = without_dead_zone(records)
@@ -161,12 +166,7 @@ def _covariate(
 def _filtered(records: Sequence[Record], setting: Setting, progress: Progress) -> list[Record]:
     """The records beside a healthy run of each."""
     flights = Tally(progress, "filter", len(records))
-
-    def one(record: Record) -> Record:
-        with flights.part():
-            return referred(record, setting)
-
-    return in_threads(one, records)
+    return in_threads(flights.counting(lambda record: referred(record, setting)), records)
 
 
 def _likeliest(records: Sequence[Record], found: Search) -> Search:

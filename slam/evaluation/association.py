@@ -146,8 +146,8 @@ def _with_truth(
     _count(left_out, "in a gap of the truth", comparable & inside & ~covered)
     keyframe = np.flatnonzero(comparable & inside & covered)
     w_T_b = _interpolated(times_s, poses, at_s[keyframe], left[keyframe], right[keyframe])
-    vague = _between_rows(times_s, poses, at_s[keyframe], left[keyframe], right[keyframe])
-    return Association("truth", keyframe, w_T_b[:, :3, 3].copy(), w_T_b, left_out, between_rows=vague)
+    missed = _missed_between_rows(times_s, poses, at_s[keyframe], left[keyframe], right[keyframe])
+    return Association("truth", keyframe, w_T_b[:, :3, 3].copy(), w_T_b, left_out, between_rows=missed)
 
 
 def poses_at(truth: Truth, stamps_s: Array) -> Array:
@@ -168,8 +168,7 @@ def _interpolated(
     w_T_b = np.tile(np.eye(4), (len(at_s), 1, 1))
     if len(at_s) == 0:
         return w_T_b
-    span_s = times_s[right] - times_s[left]
-    share = np.divide(at_s - times_s[left], span_s, out=np.zeros_like(at_s), where=span_s > 0)[:, None]
+    share = _share(times_s, at_s, left, right)[:, None]
     w_T_b[:, :3, 3] = (1 - share) * poses[left, :3, 3] + share * poses[right, :3, 3]
     rotations = Rotation.from_matrix(poses[:, :3, :3])
     if len(times_s) == 1:
@@ -179,7 +178,13 @@ def _interpolated(
     return w_T_b
 
 
-def _between_rows(
+def _share(times_s: Array, at_s: Array, left: NDArray[np.int64], right: NDArray[np.int64]) -> Array:
+    """(m,) how much of the interval between two rows has passed; 0 on a row."""
+    span_s = times_s[right] - times_s[left]
+    return np.divide(at_s - times_s[left], span_s, out=np.zeros_like(at_s), where=span_s > 0)
+
+
+def _missed_between_rows(
     times_s: Array, poses: Array, at_s: Array, left: NDArray[np.int64], right: NDArray[np.int64]
 ) -> Array:
     """(m, 2) what interpolation misses of the motion: u (1 - u) / 2 of the larger second difference beside.
@@ -194,11 +199,10 @@ def _between_rows(
     ).as_rotvec()
     rates = np.hstack([turned, np.diff(poses[:, :3, 3], axis=0)]) / steps
     bent = np.diff(rates, axis=0) / (0.5 * (steps[1:] + steps[:-1]))
-    bent = np.abs(np.linalg.norm(bent.reshape(-1, 2, 3), axis=2))
+    bent = np.linalg.norm(bent.reshape(-1, 2, 3), axis=2)
     # Of the rows at both ends of an interval; the first and the last row have none of their own.
     at_row = np.vstack([bent[:1], bent, bent[-1:]])
-    span_s = times_s[right] - times_s[left]
-    share = np.divide(at_s - times_s[left], span_s, out=np.zeros_like(at_s), where=span_s > 0)
+    share, span_s = _share(times_s, at_s, left, right), times_s[right] - times_s[left]
     return (0.5 * share * (1 - share) * span_s**2)[:, None] * np.maximum(at_row[left], at_row[right])
 
 

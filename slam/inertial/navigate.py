@@ -54,12 +54,13 @@ def navigate(
     Raises ``InputError`` where the flight tells too little, or would give more than ``MOST_POSES`` poses.
     """
     clock = Stopwatch()
-    with clock("instruments"), compilation_shown(progress):
-        given = suited(flight, trust, progress)
-    at_s = _times(flight, given, rate_hz)
-    absolute = given.readings.w_p_b_m is not None
-    with clock("filter"), compilation_shown(progress):
-        track = follow(given, at_s, keep="none" if absolute else "first", progress=progress)
+    with compilation_shown(progress):
+        with clock("instruments"):
+            given = suited(flight, trust, progress)
+        at_s = _times(flight, given, rate_hz)
+        absolute = given.readings.w_p_b_m is not None
+        with clock("filter"):
+            track = follow(given, at_s, keep="none" if absolute else "first", progress=progress)
     assert track.smoothed is not None
     turn = _heading(given, track.smoothed)
     track = replace(track, filtered=_turned(track.filtered, turn), smoothed=_turned(track.smoothed, turn))

@@ -16,8 +16,9 @@ from slam.mapping.chain import chain
 from slam.mapping.clocks import delay_told
 from slam.mapping.fusion import Fused, comparable
 from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors
-from slam.mapping.lean import lean_of, lean_told, mount_tilt, mount_told
+from slam.mapping.lean import lean_of, lean_told
 from slam.mapping.mapper import Edges, Mapper
+from slam.mapping.mount import mount_tilt, mount_told
 from slam.mapping.sightings import Sightings
 from slam.settings import PipelineConfig
 
@@ -109,6 +110,7 @@ def account(
         if ok and np.isfinite(fused.w_T_b[[r.i, r.j]]).all()
     )
     kept += fused.bridges
+    mount = mount_tilt(flight.camera, fused.bundle)
     chained = chain(
         sightings.links, mapper.camera, mapper.sensors.roll_pitch_rad, mapped.odometry.heights.height_m
     )
@@ -138,15 +140,15 @@ def account(
             *describe(flight).odd,
             *missing_for_map(flight),
             *_moving(sightings),
-            *_instruments_off(flight, mapped),
+            *_instruments_off(flight, mapped, mount),
             *warnings,
             *solution.warnings,
         ),
         floor_slope_rad=fused.slope_rad,
         instruments=InstrumentErrors(
-            attitude_errors(flight, sightings.stamps_s, fused.main_T_b, not flight.parts),
+            attitude_errors(flight, sightings.stamps_s, fused.of_main(fused.w_T_b), not flight.parts),
             accelerometer_errors(fused.inertial, mapped.late_s),
-            _mount(flight, fused),
+            mount,
         ),
         scale_std=fused.bundle.scale_std if fused.bundle else None,
         range_errors=fused.bundle.range_errors if fused.bundle else None,
@@ -165,17 +167,13 @@ def _moving(sightings: Sightings) -> list[str]:
     ]
 
 
-def _instruments_off(flight: Flight, mapped: Mapped) -> list[str]:
+def _instruments_off(flight: Flight, mapped: Mapped, mount: MountTilt | None) -> list[str]:
     sightings, fused = mapped.sightings, mapped.fused
-    told = [mount_told(_mount(flight, fused)), delay_told(fused.inertial, mapped.late_s)]
+    told = [mount_told(mount), delay_told(fused.inertial, mapped.late_s)]
     if not fused.georeferenced and not flight.parts:
         # Positions would have told whether the ground slopes.
-        told.insert(0, lean_told(lean_of(flight, sightings.stamps_s, fused.main_T_b)))
+        told.insert(0, lean_told(lean_of(flight, sightings.stamps_s, fused.of_main(fused.w_T_b))))
     return [line for line in told if line]
-
-
-def _mount(flight: Flight, fused: Fused) -> MountTilt | None:
-    return mount_tilt(flight.camera, fused.bundle) if flight.camera is not None else None
 
 
 def reason_kind(reason: str) -> str:

@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 _LEVEL = np.array([2, 3, 4])
 """Rows of a pose's error that a part of a map is free in: heading, x, y. Its floor is level and at z = 0."""
 _HEIGHT = 5
+"""The row in which its covariances hold it, though it errs."""
 _MOST_HEIGHTS = 1.0
 """A bridge uncertain by more heights than this joins nothing: the pictures could lie anywhere."""
 
@@ -145,9 +146,11 @@ class Bridges:
         """A chain with its parts in one world: a floor that repeats must not join them elsewhere."""
         n = len(chain.w_T_b)
         covariances = np.full((n, 6, 6), np.nan) if chain.covariances is None else chain.covariances
+        component = largest_first(chain.component)
+        own_heights = (0.0,) * (int(component.max(initial=-1)) + 1)
         parts = Fused(
-            chain.w_T_b, covariances, covariances, largest_first(chain.component), 0.0,
-            self.mapper.camera, None, self.flight.gps is not None, (),
+            chain.w_T_b, covariances, covariances, component, 0.0,
+            self.mapper.camera, None, self.flight.gps is not None, (), own_heights,
         )  # fmt: skip
         return parts if chain.covariances is None else self.join(parts)
 
@@ -174,7 +177,7 @@ class _Placed:
     """(6, 6), rotation first, right perturbation; zero but for heading and place."""
 
     def with_height_std(self, std_m: float) -> _Placed:
-        """Both parts stand over one floor: their heights err each by itself, however long the way between."""
+        """The same with heights that err by so much: parts stand over one floor, however long the way."""
         covariance = self.covariance.copy()
         covariance[_HEIGHT, _HEIGHT] = std_m**2
         return _Placed(self.root_T_part, covariance)
@@ -192,7 +195,6 @@ def joined(fused: Fused, edges: Sequence[RelativePose]) -> Fused:
         if not ways.has_edge(a, b) or weight < ways[a][b]["weight"]:
             ways.add_edge(a, b, weight=weight, edge=edge)
     surest = nx.minimum_spanning_tree(ways)
-    height_std_m = fused.height_std_m or (0.0,) * len(ways)
     w_T_b, covariances = fused.w_T_b.copy(), fused.covariances.copy()
     over_floor_covariances = fused.over_floor_covariances.copy()
     component, used = fused.component.copy(), []
@@ -201,7 +203,7 @@ def joined(fused: Fused, edges: Sequence[RelativePose]) -> Fused:
         for parent, part in nx.bfs_edges(surest, root):
             edge = surest[parent][part]["edge"]
             placed[part] = _onto(placed[parent], _way(fused, edge, part)).with_height_std(
-                float(np.hypot(height_std_m[root], height_std_m[part]))
+                float(np.hypot(fused.height_std_m[root], fused.height_std_m[part]))
             )
             used.append(edge)
             members = fused.component == part
@@ -209,8 +211,8 @@ def joined(fused: Fused, edges: Sequence[RelativePose]) -> Fused:
             carry = se3.adjoint(se3.inverse(fused.w_T_b[members]))
             covariances[members] += carry @ placed[part].covariance @ carry.transpose(0, 2, 1)
             # How high over the floor is in those of the part itself.
-            level = placed[part].with_height_std(0.0).covariance
-            over_floor_covariances[members] += carry @ level @ carry.transpose(0, 2, 1)
+            in_plane = placed[part].with_height_std(0.0).covariance
+            over_floor_covariances[members] += carry @ in_plane @ carry.transpose(0, 2, 1)
             component[members] = root
     if not used:
         return fused

@@ -41,11 +41,11 @@ class Fused:
     """Of the largest part."""
     georeferenced: bool
     warnings: tuple[str, ...]
-    inertial: InertialLengths | None = None
-    """What the accelerometer tells of the largest part."""
-    height_std_m: tuple[float, ...] = ()
+    height_std_m: tuple[float, ...]
     """Of each part's first keyframe over the floor, beside what all parts err by together; 0 where not
     known. In the part's own covariances that height is certain."""
+    inertial: InertialLengths | None = None
+    """What the accelerometer tells of the largest part."""
     bridges: tuple[RelativePose, ...] = ()
     """Edges of kind ``inertial`` along which parts were laid together (`slam.mapping.bridging`)."""
 
@@ -54,10 +54,9 @@ class Fused:
         """Of the ground, as `slam.estimate.Estimate` has it."""
         return self.bundle.floor_slope_rad if self.bundle else (0.0, 0.0)
 
-    @property
-    def main_T_b(self) -> Array:
-        """(n, 4, 4) poses of the largest part, NaN for the others, which have worlds of their own."""
-        return np.where((self.component == 0)[:, None, None], self.w_T_b, np.nan)
+    def of_main(self, poses: Array) -> Array:
+        """Poses (n, 4, 4) of the largest part, NaN for the others, which have worlds of their own."""
+        return np.where((self.component == 0)[:, None, None], poses, np.nan)
 
     @property
     def over_floor_T_b(self) -> Array:
@@ -122,7 +121,7 @@ def fuse(
     w_T_b[component < 0] = np.nan
     return Fused(
         w_T_b, covariances, over_floor_covariances, component, floor_z_m, camera, first, georeferenced,
-        tuple(warnings), inertial, tuple(height_std_m),
+        tuple(warnings), tuple(height_std_m), inertial,
     )  # fmt: skip
 
 

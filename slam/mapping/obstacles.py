@@ -200,7 +200,7 @@ class Obstacles:
 
     def cleared(self, flight: Flight) -> Flight:
         """The flight with heights over the floor alone."""
-        return replace(flight, sonar=self.sonar, warnings=(*flight.warnings, self.told))
+        return replace(flight, sonar=self.sonar).warned(self.told)
 
 
 def find_obstacles(

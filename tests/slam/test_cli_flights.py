@@ -97,7 +97,8 @@ def test_an_unknown_recipe_is_refused(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-def test_info_shows_the_streams(flight):
+def test_info_shows_the_streams(flight, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")  # as a terminal's width is told
     result = run("info", flight)
     assert result.exit_code == 0
     for stream in ("cam0", "imu0", "sonar0", "attitude0"):

@@ -5,6 +5,7 @@ Readings are turned into body axes first; a missing stream is no event, a missin
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -116,6 +117,11 @@ def record_of(flight: Flight) -> Record:
 
 HELD_SHARE = 0.5
 """Share of its readings at which a stick that a controller moves is elsewhere than before."""
+
+
+def any_holds_heading(records: Sequence[Record]) -> bool:
+    """Whether a controller moves the turn stick of any of them."""
+    return any(holds_heading(record.stick) for record in records)
 
 
 def holds_heading(stick: Stick) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.camera.shading import PICTURE_SHAPES
 from slam.criticism.kalman.readings import CHANNELS, SENSOR
-from slam.criticism.kalman.record import Record, holds_heading
+from slam.criticism.kalman.record import Record, any_holds_heading
 from slam.criticism.kalman.tangents import FORCES, Direction, Signal
 from slam.criticism.search.effects import Effect
 
@@ -53,7 +53,7 @@ def dictionary(records: Sequence[Record]) -> list[Direction]:
         Direction(f"force {name} ~ {signal}", "force", FORCES.index(name), 1e-3, signal)
         for name in FORCED
         for signal in ON_FORCES
-        if signal != "stick_turn" or not any(holds_heading(r.stick) for r in records)
+        if signal != "stick_turn" or not any_holds_heading(records)
     ]
     if any(r.sights is not None for r in records):
         found += [Direction(name, "picture", k) for k, name in enumerate(PICTURE_SHAPES)]

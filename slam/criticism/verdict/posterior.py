@@ -54,65 +54,79 @@ def price(effect: Effect) -> float:
     return occam(len(effect.columns)) + float(np.log(len(CATALOGUE) / KNOWN))
 
 
+@dataclass(frozen=True)
+class _Place:
+    """What may stand in for one chosen term."""
+
+    names: tuple[str, ...]
+    lead_nats: float
+    rival: str
+    weights: tuple[tuple[float, frozenset[str]], ...] = ()
+    """Evidence of the chosen set without the term, and with each other in its place."""
+
+
 def posterior_of(found: Search) -> Posterior:
     """Probabilities at the last look."""
     look, chosen = found.last, list(found.chosen)
-    own = _evidence(look, chosen)
-    weights: list[tuple[float, frozenset[str]]] = [(own, _names(chosen))]
-    alternatives: list[tuple[str, ...]] = []
-    leads: list[float] = []
-    second: list[str] = []
-    places = chosen if chosen else [None]
-    for place in places:
-        if place is not None and is_wall(place):
-            # The search has held it against all others with the filter run anew.
-            alternatives.append((place.name, *_as_good(found, place)))
-            leads.append(np.inf if len(alternatives[-1]) == 1 else 0.0)
-            second.append(next(iter(alternatives[-1][1:]), _second_to_wall(found)))
-            continue
-        rest = [e for e in chosen if e is not place]
-        if place is not None:
-            weights.append((_evidence(look, rest), _names(rest)))
-        others: dict[str, float] = {}
-        tried: dict[str, Effect] = {}
-        for effect in (*look.effects, *look.shapes):
-            if any(effect.repeats(e) for e in chosen):
-                continue
-            shape = not named(effect) and not effect.relaxes
-            if (
-                place is not None
-                and named(place)
-                and shape
-                and _alike(look, rest, place, effect) > SAME_TRACE
-            ):
-                continue
-            evidence = _evidence(look, rest, effect)
-            if place is not None and (place.label, effect.label) in found.leads:
-                evidence = own - found.leads[place.label, effect.label]
-            weights.append((evidence, _names([*rest, effect])))
-            if named(effect) and evidence > others.get(effect.name, -np.inf):
-                others[effect.name], tried[effect.name] = evidence, effect
-        if place is not None:
-            others = {n: e for n, e in others.items() if n not in {c.name for c in chosen}}
-            order = sorted(others.items(), key=lambda r: -r[1])
-            near = [
-                n for n, e in order
-                if own - e < VERY_SIMILAR_NATS
-                or (own - e < CLASS_NATS and _alike(look, rest, place, tried[n]) > ONE_CLASS)
-            ]  # fmt: skip
-            near += [n for n in found.rivals.get(place.name, ()) if n in others and n not in near]
-            alternatives.append((place.name, *near))
-            leads.append(own - max(others.values(), default=-np.inf))
-            second.append(next(iter([*near, *(n for n, _ in order)]), ""))
-    if len(chosen) > 1 and not any(is_wall(e) for e in chosen):
+    places = [_at_wall(found, e) if is_wall(e) else _at_term(found, e) for e in chosen]
+    walls = [place for place, effect in zip(places, chosen, strict=True) if is_wall(effect)]
+    weights = [(_evidence(look, chosen), _names(chosen)), *(w for place in places for w in place.weights)]
+    if not chosen or (len(chosen) > 1 and not walls):
         # What several terms explain may be one thing that none of them is.
-        for effect in (*look.effects, *look.shapes):
-            weights.append((_evidence(look, [], effect), _names([effect])))
+        weights += [(_evidence(look, [], e), _names([e])) for e in (*look.effects, *look.shapes)]
     probability = _probabilities(weights)
-    for names in (a for p, a in zip(places, alternatives, strict=False) if p is not None and is_wall(p)):
+    for names in (wall.names for wall in walls):
         share = probability.get(names[0], 0.0) / len(names)
         probability.update({n: max(share, probability.get(n, 0.0)) for n in names[1:]} | {names[0]: share})
-    return Posterior(probability, tuple(alternatives), tuple(leads), tuple(second))
+    return Posterior(
+        probability,
+        tuple(place.names for place in places),
+        tuple(place.lead_nats for place in places),
+        tuple(place.rival for place in places),
+    )
+
+
+def _at_wall(found: Search, wall: Effect) -> _Place:
+    """The search has held it against all others with the filter run anew."""
+    names = (wall.name, *_as_good(found, wall))
+    if len(names) == 1:
+        return _Place(names, np.inf, _second_to_wall(found))
+    return _Place(names, 0.0, names[1])
+
+
+def _at_term(found: Search, term: Effect) -> _Place:
+    look, chosen = found.last, list(found.chosen)
+    rest = [e for e in chosen if e is not term]
+    own = _evidence(look, chosen)
+    weights = [(_evidence(look, rest), _names(rest))]
+    others: dict[str, float] = {}
+    tried: dict[str, Effect] = {}
+    for effect in (*look.effects, *look.shapes):
+        if any(effect.repeats(e) for e in chosen) or _in_other_words(look, rest, term, effect):
+            continue
+        evidence = _evidence(look, rest, effect)
+        if (term.label, effect.label) in found.leads:
+            evidence = own - found.leads[term.label, effect.label]
+        weights.append((evidence, _names([*rest, effect])))
+        if named(effect) and evidence > others.get(effect.name, -np.inf):
+            others[effect.name], tried[effect.name] = evidence, effect
+    others = {n: e for n, e in others.items() if n not in {c.name for c in chosen}}
+    order = sorted(others, key=lambda n: -others[n])
+    near = [
+        n for n in order
+        if own - others[n] < VERY_SIMILAR_NATS
+        or (own - others[n] < CLASS_NATS and _alike(look, rest, term, tried[n]) > ONE_CLASS)
+    ]  # fmt: skip
+    near += [n for n in found.rivals.get(term.name, ()) if n in others and n not in near]
+    lead_nats = own - max(others.values(), default=-np.inf)
+    return _Place((term.name, *near), lead_nats, next(iter([*near, *order]), ""), tuple(weights))
+
+
+def _in_other_words(look: Look, rest: Sequence[Effect], term: Effect, shape: Effect) -> bool:
+    """Whether a shape of the dictionary is the term itself to the eye of these flights."""
+    if named(shape) or shape.relaxes or not named(term):
+        return False
+    return _alike(look, rest, term, shape) > SAME_TRACE
 
 
 def likelier(found: Search, posterior: Posterior) -> tuple[Effect, str] | None:

@@ -118,7 +118,7 @@ def made_parts(rng):
     apart = np.where((component == 1)[:, None, None], moved @ w_T_b, w_T_b)
     std = np.array([0.002, 0.002, 0.01, 0.05, 0.03, 0.01])
     edge = RelativePose(4, 5, np.linalg.inv(w_T_b[4]) @ w_T_b[5], np.diag(std**2), "inertial")
-    fused = Fused(apart, *np.zeros((2, n, 6, 6)), component, 0.0, None, None, False, ())
+    fused = Fused(apart, *np.zeros((2, n, 6, 6)), component, 0.0, None, None, False, (), (0.0,) * n)
     return w_T_b, fused, edge
 
 
