@@ -114,20 +114,21 @@ def _refine(
     derivative of H, a and b the points' own spreads; taken as isotropic, with half its trace.
     """
     noise, ridge = max(config.noise_floor_px, _START_PX), 1e-12 * np.eye(8)
+    seen_i, seen_j = np.ascontiguousarray(points_i.pixel.T), _homogeneous(points_j.pixel)
+    variance_i, half_variance_j = points_i.spread**2, 0.5 * points_j.spread**2
     for _ in range(5):
-        residual, jacobian, spread = _transfer_residuals(H, points_i, points_j)
-        distance = np.sqrt(residual[:, 0] ** 2 + residual[:, 1] ** 2) / spread
+        p, first = _carried(H, seen_j)
+        residual = seen_i - p
+        variance = variance_i + half_variance_j * _local_size(H, p, first[2])
+        distance = np.sqrt((residual[0] ** 2 + residual[1] ** 2) / variance)
         inlier = distance < config.threshold_px
         if np.count_nonzero(inlier) < 5:
             return None
         noise = max(config.noise_floor_px, _median(distance[inlier]) / RAYLEIGH_MEDIAN)
         robust = inlier / (1.0 + (distance / (CAUCHY_SIGMAS * noise)) ** 2)
-        weight = np.sqrt(robust) / spread
-        A = (jacobian * weight[:, None, None]).reshape(-1, 8)
-        b = (residual * weight[:, None]).ravel()
-        information = A.T @ A
+        information, pull = _normal_equations(p, first, residual, robust / variance)
         try:
-            step = np.linalg.solve(information + ridge * information, A.T @ b)
+            step = np.linalg.solve(information + ridge * information, pull)
         except np.linalg.LinAlgError:
             return None
         H = H + np.array([*step, 0.0]).reshape(3, 3)
@@ -138,9 +139,7 @@ def _refine(
     noise = max(
         config.noise_floor_px, _noise_of_estimate(distance[inlier], robust[inlier], CAUCHY_SIGMAS * noise)
     )
-    corners = Points.alike(corners_px)
-    _, corner_jacobian, _ = _transfer_residuals(H, corners, corners)
-    C = corner_jacobian.reshape(8, 8)
+    C = _jacobian(*_carried(H, _homogeneous(corners_px)))
     try:
         covariance = noise**2 * C @ np.linalg.solve(information / np.mean(robust[inlier]), C.T)
     except np.linalg.LinAlgError:
@@ -163,21 +162,47 @@ def _noise_of_estimate(distance: Array, robust: Array, scale_px: float) -> float
     return float(np.sqrt(0.5 * np.mean(told**2) * spare) / max(np.mean(pull), 0.1))
 
 
-def _transfer_residuals(H: Array, points_i: Points, points_j: Points) -> tuple[Array, Array, Array]:
-    """Residual (m, 2) in i, its Jacobian (m, 2, 8) for the first eight entries of H, its spread (m,)."""
-    pixel_j = points_j.pixel
-    u = pixel_j @ H[:, :2].T + H[:, 2]
-    w = 1.0 / u[:, 2]
-    p = u[:, :2] * w[:, None]
-    first = np.empty((len(w), 3))
-    first[:, :2], first[:, 2] = pixel_j * w[:, None], w
-    J = np.zeros((len(w), 2, 8))
-    J[:, 0, :3] = J[:, 1, 3:6] = first
-    J[:, :, 6:] = -p[:, :, None] * first[:, None, :2]
-    # Local scale of the map j -> i: mean squared size of d p / d pixel_j.
-    local = (H[None, :2, :2] - p[:, :, None] * H[None, 2:, :2]) * w[:, None, None]
-    spread = np.sqrt(points_i.spread**2 + 0.5 * np.einsum("nij,nij->n", local, local) * points_j.spread**2)
-    return points_i.pixel - p, J, spread
+def _homogeneous(pixel: Array) -> Array:
+    """(3, m) of pixels (m, 2)."""
+    return np.vstack([pixel.T, np.ones(len(pixel))])
+
+
+def _carried(H: Array, seen_j: Array) -> tuple[Array, Array]:
+    """Pixels (2, m) in i of those (3, m) in j, and their derivative (3, m) by a row of H but the last."""
+    u = H @ seen_j
+    first = seen_j / u[2]
+    return u[:2] / u[2], first
+
+
+def _local_size(H: Array, p: Array, w: Array) -> Array:
+    """(m,) mean squared size of d p / d pixel_j, the local scale of the map j -> i."""
+    local = H[:2, :2, None] - p[:, None] * H[2, :2, None]
+    return np.asarray(np.einsum("abm,abm->m", local, local) * w**2)
+
+
+def _normal_equations(p: Array, first: Array, residual: Array, weight: Array) -> tuple[Array, Array]:
+    """Information (8, 8) of the first eight entries of H and its right side (8,).
+
+    Row u of a point's Jacobian is (first, 0, -p_u first), row v (0, first, -p_v first): all products of the
+    two are among those of seven columns.
+    """
+    G = np.vstack([first, -p[0] * first[:2], -p[1] * first[:2]])
+    weighted = G * weight
+    S, t = weighted @ G.T, weighted @ residual.T
+    information = np.zeros((8, 8))
+    information[:3, :3] = information[3:6, 3:6] = S[:3, :3]
+    information[:3, 6:], information[3:6, 6:] = S[:3, 3:5], S[:3, 5:]
+    information[6:, :3], information[6:, 3:6] = S[3:5, :3], S[5:, :3]
+    information[6:, 6:] = S[3:5, 3:5] + S[5:, 5:]
+    return information, np.concatenate([t[:3, 0], t[:3, 1], t[3:5, 0] + t[5:, 1]])
+
+
+def _jacobian(p: Array, first: Array) -> Array:
+    """(2 m, 8) of the carried points, u and v in turn, by the first eight entries of H."""
+    J = np.zeros((len(p.T), 2, 8))
+    J[:, 0, :3] = J[:, 1, 3:6] = first.T
+    J[:, :, 6:] = -p.T[:, :, None] * first.T[:, None, :2]
+    return J.reshape(-1, 8)
 
 
 def _median(values: Array) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,7 @@ class Points:
     def __getitem__(self, which: NDArray[Any]) -> Points:
         return Points(self.pixel[which], self.spread[which])
 
-    @property
+    @cached_property
     def spot(self) -> NDArray[np.int64]:
         """(n,) the first point at the same place: SIFT has one for each orientation of a spot."""
         _, first, of = np.unique(self.pixel @ [1.0, 1.0j], return_index=True, return_inverse=True)
