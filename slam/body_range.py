@@ -21,7 +21,7 @@ def with_body_ranges(flight: Flight) -> Flight:
     sonar = flight.sonar
     if sonar is None or np.array_equal(sonar.b_T_s, np.eye(4)):
         return flight
-    up = _up(flight.attitude, sonar.stamps_s)
+    up = up_at(flight.attitude, sonar.stamps_s)
     beam, place_m = sonar.b_T_s[:3, 2], sonar.b_T_s[:3, 3]
     with np.errstate(divide="ignore", invalid="ignore"):
         range_m = (sonar.range_m * (up @ beam) - up @ place_m) / up[:, 2]
@@ -37,7 +37,7 @@ def with_body_ranges(flight: Flight) -> Flight:
     return replace(flight, sonar=moved)
 
 
-def _up(attitude: AttitudeSeries | None, at_s: Array) -> Array:
+def up_at(attitude: AttitudeSeries | None, at_s: Array) -> Array:
     """(n, 3) the world's up in body axes."""
     roll_pitch = np.zeros((len(at_s), 2))
     if attitude is not None:

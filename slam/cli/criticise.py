@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,10 +14,17 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from slam.criticism import Criticism
+    from slam.flight import Flight
+    from slam.map_gain import MapGain
+    from slam.progress import Progress
 
 _FLIGHTS = typer.Argument(metavar="FLIGHT", help="Flights of one vehicle, with commands or sensors only.")
 _MODEL = typer.Option(
     metavar="MODEL", help="The model to criticise: a name (nominal, paper) or a .toml file."
+)
+_MAPS = typer.Option(
+    "--map/--no-map",
+    help="Where instruments are at fault: map flights that have pictures and truth with and without it.",
 )
 
 
@@ -24,15 +32,17 @@ def criticise(
     flights: Annotated[list[Path], _FLIGHTS],
     out: Annotated[Path, OUT],
     model: Annotated[str, _MODEL] = "nominal",
+    maps: Annotated[bool, _MAPS] = True,
 ) -> None:
     """Say what a simulation gets wrong about measured flights, name the cause and extend the model."""
     from slam.cli.source import open_flight
-    from slam.cli.tables import written
+    from slam.cli.tables import shown, written
     from slam.console import console, progress_shown
     from slam.criticism import criticise as judge
     from slam.flight import told_apart
     from slam.outputs import output_folder
     from slam.progress import Tally
+    from slam.report.accuracy import map_gain_table
     from slam.report.criticism_report import write_criticism_report
     from slam.simulation.model import load_model
 
@@ -41,18 +51,34 @@ def criticise(
     with output_folder(out) as folder, progress_shown(screen) as progress:
         opened = told_apart([open_flight(path, progress)[0] for path in flights])
         result = judge(opened, believed, progress)
-        write_criticism(result, folder)
+        gains = criticise_maps(opened, result, progress) if maps else []
+        write_criticism(result, folder, gains)
         with Tally(progress, "report", 1).part():
-            write_criticism_report(folder / "report.html", result, opened)
+            write_criticism_report(folder / "report.html", result, opened, gains)
     screen.print(result.sentence, markup=False)
     if result.causes:
         screen.print(_table(result))
+    if gains:
+        screen.print(shown(map_gain_table(gains)))
     for line in result.dropped:
         screen.print(line, markup=False, style="yellow")
     screen.print(written([out / "report.html", out / "verdict.json"]), soft_wrap=True)
 
 
-def write_criticism(result: Criticism, folder: Path) -> None:
+def criticise_maps(flights: Sequence[Flight], result: Criticism, progress: Progress) -> list[MapGain]:
+    """Of flights with truth, where what was found changes readings and can be taken out of them."""
+    from slam.correction import corrected
+    from slam.correction.corrected import UNDONE
+    from slam.map_gain import can_be_compared, map_gain
+
+    model = result.extended
+    if model is None or not any(cause.name in UNDONE for cause in result.causes):
+        return []
+    judged = [flight for flight in flights if can_be_compared(flight)]
+    return [map_gain(flight, corrected(flight, model).flight, progress=progress) for flight in judged]
+
+
+def write_criticism(result: Criticism, folder: Path, gains: Sequence[MapGain] = ()) -> None:
     """Write verdict.json and summary.json, and extended.toml where there is a model."""
     import json
 
@@ -65,7 +91,8 @@ def write_criticism(result: Criticism, folder: Path) -> None:
         "dropped": list(result.dropped),
         "causes": {cause.name: cause.probability for cause in result.causes},
     }
-    for name, content in (("verdict.json", result.to_json()), ("summary.json", summary)):
+    verdict = result.to_json() | {"map": [gain.to_json() for gain in gains]}
+    for name, content in (("verdict.json", verdict), ("summary.json", summary)):
         text = json.dumps(content, indent=1, allow_nan=False)
         (folder / name).write_text(text + "\n", encoding="utf-8")
     if result.extended is not None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from slam.cli.options import OUT
+from slam.cli.options import MODEL, OUT
 
 if TYPE_CHECKING:
     from slam.flight import Flight
@@ -41,19 +41,26 @@ def estimate(
     rate: Annotated[float, _RATE] = 20.0,
     without: Annotated[list[str] | None, _WITHOUT] = None,
     config: Annotated[Path | None, _CONFIG] = None,
+    model: Annotated[str | None, MODEL] = None,
 ) -> None:
     """Estimate where a vehicle was from IMU, attitude, range, velocity, GPS and barometer alone."""
     from slam.cli.settings import pipeline_config
     from slam.cli.source import open_flight
     from slam.cli.tables import shown, written
     from slam.console import console, progress_shown
+    from slam.correction import corrected
     from slam.inertial.navigate import navigate
     from slam.outputs import output_folder
+    from slam.simulation.model import load_model
 
     screen = console()
     settings = pipeline_config(config, None)
+    believed = load_model(model) if model is not None else None
     with output_folder(out) as folder, progress_shown(screen) as progress:
         flight = _without(open_flight(source, progress)[0], without or [])
+        if believed is not None:
+            mended = corrected(flight, believed)
+            flight = mended.flight.warned(mended.told(believed))
         navigation = navigate(flight, settings.inertial, rate, progress)
         write_navigation(folder, navigation)
     screen.print(shown(figures(navigation)))

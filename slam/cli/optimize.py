@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slam.cli.options import CONFIG, FEATURES, OUT, Features
+from slam.cli.options import CONFIG, FEATURES, MODEL, OUT, Features
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from slam.cli.results import MosaicWish, Results
+    from slam.settings import PipelineConfig
 
 _SOURCE = typer.Argument(
     metavar="FLIGHT",
@@ -30,19 +31,27 @@ def optimize(
     mosaic: Annotated[bool, typer.Option("--mosaic/--no-mosaic", help="Render the map.")] = True,
     config: Annotated[Path | None, CONFIG] = None,
     features: Annotated[Features | None, FEATURES] = None,
+    model: Annotated[str | None, MODEL] = None,
 ) -> None:
     """Turn a flight, or several, into one consistent map: trajectory, graph, mosaic and a report."""
     from slam.cli.results import MosaicWish
+    from slam.cli.settings import pipeline_config
     from slam.cli.source import kind_of
-    from slam.cli.tables import outcome, written
+    from slam.cli.tables import outcome, shown, written
     from slam.console import console
+    from slam.errors import InputError
 
     screen = console()
     if len(sources) == 1 and kind_of(sources[0]) == "graph":
+        if model is not None:
+            raise InputError(f"--model {model}: {sources[0]} is a graph, without instruments; leave it out")
         results = _graph(sources[0], out, screen)
     else:
-        results = _flights(sources, out, MosaicWish(mosaic, gsd, out), config, features, screen)
+        wish = MosaicWish(mosaic, gsd, out)
+        results = _flights(sources, out, wish, pipeline_config(config, features), model, screen)
     screen.print(outcome(results.facts, results.summary))
+    for table in results.accuracy:
+        screen.print(shown(table))
     first = [out / "report.html", out / "mosaic.png"]
     screen.print(written([path for path in first if path.exists()]), soft_wrap=True)
 
@@ -51,19 +60,22 @@ def _flights(
     sources: list[Path],
     out: Path,
     wish: MosaicWish,
-    config: Path | None,
-    features: Features | None,
+    settings: PipelineConfig,
+    model: str | None,
     screen: Console,
 ) -> Results:
     from slam.cli.results import write_results
-    from slam.cli.settings import pipeline_config
     from slam.cli.source import open_flight
     from slam.console import progress_shown
+    from slam.correction import corrected
     from slam.joined import join_flights
+    from slam.map_gain import can_be_compared, map_gain
     from slam.outputs import output_folder
     from slam.pipeline import optimize as run
+    from slam.report.accuracy import FigureTable, map_gain_table
+    from slam.simulation.model import load_model
 
-    settings = pipeline_config(config, features)
+    believed = load_model(model) if model is not None else None
     with output_folder(out) as folder, progress_shown(screen) as progress:
         flights = []
         for source in sources:
@@ -71,8 +83,15 @@ def _flights(
             flights.append(flight)
             if kind != "flight":
                 screen.print(f"{source}: {kind}, imported on the fly", markup=False)
-        flight = join_flights(flights)
-        return write_results(folder, run(flight, settings, progress), flight, wish, progress)
+        recorded = flight = join_flights(flights)
+        if believed is not None:
+            mended = [corrected(each, believed) for each in flights]
+            flight = join_flights([each.flight.warned(each.told(believed)) for each in mended])
+        estimate = run(flight, settings, progress)
+        gain: tuple[FigureTable, ...] = ()
+        if believed is not None and can_be_compared(recorded):
+            gain = (map_gain_table([map_gain(recorded, flight, estimate, settings, progress)]),)
+        return write_results(folder, estimate, flight, wish, progress, gain)
 
 
 def _graph(source: Path, out: Path, screen: Console) -> Results:

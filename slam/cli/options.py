@@ -14,4 +14,9 @@ CONFIG = typer.Option(metavar="FILE.toml", help="Settings of the stages; an unkn
 FEATURES = typer.Option(
     help="Feature detector and descriptor; default: what --config says, else sift.", show_default=False
 )
+MODEL = typer.Option(
+    metavar="MODEL",
+    help="What is known of the instruments, as extended.toml of slam criticise tells it: taken out of what "
+    "they read before the map is made.",
+)
 SEED = typer.Option(min=0, help="Seed of all that is random.")

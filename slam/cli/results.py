@@ -36,6 +36,7 @@ class Results:
 
     facts: Facts
     summary: Summary
+    accuracy: tuple[FigureTable, ...] = ()
 
 
 def write_results(
@@ -75,7 +76,7 @@ def write_account(
     summary = summarise(estimate, landmarks, graph_alone=flight is None)
     write_report(folder / "report.html", estimate, summary, flight, mosaics, accuracy)
     (folder / "summary.json").write_text(json_text(summary.to_json()), encoding="utf-8")
-    return Results(gather(estimate, flight), summary)
+    return Results(gather(estimate, flight), summary, accuracy)
 
 
 def _write_mosaics(

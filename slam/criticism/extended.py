@@ -21,10 +21,13 @@ from slam.criticism.kalman.transition import (
     W_TIME,
     W_UP_STD,
 )
+from slam.criticism.verdict.criticism import Cause
 from slam.simulation.dynamics import ATTITUDE_TIME, DRAG, GAIN
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 
+_WIDTH = 2 * 1.96
+"""Of a 95 % interval, in standard deviations."""
 _EXTENDED = " extended"
 """Behind the name of the model that was extended; a name has at most 80 letters."""
 
@@ -79,6 +82,16 @@ def extended_model(model: Model, setting: Setting, causes: Sequence[str]) -> Mod
     for name in causes:
         plain = _with(plain, name, setting)
     return plain
+
+
+def with_certainty(model: Model, causes: Sequence[Cause]) -> Model:
+    """The model with the standard deviations of what the causes' intervals tell."""
+    for cause in causes:
+        held = model.terms.get(cause.name, {})
+        std = {n: (p.high - p.low) / _WIDTH for n, p in cause.parameters.items() if n in held}
+        known = {n: float(s) for n, s in std.items() if np.isfinite(s) and s > 0.0}
+        model = model.with_std(cause.name, **known) if known else model
+    return model
 
 
 def _with(model: Model, name: str, setting: Setting) -> Model:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from slam.body_range import with_body_ranges
-from slam.criticism.extended import extended_model
+from slam.criticism.extended import extended_model, with_certainty
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, place_of
 from slam.criticism.kalman.record import Record, any_holds_heading, is_led
@@ -61,10 +61,12 @@ def criticise(
 
     believed = model if isinstance(model, Model) else load_model(model)
     flights = [with_body_ranges(flight) for flight in told_apart(flights)]
+    unled = bool(flights) and not any(is_led(flight) for flight in flights)
     with threadpool_limits(1), compilation_shown(progress):
-        if flights and not any(is_led(flight) for flight in flights):
-            return _unled(flights, believed, progress)
-        return _led(flights, believed, progress)
+        found = (_unled if unled else _led)(flights, believed, progress)
+    if found.extended is None:
+        return found
+    return replace(found, extended=with_certainty(found.extended, found.causes))
 
 
 def _led(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:

@@ -13,7 +13,10 @@ from slam.report.facts import length
 from slam.report.paper import EKF_PERCENT, STITCHED_PERCENT
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from slam.evaluation.score import Evaluation
+    from slam.map_gain import MapGain
 
 UNKNOWN = "–"
 
@@ -57,7 +60,7 @@ def landmark_table(evaluation: Evaluation) -> FigureTable:
     rows.append(("largest", "", *(_percent(_largest(column)) for column in columns)))
     for gap in evaluation.loop_gaps:
         errors = (gap.error_m.chain, gap.error_m.odometry, gap.error_m.loops)
-        ours = (length(error) if np.isfinite(error) else UNKNOWN for error in errors)
+        ours = (_length(error) for error in errors)
         rows.append((f"gap {gap.name}", f"{gap.truth_m:.3f} m", *("" for _ in theirs), *ours))
     headings = ("paper, stitched", "paper, EKF") if theirs else ()
     return FigureTable(
@@ -65,6 +68,28 @@ def landmark_table(evaluation: Evaluation) -> FigureTable:
         ("landmarks", "true", *headings, *_columns(evaluation.ways)),
         tuple(rows),
     )
+
+
+def map_gain_table(gains: Sequence[MapGain]) -> FigureTable:
+    """Errors of maps as recorded, and with what a model says of the instruments taken out."""
+    rows = []
+    for gain in gains:
+        named = f"{gain.flight}: " if len(gains) > 1 else ""
+        both = (gain.before, gain.after)
+        rows.append(
+            (f"{named}position error, start and heading aligned", *(_length(e.position_m) for e in both))
+        )
+        rows.append((f"{named}lengths of the map off by", *(_percent(100 * (1 / e.scale - 1)) for e in both)))
+        if any(np.isfinite(e.landmarks_percent) for e in both):
+            shown = (_percent(e.landmarks_percent) for e in both)
+            rows.append((f"{named}largest error of a distance between landmarks", *shown))
+        nees = (f"{e.nees:.3g}" if np.isfinite(e.nees) else UNKNOWN for e in both)
+        rows.append((f"{named}{_NEES}, 6 is right", *nees))
+    return FigureTable("What the model gains in the map", ("", "as recorded", "model taken out"), tuple(rows))
+
+
+def _length(metres: float) -> str:
+    return length(metres) if np.isfinite(metres) else UNKNOWN
 
 
 def _columns(ways: tuple[str, str, str]) -> tuple[str, str, str]:

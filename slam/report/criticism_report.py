@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import slam
+from slam.report.accuracy import map_gain_table
 from slam.report.criticism_pictures import (
     REPLAYED,
     Stretch,
@@ -21,6 +22,7 @@ from slam.report.page import Item, embedded, render_page
 if TYPE_CHECKING:
     from slam.criticism import Criticism
     from slam.flight import Flight
+    from slam.map_gain import MapGain
 
 VERDICTS = {
     "nothing_wrong": "Nothing wrong",
@@ -64,12 +66,14 @@ class BeforeAfter:
     caption: str
 
 
-def write_criticism_report(path: Path, result: Criticism, flights: Sequence[Flight]) -> None:
-    """Write the page to ``path``; ``flights`` are those that were judged."""
-    path.write_text(render_criticism(result, flights), encoding="utf-8", errors="replace")
+def write_criticism_report(
+    path: Path, result: Criticism, flights: Sequence[Flight], maps: Sequence[MapGain] = ()
+) -> None:
+    """Write the page to ``path``; ``flights`` are those that were judged, ``maps`` those that were mapped."""
+    path.write_text(render_criticism(result, flights, maps), encoding="utf-8", errors="replace")
 
 
-def render_criticism(result: Criticism, flights: Sequence[Flight]) -> str:
+def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequence[MapGain] = ()) -> str:
     """The page as HTML, everything embedded."""
     gain = result.causes[0].gain if result.causes else None
     return render_page(
@@ -85,6 +89,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight]) -> str:
         ranking=embedded(ranking_picture(result)) if result.ranking else None,
         causes=cause_rows(result),
         gains=gain_rows(result),
+        maps=map_gain_table(maps) if maps else None,
         held_out=f"each {gain.by} in turn" if gain else "",
         dots=embedded(gain_picture(gain)) if gain and len(gain.parts) > 1 else None,
         nuisances=[

@@ -80,6 +80,9 @@ class Model:
     command: CommandModel = field(default_factory=CommandModel)
     terms: dict[str, dict[str, float]] = field(default_factory=dict)
     """Name of the catalogue -> parameter -> value; a parameter that is left out is neutral."""
+    std: dict[str, dict[str, Annotated[float, Field(gt=0)]]] = field(default_factory=dict)
+    """How surely a term's parameters are known where flights told them: standard deviations. For who takes
+    the terms out of a recording (`slam.corrected`); a simulation does not ask."""
 
     def value(self, term: str, parameter: str) -> float:
         """A term's parameter, neutral where the model does not hold it. Raises ``KeyError``."""
@@ -101,6 +104,10 @@ class Model:
         changed = replace(self, terms=terms)
         check_model(changed, f"model {self.name!r}")
         return changed
+
+    def with_std(self, term: str, **values: float) -> Model:
+        """This model with what is known of how surely it knows parameters of a term."""
+        return replace(self, std={**self.std, term: {**self.std.get(term, {}), **values}})
 
     def parameters(self) -> Array:
         """The vector that the equations of motion take, (``dynamics.PARAMETERS``,)."""
@@ -143,24 +150,27 @@ def save_model(model: Model, path: str | Path) -> None:
         value = getattr(model, part.name)
         if is_dataclass(value) and not isinstance(value, type):
             lines += ["", f"[{part.name}]", *(f"{k} = {_toml(v)}" for k, v in asdict(value).items())]
-    for name, values in model.terms.items():
-        lines += ["", f"[terms.{name}]", *(f"{k} = {_toml(v)}" for k, v in values.items())]
+    for table, tables in (("terms", model.terms), ("std", model.std)):
+        for name, values in tables.items():
+            lines += ["", f"[{table}.{name}]", *(f"{k} = {_toml(v)}" for k, v in values.items())]
     write_whole(path, ("\n".join(lines) + "\n").encode())
 
 
 def check_model(model: Model, where: str) -> None:
     """Raise ``InputError`` for a term or parameter that there is not, a value out of range, and odd
     limits."""
-    for name, values in model.terms.items():
-        if name not in CATALOGUE:
-            near = get_close_matches(name, CATALOGUE, n=1, cutoff=0.0)
-            raise InputError(f"{where}: unknown term 'terms.{name}'; did you mean 'terms.{near[0]}'?")
-        known = [parameter.name for parameter in CATALOGUE[name].parameters]
-        for key, value in values.items():
-            if key not in known:
+    for table, tables in (("terms", model.terms), ("std", model.std)):
+        for name, values in tables.items():
+            if name not in CATALOGUE:
+                near = get_close_matches(name, CATALOGUE, n=1, cutoff=0.0)
+                raise InputError(f"{where}: unknown term '{table}.{name}'; did you mean '{table}.{near[0]}'?")
+            known = [parameter.name for parameter in CATALOGUE[name].parameters]
+            if odd := [key for key in values if key not in known]:
                 raise InputError(
-                    f"{where}: unknown key 'terms.{name}.{key}'; the term has: {', '.join(known)}"
+                    f"{where}: unknown key '{table}.{name}.{odd[0]}'; the term has: {', '.join(known)}"
                 )
+    for name, values in model.terms.items():
+        for key, value in values.items():
             limits = CATALOGUE[name].parameter(key)
             if not limits.least <= value <= limits.most:
                 raise InputError(

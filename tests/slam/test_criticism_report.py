@@ -16,6 +16,7 @@ from slam.criticism.manoeuvres import stick_for
 from slam.criticism.verdict.covariate import Covariate, Misses
 from slam.criticism.verdict.criticism import Cause, ChannelCheck, Criticism, Gain, Interval, Rank
 from slam.criticism.verdict.rollouts import ChannelError
+from slam.map_gain import MapErrors, MapGain
 from slam.report.criticism_pictures import (
     before_after_picture,
     covariate_picture,
@@ -63,6 +64,19 @@ def made(verdict: str = "named") -> Criticism:
         flights=("flight_00", "flight_01"),
         dropped=("flight_09: never moves",),
     )
+
+
+def test_the_page_shows_what_the_map_gains() -> None:
+    nan = float("nan")
+    gain = MapGain("flight_00", MapErrors(0.187, 0.943, 1600.0, 5.9), MapErrors(0.00065, 1.0, 4.6, nan))
+    page = render_criticism(made(), [], [gain])
+    assert "The gain in the map" in page
+    text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
+    assert "position error, start and heading aligned 0.19 m 0.65 mm" in text
+    assert "lengths of the map off by 6.04 % 0.00 %" in text
+    assert "landmarks 5.90 % –" in text
+    assert "6 is right 1.6e+03 4.6" in text
+    assert "The gain in the map" not in render_criticism(made(), [])
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)

@@ -22,6 +22,7 @@ def test_the_nominal_file_is_the_default():
 def test_a_model_with_any_term_comes_back_from_its_file(name, tmp_path):
     term = CATALOGUE[name]
     model = Model().with_term(name, **{p.name: p.low for p in term.parameters})
+    model = model.with_std(name, **{p.name: 0.25 for p in term.parameters})
     save_model(model, tmp_path / "m.toml")
     back = load_model(tmp_path / "m.toml")
     assert back == model
@@ -74,6 +75,9 @@ def test_every_slot_of_the_equations_belongs_to_the_vehicle_or_to_a_term():
         ({"velocity": {"rate_hz": 0}}, "velocity.rate_hz: should be greater than 0"),
         ({"sonar": {"min_range_m": 3.0, "max_range_m": 2.0}}, "min_range_m must be below"),
         ({"name": "a/b"}, "name"),
+        ({"std": {"sonar_scal": {"eps": 0.1}}}, "did you mean 'std.sonar_scale'"),
+        ({"std": {"sonar_scale": {"b": 0.1}}}, "unknown key 'std.sonar_scale.b'; the term has: eps"),
+        ({"std": {"sonar_scale": {"eps": 0.0}}}, "std.sonar_scale.eps: should be greater than 0"),
     ],
 )
 def test_a_bad_model_is_refused_in_one_line(mapping, said):

@@ -1,0 +1,72 @@
+"""The camera as criticism found it: lens, mount and shading."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from slam.correction.certainty import known_to
+from slam.flight import Flight, Frames, Image
+from slam.simulation.camera.effects import CameraEffects, true_camera
+from slam.simulation.camera.photometry import falloff
+from slam.simulation.model import Model
+
+LEAST_LIGHT = 0.1
+"""Of the middle's: what is darker than that holds nothing that could be lit."""
+
+
+def focal_length(flight: Flight, model: Model) -> Flight:
+    """The focal length that was told is off."""
+    camera = _camera(flight)
+    seen = true_camera(camera, CameraEffects(focal_eps=model.value("focal_length", "eps")))
+    return replace(
+        flight, camera=replace(seen, focal_std_ratio=known_to(model, "focal_length", camera.focal_std_ratio))
+    )
+
+
+def radial_distortion(flight: Flight, model: Model) -> Flight:
+    """The lens bends more than was told."""
+    camera = _camera(flight)
+    seen = true_camera(camera, CameraEffects(radial_k1=model.value("radial_distortion", "k1")))
+    return replace(
+        flight, camera=replace(seen, radial_std=known_to(model, "radial_distortion", camera.radial_std))
+    )
+
+
+def camera_tilt(flight: Flight, model: Model) -> Flight:
+    """The camera turned against its mount."""
+    camera, (x, y) = _camera(flight), model.vector("camera_tilt")
+    seen = true_camera(camera, CameraEffects(tilt_x_rad=float(x), tilt_y_rad=float(y)))
+    return replace(
+        flight, camera=replace(seen, mount_std_rad=known_to(model, "camera_tilt", camera.mount_std_rad))
+    )
+
+
+def vignetting(flight: Flight, model: Model) -> Flight:
+    """Corners darker than the middle: pictures are lit evenly when they are read."""
+    camera, frames = _camera(flight), flight.frames
+    assert frames is not None
+    darker = falloff(camera.size_px, camera.center_px, model.value("vignetting", "a"))
+    return replace(flight, frames=_lit(frames, 1.0 / np.maximum(darker, LEAST_LIGHT)))
+
+
+def _lit(frames: Frames, gain: NDArray[np.float64]) -> Frames:
+    """Frames whose grey levels are multiplied by ``gain`` (h, w)."""
+
+    def load(k: int) -> Image | None:
+        picture = frames.load(k)
+        if picture is None or picture.shape[:2] != gain.shape[:2]:
+            return picture
+        factor = gain.reshape(*gain.shape[:2], *[1] * (picture.ndim - 2))
+        lit = np.rint(picture * factor)
+        return np.minimum(lit, np.iinfo(picture.dtype).max).astype(picture.dtype)
+
+    return replace(frames, load=load)
+
+
+def _camera(flight: Flight) -> Camera:
+    assert flight.camera is not None
+    return flight.camera

@@ -1,0 +1,84 @@
+"""``--model`` on the command line: from a verdict's file into the map, and what is told of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+from typer.testing import CliRunner
+
+from slam.cli import app
+from slam.cli.criticise import criticise_maps
+from slam.criticism.extended import with_certainty
+from slam.criticism.verdict.criticism import Cause, Criticism, Gain, Interval
+from slam.io.flight_folder import read_flight, write_flight
+from slam.progress import silent
+from slam.simulation.model import load_model, save_model
+from tests.slam.small_flight import flown, recipe
+
+TERMS = {"sonar_scale": {"eps": 0.08}, "sonar_spikes": {"share": 0.01}}
+
+
+def run(*arguments: object):
+    return CliRunner().invoke(app, [str(argument) for argument in arguments], env={"COLUMNS": "120"})
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    """A flight whose sonar reads long, and the model that knows it."""
+    home = tmp_path_factory.mktemp("askew")
+    write_flight(flown(1, terms=TERMS), home / "flight")
+    save_model(replace(recipe(terms=TERMS).model, name="found"), home / "extended.toml")
+    return home
+
+
+def test_the_map_is_made_without_what_the_model_knows(home):
+    model = home / "extended.toml"
+    result = run("optimize", home / "flight", "--out", home / "out", "--no-mosaic", "--model", model)
+    assert result.exit_code == 0, result.output
+    assert "What the model gains in the map" in result.output
+    told = next(w for w in json.loads((home / "out/summary.json").read_text())["warnings"] if "found" in w)
+    assert "sonar_scale (eps 0.08)" in told
+    assert "left as it is: sonar_spikes" in told
+    assert "as recorded" in (home / "out/report.html").read_text()
+    assert run("evaluate", home / "out", "--truth", home / "flight").exit_code == 0
+    assert abs(json.loads((home / "out/evaluation.json").read_text())["ate_sim3_m"]["scale"] - 1) < 0.01
+
+
+def test_motion_without_pictures_takes_a_model_too(home):
+    height_m = []
+    for options in ((), ("--model", home / "extended.toml")):
+        out = home / f"estimate{len(options)}"
+        assert run("estimate", home / "flight", "--out", out, *options).exit_code == 0
+        rows = [line.split() for line in (out / "trajectory.tum").read_text().splitlines() if line[0] != "#"]
+        height_m.append(float(rows[len(rows) // 2][3]))
+    assert height_m[0] / height_m[1] == pytest.approx(1.08, abs=0.03)
+
+
+@pytest.mark.parametrize("command", ["optimize", "estimate"])
+def test_a_model_that_is_not_there_is_refused_before_any_work(command, home, tmp_path):
+    result = run(command, home / "flight", "--out", tmp_path / "out", "--model", tmp_path / "none.toml")
+    assert result.exit_code == 1
+    assert "none.toml: does not exist" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_graph_has_no_instruments(home, tmp_path):
+    (tmp_path / "g.g2o").write_text("VERTEX_SE2 0 0 0 0\n")
+    result = run("optimize", tmp_path / "g.g2o", "--out", tmp_path / "out", "--model", "nominal")
+    assert result.exit_code == 1
+    assert "is a graph, without instruments" in result.stderr
+
+
+def test_a_verdict_on_an_instrument_is_held_against_the_map(home):
+    flight = read_flight(home / "flight")
+    interval = Interval(0.08, "1", 0.07, 0.09)
+    cause = Cause("sonar_scale", 1.0, {"eps": interval}, Gain(9.0, (1.0, 20.0), "flight", (), ()), 9.0, 9.0)
+    extended = with_certainty(load_model(home / "extended.toml"), [cause])
+    assert extended.std == {"sonar_scale": {"eps": pytest.approx(0.02 / 3.92)}}
+    verdict = Criticism("named", "", (cause,), model=load_model("nominal"), extended=extended)
+    (gain,) = criticise_maps([flight, replace(flight, truth=None)], verdict, silent)
+    assert abs(gain.after.scale - 1) < 0.01 < 0.07 < abs(gain.before.scale - 1)
+    of_vehicle = replace(verdict, causes=(replace(cause, name="quadratic_drag"),))
+    assert criticise_maps([flight], of_vehicle, silent) == []
