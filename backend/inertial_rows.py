@@ -145,16 +145,35 @@ class PathBeside:
             self.column_noise,
         )
 
+    def by_gains(self, delay_s: float) -> Array:
+        """(r, 3, 3) what the reading along each of the accelerometer's axes makes of the way: so much more is
+        read where its gain is twice as large."""
+        added = []
+        for stretch, (contrast, *_) in zip(self.stretches, self.contrasts, strict=True):
+            at_s, imu_s, w_R_b, force = self._between(stretch, delay_s)
+            added.append(
+                np.tensordot(contrast, integrated_twice(imu_s, w_R_b * force[:, None], at_s), axes=1)
+            )
+        return np.concatenate(added)
+
     def _stretch(self, stretch: slice, delay_s: float) -> tuple[Array, Array]:
         """Way (m, 3), and what it is made of (m, 3, 7)."""
-        at_s, w_T_b, readings = self.stamps_s[stretch] - delay_s, self.w_T_b[stretch], self.readings
-        first, last = np.searchsorted(readings.stamps_s, at_s[[0, -1]]) + [-1, 1]
-        imu_s = readings.stamps_s[first:last]
-        w_R_b = attitudes_between(at_s, w_T_b[:, :3, :3], imu_s, readings.gyro_rad_s[first:last])
-        force = np.einsum("kab,kb->ka", w_R_b, readings.accel_m_s2[first:last]) - [0, 0, GRAVITY_M_S2]
+        at_s, imu_s, w_R_b, b_force = self._between(stretch, delay_s)
+        force = np.einsum("kab,kb->ka", w_R_b, b_force) - [0, 0, GRAVITY_M_S2]
         twice = integrated_twice(imu_s, np.concatenate([force[..., None], w_R_b], axis=-1), at_s)
+        w_T_b = self.w_T_b[stretch]
         path = w_T_b[:, :3, 3:] - w_T_b[0, :3, 3:]
         return twice[..., 0], np.concatenate([path, twice[..., 1:], w_T_b[:, :3, :3]], axis=-1)
+
+    def _between(self, stretch: slice, delay_s: float) -> tuple[Array, Array, Array, Array]:
+        """Times of the poses (m,) by the readings' clock; times (k,), attitudes (k, 3, 3) and specific force
+        (k, 3) of the readings about them."""
+        at_s, readings = self.stamps_s[stretch] - delay_s, self.readings
+        first, last = np.searchsorted(readings.stamps_s, at_s[[0, -1]]) + [-1, 1]
+        imu_s = readings.stamps_s[first:last]
+        turned = self.w_T_b[stretch, :3, :3]
+        w_R_b = attitudes_between(at_s, turned, imu_s, readings.gyro_rad_s[first:last])
+        return at_s, imu_s, w_R_b, readings.accel_m_s2[first:last]
 
 
 def stretches_of(stamps_s: Array, imu_s: Array) -> list[slice]:

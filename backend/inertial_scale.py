@@ -58,7 +58,7 @@ class InertialScale:
     scale: float
     """True lengths over those of the path."""
     scale_std: float
-    """Of the noise alone: an error of the accelerometer's own gain is one of the scale."""
+    """Of the noise alone."""
     offset_m_s2: tuple[float, float, float]
     """The accelerometer reads so much more, in body axes."""
     offset_std_m_s2: tuple[float, float, float]
@@ -69,6 +69,15 @@ class InertialScale:
     """The pictures' stamps are so much later than the accelerometer's for the same moment."""
     delay_std_s: float
     """Infinite where paths late and early are as likely."""
+    gain_slopes: tuple[float, float, float]
+    """By how much the scale grows with the accelerometer's gain along each body axis, both relative. A rotor
+    pushes along one axis and always about as hard: what a wrong gain makes of that is an offset, and lengths
+    come from how the force is turned. Together they are 1 for a vehicle that is pushed without leaning."""
+
+    def log_std(self, gain_std: float) -> float:
+        """Relative deviation of the scale, gains as uncertain as ``gain_std``: they may err together."""
+        by_gains = gain_std * float(np.abs(self.gain_slopes).sum())
+        return float(np.hypot(self.scale_std / self.scale, by_gains))
 
 
 def inertial_scale(
@@ -95,7 +104,7 @@ def inertial_scale(
         delay_s = _likeliest_delay(path, sizes, noise)
         rows = path.rows(delay_s)
     delay = delay_s, _delay_std(path, sizes, noise, delay_s)
-    return _found(rows, _best_sizes(rows, noise, sizes), noise, delay)
+    return _found(rows, path.by_gains(delay_s), _best_sizes(rows, noise, sizes), noise, delay)
 
 
 def _first_sizes(rows: Rows, noise: Array) -> Array:
@@ -140,7 +149,9 @@ def _delay_std(path: PathBeside, sizes: Array, noise: Array, delay_s: float) -> 
     return float(np.sqrt(2.0 / curvature)) if curvature > 0 else float("inf")
 
 
-def _found(rows: Rows, sizes: Array, noise: Array, delay: tuple[float, float]) -> InertialScale | None:
+def _found(
+    rows: Rows, by_gains: Array, sizes: Array, noise: Array, delay: tuple[float, float]
+) -> InertialScale | None:
     scale, offset, arm = float(sizes[0]), sizes[1:4], sizes[4:]
     left, w = rows.left(sizes), rows.weight(sizes, noise)
     spread = rows.of_poses(noise)[:, None, None, None] * rows.column_noise
@@ -159,6 +170,7 @@ def _found(rows: Rows, sizes: Array, noise: Array, delay: tuple[float, float]) -
     # Stretches may differ by more than white noise has them.
     between = inverse @ (by_stretch.T @ by_stretch) @ inverse * count / (count - 1)
     std = np.sqrt(np.maximum(np.diag(inverse), np.diag(between)))
+    moved = inverse[0] @ np.einsum("rak,ra,rag->kg", rows.known, w, by_gains, optimize=True)
     if not scale > _SURE * std[0] or np.linalg.norm(offset) > _MOST_OFFSET_M_S2:
         return None
     return InertialScale(
@@ -169,6 +181,7 @@ def _found(rows: Rows, sizes: Array, noise: Array, delay: tuple[float, float]) -
         _triple(arm),
         _triple(std[4:7]),
         *delay,
+        _triple(moved / scale),
     )
 
 

@@ -28,7 +28,7 @@ class SensorTrust:
     range_floor_m: float = 0.005
     """No range is believed better than this."""
     accel_gain_std: float = 0.02
-    """Relative: an accelerometer's own gain, by which it has all lengths wrong."""
+    """Relative: an accelerometer's own gains, by which it has lengths wrong."""
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ class InertialLengths:
 
     found: InertialScale
     lengths: ScalePrior
-    """True ones over the map's, the accelerometer's own gain as uncertain as it is taken to be."""
+    """True ones over the map's, the accelerometer's own gains as uncertain as they are taken to be."""
     map_std: float | None
     """Relative, of the map's scale; None where nothing else tells it."""
 
@@ -79,8 +79,7 @@ def inertial_lengths(
     found = inertial_scale(stamps_s, lean @ path, readings, _typical(covariances))
     if found is None:
         return None
-    std = float(np.hypot(found.scale_std / found.scale, gain_std))
-    return InertialLengths(found, ScalePrior(found.scale, std), bundle.scale_std)
+    return InertialLengths(found, ScalePrior(found.scale, found.log_std(gain_std)), bundle.scale_std)
 
 
 def path_at_frames(sightings: Sightings, w_T_b: Array, camera: Camera) -> tuple[Array, Array, Array]:

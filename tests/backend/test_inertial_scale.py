@@ -43,10 +43,11 @@ def made(
     tilt_std: float = 5e-4,
     height_m: float = 0.0,
     shared: int = 1,
+    leans: bool = False,
 ) -> Made:
     """``sway`` times a decimetre or two and several degrees, at 0.2 to 0.8 Hz, in all six axes; a pose each
     ``step`` ms, whose place errs by a millimetre, and by its tilt's error times a height. So many poses after
-    another have the error ``shared``.
+    another have the error ``shared``. One that ``leans`` is driven by that, as by rotors.
     """
     rng = np.random.default_rng(seed)
     time_s = np.arange(-1.0, lasts_s + 1.0, STEP_S)
@@ -57,6 +58,10 @@ def made(
 
     place_m = swaying(np.array([0.15, 0.15, 0.08])) + [0, 0, 1.2]
     w_R_b = Rotation.from_euler("ZYX", swaying(np.array([0.2, 0.05, 0.05])))
+    if leans:
+        push = np.gradient(np.gradient(place_m, STEP_S, axis=0), STEP_S, axis=0) + [0, 0, GRAVITY_M_S2]
+        pitch, roll = np.arctan2(push[:, 0], push[:, 2]), -np.arctan2(push[:, 1], np.hypot(*push[:, ::2].T))
+        w_R_b = Rotation.from_euler("YX", np.column_stack([pitch, roll]))
     arm_way = place_m + w_R_b.apply(arm_m)
     acceleration = np.gradient(np.gradient(arm_way, STEP_S, axis=0), STEP_S, axis=0)
     force = w_R_b.inv().apply(acceleration + [0, 0, GRAVITY_M_S2]) + OFFSET_M_S2
@@ -93,6 +98,25 @@ def test_what_was_put_in_is_found_to_within_what_is_told():
     assert np.abs([f.delay_s - DELAY_S for f in found]).max() < 0.004
     # Where the vehicle hardly turns, the offset's level axes and tilt errors are one.
     assert np.abs([np.array(f.offset_m_s2) - OFFSET_M_S2 for f in found]).max() < 0.03
+
+
+@pytest.mark.parametrize("leans", [False, True])
+def test_what_a_wrong_gain_does_to_lengths_is_told(leans: bool):
+    """Rotors push along one axis and about as hard: a gain is an offset, and lengths come from the lean."""
+    flight = made(0, arm_m=np.zeros(3), leans=leans)
+    found, readings = flight.found, flight.readings
+    for axis, slope in enumerate(found.gain_slopes):
+        accel = readings.accel_m_s2.copy()
+        accel[:, axis] *= 1.03
+        other = replace(flight, readings=replace(readings, accel_m_s2=accel)).found
+        assert np.log(other.scale / found.scale) / np.log(1.03) == pytest.approx(slope, abs=0.05)
+    if leans:
+        # What is left is how hard they push to climb.
+        assert found.gain_slopes[:2] == pytest.approx((0, 0), abs=0.01)
+        assert found.log_std(0.02) < 0.012
+    else:
+        assert sum(found.gain_slopes) == pytest.approx(1, abs=0.02)
+        assert found.log_std(0.02) == pytest.approx(0.02, abs=0.001)
 
 
 def test_a_long_arm_is_told_from_the_scale():

@@ -18,7 +18,7 @@ NONE = (0.0, 0.0, 0.0)
 
 
 def shown(delay_s: float, std_s: float) -> InertialLengths:
-    found = InertialScale(1.0, 0.01, NONE, NONE, NONE, NONE, delay_s, std_s)
+    found = InertialScale(1.0, 0.01, NONE, NONE, NONE, NONE, delay_s, std_s, NONE)
     return InertialLengths(found, ScalePrior(1.0, 0.02), 0.05)
 
 
