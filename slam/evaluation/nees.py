@@ -14,6 +14,13 @@ the mean is ``12 / n_eff`` with ``n_eff = n / mean over the six of [1 + 2 sum_la
 and the band is that of a chi-square with ``6 n_eff`` degrees divided by n_eff (Satterthwaite's match of mean
 and variance). Over simulated Markov, random-walk and pinned-walk errors it holds 89.7 to 97 % of the time;
 for errors much smoother than those it is wider than need be.
+
+What all poses err by together is no such sequence: a wrong scale moves each pose along the way from the first
+one to it, and where that way turns, neighbours differ in it and poses far apart are still one error. Where
+its deviation u_k is told (whitened as z is), ``z_k = s u_k + r_k`` with one number s: squares correlate as
+``|u_k|^2 |u_l|^2`` however far apart, and the sequence is r, of variance ``1 - u_k^2`` in each component.
+Over ways that wind about, with a scale that is most of their errors, the band of positions so holds 96 % of
+the time; taken for a sequence like any other it would hold 87 %.
 """
 
 from __future__ import annotations
@@ -62,24 +69,26 @@ class Nees:
     """Keyframes without a positive definite covariance, or with NaN for it."""
 
 
-def nees(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array) -> Nees | None:
+def nees(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array, common: Array | None = None) -> Nees | None:
     """NEES of (n, 4, 4) poses in order of time with their (n, 6, 6) covariances.
 
     The poses must stand in one gauge and the pose that fixes it must not be among them: its error is zero by
-    construction. None where no covariance is usable.
+    construction. ``common`` (n, 6), rotation first, world axes: what one standard deviation of an error that
+    all poses have together moves each by. None where no covariance is usable.
     """
     xi_w, P_w = world_errors(w_T_b_hat, w_T_b_true, covariances)
     usable = np.array([_invertible(P) for P in P_w], dtype=bool)
     if not usable.any():
         return None
     xi_w, P_w = xi_w[usable], P_w[usable]
+    shared = np.zeros_like(xi_w) if common is None else common[usable]
     whitened = _whiten(xi_w, P_w)
     per_keyframe = np.full(len(usable), np.nan)
     per_keyframe[usable] = np.sum(whitened**2, axis=1)
     return Nees(
-        pose=consistency(whitened),
-        position=consistency(_whiten(xi_w[:, 3:], P_w[:, 3:, 3:])),
-        rotation=consistency(_whiten(xi_w[:, :3], P_w[:, :3, :3])),
+        pose=consistency(whitened, _whiten(shared, P_w)),
+        position=_of_block(slice(3, 6), xi_w, P_w, shared),
+        rotation=_of_block(slice(0, 3), xi_w, P_w, shared),
         per_keyframe=per_keyframe,
         left_out=int((~usable).sum()),
     )
@@ -97,23 +106,33 @@ def world_errors(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array) -> tup
     return np.einsum("nij,nj->ni", B, xi), B @ covariances @ B.transpose(0, 2, 1)
 
 
-def consistency(whitened: Array) -> Consistency:
-    """Mean NEES and its band from (n, dof) whitened errors in order of time."""
+def _of_block(rows: slice, xi: Array, P: Array, shared: Array) -> Consistency:
+    P = P[:, rows, rows]
+    return consistency(_whiten(xi[:, rows], P), _whiten(shared[:, rows], P))
+
+
+def consistency(whitened: Array, shared: Array | None = None) -> Consistency:
+    """Mean NEES and its band from (n, dof) whitened errors in order of time; ``shared`` (n, dof), whitened
+    alike: one standard deviation of what all have together."""
     n, dof = whitened.shape
-    n_eff = effective_count(whitened)
+    n_eff = effective_count(whitened, np.zeros_like(whitened) if shared is None else shared)
     lower, upper = (float(chi2.ppf(quantile, dof * n_eff)) / n_eff for quantile in (0.025, 0.975))
     return Consistency(dof, float(np.sum(whitened**2) / n), lower, upper, n_eff)
 
 
-def effective_count(whitened: Array) -> float:
+def effective_count(whitened: Array, shared: Array) -> float:
     """How many independent samples (n, dof) whitened errors are worth; between 1 and n."""
-    n = len(whitened)
+    n, dof = whitened.shape
     if n == 1:
         return 1.0
-    rho = np.clip(1 - 0.5 * np.mean(np.diff(whitened, axis=0) ** 2, axis=0), 0.0, 1.0)
+    total = float(np.sum(shared**2))
+    rest = whitened - (np.sum(shared * whitened) / total if total > 0 else 0.0) * shared
+    variance = np.clip(1 - np.mean(shared**2, axis=0), _SINGULAR, 1.0)
+    rho = np.clip(1 - 0.5 * np.mean(np.diff(rest, axis=0) ** 2, axis=0) / variance, 0.0, 1.0)
     lag = np.arange(1, n)[:, None]
     inflation = 1 + 2 * np.sum((1 - lag / n) * rho ** (2 * lag), axis=0)
-    return float(n / inflation.mean())
+    together = min(total / n, 1.0) ** 2
+    return float(dof / (together + np.sum(variance**2 * inflation) / n))
 
 
 def _invertible(P: Array) -> bool:

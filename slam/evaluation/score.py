@@ -154,10 +154,21 @@ def _consistency(
     if association.w_T_b is None or len(per_keyframe) < 2 or coarse[0]:
         return None, per_keyframe
     covariances = np.where(coarse[:, None, None], np.nan, estimate.covariances[association.keyframe])
-    result = nees(aligned_w_T_b[1:], association.w_T_b[1:], covariances[1:])
+    result = nees(
+        aligned_w_T_b[1:], association.w_T_b[1:], covariances[1:], _by_scale(estimate, aligned_w_T_b)
+    )
     if result is not None:
         per_keyframe[1:] = result.per_keyframe
     return result, per_keyframe
+
+
+def _by_scale(estimate: Estimate, aligned_w_T_b: Array) -> Array | None:
+    """(m - 1, 6) what one standard deviation of the map's scale moves each pose but the first by. With GPS
+    scale and place are known together: None."""
+    if estimate.scale_std is None or estimate.origin is not None:
+        return None
+    way_m = aligned_w_T_b[1:, :3, 3] - aligned_w_T_b[0, :3, 3]
+    return np.asarray(np.pad(estimate.scale_std * way_m, ((0, 0), (3, 0))))
 
 
 def _too_coarse(estimate: Estimate, association: Association) -> NDArray[np.bool_]:

@@ -115,6 +115,43 @@ def test_the_band_allows_for_correlated_errors(process, length, least):
     assert np.mean([each.mean for each in found]) == pytest.approx(6, rel=0.1)
 
 
+def with_a_common_scale(seed, scale_std, std=0.02, count=60):
+    """Own errors that fade within four keyframes, and one scale for all: estimate, truth, covariances."""
+    rng = np.random.default_rng(seed)
+    hat = smooth_poses(rng, count)
+    way_m = hat[:, :3, 3] - hat[0, :3, 3]
+    common = np.pad(scale_std * way_m, ((0, 0), (3, 0)))
+    xi_w = std * markov(rng, count, 4) + rng.normal() * common
+    P_w = std**2 * np.eye(6) + common[:, :, None] * common[:, None, :]
+    b_R_w = np.zeros((count, 6, 6))
+    b_R_w[:, :3, :3] = b_R_w[:, 3:, 3:] = hat[:, :3, :3].transpose(0, 2, 1)
+    truth = hat @ exponential((b_R_w @ xi_w[:, :, None])[:, :, 0])
+    truth[0] = hat[0]
+    return hat, truth, b_R_w @ P_w @ b_R_w.transpose(0, 2, 1)
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_the_band_allows_for_a_scale_that_all_poses_share(told):
+    """Where the way turns, neighbours do not show that they err alike in it."""
+    found = []
+    for seed in range(150):
+        hat, truth, P = with_a_common_scale(seed, 0.02)
+        estimate = estimate_of(hat, covariances=P, scale_std=0.02 if told else None)
+        found.append(evaluate(estimate, flight_of(truth)).nees)
+    inside = np.mean([each.position.consistent for each in found])
+    assert 0.92 <= inside <= 0.99 if told else inside < 0.9
+    assert np.mean([each.rotation.consistent for each in found]) >= 0.9
+
+
+def test_a_scale_that_errs_twice_as_much_as_told_is_found():
+    beyond = []
+    for seed in range(60):
+        hat, truth, P = with_a_common_scale(seed, 0.02)
+        estimate = estimate_of(hat, covariances=P / 4, scale_std=0.01)
+        beyond.append(not evaluate(estimate, flight_of(truth)).nees.position.consistent)
+    assert np.mean(beyond) > 0.9
+
+
 def test_independent_errors_keep_nearly_all_their_weight():
     rng = np.random.default_rng(3)
     counts = [consistency(rng.normal(size=(150, 6))).n_eff for _ in range(50)]
