@@ -31,6 +31,7 @@ TITLES = {
     "bound": "Figure eight against its Cramer-Rao bound",
     "calibration": "Covariances against errors, made flights",
     "hybrid": "AR.Drone 2 over a photographed floor (`ardrone2-hybrid`)",
+    "instruments": "Instruments together, simulated flights",
     "caliterra": "75 aerial photographs (`caliterra`)",
     "graphs": "Standard pose graphs",
     "false_loops": "Standard pose graphs with false loops",
