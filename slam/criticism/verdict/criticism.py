@@ -53,6 +53,13 @@ class Gain:
         ]
         return min(ahead, key=lambda c: c.after / c.before, default=None)
 
+    @property
+    def flies_worse(self) -> bool:
+        """Whether two seconds ahead some channel is missed by more than before, beyond a misfit, and none by
+        less."""
+        ahead = [c for c in self.channels if c.horizon_s == JUDGED_HORIZON_S]
+        return self.foremost is None and any(c.after > (1.0 + MISFIT) * c.before for c in ahead)
+
 
 @dataclass(frozen=True)
 class Cause:

@@ -118,13 +118,15 @@ def weighed(
     """The causes that are likely enough to be told, and those that are not.
 
     Beside something that no term is, what contradicts itself (``doubted``) is at even odds a part of that,
-    and so is unrest, which any motion makes that the model lacks. Of a foreign vehicle some shape is always
-    likelier than any equation: there odds are not shared with it.
+    and so is what flies worse than nothing does, and unrest, which any motion makes that the model lacks.
+    Of a foreign vehicle some shape is always likelier than any equation: there odds are not shared with it.
     """
     if posterior.probability[SOMETHING_ELSE] > SURE and not found.model.foreign:
         restless = {e.name for e in found.chosen if not e.directions}
         causes = [
-            replace(c, probability=0.5 * c.probability) if c.name in doubted or c.name in restless else c
+            replace(c, probability=0.5 * c.probability)
+            if c.name in doubted or c.name in restless or c.gain.flies_worse
+            else c
             for c in causes
         ]
     faint = tuple(c for c in causes if _with_alternatives(c, posterior) < FAINT)

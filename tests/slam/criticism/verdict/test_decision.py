@@ -10,9 +10,10 @@ import pytest
 
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.search import Search
-from slam.criticism.verdict.criticism import Cause, Gain
+from slam.criticism.verdict.criticism import JUDGED_HORIZON_S, Cause, Gain
 from slam.criticism.verdict.decision import confirmed, decide, weighed
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, likelier, posterior_of
+from slam.criticism.verdict.rollouts import ChannelError
 
 GAIN = Gain(50.0, (30.0, 60.0), "flight", (25.0, 25.0), ())
 
@@ -43,6 +44,19 @@ def test_one_that_is_the_same_everywhere_is_claimed_with_a_remainder():
     verdict, probabilities, _ = told(cause("flow_scale"), cause("gusts"), unknown=1.0)
     assert verdict == "named_with_remainder"
     assert probabilities == [1.0, 0.5]
+
+
+def test_what_flies_worse_than_nothing_is_not_claimed_beside_something_unknown():
+    missed = {"better": 0.08, "alike": 0.102, "worse": 0.12}
+    range_m = {k: ChannelError("range", "m", JUDGED_HORIZON_S, 0.1, after) for k, after in missed.items()}
+
+    def claimed(*flown: str, unknown: float = 1.0):
+        gain = replace(GAIN, channels=tuple(range_m[k] for k in flown))
+        return told(replace(cause("climb_asymmetry"), gain=gain), unknown=unknown)[:2]
+
+    assert claimed("worse") == ("unknown", [0.5])
+    assert claimed("alike") == claimed("worse", "better") == ("named_with_remainder", [1.0])
+    assert claimed("worse", unknown=0.0) == ("named", [1.0])
 
 
 def test_what_is_next_to_impossible_is_left_over():
