@@ -162,6 +162,7 @@ def _cause(cause: Cause) -> dict[str, Any]:
             for name, p in cause.parameters.items()
         },
         "gain": _gain(cause.gain),
+        "equivalence_set": list(cause.alternatives or (cause.name,)),
     }
 
 

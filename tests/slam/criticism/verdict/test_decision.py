@@ -10,7 +10,7 @@ import pytest
 
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.search import Search
-from slam.criticism.verdict.criticism import JUDGED_HORIZON_S, Cause, Gain
+from slam.criticism.verdict.criticism import JUDGED_HORIZON_S, Cause, Criticism, Gain
 from slam.criticism.verdict.decision import confirmed, decide, weighed
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, likelier, posterior_of
 from slam.criticism.verdict.rollouts import ChannelError
@@ -57,6 +57,12 @@ def test_what_flies_worse_than_nothing_is_not_claimed_beside_something_unknown()
     assert claimed("worse") == ("unknown", [0.5])
     assert claimed("alike") == claimed("worse", "better") == ("named_with_remainder", [1.0])
     assert claimed("worse", unknown=0.0) == ("named", [1.0])
+
+
+def test_of_each_cause_is_told_what_leaves_the_same_trace():
+    second = replace(cause("steady_wind"), alternatives=("steady_wind", "trim_offset"))
+    told_alike = Criticism("named_with_remainder", "", (cause("flow_scale"), second)).to_json()["causes"]
+    assert [c["equivalence_set"] for c in told_alike] == [["flow_scale"], ["steady_wind", "trim_offset"]]
 
 
 def test_what_is_next_to_impossible_is_left_over():
