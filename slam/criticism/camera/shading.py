@@ -9,16 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.pictures import Sights
-from slam.criticism.camera.tones import CONTRAST, SHARPNESS, Tones, tones_of, weigh
+from slam.criticism.camera.tones import CONTRAST, FIGURES, SHADING, SHARPNESS, Tones, tones_of, weigh
 from slam.criticism.kalman.optics import BLUR, GAIN, GAMMA, VIGNETTING
 from slam.criticism.kalman.smoothing import Path
 from slam.criticism.kalman.tangents import Direction
 
 Array = NDArray[np.float64]
 
+STAINED = "picture brightness ~ place in the picture"
 PICTURE_SHAPES = (
     "picture brightness ~ time", "picture colour ~ time", "picture contrast ~ time",
-    "picture sharpness ~ time", "picture brightness ~ height",
+    "picture sharpness ~ time", "picture brightness ~ height", STAINED,
 )  # fmt: skip
 MEMORY_S = 1.0
 """Of the automatics that exposure_variation stands for."""
@@ -62,7 +63,7 @@ def shade(
     def between(x: Array) -> Array:
         return np.asarray(x[tones.i] - x[tones.j])
 
-    for figure in range(6):
+    for figure in range(FIGURES):
         shapes: dict[tuple[str, int], Array] = {}
         ours, slow = np.zeros(len(tones.i)), np.column_stack([between(elapsed), between(elapsed**2)])
         healthy = TOLERANCE.get(figure, 0.0) * between(height)[:, None]
@@ -84,11 +85,14 @@ def shade(
             shapes["picture", 3] = between(elapsed)
             shapes["camera", BLUR], ours = _blurred(BLUR_DETAIL, between, speed2, camera[BLUR])
             healthy = np.column_stack([healthy, SLOW_SHARPNESS * slow])
-        else:
+        elif figure == SHADING:
             healthy = np.full((len(tones.i), 1), SHADING_TOLERANCE)
             darker = 1.0 - BORDER * camera[VIGNETTING]
             shapes["camera", VIGNETTING] = np.full(len(tones.i), -1.0 / darker**2)
             ours = np.full(len(tones.i), -camera[VIGNETTING] / darker)
+        else:
+            healthy = np.full((len(tones.i), 1), SHADING_TOLERANCE / tones.stained)
+            shapes["picture", PICTURE_SHAPES.index(STAINED)] = np.ones(len(tones.i))
         table = np.column_stack(list(shapes.values()))
         held = sum(share * camera[entry] for entry, share in restless.items())
         found = weigh(tones, figure, table, ours, healthy, held, memory, slow)
@@ -134,7 +138,7 @@ def _within(tones: Tones, inside: NDArray[np.bool_]) -> Tones:
     place = np.cumsum(inside) - 1
     return Tones(
         place[tones.i[kept]], place[tones.j[kept]], tones.figures[kept], tones.std[kept],
-        tones.outward[kept], tones.depth[kept],
+        tones.outward[kept], tones.depth[kept], tones.stained,
     )  # fmt: skip
 
 

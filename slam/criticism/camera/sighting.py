@@ -17,7 +17,9 @@ from scipy.sparse import csr_array
 
 from slam.criticism.camera.lens import NUDGE, floor_of, pixels_of
 from slam.criticism.camera.pictures import SHORTEST_S, Sights
-from slam.criticism.camera.shading import shade
+from slam.criticism.camera.shading import PICTURE_SHAPES, shade
+from slam.criticism.camera.warps import TOLERANCE as WARP_TOLERANCE
+from slam.criticism.camera.warps import warp
 from slam.criticism.kalman.optics import CAMERA, OFFSET, POINTS, READOUT
 from slam.criticism.kalman.readings import SENSOR, SLOPE_X, SLOPE_Y
 from slam.criticism.kalman.record import Record
@@ -38,8 +40,10 @@ _SAME_SHARE, _SAME_S = 3e-3, 1e-3
 """Beliefs whose numbers differ by less make the same path."""
 
 
-TOLERANCE = np.array([2e-3, 3e-3, 3e-4, 3e-4, 3e-4, 1e-4, 3e-5])
-"""What features on small pictures bear: so far a healthy camera may seem off in a flight; last its clock."""
+TOLERANCE = np.concatenate([[2e-3, 3e-3, 3e-4, 3e-4, 3e-4, 1e-4, 3e-5], WARP_TOLERANCE])
+"""What features on small pictures bear: so far a healthy camera may seem off in a flight; then its clock, and
+warps."""
+_PIXEL_NUDGE = 0.1
 MARGIN_S = 0.3
 """Pictures so near to the ends of the readings are left out, so that a late camera loses none."""
 
@@ -116,10 +120,13 @@ def _points(
     by_camera = scene.by_camera()
     when = 0.5 * (path.times_s[scene.i] + path.times_s[scene.j])
     fast = -when[:, None] * by_camera[:, :, OFFSET]
-    C[:, :, len(directions) :] = np.concatenate([by_camera, fast[:, :, None]], axis=2)
+    warped = scene.by_warp()
+    C[:, :, len(directions) :] = np.concatenate([by_camera, fast[:, :, None], warped], axis=2)
     for k, d in enumerate(directions):
         if d.kind == "camera" and d.entry < POINTS:
             C[:, :, k] = by_camera[:, :, d.entry]
+        elif d.kind == "picture" and d.entry >= len(PICTURE_SHAPES):
+            C[:, :, k] = warped[:, :, d.entry - len(PICTURE_SHAPES)]
         elif d.kind == "drift":
             C[:, :, k] = fast
         elif d.kind == "sensor" and d.entry in (SLOPE_X, SLOPE_Y):
@@ -199,7 +206,7 @@ class _Scene:
 
     def carried(
         self, camera: Array | None = None, slope: Array | None = None, at_i: Array | None = None,
-        at_j: Array | None = None,
+        at_j: Array | None = None, off_j: float | Array = 0.0,
     ) -> Array:  # fmt: skip
         """(m, 2) pixels j in picture i, with something changed."""
         told, camera = self.sights.camera, self.camera if camera is None else camera
@@ -215,7 +222,7 @@ class _Scene:
             pose_i = pose_i + at_i
         if at_j is not None:
             pose_j = pose_j + at_j
-        return pixels_of(told, camera, pose_i, floor_of(told, camera, pose_j, self.other, slope))
+        return pixels_of(told, camera, pose_i, floor_of(told, camera, pose_j, self.other + off_j, slope))
 
     def _shift(self, camera: Array, row: Array) -> Array:
         """(m,) moment of each row less that which the path was taken at for its picture."""
@@ -240,6 +247,18 @@ class _Scene:
             step[k] = NUDGE[k]
             change[:, :, k] = self.carried(self.camera + step) - self.carried(self.camera - step)
         return change / (2 * NUDGE)
+
+    def by_warp(self) -> Array:
+        """(m, 2, warps): where i shows the point, less where j says that it is."""
+        told, times_s = self.sights.camera, self.path.times_s
+        elapsed = (times_s - times_s[0]) / max(times_s[-1] - times_s[0], 1e-9) - 0.5
+        off_j = warp(told, self.other, elapsed[self.j])
+        carried = warp(told, self.seen, elapsed[self.i])
+        for axis in range(2):
+            nudge = _PIXEL_NUDGE * np.eye(2)[axis]
+            by_pixel = (self.carried(off_j=nudge) - self.carried(off_j=-nudge)) / (2 * _PIXEL_NUDGE)
+            carried -= by_pixel[:, :, None] * off_j[:, axis, None]
+        return carried
 
     def by_slope(self, axis: int) -> Array:
         """(m, 2) change with the floor's slope along x or y, the path left alone."""

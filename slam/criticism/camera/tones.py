@@ -1,13 +1,13 @@
 """How bright, how contrasty and how sharp the same points of the floor look from picture to picture.
 
-A healthy camera shows a point alike in every picture. Of each pair of pictures six figures are taken, each
+A healthy camera shows a point alike in every picture. Of each pair of pictures seven figures are taken, each
 the difference of a property t of the two pictures, y = t_i - t_j + noise. A mean effect gives t a shape
 (vignetting, blur, a trend), a restless one (exposure) a variance.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,19 +15,22 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from slam.criticism.camera.pictures import Sights
+from slam.criticism.camera.stains import Stain, stain_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-BLUE, GREEN, RED, CONTRAST, SHARPNESS, SHADING = range(6)
+FIGURES = 7
+BLUE, GREEN, RED, CONTRAST, SHARPNESS, SHADING, STAIN = range(FIGURES)
 """Logarithms of: the level of each colour, its spread over the floor beside its mean, the local variation
-beside that; and how much darker pictures are towards the corners."""
+beside that; how much darker pictures are towards the corners; and share of the stain that other pictures
+foretell."""
 DARKEST, BRIGHTEST = 12.0, 240.0
 FEWEST = 8
 """Matches of a pair that its figures are taken from."""
-LEAST_STD = np.array([0.002, 0.002, 0.002, 0.004, 0.008, 0.004])
+LEAST_STD = np.array([0.002, 0.002, 0.002, 0.004, 0.008, 0.004, 0.004])
 """No figure of a pair is known better: pictures are rounded and compressed."""
-WANDER = np.array([0.003, 0.003, 0.003, 0.004, 0.03, 0.003])
+WANDER = np.array([0.003, 0.003, 0.003, 0.004, 0.03, 0.003, 0.003])
 """What a healthy picture's own property differs by: other points of the floor are seen."""
 CLIP = 4.0
 
@@ -40,13 +43,15 @@ class Tones:
     """(p,) earlier picture."""
     j: Ints
     figures: Array
-    """(p, 6)."""
+    """(p, 7)."""
     std: Array
-    """(p, 6)."""
+    """(p, 7)."""
     outward: Array
     """(p,) how much farther from the middle the points lie in i than in j: mean difference of r^2."""
     depth: Array
     """(p, 3) logarithm of white over each colour's level: how much a gamma changes it."""
+    stained: float
+    """Root mean square of the stain that is foretold; a millionth where there is none."""
 
 
 def tones_of(sights: Sights) -> Tones:
@@ -61,10 +66,12 @@ def _worked_out(sights: Sights) -> Tones:
     key = sights.earlier * (len(sights.stamps_s) + 1) + sights.later
     order = np.argsort(key, kind="stable")
     bounds = np.flatnonzero(np.diff(key[order], prepend=-1, append=-1))
+    stain = _stain(sights, np.unique(key, return_inverse=True)[1])
+    sights = _cleaned(sights, stain)
     rows, pairs, outward, depth = [], [], [], []
     for begin, end in pairwise(bounds.tolist()):
         own = order[begin:end]
-        found = _figures(sights, own)
+        found = _figures(sights, own, stain)
         if found is not None:
             rows.append(found)
             pairs.append((sights.earlier[own[0]], sights.later[own[0]]))
@@ -72,17 +79,41 @@ def _worked_out(sights: Sights) -> Tones:
             depth.append(_depth(sights, own))
     if not rows:
         nothing = np.zeros(0, dtype=np.int64)
-        return Tones(nothing, nothing, np.zeros((0, 6)), np.ones((0, 6)), np.zeros(0), np.zeros((0, 3)))
+        none = np.zeros((0, FIGURES))
+        return Tones(nothing, nothing, none, none, np.zeros(0), np.zeros((0, 3)), 0.0)
     index = np.array(pairs, dtype=np.int64)
     values, std = (np.array(part) for part in zip(*rows, strict=True))
-    return Tones(index[:, 0], index[:, 1], values, std, np.array(outward), np.array(depth))
+    stained = max(float(np.sqrt(np.mean(stain.foretold**2))), 1e-6)
+    return Tones(index[:, 0], index[:, 1], values, std, np.array(outward), np.array(depth), stained)
 
 
-def _figures(sights: Sights, own: Ints) -> tuple[Array, Array] | None:
-    a, b = sights.tone_i[own], sights.tone_j[own]
+def _usable(a: Array, b: Array) -> NDArray[np.bool_]:
     both = np.column_stack([a[:, :3], b[:, :3]])
     usable = (both > DARKEST).all(axis=1) & (both < BRIGHTEST).all(axis=1)
-    usable &= (a[:, 3] > 1.0) & (b[:, 3] > 1.0)
+    return np.asarray(usable & (a[:, 3] > 1.0) & (b[:, 3] > 1.0))
+
+
+def _stain(sights: Sights, pair: Ints) -> Stain:
+    a, b = sights.tone_i, sights.tone_j
+    level = [np.maximum(tone[:, :3].mean(axis=1), 1.0) for tone in (a, b)]
+    return stain_of(
+        sights.camera, sights.pixel_i, sights.pixel_j, np.log(level[0] / level[1]), _usable(a, b), pair,
+        sights.earlier,
+    )  # fmt: skip
+
+
+def _cleaned(sights: Sights, stain: Stain) -> Sights:
+    """As if the lens had no stain: what stays in the picture is no restless exposure."""
+    return replace(
+        sights,
+        tone_i=sights.tone_i * np.exp(-stain.at_i)[:, None],
+        tone_j=sights.tone_j * np.exp(-stain.at_j)[:, None],
+    )
+
+
+def _figures(sights: Sights, own: Ints, stain: Stain) -> tuple[Array, Array] | None:
+    a, b = sights.tone_i[own], sights.tone_j[own]
+    usable = _usable(a, b)
     if usable.sum() < FEWEST:
         return None
     grey_i, grey_j = a[usable, :3].mean(axis=1), b[usable, :3].mean(axis=1)
@@ -94,7 +125,7 @@ def _figures(sights: Sights, own: Ints) -> tuple[Array, Array] | None:
     a, b, own = a[usable][alike], b[usable][alike], own[usable][alike]
     grey_i, grey_j, ratio = grey_i[alike], grey_j[alike], ratio[alike]
     m = len(own)
-    values, std = np.empty(6), np.empty(6)
+    values, std = np.empty(FIGURES), np.empty(FIGURES)
     for colour in range(3):
         values[colour], spread = _middle(np.log(a[:, colour] / b[:, colour]))
         std[colour] = 1.25 * spread / np.sqrt(m)
@@ -108,7 +139,17 @@ def _figures(sights: Sights, own: Ints) -> tuple[Array, Array] | None:
     away = outward - outward.mean()
     values[SHADING] = float(away @ ratio / max(away @ away, 1e-9))
     std[SHADING] = float(np.std(ratio)) / np.sqrt(max(away @ away, 1e-9))
+    values[STAIN], std[STAIN] = _share(stain.foretold[own], ratio + (stain.at_i - stain.at_j)[own], outward)
     return values, np.hypot(std, LEAST_STD)
+
+
+def _share(foretold: Array, ratio: Array, outward: Array) -> tuple[float, float]:
+    """Of what is foretold, how much there is, beside a vignette; and its standard deviation."""
+    free = np.column_stack([np.ones_like(outward), outward])
+    both = np.column_stack([foretold, ratio])
+    away, left = (both - free @ np.linalg.lstsq(free, both, rcond=None)[0]).T
+    weight = max(float(away @ away), 1e-12)
+    return float(away @ left) / weight, float(np.std(left)) / np.sqrt(weight)
 
 
 def _middle(x: Array) -> tuple[float, float]:
@@ -159,7 +200,7 @@ def weigh(
     D[np.arange(p), tones.j] -= 1.0
     y, std = tones.figures[:, figure] - ours, tones.std[:, figure]
     std = std * _scale(D, y, std)
-    own = np.ones(p) if figure == SHADING else None
+    own = np.ones(p) if figure in (SHADING, STAIN) else None
     wander = WANDER[figure] ** 2 * (np.diag(own) if own is not None else D @ D.T)
     restless = D @ memory @ D.T
     V = np.diag(std**2) + wander + variance * restless + nuisances @ nuisances.T

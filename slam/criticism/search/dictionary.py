@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.shading import PICTURE_SHAPES
+from slam.criticism.camera.warps import PAIRS, WARPS
 from slam.criticism.kalman.readings import CHANNELS, SENSOR
 from slam.criticism.kalman.record import Record, any_holds_heading
 from slam.criticism.kalman.tangents import FORCES, Direction, Signal
@@ -56,7 +57,7 @@ def dictionary(records: Sequence[Record]) -> list[Direction]:
         if signal != "stick_turn" or not any_holds_heading(records)
     ]
     if any(r.sights is not None for r in records):
-        found += [Direction(name, "picture", k) for k, name in enumerate(PICTURE_SHAPES)]
+        found += [Direction(name, "picture", k) for k, name in enumerate((*PICTURE_SHAPES, *WARPS))]
     yaw = CHANNELS.index("yaw")
     found += [
         Direction(f"{YAW_AT_PLACE}: {signal}", "channel", yaw, 1.0, signal)
@@ -82,11 +83,15 @@ def shapes_of(directions: Sequence[Direction]) -> tuple[Effect, ...]:
     shapes = [Effect(name, (direction,)) for name, direction in known.items()]
     if placed:
         shapes.append(Effect(YAW_AT_PLACE, placed))
-    for ahead, left in LEVEL_TARGETS:
-        for along, across in LEVEL_SIGNALS:
-            pair = known.get(f"{ahead} ~ {along}"), known.get(f"{left} ~ {across}")
-            if pair[0] is not None and pair[1] is not None:
-                shapes.append(Effect(f"{pair[0].name}, {pair[1].name}", (pair[0], pair[1])))
+    together = [
+        (f"{ahead} ~ {along}", f"{left} ~ {across}")
+        for ahead, left in LEVEL_TARGETS
+        for along, across in LEVEL_SIGNALS
+    ]
+    for names in (*together, *PAIRS):
+        pair = known.get(names[0]), known.get(names[1])
+        if pair[0] is not None and pair[1] is not None:
+            shapes.append(Effect(f"{pair[0].name}, {pair[1].name}", (pair[0], pair[1])))
     return tuple(shapes)
 
 

@@ -11,7 +11,9 @@ from scipy.stats import chi2
 from frontend.camera import Camera
 from slam.criticism.camera.lens import floor_of, pixels_of
 from slam.criticism.camera.pictures import Sights, look
+from slam.criticism.camera.shading import PICTURE_SHAPES
 from slam.criticism.camera.sighting import TOLERANCE, Sighted, sighted
+from slam.criticism.camera.warps import WARPS, warp
 from slam.criticism.kalman.optics import CAMERA, FOCAL, POINTS, STEPS, TILT_Y
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.setting import Setting, setting_of
@@ -130,3 +132,23 @@ def test_no_camera_is_believed_beyond_its_tolerance(healthy: tuple[Record, Sight
 def test_a_model_s_camera_terms_are_held() -> None:
     held = setting_of(Model(name="blurred", terms={"motion_blur": {"exposure": 0.02}}))
     assert held.camera[CAMERA.index("motion_blur.exposure")] == pytest.approx(4e-4)
+
+
+@pytest.mark.parametrize("k", range(len(WARPS)), ids=WARPS)
+def test_a_warp_that_no_term_is_shows_at_its_size(
+    k: int, setting: Setting, healthy: tuple[Record, Sights, Sighted]
+) -> None:
+    record, sights, _ = healthy
+    size = 0.02
+    elapsed = sights.stamps_s - sights.stamps_s[0]
+    elapsed = elapsed / elapsed[-1] - 0.5
+    off = replace(
+        sights,
+        pixel_i=sights.pixel_i + size * warp(sights.camera, sights.pixel_i, elapsed[sights.earlier])[..., k],
+        pixel_j=sights.pixel_j + size * warp(sights.camera, sights.pixel_j, elapsed[sights.later])[..., k],
+        paths={},
+    )
+    directions = [Direction(WARPS[k], "picture", len(PICTURE_SHAPES) + k)]
+    found = sighted(record, off, setting, directions)
+    assert float(found.information[0, 0]) ** -0.5 < 0.6 * size
+    assert float(found.score[0] / found.information[0, 0]) == pytest.approx(size, abs=0.3 * size)

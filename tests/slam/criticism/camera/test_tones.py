@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from slam.criticism.camera.pictures import Sights
-from slam.criticism.camera.shading import PICTURE_SHAPES, Shades, shade
+from slam.criticism.camera.shading import PICTURE_SHAPES, STAINED, Shades, shade
 from slam.criticism.kalman.optics import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
 from slam.criticism.kalman.smoothing import Path
 from slam.criticism.kalman.tangents import Direction
@@ -21,6 +21,7 @@ DIRECTIONS = [
     *(Direction(name, "picture", k) for k, name in enumerate(PICTURE_SHAPES)),
 ]
 PICTURES, POINTS = 60, 20
+SPOT_PX = (120.0, 50.0)
 
 
 def made(
@@ -29,6 +30,7 @@ def made(
     fog: Array | None = None,
     vignetting: float = 0.0,
     gamma: Array | None = None,
+    spot: float = 0.0,
 ) -> tuple[Sights, Path]:
     """Pictures that show each other's points, one and two before."""
     rng = np.random.default_rng(seed)
@@ -43,6 +45,7 @@ def made(
     def tone(picture: NDArray[np.int64], at: Array) -> Array:
         r2 = ((at - CAMERA_AT.center_px) ** 2).sum(axis=1) / (np.hypot(176, 144) / 2) ** 2
         seen = level * (gain[picture] * (1 - vignetting * r2))[:, None]
+        seen *= 1 - spot * np.exp(-((at - SPOT_PX) ** 2).sum(axis=1) / (2 * 25.0**2))[:, None]
         seen = seen * (1 - fog[picture])[:, None] + 170 * fog[picture][:, None]
         seen = 255.0 * (seen / 255.0) ** gamma[picture][:, None]
         local = detail * gain[picture] * (1 - fog[picture]) * np.exp(0.05 * rng.standard_normal(m))
@@ -79,6 +82,18 @@ def test_a_steady_camera_shows_nothing() -> None:
     assert (z[:, GAIN] < 3.5).all()
     assert np.abs(z[:, len(CAMERA) :]).max() < 4.0
     assert np.abs(z[:, VIGNETTING]).max() < 3.5
+
+
+def test_a_dark_spot_on_the_lens_is_a_shape_of_its_own_no_vignette_and_no_exposure() -> None:
+    z, _ = judged(*made(1, spot=0.25))
+    assert z[len(CAMERA) + PICTURE_SHAPES.index(STAINED)] > 5.0
+    assert z[GAIN] < 4.0
+    # A spot near the middle is all that a vignette is not.
+    assert z[VIGNETTING] < 4.0
+    gain = np.exp(0.05 * walk(1))
+    assert judged(*made(1, gain, spot=0.25))[0][GAIN] > 8.0
+    vignetted = judged(*made(1, vignetting=0.3))[0]
+    assert abs(vignetted[len(CAMERA) + PICTURE_SHAPES.index(STAINED)]) < 4.0
 
 
 def test_fog_is_a_shape_of_its_own_and_no_exposure() -> None:
