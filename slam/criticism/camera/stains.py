@@ -57,8 +57,8 @@ def stain_of(
     whole, halves = fitted(usable), [fitted(usable & (side != s)) for s in (0, 1)]
     foretold = np.where(side == 0, rows @ halves[0], rows @ halves[1])
     # A map of nothing but noise would make exposures restless: of it counts what other pictures confirm.
-    confirmed = foretold[usable] @ ratio[usable] / max(foretold[usable] @ foretold[usable], 1e-12)
-    share = float(np.clip(confirmed, 0.0, 1.0))
+    along = foretold[usable]
+    share = float(np.clip(along @ ratio[usable] / max(float(along @ along), 1e-12), 0.0, 1.0))
     return Stain(share * hats[0] @ whole, share * hats[1] @ whole, foretold)
 
 
