@@ -35,6 +35,8 @@ class Camera:
     """Uncertainty of the first radial coefficient; above 0 it may be estimated from the flight."""
     mount_std_rad: float = 0.0
     """Uncertainty of how the mount leans; above 0 it may be estimated from the flight."""
+    readout_s: float = 0.0
+    """Row i of n is exposed readout i / (n - 1) after the stamp; 0 where all are exposed at once."""
 
     @property
     def matrix(self) -> Array:

@@ -22,6 +22,7 @@ from slam.mapping.lean import lean_of
 from slam.mapping.mapper import Edges, Known, Mapper, Sensors
 from slam.mapping.mount import remounted
 from slam.mapping.obstacles import Masks, Obstacles, echoes_in_map, find_obstacles, no_masks
+from slam.mapping.rolling import unrolled
 from slam.mapping.sightings import Sighter, Sightings
 from slam.mapping.synchronize import inertial_readings
 from slam.progress import Progress, silent
@@ -127,6 +128,8 @@ class _Job:
         sighter = Sighter(flight, self.camera, self.config, self.progress)
         with self.clock("track"):
             sightings = sighter.watch(masks)
+            if self.camera.readout_s > 0:
+                sightings = unrolled(sightings, self.camera, flight.imu, sighter.register)
             _refuse_unless(len(sightings.stamps_s) >= 2, flight, sightings)
             sightings = sighter.neighbours(sightings)
         back_end = self._back_end(flight, sightings)

@@ -45,6 +45,13 @@ def camera_tilt(flight: Flight, model: Model) -> Flight:
     )
 
 
+def rolling_shutter(flight: Flight, model: Model) -> Flight:
+    """Rows exposed one after the other: the front end is told how long it takes to read them."""
+    return replace(
+        flight, camera=replace(_camera(flight), readout_s=model.value("rolling_shutter", "readout"))
+    )
+
+
 def vignetting(flight: Flight, model: Model) -> Flight:
     """Corners darker than the middle: pictures are lit evenly when they are read."""
     camera, frames = _camera(flight), flight.frames

@@ -1,7 +1,8 @@
 """A flight without what a model says of its instruments: how findings of criticism come into the map.
 
 Each term that changes readings is undone as `slam.simulation` does it, the last that was done first. Terms
-of the vehicle and of the place are none of the instruments' and stay. Where the model tells how surely it
+of the vehicle and of the place are none of the instruments' and stay, and so does what healthy instruments
+differ by, as the sonar's zero: the map estimates that itself. Where the model tells how surely it
 knows a term, the back end is told so in place of what the maker claims.
 """
 
@@ -24,6 +25,7 @@ UNDONE: dict[str, tuple[str, Callable[[Flight, Model], Flight]]] = {
     "focal_length": ("camera", camera.focal_length),
     "radial_distortion": ("camera", camera.radial_distortion),
     "camera_tilt": ("camera", camera.camera_tilt),
+    "rolling_shutter": ("camera", camera.rolling_shutter),
     "vignetting": ("frames", camera.vignetting),
     "gyro_bias": ("imu", inertial.gyro_bias),
     "gyro_scale": ("imu", inertial.gyro_scale),
@@ -64,9 +66,6 @@ class Corrected:
 def corrected(flight: Flight, model: Model) -> Corrected:
     """The flight as healthy instruments would have recorded it, as far as the model knows theirs."""
     taken_out = []
-    if model.sonar.datum_m != 0.0 and flight.sonar is not None:
-        flight = sonar.sonar_datum(flight, model)
-        taken_out.append(f"zero of the sonar ({model.sonar.datum_m:+.3g} m)")
     for name, (stream, undo) in UNDONE.items():
         if model.holds(name) and (not stream or getattr(flight, stream) is not None):
             flight = undo(flight, model)

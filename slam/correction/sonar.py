@@ -14,11 +14,6 @@ from slam.simulation.model import Model
 from slam.simulation.sensors import ASSUMED_DEG_C, SOUND_M_S, SOUND_M_S_K
 
 
-def sonar_datum(flight: Flight, model: Model) -> Flight:
-    """The constant of a healthy sonar's zero, which each vehicle has its own of."""
-    return replace(flight, sonar=_shorter(_sonar(flight), model.sonar.datum_m))
-
-
 def sonar_dead_zone(flight: Flight, model: Model) -> Flight:
     """A range at the limit, which is known to its noise, may be any below it."""
     sonar = _sonar(flight)

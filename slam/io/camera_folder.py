@@ -75,6 +75,7 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
         sensor.number("focal_std_ratio", 0.0),
         sensor.number("radial_std", 0.0),
         sensor.number("mount_std", 0.0),
+        sensor.number("readout", 0.0),
     )
 
 

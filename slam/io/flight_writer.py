@@ -190,12 +190,13 @@ def _write_camera(camera: Camera, frames: Frames | None, folder: Path) -> None:
         "distortion_model": "radial-tangential",
         "distortion_coefficients": list(camera.distortion),
     }
-    stds = {
+    other = {
         "focal_std_ratio": camera.focal_std_ratio,
         "radial_std": camera.radial_std,
         "mount_std": camera.mount_std_rad,
+        "readout": camera.readout_s,
     }
-    nominal.update({key: std for key, std in stds.items() if std})
+    nominal.update({key: value for key, value in other.items() if value})
     stamps = frames.stamps_s if frames is not None else np.empty(0)
     _write_sensor(folder, "camera", camera.b_T_c, stamps, nominal)
     (folder / "data.csv").write_text("#timestamp [ns],filename\n")

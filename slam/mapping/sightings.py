@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.features import Extractor, FeatureUnavailableError
+from frontend.features import Extractor, Features, FeatureUnavailableError
 from frontend.keyframes import Passed, Tracker
 from frontend.loops import overlapping, propose_loops, verify
 from frontend.motions import AWAY, Expectation
-from frontend.registration import Registration, overlap, refused
+from frontend.registration import Registration, overlap, refused, register
 from frontend.store import FeatureStore
 from slam.errors import InputError
 from slam.flight import Flight, Image
@@ -92,7 +92,9 @@ class Sighter:
             refused += [keyframe.refused] if keyframe.refused is not None else []
         index = np.array(frame_index, dtype=np.int64)
         kept = tuple(link for link in links if link is not None)
-        stamps_s = flight.frames.stamps_s[index] if len(index) else np.empty(0)
+        # A picture is that of its middle row.
+        frame_stamps_s = flight.frames.stamps_s + 0.5 * self.camera.readout_s
+        stamps_s = frame_stamps_s[index] if len(index) else np.empty(0)
         rejected = _with_reasons(tracker.rejected, flight.frames.failures)
         return Sightings(
             store,
@@ -104,9 +106,15 @@ class Sighter:
             tracker.frames,
             rejected,
             len(tracker.moving),
-            flight.frames.stamps_s,
+            frame_stamps_s,
             tuple(tracker.passed),
         )
+
+    def register(
+        self, i: int, j: int, a: Features, b: Features, expected: Expectation | None
+    ) -> Registration:
+        """Keyframe j registered to i, where the floor is expected."""
+        return register(i, j, a, b, self.camera, self.homography, self.config.gates, expected)
 
     def neighbours(self, sightings: Sightings) -> Sightings:
         """Compare each keyframe with the ones just before the last: a chain alone is weak."""

@@ -143,7 +143,7 @@ def test_every_term_of_an_instrument_is_undone_or_told_as_left():
     of_instruments = {name for name in CATALOGUE if changes_readings(name)}
     assert {line.split()[0] for line in mended.taken_out} | set(mended.left) == of_instruments
     assert set(UNDONE) <= of_instruments
-    assert "rolling_shutter" in mended.left
+    assert "motion_blur" in mended.left
     alone = corrected(replace(flight, sonar=None, imu=None, velocity=None, camera=None, frames=None), model)
     assert [line.split()[0] for line in alone.taken_out] == ["clock_drift"]
 
@@ -177,6 +177,14 @@ def test_the_map_of_askew_instruments_is_as_good_as_that_of_healthy_ones():
     assert gain.after.nees < 20 < gain.before.nees
     assert gain.after.landmarks_percent < 0.5 < gain.before.landmarks_percent
     assert set(gain.to_json()) == {"flight", "before", "after"}
+
+
+def test_a_shutter_that_rolls_is_put_right():
+    terms = {"rolling_shutter": {"readout": 0.04}}
+    sick = flown(2, terms=terms, maneuver={"cruise_m_s": 0.8})
+    gain = map_gain(sick, corrected(sick, recipe(terms=terms).model).flight)
+    assert gain.after.position_m < 0.25 * gain.before.position_m
+    assert gain.after.position_m < 0.004
 
 
 def test_a_map_that_cannot_be_made_has_no_errors():

@@ -63,9 +63,11 @@ def test_every_stream_comes_back(tmp_path):
     assert back.warnings == ()
 
 
-def test_what_a_camera_is_not_sure_of_comes_back(tmp_path):
+def test_what_else_is_told_of_a_camera_comes_back(tmp_path):
     flight = made_flight()
-    unsure = dataclasses.replace(flight.camera, focal_std_ratio=0.03, radial_std=0.1, mount_std_rad=0.02)
+    unsure = dataclasses.replace(
+        flight.camera, focal_std_ratio=0.03, radial_std=0.1, mount_std_rad=0.02, readout_s=0.03
+    )
     write_flight(dataclasses.replace(flight, camera=unsure), tmp_path / "f")
     assert_same(unsure, read_flight(tmp_path / "f").camera)
 

@@ -1,0 +1,115 @@
+"""Keyframes, and the frames between them, as a shutter that does not roll would have taken them."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from frontend.features import Features
+from frontend.keyframes import Passed
+from frontend.motions import Expectation
+from frontend.points import Points
+from frontend.registration import Registration
+from frontend.rolling_shutter import Beside, RowMotion, unrolled_homography
+from frontend.store import FeatureStore
+from slam.flight import Imu
+from slam.mapping.sightings import Sightings
+
+Array = NDArray[np.float64]
+
+NEAR_S = 0.3
+"""A picture farther away in time says little of how fast things move now."""
+
+Register = Callable[[int, int, Features, Features, Expectation | None], Registration]
+
+
+def unrolled(sightings: Sightings, camera: Camera, imu: Imu | None, register: Register) -> Sightings:
+    """What was seen, with features where they would lie had all rows been exposed with the middle one.
+
+    Links are registered anew; one that does not hold then stays as it was.
+    """
+    beside = _beside(sightings)
+    stamps_s = sightings.frame_stamps_s
+    turned = turning(imu, camera)
+
+    def motion_of(frame: int) -> RowMotion:
+        return RowMotion.of(camera, beside[frame], lambda since_s: turned(stamps_s[frame], since_s))
+
+    motions = [motion_of(int(frame)) for frame in sightings.frame_index]
+    store = FeatureStore()
+    for k, motion in enumerate(motions):
+        features = sightings.store[k]
+        points = Points(motion.unrolled(features.pixel), features.points.spread)
+        store.append(replace(features, points=points))
+    corners_px = camera.undistort(camera.corners_px)
+
+    def again(link: Registration | None) -> Registration | None:
+        if link is None:
+            return None
+        i_H_j = unrolled_homography(link.i_H_j, motions[link.i], motions[link.j])
+        expected = Expectation.at(i_H_j, corners_px)
+        found = register(link.i, link.j, store[link.i], store[link.j], expected)
+        return found if found.ok else link
+
+    def straight(passed: Passed) -> Passed:
+        i_H_j = unrolled_homography(passed.i_H_j, motions[passed.keyframe], motion_of(passed.frame))
+        return replace(passed, i_H_j=i_H_j)
+
+    links = tuple(again(link) for link in sightings.links)
+    return replace(
+        sightings,
+        store=store,
+        links=links,
+        registrations=tuple(link for link in links if link is not None),
+        passed=tuple(straight(passed) for passed in sightings.passed),
+    )
+
+
+def turning(imu: Imu | None, camera: Camera) -> Callable[[float, Array], Array]:
+    """From when, and (m,) seconds since -> (m, 3) rotation vectors of the camera; zero without a gyro.
+
+    For the short times in which turns simply add up.
+    """
+    if imu is None or len(imu.stamps_s) < 2:
+        return lambda at_s, since_s: np.zeros((len(since_s), 3))
+    known = np.isfinite(imu.gyro_rad_s).all(axis=1)
+    times_s = imu.stamps_s[known]
+    c_R_s = camera.b_T_c[:3, :3].T @ imu.b_T_s[:3, :3]
+    rate = imu.gyro_rad_s[known] @ c_R_s.T
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(times_s)[:, None]
+    angle = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+
+    def turned(at_s: float, since_s: Array) -> Array:
+        at = np.concatenate([[at_s], at_s + since_s])
+        found = np.column_stack([np.interp(at, times_s, axis) for axis in angle.T])
+        return np.asarray(found[1:] - found[0])
+
+    return turned
+
+
+def _beside(sightings: Sightings) -> dict[int, list[Beside]]:
+    """Of each frame: the frames next to it that were registered to the same keyframe."""
+    seen: dict[int, list[tuple[int, Array]]] = defaultdict(list)
+    for k, frame in enumerate(sightings.frame_index):
+        seen[k].append((int(frame), np.eye(3)))
+        link = sightings.links[k]
+        if link is not None:
+            seen[link.i].append((int(frame), link.i_H_j))
+    for passed in sightings.passed:
+        seen[passed.keyframe].append((passed.frame, passed.i_H_j))
+    beside: dict[int, list[Beside]] = defaultdict(list)
+    for frames in seen.values():
+        frames.sort(key=lambda row: row[0])
+        for (a, i_H_a), (b, i_H_b) in pairwise(frames):
+            apart_s = float(sightings.frame_stamps_s[b] - sightings.frame_stamps_s[a])
+            if 0 < apart_s <= NEAR_S:
+                b_H_a = np.asarray(np.linalg.solve(i_H_b, i_H_a), dtype=float)
+                beside[a].append(Beside(apart_s, b_H_a))
+                beside[b].append(Beside(-apart_s, np.asarray(np.linalg.inv(b_H_a), dtype=float)))
+    return beside
