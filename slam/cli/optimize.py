@@ -84,12 +84,12 @@ def _flights(
             if kind != "flight":
                 screen.print(f"{source}: {kind}, imported on the fly", markup=False)
         recorded = flight = join_flights(flights)
+        mended = [corrected(each, believed) for each in flights] if believed is not None else []
         if believed is not None:
-            mended = [corrected(each, believed) for each in flights]
             flight = join_flights([each.flight.warned(each.told(believed)) for each in mended])
         estimate = run(flight, settings, progress)
         gain: tuple[FigureTable, ...] = ()
-        if believed is not None and can_be_compared(recorded):
+        if any(each.taken_out for each in mended) and can_be_compared(recorded):
             gain = (map_gain_table([map_gain(recorded, flight, estimate, settings, progress)]),)
         return write_results(folder, estimate, flight, wish, progress, gain)
 

@@ -17,6 +17,8 @@ from slam.io.sensor_yaml import YamlFile
 
 PICTURES = (".png", ".jpg", ".jpeg")
 RADTAN = ("radial-tangential", "radtan", "plumb_bob", "none", "")
+_LONGEST_READOUT_S = 0.2
+"""The catalogue's rolling shutter reaches as far; slower cameras there are none."""
 _FOCAL_PER_WIDTH = (0.02, 250.0)
 """177 to 0.2 degrees of view: beyond, the figures are no pinhole's and the arithmetic of pictures fails."""
 SIZES_CHECKED = 32
@@ -52,6 +54,12 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
         )
     if not 0.1 < fu / width < 20 or not 0.5 < fu / fv < 2:
         notes.append(f"focal lengths {fu:g}, {fv:g} px are unusual for a picture {width:g} px wide")
+    if (readout_s := sensor.number("readout", 0.0)) > _LONGEST_READOUT_S:
+        raise sensor.refuse(
+            "readout",
+            f"is {readout_s:g} s from the first row to the last",
+            f"write seconds, {_LONGEST_READOUT_S:g} at most",
+        )
     if not sensor.has("T_BS"):
         notes.append("sensor.yaml has no T_BS: camera taken as looking down with the nose at the top")
     distortion = _distortion(sensor)
@@ -75,7 +83,7 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
         sensor.number("focal_std_ratio", 0.0),
         sensor.number("radial_std", 0.0),
         sensor.number("mount_std", 0.0),
-        sensor.number("readout", 0.0),
+        readout_s,
     )
 
 

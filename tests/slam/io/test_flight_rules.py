@@ -76,6 +76,7 @@ YAML = [
     ("cam0", r"resolution: .*", "resolution: [-48, 36]", "positive"),
     ("cam0", r"radial-tangential", "equidistant", "equidistant"),
     ("cam0", r"pinhole", "omni", "omni"),
+    ("cam0", r"pinhole", "pinhole\nreadout: 30", "readout is 30 s"),
     ("cam0", r"distortion_coefficients: .*", "distortion_coefficients: [1, 2]", "4 or 5"),
     ("imu0", r"rows: 4", "rows: 3", "4 x 4"),
     ("imu0", r"data: \[", "data: [0.5, ", "16 numbers"),

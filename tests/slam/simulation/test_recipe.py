@@ -150,8 +150,9 @@ def test_the_readme_names_every_key_of_a_recipe_and_a_model():
     keys = {field.name for part in parts if is_dataclass(part) for field in fields(part)}
     assert len(keys) > 60
     missing = {key for key in keys if f"`{key}`" not in text and f"[{key}]" not in text}
-    assert missing == {"terms"}
+    assert missing == {"terms", "std"}
     assert "[terms.NAME]" in text
+    assert "[std.NAME]" in text
 
 
 def test_the_readme_s_examples_fly_as_they_stand(tmp_path):
