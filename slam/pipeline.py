@@ -14,6 +14,7 @@ from slam.errors import NO_CAMERA, InputError
 from slam.estimate import Estimate
 from slam.flight import Flight
 from slam.mapping.account import Mapped, account, reason_kind
+from slam.mapping.breaks import without_false_links
 from slam.mapping.bridging import Bridges
 from slam.mapping.clocks import delay_to_take_out, stamped_later
 from slam.mapping.fusion import Fused, fuse
@@ -131,6 +132,7 @@ class _Job:
             if self.camera.readout_s > 0:
                 sightings = unrolled(sightings, self.camera, flight.imu, sighter.register)
             _refuse_unless(len(sightings.stamps_s) >= 2, flight, sightings)
+            sightings = without_false_links(sightings, self._back_end(flight, sightings).bridges)
             sightings = sighter.neighbours(sightings)
         back_end = self._back_end(flight, sightings)
         mapper = back_end.mapper

@@ -10,7 +10,7 @@ The same steps give the map of the paper's section 3.1.2, whose pictures lie whe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import networkx as nx
@@ -153,6 +153,11 @@ class Bridges:
             self.mapper.camera, None, self.flight.gps is not None, (), own_heights,
         )  # fmt: skip
         return parts if chain.covariances is None else self.join(parts)
+
+    def without(self, pairs: Collection[tuple[int, int]]) -> Bridges:
+        """Those of a chain in which the links of some pairs are not believed."""
+        kept = [link for link in self.links if link is not None and (link.i, link.j) not in pairs]
+        return Bridges(self.flight, self.mapper, kept, self.trust, self.progress)
 
     def edges(self) -> tuple[RelativePose, ...]:
         """One for each break; none where the instruments tell too little."""

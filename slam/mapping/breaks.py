@@ -1,0 +1,92 @@
+"""Links across a break: the first picture behind a stretch without features, matched to the last before it.
+
+Nothing was seen in between, so that over a floor that repeats the match may be a tile off, and then all that
+follows is. Where the instruments know better how the vehicle went meanwhile, they decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from backend import se3
+from backend.measurements import RelativePose
+from slam.mapping.bridging import Bridges
+from slam.mapping.sightings import Sightings
+
+_LEAST_S = 0.5
+"""Without a picture for so long a vehicle of 1 m/s has gone on by half of what it sees from 0.8 m."""
+_INTERVALS = 3
+"""Pictures that are always so far apart are no break."""
+_SURE = 1 - 1e-4
+"""Share of true links that agree with the instruments."""
+
+
+@dataclass(frozen=True)
+class Break:
+    """A long time without a picture of use between two linked keyframes."""
+
+    pair: tuple[int, int]
+    """The keyframes (i, j)."""
+    before: int
+    """The last frame before it."""
+
+
+def breaks_of(sightings: Sightings) -> tuple[Break, ...]:
+    """Where the chain of links goes on over a break; frames behind it may hang on the keyframe before it."""
+    stamps_s = sightings.frame_stamps_s
+    if len(stamps_s) < 2:
+        return ()
+    least_s = max(_LEAST_S, _INTERVALS * float(np.median(np.diff(stamps_s))))
+    seen: dict[int, list[int]] = {k: [frame] for k, frame in enumerate(sightings.frame_index.tolist())}
+    for passed in sightings.passed:
+        seen[passed.keyframe].append(passed.frame)
+    found = []
+    for link in sightings.links:
+        if link is not None:
+            frames = np.array(sorted([*seen[link.i], seen[link.j][0]]))
+            steps_s = np.diff(stamps_s[frames])
+            longest = int(np.argmax(steps_s))
+            found += [Break((link.i, link.j), int(frames[longest]))] if steps_s[longest] > least_s else []
+    return tuple(found)
+
+
+def contradicted(
+    breaks: Sequence[Break], lifted: Sequence[RelativePose], ways: Sequence[RelativePose]
+) -> dict[Break, str]:
+    """Which links over ``breaks``, ``lifted`` to metres, contradict ``ways`` by the instruments, and why."""
+    way_of = {(way.i, way.j): way for way in ways}
+    pose_of = {(pose.i, pose.j): pose for pose in lifted}
+    reasons = {}
+    for broken in breaks:
+        if broken.pair not in way_of or broken.pair not in pose_of:
+            continue
+        way, pose = way_of[broken.pair], pose_of[broken.pair]
+        off = se3.log(se3.inverse(way.i_T_j[None]) @ pose.i_T_j)[0]
+        if off @ np.linalg.solve(way.covariance + pose.covariance, off) > chi2.ppf(_SURE, 6):
+            off_m = float(np.linalg.norm(off[3:]))
+            reasons[broken] = f"implausible: {off_m:.2f} m off where the instruments have it, across a break"
+    return reasons
+
+
+def without_false_links(sightings: Sightings, bridges: Bridges) -> Sightings:
+    """Sightings whose links over breaks are not refuted by the instruments; as they are without a break."""
+    breaks = breaks_of(sightings)
+    if not breaks:
+        return sightings
+    lifted = bridges.mapper.edges([link for link in sightings.links if link is not None]).relative_poses
+    ways = bridges.without([broken.pair for broken in breaks]).edges()
+    return torn(sightings, contradicted(breaks, lifted, ways))
+
+
+def torn(sightings: Sightings, reasons: Mapping[Break, str]) -> Sightings:
+    """Without the links over some breaks, each refused for its reason: behind them tracking starts anew, and
+    where the frames behind them stand is not known."""
+    pairs = {broken.pair: reason for broken, reason in reasons.items()}
+    before = {broken.pair[0]: broken.before for broken in reasons}
+    links = tuple(None if link and (link.i, link.j) in pairs else link for link in sightings.links)
+    passed = tuple(p for p in sightings.passed if p.frame <= before.get(p.keyframe, p.frame))
+    return replace(sightings.without(pairs), links=links, passed=passed)
