@@ -135,7 +135,7 @@ class Bridges:
     def join(self, fused: Fused) -> Fused:
         """The map with its parts in one world, as far as bridges reach; as it is where nothing is broken.
 
-        Each part keeps its shape; where a way leads from it to a larger part, heading and place are that
+        Each part keeps its shape; where a way leads to it from an earlier part, heading and place are that
         way's, and their uncertainty enters its covariances.
         """
         if fused.component.max(initial=-1) < 1 or fused.georeferenced:
@@ -203,7 +203,9 @@ def joined(fused: Fused, edges: Sequence[RelativePose]) -> Fused:
     w_T_b, covariances = fused.w_T_b.copy(), fused.covariances.copy()
     over_floor_covariances = fused.over_floor_covariances.copy()
     component, used = fused.component.copy(), []
-    for root in sorted(min(nodes) for nodes in nx.connected_components(surest)):
+    first = {part: int(np.argmax(component == part)) for part in ways}
+    # The first keyframe of all is what the world of a map stands on, however small its part.
+    for root in [min(nodes, key=first.__getitem__) for nodes in nx.connected_components(surest)]:
         placed = {root: _Placed(np.eye(4), np.zeros((6, 6)))}
         for parent, part in nx.bfs_edges(surest, root):
             edge = surest[parent][part]["edge"]
