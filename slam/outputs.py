@@ -32,6 +32,9 @@ OPTIMIZE_NAMES = (
 )
 """Files that ``slam optimize`` writes."""
 
+MODEL_NAME = "model.toml"
+"""The model of the instruments that it was given by ``--model``: who reads the map needs it too."""
+
 ESTIMATE_NAMES = ("trajectory.tum", "estimate.npz", "estimate.png", "summary.json")
 """Files that ``slam estimate`` writes."""
 
@@ -132,7 +135,7 @@ def _refuse_foreign(target: Path) -> None:
     except OSError as error:
         raise InputError(f"{target}: {explain(error)}") from None
     ours = {
-        *OPTIMIZE_NAMES, *ESTIMATE_NAMES, *EVALUATE_NAMES, *LOCATE_NAMES, *LOOPS_NAMES,
+        *OPTIMIZE_NAMES, MODEL_NAME, *ESTIMATE_NAMES, *EVALUATE_NAMES, *LOCATE_NAMES, *LOOPS_NAMES,
         *REPLAY_NAMES, *REPRODUCE_NAMES, *CRITICISE_NAMES, *_BYSTANDERS, *_LEFTOVERS,
     }  # fmt: skip
     foreign = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,9 +23,13 @@ _FLIGHTS = typer.Argument(metavar="FLIGHT", help="Flights of one vehicle, with c
 _MODEL = typer.Option(
     metavar="MODEL", help="The model to criticise: a name (nominal, paper) or a .toml file."
 )
+MAPPED_UNASKED = 500
+"""Pictures: about a minute on two cores."""
 _MAPS = typer.Option(
     "--map/--no-map",
-    help="Where instruments are at fault: map flights that have pictures and truth with and without it.",
+    help="Where instruments are at fault: map flights that have pictures and truth with and without it. "
+    f"Default: flights of {MAPPED_UNASKED} pictures together at most.",
+    show_default=False,
 )
 
 
@@ -32,7 +37,7 @@ def criticise(
     flights: Annotated[list[Path], _FLIGHTS],
     out: Annotated[Path, OUT],
     model: Annotated[str, _MODEL] = "nominal",
-    maps: Annotated[bool, _MAPS] = True,
+    maps: Annotated[bool | None, _MAPS] = None,
 ) -> None:
     """Say what a simulation gets wrong about measured flights, name the cause and extend the model."""
     from slam.cli.source import open_flight
@@ -51,7 +56,8 @@ def criticise(
     with output_folder(out) as folder, progress_shown(screen) as progress:
         opened = told_apart([open_flight(path, progress)[0] for path in flights])
         result = judge(opened, believed, progress)
-        gains = criticise_maps(opened, result, progress) if maps else []
+        most = {True: None, False: 0, None: MAPPED_UNASKED}[maps]
+        gains = criticise_maps(opened, result, most, progress)
         write_criticism(result, folder, gains)
         with Tally(progress, "report", 1).part():
             write_criticism_report(folder / "report.html", result, opened, gains)
@@ -65,8 +71,13 @@ def criticise(
     screen.print(written([out / "report.html", out / "verdict.json"]), soft_wrap=True)
 
 
-def criticise_maps(flights: Sequence[Flight], result: Criticism, progress: Progress) -> list[MapGain]:
-    """Of flights with truth, where what was found changes readings and can be taken out of them."""
+def criticise_maps(
+    flights: Sequence[Flight], result: Criticism, most: int | None, progress: Progress
+) -> list[MapGain]:
+    """Of flights with truth, where what was found changes readings and can be taken out of them.
+
+    The shortest first, as long as they have no more than ``most`` pictures together.
+    """
     from slam.correction import corrected
     from slam.correction.corrected import UNDONE
     from slam.map_gain import can_be_compared, map_gain
@@ -74,8 +85,13 @@ def criticise_maps(flights: Sequence[Flight], result: Criticism, progress: Progr
     model = result.extended
     if model is None or not any(cause.name in UNDONE for cause in result.causes):
         return []
-    judged = [flight for flight in flights if can_be_compared(flight)]
-    return [map_gain(flight, corrected(flight, model).flight, progress=progress) for flight in judged]
+    judged = sorted(filter(can_be_compared, flights), key=lambda flight: len(flight.frames or ()))
+    total = accumulate(len(flight.frames or ()) for flight in judged)
+    return [
+        map_gain(flight, corrected(flight, model).flight, progress=progress)
+        for flight, pictures in zip(judged, total, strict=True)
+        if most is None or pictures <= most
+    ]
 
 
 def write_criticism(result: Criticism, folder: Path, gains: Sequence[MapGain] = ()) -> None:

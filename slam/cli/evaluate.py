@@ -22,22 +22,19 @@ def evaluate(
     truth: Annotated[list[Path], _TRUTH],
 ) -> None:
     """Measure how far a map is from the truth; adds evaluation.json and pictures to DIR."""
-    from slam.cli.source import open_flight
+    from slam.cli.mapped import mapped_flight
     from slam.cli.tables import shown, written
     from slam.console import console
     from slam.evaluation import evaluate as compare
     from slam.io.atomic import locked
     from slam.io.estimate import read_estimate
-    from slam.joined import join_flights
     from slam.outputs import EVALUATE_NAMES
-    from slam.progress import silent
     from slam.report.accuracy import accuracy_tables
 
     screen = console()
     folder = Path(os.path.realpath(folder))
     estimate = read_estimate(folder)
-    flight = join_flights([open_flight(path, silent)[0] for path in truth])
-    evaluation = compare(estimate, flight)
+    evaluation = compare(estimate, mapped_flight(folder, truth))
     with locked(folder):
         write_evaluation(folder, evaluation)
     for table in accuracy_tables(evaluation):

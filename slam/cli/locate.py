@@ -26,19 +26,17 @@ def locate(
     out: Annotated[Path, OUT],
 ) -> None:
     """Find where pictures were taken in a map, with the uncertainty of each."""
-    from slam.cli.source import open_flight
+    from slam.cli.mapped import mapped_flight
     from slam.cli.tables import shown, written
     from slam.console import console, progress_shown
     from slam.io.estimate import read_estimate
-    from slam.joined import join_flights
     from slam.outputs import output_folder
-    from slam.progress import silent
     from slam.relocation import Relocalizer
     from slam.summary import json_text
 
     screen = console()
     estimate = read_estimate(map_folder)
-    flight = join_flights([open_flight(path, silent)[0] for path in flights])
+    flight = mapped_flight(map_folder, flights)
     with output_folder(out) as folder, progress_shown(screen) as progress:
         asked = Relocalizer(estimate, flight, progress=progress)
         found = []

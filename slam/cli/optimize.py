@@ -70,10 +70,10 @@ def _flights(
     from slam.correction import corrected
     from slam.joined import join_flights
     from slam.map_gain import can_be_compared, map_gain
-    from slam.outputs import output_folder
+    from slam.outputs import MODEL_NAME, output_folder
     from slam.pipeline import optimize as run
     from slam.report.accuracy import FigureTable, map_gain_table
-    from slam.simulation.model import load_model
+    from slam.simulation.model import load_model, save_model
 
     believed = load_model(model) if model is not None else None
     with output_folder(out) as folder, progress_shown(screen) as progress:
@@ -86,6 +86,7 @@ def _flights(
         recorded = flight = join_flights(flights)
         mended = [corrected(each, believed) for each in flights] if believed is not None else []
         if believed is not None:
+            save_model(believed, folder / MODEL_NAME)
             flight = join_flights([each.flight.warned(each.told(believed)) for each in mended])
         estimate = run(flight, settings, progress)
         gain: tuple[FigureTable, ...] = ()

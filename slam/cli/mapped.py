@@ -1,0 +1,29 @@
+"""What a map was made of: the flights that the user names, as `slam optimize` took them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from slam.flight import Flight
+
+
+def mapped_flight(folder: Path, sources: Sequence[Path]) -> Flight:
+    """The flights joined, without what the model that the map in ``folder`` was made with takes out.
+
+    Raises ``InputError``.
+    """
+    from slam.cli.source import open_flight
+    from slam.correction import corrected
+    from slam.joined import join_flights
+    from slam.outputs import MODEL_NAME
+    from slam.progress import silent
+    from slam.simulation.model import load_model
+
+    flights = [open_flight(path, silent)[0] for path in sources]
+    if (folder / MODEL_NAME).exists():
+        model = load_model(folder / MODEL_NAME)
+        flights = [corrected(flight, model).flight for flight in flights]
+    return join_flights(flights)
