@@ -47,6 +47,7 @@ TITLES = {
     "registration": "Registration of rendered pairs",
     "loops": "Loop closure",
     "aliased": "Floors that repeat",
+    "breaks": "Stretches without features",
     "retrieval": "Loop candidates among many keyframes",
 }
 ROOT = Path(__file__).parents[2]
