@@ -14,10 +14,10 @@ from frontend.camera import Camera
 Array = NDArray[np.float64]
 
 _KINDS = (
-    ("picture columns stretched against rows", 2e-3),
-    ("picture sheared", 2e-3),
+    ("picture columns stretched against rows", 3e-3),
+    ("picture sheared", 3e-3),
     ("picture turned", 1e-3),
-    ("picture stretched ~ time", 2e-3),
+    ("picture stretched ~ time", 3e-3),
     ("picture turned ~ time", 1e-3),
     ("picture shifted ~ time: columns", 1e-3),
     ("picture shifted ~ time: rows", 1e-3),
