@@ -132,9 +132,11 @@ class _Job:
             if self.camera.readout_s > 0:
                 sightings = unrolled(sightings, self.camera, flight.imu, sighter.register)
             _refuse_unless(len(sightings.stamps_s) >= 2, flight, sightings)
-            sightings = without_false_links(sightings, self._back_end(flight, sightings).bridges)
-            sightings = sighter.neighbours(sightings)
-        back_end = self._back_end(flight, sightings)
+            back_end = self._back_end(flight, sightings)
+            believed = without_false_links(sightings, back_end.bridges)
+            if believed is not sightings:
+                back_end = self._back_end(flight, believed)
+            sightings = sighter.neighbours(believed)
         mapper = back_end.mapper
         chain = self._chain(mapper, sightings)
         with self.clock("loops"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,9 +13,9 @@ from slam.cli.options import OUT
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from slam.correction.map_gain import MapGain
     from slam.criticism import Criticism
     from slam.flight import Flight
-    from slam.map_gain import MapGain
     from slam.progress import Progress
 
 _FLIGHTS = typer.Argument(metavar="FLIGHT", help="Flights of one vehicle, with commands or sensors only.")
@@ -57,7 +56,7 @@ def criticise(
         opened = told_apart([open_flight(path, progress)[0] for path in flights])
         result = judge(opened, believed, progress)
         most = {True: None, False: 0, None: MAPPED_UNASKED}[maps]
-        gains = criticise_maps(opened, result, most, progress)
+        gains = gains_in_maps(opened, result, most, progress)
         write_criticism(result, folder, gains)
         with Tally(progress, "report", 1).part():
             write_criticism_report(folder / "report.html", result, opened, gains)
@@ -71,27 +70,16 @@ def criticise(
     screen.print(written([out / "report.html", out / "verdict.json"]), soft_wrap=True)
 
 
-def criticise_maps(
+def gains_in_maps(
     flights: Sequence[Flight], result: Criticism, most: int | None, progress: Progress
 ) -> list[MapGain]:
-    """Of flights with truth, where what was found changes readings and can be taken out of them.
-
-    The shortest first, as long as they have no more than ``most`` pictures together.
-    """
-    from slam.correction import corrected
+    """Where what was found changes readings and can be taken out of them; else none."""
     from slam.correction.corrected import UNDONE
-    from slam.map_gain import can_be_compared, map_gain
+    from slam.correction.map_gain import map_gains
 
-    model = result.extended
-    if model is None or not any(cause.name in UNDONE for cause in result.causes):
+    if result.extended is None or not any(cause.name in UNDONE for cause in result.causes):
         return []
-    judged = sorted(filter(can_be_compared, flights), key=lambda flight: len(flight.frames or ()))
-    total = accumulate(len(flight.frames or ()) for flight in judged)
-    return [
-        map_gain(flight, corrected(flight, model).flight, progress=progress)
-        for flight, pictures in zip(judged, total, strict=True)
-        if most is None or pictures <= most
-    ]
+    return map_gains(flights, result.extended, most, progress)
 
 
 def write_criticism(result: Criticism, folder: Path, gains: Sequence[MapGain] = ()) -> None:

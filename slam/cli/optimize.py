@@ -13,7 +13,10 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from slam.cli.results import MosaicWish, Results
+    from slam.flight import Flight
+    from slam.progress import Progress
     from slam.settings import PipelineConfig
+    from slam.simulation.model import Model
 
 _SOURCE = typer.Argument(
     metavar="FLIGHT",
@@ -67,13 +70,10 @@ def _flights(
     from slam.cli.results import write_results
     from slam.cli.source import open_flight
     from slam.console import progress_shown
-    from slam.correction import corrected
     from slam.joined import join_flights
-    from slam.map_gain import can_be_compared, map_gain
-    from slam.outputs import MODEL_NAME, output_folder
+    from slam.outputs import output_folder
     from slam.pipeline import optimize as run
-    from slam.report.accuracy import FigureTable, map_gain_table
-    from slam.simulation.model import load_model, save_model
+    from slam.simulation.model import load_model
 
     believed = load_model(model) if model is not None else None
     with output_folder(out) as folder, progress_shown(screen) as progress:
@@ -83,16 +83,38 @@ def _flights(
             flights.append(flight)
             if kind != "flight":
                 screen.print(f"{source}: {kind}, imported on the fly", markup=False)
-        recorded = flight = join_flights(flights)
-        mended = [corrected(each, believed) for each in flights] if believed is not None else []
         if believed is not None:
-            save_model(believed, folder / MODEL_NAME)
-            flight = join_flights([each.flight.warned(each.told(believed)) for each in mended])
-        estimate = run(flight, settings, progress)
-        gain: tuple[FigureTable, ...] = ()
-        if any(each.taken_out for each in mended) and can_be_compared(recorded):
-            gain = (map_gain_table([map_gain(recorded, flight, estimate, settings, progress)]),)
-        return write_results(folder, estimate, flight, wish, progress, gain)
+            return _without(believed, flights, folder, wish, settings, progress)
+        flight = join_flights(flights)
+        return write_results(folder, run(flight, settings, progress), flight, wish, progress)
+
+
+def _without(
+    model: Model,
+    flights: list[Flight],
+    folder: Path,
+    wish: MosaicWish,
+    settings: PipelineConfig,
+    progress: Progress,
+) -> Results:
+    """The map without what a model says of the instruments; with truth, beside the map as recorded."""
+    from slam.cli.results import write_results
+    from slam.correction import corrected
+    from slam.correction.map_gain import can_be_compared, map_gain
+    from slam.joined import join_flights
+    from slam.outputs import MODEL_NAME
+    from slam.pipeline import optimize as run
+    from slam.report.accuracy import map_gain_table
+    from slam.simulation.model import save_model
+
+    save_model(model, folder / MODEL_NAME)
+    mended = [corrected(flight, model) for flight in flights]
+    flight = join_flights([each.flight.warned(each.told(model)) for each in mended])
+    estimate, recorded = run(flight, settings, progress), join_flights(flights)
+    if not any(each.taken_out for each in mended) or not can_be_compared(recorded):
+        return write_results(folder, estimate, flight, wish, progress)
+    gain = map_gain(recorded, flight, estimate, settings, progress)
+    return write_results(folder, estimate, flight, wish, progress, (map_gain_table([gain]),))
 
 
 def _graph(source: Path, out: Path, screen: Console) -> Results:

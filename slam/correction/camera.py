@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.correction.certainty import known_to
 from slam.flight import Flight, Frames, Image
 from slam.simulation.camera.effects import CameraEffects, true_camera
 from slam.simulation.camera.photometry import falloff
@@ -23,7 +22,7 @@ def focal_length(flight: Flight, model: Model) -> Flight:
     camera = _camera(flight)
     seen = true_camera(camera, CameraEffects(focal_eps=model.value("focal_length", "eps")))
     return replace(
-        flight, camera=replace(seen, focal_std_ratio=known_to(model, "focal_length", camera.focal_std_ratio))
+        flight, camera=replace(seen, focal_std_ratio=model.known_to("focal_length", camera.focal_std_ratio))
     )
 
 
@@ -32,7 +31,7 @@ def radial_distortion(flight: Flight, model: Model) -> Flight:
     camera = _camera(flight)
     seen = true_camera(camera, CameraEffects(radial_k1=model.value("radial_distortion", "k1")))
     return replace(
-        flight, camera=replace(seen, radial_std=known_to(model, "radial_distortion", camera.radial_std))
+        flight, camera=replace(seen, radial_std=model.known_to("radial_distortion", camera.radial_std))
     )
 
 
@@ -41,7 +40,7 @@ def camera_tilt(flight: Flight, model: Model) -> Flight:
     camera, (x, y) = _camera(flight), model.vector("camera_tilt")
     seen = true_camera(camera, CameraEffects(tilt_x_rad=float(x), tilt_y_rad=float(y)))
     return replace(
-        flight, camera=replace(seen, mount_std_rad=known_to(model, "camera_tilt", camera.mount_std_rad))
+        flight, camera=replace(seen, mount_std_rad=model.known_to("camera_tilt", camera.mount_std_rad))
     )
 
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from slam.body_range import up_at
-from slam.correction.certainty import known_to
 from slam.flight import Flight, Velocity
 from slam.simulation.model import Model
 
@@ -22,7 +21,7 @@ def flow_scale(flight: Flight, model: Model) -> Flight:
             velocity,
             v_m_s=velocity.v_m_s / grown,
             noise_std_m_s=(std[0], std[1]),
-            scale_std=known_to(model, "flow_scale", velocity.scale_std),
+            scale_std=model.known_to("flow_scale", velocity.scale_std),
         ),
     )
 

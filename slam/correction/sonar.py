@@ -8,7 +8,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from slam.body_range import up_at
-from slam.correction.certainty import known_to
 from slam.flight import Flight, Sonar
 from slam.simulation.model import Model
 from slam.simulation.sensors import ASSUMED_DEG_C, SOUND_M_S, SOUND_M_S_K
@@ -32,16 +31,14 @@ def sonar_bias(flight: Flight, model: Model) -> Flight:
     """A constant that was added."""
     shorter = _shorter(_sonar(flight), model.value("sonar_bias", "b"))
     return replace(
-        flight, sonar=replace(shorter, datum_std_m=known_to(model, "sonar_bias", shorter.datum_std_m))
+        flight, sonar=replace(shorter, datum_std_m=model.known_to("sonar_bias", shorter.datum_std_m))
     )
 
 
 def sonar_scale(flight: Flight, model: Model) -> Flight:
     """All ranges grown."""
     shorter = _divided(_sonar(flight), 1 + model.value("sonar_scale", "eps"))
-    return replace(
-        flight, sonar=replace(shorter, scale_std=known_to(model, "sonar_scale", shorter.scale_std))
-    )
+    return replace(flight, sonar=replace(shorter, scale_std=model.known_to("sonar_scale", shorter.scale_std)))
 
 
 def sonar_temperature(flight: Flight, model: Model) -> Flight:

@@ -41,13 +41,11 @@ def breaks_of(sightings: Sightings) -> tuple[Break, ...]:
     if len(stamps_s) < 2:
         return ()
     least_s = max(_LEAST_S, _INTERVALS * float(np.median(np.diff(stamps_s))))
-    seen: dict[int, list[int]] = {k: [frame] for k, frame in enumerate(sightings.frame_index.tolist())}
-    for passed in sightings.passed:
-        seen[passed.keyframe].append(passed.frame)
+    registered = sightings.registered()
     found = []
     for link in sightings.links:
         if link is not None:
-            frames = np.array(sorted([*seen[link.i], seen[link.j][0]]))
+            frames = np.array([frame for frame, _ in registered[link.i]])
             steps_s = np.diff(stamps_s[frames])
             longest = int(np.argmax(steps_s))
             found += [Break((link.i, link.j), int(frames[longest]))] if steps_s[longest] > least_s else []

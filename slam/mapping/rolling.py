@@ -95,17 +95,8 @@ def turning(imu: Imu | None, camera: Camera) -> Callable[[float, Array], Array]:
 
 def _beside(sightings: Sightings) -> dict[int, list[Beside]]:
     """Of each frame: the frames next to it that were registered to the same keyframe."""
-    seen: dict[int, list[tuple[int, Array]]] = defaultdict(list)
-    for k, frame in enumerate(sightings.frame_index):
-        seen[k].append((int(frame), np.eye(3)))
-        link = sightings.links[k]
-        if link is not None:
-            seen[link.i].append((int(frame), link.i_H_j))
-    for passed in sightings.passed:
-        seen[passed.keyframe].append((passed.frame, passed.i_H_j))
     beside: dict[int, list[Beside]] = defaultdict(list)
-    for frames in seen.values():
-        frames.sort(key=lambda row: row[0])
+    for frames in sightings.registered():
         for (a, i_H_a), (b, i_H_b) in pairwise(frames):
             apart_s = float(sightings.frame_stamps_s[b] - sightings.frame_stamps_s[a])
             if 0 < apart_s <= NEAR_S:

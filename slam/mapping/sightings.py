@@ -54,6 +54,17 @@ class Sightings:
     passed: tuple[Passed, ...] = ()
     """Frames between keyframes."""
 
+    def registered(self) -> list[list[tuple[int, Array]]]:
+        """Of each keyframe: the frames that were registered to it in tracking, in order, and their (3, 3)
+        homographies into its picture. Itself first; last the next keyframe, where that is linked to it."""
+        seen: list[list[tuple[int, Array]]] = [[(int(frame), np.eye(3))] for frame in self.frame_index]
+        for passed in self.passed:
+            seen[passed.keyframe].append((passed.frame, passed.i_H_j))
+        for link in self.links:
+            if link is not None:
+                seen[link.i].append((int(self.frame_index[link.j]), link.i_H_j))
+        return [sorted(frames, key=lambda row: row[0]) for frames in seen]
+
     def without(self, reasons: dict[tuple[int, int], str]) -> Sightings:
         """The same with some pairs (i, j) refused, each for its reason."""
         taken = tuple(

@@ -15,8 +15,8 @@ from slam.report.paper import EKF_PERCENT, STITCHED_PERCENT
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from slam.correction.map_gain import MapGain
     from slam.evaluation.score import Evaluation
-    from slam.map_gain import MapGain
 
 UNKNOWN = "–"
 

@@ -20,9 +20,9 @@ from slam.report.criticism_pictures import (
 from slam.report.page import Item, embedded, render_page
 
 if TYPE_CHECKING:
+    from slam.correction.map_gain import MapGain
     from slam.criticism import Criticism
     from slam.flight import Flight
-    from slam.map_gain import MapGain
 
 VERDICTS = {
     "nothing_wrong": "Nothing wrong",

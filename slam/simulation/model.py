@@ -105,6 +105,10 @@ class Model:
         check_model(changed, f"model {self.name!r}")
         return changed
 
+    def known_to(self, term: str, otherwise: float) -> float:
+        """Standard deviation of the vaguest of a term's parameters; ``otherwise`` where none is told."""
+        return max(self.std.get(term, {}).values(), default=otherwise)
+
     def with_std(self, term: str, **values: float) -> Model:
         """This model with what is known of how surely it knows parameters of a term."""
         return replace(self, std={**self.std, term: {**self.std.get(term, {}), **values}})

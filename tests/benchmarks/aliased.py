@@ -9,9 +9,7 @@ lawn mower's lines and a crossing, a closed way at changing heights.
 
 from __future__ import annotations
 
-import json
-import sys
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +19,7 @@ from slam.pipeline import optimize
 from slam.simulation import simulate
 from slam.simulation.maneuver import Maneuver, WayPoint
 from slam.simulation.recipe import load_recipe
+from tests.benchmarks.alone import print_alone
 from tests.benchmarks.metric import Metric, at_least, at_most, told
 
 FLIGHTS = 50
@@ -141,5 +140,4 @@ def _anywhere(rng: np.random.Generator) -> tuple[float, float]:
 
 
 if __name__ == "__main__":
-    for number in range(int(sys.argv[1]), int(sys.argv[2]) + 1):
-        print(json.dumps(asdict(fly(number))), flush=True)
+    print_alone(fly)

@@ -9,9 +9,7 @@ ground.
 
 from __future__ import annotations
 
-import json
-import sys
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +19,7 @@ from slam.pipeline import optimize
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.aliased import WAYS, way
+from tests.benchmarks.alone import print_alone
 from tests.benchmarks.metric import Metric, at_least, at_most, told
 
 FLIGHTS = 24
@@ -124,5 +123,4 @@ def _repeats(seed: int) -> bool:
 
 
 if __name__ == "__main__":
-    for number in range(int(sys.argv[1]), int(sys.argv[2])):
-        print(json.dumps(asdict(fly(number))), flush=True)
+    print_alone(fly)

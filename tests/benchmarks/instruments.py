@@ -10,9 +10,7 @@ Here gains and zero are drawn in strata, so that each set of flights has as many
 
 from __future__ import annotations
 
-import json
-import sys
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import norm
@@ -24,6 +22,7 @@ from slam.pipeline import optimize
 from slam.settings import SensorTrust
 from slam.simulation import simulate
 from slam.simulation.recipe import recipe_from
+from tests.benchmarks.alone import print_alone
 from tests.benchmarks.calibration import judged
 from tests.benchmarks.metric import Metric, at_most, told
 
@@ -192,5 +191,4 @@ def _share(found: list[Mapped]) -> float:
 
 
 if __name__ == "__main__":
-    for number in range(int(sys.argv[1]), int(sys.argv[2])):
-        print(json.dumps(asdict(fly(number))), flush=True)
+    print_alone(fly)

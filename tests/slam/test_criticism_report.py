@@ -11,12 +11,12 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
+from slam.correction.map_gain import MapErrors, MapGain
 from slam.criticism.healthy import flown
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.verdict.covariate import Covariate, Misses
 from slam.criticism.verdict.criticism import Cause, ChannelCheck, Criticism, Gain, Interval, Rank
 from slam.criticism.verdict.rollouts import ChannelError
-from slam.map_gain import MapErrors, MapGain
 from slam.report.criticism_pictures import (
     before_after_picture,
     covariate_picture,

@@ -44,6 +44,7 @@ TOLERANCE = np.concatenate([[2e-3, 3e-3, 3e-4, 3e-4, 3e-4, 1e-4, 3e-5], WARP_TOL
 """What features on small pictures bear: so far a healthy camera may seem off in a flight; then its clock, and
 warps."""
 _PIXEL_NUDGE = 0.1
+"""Pixels to either side, for a derivative."""
 MARGIN_S = 0.3
 """Pictures so near to the ends of the readings are left out, so that a late camera loses none."""
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
+from slam.correction.corrected import corrected
 from slam.errors import InputError
 from slam.estimate import Estimate
 from slam.evaluation import Evaluation, evaluate
@@ -12,6 +15,7 @@ from slam.flight import Flight
 from slam.pipeline import optimize
 from slam.progress import Progress, silent
 from slam.settings import PipelineConfig
+from slam.simulation.model import Model
 from slam.summary import without_nan
 
 
@@ -78,6 +82,22 @@ def map_gain(
     """
     before = _errors(flight, None, config, progress)
     return MapGain(flight.name, before, _errors(mended, after, config, progress))
+
+
+def map_gains(
+    flights: Sequence[Flight], model: Model, most: int | None = None, progress: Progress = silent
+) -> list[MapGain]:
+    """Of the flights that `can_be_compared`, with what the model says of their instruments taken out.
+
+    The shortest first, as long as they have no more than ``most`` pictures together.
+    """
+    judged = sorted(filter(can_be_compared, flights), key=lambda flight: len(flight.frames or ()))
+    total = accumulate(len(flight.frames or ()) for flight in judged)
+    return [
+        map_gain(flight, corrected(flight, model).flight, progress=progress)
+        for flight, pictures in zip(judged, total, strict=True)
+        if most is None or pictures <= most
+    ]
 
 
 def _errors(flight: Flight, made: Estimate | None, config: PipelineConfig, progress: Progress) -> MapErrors:
