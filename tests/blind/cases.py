@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from tests.blind import folder, vehicle
-from tests.blind.faults import BY_NAME, FAULTS, STRANGE, UNTELLABLE, Blind, Fault
+from tests.blind.camera import floor, pictures
+from tests.blind.faults import BY_NAME, FAULTS, SEEN, SEEN_STRANGE, STRANGE, UNTELLABLE, Blind, Fault
 from tests.blind.instruments import RATE_HZ, streams
 from tests.blind.plans import GRID_S, PLANS, start_of, stick_of
 from tests.blind.strength import NUISANCES, outputs, strengths, whitened
@@ -24,8 +25,15 @@ CONTACT = ("sonar_bias",)
 FINE_S, COARSE_S = GRID_S / 2, GRID_S
 CHANCE = ("gusts", "timestamp_jitter", "sonar_spikes", "sonar_quantisation")
 """Effects that change the scatter only: no difference without noise tells their strength."""
-KINDS = ("null", "null_heavy", "null_coloured", "null_edge", "single", "pair", "strange", "untellable")
-SHARE = dict(zip(KINDS, (3, 2, 1, 2, 9, 2, 3, 2), strict=True))
+POOLS: dict[str, tuple[Fault, ...]] = {
+    "single": FAULTS, "strange": STRANGE, "seen_single": SEEN, "seen_strange": SEEN_STRANGE,
+}  # fmt: skip
+"""Kinds of case that hide one effect, and which; with pictures where they are seen."""
+KINDS = (
+    "null", "null_heavy", "null_coloured", "null_edge", "single", "pair", "strange", "untellable",
+    "seen_null", "seen_single", "seen_strange",
+)  # fmt: skip
+SHARE = dict(zip(KINDS, (3, 2, 1, 2, 9, 2, 3, 2, 2, 4, 2), strict=True))
 """How a suite of all kinds is mixed."""
 COLOUR = (0.3, 0.6)
 """Correlation of successive samples of coloured noise."""
@@ -172,7 +180,7 @@ def sized(
         trace = outing.traces(base, [knobs(amplitude)], kept)
         d = float(strengths(trace, nuisances, halves)[0])
     value = None if fault.value is None else float(fault.value(amplitude, base))
-    shown = None if fault.name in (*CHANCE, *CONTACT) else d
+    shown = None if fault.name in (*CHANCE, *CONTACT) or fault in (*SEEN, *SEEN_STRANGE) else d
     return (
         knobs(amplitude),
         Hidden(fault.name, amplitude, value, fault.unit, shown, fault.known, fault.channels),
@@ -218,8 +226,8 @@ def make(
     case = Case(f"case_{index:03d}", kind, (), duration_s, knobs=base)
     faults: list[Fault] = []
     blind: Blind | None = None
-    if kind in ("single", "strange"):
-        pool = FAULTS if kind == "single" else STRANGE
+    if kind in POOLS:
+        pool = POOLS[kind]
         faults = [BY_NAME[fault] if fault else pool[rng.integers(len(pool))]]
         if kind == "strange" and d is None:
             # What no term of the catalogue imitates must stand out, not only the whole of it.
@@ -247,28 +255,30 @@ def make(
         hidden.append(what)
     names = tuple(h.name for h in hidden)
     case = replace(case, plans=plans, hidden=tuple(hidden), equivalents=blind.equivalents if blind else names)
-    write(outing, knobs, kept, home / case.name)
+    write(outing, knobs, kept, home / case.name, kind.startswith("seen"))
     return case
 
 
-def write(outing: Outing, knobs: Knobs, kept: Sequence[str], home: Path) -> None:
-    """The flights as they were measured."""
+def write(outing: Outing, knobs: Knobs, kept: Sequence[str], home: Path, seen_too: bool) -> None:
+    """The flights as they were measured, with pictures if ``seen_too``: all over one floor."""
     flights = range(len(outing.plans))
     path = outing.fly([(f, knobs) for f in flights], FINE_S, restless=True)
+    ground = floor(outing.rng(99, 8)) if seen_too else None
     for f in flights:
         rng = outing.rng(f, 6)
         stick = outing.stick(f)
         seen = {n: s for n, s in streams(path, f, stick, rng).items() if n in kept}
         seen["command0"] = folder.logged(stick, GRID_S)
         name = f"flight_{f:02d}"
-        folder.write(home / name, name, float(rng.integers(100, 900)), seen)
+        shots = pictures(path, f, ground, outing.rng(f, 7)) if ground is not None else []
+        folder.write(home / name, name, float(rng.integers(100, 900)), seen, shots)
 
 
 def suite(count: int, kinds: Sequence[str]) -> list[tuple[str, str | None]]:
     """Kind and fault of each case: kinds in their shares, faults in turn."""
     turn = [k for k in KINDS if k in kinds for _ in range(SHARE[k])]
     order = np.random.Generator(np.random.Philox(11)).permutation(len(turn))
-    pools = {"single": [f.name for f in FAULTS], "strange": [f.name for f in STRANGE]}
+    pools = {k: [f.name for f in pool] for k, pool in POOLS.items()}
     pools["untellable"] = [b.fault for b in UNTELLABLE]
     # In an order of its own: neighbours in the lists are of one family.
     pools = {

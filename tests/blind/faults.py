@@ -82,6 +82,14 @@ def _load(a: float, base: dict[str, float], rng: Rng) -> dict[str, float]:
     return {"load": a, "load_hz": rng.uniform(0.5, 0.9)}
 
 
+def _exposure(a: float, base: dict[str, float], rng: Rng) -> dict[str, float]:
+    return {"adapt": a, "adapt_s": rng.uniform(0.3, 1.5)}
+
+
+def _crowd(a: float, base: dict[str, float], rng: Rng) -> dict[str, float]:
+    return {"crowd": float(round(a))}
+
+
 MOVES = ("pulse_and_coast", "reversing_steps", "square")
 CLIMBS = ("vertical_square", "two_heights", "touchdown")
 SHARP = ("tilt_pulses", "reversing_steps", "pulse_and_coast")
@@ -152,7 +160,44 @@ STRANGE: tuple[Fault, ...] = (
     ),
 )  # fmt: skip
 
-BY_NAME: dict[str, Fault] = {f.name: f for f in (*FAULTS, *STRANGE)}
+SEEN: tuple[Fault, ...] = (
+    Fault("focal_length", "camera", 0.007, 0.03, "1", plain("zoom", signed=True), scaled=False,
+        needs=("tilt_pulses", "yaw_repeat", "two_heights")),
+    Fault("radial_distortion", "camera", 0.02, 0.25, "1", plain("barrel", signed=True), scaled=False),
+    Fault("camera_tilt", "camera", 0.009, 0.07, "rad", directed("mount_x", "mount_y"), scaled=False,
+        needs=("yaw_repeat", "two_heights", "vertical_square")),
+    Fault("camera_time_offset", "camera", 0.008, 0.08, "s", plain("stamp_late", signed=True), scaled=False,
+        needs=SHARP),
+    Fault("rolling_shutter", "camera", 0.012, 0.05, "s", plain("readout"), scaled=False, needs=SHARP),
+    Fault("motion_blur", "camera", 0.012, 0.03, "s", plain("open_s"), scaled=False, needs=MOVES),
+    Fault("exposure_variation", "camera", 0.5, 1.0, "1", _exposure, scaled=False, needs=MOVES, value=None),
+    Fault("vignetting", "camera", 0.12, 0.5, "1", plain("dark_edge"), scaled=False),
+    Fault("specular_highlights", "camera", 0.25, 0.9, "1", plain("shine"), scaled=False, needs=MOVES),
+    Fault("dropped_frames", "camera", 0.015, 0.1, "1", plain("lost"), scaled=False),
+    Fault("flow_derotation", "camera", 0.03, 0.1, "1", plain("flow_turn", signed=True), scaled=False,
+        needs=("tilt_pulses",)),
+    Fault("moving_objects", "place", 3.0, 7.0, "1", _crowd, scaled=False),
+)  # fmt: skip
+"""What pictures show."""
+
+_PICTURES = ("picture", "camera", "image", "brightness", "contrast", "colour", "sharp", "column", "row")
+SEEN_STRANGE: tuple[Fault, ...] = tuple(
+    Fault(name, "none", low, high, unit, plain(knob), scaled=False, needs=needs, known=False,
+        channels=_PICTURES)
+    for name, knob, low, high, unit, needs in (
+        ("lens_haze", "haze", 0.3, 0.6, "1", ()),
+        ("lamp_flicker", "flicker", 0.08, 0.25, "1", ()),
+        ("wide_columns", "squeeze", 0.015, 0.05, "1", MOVES),
+        ("zoom_creep", "creep", 0.02, 0.06, "1", MOVES),
+        ("dirt_on_lens", "dirt", 0.3, 0.8, "1", ()),
+        ("torn_pictures", "torn", 0.03, 0.08, "s", SHARP),
+        ("water_drop", "drop", 0.2, 0.4, "1", MOVES),
+        ("hunting_focus", "hunting", 1.0, 2.0, "px", ()),
+    )
+)  # fmt: skip
+"""What only pictures show and the catalogue does not name."""
+
+BY_NAME: dict[str, Fault] = {f.name: f for f in (*FAULTS, *STRANGE, *SEEN, *SEEN_STRANGE)}
 
 
 @dataclass(frozen=True)

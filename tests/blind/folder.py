@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,21 @@ SENSOR = {
 LEVEL = "T_BS:\n  cols: 4\n  rows: 4\n  data: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n"
 
 
+CAMERA = """sensor_type: camera
+comment: down-looking camera
+T_BS:
+  cols: 4
+  rows: 4
+  data: [0, -1, 0, 0, -1, 0, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1]
+rate_hz: 4
+resolution: [176, 144]
+camera_model: pinhole
+intrinsics: [140.8, 140.8, 87.5, 71.5]
+distortion_model: radial-tangential
+distortion_coefficients: [0, 0, 0, 0]
+"""
+
+
 def logged(stick: np.ndarray, grid_s: float) -> tuple[np.ndarray, np.ndarray]:
     """The stick at each change and at least every 50 ms."""
     changed = np.any(np.diff(stick, axis=0, prepend=stick[:1]) != 0.0, axis=1)
@@ -42,7 +58,13 @@ def logged(stick: np.ndarray, grid_s: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array(keep) * grid_s, stick[keep]
 
 
-def write(folder: Path, name: str, begin_s: float, streams: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
+def write(
+    folder: Path,
+    name: str,
+    begin_s: float,
+    streams: dict[str, tuple[np.ndarray, np.ndarray]],
+    pictures: Sequence[tuple[float, bytes]] = (),
+) -> None:
     """One flight; streams as (stamps in s from the begin, values), not a number as an empty field."""
     (folder / "mav0").mkdir(parents=True)
     text = f"name: {name}\nvehicle: quadrotor\nplace: hall\nnotes: measured flight\n"
@@ -59,6 +81,16 @@ def write(folder: Path, name: str, begin_s: float, streams: dict[str, tuple[np.n
             last = max(round((begin_s + stamp) * 1e9), last + 1)
             fields = ("" if np.isnan(v) else form.format(v) for form, v in zip(forms, row, strict=True))
             rows.append(f"{last},{','.join(fields)}")
+        (home / "data.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    if pictures:
+        home = folder / "mav0" / "cam0"
+        (home / "data").mkdir(parents=True)
+        (home / "sensor.yaml").write_text(CAMERA, encoding="utf-8")
+        rows = ["#timestamp [ns],filename"]
+        for stamp, jpeg in pictures:
+            at = round((begin_s + stamp) * 1e9)
+            (home / "data" / f"{at}.jpg").write_bytes(jpeg)
+            rows.append(f"{at},{at}.jpg")
         (home / "data.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 

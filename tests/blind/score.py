@@ -165,6 +165,8 @@ def card(answers: list[Answer]) -> list[Row]:
     one, two = of.get("single", []), of.get("pair", [])
     clean = of.get("null", []) + of.get("null_edge", [])
     strange, blind = of.get("strange", []), of.get("untellable", [])
+    calm, seen_alarms = of.get("seen_null", []), [a for a in of.get("seen_single", []) if a.alarm]
+    seen, seen_strange = of.get("seen_single", []), of.get("seen_strange", [])
 
     def at(d: float, some: list[Answer]) -> list[Answer]:
         return [a for a in some if a.d is not None and a.d >= d]
@@ -208,6 +210,12 @@ def card(answers: list[Answer]) -> list[Row]:
         _rate("strange: not misnamed", strange, lambda a: not misnamed(a), 0.80, 0.95),
         _rate("strange: flagged", strange, lambda a: a.word in FLAGS, 0.60, 0.85),
         _rate("strange: right channel", strange, points_at_channel, 0.60, 0.85),
+        Row("pictures: false alarms", sum(a.alarm for a in calm), len(calm), 0.02, 0.01, at_most=True),
+        _rate("pictures: detected", seen, lambda a: a.alarm, 0.80, 0.90),
+        _rate("pictures: right, given detection", seen_alarms, lambda a: a.right, 0.85, 0.95),
+        _rate("pictures, strange: not misnamed", seen_strange, lambda a: not misnamed(a), 0.80, 0.95),
+        _rate("pictures, strange: flagged", seen_strange, lambda a: a.word in FLAGS, 0.60, 0.85),
+        _rate("pictures, strange: right channel", seen_strange, points_at_channel, 0.60, 0.85),
         _rate("cannot tell: says so", blind, says_so, 0.80, 0.95),
         Row("held-out gain above 0", sum(g > 0 for g in gains), len(gains), 0.85, 0.90),
         _rate("valid verdicts", answers, lambda a: a.word != "invalid", 1.0, 1.0),

@@ -10,6 +10,8 @@ from tests.blind.score import Answer, card, misnamed, points_at_channel, says_so
 
 BRAKE = Hidden("active_braking", 0.5, 0.5, "1/s", 9.0, known=True)
 SONAR = Hidden("sonar_lag", 0.05, 0.05, "s", 12.0, known=True)
+LENS = Hidden("focal_length", 0.02, 0.02, "1", None, known=True)
+HAZE = Hidden("lens_haze", 0.4, 0.4, "1", None, known=False, channels=("contrast",))
 HUM = Hidden("rotor_hum", 1.0, 1.0, "m/s^2", 9.0, known=False, channels=("gyro",))
 
 
@@ -37,6 +39,9 @@ RIGHT = [
     Answer(case("single", BRAKE), says("named", ("active_braking", 0.99))),
     Answer(case("pair", BRAKE, SONAR), says("named", ("active_braking", 0.99), ("sonar_lag", 0.98))),
     Answer(case("strange", HUM), says("unknown", remainder="17 Hz in imu.gyro_x")),
+    Answer(case("seen_null"), says("nothing_wrong")),
+    Answer(case("seen_single", LENS), says("named", ("focal_length", 0.99))),
+    Answer(case("seen_strange", HAZE), says("unknown", remainder="picture contrast ~ time")),
     Answer(
         Case(
             "c", "untellable", (), 40.0, (BRAKE,), ("active_braking", "asymmetric_drag"), settled_by="revers"
@@ -51,6 +56,9 @@ WRONG = [
     Answer(case("single", BRAKE), says("named", ("gyro_bias", 0.99))),
     Answer(case("pair", BRAKE, SONAR), says("named", ("active_braking", 0.99))),
     Answer(case("strange", HUM), says("named", ("gyro_bias", 0.99))),
+    Answer(case("seen_null"), says("unknown")),
+    Answer(case("seen_single", LENS), says("named", ("gyro_bias", 0.99))),
+    Answer(case("seen_strange", HAZE), says("named", ("motion_blur", 0.99))),
     Answer(
         Case(
             "c", "untellable", (), 40.0, (BRAKE,), ("active_braking", "asymmetric_drag"), settled_by="revers"
@@ -72,6 +80,8 @@ def test_wrong_answers_are_seen():
         "right, given detection, d >= 6",
         "true cause in the 95 % set", "right when claiming P >= 0.95", "pairs: both found, each d >= 8",
         "strange: not misnamed", "strange: flagged", "strange: right channel", "cannot tell: says so",
+        "pictures: false alarms", "pictures: right, given detection", "pictures, strange: not misnamed",
+        "pictures, strange: flagged", "pictures, strange: right channel",
     }  # fmt: skip
 
 
