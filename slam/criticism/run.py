@@ -19,6 +19,7 @@ from slam.criticism.next_flight import next_flight
 from slam.criticism.residuals.boxes import without_boxes
 from slam.criticism.residuals.oddities import ENTAILS, Oddity, combed, oddities, without_dead_zone
 from slam.criticism.residuals.outliers import outliers_of
+from slam.criticism.residuals.uneven import uneven_of
 from slam.criticism.residuals.vibration import vibration_of
 from slam.criticism.search.moving import is_wall
 from slam.criticism.search.nuisances import NUISANCES, value_of
@@ -190,13 +191,14 @@ def _left_over(
     """
     told, faint = ({c.name for c in causes} for causes in weighed)
     passes = found.last.sums.passes
-    shaking = vibration_of(records, passes)
+    shaking, uneven = vibration_of(records, passes), uneven_of(records)
     walls = [e.name for e in found.chosen if is_wall(e) and found.rivals.get(e.name) and found.model.foreign]
     return [
         *(f"{name} may be {' or '.join(found.rivals[name])}" for name in walls),
         *(f"{n if n in told else f'what looks like {n}'} {doubt}" for n, doubt in doubts.items()),
         *(best.odd if best is not None else ()),
         *([str(shaking)] if shaking else []),
+        *([uneven] if uneven else []),
         *(f"what looks like {name} is something else" for name in faint if name not in doubts),
         *outliers_of(records, passes),
     ]

@@ -31,9 +31,11 @@ def made(tmp_path_factory: pytest.TempPathFactory):
     """Cases by kind, seed and fault; each made once."""
 
     @cache
-    def one(kind: str, seed: int, fault: str | None = None, d: float | None = None) -> Made:
+    def one(
+        kind: str, seed: int, fault: str | None = None, d: float | None = None, flights: int = FLIGHTS
+    ) -> Made:
         home = tmp_path_factory.mktemp("case")
-        case = make(kind, seed, 0, home, FLIGHTS, SECONDS, fault, d)
+        case = make(kind, seed, 0, home, flights, SECONDS, fault, d)
         return Made(case, flights_of(home / case.name))
 
     return one
@@ -76,6 +78,16 @@ def test_what_no_term_explains_is_not_named(fault, seed, made, judged):
     answer = Answer(case.case, judged(*case.flights))
     assert answer.word in ("unknown", "named_with_remainder"), (answer.word, answer.top)
     assert answer.verdict["remainder"]
+
+
+def test_what_moves_in_the_pictures_is_named_and_dirt_on_the_lens_is_unknown(made, judged):
+    moving = made("seen_single", 41, "moving_objects", flights=1)
+    answer = Answer(moving.case, judged(*moving.flights))
+    assert answer.right, (answer.word, answer.top, answer.verdict["remainder"])
+    dirty = made("seen_strange", 42, "dirt_on_lens", flights=2)
+    answer = Answer(dirty.case, judged(*dirty.flights))
+    assert answer.word == "unknown", (answer.word, answer.top)
+    assert "place in the picture" in answer.verdict["remainder"]
 
 
 def test_the_order_the_heading_and_the_hour_do_not_matter(made, judged, tmp_path):

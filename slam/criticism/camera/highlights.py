@@ -9,7 +9,6 @@ runs against the floor's own flow.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -18,6 +17,7 @@ from scipy.ndimage import center_of_mass, label, maximum
 
 from frontend.camera import Camera
 from frontend.homography import transfer
+from slam.criticism.camera.overlaid import Overlaid, overlaid
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -38,6 +38,9 @@ LEAST_LAG = 0.15
 """Share of the floor's flow that a spot stays behind by; more than 1 where one hides the other's middle."""
 ACROSS = 0.5
 """Of what it stays behind by, across the flow."""
+FEWEST_PAIRS, MOSTLY = 6, 0.6
+"""Pairs of pictures with spots that lag behind the floor: so many, and so many for each with a spot that goes
+otherwise. Boxes and moving things made 0.2 to 0.3, lamps 0.9 and more; healthy pictures have no spots."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,12 @@ class Spots:
     """That go otherwise: things that move or stand on the floor."""
     strength: float
     """Share of white by which the strongest lagging one is brighter than the floor; NaN without any."""
+
+
+def are_lamps(found: Array) -> bool:
+    """Whether spots are lamps: (k, >= 2) of each pair of pictures, how many lag and how many go otherwise."""
+    lagging, otherwise = (int(np.sum(found[:, k] > 0)) for k in (0, 1))
+    return lagging >= FEWEST_PAIRS and lagging >= MOSTLY * otherwise
 
 
 def dimmed(image: Image) -> Image:
@@ -63,14 +72,14 @@ def dimmed(image: Image) -> Image:
 def spots(dim_i: Image, dim_j: Image, i_H_j: Array, camera: Camera) -> Spots:
     """Of two dimmed pictures of one camera, with the floor's homography between undistorted pixels."""
     nothing = Spots(0, 0, np.nan)
-    pixel = _pixels(dim_i.shape, camera.focal_px, camera.center_px, camera.size_px, camera.distortion)
     j_H_i = np.asarray(np.linalg.inv(i_H_j), dtype=np.float64)
     middle = np.array([camera.center_px])
     flow = float(np.linalg.norm(middle - transfer(j_H_i, middle))) / camera.size_px[0]
     turn = abs(float(np.arctan2(j_H_i[1, 0] - j_H_i[0, 1], j_H_i[0, 0] + j_H_i[1, 1])))
     if not LEAST_FLOW < flow < MOST_FLOW or turn > MOST_TURN:
         return nothing
-    seen, excess = _excess(dim_i, dim_j, transfer(j_H_i, pixel), camera)
+    laid = overlaid(dim_i, dim_j, i_H_j, camera)
+    pixel, seen, excess = laid.is_px.reshape(-1, 2), laid.seen, _excess(laid, dim_i)
     if seen.mean() < LEAST_SEEN:
         return nothing
     spread = 1.4826 * float(np.median(np.abs(excess[seen])))
@@ -94,34 +103,10 @@ def spots(dim_i: Image, dim_j: Image, i_H_j: Array, camera: Camera) -> Spots:
     return Spots(lagging, others, float(strength))
 
 
-@lru_cache(maxsize=4)
-def _pixels(
-    shape: tuple[int, int],
-    focal_px: tuple[float, float],
-    center_px: tuple[float, float],
-    size_px: tuple[int, int],
-    distortion: tuple[float, ...],
-) -> Array:
-    """(h w, 2) undistorted pixels, of the camera's own size, at the middles of a dimmed picture's."""
-    camera, scale = Camera(focal_px, center_px, size_px, distortion), size_px[0] / shape[1]
-    columns, rows = np.meshgrid(np.arange(shape[1]), np.arange(shape[0]))
-    grid = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64) + 0.5
-    return camera.undistort(grid * scale - 0.5)
-
-
-def _excess(dim_i: Image, dim_j: Image, back: Array, camera: Camera) -> tuple[NDArray[np.bool_], Array]:
-    """(h, w) where both pictures show the floor, and how much brighter i is there, 0 elsewhere."""
-    scale = camera.size_px[0] / dim_j.shape[1]
-    at = camera.project(camera.rays(back)) if camera.is_distorted else back
-    at = ((at + 0.5) / scale - 0.5).astype(np.float32).reshape(*dim_i.shape, 2)
-    height, width = dim_j.shape
-    seen = (at >= 0).all(axis=2) & (at[..., 0] <= width - 1) & (at[..., 1] <= height - 1)
-    other = cv2.remap(dim_j.astype(np.float32), at[..., 0], at[..., 1], cv2.INTER_LINEAR)
-    own = dim_i.astype(np.float32)
-    if seen.any():
-        other *= float(np.median((own[seen] + 1.0) / (other[seen] + 1.0)))
-    smooth = cv2.blur(np.where(seen, own - other, np.float32(0.0)), (SMOOTH_PX, SMOOTH_PX))
-    return seen, smooth.astype(np.float64)
+def _excess(laid: Overlaid, dim_i: Image) -> Array:
+    """(h, w) how much brighter i is than what lies over it, 0 where nothing does."""
+    over = np.where(laid.seen, dim_i.astype(np.float32) - laid.other, np.float32(0.0))
+    return cv2.blur(over, (SMOOTH_PX, SMOOTH_PX)).astype(np.float64)
 
 
 def _blobs(excess: Array, threshold: float, seen: NDArray[np.bool_]) -> list[tuple[int, float]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,8 +16,13 @@ from frontend.features import Extractor, FeatureConfig, Features
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, register
-from slam.criticism.camera.highlights import dimmed, spots
+from slam.criticism.camera.bands import LEAST as LEAST_BANDS
+from slam.criticism.camera.bands import bands_of
+from slam.criticism.camera.highlights import are_lamps, dimmed, spots
 from slam.criticism.camera.movers import moves
+from slam.criticism.camera.overlaid import overlaid, reduced
+from slam.criticism.camera.stains import MOST_PAIRS, Cells, compared
+from slam.criticism.camera.stains import STEPS as CELL_STEPS
 from slam.criticism.camera.triangles import confirmed
 from slam.flight import Flight
 from slam.progress import Progress, Tally, silent
@@ -71,6 +76,9 @@ class Sights:
     """Pictures that the regular stamps would have, but that are not there, ..."""
     taken: int
     """... and those that are, looked at or not."""
+    cells: Cells
+    bands: float = 0.0
+    """How much brightness changes along rows or columns in most pairs of pictures."""
     moving_s: Array = field(default_factory=lambda: np.zeros(0))
     """(k,) of pictures in which something moves over the floor since the one before."""
     spots: Array = field(default_factory=lambda: np.zeros((0, 3)))
@@ -80,6 +88,21 @@ class Sights:
     """Smoothed paths at the pictures that were worked out so far."""
     figures: list[Any] = field(default_factory=list, repr=False, compare=False)
     """What the tones of all pairs come to, once worked out: it is the same under every belief."""
+
+    @property
+    def uneven(self) -> bool:
+        """Whether the light changes within the pictures: then brightness tells nothing else, ..."""
+        return self.bands >= LEAST_BANDS
+
+    @property
+    def glares(self) -> bool:
+        """Whether lamps are mirrored in the floor: what they light is no map of the lens."""
+        return are_lamps(self.spots)
+
+    @property
+    def went_through_s(self) -> Array:
+        """... nor what seems to move: stamps of pictures in which something does."""
+        return np.zeros(0) if self.uneven else self.moving_s
 
 
 def look(flight: Flight, progress: Progress = silent) -> Sights | None:
@@ -108,6 +131,7 @@ def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> Sights | None:
     extract = Extractor(FEATURES.for_width(camera.size_px[0]))
     shots: list[_Shot] = []
     dims: list[Image] = []
+    greys: list[Image] = []
     for frame in pictures.each(frames):
         if shots and frame.stamp_s - shots[-1][0] < SHORTEST_S:
             continue
@@ -116,6 +140,7 @@ def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> Sights | None:
             continue
         points = extract(image, camera)
         dims.append(dimmed(image))
+        greys.append(reduced(image))
         shots.append((frame.stamp_s, points, _tones(image, camera.project(camera.rays(points.pixel)))))
     robust = HomographyConfig().for_width(camera.size_px[0])
     near = [(j - step, j) for j in range(len(shots)) for step in STEPS if j >= step]
@@ -134,18 +159,31 @@ def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> Sights | None:
         return None
     index, std, a, b, tone_a, tone_b = (np.concatenate(part) for part in zip(*found, strict=True))
     stamps_s = np.array([shot[0] for shot in shots])
-    moving = [
-        shots[j][0] for (i, j), pair in registered.items()
-        if j == i + 1 and (i, j) in kept
-        and moves(shots[i][1], shots[j][1], pair.i_H_j, camera.size_px[0])
-    ]  # fmt: skip
+    moving, cells = _laid_over(greys, {pair: registered[pair].i_H_j for pair in sorted(kept)}, camera)
     seen = [spots(dims[i], dims[j], registered[i, j].i_H_j, camera) for i, j in kept]
     bright = [(s.lagging, s.others, s.strength) for s in seen if s.lagging or s.others]
     successive = sum(j == i + 1 for i, j in kept) / max(len(shots) - 1, 1)
     return Sights(
         camera, stamps_s, index[:, 0], index[:, 1], a, b, std, tone_a, tone_b,
-        successive, _missing(frames.stamps_s), len(frames), np.array(moving), np.array(bright).reshape(-1, 3),
+        successive, _missing(frames.stamps_s), len(frames), cells, bands_of(camera, cells), stamps_s[moving],
+        np.array(bright).reshape(-1, 3),
     )  # fmt: skip
+
+
+def _laid_over(
+    greys: Sequence[Image], i_H_j: Mapping[tuple[int, int], Array], camera: Camera
+) -> tuple[Ints, Cells]:
+    """Pictures in which something moves since the one before, and what pairs of pictures share."""
+    apart = [(i, j) for i, j in i_H_j if j - i in CELL_STEPS]
+    chosen = set(apart[:: max(-(-len(apart) // MOST_PAIRS), 1)])
+    moving, cells = [], []
+    for i, j in apart:
+        laid = overlaid(greys[i], greys[j], i_H_j[i, j], camera)
+        if j == i + 1 and moves(greys[i], laid, camera):
+            moving.append(j)
+        if (i, j) in chosen:
+            cells.append((i, j, compared(greys[i], laid)))
+    return np.array(moving, dtype=np.int64), Cells.of(cells)
 
 
 def _missing(stamps_s: Array) -> int:

@@ -17,25 +17,32 @@ from slam.criticism.kalman.tangents import Direction
 Array = NDArray[np.float64]
 
 STAINED = "picture brightness ~ place in the picture"
+RESTLESS = "picture contrast, restless", "picture sharpness, restless"
+"""Variances: pictures differ by it and nothing tells how."""
 PICTURE_SHAPES = (
     "picture brightness ~ time", "picture colour ~ time", "picture contrast ~ time",
-    "picture sharpness ~ time", "picture brightness ~ height", STAINED,
+    "picture sharpness ~ time", "picture brightness ~ height", STAINED, *RESTLESS,
 )  # fmt: skip
 MEMORY_S = 1.0
 """Of the automatics that exposure_variation stands for."""
 BLUR_DETAIL, BLUR_CONTRAST = 0.02, 0.01
-"""Loss of the logarithm of local detail, and of contrast, for each square pixel of a small smear."""
+"""Loss of the logarithm of local detail, and of contrast, for each square pixel of a small smear: known to
+its own size, as floors have it."""
 LARGE_SMEAR_PX2 = 2.0
 """Beyond this a smear takes ever less of what is left."""
 BORDER = 0.35
 """r^2 in half diagonals where a picture's matches lie, in the mean."""
-SHADING_TOLERANCE = 0.01
+SHADING_TOLERANCE, STAIN_TOLERANCE = 0.01, 0.005
+"""Of the corners' darkness, and root mean square of the lens's map: so uneven a sound lens may be."""
 OUTWARD_TOLERANCE = 0.02
 """Brightness that corners may lack: what lies farther out in one of two pictures tells nothing by that."""
+HEALTHY_STD = {CONTRAST: 0.02, SHARPNESS: 0.08}
+"""Of the logarithm, from place to place: one floor has more detail than another to lose, at each height."""
 SLOW_SHARPNESS = 0.3
 """Change of the logarithm of local detail over a flight that a floor's other places may make."""
-TOLERANCE = {0: 0.03, 1: 0.03, 2: 0.03, CONTRAST: 0.1, SHARPNESS: 0.3}
-"""Change of the logarithm that a doubling of the height may make."""
+TOLERANCE = {0: 0.03, 1: 0.03, 2: 0.03, CONTRAST: 0.2, SHARPNESS: 0.6}
+"""Change of the logarithm for each of the height's, or of how large the floor is in the picture: on floors of
+two generators -0.2 in contrast and up to 0.9 in detail."""
 
 
 @dataclass(frozen=True)
@@ -66,41 +73,49 @@ def shade(
     for figure in range(FIGURES):
         shapes: dict[tuple[str, int], Array] = {}
         ours, slow = np.zeros(len(tones.i)), np.column_stack([between(elapsed), between(elapsed**2)])
-        healthy = TOLERANCE.get(figure, 0.0) * between(height)[:, None]
-        restless: dict[int, float] = {}
+        nearer = -tones.zoom if figure in (CONTRAST, SHARPNESS) else between(height)
+        healthy = TOLERANCE.get(figure, 0.0) * nearer[:, None]
+        restless: dict[tuple[str, int], float] = {}
         if figure < CONTRAST:
             shapes["picture", 0] = between(elapsed)
             shapes["picture", 1] = (figure - 1) * between(elapsed)
             shapes["picture", 4] = between(height)
             # Between black and white a gamma makes brighter or darker as a gain does.
-            restless = {GAIN: 1.0, GAMMA: float(np.mean(tones.depth[:, figure]) ** 2)}
+            depth2 = float(np.mean(tones.depth[:, figure]) ** 2)
+            restless = {("camera", GAIN): 1.0, ("camera", GAMMA): depth2}
             darker = 1.0 - BORDER * camera[VIGNETTING]
             ours = -camera[VIGNETTING] / darker * tones.outward
             healthy = np.column_stack([healthy, OUTWARD_TOLERANCE * tones.outward])
         elif figure == CONTRAST:
             shapes["picture", 2] = between(elapsed)
             shapes["camera", BLUR], ours = _blurred(BLUR_CONTRAST, between, speed2, camera[BLUR])
-            restless = {GAMMA: 1.0}
+            healthy = np.column_stack([healthy, ours])
+            restless = {("camera", GAMMA): 1.0, ("picture", PICTURE_SHAPES.index(RESTLESS[0])): 1.0}
         elif figure == SHARPNESS:
             shapes["picture", 3] = between(elapsed)
+            restless = {("picture", PICTURE_SHAPES.index(RESTLESS[1])): 1.0}
             shapes["camera", BLUR], ours = _blurred(BLUR_DETAIL, between, speed2, camera[BLUR])
-            healthy = np.column_stack([healthy, SLOW_SHARPNESS * slow])
+            healthy = np.column_stack([healthy, SLOW_SHARPNESS * slow, ours])
         elif figure == SHADING:
             healthy = np.full((len(tones.i), 1), SHADING_TOLERANCE)
             darker = 1.0 - BORDER * camera[VIGNETTING]
             shapes["camera", VIGNETTING] = np.full(len(tones.i), -1.0 / darker**2)
             ours = np.full(len(tones.i), -camera[VIGNETTING] / darker)
         else:
-            healthy = np.full((len(tones.i), 1), SHADING_TOLERANCE / tones.stained)
+            healthy = np.full((len(tones.i), 1), STAIN_TOLERANCE / tones.stained)
             shapes["picture", PICTURE_SHAPES.index(STAINED)] = np.ones(len(tones.i))
         table = np.column_stack(list(shapes.values()))
-        held = sum(share * camera[entry] for entry, share in restless.items())
+        held = sum(share * camera[entry] for (kind, entry), share in restless.items() if kind == "camera")
+        held += HEALTHY_STD.get(figure, 0.0) ** 2
+        if figure == CONTRAST:
+            # An exposure that seeks its level may bend the tone curve as it goes.
+            held += camera[GAIN]
         found = weigh(tones, figure, table, ours, healthy, held, memory, slow)
         # The last column is a variance that these entries make together, each with its share.
         parts = np.zeros((len(shapes) + 1, len(shapes) + len(restless)))
         parts[: len(shapes), : len(shapes)] = np.eye(len(shapes))
         parts[-1, len(shapes) :] = list(restless.values())
-        keys = [*shapes, *(("camera", entry) for entry in restless)]
+        keys = [*shapes, *restless]
         total.add(keys, parts.T @ found.information @ parts, found.score @ parts, found.log_likelihood)
     return total.shades()
 
@@ -138,7 +153,7 @@ def _within(tones: Tones, inside: NDArray[np.bool_]) -> Tones:
     place = np.cumsum(inside) - 1
     return Tones(
         place[tones.i[kept]], place[tones.j[kept]], tones.figures[kept], tones.std[kept],
-        tones.outward[kept], tones.depth[kept], tones.stained,
+        tones.outward[kept], tones.zoom[kept], tones.depth[kept], tones.stained,
     )  # fmt: skip
 
 

@@ -7,83 +7,139 @@ middle is left to vignetting.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from frontend.camera import Camera
+from slam.criticism.camera.overlaid import Image, Overlaid
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-NODES = 7, 6
+CELL_SHARE = 1 / 15
+"""Of the picture's width: brightness is averaged over so much, so that the floor's detail counts little."""
+DARKEST, BRIGHTEST = 12.0, 240.0
+STEPS = (1, 4)
+"""Pictures whose cells are compared are so many apart: near ones overlap by most, others have moved on."""
+MOST_PAIRS = 1000
+"""Of a flight, chosen evenly: a lens is the same all the time."""
+NODES = 13, 11
 """Of the map, along columns and rows; between them it is bilinear: a stain is no speck."""
 PRIOR_STD = 0.1
 """Of the logarithm of the light that a node lets through."""
-CLIP, ROUNDS = 4.0, 4
+CLIP, ROUNDS = 4.0, 10
+"""Residuals are clipped at so many deviations, at first of all and then ever nearer to those of most: what a
+stain makes of a few cells is far beyond the noise of the others."""
 LEAST_STD = 1e-3
-"""Of the logarithm of brightness, of a match and of a pair: pictures are rounded."""
+"""Of the logarithm of brightness, of a cell and of a pair: pictures are rounded."""
 BLOCK = 10
 """Pictures in a row that others foretell: those nearer show the same points with the same noise."""
 
 
 @dataclass(frozen=True)
+class Cells:
+    """Pieces of the floor that two pictures show, each through its own place of the lens; (m,) each."""
+
+    earlier: Ints
+    """Picture i, ..."""
+    later: Ints
+    """... and picture j."""
+    pixel_i: Array
+    """(m, 2) middles, undistorted."""
+    pixel_j: Array
+    ratio: Array
+    """Logarithm of the brightness in i over that in j; whole pictures are brought to one level."""
+
+    @staticmethod
+    def of(found: Iterable[tuple[int, int, Array]]) -> Cells:
+        """From (i, j, ``compared``) of each pair of pictures."""
+        pairs = list(found)
+        table = np.concatenate([np.zeros((0, 5)), *(rows for _, _, rows in pairs)])
+        index = np.array([(i, j) for i, j, _ in pairs], dtype=np.int64).reshape(-1, 2)
+        index = np.repeat(index, [len(rows) for _, _, rows in pairs], axis=0)
+        return Cells(index[:, 0], index[:, 1], table[:, :2], table[:, 2:4], table[:, 4])
+
+
+@dataclass(frozen=True)
 class Stain:
-    """Logarithm of the light that each match's places let through, less that of a vignette."""
+    """Logarithm of the light that places let through, less that of a vignette."""
 
-    at_i: Array
-    """(m,) as the flight's pictures together have it."""
-    at_j: Array
+    nodes: Array
+    """As the flight's pictures together have it, ..."""
     foretold: Array
-    """(m,) of i less j, as other pictures than these have it."""
+    """(m,) ... and of each cell, i less j, as other pictures than these have it."""
+    camera: Camera
+
+    def at(self, pixel: Array) -> Array:
+        """(n,) of undistorted pixels (n, 2)."""
+        return np.asarray(_hats(self.camera, pixel) @ self.nodes)
 
 
-def stain_of(
-    camera: Camera, pixel_i: Array, pixel_j: Array, ratio: Array, usable: NDArray[np.bool_], pair: Ints,
-    picture: Ints,
-) -> Stain:  # fmt: skip
-    """The map from matches (m): places, logarithm of the brightness in i over that in j, which pair each
-    is of (0, 1, ..), and its earlier picture."""
-    hats = [_hats(camera, pixel) for pixel in (pixel_i, pixel_j)]
-    rows = hats[0] - hats[1]
-    side = (picture // BLOCK) % 2
+def compared(small_i: Image, laid: Overlaid) -> Array:
+    """(m, 5) of each cell that both pictures show whole: pixel in i and in j, logarithm of the ratio."""
+    side = CELL_SHARE * small_i.shape[1]
+    size = tuple(round(n / side) for n in small_i.shape[::-1])
+
+    def mean(x: NDArray[Any]) -> Array:
+        return np.asarray(cv2.resize(x.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float64)
+
+    own, other = mean(small_i), mean(laid.other)
+    whole = mean(laid.seen) > 0.999
+    for level in (own, other):
+        whole &= (level > DARKEST) & (level < BRIGHTEST)
+    ratio = np.log(own[whole] / other[whole])
+    return np.column_stack([mean(laid.is_px)[whole], mean(laid.was_px)[whole], ratio])
+
+
+def stain_of(camera: Camera, cells: Cells) -> Stain:
+    """The map of a flight's lens."""
+    rows = _hats(camera, cells.pixel_i) - _hats(camera, cells.pixel_j)
+    pair = np.unique(np.column_stack([cells.earlier, cells.later]), axis=0, return_inverse=True)[1].ravel()
+    side = (cells.earlier // BLOCK) % 2
     radial = _radial(camera)
 
     def fitted(own: NDArray[np.bool_]) -> Array:
-        free = _fitted(rows[own], ratio[own], np.unique(pair[own], return_inverse=True)[1])
+        free = _fitted(rows[own], cells.ratio[own], np.unique(pair[own], return_inverse=True)[1])
         return np.asarray(free - radial @ np.linalg.lstsq(radial, free, rcond=None)[0])
 
-    whole, halves = fitted(usable), [fitted(usable & (side != s)) for s in (0, 1)]
+    whole, halves = fitted(np.full(len(pair), True)), [fitted(side != s) for s in (0, 1)]
     foretold = np.where(side == 0, rows @ halves[0], rows @ halves[1])
     # A map of nothing but noise would make exposures restless: of it counts what other pictures confirm.
-    along = foretold[usable]
-    share = float(np.clip(along @ ratio[usable] / max(float(along @ along), 1e-12), 0.0, 1.0))
-    return Stain(share * hats[0] @ whole, share * hats[1] @ whole, foretold)
+    share = float(np.clip(foretold @ cells.ratio / max(float(foretold @ foretold), 1e-12), 0.0, 1.0))
+    return Stain(share * whole, foretold, camera)
 
 
-def _fitted(rows: Array, y: Array, pair: Ints) -> Array:
-    """(nodes,) least squares where matches of a pair err together, by the exposures of its pictures, and each
+def _fitted(rows: csr_array, y: Array, pair: Ints) -> Array:
+    """(nodes,) least squares where cells of a pair err together, by the exposures of its pictures, and each
     by itself; how much they do is found on the way."""
+    nodes = rows.shape[1]
     if len(y) == 0:
-        return np.zeros(rows.shape[1])
+        return np.zeros(nodes)
     count = np.bincount(pair)
-    table = np.column_stack([rows, y])
-    mean = np.zeros((len(count), table.shape[1]))
-    np.add.at(mean, pair, table)
-    mean /= count[:, None]
-    map_, apart = np.zeros(rows.shape[1]), table - mean[pair]
-    for _ in range(ROUNDS):
-        off, together = apart[:, -1] - apart[:, :-1] @ map_, mean[:, -1] - mean[:, :-1] @ map_
+    of_pair = csr_array((1.0 / count[pair], pair, np.arange(len(y) + 1)), shape=(len(y), len(count))).T
+    mean = np.asarray((of_pair @ rows).todense())
+    squares = np.asarray((rows.T @ rows).todense())
+    map_, all_std = np.zeros(nodes), float(np.std(y))
+    for k in range(ROUNDS):
+        off = y - rows @ map_
+        together = of_pair @ off
+        off = off - together[pair]
         alone = max(_spread(off), LEAST_STD)
         shared = np.maximum(_spread(together) ** 2 - alone**2 / count, LEAST_STD**2)
         kept = alone / np.sqrt(alone**2 + count * shared)
-        left = np.clip(off, -CLIP * alone, CLIP * alone) + (kept * together)[pair]
-        x = apart[:, :-1] + (kept[:, None] * mean[:, :-1])[pair]
-        map_ = map_ + np.linalg.solve(
-            x.T @ x + np.eye(len(map_)) * (alone / PRIOR_STD) ** 2,
-            x.T @ left - map_ * (alone / PRIOR_STD) ** 2,
-        )
+        most = CLIP * max(alone, all_std / 2**k)
+        left = np.clip(off, -most, most) + (kept * together)[pair]
+        # Rows of a pair, each less the share of their mean that its exposures may be.
+        x_x = squares - mean.T @ ((count * (1.0 - kept**2))[:, None] * mean)
+        x_left = rows.T @ left - mean.T @ (count * (1.0 - kept) * (of_pair @ left))
+        prior = (alone / PRIOR_STD) ** 2
+        map_ = map_ + np.linalg.solve(x_x + np.eye(nodes) * prior, x_left - map_ * prior)
     return map_
 
 
@@ -91,13 +147,21 @@ def _spread(x: Array) -> float:
     return 1.4826 * float(np.median(np.abs(x)))
 
 
-def _hats(camera: Camera, pixel: Array) -> Array:
+def _hats(camera: Camera, pixel: Array) -> csr_array:
     """(m, nodes) bilinear weights."""
-    place = []
+    low, part = [], []
     for axis, nodes in enumerate(NODES):
         at = np.clip(pixel[:, axis] / (camera.size_px[axis] - 1) * (nodes - 1), 0.0, nodes - 1.0)
-        place.append(np.maximum(1.0 - np.abs(at[:, None] - np.arange(nodes)), 0.0))
-    return np.asarray((place[0][:, :, None] * place[1][:, None, :]).reshape(len(pixel), -1))
+        low.append(np.minimum(at.astype(np.int64), nodes - 2))
+        part.append(at - low[-1])
+    columns, weights = [], []
+    for right in (0, 1):
+        for down in (0, 1):
+            columns.append((low[0] + right) * NODES[1] + low[1] + down)
+            weights.append(np.abs(1 - right - part[0]) * np.abs(1 - down - part[1]))
+    shape = (len(pixel), NODES[0] * NODES[1])
+    index = np.column_stack(columns).ravel()
+    return csr_array((np.column_stack(weights).ravel(), index, 4 * np.arange(len(pixel) + 1)), shape=shape)
 
 
 def _radial(camera: Camera) -> Array:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from slam.criticism.camera.pictures import Sights
-from slam.criticism.camera.stains import Stain, stain_of
+from slam.criticism.camera.stains import BRIGHTEST, DARKEST, Stain, stain_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -25,14 +25,16 @@ BLUE, GREEN, RED, CONTRAST, SHARPNESS, SHADING, STAIN = range(FIGURES)
 """Logarithms of: the level of each colour, its spread over the floor beside its mean, the local variation
 beside that; how much darker pictures are towards the corners; and share of the stain that other pictures
 foretell."""
-DARKEST, BRIGHTEST = 12.0, 240.0
 FEWEST = 8
 """Matches of a pair that its figures are taken from."""
 LEAST_STD = np.array([0.002, 0.002, 0.002, 0.004, 0.008, 0.004, 0.004])
 """No figure of a pair is known better: pictures are rounded and compressed."""
-WANDER = np.array([0.003, 0.003, 0.003, 0.004, 0.03, 0.003, 0.003])
-"""What a healthy picture's own property differs by: other points of the floor are seen."""
+WANDER = np.array([0.006, 0.006, 0.006, 0.004, 0.03, 0.003, 0.003])
+"""What a healthy picture's own property differs by: other points of the floor are seen, and what moves covers
+some of them."""
 CLIP = 4.0
+UNTOLD = 0.0, np.inf
+"""A figure that a pair does not tell, and its standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,9 @@ class Tones:
     """(p, 7)."""
     outward: Array
     """(p,) how much farther from the middle the points lie in i than in j: mean difference of r^2."""
+    zoom: Array
+    """(p,) logarithm of how much larger the floor is in i than in j: by height, and by lean, as points go
+    from the far edge of a picture to the near one."""
     depth: Array
     """(p, 3) logarithm of white over each colour's level: how much a gamma changes it."""
     stained: float
@@ -55,7 +60,7 @@ class Tones:
 
 
 def tones_of(sights: Sights) -> Tones:
-    """The figures of every pair with enough matches."""
+    """The figures of every pair with enough matches; none of a flight whose pictures are lit in bands."""
     if not sights.figures:
         sights.figures.append(_worked_out(sights))
     found: Tones = sights.figures[0]
@@ -66,25 +71,29 @@ def _worked_out(sights: Sights) -> Tones:
     key = sights.earlier * (len(sights.stamps_s) + 1) + sights.later
     order = np.argsort(key, kind="stable")
     bounds = np.flatnonzero(np.diff(key[order], prepend=-1, append=-1))
-    stain = _stain(sights, np.unique(key, return_inverse=True)[1])
+    stain = stain_of(sights.camera, sights.cells)
     sights = _cleaned(sights, stain)
-    rows, pairs, outward, depth = [], [], [], []
-    for begin, end in pairwise(bounds.tolist()):
+    rows, pairs, outward, zoom, depth = [], [], [], [], []
+    shares = {} if sights.glares else _shares(sights, stain)
+    for begin, end in pairwise(() if sights.uneven else bounds.tolist()):
         own = order[begin:end]
-        found = _figures(sights, own, stain)
+        share = shares.get((int(sights.earlier[own[0]]), int(sights.later[own[0]])), UNTOLD)
+        found = _figures(sights, own, share)
         if found is not None:
             rows.append(found)
             pairs.append((sights.earlier[own[0]], sights.later[own[0]]))
             outward.append(_outward(sights, own).mean())
+            zoom.append(np.log(_extent(sights.pixel_i[own]) / _extent(sights.pixel_j[own])))
             depth.append(_depth(sights, own))
     if not rows:
         nothing = np.zeros(0, dtype=np.int64)
         none = np.zeros((0, FIGURES))
-        return Tones(nothing, nothing, none, none, np.zeros(0), np.zeros((0, 3)), 0.0)
+        return Tones(nothing, nothing, none, none, np.zeros(0), np.zeros(0), np.zeros((0, 3)), 0.0)
     index = np.array(pairs, dtype=np.int64)
     values, std = (np.array(part) for part in zip(*rows, strict=True))
     stained = max(float(np.sqrt(np.mean(stain.foretold**2))), 1e-6)
-    return Tones(index[:, 0], index[:, 1], values, std, np.array(outward), np.array(depth), stained)
+    seen = np.array(outward), np.array(zoom), np.array(depth)
+    return Tones(index[:, 0], index[:, 1], values, std, *seen, stained)
 
 
 def _usable(a: Array, b: Array) -> NDArray[np.bool_]:
@@ -93,25 +102,16 @@ def _usable(a: Array, b: Array) -> NDArray[np.bool_]:
     return np.asarray(usable & (a[:, 3] > 1.0) & (b[:, 3] > 1.0))
 
 
-def _stain(sights: Sights, pair: Ints) -> Stain:
-    a, b = sights.tone_i, sights.tone_j
-    level = [np.maximum(tone[:, :3].mean(axis=1), 1.0) for tone in (a, b)]
-    return stain_of(
-        sights.camera, sights.pixel_i, sights.pixel_j, np.log(level[0] / level[1]), _usable(a, b), pair,
-        sights.earlier,
-    )  # fmt: skip
-
-
 def _cleaned(sights: Sights, stain: Stain) -> Sights:
     """As if the lens had no stain: what stays in the picture is no restless exposure."""
     return replace(
         sights,
-        tone_i=sights.tone_i * np.exp(-stain.at_i)[:, None],
-        tone_j=sights.tone_j * np.exp(-stain.at_j)[:, None],
+        tone_i=sights.tone_i * np.exp(-stain.at(sights.pixel_i))[:, None],
+        tone_j=sights.tone_j * np.exp(-stain.at(sights.pixel_j))[:, None],
     )
 
 
-def _figures(sights: Sights, own: Ints, stain: Stain) -> tuple[Array, Array] | None:
+def _figures(sights: Sights, own: Ints, share: tuple[float, float]) -> tuple[Array, Array] | None:
     a, b = sights.tone_i[own], sights.tone_j[own]
     usable = _usable(a, b)
     if usable.sum() < FEWEST:
@@ -129,18 +129,35 @@ def _figures(sights: Sights, own: Ints, stain: Stain) -> tuple[Array, Array] | N
     for colour in range(3):
         values[colour], spread = _middle(np.log(a[:, colour] / b[:, colour]))
         std[colour] = 1.25 * spread / np.sqrt(m)
-    like = np.corrcoef(grey_i, grey_j)[0, 1]
-    wider = float(np.log(np.std(grey_i) / np.std(grey_j)))
-    values[CONTRAST] = wider - values[:3].mean()
-    std[CONTRAST] = np.sqrt(max(1.0 - like**2, 1e-6) / m) + std[:3].mean()
-    detail, spread = _middle(np.log(a[:, 3] / b[:, 3]))
-    values[SHARPNESS], std[SHARPNESS] = detail - wider, 1.25 * spread / np.sqrt(m)
     outward = _outward(sights, own)
     away = outward - outward.mean()
     values[SHADING] = float(away @ ratio / max(away @ away, 1e-9))
-    std[SHADING] = float(np.std(ratio)) / np.sqrt(max(away @ away, 1e-9))
-    values[STAIN], std[STAIN] = _share(stain.foretold[own], ratio + (stain.at_i - stain.at_j)[own], outward)
+    std[SHADING] = np.inf if sights.glares else float(np.std(ratio)) / np.sqrt(max(away @ away, 1e-9))
+    # Seen through the same part of the lens: what is left is the whole picture's.
+    shade = np.exp(-values[SHADING] * away)
+    grey_i, local_i = grey_i * shade, a[:, 3] * shade
+    like = np.corrcoef(grey_i, grey_j)[0, 1]
+    wider = float(np.log(np.std(grey_i) / np.std(grey_j)))
+    of_wider = float(np.sqrt(max(1.0 - like**2, 1e-6) / m))
+    values[CONTRAST] = wider - values[:3].mean()
+    std[CONTRAST] = of_wider + std[:3].mean()
+    detail, spread = _middle(np.log(local_i / b[:, 3]))
+    values[SHARPNESS], std[SHARPNESS] = detail - wider, np.hypot(1.25 * spread / np.sqrt(m), of_wider)
+    values[STAIN], std[STAIN] = share
     return values, np.hypot(std, LEAST_STD)
+
+
+def _shares(sights: Sights, stain: Stain) -> dict[tuple[int, int], tuple[float, float]]:
+    """Of each pair of pictures whose cells are compared."""
+    cells = sights.cells
+    outward = _radius2(sights, cells.pixel_i) - _radius2(sights, cells.pixel_j)
+    index = np.column_stack([cells.earlier, cells.later])
+    begins = np.unique(index, axis=0, return_index=True)[1].tolist()
+    return {
+        (int(index[b, 0]), int(index[b, 1])): _share(stain.foretold[b:e], cells.ratio[b:e], outward[b:e])
+        for b, e in pairwise([*begins, len(outward)])
+        if e - b >= FEWEST
+    }
 
 
 def _share(foretold: Array, ratio: Array, outward: Array) -> tuple[float, float]:
@@ -160,6 +177,11 @@ def _middle(x: Array) -> tuple[float, float]:
 
 def _outward(sights: Sights, own: Ints) -> Array:
     return _radius2(sights, sights.pixel_i[own]) - _radius2(sights, sights.pixel_j[own])
+
+
+def _extent(pixel: Array) -> float:
+    """How far points are spread, px."""
+    return max(float(np.sqrt(np.var(pixel, axis=0).sum())), 1.0)
 
 
 def _depth(sights: Sights, own: Ints) -> Array:
@@ -194,11 +216,15 @@ def weigh(
     correlation of a restless property between pictures, ``variance`` what the belief holds of it. The last
     column is its change; ``slow`` (p, s) are shapes that do not count as restless.
     """
-    n, p = len(memory), len(tones.i)
+    told = np.isfinite(tones.std[:, figure])
+    shapes, nuisances, slow = shapes[told], nuisances[told], slow[told]
+    n, p, d = len(memory), int(told.sum()), shapes.shape[1]
+    if p == 0:
+        return Weighed(np.zeros((d + 1, d + 1)), np.zeros(d + 1), 0.0, np.zeros(0))
     D = np.zeros((p, n))
-    D[np.arange(p), tones.i] += 1.0
-    D[np.arange(p), tones.j] -= 1.0
-    y, std = tones.figures[:, figure] - ours, tones.std[:, figure]
+    D[np.arange(p), tones.i[told]] += 1.0
+    D[np.arange(p), tones.j[told]] -= 1.0
+    y, std = (tones.figures[:, figure] - ours)[told], tones.std[told, figure]
     std = std * _scale(D, y, std)
     own = np.ones(p) if figure in (SHADING, STAIN) else None
     wander = WANDER[figure] ** 2 * (np.diag(own) if own is not None else D @ D.T)
@@ -206,7 +232,6 @@ def weigh(
     V = np.diag(std**2) + wander + variance * restless + nuisances @ nuisances.T
     factor = cho_factor(V, lower=True)
     solved = cho_solve(factor, np.column_stack([shapes, y]))
-    d = shapes.shape[1]
     information, score = np.zeros((d + 1, d + 1)), np.zeros(d + 1)
     information[:d, :d] = shapes.T @ solved[:, :d]
     score[:d] = shapes.T @ solved[:, d]

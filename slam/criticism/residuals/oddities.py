@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.camera.highlights import are_lamps
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import Pass
 from slam.criticism.kalman.readings import SONAR
@@ -45,9 +46,6 @@ HEALTHY_LOSS = 5e-4
 """Share of pictures that any recorder may lose."""
 LOST_NATS = 9.0
 """That lost pictures must tell against it: four of 500."""
-FEWEST_SPOTS, MOSTLY = 6, 0.6
-"""Pairs of pictures with spots that lag behind the floor: so many, and so many for each with a spot that goes
-otherwise. Boxes and moving things made 0.2 to 0.3, lamps 0.9 and more; healthy pictures have no spots."""
 SATURATED = 1.5
 """A lamp may be stronger by this than what it adds to a floor that is bright already."""
 
@@ -138,8 +136,7 @@ def _highlights(records: Sequence[Record]) -> list[Oddity]:
     """Lamps mirrored in the floor."""
     seen = [r.sights.spots if r.sights is not None else np.zeros((0, 3)) for r in records]
     every = np.concatenate(seen)
-    lagging, otherwise = (int(np.sum(every[:, k] > 0)) for k in (0, 1))
-    if lagging < FEWEST_SPOTS or lagging < MOSTLY * otherwise:
+    if not are_lamps(every):
         return []
     strengths = every[every[:, 0] > 0, 2]
     low, strength, high = (float(np.quantile(strengths, q)) for q in (0.5, 0.75, 0.9))
@@ -152,7 +149,7 @@ def _movers(records: Sequence[Record]) -> list[Oddity]:
     """Things that go through the pictures."""
     passes = []
     for record in records:
-        times_s = record.sights.moving_s if record.sights is not None else np.zeros(0)
+        times_s = record.sights.went_through_s if record.sights is not None else np.zeros(0)
         parts = np.split(times_s, np.flatnonzero(np.diff(times_s) > PASS_S) + 1)
         passes.append([len(part) for part in parts if len(part) >= LEAST_PASS])
     found = sum(map(len, passes))

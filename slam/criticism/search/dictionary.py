@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.camera.shading import PICTURE_SHAPES
+from slam.criticism.camera.shading import PICTURE_SHAPES, RESTLESS
 from slam.criticism.camera.warps import PAIRS, WARPS
 from slam.criticism.kalman.readings import CHANNELS, SENSOR
 from slam.criticism.kalman.record import Record, any_holds_heading
@@ -80,7 +80,7 @@ def shapes_of(directions: Sequence[Direction]) -> tuple[Effect, ...]:
     """
     placed = tuple(d for d in directions if d.name.startswith(YAW_AT_PLACE))
     known = {d.name: d for d in directions if d not in placed}
-    shapes = [Effect(name, (direction,)) for name, direction in known.items()]
+    shapes = [Effect(name, (d,), positive=name in RESTLESS) for name, d in known.items()]
     if placed:
         shapes.append(Effect(YAW_AT_PLACE, placed))
     together = [

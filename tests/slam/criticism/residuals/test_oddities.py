@@ -9,6 +9,7 @@ import pytest
 
 from frontend.camera import Camera
 from slam.criticism.camera.pictures import Sights
+from slam.criticism.camera.stains import Cells
 from slam.criticism.healthy import flown
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import SONAR
@@ -46,7 +47,9 @@ def seen(taken: int, missing: int) -> Sights:
     none, stamps = np.zeros(0, dtype=np.int64), 0.25 * np.arange(taken)
     camera = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
     at, tone = np.zeros((0, 2)), np.zeros((0, 4))
-    return Sights(camera, stamps, none, none, at, at, np.zeros(0), tone, tone, 0.0, missing, taken)
+    return Sights(
+        camera, stamps, none, none, at, at, np.zeros(0), tone, tone, 0.0, missing, taken, Cells.of(())
+    )
 
 
 @pytest.mark.parametrize(("missing", "told"), [(0, False), (2, False), (14, True)])

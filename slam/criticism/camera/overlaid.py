@@ -1,0 +1,77 @@
+"""One picture laid over another by the floor's homography: where they then differ, something is no floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from frontend.homography import transfer
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+WIDTH_PX = 176
+
+
+@dataclass(frozen=True)
+class Overlaid:
+    """Picture j as i would show it if there were nothing but floor; (h, w) of i, which may be small."""
+
+    seen: NDArray[np.bool_]
+    """Where both pictures show the floor."""
+    other: NDArray[np.float32]
+    """Levels of j, brought to those of i by one factor."""
+    was_px: Array
+    """(h, w, 2) pixel of the camera's own size, undistorted, in j, ..."""
+    is_px: Array
+    """... and in i."""
+
+
+def reduced(image: Image) -> Image:
+    """Grey, and so small that a few pixels are no detail."""
+    grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+    height, width = grey.shape
+    if width <= WIDTH_PX:
+        return np.asarray(grey, dtype=np.uint8)
+    size = (WIDTH_PX, round(height * WIDTH_PX / width))
+    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def overlaid(small_i: Image, small_j: Image, i_H_j: Array, camera: Camera) -> Overlaid:
+    """Two reduced pictures of one camera, with the floor's homography between its undistorted pixels."""
+    is_px = pixels(small_i.shape, camera)
+    was_px = transfer(np.asarray(np.linalg.inv(i_H_j), dtype=np.float64), is_px)
+    scale = camera.size_px[0] / small_j.shape[1]
+    at = camera.project(camera.rays(was_px)) if camera.is_distorted else was_px
+    at = ((at + 0.5) / scale - 0.5).astype(np.float32).reshape(*small_i.shape, 2)
+    height, width = small_j.shape
+    seen = (at >= 0).all(axis=2) & (at[..., 0] <= width - 1) & (at[..., 1] <= height - 1)
+    other = cv2.remap(small_j.astype(np.float32), at[..., 0], at[..., 1], cv2.INTER_LINEAR)
+    if seen.any():
+        other *= float(np.median((small_i[seen] + 1.0) / (other[seen] + 1.0)))
+    grid = (*small_i.shape, 2)
+    return Overlaid(seen, other, was_px.reshape(grid), is_px.reshape(grid))
+
+
+def pixels(shape: tuple[int, ...], camera: Camera) -> Array:
+    """(h w, 2) undistorted pixels, of the camera's own size, at the middles of a reduced picture's."""
+    return _pixels(shape, camera.focal_px, camera.center_px, camera.size_px, camera.distortion)
+
+
+@lru_cache(maxsize=4)
+def _pixels(
+    shape: tuple[int, ...],
+    focal_px: tuple[float, float],
+    center_px: tuple[float, float],
+    size_px: tuple[int, int],
+    distortion: tuple[float, ...],
+) -> Array:
+    camera, scale = Camera(focal_px, center_px, size_px, distortion), size_px[0] / shape[1]
+    columns, rows = np.meshgrid(np.arange(shape[1]), np.arange(shape[0]))
+    grid = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64) + 0.5
+    return camera.undistort(grid * scale - 0.5)

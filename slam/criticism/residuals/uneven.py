@@ -1,0 +1,16 @@
+"""Pictures whose light changes within them: nothing that is said of brightness can be held to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from slam.criticism.kalman.record import Record
+
+
+def uneven_of(records: Sequence[Record]) -> str | None:
+    """The flights' worst, in words."""
+    uneven = [r.sights.bands for r in records if r.sights is not None and r.sights.uneven]
+    if not uneven:
+        return None
+    worst = 100 * max(uneven)
+    return f"picture brightness changes in bands, by {worst:.0f} %, otherwise from picture to picture"
