@@ -31,7 +31,10 @@ PIECE_M, PIECES = 0.005, 2400
 """The floor's own grain, and how many before it begins anew."""
 LAMP_M = np.array([2.5, 2.5, 2.8])
 """Lamps hang on a grid, at this height."""
-GLOSS = 60.0
+GLOSS = 240.0
+"""Power of the cosine that a mirrored lamp's light falls off by (Blinn 1977)."""
+TORN_AT = 0.5
+"""Share of the rows above which a torn picture is of its own moment."""
 MEAN_LEVEL = 115.0
 """What an automatic exposure aims at."""
 
@@ -142,26 +145,26 @@ class Camera:
             ways = [end - ground for end in (lamp, np.broadcast_to(place, ground.shape))]
             half = sum(way / np.linalg.norm(way, axis=-1, keepdims=True) for way in ways)
             facing = half[..., 2:] / np.linalg.norm(half, axis=-1, keepdims=True)
-            light = light + 255.0 * self.k["shine"] * facing ** (4.0 * GLOSS)
+            light = light + 255.0 * self.k["shine"] * facing**GLOSS
         return np.asarray(light, dtype=np.float32)
 
     def exposed(self, path: Path, member: int, t: float) -> np.ndarray:
         """(HEIGHT, WIDTH, 3) light that the sensor gathers."""
         k, end = self.k, path.h * len(path.held)
         rows = np.repeat(np.arange(HEIGHT) / (HEIGHT - 1), SAMPLES)
-        late = k["readout"] * rows - k["torn"] * (rows > k["torn_at"])
+        late = k["readout"] * rows - k["torn"] * (rows > TORN_AT)
         rays = self.rays(t / end)
         spread = k["open_s"] * (np.arange(GLIMPSES) / (GLIMPSES - 1) - 0.5) if k["open_s"] else np.zeros(1)
-        sum_ = np.zeros((HEIGHT * SAMPLES, WIDTH * SAMPLES, 3), np.float32)
+        gathered = np.zeros((HEIGHT * SAMPLES, WIDTH * SAMPLES, 3), np.float32)
         for past in spread:
             when = t + past + (late if late.any() else np.zeros(1))
-            sum_ += self.lit(moments(path, member, np.clip(when, 0.0, end)), rays)
-        light = cv2.resize(sum_ / len(spread), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+            gathered += self.lit(moments(path, member, np.clip(when, 0.0, end)), rays)
+        light = cv2.resize(gathered / len(spread), (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
         unsharp = k["hunting"] * np.sin(2.0 * np.pi * t / 5.3) ** 2
         return cv2.GaussianBlur(light, (0, 0), unsharp) if unsharp > 0.2 else light
 
     def shaded(self, light: np.ndarray, t: float, flown: float, rng: Rng) -> np.ndarray:
-        """What lens and lamps make of it, as a share of the whole sensor."""
+        """The light behind a lens with dark edges, dirt and haze, under lamps that may flicker."""
         k = self.k
         x, y = np.meshgrid(np.arange(WIDTH) - MIDDLE[0], np.arange(HEIGHT) - MIDDLE[1])
         r2 = (x**2 + y**2) / FOCAL_PX**2

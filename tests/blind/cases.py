@@ -28,10 +28,11 @@ CHANCE = ("gusts", "timestamp_jitter", "sonar_spikes", "sonar_quantisation")
 POOLS: dict[str, tuple[Fault, ...]] = {
     "single": FAULTS, "strange": STRANGE, "seen_single": SEEN, "seen_strange": SEEN_STRANGE,
 }  # fmt: skip
-"""Kinds of case that hide one effect, and which; with pictures where they are seen."""
+"""Kinds of case that hide one effect, and which."""
+PICTURED = ("seen_null", "seen_single", "seen_strange")
+"""Kinds whose flights have pictures."""
 KINDS = (
-    "null", "null_heavy", "null_coloured", "null_edge", "single", "pair", "strange", "untellable",
-    "seen_null", "seen_single", "seen_strange",
+    "null", "null_heavy", "null_coloured", "null_edge", "single", "pair", "strange", "untellable", *PICTURED,
 )  # fmt: skip
 SHARE = dict(zip(KINDS, (3, 2, 1, 2, 9, 2, 3, 2, 2, 4, 2), strict=True))
 """How a suite of all kinds is mixed."""
@@ -255,15 +256,15 @@ def make(
         hidden.append(what)
     names = tuple(h.name for h in hidden)
     case = replace(case, plans=plans, hidden=tuple(hidden), equivalents=blind.equivalents if blind else names)
-    write(outing, knobs, kept, home / case.name, kind.startswith("seen"))
+    write(outing, knobs, kept, home / case.name, kind in PICTURED)
     return case
 
 
-def write(outing: Outing, knobs: Knobs, kept: Sequence[str], home: Path, seen_too: bool) -> None:
-    """The flights as they were measured, with pictures if ``seen_too``: all over one floor."""
+def write(outing: Outing, knobs: Knobs, kept: Sequence[str], home: Path, pictured: bool) -> None:
+    """The flights as they were measured, with pictures if ``pictured``: all over one floor."""
     flights = range(len(outing.plans))
     path = outing.fly([(f, knobs) for f in flights], FINE_S, restless=True)
-    ground = floor(outing.rng(99, 8)) if seen_too else None
+    ground = floor(outing.rng(99, 8)) if pictured else None
     for f in flights:
         rng = outing.rng(f, 6)
         stick = outing.stick(f)

@@ -48,7 +48,7 @@ HEALTHY: dict[str, float] = {
     # camera
     "zoom": 0.0, "barrel": 0.0, "mount_x": 0.0, "mount_y": 0.0, "stamp_late": 0.0, "readout": 0.0,
     "open_s": 0.0, "adapt": 0.0, "adapt_s": 0.6, "dark_edge": 0.0, "shine": 0.0, "lost": 0.0, "crowd": 0.0,
-    "creep": 0.0, "squeeze": 0.0, "drop": 0.0, "torn": 0.0, "torn_at": 0.5, "hunting": 0.0, "flicker": 0.0,
+    "creep": 0.0, "squeeze": 0.0, "drop": 0.0, "torn": 0.0, "hunting": 0.0, "flicker": 0.0,
     "dirt": 0.0, "haze": 0.0,
 }  # fmt: skip
 """Knob -> healthy value, SI units; what each does stands where it is read."""

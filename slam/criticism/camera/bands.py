@@ -6,13 +6,11 @@ same floor neither leaves a profile along rows or columns.
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.criticism.camera.stains import Cells
+from slam.criticism.camera.cells import Cells, radius2, robust_std
 
 Array = NDArray[np.float64]
 
@@ -23,7 +21,7 @@ FEWEST_CELLS, FEWEST_LINES, FEWEST_PAIRS = 5, 5, 20
 ROUNDS, CLIP = 5, 2.0
 USUAL = 0.25
 """Three pairs of four have more: what moves or shines may be large in some."""
-LEAST = 0.01
+LEAST_BANDS = 0.01
 """Root mean square of the logarithm of brightness. Sound cameras, and such with stains, dark edges, restless
 exposures or lamps in the floor had at most 0.003; bands of 0.2 had 0.06."""
 
@@ -31,16 +29,13 @@ exposures or lamps in the floor had at most 0.003; bands of 0.2 had 0.06."""
 def bands_of(camera: Camera, cells: Cells) -> float:
     """Of a flight: how much brightness changes along rows or columns in most pairs of pictures; 0 where
     pairs are too few."""
-    half2 = (np.hypot(*camera.size_px) / 2) ** 2
-    r2 = [((pixel - camera.center_px) ** 2).sum(axis=1) / half2 for pixel in (cells.pixel_i, cells.pixel_j)]
-    outward = np.column_stack([np.ones(len(cells.ratio)), r2[0] - r2[1]])
+    outward = radius2(camera, cells.pixel_i) - radius2(camera, cells.pixel_j)
+    columns = np.column_stack([np.ones(len(outward)), outward])
     lines = np.minimum((cells.pixel_i / camera.size_px * LINES).astype(np.int64), LINES - 1)
-    index = np.column_stack([cells.earlier, cells.later])
-    begins = np.unique(index, axis=0, return_index=True)[1].tolist()
     found = []
-    for b, e in pairwise([*begins, len(index)]):
-        left = _left(outward[b:e], cells.ratio[b:e])
-        profiles = [_profile(lines[b:e, axis], left) for axis in (0, 1)]
+    for run in cells.runs:
+        left = _left(columns[run], cells.ratio[run])
+        profiles = [_profile(lines[run, axis], left) for axis in (0, 1)]
         if min(map(len, profiles)) >= FEWEST_LINES:
             found.append(max(float(np.std(profile)) for profile in profiles))
     return float(np.quantile(found, USUAL)) if len(found) >= FEWEST_PAIRS else 0.0
@@ -53,8 +48,7 @@ def _left(columns: Array, y: Array) -> Array:
     for _ in range(ROUNDS):
         rows = columns * weight[:, None]
         left = y - columns @ np.linalg.lstsq(rows, y * weight, rcond=None)[0]
-        spread = 1.4826 * float(np.median(np.abs(left))) + 1e-4
-        weight = 1.0 / np.sqrt(1.0 + (left / (CLIP * spread)) ** 2)
+        weight = 1.0 / np.sqrt(1.0 + (left / (CLIP * (robust_std(left) + 1e-4))) ** 2)
     return left
 
 

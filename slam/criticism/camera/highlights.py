@@ -17,10 +17,10 @@ from scipy.ndimage import center_of_mass, label, maximum
 
 from frontend.camera import Camera
 from frontend.homography import transfer
-from slam.criticism.camera.overlaid import Overlaid, overlaid
+from slam.criticism.camera.cells import robust_std
+from slam.criticism.camera.overlaid import Image, Overlaid, overlaid, shrunk
 
 Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
 
 WIDTH_PX = 88
 """Pictures are looked at this small: a spot is no detail."""
@@ -62,11 +62,7 @@ def are_lamps(found: Array) -> bool:
 
 def dimmed(image: Image) -> Image:
     """The darkest colour of each pixel, small: light that is white raises all of them."""
-    dark = image if image.ndim == 2 else image.min(axis=2)
-    height, width = dark.shape
-    if width <= WIDTH_PX:
-        return dark
-    return cv2.resize(dark, (WIDTH_PX, round(height * WIDTH_PX / width)), interpolation=cv2.INTER_AREA)
+    return shrunk(image if image.ndim == 2 else image.min(axis=2), WIDTH_PX)
 
 
 def spots(dim_i: Image, dim_j: Image, i_H_j: Array, camera: Camera) -> Spots:
@@ -82,8 +78,7 @@ def spots(dim_i: Image, dim_j: Image, i_H_j: Array, camera: Camera) -> Spots:
     pixel, seen, excess = laid.is_px.reshape(-1, 2), laid.seen, _excess(laid, dim_i)
     if seen.mean() < LEAST_SEEN:
         return nothing
-    spread = 1.4826 * float(np.median(np.abs(excess[seen])))
-    threshold = max(LEAST_LEVELS, DEVIATIONS * spread)
+    threshold = max(LEAST_LEVELS, DEVIATIONS * robust_std(excess[seen]))
     if excess.max() < threshold or excess.min() > -threshold:
         return nothing
     here, gone = (_blobs(side * excess, threshold, seen) for side in (1, -1))

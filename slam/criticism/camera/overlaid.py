@@ -35,11 +35,16 @@ class Overlaid:
 def reduced(image: Image) -> Image:
     """Grey, and so small that a few pixels are no detail."""
     grey = image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
-    height, width = grey.shape
-    if width <= WIDTH_PX:
-        return np.asarray(grey, dtype=np.uint8)
-    size = (WIDTH_PX, round(height * WIDTH_PX / width))
-    return np.asarray(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    return shrunk(np.asarray(grey, dtype=np.uint8), WIDTH_PX)
+
+
+def shrunk(image: Image, width_px: int) -> Image:
+    """(h, w) no wider than this."""
+    height, width = image.shape
+    if width <= width_px:
+        return image
+    size = (width_px, round(height * width_px / width))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def overlaid(small_i: Image, small_j: Image, i_H_j: Array, camera: Camera) -> Overlaid:

@@ -16,20 +16,17 @@ from frontend.features import Extractor, FeatureConfig, Features
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, register
-from slam.criticism.camera.bands import LEAST as LEAST_BANDS
-from slam.criticism.camera.bands import bands_of
+from slam.criticism.camera.bands import LEAST_BANDS, bands_of
+from slam.criticism.camera.cells import CELL_STEPS, MOST_PAIRS, Cells, compared
 from slam.criticism.camera.highlights import are_lamps, dimmed, spots
 from slam.criticism.camera.movers import moves
-from slam.criticism.camera.overlaid import overlaid, reduced
-from slam.criticism.camera.stains import MOST_PAIRS, Cells, compared
-from slam.criticism.camera.stains import STEPS as CELL_STEPS
+from slam.criticism.camera.overlaid import Image, overlaid, reduced
 from slam.criticism.camera.triangles import confirmed
 from slam.flight import Flight
 from slam.progress import Progress, Tally, silent
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Image = NDArray[np.uint8]
 
 SHORTEST_S = 0.2
 """Pictures are taken at most so often: between nearer ones nothing moves far enough to be worth it."""
@@ -77,6 +74,7 @@ class Sights:
     taken: int
     """... and those that are, looked at or not."""
     cells: Cells
+    """What whole pictures, laid over each other, show of the lens and the light."""
     bands: float = 0.0
     """How much brightness changes along rows or columns in most pairs of pictures."""
     moving_s: Array = field(default_factory=lambda: np.zeros(0))
@@ -91,18 +89,14 @@ class Sights:
 
     @property
     def uneven(self) -> bool:
-        """Whether the light changes within the pictures: then brightness tells nothing else, ..."""
+        """Whether the light changes within the pictures: then brightness tells nothing else, nor does what
+        seems to move."""
         return self.bands >= LEAST_BANDS
 
     @property
     def glares(self) -> bool:
         """Whether lamps are mirrored in the floor: what they light is no map of the lens."""
         return are_lamps(self.spots)
-
-    @property
-    def went_through_s(self) -> Array:
-        """... nor what seems to move: stamps of pictures in which something does."""
-        return np.zeros(0) if self.uneven else self.moving_s
 
 
 def look(flight: Flight, progress: Progress = silent) -> Sights | None:

@@ -76,6 +76,7 @@ def shade(
         nearer = -tones.zoom if figure in (CONTRAST, SHARPNESS) else between(height)
         healthy = TOLERANCE.get(figure, 0.0) * nearer[:, None]
         restless: dict[tuple[str, int], float] = {}
+        held = HEALTHY_STD.get(figure, 0.0) ** 2
         if figure < CONTRAST:
             shapes["picture", 0] = between(elapsed)
             shapes["picture", 1] = (figure - 1) * between(elapsed)
@@ -91,6 +92,8 @@ def shade(
             shapes["camera", BLUR], ours = _blurred(BLUR_CONTRAST, between, speed2, camera[BLUR])
             healthy = np.column_stack([healthy, ours])
             restless = {("camera", GAMMA): 1.0, ("picture", PICTURE_SHAPES.index(RESTLESS[0])): 1.0}
+            # An exposure that seeks its level may bend the tone curve as it goes.
+            held += camera[GAIN]
         elif figure == SHARPNESS:
             shapes["picture", 3] = between(elapsed)
             restless = {("picture", PICTURE_SHAPES.index(RESTLESS[1])): 1.0}
@@ -105,11 +108,7 @@ def shade(
             healthy = np.full((len(tones.i), 1), STAIN_TOLERANCE / tones.stained)
             shapes["picture", PICTURE_SHAPES.index(STAINED)] = np.ones(len(tones.i))
         table = np.column_stack(list(shapes.values()))
-        held = sum(share * camera[entry] for (kind, entry), share in restless.items() if kind == "camera")
-        held += HEALTHY_STD.get(figure, 0.0) ** 2
-        if figure == CONTRAST:
-            # An exposure that seeks its level may bend the tone curve as it goes.
-            held += camera[GAIN]
+        held += sum(share * camera[entry] for (kind, entry), share in restless.items() if kind == "camera")
         found = weigh(tones, figure, table, ours, healthy, held, memory, slow)
         # The last column is a variance that these entries make together, each with its share.
         parts = np.zeros((len(shapes) + 1, len(shapes) + len(restless)))

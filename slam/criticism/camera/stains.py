@@ -7,28 +7,18 @@ middle is left to vignetting.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from frontend.camera import Camera
-from slam.criticism.camera.overlaid import Image, Overlaid
+from slam.criticism.camera.cells import Cells, radius2, robust_std
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-CELL_SHARE = 1 / 15
-"""Of the picture's width: brightness is averaged over so much, so that the floor's detail counts little."""
-DARKEST, BRIGHTEST = 12.0, 240.0
-STEPS = (1, 4)
-"""Pictures whose cells are compared are so many apart: near ones overlap by most, others have moved on."""
-MOST_PAIRS = 1000
-"""Of a flight, chosen evenly: a lens is the same all the time."""
 NODES = 13, 11
 """Of the map, along columns and rows; between them it is bilinear: a stain is no speck."""
 PRIOR_STD = 0.1
@@ -40,30 +30,6 @@ LEAST_STD = 1e-3
 """Of the logarithm of brightness, of a cell and of a pair: pictures are rounded."""
 BLOCK = 10
 """Pictures in a row that others foretell: those nearer show the same points with the same noise."""
-
-
-@dataclass(frozen=True)
-class Cells:
-    """Pieces of the floor that two pictures show, each through its own place of the lens; (m,) each."""
-
-    earlier: Ints
-    """Picture i, ..."""
-    later: Ints
-    """... and picture j."""
-    pixel_i: Array
-    """(m, 2) middles, undistorted."""
-    pixel_j: Array
-    ratio: Array
-    """Logarithm of the brightness in i over that in j; whole pictures are brought to one level."""
-
-    @staticmethod
-    def of(found: Iterable[tuple[int, int, Array]]) -> Cells:
-        """From (i, j, ``compared``) of each pair of pictures."""
-        pairs = list(found)
-        table = np.concatenate([np.zeros((0, 5)), *(rows for _, _, rows in pairs)])
-        index = np.array([(i, j) for i, j, _ in pairs], dtype=np.int64).reshape(-1, 2)
-        index = np.repeat(index, [len(rows) for _, _, rows in pairs], axis=0)
-        return Cells(index[:, 0], index[:, 1], table[:, :2], table[:, 2:4], table[:, 4])
 
 
 @dataclass(frozen=True)
@@ -81,26 +47,10 @@ class Stain:
         return np.asarray(_hats(self.camera, pixel) @ self.nodes)
 
 
-def compared(small_i: Image, laid: Overlaid) -> Array:
-    """(m, 5) of each cell that both pictures show whole: pixel in i and in j, logarithm of the ratio."""
-    side = CELL_SHARE * small_i.shape[1]
-    size = tuple(round(n / side) for n in small_i.shape[::-1])
-
-    def mean(x: NDArray[Any]) -> Array:
-        return np.asarray(cv2.resize(x.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float64)
-
-    own, other = mean(small_i), mean(laid.other)
-    whole = mean(laid.seen) > 0.999
-    for level in (own, other):
-        whole &= (level > DARKEST) & (level < BRIGHTEST)
-    ratio = np.log(own[whole] / other[whole])
-    return np.column_stack([mean(laid.is_px)[whole], mean(laid.was_px)[whole], ratio])
-
-
 def stain_of(camera: Camera, cells: Cells) -> Stain:
     """The map of a flight's lens."""
     rows = _hats(camera, cells.pixel_i) - _hats(camera, cells.pixel_j)
-    pair = np.unique(np.column_stack([cells.earlier, cells.later]), axis=0, return_inverse=True)[1].ravel()
+    pair = np.repeat(np.arange(len(cells.runs)), [run.stop - run.start for run in cells.runs])
     side = (cells.earlier // BLOCK) % 2
     radial = _radial(camera)
 
@@ -130,8 +80,8 @@ def _fitted(rows: csr_array, y: Array, pair: Ints) -> Array:
         off = y - rows @ map_
         together = of_pair @ off
         off = off - together[pair]
-        alone = max(_spread(off), LEAST_STD)
-        shared = np.maximum(_spread(together) ** 2 - alone**2 / count, LEAST_STD**2)
+        alone = max(robust_std(off), LEAST_STD)
+        shared = np.maximum(robust_std(together) ** 2 - alone**2 / count, LEAST_STD**2)
         kept = alone / np.sqrt(alone**2 + count * shared)
         most = CLIP * max(alone, all_std / 2**k)
         left = np.clip(off, -most, most) + (kept * together)[pair]
@@ -141,10 +91,6 @@ def _fitted(rows: csr_array, y: Array, pair: Ints) -> Array:
         prior = (alone / PRIOR_STD) ** 2
         map_ = map_ + np.linalg.solve(x_x + np.eye(nodes) * prior, x_left - map_ * prior)
     return map_
-
-
-def _spread(x: Array) -> float:
-    return 1.4826 * float(np.median(np.abs(x)))
 
 
 def _hats(camera: Camera, pixel: Array) -> csr_array:
@@ -166,6 +112,6 @@ def _hats(camera: Camera, pixel: Array) -> csr_array:
 
 def _radial(camera: Camera) -> Array:
     """(nodes, 3) what a vignette makes of the map: even powers of the distance from the middle."""
-    axes = [np.linspace(0, camera.size_px[k] - 1, NODES[k]) - camera.center_px[k] for k in range(2)]
-    r2 = (axes[0][:, None] ** 2 + axes[1] ** 2).ravel() / (np.hypot(*camera.size_px) / 2) ** 2
+    axes = [np.linspace(0, camera.size_px[k] - 1, NODES[k]) for k in range(2)]
+    r2 = radius2(camera, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2))
     return np.column_stack([np.ones_like(r2), r2, r2**2])

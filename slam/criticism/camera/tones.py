@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from slam.criticism.camera.cells import BRIGHTEST, DARKEST, radius2, robust_std
 from slam.criticism.camera.pictures import Sights
-from slam.criticism.camera.stains import BRIGHTEST, DARKEST, Stain, stain_of
+from slam.criticism.camera.stains import Stain, stain_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -67,15 +68,23 @@ def tones_of(sights: Sights) -> Tones:
     return found
 
 
+def _nothing() -> Tones:
+    nothing = np.zeros(0, dtype=np.int64)
+    none = np.zeros((0, FIGURES))
+    return Tones(nothing, nothing, none, none, np.zeros(0), np.zeros(0), np.zeros((0, 3)), 0.0)
+
+
 def _worked_out(sights: Sights) -> Tones:
+    if sights.uneven:
+        return _nothing()
     key = sights.earlier * (len(sights.stamps_s) + 1) + sights.later
     order = np.argsort(key, kind="stable")
     bounds = np.flatnonzero(np.diff(key[order], prepend=-1, append=-1))
     stain = stain_of(sights.camera, sights.cells)
     sights = _cleaned(sights, stain)
     rows, pairs, outward, zoom, depth = [], [], [], [], []
-    shares = {} if sights.glares else _shares(sights, stain)
-    for begin, end in pairwise(() if sights.uneven else bounds.tolist()):
+    shares = _shares(sights, stain)
+    for begin, end in pairwise(bounds.tolist()):
         own = order[begin:end]
         share = shares.get((int(sights.earlier[own[0]]), int(sights.later[own[0]])), UNTOLD)
         found = _figures(sights, own, share)
@@ -86,11 +95,11 @@ def _worked_out(sights: Sights) -> Tones:
             zoom.append(np.log(_extent(sights.pixel_i[own]) / _extent(sights.pixel_j[own])))
             depth.append(_depth(sights, own))
     if not rows:
-        nothing = np.zeros(0, dtype=np.int64)
-        none = np.zeros((0, FIGURES))
-        return Tones(nothing, nothing, none, none, np.zeros(0), np.zeros(0), np.zeros((0, 3)), 0.0)
+        return _nothing()
     index = np.array(pairs, dtype=np.int64)
     values, std = (np.array(part) for part in zip(*rows, strict=True))
+    if sights.glares:
+        std[:, [SHADING, STAIN]] = np.inf
     stained = max(float(np.sqrt(np.mean(stain.foretold**2))), 1e-6)
     seen = np.array(outward), np.array(zoom), np.array(depth)
     return Tones(index[:, 0], index[:, 1], values, std, *seen, stained)
@@ -132,7 +141,7 @@ def _figures(sights: Sights, own: Ints, share: tuple[float, float]) -> tuple[Arr
     outward = _outward(sights, own)
     away = outward - outward.mean()
     values[SHADING] = float(away @ ratio / max(away @ away, 1e-9))
-    std[SHADING] = np.inf if sights.glares else float(np.std(ratio)) / np.sqrt(max(away @ away, 1e-9))
+    std[SHADING] = float(np.std(ratio)) / np.sqrt(max(away @ away, 1e-9))
     # Seen through the same part of the lens: what is left is the whole picture's.
     shade = np.exp(-values[SHADING] * away)
     grey_i, local_i = grey_i * shade, a[:, 3] * shade
@@ -150,13 +159,13 @@ def _figures(sights: Sights, own: Ints, share: tuple[float, float]) -> tuple[Arr
 def _shares(sights: Sights, stain: Stain) -> dict[tuple[int, int], tuple[float, float]]:
     """Of each pair of pictures whose cells are compared."""
     cells = sights.cells
-    outward = _radius2(sights, cells.pixel_i) - _radius2(sights, cells.pixel_j)
-    index = np.column_stack([cells.earlier, cells.later])
-    begins = np.unique(index, axis=0, return_index=True)[1].tolist()
+    outward = radius2(sights.camera, cells.pixel_i) - radius2(sights.camera, cells.pixel_j)
     return {
-        (int(index[b, 0]), int(index[b, 1])): _share(stain.foretold[b:e], cells.ratio[b:e], outward[b:e])
-        for b, e in pairwise([*begins, len(outward)])
-        if e - b >= FEWEST
+        (int(cells.earlier[run.start]), int(cells.later[run.start])): _share(
+            stain.foretold[run], cells.ratio[run], outward[run]
+        )
+        for run in cells.runs
+        if run.stop - run.start >= FEWEST
     }
 
 
@@ -172,11 +181,11 @@ def _share(foretold: Array, ratio: Array, outward: Array) -> tuple[float, float]
 def _middle(x: Array) -> tuple[float, float]:
     """Median and robust standard deviation."""
     middle = float(np.median(x))
-    return middle, 1.4826 * float(np.median(np.abs(x - middle)))
+    return middle, robust_std(x - middle)
 
 
 def _outward(sights: Sights, own: Ints) -> Array:
-    return _radius2(sights, sights.pixel_i[own]) - _radius2(sights, sights.pixel_j[own])
+    return radius2(sights.camera, sights.pixel_i[own]) - radius2(sights.camera, sights.pixel_j[own])
 
 
 def _extent(pixel: Array) -> float:
@@ -187,11 +196,6 @@ def _extent(pixel: Array) -> float:
 def _depth(sights: Sights, own: Ints) -> Array:
     level = np.median(np.concatenate([sights.tone_i[own, :3], sights.tone_j[own, :3]]), axis=0)
     return np.asarray(np.log(255.0 / np.maximum(level, 1.0)))
-
-
-def _radius2(sights: Sights, pixel: Array) -> Array:
-    half = np.hypot(*sights.camera.size_px) / 2
-    return np.asarray(((pixel - sights.camera.center_px) ** 2).sum(axis=1) / half**2)
 
 
 @dataclass(frozen=True)

@@ -149,7 +149,8 @@ def _movers(records: Sequence[Record]) -> list[Oddity]:
     """Things that go through the pictures."""
     passes = []
     for record in records:
-        times_s = record.sights.went_through_s if record.sights is not None else np.zeros(0)
+        seen = record.sights
+        times_s = seen.moving_s if seen is not None and not seen.uneven else np.zeros(0)
         parts = np.split(times_s, np.flatnonzero(np.diff(times_s) > PASS_S) + 1)
         passes.append([len(part) for part in parts if len(part) >= LEAST_PASS])
     found = sum(map(len, passes))

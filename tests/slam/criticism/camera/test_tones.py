@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from slam.criticism.camera.cells import Cells
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.camera.shading import PICTURE_SHAPES, RESTLESS, STAINED, Shades, shade
-from slam.criticism.camera.stains import Cells
 from slam.criticism.kalman.optics import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
 from slam.criticism.kalman.smoothing import Path
 from slam.criticism.kalman.tangents import Direction
@@ -41,29 +41,20 @@ def made(
     gamma = np.ones(PICTURES) if gamma is None else gamma
     focus = np.ones(PICTURES) if focus is None else focus
 
-    def pairs(points: int) -> list[NDArray[np.int64]]:
-        return [
-            np.concatenate([np.arange(PICTURES - s) + k * s for s in (1, 2)]).repeat(points) for k in (0, 1)
-        ]
-
     def tone(picture: NDArray[np.int64], at: Array, level: Array, detail: Array) -> Array:
         r2 = ((at - CAMERA_AT.center_px) ** 2).sum(axis=1) / (np.hypot(176, 144) / 2) ** 2
         seen = level * (gain[picture] * (1 - vignetting * r2))[:, None]
         seen *= 1 - spot * np.exp(-((at - SPOT_PX) ** 2).sum(axis=1) / (2 * 25.0**2))[:, None]
         seen = seen * (1 - fog[picture])[:, None] + 170 * fog[picture][:, None]
         seen = 255.0 * (seen / 255.0) ** gamma[picture][:, None]
-        local = (
-            detail
-            * focus[picture]
-            * gain[picture]
-            * (1 - fog[picture])
-            * np.exp(0.05 * rng.standard_normal(len(at)))
-        )
+        sharp = focus[picture] * gain[picture] * (1 - fog[picture])
+        local = detail * sharp * np.exp(0.05 * rng.standard_normal(len(at)))
         return np.column_stack([seen + 0.8 * rng.standard_normal(level.shape), local])
 
     def shown(points: int) -> tuple[list[NDArray[np.int64]], list[Array], list[Array]]:
         """Pictures, pixels and tones of points that pairs of pictures have in common."""
-        both = pairs(points)
+        ends = ([np.arange(PICTURES - s) + k * s for s in (1, 2)] for k in (0, 1))
+        both = [np.concatenate(end).repeat(points) for end in ends]
         m = len(both[0])
         light = rng.uniform(60, 180, (m, 3)), rng.uniform(5, 20, m)
         at = [rng.uniform(5, 139, (m, 2)) for _ in range(2)]

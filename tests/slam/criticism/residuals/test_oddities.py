@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from frontend.camera import Camera
+from slam.criticism.camera.cells import Cells
 from slam.criticism.camera.pictures import Sights
-from slam.criticism.camera.stains import Cells
 from slam.criticism.healthy import flown
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import SONAR

@@ -1,0 +1,84 @@
+"""Pieces of the floor that two pictures show, each through its own place of the lens: how bright they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from slam.criticism.camera.overlaid import Image, Overlaid
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+CELL_SHARE = 1 / 15
+"""Of the picture's width: brightness is averaged over so much, so that the floor's detail counts little."""
+DARKEST, BRIGHTEST = 12.0, 240.0
+CELL_STEPS = (1, 4)
+"""Pictures whose cells are compared are so many apart: near ones overlap by most, others have moved on."""
+MOST_PAIRS = 1000
+"""Of a flight, chosen evenly: a lens is the same all the time."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Pieces of the floor that two pictures show, each through its own place of the lens; (m,) each."""
+
+    earlier: Ints
+    """Picture i, ..."""
+    later: Ints
+    """... and picture j."""
+    pixel_i: Array
+    """(m, 2) middles, undistorted."""
+    pixel_j: Array
+    ratio: Array
+    """Logarithm of the brightness in i over that in j; whole pictures are brought to one level."""
+
+    @property
+    def runs(self) -> list[slice]:
+        """The cells of each pair of pictures: they stand together."""
+        index = np.column_stack([self.earlier, self.later])
+        begins = np.flatnonzero(np.any(np.diff(index, axis=0, prepend=-1) != 0, axis=1)).tolist()
+        return [slice(begin, end) for begin, end in pairwise([*begins, len(index)])]
+
+    @staticmethod
+    def of(found: Iterable[tuple[int, int, Array]]) -> Cells:
+        """From (i, j, ``compared``) of each pair of pictures."""
+        pairs = list(found)
+        table = np.concatenate([np.zeros((0, 5)), *(rows for _, _, rows in pairs)])
+        index = np.array([(i, j) for i, j, _ in pairs], dtype=np.int64).reshape(-1, 2)
+        index = np.repeat(index, [len(rows) for _, _, rows in pairs], axis=0)
+        return Cells(index[:, 0], index[:, 1], table[:, :2], table[:, 2:4], table[:, 4])
+
+
+def compared(small_i: Image, laid: Overlaid) -> Array:
+    """(m, 5) of each cell that both pictures show whole: pixel in i and in j, logarithm of the ratio."""
+    side = CELL_SHARE * small_i.shape[1]
+    size = tuple(round(n / side) for n in small_i.shape[::-1])
+
+    def mean(x: NDArray[Any]) -> Array:
+        return np.asarray(cv2.resize(x.astype(np.float32), size, interpolation=cv2.INTER_AREA), np.float64)
+
+    own, other = mean(small_i), mean(laid.other)
+    whole = mean(laid.seen) > 0.999
+    for level in (own, other):
+        whole &= (level > DARKEST) & (level < BRIGHTEST)
+    ratio = np.log(own[whole] / other[whole])
+    return np.column_stack([mean(laid.is_px)[whole], mean(laid.was_px)[whole], ratio])
+
+
+def radius2(camera: Camera, pixel: Array) -> Array:
+    """(n,) squared distance of pixels (n, 2) from the middle; 1 half a picture's diagonal away."""
+    half = np.hypot(*camera.size_px) / 2
+    return np.asarray(((pixel - camera.center_px) ** 2).sum(axis=1) / half**2)
+
+
+def robust_std(x: Array) -> float:
+    """Standard deviation of what most of (n,) values about 0 do."""
+    return 1.4826 * float(np.median(np.abs(x)))
