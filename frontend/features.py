@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any, Literal
 
 import cv2
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.cells import COUNT as CELLS
 from frontend.cells import GRID, cells, place_in_run
+from frontend.median import median
 from frontend.points import Points
 from frontend.rectified import rectifier
 
@@ -214,7 +216,7 @@ class Extractor:
 
 def _by_strength(points: Sequence[cv2.KeyPoint]) -> NDArray[np.int64]:
     """Places of all, the strongest first."""
-    response = np.fromiter((p.response for p in points), float, len(points))
+    response = np.fromiter(map(attrgetter("response"), points), float, len(points))
     return np.argsort(-response, kind="stable")
 
 
@@ -272,9 +274,11 @@ def _spread(kind: FeatureKind, points: Sequence[cv2.KeyPoint]) -> Array:
     """
     if kind != "sift":
         return np.ones(len(points))
-    size, response = np.array([p.size for p in points]), np.array([p.response for p in points])
+    size, response = (
+        np.fromiter(map(attrgetter(name), points), float, len(points)) for name in ("size", "response")
+    )
     variance = (1.0 + (size / COARSE_PX) ** 2) / response
-    return np.sqrt(variance / np.median(variance))
+    return np.sqrt(variance / median(variance))
 
 
 def _normalise(descriptor: NDArray[Any]) -> NDArray[Any]:
@@ -284,4 +288,5 @@ def _normalise(descriptor: NDArray[Any]) -> NDArray[Any]:
     root: NDArray[np.float32] = np.abs(descriptor)
     root /= root.sum(axis=1, keepdims=True) + 1e-12
     np.sqrt(root, out=root)
-    return np.copysign(root, descriptor, out=root)
+    root *= np.sign(descriptor)
+    return root

@@ -13,7 +13,9 @@ from typing import Literal
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dposv, dpotrf
 
+from frontend.median import median
 from frontend.points import Points
 
 Array = NDArray[np.float64]
@@ -124,12 +126,12 @@ def _refine(
         inlier = distance < config.threshold_px
         if np.count_nonzero(inlier) < 5:
             return None
-        noise = max(config.noise_floor_px, _median(distance[inlier]) / RAYLEIGH_MEDIAN)
+        noise = max(config.noise_floor_px, median(distance[inlier]) / RAYLEIGH_MEDIAN)
         robust = inlier / (1.0 + (distance / (CAUCHY_SIGMAS * noise)) ** 2)
         information, pull = _normal_equations(p, first, residual, robust / variance)
-        try:
-            step = np.linalg.solve(information + ridge * information, pull)
-        except np.linalg.LinAlgError:
+        # LAPACK itself: numpy takes longer to look at its arguments than to solve for eight.
+        _, step, failed = dposv(information + ridge * information, pull)
+        if failed:
             return None
         H = H + np.array([*step, 0.0]).reshape(3, 3)
         if not np.isfinite(H).all():
@@ -140,12 +142,10 @@ def _refine(
         config.noise_floor_px, _noise_of_estimate(distance[inlier], robust[inlier], CAUCHY_SIGMAS * noise)
     )
     C = _jacobian(*_carried(H, _homogeneous(corners_px)))
-    try:
-        covariance = noise**2 * C @ np.linalg.solve(information / np.mean(robust[inlier]), C.T)
-    except np.linalg.LinAlgError:
-        return None
+    _, shares, failed = dposv(information / np.mean(robust[inlier]), C.T)
+    covariance = noise**2 * C @ shares
     covariance = 0.5 * (covariance + covariance.T)
-    if not np.isfinite(covariance).all() or np.linalg.eigvalsh(covariance)[0] <= 0:
+    if failed or not np.isfinite(covariance).all() or dpotrf(covariance)[1]:
         return None  # points on a line, or all in one place
     return HomographyFit(H, covariance, inlier, noise)
 
@@ -164,7 +164,9 @@ def _noise_of_estimate(distance: Array, robust: Array, scale_px: float) -> float
 
 def _homogeneous(pixel: Array) -> Array:
     """(3, m) of pixels (m, 2)."""
-    return np.vstack([pixel.T, np.ones(len(pixel))])
+    homogeneous = np.ones((3, len(pixel)))
+    homogeneous[:2] = pixel.T
+    return homogeneous
 
 
 def _carried(H: Array, seen_j: Array) -> tuple[Array, Array]:
@@ -186,7 +188,8 @@ def _normal_equations(p: Array, first: Array, residual: Array, weight: Array) ->
     Row u of a point's Jacobian is (first, 0, -p_u first), row v (0, first, -p_v first): all products of the
     two are among those of seven columns.
     """
-    G = np.vstack([first, -p[0] * first[:2], -p[1] * first[:2]])
+    G = np.empty((7, first.shape[1]))
+    G[:3], G[3:5], G[5:] = first, -p[0] * first[:2], -p[1] * first[:2]
     weighted = G * weight
     S, t = weighted @ G.T, weighted @ residual.T
     information = np.zeros((8, 8))
@@ -203,12 +206,3 @@ def _jacobian(p: Array, first: Array) -> Array:
     J[:, 0, :3] = J[:, 1, 3:6] = first.T
     J[:, :, 6:] = -p.T[:, :, None] * first.T[:, None, :2]
     return J.reshape(-1, 8)
-
-
-def _median(values: Array) -> float:
-    """As numpy's, which takes longer to look for NaN than to find it."""
-    middle = len(values) // 2
-    if len(values) % 2:
-        return float(np.partition(values, middle)[middle])
-    below, above = np.partition(values, (middle - 1, middle))[middle - 1 : middle + 1]
-    return float((below + above) / 2)

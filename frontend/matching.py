@@ -32,7 +32,8 @@ def match(a: Features, b: Features, ratio: float = 0.85) -> NDArray[np.int64]:
         first, second, nearest, mutual = _euclidean(a.descriptor, b.descriptor)
     kept = np.flatnonzero(mutual & (first < ratio * second))
     spot_a, spot_b = a.points.spot[kept], b.points.spot[nearest[kept]]
-    once = np.unique(spot_a * len(b) + spot_b)
+    both = np.sort(spot_a * len(b) + spot_b)
+    once = both[np.diff(both, prepend=-1) != 0]  # as np.unique, which takes thrice as long for so few
     return np.column_stack(np.divmod(once, len(b)))
 
 
