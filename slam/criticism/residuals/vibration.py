@@ -50,16 +50,16 @@ def vibration_of(records: Sequence[Record], passes: Sequence[Pass]) -> Vibration
 
 def _line(channel: int, records: Sequence[Record], passes: Sequence[Pass]) -> Vibration | None:
     """The line of one channel over all flights."""
-    series = [
-        white for record, run in zip(records, passes, strict=True)
-        if len((white := _white(channel, record, run))[0]) >= FEWEST
-    ]  # fmt: skip
+    series = [_white(channel, record, run) for record, run in zip(records, passes, strict=True)]
+    series = [(white, step_s) for white, step_s in series if len(white) >= FEWEST]
     if not series:
         return None
-    length = max(len(white) for white, _ in series)
-    step_s = float(np.median([step for _, step in series]))
-    total = np.sum([_over_neighbours(white, length) for white, _ in series], axis=0)
-    frequency = np.fft.rfftfreq(length, step_s)
+    # Flights that sample a little faster or slower than others have their line in the same bin.
+    longest_s = max(len(white) * step_s for white, step_s in series)
+    shares = [_over_neighbours(white, round(longest_s / step_s)) for white, step_s in series]
+    bins = min(map(len, shares))
+    total = np.sum([share[:bins] for share in shares], axis=0)
+    frequency = np.arange(bins) / longest_s
     log_chance = np.where(frequency > LOWEST_HZ, _log_tail(total, len(series)), 0.0)
     k = int(np.argmin(log_chance))
     if log_chance[k] > LOG_CHANCE:
@@ -68,14 +68,16 @@ def _line(channel: int, records: Sequence[Record], passes: Sequence[Pass]) -> Vi
 
 
 def _white(channel: int, record: Record, run: Pass) -> tuple[Array, float]:
-    """Whitened innovations of a channel, 0 where none was used, and their step."""
+    """Whitened innovations of a channel at even times, 0 where none was used, and their step."""
     kind, c = place_of(channel)
     rows = np.flatnonzero(record.kinds == kind)
     used = run.status[rows, c] == USED
     if used.sum() < FEWEST:
         return np.zeros(0), 0.0
-    white = np.where(used, run.white[rows, c], 0.0)
-    return white - white.mean(), float(np.median(np.diff(record.times_s[rows])))
+    times_s, white = record.times_s[rows], np.where(used, run.white[rows, c], 0.0)
+    step_s = float(np.median(np.diff(times_s)))
+    at = np.rint((times_s - times_s[0]) / step_s).astype(np.int64)
+    return np.asarray(np.bincount(at, weights=white - white.mean()), dtype=float), step_s
 
 
 def _over_neighbours(white: Array, length: int) -> Array:

@@ -58,6 +58,21 @@ def test_a_line_is_found_at_its_frequency(hover, hz):
     assert found.frequency_hz == pytest.approx(hz, abs=0.1)
 
 
+def test_a_faint_line_is_found_in_flights_that_sample_at_rates_of_their_own(hover):
+    record, run = hover
+    rows = record.kinds == IMU
+    paces = (1.0, 1.004, 0.996, 1.002)
+    records = [replace(record, times_s=record.times_s * pace) for pace in paces]
+    shaken = []
+    for k, paced in enumerate(records):
+        white = drawn(run, k).white
+        white[rows, 5] += 0.14 * np.sin(2 * np.pi * 17.0 * paced.times_s[rows] + k)
+        shaken.append(replace(run, white=white))
+    found = vibration_of(records, shaken)
+    assert found is not None
+    assert found.frequency_hz == pytest.approx(17.0, abs=0.1)
+
+
 def test_a_slow_wave_is_none(hover):
     record, run = hover
     white = drawn(run, 1).white + np.where(run.status == USED, np.sin(record.times_s)[:, None], 0.0)
