@@ -192,7 +192,8 @@ def search(
             greatest = max(greatest, standing_out[0].z)
             if not (doubtful := _doubtful(standing_out)):
                 chosen.append(standing_out[0].effect)
-                fitted = fitted and standing_out[0].z < CURVED_Z
+                # What makes noise larger bends far more than what moves a mean.
+                fitted = fitted and standing_out[0].z < CURVED_Z and not standing_out[0].effect.changes
                 continue
             effect, setting, rivals[effect.name] = _refitted(records, model, look, chosen, doubtful, tries)
             chosen.append(effect)

@@ -152,3 +152,20 @@ def test_a_warp_that_no_term_is_shows_at_its_size(
     found = sighted(record, off, setting, directions)
     assert float(found.information[0, 0]) ** -0.5 < 0.6 * size
     assert float(found.score[0] / found.information[0, 0]) == pytest.approx(size, abs=0.3 * size)
+
+
+def test_it_does_not_matter_which_picture_of_a_pair_is_the_earlier(
+    healthy: tuple[Record, Sights, Sighted], setting: Setting
+) -> None:
+    """Noise in the points that are carried made height seem to drift one way round, and back the other."""
+    record, sights, _ = healthy
+    other_way = replace(
+        sights, earlier=sights.later, later=sights.earlier, pixel_i=sights.pixel_j, pixel_j=sights.pixel_i,
+        paths={},
+    )  # fmt: skip
+    rise = [parameter_direction("sonar_temperature.rise", 0.1)]
+    one, other = (sighted(record, s, setting, rise) for s in (sights, other_way))
+    std = one.information[0, 0] ** -0.5
+    assert one.score[0] / one.information[0, 0] == pytest.approx(
+        other.score[0] / other.information[0, 0], abs=0.5 * std
+    )
