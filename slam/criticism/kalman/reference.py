@@ -23,24 +23,40 @@ CONTACT_S = 0.3
 """The landing gear differs from vehicle to vehicle: so long after the floor, what feels it is not judged."""
 REACH_M = 0.08
 """Heights may be off by a sonar's zero: contact may come so much earlier."""
+STANDS_M = 0.02
+"""Less than this above its gear's height a vehicle stands."""
 
 
 def referred(record: Record, setting: Setting) -> Record:
     """The record with where it lands, and how surely its channels are foretold, under ``setting``."""
-    landed = replace(record, landing=_landing(record, setting), usual_log_variance=np.zeros(len(CHANNELS)))
+    landing, levelled = _landing(record, setting)
+    values = record.values.copy()
+    values[levelled & (record.kinds == IMU), :3] = np.nan
+    landed = replace(record, values=values, landing=landing, usual_log_variance=np.zeros(len(CHANNELS)))
     return replace(landed, usual_log_variance=_usual(landed, whole(landed, setting)))
 
 
-def _landing(record: Record, setting: Setting) -> NDArray[np.bool_]:
-    """(events,) by a run without accelerometer: the shock of contact must not move the height."""
+def _landing(record: Record, setting: Setting) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """(events,) what is landing or stands, and what the floor is about to level or just did.
+
+    By a run without accelerometer: the shock of contact must not move the height. Standing counts as landing:
+    the gear is so stiff that a hair's breadth of height shakes the accelerometer. The gyro feels only the
+    moment when the floor turns the vehicle level: a tenth of a second early or late costs as much as an
+    effect, and no reading says which.
+    """
     values = record.values.copy()
     values[record.kinds == IMU, 3:6] = np.nan
     states = whole(replace(record, values=values), setting).states
-    low = states[:, 2] - setting.parameters[GEAR] < REACH_M + 3.0 * states[:, 10]
+    height = states[:, 2] - setting.parameters[GEAR]
     sinks = record.stick.at(record.times_s, setting.latency_s)[:, UP] <= 0.0
-    # Standing counts as well: the gear is so stiff that a hair's breadth of height shakes the accelerometer.
-    last = np.maximum.accumulate(np.where(low & sinks, record.times_s, -np.inf))
-    return np.asarray(record.times_s - last < CONTACT_S)
+    low = (height < REACH_M + 3.0 * states[:, 10]) & sinks
+    return _and_after(record.times_s, low), _and_after(record.times_s, low & (height > STANDS_M))
+
+
+def _and_after(times_s: NDArray[np.float64], during: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """``during``, and so long after it as a landing is felt."""
+    last = np.maximum.accumulate(np.where(during, times_s, -np.inf))
+    return np.asarray(times_s - last < CONTACT_S)
 
 
 def _usual(record: Record, run: Pass) -> NDArray[np.float64]:

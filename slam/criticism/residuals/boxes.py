@@ -72,6 +72,9 @@ def without_boxes(records: Sequence[Record], setting: Setting) -> tuple[list[Rec
         return list(records), []
     above = [_above(e, height, noise) if len(e.at) else np.zeros(len(e.rows)) for e in edges]
     share = float(np.concatenate(above).mean())
+    if share > 0.5:
+        # What most readings of all flights are over is the floor, and there are pits in it.
+        above, share = [a - 1.0 for a in above], 1.0 - share
     std = float(np.abs(heights[same]).std() / np.sqrt(same.sum()))
     spread = np.sqrt(share * (1 - share) / max(len(heights), 1))
     parameters = {
@@ -124,8 +127,7 @@ def _above(edges: _Edges, height: float, noise: float) -> Array:
     for k in range(len(edges.rows) - 1, -1, -1):
         state[k] = at
         at = int(back[k, at])
-    # Which of the levels is the floor the differences do not tell: that of most readings.
-    return 1.0 - state if state.mean() > 0.5 else state
+    return state
 
 
 def _levelled(record: Record, edges: _Edges, above: Array, height: float) -> Record:

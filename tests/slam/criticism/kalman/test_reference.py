@@ -82,3 +82,16 @@ def test_a_healthy_reading_counts_nothing_on_average():
     run = whole(record, setting_of(vehicle()))
     counted = int((run.status == USED).sum())
     assert abs(run.log_likelihood) < 4.0 * np.sqrt(counted / 2)
+
+
+def test_the_gyro_counts_in_the_air_and_on_the_floor_but_not_as_the_floor_is_met():
+    record = record_of(flown(vehicle(), stick_for([TOUCH]), 1))
+    told = referred(record, setting_of(vehicle()))
+    read, met = np.isfinite(record.values[:, 0]), np.isnan(told.values[:, 0])
+    left_out = told.times_s[read & met & (told.kinds == IMU)]
+    shock = (record.kinds == IMU) & (np.abs(record.values[:, 5] - 9.81) > 5.0)
+    touch_s = record.times_s[shock][0]
+    assert left_out.min() < touch_s < left_out.max()
+    assert 0.2 < left_out.max() - left_out.min() < 1.5
+    stands = told.times_s[told.landing & (told.kinds == IMU) & ~met]
+    assert np.sum(stands > left_out.max()) > 20

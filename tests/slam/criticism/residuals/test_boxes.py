@@ -28,10 +28,10 @@ def records(request):
     return [record_of(flown(model, stick_for(PLAN), seed, student=request.param)) for seed in (3, 4)]
 
 
-def over(record, height):
-    """The record with boxes under some stretches of it, and where."""
+def over(record, height, crowded=False):
+    """The record with boxes under some stretches of it, or under most, and where."""
     rows = np.flatnonzero(record.kinds == SONAR)
-    below = np.sin(2 * np.pi * record.times_s[rows] / 4.3) > 0.6
+    below = np.sin(2 * np.pi * record.times_s[rows] / 4.3) > (-0.4 if crowded else 0.6)
     values = record.values.copy()
     values[rows[below], 0] -= height
     return replace(record, values=values), below
@@ -50,6 +50,28 @@ def test_boxes_are_found_and_taken_out(records, height):
         rows = was.kinds == SONAR
         off = now.values[rows, 0] - was.values[rows, 0]
         assert np.nanmean(np.abs(off) > 0.5 * height) < 0.03
+
+
+def levelled_by_m(records, raised):
+    """What was made of each flight's ranges, off what they are over a level floor."""
+    levelled, found = without_boxes([r for r, _ in raised], setting_of(slower()))
+    assert [o.name for o in found] == ["floor_steps"]
+    assert found[0].parameters["share"].value < 0.5
+    ranges = [
+        (r.values[r.kinds == SONAR, 0], n.values[r.kinds == SONAR, 0])
+        for r, n in zip(records, levelled, strict=True)
+    ]
+    return [now - was for was, now in ranges]
+
+
+def test_a_flight_that_is_over_boxes_for_most_of_its_time_is_levelled_to_the_same_floor(records):
+    off = levelled_by_m(records, [over(r, 0.2, crowded=k == 0) for k, r in enumerate(records)])
+    assert all(np.nanmean(np.abs(o) > 0.1) < 0.03 for o in off)
+
+
+def test_what_lies_below_most_readings_is_a_pit(records):
+    off = levelled_by_m(records, [over(r, 0.2, crowded=True) for r in records])
+    assert all(np.nanmean(np.abs(o + 0.2) > 0.1) < 0.03 for o in off)
 
 
 def test_a_level_floor_has_none(records):
