@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.innovations import Pass, whole
-from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, INSTRUMENT_OF, NO_CHANNEL
+from slam.criticism.kalman.readings import ATTITUDE, CHANNEL_AT, CHANNELS, IMU, INSTRUMENT_OF, NO_CHANNEL
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.steps import UP
@@ -23,40 +23,29 @@ CONTACT_S = 0.3
 """The landing gear differs from vehicle to vehicle: so long after the floor, what feels it is not judged."""
 REACH_M = 0.08
 """Heights may be off by a sonar's zero: contact may come so much earlier."""
-STANDS_M = 0.02
-"""Less than this above its gear's height a vehicle stands."""
 
 
 def referred(record: Record, setting: Setting) -> Record:
     """The record with where it lands, and how surely its channels are foretold, under ``setting``."""
-    landing, levelled = _landing(record, setting)
-    values = record.values.copy()
-    values[levelled & (record.kinds == IMU), :3] = np.nan
+    landing, values = _landing(record, setting), record.values.copy()
+    for kind in (IMU, ATTITUDE):
+        # The floor turns what meets it level, and holds it. Believed to the moment, or of a vehicle that a
+        # cushion of air keeps just above it, that outweighs all that the rest of a flight says of an effect.
+        values[landing & (record.kinds == kind), :3] = np.nan
     landed = replace(record, values=values, landing=landing, usual_log_variance=np.zeros(len(CHANNELS)))
     return replace(landed, usual_log_variance=_usual(landed, whole(landed, setting)))
 
 
-def _landing(record: Record, setting: Setting) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """(events,) what is landing or stands, and what the floor is about to level or just did.
-
-    By a run without accelerometer: the shock of contact must not move the height. Standing counts as landing:
-    the gear is so stiff that a hair's breadth of height shakes the accelerometer. The gyro feels only the
-    moment when the floor turns the vehicle level: a tenth of a second early or late costs as much as an
-    effect, and no reading says which.
-    """
+def _landing(record: Record, setting: Setting) -> NDArray[np.bool_]:
+    """(events,) by a run without accelerometer: the shock of contact must not move the height."""
     values = record.values.copy()
     values[record.kinds == IMU, 3:6] = np.nan
     states = whole(replace(record, values=values), setting).states
-    height = states[:, 2] - setting.parameters[GEAR]
+    low = states[:, 2] - setting.parameters[GEAR] < REACH_M + 3.0 * states[:, 10]
     sinks = record.stick.at(record.times_s, setting.latency_s)[:, UP] <= 0.0
-    low = (height < REACH_M + 3.0 * states[:, 10]) & sinks
-    return _and_after(record.times_s, low), _and_after(record.times_s, low & (height > STANDS_M))
-
-
-def _and_after(times_s: NDArray[np.float64], during: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """``during``, and so long after it as a landing is felt."""
-    last = np.maximum.accumulate(np.where(during, times_s, -np.inf))
-    return np.asarray(times_s - last < CONTACT_S)
+    # Standing counts as well: the gear is so stiff that a hair's breadth of height shakes the accelerometer.
+    last = np.maximum.accumulate(np.where(low & sinks, record.times_s, -np.inf))
+    return np.asarray(record.times_s - last < CONTACT_S)
 
 
 def _usual(record: Record, run: Pass) -> NDArray[np.float64]:
