@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.cells import COUNT as CELLS
 from frontend.cells import GRID, cells, place_in_run
-from frontend.median import median
 from frontend.points import Points
 from frontend.rectified import rectifier
+from frontend.robust import median
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -216,8 +216,12 @@ class Extractor:
 
 def _by_strength(points: Sequence[cv2.KeyPoint]) -> NDArray[np.int64]:
     """Places of all, the strongest first."""
-    response = np.fromiter(map(attrgetter("response"), points), float, len(points))
-    return np.argsort(-response, kind="stable")
+    return np.argsort(-_each("response", points), kind="stable")
+
+
+def _each(what: str, points: Sequence[cv2.KeyPoint]) -> Array:
+    """(n,) one attribute of all."""
+    return np.fromiter(map(attrgetter(what), points), float, len(points))
 
 
 def _create(config: FeatureConfig) -> tuple[Any, Any]:
@@ -274,10 +278,7 @@ def _spread(kind: FeatureKind, points: Sequence[cv2.KeyPoint]) -> Array:
     """
     if kind != "sift":
         return np.ones(len(points))
-    size, response = (
-        np.fromiter(map(attrgetter(name), points), float, len(points)) for name in ("size", "response")
-    )
-    variance = (1.0 + (size / COARSE_PX) ** 2) / response
+    variance = (1.0 + (_each("size", points) / COARSE_PX) ** 2) / _each("response", points)
     return np.sqrt(variance / median(variance))
 
 

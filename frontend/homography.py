@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv, dpotrf
 
-from frontend.median import median
 from frontend.points import Points
+from frontend.robust import median
 
 Array = NDArray[np.float64]
 

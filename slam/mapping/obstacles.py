@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from frontend.camera import Camera
 from frontend.elevation import Elevation, elevation_map
 from frontend.masking import ObstacleMask
+from frontend.robust import robust_std
 from slam.flight import Flight, Image, Sonar
 
 Array = NDArray[np.float64]
@@ -117,7 +118,7 @@ def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m:
     too_near = silent & ~in_limits & heard_floor & low
     heard = np.where(too_near, height - sonar.min_range_m / scale, heard)
     on_floor = np.abs(ratio / scale - 1) < 3 * BANDWIDTH
-    floor_std = 1.4826 * float(np.median(np.abs(heard[on_floor]))) if on_floor.any() else 0.0
+    floor_std = robust_std(heard[on_floor]) if on_floor.any() else 0.0
     return Echoes(
         origin[:, :2] + to_floor[:, None] * axis[:, :2],
         heard,

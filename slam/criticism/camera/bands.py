@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.criticism.camera.cells import Cells, radius2, robust_std
+from frontend.robust import robust_std
+from slam.criticism.camera.cells import Cells, radius2
 
 Array = NDArray[np.float64]
 

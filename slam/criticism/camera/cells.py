@@ -77,8 +77,3 @@ def radius2(camera: Camera, pixel: Array) -> Array:
     """(n,) squared distance of pixels (n, 2) from the middle; 1 half a picture's diagonal away."""
     half = np.hypot(*camera.size_px) / 2
     return np.asarray(((pixel - camera.center_px) ** 2).sum(axis=1) / half**2)
-
-
-def robust_std(x: Array) -> float:
-    """Standard deviation of what most of (n,) values about 0 do."""
-    return 1.4826 * float(np.median(np.abs(x)))

@@ -206,10 +206,11 @@ class _Scene:
         """
         place = np.cumsum(inside) - 1
         kept = inside[sights.earlier] & inside[sights.later]
-        i, j = place[sights.earlier[kept]], place[sights.later[kept]]
-        seen, other, back = sights.pixel_i[kept], sights.pixel_j[kept], np.arange(len(i)) % 2 == 1
-        i, j = np.where(back, j, i), np.where(back, i, j)
-        seen, other = np.where(back[:, None], other, seen), np.where(back[:, None], seen, other)
+        picture = np.stack([place[sights.earlier[kept]], place[sights.later[kept]]])
+        pixel = np.stack([sights.pixel_i[kept], sights.pixel_j[kept]])
+        for both in (picture, pixel):
+            both[:, 1::2] = both[::-1, 1::2].copy()
+        (i, j), (seen, other) = picture, pixel
         return _Scene(sights, setting, camera, path, i, j, seen, other, sights.std_px[kept])
 
     def carried(

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from frontend.camera import Camera
-from slam.criticism.camera.cells import Cells, radius2, robust_std
+from frontend.robust import robust_std
+from slam.criticism.camera.cells import Cells, radius2
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -50,7 +51,8 @@ class Stain:
 def stain_of(camera: Camera, cells: Cells) -> Stain:
     """The map of a flight's lens."""
     rows = _hats(camera, cells.pixel_i) - _hats(camera, cells.pixel_j)
-    pair = np.repeat(np.arange(len(cells.runs)), [run.stop - run.start for run in cells.runs])
+    count = [run.stop - run.start for run in cells.runs]
+    pair = np.repeat(np.arange(len(count)), count)
     side = (cells.earlier // BLOCK) % 2
     radial = _radial(camera)
 

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from slam.criticism.camera.cells import BRIGHTEST, DARKEST, radius2, robust_std
+from frontend.robust import robust_std
+from slam.criticism.camera.cells import BRIGHTEST, DARKEST, radius2
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.camera.stains import Stain, stain_of
 

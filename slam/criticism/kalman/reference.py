@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.innovations import Pass, whole
-from slam.criticism.kalman.readings import ATTITUDE, CHANNEL_AT, CHANNELS, IMU, INSTRUMENT_OF, NO_CHANNEL
+from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, INSTRUMENT_OF, NO_CHANNEL
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.steps import UP
@@ -27,12 +27,7 @@ REACH_M = 0.08
 
 def referred(record: Record, setting: Setting) -> Record:
     """The record with where it lands, and how surely its channels are foretold, under ``setting``."""
-    landing, values = _landing(record, setting), record.values.copy()
-    for kind in (IMU, ATTITUDE):
-        # The floor turns what meets it level, and holds it. Believed to the moment, or of a vehicle that a
-        # cushion of air keeps just above it, that outweighs all that the rest of a flight says of an effect.
-        values[landing & (record.kinds == kind), :3] = np.nan
-    landed = replace(record, values=values, landing=landing, usual_log_variance=np.zeros(len(CHANNELS)))
+    landed = replace(record, landing=_landing(record, setting), usual_log_variance=np.zeros(len(CHANNELS)))
     return replace(landed, usual_log_variance=_usual(landed, whole(landed, setting)))
 
 

@@ -142,11 +142,15 @@ def judged(
     kind: int, channel: int, value: float, predicted: float, noise_var: float, landing: bool, jump: int,
     limits: Array,
 ) -> bool:  # fmt: skip
-    """Whether a reading says anything: not a missing one, speeds while ``landing``, the first ``jump``
-    channels of the IMU beside a jump of the stick, or a range that may be cut."""
+    """Whether a reading says anything: not a missing one, none but ranges while ``landing``, the first
+    ``jump`` channels of the IMU beside a jump of the stick, or a range that may be cut.
+
+    The floor turns what meets it level, and holds it. Believed to the moment, or of a vehicle that a cushion
+    of air keeps just above it, that outweighs all that the rest of a flight says of an effect.
+    """
     if math.isnan(value):
         return False
-    if landing and (3 <= channel < 6 or 9 <= channel < 11):
+    if landing and kind != SONAR:
         return False
     if channel < jump:
         return False

@@ -16,6 +16,7 @@ from scipy.linalg import solve_triangular
 from scipy.spatial.transform import Rotation
 
 from backend.measurements import GRAVITY_M_S2
+from frontend.robust import robust_std
 from slam.flight import Flight
 
 Array = NDArray[np.float64]
@@ -223,7 +224,7 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, names: list[str
     own = [1 + k for k, n in enumerate(names) if not n.endswith(INTEGRATED) and n + INTEGRATED not in names]
     size = np.linalg.lstsq(white[:, own], white[:, 0], rcond=1e-6)[0]
     left = white[:, 0] - white[:, own] @ size
-    far = np.abs(left) > FAR_OFF * 1.4826 * float(np.median(np.abs(left)))
+    far = np.abs(left) > FAR_OFF * robust_std(left)
     free = max(int(np.sum(~far)) - len(size), 1)
     white /= max(float(np.sqrt(np.sum(left[~far] ** 2) / free)), 1e-9)
     white[far] = 0.0

@@ -10,7 +10,7 @@ import pytest
 from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.filter import IGNORED, USED
 from slam.criticism.kalman.innovations import whole
-from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR
+from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import setting_of
@@ -84,12 +84,13 @@ def test_a_healthy_reading_counts_nothing_on_average():
     assert abs(run.log_likelihood) < 4.0 * np.sqrt(counted / 2)
 
 
-def test_how_a_vehicle_turns_counts_in_the_air_alone():
+def test_on_the_floor_nothing_counts_but_ranges():
     record = record_of(flown(vehicle(), stick_for([TOUCH]), 1))
-    told = referred(record, setting_of(vehicle()))
-    for kind in (IMU, ATTITUDE):
+    record = referred(record, setting_of(vehicle()))
+    status = whole(record, setting_of(vehicle())).status
+    for kind in (IMU, ATTITUDE, VELOCITY):
         rows = record.kinds == kind
-        left_out = np.isnan(told.values[rows, :3]).all(axis=1)
-        assert np.array_equal(left_out, told.landing[rows])
-        assert 0.1 < left_out.mean() < 0.6
-        assert np.array_equal(told.values[rows][~left_out], record.values[rows][~left_out], equal_nan=True)
+        landing = record.landing[rows]
+        assert 0.1 < landing.mean() < 0.6
+        assert (status[rows][landing] == IGNORED).all()
+        assert (status[rows][~landing, 1] != IGNORED).mean() > 0.9
