@@ -18,6 +18,7 @@ from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, register
 from slam.criticism.camera.bands import LEAST_BANDS, bands_of
 from slam.criticism.camera.cells import CELL_STEPS, MOST_PAIRS, Cells, compared
+from slam.criticism.camera.dents import Dents, Matches, dents_of
 from slam.criticism.camera.highlights import are_lamps, dimmed, spots
 from slam.criticism.camera.movers import moves
 from slam.criticism.camera.overlaid import Image, overlaid, reduced
@@ -73,6 +74,8 @@ class Sights:
     """Pictures that the regular stamps would have, but that are not there, ..."""
     taken: int
     """... and those that are, looked at or not."""
+    dents: Dents
+    """Where the lens bends light, of some places alone."""
     cells: Cells
     """What whole pictures, laid over each other, show of the lens and the light."""
     bands: float = 0.0
@@ -143,24 +146,28 @@ def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> Sights | None:
         if (pair := register(i, j, shots[i][1], shots[j][1], camera, robust, GateConfig())).ok
     }  # fmt: skip
     kept = confirmed({key: pair.i_H_j for key, pair in registered.items()}, camera)
-    found: list[tuple[Array, ...]] = []
-    for (i, j), pair in registered.items():
-        if (i, j) in kept:
-            good, std = _chosen(pair, shots[i][1].pixel, shots[j][1].pixel)
-            index = np.tile([[i, j]], (len(good), 1))
-            found.append((index, std, *_picked(pair, good, shots[i], shots[j])))
-    if not found:
+    if not kept:
         return None
+    registered = {key: registered[key] for key in sorted(kept)}
+    i_H_j = {key: pair.i_H_j for key, pair in registered.items()}
+    found: list[tuple[Array, ...]] = []
+    for k, ((i, j), pair) in enumerate(registered.items()):
+        good, std = _chosen(pair, shots[i][1].pixel, shots[j][1].pixel)
+        index = np.tile([[k, i, j]], (len(good), 1))
+        found.append((index, std, *_picked(pair, good, shots[i], shots[j])))
     index, std, a, b, tone_a, tone_b = (np.concatenate(part) for part in zip(*found, strict=True))
+    pair_of, earlier, later = index.T
+    matches = Matches(pair_of, earlier, later, a, b, std, np.stack(list(i_H_j.values())))
+    dents = dents_of(camera, len(shots), matches)
     stamps_s = np.array([shot[0] for shot in shots])
-    moving, cells = _laid_over(greys, {pair: registered[pair].i_H_j for pair in sorted(kept)}, camera)
-    seen = [spots(dims[i], dims[j], registered[i, j].i_H_j, camera) for i, j in kept]
+    moving, cells = _laid_over(greys, i_H_j, camera)
+    seen = [spots(dims[i], dims[j], a_H_b, camera) for (i, j), a_H_b in i_H_j.items()]
     bright = [(s.lagging, s.others, s.strength) for s in seen if s.lagging or s.others]
     successive = sum(j == i + 1 for i, j in kept) / max(len(shots) - 1, 1)
     return Sights(
-        camera, stamps_s, index[:, 0], index[:, 1], a, b, std, tone_a, tone_b,
-        successive, _missing(frames.stamps_s), len(frames), cells, bands_of(camera, cells), stamps_s[moving],
-        np.array(bright).reshape(-1, 3),
+        camera, stamps_s, earlier, later, a, b, std, tone_a, tone_b,
+        successive, _missing(frames.stamps_s), len(frames), dents, cells, bands_of(camera, cells),
+        stamps_s[moving], np.array(bright).reshape(-1, 3),
     )  # fmt: skip
 
 

@@ -195,6 +195,8 @@ class _Scene:
     other: Array
     """... and in picture j."""
     std: Array
+    earlier: Ints
+    """(m,) the pair's earlier picture, of all."""
 
     @staticmethod
     def of(sights: Sights, setting: Setting, camera: Array, path: Path, inside: NDArray[np.bool_]) -> _Scene:
@@ -211,7 +213,9 @@ class _Scene:
         for both in (picture, pixel):
             both[:, 1::2] = both[::-1, 1::2].copy()
         (i, j), (seen, other) = picture, pixel
-        return _Scene(sights, setting, camera, path, i, j, seen, other, sights.std_px[kept])
+        return _Scene(
+            sights, setting, camera, path, i, j, seen, other, sights.std_px[kept], sights.earlier[kept]
+        )
 
     def carried(
         self, camera: Array | None = None, slope: Array | None = None, at_i: Array | None = None,
@@ -259,15 +263,20 @@ class _Scene:
 
     def by_warp(self) -> Array:
         """(m, 2, warps): where i shows the point, less where j says that it is."""
-        told, times_s = self.sights.camera, self.path.times_s
+        times_s = self.path.times_s
         elapsed = (times_s - times_s[0]) / max(times_s[-1] - times_s[0], 1e-9) - 0.5
-        off_j = warp(told, self.other, elapsed[self.j])
-        carried = warp(told, self.seen, elapsed[self.i])
+        off_j = self._warped(self.other, elapsed[self.j])
+        carried = self._warped(self.seen, elapsed[self.i])
         for axis in range(2):
             nudge = _PIXEL_NUDGE * np.eye(2)[axis]
             by_pixel = (self.carried(off_j=nudge) - self.carried(off_j=-nudge)) / (2 * _PIXEL_NUDGE)
             carried -= by_pixel[:, :, None] * off_j[:, axis, None]
         return carried
+
+    def _warped(self, pixel: Array, elapsed: Array) -> Array:
+        """(m, 2, warps) px that points are off by for each unit of a warp."""
+        bent = self.sights.dents.foretold(pixel, self.earlier)
+        return np.concatenate([warp(self.sights.camera, pixel, elapsed), bent[:, :, None]], axis=2)
 
     def by_slope(self, axis: int) -> Array:
         """(m, 2) change with the floor's slope along x or y, the path left alone."""

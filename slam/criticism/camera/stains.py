@@ -16,12 +16,11 @@ from scipy.sparse import csr_array
 from frontend.camera import Camera
 from frontend.robust import robust_std
 from slam.criticism.camera.cells import Cells, radius2
+from slam.criticism.camera.nodes import hats, places
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-NODES = 13, 11
-"""Of the map, along columns and rows; between them it is bilinear: a stain is no speck."""
 PRIOR_STD = 0.1
 """Of the logarithm of the light that a node lets through."""
 CLIP, ROUNDS = 4.0, 10
@@ -45,12 +44,12 @@ class Stain:
 
     def at(self, pixel: Array) -> Array:
         """(n,) of undistorted pixels (n, 2)."""
-        return np.asarray(_hats(self.camera, pixel) @ self.nodes)
+        return np.asarray(hats(self.camera, pixel) @ self.nodes)
 
 
 def stain_of(camera: Camera, cells: Cells) -> Stain:
     """The map of a flight's lens."""
-    rows = _hats(camera, cells.pixel_i) - _hats(camera, cells.pixel_j)
+    rows = hats(camera, cells.pixel_i) - hats(camera, cells.pixel_j)
     count = [run.stop - run.start for run in cells.runs]
     pair = np.repeat(np.arange(len(count)), count)
     side = (cells.earlier // BLOCK) % 2
@@ -95,25 +94,7 @@ def _fitted(rows: csr_array, y: Array, pair: Ints) -> Array:
     return map_
 
 
-def _hats(camera: Camera, pixel: Array) -> csr_array:
-    """(m, nodes) bilinear weights."""
-    low, part = [], []
-    for axis, nodes in enumerate(NODES):
-        at = np.clip(pixel[:, axis] / (camera.size_px[axis] - 1) * (nodes - 1), 0.0, nodes - 1.0)
-        low.append(np.minimum(at.astype(np.int64), nodes - 2))
-        part.append(at - low[-1])
-    columns, weights = [], []
-    for right in (0, 1):
-        for down in (0, 1):
-            columns.append((low[0] + right) * NODES[1] + low[1] + down)
-            weights.append(np.abs(1 - right - part[0]) * np.abs(1 - down - part[1]))
-    shape = (len(pixel), NODES[0] * NODES[1])
-    index = np.column_stack(columns).ravel()
-    return csr_array((np.column_stack(weights).ravel(), index, 4 * np.arange(len(pixel) + 1)), shape=shape)
-
-
 def _radial(camera: Camera) -> Array:
     """(nodes, 3) what a vignette makes of the map: even powers of the distance from the middle."""
-    axes = [np.linspace(0, camera.size_px[k] - 1, NODES[k]) for k in range(2)]
-    r2 = radius2(camera, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2))
+    r2 = radius2(camera, places(camera))
     return np.column_stack([np.ones_like(r2), r2, r2**2])

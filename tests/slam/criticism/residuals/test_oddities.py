@@ -9,6 +9,7 @@ import pytest
 
 from frontend.camera import Camera
 from slam.criticism.camera.cells import Cells
+from slam.criticism.camera.dents import Dents
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.healthy import flown
 from slam.criticism.kalman.innovations import whole
@@ -48,8 +49,9 @@ def seen(taken: int, missing: int) -> Sights:
     camera = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
     at, tone = np.zeros((0, 2)), np.zeros((0, 4))
     return Sights(
-        camera, stamps, none, none, at, at, np.zeros(0), tone, tone, 0.0, missing, taken, Cells.of(())
-    )
+        camera, stamps, none, none, at, at, np.zeros(0), tone, tone, 0.0, missing, taken,
+        Dents(camera, taken, np.zeros((2, 143, 2)), 0.0), Cells.of(()),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(("missing", "told"), [(0, False), (2, False), (14, True)])

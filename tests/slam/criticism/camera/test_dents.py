@@ -1,0 +1,134 @@
+"""What bends the light of one place of the picture is found there; what a lens does as a whole is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from frontend.homography import transfer
+from slam.criticism.camera.dents import Matches, dents_of
+from slam.criticism.camera.nodes import hats, places
+from slam.criticism.camera.pictures import look
+from slam.criticism.camera.shading import PICTURE_SHAPES
+from slam.criticism.camera.sighting import sighted
+from slam.criticism.camera.warps import BENT, WARPS
+from slam.criticism.kalman.optics import CAMERA, STEPS, TILT_X
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.kalman.tangents import Direction
+from slam.simulation.model import load_model
+from tests.slam.criticism.camera.seen_flight import seen_flight
+
+Array = NDArray[np.float64]
+
+AT = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
+DROP_PX, REACH_PX = np.array([120.0, 45.0]), 17.0
+PICTURES, POINTS, NOISE_PX = 160, 24, 0.15
+
+
+def drop(pixel: Array) -> Array:
+    """(m, 2) px, at most 2: a lens of its own off the middle."""
+    off = pixel - DROP_PX
+    near = np.exp(-(off**2).sum(axis=1, keepdims=True) / (2 * REACH_PX**2))
+    return np.asarray(2.0 * np.sqrt(np.e) / REACH_PX * near * off)
+
+
+def radial(pixel: Array) -> Array:
+    """(m, 2) px of a barrel."""
+    ray = (pixel - AT.center_px) / AT.focal_px
+    return np.asarray(0.05 * (ray**2).sum(axis=1, keepdims=True) * ray * AT.focal_px)
+
+
+def askew(pixel: Array) -> Array:
+    """(m, 2) px of a camera that leans."""
+    x, y = ((pixel - AT.center_px) / AT.focal_px).T
+    return np.asarray(0.04 * np.column_stack([1 + x**2, x * y]) * AT.focal_px)
+
+
+def nothing(pixel: Array) -> Array:
+    return np.zeros_like(pixel)
+
+
+def flown(bend, seed: int) -> Matches:
+    """Pairs of pictures that move by up to a third and turn a little, seen through a lens that bends."""
+    rng = np.random.default_rng(seed)
+    parts = []
+    for i, j in ((j - s, j) for j in range(PICTURES) for s in (1, 2) if j >= s):
+        turn, (right, down) = rng.normal(0, 0.1), rng.uniform(-45, 45, 2)
+        H = np.array([[np.cos(turn), -np.sin(turn), right], [np.sin(turn), np.cos(turn), down], [0, 0, 1.0]])
+        H[2, :2] = rng.normal(0, 1e-4, 2)
+        b = rng.uniform(0, 1, (POINTS, 2)) * AT.size_px
+        a = transfer(H, b)
+        a, b = (p + bend(p) + rng.normal(0, NOISE_PX, p.shape) for p in (a, b))
+        inside = ((a > 0) & (a < AT.size_px)).all(axis=1)
+        if inside.sum() >= 8:
+            parts.append((np.full(inside.sum(), len(parts)), i, j, a[inside], b[inside]))
+    pair = np.concatenate([p[0] for p in parts])
+    i, j = (np.array([p[k] for p in parts])[pair] for k in (1, 2))
+    a, b = (np.concatenate([p[k] for p in parts]) for k in (3, 4))
+    fits = [cv2.findHomography(p[4], p[3], 0)[0] for p in parts]
+    return Matches(pair, i, j, a, b, np.full(len(a), NOISE_PX), np.stack(fits))
+
+
+def test_a_drop_is_mapped_where_it_is_and_as_it_is():
+    dents = dents_of(AT, PICTURES, flown(drop, 1))
+    at = places(AT)
+    true, found = drop(at), dents.halves * dents.size_px
+    well_inside = ((at > 10) & (at < np.array(AT.size_px) - 10)).all(axis=1)
+    for half in found:
+        assert np.linalg.norm(half[well_inside] - true[well_inside], axis=1).max() < 0.7
+        assert np.sqrt(np.mean((half[well_inside] - true[well_inside]) ** 2)) < 0.15
+    assert np.hypot(*true.T).max() > 1.5
+
+
+def test_either_half_is_foretold_by_the_other():
+    dents = dents_of(AT, PICTURES, flown(nothing, 1))
+    dents = replace(dents, halves=np.stack([np.full((len(places(AT)), 2), k) for k in (1.0, 2.0)]))
+    pixel, earlier = np.full((PICTURES, 2), 50.0), np.arange(PICTURES)
+    told = dents.foretold(pixel, earlier)
+    assert set(told[:, 0]) == {1.0, 2.0}
+    assert told[0, 0] == 2.0
+    assert np.mean(told[:, 0] == 2.0) == 0.5
+
+
+@pytest.mark.parametrize("bend", [nothing, radial, askew])
+def test_what_a_lens_does_as_a_whole_is_no_dent(bend):
+    dents = dents_of(AT, PICTURES, flown(bend, 2))
+    assert dents.size_px < 0.08
+    first, second = dents.halves.reshape(2, -1)
+    assert abs(np.corrcoef(first, second)[0, 1]) < 0.5
+
+
+def test_nodes_weigh_to_one_and_reproduce_what_is_linear():
+    pixel = np.random.default_rng(3).uniform(0, 1, (50, 2)) * (np.array(AT.size_px) - 1)
+    np.testing.assert_allclose(hats(AT, pixel) @ places(AT), pixel)
+    np.testing.assert_allclose(np.asarray(hats(AT, pixel).sum(axis=1)).ravel(), 1.0)
+
+
+def test_a_drop_is_not_taken_for_a_camera_that_leans():
+    """The map of the lens explains more than any tilt does."""
+    flight = seen_flight({}, 6)
+    sights, setting = look(flight), setting_of(load_model("nominal"))
+    assert sights is not None
+    a, b = (pixel + drop(pixel) for pixel in (sights.pixel_i, sights.pixel_j))
+    pairs, pair = np.unique(np.column_stack([sights.earlier, sights.later]), axis=0, return_inverse=True)
+    fits = np.stack([cv2.findHomography(b[pair == k], a[pair == k], 0)[0] for k in range(len(pairs))])
+    matches = Matches(pair.ravel(), sights.earlier, sights.later, a, b, sights.std_px, fits)
+    bent = replace(
+        sights, pixel_i=a, pixel_j=b, paths={}, dents=dents_of(sights.camera, len(sights.stamps_s), matches)
+    )
+    directions = [
+        *(Direction(CAMERA[k], "camera", k, STEPS[k]) for k in (TILT_X, TILT_X + 1)),
+        Direction(BENT, "picture", len(PICTURE_SHAPES) + WARPS.index(BENT)),
+    ]
+    found = sighted(record_of(flight), bent, setting, directions)
+    information, score = found.information[:2, :2], found.score[:2]
+    lens = float(found.score[2] ** 2 / found.information[2, 2])
+    tilt = float(score @ np.linalg.solve(information, score))
+    assert tilt > 25.0
+    assert lens > 2.0 * tilt
