@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -33,7 +34,7 @@ def judged(kind: str, fault: str | None, index: int, options: argparse.Namespace
         judge = verdict_of_call if options.library else verdict_on
         verdict = judge(flights_of(Path(home) / case.name), Path(home) / "answer")
         if options.keep:
-            Path(home, case.name).rename(Path(options.keep) / case.name)
+            shutil.move(Path(home, case.name), Path(options.keep, case.name))
         return Answer(case, verdict, time.monotonic() - begin)
 
 
@@ -74,9 +75,11 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=40.0, help="a flight")
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--library", action="store_true", help="call slam.criticise instead of the command")
-    parser.add_argument("--keep", help="folder for the cases' flights")
+    parser.add_argument("--keep", help="folder for the cases' flights, made if need be")
     parser.add_argument("--out", type=Path, default=OUT)
     options = parser.parse_args()
+    if options.keep:
+        Path(options.keep).mkdir(parents=True, exist_ok=True)
     drawn = list(enumerate(suite(options.first + options.cases, options.kinds)))[options.first :]
     answers: list[Answer] = []
     options.out.parent.mkdir(parents=True, exist_ok=True)

@@ -58,7 +58,12 @@ def test_a_healthy_vehicle_is_called_healthy(kind, seed, made, judged):
 
 @pytest.mark.parametrize(
     ("fault", "seed"),
-    [("control_latency", 21), ("steady_wind", 25), ("sonar_tilt", 23), ("climb_asymmetry", 22)],
+    [
+        ("steady_wind", 25),
+        ("sonar_tilt", 23),
+        pytest.param("control_latency", 21, marks=pytest.mark.slow),
+        pytest.param("climb_asymmetry", 22, marks=pytest.mark.slow),
+    ],
 )
 def test_a_single_cause_is_named(fault, seed, made, judged):
     case = made("single", seed, fault, 20.0)
@@ -71,7 +76,11 @@ def test_a_single_cause_is_named(fault, seed, made, judged):
 @pytest.mark.parametrize(
     ("fault", "seed"),
     # The load looks like a flow that reads too little, the level like a gyro that does.
-    [("iron_in_floor", 31), ("swinging_load", 32), ("false_level", 33)],
+    [
+        ("iron_in_floor", 31),
+        pytest.param("swinging_load", 32, marks=pytest.mark.slow),
+        pytest.param("false_level", 33, marks=pytest.mark.slow),
+    ],
 )
 def test_what_no_term_explains_is_not_named(fault, seed, made, judged):
     case = made("strange", seed, fault, 40.0)

@@ -98,6 +98,7 @@ def test_time_limit_ends_the_search():
     assert np.isfinite(s.w_T_b).all()
 
 
+@pytest.mark.slow
 def test_many_false_loops_on_a_graph_do_not_fill_the_elimination_up():
     """2000 poses with 1500 random loops: all of them solved at once would take minutes."""
     made = _long_walk(2000)

@@ -70,6 +70,7 @@ def test_a_healthy_vehicle_is_left_in_peace(seed, student):
     assert found.detectable["quadratic_drag"][0] < 0.15
 
 
+@pytest.mark.slow
 def test_coloured_noise_is_healthy_and_told():
     found = criticise(case(4, colour=(0.5, 0.4)))
     assert found.verdict == "nothing_wrong", found.sentence
@@ -95,6 +96,7 @@ def test_progress_tells_each_stage_and_that_it_goes_on():
     assert [step for step in told if step[0] == "filter"][-1] == ("filter", 2, 2)
 
 
+@pytest.mark.slow
 def test_what_is_missed_follows_the_guilty_covariate_until_the_cause_is_in_the_model():
     _, found, _ = dragging()
     assert found.covariate.cause == "quadratic_drag"
@@ -180,6 +182,7 @@ def test_where_north_is_says_nothing():
     )
 
 
+@pytest.mark.slow
 def test_an_effect_that_is_not_in_the_catalogue_is_not_misnamed(monkeypatch):
     flights, _, _ = dragging()
     steps = {k: v for k, v in effects_module._STEPS.items() if k != "quadratic_drag"}

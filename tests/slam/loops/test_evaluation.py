@@ -130,6 +130,7 @@ def test_the_most_alike_are_each_ones_own():
     assert set(np.flatnonzero(most_alike(likeness, pairs, 3))) == expected
 
 
+@pytest.mark.slow
 def test_gps_serves_where_there_is_no_truth():
     with_gps = replace(flight(), truth=None, gps=gps_of(flight(), 0.01))
     result = evaluate_loops(with_gps)

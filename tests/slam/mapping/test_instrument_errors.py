@@ -65,7 +65,7 @@ def test_the_map_of_a_flight_whose_attitude_leans_says_so(flight):
     assert not any("leans" in w for w in optimize(flown(3)).warnings)
 
 
-@pytest.mark.parametrize("late_s", [-0.05, 0.0, 0.08])
+@pytest.mark.parametrize("late_s", [-0.05, 0.0, pytest.param(0.08, marks=pytest.mark.slow)])
 def test_pictures_on_another_clock_are_told_with_the_shift_that_mends_them(late_s):
     clean = flown(3)
     frames = replace(clean.frames, stamps_s=clean.frames.stamps_s + late_s)

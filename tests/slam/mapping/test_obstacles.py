@@ -129,6 +129,7 @@ def test_a_climb_that_no_keyframe_saw_is_no_obstacle():
         assert np.isfinite(echoes.height_m).mean() == pytest.approx(known, abs=0.01)
 
 
+@pytest.mark.slow
 def test_masks_that_leave_no_floor_to_see_are_dropped_and_told(monkeypatch):
     over = flight()
     monkeypatch.setattr(
