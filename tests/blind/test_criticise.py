@@ -75,11 +75,12 @@ def test_a_single_cause_is_named(fault, seed, made, judged):
 
 @pytest.mark.parametrize(
     ("fault", "seed"),
-    # The load looks like a flow that reads too little, the level like a gyro that does.
+    # The load and the saturation look like a flow that reads too little, the level like a gyro that does.
     [
         ("iron_in_floor", 31),
         pytest.param("swinging_load", 32, marks=pytest.mark.slow),
         pytest.param("false_level", 33, marks=pytest.mark.slow),
+        pytest.param("flow_saturation", 36, marks=pytest.mark.slow),
     ],
 )
 def test_what_no_term_explains_is_not_named(fault, seed, made, judged):

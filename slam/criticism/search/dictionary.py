@@ -31,6 +31,10 @@ AT_PLACE = ("x", "y", "r2")
 """A hill over the ground, to the second order about where a flight begins: of each flight its own, as none
 knows where the others began."""
 _SPEED = CHANNELS.index("velocity_x")
+FAST = 0.6
+"""Of the highest speed of a flight."""
+WHEN_FAST = {"velocity_x": "ahead when fast", "velocity_y": "left when fast"}
+"""What is read wrong near the end of a sensor's range is no matter of its scale."""
 YAW_AT_PLACE = "yaw ~ place"
 """What a compass does above iron."""
 LEVEL_TARGETS = (
@@ -48,7 +52,7 @@ def dictionary(records: Sequence[Record]) -> list[Direction]:
     found = [
         Direction(f"{CHANNELS[c]} ~ {signal}", "channel", c, 1.0, signal)
         for c in channels
-        for signal in ON_CHANNELS
+        for signal in (*ON_CHANNELS, *_when_fast(c))
     ]
     found += [
         Direction(f"force {name} ~ {signal}", "force", FORCES.index(name), 1e-3, signal)
@@ -72,6 +76,10 @@ def dictionary(records: Sequence[Record]) -> list[Direction]:
     return found
 
 
+def _when_fast(channel: int) -> list[str]:
+    return [WHEN_FAST[CHANNELS[channel]]] if CHANNELS[channel] in WHEN_FAST else []
+
+
 def shapes_of(directions: Sequence[Direction]) -> tuple[Effect, ...]:
     """Each direction by itself, and those of one kind ahead and to the left together.
 
@@ -88,7 +96,7 @@ def shapes_of(directions: Sequence[Direction]) -> tuple[Effect, ...]:
         for ahead, left in LEVEL_TARGETS
         for along, across in LEVEL_SIGNALS
     ]
-    for names in (*together, *PAIRS):
+    for names in (*together, tuple(f"{channel} ~ {signal}" for channel, signal in WHEN_FAST.items()), *PAIRS):
         pair = known.get(names[0]), known.get(names[1])
         if pair[0] is not None and pair[1] is not None:
             shapes.append(Effect(f"{pair[0].name}, {pair[1].name}", (pair[0], pair[1])))
@@ -105,7 +113,7 @@ def signals_of(record: Record, states: Array, flight: int = 0, flights: int = 1)
     turned = states[:, :10].copy()
     moved = np.column_stack([np.interp(middle, record.times_s, column) for column in turned.T])
     at_steps = _signals(record, middle, moved)
-    found = {name: (at_steps[name], at_events[name]) for name in SIGNALS}
+    found = {name: (at_steps[name], at_events[name]) for name in (*SIGNALS, *WHEN_FAST.values())}
     for other in range(flights):
         for name, signal in zip(AT_PLACE, _of_flight(other), strict=True):
             own = float(other == flight)
@@ -123,7 +131,10 @@ def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
     stick = record.stick.at(times_s)
     elapsed = times_s / record.duration_s
     x, y = (states[:, :2] - states[0, :2]).T
+    speed = np.hypot(ahead, left)
+    fast = np.maximum(speed / max(float(np.quantile(speed, 0.99)), 1e-3) - FAST, 0.0)
     return {
+        "ahead when fast": fast * ahead, "left when fast": fast * left,
         "x": x, "y": y, "r2": x**2 + y**2,
         "one": np.ones(len(times_s)),
         "time": elapsed - 0.5,

@@ -38,13 +38,14 @@ def test_each_direction_has_its_shape_and_level_ones_one_together():
     assert [s.name for s in shapes if len(s.columns) > 2] == [YAW_AT_PLACE]
     assert len(alone) + len(together) == len(shapes) - 1
     # Sticks are not led into instruments.
-    assert len(together) == len(LEVEL_TARGETS) * len(LEVEL_SIGNALS) - 4
+    assert len(together) == len(LEVEL_TARGETS) * len(LEVEL_SIGNALS) - 4 + 1
     assert all(set(s.columns) <= names for s in together)
     assert len({s.name for s in shapes}) == len(shapes)
     # One column ahead, the other to the left, of the same kind.
     columns = {s.columns for s in together}
     assert ("force ahead ~ pitch", "force left ~ roll") in columns
     assert ("gyro_y ~ ahead", "gyro_x ~ left") in columns
+    assert ("velocity_x ~ ahead when fast", "velocity_y ~ left when fast") in columns
     assert not any(s.columns[0] == s.columns[1] for s in together)
 
 
@@ -59,3 +60,13 @@ def test_place_is_each_flights_own_and_counts_from_where_it_begins():
     assert not signals["x of flight 0"][1].any()
     (placed,) = [s for s in shapes_of(dictionary([record, record])) if s.name == YAW_AT_PLACE]
     assert sorted(d.signal for d in placed.directions) == sorted(s for s in signals if "of flight" in s)
+
+
+def test_what_happens_when_fast_is_nothing_at_half_the_highest_speed_and_goes_where_it_goes():
+    record = record_of(flown(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1))
+    states = np.zeros((len(record.times_s), 10))
+    states[:, 3] = np.linspace(-2.0, 2.0, len(states))
+    told = signals_of(record, states)["ahead when fast"][1]
+    assert not told[np.abs(states[:, 3]) < 1.1].any()
+    np.testing.assert_array_equal(np.sign(told[[0, -1]]), [-1.0, 1.0])
+    assert not signals_of(record, states)["left when fast"][1].any()
