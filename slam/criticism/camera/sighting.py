@@ -65,10 +65,14 @@ class Sighted:
 
 
 def path_of(record: Record, sights: Sights, setting: Setting) -> tuple[Path, NDArray[np.bool_]]:
-    """The path at the pictures, and which pictures lie within it; kept for beliefs that are nearly alike."""
+    """The path at the pictures, and which lie within it and off the floor; kept for beliefs nearly alike."""
     camera = setting.camera
     inside = sights.stamps_s > record.times_s[0] + MARGIN_S
     inside &= sights.stamps_s < record.times_s[-1] - MARGIN_S
+    # On the floor a picture is a few centimetres away: its scale is that of the landing gear, which differs.
+    inside &= ~record.landing[
+        np.searchsorted(record.times_s, sights.stamps_s).clip(max=len(record.times_s) - 1)
+    ]
     key = _key(setting, record.duration_s)
     half_s = max(min(0.5 * float(camera[READOUT]), 0.4 * SHORTEST_S), LEAST_HALF_S)
     if key not in sights.paths:

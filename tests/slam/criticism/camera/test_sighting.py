@@ -12,7 +12,7 @@ from frontend.camera import Camera
 from slam.criticism.camera.lens import floor_of, pixels_of
 from slam.criticism.camera.pictures import Sights, look
 from slam.criticism.camera.shading import PICTURE_SHAPES
-from slam.criticism.camera.sighting import TOLERANCE, Sighted, sighted
+from slam.criticism.camera.sighting import TOLERANCE, Sighted, path_of, sighted
 from slam.criticism.camera.warps import BENT, WARPS, warp
 from slam.criticism.kalman.optics import CAMERA, FOCAL, POINTS, STEPS, TILT_Y
 from slam.criticism.kalman.record import Record, record_of
@@ -169,3 +169,19 @@ def test_it_does_not_matter_which_picture_of_a_pair_is_the_earlier(
     assert one.score[0] / one.information[0, 0] == pytest.approx(
         other.score[0] / other.information[0, 0], abs=0.5 * std
     )
+
+
+def test_a_picture_from_the_floor_says_nothing(
+    healthy: tuple[Record, Sights, Sighted], setting: Setting
+) -> None:
+    """A centimetre of another landing gear is a tenth of the height there."""
+    record, sights, _ = healthy
+    stands = (record.times_s > 4.0) & (record.times_s < 6.0)
+    _, inside = path_of(replace(record, landing=stands), replace(sights, paths={}), setting)
+    on_floor = (sights.stamps_s > 4.0) & (sights.stamps_s < 5.9)
+    _, before = path_of(record, sights, setting)
+    assert on_floor.sum() >= 7
+    assert before[on_floor].all()
+    assert not inside[on_floor].any()
+    in_air = (sights.stamps_s < 4.0) | (sights.stamps_s > 6.1)
+    assert np.array_equal(inside[in_air], before[in_air])
