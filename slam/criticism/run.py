@@ -47,8 +47,8 @@ FEWEST_SHOWN = 5
 STEERED = 1.5
 """Times the thresholds where a controller flies: its sticks tell what it knows beyond the instruments."""
 PICTURED = 1.15
-"""Times the thresholds where there are pictures: these were calibrated without any, and without the shapes that
-they have. Of 24 healthy sets none had an effect beyond 3.4, where 4.25 is asked for:
+"""Times the thresholds where there are pictures: these were calibrated without any, and without their
+shapes. Of 24 healthy sets none had an effect beyond 3.4, where 4.25 is asked for:
 ``python -m tests.blind.run --kinds seen_null --flights 3 --seed 2212``."""
 FOREIGN = 2.0
 """Times the thresholds: the equations of another vehicle are not held to the last sigma."""
