@@ -141,7 +141,7 @@ def _refine(
     noise = max(
         config.noise_floor_px, _noise_of_estimate(distance[inlier], robust[inlier], CAUCHY_SIGMAS * noise)
     )
-    C = _jacobian(*_carried(H, _homogeneous(corners_px)))
+    C = jacobian(*_carried(H, _homogeneous(corners_px)))
     _, shares, failed = dposv(information / np.mean(robust[inlier]), C.T)
     covariance = noise**2 * C @ shares
     covariance = 0.5 * (covariance + covariance.T)
@@ -200,8 +200,11 @@ def _normal_equations(p: Array, first: Array, residual: Array, weight: Array) ->
     return information, np.concatenate([t[:3, 0], t[:3, 1], t[3:5, 0] + t[5:, 1]])
 
 
-def _jacobian(p: Array, first: Array) -> Array:
-    """(2 m, 8) of the carried points, u and v in turn, by the first eight entries of H."""
+def jacobian(p: Array, first: Array) -> Array:
+    """(2 m, 8) of carried points ``p`` (2, m) px, u and v in turn, by the first eight entries of H.
+
+    ``first`` (3, m) is (x, y, 1) of what is carried, over the third of what it becomes.
+    """
     J = np.zeros((len(p.T), 2, 8))
     J[:, 0, :3] = J[:, 1, 3:6] = first.T
     J[:, :, 6:] = -p.T[:, :, None] * first.T[:, None, :2]

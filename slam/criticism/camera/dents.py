@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, kron
 
 from frontend.camera import Camera
+from frontend.homography import jacobian
 from frontend.robust import robust_std
 from slam.criticism.camera.cells import radius2
-from slam.criticism.camera.nodes import hats, places
+from slam.criticism.camera.nodes import COUNT, hats, places
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -39,6 +40,7 @@ class Dents:
 
     camera: Camera
     pictures: int
+    """How many the flight has."""
     halves: Array
     """(2, nodes, 2) px, a root mean square of 1 over the points of both."""
     size_px: float
@@ -90,21 +92,17 @@ def _block(picture: Ints, pictures: int) -> Ints:
 
 def _fitted(camera: Camera, matches: Matches) -> Array:
     """(nodes, 2) px: least squares beside a homography of each pair, far-off points pulled in."""
-    nodes = hats(camera, np.zeros((1, 2))).shape[1]
     if len(matches.pair) == 0:
-        return np.zeros((nodes, 2))
+        return np.zeros((COUNT, 2))
     carried, by_entry, by_pixel = _carried(matches)
     weight = np.repeat(1.0 / matches.std_px, 2)
     y = (matches.pixel_i - carried).ravel() * weight
-    eye = np.eye(2)
-    rows = kron(hats(camera, matches.pixel_i), eye) - _blocks(by_pixel) @ kron(
-        hats(camera, matches.pixel_j), eye
-    )
-    rows = csr_array(rows.multiply(weight[:, None]))
-    Q = _orthonormal(by_entry * (1.0 / matches.std_px)[:, None, None], matches.pair)
+    at_i, at_j = (kron(hats(camera, pixel), np.eye(2)) for pixel in (matches.pixel_i, matches.pixel_j))
+    rows = csr_array((at_i - _blocks(by_pixel) @ at_j).multiply(weight[:, None]))
+    Q = _orthonormal(by_entry * weight.reshape(-1, 2, 1), matches.pair)
     across = np.asarray((Q.T @ rows).todense())
     squares = np.asarray((rows.T @ rows).todense()) - across.T @ across
-    map_ = np.zeros(2 * nodes)
+    map_ = np.zeros(2 * COUNT)
     for _ in range(ROUNDS):
         off = y - rows @ map_
         off -= Q @ (Q.T @ off)
@@ -114,7 +112,7 @@ def _fitted(camera: Camera, matches: Matches) -> Array:
         prior = (noise / PRIOR_PX) ** 2
         step = rows.T @ left - prior * map_
         map_ = map_ + np.linalg.solve(squares + prior * np.eye(len(map_)), step)
-    return map_.reshape(nodes, 2)
+    return map_.reshape(COUNT, 2)
 
 
 def _carried(matches: Matches) -> tuple[Array, Array, Array]:
@@ -124,9 +122,7 @@ def _carried(matches: Matches) -> tuple[Array, Array, Array]:
     seen = np.column_stack([matches.pixel_j, np.ones(len(H))])
     u = np.einsum("mab,mb->ma", H, seen)
     p, first = u[:, :2] / u[:, 2:], seen / u[:, 2:]
-    by_entry = np.zeros((len(H), 2, 8))
-    by_entry[:, 0, :3] = by_entry[:, 1, 3:6] = first
-    by_entry[:, :, 6:] = -p[:, :, None] * first[:, None, :2]
+    by_entry = jacobian(p.T, first.T).reshape(-1, 2, 8)
     by_pixel = (H[:, :2, :2] - p[:, :, None] * H[:, 2:, :2]) / u[:, 2, None, None]
     return p, by_entry, by_pixel
 

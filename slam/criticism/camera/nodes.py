@@ -12,6 +12,7 @@ Array = NDArray[np.float64]
 
 NODES = 13, 11
 """Along columns and rows; between them a map is bilinear: neither a stain nor a drop is a speck."""
+COUNT = NODES[0] * NODES[1]
 
 
 def hats(camera: Camera, pixel: Array) -> csr_array:
@@ -26,7 +27,7 @@ def hats(camera: Camera, pixel: Array) -> csr_array:
         for down in (0, 1):
             columns.append((low[0] + right) * NODES[1] + low[1] + down)
             weights.append(np.abs(1 - right - part[0]) * np.abs(1 - down - part[1]))
-    shape = (len(pixel), NODES[0] * NODES[1])
+    shape = (len(pixel), COUNT)
     index = np.column_stack(columns).ravel()
     return csr_array((np.column_stack(weights).ravel(), index, 4 * np.arange(len(pixel) + 1)), shape=shape)
 

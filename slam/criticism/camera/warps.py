@@ -13,6 +13,8 @@ from frontend.camera import Camera
 
 Array = NDArray[np.float64]
 
+BENT = "picture bent from place to place"
+"""In px, root mean square: the lens's own map of ``dents``, which comes last."""
 _KINDS = (
     ("picture columns stretched against rows", 3e-3),
     ("picture sheared", 3e-3),
@@ -21,11 +23,10 @@ _KINDS = (
     ("picture turned ~ time", 1e-3),
     ("picture shifted ~ time: columns", 1e-3),
     ("picture shifted ~ time: rows", 1e-3),
+    (BENT, 0.03),
 )
-BENT = "picture bent from place to place"
-"""In px, root mean square: the lens's own map of ``dents``, which comes last."""
-WARPS = (*(name for name, _ in _KINDS), BENT)
-TOLERANCE = np.array([*(std for _, std in _KINDS), 0.03])
+WARPS = tuple(name for name, _ in _KINDS)
+TOLERANCE = np.array([std for _, std in _KINDS])
 """What features on small pictures bear, as of the camera's own terms: so far a healthy one may seem off."""
 PAIRS = (("picture shifted ~ time: columns", "picture shifted ~ time: rows"),)
 """Those that are one warp along columns and rows."""

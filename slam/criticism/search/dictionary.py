@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 SIGNALS = (
     "one", "time", "height", "ahead", "left", "up", "speed2", "pitch", "roll", "turning", "north", "east",
-    "stick_ahead", "stick_left", "stick_up", "stick_turn", "wave",
+    "stick_ahead", "stick_left", "stick_up", "stick_turn", "wave", "ahead when fast", "left when fast",
 )  # fmt: skip
 ON_CHANNELS = SIGNALS[:12]
 ON_FORCES = SIGNALS[:16]
@@ -33,7 +33,7 @@ knows where the others began."""
 _SPEED = CHANNELS.index("velocity_x")
 FAST = 0.6
 """Of the highest speed of a flight."""
-WHEN_FAST = {"velocity_x": "ahead when fast", "velocity_y": "left when fast"}
+ON_ONE_CHANNEL = {"velocity_x": SIGNALS[17:18], "velocity_y": SIGNALS[18:]}
 """What is read wrong near the end of a sensor's range is no matter of its scale."""
 YAW_AT_PLACE = "yaw ~ place"
 """What a compass does above iron."""
@@ -42,7 +42,10 @@ LEVEL_TARGETS = (
     ("force ahead", "force left"), ("force pitch", "force roll"),
 )  # fmt: skip
 """What is read and what acts ahead and to the left, ..."""
-LEVEL_SIGNALS = (("ahead", "left"), ("pitch", "roll"), ("stick_ahead", "stick_left"))
+LEVEL_SIGNALS = (
+    ("ahead", "left"), ("pitch", "roll"), ("stick_ahead", "stick_left"),
+    ("ahead when fast", "left when fast"),
+)  # fmt: skip
 """... and the signals that may lead it."""
 
 
@@ -52,7 +55,7 @@ def dictionary(records: Sequence[Record]) -> list[Direction]:
     found = [
         Direction(f"{CHANNELS[c]} ~ {signal}", "channel", c, 1.0, signal)
         for c in channels
-        for signal in (*ON_CHANNELS, *_when_fast(c))
+        for signal in (*ON_CHANNELS, *ON_ONE_CHANNEL.get(CHANNELS[c], ()))
     ]
     found += [
         Direction(f"force {name} ~ {signal}", "force", FORCES.index(name), 1e-3, signal)
@@ -76,10 +79,6 @@ def dictionary(records: Sequence[Record]) -> list[Direction]:
     return found
 
 
-def _when_fast(channel: int) -> list[str]:
-    return [WHEN_FAST[CHANNELS[channel]]] if CHANNELS[channel] in WHEN_FAST else []
-
-
 def shapes_of(directions: Sequence[Direction]) -> tuple[Effect, ...]:
     """Each direction by itself, and those of one kind ahead and to the left together.
 
@@ -96,7 +95,7 @@ def shapes_of(directions: Sequence[Direction]) -> tuple[Effect, ...]:
         for ahead, left in LEVEL_TARGETS
         for along, across in LEVEL_SIGNALS
     ]
-    for names in (*together, tuple(f"{channel} ~ {signal}" for channel, signal in WHEN_FAST.items()), *PAIRS):
+    for names in (*together, *PAIRS):
         pair = known.get(names[0]), known.get(names[1])
         if pair[0] is not None and pair[1] is not None:
             shapes.append(Effect(f"{pair[0].name}, {pair[1].name}", (pair[0], pair[1])))
@@ -113,7 +112,7 @@ def signals_of(record: Record, states: Array, flight: int = 0, flights: int = 1)
     turned = states[:, :10].copy()
     moved = np.column_stack([np.interp(middle, record.times_s, column) for column in turned.T])
     at_steps = _signals(record, middle, moved)
-    found = {name: (at_steps[name], at_events[name]) for name in (*SIGNALS, *WHEN_FAST.values())}
+    found = {name: (at_steps[name], at_events[name]) for name in SIGNALS}
     for other in range(flights):
         for name, signal in zip(AT_PLACE, _of_flight(other), strict=True):
             own = float(other == flight)
@@ -134,7 +133,6 @@ def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
     speed = np.hypot(ahead, left)
     fast = np.maximum(speed / max(float(np.quantile(speed, 0.99)), 1e-3) - FAST, 0.0)
     return {
-        "ahead when fast": fast * ahead, "left when fast": fast * left,
         "x": x, "y": y, "r2": x**2 + y**2,
         "one": np.ones(len(times_s)),
         "time": elapsed - 0.5,
@@ -146,4 +144,5 @@ def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
         "stick_ahead": stick[:, 0], "stick_left": stick[:, 1],
         "stick_up": stick[:, 2], "stick_turn": stick[:, 3],
         "wave": np.sin(2 * np.pi * elapsed),
+        "ahead when fast": fast * ahead, "left when fast": fast * left,
     }  # fmt: skip

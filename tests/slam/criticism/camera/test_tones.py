@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from slam.criticism.camera.cells import Cells
 from slam.criticism.camera.dents import Dents
+from slam.criticism.camera.nodes import COUNT
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.camera.shading import PICTURE_SHAPES, RESTLESS, STAINED, Shades, shade
 from slam.criticism.kalman.optics import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
@@ -68,7 +69,7 @@ def made(
     stamps = 0.25 * np.arange(PICTURES)
     sights = Sights(
         CAMERA_AT, stamps, i, j, pixel[0], pixel[1], np.full(len(i), 0.2), tones[0], tones[1], 1.0, 0,
-        PICTURES, Dents(CAMERA_AT, PICTURES, np.zeros((2, 143, 2)), 0.0), cells,
+        PICTURES, Dents(CAMERA_AT, PICTURES, np.zeros((2, COUNT, 2)), 0.0), cells,
     )  # fmt: skip
     poses, rates = np.zeros((PICTURES, 6)), np.zeros((PICTURES, 6))
     poses[:, 2] = 1.2 + 0.1 * np.sin(stamps)

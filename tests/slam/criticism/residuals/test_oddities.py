@@ -10,6 +10,7 @@ import pytest
 from frontend.camera import Camera
 from slam.criticism.camera.cells import Cells
 from slam.criticism.camera.dents import Dents
+from slam.criticism.camera.nodes import COUNT
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.healthy import flown
 from slam.criticism.kalman.innovations import whole
@@ -50,7 +51,7 @@ def seen(taken: int, missing: int) -> Sights:
     at, tone = np.zeros((0, 2)), np.zeros((0, 4))
     return Sights(
         camera, stamps, none, none, at, at, np.zeros(0), tone, tone, 0.0, missing, taken,
-        Dents(camera, taken, np.zeros((2, 143, 2)), 0.0), Cells.of(()),
+        Dents(camera, taken, np.zeros((2, COUNT, 2)), 0.0), Cells.of(()),
     )  # fmt: skip
 
 

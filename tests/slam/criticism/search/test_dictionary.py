@@ -37,8 +37,8 @@ def test_each_direction_has_its_shape_and_level_ones_one_together():
     assert {s.name for s in alone} == names
     assert [s.name for s in shapes if len(s.columns) > 2] == [YAW_AT_PLACE]
     assert len(alone) + len(together) == len(shapes) - 1
-    # Sticks are not led into instruments.
-    assert len(together) == len(LEVEL_TARGETS) * len(LEVEL_SIGNALS) - 4 + 1
+    # Sticks are not led into instruments, and high speeds into none but that which reads them.
+    assert len(together) == len(LEVEL_TARGETS) * len(LEVEL_SIGNALS) - 4 - 5
     assert all(set(s.columns) <= names for s in together)
     assert len({s.name for s in shapes}) == len(shapes)
     # One column ahead, the other to the left, of the same kind.
