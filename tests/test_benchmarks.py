@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tests.benchmarks.figures import BEGIN, END, markdown, measured, verdict, with_block
+from tests.benchmarks.figures import BEGIN, END, Section, markdown, measured, verdict, with_block
 from tests.benchmarks.metric import at_least, at_most, told, within
 
 
@@ -54,7 +54,11 @@ def test_an_open_block_is_refused():
 
 def test_a_miss_and_a_skip_are_told():
     block = markdown(
-        [("Part", [at_most("speed", 2.0, "x", 1.0, "how")], ""), ("Other", [], "no data")], ["abc"]
+        [
+            Section("Part", [at_most("speed", 2.0, "x", 1.0, "how")], commit="abc"),
+            Section("Other", [], "no data"),
+        ]
     )
     assert "| speed <br><sub>how</sub> | 2 x | at most 1 x | **missed** |" in block
+    assert "| **Part** | at abc | | |" in block
     assert "| **Other** | skipped: no data | | |" in block

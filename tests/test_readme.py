@@ -29,7 +29,7 @@ from slam.simulation.recipe import shipped_recipes
 from slam.summary import summarise
 from tests.benchmarks.figures import HEADLINES, headlines
 from tests.benchmarks.measured_studies import STUDIES
-from tests.benchmarks.run import earlier
+from tests.benchmarks.run import earlier, sections_of
 from tests.slam.evaluation.scene import estimate_of, flight_of, smooth_poses
 from tests.slam.made_estimate import made_estimate
 
@@ -145,8 +145,8 @@ def test_the_figures_have_their_place(name):
 
 def test_the_readme_s_few_figures_are_those_that_were_measured():
     """None of them went missing under another name, and none was edited by hand."""
-    sections = [(name, record.metrics, record.skipped) for name, record in earlier().items()]
-    assert set(HEADLINES) <= {m.key for _, metrics, _ in sections for m in metrics}
+    sections = sections_of(earlier())
+    assert set(HEADLINES) <= {m.key for section in sections for m in section.metrics}
     assert headlines(sections) in page("README.md")
 
 

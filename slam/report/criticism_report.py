@@ -110,7 +110,7 @@ def _tiles(result: Criticism) -> list[Item]:
     if result.causes:
         first = result.causes[0]
         tiles.append(Item(f"probability of {first.name}", f"{first.probability:.3f}"))
-        tiles.append(Item("gained on held-out data", f"{first.gain.nats:+.1f} nats"))
+        tiles.append(Item("log likelihood of held-out data", f"{first.gain.nats:+.1f} nats"))
     elif result.ranking:
         strongest = max(result.ranking, key=lambda r: r.z)
         tiles.append(Item(f"strongest of all ({strongest.name})", f"{strongest.z:.1f} sigma"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from tests.benchmarks.metric import Metric
 
@@ -21,18 +22,32 @@ HEADLINES = {
     "our time over pycolmap's": "75 aerial photographs: our time over pycolmap's",
     "front end on the demo's frames, 320x240, two cores": "Pictures a second, 320x240",
     "sphere2500: solve over raw gtsam's": "A graph of 2500 poses: our time over raw gtsam's",
-    "peak memory, with mosaic, 10 laps over 1": "Peak memory of a flight ten times as long",
+    "peak memory, without mosaic, 10 laps over 1": "Peak memory of a flight ten times as long",
 }
 """Key of a figure -> what the README calls it: the few that a newcomer asks for."""
 
-Section = tuple[str, Sequence[Metric], str]
-"""Title, figures, and why there are none."""
+
+@dataclass(frozen=True)
+class Section:
+    """What one benchmark has measured."""
+
+    title: str
+    metrics: Sequence[Metric]
+    skipped: str = ""
+    """Why there are no figures."""
+    commit: str = ""
+    """That was measured."""
+
+    @property
+    def state(self) -> str:
+        """What stands beside its title."""
+        if self.skipped:
+            return f"skipped: {self.skipped}"
+        return f"at {self.commit}" if self.commit else ""
 
 
 def number(value: float) -> str:
     """Three digits, whole numbers as they are."""
-    if not math.isfinite(value):
-        return "none"
     if value == int(value) and abs(value) < 1e6:
         return str(int(value))
     digits = max(0, 2 - math.floor(math.log10(abs(value))))
@@ -41,6 +56,8 @@ def number(value: float) -> str:
 
 def measured(metric: Metric) -> str:
     """``1.25 mm``: metres below a tenth are shown as millimetres."""
+    if not math.isfinite(metric.value):
+        return "no answer"
     value, unit = _readable(metric.value, metric)
     return f"{number(value)} {unit}".strip()
 
@@ -60,20 +77,19 @@ def _readable(value: float, metric: Metric) -> tuple[float, str]:
     return (1e3 * value, "mm") if small else (value, metric.unit)
 
 
-def markdown(sections: Sequence[Section], commits: Sequence[str]) -> str:
+def markdown(sections: Sequence[Section]) -> str:
     """All of them: the block of docs/figures.md."""
-    state = f"commit {commits[0]}" if len(commits) == 1 else f"commits {', '.join(commits)}"
     lines = [
-        f"Measured by `make bench` on {_cores()} ({state}); `python -m tests.benchmarks.run NAME` takes one"
-        " part alone. Speed and memory are told as ratios of runs side by side; seconds and megabytes are"
-        " those of that one run.",
+        f"Measured by `make bench` on {_cores()}, each part at the commit that stands beside it (a + where"
+        " files differed from it); `python -m tests.benchmarks.run NAME` takes one part alone. Speed and"
+        " memory are told as ratios of runs side by side; seconds and megabytes are those of that one run.",
         "",
         "| figure | measured | target | |",
         "|---|---|---|---|",
     ]
-    for title, metrics, skipped in sections:
-        lines.append(f"| **{title}** | {f'skipped: {skipped}' if skipped else ''} | | |")
-        for m in metrics:
+    for section in sections:
+        lines.append(f"| **{section.title}** | {section.state} | | |")
+        for m in section.metrics:
             source = f" <br><sub>{m.source}</sub>" if m.source else ""
             lines.append(f"| {m.key}{source} | {measured(m)} | {' | '.join(_told(m))} |")
     return "\n".join(lines)
@@ -81,7 +97,7 @@ def markdown(sections: Sequence[Section], commits: Sequence[str]) -> str:
 
 def headlines(sections: Sequence[Section]) -> str:
     """The few that a newcomer asks for, and how many of all meet their target: the README's block."""
-    metrics = [m for _, section, _ in sections for m in section]
+    metrics = [m for section in sections for m in section.metrics]
     lines = ["| figure | measured | target |", "|---|---|---|"]
     named = {m.key: m for m in metrics}
     for m, words in ((named[key], words) for key, words in HEADLINES.items() if key in named):

@@ -23,7 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 from slam.io.atomic import atomic_file
-from tests.benchmarks.figures import headlines, markdown, measured, verdict, with_block
+from tests.benchmarks.figures import Section, headlines, markdown, measured, verdict, with_block
 from tests.benchmarks.metric import Metric, Skipped
 
 TITLES = {
@@ -94,14 +94,17 @@ def main() -> None:
         records = {**earlier(), name: record}
         with atomic_file(BENCH) as path:
             path.write_text(json.dumps([asdict(record) for record in records.values()], indent=1) + "\n")
-    records = earlier()
-    for name in TITLES:
-        records.setdefault(name, Record(name, (), "not measured yet", 0.0, ""))
-    sections = [(TITLES[n], records[n].metrics, records[n].skipped) for n in TITLES]
-    commits = {record.commit for record in records.values() if record.metrics}
-    for page, block in ((PAGE, markdown(sections, sorted(commits))), (README, headlines(sections))):
+    sections = sections_of(earlier())
+    for page, block in ((PAGE, markdown(sections)), (README, headlines(sections))):
         with atomic_file(page) as path:
             path.write_text(with_block(page.read_text(), block))
+
+
+def sections_of(records: dict[str, Record]) -> list[Section]:
+    """All there are, in the order of ``TITLES``."""
+    missing = {name: Record(name, (), "not measured yet", 0.0, "") for name in TITLES}
+    found = [(TITLES[name], record) for name, record in {**missing, **records}.items()]
+    return [Section(title, record.metrics, record.skipped, record.commit) for title, record in found]
 
 
 def inside(name: str) -> dict[str, Any]:
@@ -126,15 +129,16 @@ def apart(name: str) -> Record:
 
 
 def commit() -> str:
-    """The commit that was measured, with a + where the work tree differs from it."""
-    told = subprocess.run(
-        ["git", "describe", "--always", "--dirty=+", "--exclude=*"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return told.stdout.strip() or "unknown"
+    """The commit that was measured, with a + where the work tree differs from it in more than figures."""
+    told, changed = _git("rev-parse", "--short=7", "HEAD"), _git("diff", "--name-only", "HEAD")
+    own = {page.relative_to(ROOT).as_posix() for page in (BENCH, PAGE, README)}
+    return f"{told or 'unknown'}{'+' if set(changed.splitlines()) - own else ''}"
+
+
+def _git(*arguments: str) -> str:
+    return subprocess.run(
+        ["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout.strip()
 
 
 def earlier() -> dict[str, Record]:

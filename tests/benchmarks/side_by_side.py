@@ -213,7 +213,8 @@ def told_of(name: str, verdicts: list[Verdict]) -> list[Metric]:
     """The figures of the maps that one method makes, one a flight."""
     count, in_place = sum(v.landmarks for v in verdicts), sum(v.in_place for v in verdicts)
     key = f"{name}: landmarks in their place, of {count}"
-    each = ", ".join(f"{1e3 * v.rms_m:.2f}" for v in verdicts) + " mm"
+    known = [f"{1e3 * v.rms_m:.2f}" for v in verdicts if np.isfinite(v.rms_m)]
+    each = f"{', '.join(known)} mm" if known else ""
     largest = max((v.largest_percent for v in verdicts), default=float("nan"))
     return [
         at_least(key, in_place, "", count) if name == "ours" else told(key, in_place, ""),

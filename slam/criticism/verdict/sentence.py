@@ -73,10 +73,10 @@ def _mended(gain: Gain) -> str:
     most = gain.foremost
     if most is None:
         ahead = f", and no channel is better {JUDGED_HORIZON_S:g} s ahead" if gain.channels else ""
-        return f"on held-out {gain.by}s the likelihood gains {gain.nats:.0f} nats{ahead}"
+        return f"on held-out {gain.by}s the log likelihood gains {gain.nats:.0f} nats{ahead}"
     return (
         f"on held-out {gain.by}s {most.channel} {JUDGED_HORIZON_S:g} s ahead is off by {most.after:.2g} "
-        f"{most.unit} instead of {most.before:.2g} ({gain.nats:.0f} nats)"
+        f"{most.unit} instead of {most.before:.2g} (log likelihood {gain.nats:+.0f} nats)"
     )
 
 

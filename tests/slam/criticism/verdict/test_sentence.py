@@ -30,12 +30,12 @@ def told(verdict: str, *channels: ChannelError) -> str:
 def test_the_gain_is_told_where_it_is_greatest_two_seconds_ahead(verdict: str):
     said = told(verdict, PITCH, SOON, SPEED, WORSE)
     assert "active_braking (k_b = 0.9 (0.8 to 1) 1/s; probability 0.97)" in said
-    assert "velocity_x 2 s ahead is off by 0.12 m/s instead of 0.31 (45 nats)" in said
+    assert "velocity_x 2 s ahead is off by 0.12 m/s instead of 0.31 (log likelihood +45 nats)" in said
 
 
 @pytest.mark.parametrize("channels", [(), (WORSE,), (SOON,)])
 def test_where_no_reading_gains_the_likelihood_is_told(channels: tuple[ChannelError, ...]):
-    assert "the likelihood gains 45 nats" in told("named", *channels)
+    assert "the log likelihood gains 45 nats" in told("named", *channels)
 
 
 def test_a_gain_that_no_reader_could_see_is_none():
