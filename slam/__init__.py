@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from slam.version import VERSION
+
 if TYPE_CHECKING:
     from slam.criticism import criticise
     from slam.evaluation import evaluate
@@ -13,7 +15,7 @@ if TYPE_CHECKING:
     from slam.relocation import Relocalizer, relocalize
     from slam.simulation import simulate
 
-__version__ = "0.1.0"
+__version__ = VERSION
 __all__ = [
     "Flight",
     "Relocalizer",

@@ -12,7 +12,6 @@ from typing import Annotated
 
 import typer
 
-from slam import __version__
 from slam.cli.criticise import criticise
 from slam.cli.demo import demo
 from slam.cli.estimate import estimate
@@ -25,6 +24,7 @@ from slam.cli.optimize import optimize
 from slam.cli.replay import replay
 from slam.cli.reproduce import reproduce
 from slam.cli.simulate import simulate
+from slam.version import VERSION
 
 app = typer.Typer(
     name="slam",
@@ -54,7 +54,7 @@ for name, command in (
 
 def _version(asked: bool) -> None:
     if asked:
-        print(f"slam {__version__}")
+        print(f"slam {VERSION}")
         raise typer.Exit
 
 

@@ -102,8 +102,9 @@ def figures(navigation: Navigation) -> FigureTable:
 
     from slam.cli.tables import warning_rows
     from slam.inertial.navigate import refused, softened
+    from slam.quantities import length
     from slam.report.accuracy import FigureTable
-    from slam.report.facts import length, position_sigma_m
+    from slam.report.facts import position_sigma_m
 
     found, track = navigation.estimate, navigation.track
     sigma = position_sigma_m(found.covariances)

@@ -84,8 +84,9 @@ def _quoted(text: str) -> str:
 
 
 def _table(found: list[tuple[Path, Location]]) -> FigureTable:
+    from slam.quantities import length
     from slam.report.accuracy import FigureTable
-    from slam.report.facts import length, position_sigma_m
+    from slam.report.facts import position_sigma_m
 
     def row(path: Path, location: Location) -> tuple[str, ...]:
         if not location.found:

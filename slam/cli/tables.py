@@ -12,7 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from slam.errors import one_line
-from slam.report.facts import Facts, length, percent
+from slam.quantities import length, percent
+from slam.report.facts import Facts
 
 if TYPE_CHECKING:
     from slam.report.accuracy import FigureTable

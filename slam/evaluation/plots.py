@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.stats import chi2
 
+from slam.drawing import BLUE, GREY, ORANGE, PALE_GREY, VERMILLION, panel_legend_below, plain, png
 from slam.evaluation.landmarks import over_papers_ground
 from slam.evaluation.score import Evaluation, Tracks
 from slam.io.atomic import write_whole
-from slam.report.facts import length
-from slam.report.paper import EKF_PERCENT, STITCHED_PERCENT
-from slam.report.pictures import BLUE, GREY, ORANGE, PALE_GREY, VERMILLION
+from slam.paper import EKF_PERCENT, STITCHED_PERCENT
+from slam.quantities import length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,10 +38,8 @@ def write_plots(evaluation: Evaluation, out_dir: str | Path) -> tuple[Path, ...]
     }
     paths = []
     for name, figure in figures.items():
-        encoded = BytesIO()
-        figure.savefig(encoded, format="png", dpi=120, bbox_inches="tight")
         path = Path(out_dir) / name
-        write_whole(path, encoded.getvalue())
+        write_whole(path, png(figure, cropped=True))
         paths.append(path)
     return tuple(paths)
 
@@ -52,7 +49,7 @@ def trajectory_figure(evaluation: Evaluation) -> Figure:
     from matplotlib.figure import Figure
 
     with_landmarks = bool(evaluation.landmarks)
-    figure = Figure(figsize=(13 if with_landmarks else 7.5, 6.5), layout="constrained")
+    figure = Figure(figsize=(13 if with_landmarks else 7.5, 6.5), dpi=120, layout="constrained")
     if with_landmarks:
         top, bars = figure.subplots(1, 2)
         _landmark_bars(bars, evaluation)
@@ -72,15 +69,15 @@ def _top_view(axes: Axes, evaluation: Evaluation) -> None:
     axes.plot(*tracks.loops_m[:, :2].T, ".-", color=_LOOPS, lw=0.9, ms=3, label=evaluation.ways[2])
     for name, point in tracks.landmarks_m.items():
         axes.plot(point[0], point[1], "+", color=_REFERENCE, ms=8)
-        axes.annotate(_plain(name), (point[0], point[1]), xytext=(4, 4), textcoords="offset points")
+        axes.annotate(plain(name), (point[0], point[1]), xytext=(4, 4), textcoords="offset points")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.set_title(
-        f"{_plain(evaluation.name)}: position error {length(evaluation.ate_m.rmse)} RMS, "
+        f"{plain(evaluation.name)}: position error {length(evaluation.ate_m.rmse)} RMS, "
         f"{length(evaluation.ate_aligned_m.rmse)} rigidly aligned"
     )
-    _legend_below(axes, 4)
+    panel_legend_below(axes, 4)
 
 
 def _landmark_bars(axes: Axes, evaluation: Evaluation) -> None:
@@ -102,7 +99,7 @@ def _landmark_bars(axes: Axes, evaluation: Evaluation) -> None:
         shown = np.where(np.isfinite(percent), percent, 0.0)
         left = np.arange(len(rows)) - 0.4 + k * width
         axes.bar(left, shown, width, align="edge", color=color, label=label)
-    axes.set_xticks(range(len(rows)), [_plain(row.name) for row in rows])
+    axes.set_xticks(range(len(rows)), [plain(row.name) for row in rows])
     # The maps differ by orders of magnitude: below 0.1 % the scale is linear down to zero.
     axes.set_yscale("symlog", linthresh=0.1)
     largest = max(
@@ -116,7 +113,7 @@ def _landmark_bars(axes: Axes, evaluation: Evaluation) -> None:
     axes.yaxis.set_minor_locator(NullLocator())
     axes.set_ylabel("error of the distance [%]")
     axes.set_title("Distances between landmarks")
-    _legend_below(axes, 3)
+    panel_legend_below(axes, 3)
 
 
 def error_figure(evaluation: Evaluation) -> Figure:
@@ -125,12 +122,12 @@ def error_figure(evaluation: Evaluation) -> Figure:
 
     tracks = evaluation.tracks
     rows = evaluation.dimensions + (evaluation.nees is not None)
-    figure = Figure(figsize=(10, 2.3 * rows), layout="constrained")
+    figure = Figure(figsize=(10, 2.3 * rows), dpi=120, layout="constrained")
     panels = np.atleast_1d(figure.subplots(rows, 1, sharex=True))
     factor, unit = (1e3, "mm") if evaluation.ate_m.max < 1 else (1.0, "m")
     for k in range(evaluation.dimensions):
         _error_panel(panels[k], tracks, k, factor, unit)
-    panels[0].set_title(f"{_plain(evaluation.name)}: estimate minus reference, with two sigma")
+    panels[0].set_title(f"{plain(evaluation.name)}: estimate minus reference, with two sigma")
     if evaluation.nees is not None:
         _nees_panel(panels[-1], evaluation)
     panels[-1].set_xlabel("time since the first keyframe [s]")
@@ -163,14 +160,3 @@ def _nees_panel(axes: Axes, evaluation: Evaluation) -> None:
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_locator(NullLocator())
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=3, fontsize="small", frameon=False)
-
-
-def _legend_below(axes: Axes, columns: int) -> None:
-    axes.legend(
-        loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=columns, fontsize="small", frameon=False
-    )
-
-
-def _plain(text: str) -> str:
-    """A name from outside, not read as a formula."""
-    return text.replace("$", r"\$")

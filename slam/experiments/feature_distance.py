@@ -31,7 +31,7 @@ from slam.experiments.experiment import (
     verdict,
 )
 from slam.experiments.stitching import PICTURE_S, at_pace
-from slam.report.paper import FEATURE_DISTANCE_PX
+from slam.paper import FEATURE_DISTANCE_PX
 from slam.simulation import load_recipe, simulate
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from slam.experiments.experiment import (
     told,
     verdict,
 )
-from slam.report.paper import (
+from slam.paper import (
     HOVER_DRIFT_M,
     HOVER_DRIFT_VARIANCE,
     HOVER_SPEED_M_S,

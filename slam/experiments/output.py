@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-import slam
+from slam.drawing import png
 from slam.experiments.experiment import Conclusion, Experiment, Row, Spread, Trial
 from slam.experiments.registry import experiment
 from slam.summary import json_text
+from slam.version import VERSION
 
 _DPI = 110
 
@@ -101,11 +101,9 @@ def draw(made: Experiment, trials: tuple[Trial, ...]) -> bytes:
     """The experiment's picture as PNG; no global state of the plotting library is touched."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=made.size_inches, layout="constrained")
+    figure = Figure(figsize=made.size_inches, dpi=_DPI, layout="constrained")
     made.draw(figure, trials)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=_DPI)
-    return stream.getvalue()
+    return png(figure)
 
 
 def table(conclusion: Conclusion) -> Table:
@@ -158,6 +156,4 @@ def _page(sections: list[_Section], seeds: int) -> str:
     environment = Environment(
         loader=PackageLoader("slam.experiments", "."), autoescape=True, undefined=StrictUndefined
     )
-    return environment.get_template("page.html.j2").render(
-        sections=sections, seeds=seeds, version=slam.__version__
-    )
+    return environment.get_template("page.html.j2").render(sections=sections, seeds=seeds, version=VERSION)

@@ -25,7 +25,7 @@ from slam.experiments.experiment import (
     spread,
     verdict,
 )
-from slam.report.paper import FLOOR_AT_1M_M, OVERLAP_SPEED_M_S, TOP_SPEED_M_S, TOP_SPEED_PERCENT
+from slam.paper import FLOOR_AT_1M_M, OVERLAP_SPEED_M_S, TOP_SPEED_M_S, TOP_SPEED_PERCENT
 from slam.simulation import load_recipe
 from slam.simulation.camera.optics import CameraModel, expose
 from slam.simulation.camera.photometry import digitise

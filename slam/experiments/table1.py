@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from slam.experiments.experiment import DRONE, SIMULATOR, Conclusion, Experiment, Trial, told, verdict
 from slam.experiments.maps import CONSECUTIVE, GRAPH, KEYFRAMES, largest, mapped, rows, show_maps
-from slam.report.paper import SQUARE_DRONE_PERCENT, SQUARE_PERCENT
+from slam.paper import SQUARE_DRONE_PERCENT, SQUARE_PERCENT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -21,7 +21,7 @@ from slam.experiments.experiment import (
 )
 from slam.experiments.maps import CONSECUTIVE, GRAPH, KEYFRAMES, WAYS, largest, mapped, rows, show_maps
 from slam.experiments.stitching import LARGEST
-from slam.report.paper import SQUARE_DRONE_PERCENT, SQUARE_PERCENT, WHITE_BALANCE_PERCENT
+from slam.paper import SQUARE_DRONE_PERCENT, SQUARE_PERCENT, WHITE_BALANCE_PERCENT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

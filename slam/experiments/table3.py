@@ -32,8 +32,8 @@ from slam.experiments.maps import (
     show_maps,
 )
 from slam.experiments.stitching import filtered
+from slam.paper import EKF_PERCENT, STITCHED_PERCENT
 from slam.pipeline import optimize
-from slam.report.paper import EKF_PERCENT, STITCHED_PERCENT
 from slam.simulation import load_recipe, simulate
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from slam.experiments.experiment import (
     told,
     verdict,
 )
-from slam.report.paper import (
+from slam.paper import (
     MAX_TILT_DEG,
     PITCH_DEG,
     PITCH_STD_DEG,

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from slam.drawing import BLUE, GREEN, GREY, ORANGE, VERMILLION, grid, panel_legend_below, plain, png
 from slam.loops.evaluation import EXHAUSTIVE, HISTOGRAM, OURS, WORDS, LoopEvaluation, MethodScore
 from slam.loops.reference import FALSE, TRUE, Pair
-from slam.report.pictures import BLUE, GREEN, GREY, ORANGE, VERMILLION
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,8 +33,8 @@ def draw(evaluation: LoopEvaluation) -> bytes:
     figure = Figure(figsize=(12.5, 11.0), dpi=110, layout="constrained")
     (candidates, verified), (stages, top) = figure.subplots(2, 2)
     figure.suptitle(
-        f"{evaluation.name}: {evaluation.true_pairs} true loops among {evaluation.pairs} pairs of "
-        f"{evaluation.compared} keyframes".replace("$", r"\$")
+        f"{plain(evaluation.name)}: {evaluation.true_pairs} true loops among {evaluation.pairs} pairs of "
+        f"{evaluation.compared} keyframes"
     )
     _curves(candidates, "Candidates: all pairs by likeness", evaluation, lambda m: m.candidates)
     _curves(
@@ -46,9 +45,7 @@ def draw(evaluation: LoopEvaluation) -> bytes:
     )
     _stages(stages, evaluation)
     _map(top, evaluation)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png")
-    return stream.getvalue()
+    return png(figure)
 
 
 def _curves(
@@ -72,8 +69,8 @@ def _curves(
     axes.set(xlim=(-0.02, 1.02), ylim=(-0.02, 1.04), title=title)
     axes.set_xlabel("recall: share of all true loops that is taken")
     axes.set_ylabel("precision: share of what is taken that is true")
-    axes.grid(color="#e4e7eb", linewidth=0.6)
-    _legend_below(axes, 1)
+    grid(axes)
+    panel_legend_below(axes, 1)
 
 
 def _stages(axes: Axes, evaluation: LoopEvaluation) -> None:
@@ -93,7 +90,7 @@ def _stages(axes: Axes, evaluation: LoopEvaluation) -> None:
     axes.set_title(
         f"Our pipeline on all {evaluation.keyframes} keyframes ({evaluation.all_true_pairs} true loops)"
     )
-    _legend_below(axes, 2)
+    panel_legend_below(axes, 2)
 
 
 def _map(axes: Axes, evaluation: LoopEvaluation) -> None:
@@ -115,11 +112,7 @@ def _map(axes: Axes, evaluation: LoopEvaluation) -> None:
     kind = "truth" if reference.kind == "truth" else "GPS"
     axes.set(xlabel="x [m]", ylabel="y [m]", title=f"Where they lie, by the {kind}")
     axes.set_aspect("equal", adjustable="datalim")
-    _legend_below(axes, 2)
-
-
-def _legend_below(axes: Axes, columns: int) -> None:
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=columns, fontsize=9, frameon=False)
+    panel_legend_below(axes, 2)
 
 
 def _labelled(pairs: list[Pair], evaluation: LoopEvaluation) -> list[tuple[Pair, int]]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.drawing import UNSEEN, ground_labels, png
 from slam.estimate import Estimate
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, write_bands
@@ -41,16 +41,14 @@ def elevation_picture(height: NDArray[np.float32], grid: Grid) -> bytes:
         figsize=(8.0, float(np.clip(7.0 * rows / cols, 2.2, 10.0)) + 1.0), dpi=130, layout="constrained"
     )
     axes = figure.subplots()
-    axes.set_facecolor("#e8eaed")
+    axes.set_facecolor(UNSEEN)
     low, high = (float(q) for q in np.nanpercentile(height, [0.5, 99.5]))
     low, high = min(low, -LEAST_SPAN_M / 4), max(high, LEAST_SPAN_M)
     drawn = axes.imshow(
         height, cmap="cividis", extent=grid.extent_m, vmin=low, vmax=high, interpolation="nearest"
     )
-    axes.set_xlabel("east [m]" if grid.origin else "x [m]")
-    axes.set_ylabel("north [m]" if grid.origin else "y [m]")
+    x, y = ground_labels(on_earth=grid.origin is not None)
+    axes.set(xlabel=x, ylabel=y)
     axes.set_title("Height over the floor, by the sonar (grey: the beam has not been there)", fontsize=10)
     figure.colorbar(drawn, ax=axes, label="m", shrink=0.9)
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png")
-    return stream.getvalue()
+    return png(figure)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from frontend.mosaic.exposure import Exposure
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.quality import MosaicQuality, mosaic_quality
+from slam.drawing import UNSEEN, ground_labels, png
 from slam.estimate import Estimate
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, write_bands
@@ -47,19 +47,18 @@ def quality_picture(quality: MosaicQuality, grid: Grid) -> bytes:
     )
     tall = float(np.clip(4.4 * grid.height / grid.width, 1.8, 8.0))
     figure = Figure(figsize=(14.0, tall + 1.3), dpi=110, layout="constrained")
+    x, y = ground_labels(on_earth=grid.origin is not None)
     for axes, (title, values, colours) in zip(figure.subplots(1, 3), panels, strict=True):
-        axes.set_facecolor("#e8eaed")
+        axes.set_facecolor(UNSEEN)
         high = float(np.nanpercentile(values, 99)) if np.isfinite(values).any() else 1.0
         drawn = axes.imshow(
             values, cmap=colours, extent=grid.extent_m, vmin=0, vmax=max(high, 1e-9), interpolation="nearest"
         )
         axes.set_title(title, fontsize=10)
-        axes.set_xlabel("east [m]" if grid.origin else "x [m]")
+        axes.set_xlabel(x)
         figure.colorbar(drawn, ax=axes, fraction=0.046 * grid.height / grid.width, pad=0.03)
-    figure.axes[0].set_ylabel("north [m]" if grid.origin else "y [m]")
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png")
-    return stream.getvalue()
+    figure.axes[0].set_ylabel(y)
+    return png(figure)
 
 
 def _unit(std_m: NDArray[np.float32]) -> tuple[str, float]:

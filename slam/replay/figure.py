@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import io
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from slam.drawing import BLUE, GREY, ORANGE, plain, png
 from slam.replay.compare import Comparison, Replay
-from slam.report.pictures import BLUE, GREY, ORANGE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +24,7 @@ def draw(replay: Replay) -> bytes:
 
     count = len(replay.channels)
     rows = -(-count // COLUMNS)
-    figure = Figure(figsize=(13, 1.0 + 1.9 * rows), layout="constrained")
+    figure = Figure(figsize=(13, 1.0 + 1.9 * rows), dpi=110, layout="constrained")
     panels = np.atleast_1d(figure.subplots(rows, COLUMNS, sharex=True, squeeze=False)).ravel()
     for axes, channel in zip(panels, replay.channels, strict=False):
         _panel(axes, channel, replay)
@@ -36,12 +35,8 @@ def draw(replay: Replay) -> bytes:
         axes.tick_params(labelbottom=True)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=3)
-    figure.suptitle(
-        f"{replay.flight} and what model {replay.model} makes of its commands".replace("$", r"\$")
-    )
-    made = io.BytesIO()
-    figure.savefig(made, format="png", dpi=110)
-    return made.getvalue()
+    figure.suptitle(plain(f"{replay.flight} and what model {replay.model} makes of its commands"))
+    return png(figure)
 
 
 def _panel(axes: Axes, channel: Comparison, replay: Replay) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 
 from slam.estimate import MAP_WAYS
 from slam.evaluation.landmarks import over_papers_ground
-from slam.report.facts import length
-from slam.report.paper import EKF_PERCENT, STITCHED_PERCENT
+from slam.paper import EKF_PERCENT, STITCHED_PERCENT
+from slam.quantities import length
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.report.pictures import BLUE, GREEN, GREY, ORANGE, VERMILLION, canvas, legend_below, png
+from slam.drawing import BLUE, GREEN, GREY, ORANGE, VERMILLION, canvas, legend_below, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import slam
 from slam.report.accuracy import map_gain_table
 from slam.report.criticism_pictures import (
     REPLAYED,
@@ -18,6 +17,7 @@ from slam.report.criticism_pictures import (
     ranking_picture,
 )
 from slam.report.page import Item, embedded, render_page
+from slam.version import VERSION
 
 if TYPE_CHECKING:
     from slam.correction.map_gain import MapGain
@@ -79,7 +79,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
     return render_page(
         "criticism_page.html.j2",
         title=VERDICTS[result.verdict],
-        version=slam.__version__,
+        version=VERSION,
         model=result.model.name if result.model else "none",
         result=result,
         tiles=_tiles(result),

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.drawing import BLUE, ORANGE, PALE_GREY, VERMILLION, grid, ground_labels, legend_below, plain, png
 from slam.estimate import Estimate
-from slam.report.pictures import BLUE, ORANGE, PALE_GREY, VERMILLION, legend_below, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,12 +65,8 @@ def estimate_picture(estimate: Estimate, track: Track) -> bytes:
         axes.set_xlabel("time since the start [s]")
         axes.set_xlim(0.0, float(estimate.stamps_s[-1] - estimate.stamps_s[0]))
     right.align_ylabels(panels)
-    figure.suptitle(_title(estimate), fontsize="medium")
+    figure.suptitle(plain(estimate.name), fontsize="medium")
     return png(figure)
-
-
-def _title(estimate: Estimate) -> str:
-    return estimate.name.replace("$", r"\$")
 
 
 def _ways(estimate: Estimate) -> Iterator[tuple[Array, str, float, str]]:
@@ -97,9 +93,9 @@ def _top_view(axes: Axes, estimate: Estimate, across_m: float) -> None:
     axes.plot(*estimate.w_T_b[0, :2, 3], "o", color=BLUE, mfc="white", ms=6, label="start", zorder=3)
     _ellipses(axes, estimate, across_m)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("east [m]" if estimate.origin else "x [m]")
-    axes.set_ylabel("north [m]" if estimate.origin else "y [m]")
-    axes.grid(color="#e4e7eb", lw=0.6)
+    x, y = ground_labels(on_earth=estimate.origin is not None)
+    axes.set(xlabel=x, ylabel=y)
+    grid(axes)
     legend_below(axes)
 
 

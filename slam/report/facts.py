@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 
 from slam.estimate import Estimate
 from slam.evaluation.trajectory import gauge
+from slam.quantities import SPACE, length, percent
 
 if TYPE_CHECKING:
     from slam.flight import Flight
 
 Array = NDArray[np.float64]
-
-_SPACE = "\N{NO-BREAK SPACE}"
-"""Between a figure and its unit."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +117,7 @@ def sentence(facts: Facts) -> str:
     if np.isfinite(facts.sigma_median_m):
         median, worst = length(facts.sigma_median_m), length(facts.sigma_max_m)
         relative = f"relative to {facts.relative_to} " if facts.relative_to else ""
-        said += f"; {relative}a position is known to ±{_SPACE}{median} (median), ±{_SPACE}{worst} at worst"
+        said += f"; {relative}a position is known to ±{SPACE}{median} (median), ±{SPACE}{worst} at worst"
         if facts.mostly_scale:
             said += f", mostly because the scale of all lengths is known to {percent(facts.scale_std)} only"
     said += "."
@@ -131,27 +129,6 @@ def sentence(facts: Facts) -> str:
     if facts.scale_source == "none":
         said += " Nothing measured height or position, so lengths are relative, not metres."
     return said
-
-
-def percent(share: float) -> str:
-    """A share as percent with up to two significant figures."""
-    return f"{100 * share:.2g}{_SPACE}%"
-
-
-def length(metres: float) -> str:
-    """A length with three significant figures and the unit that reads best."""
-    if not np.isfinite(metres):
-        return "not known"
-    if abs(metres) < 0.0995:
-        return f"{_significant(metres * 1e3)}{_SPACE}mm"
-    if abs(metres) < 9995:
-        return f"{_significant(metres)}{_SPACE}m"
-    return f"{_significant(metres / 1e3)}{_SPACE}km"
-
-
-def _significant(value: float) -> str:
-    digits = 2 if value == 0 else int(np.clip(2 - np.floor(np.log10(abs(value))), 0, 2))
-    return f"{value:.{digits}f}"
 
 
 def chain_on_result(estimate: Estimate) -> Array:
@@ -204,8 +181,8 @@ def _height_sensor(estimate: Estimate, flight: Flight | None) -> tuple[str, str]
             return "exact, as its sensor.yaml says"
         return value if std < _TOLD * assumed else f"{value}, as assumed: this flight does not tell"
 
-    gain = f"{found.gain:.3f} ±{_SPACE}{found.gain_std:.3f}"
-    zero = f"{1e3 * found.zero_m:+.1f} ±{_SPACE}{1e3 * found.zero_std_m:.1f}{_SPACE}mm"
+    gain = f"{found.gain:.3f} ±{SPACE}{found.gain_std:.3f}"
+    zero = f"{1e3 * found.zero_m:+.1f} ±{SPACE}{1e3 * found.zero_std_m:.1f}{SPACE}mm"
     return (
         told(gain, found.gain_std, flight.sonar.scale_std),
         told(zero, found.zero_std_m, flight.sonar.datum_std_m),

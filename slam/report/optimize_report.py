@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-import slam
 from slam.estimate import Estimate
-from slam.report.facts import Facts, gather, length, percent, sentence
+from slam.quantities import length, percent
+from slam.report.facts import Facts, gather, sentence
 from slam.report.instrument_errors import (
     accelerometer_told,
     arm_told,
@@ -22,6 +22,7 @@ from slam.report.instrument_errors import (
 from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture, width_px
 from slam.summary import Summary
+from slam.version import VERSION
 
 if TYPE_CHECKING:
     from slam.flight import Flight
@@ -75,7 +76,7 @@ def render(
     return render_page(
         "page.html.j2",
         name=estimate.name,
-        version=slam.__version__,
+        version=VERSION,
         facts=facts,
         sentence=sentence(facts),
         summary=summary,

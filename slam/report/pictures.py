@@ -12,18 +12,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.drawing import BLUE, GREEN, GREY, ORANGE, VERMILLION, canvas, ground_labels, legend_below, png
 from slam.estimate import Estimate
 from slam.report.facts import chain_on_result, is_placed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
-# Okabe and Ito's colours, told apart by colour-blind readers (jfly.uni-koeln.de/color, 2008).
-BLUE, GREEN, VERMILLION, GREY, ORANGE = "#0072b2", "#009e73", "#d55e00", "#8a8f98", "#e69f00"
-PALE_GREY = "#c3c7cd"
 _MOST_LOOPS = 400
 """Of a kind, drawn at most: a thousand lines hide the map they are about."""
 _MOST_ELLIPSES = 60
@@ -50,8 +47,8 @@ def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes
     if known.any():
         start = position[known][0]
         axes.plot(start[0], start[1], "o", color=BLUE, markersize=6, markerfacecolor="white", label="start")
-    axes.set_xlabel("east [m]" if estimate.origin else "x [m]")
-    axes.set_ylabel("north [m]" if estimate.origin else "y [m]")
+    x, y = ground_labels(on_earth=estimate.origin is not None)
+    axes.set(xlabel=x, ylabel=y)
     axes.set_aspect("equal", adjustable="datalim")
     if size:
         axes.plot([], [], "o", color=ORANGE, markerfacecolor="none", label=f"2σ ellipse{_drawn(size)}")
@@ -125,31 +122,6 @@ def _shrunk(path: Path, most_px: int) -> Iterator[NDArray[np.uint8]]:
                 pixels = (pixels[..., :-1] * alpha + 255 * (1 - alpha)).astype(np.uint8)
             size = width, max(1, rows // shrink)
             yield cv2.resize(np.ascontiguousarray(pixels), size, interpolation=cv2.INTER_AREA)
-
-
-def canvas(width_in: float, height_in: float) -> tuple[Figure, Axes]:
-    """An empty drawing in the style of all of them."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width_in, height_in), dpi=160, layout="constrained")
-    axes = figure.add_subplot()
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.grid(color="#e4e7eb", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(colors="#444c56", labelsize=9)
-    return figure, axes
-
-
-def png(figure: Figure) -> bytes:
-    """The drawing as a file."""
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png")
-    return stream.getvalue()
-
-
-def legend_below(axes: Axes) -> None:
-    """The legend, under the drawing."""
-    axes.figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=9)
 
 
 def _path(axes: Axes, position: Array, **style: Any) -> None:

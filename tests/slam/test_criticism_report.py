@@ -17,6 +17,7 @@ from slam.criticism.manoeuvres import stick_for
 from slam.criticism.verdict.covariate import Covariate, Misses
 from slam.criticism.verdict.criticism import Cause, ChannelCheck, Criticism, Gain, Interval, Rank
 from slam.criticism.verdict.rollouts import ChannelError
+from slam.drawing import BLUE, ORANGE, VERMILLION
 from slam.report.criticism_pictures import (
     before_after_picture,
     covariate_picture,
@@ -24,7 +25,6 @@ from slam.report.criticism_pictures import (
     ranking_picture,
 )
 from slam.report.criticism_report import VERDICTS, render_criticism
-from slam.report.pictures import BLUE, ORANGE, VERMILLION
 from slam.simulation.model import load_model
 
 RANKING = (

@@ -14,7 +14,8 @@ from PIL import Image
 
 from slam.estimate import LoopVerdict
 from slam.flight import GeoOrigin
-from slam.report.facts import chain_on_result, gather, length, sentence
+from slam.quantities import length
+from slam.report.facts import chain_on_result, gather, sentence
 from slam.report.optimize_report import Mosaics, render, write_report
 from slam.report.pictures import thumbnail, trajectory_picture
 from slam.summary import json_text, summarise

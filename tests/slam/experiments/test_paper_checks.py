@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from slam import paper
 from slam.experiments import paper_checks
 from slam.experiments.paper_checks import (
     checks,
@@ -14,7 +15,6 @@ from slam.experiments.paper_checks import (
     misfit_m_s2,
     odd_point,
 )
-from slam.report import paper
 
 
 def check(name):

@@ -1,0 +1,29 @@
+"""Lengths and shares as a person reads them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+SPACE = "\N{NO-BREAK SPACE}"
+"""Between a figure and its unit."""
+
+
+def percent(share: float) -> str:
+    """A share as percent with up to two significant figures."""
+    return f"{100 * share:.2g}{SPACE}%"
+
+
+def length(metres: float) -> str:
+    """A length with three significant figures and the unit that reads best."""
+    if not np.isfinite(metres):
+        return "not known"
+    if abs(metres) < 0.0995:
+        return f"{_significant(metres * 1e3)}{SPACE}mm"
+    if abs(metres) < 9995:
+        return f"{_significant(metres)}{SPACE}m"
+    return f"{_significant(metres / 1e3)}{SPACE}km"
+
+
+def _significant(value: float) -> str:
+    digits = 2 if value == 0 else int(np.clip(2 - np.floor(np.log10(abs(value))), 0, 2))
+    return f"{value:.{digits}f}"
