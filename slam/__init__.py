@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from slam.criticism import criticise
     from slam.evaluation import evaluate
     from slam.flight import Flight
+    from slam.io.flight_folder import read_flight
     from slam.loops import evaluate_loops
     from slam.pipeline import optimize
     from slam.relocation import Relocalizer, relocalize
@@ -23,6 +24,7 @@ __all__ = [
     "evaluate",
     "evaluate_loops",
     "optimize",
+    "read_flight",
     "relocalize",
     "simulate",
 ]
@@ -33,6 +35,7 @@ _HOME = {
     "evaluate": "slam.evaluation",
     "evaluate_loops": "slam.loops",
     "optimize": "slam.pipeline",
+    "read_flight": "slam.io.flight_folder",
     "Relocalizer": "slam.relocation",
     "relocalize": "slam.relocation",
     "simulate": "slam.simulation",

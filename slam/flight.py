@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
@@ -212,13 +213,9 @@ class Flight:
 
     @staticmethod
     def open(path: str) -> Flight:
-        """Read a flight folder; pictures stay on disk until asked for.
-
-        Raises ``InputError`` where a rule of the format is broken.
-        """
-        from slam.io.flight_folder import read_flight
-
-        return read_flight(path)
+        """`slam.read_flight` by its first name. Data know no file format: the package is asked for it."""
+        read: Callable[[str], Flight] = import_module("slam").read_flight
+        return read(path)
 
     def warned(self, line: str) -> Flight:
         """The same flight with one more line of ``warnings``."""

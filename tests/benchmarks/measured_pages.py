@@ -14,6 +14,7 @@ from slam.criticism import Criticism, criticise
 from slam.criticism.verdict.criticism import Interval
 from slam.criticism.verdict.power import within_reach
 from slam.flight import Flight
+from slam.io.flight_folder import read_flight
 from slam.report.criticism_pictures import (
     Stretch,
     before_after_picture,
@@ -63,7 +64,7 @@ def page(name: str, study: Study) -> None:
 
 
 def _flight(path: str) -> Flight:
-    return Flight.open(folder("flights") / path)
+    return read_flight(folder("flights") / path)
 
 
 def _section(title: str, content: Sequence[str], there: object = True) -> list[str]:

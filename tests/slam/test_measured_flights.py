@@ -13,6 +13,7 @@ import pytest
 from slam.evaluation import Evaluation, evaluate
 from slam.evaluation.trajectory import umeyama
 from slam.flight import Flight
+from slam.io.flight_folder import read_flight
 from slam.io.photos import import_photos
 from slam.pipeline import optimize
 from tests.slam.small_flight import only
@@ -26,7 +27,7 @@ pytestmark = pytest.mark.skipif(
 @pytest.fixture
 def hybrid() -> Flight:
     """A small drone's own motion and sensors, pictures rendered along it."""
-    return Flight.open(str(DATA / "flights" / "ardrone2-hybrid"))
+    return read_flight(str(DATA / "flights" / "ardrone2-hybrid"))
 
 
 def assert_consistent(found: Evaluation) -> None:

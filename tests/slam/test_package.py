@@ -47,14 +47,15 @@ def python(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_names_that_a_script_needs():
-    from slam import Flight, criticise, evaluate, optimize, simulate
+    from slam import Flight, criticise, evaluate, optimize, read_flight, simulate
 
     assert Flight.__module__ == "slam.flight"
     assert optimize.__module__ == "slam.pipeline"
+    assert read_flight.__module__ == "slam.io.flight_folder"
     assert evaluate.__module__ == "slam.evaluation.score"
     assert simulate.__module__ == "slam.simulation"
     assert criticise.__module__ == "slam.criticism.run"
-    said = "Flight Relocalizer criticise evaluate evaluate_loops optimize relocalize simulate"
+    said = "Flight Relocalizer criticise evaluate evaluate_loops optimize read_flight relocalize simulate"
     assert set(slam.__all__) == set(said.split())
 
 

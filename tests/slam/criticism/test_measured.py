@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slam.criticism import criticise
-from slam.flight import Flight
+from slam.io.flight_folder import read_flight
 from slam.replay import replay
 from slam.simulation.model import load_model
 
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set: no measu
 
 def pulse(number):
     """A run of ardrone-pulses; full stick asks for the model's tilt, the setting flown was not recorded."""
-    return Flight.open(Path(str(DATA)) / "flights" / "ardrone-pulses" / f"run-{number:02d}")
+    return read_flight(Path(str(DATA)) / "flights" / "ardrone-pulses" / f"run-{number:02d}")
 
 
 FULL_STICK, HALF_STICK = (6, 9, 10), (7, 8, 11, 12)
@@ -59,7 +59,7 @@ def test_pulses_name_what_is_wrong_and_each_run_is_predicted_from_others():
 
 
 def test_the_ar_drone_s_accelerometer_reads_too_little_upwards():
-    found = criticise([Flight.open(Path(str(DATA)) / "flights" / "ardrone2-optitrack")])
+    found = criticise([read_flight(Path(str(DATA)) / "flights" / "ardrone2-optitrack")])
     assert found.causes[0].name == "accel_bias"
     # Against the motion capture, which criticism has not seen, its mean is 0.67 to 0.7 m/s^2 too low.
     up = found.causes[0].parameters["z"]
@@ -68,7 +68,7 @@ def test_the_ar_drone_s_accelerometer_reads_too_little_upwards():
 
 
 def test_the_flow_camera_s_gyro_is_off_and_its_flight_is_not_judged_as_motion():
-    found = criticise([Flight.open(Path(str(DATA)) / "flights" / "px4flow-quad")])
+    found = criticise([read_flight(Path(str(DATA)) / "flights" / "px4flow-quad")])
     names = {n for c in found.causes for n in c.alternatives}
     assert "gyro_bias" in names
     assert names & {"accel_bias", "accel_scale"}

@@ -10,6 +10,7 @@ import pytest
 
 from slam.errors import InputError
 from slam.flight import Flight
+from slam.io.flight_folder import read_flight
 from slam.replay import replay
 from slam.simulation import sensors
 from slam.simulation.model import Model, load_model
@@ -27,7 +28,7 @@ def measured(name):
     path = Path(DATA) / name
     if not path.exists():
         pytest.skip(f"{path}: not there")
-    return Flight.open(str(path))
+    return read_flight(str(path))
 
 
 def rms(result):
