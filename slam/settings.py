@@ -12,7 +12,6 @@ from frontend.keyframes import KeyframeConfig
 from frontend.retrieval import RetrievalConfig
 from frontend.tracks import TrackConfig
 from slam.inertial.instruments import InertialTrust
-from slam.mapping.obstacles import MaskingConfig
 
 
 @dataclass(frozen=True)
@@ -46,6 +45,20 @@ class LoopConfig:
     max_pairs: int = 6000
     """Pairs compared over the whole flight, of those that look alike, and again of those the poses suggest;
     a long flight compares each keyframe with fewer others."""
+
+
+@dataclass(frozen=True)
+class MaskingConfig:
+    """When an echo is an obstacle (IMAV 2011 paper, section 3.1.1)."""
+
+    pixels: bool = True
+    """Pixels that show obstacles are not searched for features."""
+    echoes: bool = True
+    """Echoes from obstacles are no heights of flight."""
+    gamma_3_m: float = 0.06
+    """Nothing that stands less high over the floor is masked."""
+    least_share: float = 0.01
+    """Of the echoes must stand out for a flight to have obstacles at all; a flat floor is left alone."""
 
 
 _MOST = 1e6

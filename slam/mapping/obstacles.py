@@ -19,6 +19,7 @@ from frontend.elevation import Elevation, elevation_map
 from frontend.masking import ObstacleMask
 from frontend.robust import robust_std
 from slam.flight import Flight, Image, Sonar
+from slam.settings import MaskingConfig
 
 Array = NDArray[np.float64]
 
@@ -40,20 +41,6 @@ LONG_S, CLIMBED = 0.5, 0.5 * RELATIVE_GAMMA
 
 Masks = Callable[[int], Image | None]
 """Of a frame's number: where to look for features, 0 where not; None where everywhere."""
-
-
-@dataclass(frozen=True)
-class MaskingConfig:
-    """When an echo is an obstacle (IMAV 2011 paper, section 3.1.1)."""
-
-    pixels: bool = True
-    """Pixels that show obstacles are not searched for features."""
-    echoes: bool = True
-    """Echoes from obstacles are no heights of flight."""
-    gamma_3_m: float = 0.06
-    """Nothing that stands less high over the floor is masked."""
-    least_share: float = 0.01
-    """Of the echoes must stand out for a flight to have obstacles at all; a flat floor is left alone."""
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.flight import Scalar
+from slam.simulation.chance import generator
 from slam.simulation.dynamics import COMMAND
 from slam.simulation.instruments import BatteryModel
 from slam.simulation.model import Model
 from slam.simulation.motion import Motion
-from slam.simulation.sensors import generator, stamped, stamps
+from slam.simulation.sensors import stamped, stamps
 
 Array = NDArray[np.float64]
 

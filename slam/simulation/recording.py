@@ -11,6 +11,7 @@ from slam.simulation import sensors
 from slam.simulation.battery import read_battery
 from slam.simulation.camera.effects import camera_effects
 from slam.simulation.camera.film import Film, shoot
+from slam.simulation.chance import generator
 from slam.simulation.maneuver import MAX_HEIGHT_M, plan
 from slam.simulation.motion import Motion, at_rest, draw_for, obey, steps_of
 from slam.simulation.pilot import fly
@@ -63,7 +64,7 @@ def record(recipe: Recipe, seed: int) -> Flight:
 def flown(recipe: Recipe, seed: int) -> Motion:
     """The true motion of a recipe's flight. Raises ``InputError`` where it leaves the floor or hits it."""
     maneuver, model = recipe.maneuver, recipe.model
-    rngs = (sensors.generator(seed, "hold noise"), sensors.generator(seed, "gusts"))
+    rngs = (generator(seed, "hold noise"), generator(seed, "gusts"))
     if maneuver.script:
         stick = stick_from(maneuver)
         start = at_rest(*maneuver.start_m, maneuver.height_m, float(np.radians(maneuver.heading_deg)))
@@ -112,7 +113,7 @@ def _rise(world: World, x: float, y: float) -> float:
 
 def _film(recipe: Recipe, world: World, motion: Motion, seed: int) -> Film:
     assert recipe.camera is not None
-    clock = sensors.generator(seed, "camera clock")
+    clock = generator(seed, "camera clock")
     stamps_s = sensors.stamps(recipe.camera.rate_hz, motion.duration_s, clock)
     marks = tuple((name, x, y) for name, (x, y) in recipe.landmarks.items())
     # A parameter that a model leaves out is neutral, not nothing.

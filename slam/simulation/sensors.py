@@ -7,14 +7,13 @@ without in that term alone.
 
 from __future__ import annotations
 
-import zlib
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from slam.flight import AttitudeSeries, Command, Imu, Sonar, Velocity
+from slam.simulation.chance import generator
 from slam.simulation.instruments import Rate
 from slam.simulation.model import Model
 from slam.simulation.motion import Motion, State
@@ -22,7 +21,7 @@ from slam.simulation.place.terrain import first_echo
 from slam.simulation.place.world import World
 from slam.simulation.stick import Stick
 
-__all__ = ["Rate", "generator", "stamps"]
+__all__ = ["Rate", "stamps"]
 
 Array = NDArray[np.float64]
 
@@ -34,11 +33,6 @@ ASSUMED_DEG_C = 20.0
 """Air temperature that the sonar reckons with."""
 SECOND_ECHO_STD = 0.05
 """Spread of an echo that went the way twice, as a share of it."""
-
-
-def generator(seed: int, stream: str, *index: int) -> np.random.Generator:
-    """The random numbers of one stream of one flight, independent of those of every other."""
-    return np.random.default_rng((seed, zlib.crc32(stream.encode()), *index))
 
 
 def stamps(rate_hz: float, duration_s: float, rng: np.random.Generator) -> Array:

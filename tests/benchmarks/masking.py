@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from slam.evaluation import evaluate
 from slam.flight import Flight
-from slam.mapping.obstacles import MaskingConfig, echoes_in_map, find_obstacles
+from slam.mapping.obstacles import echoes_in_map, find_obstacles
 from slam.pipeline import optimize
-from slam.settings import PipelineConfig
+from slam.settings import MaskingConfig, PipelineConfig
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.metric import Metric, at_most, told

@@ -13,10 +13,10 @@ from frontend.camera import Camera
 from slam.simulation.camera import photometry, shutter
 from slam.simulation.camera.effects import CameraEffects, true_camera
 from slam.simulation.camera.optics import SUPERSAMPLING, CameraModel, sample
+from slam.simulation.chance import generator
 from slam.simulation.place.reflections import shine
 from slam.simulation.place.scene import build_scene
 from slam.simulation.place.world import Marks, World
-from slam.simulation.sensors import generator
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]

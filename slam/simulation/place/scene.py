@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.simulation.chance import generator
 from slam.simulation.place.movers import Movers
 from slam.simulation.place.skins import Skins, paint
 from slam.simulation.place.world import Floor, Marks, World, build_floor
-from slam.simulation.sensors import generator
 
 Array = NDArray[np.float64]
 

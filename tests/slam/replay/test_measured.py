@@ -13,6 +13,7 @@ from slam.flight import Flight
 from slam.io.flight_folder import read_flight
 from slam.replay import replay
 from slam.simulation import sensors
+from slam.simulation.chance import generator
 from slam.simulation.model import Model, load_model
 from slam.simulation.motion import at_rest, draw_for, obey, steps_of
 from slam.simulation.place.world import World
@@ -100,7 +101,7 @@ def like(flight: Flight, model: Model, seed: int) -> Flight:
     duration_s = flight.command.stamps_s[-1] - first
     stick = Stick(flight.command.stamps_s - first, flight.command.stick, duration_s)
     height = float(np.nanmedian(flight.sonar.range_m[:20])) - model.sonar.datum_m
-    rngs = sensors.generator(seed, "hold noise"), sensors.generator(seed, "gusts")
+    rngs = generator(seed, "hold noise"), generator(seed, "gusts")
     motion = obey(stick, model, at_rest(0, 0, height, 0), draw_for(model, steps_of(duration_s), rngs))
     return Flight(
         "simulated",

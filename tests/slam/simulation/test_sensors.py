@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from backend.measurements import GRAVITY_M_S2
 from slam.simulation import sensors
 from slam.simulation.battery import open_circuit_v, read_battery
+from slam.simulation.chance import generator
 from slam.simulation.hold_noise import HoldNoise
 from slam.simulation.instruments import (
     AttitudeModel,
@@ -308,10 +309,10 @@ def test_the_command_log_has_each_change_and_twenty_rows_a_second():
 
 
 def test_a_stream_draws_from_its_own_generator():
-    a = sensors.generator(0, "imu").standard_normal(1000)
-    b = sensors.generator(0, "sonar").standard_normal(1000)
-    c = sensors.generator(1, "imu").standard_normal(1000)
-    assert np.array_equal(a, sensors.generator(0, "imu").standard_normal(1000))
+    a = generator(0, "imu").standard_normal(1000)
+    b = generator(0, "sonar").standard_normal(1000)
+    c = generator(1, "imu").standard_normal(1000)
+    assert np.array_equal(a, generator(0, "imu").standard_normal(1000))
     assert abs(np.corrcoef(a, b)[0, 1]) < 0.15
     assert abs(np.corrcoef(a, c)[0, 1]) < 0.15
     assert HoldNoise().tilt_std_deg == 0.4
