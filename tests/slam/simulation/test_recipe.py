@@ -172,8 +172,12 @@ def test_the_readme_s_examples_fly_as_they_stand(tmp_path):
 
 
 @pytest.mark.parametrize("name", sorted(CATALOGUE))
-def test_the_readme_names_every_term_and_its_equation(name):
+def test_the_readme_tells_of_every_term_what_the_catalogue_does(name):
     text = (recipes.shipped_folder() / "README.md").read_text(encoding="utf-8")
     row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
-    assert all(f"`{parameter.name}`" in row for parameter in CATALOGUE[name].parameters)
-    assert CATALOGUE[name].equation.replace("|", "&#124;") in row
+    term = CATALOGUE[name]
+    assert all(f"`{parameter.name}`" in row for parameter in term.parameters)
+    assert term.equation.replace("|", "&#124;") in row
+    mistaken_for, to_fly = row.split(" | ")[-2:]
+    assert mistaken_for == (", ".join(f"`{other}`" for other in term.confounders) or "–")
+    assert to_fly == f"{term.excitation} |"
