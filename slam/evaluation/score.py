@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from slam.estimate import MAP_WAYS, Estimate
 from slam.evaluation.association import Association, associate, seeing_camera
 from slam.evaluation.landmarks import LandmarkDistance, LoopGap, landmark_table
-from slam.evaluation.loops import LoopScore, score_loops
+from slam.evaluation.loop_score import LoopScore, score_loops
 from slam.evaluation.maps import Maps, maps_of
 from slam.evaluation.nees import Nees, nees
 from slam.evaluation.trajectory import RelativeError, Spread, position_error, relative_errors, umeyama

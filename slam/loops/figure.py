@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.drawing import BLUE, GREEN, GREY, ORANGE, VERMILLION, grid, panel_legend_below, plain, png
-from slam.loops.evaluation import EXHAUSTIVE, HISTOGRAM, OURS, WORDS, LoopEvaluation, MethodScore
+from slam.loops.comparison import EXHAUSTIVE, HISTOGRAM, OURS, WORDS, LoopEvaluation, MethodScore
 from slam.loops.reference import FALSE, TRUE, Pair
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from slam.loops.comparison import LoopEvaluation, MethodScore
 from slam.loops.curve import Curve
-from slam.loops.evaluation import LoopEvaluation, MethodScore
 from slam.report.accuracy import UNKNOWN, FigureTable
 from slam.summary import peak_rss_mb
 

@@ -1,7 +1,7 @@
 """Which pairs of keyframes are loops, as the truth or the GPS of the flight has it.
 
 A true loop shares at least 30 % of the smaller footprint and lies at least 10 s apart in time; a pair that
-shares 10 to 30 % counts neither way, as in ``slam.evaluation.loops``.
+shares 10 to 30 % counts neither way, as in ``slam.evaluation.loop_score``.
 
 With truth the footprints are those of the true poses over z = 0. A GPS fix says where, but not how high
 above the ground nor which way up the picture is: height and heading are then those of the graph without
@@ -22,7 +22,7 @@ from frontend.camera import Camera
 from slam.errors import InputError
 from slam.estimate import Estimate
 from slam.evaluation.association import associate
-from slam.evaluation.loops import APART_S, FALSE_OVERLAP, TRUE_OVERLAP, overlap_share, pair_overlaps
+from slam.evaluation.loop_score import APART_S, FALSE_OVERLAP, TRUE_OVERLAP, overlap_share, pair_overlaps
 from slam.flight import Flight
 
 Array = NDArray[np.float64]

@@ -1,6 +1,6 @@
 """The simulator: a recipe and a seed become a flight with truth.
 
-``simulate`` flies the recipe's maneuver with the recipe's model and lets each instrument read the motion.
+``simulate`` flies the recipe's manoeuvre with the recipe's model and lets each instrument read the motion.
 Pictures are rendered when they are read.
 """
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from backend.measurements import GRAVITY_M_S2
 from slam.simulation.dynamics import STEP_S, integrate
 from slam.simulation.hold_noise import NoisePath
-from slam.simulation.maneuver import Path
+from slam.simulation.manoeuvre import Path
 from slam.simulation.model import Model, Vehicle
 from slam.simulation.motion import Motion, at_rest, steps_of
 from slam.simulation.stick import Stick

@@ -18,7 +18,7 @@ from pydantic import Field
 from slam.config import load_config, read_toml
 from slam.errors import InputError
 from slam.simulation.camera.optics import CameraModel
-from slam.simulation.maneuver import Maneuver, plan
+from slam.simulation.manoeuvre import Manoeuvre, plan
 from slam.simulation.model import (
     Model,
     check_model,
@@ -39,7 +39,8 @@ class Recipe:
     """A flight to be simulated: the place, the vehicle, its way and its instruments."""
 
     name: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[\w .+-]+$")]
-    maneuver: Maneuver
+    maneuver: Manoeuvre
+    """Spelled as recipe files have it."""
     landmarks: dict[str, tuple[float, float]] = field(default_factory=dict)
     """Marks on the floor: name -> (x, y) in metres."""
     landmark_pairs: tuple[tuple[str, str], ...] = ()

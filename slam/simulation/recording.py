@@ -1,4 +1,4 @@
-"""One simulated flight, from the maneuver to the streams of its instruments."""
+"""One simulated flight, from the manoeuvre to the streams of its instruments."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from slam.simulation.battery import read_battery
 from slam.simulation.camera.effects import camera_effects
 from slam.simulation.camera.film import Film, shoot
 from slam.simulation.chance import generator
-from slam.simulation.maneuver import MAX_HEIGHT_M, plan
+from slam.simulation.manoeuvre import MAX_HEIGHT_M, plan
 from slam.simulation.motion import Motion, at_rest, draw_for, obey, steps_of
 from slam.simulation.pilot import fly
 from slam.simulation.place.terrain import elevation
@@ -63,20 +63,20 @@ def record(recipe: Recipe, seed: int) -> Flight:
 
 def flown(recipe: Recipe, seed: int) -> Motion:
     """The true motion of a recipe's flight. Raises ``InputError`` where it leaves the floor or hits it."""
-    maneuver, model = recipe.maneuver, recipe.model
+    manoeuvre, model = recipe.maneuver, recipe.model
     rngs = (generator(seed, "hold noise"), generator(seed, "gusts"))
-    if maneuver.script:
-        stick = stick_from(maneuver)
-        start = at_rest(*maneuver.start_m, maneuver.height_m, float(np.radians(maneuver.heading_deg)))
+    if manoeuvre.script:
+        stick = stick_from(manoeuvre)
+        start = at_rest(*manoeuvre.start_m, manoeuvre.height_m, float(np.radians(manoeuvre.heading_deg)))
         motion = obey(stick, model, start, draw_for(model, steps_of(stick.duration_s), rngs))
         _refuse_beyond(motion, recipe.world, 0.0)
     else:
-        path = plan(maneuver, recipe.landmarks, recipe.world.extent_m)
+        path = plan(manoeuvre, recipe.landmarks, recipe.world.extent_m)
         motion = fly(path, model, draw_for(model, steps_of(path.duration_s), rngs))
         # Way points may lie on the border, and a pilot is blown about; beyond the margin there is nothing to
         # see.
         _refuse_beyond(motion, recipe.world, max(recipe.world.margin_m, PILOTS_ROOM_M))
-    if not (maneuver.script and maneuver.may_land):
+    if not (manoeuvre.script and manoeuvre.may_land):
         x, y, z = motion.states[:, :3].T
         ground_m = elevation(_place(recipe), x, y)
         low = z - ground_m < model.vehicle.gear_height_m

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.errors import InputError, explain
-from slam.simulation.maneuver import MAX_DURATION_S, Maneuver, Row
+from slam.simulation.manoeuvre import MAX_DURATION_S, Manoeuvre, Row
 from slam.simulation.stick import Stick
 
 Array = NDArray[np.float64]
@@ -45,13 +45,13 @@ def read_script(path: Path) -> tuple[Row, ...]:
     return tuple(rows)
 
 
-def stick_from(maneuver: Maneuver) -> Stick:
-    """The stick of a maneuver that is a script. Raises ``InputError`` for what cannot be flown."""
-    rows = read_script(Path(maneuver.script)) if isinstance(maneuver.script, str) else maneuver.script
+def stick_from(manoeuvre: Manoeuvre) -> Stick:
+    """The stick of a manoeuvre that is a script. Raises ``InputError`` for what cannot be flown."""
+    rows = read_script(Path(manoeuvre.script)) if isinstance(manoeuvre.script, str) else manoeuvre.script
     if len(rows) < 2:
         raise InputError("maneuver.script: write at least a command and a last line with the flight's end")
     table = np.array(rows, dtype=float)
-    stamps_s, values = table[:, 0] / 1000, maneuver.scale * table[:, 1:]
+    stamps_s, values = table[:, 0] / 1000, manoeuvre.scale * table[:, 1:]
     for k in range(len(table)):
         what = f"maneuver.script, command {k + 1} ({', '.join(f'{cell:g}' for cell in rows[k])})"
         if not np.isfinite(table[k]).all() or stamps_s[k] < 0:
@@ -60,9 +60,9 @@ def stick_from(maneuver: Maneuver) -> Stick:
             raise InputError(f"{what}: its time is not after the one before; sort the commands")
         if np.abs(values[k]).max() > 1:
             raise InputError(f"{what}: the stick goes from -1 to 1; with scale it is {values[k].tolist()}")
-    duration_s = stamps_s[-1] + 2 * maneuver.rest_s
+    duration_s = stamps_s[-1] + 2 * manoeuvre.rest_s
     if duration_s > MAX_DURATION_S:
         raise InputError(f"maneuver.script: the flight would last {duration_s / 3600:.1f} h; 6 h is the most")
     # The end is a change too: whoever hovers after it, hovers with the stick let go.
     values[-1] = 0.0
-    return Stick(stamps_s + maneuver.rest_s, values, duration_s)
+    return Stick(stamps_s + manoeuvre.rest_s, values, duration_s)

@@ -17,7 +17,7 @@ from slam.evaluation import evaluate
 from slam.flight import Flight
 from slam.pipeline import optimize
 from slam.simulation import simulate
-from slam.simulation.maneuver import Maneuver, WayPoint
+from slam.simulation.manoeuvre import Manoeuvre, WayPoint
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.alone import print_alone
 from tests.benchmarks.metric import Metric, at_least, at_most, told
@@ -104,7 +104,7 @@ def repeated(seed: int, corners: int = 6, rate_hz: float = 3.0) -> Flight:
     return simulate(recipe, seed)
 
 
-def way(eight: Maneuver, shape: str, seed: int, corners: int, rng: np.random.Generator) -> Maneuver:
+def way(eight: Manoeuvre, shape: str, seed: int, corners: int, rng: np.random.Generator) -> Manoeuvre:
     """Where a flight goes; even ones keep their heading, odd ones fly nose first."""
     height_m = float(rng.uniform(0.6, 1.0))
     if shape == "eight":

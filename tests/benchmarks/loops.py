@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from slam.loops import LoopEvaluation, evaluate_loops
-from slam.loops.evaluation import MethodScore
+from slam.loops.comparison import MethodScore
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.metric import Metric, at_least, told

@@ -12,7 +12,7 @@ from frontend.camera import Camera
 from frontend.features import Extractor, FeatureConfig, FeatureKind, Features
 from slam.simulation import Recipe, simulate
 from slam.simulation.camera.optics import CameraModel
-from slam.simulation.maneuver import Maneuver
+from slam.simulation.manoeuvre import Manoeuvre
 from slam.simulation.place.world import World
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ def small_flight(seed: int = 0) -> SmallFlight:
     """Two laps of a triangle of 6 m at 0.8 m, in 240x180."""
     recipe = Recipe(
         "small",
-        Maneuver(((0.5, 0.5), (2.5, 0.5), (1.5, 2.2), (0.5, 0.5)), cruise_m_s=0.7, laps=2),
+        Manoeuvre(((0.5, 0.5), (2.5, 0.5), (1.5, 2.2), (0.5, 0.5)), cruise_m_s=0.7, laps=2),
         world=World(extent_m=(0.0, 0.0, 3.0, 2.7), margin_m=0.6, metres_per_px=0.004, seed=3),
         camera=CameraModel((240, 180), rate_hz=8.0),
     )

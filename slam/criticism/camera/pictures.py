@@ -18,11 +18,11 @@ from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, register
 from slam.criticism.camera.bands import LEAST_BANDS, bands_of
 from slam.criticism.camera.cells import CELL_STEPS, MOST_PAIRS, Cells, compared
+from slam.criticism.camera.cross_check import confirmed
 from slam.criticism.camera.dents import Dents, Matches, dents_of
 from slam.criticism.camera.highlights import are_lamps, dimmed, spots
 from slam.criticism.camera.movers import moves
 from slam.criticism.camera.overlaid import Image, overlaid, reduced
-from slam.criticism.camera.triangles import confirmed
 from slam.flight import Flight
 from slam.progress import Progress, Tally, silent
 

@@ -21,8 +21,8 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitting import fit_nuisances
+from slam.criticism.search.information import Change
 from slam.criticism.search.nuisances import COLOURS, Nuisance, value_of, with_value
-from slam.criticism.search.sums import Change
 from slam.criticism.threads import in_threads
 
 Array = NDArray[np.float64]

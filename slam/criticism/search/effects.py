@@ -17,8 +17,8 @@ from slam.criticism.kalman.record import Record, any_holds_heading
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
+from slam.criticism.search.information import Change
 from slam.criticism.search.nuisances import NUISANCES
-from slam.criticism.search.sums import Change
 from slam.simulation.dynamics import ATTITUDE_TIME, GAIN, MAX_TILT, PARAMETERS, TILT_LIMIT
 from slam.simulation.terms import CATALOGUE
 

@@ -12,6 +12,7 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.hypotheses import parabola_of
+from slam.criticism.search.information import Change, sums_of
 from slam.criticism.search.moving import bounded, entered, moved, settled
 from slam.criticism.search.nuisances import (
     MEAN,
@@ -22,7 +23,6 @@ from slam.criticism.search.nuisances import (
     value_of,
     with_value,
 )
-from slam.criticism.search.sums import Change, sums_of
 
 Array = NDArray[np.float64]
 

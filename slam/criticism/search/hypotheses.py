@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
+from slam.criticism.search.information import Sums
 from slam.criticism.search.nuisances import NUISANCES, WEIGHTS, Nuisance, limits_of, prior_precision, value_of
-from slam.criticism.search.sums import Sums
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -17,7 +17,7 @@ from slam.criticism.kalman.readings import INSTRUMENTS
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.kalman.transition import HOLD
-from slam.criticism.search.sums import weight_of
+from slam.criticism.search.information import weight_of
 
 Array = NDArray[np.float64]
 

@@ -23,10 +23,10 @@ from slam.criticism.search.dictionary import dictionary, shapes_of, signals_of
 from slam.criticism.search.effects import Effect, catalogue_value, effects_for, plausible, relaxations
 from slam.criticism.search.fitting import changes_of, cut, fit_nuisances, refit
 from slam.criticism.search.hypotheses import Answer, Parabola, parabola_of
+from slam.criticism.search.information import Sums, sums_of
 from slam.criticism.search.moving import held_value, is_wall, on_grid, settled, taken_down, taken_out
 from slam.criticism.search.nuisances import MEAN, WEIGHED, direction_of
 from slam.criticism.search.screening import deviate
-from slam.criticism.search.sums import Sums, sums_of
 from slam.criticism.search.thresholds import Thresholds, beside
 from slam.criticism.threads import in_threads
 from slam.progress import Progress, Tally, silent

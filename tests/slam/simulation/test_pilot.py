@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 
 from slam.simulation.dynamics import STEP_S
-from slam.simulation.maneuver import Maneuver, plan
+from slam.simulation.manoeuvre import Manoeuvre, plan
 from slam.simulation.model import Model
 from slam.simulation.motion import at_rest, draw_for, obey, steps_of, still
 from slam.simulation.pilot import TICK_S, fly
 
 EXTENT = (-5.0, -5.0, 5.0, 5.0)
-SQUARE = Maneuver(((0.0, 0.0), (2.0, 0.0), (2.0, 2.0, 1.3), (0.0, 2.0), (0.0, 0.0)), heading="along_path")
+SQUARE = Manoeuvre(((0.0, 0.0), (2.0, 0.0), (2.0, 2.0, 1.3), (0.0, 2.0), (0.0, 0.0)), heading="along_path")
 
 
 def flown(maneuver=SQUARE, model=Model(), seed=None):
@@ -25,7 +25,7 @@ def off(path, motion):
 
 @pytest.mark.parametrize("heading", ["fixed", "along_path"])
 def test_without_noise_the_path_is_followed_to_millimetres(heading):
-    maneuver = Maneuver(SQUARE.way_points, heading=heading, heading_deg=30.0, rest_s=1.0)
+    maneuver = Manoeuvre(SQUARE.way_points, heading=heading, heading_deg=30.0, rest_s=1.0)
     error = np.abs(off(*flown(maneuver))).max(0)
     assert error[:3].max() < 3e-3
     assert error[3] < np.radians(0.1)
@@ -64,7 +64,7 @@ def test_the_stick_that_was_logged_flies_the_same_flight_again():
 
 
 def test_commands_are_on_time_and_within_the_stick():
-    _, motion = flown(Maneuver(((0.0, 0.0), (4.0, 0.0, 3.0)), cruise_m_s=5.0, acceleration_m_s2=5.0))
+    _, motion = flown(Manoeuvre(((0.0, 0.0), (4.0, 0.0, 3.0)), cruise_m_s=5.0, acceleration_m_s2=5.0))
     assert np.allclose(np.diff(motion.stick.stamps_s), TICK_S)
     assert 20 <= 1 / TICK_S <= 50
     assert np.abs(motion.stick.values).max() <= 1.0

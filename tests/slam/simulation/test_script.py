@@ -7,7 +7,7 @@ import pytest
 
 from slam import simulate
 from slam.errors import InputError
-from slam.simulation.maneuver import Maneuver
+from slam.simulation.manoeuvre import Manoeuvre
 from slam.simulation.model import load_model
 from slam.simulation.recipe import load_recipe, recipe_from
 from slam.simulation.recording import flown
@@ -31,7 +31,7 @@ def test_a_file_and_its_rows_are_the_same_script(tmp_path):
     file.write_text("# forward, then left\nmilliseconds = 0\n")
     file.write_text("# forward, then left\n0, 0.2,0,0,0\n\n1500,0,0.1,0,0  # left\n 2000 , 0,0,0,0\n")
     assert read_script(file) == ((0, 0.2, 0, 0, 0), (1500, 0, 0.1, 0, 0), (2000, 0, 0, 0, 0))
-    stick = stick_from(Maneuver(script=str(file), scale=0.5, rest_s=1.0))
+    stick = stick_from(Manoeuvre(script=str(file), scale=0.5, rest_s=1.0))
     assert stick.stamps_s.tolist() == [1.0, 2.5, 3.0]
     assert stick.values.tolist() == [[0.1, 0, 0, 0], [0, 0.05, 0, 0], [0, 0, 0, 0]]
     assert stick.duration_s == 4.0
@@ -55,7 +55,7 @@ def test_a_file_that_is_no_script_is_refused_in_one_line(tmp_path, text, said):
 
 def test_not_a_number_is_no_command():
     with pytest.raises(InputError, match="finite"):
-        stick_from(Maneuver(script=((0.0, float("nan"), 0, 0, 0), (9.0, 0, 0, 0, 0))))
+        stick_from(Manoeuvre(script=((0.0, float("nan"), 0, 0, 0), (9.0, 0, 0, 0, 0))))
 
 
 @pytest.mark.parametrize(

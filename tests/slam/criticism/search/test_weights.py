@@ -13,10 +13,10 @@ from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.dictionary import dictionary, signals_of
 from slam.criticism.search.fitting import changes_of
 from slam.criticism.search.hypotheses import parabola_of
+from slam.criticism.search.information import sums_of, weight_of
 from slam.criticism.search.moving import moved
 from slam.criticism.search.nuisances import MEAN, WEIGHED, direction_of
 from slam.criticism.search.screening import project
-from slam.criticism.search.sums import sums_of, weight_of
 from slam.simulation.model import load_model
 
 BEHIND_TILT = ("force pitch ~ pitch", "force roll ~ roll")

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slam.errors import InputError
-from slam.simulation.maneuver import MAX_YAW_RATE_RAD_S, Maneuver, plan
+from slam.simulation.manoeuvre import MAX_YAW_RATE_RAD_S, Manoeuvre, plan
 
 EXTENT = (-5.0, -5.0, 5.0, 5.0)
 MARKS = {"A": (0.0, 0.0), "B": (3.0, 0.0), "C": (3.0, 2.0)}
@@ -22,7 +22,7 @@ points = st.tuples(st.floats(-4, 4), st.floats(-4, 4), st.floats(0.5, 3))
     st.sampled_from([0.0, 0.7]),
 )
 def test_every_path_is_smooth_and_within_its_limits(way_points, cruise, limit, heading, rest_s):
-    maneuver = Maneuver(
+    maneuver = Manoeuvre(
         tuple(way_points), cruise_m_s=cruise, acceleration_m_s2=limit, heading=heading, rest_s=rest_s
     )
     path = plan(maneuver, {}, EXTENT)
@@ -42,7 +42,7 @@ def test_every_path_is_smooth_and_within_its_limits(way_points, cruise, limit, h
 
 def test_a_corner_is_cut_by_what_the_smooth_step_says():
     # The quintic step integrates to 5/64 over its first half: the corner is missed by |dv| T 5/64.
-    maneuver = Maneuver(("A", "B", "C"), cruise_m_s=0.5, acceleration_m_s2=1.0)
+    maneuver = Manoeuvre(("A", "B", "C"), cruise_m_s=0.5, acceleration_m_s2=1.0)
     path = plan(maneuver, MARKS, EXTENT)
     t = np.linspace(0, path.duration_s, 20001)
     nearest = np.linalg.norm(path.derivatives[0](t)[:, :2] - [3.0, 0.0], axis=1).min()
@@ -52,13 +52,13 @@ def test_a_corner_is_cut_by_what_the_smooth_step_says():
 
 
 def test_the_time_is_the_length_over_the_speed_and_one_start():
-    path = plan(Maneuver(("A", "B"), cruise_m_s=0.5, rest_s=2.0), MARKS, EXTENT)
+    path = plan(Manoeuvre(("A", "B"), cruise_m_s=0.5, rest_s=2.0), MARKS, EXTENT)
     assert path.duration_s == pytest.approx(3.0 / 0.5 + 15 / 8 * 0.5 + 4.0)
 
 
 def test_laps_fly_the_same_way_again_without_a_stop():
-    once = plan(Maneuver(("A", "B", "C", "A")), MARKS, EXTENT)
-    thrice = plan(Maneuver(("A", "B", "C", "A"), laps=3), MARKS, EXTENT)
+    once = plan(Manoeuvre(("A", "B", "C", "A")), MARKS, EXTENT)
+    thrice = plan(Manoeuvre(("A", "B", "C", "A"), laps=3), MARKS, EXTENT)
     ground = 3 + 2 + math.hypot(3, 2)
     lap_s = ground / 0.5
     assert thrice.duration_s - once.duration_s == pytest.approx(2 * lap_s, abs=1.0)
@@ -70,7 +70,7 @@ def test_laps_fly_the_same_way_again_without_a_stop():
 
 
 def test_the_heading_along_the_path_is_where_the_vehicle_goes():
-    path = plan(Maneuver(("A", "B", "C", "A"), heading="along_path", cruise_m_s=0.3), MARKS, EXTENT)
+    path = plan(Manoeuvre(("A", "B", "C", "A"), heading="along_path", cruise_m_s=0.3), MARKS, EXTENT)
     t = np.linspace(0, path.duration_s, 3000)
     velocity = path.derivatives[1](t)
     straight = (np.linalg.norm(velocity[:, :2], axis=1) > 0.299) & (np.abs(velocity[:, 3]) < 1e-9)
@@ -86,14 +86,14 @@ def test_the_heading_along_the_path_is_where_the_vehicle_goes():
 @pytest.mark.parametrize(
     ("maneuver", "said"),
     [
-        (Maneuver(("A", "Q")), "no landmark 'Q'"),
-        (Maneuver(("A", (9.0, 0.0))), r"way_points\[1\].*leaves the floor"),
-        (Maneuver(("A", (1.0, 0.0, -0.5))), r"way_points\[1\].*ground"),
-        (Maneuver(("A", (1.0, 0.0, 0.05))), r"way_points\[1\].*ground"),
-        (Maneuver(("A", (math.nan, 0.0, 1.0))), "leaves the floor"),
-        (Maneuver(("A", (1.0, 0.0, math.nan))), "ground"),
-        (Maneuver(("A", "B"), laps=2), "end where they begin"),
-        (Maneuver(("A", "B", "A"), laps=1000, cruise_m_s=0.01), "6 h"),
+        (Manoeuvre(("A", "Q")), "no landmark 'Q'"),
+        (Manoeuvre(("A", (9.0, 0.0))), r"way_points\[1\].*leaves the floor"),
+        (Manoeuvre(("A", (1.0, 0.0, -0.5))), r"way_points\[1\].*ground"),
+        (Manoeuvre(("A", (1.0, 0.0, 0.05))), r"way_points\[1\].*ground"),
+        (Manoeuvre(("A", (math.nan, 0.0, 1.0))), "leaves the floor"),
+        (Manoeuvre(("A", (1.0, 0.0, math.nan))), "ground"),
+        (Manoeuvre(("A", "B"), laps=2), "end where they begin"),
+        (Manoeuvre(("A", "B", "A"), laps=1000, cruise_m_s=0.01), "6 h"),
     ],
 )
 def test_a_path_that_cannot_be_flown_is_refused_in_one_line(maneuver, said):

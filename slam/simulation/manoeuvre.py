@@ -1,9 +1,9 @@
-"""Maneuvers: way points become a smooth path of position and heading.
+"""Manoeuvres: way points become a smooth path of position and heading.
 
-(A maneuver may be a script of stick commands instead: ``slam.simulation.script``.) The vehicle flies straight
-legs at cruising speed. At each way point its velocity goes from that of one leg to that of the next by a
-smooth step in time, so that position, velocity, acceleration and jerk are continuous and no corner asks for
-more than the acceleration limit. The same step turns the heading.
+(A manoeuvre may be a script of stick commands instead: ``slam.simulation.script``.) The vehicle flies
+straight legs at cruising speed. At each way point its velocity goes from that of one leg to that of the next
+by a smooth step in time, so that position, velocity, acceleration and jerk are continuous and no corner asks
+for more than the acceleration limit. The same step turns the heading.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ MAX_DURATION_S = 6 * 3600.0
 
 
 @dataclass(frozen=True)
-class Maneuver:
+class Manoeuvre:
     """Where the vehicle flies and how fast, or what it is told."""
 
     way_points: Annotated[tuple[WayPoint, ...], Field(max_length=10_000)] = ()
@@ -73,37 +73,39 @@ class Path:
     duration_s: float
 
 
-def plan(maneuver: Maneuver, landmarks: dict[str, tuple[float, float]], extent_m: tuple[float, ...]) -> Path:
+def plan(
+    manoeuvre: Manoeuvre, landmarks: dict[str, tuple[float, float]], extent_m: tuple[float, ...]
+) -> Path:
     """The path through the way points, on the floor ``extent_m`` = (x0, y0, x1, y1).
 
     Raises ``InputError`` for a way point that is unknown, below ground or beyond the floor, for laps of an
     open path, and for a flight that lasts longer than six hours.
     """
-    if not maneuver.way_points:
+    if not manoeuvre.way_points:
         raise InputError("maneuver.way_points: none; give one, or a script")
-    points = _stations(maneuver, landmarks, extent_m)
-    yaws = _headings(maneuver, points)
+    points = _stations(manoeuvre, landmarks, extent_m)
+    yaws = _headings(manoeuvre, points)
     length = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    cruise = maneuver.cruise_m_s
+    cruise = manoeuvre.cruise_m_s
     direction = np.diff(points, axis=0) / np.where(length > 0, length, 1.0)[:, None]
     turns = np.abs(np.diff(yaws)).max(initial=0.0)
     changes = np.diff(np.vstack([np.zeros(3), cruise * direction, np.zeros(3)]), axis=0)
     corner_s = max(
-        STEP_PEAK_ACCELERATION * np.linalg.norm(changes, axis=1).max() / maneuver.acceleration_m_s2,
+        STEP_PEAK_ACCELERATION * np.linalg.norm(changes, axis=1).max() / manoeuvre.acceleration_m_s2,
         STEP_PEAK_RATE * turns / MAX_YAW_RATE_RAD_S,
         0.1,
     )
     # A leg outlasts its corners, so that no two of them ask for acceleration at once.
     leg_s = np.maximum(length / cruise, 1.1 * corner_s)
-    center_s = maneuver.rest_s + corner_s / 2 + np.concatenate([[0.0], np.cumsum(leg_s)])
-    duration_s = float(center_s[-1] + corner_s / 2 + maneuver.rest_s)
+    center_s = manoeuvre.rest_s + corner_s / 2 + np.concatenate([[0.0], np.cumsum(leg_s)])
+    duration_s = float(center_s[-1] + corner_s / 2 + manoeuvre.rest_s)
     if duration_s > MAX_DURATION_S:
         raise InputError(
             f"maneuver: the flight would last {duration_s / 3600:.1f} h; 6 h is the most: "
             "fly faster or fewer laps"
         )
     velocity = np.vstack([np.zeros(3), np.diff(points, axis=0) / leg_s[:, None], np.zeros(3)])
-    return Path(_corners(points, velocity, yaws, center_s, corner_s, maneuver.rest_s), duration_s)
+    return Path(_corners(points, velocity, yaws, center_s, corner_s, manoeuvre.rest_s), duration_s)
 
 
 def _corners(
@@ -127,25 +129,25 @@ def _corners(
     return path, path.derivative(1), path.derivative(2), path.derivative(3)
 
 
-def _headings(maneuver: Maneuver, points: Array) -> Array:
+def _headings(manoeuvre: Manoeuvre, points: Array) -> Array:
     """(n + 1,) yaw before, on and after the n - 1 legs, unwrapped."""
-    if maneuver.heading == "fixed":
-        return np.full(len(points) + 1, np.radians(maneuver.heading_deg))
+    if manoeuvre.heading == "fixed":
+        return np.full(len(points) + 1, np.radians(manoeuvre.heading_deg))
     step = np.diff(points[:, :2], axis=0)
     moving = np.hypot(*step.T) > 1e-6
     yaws = np.arctan2(step[:, 1], step[:, 0])[moving]
     if len(yaws) == 0:
-        return np.full(len(points) + 1, np.radians(maneuver.heading_deg))
+        return np.full(len(points) + 1, np.radians(manoeuvre.heading_deg))
     # A leg that goes straight up or stays keeps the heading of the one before.
     on_legs = np.unwrap(yaws)[np.maximum(np.cumsum(moving) - 1, 0)]
     return np.concatenate([on_legs[:1], on_legs, on_legs[-1:]])
 
 
 def _stations(
-    maneuver: Maneuver, landmarks: dict[str, tuple[float, float]], extent_m: tuple[float, ...]
+    manoeuvre: Manoeuvre, landmarks: dict[str, tuple[float, float]], extent_m: tuple[float, ...]
 ) -> Array:
     """(n, 3) the way points of all laps in metres."""
-    once = [_station(k, way_point, maneuver, landmarks) for k, way_point in enumerate(maneuver.way_points)]
+    once = [_station(k, way_point, manoeuvre, landmarks) for k, way_point in enumerate(manoeuvre.way_points)]
     x0, y0, x1, y1 = extent_m
     for k, (x, y, z) in enumerate(once):
         name = f"maneuver.way_points[{k}] ({x:g}, {y:g}, {z:g})"
@@ -157,17 +159,17 @@ def _stations(
             raise InputError(
                 f"{name} is too near the ground or below: fly between {MIN_HEIGHT_M} and {MAX_HEIGHT_M:g} m"
             )
-    if maneuver.laps > 1 and once[0] != once[-1]:
+    if manoeuvre.laps > 1 and once[0] != once[-1]:
         raise InputError("maneuver.laps: way points flown more than once must end where they begin")
-    return np.array(once + once[1:] * (maneuver.laps - 1), dtype=float)
+    return np.array(once + once[1:] * (manoeuvre.laps - 1), dtype=float)
 
 
 def _station(
-    k: int, way_point: WayPoint, maneuver: Maneuver, landmarks: dict[str, tuple[float, float]]
+    k: int, way_point: WayPoint, manoeuvre: Manoeuvre, landmarks: dict[str, tuple[float, float]]
 ) -> tuple[float, float, float]:
     if isinstance(way_point, str):
         if way_point not in landmarks:
             known = ", ".join(landmarks) or "none"
             raise InputError(f"maneuver.way_points[{k}]: no landmark {way_point!r}; there are: {known}")
-        return (*landmarks[way_point], maneuver.height_m)
-    return (way_point[0], way_point[1], way_point[2] if len(way_point) == 3 else maneuver.height_m)
+        return (*landmarks[way_point], manoeuvre.height_m)
+    return (way_point[0], way_point[1], way_point[2] if len(way_point) == 3 else manoeuvre.height_m)

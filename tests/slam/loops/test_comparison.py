@@ -18,7 +18,7 @@ from slam.errors import InputError
 from slam.flight import Flight
 from slam.io.flight_folder import write_flight
 from slam.loops import LoopEvaluation, evaluate_loops
-from slam.loops.evaluation import (
+from slam.loops.comparison import (
     EXHAUSTIVE,
     HISTOGRAM,
     OURS,

@@ -9,7 +9,7 @@ import pytest
 from frontend.camera import Camera
 from slam.estimate import LoopVerdict
 from slam.evaluation import evaluate
-from slam.evaluation.loops import overlap_share, pair_overlaps, score_loops
+from slam.evaluation.loop_score import overlap_share, pair_overlaps, score_loops
 from tests.slam.evaluation.scene import CAMERA, estimate_of, flight_of, smooth_poses
 
 SQUARE = Camera((100.0, 100.0), (50.0, 50.0), (101, 101))
