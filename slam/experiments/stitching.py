@@ -19,8 +19,7 @@ from slam.evaluation.association import associate
 from slam.evaluation.landmarks import landmark_places, landmark_table
 from slam.evaluation.maps import maps_of
 from slam.flight import Flight, Frames
-from slam.inertial.motion import follow
-from slam.inertial.trials import suited
+from slam.inertial.filter_chain import filter_chain
 from slam.mapping.chain import chain
 from slam.mapping.sightings import Sighter
 from slam.progress import silent
@@ -78,19 +77,19 @@ def consecutive(flight: Flight, estimate: Estimate) -> Estimate:
 def filtered(flight: Flight, estimate: Estimate) -> Estimate:
     """The paper's map with inertia (section 3.1.2): each picture where the Kalman filter has the vehicle.
 
-    The filter knows what all instruments but the camera have read until then.
+    The filter knows what all instruments but the camera have read until then; pictures from before or after
+    are left out.
     """
     assert flight.frames is not None
     taken = at_pace(flight, PICTURE_S)
-    given = suited(flight)
     numbers = _numbers(flight, taken)
+    poses = filter_chain(flight, flight.frames.stamps_s[numbers])
+    known = np.isfinite(poses).all(axis=(1, 2))
+    numbers, poses = numbers[known], poses[known]
     stamps_s = flight.frames.stamps_s[numbers]
-    known = (stamps_s >= given.start_s) & (stamps_s <= given.end_s)
-    numbers, stamps_s = numbers[known], stamps_s[known]
-    found = follow(given, stamps_s, smooth=False)
     names = tuple(flight.frames.names[k] for k in numbers)
     seen = replace(estimate, stamps_s=stamps_s, frame_names=names, frame_index=numbers, floor_z_m=0.0)
-    return placed(seen, found.filtered.w_T_b)
+    return placed(seen, poses)
 
 
 def placed(estimate: Estimate, w_T_b: Array) -> Estimate:

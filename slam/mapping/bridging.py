@@ -4,8 +4,6 @@ The filter takes the steps between keyframes that pictures do tell as readings, 
 offsets at both ends of a stretch without features. It keeps the pose of each keyframe until the next: the
 way across the stretch then has the covariance of the two ends together, not the sum of two nearly equal
 errors.
-
-The same steps give the map of the paper's section 3.1.2, whose pictures lie where the filter has the vehicle.
 """
 
 from __future__ import annotations
@@ -56,31 +54,6 @@ def picture_steps(links: Sequence[Registration | None], mapper: Mapper) -> tuple
         PictureStep(linked[m].i, linked[m].j, lifted.i_T_j[m], lifted.covariance[m])
         for m in np.flatnonzero(lifted.usable).tolist()
     )
-
-
-def filter_chain(
-    flight: Flight,
-    stamps_s: Array,
-    steps: tuple[PictureStep, ...] = (),
-    trust: InertialTrust = InertialTrust(),
-    progress: Progress = silent,
-) -> Array:
-    """Poses (n, 4, 4) of keyframes where the filter has the vehicle, each from what was read until then.
-
-    The paper's map with inertia (section 3.1.2: "the resulting position estimate can be used as input for the
-    map stitching algorithm"): without ``steps`` from the instruments alone, with them from homographies as
-    well. NaN outside the time in which motion was recorded. Raises ``InputError`` where too little was.
-    """
-    from slam.inertial.motion import follow
-    from slam.inertial.trials import suited
-
-    given = suited(flight, trust, progress, stamps_s, steps)
-    inside = (stamps_s >= given.start_s) & (stamps_s <= given.end_s)
-    poses = np.full((len(stamps_s), 4, 4), np.nan)
-    kept = renumbered(steps, inside)
-    found = follow(given, stamps_s[inside], steps=kept, smooth=False, progress=progress)
-    poses[inside] = found.filtered.w_T_b
-    return poses
 
 
 def inertial_edges(

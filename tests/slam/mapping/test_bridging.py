@@ -15,7 +15,7 @@ from backend.measurements import RelativePose
 from slam.estimate import Estimate
 from slam.evaluation import evaluate
 from slam.flight import Flight
-from slam.mapping.bridging import filter_chain, joined
+from slam.mapping.bridging import joined
 from slam.mapping.fusion import Fused
 from slam.pipeline import optimize
 from tests.benchmarks.calibration import bridge
@@ -187,15 +187,3 @@ def test_a_middle_part_carries_the_last_one_along():
     np.testing.assert_allclose(found.w_T_b, w_T_b, atol=1e-12)
     grown = np.trace(found.covariances[:, 3:, 3:], axis1=1, axis2=2)
     assert grown[3] == 0 < grown[4] < grown[6]
-
-
-def test_the_filters_chain_stands_where_the_flight_was():
-    """The paper's map with inertia: from the instruments alone, each pose from what was read until then."""
-    flight = flown(0)
-    estimate = optimize(flight)
-    poses = filter_chain(flight, estimate.stamps_s)
-    chained = evaluate(replace(estimate, w_T_b=poses, floor_z_m=0.0), flight)
-    assert chained.ate_m.rmse < 0.1
-    before = filter_chain(flight, np.array([-5.0, 1.0, 2.0, 1e3]))
-    assert np.isnan(before[[0, 3]]).all()
-    assert np.isfinite(before[1:3]).all()

@@ -1,0 +1,26 @@
+"""Where the filter has a vehicle at the times of its pictures, from what was read until then."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.flight import Flight
+from slam.inertial.motion import follow
+from slam.inertial.trials import suited
+
+Array = NDArray[np.float64]
+
+
+def filter_chain(flight: Flight, stamps_s: Array) -> Array:
+    """Poses (n, 4, 4) at increasing ``stamps_s`` (n,), of the instruments but the camera.
+
+    The paper's map with inertia (IMAV 2011, section 3.1.2: "the resulting position estimate can be used as
+    input for the map stitching algorithm"). NaN outside the time in which motion was recorded. Raises
+    ``InputError`` where too little was.
+    """
+    given = suited(flight)
+    inside = (stamps_s >= given.start_s) & (stamps_s <= given.end_s)
+    poses = np.full((len(stamps_s), 4, 4), np.nan)
+    poses[inside] = follow(given, stamps_s[inside], smooth=False).filtered.w_T_b
+    return poses
