@@ -17,7 +17,7 @@ from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import Pass
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import Record
-from slam.criticism.search.search import occam
+from slam.criticism.search.occam import occam
 from slam.criticism.verdict.criticism import Cause, Gain, Interval
 from slam.criticism.verdict.heldout import drawn_again
 from slam.simulation.terms import CATALOGUE

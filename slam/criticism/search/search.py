@@ -26,6 +26,7 @@ from slam.criticism.search.hypotheses import Answer, Parabola, parabola_of
 from slam.criticism.search.information import Sums, sums_of
 from slam.criticism.search.moving import held_value, is_wall, on_grid, settled, taken_down, taken_out
 from slam.criticism.search.nuisances import MEAN, WEIGHED, direction_of
+from slam.criticism.search.occam import VERY_SIMILAR_NATS, occam
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.thresholds import Thresholds, beside
 from slam.criticism.threads import in_threads
@@ -46,14 +47,6 @@ NAMED_FIRST = 0.8
 """A constant out of its range must explain more than a term of the catalogue, which says why."""
 SHORT_S = 80.0
 """Candidates are compared on so much of the flights: they all stand out by far."""
-VERY_SIMILAR_NATS = 4.0
-SIZE_PRIOR = 100.0
-"""Prior variance of an effect's size in units of its standard error: sizes of up to about 20 sigma."""
-
-
-def occam(degrees: int) -> float:
-    """Nats that each fitted number costs."""
-    return 0.5 * degrees * float(np.log1p(SIZE_PRIOR))
 
 
 @dataclass(frozen=True)
@@ -324,4 +317,4 @@ def _backwards(effect: Effect, look: Look, answer: Answer) -> bool:
     return False
 
 
-__all__ = ["Look", "Search", "Standing", "look_at", "occam", "search"]
+__all__ = ["Look", "Search", "Standing", "look_at", "search"]

@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.search.effects import plausible
+from slam.criticism.search.occam import VERY_SIMILAR_NATS, occam
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.unled.balances import Rows, balances_of
 from slam.criticism.verdict.covariate import Covariate, Misses
 from slam.criticism.verdict.criticism import Cause, Criticism, Gain, Interval, Rank
+from slam.criticism.verdict.decision import CONFIRMED_NATS, SURE
 from slam.criticism.verdict.sentence import sentence_of
 from slam.flight import Flight
 from slam.progress import Progress, Tally, silent
@@ -32,14 +34,10 @@ REASON = (
 )
 NOTHING_TO_HOLD = "no command log, and too little of imu and attitude to hold other instruments against"
 STANDS_OUT_Z = 5.0
-CONFIRMED_NATS = 2.0
-VERY_SIMILAR_NATS = 4.0
-SURE = 0.95
 MOST = 5
 STRETCH_S = 10.0
 FEWEST_FLIGHTS = 3
 SEGMENTS = 6
-SIZE_PRIOR = 100.0
 UNTOLD = 10.0
 """Times the largest value that a term bears: of what shows from there on only, the flights tell nothing."""
 RIDGE = 1e-9
@@ -175,7 +173,7 @@ def _nats(data: _Data, effects: Sequence[str]) -> float:
 
 
 def _cost(data: _Data, effect: str) -> float:
-    return 0.5 * len(data.of(effect)) * float(np.log1p(SIZE_PRIOR))
+    return occam(len(data.of(effect)))
 
 
 def _place(data: _Data, effects: Sequence[str], effect: str) -> Ints:

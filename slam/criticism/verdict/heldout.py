@@ -18,7 +18,8 @@ from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.hypotheses import parabola_of
 from slam.criticism.search.moving import moved, on_grid
-from slam.criticism.search.search import SIZE_PRIOR, Look, Search
+from slam.criticism.search.occam import SIZE_PRIOR
+from slam.criticism.search.search import Look, Search
 
 Array = NDArray[np.float64]
 
