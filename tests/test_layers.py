@@ -5,9 +5,10 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+import networkx as nx
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -116,6 +117,36 @@ def test_the_backend_package_imports_nothing():
 def test_datasets_holds_no_code():
     """An import package of that name would shadow a public one."""
     assert list((ROOT / "datasets").rglob("*.py")) == []
+
+
+def circles(sources: Iterable[tuple[str, str]]) -> list[set[str]]:
+    """Files and folders directly in ``slam/`` that import each other all the way round; of (which, source).
+
+    What only types need counts too: a reader has to know it all the same.
+    """
+    wants = nx.DiGraph(
+        (room, ".".join(name.split(".")[:2]))
+        for room, source in sources
+        for _, name in imported(source, "slam")
+        if name.startswith("slam.")
+    )
+    wants.remove_edges_from([(room, room) for room in wants])
+    return [found for found in nx.strongly_connected_components(wants) if len(found) > 1]
+
+
+def test_no_two_parts_of_the_application_import_each_other():
+    files = sorted((ROOT / "slam").glob("*/**/*.py")) + sorted((ROOT / "slam").glob("[!_]*.py"))
+    assert len(files) > 100
+    rooms = [".".join(path.relative_to(ROOT).with_suffix("").parts[:2]) for path in files]
+    texts = [path.read_text(encoding="utf-8") for path in files]
+    assert circles(zip(rooms, texts, strict=True)) == []
+
+
+def test_a_planted_circle_is_seen():
+    reader = ("slam.io", "from slam.flight import Flight")
+    assert circles([reader]) == []
+    data = ("slam.flight", "def read():\n    from slam.io.flight_folder import read_flight")
+    assert circles([reader, data]) == [{"slam.io", "slam.flight"}]
 
 
 def test_gtsam_stays_in_the_back_end():
