@@ -1,4 +1,4 @@
-"""Thresholds from simulated healthy flights: ``python -m slam.criticism.calibrate [CASES] [FIRST_SEED]``.
+"""Thresholds from simulated healthy flights: ``python -m slam.criticism.calibrate [CASES] [FIRST]``.
 
 Prints for each case the greatest z of all terms and of the dictionary as a line of JSON; with all cases done,
 the thresholds at which one healthy case in a hundred is called ill. Every third case has Student's tails.
@@ -6,30 +6,33 @@ the thresholds at which one healthy case in a hundred is called ill. Every third
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 
 import numpy as np
 
+from slam.criticism.camera.strays import without_strays
 from slam.criticism.healthy import at_lower_rates, healthy_case
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.search import look_at
 from slam.criticism.usable import usable_records
+from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import load_model
 
 RATE = 0.01
 SHARES = (0.7, 0.3)
 """Of the false alarms: terms, dictionary."""
+CAMERA = CameraModel(rate_hz=5.0)
 
 
-def greatest(seed: int) -> tuple[float, str, float, str]:
+def greatest(seed: int, camera: CameraModel | None = None) -> tuple[float, str, float, str]:
     """Greatest z of the terms and of the dictionary of one healthy case, with their names."""
     slower = at_lower_rates(load_model("nominal"))
-    records, _ = usable_records(healthy_case(slower, seed, student=seed % 3 == 2))
+    records, _ = usable_records(healthy_case(slower, seed, student=seed % 3 == 2, camera=camera))
     nominal = setting_of(slower)
-    records = [referred(record, nominal) for record in records]
+    records = [without_strays(referred(record, nominal), nominal)[0] for record in records]
     look = look_at(records, nominal, fit_nuisances(records, nominal))
     terms = max(look.standing([], look.effects), key=lambda s: s.z)
     shapes = max(look.standing([], look.shapes), key=lambda s: s.z)
@@ -53,14 +56,19 @@ def _tail(values: np.ndarray, rate: float) -> float:
     return float(brentq(lambda z: 1.0 - np.exp(-count * 2.0 * norm.sf(z)) - rate, 1.0, 10.0))
 
 
-def main(cases: int, first: int) -> None:
+def main(cases: int, first: int, camera: CameraModel | None = None) -> None:
     """Run the cases and print."""
     found = []
     for seed in range(first, first + cases):
-        found.append(greatest(seed))
+        found.append(greatest(seed, camera))
         print(json.dumps([seed, *found[-1]]), flush=True)
     print(thresholds(np.array([f[0] for f in found]), np.array([f[2] for f in found])))
 
 
 if __name__ == "__main__":
-    main(*(int(a) for a in (sys.argv[1:] + ["60", "0"][len(sys.argv) - 1 :])))
+    parser = argparse.ArgumentParser(prog="python -m slam.criticism.calibrate", description=__doc__)
+    parser.add_argument("cases", nargs="?", type=int, default=60)
+    parser.add_argument("first", nargs="?", type=int, default=0, help="seed of the first case")
+    parser.add_argument("--pictures", action="store_true", help="flights with a camera")
+    told = parser.parse_args()
+    main(told.cases, told.first, CAMERA if told.pictures else None)

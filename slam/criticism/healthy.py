@@ -13,10 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
-from slam.flight import Flight
+from slam.flight import Flight, Frames
 from slam.simulation import sensors
+from slam.simulation.camera.effects import camera_effects
+from slam.simulation.camera.film import shoot
+from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import Model
-from slam.simulation.motion import at_rest, draw_for, obey, steps_of
+from slam.simulation.motion import Motion, at_rest, draw_for, obey, steps_of
 from slam.simulation.place.world import World
 from slam.simulation.stick import Stick
 
@@ -25,6 +28,8 @@ Array = NDArray[np.float64]
 START_M = (1.2, 1.8)
 """Range of the height that flights start at."""
 ROOM_M = 60.0
+ROUND_M, TEXEL_M = 2.0, 0.004
+"""Floor around the way that is filmed, and its grain."""
 STUDENT_DEGREES = 4
 
 
@@ -86,7 +91,14 @@ def drawn_plan(duration_s: float, rng: np.random.Generator) -> list[str]:
     return names
 
 
-def flown(model: Model, stick: Stick, seed: int, told: Model | None = None, student: bool = False) -> Flight:
+def flown(
+    model: Model,
+    stick: Stick,
+    seed: int,
+    told: Model | None = None,
+    student: bool = False,
+    camera: CameraModel | None = None,
+) -> Flight:
     """One flight of a vehicle, described by the nominal figures of ``told`` as a maker would."""
     rng = np.random.default_rng((seed, 7))
     start = at_rest(0.0, 0.0, float(rng.uniform(*START_M)), float(rng.uniform(-np.pi, np.pi)))
@@ -146,18 +158,39 @@ def flown(model: Model, stick: Stick, seed: int, told: Model | None = None, stud
     range_m[(range_m < model.sonar.min_range_m) | (range_m > model.sonar.max_range_m)] = np.nan
     sonar = replace(sonar, range_m=range_m, noise_std_m=maker.sonar.noise_std_m)
     command = sensors.log_command(stick, model)
-    return Flight(
+    flight = Flight(
         f"flight_{seed}", imu=imu, attitude=attitude, velocity=velocity, sonar=sonar, command=command
     )
+    return flight if camera is None else _filmed(flight, motion, camera, seed)
+
+
+def _filmed(flight: Flight, motion: Motion, camera: CameraModel, seed: int) -> Flight:
+    """With pictures of a floor that is as large as the flight."""
+    x, y = motion.states[:, :2].T
+    extent_m = (x.min() - ROUND_M, y.min() - ROUND_M, x.max() + ROUND_M, y.max() + ROUND_M)
+    rng = np.random.default_rng((seed, 9))
+    world = World(
+        texture=("puzzle", "gym")[seed % 2], extent_m=extent_m, metres_per_px=TEXEL_M,
+        seed=int(rng.integers(2**31)),
+    )  # fmt: skip
+    stamps_s = sensors.stamps(camera.rate_hz, motion.duration_s, rng)
+    film = shoot(
+        world, (), camera, camera_effects({}), stamps_s, lambda t: motion.at(t).w_T_b, motion.duration_s, seed
+    )
+    names = tuple(f"{k}.png" for k in range(len(film.stamps_s)))
+    return replace(flight, camera=film.told, frames=Frames(film.stamps_s, names, film))
 
 
 def healthy_case(
-    model: Model, seed: int, flights: int = 3, duration_s: float = 30.0, student: bool = False
+    model: Model,
+    seed: int,
+    flights: int = 3,
+    duration_s: float = 30.0,
+    student: bool = False,
+    camera: CameraModel | None = None,
 ) -> list[Flight]:
     """Flights of one healthy vehicle under drawn plans."""
     rng = np.random.default_rng(seed)
     vehicle = drawn_vehicle(model, rng)
     seeds: Sequence[int] = rng.integers(1, 2**31, flights).tolist()
-    return [
-        flown(vehicle, stick_for(drawn_plan(duration_s, rng)), s, told=model, student=student) for s in seeds
-    ]
+    return [flown(vehicle, stick_for(drawn_plan(duration_s, rng)), s, model, student, camera) for s in seeds]

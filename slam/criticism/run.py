@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from slam.body_range import with_body_ranges
+from slam.criticism.camera.strays import without_strays
 from slam.criticism.extended import extended_model, with_certainty
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, place_of
@@ -81,7 +82,8 @@ def _led(flights: Sequence[Flight], model: Model, progress: Progress) -> Critici
     if not records:
         reason = "; ".join(dropped) if dropped else "no flights"
         return Criticism("unusable", f"These data cannot be judged: {reason}.", dropped=tuple(dropped))
-    return replace(_judged(records, model, progress), flights=names, dropped=tuple(dropped))
+    found = _judged(records, model, progress)
+    return replace(found, flights=names, dropped=(*dropped, *found.dropped))
 
 
 def _unled(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
@@ -104,7 +106,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         limits = limits.times(STEERED)
     elif any(record.sights is not None for record in records):
         limits = limits.times(PICTURED)
-    records = _filtered(records, setting, progress)
+    records, strays = _filtered(records, setting, progress)
     records, odd = without_dead_zone(records)
     if not setting.foreign and not combed(records):
         records, steps = without_boxes(records, setting)
@@ -136,7 +138,9 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     seen = detectable(found.first, limits.effects)
     if verdict == "nothing_wrong" and len(within_reach(seen)) < FEWEST_SHOWN:
         reason = untested(records, list(within_reach(seen)))
-        return Criticism("unusable", reason, detectable=seen, threshold=limits.effects, model=model)
+        return Criticism(
+            "unusable", reason, dropped=tuple(strays), detectable=seen, threshold=limits.effects, model=model
+        )
     if verdict == "unknown" and not causes:
         remainder = "; ".join(part for part in (remainder, *_nearest(found, limits.effects)) if part)
     with rolled_out.part():
@@ -157,6 +161,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         noise_correlation=colour,
         checks=_checks(records, found.last),
         covariate=drawn,
+        dropped=tuple(strays),
         threshold=limits.effects,
         model=model,
         extended=_extended(model, belief, found, odd),
@@ -172,10 +177,17 @@ def _covariate(
     return covariate(records, belief, found, causes[0].name, causes[0].rival, causes[0].z)
 
 
-def _filtered(records: Sequence[Record], setting: Setting, progress: Progress) -> list[Record]:
-    """The records beside a healthy run of each."""
+def _filtered(
+    records: Sequence[Record], setting: Setting, progress: Progress
+) -> tuple[list[Record], list[str]]:
+    """The records beside a healthy run of each, and what pictures were left out as none of that run's."""
     flights = Tally(progress, "filter", len(records))
-    return in_threads(flights.counting(lambda record: referred(record, setting)), records)
+
+    def beside(record: Record) -> tuple[Record, str]:
+        return without_strays(referred(record, setting), setting)
+
+    found = in_threads(flights.counting(beside), records)
+    return [record for record, _ in found], [told for _, told in found if told]
 
 
 def _likeliest(records: Sequence[Record], found: Search) -> Search:

@@ -22,23 +22,38 @@ APART = 0.06
 
 
 def confirmed(i_H_j: Mapping[Pair, Array], camera: Camera) -> set[Pair]:
-    """Of homographies of picture j in picture i, keyed (i, j), those that some way round agrees with.
+    """Of homographies of picture j in picture i, keyed (i, j), those that may be believed.
 
-    The way from i to j goes by the picture in the middle; a pair is asked as the whole and as a half of such
-    ways. Of those that no way can ask, only neighbours are believed: they overlap by most.
+    The way round goes by the picture in the middle, whose halves overlap by more than the whole: where both
+    are believed, they decide. On a floor that repeats, wholes that are wrong by the same piece of floor agree
+    with each other. A pair without such halves is believed if it is half of any way that agrees; of those
+    that no way can ask, only neighbours are, which overlap by most.
     """
-    asked: dict[Pair, list[bool]] = {pair: [] for pair in i_H_j}
+    agrees = _ways(i_H_j, camera)
+    believed: set[Pair] = set()
+    for pair in sorted(i_H_j, key=lambda pair: pair[1] - pair[0]):
+        if pair in agrees and all(half in believed for half in _halves(pair)):
+            good = agrees[pair]
+        else:
+            told = [answer for whole, answer in agrees.items() if pair in _halves(whole)]
+            good = any(told) if told else pair[1] - pair[0] == 1
+        if good:
+            believed.add(pair)
+    return believed
+
+
+def _ways(i_H_j: Mapping[Pair, Array], camera: Camera) -> dict[Pair, bool]:
+    """For each pair both of whose halves there are, whether it agrees with the way by them."""
     corners, most = camera.corners_px, APART * camera.size_px[0]
-    for (i, j), whole in i_H_j.items():
-        middle = (i + j) // 2
-        halves = (i, middle), (middle, j)
-        if (j - i) % 2 or not all(half in i_H_j for half in halves):
-            continue
-        round_about = i_H_j[halves[0]] @ i_H_j[halves[1]]
-        off = np.linalg.norm(transfer(whole, corners) - transfer(round_about, corners), axis=1)
-        agrees = bool(off.mean() < most)
-        for pair in ((i, j), *halves):
-            asked[pair].append(agrees)
-    return {
-        pair for pair, answers in asked.items() if any(answers) or (not answers and pair[1] - pair[0] == 1)
-    }
+    found = {}
+    for pair, whole in i_H_j.items():
+        first, second = _halves(pair)
+        if (pair[1] - pair[0]) % 2 == 0 and first in i_H_j and second in i_H_j:
+            off = transfer(whole, corners) - transfer(i_H_j[first] @ i_H_j[second], corners)
+            found[pair] = bool(np.linalg.norm(off, axis=1).mean() < most)
+    return found
+
+
+def _halves(pair: Pair) -> tuple[Pair, Pair]:
+    middle = sum(pair) // 2
+    return (pair[0], middle), (middle, pair[1])

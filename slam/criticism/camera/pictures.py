@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -89,6 +89,16 @@ class Sights:
     """Smoothed paths at the pictures that were worked out so far."""
     figures: list[Any] = field(default_factory=list, repr=False, compare=False)
     """What the tones of all pairs come to, once worked out: it is the same under every belief."""
+
+    def some(self, kept: NDArray[np.bool_]) -> Sights:
+        """With some of the matches (m,) alone."""
+        return replace(
+            self,
+            earlier=self.earlier[kept], later=self.later[kept],
+            pixel_i=self.pixel_i[kept], pixel_j=self.pixel_j[kept], std_px=self.std_px[kept],
+            tone_i=self.tone_i[kept], tone_j=self.tone_j[kept],
+            paths={}, figures=[],
+        )  # fmt: skip
 
     @property
     def uneven(self) -> bool:

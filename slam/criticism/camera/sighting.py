@@ -183,6 +183,26 @@ def _summed(row: Ints, count: int, values: Array) -> Array:
     return np.asarray(place @ values.reshape(m, -1))
 
 
+def residuals(sights: Sights, setting: Setting, path: Path, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """(m,) px that matches between pictures of a path are off by, and by how much the path leaves that open.
+
+    The path and ``inside`` are those of ``path_of``.
+    """
+    scene = _Scene.of(sights, setting, setting.camera, path, inside)
+    B = scene.by_pose()
+    n = len(path.times_s)
+    S = path.covariance.reshape(n, 6, n, 6)
+    i, j = scene.i, scene.j
+    of_pose = [B[:, :, :6], B[:, :, 6:]]
+    variance = sum(
+        np.einsum("mca,mab,mcb->m", of_pose[a], S[p, :, q], of_pose[b])
+        for a, p in enumerate((i, j))
+        for b, q in enumerate((i, j))
+    )
+    off = np.linalg.norm(scene.seen - scene.carried(), axis=1)
+    return off, np.sqrt(np.maximum(variance, 0.0))
+
+
 @dataclass(frozen=True)
 class _Scene:
     """Matches with the poses that they were taken from."""

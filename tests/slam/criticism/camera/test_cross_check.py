@@ -44,3 +44,12 @@ def test_a_far_one_that_nothing_can_ask_is_not_believed_but_a_neighbour_is() -> 
     kept = confirmed(pairs, CAMERA)
     assert (10, 11) in kept
     assert (20, 24) not in kept
+
+
+def test_wrong_ones_that_agree_with_each_other_are_told_by_the_halves_of_one() -> None:
+    """A floor that repeats: three pairs have the same wrong copy of it."""
+    pairs = {(j - step, j): shift(5.0 * step) for step in (1, 2, 4, 8) for j in range(step, 17)}
+    wrong = {(4, 8), (0, 8), (4, 12)}
+    for i, j in wrong:
+        pairs[i, j] = shift(5.0 * (j - i) + 80.0)
+    assert confirmed(pairs, CAMERA) == set(pairs) - wrong

@@ -1,0 +1,51 @@
+"""Pairs of pictures that are taken for another place of the floor than the flight can have been at.
+
+On a floor that repeats, matches with the wrong copy all agree, and pairs may agree with each other. The other
+instruments know where the vehicle went between two pictures; no camera of the catalogue is a quarter of a
+picture off. One such pair outweighs a flight: it is off by a thousand deviations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from slam.criticism.camera.sighting import path_of, residuals
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
+
+FAR = 0.25
+"""Of a picture's width, beside what the path leaves open."""
+SURE = 5.0
+MOST = 0.1
+"""Of the pairs: more, and it is the path that is wrong, or the camera in a way that nobody foresaw."""
+
+
+def without_strays(record: Record, setting: Setting) -> tuple[Record, str]:
+    """The record without such pairs, and what to say of them; empty where there are none."""
+    sights = record.sights
+    if sights is None:
+        return record, ""
+    path, inside = path_of(record, sights, setting)
+    known = np.flatnonzero(inside[sights.earlier] & inside[sights.later])
+    if len(known) == 0:
+        return record, ""
+    off_px, std_px = residuals(sights, setting, path, inside)
+    pair = sights.earlier[known] * len(sights.stamps_s) + sights.later[known]
+    pairs, pair_of = np.unique(pair, return_inverse=True)
+    stray = np.array(
+        [
+            np.median(off_px[pair_of == k] - SURE * std_px[pair_of == k]) > FAR * sights.camera.size_px[0]
+            for k in range(len(pairs))
+        ]
+    )
+    if not 0 < stray.sum() <= MOST * len(pairs):
+        return record, ""
+    kept = np.ones(len(sights.earlier), dtype=bool)
+    kept[known[stray[pair_of]]] = False
+    told = (
+        f"{record.name}: {stray.sum()} of {len(pairs)} pairs of pictures match another place of the floor "
+        "than the vehicle can have been at; they were left out"
+    )
+    return replace(record, sights=sights.some(kept)), told
