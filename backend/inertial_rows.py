@@ -26,11 +26,11 @@ from backend.preintegration import InertialReadings, attitudes_between, integrat
 
 Array = NDArray[np.float64]
 
-_STRETCH_S = (1.0, 4.0)
+STRETCH_S = (1.0, 4.0)
 """Longer ones gain little: integrated noise is larger than the way by then."""
 _WANTED, _MOST, LEAST_STRETCHES = 12, 60, 8
 """Stretches: short flights have shorter ones."""
-_LEAST_POSES = 8
+LEAST_POSES = 8
 _LONGEST_GAP_S = 0.5
 MOST_DELAY_S = 0.1
 CLOSEST_S = 0.05
@@ -186,15 +186,15 @@ def stretches_of(stamps_s: Array, imu_s: Array) -> list[slice]:
     inside &= (stamps_s >= imu_s[0] + MOST_DELAY_S) & (stamps_s <= imu_s[-1] - MOST_DELAY_S)
     broken = (np.diff(stamps_s) > _LONGEST_GAP_S) | ~inside[1:] | ~inside[:-1]
     runs = [run[inside[run]] for run in np.split(np.arange(len(stamps_s)), np.flatnonzero(broken) + 1)]
-    runs = [run for run in runs if len(run) >= _LEAST_POSES]
+    runs = [run for run in runs if len(run) >= LEAST_POSES]
     lasts_s = sum(float(stamps_s[run[-1]] - stamps_s[run[0]]) for run in runs)
-    stretch_s = float(np.clip(lasts_s / _WANTED, *_STRETCH_S))
+    stretch_s = float(np.clip(lasts_s / _WANTED, *STRETCH_S))
     found = []
     for run in runs:
         count = int((stamps_s[run[-1]] - stamps_s[run[0]]) / stretch_s + 1e-9)
         ends = np.searchsorted(stamps_s[run], stamps_s[run[0]] + stretch_s * np.arange(count + 1))
         found += [slice(run[0] + a, run[0] + b) for a, b in pairwise(ends.tolist())]
-    found = [s for s in found if s.stop - s.start >= _LEAST_POSES]
+    found = [s for s in found if s.stop - s.start >= LEAST_POSES]
     some = np.unique(np.linspace(0, len(found) - 1, min(_MOST, len(found))).round().astype(int))
     return [found[k] for k in some.tolist()]
 

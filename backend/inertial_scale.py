@@ -24,9 +24,11 @@ from scipy.optimize import least_squares, minimize, minimize_scalar
 
 from backend.inertial_rows import (
     CLOSEST_S,
+    LEAST_POSES,
     LEAST_STRETCHES,
     MOST_DELAY_S,
     PRIOR,
+    STRETCH_S,
     PathBeside,
     Rows,
     column_noise_of,
@@ -80,20 +82,37 @@ class InertialScale:
         return float(np.hypot(self.scale_std / self.scale, by_gains))
 
 
+@dataclass(frozen=True)
+class NoScale:
+    """The accelerometer tells no scale."""
+
+    reason: str
+    """In words."""
+
+
+_HARDLY_MOVED = NoScale("the flight hardly speeds up or brakes, so that its way is lost in the noise")
+_UNLIKE = NoScale(
+    "what it reads does not fit the way that the pictures show (its signs, unit, T_BS or clock may be wrong)"
+)
+
+
 def inertial_scale(
     stamps_s: Array, w_T_b: Array, readings: InertialReadings, covariance: Array
-) -> InertialScale | None:
+) -> InertialScale | NoScale:
     """Scale of a path (n, 4, 4) over a level floor at z = 0, at ``stamps_s`` (n,) in order of time.
 
     ``covariance`` (6, 6), rotation first, right perturbation, is that of a pose's own error, which no other
-    shares; its shape counts, its size is found anew. None where path and readings do not overlap for long
-    enough, or where the accelerometer tells nothing of the scale.
+    shares; its shape counts, its size is found anew. `NoScale` where path and readings do not overlap
+    for long enough, or where the accelerometer tells nothing of the scale.
     """
     apart = np.unique(np.floor((stamps_s - stamps_s[:1]) / CLOSEST_S), return_index=True)[1]
     stamps_s, w_T_b = stamps_s[apart], w_T_b[apart]
     stretches = stretches_of(stamps_s, readings.stamps_s)
     if len(stretches) < LEAST_STRETCHES:
-        return None
+        return NoScale(
+            f"{LEAST_STRETCHES} stretches of {STRETCH_S[0]:g} to {STRETCH_S[1]:g} s with {LEAST_POSES} "
+            f"pictures each are needed and {len(stretches)} found: fly longer, or with more pictures a second"
+        )
     path = PathBeside(stamps_s, w_T_b, readings, stretches, column_noise_of(covariance))
     noise, delay_s = np.log([_FORCE_NOISE, _POSE_NOISE, _LASTING_NOISE]), 0.0
     rows = path.rows(delay_s)
@@ -151,7 +170,7 @@ def _delay_std(path: PathBeside, sizes: Array, noise: Array, delay_s: float) -> 
 
 def _found(
     rows: Rows, by_gains: Array, sizes: Array, noise: Array, delay: tuple[float, float]
-) -> InertialScale | None:
+) -> InertialScale | NoScale:
     scale, offset, arm = float(sizes[0]), sizes[1:4], sizes[4:]
     left, w = rows.left(sizes), rows.weight(sizes, noise)
     spread = rows.of_poses(noise)[:, None, None, None] * rows.column_noise
@@ -160,7 +179,7 @@ def _found(
     information -= np.einsum("ra,rakl->kl", w, spread)
     chance = float(np.sqrt(2 * np.sum((w * spread[:, :, 0, 0]) ** 2)))
     if information[0, 0] <= _SURE * chance or np.linalg.eigvalsh(information)[0] <= 0:
-        return None
+        return _HARDLY_MOVED
     score = np.einsum("ra,ra,rak->rk", w, left, rows.known)
     score += np.einsum("ra,rak->rk", (w * left) ** 2, spread @ sizes)
     count = int(rows.stretch.max()) + 1
@@ -171,8 +190,10 @@ def _found(
     between = inverse @ (by_stretch.T @ by_stretch) @ inverse * count / (count - 1)
     std = np.sqrt(np.maximum(np.diag(inverse), np.diag(between)))
     moved = inverse[0] @ np.einsum("rak,ra,rag->kg", rows.known, w, by_gains, optimize=True)
-    if not scale > _SURE * std[0] or np.linalg.norm(offset) > _MOST_OFFSET_M_S2:
-        return None
+    if np.linalg.norm(offset) > _MOST_OFFSET_M_S2:
+        return _UNLIKE
+    if not scale > _SURE * std[0]:
+        return _HARDLY_MOVED
     return InertialScale(
         scale,
         float(std[0]),

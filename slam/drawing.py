@@ -6,6 +6,8 @@ from __future__ import annotations
 import io
 from typing import TYPE_CHECKING
 
+from slam.quantities import unit
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -35,9 +37,9 @@ def grid(axes: Axes) -> None:
     axes.grid(color="#e4e7eb", linewidth=0.6)
 
 
-def ground_labels(on_earth: bool) -> tuple[str, str]:
+def ground_labels(on_earth: bool, metric: bool = True) -> tuple[str, str]:
     """What stands at the two axes of a top view."""
-    return ("east [m]", "north [m]") if on_earth else ("x [m]", "y [m]")
+    return ("east [m]", "north [m]") if on_earth else (f"x [{unit(metric)}]", f"y [{unit(metric)}]")
 
 
 def legend_below(axes: Axes) -> None:

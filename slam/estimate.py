@@ -144,6 +144,9 @@ class Estimate:
     """Rotation vector (x, y) that takes the level to the ground; zero where nothing told of a slope."""
     scale_std: float | None = None
     """Relative standard deviation that all lengths share; None where nothing told the scale."""
+    metric: bool = True
+    """Whether lengths are metres; else they are multiples of the camera's mean height over the floor, for
+    nothing told the scale."""
     range_errors: RangeErrors | None = None
     """What the height sensor's readings turned out to have in common; None where there is none."""
     instruments: InstrumentErrors = InstrumentErrors(None, None)

@@ -162,7 +162,7 @@ def _missing_for_scale(flight: Flight) -> list[str]:
     elif not ranged:
         lines.append("no sonar: the scale comes from GPS alone and is as coarse as that")
     if flight.gps is None:
-        lines.append("no GPS: the map is in local metres, not placed on Earth")
+        lines.append("no GPS: the map is not placed on Earth")
     return lines
 
 
@@ -196,7 +196,10 @@ def _apart(streams: list[StreamInfo]) -> list[str]:
             continue
         shared = min(s.end_s, reference.end_s) - max(s.start_s, reference.start_s)
         if shared < 0:
-            lines.append(f"{s.name}: does not overlap in time with {reference.name} ({-shared:.1f} s apart)")
+            lines.append(
+                f"{s.name}: does not overlap in time with {reference.name} ({-shared:.1f} s apart), so "
+                f"nothing of it is used; write its stamps on the clock of {reference.name}"
+            )
         elif shared < 0.5 * reference.duration_s:
             part = 100 * shared / reference.duration_s
             lines.append(f"{s.name}: covers only {part:.0f} % of the time of {reference.name}")

@@ -193,7 +193,8 @@ class _Job:
         )
         estimate = account(back_end.flight, self.config, back_end.mapper, mapped, self.clock.seconds)
         echoes = echoes_in_map(flight.sonar, sightings.stamps_s, fused.over_floor_T_b, fused.floor_z_m)
-        return replace(estimate, elevation=echoes.map if echoes else None), settled.sightings
+        elevation = echoes.map if echoes else None
+        return replace(estimate, elevation=elevation, metric=fused.metric), settled.sightings
 
     def _remounted(self, flight: Flight, settled: _SettledMap) -> Camera | None:
         if flight.parts:  # each has a level of its own

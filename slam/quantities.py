@@ -13,10 +13,17 @@ def percent(share: float) -> str:
     return f"{100 * share:.2g}{SPACE}%"
 
 
-def length(metres: float) -> str:
-    """A length with three significant figures and the unit that reads best."""
+def unit(metric: bool) -> str:
+    """Of lengths: metres, or the camera's mean heights over the floor where nothing told the scale."""
+    return "m" if metric else "heights"
+
+
+def length(metres: float, metric: bool = True) -> str:
+    """A length with three significant figures and the unit that reads best; not ``metric``: in heights."""
     if not np.isfinite(metres):
         return "not known"
+    if not metric:
+        return f"{metres:.3g}{SPACE}{unit(metric)}"
     if abs(metres) < 0.0995:
         return f"{_significant(metres * 1e3)}{SPACE}mm"
     if abs(metres) < 9995:

@@ -53,7 +53,7 @@ def locate(
             "rejected": {reason: reasons.count(reason) for reason in dict.fromkeys(reasons)},
         }
         (folder / "summary.json").write_text(json_text(record), encoding="utf-8")
-    screen.print(shown(_table(found)))
+    screen.print(shown(_table(found, estimate.metric)))
     screen.print(written([out / "locations.csv"]), soft_wrap=True)
 
 
@@ -83,8 +83,8 @@ def _quoted(text: str) -> str:
     return '"' + text.replace('"', '""') + '"'
 
 
-def _table(found: list[tuple[Path, Location]]) -> FigureTable:
-    from slam.quantities import length
+def _table(found: list[tuple[Path, Location]], metric: bool) -> FigureTable:
+    from slam.quantities import length, unit
     from slam.report.accuracy import FigureTable
     from slam.report.facts import position_sigma_m
 
@@ -93,7 +93,7 @@ def _table(found: list[tuple[Path, Location]]) -> FigureTable:
             return path.name, location.reason, "", ""
         place = ", ".join(f"{x:.3f}" for x in location.w_T_b[:3, 3])
         sigma_m = float(position_sigma_m(location.covariance[None])[0])
-        return path.name, place, f"± {length(sigma_m)}", str(location.points)
+        return path.name, place, f"± {length(sigma_m, metric)}", str(location.points)
 
-    columns = ("picture", "x, y, z [m]", "1σ", "points")
+    columns = ("picture", f"x, y, z [{unit(metric)}]", "1σ", "points")
     return FigureTable("Where the pictures were taken", columns, tuple(row(*pair) for pair in found))

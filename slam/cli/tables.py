@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from slam.errors import one_line
-from slam.quantities import length, percent
+from slam.quantities import percent
 from slam.report.facts import Facts
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def written(paths: list[Path]) -> Text:
 def _known_to(facts: Facts) -> str:
     if not math.isfinite(facts.sigma_median_m):
         return "not known"
-    said = f"{length(facts.sigma_median_m)} median, {length(facts.sigma_max_m)} largest"
+    said = f"{facts.length(facts.sigma_median_m)} median, {facts.length(facts.sigma_max_m)} largest"
     if facts.relative_to:
         said += f", relative to {facts.relative_to}"
     return said + (f"; mostly the common scale ({percent(facts.scale_std)})" if facts.mostly_scale else "")

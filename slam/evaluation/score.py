@@ -77,6 +77,8 @@ class Evaluation:
     loops: LoopScore | None
     """None without truth or camera."""
     tracks: Tracks
+    metric: bool = True
+    """Whether the estimate's lengths are metres, as those of the reference are."""
     ways: tuple[str, str, str] = MAP_WAYS
     """What the chain, the odometry and the estimate are, in words."""
 
@@ -135,6 +137,7 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
         loop_gaps=gaps,
         loops=_loops(estimate, flight, association),
         tracks=_tracks(estimate, flight, association, maps, per_keyframe),
+        metric=estimate.metric,
         ways=estimate.ways,
     )
 

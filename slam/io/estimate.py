@@ -43,6 +43,7 @@ from slam.estimate import MAP_WAYS, Estimate, LoopVerdict
 from slam.flight import GeoOrigin
 from slam.io.atomic import write_whole
 from slam.io.files import brief
+from slam.quantities import unit
 
 Array = NDArray[np.float64]
 
@@ -98,7 +99,7 @@ def trajectory_text(estimate: Estimate) -> str:
     The stamps are written from integers, exact to the nanosecond. A keyframe that could not be placed has no
     pose and so no line; estimate.npz has a row for it.
     """
-    lines = ["# timestamp [s] tx ty tz [m] qx qy qz qw of w_T_b"]
+    lines = [f"# timestamp [s] tx ty tz [{unit(estimate.metric)}] qx qy qz qw of w_T_b"]
     placed = np.flatnonzero(np.isfinite(estimate.w_T_b).all(axis=(1, 2)))
     if len(placed):
         quaternions = Rotation.from_matrix(estimate.w_T_b[placed, :3, :3]).as_quat()
@@ -164,6 +165,7 @@ def _record(estimate: Estimate) -> dict[str, Any]:
         "floor_z_m": float(estimate.floor_z_m),
         "floor_slope_rad": [float(angle) for angle in estimate.floor_slope_rad],
         "scale_std": None if estimate.scale_std is None else float(estimate.scale_std),
+        "metric": bool(estimate.metric),
         "range_errors": None if estimate.range_errors is None else asdict(estimate.range_errors),
         "origin": None if estimate.origin is None else asdict(estimate.origin),
         "frames": int(estimate.frames),
@@ -287,6 +289,7 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         floor_z_m=float(record["floor_z_m"]),
         floor_slope_rad=(float(record["floor_slope_rad"][0]), float(record["floor_slope_rad"][1])),
         scale_std=_scale_std(record),
+        metric=bool(record.get("metric", True)),
         range_errors=_range_errors(record),
         origin=None if origin is None else GeoOrigin(**origin),
         relative_poses=tuple(RelativePose(i, j, T, P, kind) for (i, j), T, P, kind in edges),

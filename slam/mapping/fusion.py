@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
+from backend.inertial_scale import NoScale
 from backend.measurements import FloorTracks, Position, RelativePose
 from backend.preintegration import InertialReadings
 from backend.solution import Solution
@@ -46,6 +47,8 @@ class Fused:
     known. In the part's own covariances that height is certain."""
     inertial: InertialLengths | None = None
     """What the accelerometer tells of the largest part."""
+    metric: bool = True
+    """Whether lengths of the largest part are metres; else they are in mean heights of the camera."""
     bridges: tuple[RelativePose, ...] = ()
     """Edges of kind ``inertial`` along which parts were laid together (`slam.mapping.bridging`)."""
 
@@ -82,6 +85,7 @@ def fuse(
     w_T_b[component < 0] = np.nan
     warnings: list[str] = []
     camera, floor_z_m, first, inertial, georeferenced = mapper.camera, 0.0, None, None, False
+    has_metres = True
     height_std_m = [0.0] * (int(component.max(initial=-1)) + 1)
     seen = np.bincount(tracks.keyframe, minlength=n)
     for part in range(int(component.max(initial=-1)) + 1):
@@ -112,16 +116,16 @@ def fuse(
             over_floor_covariances[members] = bundle.over_floor_covariances
             height_std_m[part] = bundle.own_scale_std * float(bundle.w_T_b[0, 2, 3] - bundle.floor_z_m)
             if part == 0:
-                first, inertial, camera = bundle, by_inertia, _calibrated(camera, bundle)
-            warnings += (
-                [by_inertia.contradiction] if by_inertia is not None and by_inertia.contradiction else []
-            )
+                first, camera = bundle, _calibrated(camera, bundle)
+                inertial = by_inertia if isinstance(by_inertia, InertialLengths) else None
+            warnings += _told(by_inertia, bundle)
         if part == 0:
             floor_z_m, georeferenced = floor, laid is not None
+            has_metres = metric or georeferenced or (first is not None and first.scale_std is not None)
     w_T_b[component < 0] = np.nan
     return Fused(
         w_T_b, covariances, over_floor_covariances, component, floor_z_m, camera, first, georeferenced,
-        tuple(warnings), tuple(height_std_m), inertial,
+        tuple(warnings), tuple(height_std_m), inertial, has_metres,
     )  # fmt: skip
 
 
@@ -134,7 +138,7 @@ def _refined(
     tracks: FloorTracks,
     progress: Progress,
     readings: InertialReadings | None,
-) -> tuple[Bundle, InertialLengths | None]:
+) -> tuple[Bundle, InertialLengths | NoScale | None]:
     """One part, and what the accelerometer tells of it: used where ranges and positions tell less."""
 
     def step(iteration: int, _: float) -> None:
@@ -145,12 +149,20 @@ def _refined(
         return bundle, None
     camera, gain_std = _calibrated(mapper.camera, bundle), mapper.config.trust.accel_gain_std
     by_inertia = inertial_lengths(readings, sightings, members, bundle, camera, gain_std)
-    if by_inertia is None or not by_inertia.helps:
+    if isinstance(by_inertia, NoScale) or not by_inertia.helps:
         return bundle, by_inertia
     start = w_T_b.copy()
     start[members] = bundle.w_T_b
     lengths, noise = by_inertia.lengths, bundle.noise
     return mapper.refine(members, start, bundle.floor_z_m, tracks, step, lengths, noise), by_inertia
+
+
+def _told(by_inertia: InertialLengths | NoScale | None, bundle: Bundle) -> list[str]:
+    """What a person must know of it: where it contradicts, and where it was wanted for lengths in vain."""
+    if isinstance(by_inertia, NoScale):
+        wanted = bundle.scale_std is None
+        return [f"imu0 tells no lengths: {by_inertia.reason}"] if wanted else []
+    return [by_inertia.contradiction] if by_inertia is not None and by_inertia.contradiction else []
 
 
 def _tied(n: int, kept: Sequence[Registration]) -> NDArray[np.bool_]:

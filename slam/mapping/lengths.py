@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from backend.bundle.graph import ScalePrior
 from backend.bundle.refinement import Bundle
-from backend.inertial_scale import InertialScale, inertial_scale
+from backend.inertial_scale import InertialScale, NoScale, inertial_scale
 from backend.preintegration import InertialReadings
 from frontend.camera import Camera
 from frontend.lift import lift
@@ -66,19 +66,19 @@ def inertial_lengths(
     bundle: Bundle,
     camera: Camera,
     gain_std: float,
-) -> InertialLengths | None:
-    """Hold the refined keyframes ``members`` against the accelerometer; None where it tells nothing."""
+) -> InertialLengths | NoScale:
+    """Hold the refined keyframes ``members`` against the accelerometer; `NoScale` where it tells nothing."""
     w_T_b = np.full((len(sightings.stamps_s), 4, 4), np.nan)
     w_T_b[members] = over_floor(bundle.w_T_b, bundle.floor_slope_rad, bundle.floor_z_m)
     w_T_b[members, 2, 3] -= bundle.floor_z_m
     stamps_s, path, covariances = path_at_frames(sightings, w_T_b, camera)
     if len(covariances) == 0:
-        return None
+        return NoScale("no picture shows a way beside its neighbours")
     lean = np.eye(4)
     lean[:3, :3] = Rotation.from_rotvec([*bundle.floor_slope_rad, 0.0]).as_matrix()
     found = inertial_scale(stamps_s, lean @ path, readings, _typical(covariances))
-    if found is None:
-        return None
+    if isinstance(found, NoScale):
+        return found
     return InertialLengths(found, ScalePrior(found.scale, found.log_std(gain_std)), bundle.scale_std)
 
 

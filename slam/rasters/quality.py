@@ -14,6 +14,7 @@ from slam.drawing import UNSEEN, ground_labels, png
 from slam.estimate import Estimate
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, write_bands
+from slam.quantities import unit
 
 
 def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path: Path) -> None:
@@ -28,26 +29,26 @@ def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path
     grid = Grid(plan.west_m, plan.north_m, quality.cell_m, cols, rows, estimate.origin)
     bands = {
         "pictures that see it": quality.pictures,
-        "position, standard deviation [m]": quality.position_std_m,
+        f"position, standard deviation [{unit(estimate.metric)}]": quality.position_std_m,
         "seam: brightness difference of two pictures, share": quality.seam_share,
     }
     write_bands(path, grid, bands)
-    write_whole(path.with_suffix(".png"), quality_picture(quality, grid))
+    write_whole(path.with_suffix(".png"), quality_picture(quality, grid, estimate.metric))
 
 
-def quality_picture(quality: MosaicQuality, grid: Grid) -> bytes:
-    """The three bands in colour over x and y in metres, as PNG."""
+def quality_picture(quality: MosaicQuality, grid: Grid, metric: bool = True) -> bytes:
+    """The three bands in colour over x and y, as PNG."""
     from matplotlib.figure import Figure
 
-    unit, factor = _unit(quality.position_std_m)
+    told, factor = _readable(quality.position_std_m) if metric else (unit(metric), 1.0)
     panels: tuple[tuple[str, NDArray[np.float32], str], ...] = (
         ("Pictures that see it", quality.pictures, "viridis"),
-        (f"Position, one standard deviation [{unit}]", factor * quality.position_std_m, "magma_r"),
+        (f"Position, one standard deviation [{told}]", factor * quality.position_std_m, "magma_r"),
         ("Seams: brightness of two pictures differs by [%]", 100 * quality.seam_share, "magma_r"),
     )
     tall = float(np.clip(4.4 * grid.height / grid.width, 1.8, 8.0))
     figure = Figure(figsize=(14.0, tall + 1.3), dpi=110, layout="constrained")
-    x, y = ground_labels(on_earth=grid.origin is not None)
+    x, y = ground_labels(grid.origin is not None, metric)
     for axes, (title, values, colours) in zip(figure.subplots(1, 3), panels, strict=True):
         axes.set_facecolor(UNSEEN)
         high = float(np.nanpercentile(values, 99)) if np.isfinite(values).any() else 1.0
@@ -61,6 +62,6 @@ def quality_picture(quality: MosaicQuality, grid: Grid) -> bytes:
     return png(figure)
 
 
-def _unit(std_m: NDArray[np.float32]) -> tuple[str, float]:
+def _readable(std_m: NDArray[np.float32]) -> tuple[str, float]:
     typical = float(np.nanmedian(std_m)) if np.isfinite(std_m).any() else 1.0
     return ("mm", 1e3) if typical < 0.01 else ("cm", 1e2) if typical < 1 else ("m", 1.0)

@@ -113,6 +113,10 @@ def _against_reference(evaluation: Evaluation) -> FigureTable:
             _spread(evaluation.ate_sim3_m.rmse, evaluation.ate_sim3_m.max),
         ),
     ]
+    if not evaluation.metric:
+        rows.insert(
+            0, ("lengths of the map", "in the camera's mean heights: judge only what is aligned with scale")
+        )
     coarse = f"the truth's rows are too far apart for the motion at {evaluation.too_coarse} keyframes"
     if evaluation.nees is not None:
         pose = evaluation.nees.pose

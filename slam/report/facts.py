@@ -50,6 +50,12 @@ class Facts:
     """Of the height sensor; empty without one."""
     sensor_zero: str
     is_graph: bool
+    metric: bool = True
+    """Whether lengths are metres, as `slam.estimate.Estimate` has it."""
+
+    def length(self, metres: float) -> str:
+        """A length of this map, with its unit."""
+        return length(metres, self.metric)
 
 
 def gather(estimate: Estimate, flight: Flight | None) -> Facts:
@@ -86,6 +92,7 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         sensor_gain=gain,
         sensor_zero=zero,
         is_graph=flight is None,
+        metric=estimate.metric,
     )
 
 
@@ -115,7 +122,7 @@ def sentence(facts: Facts) -> str:
     )
     said = f"{whole} {thing} lie on {maps}"
     if np.isfinite(facts.sigma_median_m):
-        median, worst = length(facts.sigma_median_m), length(facts.sigma_max_m)
+        median, worst = facts.length(facts.sigma_median_m), facts.length(facts.sigma_max_m)
         relative = f"relative to {facts.relative_to} " if facts.relative_to else ""
         said += f"; {relative}a position is known to ±{SPACE}{median} (median), ±{SPACE}{worst} at worst"
         if facts.mostly_scale:
@@ -126,8 +133,11 @@ def sentence(facts: Facts) -> str:
         said += f" {facts.loops_kept} {closures} it together."
     else:
         said += " No place was seen twice for certain, so errors add up along the way."
-    if facts.scale_source == "none":
-        said += " Nothing measured height or position, so lengths are relative, not metres."
+    if not facts.metric:
+        said += (
+            " Nothing told how long a metre is, so lengths are relative: in heights, which are multiples of "
+            "the camera's mean height over the floor."
+        )
     return said
 
 
@@ -192,10 +202,11 @@ def _height_sensor(estimate: Estimate, flight: Flight | None) -> tuple[str, str]
 def _scale_source(estimate: Estimate, flight: Flight | None) -> str:
     if flight is None:
         return "the graph's own edges"
-    sources = (
-        ["height sensor"] if flight.sonar is not None and np.isfinite(flight.sonar.range_m).any() else []
-    )
+    if not estimate.metric:
+        return "none"
+    sources = ["height sensor"] if estimate.range_errors is not None else []
     sources += ["GPS"] if estimate.origin is not None else []
     accelerometer = estimate.instruments.accelerometer
     sources += ["accelerometer"] if accelerometer is not None and accelerometer.used else []
-    return " and ".join(sources) or "none"
+    # A map that could not be refined has its metres by the heights that the pose graph started from.
+    return " and ".join(sources) or "height sensor"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.estimate import Estimate
-from slam.quantities import length, percent
+from slam.quantities import percent
 from slam.report.facts import Facts, gather, sentence
 from slam.report.instrument_errors import (
     accelerometer_told,
@@ -97,11 +97,11 @@ def _tiles(facts: Facts) -> tuple[Item, ...]:
     tiles = [
         Item("poses placed" if facts.is_graph else "keyframes placed", f"{facts.placed} / {facts.keyframes}"),
         Item("loop closures kept", str(facts.loops_kept)),
-        Item("position, 1σ (median)", length(facts.sigma_median_m)),
-        Item("length of the path", length(facts.path_m)),
+        Item("position, 1σ (median)", facts.length(facts.sigma_median_m)),
+        Item("length of the path", facts.length(facts.path_m)),
     ]
     if np.isfinite(facts.chain_moved_m) and not facts.is_graph:
-        tiles.append(Item("drift of the chain alone", length(facts.chain_moved_m)))
+        tiles.append(Item("drift of the chain alone", facts.length(facts.chain_moved_m)))
     return tuple(tiles)
 
 
@@ -109,7 +109,7 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
     rows = [
         Item("Keyframes, of pictures read", f"{facts.keyframes} of {facts.frames}"),
         Item("Separate maps", str(facts.maps)),
-        Item("Extent of the path", " x ".join(length(side) for side in facts.extent_m)),
+        Item("Extent of the path", " x ".join(facts.length(side) for side in facts.extent_m)),
         Item("Duration", f"{facts.duration_s:.1f} s"),
         Item("Edges between neighbours", str(summary.odometry_edges)),
         Item("Loop closures kept, rejected", f"{facts.loops_kept}, {facts.loops_rejected}"),
@@ -123,8 +123,8 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Its place on the body", arm_told(estimate.instruments.accelerometer)),
         Item("Lengths as it has them", lengths_told(estimate.instruments.accelerometer)),
         Item("Scale that all lengths share, 1σ", percent(facts.scale_std) if facts.scale_std else ""),
-        Item("Position of a keyframe, 1σ: median", length(facts.sigma_median_m)),
-        Item("Position of a keyframe, 1σ: largest", length(facts.sigma_max_m)),
+        Item("Position of a keyframe, 1σ: median", facts.length(facts.sigma_median_m)),
+        Item("Position of a keyframe, 1σ: largest", facts.length(facts.sigma_max_m)),
         Item(
             "Final error of the graph", f"{estimate.graph_error:.6g} after {estimate.iterations} iterations"
         ),

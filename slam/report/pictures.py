@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from slam.drawing import BLUE, GREEN, GREY, ORANGE, VERMILLION, canvas, ground_labels, legend_below, png
 from slam.estimate import Estimate
+from slam.quantities import unit
 from slam.report.facts import chain_on_result, is_placed
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes
     if known.any():
         start = position[known][0]
         axes.plot(start[0], start[1], "o", color=BLUE, markersize=6, markerfacecolor="white", label="start")
-    x, y = ground_labels(on_earth=estimate.origin is not None)
+    x, y = ground_labels(estimate.origin is not None, estimate.metric)
     axes.set(xlabel=x, ylabel=y)
     axes.set_aspect("equal", adjustable="datalim")
     if size:
@@ -73,7 +74,7 @@ def altitude_picture(estimate: Estimate) -> bytes:
     )
     axes.plot(time, height, color=BLUE, linewidth=1.5, label="height above the floor")
     axes.set_xlabel("time since the first keyframe [s]")
-    axes.set_ylabel("height [m]")
+    axes.set_ylabel(f"height [{unit(estimate.metric)}]")
     legend_below(axes)
     return png(figure)
 

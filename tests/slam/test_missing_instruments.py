@@ -10,6 +10,7 @@ import pytest
 from slam.evaluation import evaluate
 from slam.io.geodesy import geodetic_from_enu
 from slam.pipeline import optimize
+from slam.report.facts import gather
 from tests.slam.small_flight import ORIGIN, flown, gps_of
 from tests.slam.whole_job import assert_whole, normal
 
@@ -20,6 +21,8 @@ def test_without_sonar_the_shape_is_right_and_the_missing_scale_is_told():
     assert_whole(estimate)
     assert "no metric scale" in estimate.status
     assert estimate.status in estimate.warnings
+    assert not estimate.metric
+    assert gather(estimate, flight).scale_source == "none"
     assert np.median(estimate.w_T_b[:, 2, 3]) == pytest.approx(1.0, abs=0.05)
     found = evaluate(estimate, flight)
     assert found.ate_sim3_m.rmse < 1.5e-3
@@ -32,9 +35,22 @@ def test_without_sonar_the_accelerometer_tells_how_long_a_metre_is():
     assert_whole(estimate)
     assert "lengths are the accelerometer's" in estimate.status
     assert estimate.instruments.accelerometer.used
+    assert estimate.metric
+    assert gather(estimate, flight).scale_source == "accelerometer"
     scale = evaluate(estimate, flight).to_json()["ate_sim3_m"]["scale"]
     assert abs(scale - 1) < 3 * estimate.scale_std
     assert estimate.scale_std < 0.06
+
+
+def test_a_sonar_on_another_clock_and_an_accelerometer_that_tells_no_lengths_are_told():
+    flight = flown(0)
+    sonar = replace(flight.sonar, stamps_s=flight.sonar.stamps_s + 1e6)
+    imu = replace(flight.imu, accel_m_s2=-flight.imu.accel_m_s2)
+    estimate = optimize(replace(flight, sonar=sonar, imu=imu))
+    assert not estimate.metric
+    assert gather(estimate, flight).scale_source == "none"
+    assert any("sonar0: does not overlap" in line and "clock" in line for line in estimate.warnings)
+    assert any("imu0 tells no lengths" in line for line in estimate.warnings)
 
 
 def test_an_accelerometer_that_contradicts_the_ranges_is_not_believed():

@@ -11,9 +11,13 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from PIL import Image
+from rich.console import Console
 
+from slam.cli.tables import outcome
+from slam.drawing import ground_labels
 from slam.estimate import LoopVerdict
 from slam.flight import GeoOrigin
+from slam.io.estimate import trajectory_text
 from slam.quantities import length
 from slam.report.facts import chain_on_result, gather, sentence
 from slam.report.optimize_report import Mosaics, render, write_report
@@ -93,7 +97,9 @@ def test_the_sentence_names_what_is_wrong():
     good = sentence(gather(estimate, made_flight()))
     assert good.startswith("All 60 keyframes")
     assert "lengths are relative" not in good
-    assert "lengths are relative" in sentence(gather(estimate, made_flight(with_sonar=False)))
+    relative = gather(replace(estimate, metric=False, range_errors=None), made_flight())
+    assert "lengths are relative" in sentence(relative)
+    assert relative.scale_source == "none"
     open_chain = replace(estimate, loops=(), relative_poses=estimate.relative_poses[:59])
     assert "errors add up" in sentence(gather(open_chain, made_flight()))
     torn = replace(estimate, component=np.repeat([0, 1], 30))
@@ -188,6 +194,20 @@ def test_figures_agree_with_the_estimate():
 )  # fmt: skip
 def test_lengths_read_well(metres, said):
     assert length(metres).replace("\N{NO-BREAK SPACE}", " ") == said
+
+
+def test_a_map_without_a_scale_tells_no_metres():
+    """Nowhere on the page, in no table and not in the trajectory's header."""
+    estimate = replace(made_estimate(), metric=False, range_errors=None, scale_std=None)
+    text = page(estimate, made_flight(with_sonar=False)).text.replace("\N{NO-BREAK SPACE}", " ")
+    assert "heights" in text
+    assert not re.search(r"[0-9] (mm|m|km)\b", text)
+    assert "[heights]" in trajectory_text(estimate)
+    assert ground_labels(on_earth=False, metric=False) == ("x [heights]", "y [heights]")
+    told = Console(file=io.StringIO(), width=200)
+    told.print(outcome(gather(estimate, made_flight()), summarise(estimate)))
+    assert "heights median" in told.file.getvalue().replace("\N{NO-BREAK SPACE}", " ")
+    assert not re.search(r"[0-9]\s(mm|m|km)\b", told.file.getvalue())
 
 
 def test_ellipses_lie_along_the_uncertain_direction():
