@@ -12,7 +12,7 @@ from frontend.camera import NADIR_B_T_C, Camera
 from slam.flight import Frames
 from slam.io.csv_stream import Table
 from slam.io.files import brief, check_inside, refusal
-from slam.io.images import PictureFiles, UnreadableImageError, image_size
+from slam.io.images import PictureFiles, UnreadableImageError, brightest, depth_of, image_size
 from slam.io.sensor_yaml import YamlFile
 
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -23,6 +23,8 @@ _FOCAL_PER_WIDTH = (0.02, 250.0)
 """177 to 0.2 degrees of view: beyond, the figures are no pinhole's and the arithmetic of pictures fails."""
 SIZES_CHECKED = 32
 """Headers looked at on reading; every picture is checked again when it is loaded."""
+DEPTHS_CHECKED = 8
+"""Of 16-bit pictures, so many are decoded on reading: one with a bright spot is enough."""
 
 
 def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
@@ -142,7 +144,7 @@ def frames_of(table: Table, camera: Camera, epoch_ns: int, root: Path, notes: li
         notes.append(f"{unlisted} files in data/ are not listed in data.csv and are ignored")
     _check_sizes(paths, camera, notes)
     stamps_s = ((table.stamps_ns - epoch_ns) * 1e-9).astype(float)
-    files = PictureFiles(paths, camera.size_px)
+    files = PictureFiles(paths, camera.size_px, _depth_bits(paths, notes))
     return Frames(stamps_s, table.names, files, files.failures)
 
 
@@ -188,3 +190,22 @@ def _check_sizes(paths: tuple[Path, ...], camera: Camera, notes: list[str]) -> N
     if right == 0:
         raise refusal(path, what, "correct resolution and intrinsics in cam0/sensor.yaml")
     notes.append(f"pictures change their size: {path.name} {what}; those are left out")
+
+
+def _depth_bits(paths: tuple[Path, ...], notes: list[str]) -> int | None:
+    """Of 16-bit pictures, how many bits the camera fills; None where those looked at have 8."""
+    values = []
+    for k in np.unique(np.linspace(0, len(paths) - 1, DEPTHS_CHECKED).astype(int)):
+        try:
+            values.append(brightest(paths[k]))
+        except UnreadableImageError:
+            continue  # counted when it is loaded
+    deep = [value for value in values if value is not None]
+    if not deep:
+        return None
+    bits = depth_of(max(deep))
+    notes.append(
+        f"pictures are 16-bit, the brightest value in {len(deep)} of them is {max(deep)}: "
+        f"taken for {bits} bits a pixel, of which the upper 8 are read"
+    )
+    return bits

@@ -12,7 +12,9 @@ import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image as Pillow
 
 from slam.flight import Image
@@ -30,6 +32,10 @@ _TAG_BLOCKS = re.compile(rb"(\xff[\xe1\xe2]..)(Exif|MPF\0)", re.DOTALL)
 _FOREIGN = {b"II*\0": "a TIFF", b"MM\0*": "a TIFF", b"GIF8": "a GIF", b"RIFF": "a WebP", b"BM": "a BMP"}
 
 
+_DEPTHS = (8, 10, 12, 14, 16)
+"""Bits a pixel that cameras put into files of 16."""
+
+
 class UnreadableImageError(Exception):
     """A picture that cannot be used; the message is the reason, short enough to count by."""
 
@@ -41,23 +47,26 @@ class PictureFiles:
     paths: tuple[Path, ...]
     size_px: tuple[int, int] | None
     """(width, height) that every picture must have; None takes any."""
+    depth_bits: int | None = None
+    """Of 16-bit files, one for all, lest one be brighter than its neighbours; None: as each has it."""
     failures: dict[int, str] = field(default_factory=dict)
     """Why picture k could not be read, for those that were asked for and could not."""
 
     def __call__(self, k: int) -> Image | None:
         """Picture k, or None with the reason kept in ``failures``."""
         try:
-            return read_image(self.paths[k], self.size_px)
+            return read_image(self.paths[k], self.size_px, self.depth_bits)
         except UnreadableImageError as reason:
             self.failures[k] = str(reason)
             return None
 
 
-def read_image(path: Path, size_px: tuple[int, int] | None = None) -> Image:
+def read_image(path: Path, size_px: tuple[int, int] | None = None, depth_bits: int | None = None) -> Image:
     """A PNG or JPEG as (h, w, 3) BGR or (h, w) grey, 8 bit.
 
-    16-bit grey keeps its upper byte, 1-bit becomes 0 and 255, palettes are resolved, alpha is dropped.
-    Raises ``UnreadableImageError`` where it is missing, damaged, too large, or not of ``size_px``.
+    Of 16-bit files the lowest ``depth_bits`` count, or as many as the picture's brightest value needs where
+    None is given; the upper 8 of them are kept. 1-bit becomes 0 and 255, palettes are resolved, alpha is
+    dropped. Raises ``UnreadableImageError`` where it is missing, damaged, too large, or not of ``size_px``.
     """
     size = image_size(path)
     if size_px is not None and size != size_px:
@@ -71,7 +80,11 @@ def read_image(path: Path, size_px: tuple[int, int] | None = None) -> Image:
             # Pillow would read the tags, which are not wanted here, and warn of those that are damaged.
             data = _TAG_BLOCKS.sub(rb"\1none", data[:HEADER_BYTES]) + data[HEADER_BYTES:]
         with Pillow.open(io.BytesIO(data), formats=["PNG", "JPEG"]) as picture:
-            return _eight_bit(picture)
+            pixels = _pixels(picture)
+        if _is_deep(data):
+            deep = _sixteen_bit(data, grey=pixels.ndim == 2)
+            return _eight_bit(deep, depth_bits or depth_of(int(deep.max())))
+        return pixels
     except UnreadableImageError:
         raise
     except (
@@ -123,7 +136,38 @@ def _jpeg_size(head: bytes) -> tuple[int, int]:
     raise UnreadableImageError("truncated" if len(head) < HEADER_BYTES else "damaged")
 
 
-def _eight_bit(picture: Pillow.Image) -> Image:
+def brightest(path: Path) -> int | None:
+    """The largest value in a 16-bit PNG; None for pictures of 8 bits. Raises ``UnreadableImageError``."""
+    if not _is_deep(_bytes(path, 32, whole=False)):
+        return None
+    read_image(path)  # refuses what is damaged
+    return int(_sixteen_bit(_bytes(path, MAX_BYTES), grey=False).max())
+
+
+def depth_of(value: int) -> int:
+    """Bits a pixel of the camera whose brightest value this is."""
+    return next(bits for bits in _DEPTHS if value < 1 << bits)
+
+
+def _is_deep(head: bytes) -> bool:
+    """Whether it is a PNG of 16 bits, by its header."""
+    return head.startswith(_PNG) and head[24:25] == b"\x10"
+
+
+def _sixteen_bit(data: bytes, grey: bool) -> NDArray[np.uint16]:
+    """All bits of a picture that Pillow has found whole; of colours it would keep the upper byte alone."""
+    channels = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH | channels)
+    if pixels is None:
+        raise UnreadableImageError("damaged")
+    return np.asarray(pixels, dtype=np.uint16)
+
+
+def _eight_bit(pixels: NDArray[np.uint16], depth_bits: int) -> Image:
+    return np.asarray(np.minimum(pixels >> (depth_bits - 8), 255), dtype=np.uint8)
+
+
+def _pixels(picture: Pillow.Image) -> Image:
     mode = picture.mode
     if mode.startswith("I;16"):
         return (np.asarray(picture).astype(np.uint16) >> 8).astype(np.uint8)

@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -137,6 +138,17 @@ def test_pictures_missing_truncated_and_of_another_size(folder):
     for path in data.iterdir():
         path.unlink()
     assert_refused(folder, "none of the 30")
+
+
+def test_pictures_of_twelve_bits_in_sixteen_are_told_and_read_alike(folder):
+    pictures = sorted((mav(folder, "cam0") / "data").glob("*.png"))
+    before = [cv2.imread(str(path)) for path in pictures]
+    before[1] //= 32  # a dark one stays dark beside the others
+    for path, pixels in zip(pictures, before, strict=True):
+        cv2.imwrite(str(path), pixels.astype(np.uint16) * 16)
+    flight = assert_told(folder, "pictures are 16-bit", "taken for 12 bits")
+    for frame, pixels in zip(flight.frames, before, strict=True):
+        np.testing.assert_array_equal(frame.read(), pixels)
 
 
 def test_unknown_folders_and_misspelt_keys_are_told(folder):

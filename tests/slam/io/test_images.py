@@ -11,7 +11,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from slam.io.images import MAX_PIXELS, PictureFiles, UnreadableImageError, image_size, read_image
+from slam.io.images import (
+    MAX_PIXELS,
+    PictureFiles,
+    UnreadableImageError,
+    brightest,
+    depth_of,
+    image_size,
+    read_image,
+)
 from tests.slam.io.made_flight import picture
 
 SIZE = (60, 44)
@@ -180,3 +188,24 @@ def test_loader_keeps_the_reason(put):
     assert files(0) is not None
     assert files(1) is None
     assert list(files.failures) == [1]
+
+
+@pytest.mark.parametrize("colour", [False, True])
+def test_sixteen_bit_files_keep_the_bits_that_the_camera_fills(put, colour):
+    small = picture(2, SIZE) if colour else picture(2, SIZE)[..., 0]
+    small[0, 0] = 255
+    for bits in (8, 10, 12, 14, 16):
+        _, data = cv2.imencode(".png", small.astype(np.uint16) << (bits - 8))
+        path = put(data.tobytes())
+        np.testing.assert_array_equal(read_image(path), small)
+        assert depth_of(brightest(path)) == bits
+    np.testing.assert_array_equal(read_image(path, depth_bits=12), np.minimum(small.astype(int) * 16, 255))
+    assert brightest(put(encoded("PNG"))) is None
+
+
+def test_a_damaged_sixteen_bit_file_is_refused(put):
+    _, data = cv2.imencode(".png", picture(2, SIZE).astype(np.uint16) << 4)
+    assert reason(put(data.tobytes()[:-200])) == "truncated"
+    bad = bytearray(data.tobytes())
+    bad[-100] ^= 0xFF
+    assert reason(put(bytes(bad))) == "damaged"
