@@ -53,7 +53,7 @@ from backend.ekf.readings import (
     predict,
     step_residual,
 )
-from backend.ekf.records import REFUSED, SOFTENED, STEPPED, UNABLE, USED, Events, Found, Log, Tape
+from backend.ekf.records import REFUSED, SOFTENED, STEPPED, UNABLE, USED, Events, Found, Gates, Log, Tape
 
 _WILD = 4.0
 """A component so many times beyond its gate is refused; one nearer is softened: its noise is taken for as
@@ -72,7 +72,7 @@ def forward(
     events: Events,
     about: Array,
     model: Array,
-    gates: Array,
+    gates: Gates,
     log: Log,
     found: Found,
     rows: NDArray[np.int64],
@@ -81,9 +81,8 @@ def forward(
     """Take events ``first`` to ``last``; e, C and ``refused_since`` (kinds, 3) change in place.
 
     ``about`` (events, STATE) holds the states to linearise about; of no length in the first round.
-    ``gates`` (3,): the largest squared whitened innovation of a component and of a step, and for how many
-    seconds readings may be refused. Gives the state that e is the error of, the time, and the event at
-    which a figure ceased to be finite, or -1.
+    Gives the state that e is the error of, the time, and the event at which a figure ceased to be finite,
+    or -1.
     """
     n = len(C)
     H, variance, F = np.zeros((6, n)), np.zeros(6), np.zeros((9, 3))
@@ -160,7 +159,7 @@ def _gate_step(
     variance: Array,
     now: float,
     refused_since: Array,
-    gates: Array,
+    gates: Gates,
     log: Log,
 ) -> bool:
     """Whether to take a step seen in pictures: wrong ones are wrong as a whole. Logged are its components,
@@ -172,12 +171,12 @@ def _gate_step(
     nis = float((apart**2).sum())
     for i in range(6):
         log.innovation[k, i], log.variance[k, i] = apart[i] * L[i, i], L[i, i] ** 2
-    if nis <= gates[1]:
+    if nis <= gates.step:
         refused_since[STEP, 0] = math.inf
         return True
     refused_since[STEP, 0] = min(refused_since[STEP, 0], now)
-    variance *= nis / gates[1]
-    softened = now - refused_since[STEP, 0] >= gates[2]
+    variance *= nis / gates.step
+    softened = now - refused_since[STEP, 0] >= gates.patience_s
     log.status[k, :] = SOFTENED if softened else REFUSED
     return softened
 
@@ -208,7 +207,7 @@ def _take(
     variance: float,
     now: float,
     refused_since: Array,
-    gates: Array,
+    gates: Gates,
     log: Log,
     tape: Tape,
     b: int,
@@ -226,12 +225,12 @@ def _take(
     if kind != STEP:
         log.innovation[k, i], log.variance[k, i] = innovation, S
         log.status[k, i] = USED
-        over = innovation * innovation / S / gates[0]
+        over = innovation * innovation / S / gates.component
         if over <= 1:
             refused_since[0] = math.inf
         else:
             refused_since[0] = min(refused_since[0], now)
-            lasting = now - refused_since[0] >= gates[2]
+            lasting = now - refused_since[0] >= gates.patience_s
             if over > _WILD and not lasting:
                 log.status[k, i] = REFUSED
                 return

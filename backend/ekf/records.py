@@ -35,6 +35,17 @@ class Events(NamedTuple):
     """(s, 6, 6) times the error of a step: unit covariance."""
 
 
+class Gates(NamedTuple):
+    """When a reading is not taken as it is."""
+
+    component: float
+    """Largest squared whitened innovation of a component."""
+    step: float
+    """The same of a step seen in pictures, as a whole."""
+    patience_s: float
+    """For so long readings may be refused."""
+
+
 class Log(NamedTuple):
     """What became of each component of each reading."""
 

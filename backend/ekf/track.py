@@ -26,7 +26,7 @@ from backend.ekf import motion as at
 from backend.ekf import readings as kinds
 from backend.ekf.events import in_order
 from backend.ekf.inputs import FilterModel, Keep, Readings, Start
-from backend.ekf.records import Events, Found, Log, Tape
+from backend.ekf.records import Events, Found, Gates, Log, Tape
 from backend.ekf.results import Track, channels_of, states_of
 from backend.errors import BackendError
 
@@ -98,7 +98,8 @@ class _Passes:
     ) -> None:
         self.events, self.about, self.log, self.size = events, about, log, size
         self.model = _vector(model)
-        self.gates = np.append(chi2.isf(model.gate_probability, [1, 6]), model.patience_s)
+        component, step = (float(chi2.isf(model.gate_probability, dof)) for dof in (1, 6))
+        self.gates = Gates(component, step, float(model.patience_s))
         self.start = _first(start, model, size)
         self.rows = _rows(size)
 

@@ -32,6 +32,7 @@ STATE = (
     "hold_x", "hold_y",  # where position_hold wants to be [m]
 )  # fmt: skip
 """Names of the state's entries, in order."""
+(X, Y, Z, VX, VY, VZ, ROLL, PITCH, YAW, YAW_RATE, HOLD_X, HOLD_Y) = range(len(STATE))
 
 COMMAND = (
     "forward", "left", "up", "yaw",  # the stick, -1..1
@@ -39,6 +40,7 @@ COMMAND = (
     "discharge",  # share of the flight's battery use that is behind: 0 at the start, 1 at the end
 )  # fmt: skip
 """Names of the command's entries: averages over the step."""
+(FORWARD, LEFT, UP, TURN, CENTRED, DISCHARGE) = range(len(COMMAND))
 
 NOISE = (
     "roll", "pitch",  # added to the attitude targets [rad]
@@ -47,6 +49,7 @@ NOISE = (
     "gust_x", "gust_y",  # wind on top of the steady one, world [m/s]
 )  # fmt: skip
 """Names of the noise's entries; each is linear between the nodes of the integration."""
+(ROLL_NOISE, PITCH_NOISE, TURN_NOISE, WX, WY, WZ, GUST_X, GUST_Y) = range(len(NOISE))
 
 PARAMETERS = (
     "vehicle.max_tilt_rad",
@@ -82,9 +85,10 @@ PARAMETERS = (
 """Entries of the parameter vector: constants of the vehicle, then ``TERM.PARAMETER`` of the motion terms."""
 
 (
-    MAX_TILT, GAIN, DRAG, ATTITUDE_TIME, CLIMB_RATE, CLIMB_TIME, YAW_RATE, YAW_TIME, GEAR, FADE, SMALL_ANGLE,
-    BRAKING, BRAKING_LEAN, ASYMMETRY, QUADRATIC, CUBIC, DEAD_BAND, TILT_LIMIT, SAG, TRIM_ROLL, TRIM_PITCH,
-    WIND_X, WIND_Y, ROTOR_RADIUS, CLIMB_ASYMMETRY, YAW_DRAG, HOLD_STIFFNESS, HOLD_DAMPING, HOLD_CAPTURE,
+    MAX_TILT, GAIN, DRAG, ATTITUDE_TIME, CLIMB_RATE, CLIMB_TIME, MAX_YAW_RATE, YAW_TIME, GEAR, FADE,
+    SMALL_ANGLE, BRAKING, BRAKING_LEAN, ASYMMETRY, QUADRATIC, CUBIC, DEAD_BAND, TILT_LIMIT, SAG,
+    TRIM_ROLL, TRIM_PITCH, WIND_X, WIND_Y, ROTOR_RADIUS, CLIMB_ASYMMETRY, YAW_DRAG,
+    HOLD_STIFFNESS, HOLD_DAMPING, HOLD_CAPTURE,
 ) = range(len(PARAMETERS))  # fmt: skip
 
 FLOOR_STIFFNESS = 2500.0
@@ -126,8 +130,8 @@ def derivative(state: Array, command: Array, noise: Array, parameters: Array, ra
 
     Everything but ``rate`` is read only. Continuous in all its arguments, but for the floor's contact.
     """
-    ahead, aside = thrust(state[6], state[7], parameters)
-    rates(state, math.cos(state[8]), math.sin(state[8]), ahead, aside, command, noise, parameters, rate)
+    ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
+    rates(state, math.cos(state[YAW]), math.sin(state[YAW]), ahead, aside, command, noise, parameters, rate)
 
 
 @njit(cache=True)
@@ -136,66 +140,67 @@ def rates(
     parameters: Array, rate: Array,
 ) -> None:  # fmt: skip
     """``derivative`` with the heading's cosine and sine and the ``thrust`` known."""
-    vx, vy, vz = state[3], state[4], state[5]
-    roll, pitch = state[6], state[7]
-    share = noise_share(state[2], parameters)
-    height = state[2] - parameters[GEAR]
+    vx, vy, vz = state[VX], state[VY], state[VZ]
+    roll, pitch = state[ROLL], state[PITCH]
+    share = noise_share(state[Z], parameters)
+    height = state[Z] - parameters[GEAR]
     on_floor = height < 0.0
 
     # Stick to tilt: a first-order lag behind gain times stick, cut by tilt_limit.
-    reach = parameters[MAX_TILT] * parameters[GAIN] * (1.0 - parameters[SAG] * command[5])
+    reach = parameters[MAX_TILT] * parameters[GAIN] * (1.0 - parameters[SAG] * command[DISCHARGE])
     limit = parameters[TILT_LIMIT]
-    pitch_target = min(max(reach * _stick(command[0], parameters), -limit), limit)
-    roll_target = min(max(-reach * _stick(command[1], parameters), -limit), limit)
+    pitch_target = min(max(reach * _stick(command[FORWARD], parameters), -limit), limit)
+    roll_target = min(max(-reach * _stick(command[LEFT], parameters), -limit), limit)
     if parameters[BRAKING_LEAN] != 0.0:
-        lean = parameters[BRAKING_LEAN] * command[4] / GRAVITY_M_S2
+        lean = parameters[BRAKING_LEAN] * command[CENTRED] / GRAVITY_M_S2
         pitch_target -= lean * (c * vx + s * vy)
         roll_target += lean * (c * vy - s * vx)
-    rate[6] = (roll_target + parameters[TRIM_ROLL] + share * noise[0] - roll) / parameters[ATTITUDE_TIME]
-    rate[7] = (pitch_target + parameters[TRIM_PITCH] + share * noise[1] - pitch) / parameters[ATTITUDE_TIME]
+    roll_off = roll_target + parameters[TRIM_ROLL] + share * noise[ROLL_NOISE] - roll
+    pitch_off = pitch_target + parameters[TRIM_PITCH] + share * noise[PITCH_NOISE] - pitch
+    rate[ROLL], rate[PITCH] = roll_off / parameters[ATTITUDE_TIME], pitch_off / parameters[ATTITUDE_TIME]
 
     # Yaw: its drag decides both the rate it reaches and how fast it is left.
-    yaw_push = parameters[YAW_RATE] * command[3] + share * noise[2]
-    rate[8] = state[9]
-    rate[9] = (yaw_push - (1.0 + parameters[YAW_DRAG]) * state[9]) / parameters[YAW_TIME]
+    yaw_push = parameters[MAX_YAW_RATE] * command[TURN] + share * noise[TURN_NOISE]
+    rate[YAW] = state[YAW_RATE]
+    rate[YAW_RATE] = (yaw_push - (1.0 + parameters[YAW_DRAG]) * state[YAW_RATE]) / parameters[YAW_TIME]
 
     ax = GRAVITY_M_S2 * (c * ahead - s * aside)
     ay = GRAVITY_M_S2 * (s * ahead + c * aside)
 
     # Drag against the air.
-    air_x = vx - parameters[WIND_X] - share * noise[6]
-    air_y = vy - parameters[WIND_Y] - share * noise[7]
+    air_x = vx - parameters[WIND_X] - share * noise[GUST_X]
+    air_y = vy - parameters[WIND_Y] - share * noise[GUST_Y]
     drag = parameters[DRAG] + parameters[QUADRATIC] * math.sqrt(air_x * air_x + air_y * air_y)
     if parameters[ASYMMETRY] != 0.0:
         speed = math.sqrt(vx * vx + vy * vy) + 1e-6
         along = (vx * (ax - drag * air_x) + vy * (ay - drag * air_y)) / speed
         drag *= 1.0 + parameters[ASYMMETRY] * 0.5 * (1.0 - math.tanh(along / DECELERATION_M_S2))
-    ax -= drag * air_x + parameters[BRAKING] * command[4] * vx
-    ay -= drag * air_y + parameters[BRAKING] * command[4] * vy
+    ax -= drag * air_x + parameters[BRAKING] * command[CENTRED] * vx
+    ay -= drag * air_y + parameters[BRAKING] * command[CENTRED] * vy
 
     # position_hold: takes over once the stick is centred and the vehicle slow.
     slow = (vx * vx + vy * vy) / parameters[HOLD_CAPTURE] ** 2
-    held = command[4] / (1.0 + slow * slow)
-    moving_x, moving_y = vx + share * noise[3], vy + share * noise[4]
+    held = command[CENTRED] / (1.0 + slow * slow)
+    moving_x, moving_y = vx + share * noise[WX], vy + share * noise[WY]
     stiffness, damping = held * parameters[HOLD_STIFFNESS], held * parameters[HOLD_DAMPING]
-    ax -= stiffness * (state[0] - state[10]) + damping * moving_x
-    ay -= stiffness * (state[1] - state[11]) + damping * moving_y
-    rate[10] = HOLD_FOLLOW_1_S * (1.0 - held) * (state[0] - state[10])
-    rate[11] = HOLD_FOLLOW_1_S * (1.0 - held) * (state[1] - state[11])
+    ax -= stiffness * (state[X] - state[HOLD_X]) + damping * moving_x
+    ay -= stiffness * (state[Y] - state[HOLD_Y]) + damping * moving_y
+    rate[HOLD_X] = HOLD_FOLLOW_1_S * (1.0 - held) * (state[X] - state[HOLD_X])
+    rate[HOLD_Y] = HOLD_FOLLOW_1_S * (1.0 - held) * (state[Y] - state[HOLD_Y])
 
     # Climb: a first-order lag; air under the rotors pushes near the floor (Cheeseman and Bennett).
-    climb = parameters[CLIMB_RATE] * command[2]
+    climb = parameters[CLIMB_RATE] * command[UP]
     if climb < 0.0:
         climb *= 1.0 + parameters[CLIMB_ASYMMETRY]
     az = (climb - vz) / parameters[CLIMB_TIME]
-    near = min((parameters[ROTOR_RADIUS] / (4.0 * max(state[2], 1e-3))) ** 2, 0.5)
+    near = min((parameters[ROTOR_RADIUS] / (4.0 * max(state[Z], 1e-3))) ** 2, 0.5)
     az += GRAVITY_M_S2 * near / (1.0 - near)
 
     if on_floor:
         az += max(-FLOOR_STIFFNESS * height - FLOOR_DAMPING * vz, 0.0)
         ax, ay = -SLIDING_1_S * vx, -SLIDING_1_S * vy
-    rate[0], rate[1], rate[2] = moving_x, moving_y, vz + share * noise[5]
-    rate[3], rate[4], rate[5] = ax, ay, az
+    rate[X], rate[Y], rate[Z] = moving_x, moving_y, vz + share * noise[WZ]
+    rate[VX], rate[VY], rate[VZ] = ax, ay, az
 
 
 @njit(cache=True)
@@ -279,9 +284,9 @@ def read_out(
             # A part of a step, not an interpolation: exact also where the stick jumps between two nodes.
             _rk4(at[i], average[i], noise[k], noise_at[i], parameters, past_s[i], work)
         derivative(at[i], command[i], noise_at[i], parameters, rates[i])
-        share = noise_share(at[i, 2], parameters)
-        fading = rates[i, 2] / parameters[FADE] if 0.0 < share < 1.0 else 0.0
+        share = noise_share(at[i, Z], parameters)
+        fading = rates[i, Z] / parameters[FADE] if 0.0 < share < 1.0 else 0.0
         for axis in range(3):
-            w = noise_at[i, 3 + axis]
-            acceleration[i, axis] = rates[i, 3 + axis] + share * noise_rate[i, axis] + fading * w
+            w = noise_at[i, WX + axis]
+            acceleration[i, axis] = rates[i, VX + axis] + share * noise_rate[i, axis] + fading * w
     return at, rates, acceleration

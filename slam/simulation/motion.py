@@ -9,7 +9,21 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.measurements import GRAVITY_M_S2
-from slam.simulation.dynamics import NOISE, STATE, STEP_S, integrate, read_out
+from slam.simulation.dynamics import (
+    HOLD_X,
+    HOLD_Y,
+    NOISE,
+    PITCH,
+    ROLL,
+    STATE,
+    STEP_S,
+    YAW,
+    X,
+    Y,
+    Z,
+    integrate,
+    read_out,
+)
 from slam.simulation.hold_noise import NoisePath, draw_noise
 from slam.simulation.model import Model
 from slam.simulation.stick import Stick
@@ -94,13 +108,20 @@ class Motion:
             self.states, self.noise.values, self.parameters, node, past * (share[:, 0] > 0), average,
             self.stick.at(now, self.latency_s), noise_at, noise_rate,
         )  # fmt: skip
-        return State(stamps, state[:, :3], rate[:, :3], acceleration, state[:, 6:9], _body_rates(state, rate))
+        return State(
+            stamps,
+            state[:, :3],
+            rate[:, :3],
+            acceleration,
+            state[:, ROLL : YAW + 1],
+            _body_rates(state, rate),
+        )
 
 
 def at_rest(x: float, y: float, z: float, yaw_rad: float) -> Array:
     """(``dynamics.STATE``,) a vehicle in the air, level and still."""
     state = np.zeros(len(STATE))
-    state[[STATE.index(name) for name in ("x", "y", "z", "yaw", "hold_x", "hold_y")]] = x, y, z, yaw_rad, x, y
+    state[[X, Y, Z, YAW, HOLD_X, HOLD_Y]] = x, y, z, yaw_rad, x, y
     return state
 
 
@@ -145,8 +166,8 @@ def obey(
 
 
 def _body_rates(state: Array, rate: Array) -> Array:
-    roll, pitch = state[:, 6], state[:, 7]
-    roll_rate, pitch_rate, yaw_rate = rate[:, 6:9].T
+    roll, pitch = state[:, ROLL], state[:, PITCH]
+    roll_rate, pitch_rate, yaw_rate = rate[:, ROLL : YAW + 1].T
     return np.column_stack(
         [
             roll_rate - np.sin(pitch) * yaw_rate,

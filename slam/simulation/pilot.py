@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
-from slam.simulation.dynamics import STEP_S, integrate
+from slam.simulation.dynamics import DISCHARGE, STEP_S, VX, VZ, YAW, YAW_RATE, X, Z, integrate
 from slam.simulation.hold_noise import NoisePath
 from slam.simulation.manoeuvre import Path
 from slam.simulation.model import Model, Vehicle
@@ -50,19 +50,19 @@ class Pilot:
         vehicle, half = self.vehicle, TICK_S / 2
         push, push_rate = [0.0, 0.0], [0.0, 0.0]
         for axis in range(2):
-            behind = p[axis] - state[axis] - half * state[3 + axis]
-            slower = v[axis] - state[3 + axis] - half * a[axis]
+            behind = p[axis] - state[X + axis] - half * state[VX + axis]
+            slower = v[axis] - state[VX + axis] - half * a[axis]
             push[axis] = a[axis] + vehicle.drag_1_s * v[axis] + PLACE_1_S2 * behind + SPEED_1_S * slower
             push_rate[axis] = jerk[axis] + vehicle.drag_1_s * a[axis] + PLACE_1_S2 * slower
         # Where the tilt shall be one lag from now: a first-order lag then follows without one.
         roll, pitch = lean(
             [push[k] + vehicle.attitude_time_s * push_rate[k] for k in range(2)],
-            state[8] + vehicle.attitude_time_s * state[9],
+            state[YAW] + vehicle.attitude_time_s * state[YAW_RATE],
         )
         reach = vehicle.max_tilt_rad * vehicle.gain
         most = min(MAX_TILT_RAD / reach, 1.0)
-        climb = v[2] + vehicle.climb_time_s * a[2] + CLIMB_1_S * (p[2] - state[2] - half * state[5])
-        turn = v[3] + vehicle.yaw_time_s * a[3] + TURN_1_S * (p[3] - state[8] - half * state[9])
+        climb = v[2] + vehicle.climb_time_s * a[2] + CLIMB_1_S * (p[2] - state[Z] - half * state[VZ])
+        turn = v[3] + vehicle.yaw_time_s * a[3] + TURN_1_S * (p[3] - state[YAW] - half * state[YAW_RATE])
         return (
             _within(pitch / reach, most),
             _within(-roll / reach, most),
@@ -98,7 +98,7 @@ def fly(path: Path, model: Model, noise: NoisePath) -> Motion:
         first, last = k * TICK_STEPS, min((k + 1) * TICK_STEPS, steps)
         sticks[k] = pilot.stick(states[first].tolist(), wanted[k])
         command = _obeyed(sticks, k - late, new[: last - first])
-        command[:, 5] = (np.arange(first, last) + 0.5) * STEP_S / path.duration_s
+        command[:, DISCHARGE] = (np.arange(first, last) + 0.5) * STEP_S / path.duration_s
         states[first : last + 1] = integrate(
             states[None, first], command[None], noise.values[None, first : last + 1], parameters, STEP_S
         )[0]

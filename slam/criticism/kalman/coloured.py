@@ -16,18 +16,21 @@ from numpy.typing import NDArray
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, INSTRUMENT_OF, MOVING, WIDTH
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.sensitivity import carry
 from slam.criticism.kalman.setting import Setting
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
+WHITE = -1
+"""Slot of a channel whose noise is white."""
+
+
 class Coloured(NamedTuple):
     """The noises that are coloured, k of them, beside a state of n entries with m tangents."""
 
     slot: Ints
-    """(channels,) which of the noises is the channel's, -1 for none: that channel's noise is white."""
+    """(channels,) which of the noises is the channel's, or ``WHITE``."""
     samples: Ints
     """(events,) how many samples after the instrument's last one, lost ones counted."""
     kept: Array
@@ -57,7 +60,7 @@ def coloured_for(record: Record, setting: Setting, states: int, tangents: int) -
     channels = np.flatnonzero(colour)
     if len(channels) == 0:
         return None
-    slot = np.full(len(CHANNELS), -1, dtype=np.int64)
+    slot = np.full(len(CHANNELS), WHITE, dtype=np.int64)
     slot[channels] = np.arange(len(channels))
     variance = (record.noise_std * setting.noise_factor)[channels] ** 2
     k = len(channels)
@@ -79,30 +82,28 @@ def _samples(record: Record) -> Ints:
 
 
 @kernel
-def step(noise: Coloured, matrix: Array) -> None:
-    """Covariances with the state over a step by its transition matrix (n, n)."""
-    carry(matrix, noise.cross, noise.moved)
-
-
-@kernel
 def sample(noise: Coloured, event: int, kind: int) -> None:
     """The noises of an instrument's channels go on to its next sample."""
+    n, k = noise.cross.shape
     for c in range(WIDTH[kind]):
         j = noise.slot[FIRST_CHANNEL[kind] + c]
-        if j < 0:
+        if j == WHITE:
             continue
         kept = noise.kept[j] ** noise.samples[event]
         noise.mean[j] *= kept
-        noise.cross[:, j] *= kept
-        noise.own[:, j] *= kept
-        noise.own[j, :] *= kept
+        for a in range(n):
+            noise.cross[a, j] *= kept
+        for b in range(k):
+            noise.own[b, j] *= kept
+            noise.own[j, b] *= kept
         noise.own[j, j] += (1.0 - kept * kept) * noise.variance[j]
-        noise.tangents[j, :] *= kept
+        for d in range(noise.tangents.shape[1]):
+            noise.tangents[j, d] *= kept
 
 
 @kernel
 def heard(noise: Coloured, j: int, row: Array, ph: Array) -> float:
-    """Covariances with a reading of row h (n,) and of noise j, -1 for a white one: those of the noises are
+    """Covariances with a reading of row h (n,) and of noise j: those of the noises are
     kept in ``told``, those of the state in ``ph`` (n,), P h' on entry, completed. Returns the variance that
     the noise adds."""
     n, k = noise.cross.shape
@@ -111,7 +112,7 @@ def heard(noise: Coloured, j: int, row: Array, ph: Array) -> float:
         for a in range(n):
             total += row[a] * noise.cross[a, i]
         noise.told[i] = total
-    if j < 0:
+    if j == WHITE:
         return 0.0
     added = 2.0 * noise.told[j] + noise.own[j, j]
     for i in range(k):

@@ -11,13 +11,31 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
-from slam.criticism.kalman.coloured import Coloured, heard, learn, sample, step
+from slam.criticism.kalman.arrays import (
+    Array,
+    Belief,
+    Changes,
+    Command,
+    Directions,
+    Estimate,
+    Events,
+    Expected,
+    Noise,
+    Room,
+    Written,
+)
+from slam.criticism.kalman.coloured import WHITE, Coloured, heard, learn, sample
 from slam.criticism.kalman.compiled import kernel
-from slam.criticism.kalman.readings import FIRST_CHANNEL, IMU, MOVING, RANGE_LAG, SONAR, TARGET, WIDTH
-from slam.criticism.kalman.sensitivity import ENTRIES, carry, direct_change, force, tell
+from slam.criticism.kalman.readings import (
+    FIRST_CHANNEL,
+    IMU,
+    MOVING,
+    RANGE_LAG,
+    SONAR,
+    TARGET,
+    WIDTH,
+)
+from slam.criticism.kalman.sensitivity import carry, direct_change, force, tell
 from slam.criticism.kalman.steps import (
     correct,
     is_outlier,
@@ -27,74 +45,32 @@ from slam.criticism.kalman.steps import (
     predict,
     spread_along,
 )
-from slam.criticism.kalman.transition import POLE, decay, jacobian, kicks, spread
-from slam.simulation.dynamics import derivative
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+from slam.criticism.kalman.transition import jacobian, spread
+from slam.simulation.dynamics import PITCH, ROLL, Z, derivative
 
 USED, OUTLIER, IGNORED = 1, 2, 0
-ROLL, PITCH = 6, 7
-"""Entries of the state."""
-SHORT_S = 1e-5
+Z_STD = MOVING
+"""Column of the states that are written down: behind the moving state, the standard deviation of z."""
 OWN_SHARE = 0.25
 """Of a stamp's standard deviation times the kicks: a third of E |t|, as the next reading shows the rest. With
 none of it gyros whose stamps are off by 7 ms scatter more about the axes that tilt than about yaw."""
 
 
 @kernel
-def _ahead(
-    begin: int, end: int, state: Array, p: Array, tangents: Array, sticks: Array, jolts: Array,
-    late_var: float, lengths: Array, parameters: Array, hold: Array,
-    acts: Ints, stick_of: Ints, parameters_of: Array, inject_at: Ints, signal_of: Ints, signals: Array,
-    scale: Array, slopes: Array, matrix: Array, q: Array, work: Array, rate: Array, middle: Array,
-    middle_noise: Array, moved: Array, felt: Array, added: Array, coloured: Coloured | None,
-) -> None:  # fmt: skip
-    """State, covariance and tangents over the steps ``begin`` to ``end``, in place.
-
-    From ``slopes`` to ``added`` arguments are room to work; ``slopes`` (10, n) is left as of the last step.
-    """
-    for s in range(begin, end):
-        h = lengths[s]
-        predict(
-            state, p, sticks[0, s], jolts[s], late_var, parameters, hold, h, slopes, matrix, q, work,
-            rate, middle, middle_noise,
-        )  # fmt: skip
-        if coloured is not None:
-            step(coloured, matrix)
-        if tangents.shape[1] > 0:
-            carry(matrix, tangents, moved)
-            force(
-                tangents, slopes, h, middle, middle_noise, s, parameters, sticks, acts, stick_of,
-                parameters_of, inject_at, signal_of, signals, scale, felt, added,
-            )  # fmt: skip
-
-
-@kernel
-def _spread_by_stamp(row: Array, rate: Array, rough: Array, jitter_s: float) -> float:
+def _spread_by_stamp(row: Array, rate: Array, noise: Noise) -> float:
     """Variance of a reading with row ``row`` (n,) from its stamp, off by t of a deviation ``jitter_s``.
 
-    It is off by t times its own rate, and by what the noises did in between: their kicks ``rough`` (n,) a
-    second, of which the next reading shows most as well.
+    It is off by t times its own rate, and by what the noises did in between: their kicks, of which the next
+    reading shows most as well.
     """
-    if jitter_s <= 0.0:
+    if noise.jitter_s <= 0.0:
         return 0.0
     slope, kicked = 0.0, 0.0
     for i in range(MOVING):
         slope += row[i] * rate[i]
     for i in range(TARGET, row.shape[0]):
-        kicked += row[i] * row[i] * rough[i]
-    return jitter_s * jitter_s * slope * slope + OWN_SHARE * jitter_s * kicked
-
-
-@kernel
-def _roughness(hold: Array, n: int) -> Array:
-    """(n,) growth of each noise's variance by its kicks, a second."""
-    matrix, q = np.zeros((n, n)), np.zeros((n, n))
-    decay(hold, SHORT_S, matrix)
-    kicks(hold, matrix, q)
-    return np.diag(q) / SHORT_S
+        kicked += row[i] * row[i] * noise.rough[i]
+    return noise.jitter_s * noise.jitter_s * slope * slope + OWN_SHARE * noise.jitter_s * kicked
 
 
 @kernel
@@ -116,130 +92,99 @@ def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate
 
 @kernel
 def _take(
-    event: int, kind: int, read: Array, landing: bool, jump: int, predicted: Array, rows: Array, rate: Array,
-    noise_var: Array, rough: Array, jitter_s: float, limits: Array, state: Array, p: Array, memory: Array,
-    tangents: Array, direct: Array, innovation: Array, log_variance: Array, status: Ints, traces: Array,
-    row: int, ph: Array, told: Array, done: Array, coloured: Coloured | None,
-) -> int:  # fmt: skip
-    """Take the channels of one event, one after the other, into state, covariance and tangents.
-
-    ``read`` and ``predicted`` (6,), ``rows`` (6, n); the traces are written from ``row`` on. Returns the row
-    after the last.
-    """
-    done[:] = 0.0
+    event: int,
+    events: Events,
+    jump: int,
+    noise: Noise,
+    estimate: Estimate,
+    expected: Expected,
+    changes: Changes,
+    written: Written,
+    coloured: Coloured | None,
+) -> None:
+    """Take the channels of one event, one after the other, into the estimate."""
+    kind, ph, told = events.kinds[event], expected.ph, changes.told
+    expected.done[:] = 0.0
     if coloured is not None:
         sample(coloured, event, kind)
     for c in range(WIDTH[kind]):
-        status[event, c] = IGNORED
-        channel = FIRST_CHANNEL[kind] + c
-        noise = noise_var[channel]
-        if not judged(kind, channel, read[c], predicted[c], noise, landing, jump, limits):
+        written.status[event, c] = IGNORED
+        if not judged(event, c, events, jump, noise, expected):
             continue
-        value = read[c]
-        if coloured is not None and coloured.slot[channel] >= 0:
-            noise = 0.0
-            value -= coloured.mean[coloured.slot[channel]]
-        noise += _spread_by_stamp(rows[c], rate, rough, jitter_s)
-        s_var = noise + spread_along(p, rows[c], ph)
+        channel, value, row = FIRST_CHANNEL[kind] + c, events.values[event, c], expected.rows[c]
+        own_var, slot = noise.variance[channel], WHITE
         if coloured is not None:
-            s_var += heard(coloured, coloured.slot[channel], rows[c], ph)
-        miss = miss_of(kind, c, value, predicted[c], rows[c], done)
-        std = math.sqrt(s_var)
-        innovation[event, c] = miss / std
-        log_variance[event, c] = math.log(s_var)
-        if is_outlier(miss, std, channel, memory):
-            status[event, c] = OUTLIER
+            slot = coloured.slot[channel]
+            if slot != WHITE:
+                own_var = 0.0
+                value -= coloured.mean[slot]
+        own_var += _spread_by_stamp(row, expected.rate, noise)
+        s_var = own_var + spread_along(estimate.p, row, ph)
+        if coloured is not None:
+            s_var += heard(coloured, slot, row, ph)
+        miss, std = miss_of(kind, c, value, expected), math.sqrt(s_var)
+        written.innovation[event, c] = miss / std
+        written.log_variance[event, c] = math.log(s_var)
+        if is_outlier(miss, std, channel, estimate.memory):
+            written.status[event, c] = OUTLIER
             continue
-        status[event, c] = USED
-        if tangents.shape[1] > 0:
-            if coloured is not None and coloured.slot[channel] >= 0:
-                direct[c] += coloured.tangents[coloured.slot[channel]]
-            tell(rows[c], direct[c], ph, s_var, tangents, told)
-            for d in range(tangents.shape[1]):
-                traces[row, d] = told[d] / std
-        row += 1
+        written.status[event, c] = USED
+        if estimate.tangents.shape[1] > 0:
+            if coloured is not None and slot != WHITE:
+                for d in range(told.shape[0]):
+                    changes.direct[c, d] += coloured.tangents[slot, d]
+            tell(row, changes.direct[c], ph, s_var, estimate.tangents, told)
+            for d in range(told.shape[0]):
+                written.traces[written.rows[0], d] = told[d] / std
+        written.rows[0] += 1
         if coloured is not None:
             learn(coloured, ph, s_var, miss, told)
-        correct(state, p, ph, s_var, miss, done)
-    return row
+        correct(miss, s_var, estimate, expected)
 
 
 @kernel
 def run(
-    begin: int, end: int, times: Array, kinds: Ints, values: Array, elapsed: Array, landing: Flags,
-    jumps: Ints, first_step: Ints, lengths: Array, sticks: Array, jolts: Array, late_var: float,
-    commands: Array, parameters: Array, sensor: Array, hold: Array,
-    noise_var: Array, jitter_s: float, limits: Array, state: Array, p: Array, memory: Array,
-    acts: Ints, reads: Ints, stick_of: Ints, parameters_of: Array, sensor_of: Array, inject_at: Ints,
-    signal_of: Ints, step_signals: Array, event_signals: Array, scale: Array, tangents: Array,
-    innovation: Array, log_variance: Array, status: Ints, traces: Array, states: Array, keep: Ints,
+    begin: int,
+    end: int,
+    events: Events,
+    command: Command,
+    belief: Belief,
+    noise: Noise,
+    directions: Directions,
+    estimate: Estimate,
+    room: Room,
+    written: Written,
     coloured: Coloured | None,
-) -> None:  # fmt: skip
-    """Filter events ``begin`` to ``end``; ``state`` (n,), ``p`` (n, n), ``tangents`` (n, m), ``memory`` and
-    the ``coloured`` noises, where there are any, carry on.
-
-    ``times``, ``kinds``, ``elapsed``, ``landing``, ``jumps`` (events,), ``values`` (events, 6) with NaN for
-    what is missing; the first ``jumps`` channels of the IMU are not judged. Event e is reached by steps
-    ``first_step[e]`` to ``first_step[e + 1]`` of ``lengths``, with the sticks' means ``sticks`` (variants,
-    steps, 6) over each, jumps ``jolts`` (steps, 6) within, whose moments vary by ``late_var``, and
-    ``commands`` (variants, events, 6) at the event. Written: ``innovation``
-    (whitened), ``log_variance`` and ``status`` (events, 6); ``traces`` (rows kept, m), change of the
-    prediction over its standard deviation; ``states`` (events, 11), the moving state before the event and
-    the standard deviation of z; ``keep``, how many rows of ``traces``.
-    """
-    n, m = state.shape[0], tangents.shape[1]
-    slopes, matrix, q = np.empty((MOVING, n)), np.zeros((n, n)), np.zeros((n, n))
-    work, rate, added = np.empty((n, n)), np.empty(12), np.empty(MOVING)
-    middle, middle_noise = np.empty(12), np.empty(8)
-    predicted, h_matrix, direct = np.empty(6), np.zeros((6, n)), np.zeros((6, m))
-    by_rate, felt = np.zeros((6, MOVING)), np.zeros((ENTRIES, MOVING))
-    moved, ph, told, done = np.empty((MOVING, m)), np.empty(n), np.empty(m), np.empty(n)
-    rough = _roughness(hold, n)
-    row = 0
+) -> None:
+    """Filter events ``begin`` to ``end``: the ``estimate`` and the ``coloured`` noises, where there are any,
+    carry on; what comes of it is ``written``, traces from their beginning on."""
+    step, expected, changes = room
+    state, p, tangents = estimate.state, estimate.p, estimate.tangents
+    traced = tangents.shape[1] > 0
+    written.rows[0] = 0
     for e in range(begin, end):
-        _ahead(
-            first_step[e], first_step[e + 1], state, p, tangents, sticks, jolts, late_var, lengths,
-            parameters, hold, acts, stick_of, parameters_of, inject_at, signal_of, step_signals, scale,
-            slopes, matrix, q, work, rate, middle, middle_noise, moved, felt, added, coloured,
-        )  # fmt: skip
-        kind = kinds[e]
+        first, last = events.first_step[e], events.first_step[e + 1]
+        for s in range(first, last):
+            stick, jolt = command.over_steps[0, s], command.jolts[s]
+            predict(events.step_s[s], stick, jolt, command.late_var_s2, belief, estimate, step)
+            if coloured is not None:
+                carry(step.matrix, coloured.cross, coloured.moved)
+            if traced:
+                carry(step.matrix, tangents, changes.moved)
+                force(s, events.step_s[s], command, belief, directions, tangents, step, changes)
+        kind, stick = events.kinds[e], command.at_events[0, e]
         for i in range(MOVING):
-            states[e, i] = state[i]
-        states[e, 10] = math.sqrt(p[2, 2])
-        if kind == IMU or first_step[e + 1] == first_step[e]:
+            written.states[e, i] = state[i]
+        written.states[e, Z_STD] = math.sqrt(p[Z, Z])
+        if kind == IMU or first == last:
             # Only rates of tilt and speed jump with the stick: all else may use the last step's slopes.
-            jacobian(state, commands[0, e], parameters, rate, slopes)
+            jacobian(state, stick, belief.parameters, expected.rate, step.slopes)
         else:
-            spread(state, middle, middle_noise)
-            derivative(middle, commands[0, e], middle_noise, parameters, rate)
-        if kind == SONAR and sensor[RANGE_LAG] > 0.0:
-            _turn_within_lag(e, times, states, sensor[RANGE_LAG], rate)
-        measurement(
-            kind, state, rate, slopes, sensor, parameters, hold[POLE], elapsed[e], predicted, by_rate,
-            h_matrix,
-        )  # fmt: skip
-        if m > 0:
-            direct_change(
-                kind, e, state, rate, elapsed[e], parameters, hold[POLE], predicted, by_rate, commands,
-                acts, reads, stick_of, parameters_of, sensor_of, inject_at, signal_of, event_signals, scale,
-                felt, direct,
-            )  # fmt: skip
-        row = _take(
-            e, kind, values[e], landing[e], jumps[e], predicted, h_matrix, rate, noise_var, rough, jitter_s,
-            limits, state, p, memory, tangents, direct, innovation, log_variance, status, traces, row, ph,
-            told, done, coloured,
-        )  # fmt: skip
-    keep[0] = row
-
-
-@kernel
-def start_noise(hold: Array, p: Array) -> None:
-    """Write the stationary covariance of the noises into ``p`` (n, n)."""
-    n = p.shape[0]
-    matrix, q = np.zeros((n, n)), np.zeros((n, n))
-    # Over an endless step nothing of the past is left: its kicks are the stationary covariance.
-    decay(hold, 1e6, matrix)
-    kicks(hold, matrix, q)
-    for i in range(TARGET, n):
-        for j in range(TARGET, n):
-            p[i, j] = q[i, j]
+            spread(state, step.middle, step.middle_noise)
+            derivative(step.middle, stick, step.middle_noise, belief.parameters, expected.rate)
+        if kind == SONAR and belief.sensor[RANGE_LAG] > 0.0:
+            _turn_within_lag(e, events.times_s, written.states, belief.sensor[RANGE_LAG], expected.rate)
+        measurement(kind, events.elapsed[e], state, belief, step.slopes, expected)
+        if traced:
+            direct_change(e, events, command, belief, directions, state, expected, changes)
+        _take(e, events, command.jumps[e], noise, estimate, expected, changes, written, coloured)

@@ -7,24 +7,22 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.criticism.kalman.arrays import Array, Ints, Written
 from slam.criticism.kalman.coloured import coloured_for
-from slam.criticism.kalman.filter import IGNORED, USED, run, start_noise
+from slam.criticism.kalman.filter import IGNORED, USED, run
+from slam.criticism.kalman.prepare import belief_of, events_of, noise_of, room_for, start_of
 from slam.criticism.kalman.readings import (
     CHANNEL_AT,
-    CHANNELS,
+    MOVING,
     STATES,
     STATES_WITH_GUSTS,
 )
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.steps import GATE
-from slam.criticism.kalman.tangents import Direction, Signal, tangents_for
+from slam.criticism.kalman.tangents import Direction, Signal, directions_for
 from slam.criticism.kalman.transition import GUST_STD
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -86,8 +84,9 @@ def whole(record: Record, setting: Setting) -> Pass:
     filtered = _Run(record, setting, (), {})
     for _ in filtered.stretches(np.inf):
         pass
-    log_variance = filtered.log_variance - record.usual_log_variance[CHANNEL_AT[record.kinds]]
-    return Pass(filtered.white, log_variance, filtered.status, filtered.states)
+    written = filtered.written
+    log_variance = written.log_variance - record.usual_log_variance[CHANNEL_AT[record.kinds]]
+    return Pass(written.innovation, log_variance, written.status, written.states)
 
 
 class _Run:
@@ -96,45 +95,36 @@ class _Run:
     def __init__(
         self, record: Record, setting: Setting, directions: Sequence[Direction], signals: dict[str, Signal]
     ) -> None:
-        self._record, self._setting = record, setting
-        self._table = tangents_for(record, setting, directions, signals)
         n = STATES_WITH_GUSTS if setting.hold[GUST_STD] > 0 else STATES
-        self._m, events = len(directions), len(record.times_s)
-        self._state, self._p, self._tangents = np.zeros(n), np.zeros((n, n)), np.zeros((n, self._m))
-        self._state[:10] = record.start
-        self._p[np.arange(10), np.arange(10)] = record.start_std**2
-        start_noise(setting.hold, self._p)
-        self._coloured = coloured_for(record, setting, n, self._m)
-        self._memory = np.zeros(len(CHANNELS))
-        self.white, self.log_variance = np.full((events, 6), np.nan), np.full((events, 6), np.nan)
-        self.status, self.states = np.zeros((events, 6), dtype=np.int64), np.zeros((events, 11))
+        m, events = len(directions), len(record.times_s)
+        self._events = events_of(record)
+        self._directions, self._command = directions_for(record, setting, directions, signals)
+        self._belief = belief_of(setting)
+        self._noise = noise_of(record, setting, (record.noise_std * setting.noise_factor) ** 2, n)
+        self._estimate, self._room = start_of(record, setting, n, m), room_for(n, m)
+        self._coloured = coloured_for(record, setting, n, m)
+        self.written = Written(
+            np.full((events, 6), np.nan), np.full((events, 6), np.nan),
+            np.zeros((events, 6), dtype=np.int64), np.zeros((events, MOVING + 1)), np.empty((0, m)),
+            np.zeros(1, dtype=np.int64),
+        )  # fmt: skip
 
     def stretches(self, longest_s: float) -> Iterator[Innovations]:
-        record, setting, table = self._record, self._setting, self._table
-        noise_var = (record.noise_std * setting.noise_factor) ** 2
-        pieces = max(int(np.ceil((record.times_s[-1] - record.times_s[0]) / longest_s)), 1)
-        bounds = np.linspace(0, len(record.times_s), pieces + 1).astype(np.int64)
-        keep = np.zeros(1, dtype=np.int64)
+        times_s, kinds, values = self._events.times_s, self._events.kinds, self._events.values
+        pieces = max(int(np.ceil((times_s[-1] - times_s[0]) / longest_s)), 1)
+        bounds = np.linspace(0, len(times_s), pieces + 1).astype(np.int64)
         for begin, end in pairwise(bounds.tolist()):
-            readings = int(np.isfinite(record.values[begin:end]).sum())
-            traces = np.empty((readings, self._m))
+            readings = int(np.isfinite(values[begin:end]).sum())
+            written = self.written._replace(traces=np.empty((readings, len(self._directions.acts))))
             run(
-                begin, end, record.times_s, record.kinds, record.values, record.elapsed, record.landing,
-                table.jumps, record.first_step, record.step_s, table.sticks, table.jolts,
-                setting.late_std_s**2,
-                table.commands, setting.parameters, setting.sensor, setting.hold,
-                noise_var, setting.jitter_s, record.range_limits, self._state, self._p, self._memory,
-                table.acts, table.reads, table.stick_of, table.parameters_of, table.sensor_of,
-                table.inject_at, table.signal_of, table.step_signals, table.event_signals, table.scale,
-                self._tangents, self.white, self.log_variance, self.status, traces, self.states, keep,
-                self._coloured,
+                begin, end, self._events, self._command, self._belief, self._noise, self._directions,
+                self._estimate, self._room, written, self._coloured,
             )  # fmt: skip
-            used = self.status[begin:end] == USED
-            events, column = np.nonzero(used)
+            events, column = np.nonzero(written.status[begin:end] == USED)
             events += begin
             yield Innovations(
                 events,
-                CHANNEL_AT[record.kinds[events], column],
-                self.white[events, column],
-                traces[: keep[0]],
+                CHANNEL_AT[kinds[events], column],
+                written.innovation[events, column],
+                written.traces[: written.rows[0]],
             )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
 from slam.criticism.kalman.compiled import kernel
-from slam.simulation.dynamics import noise_share
+from slam.simulation.dynamics import PITCH, ROLL, VX, VY, VZ, YAW, X, Y, Z, noise_share
 
 Array = NDArray[np.float64]
 
@@ -87,15 +87,20 @@ def _turned(x: float, y: float, z: float, sensor: Array, out: Array, first: int)
 
 @kernel
 def _imu(state: Array, rate: Array, sensor: Array, pole_s: float, share: float, out: Array) -> None:
-    sr, cr, sp, cp = math.sin(state[6]), math.cos(state[6]), math.sin(state[7]), math.cos(state[7])
-    sy, cy = math.sin(state[8]), math.cos(state[8])
-    p = rate[6] - sp * rate[8]
-    q = cr * rate[7] + sr * cp * rate[8]
-    r = -sr * rate[7] + cr * cp * rate[8]
+    sr, cr, sp, cp = (
+        math.sin(state[ROLL]),
+        math.cos(state[ROLL]),
+        math.sin(state[PITCH]),
+        math.cos(state[PITCH]),
+    )
+    sy, cy = math.sin(state[YAW]), math.cos(state[YAW])
+    p = rate[ROLL] - sp * rate[YAW]
+    q = cr * rate[PITCH] + sr * cp * rate[YAW]
+    r = -sr * rate[PITCH] + cr * cp * rate[YAW]
     _turned(p, q, r, sensor, out, 0)
-    ax = rate[3] + share * (state[BEFORE] - state[BEHIND]) / pole_s
-    ay = rate[4] + share * (state[BEFORE + 1] - state[BEHIND + 1]) / pole_s
-    az = rate[5] + share * (state[BEFORE + 2] - state[BEHIND + 2]) / pole_s + GRAVITY_M_S2
+    ax = rate[VX] + share * (state[BEFORE] - state[BEHIND]) / pole_s
+    ay = rate[VY] + share * (state[BEFORE + 1] - state[BEHIND + 1]) / pole_s
+    az = rate[VZ] + share * (state[BEFORE + 2] - state[BEHIND + 2]) / pole_s + GRAVITY_M_S2
     ahead, left = cy * ax + sy * ay, cy * ay - sy * ax
     down = sp * ahead + cp * az
     _turned(cp * ahead - sp * az, cr * left + sr * down, cr * down - sr * left, sensor, out, 3)
@@ -108,11 +113,11 @@ def _imu(state: Array, rate: Array, sensor: Array, pole_s: float, share: float, 
 def _range(state: Array, rate: Array, sensor: Array, elapsed: float) -> float:
     """Range along the beam to the floor, to first order in the beam's tilt and to second in the lag."""
     late = sensor[RANGE_LAG]
-    z = state[2] - late * rate[2] + 0.5 * late * late * rate[5]
-    roll, pitch = state[6] - late * rate[6], state[7] - late * rate[7]
-    x, y = state[0] - late * rate[0], state[1] - late * rate[1]
+    z = state[Z] - late * rate[Z] + 0.5 * late * late * rate[VZ]
+    roll, pitch = state[ROLL] - late * rate[ROLL], state[PITCH] - late * rate[PITCH]
+    x, y = state[X] - late * rate[X], state[Y] - late * rate[Y]
     sr, cr, sp, cp = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
-    sy, cy = math.sin(state[8]), math.cos(state[8])
+    sy, cy = math.sin(state[YAW]), math.cos(state[YAW])
     bx, by = -sensor[TILT_Y], sensor[TILT_X]
     # The beam in the world: R_wb (bx, by, -1), its first two entries for the slope alone.
     side = sr * by - cr
@@ -143,19 +148,19 @@ def reading(
     ``rate`` (>= 10,) is the state's rate from the equations, ``sensor`` (``SENSOR``,), ``elapsed`` the share
     of the flight's duration that is over.
     """
-    share = noise_share(state[2], parameters)
+    share = noise_share(state[Z], parameters)
     if kind == IMU:
         _imu(state, rate, sensor, pole_s, share, out)
     elif kind == ATTITUDE:
         for i in range(3):
-            out[i] = state[6 + i] - sensor[ATTITUDE_DELAY] * rate[6 + i]
+            out[i] = state[ROLL + i] - sensor[ATTITUDE_DELAY] * rate[ROLL + i]
     elif kind == VELOCITY:
         late = sensor[VELOCITY_DELAY]
-        sy, cy = math.sin(state[8]), math.cos(state[8])
-        vx, vy = rate[0] - late * rate[3], rate[1] - late * rate[4]
+        sy, cy = math.sin(state[YAW]), math.cos(state[YAW])
+        vx, vy = rate[X] - late * rate[VX], rate[Y] - late * rate[VY]
         # Small tilts: the body's rates about x and y are those of roll and pitch.
-        turning = sensor[DEROTATION] * state[2]
-        out[0] = (1.0 + sensor[FLOW_SCALE]) * (cy * vx + sy * vy + turning * rate[7])
-        out[1] = (1.0 + sensor[FLOW_SCALE]) * (cy * vy - sy * vx - turning * rate[6])
+        turning = sensor[DEROTATION] * state[Z]
+        out[0] = (1.0 + sensor[FLOW_SCALE]) * (cy * vx + sy * vy + turning * rate[PITCH])
+        out[1] = (1.0 + sensor[FLOW_SCALE]) * (cy * vy - sy * vx - turning * rate[ROLL])
     else:
         out[0] = _range(state, rate, sensor, elapsed)

@@ -22,6 +22,7 @@ from slam.criticism.kalman.readings import (
     place_of,
 )
 from slam.flight import Flight
+from slam.simulation.dynamics import PITCH, ROLL, VX, VY, VZ, YAW, YAW_RATE, Z
 from slam.simulation.stick import Stick, stick_of
 
 Array = NDArray[np.float64]
@@ -192,20 +193,20 @@ def _noise_std(flight: Flight) -> Array:
 def _start(kinds: Ints, values: Array) -> tuple[Array, Array]:
     """From the first readings, so that the equations are linearised where the vehicle is."""
     start, std = np.zeros(10), np.zeros(10)
-    std[3:6], std[6:8], std[9] = (0.3, 0.3, 0.1), 0.05, 0.1
+    std[[VX, VY, VZ]], std[[ROLL, PITCH]], std[YAW_RATE] = (0.3, 0.3, 0.1), 0.05, 0.1
     if (k := np.flatnonzero((kinds == ATTITUDE) & np.isfinite(values[:, 2]))).size:
         # Only the heading: level and at rest is known otherwise.
-        start[8], std[8] = values[k[0], 2], 0.05
+        start[YAW], std[YAW] = values[k[0], 2], 0.05
     # Without a sonar the height is anybody's guess: then far from the floor, where it does nothing.
-    start[2], std[2] = HIGH_UP_M, 0.5
+    start[Z], std[Z] = HIGH_UP_M, 0.5
     if (k := np.flatnonzero(kinds == SONAR)).size:
         # The middle of some: one by itself may be a second echo, and must not pass for the height either.
         some = values[k[:FIRST_RANGES], 0]
-        start[2] = np.median(some)
-        std[2] = HEIGHT_STD_M + 1.5 * np.median(np.abs(some - start[2]))
+        start[Z] = np.median(some)
+        std[Z] = HEIGHT_STD_M + 1.5 * np.median(np.abs(some - start[Z]))
     if (k := np.flatnonzero(kinds == VELOCITY)).size:
-        heading = start[8]
+        heading = start[YAW]
         u, w = np.nan_to_num(values[k[0], :2])
-        start[3] = np.cos(heading) * u - np.sin(heading) * w
-        start[4] = np.sin(heading) * u + np.cos(heading) * w
+        start[VX] = np.cos(heading) * u - np.sin(heading) * w
+        start[VY] = np.sin(heading) * u + np.cos(heading) * w
     return start, std

@@ -11,13 +11,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.kalman.filter import USED
+from slam.criticism.kalman.filter import USED, Z_STD
 from slam.criticism.kalman.innovations import Pass, whole
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, INSTRUMENT_OF, NO_CHANNEL
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.kalman.steps import UP
-from slam.simulation.dynamics import GEAR
+from slam.simulation.dynamics import GEAR, UP, Z
 
 CONTACT_S = 0.3
 """The landing gear differs from vehicle to vehicle: so long after the floor, what feels it is not judged."""
@@ -36,7 +35,7 @@ def _landing(record: Record, setting: Setting) -> NDArray[np.bool_]:
     values = record.values.copy()
     values[record.kinds == IMU, 3:6] = np.nan
     states = whole(replace(record, values=values), setting).states
-    low = states[:, 2] - setting.parameters[GEAR] < REACH_M + 3.0 * states[:, 10]
+    low = states[:, Z] - setting.parameters[GEAR] < REACH_M + 3.0 * states[:, Z_STD]
     sinks = record.stick.at(record.times_s, setting.latency_s)[:, UP] <= 0.0
     # Standing counts as well: the gear is so stiff that a hair's breadth of height shakes the accelerometer.
     last = np.maximum.accumulate(np.where(low & sinks, record.times_s, -np.inf))

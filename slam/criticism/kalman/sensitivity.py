@@ -10,18 +10,29 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.criticism.kalman.arrays import Array, Belief, Changes, Command, Directions, Events, Expected, Step
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import BEFORE, BEHIND, FIRST_CHANNEL, GUST, IMU, MOVING, WIDTH, reading
-from slam.criticism.kalman.transition import spread
-from slam.simulation.dynamics import rates, thrust
+from slam.criticism.kalman.transition import FULL, NOISES, POLE, spread
+from slam.simulation.dynamics import (
+    COMMAND,
+    GUST_X,
+    GUST_Y,
+    PITCH,
+    ROLL,
+    UP,
+    VX,
+    YAW,
+    rates,
+    thrust,
+)
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+STICKS = len(COMMAND)
 
-ENTRIES = 11
-"""Places that a force may go in at (``_inject``)."""
+CLIMB, AHEAD, ASIDE = NOISES, NOISES + 1, NOISES + 2
+ENTRIES = NOISES + 3
+"""Places that a force may go in at: the noises, the climb stick, wind ahead and wind to the left."""
 _INJECTED = 1e-3
 ON_CHANNEL = 100
 """Entries from here on are channels of instruments, not forces."""
@@ -29,37 +40,48 @@ ON_CHANNEL = 100
 
 @kernel
 def _inject(entry: int, size: float, yaw: float, noise: Array, command: Array) -> None:
-    """Add a signal to a noise (0 to 7), to the climb stick (8), or as wind ahead (9) or to the left (10)."""
-    if entry < 8:
+    """Add a signal to the ``noise`` (8,) or the ``command`` (6,)."""
+    if entry < NOISES:
         noise[entry] += size
-    elif entry == 8:
-        command[2] += size
-    elif entry == 9:
-        noise[6] += size * math.cos(yaw)
-        noise[7] += size * math.sin(yaw)
+    elif entry == CLIMB:
+        command[UP] += size
+    elif entry == AHEAD:
+        noise[GUST_X] += size * math.cos(yaw)
+        noise[GUST_Y] += size * math.sin(yaw)
     else:
-        noise[6] -= size * math.sin(yaw)
-        noise[7] += size * math.cos(yaw)
+        noise[GUST_X] -= size * math.sin(yaw)
+        noise[GUST_Y] += size * math.cos(yaw)
 
 
 @kernel
 def _felt(
-    state: Array, noise: Array, command: Array, parameters: Array, rate: Array, inject_at: Ints, acts: Ints,
+    state: Array,
+    noise: Array,
+    command: Array,
+    parameters: Array,
+    rate: Array,
+    directions: Directions,
     felt: Array,
-) -> None:  # fmt: skip
-    """Change of the state's rate with a unit injected at each entry that is used: ``felt`` (entries, 10)."""
-    c, s = math.cos(state[8]), math.sin(state[8])
-    ahead, aside = thrust(state[6], state[7], parameters)
-    other, pushed, moved = np.empty(12), np.empty(8), np.empty(6)
+) -> None:
+    """Change of the state's rate with a unit injected at each entry that is used: ``felt`` (entries, 10).
+
+    ``rate`` (12,) is written as well: the rate with none.
+    """
+    c, s = math.cos(state[YAW]), math.sin(state[YAW])
+    ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
+    other, pushed, moved = np.empty(FULL), np.empty(NOISES), np.empty(STICKS)
     rates(state, c, s, ahead, aside, command, noise, parameters, rate)
     seen = np.zeros(ENTRIES, dtype=np.bool_)
-    for d in range(len(acts)):
-        entry = inject_at[d]
-        if acts[d] == 0 or entry < 0 or seen[entry]:
+    for d in range(len(directions.acts)):
+        entry = directions.inject_at[d]
+        if directions.acts[d] == 0 or entry < 0 or seen[entry]:
             continue
         seen[entry] = True
-        pushed[:], moved[:] = noise, command
-        _inject(entry, _INJECTED, state[8], pushed, moved)
+        for i in range(NOISES):
+            pushed[i] = noise[i]
+        for i in range(STICKS):
+            moved[i] = command[i]
+        _inject(entry, _INJECTED, state[YAW], pushed, moved)
         rates(state, c, s, ahead, aside, moved, pushed, parameters, other)
         for i in range(MOVING):
             felt[entry, i] = (other[i] - rate[i]) / _INJECTED
@@ -67,27 +89,34 @@ def _felt(
 
 @kernel
 def force(
-    tangents: Array, slopes: Array, h: float, middle: Array, middle_noise: Array, step: int,
-    parameters: Array, sticks: Array, acts: Ints, stick_of: Ints, parameters_of: Array,
-    inject_at: Ints, signal_of: Ints, signals: Array, scale: Array, felt: Array, added: Array,
-) -> None:  # fmt: skip
-    """Add to the tangents (n, m) what their perturbation does within the step."""
-    rate, other = np.empty(12), np.empty(12)
-    _felt(middle, middle_noise, sticks[0, step], parameters, rate, inject_at, acts, felt)
-    c, s = math.cos(middle[8]), math.sin(middle[8])
-    ahead, aside = thrust(middle[6], middle[7], parameters)
+    s: int,
+    h: float,
+    command: Command,
+    belief: Belief,
+    directions: Directions,
+    tangents: Array,
+    step: Step,
+    changes: Changes,
+) -> None:
+    """Add to the tangents (n, m) what their perturbation does within step ``s``, of length h."""
+    slopes, middle, noise = step.slopes, step.middle, step.middle_noise
+    added, felt = changes.added, changes.felt
+    rate, other = np.empty(FULL), np.empty(FULL)
+    _felt(middle, noise, command.over_steps[0, s], belief.parameters, rate, directions, felt)
+    c_yaw, s_yaw = math.cos(middle[YAW]), math.sin(middle[YAW])
+    ahead, aside = thrust(middle[ROLL], middle[PITCH], belief.parameters)
     for d in range(tangents.shape[1]):
-        if acts[d] == 0:
+        if directions.acts[d] == 0:
             continue
-        if inject_at[d] >= 0:
+        if directions.inject_at[d] >= 0:
+            signal = directions.step_signals[directions.signal_of[d], s]
             for i in range(MOVING):
-                added[i] = h * felt[inject_at[d], i] * signals[signal_of[d], step]
+                added[i] = h * felt[directions.inject_at[d], i] * signal
         else:
-            rates(
-                middle, c, s, ahead, aside, sticks[stick_of[d], step], middle_noise, parameters_of[d], other
-            )
+            stick = command.over_steps[directions.stick_of[d], s]
+            rates(middle, c_yaw, s_yaw, ahead, aside, stick, noise, directions.parameters_of[d], other)
             for i in range(MOVING):
-                added[i] = h * (other[i] - rate[i]) * scale[d]
+                added[i] = h * (other[i] - rate[i]) * directions.scale[d]
         for i in range(MOVING):
             total = added[i]
             for k in range(MOVING):
@@ -97,45 +126,51 @@ def force(
 
 @kernel
 def direct_change(
-    kind: int, event: int, state: Array, rate: Array, elapsed: float, parameters: Array,
-    pole_s: float, predicted: Array, by_rate: Array, commands: Array, acts: Ints, reads: Ints,
-    stick_of: Ints, parameters_of: Array, sensor_of: Array, inject_at: Ints, signal_of: Ints, signals: Array,
-    scale: Array, felt: Array, direct: Array,
-) -> None:  # fmt: skip
-    """What each perturbation changes in a reading by itself, the state left alone: (6, m)."""
-    full, noise, other, out = np.empty(12), np.empty(8), np.empty(12), np.empty(6)
+    event: int,
+    events: Events,
+    command: Command,
+    belief: Belief,
+    directions: Directions,
+    state: Array,
+    expected: Expected,
+    changes: Changes,
+) -> None:
+    """What each perturbation changes in a reading by itself, the state left alone: ``changes.direct``."""
+    kind, rate, pole_s = events.kinds[event], expected.rate, belief.hold[POLE]
+    felt, direct = changes.felt, changes.direct
+    full, noise, other, out = np.empty(FULL), np.empty(NOISES), np.empty(FULL), np.empty(6)
     change = np.empty(MOVING)
     spread(state, full, noise)
-    c_yaw, s_yaw = math.cos(state[8]), math.sin(state[8])
-    ahead, aside = thrust(state[6], state[7], parameters)
+    c_yaw, s_yaw = math.cos(state[YAW]), math.sin(state[YAW])
+    ahead, aside = thrust(state[ROLL], state[PITCH], belief.parameters)
     if kind == IMU:
-        _felt(full, noise, commands[0, event], parameters, other, inject_at, acts, felt)
+        _felt(full, noise, command.at_events[0, event], belief.parameters, other, directions, felt)
     for d in range(direct.shape[1]):
         for c in range(WIDTH[kind]):
             direct[c, d] = 0.0
-        if inject_at[d] >= ON_CHANNEL:
-            c = inject_at[d] - ON_CHANNEL - FIRST_CHANNEL[kind]
+        if directions.inject_at[d] >= ON_CHANNEL:
+            c = directions.inject_at[d] - ON_CHANNEL - FIRST_CHANNEL[kind]
             if 0 <= c < WIDTH[kind]:
-                direct[c, d] = signals[signal_of[d], event]
-        elif acts[d] == 1 and kind == IMU:
-            if inject_at[d] >= 0:
+                direct[c, d] = directions.event_signals[directions.signal_of[d], event]
+        elif directions.acts[d] == 1 and kind == IMU:
+            if directions.inject_at[d] >= 0:
+                signal = directions.event_signals[directions.signal_of[d], event]
                 for i in range(MOVING):
-                    change[i] = felt[inject_at[d], i] * signals[signal_of[d], event]
+                    change[i] = felt[directions.inject_at[d], i] * signal
             else:
-                rates(
-                    full, c_yaw, s_yaw, ahead, aside, commands[stick_of[d], event], noise, parameters_of[d],
-                    other,
-                )  # fmt: skip
+                stick = command.at_events[directions.stick_of[d], event]
+                rates(full, c_yaw, s_yaw, ahead, aside, stick, noise, directions.parameters_of[d], other)
                 for i in range(MOVING):
-                    change[i] = (other[i] - rate[i]) * scale[d]
+                    change[i] = (other[i] - rate[i]) * directions.scale[d]
             # The imu reads rates as they are: linear in them.
             for c in range(WIDTH[kind]):
-                for i in range(3, 9):
-                    direct[c, d] += by_rate[c, i] * change[i]
-        elif (reads[d] >> kind) & 1:
-            reading(kind, state, rate, sensor_of[d], parameters_of[d], pole_s, elapsed, out)
+                for i in range(VX, YAW + 1):
+                    direct[c, d] += expected.by_rate[c, i] * change[i]
+        elif (directions.reads[d] >> kind) & 1:
+            sensor, parameters = directions.sensor_of[d], directions.parameters_of[d]
+            reading(kind, state, rate, sensor, parameters, pole_s, events.elapsed[event], out)
             for c in range(WIDTH[kind]):
-                direct[c, d] = (out[c] - predicted[c]) * scale[d]
+                direct[c, d] = (out[c] - expected.reading[c]) * directions.scale[d]
 
 
 @kernel
@@ -168,7 +203,8 @@ def carry(matrix: Array, tangents: Array, moved: Array) -> None:
 def tell(h: Array, direct: Array, ph: Array, s_var: float, tangents: Array, told: Array) -> None:
     """``told`` (m,): how each tangent changes the prediction of a reading with row ``h`` (n,); the tangents
     are then corrected by the reading as the state is."""
-    told[:] = direct
+    for d in range(len(told)):
+        told[d] = direct[d]
     for k in range(len(h)):
         x = h[k]
         if x != 0.0:

@@ -12,24 +12,35 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.criticism.kalman.arrays import (
+    Array,
+    Belief,
+    Changes,
+    Command,
+    Directions,
+    Estimate,
+    Events,
+    Expected,
+    Ints,
+    Noise,
+    Room,
+)
 from slam.criticism.kalman.compiled import kernel
-from slam.criticism.kalman.filter import start_noise
+from slam.criticism.kalman.prepare import belief_of, events_of, noise_of, room_for, start_of
 from slam.criticism.kalman.readings import (
     ATTITUDE,
-    CHANNELS,
     FIRST_CHANNEL,
     INSTRUMENT_OF,
-    MOVING,
-    SONAR,
     STATES,
     WIDTH,
     reading,
 )
 from slam.criticism.kalman.record import Record, steps_between
+from slam.criticism.kalman.sensitivity import tell
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.steps import (
     correct,
@@ -40,15 +51,12 @@ from slam.criticism.kalman.steps import (
     predict,
     spread_along,
 )
-from slam.criticism.kalman.tangents import Direction, tangents_for
+from slam.criticism.kalman.tangents import Direction, directions_for
 from slam.criticism.kalman.transition import POLE, jacobian
+from slam.simulation.dynamics import PITCH, ROLL, YAW, X, Y, Z
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Flags = NDArray[np.bool_]
-
-POSE = (0, 1, 2, 6, 7, 8)
-"""Entries of the state that place a camera: x, y, z, roll, pitch, yaw."""
+POSE = (X, Y, Z, ROLL, PITCH, YAW)
+"""Entries of the state that place a camera."""
 LEAST_HALF_S = 0.004
 _TINY = 1e-13
 """Variance added before an inverse: the start is known exactly in some axes."""
@@ -85,25 +93,18 @@ def smoothed(
     """
     half_s = max(half_s, LEAST_HALF_S)
     record = _with_moments(record, (times_s[:, None] + half_s * np.array([-1.0, 0.0, 1.0])).ravel())
-    table = tangents_for(record, setting, directions, {})
-    start = np.zeros(STATES)
-    start[:10] = record.start
-    p = np.zeros((STATES, STATES))
-    p[np.arange(10), np.arange(10)] = record.start_std**2
-    start_noise(setting.hold, p)
+    table, command = directions_for(record, setting, directions, {})
     # Coloured noise counts as the white noise that averages out as slowly.
     colour = setting.colour[list(INSTRUMENT_OF)]
     noise_var = (record.noise_std * setting.noise_factor) ** 2 * (1.0 + colour) / (1.0 - colour)
-    forward = _forward(
-        record.times_s, record.kinds, record.values, record.elapsed, record.landing, table.jumps,
-        record.first_step, record.step_s, table.sticks[0], table.jolts, setting.late_std_s**2,
-        table.commands[0],
-        setting.parameters, setting.sensor, setting.hold, noise_var, record.range_limits, start, p,
-        np.zeros(len(CHANNELS)),
-        table.reads, table.sensor_of, table.scale,
+    m = len(directions)
+    passed = _nothing_passed(len(record.times_s), STATES, m)
+    _forward(
+        events_of(record), command, belief_of(setting), noise_of(record, setting, noise_var, STATES), table,
+        start_of(record, setting, STATES, m), room_for(STATES, m), passed,
     )  # fmt: skip
     at = np.flatnonzero(record.kinds == _MOMENT)
-    states, chain, spreads, traces = _backward(*forward, at)
+    states, chain, spreads, traces = _backward(passed, at)
     before, poses, after = (states[k::3, POSE] for k in range(3))
     between = chain[1:-2:3] @ chain[2:-1:3] @ chain[3::3]
     return Path(
@@ -136,89 +137,122 @@ def _with_moments(record: Record, times_s: Array) -> Record:
     )  # fmt: skip
 
 
+class _Passed(NamedTuple):
+    """What the pass forward leaves for the pass back."""
+
+    x_before: Array
+    """(events, n) state before each event, ..."""
+    x_after: Array
+    """... and behind it."""
+    p_before: Array
+    """(events, n, n) covariance."""
+    p_after: Array
+    t_before: Array
+    """(events, n, m) tangents."""
+    t_after: Array
+    moves: Array
+    """(events, n, n) transition to each event from the one before."""
+
+
+def _nothing_passed(events: int, n: int, m: int) -> _Passed:
+    x, p, t = (events, n), (events, n, n), (events, n, m)
+    return _Passed(*(np.empty(shape) for shape in (x, x, p, p, t, t, p)))
+
+
 @kernel
-def _forward(  # type: ignore[no-untyped-def]
-    times: Array, kinds: Ints, values: Array, elapsed: Array, landing: Flags, jumps: Ints, first_step: Ints,
-    lengths: Array, sticks: Array, jolts: Array, late_var: float, commands: Array, parameters: Array,
-    sensor: Array, hold: Array, noise_var: Array, limits: Array, start: Array, p: Array, memory: Array,
-    reads: Ints, sensor_of: Array, scale: Array,
-):  # fmt: skip
-    """Before and after each event: mean, covariance and tangents; and the transition to it from the last."""
-    n, m, events = start.shape[0], reads.shape[0], len(times)
-    state, tangents = start.copy(), np.zeros((n, m))
-    x_before, x_after = np.empty((events, n)), np.empty((events, n))
-    p_before, p_after = np.empty((events, n, n)), np.empty((events, n, n))
-    t_before, t_after = np.empty((events, n, m)), np.empty((events, n, m))
-    moves = np.empty((events, n, n))
-    slopes, matrix, q, work = np.empty((MOVING, n)), np.zeros((n, n)), np.zeros((n, n)), np.empty((n, n))
-    rate, middle, middle_noise = np.empty(12), np.empty(12), np.empty(8)
-    predicted, h_matrix, direct = np.empty(6), np.zeros((6, n)), np.zeros((6, m))
-    by_rate = np.zeros((6, MOVING))
-    out, ph, done, moved = np.empty(6), np.empty(n), np.empty(n), np.eye(n)
-    for e in range(events):
-        total = np.eye(n)
-        for s in range(first_step[e], first_step[e + 1]):
-            predict(
-                state, p, sticks[s], jolts[s], late_var, parameters, hold, lengths[s], slopes, matrix, q,
-                work, rate, middle, middle_noise,
-            )  # fmt: skip
-            moved[:] = np.dot(matrix, total)
-            total[:] = moved
-        tangents = np.dot(total, tangents)
-        moves[e], x_before[e], p_before[e], t_before[e] = total, state, p, tangents
-        kind = kinds[e]
-        if kind <= SONAR:
-            jacobian(state, commands[e], parameters, rate, slopes)
-            measurement(
-                kind, state, rate, slopes, sensor, parameters, hold[POLE], elapsed[e], predicted,
-                by_rate, h_matrix,
-            )  # fmt: skip
-            for d in range(m):
-                direct[:, d] = 0.0
-                if (reads[d] >> kind) & 1:
-                    reading(kind, state, rate, sensor_of[d], parameters, hold[POLE], elapsed[e], out)
-                    for c in range(WIDTH[kind]):
-                        direct[c, d] = (out[c] - predicted[c]) * scale[d]
-            done[:] = 0.0
+def _forward(
+    events: Events,
+    command: Command,
+    belief: Belief,
+    noise: Noise,
+    directions: Directions,
+    estimate: Estimate,
+    room: Room,
+    passed: _Passed,
+) -> None:
+    """Through all events, in place; what is before and after each is ``passed`` on."""
+    step, expected, changes = room
+    state, p, tangents = estimate.state, estimate.p, estimate.tangents
+    for e in range(len(events.times_s)):
+        total = np.eye(state.shape[0])
+        for s in range(events.first_step[e], events.first_step[e + 1]):
+            stick, jolt = command.over_steps[0, s], command.jolts[s]
+            predict(events.step_s[s], stick, jolt, command.late_var_s2, belief, estimate, step)
+            total = np.dot(step.matrix, total)
+        tangents[:] = np.dot(total, tangents)
+        passed.moves[e], passed.x_before[e] = total, state
+        passed.p_before[e], passed.t_before[e] = p, tangents
+        kind = events.kinds[e]
+        if kind != _MOMENT:
+            jacobian(state, command.at_events[0, e], belief.parameters, expected.rate, step.slopes)
+            measurement(kind, events.elapsed[e], state, belief, step.slopes, expected)
+            _direct(kind, events.elapsed[e], state, belief, directions, expected, changes.direct)
+            _take(e, events, command.jumps[e], noise, estimate, expected, changes)
+        passed.x_after[e], passed.p_after[e], passed.t_after[e] = state, p, tangents
+
+
+@kernel
+def _take(
+    event: int,
+    events: Events,
+    jump: int,
+    noise: Noise,
+    estimate: Estimate,
+    expected: Expected,
+    changes: Changes,
+) -> None:
+    """Take the channels of one event, one after the other, into the estimate."""
+    kind = events.kinds[event]
+    expected.done[:] = 0.0
+    for c in range(WIDTH[kind]):
+        if not judged(event, c, events, jump, noise, expected):
+            continue
+        channel, row = FIRST_CHANNEL[kind] + c, expected.rows[c]
+        s_var = noise.variance[channel] + spread_along(estimate.p, row, expected.ph)
+        miss = miss_of(kind, c, events.values[event, c], expected)
+        if is_outlier(miss, math.sqrt(s_var), channel, estimate.memory):
+            continue
+        tell(row, changes.direct[c], expected.ph, s_var, estimate.tangents, changes.told)
+        correct(miss, s_var, estimate, expected)
+
+
+@kernel
+def _direct(
+    kind: int,
+    elapsed: float,
+    state: Array,
+    belief: Belief,
+    directions: Directions,
+    expected: Expected,
+    direct: Array,
+) -> None:
+    """What each direction changes in what an instrument reads, the state left alone: (6, m)."""
+    rate, parameters, pole_s, out = expected.rate, belief.parameters, belief.hold[POLE], np.empty(6)
+    for d in range(direct.shape[1]):
+        direct[:, d] = 0.0
+        if (directions.reads[d] >> kind) & 1:
+            reading(kind, state, rate, directions.sensor_of[d], parameters, pole_s, elapsed, out)
             for c in range(WIDTH[kind]):
-                channel = FIRST_CHANNEL[kind] + c
-                noise = noise_var[channel]
-                if not judged(kind, channel, values[e, c], predicted[c], noise, landing[e], jumps[e], limits):
-                    continue
-                s_var = noise + spread_along(p, h_matrix[c], ph)
-                miss = miss_of(kind, c, values[e, c], predicted[c], h_matrix[c], done)
-                if is_outlier(miss, math.sqrt(s_var), channel, memory):
-                    continue
-                for d in range(m):
-                    a = direct[c, d]
-                    for k in range(n):
-                        a += h_matrix[c, k] * tangents[k, d]
-                    for k in range(n):
-                        tangents[k, d] -= ph[k] / s_var * a
-                correct(state, p, ph, s_var, miss, done)
-        x_after[e], p_after[e], t_after[e] = state, p, tangents
-    return x_before, x_after, p_before, p_after, t_before, t_after, moves
+                direct[c, d] = (out[c] - expected.reading[c]) * directions.scale[d]
 
 
 @kernel
-def _backward(  # type: ignore[no-untyped-def]
-    x_before: Array, x_after: Array, p_before: Array, p_after: Array, t_before: Array, t_after: Array,
-    moves: Array, at: Ints,
-):  # fmt: skip
+def _backward(passed: _Passed, at: Ints) -> tuple[Array, Array, Array, Array]:
     """At the events ``at``: states (k, n), A to the next (k, n, n), covariances, tangents (k, n, m)."""
-    events, n = x_before.shape
-    m, count = t_before.shape[2], len(at)
+    events, n, m = passed.t_before.shape
+    count = len(at)
     states, traces = np.empty((count, n)), np.empty((count, n, m))
     chain, spreads = np.zeros((count, n, n)), np.empty((count, n, n))
-    x, p, t, a = x_after[-1].copy(), p_after[-1].copy(), t_after[-1].copy(), np.eye(n)
+    x, p, t = passed.x_after[-1].copy(), passed.p_after[-1].copy(), passed.t_after[-1].copy()
+    a = np.eye(n)
     k = count - 1
     for e in range(events - 1, -1, -1):
         if e < events - 1:
-            before = p_before[e + 1] + _TINY * np.eye(n)
-            gain = np.linalg.solve(before, np.dot(moves[e + 1], p_after[e])).T.copy()
-            x = x_after[e] + np.dot(gain, x - x_before[e + 1])
-            p = p_after[e] + np.dot(np.dot(gain, p - p_before[e + 1]), gain.T)
-            t = t_after[e] + np.dot(gain, t - t_before[e + 1])
+            before = passed.p_before[e + 1] + _TINY * np.eye(n)
+            gain = np.linalg.solve(before, np.dot(passed.moves[e + 1], passed.p_after[e])).T.copy()
+            x = passed.x_after[e] + np.dot(gain, x - passed.x_before[e + 1])
+            p = passed.p_after[e] + np.dot(np.dot(gain, p - passed.p_before[e + 1]), gain.T)
+            t = passed.t_after[e] + np.dot(gain, t - passed.t_before[e + 1])
             a = np.dot(gain, a)
         if k >= 0 and at[k] == e:
             states[k], spreads[k], traces[k], chain[k] = x, 0.5 * (p + p.T), t, a

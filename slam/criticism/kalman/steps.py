@@ -8,15 +8,46 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.criticism.kalman.arrays import Array, Belief, Estimate, Events, Expected, Noise, Step
 from slam.criticism.kalman.compiled import kernel
-from slam.criticism.kalman.readings import ATTITUDE, BEFORE, BEHIND, IMU, MOVING, SONAR, WIDTH, reading
-from slam.criticism.kalman.transition import covariance_step, jacobian, kicks, mean_step, transition
-from slam.simulation.dynamics import GEAR, derivative, noise_share
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from slam.criticism.kalman.readings import (
+    ATTITUDE,
+    BEFORE,
+    BEHIND,
+    FIRST_CHANNEL,
+    IMU,
+    MOVING,
+    SONAR,
+    WIDTH,
+    reading,
+)
+from slam.criticism.kalman.transition import (
+    FULL,
+    POLE,
+    covariance_step,
+    jacobian,
+    kicks,
+    mean_step,
+    transition,
+)
+from slam.simulation.dynamics import (
+    GEAR,
+    HOLD_X,
+    HOLD_Y,
+    PITCH,
+    ROLL,
+    UP,
+    VX,
+    VY,
+    VZ,
+    YAW,
+    X,
+    Y,
+    Z,
+    derivative,
+    noise_share,
+)
 
 GATE = 6.0
 """An innovation beyond so many standard deviations is an outlier: it is kept out of the state."""
@@ -27,8 +58,6 @@ CONTACT_NOISE = 0.3
 """Process noise of the velocity while the gear settles, m/s/sqrt(s): its bounce differs between vehicles."""
 STANDS_M_S = 0.05
 """Who stands on the floor is no faster up or down."""
-UP = 2
-"""Entry of the stick."""
 SONAR_MARGIN = 4.0
 """Ranges due so many standard deviations from the limits, and beyond, are not judged: half are missing."""
 
@@ -36,12 +65,13 @@ SONAR_MARGIN = 4.0
 _NUDGE = 1e-6
 _NONE = -1
 RATES_READ = (
-    (3, 4, 5, 6, 7, 8), (6, 7, 8, _NONE, _NONE, _NONE), (0, 1, 3, 4, 6, 7), (0, 1, 2, 5, 6, 7),
+    (VX, VY, VZ, ROLL, PITCH, YAW), (ROLL, PITCH, YAW, _NONE, _NONE, _NONE), (X, Y, VX, VY, ROLL, PITCH),
+    (X, Y, Z, VZ, ROLL, PITCH),
 )  # fmt: skip
 """For each kind of event, entries of the state's rate that its reading may depend on, ..."""
 STATES_READ = (
-    (6, 7, 8, _NONE, _NONE, _NONE), (6, 7, 8, _NONE, _NONE, _NONE), (2, 8, _NONE, _NONE, _NONE, _NONE),
-    (0, 1, 2, 6, 7, 8),
+    (ROLL, PITCH, YAW, _NONE, _NONE, _NONE), (ROLL, PITCH, YAW, _NONE, _NONE, _NONE),
+    (Z, YAW, _NONE, _NONE, _NONE, _NONE), (X, Y, Z, ROLL, PITCH, YAW),
 )  # fmt: skip
 """... and of the state itself, the noise's acceleration aside."""
 
@@ -50,64 +80,64 @@ STATES_READ = (
 def settling(state: Array, p: Array, stick: Array, parameters: Array) -> bool:
     """Whether the gear may hit the floor, or just did. Who stands there, or is told to climb, is not shaken
     by it: there the height is known."""
-    if stick[UP] > 0.0 or abs(state[5]) < STANDS_M_S:
+    if stick[UP] > 0.0 or abs(state[VZ]) < STANDS_M_S:
         return False
-    return bool(state[2] - parameters[GEAR] < CONTACT_M + 3.0 * math.sqrt(p[2, 2]))
+    return bool(state[Z] - parameters[GEAR] < CONTACT_M + 3.0 * math.sqrt(p[Z, Z]))
 
 
 @kernel
 def predict(
-    state: Array, p: Array, stick: Array, jolt: Array, late_var: float, parameters: Array, hold: Array,
-    h: float, slopes: Array, matrix: Array, q: Array, work: Array, rate: Array, middle: Array,
-    middle_noise: Array,
-) -> None:  # fmt: skip
-    """State (n,) and covariance (n, n) ahead by h, in place. Written: ``slopes`` (10, n) and the transition
-    ``matrix`` (n, n) of the step, ``middle`` (12,) and ``middle_noise`` (8,) half-way.
+    h: float, stick: Array, jolt: Array, late_var_s2: float, belief: Belief, estimate: Estimate, step: Step
+) -> None:
+    """State and covariance ahead by h, in place; what the step was is left in ``step``.
 
-    ``jolt`` (6,) is how far the stick jumps within the step, at a moment of the variance ``late_var``.
+    ``jolt`` (6,) is how far the stick (6,) jumps within the step, at a moment of the variance
+    ``late_var_s2``.
     """
-    jacobian(state, stick, parameters, rate, slopes)
-    transition(slopes, hold, h, matrix)
-    kicks(hold, matrix, q)
-    mean_step(state, stick, hold, matrix, parameters, h, rate, middle, middle_noise)
-    covariance_step(matrix, q, slopes, h, p, work)
-    if late_var > 0.0:
-        _unsure(state, p, stick, jolt, late_var, parameters, rate, middle_noise)
-    if settling(state, p, stick, parameters):
-        for i in range(3, 6):
+    state, p = estimate.state, estimate.p
+    jacobian(state, stick, belief.parameters, step.rate, step.slopes)
+    transition(step.slopes, belief.hold, h, step.matrix)
+    kicks(belief.hold, step.matrix, step.q)
+    mean_step(h, state, stick, belief, step)
+    covariance_step(h, p, step)
+    if late_var_s2 > 0.0:
+        _unsure(state, p, stick, jolt, late_var_s2, belief.parameters, step)
+    if settling(state, p, stick, belief.parameters):
+        for i in range(VX, VZ + 1):
             p[i, i] += CONTACT_NOISE**2 * h
 
 
 @kernel
 def _unsure(
-    state: Array, p: Array, stick: Array, jolt: Array, late_var: float, parameters: Array, rate: Array,
-    noise: Array,
-) -> None:  # fmt: skip
+    state: Array, p: Array, stick: Array, jolt: Array, late_var_s2: float, parameters: Array, step: Step
+) -> None:
     """A jump that comes t late leaves the state off by t times the jump of its rate."""
     if not jolt[:5].any():
         return
-    full, other = np.empty(12), np.empty(12)
+    rate, noise = step.rate, step.middle_noise
+    full, other = np.empty(FULL), np.empty(FULL)
     for i in range(MOVING):
         full[i] = state[i]
-    full[10], full[11] = state[0], state[1]
+    full[HOLD_X], full[HOLD_Y] = state[X], state[Y]
     derivative(full, stick, noise, parameters, rate)
     derivative(full, stick + jolt, noise, parameters, other)
     for i in range(MOVING):
         for j in range(MOVING):
-            p[i, j] += late_var * (other[i] - rate[i]) * (other[j] - rate[j])
+            p[i, j] += late_var_s2 * (other[i] - rate[i]) * (other[j] - rate[j])
 
 
 @kernel
 def measurement(
-    kind: int, state: Array, rate: Array, slopes: Array, sensor: Array, parameters: Array,
-    pole_s: float, elapsed: float, predicted: Array, by_rate: Array, matrix: Array,
-) -> None:  # fmt: skip
-    """What is read, its Jacobian ``by_rate`` (6, 10) in the state's rate, and ``matrix`` (6, n) in the state:
-    by itself and through its rate."""
-    reading(kind, state, rate, sensor, parameters, pole_s, elapsed, predicted)
+    kind: int, elapsed: float, state: Array, belief: Belief, slopes: Array, expected: Expected
+) -> None:
+    """What an event should read, and its Jacobians in the state's rate and in the state: by itself and
+    through its rate, whose own Jacobian is ``slopes`` (10, n)."""
+    sensor, parameters, pole_s = belief.sensor, belief.parameters, belief.hold[POLE]
+    rate, told, rows, by_rate = expected.rate, expected.reading, expected.rows, expected.by_rate
+    reading(kind, state, rate, sensor, parameters, pole_s, elapsed, told)
     beside, nudged, moved = np.empty(6), state.copy(), rate.copy()
     width = WIDTH[kind]
-    matrix[:], by_rate[:] = 0.0, 0.0
+    rows[:], by_rate[:] = 0.0, 0.0
     for j in RATES_READ[kind]:
         if j < 0:
             break
@@ -115,11 +145,11 @@ def measurement(
         reading(kind, state, moved, sensor, parameters, pole_s, elapsed, beside)
         moved[j] = rate[j]
         for c in range(width):
-            x = (beside[c] - predicted[c]) / _NUDGE
+            x = (beside[c] - told[c]) / _NUDGE
             by_rate[c, j] = x
             if x != 0.0:
                 for i in range(state.shape[0]):
-                    matrix[c, i] += x * slopes[j, i]
+                    rows[c, i] += x * slopes[j, i]
     for j in STATES_READ[kind]:
         if j < 0:
             break
@@ -127,36 +157,36 @@ def measurement(
         reading(kind, nudged, rate, sensor, parameters, pole_s, elapsed, beside)
         nudged[j] = state[j]
         for c in range(width):
-            matrix[c, j] += (beside[c] - predicted[c]) / _NUDGE
+            rows[c, j] += (beside[c] - told[c]) / _NUDGE
     if kind == IMU:
         # The acceleration of the noise is read as any other is.
-        fast = noise_share(state[2], parameters) / pole_s
+        fast = noise_share(state[Z], parameters) / pole_s
         for c in range(3, 6):
             for i in range(3):
-                matrix[c, BEFORE + i] += fast * by_rate[c, 3 + i]
-                matrix[c, BEHIND + i] -= fast * by_rate[c, 3 + i]
+                rows[c, BEFORE + i] += fast * by_rate[c, VX + i]
+                rows[c, BEHIND + i] -= fast * by_rate[c, VX + i]
 
 
 @kernel
-def judged(
-    kind: int, channel: int, value: float, predicted: float, noise_var: float, landing: bool, jump: int,
-    limits: Array,
-) -> bool:  # fmt: skip
-    """Whether a reading says anything: not a missing one, none but ranges while ``landing``, the first
-    ``jump`` channels of the IMU beside a jump of the stick, or a range that may be cut.
+def judged(event: int, c: int, events: Events, jump: int, noise: Noise, expected: Expected) -> bool:
+    """Whether channel c of an event says anything: not a missing reading, none but ranges while landing, the
+    first ``jump`` channels of the IMU beside a jump of the stick, or a range that may be cut.
 
     The floor turns what meets it level, and holds it. Believed to the moment, or of a vehicle that a cushion
     of air keeps just above it, that outweighs all that the rest of a flight says of an effect.
     """
-    if math.isnan(value):
+    kind = events.kinds[event]
+    channel = FIRST_CHANNEL[kind] + c
+    if math.isnan(events.values[event, c]):
         return False
-    if landing and kind != SONAR:
+    if events.landing[event] and kind != SONAR:
         return False
     if channel < jump:
         return False
     if kind == SONAR:
-        margin = SONAR_MARGIN * math.sqrt(noise_var)
-        return bool(limits[0] + margin <= predicted <= limits[1] - margin)
+        margin = SONAR_MARGIN * math.sqrt(noise.variance[channel])
+        least, greatest = noise.range_limits_m[0] + margin, noise.range_limits_m[1] - margin
+        return bool(least <= expected.reading[c] <= greatest)
     return True
 
 
@@ -178,11 +208,11 @@ def spread_along(p: Array, row: Array, ph: Array) -> float:
 
 
 @kernel
-def miss_of(kind: int, c: int, value: float, predicted: float, row: Array, done: Array) -> float:
-    """Reading less prediction, with what earlier channels of the event did (``done``); a heading turned."""
-    miss = value - predicted
-    for i in range(row.shape[0]):
-        miss -= row[i] * done[i]
+def miss_of(kind: int, c: int, value: float, expected: Expected) -> float:
+    """Reading less prediction, with what earlier channels of the event did; a heading turned."""
+    miss = value - expected.reading[c]
+    for i in range(expected.rows.shape[1]):
+        miss -= expected.rows[c, i] * expected.done[i]
     if kind == ATTITUDE and c == 2:
         miss -= 2.0 * math.pi * math.floor(miss / (2.0 * math.pi) + 0.5)
     return miss
@@ -199,12 +229,13 @@ def is_outlier(miss: float, std: float, channel: int, memory: Array) -> bool:
 
 
 @kernel
-def correct(state: Array, p: Array, ph: Array, s_var: float, miss: float, done: Array) -> None:
+def correct(miss: float, s_var: float, estimate: Estimate, expected: Expected) -> None:
     """Take a reading's miss, of variance ``s_var``, into state and covariance."""
+    state, p, ph = estimate.state, estimate.p, expected.ph
     n = state.shape[0]
     for i in range(n):
         step = ph[i] / s_var * miss
-        done[i] += step
+        expected.done[i] += step
         state[i] += step
     for i in range(n):
         x = ph[i] / s_var

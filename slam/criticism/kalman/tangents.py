@@ -7,21 +7,18 @@ injected into a channel, a target or a force. Its trace is per unit of its own p
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.criticism.kalman.arrays import Array, Command, Directions, Ints
 from slam.criticism.kalman.optics import CAMERA
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SENSOR, SONAR, VELOCITY, WIDTH
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import ON_CHANNEL
 from slam.criticism.kalman.setting import LATE_SPREAD, Setting
 from slam.simulation.dynamics import NOISE, PARAMETERS
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 Kind = Literal["parameters", "sensor", "latency", "drift", "force", "channel", "camera", "picture"]
 """The last two leave no trace in readings: only in pictures."""
@@ -53,31 +50,6 @@ class Direction:
     """The trace is that of the whole step, divided by this; by default by the step."""
 
 
-@dataclass(frozen=True)
-class Tangents:
-    """Directions as the kernel takes them."""
-
-    acts: Ints
-    reads: Ints
-    stick_of: Ints
-    parameters_of: Array
-    sensor_of: Array
-    inject_at: Ints
-    signal_of: Ints
-    step_signals: Array
-    event_signals: Array
-    scale: Array
-    sticks: Array
-    """(variants, steps, 6)."""
-    commands: Array
-    """(variants, events, 6)."""
-    jumps: Ints
-    """(events,) how many of the event's channels, from the first, a jump of the stick near it may spoil."""
-    jolts: Array
-    """(steps, 6) how far it jumps within each step."""
-    names: tuple[str, ...] = field(default=())
-
-
 LATE_SHARE = 3.0 * LATE_SPREAD
 
 _READ_BY = {
@@ -96,22 +68,20 @@ def parameter_direction(name: str, step: float) -> Direction:
     return Direction(name, "sensor", SENSOR.index(name), step)
 
 
-def tangents_for(
+def directions_for(
     record: Record, setting: Setting, directions: Sequence[Direction], signals: dict[str, Signal]
-) -> Tangents:
-    """The directions over one flight, with the sticks that they obey."""
+) -> tuple[Directions, Command]:
+    """The directions over one flight as the kernels take them, with the sticks that they obey."""
     m = len(directions)
     variants: list[tuple[float, float]] = [(setting.latency_s, setting.drift)]
     names = sorted({d.signal for d in directions if d.signal})
-    table = Tangents(
+    table = Directions(
         np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64),
         np.tile(setting.parameters, (m, 1)), np.tile(setting.sensor, (m, 1)),
         np.full(m, -1, dtype=np.int64), np.zeros(m, dtype=np.int64),
         np.array([signals[name][0] for name in names]).reshape(len(names), len(record.step_s)),
         np.array([signals[name][1] for name in names]).reshape(len(names), len(record.times_s)),
         np.array([1.0 / (d.step if d.unit is None else d.unit) for d in directions]),
-        np.zeros(0), np.zeros(0), _jumps(record, setting), _jolts(record, setting),
-        tuple(d.name for d in directions),
     )  # fmt: skip
     for k, d in enumerate(directions):
         if d.kind == "parameters":
@@ -129,8 +99,16 @@ def tangents_for(
             table.signal_of[k] = names.index(d.signal)
             table.inject_at[k] = d.entry if d.kind == "force" else ON_CHANNEL + d.entry
             table.acts[k] = int(d.kind == "force")
-    sticks, commands = zip(*(_obeyed(record, *variant) for variant in variants), strict=True)
-    return Tangents(**{**vars(table), "sticks": np.array(sticks), "commands": np.array(commands)})
+    return table, _command(record, setting, variants)
+
+
+def _command(record: Record, setting: Setting, variants: Sequence[tuple[float, float]]) -> Command:
+    """The sticks of each variant, a latency and a clock's drift."""
+    over_steps, at_events = zip(*(_obeyed(record, *variant) for variant in variants), strict=True)
+    return Command(
+        np.array(over_steps), np.array(at_events), _jolts(record, setting), setting.late_std_s**2,
+        _jumps(record, setting),
+    )  # fmt: skip
 
 
 def _obeyed(record: Record, latency_s: float, drift: float) -> tuple[Array, Array]:

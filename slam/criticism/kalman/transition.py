@@ -9,13 +9,37 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from slam.criticism.kalman.arrays import Array, Belief, Step
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import BEFORE, BEHIND, GUST, MOVING, STATES, STATES_WITH_GUSTS, TARGET
-from slam.simulation.dynamics import FADE, GEAR, ROTOR_RADIUS, SMALL_ANGLE, derivative, rates, thrust
-
-Array = NDArray[np.float64]
+from slam.simulation.dynamics import (
+    FADE,
+    GEAR,
+    GUST_X,
+    GUST_Y,
+    HOLD_X,
+    HOLD_Y,
+    NOISE,
+    PITCH,
+    ROLL,
+    ROLL_NOISE,
+    ROTOR_RADIUS,
+    SMALL_ANGLE,
+    STATE,
+    VX,
+    VY,
+    VZ,
+    WX,
+    YAW,
+    YAW_RATE,
+    X,
+    Y,
+    Z,
+    derivative,
+    rates,
+    thrust,
+)
 
 HOLD = (
     "tilt_std_rad", "tilt_time_s", "yaw_rate_std_rad_s", "yaw_rate_time_s",
@@ -24,6 +48,8 @@ HOLD = (
 """Entries of the hold noise's vector."""
 (TILT_STD, TILT_TIME, TURN_STD, TURN_TIME, W_STD, W_TIME, W_UP_STD, POLE, GUST_STD, GUST_TIME) = range(10)
 
+FULL, NOISES = len(STATE), len(NOISE)
+"""Entries of the state and the noise that the equations take."""
 CLEAR_M = 0.2
 """So far above the floor's reach nothing depends on the height but what has a rotor radius."""
 _NUDGE = 1e-6
@@ -35,12 +61,12 @@ def spread(state: Array, full: Array, noise: Array) -> None:
     """State of the filter to the state and noise that ``derivative`` takes."""
     for i in range(MOVING):
         full[i] = state[i]
-    full[10], full[11] = state[0], state[1]
+    full[HOLD_X], full[HOLD_Y] = state[X], state[Y]
     for i in range(3):
-        noise[i] = state[TARGET + i]
-        noise[3 + i] = state[BEHIND + i]
-    noise[6] = state[GUST] if state.shape[0] > GUST else 0.0
-    noise[7] = state[GUST + 1] if state.shape[0] > GUST else 0.0
+        noise[ROLL_NOISE + i] = state[TARGET + i]
+        noise[WX + i] = state[BEHIND + i]
+    noise[GUST_X] = state[GUST] if state.shape[0] > GUST else 0.0
+    noise[GUST_Y] = state[GUST + 1] if state.shape[0] > GUST else 0.0
 
 
 @kernel
@@ -51,62 +77,62 @@ def jacobian(state: Array, command: Array, parameters: Array, rate: Array, matri
     out from their slopes. Columns of o are 0: they act through w.
     """
     n = state.shape[0]
-    full, noise, beside = np.empty(12), np.empty(8), np.empty(12)
+    full, noise, beside = np.empty(FULL), np.empty(NOISES), np.empty(FULL)
     spread(state, full, noise)
-    c, s = math.cos(state[8]), math.sin(state[8])
-    ahead, aside = thrust(state[6], state[7], parameters)
+    c, s = math.cos(state[YAW]), math.sin(state[YAW])
+    ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
     rates(full, c, s, ahead, aside, command, noise, parameters, rate)
     matrix[:] = 0.0
     by_roll, ahead_by_pitch, aside_by_pitch = -1.0, 1.0, 0.0
     if parameters[SMALL_ANGLE] < 0.5:
-        cosine = math.cos(state[7])
+        cosine = math.cos(state[PITCH])
         by_roll = -(1.0 / cosine + aside * aside * cosine)
         ahead_by_pitch, aside_by_pitch = 1.0 + ahead * ahead, aside * ahead
-    clear = state[2] > parameters[GEAR] + parameters[FADE] + CLEAR_M and parameters[ROTOR_RADIUS] == 0.0
-    for j in (2, 3, 4, 6, 7, 8):
-        if j == 2 and clear:
+    clear = state[Z] > parameters[GEAR] + parameters[FADE] + CLEAR_M and parameters[ROTOR_RADIUS] == 0.0
+    for j in (Z, VX, VY, ROLL, PITCH, YAW):
+        if j == Z and clear:
             continue
         full[j] += _NUDGE
-        if j == 3:
-            full[5] += _NUDGE
-            full[9] += _NUDGE
+        if j == VX:
+            full[VZ] += _NUDGE
+            full[YAW_RATE] += _NUDGE
             rates(full, c, s, ahead, aside, command, noise, parameters, beside)
-            full[5], full[9] = state[5], state[9]
-        elif j == 6:
+            full[VZ], full[YAW_RATE] = state[VZ], state[YAW_RATE]
+        elif j == ROLL:
             rates(full, c, s, ahead, aside + by_roll * _NUDGE, command, noise, parameters, beside)
-        elif j == 7:
+        elif j == PITCH:
             rates(
                 full, c, s, ahead + ahead_by_pitch * _NUDGE, aside + aside_by_pitch * _NUDGE, command, noise,
                 parameters, beside,
             )  # fmt: skip
-        elif j == 8:
+        elif j == YAW:
             rates(full, c - s * _NUDGE, s + c * _NUDGE, ahead, aside, command, noise, parameters, beside)
         else:
             rates(full, c, s, ahead, aside, command, noise, parameters, beside)
         full[j] = state[j]
         for i in range(MOVING):
             # How much of the hold noise is left near the floor is no way to tell the height.
-            if j != 2 or i == 5:
+            if j != Z or i == VZ:
                 matrix[i, j] = (beside[i] - rate[i]) / _NUDGE
-    for i in (2, 5):
-        matrix[i, 5], matrix[i, 3] = matrix[i, 3], 0.0
-    for i in (8, 9):
-        matrix[i, 9], matrix[i, 3] = matrix[i, 3], 0.0
-    for i in range(6):
+    for i in (Z, VZ):
+        matrix[i, VZ], matrix[i, VX] = matrix[i, VX], 0.0
+    for i in (YAW, YAW_RATE):
+        matrix[i, YAW_RATE], matrix[i, VX] = matrix[i, VX], 0.0
+    for i in range(GUST_X):
         noise[i] += _NUDGE
     rates(full, c, s, ahead, aside, command, noise, parameters, beside)
     for i in range(3):
         matrix[i, BEHIND + i] = (beside[i] - rate[i]) / _NUDGE
-        matrix[3 + i, BEHIND + i] = (beside[3 + i] - rate[3 + i]) / _NUDGE
-        pushed = 9 if i == 2 else 6 + i
+        matrix[VX + i, BEHIND + i] = (beside[VX + i] - rate[VX + i]) / _NUDGE
+        pushed = YAW_RATE if i == 2 else ROLL + i
         matrix[pushed, TARGET + i] = (beside[pushed] - rate[pushed]) / _NUDGE
-        noise[i], noise[3 + i] = state[TARGET + i], state[BEHIND + i]
+        noise[ROLL_NOISE + i], noise[WX + i] = state[TARGET + i], state[BEHIND + i]
     for j in range(GUST, n):
-        noise[6 + j - GUST] += _NUDGE
+        noise[GUST_X + j - GUST] += _NUDGE
         rates(full, c, s, ahead, aside, command, noise, parameters, beside)
         for i in range(MOVING):
             matrix[i, j] = (beside[i] - rate[i]) / _NUDGE
-        noise[6 + j - GUST] = state[j]
+        noise[GUST_X + j - GUST] = state[j]
 
 
 @kernel
@@ -202,9 +228,10 @@ def _times(matrix: Array, right: Array, product: Array) -> None:
 
 
 @kernel
-def covariance_step(matrix: Array, q: Array, slopes: Array, h: float, p: Array, work: Array) -> None:
+def covariance_step(h: float, p: Array, step: Step) -> None:
     """P <- F P F' + L Q L', in place; L hands half a step of the noises' kicks to what they push."""
     n = p.shape[0]
+    matrix, q, slopes, work = step.matrix, step.q, step.slopes, step.work
     _times(matrix, p, work)
     for i in range(n):
         for j in range(n):
@@ -233,42 +260,33 @@ def covariance_step(matrix: Array, q: Array, slopes: Array, h: float, p: Array, 
 
 
 @kernel
-def mean_step(
-    state: Array,
-    command: Array,
-    hold: Array,
-    matrix: Array,
-    parameters: Array,
-    h: float,
-    first: Array,
-    middle: Array,
-    middle_noise: Array,
-) -> None:
-    """RK4 over h with the noises' exact decay, in place. ``first`` (12,) is the rate at the beginning;
-    ``middle`` (12,) and ``middle_noise`` (8,) receive the state and noise half-way."""
-    n = state.shape[0]
-    full, noise, ended, rate = np.empty(12), np.empty(8), np.empty(8), np.empty(12)
-    total, after = np.empty(12), np.empty(STATES_WITH_GUSTS)
+def mean_step(h: float, state: Array, command: Array, belief: Belief, step: Step) -> None:
+    """RK4 over h with the noises' exact decay, in place; writes the state and noise half-way into
+    ``step``."""
+    n, parameters, matrix = state.shape[0], belief.parameters, step.matrix
+    first, middle, middle_noise = step.rate, step.middle, step.middle_noise
+    full, noise, ended, rate = np.empty(FULL), np.empty(NOISES), np.empty(NOISES), np.empty(FULL)
+    total, after = np.empty(FULL), np.empty(STATES_WITH_GUSTS)
     spread(state, full, noise)
     for i in range(TARGET, n):
         after[i] = matrix[i, i] * state[i]
         if BEHIND <= i < GUST:
             after[i] += matrix[i, i - BEHIND + BEFORE] * state[i - BEHIND + BEFORE]
     for i in range(3):
-        ended[i], ended[3 + i] = after[TARGET + i], after[BEHIND + i]
-    ended[6] = after[GUST] if n > GUST else 0.0
-    ended[7] = after[GUST + 1] if n > GUST else 0.0
-    for i in range(8):
+        ended[ROLL_NOISE + i], ended[WX + i] = after[TARGET + i], after[BEHIND + i]
+    ended[GUST_X] = after[GUST] if n > GUST else 0.0
+    ended[GUST_Y] = after[GUST + 1] if n > GUST else 0.0
+    for i in range(NOISES):
         middle_noise[i] = 0.5 * (noise[i] + ended[i])
-    for i in range(12):
+    for i in range(FULL):
         total[i] = first[i]
         middle[i] = full[i] + 0.5 * h * first[i]
     derivative(middle, command, middle_noise, parameters, rate)
-    for i in range(12):
+    for i in range(FULL):
         total[i] += 2.0 * rate[i]
         middle[i] = full[i] + 0.5 * h * rate[i]
     derivative(middle, command, middle_noise, parameters, rate)
-    for i in range(12):
+    for i in range(FULL):
         total[i] += 2.0 * rate[i]
         full[i] += h * rate[i]
     derivative(full, command, ended, parameters, rate)

@@ -17,6 +17,7 @@ from slam.criticism.kalman.readings import CHANNELS, SENSOR
 from slam.criticism.kalman.record import Record, any_holds_heading
 from slam.criticism.kalman.tangents import FORCES, Direction, Signal
 from slam.criticism.search.effects import Effect
+from slam.simulation.dynamics import PITCH, ROLL, VX, VY, VZ, YAW, YAW_RATE, Z
 
 Array = NDArray[np.float64]
 
@@ -125,8 +126,9 @@ def _of_flight(flight: int) -> list[str]:
 
 
 def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
-    c, s = np.cos(states[:, 8]), np.sin(states[:, 8])
-    ahead, left = c * states[:, 3] + s * states[:, 4], c * states[:, 4] - s * states[:, 3]
+    c, s = np.cos(states[:, YAW]), np.sin(states[:, YAW])
+    vx, vy = states[:, VX], states[:, VY]
+    ahead, left = c * vx + s * vy, c * vy - s * vx
     stick = record.stick.at(times_s)
     elapsed = times_s / record.duration_s
     x, y = (states[:, :2] - states[0, :2]).T
@@ -136,10 +138,10 @@ def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
         "x": x, "y": y, "r2": x**2 + y**2,
         "one": np.ones(len(times_s)),
         "time": elapsed - 0.5,
-        "height": states[:, 2] - 1.0,
-        "ahead": ahead, "left": left, "up": states[:, 5],
-        "speed2": states[:, 3] ** 2 + states[:, 4] ** 2,
-        "pitch": states[:, 7], "roll": states[:, 6], "turning": states[:, 9],
+        "height": states[:, Z] - 1.0,
+        "ahead": ahead, "left": left, "up": states[:, VZ],
+        "speed2": vx**2 + vy**2,
+        "pitch": states[:, PITCH], "roll": states[:, ROLL], "turning": states[:, YAW_RATE],
         "north": c, "east": s,
         "stick_ahead": stick[:, 0], "stick_left": stick[:, 1],
         "stick_up": stick[:, 2], "stick_turn": stick[:, 3],
