@@ -24,7 +24,9 @@ _SOURCE = typer.Argument(
     "one camera over the same ground make one map.",
     show_default=False,
 )
-_GSD = typer.Option(metavar="M", min=1e-6, help="Metres a pixel of the mosaic; default: as the camera saw.")
+_GSD = typer.Option(
+    metavar="M", min=1e-4, max=100.0, help="Metres a pixel of the mosaic; default: as the camera saw."
+)
 
 
 def optimize(
