@@ -56,13 +56,14 @@ class _Block:
 def read_g2o(path: str | Path) -> PoseGraph:
     """Read a planar or spatial pose graph.
 
-    Unknown tags, self edges and an unfinished last line are dropped and counted in ``warnings``.
+    Unknown tags, self edges and an unfinished last line are told in ``warnings`` and counted in ``dropped``.
     Raises ``BackendError`` with file, line and what to do for everything else that is not a pose graph.
     """
     name = str(path)
     text = _text(Path(path))
     warnings: list[str] = []
-    rows, fixed_rows = _rows(text, name, warnings)
+    dropped: Counter[str] = Counter()
+    rows, fixed_rows = _rows(text, name, warnings, dropped)
     dimensions = {_TAGS[tag].dimension for tag in rows if rows[tag]}
     if len(dimensions) == 2:
         raise BackendError(f"{name}: holds planar (SE2) and spatial (SE3) lines; split it into two files")
@@ -71,7 +72,7 @@ def read_g2o(path: str | Path) -> PoseGraph:
     dimension = dimensions.pop()
     blocks = {tag: _block(rows[tag], tag, name) for tag in rows if _TAGS[tag].dimension == dimension}
     vertex, edge = (blocks[tag] for tag in _TAGS if tag in blocks)
-    edge = _without_self_edges(edge, warnings)
+    edge = _without_self_edges(edge, warnings, dropped)
     if len(edge.ids) == 0:
         raise BackendError(f"{name}: has no edge between two vertices; there is nothing to optimize")
     ids, poses = _vertices(vertex, edge, dimension, name, warnings)
@@ -91,6 +92,7 @@ def read_g2o(path: str | Path) -> PoseGraph:
         information=_information(edge, dimension, name),
         fixed=fixed,
         warnings=tuple(warnings),
+        dropped=dict(dropped),
     )
 
 
@@ -109,7 +111,7 @@ def _text(path: Path) -> str:
 
 
 def _rows(
-    text: str, name: str, warnings: list[str]
+    text: str, name: str, warnings: list[str], dropped: Counter[str]
 ) -> tuple[dict[str, list[tuple[int, list[str]]]], list[tuple[int, int]]]:
     """Lines by tag as (line number, fields), and the vertices that FIX names."""
     rows: dict[str, list[tuple[int, list[str]]]] = {tag: [] for tag in _TAGS}
@@ -129,12 +131,14 @@ def _rows(
             rows[fields[0]].append((number, fields))
         elif number == len(lines) and len(fields) < 1 + tag.ids + tag.figures:
             warnings.append(f"line {number} ends in mid-line: the file is truncated, that line is dropped")
+            dropped["line without an end"] += 1
         else:
             raise BackendError(
                 f"{name}:{number}: {fields[0]} has {len(fields) - 1} fields instead of"
                 f" {tag.ids + tag.figures}; mend or remove the line"
             )
     if unknown:
+        dropped["line of another kind"] += unknown.total()
         listed = ", ".join(f"{count} {tag}" for tag, count in unknown.most_common(5))
         warnings.append(f"{unknown.total()} lines of kinds that are not used here were skipped: {listed}")
     return rows, fixed
@@ -182,9 +186,10 @@ def _float(field: str) -> float:
         return float("nan")
 
 
-def _without_self_edges(edge: _Block, warnings: list[str]) -> _Block:
+def _without_self_edges(edge: _Block, warnings: list[str], dropped: Counter[str]) -> _Block:
     ok = edge.ids[:, 0] != edge.ids[:, 1]
     if not ok.all():
+        dropped["edge from a vertex to itself"] += int((~ok).sum())
         warnings.append(
             f"{(~ok).sum()} edges from a vertex to itself were dropped (first: line {edge.lines[~ok][0]})"
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -39,6 +39,8 @@ class PoseGraph:
     """(n,) vertices that the file holds in place."""
     warnings: tuple[str, ...] = ()
     """What was skipped, repaired or dropped when the file was read."""
+    dropped: dict[str, int] = field(default_factory=dict)
+    """Lines of the file that are not in the graph, counted by reason."""
 
     @property
     def has_pose(self) -> NDArray[np.bool_]:

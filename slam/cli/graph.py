@@ -109,7 +109,8 @@ def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[st
         chain_w_T_b=graph.poses,
         odometry_w_T_b=np.full((count, 4, 4), np.nan),
         frames=count,
-        rejected={"edge disagrees with the rest of the graph": rejected} if rejected else {},
+        rejected=graph.dropped
+        | ({"edge disagrees with the rest of the graph": rejected} if rejected else {}),
         timing_s=timing_s,
         warnings=(*graph.warnings, *solution.warnings, *solution.unobserved),
         graph_error=solution.error,

@@ -151,6 +151,15 @@ def test_the_written_graph_is_at_its_minimum(graph, tmp_path):
     assert (tmp_path / "b" / "graph.g2o").read_text().count("EDGE_SE2") == 4
 
 
+def test_lines_of_a_graph_that_are_not_used_are_counted(graph, tmp_path):
+    with graph.open("a") as stream:
+        stream.write("EDGE_SE2 1 1 0 0 0 1 0 0 1 0 1\nLANDMARK 3\nLANDMARK 4\n")
+    told = " ".join(run("optimize", graph, "--out", tmp_path / "o").stdout.split())
+    assert "left out 2 x line of another kind, 1 x edge from a vertex to itself" in told
+    rejected = json.loads((tmp_path / "o" / "summary.json").read_text())["edges"]["rejected"]
+    assert rejected == {"line of another kind": 2, "edge from a vertex to itself": 1}
+
+
 def test_a_graph_without_vertices_starts_from_the_edges(graph, tmp_path):
     edges = [line for line in SQUARE.splitlines() if line.startswith("EDGE")]
     graph.write_text("\n".join(edges) + "\n")
