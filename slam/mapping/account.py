@@ -14,6 +14,7 @@ from slam.flight import Flight
 from slam.info import describe, missing_for_map
 from slam.mapping.chain import chain
 from slam.mapping.clocks import delay_told
+from slam.mapping.contradictions import contradictions
 from slam.mapping.fusion import Fused, comparable
 from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.lean import lean_of, lean_told
@@ -63,8 +64,10 @@ def _loop_verdicts(
     return tuple(sorted(verdicts, key=lambda v: (v.i, v.j)))
 
 
-def _status(fused: Fused, metric: bool) -> tuple[str, list[str]]:
-    warnings = list(fused.warnings)
+def _status(flight: Flight, stamps_s: Array, fused: Fused, metric: bool) -> tuple[str, list[str]]:
+    by_metres = metric or fused.georeferenced
+    main = fused.of_main(fused.w_T_b)
+    warnings = [*fused.warnings, *contradictions(flight, stamps_s, main, by_metres)]
     parts = int(fused.component.max(initial=-1)) + 1
     lost = int((fused.component < 0).sum())
     if parts > 1:
@@ -78,7 +81,7 @@ def _status(fused: Fused, metric: bool) -> tuple[str, list[str]]:
         warnings.append(
             f"no covariance for {vague} keyframes: not refined, or not determined by what was measured"
         )
-    if not metric and not fused.georeferenced:
+    if not by_metres:
         warnings.append(_scale_told(fused))
     status = "ok" if not warnings else "; ".join(warnings)
     return status, warnings
@@ -97,7 +100,8 @@ def account(
     """The estimate of a flight from what was found."""
     sightings, edges, solution, fused = mapped.sightings, mapped.edges, mapped.solution, mapped.fused
     assert flight.frames is not None
-    status, warnings = _status(fused, bool(edges.heights.metric[fused.component >= 0].all()))
+    metric = bool(edges.heights.metric[fused.component >= 0].all())
+    status, warnings = _status(flight, sightings.stamps_s, fused, metric)
     loops = _loop_verdicts(config, sightings, edges, solution)
     rejected = Counter(sightings.rejected)
     rejected.update(Counter(f"loop: {reason_kind(v.reason)}" for v in loops if v.verdict == "rejected"))

@@ -1,0 +1,108 @@
+"""Whether map and instruments tell of one flight: turns, tilts and ways from keyframe to keyframe.
+
+Noise, gains and small delays are no matter here. A file in another order, a sign, an axis or a unit is: the
+map of such a flight is consistent in itself, and nothing but another instrument knows better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from slam.flight import Flight
+
+Array = NDArray[np.float64]
+
+LONGEST_STEP_S = 2.0
+LEAST_STEPS = 15
+LEAST_TURN_RAD, LEAST_WAY_M = np.radians(1.0), 0.05
+"""Root mean square of what the map does in a step: of less, noise hides what an instrument says."""
+ALIKE, AGAINST = 0.5, -0.5
+"""Correlations of one motion, and of one with its sign turned."""
+FAR = 1.5
+"""Gains of flow and sonar are within a fourth."""
+
+
+def contradictions(flight: Flight, stamps_s: Array, w_T_b: Array, metric: bool) -> list[str]:
+    """A line for each instrument that tells of another motion than the map.
+
+    ``w_T_b`` (n, 4, 4) at ``stamps_s`` (n,), NaN where a keyframe is not in the map; ``metric``: whether its
+    lengths are metres.
+    """
+    placed = np.isfinite(w_T_b).all(axis=(1, 2))
+    at_s, poses = stamps_s[placed], w_T_b[placed]
+    near = np.flatnonzero((np.diff(at_s) > 0) & (np.diff(at_s) <= LONGEST_STEP_S))
+    if len(near) < LEAST_STEPS:
+        return []
+    begin_s, end_s = at_s[near], at_s[near + 1]
+    w_R_b = Rotation.from_matrix(poses[:, :3, :3])
+    first, last = w_R_b[near], w_R_b[near + 1]
+    turned = (first.inv() * last).as_rotvec()
+    span_s = (end_s - begin_s)[:, None]
+    lines: list[str] = []
+    if flight.imu is not None:
+        read = _mean(flight.imu.stamps_s, flight.imu.gyro_rad_s, begin_s, end_s) * span_s
+        lines += _told("imu0 (gyro)", read, turned, LEAST_TURN_RAD)
+    if flight.attitude is not None:
+        angles = np.unwrap(flight.attitude.roll_pitch_yaw_rad, axis=0)
+        read = np.subtract(*(_at(flight.attitude.stamps_s, angles, at) for at in (end_s, begin_s)))
+        made = np.diff(np.unwrap(w_R_b.as_euler("ZYX")[:, ::-1], axis=0), axis=0)[near]
+        lines += _told("attitude0 (roll, pitch)", read[:, :2], made[:, :2], LEAST_TURN_RAD)
+        lines += _told("attitude0 (yaw)", read[:, 2:], made[:, 2:], LEAST_TURN_RAD)
+    if flight.velocity is not None:
+        read = _mean(flight.velocity.stamps_s, flight.velocity.v_m_s, begin_s, end_s) * span_s
+        half_way = first * Rotation.from_rotvec(0.5 * turned)
+        level_R_w = Rotation.from_euler("z", -half_way.as_euler("ZYX")[:, :1])
+        made = level_R_w.apply(np.diff(poses[:, :3, 3], axis=0)[near])[:, :2]
+        lines += _told("velocity0", read, made, LEAST_WAY_M, metric)
+    return lines
+
+
+def _told(who: str, read: Array, made: Array, least: float, by_length: bool = False) -> Iterator[str]:
+    """What is read of each step against what the map makes of it, both (n, c)."""
+    known = np.isfinite(read).all(axis=1)
+    read, made = read[known], made[known]
+    if len(read) < LEAST_STEPS or np.sqrt(np.mean((made**2).sum(axis=1))) < least:
+        return
+    of_read, of_made = float((read**2).sum()), float((made**2).sum())
+    if of_read == 0.0:
+        yield f"{who}: no motion, where the pictures tell of some: stuck?"
+        return
+    alike = float((read * made).sum()) / np.sqrt(of_read * of_made)
+    further = np.sqrt(of_made / of_read)
+    if alike < AGAINST:
+        yield f"{who}: the pictures tell the opposite (correlation {alike:.2f}): the format's signs?"
+    elif alike < ALIKE:
+        yield (
+            f"{who}: the pictures tell of another motion (correlation {alike:.2f}): other stamps, signs or "
+            "axes?"
+        )
+    elif by_length and not 1 / FAR < further < FAR:
+        yield (
+            f"{who}: the map goes {further:.2g} times as far as it says: its unit, or a height "
+            "sensor that is stuck?"
+        )
+
+
+def _at(stamps_s: Array, values: Array, at_s: Array) -> Array:
+    """(m, c) between readings (n, c); NaN beyond them."""
+    known = np.isfinite(values).all(axis=1)
+    if known.sum() < 2:
+        return np.full((len(at_s), values.shape[1]), np.nan)
+    return np.column_stack(
+        [np.interp(at_s, stamps_s[known], column, np.nan, np.nan) for column in values[known].T]
+    )
+
+
+def _mean(stamps_s: Array, values: Array, begin_s: Array, end_s: Array) -> Array:
+    """(m, c) mean of readings (n, c) over each time, by trapezoids; NaN beyond them."""
+    known = np.isfinite(values).all(axis=1)
+    stamps_s, values = stamps_s[known], values[known]
+    if len(stamps_s) < 2:
+        return np.full((len(begin_s), values.shape[1]), np.nan)
+    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(stamps_s)[:, None]
+    sums = np.vstack([np.zeros(values.shape[1]), np.cumsum(steps, axis=0)])
+    return (_at(stamps_s, sums, end_s) - _at(stamps_s, sums, begin_s)) / (end_s - begin_s)[:, None]

@@ -1,0 +1,77 @@
+"""A map that another instrument contradicts grossly says so; noise, gains and delays are no matter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.flight import Flight
+from slam.mapping.contradictions import contradictions
+from slam.simulation import simulate
+from slam.simulation.recipe import load_recipe
+
+STEP_S = 0.3
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    recipe = load_recipe("figure_eight_heights")
+    return simulate(replace(recipe, camera=None), seed=4)
+
+
+def told(flight: Flight, metric: bool = True, backwards: bool = False) -> list[str]:
+    """The true way as a map."""
+    assert flight.truth is not None
+    at = np.searchsorted(flight.truth.stamps_s, np.arange(1.0, flight.truth.stamps_s[-1] - 1.0, STEP_S))
+    poses = flight.truth.w_T_b[at]
+    poses[5] = np.nan
+    return contradictions(flight, flight.truth.stamps_s[at], poses[::-1] if backwards else poses, metric)
+
+
+def test_a_healthy_flight_is_not_contradicted(flight: Flight):
+    assert told(flight) == []
+
+
+def test_neither_noise_nor_gain_nor_delay_contradicts(flight: Flight):
+    read, attitude = flight.velocity, flight.attitude
+    slow = replace(read, v_m_s=0.75 * read.v_m_s, stamps_s=read.stamps_s + 0.05)
+    noise = np.random.default_rng(1).normal(0.0, np.radians(0.5), attitude.roll_pitch_yaw_rad.shape)
+    rough = replace(attitude, roll_pitch_yaw_rad=attitude.roll_pitch_yaw_rad + noise)
+    assert told(replace(flight, velocity=slow, attitude=rough)) == []
+
+
+def test_signs_of_the_attitude_are_told(flight: Flight):
+    turned = flight.attitude.roll_pitch_yaw_rad * [-1.0, -1.0, 1.0]
+    (line,) = told(replace(flight, attitude=replace(flight.attitude, roll_pitch_yaw_rad=turned)))
+    assert line.startswith("attitude0 (roll, pitch): the pictures tell the opposite (correlation -")
+
+
+def test_pictures_in_another_order_are_told(flight: Flight):
+    lines = told(flight, backwards=True)
+    assert any(line.startswith("velocity0: the pictures tell") for line in lines)
+    assert any(line.startswith("imu0 (gyro): the pictures tell") for line in lines)
+
+
+def test_a_gyro_that_is_stuck_is_told(flight: Flight):
+    still = replace(flight.imu, gyro_rad_s=np.zeros_like(flight.imu.gyro_rad_s))
+    assert told(replace(flight, imu=still)) == [
+        "imu0 (gyro): no motion, where the pictures tell of some: stuck?"
+    ]
+
+
+def test_a_unit_is_told_where_lengths_are_metres(flight: Flight):
+    read = replace(flight, velocity=replace(flight.velocity, v_m_s=100.0 * flight.velocity.v_m_s))
+    (line,) = told(read)
+    assert line.startswith("velocity0: the map goes 0.01 times as far as it says")
+    assert told(read, metric=False) == []
+
+
+def test_streams_of_nothing_are_survived(flight: Flight):
+    lost = replace(
+        flight,
+        velocity=replace(flight.velocity, v_m_s=np.full_like(flight.velocity.v_m_s, np.nan)),
+        imu=replace(flight.imu, stamps_s=flight.imu.stamps_s[:1], gyro_rad_s=flight.imu.gyro_rad_s[:1]),
+    )
+    assert told(lost) == []
