@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from slam.errors import InputError
 from slam.flight import AttitudeSeries, Flight, Frames, Gps, Image, Sonar, Truth, told_apart
+from slam.repeats import without_repeats
 
 Array = NDArray[np.float64]
 Series = TypeVar("Series", Sonar, AttitudeSeries, Gps, Truth)
@@ -31,7 +32,8 @@ def join_flights(flights: Sequence[Flight]) -> Flight:
 
     A flight that does not begin after the last one's end is shifted behind it by whole seconds, and a warning
     says so. Truth is kept where all have it; they must have it in the same world.
-    Raises ``InputError`` where there is no flight, one has no pictures, or cameras differ.
+    Raises ``InputError`` where there is no flight, one has no pictures, cameras differ, or one recording is
+    given twice.
     """
     if not flights:
         raise InputError("no flight to join; give one or more")
@@ -40,6 +42,9 @@ def join_flights(flights: Sequence[Flight]) -> Flight:
     for flight in flights:
         _refuse_unless_alike(flights[0], flight)
     parts = told_apart(flights)
+    _, repeated = without_repeats(parts)
+    if repeated:
+        raise InputError(f"{repeated[0].removesuffix('it was left out')}give it once")
     shifts_s, warnings = _shifts(parts)
     known = [flight.name for flight in parts if flight.truth is not None]
     if 0 < len(known) < len(parts):

@@ -40,6 +40,7 @@ from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.sentence import sentence_of
 from slam.flight import Flight, told_apart
 from slam.progress import Progress, Tally, compilation_shown, silent
+from slam.repeats import without_repeats
 from slam.simulation.model import Model, load_model
 
 SHOWN_SHAPES = 8
@@ -66,10 +67,12 @@ def criticise(
     from threadpoolctl import threadpool_limits
 
     believed = model if isinstance(model, Model) else load_model(model)
-    flights = [with_body_ranges(flight) for flight in told_apart(flights)]
+    flights, repeated = without_repeats(told_apart(flights))
+    flights = [with_body_ranges(flight) for flight in flights]
     unled = bool(flights) and not any(is_led(flight) for flight in flights)
     with threadpool_limits(1), compilation_shown(progress):
         found = (_unled if unled else _led)(flights, believed, progress)
+    found = replace(found, dropped=(*repeated, *found.dropped))
     if found.extended is None:
         return found
     return replace(found, extended=with_certainty(found.extended, found.causes))

@@ -106,7 +106,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
 
 
 def _tiles(result: Criticism) -> list[Item]:
-    tiles = [Item("flights judged", str(len(result.flights) - len(_whole_flights_dropped(result))))]
+    tiles = [Item("flights judged", str(len(result.flights)))]
     if result.causes:
         first = result.causes[0]
         tiles.append(Item(f"probability of {first.name}", f"{first.probability:.3f}"))
@@ -115,10 +115,6 @@ def _tiles(result: Criticism) -> list[Item]:
         strongest = max(result.ranking, key=lambda r: r.z)
         tiles.append(Item(f"strongest of all ({strongest.name})", f"{strongest.z:.1f} sigma"))
     return tiles
-
-
-def _whole_flights_dropped(result: Criticism) -> list[str]:
-    return [name for name in result.flights if any(line.startswith(f"{name}:") for line in result.dropped)]
 
 
 def cause_rows(result: Criticism) -> list[CauseRow]:
