@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 WAYS = ("dead reckoning on board", "filter", "smoothed")
 """What the three trajectories of such an estimate are."""
 MOST_POSES = 200_000
+CONTRADICTED = 100.0
+"""Times the noise that is told: a few are usual, an accelerometer on a frame that shakes has thirty."""
 _TOLD_TILT_DEG, _TOLD_SCALE = 3.0, 1e-6
 """An own attitude that is off by more, and a scale that is held and less well known, are told."""
 
@@ -67,7 +69,7 @@ def navigate(
     assert track.smoothed is not None
     covariances = track.smoothed.covariances if absolute else _since_first(track.smoothed)
     known_to = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
-    said = _unobserved(given, float(known_to[-1]))
+    said = [*_unobserved(given, float(known_to[-1])), *_contradicted(given)]
     stamps_ns = flight.epoch_ns + np.round(at_s * 1e9).astype(np.int64)
     estimate = Estimate(
         name=flight.name,
@@ -206,11 +208,27 @@ def _counted(track: Track, reasons: Mapping[int, str]) -> dict[str, int]:
     }
 
 
+def _contradicted(given: FilterInput) -> list[str]:
+    """Instruments that are so far from what the others foretell that noise is no word for it."""
+    return [
+        f"{name} and the other instruments contradict each other (off by {factor:.0f} times its noise): its "
+        "unit, its clock, or another instrument that is dead?"
+        for name, factor in given.adjusted.wider.items()
+        if factor >= CONTRADICTED
+    ]
+
+
 def _found_odd(given: FilterInput, track: Track) -> list[str]:
     """What the filter has found of the instruments, one line each."""
-    said = [f"{name} comes {delay_s:g} s late" for name, delay_s in given.adjusted.delay_s.items()]
+    wider = given.adjusted.wider
+    wild = any(factor >= CONTRADICTED for factor in wider.values())
+    # Where instruments contradict each other grossly, so does what makes them agree best.
+    late = {} if wild else given.adjusted.delay_s
+    said = [f"{name} comes {delay_s:g} s late" for name, delay_s in late.items()]
     said += [
-        f"{name} is {factor:.1f} times as noisy as told" for name, factor in given.adjusted.wider.items()
+        f"{name} is {factor:.1f} times as noisy as told"
+        for name, factor in wider.items()
+        if factor < CONTRADICTED
     ]
     for name, channel in track.channels.items():
         if steps := channel.count(status.STEPPED):

@@ -116,6 +116,13 @@ def test_noise_beyond_what_is_told_is_found(flight):
     assert factor * 0.005 == pytest.approx(0.01, rel=0.3), "the floor, widened to the true noise"
 
 
+def test_a_speed_in_another_unit_is_no_noise_and_the_status_says_so(flight):
+    velocity = replace(flight.velocity, v_m_s=100.0 * flight.velocity.v_m_s)
+    estimate = navigate(replace(flight, velocity=velocity)).estimate
+    assert "velocity and the other instruments contradict each other" in estimate.status
+    assert not any("late" in line for line in estimate.warnings)
+
+
 def test_a_held_scale_is_in_the_covariances(flight, navigation):
     rough = navigate(replace(flight, velocity=replace(flight.velocity, scale_std=0.1))).estimate
     np.testing.assert_allclose(rough.w_T_b, navigation.estimate.w_T_b, atol=1e-9)
