@@ -221,6 +221,11 @@ class Flight:
         """The same flight with one more line of ``warnings``."""
         return replace(self, warnings=(*self.warnings, line))
 
+    def not_taken(self, folder: str) -> str:
+        """The line that tells why a stream was not taken although its folder is there; empty without one."""
+        lines = (line for line in self.warnings if line.startswith(f"{folder}: ") and "not recorded" in line)
+        return next(lines, "").split(";")[0]
+
     def geo_origin(self) -> GeoOrigin | None:
         """The first GPS fix with an altitude: origin of the local east-north-up world."""
         if self.gps is None:

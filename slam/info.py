@@ -139,7 +139,7 @@ def missing_for_map(flight: Flight) -> tuple[str, ...]:
 
 def _missing(flight: Flight) -> list[str]:
     if flight.camera is None or flight.frames is None:
-        lines = [f"no camera: there is no map; {NO_CAMERA}"]
+        lines = [f"{flight.not_taken('cam0') or 'no camera'}: there is no map; {NO_CAMERA}"]
     else:
         lines = [*_missing_for_scale(flight), *missing_for_map(flight)]
     if flight.truth is None and flight.gps is None:

@@ -236,7 +236,8 @@ class _Job:
 
 def _camera(flight: Flight) -> Camera:
     if flight.camera is None or flight.frames is None or len(flight.frames) == 0:
-        raise InputError(f"{flight.name}: no camera in this flight, so no map; {NO_CAMERA}")
+        why = flight.not_taken("cam0") or "no camera in this flight"
+        raise InputError(f"{flight.name}: {why}, so no map; {NO_CAMERA}")
     return flight.camera
 
 
@@ -252,6 +253,8 @@ def _refuse_unless(joined: bool, flight: Flight, sightings: Sightings) -> None:
         else f"{usable} of {frames} pictures usable"
     )
     on_reading = next((line for line in flight.warnings if line.startswith("cam0:")), "nothing to compare")
+    if frames == 1:
+        on_reading = "there is one alone"
     raise InputError(
         f"{flight.name}: {what} ({reasons or on_reading}); a map needs two pictures that overlap, "
         "of a floor with texture and light"

@@ -174,19 +174,19 @@ def _begin(flight: Flight, first_s: float) -> float:
 
 
 def _held(flight: Flight) -> str:
-    """The streams that could have told, as they are."""
-    held = ["no imu0"]
+    """The streams that could have told: which are missing, and what there is of the others."""
+    missing, there = ["imu0 has 1 row" if flight.imu is not None else "no imu0"], []
     for name, series, values, columns in (
         ("attitude0", flight.attitude, "roll_pitch_yaw_rad", ("roll", "pitch", "yaw")),
         ("velocity0", flight.velocity, "v_m_s", ("v_x", "v_y")),
     ):
         if series is None:
-            held.append(f"no {name}")
+            missing.append(f"no {name}")
             continue
         finite = np.isfinite(getattr(series, values)).any(axis=0)
-        there = [column for column, known in zip(columns, finite, strict=True) if known]
-        held.append(name if finite.all() else f"of {name} {' and '.join(there) or 'nothing'}")
-    return ", ".join(held)
+        known = [column for column, is_known in zip(columns, finite, strict=True) if is_known]
+        there.append(name if finite.all() else f"of {name} {' and '.join(known) or 'nothing'}")
+    return "; there is ".join(part for part in (", ".join(missing), ", ".join(there)) if part)
 
 
 def _adjusted(readings: Readings, adjusted: Adjusted) -> Readings:

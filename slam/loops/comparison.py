@@ -112,7 +112,8 @@ def evaluate_loops(
     Raises ``InputError`` where it has neither, no pictures, or too few keyframes for a loop.
     """
     if flight.camera is None or flight.frames is None or len(flight.frames) == 0:
-        raise InputError(f"{flight.name}: no camera in this flight, so no loops to find; {NO_CAMERA}")
+        why = flight.not_taken("cam0") or "no camera in this flight"
+        raise InputError(f"{flight.name}: {why}, so no loops to find; {NO_CAMERA}")
     if not any(stream is not None and len(stream.stamps_s) for stream in (flight.truth, flight.gps)):
         raise InputError(
             f"{flight.name}: has neither truth nor GPS to judge loops by; "

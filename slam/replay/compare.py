@@ -134,16 +134,27 @@ def _commanded(flight: Flight) -> tuple[Stick, tuple[float, float], float]:
     """The stick, from when to when there are both commands and readings, and the tilt at full stick that the
     flight names."""
     command = flight.command
-    if command is None or len(command.stamps_s) < 2:
-        raise InputError(f"{flight.name}: holds no commands (command0), so there is nothing to replay")
+    if command is None or len(command.stamps_s) == 0:
+        why = flight.not_taken("command0") or "holds no commands (command0)"
+        raise InputError(f"{flight.name}: {why}, so there is nothing to replay; give a flight with command0")
+    if len(command.stamps_s) == 1:
+        raise InputError(f"{flight.name}: command0 has 1 row, so nothing to replay; a flight has several")
     readings = (flight.imu, flight.attitude, flight.velocity, flight.sonar, flight.truth)
     stamps = [series.stamps_s for series in readings if series is not None and len(series.stamps_s)]
     if not stamps:
         raise InputError(f"{flight.name}: holds nothing but commands, so there is nothing to compare")
     begin_s = max(float(command.stamps_s[0]), min(float(s[0]) for s in stamps))
     end_s = min(float(command.stamps_s[-1]), max(float(s[-1]) for s in stamps))
+    if end_s < begin_s:
+        raise InputError(
+            f"{flight.name}: the command log is on another clock, {begin_s - end_s:.0f} s away from the "
+            "readings; write the stamps of command0 on the clock of the other streams"
+        )
     if end_s - begin_s < SHORTEST_S:
-        raise InputError(f"{flight.name}: commands and readings overlap by less than {SHORTEST_S:g} s")
+        raise InputError(
+            f"{flight.name}: commands and readings share {end_s - begin_s:.2f} s, {SHORTEST_S:g} s are the "
+            "least; give a longer recording"
+        )
     first_s = float(command.stamps_s[0])
     stick = stick_of(command, float(command.stamps_s[-1]) - first_s, first_s)
     return stick, (begin_s, end_s), command.max_tilt_rad

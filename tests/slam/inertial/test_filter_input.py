@@ -35,9 +35,10 @@ def velocity(columns):
     [
         (Flight("f"), "no imu0, no attitude0, no velocity0"),
         (Flight("f", attitude=attitude([1]), velocity=velocity([0])), "of attitude0 pitch, of velocity0 v_x"),
-        (Flight("f", attitude=attitude([0, 1, 2])), "attitude0, no velocity0"),
+        (Flight("f", attitude=attitude([0, 1, 2])), "(no imu0, no velocity0; there is attitude0)"),
         (Flight("f", attitude=attitude([0, 1, 2]), velocity=velocity([])), "of velocity0 nothing"),
-        (Flight("f", barometer=Scalar(np.arange(5.0), np.ones(5))), "no imu0"),
+        (Flight("f", barometer=Scalar(np.arange(5.0), np.ones(5))), "(no imu0, no attitude0, no velocity0)"),
+        (Flight("f", imu=Imu(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)))), "imu0 has 1 row"),
     ],
 )
 def test_too_little_is_refused_in_one_line_that_says_what_there_is(flight, said):

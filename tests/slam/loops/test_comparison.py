@@ -34,6 +34,7 @@ from tests.slam.small_flight import flown, gps_of, only
 
 LAPS = {"cruise_m_s": 0.5, "way_points": ["A", "B", [1.5, 0.7], [0.3, 0.7], "A"], "laps": 3}
 LIGHT = {"exposure_variation": {"gain": 0.15, "gamma": 0.3, "tau": 0.02}}
+NO_ROWS = "cam0: data.csv has no rows; taken as not recorded"
 ALIASED = {"repeat": True, "tile_m": 1.2, "extent_m": [0, 0, 1.8, 1.2], "seed": 3}
 
 
@@ -151,6 +152,7 @@ def test_gps_serves_where_there_is_no_truth():
     [
         (lambda f: replace(f, truth=None), "neither truth nor GPS"),
         (lambda f: replace(f, camera=None, frames=None), "no camera in this flight"),
+        (lambda f: replace(f, camera=None, frames=None, warnings=(NO_ROWS,)), "cam0: data.csv has no rows, so"),
         (lambda f: only(f, range(12)), "too few for a loop"),
         (lambda f: only(f, [0]), "a map needs two pictures"),
     ],

@@ -181,6 +181,7 @@ def test_the_picture_is_a_picture():
 
 
 STAMPS = np.arange(0, 5, 0.05)
+NO_ROWS = "command0: data.csv has no rows; taken as not recorded"
 SOME = Command(STAMPS, np.zeros((100, 4)))
 STILL = Truth(STAMPS, np.tile(np.eye(4), (100, 1, 1)))
 
@@ -189,11 +190,16 @@ STILL = Truth(STAMPS, np.tile(np.eye(4), (100, 1, 1)))
     ("flight", "said"),
     [
         (Flight("f", truth=STILL), "no commands"),
+        (Flight("f", truth=STILL, warnings=(NO_ROWS,)), "command0: data.csv has no rows, so"),
+        (Flight("f", command=replace(SOME, stamps_s=STAMPS[:1], stick=SOME.stick[:1])), "command0 has 1 row"),
         (Flight("f", command=SOME), "nothing but commands"),
-        (Flight("f", command=SOME, truth=replace(STILL, stamps_s=STAMPS + 100)), "overlap by less"),
+        (
+            Flight("f", command=SOME, truth=replace(STILL, stamps_s=STAMPS + 100)),
+            "another clock, 95 s away .* write the stamps",
+        ),
         (
             Flight("f", command=SOME, attitude=AttitudeSeries(STAMPS[:2], np.zeros((2, 3)))),
-            "overlap by less|too few readings",
+            "commands and readings share 0.05 s",
         ),
     ],
 )
