@@ -24,7 +24,10 @@ def simulate(
     seed: Annotated[int, SEED] = 0,
     model: Annotated[str | None, _MODEL] = None,
 ) -> None:
-    """Simulate a flight with camera, sensors and truth."""
+    """Simulate a flight with camera, sensors and truth.
+
+    Two flights of one seed share their noise: give each a --seed of its own where they are judged together.
+    """
     from slam.cli.flights import show
     from slam.cli.tables import written
     from slam.console import console, progress_shown

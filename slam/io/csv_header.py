@@ -36,6 +36,16 @@ class Column:
         """As the header has it."""
         return f"{self.name} [{self.unit}]"
 
+    @property
+    def most(self) -> str:
+        """The limit with its unit, in words."""
+        return f"{self.limit:g}" if self.unit == "1" else f"{self.limit:g} {self.unit}"
+
+    @property
+    def in_unit(self) -> str:
+        """The unit in words."""
+        return "plain numbers, 1 for the whole" if self.unit == "1" else f"[{self.unit}]"
+
 
 def header_of(columns: tuple[Column, ...]) -> str:
     """The header line that a stream of these columns has."""
@@ -85,7 +95,7 @@ def column_places(path: Path, header: list[str], columns: tuple[Column, ...]) ->
         unit = titles[at][1]
         if unit is not None and _SPELLINGS.get(unit, unit) != _SPELLINGS.get(column.unit, column.unit):
             guess = _GUESSES.get(unit)
-            do = f"convert it to [{column.unit}]" + (f" ({guess})" if guess else "")
+            do = f"convert it to {column.in_unit}" + (f" ({guess})" if guess else "")
             raise refusal(path, f"gives {column.name} in [{unit}]", do, 1)
         found.append(at + 1)
     return found

@@ -268,9 +268,9 @@ def _plausible(table: Table, columns: tuple[Column, ...]) -> Table:
         first = int(np.argmax(beyond))
         value, line = table.values[first, k], int(table.lines[first])
         if count > 0.5 * np.isfinite(table.values[:, k]).sum() and count > 1:
-            what = f"has {column.name} = {value:g} and most others beyond {column.limit:g} {column.unit}"
-            raise refusal(table.path, what, f"check that the column is in [{column.unit}]", line)
+            what = f"has {column.name} = {value:g} and most others beyond {column.most}"
+            raise refusal(table.path, what, f"give the column in {column.in_unit}", line)
         table.values[beyond, k] = np.nan
-        beyond_what = f"{column.name} beyond {column.limit:g} {column.unit}"
+        beyond_what = f"{column.name} beyond {column.most}"
         notes.append(f"{count} values of {beyond_what} taken as missing (first: line {line})")
     return Table(table.path, table.stamps_ns, table.values, (), table.lines, tuple(notes), table.cut_short)

@@ -6,6 +6,7 @@ What a file leaves out is as the nominal model has it.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from difflib import get_close_matches
@@ -15,7 +16,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from slam.config import load_config, read_toml
 from slam.errors import InputError
@@ -65,11 +66,23 @@ class Vehicle:
     """The paper's principal moments, for the record: the attitude's lag stands for what they do."""
 
 
+def _printable(name: str) -> str:
+    if not re.fullmatch(r"[\w .+-]+", name):
+        raise ValueError(
+            f"{name[:40]!r} holds more than letters, digits, spaces and _ . + -; use those alone"
+        )
+    return name
+
+
+Name = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_printable)]
+"""Of a recipe or a model: what can be part of a file's name, and of a line."""
+
+
 @dataclass(frozen=True)
 class Model:
     """What criticism has to judge: how a vehicle moves and what its instruments read."""
 
-    name: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[\w .+-]+$")] = "nominal"
+    name: Name = "nominal"
     vehicle: Vehicle = field(default_factory=Vehicle)
     hold_noise: HoldNoise = field(default_factory=HoldNoise)
     imu: ImuModel = field(default_factory=ImuModel)

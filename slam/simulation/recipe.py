@@ -11,9 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any
-
-from pydantic import Field
+from typing import Any
 
 from slam.config import load_config, read_toml
 from slam.errors import InputError
@@ -21,6 +19,7 @@ from slam.simulation.camera.optics import CameraModel
 from slam.simulation.manoeuvre import Manoeuvre, plan
 from slam.simulation.model import (
     Model,
+    Name,
     check_model,
     model_from,
     model_path,
@@ -38,7 +37,7 @@ LANDMARK_NAME = re.compile(r"[A-Za-z0-9_+-]{1,8}")
 class Recipe:
     """A flight to be simulated: the place, the vehicle, its way and its instruments."""
 
-    name: Annotated[str, Field(min_length=1, max_length=80, pattern=r"^[\w .+-]+$")]
+    name: Name
     maneuver: Manoeuvre
     """Spelled as recipe files have it."""
     landmarks: dict[str, tuple[float, float]] = field(default_factory=dict)
@@ -64,6 +63,7 @@ def load_recipe(source: str | Path, model: str | Path | None = None) -> Recipe:
     path = _recipe_path(source)
     mapping = read_toml(path)
     if model is not None:
+        model_path(model)  # what there is not is refused by its own name, not as a fault of the recipe
         mapping["model"] = str(Path(model).resolve() if Path(model).suffix == ".toml" else model)
     return recipe_from(mapping, str(path), path.parent)
 

@@ -232,3 +232,10 @@ def test_pipes_and_folders_for_files_do_not_hang(folder):
     csv.unlink()
     csv.mkdir()
     assert_refused(folder, "a folder")
+
+
+def test_a_column_without_a_unit_is_told_in_words(folder):
+    scale(mav(folder, "command0") / "data.csv", (1,), 1e9)
+    message = assert_refused(folder, "command0/data.csv", "plain numbers, 1 for the whole")
+    assert "[1]" not in message
+    assert "1e+06 1" not in message

@@ -152,7 +152,7 @@ def test_gps_serves_where_there_is_no_truth():
     [
         (lambda f: replace(f, truth=None), "neither truth nor GPS"),
         (lambda f: replace(f, camera=None, frames=None), "no camera in this flight"),
-        (lambda f: replace(f, camera=None, frames=None, warnings=(NO_ROWS,)), "cam0: data.csv has no rows, so"),
+        (lambda f: replace(f, camera=None, frames=None, warnings=(NO_ROWS,)), "cam0: data.csv has no rows"),
         (lambda f: only(f, range(12)), "too few for a loop"),
         (lambda f: only(f, [0]), "a map needs two pictures"),
     ],

@@ -96,7 +96,7 @@ def test_a_texture_starts_at_the_recipes_folder(tmp_path):
         (merged(landmarks={"A": [9, 9]}), "landmarks.A (9, 9) lies off the floor"),
         (merged(landmarks={"A\n,B": [0, 0]}), "use 1 to 8 letters"),
         (merged(landmark_pairs=[["A", "B"]]), "landmark_pairs[0]: no landmark 'A'"),
-        (merged(name="../../x"), "name:"),
+        (merged(name="../../x"), "name: '../../x' holds more than letters, digits, spaces and _ . + -"),
         (merged(velocity={"rate_hz": 0}), "velocity.rate_hz: should be greater than 0"),
         (merged(command={"rate_hz": 0}), "command.rate_hz: should be greater than 0"),
         (merged(battery={"rate_hz": 0.0}), "battery.rate_hz: should be greater than 0"),
@@ -181,3 +181,8 @@ def test_the_readme_tells_of_every_term_what_the_catalogue_does(name):
     mistaken_for, to_fly = row.split(" | ")[-2:]
     assert mistaken_for == (", ".join(f"`{other}`" for other in term.confounders) or "–")
     assert to_fly == f"{term.excitation} |"
+
+
+def test_a_model_that_there_is_not_is_no_fault_of_the_recipe():
+    with pytest.raises(InputError, match=r"^nope: no such model"):
+        load_recipe("hover", "nope")
