@@ -75,18 +75,16 @@ def record(replay: Replay) -> dict[str, Any]:
 
 
 def table(replay: Replay) -> FigureTable:
-    """The errors of all channels at all horizons."""
+    """The errors of all channels at all horizons, in the units of the picture."""
+    from slam.replay.channels import as_read
     from slam.report.accuracy import FigureTable
 
     horizons = [f"{horizon:g} s" for horizon in replay.rollouts]
-    rows = [
-        (
-            f"{channel.name} [{channel.unit}]",
-            *(f"{rms:.3g}" for rms in channel.rms.values()),
-            f"{channel.flight_rms:.3g}",
-        )
-        for channel in replay.channels
-    ]
+    rows = []
+    for channel in replay.channels:
+        factor, unit = as_read(channel.unit)
+        off = (*channel.rms.values(), channel.flight_rms)
+        rows.append((f"{channel.name} [{unit}]", *(f"{factor * rms:.3g}" for rms in off)))
     return FigureTable(
         f"{replay.flight}, measured less simulated by model {replay.model}: RMS over roll-outs",
         ("channel", *horizons, "whole flight"),

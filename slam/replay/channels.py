@@ -36,6 +36,11 @@ class Channel:
     """Whole turns do not count."""
 
 
+def as_read(unit: str) -> tuple[float, str]:
+    """By what a channel's figures are multiplied for a person, and their unit then: angles in degrees."""
+    return (float(np.degrees(1.0)), unit.replace("rad", "deg")) if unit in ("rad", "rad/s") else (1.0, unit)
+
+
 @dataclass(frozen=True)
 class Stream:
     """Readings of one instrument, at the times at which the model says they were taken."""

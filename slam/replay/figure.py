@@ -7,25 +7,31 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.drawing import BLUE, GREY, ORANGE, plain, png
+from slam.replay.channels import as_read
 from slam.replay.compare import Comparison, Replay
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-DEGREES = ("rad", "rad/s")
-COLUMNS = 2
+COLUMNS = 3
 MOST_POINTS = 3000
 """Drawn of a stream: more than there are pixels."""
 
 
 def draw(replay: Replay) -> bytes:
     """The picture as PNG: measured readings, the whole flight in one roll-out, and the short roll-outs."""
+    return png(figure(replay))
+
+
+def figure(replay: Replay) -> Figure:
+    """The picture's panels, a channel each."""
     from matplotlib.figure import Figure
 
     count = len(replay.channels)
     rows = -(-count // COLUMNS)
-    figure = Figure(figsize=(13, 1.0 + 1.9 * rows), dpi=110, layout="constrained")
-    panels = np.atleast_1d(figure.subplots(rows, COLUMNS, sharex=True, squeeze=False)).ravel()
+    drawn = Figure(figsize=(15, 1.0 + 1.6 * rows), dpi=110, layout="constrained")
+    panels = np.atleast_1d(drawn.subplots(rows, COLUMNS, sharex=True, squeeze=False)).ravel()
     for axes, channel in zip(panels, replay.channels, strict=False):
         _panel(axes, channel, replay)
     for axes in panels[count:]:
@@ -34,23 +40,20 @@ def draw(replay: Replay) -> bytes:
         axes.set_xlabel("time [s]")
         axes.tick_params(labelbottom=True)
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3)
-    figure.suptitle(plain(f"{replay.flight} and what model {replay.model} makes of its commands"))
-    return png(figure)
+    drawn.legend(handles, labels, loc="outside lower center", ncols=3)
+    title = f"{replay.flight} and what model {replay.model} makes of its commands"
+    drawn.suptitle(plain(f"{title}; off by: RMS over {replay.shown_s:g} s from each new beginning"))
+    return drawn
 
 
 def _panel(axes: Axes, channel: Comparison, replay: Replay) -> None:
-    factor, unit = (
-        (np.degrees(1.0), channel.unit.replace("rad", "deg"))
-        if channel.unit in DEGREES
-        else (1.0, channel.unit)
-    )
+    factor, unit = as_read(channel.unit)
     every = max(1, len(channel.stamps_s) // MOST_POINTS)
     t = channel.stamps_s[::every]
     axes.plot(t, factor * channel.measured[::every], ".", color=GREY, ms=2, label="measured")
     short = factor * channel.restarted[::every]
     axes.plot(t, short, color=ORANGE, lw=1.2, label=f"simulated, begun again every {replay.shown_s:g} s")
     axes.plot(t, factor * channel.simulated[::every], color=BLUE, lw=1, label="simulated, whole flight")
-    shown = f"{channel.name} [{unit}], off by {factor * channel.rms[replay.shown_s]:.3g} RMS"
+    shown = f"{channel.name} [{unit}], off by {factor * channel.rms[replay.shown_s]:.3g}"
     axes.set_title(shown, fontsize=9, loc="left")
     axes.grid(alpha=0.3)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from slam import simulate
+from slam.cli.replay import table
 from slam.errors import InputError
 from slam.flight import AttitudeSeries, Command, Flight, Truth, Velocity
 from slam.replay import replay
-from slam.replay.figure import draw
+from slam.replay.figure import draw, figure
 from slam.simulation.model import Model
 from slam.simulation.recipe import recipe_from
 
@@ -178,6 +179,18 @@ def test_the_picture_is_a_picture():
     flight, model = flown(5)
     png = draw(replay(replace(flight, name="a $strange_name"), model))
     assert png.startswith(b"\x89PNG")
+
+
+def test_picture_and_table_tell_the_same_figures_in_the_same_units():
+    flight, model = flown(5)
+    result = replay(flight, model)
+    panels = [axes.get_title(loc="left") for axes in figure(result).axes if axes.get_visible()]
+    rows = table(result).rows
+    at = list(result.rollouts).index(result.shown_s) + 1
+    assert panels == [f"{row[0]}, off by {row[at]}" for row in rows]
+    assert any(row[0].endswith("[deg]") for row in rows)
+    assert not any("rad" in row[0] for row in rows)
+    assert f"RMS over {result.shown_s:g} s" in figure(result).get_suptitle()
 
 
 STAMPS = np.arange(0, 5, 0.05)
