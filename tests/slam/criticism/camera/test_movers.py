@@ -29,7 +29,9 @@ def test_things_that_go_through_the_pictures_are_moving_objects():
     assert oddity.cause().probability > 0.95
 
 
-@pytest.mark.parametrize("terms", [{}, {"floor_steps": {"height": 0.2, "share": 0.15}}])
+@pytest.mark.parametrize(
+    "terms", [{}, pytest.param({"floor_steps": {"height": 0.2, "share": 0.15}}, marks=pytest.mark.slow)]
+)
 def test_a_floor_is_not_whatever_stands_on_it(terms):
     assert found(terms, 6)[0] == []
 
