@@ -48,10 +48,6 @@ FEWEST_SHOWN = 5
 """A tenth of the catalogue: of flights that would show fewer effects nobody can say that nothing is wrong."""
 STEERED = 1.5
 """Times the thresholds where a controller flies: its sticks tell what it knows beyond the instruments."""
-PICTURED = 1.15
-"""Times the thresholds where there are pictures: these were calibrated without any, and without their
-shapes. Of 24 healthy sets none had an effect beyond 3.4, where 4.25 is asked for:
-``python -m tests.blind.run --kinds seen_null --flights 3 --seed 2212``."""
 FOREIGN = 2.0
 """Times the thresholds: the equations of another vehicle are not held to the last sigma."""
 
@@ -107,8 +103,6 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         limits = limits.times(FOREIGN)
     elif any_holds_heading(records):
         limits = limits.times(STEERED)
-    elif any(record.sights is not None for record in records):
-        limits = limits.times(PICTURED)
     records, strays = _filtered(records, setting, progress)
     records, odd = without_dead_zone(records)
     if not setting.foreign and not combed(records):
