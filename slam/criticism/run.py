@@ -96,7 +96,7 @@ def _unled(flights: Sequence[Flight], model: Model, progress: Progress) -> Criti
 
 
 def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Criticism:
-    limits = load_thresholds()
+    limits = load_thresholds(pictures=any(record.sights is not None for record in records))
     setting = replace(setting_of(model), foreign=is_foreign(records, model))
     if setting.foreign:
         records = [coarsened(record, model) for record in records]

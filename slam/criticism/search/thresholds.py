@@ -25,11 +25,15 @@ class Thresholds:
         return Thresholds(factor * self.effects, factor * self.shapes, factor * self.second)
 
 
-def load_thresholds() -> Thresholds:
-    """The shipped ones."""
+def load_thresholds(pictures: bool = False) -> Thresholds:
+    """The shipped ones, for flights without or with pictures."""
     text = resources.files("slam.criticism.search").joinpath("thresholds.toml").read_text(encoding="utf-8")
     table = tomllib.loads(text)
-    return Thresholds(float(table["effects"]), float(table["shapes"]), float(table["second"]))
+    return Thresholds(
+        float(table["effects"]),
+        float(table["shapes_with_pictures" if pictures else "shapes"]),
+        float(table["second"]),
+    )
 
 
 MISFIT = 0.05
