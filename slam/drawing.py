@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 # Okabe and Ito's colours, told apart by colour-blind readers (jfly.uni-koeln.de/color, 2008).
 BLUE, GREEN, VERMILLION, GREY, ORANGE = "#0072b2", "#009e73", "#d55e00", "#8a8f98", "#e69f00"
 PALE_GREY = "#c3c7cd"
-UNSEEN = "#e8eaed"
-"""Of a map, where nothing was measured."""
+UNSEEN = "#b3b8bf"
+"""Of a map, where nothing was measured: a grey that viridis and magma do not have, and no white."""
 
 
 def canvas(width_in: float, height_in: float) -> tuple[Figure, Axes]:
@@ -42,9 +42,15 @@ def ground_labels(on_earth: bool, metric: bool = True) -> tuple[str, str]:
     return ("east [m]", "north [m]") if on_earth else (f"x [{unit(metric)}]", f"y [{unit(metric)}]")
 
 
-def legend_below(axes: Axes) -> None:
+def round_factor(factor: float) -> float:
+    """The largest of ..., 0.1, 0.2, 0.5, 1, 2, 5, 10, ... that is not above ``factor``."""
+    steps = [mantissa * 10.0**power for power in range(-6, 7) for mantissa in (1, 2, 5)]
+    return max([step for step in steps if step <= factor], default=steps[0])
+
+
+def legend_below(axes: Axes, columns: int = 4) -> None:
     """The legend, under the whole drawing."""
-    axes.figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    axes.figure.legend(loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
 
 
 def panel_legend_below(axes: Axes, columns: int) -> None:

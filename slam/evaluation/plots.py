@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import chi2
 
-from slam.drawing import BLUE, GREY, ORANGE, PALE_GREY, VERMILLION, panel_legend_below, plain, png
+from slam.drawing import (
+    BLUE,
+    GREY,
+    ORANGE,
+    PALE_GREY,
+    VERMILLION,
+    panel_legend_below,
+    plain,
+    png,
+    round_factor,
+)
 from slam.evaluation.landmarks import over_papers_ground
 from slam.evaluation.score import Evaluation, Tracks
 from slam.io.atomic import write_whole
@@ -22,6 +32,8 @@ if TYPE_CHECKING:
 _REFERENCE, _LOOPS, _ODOMETRY, _CHAIN = "black", BLUE, ORANGE, GREY
 _PAPER, _PAPER_EKF = VERMILLION, "#eab08f"
 _AXES = "xyz"
+_SEEN_SHARE = 0.05
+"""Of the extent of a top view: an error of this size stands clear of the reference's line."""
 
 TRAJECTORY_NAME = "evaluation_trajectory.png"
 ERROR_NAME = "evaluation_error.png"
@@ -62,11 +74,17 @@ def trajectory_figure(evaluation: Evaluation) -> Figure:
 def _top_view(axes: Axes, evaluation: Evaluation) -> None:
     tracks = evaluation.tracks
     reference = "truth" if evaluation.reference == "truth" else "GPS"
+    factor = _error_factor(tracks)
+    told = f", error drawn {factor:g} x" if factor > 1 else ""
+    odometry, loops = (
+        tracks.reference_m + factor * (track - tracks.reference_m)
+        for track in (tracks.odometry_m, tracks.loops_m)
+    )
     # The widest first: what lies on another is seen on both sides of it.
     axes.plot(*tracks.chain_m[:, :2].T, color=PALE_GREY, lw=5, label=evaluation.ways[0])
-    axes.plot(*tracks.odometry_m[:, :2].T, color=_ODOMETRY, lw=3.2, label=evaluation.ways[1])
-    axes.plot(*tracks.reference_m[:, :2].T, color=_REFERENCE, lw=1.9, label=reference)
-    axes.plot(*tracks.loops_m[:, :2].T, ".-", color=_LOOPS, lw=0.9, ms=3, label=evaluation.ways[2])
+    axes.plot(*tracks.reference_m[:, :2].T, color=_REFERENCE, lw=3.2, label=reference)
+    axes.plot(*odometry[:, :2].T, color=_ODOMETRY, lw=1.9, label=evaluation.ways[1] + told)
+    axes.plot(*loops[:, :2].T, ".-", color=_LOOPS, lw=0.9, ms=3, label=evaluation.ways[2] + told)
     for name, point in tracks.landmarks_m.items():
         axes.plot(point[0], point[1], "+", color=_REFERENCE, ms=8)
         axes.annotate(plain(name), (point[0], point[1]), xytext=(4, 4), textcoords="offset points")
@@ -77,7 +95,16 @@ def _top_view(axes: Axes, evaluation: Evaluation) -> None:
         f"{plain(evaluation.name)}: position error {length(evaluation.ate_m.rmse)} RMS, "
         f"{length(evaluation.ate_aligned_m.rmse)} rigidly aligned"
     )
-    panel_legend_below(axes, 4)
+    panel_legend_below(axes, 2 if told else 4)
+
+
+def _error_factor(tracks: Tracks) -> float:
+    """By how much errors are drawn enlarged, so that tracks that lie within a line's width can be told apart:
+    1, 2, 5, 10, ... until the largest is seen."""
+    extent_m = float(np.ptp(tracks.reference_m[:, :2], axis=0).max())
+    off = [track - tracks.reference_m for track in (tracks.odometry_m, tracks.loops_m)]
+    largest_m = float(np.nanmax([np.linalg.norm(each[:, :2], axis=1) for each in off], initial=0.0))
+    return max(1.0, round_factor(_SEEN_SHARE * extent_m / largest_m)) if largest_m > 0 else 1.0
 
 
 def _landmark_bars(axes: Axes, evaluation: Evaluation) -> None:

@@ -13,7 +13,8 @@ from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, write_bands
 
 LEAST_SPAN_M = 0.1
-"""The colours of a flat floor span this much, so that noise does not look like hills."""
+"""The colours of a flat floor span this much, half of it below the floor, so that noise does not look like
+hills."""
 
 
 def write_elevation(estimate: Estimate, out_dir: Path) -> Path | None:
@@ -43,12 +44,12 @@ def elevation_picture(height: NDArray[np.float32], grid: Grid) -> bytes:
     axes = figure.subplots()
     axes.set_facecolor(UNSEEN)
     low, high = (float(q) for q in np.nanpercentile(height, [0.5, 99.5]))
-    low, high = min(low, -LEAST_SPAN_M / 4), max(high, LEAST_SPAN_M)
+    low, high = min(low, -LEAST_SPAN_M / 2), max(high, LEAST_SPAN_M / 2)
     drawn = axes.imshow(
-        height, cmap="cividis", extent=grid.extent_m, vmin=low, vmax=high, interpolation="nearest"
+        height, cmap="viridis", extent=grid.extent_m, vmin=low, vmax=high, interpolation="nearest"
     )
     x, y = ground_labels(on_earth=grid.origin is not None)
     axes.set(xlabel=x, ylabel=y)
     axes.set_title("Height over the floor, by the sonar (grey: the beam has not been there)", fontsize=10)
-    figure.colorbar(drawn, ax=axes, label="m", shrink=0.9)
-    return png(figure)
+    figure.colorbar(drawn, ax=axes, label="m", fraction=0.046 * rows / cols, pad=0.03)
+    return png(figure, cropped=True)

@@ -42,9 +42,9 @@ def quality_picture(quality: MosaicQuality, grid: Grid, metric: bool = True) -> 
 
     told, factor = _readable(quality.position_std_m) if metric else (unit(metric), 1.0)
     panels: tuple[tuple[str, NDArray[np.float32], str], ...] = (
-        ("Pictures that see it", quality.pictures, "viridis"),
+        ("Pictures that see it (grey: none)", quality.pictures, "viridis"),
         (f"Position, one standard deviation [{told}]", factor * quality.position_std_m, "magma_r"),
-        ("Seams: brightness of two pictures differs by [%]", 100 * quality.seam_share, "magma_r"),
+        ("Brightness of two pictures differs by [%] (grey: no two)", 100 * quality.seam_share, "magma_r"),
     )
     tall = float(np.clip(4.4 * grid.height / grid.width, 1.8, 8.0))
     figure = Figure(figsize=(14.0, tall + 1.3), dpi=110, layout="constrained")
@@ -59,7 +59,7 @@ def quality_picture(quality: MosaicQuality, grid: Grid, metric: bool = True) -> 
         axes.set_xlabel(x)
         figure.colorbar(drawn, ax=axes, fraction=0.046 * grid.height / grid.width, pad=0.03)
     figure.axes[0].set_ylabel(y)
-    return png(figure)
+    return png(figure, cropped=True)
 
 
 def _readable(std_m: NDArray[np.float32]) -> tuple[str, float]:

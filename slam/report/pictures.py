@@ -12,9 +12,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.drawing import BLUE, GREEN, GREY, ORANGE, VERMILLION, canvas, ground_labels, legend_below, png
+from slam.drawing import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILLION,
+    canvas,
+    ground_labels,
+    legend_below,
+    png,
+    round_factor,
+)
 from slam.estimate import Estimate
-from slam.quantities import unit
+from slam.quantities import length, unit
 from slam.report.facts import chain_on_result, is_placed
 
 if TYPE_CHECKING:
@@ -22,8 +33,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_MOST_LOOPS = 400
-"""Of a kind, drawn at most: a thousand lines hide the map they are about."""
+_MOST_KEPT, _MOST_REJECTED = 400, 60
+"""Loops drawn at most: a thousand lines hide the map they are about; those rejected lie right across it."""
 _MOST_ELLIPSES = 60
 _STRIP_PX = 64
 """Rows of a reduced picture that are made at a time."""
@@ -53,7 +64,7 @@ def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes
     axes.set_aspect("equal", adjustable="datalim")
     if size:
         axes.plot([], [], "o", color=ORANGE, markerfacecolor="none", label=f"2σ ellipse{_drawn(size)}")
-    legend_below(axes)
+    legend_below(axes, columns=3)
     return png(figure)
 
 
@@ -69,10 +80,12 @@ def altitude_picture(estimate: Estimate) -> bytes:
     before = estimate.odometry_w_T_b[:, 2, 3] - estimate.floor_z_m
     if np.isfinite(before).any():
         axes.plot(time, before, color=GREY, linewidth=1.0, label="without loops")
-    axes.fill_between(
-        time, height - 2 * sigma, height + 2 * sigma, color=BLUE, alpha=0.2, linewidth=0, label="± 2σ"
-    )
-    axes.plot(time, height, color=BLUE, linewidth=1.5, label="height above the floor")
+    # Often narrower than a line can be drawn: its size stands in the legend.
+    known = sigma[np.isfinite(sigma)]
+    size = f" (median ± {length(2 * float(np.median(known)), estimate.metric)})" if len(known) else ""
+    band = height - 2 * sigma, height + 2 * sigma
+    axes.fill_between(time, *band, color=ORANGE, alpha=0.6, linewidth=0, label=f"± 2σ{size}")
+    axes.plot(time, height, color=BLUE, linewidth=0.8, label="height above the floor")
     axes.set_xlabel("time since the first keyframe [s]")
     axes.set_ylabel(f"height [{unit(estimate.metric)}]")
     legend_below(axes)
@@ -135,11 +148,13 @@ def _loops(axes: Axes, estimate: Estimate, position: Array) -> None:
 
     kept = [(edge.i, edge.j) for edge in estimate.relative_poses if edge.kind == "loop"]
     rejected = [(loop.i, loop.j) for loop in estimate.loops if loop.verdict == "rejected"]
-    for pairs, color, dash, alpha, label in (
-        (rejected, VERMILLION, (0, (4, 3)), 0.25, f"loop rejected ({len(rejected)})"),
-        (kept, GREEN, "-", 0.75, f"loop kept ({len(kept)})"),
+    for pairs, most, color, dash, alpha, what in (
+        (rejected, _MOST_REJECTED, VERMILLION, (0, (4, 3)), 0.25, "rejected"),
+        (kept, _MOST_KEPT, GREEN, "-", 0.75, "kept"),
     ):
-        shown = pairs[:: max(1, -(-len(pairs) // _MOST_LOOPS))]
+        shown = pairs[:: max(1, -(-len(pairs) // most))]
+        some = f", {len(shown)} drawn" if len(shown) < len(pairs) else ""
+        label = f"loop {what} ({len(pairs)}{some})"
         lines = [(position[i, :2], position[j, :2]) for i, j in shown]
         lines = [line for line in lines if np.isfinite(line).all()]
         if lines:
@@ -170,7 +185,7 @@ def _ellipses(axes: Axes, estimate: Estimate, position: Array, placed: NDArray[n
     diameter = 4 * np.sqrt(np.maximum(variance, 0))
     typical = float(np.median(diameter[:, 1]))
     extent = float(np.ptp(position[placed][:, :2], axis=0).max())
-    factor = _round_factor(_ELLIPSE_SHARE * extent / typical) if typical > 0 else 1
+    factor = round_factor(_ELLIPSE_SHARE * extent / typical) if typical > 0 else 1
     axes.add_collection(
         EllipseCollection(
             diameter[:, 1] * factor, diameter[:, 0] * factor,
@@ -180,9 +195,3 @@ def _ellipses(axes: Axes, estimate: Estimate, position: Array, placed: NDArray[n
         )
     )  # fmt: skip
     return factor
-
-
-def _round_factor(factor: float) -> float:
-    """The largest of ..., 0.1, 0.2, 0.5, 1, 2, 5, 10, ... that is not above ``factor``."""
-    steps = [mantissa * 10.0**power for power in range(-6, 7) for mantissa in (1, 2, 5)]
-    return max([step for step in steps if step <= factor], default=steps[0])

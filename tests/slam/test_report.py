@@ -21,7 +21,7 @@ from slam.io.estimate import trajectory_text
 from slam.quantities import length
 from slam.report.facts import chain_on_result, gather, sentence
 from slam.report.optimize_report import Mosaics, render, write_report
-from slam.report.pictures import thumbnail, trajectory_picture
+from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture
 from slam.summary import json_text, summarise
 from tests.slam.made_estimate import REJECTION, made_estimate, made_flight
 
@@ -208,6 +208,25 @@ def test_a_map_without_a_scale_tells_no_metres():
     told.print(outcome(gather(estimate, made_flight()), summarise(estimate)))
     assert "heights median" in told.file.getvalue().replace("\N{NO-BREAK SPACE}", " ")
     assert not re.search(r"[0-9]\s(mm|m|km)\b", told.file.getvalue())
+
+
+def test_hundreds_of_rejected_loops_do_not_bury_the_path():
+    estimate = made_estimate()
+    wrong = tuple(LoopVerdict(k % 29, 30 + k % 30, "rejected", REJECTION) for k in range(600))
+    red = [_share_of(trajectory_picture(replace(estimate, loops=loops))) for loops in (wrong[:50], wrong)]
+    assert red[1] < 2 * red[0]
+
+
+def test_the_band_of_heights_says_how_wide_it_is_and_can_be_seen():
+    """Tenths of a millimetre on a height of a metre are no wider than a line."""
+    png = np.asarray(Image.open(io.BytesIO(altitude_picture(made_estimate(sigma_m=0.02)))).convert("RGB"))
+    assert (np.abs(png.astype(int) - [0xF0, 0xC5, 0x66]).sum(axis=2) < 30).mean() > 0.02
+
+
+def _share_of(png: bytes) -> float:
+    """Of what is neither grey nor blue: dashed lines in red and pale red."""
+    pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)[:850]
+    return float((pixels[..., 0] - pixels[..., 2] > 20).mean())
 
 
 def test_ellipses_lie_along_the_uncertain_direction():

@@ -44,7 +44,12 @@ def test_two_pictures_appear_and_nothing_else(evaluation, tmp_path):
 def test_the_top_view_shows_all_maps_and_the_bars_every_pair(evaluation):
     top, bars = trajectory_figure(evaluation).axes
     labels = [text.get_text() for text in top.get_legend().get_texts()]
-    assert labels == ["chain of homographies", "without loops", "truth", "with loops"]
+    assert [label.split(",")[0] for label in labels] == [
+        "chain of homographies",
+        "truth",
+        "without loops",
+        "with loops",
+    ]
     assert [label.get_text() for label in bars.get_xticklabels()] == [r"A-\$B\_".replace(r"\_", "_")]
     assert len(bars.patches) == 3
 
@@ -74,6 +79,31 @@ def test_no_map_hides_another(evaluation):
     top, _ = trajectory_figure(evaluation).axes
     widths = [line.get_linewidth() for line in top.lines[:4]]
     assert all(below > 1.4 * above for below, above in pairwise(widths))
+
+
+def test_errors_too_small_to_be_seen_are_drawn_enlarged_and_said_to_be(evaluation):
+    """Millimetres on a map of metres: by one factor, told in the legend; large ones are drawn as they are."""
+    tracks = evaluation.tracks
+    off = tracks.loops_m - tracks.reference_m
+
+    def drawn(size: float) -> tuple[str, np.ndarray]:
+        sized = {
+            "loops_m": tracks.reference_m + size * off,
+            "odometry_m": tracks.reference_m + 0.5 * size * off,
+        }
+        top = trajectory_figure(replace(evaluation, tracks=replace(tracks, **sized))).axes[0]
+        line = next(each for each in top.lines if each.get_label().startswith("with loops"))
+        return line.get_label(), line.get_xydata() - tracks.reference_m[:, :2]
+
+    label, shown = drawn(0.01)
+    factor = float(re.search(r"error drawn ([0-9]+) x", label)[1])
+    assert factor >= 50
+    np.testing.assert_allclose(shown, factor * 0.01 * off[:, :2], atol=1e-9)
+    extent = np.ptp(tracks.reference_m[:, :2], axis=0).max()
+    assert 0.02 * extent < np.linalg.norm(shown, axis=1).max() <= 0.05 * extent
+    label, shown = drawn(extent / np.abs(off).max())
+    assert label == "with loops"
+    np.testing.assert_allclose(shown, extent / np.abs(off).max() * off[:, :2], atol=1e-9)
 
 
 def test_gps_without_altitude_has_two_error_panels_and_no_nees(tmp_path):
