@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.estimate import Estimate
-from slam.quantities import percent
+from slam.quantities import percent, unit
 from slam.report.facts import Facts, gather, sentence
 from slam.report.instrument_errors import (
     accelerometer_told,
@@ -78,6 +78,7 @@ def render(
         name=estimate.name,
         version=VERSION,
         facts=facts,
+        unit=unit(facts.metric),
         sentence=sentence(facts),
         summary=summary,
         tiles=_tiles(facts),

@@ -19,6 +19,7 @@ from slam.estimate import LoopVerdict
 from slam.flight import GeoOrigin
 from slam.io.estimate import trajectory_text
 from slam.quantities import length
+from slam.report.accuracy import FigureTable
 from slam.report.facts import chain_on_result, gather, sentence
 from slam.report.optimize_report import Mosaics, render, write_report
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture
@@ -208,6 +209,20 @@ def test_a_map_without_a_scale_tells_no_metres():
     told.print(outcome(gather(estimate, made_flight()), summarise(estimate)))
     assert "heights median" in told.file.getvalue().replace("\N{NO-BREAK SPACE}", " ")
     assert not re.search(r"[0-9]\s(mm|m|km)\b", told.file.getvalue())
+
+
+def test_words_of_the_reasons_are_explained_where_they_can_occur():
+    estimate = made_estimate()
+    flown = page(estimate, made_flight()).text
+    for word in ("inlier", "no plane fits the matches", "Out of reach", "View of a floor point far off"):
+        assert word in flown.split("Pose graph", 1)[1]
+    assert "NEES" not in flown
+    assert "mean height over the floor" not in flown
+    accuracy = (FigureTable("Against the reference", (), (("mean NEES", "6"),)),)
+    assert "foretell" in page(estimate, made_flight(), accuracy=accuracy).text
+    assert "mean height over the floor" in page(replace(estimate, metric=False), made_flight()).text
+    assert "inlier" not in page(estimate).text
+    assert "docs/method.md" in flown
 
 
 def test_hundreds_of_rejected_loops_do_not_bury_the_path():
