@@ -91,10 +91,12 @@ def _top_view(axes: Axes, evaluation: Evaluation) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
-    axes.set_title(
-        f"{plain(evaluation.name)}: position error {length(evaluation.ate_m.rmse)} RMS, "
-        f"{length(evaluation.ate_aligned_m.rmse)} rigidly aligned"
+    errors = (
+        f"{length(evaluation.ate_m.rmse)} RMS, {length(evaluation.ate_aligned_m.rmse)} rigidly aligned"
+        if evaluation.metric
+        else f"{length(evaluation.ate_sim3_m.rmse)} RMS, aligned with scale"
     )
+    axes.set_title(f"{plain(evaluation.name)}: position error {errors}")
     panel_legend_below(axes, 2 if told else 4)
 
 

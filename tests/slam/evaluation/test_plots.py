@@ -14,6 +14,7 @@ from slam.errors import InputError
 from slam.evaluation import evaluate
 from slam.evaluation.plots import error_figure, trajectory_figure, write_plots
 from slam.flight import Flight, GeoOrigin, Gps
+from slam.report.accuracy import accuracy_tables
 from tests.slam.evaluation.scene import disturbed, estimate_of, flight_of, smooth_poses
 
 STD = np.array([0.002, 0.002, 0.005, 0.01, 0.01, 0.005])
@@ -104,6 +105,17 @@ def test_errors_too_small_to_be_seen_are_drawn_enlarged_and_said_to_be(evaluatio
     label, shown = drawn(extent / np.abs(off).max())
     assert label == "with loops"
     np.testing.assert_allclose(shown, extent / np.abs(off).max() * off[:, :2], atol=1e-9)
+
+
+def test_a_map_without_metres_is_judged_by_its_shape(evaluation):
+    shape = replace(evaluation, metric=False)
+    title = trajectory_figure(shape).axes[0].get_title()
+    assert title.endswith("aligned with scale")
+    assert "rigidly" not in title
+    rows = accuracy_tables(shape)[-1].rows
+    assert rows[0][0] == "lengths of the map"
+    assert "aligned with scale" in rows[0][1]
+    assert accuracy_tables(evaluation)[-1].rows[0][0] != rows[0][0]
 
 
 def test_gps_without_altitude_has_two_error_panels_and_no_nees(tmp_path):
