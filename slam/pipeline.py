@@ -254,7 +254,7 @@ def _refuse_unless(joined: bool, flight: Flight, sightings: Sightings) -> None:
     )
     on_reading = next((line for line in flight.warnings if line.startswith("cam0:")), "nothing to compare")
     if frames == 1:
-        on_reading = "there is one alone"
+        on_reading = f"there is one alone; {on_reading}"
     raise InputError(
         f"{flight.name}: {what} ({reasons or on_reading}); a map needs two pictures that overlap, "
         "of a floor with texture and light"

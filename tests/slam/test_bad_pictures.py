@@ -96,4 +96,4 @@ def test_a_camera_without_rows_and_one_picture_alone_are_told_as_such():
     assert "cam0: data.csv has no rows, so no map" in refusal(replace(told, camera=None, frames=None))
     assert "no camera in this flight, so no map" in refusal(replace(flight, camera=None, frames=None))
     alone = only(flight, [0]).warned("cam0: 47 files in data/ are not listed in data.csv and are ignored")
-    assert "1 of 1 pictures usable (there is one alone)" in refusal(alone)
+    assert "1 of 1 pictures usable (there is one alone; cam0: 47 files" in refusal(alone)
