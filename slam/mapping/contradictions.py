@@ -20,6 +20,8 @@ LONGEST_STEP_S = 2.0
 LEAST_STEPS = 15
 LEAST_TURN_RAD, LEAST_WAY_M = np.radians(1.0), 0.05
 """Root mean square of what the map does in a step: of less, noise hides what an instrument says."""
+ABOVE_NOISE = 2.0
+"""Times the noise that an attitude is told to have, so that one three times as noisy still looks alike."""
 ALIKE, AGAINST = 0.5, -0.5
 """Correlations of one motion, and of one with its sign turned."""
 FAR = 1.5
@@ -50,8 +52,10 @@ def contradictions(flight: Flight, stamps_s: Array, w_T_b: Array, metric: bool) 
         angles = np.unwrap(flight.attitude.roll_pitch_yaw_rad, axis=0)
         read = np.subtract(*(_at(flight.attitude.stamps_s, angles, at) for at in (end_s, begin_s)))
         made = np.diff(np.unwrap(w_R_b.as_euler("ZYX")[:, ::-1], axis=0), axis=0)[near]
-        lines += _told("attitude0 (roll, pitch)", read[:, :2], made[:, :2], LEAST_TURN_RAD)
-        lines += _told("attitude0 (yaw)", read[:, 2:], made[:, 2:], LEAST_TURN_RAD)
+        noise_rad = np.sqrt(2.0) * max(flight.attitude.noise_std_rad)
+        least = max(LEAST_TURN_RAD, ABOVE_NOISE * noise_rad)
+        lines += _told("attitude0 (roll, pitch)", read[:, :2], made[:, :2], least)
+        lines += _told("attitude0 (yaw)", read[:, 2:], made[:, 2:], least)
     if flight.velocity is not None:
         read = _mean(flight.velocity.stamps_s, flight.velocity.v_m_s, begin_s, end_s) * span_s
         half_way = first * Rotation.from_rotvec(0.5 * turned)

@@ -42,6 +42,15 @@ def test_neither_noise_nor_gain_nor_delay_contradicts(flight: Flight):
     assert told(replace(flight, velocity=slow, attitude=rough)) == []
 
 
+def test_an_attitude_that_hardly_knows_contradicts_nothing(flight: Flight):
+    read = flight.attitude
+    noise = np.random.default_rng(2).normal(0.0, np.radians(3.0), read.roll_pitch_yaw_rad.shape)
+    vague = replace(
+        read, roll_pitch_yaw_rad=read.roll_pitch_yaw_rad + noise, noise_std_rad=(np.radians(3.0),) * 3
+    )
+    assert told(replace(flight, attitude=vague)) == []
+
+
 def test_signs_of_the_attitude_are_told(flight: Flight):
     turned = flight.attitude.roll_pitch_yaw_rad * [-1.0, -1.0, 1.0]
     (line,) = told(replace(flight, attitude=replace(flight.attitude, roll_pitch_yaw_rad=turned)))
