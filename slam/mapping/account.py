@@ -82,16 +82,17 @@ def _status(flight: Flight, stamps_s: Array, fused: Fused, metric: bool) -> tupl
             f"no covariance for {vague} keyframes: not refined, or not determined by what was measured"
         )
     if not by_metres:
-        warnings.append(_scale_told(fused))
+        warnings.append(_scale_told(flight, fused))
     status = "ok" if not warnings else "; ".join(warnings)
     return status, warnings
 
 
-def _scale_told(fused: Fused) -> str:
+def _scale_told(flight: Flight, fused: Fused) -> str:
+    lacking = "no sonar and no GPS" if flight.sonar is None else "no range of the sonar that fits, and no GPS"
     if fused.bundle is None or fused.bundle.scale_std is None:
-        return "no sonar and no GPS: no metric scale; lengths are in mean heights of the camera"
+        return f"{lacking}: no metric scale; lengths are in mean heights of the camera"
     std = 100 * fused.bundle.scale_std
-    return f"no sonar and no GPS: lengths are the accelerometer's, known to {std:.2g} %"
+    return f"{lacking}: lengths are the accelerometer's, known to {std:.2g} %"
 
 
 def account(
