@@ -31,6 +31,8 @@ BLOCK = 40
 noise."""
 LEAST_PX = 0.02
 """Nodes that are off by less are not off, for what else the field may be a part of."""
+NOTABLE_PX = 0.1
+"""Root mean square: a drop bends by 0.3 and more; healthy lenses, lamps and things that move leave 0.04."""
 GAUGE_ROUNDS = 30
 
 
@@ -45,6 +47,11 @@ class Dents:
     """(2, nodes, 2) px, a root mean square of 1 over the points of both."""
     size_px: float
     """The root mean square that they had."""
+
+    @property
+    def notable(self) -> bool:
+        """Whether something sits on the lens: it shines and moves otherwise than the floor, as lamps do."""
+        return self.size_px > NOTABLE_PX
 
     def foretold(self, pixel: Array, earlier: Ints) -> Array:
         """(m, 2) px that points of pairs are off by, as pictures not near the ``earlier`` ones say."""

@@ -109,7 +109,7 @@ class Sights:
     @property
     def glares(self) -> bool:
         """Whether lamps are mirrored in the floor: what they light is no map of the lens."""
-        return are_lamps(self.spots)
+        return are_lamps(self.spots) and not self.dents.notable
 
 
 def look(flight: Flight, progress: Progress = silent) -> Sights | None:

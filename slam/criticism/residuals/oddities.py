@@ -134,7 +134,9 @@ def _dropped(records: Sequence[Record]) -> list[Oddity]:
 
 def _highlights(records: Sequence[Record]) -> list[Oddity]:
     """Lamps mirrored in the floor."""
-    seen = [r.sights.spots if r.sights is not None else np.zeros((0, 3)) for r in records]
+    seen = [
+        np.zeros((0, 3)) if r.sights is None or r.sights.dents.notable else r.sights.spots for r in records
+    ]
     every = np.concatenate(seen)
     if not are_lamps(every):
         return []

@@ -18,7 +18,7 @@ from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.residuals.oddities import _dropped, oddities, without_dead_zone
+from slam.criticism.residuals.oddities import _dropped, _highlights, oddities, without_dead_zone
 from slam.simulation.model import load_model
 
 
@@ -64,6 +64,15 @@ def test_lost_pictures_are_told_where_they_are_many(record, missing, told):
         assert share.value == pytest.approx(missing / 480)
         assert share.low < missing / 480 < share.high
         assert odd[0].cause().probability > 0.99
+
+
+@pytest.mark.parametrize(("bent_px", "told"), [(0.03, ["specular_highlights"]), (0.3, [])])
+def test_spots_are_lamps_unless_something_sits_on_the_lens(record, bent_px, told):
+    sights = seen(100, 0)
+    spots = np.tile([1.0, 0.0, 0.3], (20, 1))
+    bent = replace(sights, spots=spots, dents=replace(sights.dents, size_px=bent_px))
+    assert [odd.name for odd in _highlights([replace(record, sights=bent)])] == told
+    assert bent.glares == bool(told)
 
 
 def test_spikes_are_counted(record):
