@@ -88,7 +88,8 @@ def _status(flight: Flight, stamps_s: Array, fused: Fused, metric: bool) -> tupl
 
 
 def _scale_told(flight: Flight, fused: Fused) -> str:
-    lacking = "no sonar and no GPS" if flight.sonar is None else "no range of the sonar that fits, and no GPS"
+    heard = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
+    lacking = "no range of the sonar that fits, and no GPS" if heard else "no sonar and no GPS"
     if fused.bundle is None or fused.bundle.scale_std is None:
         return f"{lacking}: no metric scale; lengths are in mean heights of the camera"
     std = 100 * fused.bundle.scale_std
