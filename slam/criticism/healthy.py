@@ -7,7 +7,7 @@ has Student's tails with four degrees of freedom and the same standard deviation
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,22 +91,36 @@ def drawn_plan(duration_s: float, rng: np.random.Generator) -> list[str]:
     return names
 
 
-def flown(
-    model: Model,
-    stick: Stick,
-    seed: int,
-    told: Model | None = None,
-    student: bool = False,
-    camera: CameraModel | None = None,
-) -> Flight:
-    """One flight of a vehicle, described by the nominal figures of ``told`` as a maker would."""
+@dataclass(frozen=True)
+class Vehicle:
+    """A healthy vehicle."""
+
+    model: Model
+    """As it is, ..."""
+    told: Model
+    """... and as its maker describes it."""
+    student: bool = False
+    """Noise with Student's tails."""
+    camera: CameraModel | None = None
+
+
+def flown(vehicle: Vehicle, stick: Stick, seed: int) -> Flight:
+    """One flight of a vehicle, from a height and a heading of its own."""
+    model = vehicle.model
     rng = np.random.default_rng((seed, 7))
     start = at_rest(0.0, 0.0, float(rng.uniform(*START_M)), float(rng.uniform(-np.pi, np.pi)))
     noise = draw_for(model, steps_of(stick.duration_s), (rng, np.random.default_rng((seed, 8))))
     motion = obey(stick, model, start, noise)
-    world = World(extent_m=(-ROOM_M, -ROOM_M, ROOM_M, ROOM_M))
+    flight = _read(vehicle, motion, seed, rng)
+    flight = replace(flight, command=sensors.log_command(stick, model))
+    return flight if vehicle.camera is None else _filmed(flight, motion, vehicle.camera, seed)
+
+
+def _read(vehicle: Vehicle, motion: Motion, seed: int, rng: np.random.Generator) -> Flight:
+    """What the instruments read of a motion, with the vehicle's noise and its maker's word for it."""
+    model, maker = vehicle.model, vehicle.told
     slope = model.vector("floor_slope")
-    world = replace(world, slope=(float(slope[0]), float(slope[1])))
+    world = World(extent_m=(-ROOM_M, -ROOM_M, ROOM_M, ROOM_M), slope=(float(slope[0]), float(slope[1])))
     silent = replace(
         model,
         imu=replace(model.imu, gyro_noise_density=0.0, accel_noise_density=0.0),
@@ -114,37 +128,29 @@ def flown(
         velocity=replace(model.velocity, noise_std_m_s=0.0),
         sonar=replace(model.sonar, noise_std_m=0.0),
     )
-    maker = told or model
 
     def noisy(clean: Array, std: float, correlation: float) -> Array:
-        if student:
+        if vehicle.student:
             drawn = rng.standard_t(STUDENT_DEGREES, clean.shape) / np.sqrt(2.0)
         else:
             drawn = rng.standard_normal(clean.shape)
         return clean + std * sensors.in_colour(drawn, correlation)
 
     root = np.sqrt(model.imu.rate_hz)
+    gyro_std, accel_std = model.imu.gyro_noise_density * root, model.imu.accel_noise_density * root
     imu = sensors.read_imu(motion, silent, seed)
     imu = replace(
         imu,
-        gyro_rad_s=noisy(
-            imu.gyro_rad_s, model.imu.gyro_noise_density * root, model.imu.gyro_noise_correlation
-        ),
-        accel_m_s2=noisy(
-            imu.accel_m_s2, model.imu.accel_noise_density * root, model.imu.accel_noise_correlation
-        ),
+        gyro_rad_s=noisy(imu.gyro_rad_s, gyro_std, model.imu.gyro_noise_correlation),
+        accel_m_s2=noisy(imu.accel_m_s2, accel_std, model.imu.accel_noise_correlation),
         gyro_noise_density=maker.imu.gyro_noise_density,
         accel_noise_density=maker.imu.accel_noise_density,
     )
     attitude = sensors.read_attitude(motion, silent, seed)
-    told_rad = float(np.radians(maker.attitude.noise_std_deg))
+    std_rad, told_rad = (float(np.radians(m.attitude.noise_std_deg)) for m in (model, maker))
     attitude = replace(
         attitude,
-        roll_pitch_yaw_rad=noisy(
-            attitude.roll_pitch_yaw_rad,
-            float(np.radians(model.attitude.noise_std_deg)),
-            model.attitude.noise_correlation,
-        ),
+        roll_pitch_yaw_rad=noisy(attitude.roll_pitch_yaw_rad, std_rad, model.attitude.noise_correlation),
         noise_std_rad=(told_rad, told_rad, told_rad),
     )
     velocity = sensors.read_velocity(motion, silent, world, seed)
@@ -157,11 +163,7 @@ def flown(
     range_m = noisy(sonar.range_m, model.sonar.noise_std_m, model.sonar.noise_correlation)
     range_m[(range_m < model.sonar.min_range_m) | (range_m > model.sonar.max_range_m)] = np.nan
     sonar = replace(sonar, range_m=range_m, noise_std_m=maker.sonar.noise_std_m)
-    command = sensors.log_command(stick, model)
-    flight = Flight(
-        f"flight_{seed}", imu=imu, attitude=attitude, velocity=velocity, sonar=sonar, command=command
-    )
-    return flight if camera is None else _filmed(flight, motion, camera, seed)
+    return Flight(f"flight_{seed}", imu=imu, attitude=attitude, velocity=velocity, sonar=sonar)
 
 
 def _filmed(flight: Flight, motion: Motion, camera: CameraModel, seed: int) -> Flight:
@@ -191,6 +193,6 @@ def healthy_case(
 ) -> list[Flight]:
     """Flights of one healthy vehicle under drawn plans."""
     rng = np.random.default_rng(seed)
-    vehicle = drawn_vehicle(model, rng)
+    vehicle = Vehicle(drawn_vehicle(model, rng), model, student, camera)
     seeds: Sequence[int] = rng.integers(1, 2**31, flights).tolist()
-    return [flown(vehicle, stick_for(drawn_plan(duration_s, rng)), s, model, student, camera) for s in seeds]
+    return [flown(vehicle, stick_for(drawn_plan(duration_s, rng)), s) for s in seeds]

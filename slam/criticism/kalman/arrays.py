@@ -94,6 +94,16 @@ class Directions(NamedTuple):
     """(m,) differences times this are per unit of the direction."""
 
 
+class Given(NamedTuple):
+    """A flight, and all that it is filtered under."""
+
+    events: Events
+    command: Command
+    belief: Belief
+    noise: Noise
+    directions: Directions
+
+
 class Estimate(NamedTuple):
     """What the filter carries on from event to event."""
 

@@ -11,19 +11,7 @@ from __future__ import annotations
 
 import math
 
-from slam.criticism.kalman.arrays import (
-    Array,
-    Belief,
-    Changes,
-    Command,
-    Directions,
-    Estimate,
-    Events,
-    Expected,
-    Noise,
-    Room,
-    Written,
-)
+from slam.criticism.kalman.arrays import Array, Changes, Estimate, Expected, Given, Noise, Room, Written
 from slam.criticism.kalman.coloured import WHITE, Coloured, heard, learn, sample
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import (
@@ -93,9 +81,7 @@ def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate
 @kernel
 def _take(
     event: int,
-    events: Events,
-    jump: int,
-    noise: Noise,
+    given: Given,
     estimate: Estimate,
     expected: Expected,
     changes: Changes,
@@ -103,13 +89,14 @@ def _take(
     coloured: Coloured | None,
 ) -> None:
     """Take the channels of one event, one after the other, into the estimate."""
+    events, noise = given.events, given.noise
     kind, ph, told = events.kinds[event], expected.ph, changes.told
     expected.done[:] = 0.0
     if coloured is not None:
         sample(coloured, event, kind)
     for c in range(WIDTH[kind]):
         written.status[event, c] = IGNORED
-        if not judged(event, c, events, jump, noise, expected):
+        if not judged(event, c, given, expected):
             continue
         channel, value, row = FIRST_CHANNEL[kind] + c, events.values[event, c], expected.rows[c]
         own_var, slot = noise.variance[channel], WHITE
@@ -146,11 +133,7 @@ def _take(
 def run(
     begin: int,
     end: int,
-    events: Events,
-    command: Command,
-    belief: Belief,
-    noise: Noise,
-    directions: Directions,
+    given: Given,
     estimate: Estimate,
     room: Room,
     written: Written,
@@ -158,6 +141,7 @@ def run(
 ) -> None:
     """Filter events ``begin`` to ``end``: the ``estimate`` and the ``coloured`` noises, where there are any,
     carry on; what comes of it is ``written``, traces from their beginning on."""
+    events, command, belief = given.events, given.command, given.belief
     step, expected, changes = room
     state, p, tangents = estimate.state, estimate.p, estimate.tangents
     traced = tangents.shape[1] > 0
@@ -165,13 +149,12 @@ def run(
     for e in range(begin, end):
         first, last = events.first_step[e], events.first_step[e + 1]
         for s in range(first, last):
-            stick, jolt = command.over_steps[0, s], command.jolts[s]
-            predict(events.step_s[s], stick, jolt, command.late_var_s2, belief, estimate, step)
+            predict(s, given, estimate, step)
             if coloured is not None:
                 carry(step.matrix, coloured.cross, coloured.moved)
             if traced:
                 carry(step.matrix, tangents, changes.moved)
-                force(s, events.step_s[s], command, belief, directions, tangents, step, changes)
+                force(s, given, tangents, step, changes)
         kind, stick = events.kinds[e], command.at_events[0, e]
         for i in range(MOVING):
             written.states[e, i] = state[i]
@@ -186,5 +169,5 @@ def run(
             _turn_within_lag(e, events.times_s, written.states, belief.sensor[RANGE_LAG], expected.rate)
         measurement(kind, events.elapsed[e], state, belief, step.slopes, expected)
         if traced:
-            direct_change(e, events, command, belief, directions, state, expected, changes)
-        _take(e, events, command.jumps[e], noise, estimate, expected, changes, written, coloured)
+            direct_change(e, given, state, expected, changes)
+        _take(e, given, estimate, expected, changes, written, coloured)

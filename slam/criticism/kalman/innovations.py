@@ -11,7 +11,7 @@ import numpy as np
 from slam.criticism.kalman.arrays import Array, Ints, Written
 from slam.criticism.kalman.coloured import coloured_for
 from slam.criticism.kalman.filter import IGNORED, USED, run
-from slam.criticism.kalman.prepare import belief_of, events_of, noise_of, room_for, start_of
+from slam.criticism.kalman.prepare import given_for, room_for, start_of
 from slam.criticism.kalman.readings import (
     CHANNEL_AT,
     MOVING,
@@ -21,7 +21,7 @@ from slam.criticism.kalman.readings import (
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.steps import GATE
-from slam.criticism.kalman.tangents import Direction, Signal, directions_for
+from slam.criticism.kalman.tangents import Direction, Signal
 from slam.criticism.kalman.transition import GUST_STD
 
 
@@ -97,10 +97,8 @@ class _Run:
     ) -> None:
         n = STATES_WITH_GUSTS if setting.hold[GUST_STD] > 0 else STATES
         m, events = len(directions), len(record.times_s)
-        self._events = events_of(record)
-        self._directions, self._command = directions_for(record, setting, directions, signals)
-        self._belief = belief_of(setting)
-        self._noise = noise_of(record, setting, (record.noise_std * setting.noise_factor) ** 2, n)
+        variance = (record.noise_std * setting.noise_factor) ** 2
+        self._given = given_for(record, setting, directions, signals, variance, n)
         self._estimate, self._room = start_of(record, setting, n, m), room_for(n, m)
         self._coloured = coloured_for(record, setting, n, m)
         self.written = Written(
@@ -110,21 +108,18 @@ class _Run:
         )  # fmt: skip
 
     def stretches(self, longest_s: float) -> Iterator[Innovations]:
-        times_s, kinds, values = self._events.times_s, self._events.kinds, self._events.values
-        pieces = max(int(np.ceil((times_s[-1] - times_s[0]) / longest_s)), 1)
-        bounds = np.linspace(0, len(times_s), pieces + 1).astype(np.int64)
+        events = self._given.events
+        pieces = max(int(np.ceil((events.times_s[-1] - events.times_s[0]) / longest_s)), 1)
+        bounds = np.linspace(0, len(events.times_s), pieces + 1).astype(np.int64)
         for begin, end in pairwise(bounds.tolist()):
-            readings = int(np.isfinite(values[begin:end]).sum())
-            written = self.written._replace(traces=np.empty((readings, len(self._directions.acts))))
-            run(
-                begin, end, self._events, self._command, self._belief, self._noise, self._directions,
-                self._estimate, self._room, written, self._coloured,
-            )  # fmt: skip
-            events, column = np.nonzero(written.status[begin:end] == USED)
-            events += begin
+            readings = int(np.isfinite(events.values[begin:end]).sum())
+            written = self.written._replace(traces=np.empty((readings, self._estimate.tangents.shape[1])))
+            run(begin, end, self._given, self._estimate, self._room, written, self._coloured)
+            event, column = np.nonzero(written.status[begin:end] == USED)
+            event += begin
             yield Innovations(
-                events,
-                CHANNEL_AT[kinds[events], column],
-                written.innovation[events, column],
+                event,
+                CHANNEL_AT[events.kinds[event], column],
+                written.innovation[event, column],
                 written.traces[: written.rows[0]],
             )

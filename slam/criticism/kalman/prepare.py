@@ -2,36 +2,50 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from slam.criticism.kalman.arrays import Array, Belief, Changes, Estimate, Events, Expected, Noise, Room, Step
+from slam.criticism.kalman.arrays import (
+    Array,
+    Belief,
+    Changes,
+    Estimate,
+    Events,
+    Expected,
+    Given,
+    Noise,
+    Room,
+    Step,
+)
 from slam.criticism.kalman.readings import CHANNELS, MOVING, TARGET
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import ENTRIES
 from slam.criticism.kalman.setting import Setting
+from slam.criticism.kalman.tangents import Direction, Signal, directions_for
 from slam.criticism.kalman.transition import FULL, NOISES, decay, kicks
 
 SHORT_S, ENDLESS_S = 1e-5, 1e6
 """Steps over which a noise but grows by its kicks, and over which nothing of its past is left."""
 
 
-def events_of(record: Record) -> Events:
-    """A record's readings as the kernels take them."""
-    return Events(
+def given_for(
+    record: Record,
+    setting: Setting,
+    directions: Sequence[Direction],
+    signals: dict[str, Signal],
+    variance: Array,
+    states: int,
+) -> Given:
+    """Record, belief and directions as the kernels take them: ``variance`` (channels,) of one reading."""
+    events = Events(
         record.times_s, record.kinds, record.values, record.elapsed, record.landing, record.first_step,
         record.step_s,
     )  # fmt: skip
-
-
-def belief_of(setting: Setting) -> Belief:
-    """A setting as the kernels take it."""
-    return Belief(setting.parameters, setting.sensor, setting.hold)
-
-
-def noise_of(record: Record, setting: Setting, variance: Array, states: int) -> Noise:
-    """The readings' noise as the kernels take it: ``variance`` (channels,) of one, among so many states."""
+    table, command = directions_for(record, setting, directions, signals)
     rough = np.diag(_kicks(setting.hold, SHORT_S, states)) / SHORT_S
-    return Noise(variance, record.range_limits, setting.jitter_s, rough)
+    noise = Noise(variance, record.range_limits, setting.jitter_s, rough)
+    return Given(events, command, Belief(setting.parameters, setting.sensor, setting.hold), noise, table)
 
 
 def start_of(record: Record, setting: Setting, states: int, directions: int) -> Estimate:

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from slam.criticism.kalman.arrays import Array, Belief, Changes, Command, Directions, Events, Expected, Step
+from slam.criticism.kalman.arrays import Array, Changes, Directions, Expected, Given, Step
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import BEFORE, BEHIND, FIRST_CHANNEL, GUST, IMU, MOVING, WIDTH, reading
 from slam.criticism.kalman.transition import FULL, NOISES, POLE, spread
@@ -88,17 +88,10 @@ def _felt(
 
 
 @kernel
-def force(
-    s: int,
-    h: float,
-    command: Command,
-    belief: Belief,
-    directions: Directions,
-    tangents: Array,
-    step: Step,
-    changes: Changes,
-) -> None:
-    """Add to the tangents (n, m) what their perturbation does within step ``s``, of length h."""
+def force(s: int, given: Given, tangents: Array, step: Step, changes: Changes) -> None:
+    """Add to the tangents (n, m) what their perturbation does within step ``s``."""
+    command, belief, directions = given.command, given.belief, given.directions
+    h = given.events.step_s[s]
     slopes, middle, noise = step.slopes, step.middle, step.middle_noise
     added, felt = changes.added, changes.felt
     rate, other = np.empty(FULL), np.empty(FULL)
@@ -125,17 +118,9 @@ def force(
 
 
 @kernel
-def direct_change(
-    event: int,
-    events: Events,
-    command: Command,
-    belief: Belief,
-    directions: Directions,
-    state: Array,
-    expected: Expected,
-    changes: Changes,
-) -> None:
+def direct_change(event: int, given: Given, state: Array, expected: Expected, changes: Changes) -> None:
     """What each perturbation changes in a reading by itself, the state left alone: ``changes.direct``."""
+    events, command, belief, directions = given.events, given.command, given.belief, given.directions
     kind, rate, pole_s = events.kinds[event], expected.rate, belief.hold[POLE]
     felt, direct = changes.felt, changes.direct
     full, noise, other, out = np.empty(FULL), np.empty(NOISES), np.empty(FULL), np.empty(6)

@@ -16,21 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slam.criticism.kalman.arrays import (
-    Array,
-    Belief,
-    Changes,
-    Command,
-    Directions,
-    Estimate,
-    Events,
-    Expected,
-    Ints,
-    Noise,
-    Room,
-)
+from slam.criticism.kalman.arrays import Array, Changes, Estimate, Expected, Given, Ints, Room
 from slam.criticism.kalman.compiled import kernel
-from slam.criticism.kalman.prepare import belief_of, events_of, noise_of, room_for, start_of
+from slam.criticism.kalman.prepare import given_for, room_for, start_of
 from slam.criticism.kalman.readings import (
     ATTITUDE,
     FIRST_CHANNEL,
@@ -51,7 +39,7 @@ from slam.criticism.kalman.steps import (
     predict,
     spread_along,
 )
-from slam.criticism.kalman.tangents import Direction, directions_for
+from slam.criticism.kalman.tangents import Direction
 from slam.criticism.kalman.transition import POLE, jacobian
 from slam.simulation.dynamics import PITCH, ROLL, YAW, X, Y, Z
 
@@ -93,16 +81,17 @@ def smoothed(
     """
     half_s = max(half_s, LEAST_HALF_S)
     record = _with_moments(record, (times_s[:, None] + half_s * np.array([-1.0, 0.0, 1.0])).ravel())
-    table, command = directions_for(record, setting, directions, {})
     # Coloured noise counts as the white noise that averages out as slowly.
     colour = setting.colour[list(INSTRUMENT_OF)]
     noise_var = (record.noise_std * setting.noise_factor) ** 2 * (1.0 + colour) / (1.0 - colour)
     m = len(directions)
     passed = _nothing_passed(len(record.times_s), STATES, m)
     _forward(
-        events_of(record), command, belief_of(setting), noise_of(record, setting, noise_var, STATES), table,
-        start_of(record, setting, STATES, m), room_for(STATES, m), passed,
-    )  # fmt: skip
+        given_for(record, setting, directions, {}, noise_var, STATES),
+        start_of(record, setting, STATES, m),
+        room_for(STATES, m),
+        passed,
+    )
     at = np.flatnonzero(record.kinds == _MOMENT)
     states, chain, spreads, traces = _backward(passed, at)
     before, poses, after = (states[k::3, POSE] for k in range(3))
@@ -160,24 +149,15 @@ def _nothing_passed(events: int, n: int, m: int) -> _Passed:
 
 
 @kernel
-def _forward(
-    events: Events,
-    command: Command,
-    belief: Belief,
-    noise: Noise,
-    directions: Directions,
-    estimate: Estimate,
-    room: Room,
-    passed: _Passed,
-) -> None:
+def _forward(given: Given, estimate: Estimate, room: Room, passed: _Passed) -> None:
     """Through all events, in place; what is before and after each is ``passed`` on."""
+    events, command, belief = given.events, given.command, given.belief
     step, expected, changes = room
     state, p, tangents = estimate.state, estimate.p, estimate.tangents
     for e in range(len(events.times_s)):
         total = np.eye(state.shape[0])
         for s in range(events.first_step[e], events.first_step[e + 1]):
-            stick, jolt = command.over_steps[0, s], command.jolts[s]
-            predict(events.step_s[s], stick, jolt, command.late_var_s2, belief, estimate, step)
+            predict(s, given, estimate, step)
             total = np.dot(step.matrix, total)
         tangents[:] = np.dot(total, tangents)
         passed.moves[e], passed.x_before[e] = total, state
@@ -186,29 +166,22 @@ def _forward(
         if kind != _MOMENT:
             jacobian(state, command.at_events[0, e], belief.parameters, expected.rate, step.slopes)
             measurement(kind, events.elapsed[e], state, belief, step.slopes, expected)
-            _direct(kind, events.elapsed[e], state, belief, directions, expected, changes.direct)
-            _take(e, events, command.jumps[e], noise, estimate, expected, changes)
+            _direct(e, given, state, expected, changes.direct)
+            _take(e, given, estimate, expected, changes)
         passed.x_after[e], passed.p_after[e], passed.t_after[e] = state, p, tangents
 
 
 @kernel
-def _take(
-    event: int,
-    events: Events,
-    jump: int,
-    noise: Noise,
-    estimate: Estimate,
-    expected: Expected,
-    changes: Changes,
-) -> None:
+def _take(event: int, given: Given, estimate: Estimate, expected: Expected, changes: Changes) -> None:
     """Take the channels of one event, one after the other, into the estimate."""
+    events = given.events
     kind = events.kinds[event]
     expected.done[:] = 0.0
     for c in range(WIDTH[kind]):
-        if not judged(event, c, events, jump, noise, expected):
+        if not judged(event, c, given, expected):
             continue
         channel, row = FIRST_CHANNEL[kind] + c, expected.rows[c]
-        s_var = noise.variance[channel] + spread_along(estimate.p, row, expected.ph)
+        s_var = given.noise.variance[channel] + spread_along(estimate.p, row, expected.ph)
         miss = miss_of(kind, c, events.values[event, c], expected)
         if is_outlier(miss, math.sqrt(s_var), channel, estimate.memory):
             continue
@@ -217,16 +190,10 @@ def _take(
 
 
 @kernel
-def _direct(
-    kind: int,
-    elapsed: float,
-    state: Array,
-    belief: Belief,
-    directions: Directions,
-    expected: Expected,
-    direct: Array,
-) -> None:
+def _direct(event: int, given: Given, state: Array, expected: Expected, direct: Array) -> None:
     """What each direction changes in what an instrument reads, the state left alone: (6, m)."""
+    kind, elapsed = given.events.kinds[event], given.events.elapsed[event]
+    belief, directions = given.belief, given.directions
     rate, parameters, pole_s, out = expected.rate, belief.parameters, belief.hold[POLE], np.empty(6)
     for d in range(direct.shape[1]):
         direct[:, d] = 0.0

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from slam.criticism.kalman.arrays import Array, Belief, Estimate, Events, Expected, Noise, Step
+from slam.criticism.kalman.arrays import Array, Belief, Estimate, Expected, Given, Step
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import (
     ATTITUDE,
@@ -86,22 +86,17 @@ def settling(state: Array, p: Array, stick: Array, parameters: Array) -> bool:
 
 
 @kernel
-def predict(
-    h: float, stick: Array, jolt: Array, late_var_s2: float, belief: Belief, estimate: Estimate, step: Step
-) -> None:
-    """State and covariance ahead by h, in place; what the step was is left in ``step``.
-
-    ``jolt`` (6,) is how far the stick (6,) jumps within the step, at a moment of the variance
-    ``late_var_s2``.
-    """
-    state, p = estimate.state, estimate.p
+def predict(s: int, given: Given, estimate: Estimate, step: Step) -> None:
+    """State and covariance ahead over step ``s``, in place; what the step was is left in ``step``."""
+    state, p, belief = estimate.state, estimate.p, given.belief
+    h, stick, late_var_s2 = given.events.step_s[s], given.command.over_steps[0, s], given.command.late_var_s2
     jacobian(state, stick, belief.parameters, step.rate, step.slopes)
     transition(step.slopes, belief.hold, h, step.matrix)
     kicks(belief.hold, step.matrix, step.q)
     mean_step(h, state, stick, belief, step)
     covariance_step(h, p, step)
     if late_var_s2 > 0.0:
-        _unsure(state, p, stick, jolt, late_var_s2, belief.parameters, step)
+        _unsure(state, p, stick, given.command.jolts[s], late_var_s2, belief.parameters, step)
     if settling(state, p, stick, belief.parameters):
         for i in range(VX, VZ + 1):
             p[i, i] += CONTACT_NOISE**2 * h
@@ -111,7 +106,7 @@ def predict(
 def _unsure(
     state: Array, p: Array, stick: Array, jolt: Array, late_var_s2: float, parameters: Array, step: Step
 ) -> None:
-    """A jump that comes t late leaves the state off by t times the jump of its rate."""
+    """A jump ``jolt`` of the stick that comes t late: the state is off by t times the jump of its rate."""
     if not jolt[:5].any():
         return
     rate, noise = step.rate, step.middle_noise
@@ -168,20 +163,21 @@ def measurement(
 
 
 @kernel
-def judged(event: int, c: int, events: Events, jump: int, noise: Noise, expected: Expected) -> bool:
-    """Whether channel c of an event says anything: not a missing reading, none but ranges while landing, the
-    first ``jump`` channels of the IMU beside a jump of the stick, or a range that may be cut.
+def judged(event: int, c: int, given: Given, expected: Expected) -> bool:
+    """Whether channel c of an event says anything: not a missing reading, none but ranges while landing, what
+    a jump of the stick near it may spoil, or a range that may be cut.
 
     The floor turns what meets it level, and holds it. Believed to the moment, or of a vehicle that a cushion
     of air keeps just above it, that outweighs all that the rest of a flight says of an effect.
     """
+    events, noise = given.events, given.noise
     kind = events.kinds[event]
     channel = FIRST_CHANNEL[kind] + c
     if math.isnan(events.values[event, c]):
         return False
     if events.landing[event] and kind != SONAR:
         return False
-    if channel < jump:
+    if channel < given.command.jumps[event]:
         return False
     if kind == SONAR:
         margin = SONAR_MARGIN * math.sqrt(noise.variance[channel])
