@@ -13,7 +13,7 @@ from backend import se3
 from backend.ekf import motion as at
 from backend.ekf import readings as kinds
 from backend.ekf.inputs import FilterModel
-from backend.ekf.records import Events, Found, Log
+from backend.ekf.records import USED, Events, Found, Log
 
 Array = NDArray[np.float64]
 
@@ -42,6 +42,16 @@ class Channel:
     def nis(self) -> Array:
         """(m, d) squared whitened innovations: 1 on average where the filter's model is right."""
         return (self.innovation / self.std) ** 2
+
+    @property
+    def believed(self) -> NDArray[np.bool_]:
+        """(m, d) which components were taken at their full weight."""
+        return self.status == USED
+
+    @property
+    def mean_nis(self) -> float | None:
+        """Of the components at full weight; those that were refused say nothing of the model's noise."""
+        return float(self.nis[self.believed].mean()) if self.believed.any() else None
 
 
 @dataclass(frozen=True)

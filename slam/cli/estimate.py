@@ -116,9 +116,9 @@ def figures(navigation: Navigation) -> FigureTable:
         ("position, 1σ", f"{length(float(np.median(sigma)))} median, {length(float(sigma.max()))} largest"),
     ]
     for name, channel in track.channels.items():
-        nis = channel.nis[np.isfinite(channel.nis)]
-        mean = f"{nis.mean():.2f}" if len(nis) else "–"
-        rows.append((f"{name}, mean NIS (1 is right)", f"{mean} over {len(channel.stamps_s)} readings"))
+        mean = "–" if channel.mean_nis is None else f"{channel.mean_nis:.2f}"
+        taken = f"{channel.believed.any(axis=1).sum()} of {len(channel.stamps_s)} readings"
+        rows.append((f"{name}, mean NIS (1 is right)", f"{mean} over {taken}"))
     for name, counted in (("left out", refused(track)), ("weighed less", softened(track))):
         rows.append((name, ", ".join(f"{n} x {why}" for why, n in counted.items()) or "nothing"))
     rows.append(("time", f"{sum(found.timing_s.values()):.1f} s"))

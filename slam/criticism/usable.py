@@ -205,7 +205,7 @@ def _without_dead_streams(flight: Flight) -> tuple[Flight, list[str]]:
         finite = np.isfinite(values).any(axis=1)
         if finite.sum() < FEWEST_READINGS:
             reasons.append(
-                f"{name} has {int(finite.sum())} readings, {FEWEST_READINGS} are the least; it was left out"
+                f"{name} has too few readings ({finite.sum()} of at least {FEWEST_READINGS}); it was left out"
             )
             changes[name] = None
         elif all(

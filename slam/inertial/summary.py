@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from slam.inertial.navigate import Navigation
 from slam.summary import summarise
 
@@ -13,16 +11,16 @@ from slam.summary import summarise
 def summary_record(navigation: Navigation) -> dict[str, Any]:
     """The keys of every summary, and beside them how each channel's readings fitted.
 
-    A channel has ``readings``, the mean squared whitened innovation ``nis`` (1 expected), ``delay_s`` and
-    ``noise_factor`` as trials found them.
+    A channel has ``readings``, of these ``believed`` at their full weight with the mean squared whitened
+    innovation ``nis`` (1 expected), and ``delay_s`` and ``noise_factor`` as trials found them.
     """
     adjusted = navigation.given.adjusted
     channels = {}
     for name, channel in navigation.track.channels.items():
-        nis = channel.nis[np.isfinite(channel.nis)]
         channels[name] = {
             "readings": len(channel.stamps_s),
-            "nis": float(nis.mean()) if len(nis) else None,
+            "believed": int(channel.believed.any(axis=1).sum()),
+            "nis": channel.mean_nis,
             "delay_s": float(adjusted.delay_s.get(name, 0.0)),
             "noise_factor": float(adjusted.wider.get(name, 1.0)),
         }

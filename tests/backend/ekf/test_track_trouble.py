@@ -39,6 +39,11 @@ def test_spikes_are_refused_and_counted(made):
     status = found.channels["range"].status[:, 0]
     assert np.flatnonzero(status == ekf_records.REFUSED).tolist() == spiked.tolist()
     assert found.channels["range"].count(ekf_records.REFUSED) == len(spiked)
+    # What was refused says nothing of the noise of the others: the mean stays where the model has it.
+    ranges = found.channels["range"]
+    assert np.nanmean(ranges.nis) > 10
+    assert 0.8 < ranges.mean_nis < 1.25
+    assert ranges.believed.sum() == np.isfinite(ranges.nis).sum() - len(spiked)
     np.testing.assert_allclose(found.smoothed.w_T_b[:, :3, 3], clean.smoothed.w_T_b[:, :3, 3], atol=0.005)
 
 
