@@ -7,7 +7,7 @@ has Student's tails with four degrees of freedom and the same standard deviation
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,34 +91,28 @@ def drawn_plan(duration_s: float, rng: np.random.Generator) -> list[str]:
     return names
 
 
-@dataclass(frozen=True)
-class Vehicle:
-    """A healthy vehicle."""
-
-    model: Model
-    """As it is, ..."""
-    told: Model
-    """... and as its maker describes it."""
-    student: bool = False
-    """Noise with Student's tails."""
-    camera: CameraModel | None = None
-
-
-def flown(vehicle: Vehicle, stick: Stick, seed: int) -> Flight:
-    """One flight of a vehicle, from a height and a heading of its own."""
-    model = vehicle.model
+def flown(
+    model: Model,
+    stick: Stick,
+    seed: int,
+    told: Model | None = None,
+    student: bool = False,
+    camera: CameraModel | None = None,
+) -> Flight:
+    """One flight of a vehicle, described by the nominal figures of ``told`` as a maker would."""
     rng = np.random.default_rng((seed, 7))
     start = at_rest(0.0, 0.0, float(rng.uniform(*START_M)), float(rng.uniform(-np.pi, np.pi)))
     noise = draw_for(model, steps_of(stick.duration_s), (rng, np.random.default_rng((seed, 8))))
     motion = obey(stick, model, start, noise)
-    flight = _read(vehicle, motion, seed, rng)
+    flight = _read(model, told or model, motion, student, seed, rng)
     flight = replace(flight, command=sensors.log_command(stick, model))
-    return flight if vehicle.camera is None else _filmed(flight, motion, vehicle.camera, seed)
+    return flight if camera is None else _filmed(flight, motion, camera, seed)
 
 
-def _read(vehicle: Vehicle, motion: Motion, seed: int, rng: np.random.Generator) -> Flight:
+def _read(
+    model: Model, maker: Model, motion: Motion, student: bool, seed: int, rng: np.random.Generator
+) -> Flight:
     """What the instruments read of a motion, with the vehicle's noise and its maker's word for it."""
-    model, maker = vehicle.model, vehicle.told
     slope = model.vector("floor_slope")
     world = World(extent_m=(-ROOM_M, -ROOM_M, ROOM_M, ROOM_M), slope=(float(slope[0]), float(slope[1])))
     silent = replace(
@@ -130,7 +124,7 @@ def _read(vehicle: Vehicle, motion: Motion, seed: int, rng: np.random.Generator)
     )
 
     def noisy(clean: Array, std: float, correlation: float) -> Array:
-        if vehicle.student:
+        if student:
             drawn = rng.standard_t(STUDENT_DEGREES, clean.shape) / np.sqrt(2.0)
         else:
             drawn = rng.standard_normal(clean.shape)
@@ -193,6 +187,6 @@ def healthy_case(
 ) -> list[Flight]:
     """Flights of one healthy vehicle under drawn plans."""
     rng = np.random.default_rng(seed)
-    vehicle = Vehicle(drawn_vehicle(model, rng), model, student, camera)
+    vehicle = drawn_vehicle(model, rng)
     seeds: Sequence[int] = rng.integers(1, 2**31, flights).tolist()
-    return [flown(vehicle, stick_for(drawn_plan(duration_s, rng)), s) for s in seeds]
+    return [flown(vehicle, stick_for(drawn_plan(duration_s, rng)), s, model, student, camera) for s in seeds]

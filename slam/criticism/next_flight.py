@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.criticism.healthy import Vehicle, at_lower_rates, flown
+from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.innovations import stretches
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
@@ -50,7 +50,7 @@ def next_flight(
     beside = len(second.directions)
 
     def separation(name: str) -> float:
-        flight = flown(Vehicle(slower, slower), stick_for([name]), 1)
+        flight = flown(slower, stick_for([name]), 1)
         missing = {stream: None for kind, stream in _STREAMS.items() if kind not in kinds}
         record = referred(record_of(replace(flight, **missing)), setting)  # type: ignore[arg-type]
         every = [direction_of(n) for n in MEAN] + directions
