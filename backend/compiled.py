@@ -14,6 +14,9 @@ from typing import Any
 import numba
 from numba.core import event
 
+GROUPS: list[frozenset[Path]] = []
+"""Every group of files that `discard_stale` was called with so far."""
+
 
 def njit(**options: Any) -> Any:
     """numba's ``njit``; what is to be cached is compiled in every process where it can be written nowhere.
@@ -34,9 +37,11 @@ def njit(**options: Any) -> Any:
 def discard_stale(sources: Iterable[Path]) -> int:
     """Delete what is cached of some source files where any of them is newer; returns how many files went.
 
-    To be called before the first kernel of the sources is used, with all files whose kernels call each other.
+    To be called before the first kernel of the sources is used, with all files whose kernels call each other
+    and all whose constants they take.
     """
     files = list(sources)
+    GROUPS.append(frozenset(files))
     cached = [c for f in files for c in (f.parent / "__pycache__").glob(f"{f.stem}.*.nb[ic]")]
     try:
         newest = max(f.stat().st_mtime for f in files)

@@ -21,7 +21,8 @@ from backend.compiled import discard_stale, njit
 
 Array = NDArray[np.float64]
 
-discard_stale(Path(__file__).parent.glob("*.py"))
+_EKF = Path(__file__).parent
+discard_stale([*_EKF.glob("*.py"), _EKF.parent / "measurements.py"])
 
 (
     POS, VEL, ACC, ROT, RATE, GYRO_BIAS, ACCEL_BIAS, ATTITUDE_ERROR, RANGE_SCALE, RANGE_BIAS, VEL_SCALE,

@@ -12,14 +12,17 @@ force, drag linear in velocity, strong yaw drag).
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.compiled import njit
+from backend.compiled import discard_stale, njit
 from backend.measurements import GRAVITY_M_S2
 
 Array = NDArray[np.float64]
+
+discard_stale([Path(__file__), Path(__file__).parents[2] / "backend" / "measurements.py"])
 
 STEP_S = 0.002
 """Step of the integration: RK4, a fiftieth of the vehicle's fastest own lag."""

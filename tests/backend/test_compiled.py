@@ -5,9 +5,6 @@ from pathlib import Path
 
 import numba
 
-import backend.ekf.motion
-import slam.criticism.kalman.compiled
-import slam.simulation.dynamics
 from backend.compiled import compiling, discard_stale, njit
 
 
@@ -53,11 +50,6 @@ def test_sources_that_were_never_compiled_are_no_trouble(tmp_path):
     source = tmp_path / "new.py"
     source.write_text("")
     assert discard_stale([source]) == 0
-
-
-def test_each_group_of_kernels_is_looked_after():
-    for module in (backend.ekf.motion, slam.criticism.kalman.compiled):
-        assert "discard_stale(" in Path(module.__file__).read_text()
 
 
 def test_what_is_compiled_is_told_once_with_all_that_it_calls_and_not_again():

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.compiled import njit
+from backend.compiled import discard_stale, njit
 from slam.simulation.place.obstacles import BASE, COS, HALF_LENGTH, HALF_WIDTH, ROUND, SIN, TOP, X, Y
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
+
+discard_stale([Path(__file__), Path(__file__).with_name("obstacles.py")])
 
 TOP_FACE, SIDE_FACE = 0, 1
 GRAZING = 0.15
