@@ -18,12 +18,14 @@ def first_line(error: BaseException, limit: int = 200) -> str:
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
 
-def runs(numbers: list[int], names: tuple[str, ...] = (), limit: int = 4) -> str:
-    """Sorted numbers as a person writes them: ``0-57, 60, 62-70``; names replace the numbers."""
+_MOST_RUNS = 4
+
+
+def runs(numbers: list[int]) -> str:
+    """Sorted numbers as a person writes them: ``0-57, 60, 62-70``, the first few runs of them."""
     ordered = np.sort(np.asarray(numbers, dtype=np.int64))
     breaks = np.flatnonzero(np.diff(ordered) != 1) + 1
-    parts = [(int(run[0]), int(run[-1])) for run in np.split(ordered, breaks) if len(run)]
-    said = [names[a] if names else str(a) for a, _ in parts]
-    ends = [names[b] if names else str(b) for _, b in parts]
-    text = [a if lo == hi else f"{a}-{b}" for a, b, (lo, hi) in zip(said, ends, parts, strict=True)]
-    return ", ".join(text[:limit]) + (f" and {len(text) - limit} more" if len(text) > limit else "")
+    parts = [(run[0], run[-1]) for run in np.split(ordered, breaks) if len(run)]
+    text = [f"{first}" if first == last else f"{first}-{last}" for first, last in parts]
+    more = len(text) - _MOST_RUNS
+    return ", ".join(text[:_MOST_RUNS]) + (f" and {more} more" if more > 0 else "")

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 
 import numpy as np
 from numpy.typing import NDArray
@@ -210,12 +209,6 @@ class Flight:
     """Every picture is a keyframe (photographs taken one by one)."""
     parts: tuple[Flight, ...] = ()
     """The flights that this one is joined of (`slam.joined`); empty for one that was flown."""
-
-    @staticmethod
-    def open(path: str) -> Flight:
-        """`slam.read_flight` by its first name. Data know no file format: the package is asked for it."""
-        read: Callable[[str], Flight] = import_module("slam").read_flight
-        return read(path)
 
     def warned(self, line: str) -> Flight:
         """The same flight with one more line of ``warnings``."""

@@ -124,11 +124,6 @@ def landmark_errors(estimate: Estimate, flight: Flight) -> LandmarkErrors:
     )
 
 
-def on_truth(estimate: Estimate, flight: Flight) -> Array:
-    """(m, 4, 4) the poses of an estimate, the first one's position and heading on the truth's."""
-    return maps_of(estimate, associate(estimate, flight)).loops.w_T_b
-
-
 def at_pace(flight: Flight, picture_s: float) -> Flight:
     """The flight with those pictures that somebody sees who takes so long over each."""
     assert flight.frames is not None

@@ -21,11 +21,6 @@ class Reach:
     component: NDArray[np.int64]
     """(n,) parts that nothing joins yet have no place relative to each other."""
 
-    @staticmethod
-    def anywhere(n: int) -> Reach:
-        """Of keyframes of which nothing is known."""
-        return Reach(np.full((n, 3), np.nan), np.full(n, np.nan), np.zeros(n, dtype=np.int64))
-
     def holds(self, j: int, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(m,) which keyframes may have seen what ``j`` has; all of which nothing is known."""
         apart, most = self._apart(j, rows)

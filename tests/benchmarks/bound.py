@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from backend.bundle.refinement import refine
-from slam.bound import Bound, cramer_rao
 from slam.evaluation import evaluate
+from slam.evaluation.bound import Bound, cramer_rao
 from slam.evaluation.trajectory import gauge
 from slam.pipeline import optimize_with_sightings
 from slam.settings import PipelineConfig

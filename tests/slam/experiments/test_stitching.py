@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.evaluation.association import poses_at
+from slam.evaluation.association import associate, poses_at
+from slam.evaluation.maps import maps_of
 from slam.experiments.canvas import paint
 from slam.experiments.stitching import (
     LARGEST,
@@ -15,7 +16,6 @@ from slam.experiments.stitching import (
     consecutive,
     filtered,
     landmark_errors,
-    on_truth,
     placed,
     with_pictures,
 )
@@ -36,6 +36,12 @@ def estimate(flight):
 @pytest.fixture(scope="module")
 def perfect(flight, estimate):
     return placed(replace(estimate, floor_z_m=0.0), poses_at(flight.truth, estimate.stamps_s))
+
+
+def off_truth(made, flight):
+    """(m,) how far each position lies from the true one, the first pose and heading on the truth's."""
+    placed_poses = maps_of(made, associate(made, flight)).loops.w_T_b
+    return np.linalg.norm((placed_poses - poses_at(flight.truth, made.stamps_s))[:, :3, 3], axis=1)
 
 
 def test_pace_takes_the_next_picture_that_is_there(flight):
@@ -82,8 +88,7 @@ def test_the_papers_chain_drifts_a_little_and_starts_where_the_estimate_does(fli
     assert len(made.stamps_s) > 0.95 * len(at_pace(flight, 0.15).frames)
     assert [flight.frames.names[k] for k in made.frame_index] == list(made.frame_names)
     assert made.stamps_s == pytest.approx(flight.frames.stamps_s[made.frame_index])
-    truth = poses_at(flight.truth, made.stamps_s)
-    off = np.linalg.norm(on_truth(made, flight)[:, :3, 3] - truth[:, :3, 3], axis=1)
+    off = off_truth(made, flight)
     assert off[:5].max() < 0.02
     assert 0.001 < off.max() < 0.2
 
@@ -91,8 +96,7 @@ def test_the_papers_chain_drifts_a_little_and_starts_where_the_estimate_does(fli
 def test_the_filters_map_is_near_and_no_picture_helps_it(flight, estimate):
     made = filtered(flight, estimate)
     assert [flight.frames.names[k] for k in made.frame_index] == list(made.frame_names)
-    truth = poses_at(flight.truth, made.stamps_s)
-    off = np.linalg.norm(on_truth(made, flight)[:, :3, 3] - truth[:, :3, 3], axis=1)
+    off = off_truth(made, flight)
     assert 0.002 < off.max() < 0.15
     assert landmark_errors(made, flight).percent["A-B"] < 10
     dark = replace(flight, frames=replace(flight.frames, load=lambda _: None))

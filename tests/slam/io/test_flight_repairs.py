@@ -1,7 +1,6 @@
 """What does not break the meaning of a flight is mended or left out, and told."""
 
 import os
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -178,7 +177,3 @@ def test_hostile_names_are_shown_on_one_line(folder, tmp_path):
     assert "\n" not in read_flight(evil).name
     change_row(evil / "mav0/sonar0/data.csv", 3, 1, "\x1b[2J")
     assert "\x1b" not in assert_refused(evil)
-
-
-def test_flight_open_is_the_reader(folder):
-    assert Flight.open(str(folder)).name == read_flight(Path(folder)).name

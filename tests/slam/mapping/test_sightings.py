@@ -32,6 +32,11 @@ def watched() -> tuple[Flight, Sighter, Sightings]:
     return flight, sighter, sighter.watch()
 
 
+def unknown_reach(n: int) -> Reach:
+    """Of n keyframes of which nothing is known yet: any two may have seen the same ground."""
+    return Reach(np.full((n, 3), np.nan), np.full(n, np.nan), np.zeros(n, dtype=np.int64))
+
+
 def pose(flight: Flight, stamp_s: float) -> np.ndarray:
     """The true pose nearest in time."""
     return flight.truth.w_T_b[np.abs(flight.truth.stamps_s - stamp_s).argmin()]
@@ -108,7 +113,7 @@ def test_neighbours_do_not_reach_across_a_break():
 
 def test_retrieval_finds_the_loops_and_they_hold():
     flight, sighter, sightings = watched()
-    found = sighter.retrieve(sightings, Reach.anywhere(len(sightings.store)))
+    found = sighter.retrieve(sightings, unknown_reach(len(sightings.store)))
     loops = [r for r in found.registrations if sightings.stamps_s[r.j] - sightings.stamps_s[r.i] > 5.0]
     assert len(loops) >= 5
     # Corners lie far outside the common part: a few pixels are an excellent fit.
@@ -119,7 +124,7 @@ def test_retrieval_finds_the_loops_and_they_hold():
 
 def test_a_revisit_adds_what_the_poses_say_and_compares_no_pair_twice():
     flight, sighter, sightings = watched()
-    retrieved = sighter.retrieve(sightings, Reach.anywhere(len(sightings.store)))
+    retrieved = sighter.retrieve(sightings, unknown_reach(len(sightings.store)))
     w_T_b = np.array([pose(flight, t) for t in sightings.stamps_s])
     seen = sighter.revisit(retrieved, w_T_b, 0.0)
     assert seen.registrations[: len(retrieved.registrations)] == retrieved.registrations
@@ -193,7 +198,7 @@ def test_a_detector_that_the_build_lacks_is_an_error_of_the_input() -> None:
 
 def test_what_looks_alike_out_of_reach_is_not_compared_and_says_why():
     _, sighter, sightings = watched()
-    everywhere = sighter.retrieve(sightings, Reach.anywhere(len(sightings.store)))
+    everywhere = sighter.retrieve(sightings, unknown_reach(len(sightings.store)))
     n = len(sightings.store)
     apart = Reach(10.0 * np.arange(n)[:, None] * [1.0, 0, 0], np.full(n, 4.0), np.zeros(n, dtype=np.int64))
     nowhere = sighter.retrieve(sightings, apart)
