@@ -7,8 +7,9 @@ OpenCV. A stream that was not recorded is ``None``; a value that is missing is N
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,6 +178,35 @@ class Truth:
 
 
 @dataclass(frozen=True)
+class Stream:
+    """Where a stream of a flight lies on disk, and who stamps it."""
+
+    folder: str
+    clock: Literal["vehicle", "recorder", "reference"]
+    """The vehicle's own; that of whatever records commands and pictures beside it; or that of the truth."""
+
+
+STREAMS: dict[str, Stream] = {
+    "frames": Stream("cam0", "recorder"),
+    "imu": Stream("imu0", "vehicle"),
+    "sonar": Stream("sonar0", "vehicle"),
+    "attitude": Stream("attitude0", "vehicle"),
+    "velocity": Stream("velocity0", "vehicle"),
+    "command": Stream("command0", "recorder"),
+    "battery": Stream("battery0", "vehicle"),
+    "gps": Stream("gps0", "vehicle"),
+    "barometer": Stream("barometer0", "vehicle"),
+    "motor": Stream("motor0", "vehicle"),
+    "truth": Stream("state_groundtruth_estimate0", "reference"),
+}
+"""Field of ``Flight`` -> its stream."""
+FIELDS = {stream.folder: name for name, stream in STREAMS.items()}
+"""Folder -> field of ``Flight``."""
+BY_VEHICLE = tuple(name for name, stream in STREAMS.items() if stream.clock == "vehicle")
+"""Fields of what the vehicle stamps."""
+
+
+@dataclass(frozen=True)
 class Flight:
     """One flight with the streams that it has."""
 
@@ -213,6 +243,16 @@ class Flight:
     def warned(self, line: str) -> Flight:
         """The same flight with one more line of ``warnings``."""
         return replace(self, warnings=(*self.warnings, line))
+
+    def restamped(self, fields: Iterable[str], stamps: Callable[[Array], Array]) -> Flight:
+        """The same flight, the stamps (n,) of some of its ``STREAMS`` changed where they were recorded."""
+        held = {name: getattr(self, name) for name in fields}
+        changed: dict[str, Any] = {
+            name: replace(series, stamps_s=stamps(series.stamps_s))
+            for name, series in held.items()
+            if series is not None
+        }
+        return replace(self, **changed)
 
     def not_taken(self, folder: str) -> str:
         """The line that tells why a stream was not taken although its folder is there; empty without one."""

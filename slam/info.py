@@ -15,7 +15,7 @@ from rich.text import Text
 
 from backend.measurements import GRAVITY_M_S2
 from slam.errors import NO_CAMERA
-from slam.flight import AttitudeSeries, Flight, Imu, Sonar
+from slam.flight import STREAMS, AttitudeSeries, Flight, Imu, Sonar
 from slam.io.files import brief
 
 Array = NDArray[np.float64]
@@ -34,14 +34,18 @@ SATURATED_SHARE = ECHO_SHARE = 0.01
 NOTE_LENGTH = 300
 """Characters of a note shown; the whole stands in flight.yaml."""
 
-_STREAMS = (
-    ("cam0", "frames", ""), ("imu0", "imu", ""), ("sonar0", "sonar", "range_m"),
-    ("attitude0", "attitude", "roll_pitch_yaw_rad"), ("velocity0", "velocity", "v_m_s"),
-    ("command0", "command", "stick"), ("battery0", "battery", "value"), ("gps0", "gps", "altitude_m"),
-    ("barometer0", "barometer", "value"), ("motor0", "motor", "drive"),
-    ("state_groundtruth_estimate0", "truth", "w_v_m_s"),
-)  # fmt: skip
-"""Folder, field of ``Flight``, and the array in which values may be missing."""
+_MAY_MISS = {
+    "sonar": "range_m",
+    "attitude": "roll_pitch_yaw_rad",
+    "velocity": "v_m_s",
+    "command": "stick",
+    "battery": "value",
+    "gps": "altitude_m",
+    "barometer": "value",
+    "motor": "drive",
+    "truth": "w_v_m_s",
+}
+"""Field of ``Flight`` -> the array in which values may be missing; other streams drop such a row."""
 
 
 @dataclass(frozen=True)
@@ -88,11 +92,11 @@ class FlightInfo:
 def describe(flight: Flight) -> FlightInfo:
     """Streams, gaps, what is missing and what is odd. Reads no picture."""
     streams = []
-    for name, field, values in _STREAMS:
+    for field, stream in STREAMS.items():
         series = getattr(flight, field)
         if series is not None and len(series.stamps_s):
-            held = getattr(series, values) if values else None
-            streams.append(_stream(name, series.stamps_s, held))
+            held = getattr(series, _MAY_MISS[field]) if field in _MAY_MISS else None
+            streams.append(_stream(stream.folder, series.stamps_s, held))
     start = min((s.start_s for s in streams), default=0.0)
     end = max((s.end_s for s in streams), default=0.0)
     return FlightInfo(

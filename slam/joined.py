@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,9 @@ from slam.flight import AttitudeSeries, Flight, Frames, Gps, Image, Sonar, Truth
 from slam.repeats import without_repeats
 
 Array = NDArray[np.float64]
-Series = TypeVar("Series", Sonar, AttitudeSeries, Gps, Truth)
+
+CARRIED = ("frames", "sonar", "attitude", "gps", "truth")
+"""Fields of ``Flight`` that a map of several flights uses, and no others: see above."""
 
 PAUSE_S = 20.0
 """Between the end of a flight and the begin of the next where their clocks say less: more than the 10 s from
@@ -49,16 +50,17 @@ def join_flights(flights: Sequence[Flight]) -> Flight:
     known = [flight.name for flight in parts if flight.truth is not None]
     if 0 < len(known) < len(parts):
         warnings.append(f"truth of {', '.join(known)} left out: the other flights have none")
-    truths = [flight.truth if len(known) == len(parts) else None for flight in parts]
+    moved = [_moved(flight, shift_s) for flight, shift_s in zip(parts, shifts_s, strict=True)]
+    truths = [flight.truth for flight in moved if flight.truth is not None]
     return Flight(
         name=" + ".join(flight.name for flight in parts),
         epoch_ns=parts[0].epoch_ns,
         camera=parts[0].camera,
-        frames=_frames(parts, shifts_s),
-        sonar=_sonar(_shifted([flight.sonar for flight in parts], shifts_s)),
-        attitude=_attitude(_shifted([flight.attitude for flight in parts], shifts_s)),
-        gps=_gps(_shifted([flight.gps for flight in parts], shifts_s)),
-        truth=_truth(_shifted(truths, shifts_s)),
+        frames=_frames(moved),
+        sonar=_sonar([flight.sonar for flight in moved if flight.sonar is not None]),
+        attitude=_attitude([flight.attitude for flight in moved if flight.attitude is not None]),
+        gps=_gps([flight.gps for flight in moved if flight.gps is not None]),
+        truth=_truth(truths) if len(truths) == len(parts) else None,
         landmarks={name: place for flight in reversed(parts) for name, place in flight.landmarks.items()},
         landmark_pairs=tuple(dict.fromkeys(pair for flight in parts for pair in flight.landmark_pairs)),
         gaps=tuple(dict.fromkeys(gap for flight in parts for gap in flight.gaps)),
@@ -114,12 +116,16 @@ def _shifts(parts: Sequence[Flight]) -> tuple[list[float], list[str]]:
 
 def _span_s(flight: Flight) -> tuple[float, float]:
     """First and last stamp of what a map uses, on the flight's own clock."""
-    series = (flight.frames, flight.sonar, flight.attitude, flight.gps, flight.truth)
+    series = [getattr(flight, name) for name in CARRIED]
     stamps = [s.stamps_s for s in series if s is not None and len(s.stamps_s)]
     return min(float(s[0]) for s in stamps), max(float(s[-1]) for s in stamps)
 
 
-def _frames(parts: Sequence[Flight], shifts_s: Sequence[float]) -> Frames:
+def _moved(flight: Flight, shift_s: float) -> Flight:
+    return flight.restamped(CARRIED, lambda stamps_s: stamps_s + shift_s)
+
+
+def _frames(parts: Sequence[Flight]) -> Frames:
     pictures = [flight.frames for flight in parts if flight.frames is not None]
     start = np.cumsum([0, *(len(p) for p in pictures)])
     failures: dict[int, str] = {}
@@ -133,17 +139,11 @@ def _frames(parts: Sequence[Flight], shifts_s: Sequence[float]) -> Frames:
         return picture
 
     return Frames(
-        np.concatenate([p.stamps_s + shift for p, shift in zip(pictures, shifts_s, strict=True)]),
+        np.concatenate([p.stamps_s for p in pictures]),
         tuple(f"{flight.name}/{file}" for flight, p in zip(parts, pictures, strict=True) for file in p.names),
         load,
         failures,
     )
-
-
-def _shifted(series: Sequence[Series | None], shifts_s: Sequence[float]) -> list[Series]:
-    """Those that were recorded, on the clock of the first flight."""
-    pairs = zip(series, shifts_s, strict=True)
-    return [replace(s, stamps_s=s.stamps_s + shift_s) for s, shift_s in pairs if s is not None]
 
 
 def _sonar(parts: list[Sonar]) -> Sonar | None:
@@ -178,9 +178,9 @@ def _gps(parts: list[Gps]) -> Gps | None:
     )
 
 
-def _truth(parts: list[Truth]) -> Truth | None:
-    return Truth(_end_to_end(parts, "stamps_s"), _end_to_end(parts, "w_T_b")) if parts else None
+def _truth(parts: list[Truth]) -> Truth:
+    return Truth(_end_to_end(parts, "stamps_s"), _end_to_end(parts, "w_T_b"))
 
 
-def _end_to_end(parts: Sequence[Series], name: str) -> Array:
+def _end_to_end(parts: Sequence[Sonar | AttitudeSeries | Gps | Truth], name: str) -> Array:
     return np.concatenate([getattr(part, name) for part in parts])

@@ -10,7 +10,9 @@ import numpy as np
 
 from slam.flight import Flight
 
-STREAMS = ("imu", "attitude", "velocity", "sonar", "gps")
+TELLING = ("imu", "attitude", "velocity", "sonar", "gps")
+"""Instruments whose noise is never the same twice. Commands of one script are, and so may be a battery's, a
+barometer's or a motor's few steps."""
 FEWEST = 10
 """Readings that are alike to the last digit by no chance."""
 
@@ -30,7 +32,7 @@ def without_repeats(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]
 
 def same_recording(a: Flight, b: Flight) -> bool:
     """Whether an instrument of both has the same readings to the last digit."""
-    return any(_alike(getattr(a, name), getattr(b, name)) for name in STREAMS)
+    return any(_alike(getattr(a, name), getattr(b, name)) for name in TELLING)
 
 
 def _alike(a: Any, b: Any) -> bool:

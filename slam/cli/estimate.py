@@ -25,14 +25,8 @@ _WITHOUT = typer.Option(
 )
 _CONFIG = typer.Option(metavar="FILE.toml", help="Settings; those of \\[inertial] count here.")
 
-_STREAMS = {
-    "imu0": "imu",
-    "attitude0": "attitude",
-    "velocity0": "velocity",
-    "sonar0": "sonar",
-    "gps0": "gps",
-    "barometer0": "barometer",
-}
+_TAKEN = ("imu", "attitude", "velocity", "sonar", "gps", "barometer")
+"""Fields of ``Flight`` that the filter reads: to leave out another would change nothing."""
 
 
 def estimate(
@@ -72,13 +66,15 @@ def _without(flight: Flight, names: list[str]) -> Flight:
     from dataclasses import replace
 
     from slam.errors import InputError
+    from slam.flight import FIELDS, STREAMS
 
+    folders = [STREAMS[field].folder for field in _TAKEN]
     for name in names:
-        if name not in _STREAMS:
-            near = [stream for stream in _STREAMS if stream.rstrip("0") == name.rstrip("0123456789")]
+        if name not in folders:
+            near = [folder for folder in folders if folder.rstrip("0") == name.rstrip("0123456789")]
             meant = f"did you mean {near[0]}? " if near else ""
-            raise InputError(f"--without {name}: no such stream; {meant}there are {', '.join(_STREAMS)}")
-        nothing: dict[str, Any] = {_STREAMS[name]: None}
+            raise InputError(f"--without {name}: no such stream; {meant}there are {', '.join(folders)}")
+        nothing: dict[str, Any] = {FIELDS[name]: None}
         flight = replace(flight, **nothing)
     return flight
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from frontend.camera import Camera
-from slam.flight import Flight
+from slam.flight import FIELDS, Flight
 from slam.io.camera_folder import camera_of, frames_of
 from slam.io.clock import in_order
 from slam.io.csv_stream import Table, read_names, read_numbers
@@ -20,7 +20,7 @@ from slam.io.flight_writer import write_flight
 from slam.io.landmarks import check_pairs, read_landmarks
 from slam.io.plausibility import check_imu_units, check_stamp_unit, check_stamps_agree
 from slam.io.sensor_yaml import YamlFile, read_yaml
-from slam.io.streams import COLUMNS, FIELDS, KNOWN_KEYS, Source, build
+from slam.io.streams import COLUMNS, KNOWN_KEYS, Source, build
 
 __all__ = ["read_flight", "write_flight"]
 

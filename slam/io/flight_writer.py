@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
 from slam.flight import (
+    FIELDS,
     AttitudeSeries,
     Command,
     Flight,
@@ -35,7 +36,7 @@ from slam.io.atomic import atomic_folder
 from slam.io.csv_header import header_of
 from slam.io.images import PictureFiles, UnreadableImageError, image_size
 from slam.io.landmarks import HEADER
-from slam.io.streams import COLUMNS, FIELDS, IMU_DENSITIES, METRES_PER_DEGREE, Series, metres_per_degree_east
+from slam.io.streams import COLUMNS, IMU_DENSITIES, METRES_PER_DEGREE, Series, metres_per_degree_east
 from slam.progress import Progress, silent
 
 Array = NDArray[np.float64]
@@ -76,8 +77,8 @@ def write_flight(
             _write_camera(flight.camera, flight.frames, mav0 / "cam0")
         if flight.frames is not None:
             _write_frames(flight.frames, mav0 / "cam0", flight.epoch_ns, progress, image_format)
-        for name, field in FIELDS.items():
-            series: Series | None = getattr(flight, field)
+        for name in COLUMNS:
+            series: Series | None = getattr(flight, FIELDS[name])
             if series is not None:
                 _write_series(series, name, mav0 / name, flight.epoch_ns)
 

@@ -51,13 +51,6 @@ COLUMNS: dict[str, tuple[Column, ...]] = {
 }
 """Folder -> columns after the stamp, in the format's order."""
 
-FIELDS = {
-    "imu0": "imu", "sonar0": "sonar", "attitude0": "attitude", "velocity0": "velocity", "command0": "command",
-    "battery0": "battery", "gps0": "gps", "barometer0": "barometer", "motor0": "motor",
-    "state_groundtruth_estimate0": "truth",
-}  # fmt: skip
-"""Folder -> field of ``Flight``."""
-
 IMU_DENSITIES = {
     "gyroscope_noise_density": "gyro_noise_density",
     "accelerometer_noise_density": "accel_noise_density",

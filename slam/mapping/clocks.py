@@ -7,10 +7,8 @@ be stamped by the clock of gyro and accelerometer.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from backend.inertial_rows import MOST_DELAY_S
-from slam.flight import Flight
+from slam.flight import BY_VEHICLE, Flight
 from slam.mapping.lengths import InertialLengths
 
 _NOTABLE_S = 0.025
@@ -23,14 +21,10 @@ this."""
 _VAGUE_S = _NOTABLE_S / 2
 """Known no better than this, a delay that matters could hide."""
 
-_STREAMS = ("imu", "sonar", "attitude", "velocity", "barometer", "gps")
-
 
 def stamped_later(flight: Flight, late_s: float) -> Flight:
     """The flight with its instruments' stamps on the clock of its pictures, ``late_s`` after theirs."""
-    held = {name: getattr(flight, name) for name in _STREAMS}
-    later = {name: replace(s, stamps_s=s.stamps_s + late_s) for name, s in held.items() if s is not None}
-    return replace(flight, **later)
+    return flight.restamped(BY_VEHICLE, lambda stamps_s: stamps_s + late_s)
 
 
 def delay_to_take_out(by_inertia: InertialLengths | None) -> float:

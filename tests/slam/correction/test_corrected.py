@@ -12,6 +12,7 @@ from slam.correction.corrected import UNDONE
 from slam.correction.map_gain import can_be_compared, map_gain
 from slam.simulation.recipe import recipe_from
 from slam.simulation.terms import CATALOGUE
+from tests.slam.io.made_flight import made_flight
 from tests.slam.small_flight import flown, recipe
 
 TERMS = {
@@ -83,6 +84,16 @@ def test_readings_are_those_of_healthy_instruments(term, healthy):
         np.testing.assert_allclose(getattr(mended.flight, stream).stamps_s, true_s, atol=2e-9)
         return
     assert apart(mended.flight, healthy) < LEFT * apart(sick, healthy)
+
+
+def test_a_drift_of_the_vehicles_clock_leaves_no_stream_of_its_own_behind():
+    flight, model = made_flight(), recipe(terms={"clock_drift": {"ppm": 500.0}}).model
+    mended = corrected(flight, model).flight
+    for name in ("imu", "attitude", "velocity", "sonar", "battery", "motor", "gps", "barometer"):
+        as_stamped = getattr(mended, name).stamps_s * (1 + 500e-6)
+        np.testing.assert_allclose(as_stamped, getattr(flight, name).stamps_s, rtol=1e-12)
+    for name in ("command", "frames", "truth"):
+        assert getattr(mended, name) is getattr(flight, name)
 
 
 def test_what_a_sonar_reads_in_its_dead_zone_is_no_range(healthy):

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from slam.errors import InputError
-from slam.flight import Flight
+from slam.flight import STREAMS, Flight
 from slam.info import describe
 from slam.io.flight_folder import read_flight, write_flight
-from slam.io.streams import FIELDS
 from tests.slam.io.made_flight import made_flight
 
 SPLICES = (
@@ -57,7 +56,7 @@ def damage(data: bytes, rng: np.random.Generator) -> bytes:
 
 def check(flight: Flight) -> None:
     """What every stage behind the reader relies on."""
-    series = [getattr(flight, f) for f in [*FIELDS.values(), "frames"]]
+    series = [getattr(flight, f) for f in STREAMS]
     for one in [s for s in series if s is not None]:
         assert len(one.stamps_s) > 0
         assert np.isfinite(one.stamps_s).all()

@@ -14,6 +14,8 @@ from hypothesis.extra.numpy import arrays
 
 from slam.errors import InputError
 from slam.flight import (
+    FIELDS,
+    STREAMS,
     AttitudeSeries,
     Command,
     Flight,
@@ -27,7 +29,7 @@ from slam.flight import (
     Velocity,
 )
 from slam.io.flight_folder import read_flight, write_flight
-from slam.io.streams import FIELDS
+from slam.io.streams import COLUMNS
 from tests.slam.io.made_flight import made_flight, ns, picture
 
 DATA = os.environ.get("SLAM_DATA")
@@ -48,7 +50,7 @@ def test_every_stream_comes_back(tmp_path):
     flight = made_flight()
     write_flight(flight, tmp_path / "f")
     back = read_flight(tmp_path / "f")
-    for field in FIELDS.values():
+    for field in map(FIELDS.get, COLUMNS):
         exact = field not in ("truth", "gps")  # quaternions and degrees are converted on the way
         if field == "gps":
             assert_same(dataclasses.replace(flight.gps, noise_std_m=back.gps.noise_std_m), back.gps)
@@ -154,6 +156,13 @@ def test_a_picture_that_fails_to_come_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_table_of_streams_is_that_of_the_format_and_of_a_flight():
+    assert set(FIELDS) == {"cam0", *COLUMNS}
+    flight = made_flight()
+    stamped = {f.name for f in dataclasses.fields(flight) if hasattr(getattr(flight, f.name), "stamps_s")}
+    assert set(STREAMS) == stamped
+
+
 def test_absent_stays_absent(tmp_path):
     only = made_flight().command
     write_flight(Flight("c", command=only), tmp_path / "f")
@@ -161,7 +170,7 @@ def test_absent_stays_absent(tmp_path):
     start = only.stamps_s[0]
     assert back.epoch_ns == round(start * 1e9)
     assert_same(dataclasses.replace(only, stamps_s=ns(only.stamps_s - start)), back.command)
-    assert [f for f in [*FIELDS.values(), "camera", "frames"] if getattr(back, f) is not None] == ["command"]
+    assert [f for f in [*STREAMS, "camera"] if getattr(back, f) is not None] == ["command"]
     assert back.geo_origin() is None
 
 
@@ -292,11 +301,11 @@ def test_measured_flights_read(tmp_path):
     assert len(flights()) > 10
     for name in flights():
         flight = read_flight(Path(DATA, name))
-        known = [getattr(flight, f) for f in FIELDS.values() if getattr(flight, f) is not None]
+        known = [getattr(flight, f) for f in STREAMS if getattr(flight, f) is not None]
         assert known, name
         for series in known:
             assert (np.diff(series.stamps_s) > 0).all(), name
-        assert min(s.stamps_s[0] for s in [*known, *([flight.frames] if flight.frames else [])]) == 0.0
+        assert min(s.stamps_s[0] for s in known) == 0.0
         told = ("not a stream", "taken as missing: at or beyond max_range")
         assert all(any(t in w for t in told) for w in flight.warnings), (name, flight.warnings)
 

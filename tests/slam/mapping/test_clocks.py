@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from backend.bundle.graph import ScalePrior
 from backend.inertial_scale import InertialScale
+from slam.flight import Flight
 from slam.mapping.clocks import delay_to_take_out, delay_told, stamped_later
 from slam.mapping.lengths import InertialLengths
-from slam.simulation import simulate
-from slam.simulation.recipe import load_recipe
+from tests.slam.io.made_flight import made_flight
 
 NONE = (0.0, 0.0, 0.0)
 
@@ -48,10 +46,15 @@ def test_what_is_told_names_what_was_done():
 
 
 def test_only_the_instruments_stamps_move():
-    flight = simulate(replace(load_recipe("figure_eight"), camera=None), 0)
+    flight = made_flight()
     later = stamped_later(flight, 0.03)
-    for name in ("imu", "sonar", "attitude", "velocity"):
+    for name in ("imu", "sonar", "attitude", "velocity", "battery", "motor", "gps", "barometer"):
         moved = getattr(later, name).stamps_s - getattr(flight, name).stamps_s
         np.testing.assert_allclose(moved, 0.03, atol=1e-12)
     assert later.truth is flight.truth
     assert later.command is flight.command
+    assert later.frames is flight.frames
+
+
+def test_a_stream_that_was_not_recorded_has_no_stamps_to_move():
+    assert stamped_later(Flight("nothing"), 0.03) == Flight("nothing")
