@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam.criticism.kalman.optics import catalogued
-from slam.criticism.kalman.readings import DATUM, INSTRUMENTS
+from slam.criticism.kalman.readings import DATUM, INSTRUMENT_CHANNELS, INSTRUMENTS
 from slam.criticism.kalman.setting import Setting, setting_of, slot
 from slam.criticism.kalman.transition import (
     GUST_STD,
@@ -34,7 +34,9 @@ _EXTENDED = " extended"
 
 def extended_model(model: Model, setting: Setting, causes: Sequence[str]) -> Model:
     """The model that a belief is; only terms of ``causes`` enter, each within what its equation bears."""
-    hold, noise = setting.hold, setting.noise_factor
+    hold = setting.hold
+    factors = [setting.noise_factor[channels[0]] for channels in INSTRUMENT_CHANNELS]
+    noise = dict(zip(INSTRUMENTS, factors, strict=True))
     colour = dict(zip(INSTRUMENTS, setting.colour.tolist(), strict=True))
     plain = replace(
         model,
@@ -57,24 +59,24 @@ def extended_model(model: Model, setting: Setting, causes: Sequence[str]) -> Mod
         ),
         imu=replace(
             model.imu,
-            gyro_noise_density=float(model.imu.gyro_noise_density * noise[0]),
-            accel_noise_density=float(model.imu.accel_noise_density * noise[3]),
+            gyro_noise_density=float(model.imu.gyro_noise_density * noise["gyro"]),
+            accel_noise_density=float(model.imu.accel_noise_density * noise["accel"]),
             gyro_noise_correlation=colour["gyro"],
             accel_noise_correlation=colour["accel"],
         ),
         attitude=replace(
             model.attitude,
-            noise_std_deg=float(model.attitude.noise_std_deg * noise[6]),
+            noise_std_deg=float(model.attitude.noise_std_deg * noise["attitude"]),
             noise_correlation=colour["attitude"],
         ),
         velocity=replace(
             model.velocity,
-            noise_std_m_s=float(model.velocity.noise_std_m_s * noise[9]),
+            noise_std_m_s=float(model.velocity.noise_std_m_s * noise["velocity"]),
             noise_correlation=colour["velocity"],
         ),
         sonar=replace(
             model.sonar,
-            noise_std_m=float(model.sonar.noise_std_m * noise[11]),
+            noise_std_m=float(model.sonar.noise_std_m * noise["sonar"]),
             noise_correlation=colour["sonar"],
             datum_m=float(setting.sensor[DATUM]),
         ),

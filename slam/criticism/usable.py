@@ -10,7 +10,17 @@ from numpy.typing import NDArray
 
 from slam.criticism.camera.pictures import look_all
 from slam.criticism.command_clock import FEWEST_READINGS, clock_error
-from slam.criticism.kalman.readings import ATTITUDE, CHANNELS, FIRST_CHANNEL, IMU, SONAR, VELOCITY, WIDTH
+from slam.criticism.kalman.readings import (
+    ATTITUDE,
+    CHANNELS,
+    FIRST_CHANNEL,
+    IMU,
+    SONAR,
+    VELOCITY,
+    WIDTH,
+    by_channel,
+    channels_of,
+)
 from slam.criticism.kalman.record import Record, holds_heading, is_led, record_of
 from slam.flight import Flight
 from slam.progress import Progress, silent
@@ -106,17 +116,26 @@ def untested(records: Sequence[Record], shown: Sequence[str]) -> str:
 
 def is_foreign(records: Sequence[Record], model: Model) -> bool:
     """Whether the instruments' own figures are far from the model's: a vehicle of another make."""
-    std = (
-        (6, float(np.radians(model.attitude.noise_std_deg))),
-        (9, model.velocity.noise_std_m_s),
-        (11, model.sonar.noise_std_m),
-    )
+    expected = _noise_std(model)
     for record in records:
-        for channel, expected in std:
-            seen = any(record.has(c) for c in range(channel, min(channel + 3, 12)))
-            if seen and abs(np.log(record.noise_std[channel] / expected)) > np.log(FOREIGN_FACTOR):
+        for kind in (ATTITUDE, VELOCITY, SONAR):
+            first = FIRST_CHANNEL[kind]
+            factor = abs(np.log(record.noise_std[first] / expected[first]))
+            if any(record.has(c) for c in channels_of(kind)) and factor > np.log(FOREIGN_FACTOR):
                 return True
     return False
+
+
+def _noise_std(model: Model) -> Array:
+    """(channels,) of one reading of the model's own instruments."""
+    root = np.sqrt(model.imu.rate_hz)
+    return by_channel(
+        model.imu.gyro_noise_density * root,
+        model.imu.accel_noise_density * root,
+        float(np.radians(model.attitude.noise_std_deg)),
+        model.velocity.noise_std_m_s,
+        model.sonar.noise_std_m,
+    )
 
 
 def coarsened(record: Record, model: Model) -> Record:
@@ -125,17 +144,12 @@ def coarsened(record: Record, model: Model) -> Record:
     What a maker calls noise is often the last digit of a smoothed figure: believed to that digit, that often,
     the shape of one reply outweighs all that the model is for.
     """
-    own = np.zeros(len(record.noise_std))
-    own[:3] = model.imu.gyro_noise_density * np.sqrt(model.imu.rate_hz)
-    own[3:6] = model.imu.accel_noise_density * np.sqrt(model.imu.rate_hz)
-    own[6:9] = np.radians(model.attitude.noise_std_deg)
-    own[9:11], own[11] = model.velocity.noise_std_m_s, model.sonar.noise_std_m
-    std = np.maximum(record.noise_std, own)
-    for kind, (first, width) in enumerate(zip(FIRST_CHANNEL, WIDTH, strict=True)):
+    std = np.maximum(record.noise_std, _noise_std(model))
+    for kind in range(len(WIDTH)):
         times_s = record.times_s[record.kinds == kind]
         if len(times_s) > 1:
             rate_hz = (len(times_s) - 1) / max(float(times_s[-1] - times_s[0]), 1e-9)
-            std[first : first + width] *= np.sqrt(max(rate_hz / FOREIGN_RATE_HZ, 1.0))
+            std[list(channels_of(kind))] *= np.sqrt(max(rate_hz / FOREIGN_RATE_HZ, 1.0))
     return replace(record, noise_std=std)
 
 

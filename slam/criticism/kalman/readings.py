@@ -7,6 +7,7 @@ to the targets, the velocity noise before its pole (o) and behind it (w), and th
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +44,23 @@ CHANNEL_AT = np.array(
 )
 """(kinds, 6) channel in each column of an event's values; ``NO_CHANNEL`` where it has no such column."""
 INSTRUMENTS = ("gyro", "accel", "attitude", "velocity", "sonar")
-INSTRUMENT_OF = (0, 0, 0, 1, 1, 1, 2, 2, 2, 3, 3, 4)
-"""Of each channel: its noise is of one sort."""
+INSTRUMENT_CHANNELS = (range(3), range(3, 6), range(6, 9), range(9, 11), range(11, 12))
+"""Of each instrument: their noise is of one sort."""
+INSTRUMENT_OF = tuple(k for k, channels in enumerate(INSTRUMENT_CHANNELS) for _ in channels)
+"""Of each channel."""
+RANGE = FIRST_CHANNEL[SONAR]
+BEYOND_IMU = range(FIRST_CHANNEL[ATTITUDE], len(CHANNELS))
+
+
+def channels_of(kind: int) -> range:
+    """The channels that events of a kind read."""
+    return range(FIRST_CHANNEL[kind], FIRST_CHANNEL[kind] + WIDTH[kind])
+
+
+def by_channel(*figures: float | Sequence[float]) -> Array:
+    """(channels,) of a figure for each of ``INSTRUMENTS``: one for all its channels, or one for each."""
+    of_each = zip(figures, INSTRUMENT_CHANNELS, strict=True)
+    return np.concatenate([np.broadcast_to(figure, len(channels)) for figure, channels in of_each])
 
 
 def place_of(channel: int) -> tuple[int, int]:

@@ -19,6 +19,7 @@ from slam.criticism.kalman.readings import (
     SONAR,
     VELOCITY,
     WIDTH,
+    by_channel,
     place_of,
 )
 from slam.flight import Flight
@@ -176,17 +177,19 @@ def steps_between(times: Array) -> tuple[Ints, Array, Array]:
 
 
 def _noise_std(flight: Flight) -> Array:
-    std = np.full(len(CHANNELS), 1.0)
-    if flight.imu is not None and len(flight.imu.stamps_s) > 1:
-        rate = 1.0 / float(np.median(np.diff(flight.imu.stamps_s)))
-        std[:3] = flight.imu.gyro_noise_density * np.sqrt(rate)
-        std[3:6] = flight.imu.accel_noise_density * np.sqrt(rate)
-    if flight.attitude is not None:
-        std[6:9] = flight.attitude.noise_std_rad
-    if flight.velocity is not None:
-        std[9:11] = flight.velocity.noise_std_m_s
-    if flight.sonar is not None:
-        std[11] = flight.sonar.noise_std_m
+    """(channels,) of one reading, as the flight's own figures have it; 1 where there is no instrument."""
+    imu, root = flight.imu, 1.0
+    if imu is not None and len(imu.stamps_s) > 1:
+        root = float(np.median(np.diff(imu.stamps_s))) ** -0.5
+    else:
+        imu = None
+    std = by_channel(
+        imu.gyro_noise_density * root if imu is not None else 1.0,
+        imu.accel_noise_density * root if imu is not None else 1.0,
+        flight.attitude.noise_std_rad if flight.attitude is not None else 1.0,
+        flight.velocity.noise_std_m_s if flight.velocity is not None else 1.0,
+        flight.sonar.noise_std_m if flight.sonar is not None else 1.0,
+    )
     return np.maximum(std, 1e-6)
 
 

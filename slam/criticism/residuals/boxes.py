@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.innovations import whole
-from slam.criticism.kalman.readings import SONAR
+from slam.criticism.kalman.readings import RANGE, SONAR
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.residuals.oddities import Oddity
@@ -62,7 +62,7 @@ def without_boxes(records: Sequence[Record], setting: Setting) -> tuple[list[Rec
     if len(heights) < FEWEST_EDGES or heights.min() > 0 or heights.max() < 0:
         return list(records), []
     height = float(np.median(np.abs(heights)))
-    noise = float(np.median([r.noise_std[11] for r in records]))
+    noise = float(np.median([r.noise_std[RANGE] for r in records]))
     same = np.abs(np.abs(heights) - height) < np.maximum(3.0 * noise, 0.15 * height)
     if same.sum() < max(FEWEST_EDGES, SAME_HEIGHT * len(heights)):
         return list(records), []
@@ -105,7 +105,7 @@ def _edges(record: Record, setting: Setting) -> _Edges:
     jump = np.diff(beside, prepend=beside[0])
     steady = np.diff(record.times_s[rows], prepend=-np.inf) < LONGEST_GAP_S
     high = np.minimum(read, np.roll(read, 1)) > LOWEST_M
-    sharp = (np.abs(rise) > SHARP * record.noise_std[11]) & (jump * rise > MOST_OF_IT * rise**2)
+    sharp = (np.abs(rise) > SHARP * record.noise_std[RANGE]) & (jump * rise > MOST_OF_IT * rise**2)
     found = np.flatnonzero(sharp & steady & high)
     kept = [k for k in found if np.abs(rise[k]) == np.abs(rise[max(k - 2, 0) : k + 3]).max()]
     at = np.array(kept, dtype=np.int64)

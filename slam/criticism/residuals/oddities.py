@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from slam.criticism.camera.highlights import are_lamps
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import Pass
-from slam.criticism.kalman.readings import SONAR
+from slam.criticism.kalman.readings import RANGE, SONAR
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.occam import occam
 from slam.criticism.verdict.criticism import Cause, Gain, Interval
@@ -202,7 +202,7 @@ def _quantisation(records: Sequence[Record]) -> list[Oddity]:
     while best > 0 and strength[best - 1] > strength[best]:
         best -= 1
     # Readings that hardly spread look like a coarse comb.
-    spread = float(np.median([r.noise_std[11] for r in records]))
+    spread = float(np.median([r.noise_std[RANGE] for r in records]))
     smooth = np.exp(-2.0 * (np.pi * 0.8 * spread / COMB_STEPS_M[best]) ** 2)
     if len(every) * strength[best] ** 2 < COMB_NATS or strength[best] < 0.5 + 0.5 * smooth:
         return []

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.kalman.readings import INSTRUMENTS
+from slam.criticism.kalman.readings import INSTRUMENT_CHANNELS, INSTRUMENTS
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.kalman.transition import HOLD
@@ -54,11 +54,10 @@ NUISANCES = (
     Nuisance("velocity_std_m_s", "m/s", "hold", (HOLD.index("velocity_std_m_s"),), FIFTH),
     Nuisance("velocity_time_s", "s", "hold", (HOLD.index("velocity_time_s"),), 0.85),
     Nuisance("velocity_up_std_m_s", "m/s", "hold", (HOLD.index("velocity_up_std_m_s"),), FIFTH),
-    Nuisance("gyro_noise", "1", "noise", (0, 1, 2), 0.2),
-    Nuisance("accel_noise", "1", "noise", (3, 4, 5), 0.2),
-    Nuisance("attitude_noise", "1", "noise", (6, 7, 8), 0.2),
-    Nuisance("velocity_noise", "1", "noise", (9, 10), 0.2),
-    Nuisance("sonar_noise", "1", "noise", (11,), 0.2),
+    *(
+        Nuisance(f"{name}_noise", "1", "noise", tuple(channels), 0.2)
+        for name, channels in zip(INSTRUMENTS, INSTRUMENT_CHANNELS, strict=True)
+    ),
 )
 COLOURS = tuple(
     Nuisance(f"{name}_colour", "1", "colour", (k,), MOST_COLOUR) for k, name in enumerate(INSTRUMENTS)

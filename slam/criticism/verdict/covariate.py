@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.innovations import whole
-from slam.criticism.kalman.readings import CHANNEL_UNITS, CHANNELS
+from slam.criticism.kalman.readings import BEYOND_IMU, CHANNEL_UNITS, CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
@@ -84,7 +84,7 @@ def covariate(
         for name, setting in settings.items()
     }
     pooled = {
-        name: {c: np.concatenate([flight[c] for flight in flights]) for c in range(6, len(CHANNELS))}
+        name: {c: np.concatenate([flight[c] for flight in flights]) for c in BEYOND_IMU}
         for name, flights in missed.items()
     }
     against = tuple(m for name in settings if name and (m := _against(pooled, name)) is not None)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.innovations import whole
-from slam.criticism.kalman.readings import CHANNELS
+from slam.criticism.kalman.readings import BEYOND_IMU
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
@@ -220,7 +220,7 @@ class _Course:
         self._rounds = Tally(progress, "fly ahead")
         self._states = in_threads(lambda record: whole(record, belief).states, records)
         misses = [self._misses(k, healthy) for k in range(len(records))]
-        pooled = {c: np.concatenate([flight[c] for flight in misses]) for c in range(6, len(CHANNELS))}
+        pooled = {c: np.concatenate([flight[c] for flight in misses]) for c in BEYOND_IMU}
         seen = {c: m for c, m in pooled.items() if len(m)}
         spans = [record.duration_s // APART_S for record in records]
         self.independent = len(seen) * float(sum(spans))

@@ -13,13 +13,27 @@ from numpy.typing import NDArray
 
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.innovations import whole
-from slam.criticism.kalman.readings import CHANNEL_UNITS, CHANNELS, FIRST_CHANNEL, IMU, reading
+from slam.criticism.kalman.readings import (
+    ATTITUDE,
+    BEYOND_IMU,
+    CHANNEL_UNITS,
+    CHANNELS,
+    FIRST_CHANNEL,
+    IMU,
+    MOVING,
+    STATES,
+    WIDTH,
+    reading,
+)
 from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.sensitivity import STICKS
 from slam.criticism.kalman.setting import Setting
+from slam.criticism.kalman.transition import FULL, NOISES, POLE
 from slam.criticism.threads import in_threads
 from slam.simulation.dynamics import derivative, integrate
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 HORIZONS_S = (0.5, 2.0, 10.0)
 STEP_S = 0.01
@@ -50,7 +64,7 @@ def roll_out_errors(
     for horizon in HORIZONS_S:
         misses = [misses_of(*each, horizon) for each in zip(flown, states, settings, strict=True)]
         errors = misses[: len(records)], misses[len(records) :]
-        for channel in range(6, len(CHANNELS)):
+        for channel in BEYOND_IMU:
             pooled = [np.concatenate([flight[channel] for flight in side]) for side in errors]
             if len(pooled[0]) and len(pooled[1]):
                 rms = [float(np.sqrt(np.mean(e**2))) for e in pooled]
@@ -65,7 +79,7 @@ def misses_of(
 
     ``filtered`` (events, >= 10) are the states that they begin from.
     """
-    states = filtered[:, :10]
+    states = filtered[:, :MOVING]
     first, last = record.times_s[0] + SETTLE_S, record.times_s[-1] - horizon_s
     begins = np.arange(first, last, START_EVERY_S)
     empty: dict[int, Array] = {c: np.zeros(0) for c in range(len(CHANNELS))}
@@ -79,7 +93,7 @@ def misses_of(
     fast = 1.0 + setting.drift
     command = record.stick.mean(nodes[:, :-1].ravel() / fast, nodes[:, 1:].ravel() / fast, setting.latency_s)
     path = integrate(
-        start, command.reshape(len(begins), steps, 6), np.zeros((1, steps + 1, 8)),
+        start, command.reshape(len(begins), steps, STICKS), np.zeros((1, steps + 1, NOISES)),
         np.tile(setting.parameters, (len(begins), 1)), STEP_S,
     )  # fmt: skip
     misses: dict[int, list[Array]] = {c: [] for c in range(len(CHANNELS))}
@@ -87,16 +101,22 @@ def misses_of(
         judged = (record.times_s > begin + (1.0 - share) * horizon_s) & (record.times_s <= begin + horizon_s)
         judged &= record.kinds != IMU
         rows = np.flatnonzero(judged)
-        at = np.column_stack([np.interp(record.times_s[rows], nodes[k], path[k, :, i]) for i in range(12)])
+        at = np.column_stack([np.interp(record.times_s[rows], nodes[k], path[k, :, i]) for i in range(FULL)])
         commands = record.stick.at(record.times_s[rows] / fast, setting.latency_s)
         told = _told(
-            record.kinds[rows], at, commands, setting.parameters, setting.sensor, record.elapsed[rows]
+            record.kinds[rows],
+            at,
+            commands,
+            setting.parameters,
+            setting.sensor,
+            setting.hold[POLE],
+            record.elapsed[rows],
         )
         for kind in np.unique(record.kinds[rows]):
             own = record.kinds[rows] == kind
-            for c in range(3):
+            for c in range(WIDTH[kind]):
                 miss = record.values[rows[own], c] - told[own, c]
-                if kind == 1 and c == 2:
+                if kind == ATTITUDE and c == 2:
                     miss = np.angle(np.exp(1j * miss))
                 if np.isfinite(miss).any():
                     misses[FIRST_CHANNEL[kind] + c].append(miss[np.isfinite(miss)])
@@ -104,10 +124,14 @@ def misses_of(
 
 
 @kernel
-def _told(kinds, at, commands, parameters, sensor, elapsed):  # type: ignore[no-untyped-def]
-    told, rate, state, noise = np.zeros((len(kinds), 6)), np.zeros(12), np.zeros(19), np.zeros(8)
+def _told(
+    kinds: Ints, at: Array, commands: Array, parameters: Array, sensor: Array, pole_s: float, elapsed: Array
+) -> Array:
+    """(events, 6) what the instruments read in the states ``at`` (events, 12) without any noise."""
+    told, rate = np.zeros((len(kinds), WIDTH[IMU])), np.zeros(FULL)
+    state, noise = np.zeros(STATES), np.zeros(NOISES)
     for e in range(len(kinds)):
         derivative(at[e], commands[e], noise, parameters, rate)
-        state[:10] = at[e, :10]
-        reading(kinds[e], state, rate, sensor, parameters, 0.02, elapsed[e], told[e])
+        state[:MOVING] = at[e, :MOVING]
+        reading(kinds[e], state, rate, sensor, parameters, pole_s, elapsed[e], told[e])
     return told

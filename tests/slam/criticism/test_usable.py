@@ -9,8 +9,9 @@ import pytest
 
 from slam.criticism import criticise
 from slam.criticism.healthy import flown
+from slam.criticism.kalman.record import record_of
 from slam.criticism.manoeuvres import REST, stick_for
-from slam.criticism.usable import usable_records
+from slam.criticism.usable import is_foreign, usable_records
 from slam.flight import Flight
 from slam.simulation.model import load_model
 
@@ -92,7 +93,7 @@ def test_a_dead_stream_is_left_out_and_told(flight):
     nothing = replace(flight.velocity, v_m_s=np.full_like(flight.velocity.v_m_s, np.nan))
     records, dropped = usable_records([replace(flight, velocity=nothing)])
     assert not records[0].has(9)
-    assert "velocity has 0 readings" in dropped[0]
+    assert "velocity has too few readings (0 of at least 20)" in dropped[0]
 
 
 def test_an_attitude_that_lies_on_its_side_is_left_out_and_told(flight):
@@ -121,3 +122,15 @@ def test_flights_of_one_name_are_told_apart(flight):
     nothing = Flight("pulses", command=flight.command)
     dropped = criticise([nothing, nothing]).dropped
     assert [line.partition(":")[0] for line in dropped] == ["pulses.1", "pulses.2"]
+
+
+@pytest.mark.parametrize("stream", ["velocity", "attitude", "sonar"])
+def test_a_vehicle_is_of_another_make_by_its_own_figures_and_not_by_what_it_lacks(flight, stream):
+    model = load_model("nominal")
+    assert not is_foreign([record_of(replace(flight, **{stream: None}))], model)
+    coarse = {
+        "velocity": replace(flight.velocity, noise_std_m_s=(0.2, 0.2)),
+        "attitude": replace(flight.attitude, noise_std_rad=(0.1, 0.1, 0.1)),
+        "sonar": replace(flight.sonar, noise_std_m=0.1),
+    }
+    assert is_foreign([record_of(replace(flight, **{stream: coarse[stream]}))], model)
