@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from slam.flight import AttitudeSeries, Flight
+from slam.attitude import up_at
+from slam.flight import Flight
 
 Array = NDArray[np.float64]
 
@@ -35,16 +35,3 @@ def with_body_ranges(flight: Flight) -> Flight:
         b_T_s=np.eye(4),
     )
     return replace(flight, sonar=moved)
-
-
-def up_at(attitude: AttitudeSeries | None, at_s: Array) -> Array:
-    """(n, 3) the world's up in body axes."""
-    roll_pitch = np.zeros((len(at_s), 2))
-    if attitude is not None:
-        known = np.isfinite(attitude.roll_pitch_yaw_rad[:, :2]).all(axis=1)
-        if known.any():
-            angles = np.unwrap(attitude.roll_pitch_yaw_rad[known, :2], axis=0)
-            stamps_s = attitude.stamps_s[known]
-            roll_pitch = np.column_stack([np.interp(at_s, stamps_s, angle) for angle in angles.T])
-    turned = Rotation.from_euler("ZYX", np.column_stack([np.zeros(len(at_s)), roll_pitch[:, ::-1]]))
-    return np.asarray(turned.as_matrix()[:, 2])

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.body_range import up_at
+from slam.attitude import up_at
 from slam.flight import Flight, Velocity
 from slam.simulation.model import Model
 

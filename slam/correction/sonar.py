@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from slam.body_range import up_at
+from slam.attitude import up_at
 from slam.flight import Flight, Sonar
 from slam.simulation.model import Model
 from slam.simulation.sensors import ASSUMED_DEG_C, SOUND_M_S, SOUND_M_S_K

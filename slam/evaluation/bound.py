@@ -17,7 +17,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from backend.bundle.floor_points import where_rays_meet
 from backend.bundle.graph import BundleConfig, NoiseLevels
@@ -26,6 +25,7 @@ from backend.bundle.noise import colour_along_tracks, huber_std, start_noise
 from backend.bundle.refinement import refine
 from backend.measurements import FloorTracks, Measurements, PinholeModel
 from frontend.mosaic.quality import ground_jacobian
+from slam.attitude import roll_pitch_yaw_of
 from slam.errors import InputError
 from slam.estimate import Estimate
 from slam.evaluation.association import poses_at
@@ -183,7 +183,7 @@ def _with_noise(measured: Measurements, noise: NoiseLevels) -> Measurements:
 
 
 def _instruments_at_the_truth(measured: Measurements, w_T_b: Array) -> Measurements:
-    turned = Rotation.from_matrix(w_T_b[:, :3, :3]).as_euler("ZYX")[:, ::-1]
+    turned = roll_pitch_yaw_of(w_T_b[:, :3, :3])
     w_T_s = np.array([w_T_b[r.k] @ r.b_T_s for r in measured.ranges]).reshape(-1, 4, 4)
     slant = w_T_s[:, 2, 3] / w_T_s[:, 2, 2]
     return replace(

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from frontend.keyframes import KeyframeConfig
+from slam.attitude import roll_pitch_yaw_of
 from slam.estimate import Estimate
 from slam.evaluation.association import associate
 from slam.evaluation.landmarks import landmark_places, landmark_table
@@ -56,9 +56,9 @@ def consecutive(flight: Flight, estimate: Estimate) -> Estimate:
     taken = at_pace(flight, PICTURE_S)
     sightings = Sighter(taken, flight.camera, _EVERY_PICTURE, silent).watch()
     n = len(sightings.stamps_s)
-    yaw_pitch_roll = Rotation.from_matrix(estimate.over_floor_T_b[0, :3, :3]).as_euler("ZYX")
+    roll_pitch = roll_pitch_yaw_of(estimate.over_floor_T_b[0, :3, :3])[:2]
     height_m = estimate.over_floor_T_b[0, 2, 3] - estimate.floor_z_m
-    tilt = np.tile(yaw_pitch_roll[[2, 1]], (n, 1))
+    tilt = np.tile(roll_pitch, (n, 1))
     poses = chain(sightings.links, flight.camera, tilt, np.full(n, height_m))
     assert taken.frames is not None
     names = tuple(taken.frames.names[k] for k in sightings.frame_index)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.ekf.inputs import FilterModel, Readings, Series, Start
+from slam.attitude import rotation_of
 from slam.errors import InputError, one_line
 from slam.inertial.instruments import (
     InertialTrust,
@@ -254,7 +255,7 @@ def _first_rotation(readings: Readings, start_s: float, tilt_error_rad: float) -
     if first is not None:
         # Wider than the reading, which the filter takes once more.
         std = max(3 * float(np.max(own.std[:2])), tilt_error_rad, _STANDING_TILT_RAD) if own else 0.1
-        return Rotation.from_euler("ZYX", first[::-1]).as_matrix(), std
+        return rotation_of(first), std
     yaw = 0.0
     if own is not None:
         known = own.values[np.isfinite(own.values[:, 2]), 2]

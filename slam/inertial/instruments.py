@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from backend.ekf.inputs import Series
+from slam.attitude import rotation_of
 from slam.inertial.variogram import Wander, noise_and_power, wander
 from slam.io.geodesy import enu_from_geodetic
 
@@ -93,8 +93,8 @@ def _levelled(flight: Flight, gyro: Array, accel: Array) -> Array:
     else:
         steps_s = np.diff(imu.stamps_s, prepend=imu.stamps_s[0])
         roll, pitch = np.cumsum(gyro[:, :2] * steps_s[:, None], axis=0).T
-    level = Rotation.from_euler("ZYX", np.column_stack([0 * roll, pitch, roll]))
-    return np.asarray(level.apply(accel), dtype=float)
+    level = rotation_of(np.column_stack([roll, pitch, 0 * roll]))
+    return np.einsum("nij,nj->ni", level, accel)
 
 
 def attitude_of(flight: Flight, trust: InertialTrust) -> Series | None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.ekf import records as status
+from slam.attitude import roll_pitch_yaw_of, rotation_of
 from slam.errors import InputError
 from slam.estimate import Estimate
 from slam.inertial.filter_input import FilterInput
@@ -139,9 +140,9 @@ def dead_reckoning(flight: Flight, w_T_b: Array, at_s: Array) -> Array:
     poses = w_T_b.copy()
     poses[:, 0, 3] = w_T_b[0, 0, 3] + placed.real - placed.real[0]
     poses[:, 1, 3] = w_T_b[0, 1, 3] + placed.imag - placed.imag[0]
-    angles = Rotation.from_matrix(w_T_b[:, :3, :3]).as_euler("ZYX")
-    angles[:, 0] = yaw_at(at_s)
-    poses[:, :3, :3] = Rotation.from_euler("ZYX", angles).as_matrix()
+    roll_pitch_yaw = roll_pitch_yaw_of(w_T_b[:, :3, :3])
+    roll_pitch_yaw[:, 2] = yaw_at(at_s)
+    poses[:, :3, :3] = rotation_of(roll_pitch_yaw)
     return poses
 
 

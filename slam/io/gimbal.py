@@ -36,11 +36,6 @@ def body_from_mount(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:
     return _W_R_N @ _n_R(yaw_deg, pitch_deg, roll_deg) @ _FRD_R_FLU
 
 
-def roll_pitch_yaw(w_R_b: Array) -> Array:
-    """(3,) radians with ``R_wb = Rz(yaw) Ry(pitch) Rx(roll)``."""
-    return Rotation.from_matrix(w_R_b).as_euler("ZYX")[::-1]
-
-
 def tilt_deg(w_R_b: Array) -> float:
     """Angle between the optical axis and straight down."""
     return float(np.degrees(np.arccos(np.clip(w_R_b[2, 2], -1, 1))))

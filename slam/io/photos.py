@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Pillow
 
+from slam.attitude import roll_pitch_yaw_of
 from slam.flight import AttitudeSeries, Flight, Frames, Gps, Image, Scalar
 from slam.io.exif import PhotoTags
-from slam.io.gimbal import roll_pitch_yaw
 from slam.io.images import PictureFiles
 from slam.io.photo_camera import photo_camera
 from slam.io.photo_set import AttitudeSource, Photo, select_photos
@@ -149,7 +149,7 @@ def _attitude(
     known = [k for k, photo in enumerate(photos) if photo.w_R_b is not None]
     if source is None or not known:
         return None
-    angles = np.array([roll_pitch_yaw(w_R_b) for p in photos if (w_R_b := p.w_R_b) is not None])
+    angles = roll_pitch_yaw_of(np.array([p.w_R_b for p in photos if p.w_R_b is not None]))
     roll, pitch, yaw = np.radians(source.std_deg)
     return AttitudeSeries(stamps_s[known], angles, (float(roll), float(pitch), float(yaw)))
 

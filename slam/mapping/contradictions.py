@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from slam.attitude import roll_pitch_yaw_of
 from slam.flight import Flight
 
 Array = NDArray[np.float64]
@@ -51,7 +52,7 @@ def contradictions(flight: Flight, stamps_s: Array, w_T_b: Array, metric: bool) 
     if flight.attitude is not None:
         angles = np.unwrap(flight.attitude.roll_pitch_yaw_rad, axis=0)
         read = np.subtract(*(_at(flight.attitude.stamps_s, angles, at) for at in (end_s, begin_s)))
-        made = np.diff(np.unwrap(w_R_b.as_euler("ZYX")[:, ::-1], axis=0), axis=0)[near]
+        made = np.diff(np.unwrap(roll_pitch_yaw_of(poses[:, :3, :3]), axis=0), axis=0)[near]
         noise_rad = np.sqrt(2.0) * max(flight.attitude.noise_std_rad)
         least = max(LEAST_TURN_RAD, ABOVE_NOISE * noise_rad)
         lines += _told("attitude0 (roll, pitch)", read[:, :2], made[:, :2], least)
@@ -59,7 +60,7 @@ def contradictions(flight: Flight, stamps_s: Array, w_T_b: Array, metric: bool) 
     if flight.velocity is not None:
         read = _mean(flight.velocity.stamps_s, flight.velocity.v_m_s, begin_s, end_s) * span_s
         half_way = first * Rotation.from_rotvec(0.5 * turned)
-        level_R_w = Rotation.from_euler("z", -half_way.as_euler("ZYX")[:, :1])
+        level_R_w = Rotation.from_euler("z", -roll_pitch_yaw_of(half_way.as_matrix())[:, 2:])
         made = level_R_w.apply(np.diff(poses[:, :3, 3], axis=0)[near])[:, :2]
         lines += _told("velocity0", read, made, LEAST_WAY_M, metric)
     return lines

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from backend.bundle.noise import coloured_std
+from slam.attitude import roll_pitch_yaw_of
 from slam.estimate import AccelerometerErrors, AttitudeErrors
 from slam.flight import Flight
 from slam.mapping.lean import LEAST_KEYFRAMES
@@ -35,8 +35,7 @@ def attitude_errors(
     if len(told) < LEAST_KEYFRAMES:
         return None
     k = np.array([a.k for a in told])
-    angles = Rotation.from_matrix(w_T_b[k, :3, :3]).as_euler("ZYX")[:, ::-1]
-    off = np.array([a.roll_pitch_yaw_rad for a in told]) - angles
+    off = np.array([a.roll_pitch_yaw_rad for a in told]) - roll_pitch_yaw_of(w_T_b[k, :3, :3])
     off = np.unwrap(off, axis=0)
     headed = all(np.isfinite(a.std_rad[2]) for a in told)
     tilt = off[:, :2]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.bundle.noise import coloured_std
+from slam.attitude import rotation_of
 from slam.flight import Flight
 from slam.mapping.synchronize import attitudes_at
 
@@ -66,8 +67,8 @@ def lean_of(flight: Flight, stamps_s: Array, w_T_b: Array) -> Lean | None:
     if len(told) < LEAST_KEYFRAMES:
         return None
     w_R_b = w_T_b[placed][[a.k for a in told], :3, :3]
-    roll_pitch = np.array([[0.0, *a.roll_pitch_yaw_rad[1::-1]] for a in told])
-    b_up = Rotation.from_euler("ZYX", roll_pitch).as_matrix()[:, 2]
+    roll_pitch = np.array([[*a.roll_pitch_yaw_rad[:2], 0.0] for a in told])
+    b_up = rotation_of(roll_pitch)[:, 2]
     # What the attitude has for upwards leans uphill where the ground slopes.
     in_world = np.einsum("nab,nb->na", w_R_b, b_up)[:, :2]
     heading = np.arctan2(w_R_b[:, 1, 0], w_R_b[:, 0, 0])

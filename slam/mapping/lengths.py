@@ -18,6 +18,7 @@ from backend.inertial_scale import InertialScale, NoScale, inertial_scale
 from backend.preintegration import InertialReadings
 from frontend.camera import Camera
 from frontend.lift import lift
+from slam.attitude import roll_pitch_yaw_of
 from slam.estimate import over_floor
 from slam.mapping.sightings import Sightings
 
@@ -98,7 +99,7 @@ def path_at_frames(sightings: Sightings, w_T_b: Array, camera: Camera) -> tuple[
         np.array([p.i_H_j for p in seen]).reshape(-1, 3, 3),
         np.array([p.corner_covariance for p in seen]).reshape(-1, 8, 8),
         camera,
-        Rotation.from_matrix(w_T_b[k, :3, :3]).as_euler("ZYX")[:, [2, 1]],
+        roll_pitch_yaw_of(w_T_b[k, :3, :3])[:, :2],
         np.full((len(k), 2), _REFINED_RAD),
     )
     height_m, good = w_T_b[k, 2, 3], np.flatnonzero(lifted.usable)

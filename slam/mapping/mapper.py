@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from backend.bundle.graph import NoiseLevels, ScalePrior
@@ -31,6 +30,7 @@ from frontend.lift import LiftedPoses, level_T_body, lift
 from frontend.points import Points
 from frontend.registration import Registration
 from frontend.tracks import join_tracks
+from slam.attitude import roll_pitch_yaw_of
 from slam.flight import Flight, GeoOrigin
 from slam.mapping.horizon import LEAST_FALL
 from slam.mapping.reach import Reach
@@ -131,8 +131,7 @@ class Mapper:
         known = np.isfinite(covariances).all(axis=(1, 2)) & np.isfinite(w_T_b).all(axis=(1, 2))
         roll_pitch, std = self.sensors.roll_pitch_rad.copy(), self.sensors.roll_pitch_std_rad.copy()
         if known.any():
-            angles = Rotation.from_matrix(w_T_b[known, :3, :3]).as_euler("ZYX")
-            roll_pitch[known] = angles[:, [2, 1]]
+            roll_pitch[known] = roll_pitch_yaw_of(w_T_b[known, :3, :3])[:, :2]
             variance = np.maximum(covariances[known][:, [0, 1], [0, 1]], 0.0)
             std[known] = np.hypot(np.sqrt(variance), self.config.trust.attitude_floor_rad)
         sensors = replace(self.sensors, roll_pitch_rad=roll_pitch, roll_pitch_std_rad=std)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from backend.measurements import GRAVITY_M_S2
+from slam.attitude import rotation_of
 from slam.simulation.dynamics import (
     HOLD_X,
     HOLD_Y,
@@ -49,7 +49,7 @@ class State:
     @property
     def w_R_b(self) -> Array:
         """(n, 3, 3)."""
-        return Rotation.from_euler("ZYX", self.roll_pitch_yaw_rad[:, ::-1]).as_matrix().reshape(-1, 3, 3)
+        return rotation_of(self.roll_pitch_yaw_rad)
 
     @property
     def w_T_b(self) -> Array:

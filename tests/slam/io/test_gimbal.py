@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import NADIR_B_T_C
-from slam.io.gimbal import body_from_gimbal, body_from_mount, roll_pitch_yaw, tilt_deg
+from slam.attitude import roll_pitch_yaw_of
+from slam.io.gimbal import body_from_gimbal, body_from_mount, tilt_deg
 
 EAST, NORTH, UP = np.eye(3)
 angle = st.floats(-180, 180)
@@ -30,7 +31,7 @@ def test_straight_down_the_top_of_the_picture_points_along_yaw(body, yaw_deg):
     assert_allclose(view, -UP, atol=1e-12)
     assert_allclose(top, np.cos(clockwise) * NORTH + np.sin(clockwise) * EAST, atol=1e-12)
     assert_allclose(right, np.cos(clockwise) * EAST - np.sin(clockwise) * NORTH, atol=1e-12)
-    roll, pitch, yaw = roll_pitch_yaw(body(yaw_deg))
+    roll, pitch, yaw = roll_pitch_yaw_of(body(yaw_deg))
     assert_allclose([roll, pitch], 0, atol=1e-9)
     assert_allclose(np.exp(1j * yaw), np.exp(1j * (np.pi / 2 - clockwise)), atol=1e-9)
 
@@ -45,7 +46,7 @@ def test_pitch_above_nadir_tilts_the_view_forward(body):
     assert_allclose(top, np.cos(tilt) * NORTH + np.sin(tilt) * UP, atol=1e-12)
     assert tilt_deg(body(20.0)) == pytest.approx(20)
     # In the flight's axes nose up is negative pitch.
-    assert_allclose(roll_pitch_yaw(body(20.0)), [0, -tilt, np.pi / 2], atol=1e-9)
+    assert_allclose(roll_pitch_yaw_of(body(20.0)), [0, -tilt, np.pi / 2], atol=1e-9)
 
 
 def test_level_gimbal_looks_along_yaw_with_the_picture_upright():
@@ -68,6 +69,6 @@ def test_angles_come_back(yaw, off, spin, pitch, roll):
     for body in (body_from_gimbal(yaw, -90 + off, spin), body_from_mount(yaw, pitch, roll)):
         assert_allclose(body.T @ body, np.eye(3), atol=1e-12)
         assert np.linalg.det(body) == pytest.approx(1)
-    r, p, y = roll_pitch_yaw(body)
+    r, p, y = roll_pitch_yaw_of(body)
     again = Rotation.from_euler("z", y) * Rotation.from_euler("y", p) * Rotation.from_euler("x", r)
     assert_allclose(again.as_matrix(), body, atol=1e-9)
