@@ -6,7 +6,7 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from frontend.cells import COUNT as CELLS
 from frontend.cells import GRID, cells, place_in_run
+from frontend.feature_kinds import FeatureKind
 from frontend.points import Points
 from frontend.rectified import rectifier
 from frontend.robust import median
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
-FeatureKind = Literal["sift", "orb", "orb-teblid", "akaze", "surf"]
 
 ORB_SCALE = 1.2
 """From one level of ORB's pyramid to the next."""

@@ -20,9 +20,10 @@ from slam.mapping.clocks import delay_to_take_out, stamped_later
 from slam.mapping.fusion import Fused, fuse
 from slam.mapping.horizon import seeing_floor
 from slam.mapping.lean import lean_of
-from slam.mapping.mapper import Edges, Known, Mapper, Sensors
+from slam.mapping.mapper import Edges, Mapper, Sensors
 from slam.mapping.mount import remounted
 from slam.mapping.obstacles import Masks, Obstacles, echoes_in_map, find_obstacles, no_masks
+from slam.mapping.reach import Known, implausible_edges
 from slam.mapping.rolling import unrolled
 from slam.mapping.sightings import Sighter, Sightings
 from slam.mapping.synchronize import inertial_readings
@@ -144,7 +145,7 @@ class _Job:
             _refuse_unless(len(sightings.registrations) > 0, flight, sightings)
             poses = back_end.bridges.chained(chain.solution)
             known = Known(poses.w_T_b, poses.covariances, poses.component, chain.edges.heights.height_m)
-            sightings = sightings.without(mapper.contradictions(mapper.edges(sightings.registrations), known))
+            sightings = self._plausible(sightings, mapper, known)
         with self.clock("graph"):
             edges = mapper.edges(sightings.registrations)
             solution = mapper.solve(edges, self._step)
@@ -221,14 +222,18 @@ class _Job:
             # Footprints that overlap may be registered by a look-alike piece of floor beside the shared one.
             height_m = fused.over_floor_T_b[:, 2, 3] - fused.floor_z_m
             known = Known(fused.over_floor_T_b, fused.over_floor_covariances, fused.component, height_m)
-            edges = informed.edges(sightings.registrations)
-            sightings = sightings.without(informed.contradictions(edges, known))
+            sightings = self._plausible(sightings, informed, known)
             edges = informed.edges(sightings.registrations)
             solution = informed.solve(edges, self._step)
         with self.clock("refine"):
             readings = inertial_readings(flight.imu)
             fused = fuse(mapper, sightings, edges, solution, self.progress, readings)
             return _SettledMap(sightings, edges, solution, back_end.bridges.join(fused))
+
+    def _plausible(self, sightings: Sightings, mapper: Mapper, known: Known) -> Sightings:
+        """Without the pairs that lie where the poses known so far cannot have them."""
+        edges = mapper.edges(sightings.registrations).at_heights(known.height_m)
+        return sightings.without(implausible_edges(edges, known, self.config.loops))
 
     def _step(self, iteration: int, _: float) -> None:
         self.progress("graph", iteration, 0)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from slam.cli.options import MODEL, OUT
+from slam.cli.options import MODEL, OUT, pipeline_config
 
 if TYPE_CHECKING:
     from slam.flight import Flight
@@ -38,7 +38,6 @@ def estimate(
     model: Annotated[str | None, MODEL] = None,
 ) -> None:
     """Estimate where a vehicle was from IMU, attitude, range, velocity, GPS and barometer alone."""
-    from slam.cli.settings import pipeline_config
     from slam.cli.source import open_flight
     from slam.cli.tables import shown, written
     from slam.console import console, progress_shown

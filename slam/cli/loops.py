@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from slam.cli.options import CONFIG, FEATURES, OUT, Features
+from frontend.feature_kinds import FeatureKind
+from slam.cli.options import CONFIG, FEATURES, OUT, pipeline_config
 
 _FLIGHT = typer.Argument(
     metavar="FLIGHT",
@@ -20,10 +21,9 @@ def loops(
     source: Annotated[Path, _FLIGHT],
     out: Annotated[Path, OUT],
     config: Annotated[Path | None, CONFIG] = None,
-    features: Annotated[Features | None, FEATURES] = None,
+    features: Annotated[FeatureKind | None, FEATURES] = None,
 ) -> None:
     """Measure precision and recall of loop closure, beside other methods, stage by stage."""
-    from slam.cli.settings import pipeline_config
     from slam.cli.source import open_flight
     from slam.cli.tables import shown, written
     from slam.console import console, progress_shown

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slam.cli.options import CONFIG, FEATURES, MODEL, OUT, Features
+from frontend.feature_kinds import FeatureKind
+from slam.cli.options import CONFIG, FEATURES, MODEL, OUT, pipeline_config
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -35,12 +36,11 @@ def optimize(
     gsd: Annotated[float | None, _GSD] = None,
     mosaic: Annotated[bool, typer.Option("--mosaic/--no-mosaic", help="Render the map.")] = True,
     config: Annotated[Path | None, CONFIG] = None,
-    features: Annotated[Features | None, FEATURES] = None,
+    features: Annotated[FeatureKind | None, FEATURES] = None,
     model: Annotated[str | None, MODEL] = None,
 ) -> None:
     """Turn a flight, or several, into one consistent map: trajectory, graph, mosaic and a report."""
     from slam.cli.results import MosaicWish
-    from slam.cli.settings import pipeline_config
     from slam.cli.source import kind_of
     from slam.cli.tables import outcome, shown, written
     from slam.console import console

@@ -1,12 +1,16 @@
-"""Options that several commands have."""
+"""Options that several commands have, and the settings that come of them."""
 
 from __future__ import annotations
 
-from typing import Literal
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
-Features = Literal["sift", "orb", "orb-teblid", "akaze", "surf"]
+if TYPE_CHECKING:
+    from frontend.feature_kinds import FeatureKind
+    from slam.settings import PipelineConfig
 
 OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
 FLIGHT_OUT = typer.Option("--out", metavar="FLIGHT", help="The flight folder to write; must not exist yet.")
@@ -20,3 +24,15 @@ MODEL = typer.Option(
     "they read before the map is made.",
 )
 SEED = typer.Option(min=0, help="Seed of all that is random.")
+
+
+def pipeline_config(path: Path | None, features: FeatureKind | None) -> PipelineConfig:
+    """Settings of a file, those of the command line over them.
+
+    Raises ``InputError`` where the file holds an unknown key.
+    """
+    from slam.config import load_config, read_toml
+    from slam.settings import PipelineConfig
+
+    config = PipelineConfig() if path is None else load_config(PipelineConfig, read_toml(path), str(path))
+    return config if features is None else replace(config, features=replace(config.features, kind=features))

@@ -13,13 +13,13 @@ from slam.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTilt
 from slam.flight import Flight
 from slam.info import describe, missing_for_map
 from slam.mapping.chain import chain
-from slam.mapping.clocks import delay_told
+from slam.mapping.clocks import delay_warning
 from slam.mapping.contradictions import contradictions
 from slam.mapping.fusion import Fused, comparable
 from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors
-from slam.mapping.lean import lean_of, lean_told
+from slam.mapping.lean import lean_of, lean_warning
 from slam.mapping.mapper import Edges, Mapper
-from slam.mapping.mount import mount_tilt, mount_told
+from slam.mapping.mount import mount_tilt, mount_warning
 from slam.mapping.sightings import Sightings
 from slam.settings import PipelineConfig
 
@@ -175,10 +175,10 @@ def _moving(sightings: Sightings) -> list[str]:
 
 def _instruments_off(flight: Flight, mapped: Mapped, mount: MountTilt | None) -> list[str]:
     sightings, fused = mapped.sightings, mapped.fused
-    told = [mount_told(mount), delay_told(fused.inertial, mapped.late_s)]
+    told = [mount_warning(mount), delay_warning(fused.inertial, mapped.late_s)]
     if not fused.georeferenced and not flight.parts:
         # Positions would have told whether the ground slopes.
-        told.insert(0, lean_told(lean_of(flight, sightings.stamps_s, fused.of_main(fused.w_T_b))))
+        told.insert(0, lean_warning(lean_of(flight, sightings.stamps_s, fused.of_main(fused.w_T_b))))
     return [line for line in told if line]
 
 

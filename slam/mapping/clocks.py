@@ -36,7 +36,7 @@ def delay_to_take_out(by_inertia: InertialLengths | None) -> float:
     return delay_s if sure and abs(delay_s) < MOST_DELAY_S - _EDGE_S else 0.0
 
 
-def delay_told(by_inertia: InertialLengths | None, taken_out_s: float) -> str:
+def delay_warning(by_inertia: InertialLengths | None, taken_out_s: float) -> str:
     """In words, where pictures and accelerometer are stamped by clocks that differ, or may; else empty."""
     if by_inertia is None:
         return ""

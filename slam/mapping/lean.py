@@ -82,7 +82,7 @@ def lean_of(flight: Flight, stamps_s: Array, w_T_b: Array) -> Lean | None:
     return Lean(means[0], means[1], stds[0], stds[1], wander)
 
 
-def lean_told(lean: Lean | None) -> str:
+def lean_warning(lean: Lean | None) -> str:
     """In words, where that is notable: a map without positions takes the ground for level. Else empty."""
     if lean is None:
         return ""

@@ -107,19 +107,6 @@ def _scaled(edge: RelativePose, factor: float) -> RelativePose:
     return replace(edge, i_T_j=i_T_j, covariance=edge.covariance * np.outer(unit, unit))
 
 
-@dataclass(frozen=True)
-class Known:
-    """Poses known so far, in any unit of length."""
-
-    w_T_b: Array
-    covariances: Array | None
-    """(n, 6, 6)."""
-    component: NDArray[np.int64]
-    """(n,) parts that nothing joins yet have no place relative to each other."""
-    height_m: Array
-    """(n,) over the floor, in the same unit."""
-
-
 class Mapper:
     """The back end with its settings for one flight."""
 
@@ -198,35 +185,6 @@ class Mapper:
         return Reach(
             known.w_T_b[:, :3, 3], view_m + self.config.loops.plausible_sigmas * std_m, known.component
         )
-
-    def contradictions(self, edges: Edges, known: Known) -> dict[tuple[int, int], str]:
-        """Edges that lie where the poses known so far cannot have them: (i, j) -> reason.
-
-        The distance between measured and known place of j in i is held against the uncertainty of both. It
-        is what tells a look-alike floor from a place seen before. Parts that nothing joins yet say nothing.
-        """
-        if known.covariances is None or not edges.relative_poses:
-            return {}
-        w_T_b, covariances = known.w_T_b, known.covariances
-        i = np.array([r.i for r in edges.relative_poses])
-        j = np.array([r.j for r in edges.relative_poses])
-        relative = edges.at_heights(known.height_m)
-        measured = np.array([r.i_T_j[:3, 3] for r in relative])
-        expected = np.einsum("mba,mb->ma", w_T_b[i, :3, :3], w_T_b[j, :3, 3] - w_T_b[i, :3, 3])
-        variance = sum(np.trace(c[:, 3:, 3:], axis1=1, axis2=2) for c in (covariances[i], covariances[j]))
-        variance = variance + np.array([np.trace(r.covariance[3:, 3:]) for r in relative])
-        off = np.linalg.norm(measured - expected, axis=1)
-        trust = self.config.loops
-        limit = np.maximum(
-            trust.plausible_sigmas * np.sqrt(variance), trust.plausible_heights * known.height_m[i]
-        )
-        return {
-            (
-                int(i[m]),
-                int(j[m]),
-            ): f"implausible: {off[m]:.2f} off where the poses have it, with {limit[m]:.2f} allowed"
-            for m in np.flatnonzero((off > limit) & (known.component[i] == known.component[j]))
-        }
 
     def solve(
         self,

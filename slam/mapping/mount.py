@@ -52,7 +52,7 @@ def mount_tilt(told: Camera | None, bundle: Bundle | None) -> MountTilt | None:
     return MountTilt((float(turn[0]), float(turn[1])), bundle.mount_std_rad, rows)
 
 
-def mount_told(tilt: MountTilt | None) -> str:
+def mount_warning(tilt: MountTilt | None) -> str:
     """In words, where the mount was found to lean; else empty."""
     if tilt is None:
         return ""

@@ -1,11 +1,16 @@
-"""Which keyframes can have seen the same ground, as the poses known so far and their uncertainty have it."""
+"""What the poses known so far and their uncertainty allow: which keyframes can have seen the same ground, and
+which edges cannot be true."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from backend.measurements import RelativePose
+from slam.settings import LoopConfig
 
 Array = NDArray[np.float64]
 
@@ -34,3 +39,46 @@ class Reach:
     def _apart(self, j: int, rows: NDArray[np.int64]) -> tuple[Array, Array]:
         apart = np.linalg.norm(self.w_p_b[rows] - self.w_p_b[j], axis=1)
         return apart, self.radius[rows] + self.radius[j]
+
+
+@dataclass(frozen=True)
+class Known:
+    """Poses known so far, in any unit of length."""
+
+    w_T_b: Array
+    covariances: Array | None
+    """(n, 6, 6)."""
+    component: NDArray[np.int64]
+    """(n,) parts that nothing joins yet have no place relative to each other."""
+    height_m: Array
+    """(n,) over the floor, in the same unit."""
+
+
+def implausible_edges(
+    edges: Sequence[RelativePose], known: Known, trust: LoopConfig
+) -> dict[tuple[int, int], str]:
+    """Edges that lie where the poses known so far cannot have them: (i, j) -> reason.
+
+    ``edges`` in the unit of ``known``. The distance between measured and known place of j in i is held
+    against the uncertainty of both. It is what tells a look-alike floor from a place seen before. Parts that
+    nothing joins yet say nothing.
+    """
+    if known.covariances is None or not edges:
+        return {}
+    w_T_b, covariances = known.w_T_b, known.covariances
+    i, j = np.array([(r.i, r.j) for r in edges]).T
+    measured = np.array([r.i_T_j[:3, 3] for r in edges])
+    expected = np.einsum("mba,mb->ma", w_T_b[i, :3, :3], w_T_b[j, :3, 3] - w_T_b[i, :3, 3])
+    variance = sum(np.trace(c[:, 3:, 3:], axis1=1, axis2=2) for c in (covariances[i], covariances[j]))
+    variance = variance + np.array([np.trace(r.covariance[3:, 3:]) for r in edges])
+    off = np.linalg.norm(measured - expected, axis=1)
+    limit = np.maximum(
+        trust.plausible_sigmas * np.sqrt(variance), trust.plausible_heights * known.height_m[i]
+    )
+    beyond = np.flatnonzero((off > limit) & (known.component[i] == known.component[j]))
+    return {
+        (int(i[m]), int(j[m])): (
+            f"implausible: {off[m]:.2f} off where the poses have it, with {limit[m]:.2f} allowed"
+        )
+        for m in beyond
+    }

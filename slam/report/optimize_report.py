@@ -12,12 +12,12 @@ from slam.estimate import Estimate
 from slam.quantities import percent, unit
 from slam.report.facts import Facts, gather, sentence
 from slam.report.instrument_errors import (
-    accelerometer_told,
-    arm_told,
-    attitude_told,
-    heading_told,
-    lengths_told,
-    mount_told,
+    accelerometer_text,
+    arm_text,
+    attitude_text,
+    heading_text,
+    lengths_text,
+    mount_text,
 )
 from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture, width_px
@@ -117,12 +117,12 @@ def _figures(estimate: Estimate, summary: Summary, facts: Facts) -> tuple[Item, 
         Item("Lengths come from", facts.scale_source),
         Item("Gain of the height sensor", facts.sensor_gain),
         Item("Zero of the height sensor", facts.sensor_zero),
-        Item("Attitude sensor against the map", attitude_told(estimate.instruments.attitude)),
-        Item("Its heading wanders by", heading_told(estimate.instruments.attitude)),
-        Item("Camera's mount is off by", mount_told(estimate.instruments.mount)),
-        Item("Accelerometer's offset", accelerometer_told(estimate.instruments.accelerometer)),
-        Item("Its place on the body", arm_told(estimate.instruments.accelerometer)),
-        Item("Lengths as it has them", lengths_told(estimate.instruments.accelerometer)),
+        Item("Attitude sensor against the map", attitude_text(estimate.instruments.attitude)),
+        Item("Its heading wanders by", heading_text(estimate.instruments.attitude)),
+        Item("Camera's mount is off by", mount_text(estimate.instruments.mount)),
+        Item("Accelerometer's offset", accelerometer_text(estimate.instruments.accelerometer)),
+        Item("Its place on the body", arm_text(estimate.instruments.accelerometer)),
+        Item("Lengths as it has them", lengths_text(estimate.instruments.accelerometer)),
         Item("Scale that all lengths share, 1σ", percent(facts.scale_std) if facts.scale_std else ""),
         Item("Position of a keyframe, 1σ: median", facts.length(facts.sigma_median_m)),
         Item("Position of a keyframe, 1σ: largest", facts.length(facts.sigma_max_m)),

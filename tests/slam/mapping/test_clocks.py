@@ -8,7 +8,7 @@ import pytest
 from backend.bundle.graph import ScalePrior
 from backend.inertial_scale import InertialScale
 from slam.flight import Flight
-from slam.mapping.clocks import delay_to_take_out, delay_told, stamped_later
+from slam.mapping.clocks import delay_to_take_out, delay_warning, stamped_later
 from slam.mapping.lengths import InertialLengths
 from tests.slam.io.made_flight import made_flight
 
@@ -37,12 +37,12 @@ def test_a_delay_is_taken_out_where_it_is_sure(delay_s, std_s, taken_out_s):
 
 
 def test_what_is_told_names_what_was_done():
-    assert "40 ± 2 ms after" in delay_told(shown(0.001, 0.002), 0.039)
-    assert "taken out" in delay_told(shown(0.001, 0.002), 0.039)
-    assert "or more" in delay_told(shown(-0.0999, 0.001), 0.0)
-    assert "does not show" in delay_told(shown(0.04, np.inf), 0.0)
-    assert delay_told(shown(0.01, 0.001), 0.0) == ""
-    assert delay_told(None, 0.0) == ""
+    assert "40 ± 2 ms after" in delay_warning(shown(0.001, 0.002), 0.039)
+    assert "taken out" in delay_warning(shown(0.001, 0.002), 0.039)
+    assert "or more" in delay_warning(shown(-0.0999, 0.001), 0.0)
+    assert "does not show" in delay_warning(shown(0.04, np.inf), 0.0)
+    assert delay_warning(shown(0.01, 0.001), 0.0) == ""
+    assert delay_warning(None, 0.0) == ""
 
 
 def test_only_the_instruments_stamps_move():
