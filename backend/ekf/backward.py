@@ -10,7 +10,6 @@ Source: Bierman 1973, "Fixed interval smoothing with discrete measurements".
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from backend.compiled import njit
 from backend.ekf.forward import note
@@ -35,7 +34,6 @@ def backward(
     last: int,
     events: Events,
     found: Found,
-    rows: NDArray[np.int64],
     tape: Tape,
 ) -> None:
     """Carry the adjoint y (n,), L (n, n) back over the block that ``forward`` has taped, in place.
@@ -50,7 +48,7 @@ def backward(
             found.all_x[k] = retract(tape.x[b], -(C @ y))
         if kind == ASK:
             smooth = C - C @ (L @ C)
-            note(found, events.row[k], retract(tape.x[b], -(C @ y)), (smooth + smooth.T) / 2, rows)
+            note(found, events.row[k], retract(tape.x[b], -(C @ y)), (smooth + smooth.T) / 2)
         if kind == KEEP:
             _let_go(y, L)
         elif tape.dof[b] > 0:

@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from backend.compiled import njit
 from backend.ekf.motion import (
@@ -53,7 +52,21 @@ from backend.ekf.readings import (
     predict,
     step_residual,
 )
-from backend.ekf.records import REFUSED, SOFTENED, STEPPED, UNABLE, USED, Events, Found, Gates, Log, Tape
+from backend.ekf.records import (
+    REFUSED,
+    SOFTENED,
+    STEPPED,
+    UNABLE,
+    USED,
+    Filtered,
+    Found,
+    Gates,
+    Given,
+    Log,
+    Reading,
+    Tape,
+    Written,
+)
 
 _WILD = 4.0
 """A component so many times beyond its gate is refused; one nearer is softened: its noise is taken for as
@@ -62,110 +75,89 @@ large as puts it at the gate, for a sensor's tails are often heavier than told."
 
 @njit(cache=True)
 def forward(
-    x: Array,
-    e: Array,
-    C: Array,
-    now: float,
-    refused_since: Array,
-    first: int,
-    last: int,
-    events: Events,
-    about: Array,
-    model: Array,
-    gates: Gates,
-    log: Log,
-    found: Found,
-    rows: NDArray[np.int64],
-    tape: Tape,
-) -> tuple[Array, float, int]:
-    """Take events ``first`` to ``last``; e, C and ``refused_since`` (kinds, 3) change in place.
+    first: int, last: int, now: float, state: Filtered, given: Given, written: Written
+) -> tuple[float, int]:
+    """Take events ``first`` to ``last``; ``state``, which is that at the time ``now``, changes in place.
 
-    ``about`` (events, STATE) holds the states to linearise about; of no length in the first round.
-    Gives the state that e is the error of, the time, and the event at which a figure ceased to be finite,
-    or -1.
+    Gives the time of the last event, and the event at which a figure ceased to be finite, or -1.
     """
+    x, e, C = state.x, state.e, state.C
+    events, about, log, tape = given.events, given.about, written.log, written.tape
     n = len(C)
-    H, variance, F = np.zeros((6, n)), np.zeros(6), np.zeros((9, 3))
+    innovation, H, variance, F = np.zeros(6), np.zeros((6, n)), np.zeros(6), np.zeros((9, 3))
     taping, fixed = len(tape.F) > 0, len(about) > 0
     for k in range(first, last):
         kind, b = events.kind[k], k - first
         dt = events.stamps_s[k] - now
         F[:] = 0.0
         if dt > 0:
-            propagate(x, C, dt, model, F)
+            propagate(x, C, dt, given.model, F)
             push(e, F)
             now = events.stamps_s[k]
         if kind == KEEP:
             _keep(x, e, C)
         if fixed:
             e += difference(x, about[k], n)
-            x = about[k].copy()
+            x[:] = about[k]
         if taping:
             tape.dof[b] = 0
         if kind != TICK and kind != ASK and kind != KEEP:
             if not fixed:
                 e[:] = 0.0
-            innovation, able = _innovation(kind, k, x, events, model, H, variance)
-            for i in range(0 if able else 6):
-                if math.isfinite(innovation[i]):
-                    log.status[k, i] = UNABLE
-            if kind == STEP:
-                able = able and _gate_step(k, innovation, e, C, H, variance, now, refused_since, gates, log)
-            for i in range(6 if able else 0):
-                if math.isfinite(innovation[i]):
-                    since = refused_since[kind, i:]
-                    _take(k, i, kind, innovation[i], e, C, H[i], variance[i], now, since, gates, log, tape, b)
+            reading = Reading(k, b, kind, now, innovation, H, variance)
+            able = _read(reading, x, given)
+            if able and (kind != STEP or _gate_step(reading, state, given.gates, log)):
+                for i in range(6):
+                    if math.isfinite(innovation[i]):
+                        _take(i, reading, state, given.gates, log, tape)
+            elif not able:
+                for i in range(6):
+                    if math.isfinite(innovation[i]):
+                        log.status[k, i] = UNABLE
             if not fixed:
-                x = retract(x, e)
+                x[:] = retract(x, e)
                 e[:] = 0.0
             if not _sound(x, e, C):
-                return x, now, k
+                return now, k
         if kind == ASK:
-            note(found, events.row[k], retract(x, e), C, rows)
+            note(written.found, events.row[k], retract(x, e), C)
         if taping:
             tape.F[b], tape.x[b], tape.C[b] = F, retract(x, e), C
-    return x, now, -1
+    return now, -1
 
 
 @njit(cache=True)
-def _innovation(
-    kind: int, k: int, x: Array, events: Events, model: Array, H: Array, variance: Array
-) -> tuple[Array, bool]:
-    """Reading minus what was expected (6,), NaN where nothing was read, with its rows and white noise.
+def _read(reading: Reading, x: Array, given: Given) -> bool:
+    """Fill in innovation, derivatives and noise; whether the instrument can read in this state.
 
-    A step's are whitened, so that its components are independent like those of all others.
+    A step's components are whitened, so that they are independent like those of all others.
     """
-    if kind == STEP:
-        residual, able = step_residual(x, events.step[events.row[k]], model, H)
+    events, H, k = given.events, reading.H, reading.event
+    if reading.kind == STEP:
+        residual, able = step_residual(x, events.step[events.row[k]], given.model, H)
         white = events.step_whitener[events.row[k]]
         H[:] = white @ H
-        variance[:] = 1.0
-        return white @ residual, able
-    expected, able = predict(kind, x, events.value[k], model, H)
-    out = np.full(6, np.nan)
+        reading.variance[:] = 1.0
+        reading.innovation[:] = white @ residual
+        return able
+    expected, able = predict(reading.kind, x, events.value[k], given.model, H)
+    reading.innovation[:] = np.nan
     for i in range(3):
-        out[i] = events.value[k, i] - expected[i]
-        variance[i] = events.std[k, i] ** 2
-    return out, able
+        reading.innovation[i] = events.value[k, i] - expected[i]
+        reading.variance[i] = events.std[k, i] ** 2
+    return able
 
 
 @njit(cache=True)
-def _gate_step(
-    k: int,
-    innovation: Array,
-    e: Array,
-    C: Array,
-    H: Array,
-    variance: Array,
-    now: float,
-    refused_since: Array,
-    gates: Gates,
-    log: Log,
-) -> bool:
-    """Whether to take a step seen in pictures: wrong ones are wrong as a whole. Logged are its components,
-    each given those before it, of one that is refused too: it speaks against what foresaw another."""
-    S = H @ (C @ np.ascontiguousarray(H.T)) + np.eye(6)
-    off = innovation - H @ e
+def _gate_step(reading: Reading, state: Filtered, gates: Gates, log: Log) -> bool:
+    """Chi-square gate on a picture step's whole 6-vector; whether to take it.
+
+    Logs the innovations, each conditioned on those before it, of a rejected step too: it is evidence on the
+    model that predicted another. A step that is softened has its noise inflated.
+    """
+    k, now, H, refused_since = reading.event, reading.now_s, reading.H, state.refused_since
+    S = H @ (state.C @ np.ascontiguousarray(H.T)) + np.eye(6)
+    off = reading.innovation - H @ state.e
     L = np.linalg.cholesky(S)
     apart = np.linalg.solve(L, off)
     nis = float((apart**2).sum())
@@ -173,12 +165,27 @@ def _gate_step(
         log.innovation[k, i], log.variance[k, i] = apart[i] * L[i, i], L[i, i] ** 2
     if nis <= gates.step:
         refused_since[STEP, 0] = math.inf
+        log.status[k, :] = USED
         return True
     refused_since[STEP, 0] = min(refused_since[STEP, 0], now)
-    variance *= nis / gates.step
+    reading.variance[:] *= nis / gates.step
     softened = now - refused_since[STEP, 0] >= gates.patience_s
     log.status[k, :] = SOFTENED if softened else REFUSED
     return softened
+
+
+@njit(cache=True)
+def _gate(kind: int, i: int, over: float, now: float, refused_since: Array, gates: Gates) -> int:
+    """Chi-square gate on one component; ``over`` is its NIS in gates. Gives its status."""
+    if over <= 1:
+        refused_since[kind, i] = math.inf
+        return USED
+    refused_since[kind, i] = min(refused_since[kind, i], now)
+    lasting = now - refused_since[kind, i] >= gates.patience_s
+    if lasting and _own_error(kind, i) >= 0:
+        refused_since[kind, i] = math.inf
+        return STEPPED
+    return SOFTENED if lasting or over <= _WILD else REFUSED
 
 
 @njit(cache=True)
@@ -196,65 +203,33 @@ def _own_error(kind: int, i: int) -> int:
 
 
 @njit(cache=True)
-def _take(
-    k: int,
-    i: int,
-    kind: int,
-    raw: float,
-    e: Array,
-    C: Array,
-    h: Array,
-    variance: float,
-    now: float,
-    refused_since: Array,
-    gates: Gates,
-    log: Log,
-    tape: Tape,
-    b: int,
-) -> None:
-    """Gate one component, then take it in Joseph's form; e and C change in place."""
-    n = len(C)
-    Ch = np.zeros(n)
-    innovation = raw
-    for j in range(n):
+def _take(i: int, reading: Reading, state: Filtered, gates: Gates, log: Log, tape: Tape) -> None:
+    """Gate component i of a reading, then take it."""
+    k, kind, b = reading.event, reading.kind, reading.taped
+    e, C, h, variance = state.e, state.C, reading.H[i], reading.variance[i]
+    innovation, Ch = reading.innovation[i], np.zeros(len(C))
+    for j in range(len(C)):
         if h[j] != 0.0:
             innovation -= h[j] * e[j]
             Ch += h[j] * C[j]
     expected = (h * Ch).sum()
     S = expected + variance
-    if kind != STEP:
+    if kind != STEP:  # that one was gated as a whole
         log.innovation[k, i], log.variance[k, i] = innovation, S
-        log.status[k, i] = USED
         over = innovation * innovation / S / gates.component
-        if over <= 1:
-            refused_since[0] = math.inf
-        else:
-            refused_since[0] = min(refused_since[0], now)
-            lasting = now - refused_since[0] >= gates.patience_s
-            if over > _WILD and not lasting:
-                log.status[k, i] = REFUSED
-                return
+        status = _gate(kind, i, over, reading.now_s, state.refused_since, gates)
+        log.status[k, i] = status
+        if status == REFUSED:
+            return
+        if status == STEPPED:
             own = _own_error(kind, i)
-            if lasting and own >= 0:
-                log.status[k, i] = STEPPED
-                C[own, own] += innovation * innovation
-                Ch[own] += h[own] * innovation * innovation
-                expected += (h[own] * innovation) ** 2
-                S = expected + variance
-                refused_since[0] = math.inf
-            else:
-                log.status[k, i] = SOFTENED
-                variance += (over - 1) * S
-                S = expected + variance
-    elif log.status[k, i] != SOFTENED:
-        log.status[k, i] = USED
+            C[own, own] += innovation * innovation
+            Ch[own] += h[own] * innovation * innovation
+            S = expected + (h[own] * innovation) ** 2 + variance
+        elif status == SOFTENED:
+            S = expected + (variance + (over - 1) * S)
     K = Ch / S
-    e += K * innovation
-    # (1 - K h) C (1 - K h)' + K variance K', multiplied out.
-    for r in range(n):
-        gain, c = K[r], S * K[r] - Ch[r]
-        for j in range(n):
-            C[r, j] += c * K[j] - gain * Ch[j]
+    _update(e, C, K, Ch, S, innovation)
     if len(tape.F) > 0:
         m = tape.dof[b]
         tape.H[b, m], tape.K[b, m], tape.S[b, m], tape.innovation[b, m] = h, K, S, innovation
@@ -262,8 +237,20 @@ def _take(
 
 
 @njit(cache=True)
-def note(found: Found, q: int, x: Array, C: Array, rows: NDArray[np.int64]) -> None:
+def _update(e: Array, C: Array, K: Array, Ch: Array, S: float, innovation: float) -> None:
+    """Kalman update by one component with gain K and innovation variance S; e and C change in place."""
+    e += K * innovation
+    # Joseph's form (1 - K h) C (1 - K h)' + K variance K', multiplied out.
+    for r in range(len(C)):
+        gain, c = K[r], S * K[r] - Ch[r]
+        for j in range(len(C)):
+            C[r, j] += c * K[j] - gain * Ch[j]
+
+
+@njit(cache=True)
+def note(found: Found, q: int, x: Array, C: Array) -> None:
     """Write down state and covariance at an asked time."""
+    rows = found.rows
     found.x[q] = x
     for i in range(len(rows)):
         for j in range(len(rows)):

@@ -46,6 +46,46 @@ class Gates(NamedTuple):
     """For so long readings may be refused."""
 
 
+class Given(NamedTuple):
+    """A flight, and all that it is filtered under."""
+
+    events: Events
+    about: Array
+    """(e, STATE) states to linearise about; of no length in the first round."""
+    model: Array
+    """(MOTION + 9,) see `backend.ekf.motion`; then the beam, the places of rangefinder and camera."""
+    gates: Gates
+
+
+class Filtered(NamedTuple):
+    """What the filter carries on from event to event; changed in place."""
+
+    x: Array
+    """(STATE,) nominal state."""
+    e: Array
+    """(n,) mean of its error: not zero where the linearisation point is given."""
+    C: Array
+    """(n, n) covariance of the error."""
+    refused_since: Array
+    """(kinds, 6) since when each component is beyond its gate; infinite where it is not."""
+
+
+class Reading(NamedTuple):
+    """One reading as the update takes it."""
+
+    event: int
+    taped: int
+    """Its event's number within the block."""
+    kind: int
+    now_s: float
+    innovation: Array
+    """(6,) reading minus prediction at the linearisation point; NaN where nothing was read."""
+    H: Array
+    """(6, n) its derivatives by the error."""
+    variance: Array
+    """(6,) of the white noise."""
+
+
 class Log(NamedTuple):
     """What became of each component of each reading."""
 
@@ -63,11 +103,13 @@ class Found(NamedTuple):
     x: Array
     """(q, STATE)."""
     C: Array
-    """(q, r, r) of the rows that are wanted."""
+    """(q, r, r) of the error, ``rows`` alone."""
     std: Array
     """(q, n) of every part of the state."""
     all_x: Array
     """(e, STATE) behind every event; of no length where nobody needs them."""
+    rows: NDArray[np.int64]
+    """(r,) which parts of the error are told with their covariance."""
 
 
 class Tape(NamedTuple):
@@ -89,3 +131,11 @@ class Tape(NamedTuple):
     """(b, STATE) state behind it."""
     C: Array
     """(b, n, n)."""
+
+
+class Written(NamedTuple):
+    """What the pass forward leaves behind."""
+
+    log: Log
+    found: Found
+    tape: Tape

@@ -26,7 +26,7 @@ from backend.ekf import motion as at
 from backend.ekf import readings as kinds
 from backend.ekf.events import in_order
 from backend.ekf.inputs import FilterModel, Keep, Readings, Start
-from backend.ekf.records import Events, Found, Gates, Log, Tape
+from backend.ekf.records import Events, Filtered, Found, Gates, Given, Log, Tape, Written
 from backend.ekf.results import Track, channels_of, states_of
 from backend.errors import BackendError
 
@@ -83,11 +83,8 @@ class _Block:
 
     first: int
     last: int
-    x: Array
-    e: Array
-    C: Array
     now_s: float
-    refused_since: Array
+    state: Filtered
 
 
 class _Passes:
@@ -96,55 +93,50 @@ class _Passes:
     def __init__(
         self, events: Events, about: Array, model: FilterModel, start: Start, log: Log, size: int
     ) -> None:
-        self.events, self.about, self.log, self.size = events, about, log, size
-        self.model = _vector(model)
         component, step = (float(chi2.isf(model.gate_probability, dof)) for dof in (1, 6))
-        self.gates = Gates(component, step, float(model.patience_s))
+        gates = Gates(component, step, float(model.patience_s))
+        self.given = Given(events, about, _vector(model), gates)
         self.start = _first(start, model, size)
-        self.rows = _rows(size)
+        self.log, self.size = log, size
 
     def ahead(self, found: Found) -> list[_Block]:
         """Filter; gives where each block began. Raises ``BackendError``."""
-        x, C = self.start
-        e, tape = np.zeros(self.size), _tape(0, self.size)
-        now_s = float(self.events.stamps_s[0]) if len(self.events.kind) else 0.0
-        since = np.full((kinds.KEEP + 1, 6), math.inf)
+        events, state = self.given.events, self.start
+        now_s = float(events.stamps_s[0]) if len(events.kind) else 0.0
+        written = Written(self.log, found, _tape(0, self.size))
         blocks = []
-        for first in range(0, len(self.events.kind), _BLOCK):
-            last = min(first + _BLOCK, len(self.events.kind))
-            block = _Block(first, last, x, e, C, now_s, since)
-            blocks.append(block)
-            x, e, C, now_s, since = self._run(block, found, tape)
+        for first in range(0, len(events.kind), _BLOCK):
+            blocks.append(_Block(first, min(first + _BLOCK, len(events.kind)), now_s, state))
+            now_s, state = self._run(blocks[-1], written)
         return blocks
 
     def back(self, blocks: list[_Block], found: Found) -> None:
         """Smooth: each block is filtered again, taped, and gone back through. Raises ``BackendError``."""
         y, L = np.zeros(self.size), np.zeros((self.size, self.size))
-        tape, again = _tape(_BLOCK, self.size), _found(len(found.x), self.size)
+        written = Written(self.log, _found(len(found.x), self.size), _tape(_BLOCK, self.size))
         for block in reversed(blocks):
-            self._run(block, again, tape)
-            ekf_backward.backward(y, L, block.first, block.last, self.events, found, self.rows, tape)
+            self._run(block, written)
+            ekf_backward.backward(y, L, block.first, block.last, self.given.events, found, written.tape)
             if not (np.isfinite(y).all() and np.isfinite(L).all()):
                 raise BackendError(
                     f"smoothed figures are not finite at {block.now_s:.3f} s; smooth a part of the flight"
                 )
 
-    def _run(self, block: _Block, found: Found, tape: Tape) -> tuple[Array, Array, Array, float, Array]:
-        e, C, since = block.e.copy(), block.C.copy(), block.refused_since.copy()
-        x, now_s, bad = ekf_forward.forward(
-            block.x.copy(), e, C, block.now_s, since, block.first, block.last, self.events, self.about,
-            self.model, self.gates, self.log, found, self.rows, tape,
-        )  # fmt: skip
+    def _run(self, block: _Block, written: Written) -> tuple[float, Filtered]:
+        """Time and state behind a block."""
+        state = Filtered(*(figures.copy() for figures in block.state))
+        now_s, bad = ekf_forward.forward(block.first, block.last, block.now_s, state, self.given, written)
         if bad >= 0:
             self._refuse(bad)
-        return x, e, C, now_s, since
+        return now_s, state
 
     def _refuse(self, event: int) -> None:
-        kind = int(self.events.kind[event])
+        events = self.given.events
+        kind = int(events.kind[event])
         name = next((name for name, number in kinds.CHANNELS.items() if number == kind), "nothing")
         raise BackendError(
-            f"the filter's figures are not finite at {self.events.stamps_s[event]:.3f} s, after a reading of "
-            f"{name}: {self.events.value[event]}; check that stream there"
+            f"the filter's figures are not finite at {events.stamps_s[event]:.3f} s, after a reading of "
+            f"{name}: {events.value[event]}; check that stream there"
         )
 
 
@@ -154,12 +146,14 @@ def _rows(size: int) -> NDArray[np.int64]:
 
 
 def _found(asked: int, size: int, all_events: int = 0) -> Found:
-    r = len(_rows(size))
+    rows = _rows(size)
+    r = len(rows)
     return Found(
         np.full((asked, at.STATE), np.nan),
         np.full((asked, r, r), np.nan),
         np.full((asked, size), np.nan),
         np.full((all_events, at.STATE), np.nan),
+        rows,
     )
 
 
@@ -191,8 +185,8 @@ def _vector(model: FilterModel) -> Array:
     return np.array(figures)
 
 
-def _first(start: Start, model: FilterModel, size: int) -> tuple[Array, Array]:
-    """State and covariance at the first event."""
+def _first(start: Start, model: FilterModel, size: int) -> Filtered:
+    """The state at the first event."""
     x, std = np.zeros(at.STATE), np.zeros(size)
     x[:3] = [*start.place_m, start.height_m]
     x[at.VEL : at.ACC] = start.w_v_m_s
@@ -215,4 +209,4 @@ def _first(start: Start, model: FilterModel, size: int) -> tuple[Array, Array]:
     R = turn.as_matrix()
     about_world = np.array([start.tilt_std_rad, start.tilt_std_rad, start.yaw_std_rad]) ** 2
     C[at.ROT : at.RATE, at.ROT : at.RATE] = R.T @ np.diag(about_world) @ R
-    return x, C
+    return Filtered(x, np.zeros(size), C, np.full((kinds.KEEP + 1, 6), math.inf))
