@@ -19,7 +19,14 @@ from backend.chi_square import ChiSquare, chi_square
 from backend.errors import BackendError
 from backend.initialize import chordal, spanning_tree
 from backend.problem import Problem
-from backend.solve import Minimum, OnStep, gauss_newton, levenberg_marquardt
+from backend.solve import (
+    MOST_ITERATIONS,
+    RELATIVE_TOLERANCE,
+    Minimum,
+    OnStep,
+    gauss_newton,
+    levenberg_marquardt,
+)
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -34,8 +41,6 @@ class Options:
 
     loops_robust: bool = True
     covariances: bool = True
-    max_iterations: int = 100
-    relative_tolerance: float = 1e-5
     on_step: OnStep | None = None
     deadline: float = math.inf
     """On ``time.monotonic``'s clock."""
@@ -111,7 +116,7 @@ def plain_fit(anchored: Anchored, kept: Mask, start: Array) -> Fit:
     where that does not end well."""
     problem, options = anchored.problem.with_edges(kept), anchored.options
     graph = anchored.graph(kept)
-    limits = (options.max_iterations, options.relative_tolerance, options.on_step, options.deadline)
+    limits = (MOST_ITERATIONS, RELATIVE_TOLERANCE, options.on_step, options.deadline)
     attempts: list[Fit] = []
     refused: BackendError | None = None
     for values in _starts(problem, start):

@@ -32,8 +32,6 @@ def solve(
     loops_robust: bool = True,
     initial: Array | None = None,
     covariances: bool = True,
-    max_iterations: int = 100,
-    relative_tolerance: float = 1e-5,
     on_step: OnStep | None = None,
     time_limit_s: float | None = None,
 ) -> Solution:
@@ -45,7 +43,7 @@ def solve(
     """
     problem, warnings = from_measurements(measurements, initial)
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
-    options = Options(loops_robust, covariances, max_iterations, relative_tolerance, on_step, deadline)
+    options = Options(loops_robust, covariances, on_step, deadline)
     return _solve(problem, options, warnings)
 
 
@@ -54,14 +52,12 @@ def solve_pose_graph(
     *,
     loops_robust: bool = True,
     covariances: bool = True,
-    max_iterations: int = 100,
-    relative_tolerance: float = 1e-5,
     on_step: OnStep | None = None,
     time_limit_s: float | None = None,
 ) -> Solution:
     """The same for a g2o graph, planar or spatial. Fixed vertices are held; else the first of each part."""
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
-    options = Options(loops_robust, covariances, max_iterations, relative_tolerance, on_step, deadline)
+    options = Options(loops_robust, covariances, on_step, deadline)
     problem = from_pose_graph(graph)
     return _solve(problem, options, blind_told(graph))
 

@@ -12,6 +12,9 @@ from scipy.sparse.linalg import splu
 
 Array = NDArray[np.float64]
 
+_ROUNDS = 8
+"""The kernel's width halves with each, from 32 to 2 standard deviations; the last rounds converge."""
+
 
 @dataclass(frozen=True)
 class Heights:
@@ -34,7 +37,6 @@ def agree_on_heights(
     k: NDArray[np.int64],
     log_height: Array,
     log_height_std: Array,
-    rounds: int = 8,
 ) -> Heights:
     """Robust least squares on log heights (iteratively reweighted, Cauchy).
 
@@ -59,7 +61,7 @@ def agree_on_heights(
     weight = np.ones(len(b))
     x = np.zeros(count)
     factor = None
-    for number in range(rounds):
+    for number in range(_ROUNDS):
         W = weight / sigma**2
         factor = splu(csc_matrix(A.T @ A.multiply(W[:, None]) + weak))
         x = factor.solve(A.T @ (W * b))

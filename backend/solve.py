@@ -25,6 +25,9 @@ from backend.observability import unobserved
 OnStep = Callable[[int, float], None]
 Name = Callable[[int], str]
 
+MOST_ITERATIONS = 100
+RELATIVE_TOLERANCE = 1e-5
+"""A step that lowers the error by a smaller share is the last."""
 _ABSOLUTE_TOLERANCE = 1e-7
 _GROWTH = 1e-6
 _MODEL_SHARE = 0.2
@@ -51,8 +54,8 @@ def minimise(
     graph: gtsam.NonlinearFactorGraph,
     initial: gtsam.Values,
     *,
-    max_iterations: int = 100,
-    relative_tolerance: float = 1e-5,
+    max_iterations: int = MOST_ITERATIONS,
+    relative_tolerance: float = RELATIVE_TOLERANCE,
     on_step: OnStep | None = None,
     time_limit_s: float | None = None,
     name: Name = key_name,

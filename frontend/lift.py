@@ -22,6 +22,9 @@ from frontend.camera import Camera
 
 Array = NDArray[np.float64]
 
+_ITERATIONS = 10
+"""Gauss-Newton steps: all pairs take as many."""
+
 
 @dataclass(frozen=True)
 class LiftedPoses:
@@ -203,7 +206,6 @@ def _solve(
     roll_pitch_rad: Array,
     roll_pitch_std_rad: Array,
     i_H_j: Array,
-    iterations: int = 10,
 ) -> _Fit:
     """Gauss-Newton for the poses of j and the attitudes of i.
 
@@ -215,7 +217,7 @@ def _solve(
     trust = 1.0 / np.maximum(roll_pitch_std_rad, 1e-6) ** 2
     prior = np.zeros((len(pose), 8, 8))
     prior[:, [6, 7], [6, 7]] = trust
-    for k in range(iterations + 1):
+    for k in range(_ITERATIONS + 1):
         floor, swing = _floor(pixel_i, camera, tilt)
         b_p = np.einsum("mba,mkb->mka", pose[:, :3, :3], floor - pose[:, None, :3, 3])
         c_p = b_p @ c_T_b[:3, :3].T + c_T_b[:3, 3]
@@ -223,7 +225,7 @@ def _solve(
         swing = pose[:, None, :3, :3].transpose(0, 1, 3, 2) @ swing
         J = _projection_jacobian(b_p, c_p, c_T_b[:3, :3], focal, swing)
         information = np.einsum("mka,mkl,mlb->mab", J, weight, J) + prior
-        if k == iterations:
+        if k == _ITERATIONS:
             break
         gradient = np.einsum("mka,mkl,ml->ma", J, weight, residual)
         gradient[:, 6:] += trust * (roll_pitch_rad - tilt)

@@ -70,7 +70,6 @@ class Bundle:
     """Of the floor under the origin."""
     floor_slope_rad: tuple[float, float]
     """Rotation vector (x, y) that takes the level to the floor."""
-    mean_height_m: float
     focal_px: tuple[float, float]
     radial: tuple[float, float]
     """Radial coefficients (k1, k2) that go with ``focal_px``; zero where they were held."""
@@ -204,7 +203,6 @@ def _result(
         *_metric_covariances(problem, joint, values),
         float(world[FLOOR_Z]),
         (float(world[SLOPE][0]), float(world[SLOPE][1])),
-        float(np.exp(world[LOG_SCALE])),
         focal,
         radial,
         problem.b_T_c(values),

@@ -125,9 +125,9 @@ def at_rest(x: float, y: float, z: float, yaw_rad: float) -> Array:
     return state
 
 
-def steps_of(duration_s: float, step_s: float = STEP_S) -> int:
+def steps_of(duration_s: float) -> int:
     """How many steps cover a duration."""
-    return max(int(np.ceil(duration_s / step_s - 1e-9)), 1)
+    return max(int(np.ceil(duration_s / STEP_S - 1e-9)), 1)
 
 
 def draw_for(model: Model, steps: int, rngs: tuple[np.random.Generator, np.random.Generator]) -> NoisePath:
