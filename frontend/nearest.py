@@ -30,6 +30,7 @@ class InvertedFile:
     def __init__(self, vectors: Float, seed: int = 0) -> None:
         n = len(vectors)
         self._centres = vectors[:0] if n <= EXACT_UP_TO else _centres(vectors, int(2 * np.sqrt(n)), seed)
+        self._half_norm = 0.5 * np.sum(self._centres**2, axis=1)
         cells = max(1, len(self._centres))
         cell = self._cell_of(vectors) if len(self._centres) else np.zeros(n, np.int64)
         self._order = np.argsort(cell, kind="stable")
@@ -47,7 +48,6 @@ class InvertedFile:
         return rows, np.concatenate([self._sorted[span] @ vector for span in spans])
 
     def _cell_of(self, vectors: Float) -> NDArray[np.int64]:
-        self._half_norm = 0.5 * np.sum(self._centres**2, axis=1)
         blocks = (vectors[k : k + _BLOCK] for k in range(0, len(vectors), _BLOCK))
         return np.concatenate(
             [np.argmax(block @ self._centres.T - self._half_norm, axis=1) for block in blocks]
