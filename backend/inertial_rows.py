@@ -41,8 +41,10 @@ PRIOR = np.diag(np.array([0.0, *[3.0**-2] * 3, *[0.3**-2] * 3]))
 
 @dataclass(frozen=True)
 class Rows:
-    """All stretches, each turned so that start and speed are gone and noise is independent from row to row:
-    ``way = known @ (scale, offset, arm) + noise``."""
+    """Linear system of all stretches: ``way = known @ (scale, offset, arm) + noise``.
+
+    Initial position and velocity are projected out, and noise is independent from row to row.
+    """
 
     stretch: NDArray[np.int64]
     """(r,) number of the stretch."""
@@ -95,7 +97,7 @@ class Rows:
         return short
 
     def log_volume(self, sizes: Array, noise: Array) -> float:
-        """What the likelihood takes for the noise's size, offset and arm projected out."""
+        """Log-determinant term of the likelihood of the noise, offset and arm marginalised."""
         weight, others = self.weight(sizes, noise), self.known[..., 1:]
         H = np.einsum("rak,ra,ral->kl", others, weight, others, optimize=True) + PRIOR[1:, 1:]
         return float(np.linalg.slogdet(H)[1] - np.log(weight).sum())
@@ -114,8 +116,10 @@ class PathBeside:
 
     @cached_property
     def contrasts(self) -> list[tuple[Array, Array, Array]]:
-        """Of each stretch: sums over its moments (r, m) that neither start nor speed enters, and the variance
-        of each (r,) by white noise integrated twice, and integrated once."""
+        """Of each stretch: combinations of its moments (r, m) that cancel initial position and velocity.
+
+        And the variance (r,) of each under unit white noise integrated twice, and integrated once.
+        """
         contrasts = []
         for stretch in self.stretches:
             t = self.stamps_s[stretch] - self.stamps_s[stretch.start]

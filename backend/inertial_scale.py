@@ -1,13 +1,13 @@
-"""How long a metre is: a path that pictures know up to its scale, held against the accelerometer.
+"""Metric scale of a visual path, known up to scale from the pictures, from the accelerometer.
 
-Both sides err: the integrated force by white noise integrated twice, poses by noise of their own and by what
-they share with their neighbours, which hang on the same keyframe over the same uneven floor. That wanders,
-and taken for the force's noise it would have the path taken for right. Least squares
-that took either for right would have the scale too small or too large; these are total, over both. A picture
-of the floor that leans by mistake stands beside its place by the height times that, so errors of place and
-attitude are nearly one: an arm as long as the height would take both away, and with them most of the way, if
-the two were not taken together. How much of each noise there is, and by how much the pictures' clock is off,
-is what makes the record most likely.
+An errors-in-variables problem: the specific force integrated twice carries white noise integrated twice, the
+poses carry white noise and a random walk that neighbouring poses share, because they are registered to the
+same keyframe over the same uneven floor. Least squares that took either side for exact would bias the scale
+down or up; here it is total least squares over both. The random walk has to be modelled: attributed to the
+force, it would make the path look exact. Position and tilt errors of a pose are almost fully correlated (a
+tilt error displaces the camera by the height times that), so their joint covariance is used: else a lever arm
+as long as the height would explain both, and most of the path with them. The levels of all noises and the
+delay of the pictures' clock are maximum-likelihood estimates.
 
 Source: Fuller 1987, Measurement Error Models, section 2.3, for regressors that err together; Harville 1977
 (JASA 72) for the likelihood of the noise.
@@ -39,16 +39,16 @@ from backend.preintegration import InertialReadings
 Array = NDArray[np.float64]
 
 _FORCE_NOISE, _POSE_NOISE, _LASTING_NOISE = 0.02, 4.0, 1.0
-"""Where the search begins: m/s²/sqrt(Hz), and over what was told, of each pose alone and wandering in a root
-second. Poses taken for too sure would have the lengths shrunk until they are: from this side no start ends
-there."""
+"""Where the search begins: of the force, m/s²/sqrt(Hz); white noise and random walk (per root second) of the
+poses, as factors on their told noise. Starting with large pose noise avoids the local optimum in which poses
+are taken for exact and the scale shrinks to fit that."""
 _SURE = 5.0
 """Standard deviations by which the scale must differ from 0."""
 _MOST_OFFSET_M_S2 = 3.0
 """An accelerometer that is farther off has its signs or its unit wrong."""
 _ROUNDS = 3
 _ASIDE_S = 0.005
-"""So far to both sides the cost tells how well a delay is known."""
+"""Step of the finite difference that gives the delay's standard deviation from the cost's curvature."""
 _RANGE = 10.0
 """By how much the scale may differ from its first guess."""
 
@@ -72,9 +72,9 @@ class InertialScale:
     delay_std_s: float
     """Infinite where paths late and early are as likely."""
     gain_slopes: tuple[float, float, float]
-    """By how much the scale grows with the accelerometer's gain along each body axis, both relative. A rotor
-    pushes along one axis and always about as hard: what a wrong gain makes of that is an offset, and lengths
-    come from how the force is turned. Together they are 1 for a vehicle that is pushed without leaning."""
+    """d log(scale) / d log(gain) for the accelerometer's gain along each body axis. The rotors' thrust is
+    almost constant along one axis, where a gain error acts like an offset; the scale then comes from how that
+    force is turned. They add up to 1 for a vehicle that accelerates without leaning."""
 
     def log_std(self, gain_std: float) -> float:
         """Relative deviation of the scale, gains as uncertain as ``gain_std``: they may err together."""

@@ -1,4 +1,4 @@
-"""Where the next picture should lie, as the floor's motion over the last two has it."""
+"""Constant-velocity prediction of where the next picture lies, from the floor's motion over the last two."""
 
 from __future__ import annotations
 

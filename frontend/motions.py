@@ -123,7 +123,7 @@ def floor_motion(
 def _one_motion(
     points_i: Points, points_j: Points, corners_px: Array, config: HomographyConfig
 ) -> HomographyFit | None:
-    """The motion that most matches agree on; where two little different ones make a blurred one, either."""
+    """The homography of most inliers; where it is a blend of two similar motions, one of the two."""
     most = fit_homography(points_i, points_j, corners_px, config)
     if most is None or most.noise_px < MIXED * config.threshold_px:
         return most
@@ -133,7 +133,7 @@ def _one_motion(
 
 
 def _explained(fit: HomographyFit, cell: NDArray[np.int64], seen_j: Array, size_px: tuple[int, int]) -> float:
-    """Of the cells with features of picture j that picture i should show too: the share with matches."""
+    """Share of cells with inliers among the cells of picture j whose features should be visible in i."""
     there = transfer(fit.i_H_j, seen_j)
     common = ((there >= 0) & (there < size_px)).all(axis=1)
     filled = held(cell[fit.inlier])

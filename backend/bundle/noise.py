@@ -117,8 +117,10 @@ def _spread(
     relief: float,
     used: NDArray[np.bool_],
 ) -> float:
-    """Standard deviation of the whitened noise behind the residuals that a fit with ``noise`` has left of it,
-    over a floor of this relief."""
+    """Standard deviation of the whitened pixel noise, from the residuals, corrected for degrees of freedom.
+
+    ``noise`` is what the residuals were fitted with; the floor has this ``relief``.
+    """
     track = problem.tracks.track[used]
     seen = np.bincount(track, minlength=len(residuals.relief))
     # A point's place takes its share of each of its residuals, half of it where two pictures see the point:
@@ -173,9 +175,10 @@ def _pooled(told: float, found: float, count: int) -> float:
 def colour_along_tracks(
     tracks: FloorTracks, whitened: Array, used: NDArray[np.bool_], lags: int = 5
 ) -> float:
-    """How many observations of a point count as one: its position errs alike in pictures taken close by.
+    """Observations of a point for each independent one: errors in successive pictures are correlated.
 
-    Integrated autocorrelation along tracks, less the -1/length that fitting the point puts there.
+    Integrated autocorrelation of the residuals along tracks, corrected for the -1/length that fitting the
+    point induces.
     """
     m = np.flatnonzero(used)
     m = m[np.lexsort((tracks.keyframe[m], tracks.track[m]))]

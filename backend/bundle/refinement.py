@@ -82,7 +82,7 @@ class Bundle:
     scale_std: float | None
     """Relative; None where nothing told the scale."""
     own_scale_std: float
-    """The same beside what all ranges of the flight err by together; 0 where nothing told it."""
+    """The same, conditioned on the gain and zero that all ranges share; 0 where nothing told it."""
     noise: NoiseLevels
     dropped_observations: int
     error: float
@@ -218,7 +218,8 @@ def _result(
 
 
 def _own_scale_std(covariance: Array) -> float:
-    """Of the scale, given gain and zero of the ranges, which another part of the flight has too."""
+    """Standard deviation of the scale, conditioned on gain and zero of the ranges, which all parts of a
+    flight share."""
     shared, scale = [LOG_GAIN, DATUM], LOG_SCALE
     along = covariance[scale, shared]
     told = along @ np.linalg.solve(covariance[np.ix_(shared, shared)], along)

@@ -60,7 +60,7 @@ def backward(
 
 @njit(cache=True)
 def _let_go(y: Array, L: Array) -> None:
-    """The adjoint of keeping: what is known of the copy is known of the original."""
+    """The adjoint of cloning the pose: what the adjoint holds of the clone is added to the original."""
     for k in range(6):
         copy, of = KEPT_POS + k, (POS if k < 3 else ROT - 3) + k
         L[of] += L[copy]

@@ -1,10 +1,10 @@
 """The filter's pass forward over all events of a flight: kernels.
 
-Each component of a reading is gated by its chi-square, then taken in Joseph's form.
+Each component of a reading passes a chi-square gate on its innovation, then updates in Joseph's form.
 
-In the first round readings and motion are linearised about the estimate of the moment. That estimate jitters,
-and a product of two unknowns (a scale and what it multiplies) seems better known for it. Further rounds are
-linearised about the smoothed states of the round before; the error then has a mean e of its own.
+In the first round the linearisation point is the current estimate. Since that varies from reading to reading,
+the covariance of a product of unknowns (a scale and what it multiplies) comes out too small. Further rounds
+are linearised about the smoothed states of the round before; the error state then has a mean e.
 
 Source: Bucy and Joseph 1968 (Joseph's form); Bell 1994, "The iterated Kalman smoother as a Gauss-Newton
 method"; Roumeliotis and Burdick 2002, "Stochastic cloning" (the kept pose).
@@ -69,8 +69,8 @@ from backend.ekf.records import (
 )
 
 _WILD = 4.0
-"""A component so many times beyond its gate is refused; one nearer is softened: its noise is taken for as
-large as puts it at the gate, for a sensor's tails are often heavier than told."""
+"""A component whose squared innovation is more than so many times its gate is refused; a smaller one is
+softened: its noise is inflated until it lies on the gate, since sensors often have heavy tails."""
 
 
 @njit(cache=True)

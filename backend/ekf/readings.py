@@ -1,7 +1,7 @@
-"""What each instrument should read in a given state, and how that depends on the state's error: kernels.
+"""Measurement models of the instruments: predicted reading and its Jacobian in the error state; kernels.
 
-Every function fills H (6, n), the derivatives of the predicted reading, and gives back the predicted reading;
-the caller subtracts. Rows of a reading that is not there are left out by the caller.
+Every function fills H (6, n), the Jacobian, and gives back the predicted reading; the caller forms the
+innovation and leaves out components that were not read.
 """
 
 from __future__ import annotations
@@ -154,8 +154,8 @@ def angle_rates(R: Array) -> Array:
 def _attitude(x: Array, value: Array, z: Array, H: Array) -> bool:
     """Roll, pitch, yaw of ``Rz(yaw error) Exp(tilt error) R``; yaw within half a turn of what was read.
 
-    What an attitude that is added up from body rates has wrong stays where it is in the world, not on the
-    body: where the vehicle turns under it, and where tilt makes heading of a body rate, that shows.
+    The error of an attitude that is integrated from body rates is constant in world axes, not in body axes:
+    observable as the vehicle turns under it, and where a wrong tilt turns body rate into yaw rate.
     """
     R = rotation(x[X_ROT:X_RATE])
     if math.sqrt(R[2, 1] ** 2 + R[2, 2] ** 2) < _LEAST_COSINE:

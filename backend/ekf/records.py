@@ -11,9 +11,9 @@ Array = NDArray[np.float64]
 
 
 USED, REFUSED, STEPPED, SOFTENED, UNABLE = 1, 2, 3, 4, 5
-"""What became of a component of a reading: taken; far beyond its gate; taken for a step of the
-instrument's own error, because all before it were beyond their gates for too long; taken with less
-weight; not to be had in this state."""
+"""What became of a component of a reading: taken; rejected by the gate; taken as a step of the instrument's
+own bias, after all readings failed the gate for too long; taken with inflated noise; not predictable in this
+state."""
 
 
 class Events(NamedTuple):
@@ -43,7 +43,7 @@ class Gates(NamedTuple):
     step: float
     """The same of a step seen in pictures, as a whole."""
     patience_s: float
-    """For so long readings may be refused."""
+    """Seconds for which readings may fail the gate."""
 
 
 class Given(NamedTuple):
@@ -92,9 +92,9 @@ class Log(NamedTuple):
     status: NDArray[np.int64]
     """(e, 6) see above; 0 where there was none."""
     innovation: Array
-    """(e, 6) each given those before it; of a step whitened."""
+    """(e, 6) innovations, conditioned on the components before; of a step whitened."""
     variance: Array
-    """(e, 6) what it should scatter by."""
+    """(e, 6) their predicted variances."""
 
 
 class Found(NamedTuple):
@@ -113,7 +113,7 @@ class Found(NamedTuple):
 
 
 class Tape(NamedTuple):
-    """What each event of one block leaves for the pass back; of no length where there is none to come."""
+    """What the backward pass needs of each event of a block; of no length where none follows."""
 
     F: Array
     """(b, 9, 3) figures of the transition to it; zero where no time passed."""

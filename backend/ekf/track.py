@@ -47,10 +47,10 @@ def track(
 ) -> Track:
     """Filter all readings in order of time; states at ``at_s`` (n,), increasing.
 
-    ``rounds`` of smoothing follow the filter, none with 0; each after the first is linearised about what
-    the one before has found. ``keep`` keeps the pose of the first asked time, or of each until the next,
-    for the way from there; steps seen in pictures imply the latter. Raises ``BackendError``, with the
-    time, where a figure ceases to be finite.
+    ``rounds`` of smoothing follow the filter, none with 0; each after the first takes the smoothed states of
+    the one before as its linearisation point. ``keep`` clones the pose of the first asked time, or of each
+    until the next, for the relative pose since then; steps seen in pictures imply the latter. Raises
+    ``BackendError``, with the time, where a figure ceases to be finite.
     """
     keep = "each" if readings.steps else keep
     events = in_order(readings, at_s, keep)
@@ -141,7 +141,7 @@ class _Passes:
 
 
 def _rows(size: int) -> NDArray[np.int64]:
-    """Rows of the covariance that are told: the motion, and the kept pose."""
+    """Rows of the covariance that are given out: the motion, and the kept pose."""
     return np.array([*range(at.POS, at.RATE), *(range(at.KEPT_POS, at.SIZE) if size == at.SIZE else ())])
 
 

@@ -1,12 +1,13 @@
 """Which loops agree with trusted odometry and with each other: a set that grows from what is surest.
 
-A false loop is told by prediction. What is believed so far predicts each other loop with a covariance; one
-that lies outside is not believed, one that lies inside a *sharp* prediction is, since chance would hardly put
-it there; how often it does is measured on decoys. Each loop that is believed sharpens the predictions of
-others. Where no prediction is sharp, each loop is tried as a hypothesis, and those that make the most others
-agree sharply go ahead: loops that lie together (a floor that repeats) are then outvoted by the rest. The idea
-is that of pairwise consistency (Mangelson et al. 2018, ICRA), with predictions by all that is believed
-instead of by odometry alone. Loops that would join together are first held against each other.
+Innovation gating: the edges accepted so far predict each remaining loop with a covariance. A loop outside its
+gate is not accepted. One inside the gate of a *sharp* prediction (a small covariance) is, since a false loop
+would rarely fall there; how rarely is measured on decoys. Each accepted loop shrinks the covariances of the
+other predictions. Where no prediction is sharp, each loop is tried as a hypothesis, and those that bring the
+most others into sharp agreement are accepted: a mutually consistent group of false loops (a floor that
+repeats) is then outvoted by the rest. The idea is that of pairwise consistency (Mangelson et al. 2018, ICRA),
+with predictions from all accepted edges instead of odometry alone. Loops that would be accepted in the same
+round are first cross-validated.
 """
 
 from __future__ import annotations
@@ -45,14 +46,14 @@ Draw = Callable[[Mask, Array], Array | None]
 _ROUNDS = 400
 _HYPOTHESES = 300
 _DOUBT = 0.05
-"""Odds against a loop that is believed for its support."""
+"""Factor that lowers the prior odds of a loop: see `log_odds`."""
 _TAIL = 3.0
-"""How far noise may be over what the others show: its tails are heavier than a Gaussian's."""
+"""Allowed factor on the noise estimated from the accepted edges: its tails are heavier than a Gaussian's."""
 _STRIKES = 2
-"""A loop may have been pulled away by others that were dropped with it: once."""
+"""Rejections after which a loop is not tried again: the first may be the fault of loops dropped with it."""
 _TURNS = 4
 _STRETCH = 3
-"""Poses between neighbouring loops of one stretch."""
+"""Loops whose ends differ by at most so many poses count as one place."""
 
 
 def grow_consistent_set(
@@ -129,8 +130,11 @@ class _Growth:
     draw: Draw
 
     def crossed(self, kept: Mask, joined: Index, w_T: Array, scale: float) -> Index:
-        """Those that agree with what is kept and the other half of them: a false one that joined by chance is
-        told by the true ones that came with it, and once more by those that are left."""
+        """Two-fold cross-validation of the newly accepted loops; those that pass.
+
+        Each half must pass the gate of the solution from the kept edges and the other half. Repeated with
+        other halves until none is rejected, so that a chance agreement is exposed by the true loops.
+        """
         for turn in range(_TURNS):
             passed = self._halves(kept, joined, w_T, scale, turn)
             if len(passed) == len(joined):
@@ -159,8 +163,10 @@ class _Growth:
         return np.sort(np.concatenate(good))
 
     def fitting(self, kept: Mask, new: Index, w_T: Array, scale: float) -> tuple[Index, Array]:
-        """Those that strain all the rest no more than noise would, the worst half left out until they do, and
-        the poses from them."""
+        """New loops whose acceptance raises the total chi-square no more than noise would, and the poses.
+
+        The worse half of them is dropped until that holds.
+        """
         before = float((self.problem.residuals(w_T)[kept] ** 2).sum())
         while len(new):
             now = kept.copy()
@@ -183,7 +189,10 @@ def log_odds(kept: Mask, loops: Mask) -> float:
 
 
 def _joining(pending: Innovations, chance: Array, place: Index, odds: float) -> Index:
-    """Which edges to believe next; ``chance`` and ``place`` (k,) go with the pending ones."""
+    """Loops to accept next: those of sharp predictions, else those with the most support.
+
+    ``chance`` (log probability of agreeing if false) and ``place`` (k,) are those of the pending ones.
+    """
     agrees = pending.agrees()
     sure = _sure(chance, agrees, place)
     if sure.any() or not agrees.any():
@@ -207,11 +216,11 @@ def _joining(pending: Innovations, chance: Array, place: Index, odds: float) -> 
 
 
 def _sure(chance: Array, agrees: Mask, place: Index) -> Mask:
-    """Agreeing loops of so sharp predictions that of a thousand not one would be false.
+    """Agreeing loops, accepted in order of sharpness at a false discovery rate of `CHANCE`.
 
-    If all of the sharpest k loops were false, the sum of their chances would agree. Loops between the same
-    two places are right or wrong together: a place counts as one. Source: the false discovery rate of
-    Benjamini and Hochberg 1995.
+    Of the k sharpest loops the sum of ``chance`` is expected to agree if all are false. Loops between the
+    same two places are right or wrong together, so that a place counts as one. Source: Benjamini and
+    Hochberg 1995.
     """
     order = np.argsort(chance, kind="stable")
     weight = (1 / np.maximum(np.bincount(place), 1))[place][order]
@@ -225,19 +234,22 @@ def _sure(chance: Array, agrees: Mask, place: Index) -> Mask:
 
 @dataclass(frozen=True)
 class _Votes:
-    """What each of h loops, taken as a hypothesis, makes of the others."""
+    """What accepting each of h loops as a hypothesis does to the gates of the others."""
 
     support: Array
-    """(h,) surprise in nats that it and what it makes agree sharply do so by chance."""
+    """(h,) negative log probability (nats) that it and the loops that then agree sharply are all false."""
     follows: Mask
-    """(h, h) which go with it: its neighbours, and what then is sure."""
+    """(h, h) loops to accept with it: those of its own place, and those then accepted as sure."""
     fits: Mask
-    """(h, h) which then agree."""
+    """(h, h) loops that then pass the gate."""
 
 
 def _votes(pending: Innovations, open_: Index, place: Index, chance: Array) -> _Votes:
-    """Loops between the same two places (``place``) count once: where the floor repeats they are false
-    together."""
+    """Condition all open loops on each one in turn.
+
+    Loops between the same two places (``place``) add to the support once: where the floor repeats they are
+    false together.
+    """
     some, most = pending.only(open_), limit(pending.residual.shape[1])
     h = len(open_)
     support = np.zeros(h)

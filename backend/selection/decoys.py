@@ -25,19 +25,18 @@ _BINS = np.linspace(-40.0, 0.0, 81)
 _GRID = np.meshgrid(
     (0.0, 3e-4, 1e-3), np.arange(0.0, 8.1), np.arange(1.0, 0.05, -0.1), _BINS[:-1] + 0.25, indexing="ij"
 )
-"""Share of decoys that are right by accident; offset; slope; logarithm of the chance."""
+"""Share of decoys that are true by accident; offset; slope; log probability for a uniform loop."""
 
 
 @dataclass(frozen=True)
 class Chance:
-    """Logarithm of the probability that a false loop agrees, as a line over that of one that may lie
-    anywhere."""
+    """Log probability that a false loop passes the gate: linear in that of a loop uniform over the map."""
 
     offset: float
     slope: float
 
     def of(self, log_chance: Array) -> Array:
-        """(k,) never below what it would be for a loop that may lie anywhere."""
+        """(k,) never below that of a loop uniform over the map."""
         return np.minimum(np.maximum(log_chance, self.offset + self.slope * log_chance), 0.0)
 
 
@@ -81,7 +80,7 @@ def _drawn(problem: Problem, loops: Index, place: Index) -> Problem:
 
 
 def measured_chance(found: Innovations) -> Chance:
-    """The most likely line for decoys, some of which may be right by accident."""
+    """Maximum-likelihood line for decoys, of which a share may be true by accident."""
     if len(found.edges) == 0:
         return Chance(0.0, 1.0)
     bin_ = np.clip(np.digitize(found.log_chance(), _BINS) - 1, 0, len(_BINS) - 2)

@@ -1,4 +1,4 @@
-"""How likely all measurements are where some loops are true and any other may lie anywhere in the map.
+"""Evidence (marginal likelihood) of a set of accepted loops; rejected ones are uniform over the map.
 
 Source: MacKay 1992 (Neural Computation 4), section 3.
 """
@@ -38,9 +38,9 @@ class LinearizedSet:
     """Of the information of those that are kept."""
     squares: float
     log_volumes: Array
-    """(m,) logarithm of the whitened volume in which a loop might lie, over that of a unit Gaussian."""
+    """(m,) log of the whitened volume over which a false loop is uniform, over that of a unit Gaussian."""
     scale: float
-    """How large noise is over what is stated."""
+    """Factor on the stated standard deviations."""
 
     @staticmethod
     def of(
@@ -62,11 +62,11 @@ class LinearizedSet:
 
     @property
     def odds(self) -> float:
-        """Logarithm, of a loop before it was looked at."""
+        """Prior log odds that a loop is true."""
         return log_odds(self.kept, self.loops)
 
     def evidence(self, scale: float, odds: float) -> float:
-        """Logarithm, but for what is common to all sets; the information is that of Laplace."""
+        """Log evidence by Laplace's approximation, up to a constant that all sets share."""
         d = self.J.shape[0] // len(self.kept)
         taken = self.kept & self.loops
         volume = float(np.log(np.abs(self.factor.U.diagonal())).sum())

@@ -1,12 +1,13 @@
-"""Loops exchange_loops for others where those explain more: the end of a set that grew from what was surest.
+"""Swap accepted loops for rejected ones where that raises the evidence: a local search after greedy growth.
 
-A few false loops that agreed early bend the map until they bear each other out and shut true ones off. None
-of them sticks out alone. So each loop that was left out is put in by force, and each doubtful one taken out;
-then the rest follows, one loop at a time, as long as what was measured becomes more likely by it
-(`backend.selection.exchange_search`). The best of these sequences is carried out, solved anew, and kept only
-where the evidence of the whole has grown (`backend.selection.evidence`).
+A few false loops accepted early can distort the map until they support each other and the true ones fail
+their gates; none of them is an outlier by itself. To leave such a local optimum, each rejected loop is
+accepted by force, or each doubtful one rejected, and further loops are then flipped one at a time while that
+raises the evidence of the linearised problem (`backend.selection.exchange_search`). The best sequence is
+applied, the graph solved again, and the result kept only where its evidence is higher
+(`backend.selection.evidence`).
 
-Source: Hansen and Mladenovic 2001 (EJOR 130) for a search that leaves a summit by force.
+Source: Hansen and Mladenovic 2001 (EJOR 130), variable neighbourhood search.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ Index = NDArray[np.int64]
 
 _ROUNDS = 10
 _CANDIDATES, _KEPT = 150, 300
-"""Loops left out, and loops kept, that may change sides in one round."""
+"""Rejected loops, and accepted ones, that may be flipped in one round."""
 _FORCED_IN, _FORCED_OUT = 40, 20
 _REACH = 120.0
-"""Nats against a loop that is tried all the same."""
+"""Rejected loops with log odds (nats) below minus this are not tried."""
 _LEAST_GAIN = 1.0
 _NONE = np.zeros(0, dtype=np.int64)
 
@@ -40,9 +41,10 @@ _NONE = np.zeros(0, dtype=np.int64)
 def exchange_loops(
     problem: Problem, graph: Graph, solve: Solve, kept: Mask, w_T: Array, late: Callable[[], bool]
 ) -> tuple[Mask, Array]:
-    """Edges (m,) and the poses from them, no less likely than ``kept`` and ``w_T``; odometry always stays.
+    """Edges (m,) and the poses from them, of evidence no lower than ``kept`` and ``w_T``; odometry is kept.
 
-    First one loop speaks for all between the same two places, which may so change sides together; then all.
+    First with one representative loop for each pair of places, so that a whole group can be flipped at once;
+    then with all loops.
     """
     place = places(problem.i, problem.j)
     search = _LocalSearch(problem, graph, solve, place, late)
@@ -56,8 +58,10 @@ def exchange_loops(
 
 
 def _one_loop_a_place(problem: Problem, kept: Mask, w_T: Array, place: Index) -> Mask:
-    """Odometry, and of the loops between the same two places the one that fits best: where the floor repeats
-    they are false together, and tell no more than one."""
+    """Odometry, and for each pair of places the accepted loop of the smallest residual.
+
+    Where the floor repeats, loops between the same places are false together and are no independent evidence.
+    """
     chosen, loops = kept & problem.trusted, np.flatnonzero(kept & ~problem.trusted)
     off = (problem.residuals(w_T)[loops] ** 2).sum(axis=1)
     chosen[_first_of_each(loops[np.argsort(off)], place)] = True
@@ -70,7 +74,7 @@ def _first_of_each(loops: Index, place: Index) -> Index:
 
 @dataclass(frozen=True)
 class _LocalSearch:
-    """From one set of loops to a more likely one, as long as there is any."""
+    """Hill climbing on the evidence over sets of accepted loops."""
 
     problem: Problem
     graph: Graph
@@ -82,8 +86,8 @@ class _LocalSearch:
     def run(self, kept: Mask, w_T: Array, opened: bool) -> tuple[Mask, Array]:
         """Edges (m,) kept in the end, and the poses from them.
 
-        Loops that are merely outliers or merely agree were judged earlier; they are considered again
-        (``opened``) only after an exchange.
+        Pure insertions or removals were decided earlier; they are allowed again (``opened``) only after a
+        swap.
         """
         # The volume is that of the first map: one that grows must not look better for it.
         volumes = log_prior_volume(self.problem, w_T) - self.problem.freedom / 2 * np.log(2 * np.pi)
@@ -103,7 +107,7 @@ class _LocalSearch:
         return (kept, w_T) if here is None else (here.kept, here.w_T)
 
     def _best_changes(self, here: LinearizedSet, both: bool) -> Index:
-        """Which loops are to change sides, with ``both`` to either; none where nothing helps."""
+        """The loops whose flips gain most, with ``both`` some of them insertions and some removals."""
         drawn = draws(self.graph(here.kept), self.problem.values(here.w_T), self.problem.freedom)
         outside = None if drawn is None else self._nearest(here, drawn)
         if drawn is None or outside is None:
@@ -120,8 +124,10 @@ class _LocalSearch:
         return loops[sequence] if gain > _LEAST_GAIN else _NONE
 
     def _nearest(self, here: LinearizedSet, drawn: Array) -> Innovations | None:
-        """Loops left out that are the least unlikely to be true, one for each pair of places from which none
-        is kept; None where all are too far off."""
+        """The rejected loops of highest log odds, one for each pair of places that has no accepted loop.
+
+        None where all are too unlikely.
+        """
         left_out = np.flatnonzero(~here.kept & ~np.isin(self.place, self.place[here.kept & here.loops]))
         if len(left_out) == 0:
             return None
@@ -133,7 +139,7 @@ class _LocalSearch:
         return found.only(order) if len(order) else None
 
     def _strained(self, here: LinearizedSet, drawn: Array, outside: Innovations) -> Index:
-        """Loops kept, those that one from outside would strain most if there are many."""
+        """Accepted loops; if many, those whose residuals inserting an ``outside`` loop would change most."""
         inside = np.flatnonzero(here.kept & here.loops)
         if len(inside) <= _KEPT:
             return inside

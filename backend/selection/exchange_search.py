@@ -1,7 +1,6 @@
-"""What becomes of all loops when one changes sides: from one set of loops to another, a loop at a time.
+"""Evidence of flipping loops (accepted to rejected or back) one at a time, in the problem linearised once.
 
-All in the linear system about a solution, where putting a loop in or taking one out is an update of rank d.
-Source: Woodbury 1950.
+Inserting or removing a loop is an update of rank d of the linear system. Source: Woodbury 1950.
 """
 
 from __future__ import annotations
@@ -16,14 +15,14 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 LOST = 150.0
-"""Nats against a sequence of changes below which it is not followed."""
+"""A sequence whose evidence has fallen by so many nats is given up."""
 _MOVES = 40
 _BLOCK = 60
 _HELD = 1e-9
 
 
 class ExchangeSearch:
-    """Some loops that may change sides; what a change makes of the others, without solving anew."""
+    """Candidate loops with their residuals and predicted covariances, updated in place by each flip."""
 
     def __init__(self, here: LinearizedSet, loops: Index, residual: Array) -> None:
         self.here, self.loops, self.d = here, loops, residual.shape[1]
@@ -36,7 +35,7 @@ class ExchangeSearch:
     def _begin(self) -> None:
         residual, own, on = self._start
         self.residual, self.own, self.on = residual, own, on.copy()
-        """(k, d); (k, d, d) covariance of the prediction, in units of the noise; (k,) who is in."""
+        """(k, d); (k, d, d) covariance of the prediction, in units of the noise; (k,) which are accepted."""
         self._changes: list[tuple[int, Array, Array, float]] = []
 
     def _own(self) -> Array:
@@ -50,7 +49,7 @@ class ExchangeSearch:
         return own
 
     def _column(self, x: int) -> Array:
-        """(k d, d) covariance of all predictions with that of one."""
+        """(k d, d) cross-covariance of all predictions with that of loop x."""
         at = slice(x * self.d, (x + 1) * self.d)
         if x not in self._columns:
             self._columns[x] = np.asarray(self.J @ self.here.factor.solve(self.J[at].T.toarray()))
@@ -60,7 +59,7 @@ class ExchangeSearch:
         return column
 
     def likely(self) -> Array:
-        """(k,) log odds in nats that each loop is true rather than anywhere, given all others."""
+        """(k,) log odds (nats) of each loop being true rather than uniform over the map, given all others."""
         sign = np.where(self.on, -1.0, 1.0)
         spread = (1 + _HELD) * np.eye(self.d) + sign[:, None, None] * self.own
         off = squared(self.residual, spread) / self.here.scale**2
@@ -69,7 +68,7 @@ class ExchangeSearch:
         return np.asarray(np.nan_to_num(room + self.here.odds - (off + volume) / 2, nan=-LOST))
 
     def change(self, x: int) -> None:
-        """Put a loop in, or take it out."""
+        """Flip loop x: insert it if it is rejected, remove it if it is accepted."""
         column, sign = self._column(x), -1.0 if self.on[x] else 1.0
         gain = column @ np.linalg.inv((1 + _HELD) * np.eye(self.d) + sign * self.own[x])
         self.residual = self.residual - sign * (gain @ self.residual[x]).reshape(-1, self.d)
@@ -79,9 +78,9 @@ class ExchangeSearch:
         self.on[x] = not self.on[x]
 
     def best_sequence(self, first: int | None, both: bool) -> tuple[float, list[int]]:
-        """Gain in nats and the loops that change, one by force at first; each changes once.
+        """Gain in evidence (nats) of the best greedy sequence of flips, and its loops, each flipped once.
 
-        With ``both`` some must leave and others come.
+        ``first`` is flipped whatever it costs. With ``both`` at least one must be inserted and one removed.
         """
         self._begin()
         total, best, length = 0.0, 0.0, 0

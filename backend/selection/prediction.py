@@ -29,7 +29,7 @@ _SAMPLES = {3: 60, 6: 150}
 
 @dataclass(frozen=True)
 class Innovations:
-    """Edges against what the rest predicts of them; whitened by the edges' own noise."""
+    """Innovations of edges: measured minus predicted by the rest, whitened by the edges' own noise."""
 
     edges: Index
     residual: Array
@@ -46,15 +46,15 @@ class Innovations:
         return np.eye(d) + self.spread @ np.swapaxes(self.spread, 1, 2) / self.spread.shape[2]
 
     def sigma(self) -> Array:
-        """(k,) distance in sigmas of edge and prediction."""
+        """(k,) Mahalanobis norm of the innovation."""
         return np.sqrt(squared(self.residual, self.covariance))
 
     def agrees(self) -> Mask:
-        """(k,) whether the loop lies within the distance that a true one exceeds once in a thousand."""
+        """(k,) whether the innovation passes the chi-square gate: a true loop fails it once in a thousand."""
         return np.asarray(self.sigma() ** 2 <= limit(self.residual.shape[1]))
 
     def given(self, one: int) -> tuple[Array, Array]:
-        """Residuals (k, d) and covariances (k, d, d) of all where edge number ``one`` is believed."""
+        """Innovations (k, d) and their covariances (k, d, d), conditioned on edge number ``one``."""
         covariance = self.covariance
         cross = self.spread @ self.spread[one].T / self.spread.shape[2]
         gain = np.swapaxes(np.linalg.solve(covariance[one], np.swapaxes(cross, 1, 2)), 1, 2)
@@ -67,7 +67,7 @@ class Innovations:
         )
 
     def log_chance(self) -> Array:
-        """(k,) logarithm of the probability that a loop agrees that may lie anywhere."""
+        """(k,) log probability that a false loop, uniform over the map, passes the gate."""
         return log_volume(self.covariance, limit(self.residual.shape[1])) - self.log_prior_volume
 
 
@@ -148,10 +148,9 @@ def log_prior_volume(problem: Problem, w_T: Array) -> Array:
 
 
 def first_scale(pending: Innovations, place: Index) -> float:
-    """How large noise is over what covariances state, before any loop is kept: from how close to their
-    prediction the closest loops lie.
+    """Factor on the stated standard deviations before any loop is accepted, from the smallest innovations.
 
-    Expectation maximisation over a mixture: true loops about the prediction, false ones anywhere.
+    Expectation maximisation over a mixture: true loops Gaussian about the prediction, false ones uniform.
     """
     d = pending.residual.shape[1]
     covariance = pending.covariance
@@ -169,10 +168,10 @@ def first_scale(pending: Innovations, place: Index) -> float:
 
 
 def noise_scale(problem: Problem, kept: Mask, w_T: Array) -> float:
-    """How large noise is over what covariances state, from the loops that are kept.
+    """Factor on the stated standard deviations, from the chi-square of the kept edges.
 
-    1 unless chance does not explain another figure. Covariances that are too wide by far would let false
-    loops through, since these agree with anything; then the largest scale that chance explains is taken.
+    1 unless a chi-square test rejects that. Where stated covariances are far too wide, so that false loops
+    would pass the gates, the largest factor that the test does not reject is taken.
     """
     d = problem.freedom
     freedom = d * (int(kept.sum()) - problem.count + 1)

@@ -90,7 +90,7 @@ def _with_shared_error(states: States, base: States, other: States) -> States:
 
 
 def _since_first(base: States, other: States) -> Array:
-    """(n, 6) error of one run against another, their first places laid together."""
+    """(n, 6) pose error of one run against another, after moving both to the same first position."""
     laid = other.w_T_b.copy()
     laid[:, :3, 3] += base.w_T_b[0, :3, 3] - other.w_T_b[0, :3, 3]
     return se3.log(se3.inverse(base.w_T_b) @ laid)

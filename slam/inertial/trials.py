@@ -1,10 +1,8 @@
-"""Which instruments would make a flight's readings likely: noise, delays and lasting errors, tried on its
-start.
+"""Model selection for the instruments: noise, delays and AR(1) errors that make a flight's start most likely.
 
-A filter is run with each candidate. What speaks is how well the readings of attitude, range, velocity,
-position and barometer, and steps seen in pictures, were foreseen, each from those before it: the likelihood
-of the innovations. An error that is allowed and does not show costs likelihood, so that the plainest
-instrument that explains the readings is found.
+The filter is run with each candidate, and scored by the likelihood of its innovations: of attitude, range,
+velocity, position, barometer and steps seen in pictures. An error that is allowed for but absent lowers the
+likelihood, so that the simplest model that explains the readings wins.
 """
 
 from __future__ import annotations
@@ -41,14 +39,15 @@ _GIVE_UP = 2
 _QUANTILES = (0.5, 0.9)
 _ROUNDS, _WIDEN_FROM = 5, 1.15
 _SUMMED_S = (0.0, 0.2, 0.5, 1.0)
-"""An error that lasts is hardly seen in a single reading, and is as large as ever in the sum of many."""
+"""Windows over which innovations are summed: an AR(1) error is small beside white noise in one reading, but
+does not average out."""
 _ROUNDS_SUMMED = 2
-"""Readings that were foreseen by what errs itself are widened without end: 27 times in five rounds, and a
-speed that was right is heard no more."""
+"""No more rounds: where the prediction is at fault, good readings have their noise inflated without bound (27
+times in five rounds, after which a correct velocity has no weight)."""
 _LEAST_SUMS = 10
 _INERTIAL = ("gyro", "accelerometer")
 _NOISIER = (2.0, 4.0, 8.0, 16.0, 32.0)
-"""Times the noise at rest: motors shake what is bolted to them, and its scale and place are not exact."""
+"""Factors tried on the noise at rest: motors shake the IMU, and its scale and lever arm are not exact."""
 _NO_STAMPS = np.zeros(0)
 
 AS_MADE: dict[str, dict[str, float]] = {
@@ -61,7 +60,7 @@ AS_MADE: dict[str, dict[str, float]] = {
     "attitude": {"tilt_error_rad": 0.0, "yaw_walk_rad": 0.0},
     "velocity": {"velocity_error_m_s": 0.0},
 }
-"""For each instrument, what trust is in one without any error that lasts. Scales are not among it: likelihood
+"""For each instrument, the settings of one without biases and AR(1) errors. Scales are left out: likelihood
 does not tell them."""
 
 
@@ -72,14 +71,15 @@ def suited(
     stamps_s: Array = _NO_STAMPS,
     steps: tuple[PictureStep, ...] = (),
 ) -> FilterInput:
-    """What the filter is given of a flight, after trials on its first two minutes; ``steps`` between pictures
-    at ``stamps_s`` (n,) speak too.
+    """The filter's input for a flight, after trials on its first two minutes.
 
-    White noise is widened until innovations are as large as they should be; delays grow as long as that
-    makes the readings more likely, and count if clearly; noise is widened anew. Where sums of innovations are
-    still too large, an error lasts. Either the instrument has it, or gyro and accelerometer, by which it was
-    foreseen; each is taken to be as noisy as if it were alone to blame. In the end each instrument whose
-    maker names a credible noise, and which is more likely without lasting errors, is taken as made.
+    ``steps`` between pictures at ``stamps_s`` (n,) count in the likelihood too.
+
+    White noise is inflated until innovations are consistent (NIS); delays are raised while that raises the
+    likelihood, and kept if clearly; noise is inflated again from the start. Where sums of innovations are
+    still too large, some error is correlated in time: the instrument's own, or that of gyro and
+    accelerometer, which predict its readings. Each is inflated as if it alone were the cause. Last, an
+    instrument whose maker claims a credible noise drops its AR(1) errors where that raises the likelihood.
     Raises ``InputError``.
     """
     trial = _Trial(flight, progress, stamps_s, steps)
@@ -166,7 +166,7 @@ class _Trial:
 
 
 def _widened(trial: _Trial, trust: InertialTrust, adjusted: Adjusted) -> Adjusted:
-    """White noise widened until each innovation is as large as it should be."""
+    """White noise inflated until single innovations are consistent."""
     return _widened_over(trial, trust, adjusted, (0.0,), _ROUNDS, lambda _: np.inf)
 
 
@@ -178,8 +178,10 @@ def _widened_over(
     rounds: int,
     most: Callable[[str], float],
 ) -> Adjusted:
-    """White noise widened until innovations, summed over each of these times, are as large as they should be;
-    to ``most`` of a channel, if it was not wider before."""
+    """White noise inflated until innovations, summed over windows of each length ``over_s``, are consistent.
+
+    At most by the factor ``most`` of a channel, unless it was larger before.
+    """
     wider = dict(adjusted.wider)
     for _ in range(rounds):
         channels = trial.run(trust, replace(adjusted, wider=wider)).channels
@@ -194,14 +196,14 @@ def _widened_over(
 
 
 def _excess(channel: Channel, over_s: tuple[float, ...]) -> float:
-    """How much larger than expected innovations are, summed over the worst of these times; the largest tenth
-    left out."""
+    """Factor by which summed innovations exceed their standard deviation, over the worst window length; by
+    quantiles, so that the largest tenth does not count."""
     return max(_excess_of(_sums(channel, lasting_s)) for lasting_s in over_s)
 
 
 def _sums(channel: Channel, lasting_s: float) -> Array:
-    """(n,) whitened innovations of each component added up over times so long, over the root of how many:
-    of unit variance where each reading errs by itself."""
+    """(n,) sums of the whitened innovations of each component over windows of ``lasting_s``, divided by the
+    root of their number: of unit variance where innovations are white."""
     known = np.isfinite(channel.innovation)
     white = np.where(known, channel.innovation / channel.std, 0.0)
     if lasting_s == 0.0:
