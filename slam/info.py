@@ -224,9 +224,7 @@ def _odd_sonar(sonar: Sonar) -> list[str]:
         lines.append(f"sonar0: {100 * share:.0f} % of the ranges are below its {sonar.min_range_m:g} m")
     around = np.maximum(ranges[:-2], ranges[2:])
     if (share := float(np.mean(ranges[1:-1] > ECHO_RATIO * around)) if len(around) else 0.0) > ECHO_SHARE:
-        lines.append(
-            f"sonar0: {100 * share:.0f} % of the ranges jump up for one reading (echoes by a detour?)"
-        )
+        lines.append(f"sonar0: {100 * share:.0f} % of the ranges jump up for one reading (multipath echoes?)")
     edges = np.flatnonzero(np.diff(ranges, prepend=np.nan, append=np.nan) != 0)
     first, last = edges[:-1], edges[1:] - 1
     lasted = np.where(last - first + 1 >= STUCK_COUNT, stamps[last] - stamps[first], 0.0)
@@ -247,7 +245,7 @@ def _odd_attitude(attitude: AttitudeSeries) -> list[str]:
         if not len(angle):
             lines.append(f"attitude0: {name} was not recorded")
         elif (far := float(np.abs(angle).max())) > math.pi + 1e-3:
-            lines.append(f"attitude0: {name} is unwrapped, up to {far:.1f} rad")
+            lines.append(f"attitude0: {name} is unwrapped: it goes beyond ±pi, up to {far:.1f} rad")
         elif name != "yaw" and far > 1.0:
             lines.append(f"attitude0: {name} reaches {math.degrees(far):.0f} deg")
     return lines

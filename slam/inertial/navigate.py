@@ -181,11 +181,12 @@ def _unobserved(given: FilterInput, known_to_m: float) -> list[str]:
     readings, said = given.readings, []
     if readings.velocity_m_s is None and readings.w_p_b_m is None:
         said.append(
-            f"neither velocity nor position was measured: the place runs away, ±{known_to_m:.2g} m at the end"
+            "neither velocity nor position was measured: the position drifts, "
+            f"to ±{known_to_m:.2g} m at the end"
         )
     with_altitude = readings.w_p_b_m is not None and np.isfinite(readings.w_p_b_m.values[:, 2]).any()
     if readings.range_m is None and not with_altitude:
-        said.append("neither range nor altitude was measured: heights are above the start")
+        said.append("neither range nor altitude was measured: heights are relative to the start")
     return said
 
 
@@ -212,8 +213,8 @@ def _counted(track: Track, reasons: Mapping[int, str]) -> dict[str, int]:
 def _contradicted(given: FilterInput) -> list[str]:
     """Instruments that are so far from what the others foretell that noise is no word for it."""
     return [
-        f"{name} and the other instruments contradict each other (off by {factor:.0f} times its noise): its "
-        "unit, its clock, or another instrument that is dead?"
+        f"{name} and the other instruments contradict each other (off by {factor:.0f} times its noise); "
+        "check its unit and stamps, and whether another instrument has failed"
         for name, factor in given.adjusted.wider.items()
         if factor >= CONTRADICTED
     ]
@@ -225,16 +226,16 @@ def _found_odd(given: FilterInput, track: Track) -> list[str]:
     wild = any(factor >= CONTRADICTED for factor in wider.values())
     # Where instruments contradict each other grossly, so does what makes them agree best.
     late = {} if wild else given.adjusted.delay_s
-    said = [f"{name} comes {delay_s:g} s late" for name, delay_s in late.items()]
+    said = [f"{name} lags by {delay_s:g} s, which is corrected" for name, delay_s in late.items()]
     said += [
-        f"{name} is {factor:.1f} times as noisy as told"
+        f"{name} is {factor:.1f} times as noisy as specified"
         for name, factor in wider.items()
         if factor < CONTRADICTED
     ]
     for name, channel in track.channels.items():
         if steps := channel.count(status.STEPPED):
-            times = "once; the step was" if steps == 1 else f"{steps} times; each step was"
-            said.append(f"{name} stepped {times} taken for an error of its own")
+            times = "once" if steps == 1 else f"{steps} times"
+            said.append(f"{name} jumped {times}: taken for an error of the sensor, not for motion")
     assert track.smoothed is not None
     errors, std = track.smoothed.errors, track.smoothed.errors_std
     for name, words, unit in (
@@ -249,5 +250,8 @@ def _found_odd(given: FilterInput, track: Track) -> list[str]:
         said.append(f"the vehicle's own roll and pitch are off by up to {tilt:.1f} deg")
     for scale, words in ((given.held_velocity_scale, "velocities"), (given.held_range_scale, "ranges")):
         if scale > _TOLD_SCALE:
-            said.append(f"the scale of {words} is held, known to {100 * scale:.2g} %")
+            said.append(
+                f"the scale of {words} cannot be determined from this flight: it is known to "
+                f"{100 * scale:.2g} % only"
+            )
     return said

@@ -1,1 +1,1 @@
-"""From pictures and instruments to one map: pictures seen, edges between them, parts placed and joined."""
+"""From pictures and instruments to one map: keyframes, edges between them, parts placed and joined."""

@@ -72,14 +72,17 @@ def _status(flight: Flight, stamps_s: Array, fused: Fused, metric: bool) -> tupl
     lost = int((fused.component < 0).sum())
     if parts > 1:
         sizes = ", ".join(str(int((fused.component == k).sum())) for k in range(parts))
-        warnings.append(f"the flight falls into {parts} parts that no picture joins ({sizes} keyframes)")
+        warnings.append(
+            f"the map is in {parts} parts ({sizes} keyframes) that no overlapping pictures connect"
+        )
     if lost:
-        who = f"{lost} keyframes share" if lost > 1 else "1 keyframe shares"
-        warnings.append(f"{who} too little ground with any other: not placed")
+        who = f"{lost} keyframes overlap" if lost > 1 else "1 keyframe overlaps"
+        warnings.append(f"{who} too little with any other: not on the map")
     vague = int(((fused.component >= 0) & ~np.isfinite(fused.covariances).all(axis=(1, 2))).sum())
     if vague:
         warnings.append(
-            f"no covariance for {vague} keyframes: not refined, or not determined by what was measured"
+            f"no uncertainty is known for {vague} keyframes: they could not be refined, or the measurements "
+            "do not determine them"
         )
     if not by_metres:
         warnings.append(_scale_told(flight, fused))
@@ -89,11 +92,11 @@ def _status(flight: Flight, stamps_s: Array, fused: Fused, metric: bool) -> tupl
 
 def _scale_told(flight: Flight, fused: Fused) -> str:
     heard = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
-    lacking = "no range of the sonar that fits, and no GPS" if heard else "no sonar and no GPS"
+    lacking = "no sonar range that fits the pictures, and no GPS" if heard else "no sonar and no GPS"
     if fused.bundle is None or fused.bundle.scale_std is None:
-        return f"{lacking}: no metric scale; lengths are in mean heights of the camera"
+        return f"{lacking}: no metric scale; lengths are in units of the camera's mean height over the floor"
     std = 100 * fused.bundle.scale_std
-    return f"{lacking}: lengths are the accelerometer's, known to {std:.2g} %"
+    return f"{lacking}: lengths come from the accelerometer and are known to {std:.2g} %"
 
 
 def account(
@@ -168,8 +171,8 @@ def _moving(sightings: Sightings) -> list[str]:
     if sightings.moving <= MOVING_SHARE * sightings.frames:
         return []
     return [
-        f"something else than the floor moves in {sightings.moving} of {sightings.frames} pictures, or the "
-        "floor repeats in them: what was seen on it is left out"
+        f"in {sightings.moving} of {sightings.frames} pictures something moves by itself, or the pattern of "
+        "the floor repeats; features on it are left out of the map"
     ]
 
 

@@ -1,7 +1,7 @@
-"""Links across a break: the first picture behind a stretch without features, matched to the last before it.
+"""Links across a gap: the first picture after a stretch without features, matched to the last one before it.
 
-Nothing was seen in between, so that over a floor that repeats the match may be a tile off, and then all that
-follows is. Where the instruments know better how the vehicle went meanwhile, they decide.
+Nothing was seen in between, so that over a repetitive floor the match may be one tile off, and with it all
+that follows. Where the instruments measured the motion across the gap more precisely, they decide.
 """
 
 from __future__ import annotations
@@ -66,7 +66,9 @@ def contradicted(
         off = se3.log(se3.inverse(way.i_T_j[None]) @ pose.i_T_j)[0]
         if off @ np.linalg.solve(way.covariance + pose.covariance, off) > chi2.ppf(_SURE, 6):
             off_m = float(np.linalg.norm(off[3:]))
-            reasons[broken] = f"implausible: {off_m:.2f} m off where the instruments have it, across a break"
+            reasons[broken] = (
+                f"implausible: {off_m:.2f} m from where the instruments put it, across a gap in the pictures"
+            )
     return reasons
 
 

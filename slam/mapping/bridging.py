@@ -1,4 +1,4 @@
-"""Where the chain of pictures breaks, the instruments carry the map across: one world for all parts.
+"""Gaps in the chain of pictures are bridged by the instruments, so that all parts of the map share one world.
 
 The filter takes the steps between keyframes that pictures do tell as readings, so that it knows speed and
 offsets at both ends of a stretch without features. It keeps the pose of each keyframe until the next: the
@@ -235,4 +235,7 @@ def _onto(parent: _Placed, way: _Placed) -> _Placed:
 
 def _told(edge: RelativePose) -> str:
     std_m = float(np.sqrt(np.trace(edge.covariance[3:, 3:])))
-    return f"no picture joins keyframes {edge.i} and {edge.j}: bridged by the instruments, ± {std_m:.2g} m"
+    return (
+        f"no overlapping pictures connect keyframes {edge.i} and {edge.j}: the instruments bridge the gap, "
+        f"± {std_m:.2g} m"
+    )

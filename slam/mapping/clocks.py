@@ -1,8 +1,8 @@
-"""The camera's clock against the instruments': the delay that the map shows, and a flight without it.
+"""The time offset between camera and instruments: estimated with the map, and taken out of a flight.
 
-Pictures alone know the path, and the accelerometer knows when the vehicle swayed: by how much one is stamped
-after the other is what makes both most likely (`backend.inertial_scale`). Attitude and ranges are taken to
-be stamped by the clock of gyro and accelerometer.
+The pictures give the path, the accelerometer gives the moments at which the vehicle accelerated: the offset
+is what makes both fit best (`backend.inertial_scale`). Attitude and ranges are assumed to share the clock of
+gyro and accelerometer.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def delay_warning(by_inertia: InertialLengths | None, taken_out_s: float) -> str
     delay_s = by_inertia.found.delay_s + taken_out_s
     if not std_s < _VAGUE_S:
         return (
-            "the flight does not show by how much the camera's clock differs from the imu's: "
-            "taken for the same; fly with more sway to have it found"
+            "the time offset between camera and imu0 cannot be determined from this flight and is taken as "
+            "zero; to have it found, fly with more acceleration"
         )
     if abs(delay_s) < max(_NOTABLE_S, _SURE * std_s):
         return ""
@@ -55,11 +55,11 @@ def delay_warning(by_inertia: InertialLengths | None, taken_out_s: float) -> str
     )
     if taken_out_s != 0.0:
         return (
-            f"{told}: taken out of the map, whose poses are stamped by the imu's clock; "
+            f"{told}: corrected in the map, whose poses are stamped by the imu's clock; "
             "for other programs shift the stamps in cam0/data.csv by "
             f"{-1e3 * delay_s:+.0f} ms"
         )
     return (
-        f"{told}, or more: attitude and ranges are taken at the wrong time; shift the stamps in "
-        f"cam0/data.csv by {-1e3 * delay_s:+.0f} ms and look again"
+        f"{told}, or more, too much to correct: attitude and ranges are read at wrong times; shift the "
+        f"stamps in cam0/data.csv by {-1e3 * delay_s:+.0f} ms and run again"
     )

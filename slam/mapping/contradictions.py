@@ -1,7 +1,7 @@
-"""Whether map and instruments tell of one flight: turns, tilts and ways from keyframe to keyframe.
+"""Gross disagreement of an instrument with the map: turns, tilts and ways between keyframes are compared.
 
-Noise, gains and small delays are no matter here. A file in another order, a sign, an axis or a unit is: the
-map of such a flight is consistent in itself, and nothing but another instrument knows better.
+It finds pictures in another order and a wrong sign, axis or unit, not noise, gains or small delays. The map
+of such a flight is consistent in itself, so that only another instrument can reveal the error.
 """
 
 from __future__ import annotations
@@ -74,21 +74,24 @@ def _told(who: str, read: Array, made: Array, least: float, by_length: bool = Fa
         return
     of_read, of_made = float((read**2).sum()), float((made**2).sum())
     if of_read == 0.0:
-        yield f"{who}: no motion, where the pictures tell of some: stuck?"
+        yield f"{who}: reads no motion while the pictures show some; check whether the sensor is stuck"
         return
     alike = float((read * made).sum()) / np.sqrt(of_read * of_made)
     further = np.sqrt(of_made / of_read)
     if alike < AGAINST:
-        yield f"{who}: the pictures tell the opposite (correlation {alike:.2f}): the format's signs?"
+        yield (
+            f"{who}: opposite in sign to the motion seen in the pictures (correlation {alike:.2f}); "
+            "check the axis signs in docs/flight-format.md"
+        )
     elif alike < ALIKE:
         yield (
-            f"{who}: the pictures tell of another motion (correlation {alike:.2f}): other stamps, signs or "
-            "axes?"
+            f"{who}: does not match the motion seen in the pictures (correlation {alike:.2f}); check stamps, "
+            "signs and axes, and the order of the pictures"
         )
     elif by_length and not 1 / FAR < further < FAR:
         yield (
-            f"{who}: the map goes {further:.2g} times as far as it says: its unit, or a height "
-            "sensor that is stuck?"
+            f"{who}: the path on the map is {further:.2g} times as long as this sensor says; check its unit, "
+            "and whether the height sensor is stuck"
         )
 
 

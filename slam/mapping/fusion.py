@@ -99,7 +99,8 @@ def fuse(
         start, floor = laid if laid is not None else (_headed(w_T_b[members], sensors, members), 0.0)
         if laid is None and sensors.positions:
             warnings.append(
-                f"{len(members)} keyframes have no usable position; they stand in their own frame"
+                f"{len(members)} keyframes have no usable GPS position: they are in coordinates of their "
+                "own, not on Earth"
             )
         w_T_b[members] = start
         try:
@@ -109,7 +110,9 @@ def fuse(
                 usable, sightings, members, w_T_b, floor, tracks, progress, readings
             )
         except BackendError as error:
-            warnings.append(f"part of {len(members)} keyframes not refined: {error}")
+            warnings.append(
+                f"the part of the map with {len(members)} keyframes could not be refined: {error}"
+            )
         else:
             w_T_b[members], floor = bundle.w_T_b, bundle.floor_z_m
             covariances[members] = bundle.covariances
@@ -161,7 +164,7 @@ def _told(by_inertia: InertialLengths | NoScale | None, bundle: Bundle) -> list[
     """What a person must know of it: where it contradicts, and where it was wanted for lengths in vain."""
     if isinstance(by_inertia, NoScale):
         wanted = bundle.scale_std is None
-        return [f"imu0 tells no lengths: {by_inertia.reason}"] if wanted else []
+        return [f"imu0 could not determine the metric scale: {by_inertia.reason}"] if wanted else []
     return [by_inertia.contradiction] if by_inertia is not None and by_inertia.contradiction else []
 
 

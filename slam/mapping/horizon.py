@@ -1,4 +1,4 @@
-"""Attitudes against what the camera shows: pictures that match over a floor were not taken of the sky."""
+"""Attitude readings by which the camera looks at the sky, while its pictures match as only a floor does."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def seeing_floor(flight: Flight, camera: Camera) -> Flight:
     if not away.any():
         return flight
     told = (
-        f"attitude0: by {away.sum()} of {len(away)} readings the camera looks at the horizon or the sky; "
-        "they are left out: check its angles and the camera's T_BS"
+        f"attitude0: according to {away.sum()} of {len(away)} readings the camera looks at the horizon or "
+        "the sky; they are left out; check its angles, and T_BS in cam0/sensor.yaml"
     )
     left = np.where(away[:, None], np.nan, angles)
     attitude = None if away.all() else replace(flight.attitude, roll_pitch_yaw_rad=left)

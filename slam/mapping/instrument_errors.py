@@ -1,7 +1,7 @@
-"""What the map shows of the instruments' own errors, beyond what they were believed.
+"""The instruments' errors as the finished map shows them.
 
-Perspective knows tilt against the floor without drift, and loops know heading; the instruments are held
-against both.
+Perspective gives the tilt against the floor without drift, and loop closures give the heading; the
+instruments are compared with both.
 """
 
 from __future__ import annotations

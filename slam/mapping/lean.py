@@ -1,7 +1,7 @@
-"""By how much the attitude leans against the floor all along.
+"""A constant tilt between the attitude sensor and the floor seen in the pictures, and where it comes from.
 
-Ground that slopes leans to one side of the world, a camera that is mounted askew, or an attitude whose zero
-is off, to one side of the body: a vehicle that turns tells the first from the others.
+Sloping ground tilts towards one side of the world; a camera mounted askew, or an attitude with a wrong zero,
+towards one side of the body. A vehicle that turns shows which of the two it is.
 """
 
 from __future__ import annotations
@@ -89,15 +89,15 @@ def lean_warning(lean: Lean | None) -> str:
     size, std = lean.steadier
     if size < max(_NOTABLE_RAD, SURE * std):
         return ""
-    where, cause = "", "the ground slopes, the camera's mount leans or the attitude is off"
+    where, cause = "", "the ground slopes, or the camera's mounting (T_BS) or the attitude is off"
     if lean.stays_in_world:
         uphill = np.degrees(np.arctan2(lean.in_world[1], lean.in_world[0]))
         where = f" towards {uphill:+.0f}° in the map whatever the heading"
-        cause = "the ground slopes or wind misleads it"
+        cause = "the ground slopes, or wind disturbs it"
     elif lean.turns_with_body:
         where = " towards one side of the body whatever the heading"
-        cause = "its zero or the camera's mount is off"
+        cause = "its zero or the camera's mounting (T_BS) is off"
     return (
-        f"attitude0 leans {np.degrees(size):.1f}° against the floor{where}: {cause}; "
-        "the map takes the ground for level"
+        f"attitude0 is tilted by {np.degrees(size):.1f}° against the floor seen in the pictures{where}: "
+        f"{cause}; the map assumes level ground"
     )

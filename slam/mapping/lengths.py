@@ -1,4 +1,4 @@
-"""How long a metre is: the path at every frame, held against the accelerometer.
+"""The metric scale from the accelerometer: the path at every frame compared with what it measured.
 
 Keyframes alone are too few for that: a vehicle that hovers has one every few seconds, and accelerates in
 between.
@@ -49,8 +49,9 @@ class InertialLengths:
         if self.map_std is None or not abs(np.log(ratio)) > _CONTRADICTED * np.hypot(std, self.map_std):
             return ""
         return (
-            f"the accelerometer has lengths {100 * (ratio - 1):+.0f} ± {100 * std:.2g} % off the map's, "
-            f"known to {100 * self.map_std:.2g} %: one instrument is off; lengths stay as they were"
+            f"lengths by the accelerometer differ from the map's by {100 * (ratio - 1):+.0f} ± "
+            f"{100 * std:.2g} %, though the map's are known to {100 * self.map_std:.2g} %: "
+            "one of the instruments has a wrong scale; the map's lengths are kept"
         )
 
     @property
@@ -74,7 +75,7 @@ def inertial_lengths(
     w_T_b[members, 2, 3] -= bundle.floor_z_m
     stamps_s, path, covariances = path_at_frames(sightings, w_T_b, camera)
     if len(covariances) == 0:
-        return NoScale("no picture shows a way beside its neighbours")
+        return NoScale("no picture shows motion relative to its neighbours")
     lean = np.eye(4)
     lean[:3, :3] = Rotation.from_rotvec([*bundle.floor_slope_rad, 0.0]).as_matrix()
     found = inertial_scale(stamps_s, lean @ path, readings, _typical(covariances))

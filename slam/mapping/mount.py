@@ -1,7 +1,7 @@
-"""A camera that sits askew on its body: when its mount is freed, and what the map has found.
+"""A camera mounted askew on the body: when its mounting is estimated, and what was found.
 
-Mount and attitude lean against the floor alike. But the accelerometer knows nothing of the attitude's zero:
-what leans against the floor with both of them is the camera.
+A wrong mounting and a wrong zero of the attitude look alike. But the accelerometer does not share the
+attitude's zero: where both are tilted against the floor by the same angle, it is the camera.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def mount_warning(tilt: MountTilt | None) -> str:
         return ""
     rows = ", ".join(f"{x:.5g}" for row in tilt.b_T_c for x in row)
     return (
-        f"cam0 is {np.degrees(size):.1f} ± {np.degrees(tilt.std_rad):.1g}° askew by floor and instruments: "
-        f"taken out of the map; for other programs write T_BS data: [{rows}] "
+        f"cam0 is mounted {np.degrees(size):.1f} ± {np.degrees(tilt.std_rad):.1g}° askew of its T_BS, as "
+        f"floor and instruments show: corrected in the map; for other programs write T_BS data: [{rows}] "
         "into cam0/sensor.yaml"
     )

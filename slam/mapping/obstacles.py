@@ -1,7 +1,7 @@
-"""What stands on the floor, as the sonar hears it: echoes in the map, masks for pictures, heights of flight.
+"""Obstacles on the floor, found by the sonar: echoes on the map, masks for pictures, cleared flying heights.
 
-The pictures know heights up to one scale, whatever stands below: so the ratio of range to height has a sharp
-peak where the sonar hears the floor, and what lies short of it is an obstacle.
+The pictures give heights over the floor up to one scale, whatever stands below: so the ratio of range to
+height has a sharp peak where the sonar hears the floor, and shorter ranges come from obstacles.
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ class Obstacles:
     @property
     def torn(self) -> str:
         """One line for the user, where there is no map without what shows them."""
-        return f"{self.told.split(';')[0]}; without them there is no map: nothing is masked"
+        return f"{self.told.split(';')[0]}; masking them would leave no map, so nothing is masked"
 
     def cleared(self, flight: Flight) -> Flight:
         """The flight with heights over the floor alone."""
@@ -217,8 +217,8 @@ def find_obstacles(
     radius_m = float(np.nanmedian(echoes.radius_m))
     if standing.sum() > MOST_STANDING * heard:
         told = (
-            f"sonar0: {standing.sum()} of {heard} ranges are no heights over the map's floor; check it, "
-            "and the camera's shutter and calibration"
+            f"sonar0: {standing.sum()} of {heard} ranges do not fit the map's heights over the floor; check "
+            "the sensor, and the camera's shutter and calibration"
         )
         return Obstacles(sonar, no_masks, told, echoes.w_p_m, radius_m)
     gamma = echoes.gamma_m(config)
@@ -226,11 +226,11 @@ def find_obstacles(
     placed = np.flatnonzero(np.isfinite(over_floor_T_b).all(axis=(1, 2)))
     poses = poses_between(stamps_s[placed], over_floor_T_b[placed], frames.stamps_s)
     done = [
-        *(["they are no heights of flight"] if config.echoes else []),
+        *(["they are not used as flying heights"] if config.echoes else []),
         *(["pixels that show them are masked"] if config.pixels else []),
     ]
     told = (
-        f"obstacles: {standing.sum()} of {heard} echoes stand {gamma:.2f} to "
+        f"obstacles: {standing.sum()} of {heard} sonar echoes come from {gamma:.2f} to "
         f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor; {', and '.join(done)}"
     )
     cleared = replace(sonar, range_m=np.where(standing & config.echoes, np.nan, sonar.range_m))

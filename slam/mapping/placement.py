@@ -1,4 +1,4 @@
-"""Where on Earth, and how large: a map in its own units laid onto measured positions."""
+"""Georeferencing: a map in its own units turned, shifted and scaled onto measured positions."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class Reach:
     def reason(self, i: int, j: int) -> str:
         """Why a pair beyond reach is not compared."""
         apart, most = self._apart(j, np.array([i]))
-        return f"out of reach: {apart[0]:.2f} apart where the poses have it, with {most[0]:.2f} allowed"
+        return f"out of reach: {apart[0]:.2f} apart by the poses so far, at most {most[0]:.2f} allowed"
 
     def _apart(self, j: int, rows: NDArray[np.int64]) -> tuple[Array, Array]:
         apart = np.linalg.norm(self.w_p_b[rows] - self.w_p_b[j], axis=1)
@@ -78,7 +78,7 @@ def implausible_edges(
     beyond = np.flatnonzero((off > limit) & (known.component[i] == known.component[j]))
     return {
         (int(i[m]), int(j[m])): (
-            f"implausible: {off[m]:.2f} off where the poses have it, with {limit[m]:.2f} allowed"
+            f"implausible: {off[m]:.2f} from where the poses put it, at most {limit[m]:.2f} allowed"
         )
         for m in beyond
     }

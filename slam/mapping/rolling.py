@@ -1,4 +1,4 @@
-"""Keyframes, and the frames between them, as a shutter that does not roll would have taken them."""
+"""Rolling shutter: keyframes, and the frames between them, as a global shutter would have taken them."""
 
 from __future__ import annotations
 

@@ -115,9 +115,13 @@ def _against_reference(evaluation: Evaluation) -> FigureTable:
     ]
     if not evaluation.metric:
         rows.insert(
-            0, ("lengths of the map", "in the camera's mean heights: judge only what is aligned with scale")
+            0,
+            (
+                "lengths of the map",
+                "in units of the camera's mean height: compare only the figures aligned with scale",
+            ),
         )
-    coarse = f"the truth's rows are too far apart for the motion at {evaluation.too_coarse} keyframes"
+    coarse = f"the truth has too few rows for how fast the vehicle moves at {evaluation.too_coarse} keyframes"
     if evaluation.nees is not None:
         pose = evaluation.nees.pose
         band = f"{pose.lower95:.2f} to {pose.upper95:.2f}"

@@ -58,9 +58,7 @@ def estimate_picture(estimate: Estimate, track: Track) -> bytes:
     panels = right.subplots(max(len(shown), 1), 1, sharex=True, squeeze=False)[:, 0]
     for axes, name in zip(panels, shown, strict=False):
         _innovations(axes, name, track.channels[name], float(estimate.stamps_s[0]))
-    panels[0].set_title(
-        "reading minus what was foreseen, in σ; what is further off, at the edge", fontsize="small"
-    )
+    panels[0].set_title("reading minus prediction, in σ; larger ones are drawn at the edge", fontsize="small")
     for axes in (between, panels[-1]):
         axes.set_xlabel("time since the start [s]")
         axes.set_xlim(0.0, float(estimate.stamps_s[-1] - estimate.stamps_s[0]))
@@ -104,7 +102,7 @@ def _ellipses(axes: Axes, estimate: Estimate, across_m: float) -> None:
     picked = np.unique(np.linspace(0, len(estimate.w_T_b) - 1, _ELLIPSES).astype(int))
     variances, turns = np.linalg.eigh(_over_floor(estimate)[picked])
     circle = np.exp(1j * np.linspace(0, 2 * np.pi, 60))
-    unit, label = np.stack([circle.real, circle.imag]), "2σ of the place"
+    unit, label = np.stack([circle.real, circle.imag]), "2σ of the position"
     for k, variance, turn in zip(picked, variances, turns, strict=True):
         reach_m = 2 * np.sqrt(np.maximum(variance, 0))
         if reach_m[-1] < across_m / 4:
@@ -135,14 +133,14 @@ def _between_ways(axes: Axes, estimate: Estimate) -> None:
     """How far the other ways are from the last one, over the floor."""
     t = estimate.stamps_s - estimate.stamps_s[0]
     known_m = 2 * np.sqrt(np.maximum(np.linalg.eigvalsh(_over_floor(estimate))[:, -1], 0))
-    axes.fill_between(t, 0, known_m, color=BLUE, alpha=0.2, lw=0, label="2σ of the place")
+    axes.fill_between(t, 0, known_m, color=BLUE, alpha=0.2, lw=0, label="2σ of the position")
     *others, (best, _, _, name) = _ways(estimate)
     for position, color, width, label in others:
         off = np.linalg.norm((position - best)[:, :2], axis=1)
         axes.plot(t, off, color=color, lw=width / 2, label=label)
     axes.set_ylim(0.0, None)
     axes.set_ylabel("distance [m]", fontsize="small")
-    axes.set_title(f"how far the other ways are from the {name} one, over the floor", fontsize="small")
+    axes.set_title(f"horizontal distance of the other trajectories from the {name} one", fontsize="small")
     axes.legend(loc="upper left", fontsize="x-small", frameon=False)
 
 

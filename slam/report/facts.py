@@ -189,7 +189,7 @@ def _height_sensor(estimate: Estimate, flight: Flight | None) -> tuple[str, str]
     def told(value: str, std: float, assumed: float) -> str:
         if assumed == 0:
             return "exact, as its sensor.yaml says"
-        return value if std < _TOLD * assumed else f"{value}, as assumed: this flight does not tell"
+        return value if std < _TOLD * assumed else f"{value}, as assumed: this flight does not show it"
 
     gain = f"{found.gain:.3f} ±{SPACE}{found.gain_std:.3f}"
     zero = f"{1e3 * found.zero_m:+.1f} ±{SPACE}{1e3 * found.zero_std_m:.1f}{SPACE}mm"

@@ -55,4 +55,5 @@ def lengths_text(found: AccelerometerErrors | None) -> str:
     if found is None:
         return ""
     off, std = 100 * (found.scale - 1), 100 * found.scale_std
-    return f"{off:+.1f} ±{SPACE}{std:.1f}{SPACE}% off the map's{', heard' if found.used else ', not needed'}"
+    use = "used for the map" if found.used else "not needed"
+    return f"{off:+.1f} ±{SPACE}{std:.1f}{SPACE}% off the map's, {use}"

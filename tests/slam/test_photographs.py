@@ -46,7 +46,7 @@ def test_photographs_of_two_places_are_two_parts(mixed):
     estimate = optimize(photographs(photos))
     belongs = np.array([0 if flight is here else 1 for flight, _ in photos])
     assert np.array_equal(estimate.component, belongs)
-    assert "2 parts that no picture joins (12, 9 keyframes)" in estimate.status
+    assert "2 parts (12, 9 keyframes) that no overlapping pictures connect" in estimate.status
 
 
 def test_a_photograph_that_belongs_to_nothing_is_left_out():
@@ -56,7 +56,7 @@ def test_a_photograph_that_belongs_to_nothing_is_left_out():
     assert estimate.component.tolist() == [0] * 8 + [-1]
     assert np.isnan(estimate.w_T_b[8]).all()
     assert np.isnan(estimate.covariances[8]).all()
-    assert "1 keyframe shares too little ground with any other: not placed" in estimate.status
+    assert "1 keyframe overlaps too little with any other: not on the map" in estimate.status
     with_sonar = optimize(replace(flight, sonar=replace(here.sonar, stamps_s=here.sonar.stamps_s * 1.1)))
     assert "no metric scale" not in with_sonar.status
 

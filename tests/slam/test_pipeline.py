@@ -139,7 +139,9 @@ def test_two_areas_that_no_picture_joins_are_two_parts():
     sizes = np.bincount(estimate.component)
     assert len(sizes) == 2
     assert sizes[0] >= sizes[1] >= 4
-    assert f"2 parts that no picture joins ({sizes[0]}, {sizes[1]} keyframes)" in estimate.status
+    assert (
+        f"2 parts ({sizes[0]}, {sizes[1]} keyframes) that no overlapping pictures connect" in estimate.status
+    )
     assert np.isfinite(estimate.covariances).all()
     assert estimate.rejected["tracking started anew"] == 1
     # Each part is right in its own frame.

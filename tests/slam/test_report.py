@@ -113,7 +113,7 @@ def test_the_sentence_names_what_is_wrong():
 
 def test_what_a_flight_tells_of_its_height_sensor_is_told_apart_from_what_is_assumed():
     facts = gather(made_estimate(), made_flight())
-    assert "this flight does not tell" in facts.sensor_gain
+    assert "this flight does not show it" in facts.sensor_gain
     assert facts.sensor_zero == "+3.5 ±\N{NO-BREAK SPACE}1.1\N{NO-BREAK SPACE}mm"
     graph = gather(made_estimate(), None)
     assert (graph.sensor_gain, graph.sensor_zero) == ("", "")

@@ -77,4 +77,4 @@ def test_a_part_that_cannot_be_refined_keeps_its_place_and_says_so():
     assert np.isfinite(found.w_T_b).all()
     assert np.isnan(found.covariances[8:]).all()
     assert np.isfinite(found.covariances[:8]).all()
-    assert any("4 keyframes not refined" in warning for warning in found.warnings)
+    assert any("4 keyframes could not be refined" in warning for warning in found.warnings)

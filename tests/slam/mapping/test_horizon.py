@@ -27,7 +27,7 @@ def test_what_looks_away_is_left_out_and_counted(away):
     found = seeing_floor(flight((0.1, -0.2, 0.3), (*away, 0.3)), CAMERA)
     assert found.attitude.roll_pitch_yaw_rad[0] == pytest.approx((0.1, -0.2, 0.3))
     assert np.isnan(found.attitude.roll_pitch_yaw_rad[1]).all()
-    assert any("by 1 of 2 readings" in line for line in found.warnings)
+    assert any("according to 1 of 2 readings" in line for line in found.warnings)
 
 
 def test_an_attitude_upside_down_throughout_is_like_none():

@@ -58,7 +58,7 @@ def test_the_mount_that_is_told_for_other_programs_is_right(turning, mended):
     rows = [float(x) for x in re.search(r"\[(.*)\]", told)[1].split(",")]
     again = optimize(replace(turning, camera=replace(turning.camera, b_T_c=np.array(rows).reshape(4, 4))))
     assert again.instruments.mount is None
-    assert not any("askew" in w or "leans" in w for w in again.warnings)
+    assert not any("askew" in w or "is tilted by" in w for w in again.warnings)
 
 
 def test_an_attitude_s_own_zero_is_not_taken_for_the_mount(turning):
@@ -67,14 +67,17 @@ def test_an_attitude_s_own_zero_is_not_taken_for_the_mount(turning):
     angles = series.roll_pitch_yaw_rad + [*ASKEW_RAD, 0.0]
     estimate = optimize(replace(turning, attitude=replace(series, roll_pitch_yaw_rad=angles)))
     assert estimate.instruments.mount is None
-    assert any("attitude0 leans" in w and "one side of the body" in w for w in estimate.warnings)
+    assert any("attitude0 is tilted by" in w and "one side of the body" in w for w in estimate.warnings)
 
 
 def test_under_one_heading_the_mount_is_held_and_named():
     """Ground that slopes would look the same."""
     estimate = optimize(askew(flown(3)))
     assert estimate.instruments.mount is None
-    assert any("the ground slopes, the camera's mount leans or" in w for w in estimate.warnings)
+    assert any(
+        "the ground slopes, or the camera's mounting (T_BS) or the attitude is off" in w
+        for w in estimate.warnings
+    )
 
 
 def test_a_mount_told_as_uncertain_is_estimated_whatever_it_is(turning):
@@ -107,5 +110,7 @@ def test_ground_that_slopes_is_told_and_from_what():
     assert "the ground slopes" in told
     assert "one side of the body" in leaning(0.0, 0.06, 6.0)
     # Under one heading nothing tells them apart.
-    assert "the ground slopes, the camera's mount leans or" in leaning(0.06, 0.0, 0.0)
+    assert "the ground slopes, or the camera's mounting (T_BS) or the attitude is off" in leaning(
+        0.06, 0.0, 0.0
+    )
     assert leaning(0.01, 0.01, 6.0) == ""

@@ -107,7 +107,7 @@ def test_a_sonar_that_reads_at_random_has_found_no_obstacles():
     range_m = np.random.default_rng(0).uniform(0.3, 5.3, len(over.sonar.range_m))
     broken = replace(over, sonar=replace(over.sonar, range_m=range_m))
     found = find_obstacles(broken, over.camera, *some_poses(over), 0.0, MaskingConfig())
-    assert "are no heights over the map's floor" in found.told
+    assert "do not fit the map's heights over the floor" in found.told
     assert all(found.masks(k) is None for k in range(len(over.frames)))
     assert found.sonar is broken.sonar
 
@@ -138,7 +138,7 @@ def test_masks_that_leave_no_floor_to_see_are_dropped_and_told(monkeypatch):
     )
     estimate = optimize(over)
     assert (estimate.component == 0).mean() > 0.9
-    assert any("without them there is no map: nothing is masked" in line for line in estimate.warnings)
+    assert any("masking them would leave no map, so nothing is masked" in line for line in estimate.warnings)
 
 
 def test_it_can_be_switched_off_and_set():
