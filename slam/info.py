@@ -7,16 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from rich import box
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-from rich.text import Text
 
 from backend.measurements import GRAVITY_M_S2
 from slam.errors import NO_CAMERA
 from slam.flight import STREAMS, AttitudeSeries, Flight, Imu, Sonar
-from slam.io.files import brief
 
 Array = NDArray[np.float64]
 
@@ -31,8 +25,6 @@ REST_WINDOW_S, REST_GYRO_STD, REST_ACCEL_STD = 1.0, 0.02, 0.2
 ACCEL_OFF_M_S2, GYRO_OFF_RAD_S = 0.3, 0.05
 """How far from gravity and from zero a sensor at rest may read before it is called odd."""
 SATURATED_SHARE = ECHO_SHARE = 0.01
-NOTE_LENGTH = 300
-"""Characters of a note shown; the whole stands in flight.yaml."""
 
 _MAY_MISS = {
     "sonar": "range_m",
@@ -292,37 +284,3 @@ def _noiseless(flight: Flight) -> list[str]:
         height = flight.gps.noise_std_m[2:] if np.isfinite(flight.gps.altitude_m).any() else ()
         given["gps0"] = (*flight.gps.noise_std_m[:2], *height)
     return [name for name, noise in given.items() if min(noise) <= 0]
-
-
-def print_info(info: FlightInfo, console: Console) -> None:
-    """Print as tables and lists; text that came with the flight is shown as it is, never as markup."""
-    title = f"{escape(brief(info.name))}, {info.duration_s:.1f} s"
-    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    # Names of instruments stay whole on a terminal of 80 letters.
-    table.add_column("stream", min_width=len("attitude0"), overflow="fold")
-    for heading in (
-        "rows",
-        "rate [Hz]",
-        "starts [s]",
-        "lasts [s]",
-        "gaps",
-        "largest gap [s]",
-        "values missing",
-    ):
-        table.add_column(Text(heading), justify="right")
-    for s in info.streams:
-        rate = "" if math.isnan(s.rate_hz) else f"{s.rate_hz:.3g}"
-        cells = [str(s.count), rate, f"{s.start_s:.2f}", f"{s.duration_s:.2f}", str(s.gaps or "")]
-        cells += [f"{s.largest_gap_s:.2f}" if s.gaps else "", str(s.missing_values or "")]
-        table.add_row(s.name, *cells)
-    console.print(table)
-    for key, value in info.notes.items():
-        shown = brief(value, NOTE_LENGTH)
-        console.print(f"[bold]{escape(brief(key, 40))}[/bold]: {escape(shown)}", highlight=False)
-    if info.landmarks:
-        console.print(f"{info.landmarks} surveyed landmarks", highlight=False)
-    for title, lines in (("missing", info.missing), ("odd", info.odd), ("on reading", info.warnings)):
-        if lines:
-            console.print(f"[bold]{title}[/bold]")
-        for line in lines:
-            console.print(f"  {escape(brief(line, 400))}", highlight=False)

@@ -58,6 +58,7 @@ def info(source: Annotated[Path, _SHOWN]) -> None:
 
 def show(flight: Flight, screen: Console) -> None:
     """Print what a flight holds."""
-    from slam.info import describe, print_info
+    from slam.cli.flight_tables import print_info
+    from slam.info import describe
 
     print_info(describe(flight), screen)

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from slam.cli.flight_tables import print_info
 from slam.flight import Flight, Sonar
-from slam.info import describe, print_info
+from slam.info import describe
 from slam.io.flight_folder import read_flight
 from tests.slam.io.made_flight import made_flight
 

@@ -1,0 +1,51 @@
+"""What a flight holds, as ``slam info`` and ``slam import`` print it."""
+
+from __future__ import annotations
+
+import math
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from slam.info import FlightInfo
+from slam.io.files import brief
+
+NOTE_LENGTH = 300
+"""Characters of a note shown; the whole stands in flight.yaml."""
+
+
+def print_info(info: FlightInfo, console: Console) -> None:
+    """Print as tables and lists; text that came with the flight is shown as it is, never as markup."""
+    title = f"{escape(brief(info.name))}, {info.duration_s:.1f} s"
+    table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    # Names of instruments stay whole on a terminal of 80 letters.
+    table.add_column("stream", min_width=len("attitude0"), overflow="fold")
+    for heading in (
+        "rows",
+        "rate [Hz]",
+        "starts [s]",
+        "lasts [s]",
+        "gaps",
+        "largest gap [s]",
+        "values missing",
+    ):
+        table.add_column(Text(heading), justify="right")
+    for s in info.streams:
+        rate = "" if math.isnan(s.rate_hz) else f"{s.rate_hz:.3g}"
+        cells = [str(s.count), rate, f"{s.start_s:.2f}", f"{s.duration_s:.2f}", str(s.gaps or "")]
+        cells += [f"{s.largest_gap_s:.2f}" if s.gaps else "", str(s.missing_values or "")]
+        table.add_row(s.name, *cells)
+    console.print(table)
+    for key, value in info.notes.items():
+        shown = brief(value, NOTE_LENGTH)
+        console.print(f"[bold]{escape(brief(key, 40))}[/bold]: {escape(shown)}", highlight=False)
+    if info.landmarks:
+        console.print(f"{info.landmarks} surveyed landmarks", highlight=False)
+    for title, lines in (("missing", info.missing), ("odd", info.odd), ("on reading", info.warnings)):
+        if lines:
+            console.print(f"[bold]{title}[/bold]")
+        for line in lines:
+            console.print(f"  {escape(brief(line, 400))}", highlight=False)
