@@ -84,7 +84,7 @@ def _write_mosaics(
 ) -> tuple[Mosaics, tuple[str, ...]]:
     """The map, and the chain's beside it; a map that cannot be drawn is told and costs nothing else."""
     from frontend.mosaic.canvas import MosaicError
-    from slam.rasters.mosaic import write_mosaic
+    from slam.rasters.mosaic import write_chain_picture, write_mosaic
 
     if not wish.wanted:
         return Mosaics(), ()
@@ -104,13 +104,10 @@ def _write_mosaics(
     if made.kept:
         notes.append(f"mosaic: {made.kept} of {made.tiles} tiles are those of the earlier one, unchanged")
     try:
-        chain, gsd_m = chain_on_result(estimate), made.png_gsd_m
-        before = write_mosaic(
-            estimate, flight, folder, gsd_m, progress, poses=chain, stem="mosaic_chain", picture_only=True
-        ).png
+        chain = chain_on_result(estimate)
+        before = write_chain_picture(estimate, flight, folder, chain, made.png_gsd_m, progress)
     except InputError as refusal:
         if not isinstance(refusal.__context__, MosaicError):
             raise
         notes.append(f"no mosaic of the plain chain: {refusal}")
-    quality = made.quality.with_suffix(".png") if made.quality else None
-    return Mosaics(made.png, before, quality), tuple(notes)
+    return Mosaics(made.png, before, made.quality.with_suffix(".png")), tuple(notes)

@@ -6,6 +6,7 @@ import math
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from frontend.mosaic.plan import MosaicPlan, plan_mosaic
 from frontend.mosaic.render import Pictures, measure_exposure, render_tiles
 from slam.errors import NO_CAMERA, InputError
 from slam.estimate import Estimate
-from slam.flight import Flight, Image
+from slam.flight import Flight, GeoOrigin, Image
 from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, write_geotiff, write_png
 from slam.progress import Progress, silent
 from slam.rasters.quality import write_quality
@@ -35,10 +36,10 @@ CACHE_MB = 256
 class MosaicFiles:
     """What was written, and from what."""
 
-    geotiff: Path | None
+    geotiff: Path
     png: Path
-    world_file: Path | None
-    quality: Path | None
+    world_file: Path
+    quality: Path
     """How far each piece is to be trusted: `slam.rasters.quality`."""
     gsd_m: float
     """Metres a pixel of the GeoTIFF."""
@@ -70,15 +71,12 @@ def write_mosaic(
     out_dir: str | Path,
     gsd_m: float | None = None,
     progress: Progress = silent,
-    poses: Array | None = None,
-    stem: str = "mosaic",
-    picture_only: bool = False,
     earlier: Path | None = None,
 ) -> MosaicFiles:
-    """Render the keyframes over the floor into ``stem``.tif, .png, .pgw and _quality.tif, or the PNG alone.
+    """Render the keyframes over the floor into mosaic.tif, .png, .pgw and _quality.tif.
 
-    ``poses`` (n, 4, 4) replace the optimized ones (to show the chain beside them). Parts of the graph that
-    are tied to nothing have no place relative to the largest one: without GPS only the largest is drawn.
+    Parts of the graph that are tied to nothing have no place relative to the largest one: without GPS only
+    the largest is drawn.
 
     Tiles that the GeoTIFF ``earlier`` has already, made of the same pictures at the same places in the same
     way, are taken from it; the files come out the same as without it. Where none is given it is the one that
@@ -87,76 +85,24 @@ def write_mosaic(
     Raises ``InputError`` where there is no camera or picture, where no picture sees the floor, or where the
     disk refuses; the files of an earlier run then stand as they were.
     """
-    camera, frames = estimate.camera or flight.camera, flight.frames
-    if camera is None or frames is None:
-        raise InputError(f"{flight.name}: no camera pictures, so no mosaic; {NO_CAMERA}")
-    if gsd_m is not None and not (math.isfinite(gsd_m) and gsd_m > 0):
-        raise InputError(f"ground resolution {gsd_m} m/pixel: give a number above 0")
-    w_T_b = estimate.over_floor_T_b if poses is None else np.asarray(poses, dtype=float)
-    leave_out: dict[int, str] = {}
-    if estimate.origin is None and poses is None:
+    out_dir, leave_out = Path(out_dir), {}
+    if estimate.origin is None:
         apart = np.flatnonzero(estimate.component > 0)
         leave_out = {int(k): "in a part of the flight that is not tied to the largest" for k in apart}
-
-    def load(k: int) -> Image | None:
-        return frames[int(estimate.frame_index[k])].read()
-
-    out_dir = Path(out_dir)
-    try:
-        plan = plan_mosaic(camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out)
-        while True:
-            pictures = Pictures(plan, load, CACHE_MB)
-            exposure = measure_exposure(plan, pictures, _stage(progress, stem))
-            if not pictures.unusable:
-                break
-            # What the unusable pictures owned goes to others, perhaps to some not read so far.
-            leave_out = leave_out | pictures.unusable
-            plan = plan_mosaic(camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out)
-    except MosaicError as error:
-        raise InputError(f"{flight.name}: {error}") from None
-    return _write(
-        plan, pictures, exposure, estimate, out_dir, progress, stem, picture_only,
-        earlier or out_dir / f"{stem}.tif",
-    )  # fmt: skip
-
-
-def _write(
-    plan: MosaicPlan,
-    pictures: Pictures,
-    exposure: Exposure,
-    estimate: Estimate,
-    out_dir: Path,
-    progress: Progress,
-    stem: str,
-    picture_only: bool,
-    earlier: Path,
-) -> MosaicFiles:
-    """All files of one mosaic are complete before the first takes its place."""
-    grid = Grid(plan.west_m, plan.north_m, plan.gsd_m, plan.width, plan.height, estimate.origin)
-    try:
-        out_dir.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{stem}-", dir=out_dir) as name:
-            work = Path(name)
-            tif, png = work / f"{stem}.tif", work / f"{stem}.png"
-            with earlier_blocks(earlier) as known:
-                tiles = _Tiles(plan, pictures, exposure, known, _stage(progress, stem))
-                write_geotiff(tif, grid, tiles.blocks())
-            png_gsd_m = write_png(tif, png, MAX_PNG_PIXELS, world_file=not picture_only)
-            if picture_only:
-                tif.unlink()
-            else:
-                write_quality(plan, exposure, estimate, work / f"{stem}_quality.tif")
-            for path in sorted(work.iterdir()):
-                path.replace(out_dir / path.name)
-    except OSError as error:
-        raise InputError(
-            f"{out_dir}: cannot be written ({error.strerror or error}); choose another folder or free space"
-        ) from None
+    made = _planned(estimate, flight, estimate.over_floor_T_b, leave_out, gsd_m, _stage(progress, "mosaic"))
+    plan = made.plan
+    with _put_into(out_dir) as work:
+        tif = work / "mosaic.tif"
+        with earlier_blocks(earlier or out_dir / "mosaic.tif") as known:
+            tiles = _Tiles(made, known)
+            write_geotiff(tif, made.grid, tiles.blocks())
+        png_gsd_m = write_png(tif, work / "mosaic.png", MAX_PNG_PIXELS)
+        write_quality(plan, made.exposure, estimate, work / "mosaic_quality.tif")
     return MosaicFiles(
-        geotiff=None if picture_only else out_dir / f"{stem}.tif",
-        png=out_dir / f"{stem}.png",
-        world_file=None if picture_only else out_dir / f"{stem}.pgw",
-        quality=None if picture_only else out_dir / f"{stem}_quality.tif",
+        geotiff=out_dir / "mosaic.tif",
+        png=out_dir / "mosaic.png",
+        world_file=out_dir / "mosaic.pgw",
+        quality=out_dir / "mosaic_quality.tif",
         gsd_m=plan.gsd_m,
         png_gsd_m=png_gsd_m,
         width=plan.width,
@@ -164,23 +110,107 @@ def _write(
         pictures=len(plan.views),
         redundant=plan.redundant,
         left_out=dict(Counter(plan.left_out.values())),
-        seam_before=exposure.seam_before,
-        seam_after=exposure.seam_after,
+        seam_before=made.exposure.seam_before,
+        seam_after=made.exposure.seam_after,
         note=plan.note,
         tiles=tiles.drawn + tiles.kept,
         kept=tiles.kept,
     )
 
 
-@dataclass
-class _Tiles:
-    """The mosaic's pixels, tile by tile, and how many were rendered for it."""
+def write_chain_picture(
+    estimate: Estimate,
+    flight: Flight,
+    out_dir: str | Path,
+    w_T_b: Array,
+    gsd_m: float | None = None,
+    progress: Progress = silent,
+) -> Path:
+    """Render the keyframes at other poses (n, 4, 4), those of the plain chain, into mosaic_chain.png alone.
+
+    Raises ``InputError`` as `write_mosaic` does.
+    """
+    out_dir = Path(out_dir)
+    made = _planned(estimate, flight, w_T_b, {}, gsd_m, _stage(progress, "mosaic_chain"))
+    with _put_into(out_dir) as work:
+        tif, png = work / "mosaic_chain.tif", work / "mosaic_chain.png"
+        write_geotiff(tif, made.grid, _Tiles(made, lambda mark, shape: None).blocks())
+        write_png(tif, png, MAX_PNG_PIXELS, world_file=False)
+        tif.unlink()
+    return out_dir / png.name
+
+
+@dataclass(frozen=True)
+class _Planned:
+    """Everything that tiles are rendered from."""
 
     plan: MosaicPlan
     pictures: Pictures
     exposure: Exposure
-    known: EarlierBlock
+    origin: GeoOrigin | None
     progress: Progress
+
+    @property
+    def grid(self) -> Grid:
+        """Where its pixels lie."""
+        plan = self.plan
+        return Grid(plan.west_m, plan.north_m, plan.gsd_m, plan.width, plan.height, self.origin)
+
+
+def _planned(
+    estimate: Estimate,
+    flight: Flight,
+    w_T_b: Array,
+    leave_out: dict[int, str],
+    gsd_m: float | None,
+    progress: Progress,
+) -> _Planned:
+    """Which picture, at poses (n, 4, 4), shows what, and how bright; without those left out for a reason."""
+    camera, frames = estimate.camera or flight.camera, flight.frames
+    if camera is None or frames is None:
+        raise InputError(f"{flight.name}: no camera pictures, so no mosaic; {NO_CAMERA}")
+    if gsd_m is not None and not (math.isfinite(gsd_m) and gsd_m > 0):
+        raise InputError(f"ground resolution {gsd_m} m/pixel: give a number above 0")
+
+    def load(k: int) -> Image | None:
+        return frames[int(estimate.frame_index[k])].read()
+
+    try:
+        plan = plan_mosaic(camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out)
+        while True:
+            pictures = Pictures(plan, load, CACHE_MB)
+            exposure = measure_exposure(plan, pictures, progress)
+            if not pictures.unusable:
+                return _Planned(plan, pictures, exposure, estimate.origin, progress)
+            # What the unusable pictures owned goes to others, perhaps to some not read so far.
+            leave_out = leave_out | pictures.unusable
+            plan = plan_mosaic(camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out)
+    except MosaicError as error:
+        raise InputError(f"{flight.name}: {error}") from None
+
+
+@contextmanager
+def _put_into(out_dir: Path) -> Iterator[Path]:
+    """A folder whose files are put into ``out_dir`` once all are complete."""
+    try:
+        out_dir.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".mosaic-", dir=out_dir) as name:
+            work = Path(name)
+            yield work
+            for path in sorted(work.iterdir()):
+                path.replace(out_dir / path.name)
+    except OSError as error:
+        raise InputError(
+            f"{out_dir}: cannot be written ({error.strerror or error}); choose another folder or free space"
+        ) from None
+
+
+@dataclass
+class _Tiles:
+    """The mosaic's pixels, tile by tile, and how many were rendered for it."""
+
+    made: _Planned
+    known: EarlierBlock
     drawn: int = 0
     kept: int = 0
 
@@ -188,7 +218,8 @@ class _Tiles:
         def earlier(tile: Tile, mark: str) -> Image | None:
             return self.known(mark, (tile.rows, tile.cols))
 
-        for done in render_tiles(self.plan, self.pictures, self.exposure, self.progress, earlier):
+        made = self.made
+        for done in render_tiles(made.plan, made.pictures, made.exposure, made.progress, earlier):
             self.kept, self.drawn = self.kept + done.kept, self.drawn + (not done.kept)
             yield Block(done.tile.row, done.tile.col, done.rgba, done.fingerprint)
 

@@ -69,10 +69,10 @@ def main() -> None:
 
 def drawn(title: str, estimate: Estimate, flight: Flight, maps: Maps, made: Map) -> Drawn:
     """The mosaic of one map, and its landmarks."""
-    there = replace(estimate, w_T_b=made.w_T_b, floor_z_m=made.floor_z_m)
+    level = {"floor_z_m": made.floor_z_m, "floor_slope_rad": (0.0, 0.0)}
+    there = replace(estimate, w_T_b=made.w_T_b, **level)
     with tempfile.TemporaryDirectory() as folder:
-        files = write_mosaic(there, flight, folder, GSD_M, poses=made.w_T_b)
-        assert files.world_file is not None
+        files = write_mosaic(there, flight, folder, GSD_M)
         step, _, _, _, west, north = (float(line) for line in files.world_file.read_text().split())
         rgba = np.asarray(Image.open(files.png).convert("RGBA"))
     seen = rgba[..., 3:] > 0

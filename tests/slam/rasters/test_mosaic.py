@@ -15,7 +15,7 @@ import slam.rasters.mosaic
 from slam.errors import InputError
 from slam.estimate import Estimate
 from slam.flight import Flight, Frames, GeoOrigin
-from slam.rasters.mosaic import write_mosaic
+from slam.rasters.mosaic import write_chain_picture, write_mosaic
 from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, photograph, smooth_floor, survey
 
 FILES = ["mosaic.pgw", "mosaic.png", "mosaic.tif", "mosaic_quality.png", "mosaic_quality.tif"]
@@ -86,10 +86,10 @@ def test_chain_beside_the_map_is_a_picture_alone(tmp_path: Path) -> None:
     estimate, flight, _ = scene()
     bent = estimate.w_T_b.copy()
     bent[:, 0, 3] += np.linspace(0, 2, len(bent))
-    files = write_mosaic(estimate, flight, tmp_path, poses=bent, stem="mosaic_chain", picture_only=True)
-    assert [p.name for p in tmp_path.iterdir()] == ["mosaic_chain.png"]
-    assert files.geotiff is None
-    assert files.width > write_mosaic(estimate, flight, tmp_path).width + 50
+    made = write_mosaic(estimate, flight, tmp_path / "map")
+    picture = write_chain_picture(estimate, flight, tmp_path / "chain", bent, made.png_gsd_m)
+    assert [p.name for p in (tmp_path / "chain").iterdir()] == [picture.name] == ["mosaic_chain.png"]
+    assert cv2.imread(str(picture)).shape[1] > cv2.imread(str(made.png)).shape[1] + 50
 
 
 def test_what_is_left_out_is_counted(tmp_path: Path) -> None:

@@ -53,11 +53,9 @@ def test_a_moved_keyframe_gives_what_a_whole_rendering_gives(first: Path, tmp_pa
     assert content(tmp_path / "again")["mosaic.tif"] != first.read_bytes()
 
 
-def test_another_resolution_and_the_chain_render_all(first: Path, tmp_path: Path) -> None:
+def test_another_resolution_renders_all(first: Path, tmp_path: Path) -> None:
     estimate, flight, _ = scene()
     assert write_mosaic(estimate, flight, tmp_path, 0.004, earlier=first).kept == 0
-    alone = write_mosaic(estimate, flight, tmp_path, GSD_M, stem="mosaic_chain", picture_only=True)
-    assert alone.kept == 0
 
 
 def test_a_file_that_is_not_as_it_was_written_gives_nothing(first: Path, tmp_path: Path) -> None:
