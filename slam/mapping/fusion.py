@@ -76,88 +76,138 @@ def fuse(
     readings: InertialReadings | None = None,
 ) -> Fused:
     """Place each connected part and refine it on its floor points; with ``readings`` on its inertia too."""
-    sensors = mapper.sensors
-    n = len(sensors.stamps_s)
+    n = len(mapper.sensors.stamps_s)
     kept = [r for r, ok in zip(edges.registrations, solution.edge_kept, strict=True) if ok]
     tracks = mapper.tracks(sightings.store.points, kept)
-    w_T_b, (covariances, over_floor_covariances) = solution.w_T_b.copy(), np.full((2, n, 6, 6), np.nan)
     component = largest_first(np.where(_tied(n, kept), solution.component, -1))
-    w_T_b[component < 0] = np.nan
-    warnings: list[str] = []
-    camera, floor_z_m, first, inertial, georeferenced = mapper.camera, 0.0, None, None, False
-    has_metres = True
-    height_std_m = [0.0] * (int(component.max(initial=-1)) + 1)
+    evidence = _Evidence(mapper, sightings, edges.heights.metric, tracks, readings, progress)
     seen = np.bincount(tracks.keyframe, minlength=n)
-    for part in range(int(component.max(initial=-1)) + 1):
-        members = np.flatnonzero(component == part)
+    parts = []
+    for number in range(int(component.max(initial=-1)) + 1):
+        members = np.flatnonzero(component == number)
         if (seen[members] >= LEAST_SEEN).sum() >= 2:
             # A picture that sees next to no point of the others' must not keep them from being refined.
             component[members[seen[members] < LEAST_SEEN]] = -1
-            members = np.flatnonzero(component == part)
-        metric = bool(edges.heights.metric[members].all())
-        laid = lay_onto(w_T_b[members], _renumbered(mapper, members), metric)
-        start, floor = laid if laid is not None else (_headed(w_T_b[members], sensors, members), 0.0)
+            members = np.flatnonzero(component == number)
+        parts.append(evidence.part(members, solution.w_T_b[members]))
+    w_T_b, (covariances, over_floor_covariances) = np.full((n, 4, 4), np.nan), np.full((2, n, 6, 6), np.nan)
+    for part in parts:
+        w_T_b[part.members] = part.w_T_b
+        if part.bundle is not None:
+            covariances[part.members] = part.bundle.covariances
+            over_floor_covariances[part.members] = part.bundle.over_floor_covariances
+    main = parts[0] if parts else None
+    return Fused(
+        w_T_b,
+        covariances,
+        over_floor_covariances,
+        component,
+        floor_z_m=main.floor_z_m if main else 0.0,
+        camera=_calibrated(mapper.camera, main.bundle) if main and main.bundle else mapper.camera,
+        bundle=main.bundle if main else None,
+        georeferenced=main.georeferenced if main else False,
+        warnings=tuple(line for part in parts for line in part.warnings),
+        height_std_m=tuple(part.height_std_m for part in parts),
+        inertial=main.inertial if main else None,
+        metric=main.metric if main else True,
+    )
+
+
+@dataclass(frozen=True)
+class Part:
+    """One connected part of the map."""
+
+    members: NDArray[np.int64]
+    """(m,) its keyframes, sorted."""
+    w_T_b: Array
+    """(m, 4, 4) refined; placed at least."""
+    floor_z_m: float
+    georeferenced: bool
+    """Whether positions have placed it; else it stands in coordinates of its own."""
+    ranged: bool
+    """Whether its heights were measured in metres."""
+    bundle: Bundle | None = None
+    """None where it could not be refined."""
+    inertial: InertialLengths | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def metric(self) -> bool:
+        """Whether its lengths are metres."""
+        refined = self.bundle is not None and self.bundle.scale_std is not None
+        return self.ranged or self.georeferenced or refined
+
+    @property
+    def height_std_m(self) -> float:
+        """As `Fused` has it."""
+        if self.bundle is None:
+            return 0.0
+        return self.bundle.own_scale_std * float(self.bundle.w_T_b[0, 2, 3] - self.bundle.floor_z_m)
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """What parts are placed and refined by."""
+
+    mapper: Mapper
+    sightings: Sightings
+    metric: NDArray[np.bool_]
+    """(n,) which keyframes have a height in metres."""
+    tracks: FloorTracks
+    readings: InertialReadings | None
+    progress: Progress
+
+    def part(self, members: NDArray[np.int64], w_T_b: Array) -> Part:
+        """Keyframes ``members`` (m,), placed and refined from the pose graph's ``w_T_b`` (m, 4, 4)."""
+        sensors, warnings = self.mapper.sensors, []
+        ranged = bool(self.metric[members].all())
+        laid = lay_onto(w_T_b, _renumbered(self.mapper, members), ranged)
+        start, floor_z_m = laid if laid is not None else (_headed(w_T_b, sensors, members), 0.0)
         if laid is None and sensors.positions:
             warnings.append(
                 f"{len(members)} keyframes have no usable GPS position: they are in coordinates of their "
                 "own, not on Earth"
             )
-        w_T_b[members] = start
+        # Positions that could not place the part are not to pull at it either.
+        usable = self.mapper if laid is not None else self.mapper.without_positions()
+        placed = Part(members, start, floor_z_m, laid is not None, ranged)
         try:
-            # Positions that could not place the part are not to pull at it either.
-            usable = mapper if laid is not None else mapper.without_positions()
-            bundle, by_inertia = _refined(
-                usable, sightings, members, w_T_b, floor, tracks, progress, readings
-            )
+            bundle, by_inertia = self._refined(usable, placed)
         except BackendError as error:
             warnings.append(
                 f"the part of the map with {len(members)} keyframes could not be refined: {error}"
             )
-        else:
-            w_T_b[members], floor = bundle.w_T_b, bundle.floor_z_m
-            covariances[members] = bundle.covariances
-            over_floor_covariances[members] = bundle.over_floor_covariances
-            height_std_m[part] = bundle.own_scale_std * float(bundle.w_T_b[0, 2, 3] - bundle.floor_z_m)
-            if part == 0:
-                first, camera = bundle, _calibrated(camera, bundle)
-                inertial = by_inertia if isinstance(by_inertia, InertialLengths) else None
-            warnings += _told(by_inertia, bundle)
-        if part == 0:
-            floor_z_m, georeferenced = floor, laid is not None
-            has_metres = metric or georeferenced or (first is not None and first.scale_std is not None)
-    w_T_b[component < 0] = np.nan
-    return Fused(
-        w_T_b, covariances, over_floor_covariances, component, floor_z_m, camera, first, georeferenced,
-        tuple(warnings), tuple(height_std_m), inertial, has_metres,
-    )  # fmt: skip
+            return replace(placed, warnings=tuple(warnings))
+        warnings += _told(by_inertia, bundle)
+        return replace(
+            placed,
+            w_T_b=bundle.w_T_b,
+            floor_z_m=bundle.floor_z_m,
+            bundle=bundle,
+            inertial=by_inertia if isinstance(by_inertia, InertialLengths) else None,
+            warnings=tuple(warnings),
+        )
 
+    def _refined(self, mapper: Mapper, part: Part) -> tuple[Bundle, InertialLengths | NoScale | None]:
+        """The part refined, and what the accelerometer tells of it: used where ranges and positions tell
+        less."""
 
-def _refined(
-    mapper: Mapper,
-    sightings: Sightings,
-    members: NDArray[np.int64],
-    w_T_b: Array,
-    floor_z_m: float,
-    tracks: FloorTracks,
-    progress: Progress,
-    readings: InertialReadings | None,
-) -> tuple[Bundle, InertialLengths | NoScale | None]:
-    """One part, and what the accelerometer tells of it: used where ranges and positions tell less."""
+        def step(iteration: int, _: float) -> None:
+            self.progress("refine", iteration, 0)
 
-    def step(iteration: int, _: float) -> None:
-        progress("refine", iteration, 0)
-
-    bundle = mapper.refine(members, w_T_b, floor_z_m, tracks, step)
-    if readings is None:
-        return bundle, None
-    camera, gain_std = _calibrated(mapper.camera, bundle), mapper.config.trust.accel_gain_std
-    by_inertia = inertial_lengths(readings, sightings, members, bundle, camera, gain_std)
-    if isinstance(by_inertia, NoScale) or not by_inertia.helps:
-        return bundle, by_inertia
-    start = w_T_b.copy()
-    start[members] = bundle.w_T_b
-    lengths, noise = by_inertia.lengths, bundle.noise
-    return mapper.refine(members, start, bundle.floor_z_m, tracks, step, lengths, noise), by_inertia
+        members, tracks = part.members, self.tracks
+        start = np.full((len(self.metric), 4, 4), np.nan)
+        start[members] = part.w_T_b
+        bundle = mapper.refine(members, start, part.floor_z_m, tracks, step)
+        if self.readings is None:
+            return bundle, None
+        camera, gain_std = _calibrated(mapper.camera, bundle), mapper.config.trust.accel_gain_std
+        by_inertia = inertial_lengths(self.readings, self.sightings, members, bundle, camera, gain_std)
+        if isinstance(by_inertia, NoScale) or not by_inertia.helps:
+            return bundle, by_inertia
+        start[members] = bundle.w_T_b
+        lengths, noise = by_inertia.lengths, bundle.noise
+        return mapper.refine(members, start, bundle.floor_z_m, tracks, step, lengths, noise), by_inertia
 
 
 def _told(by_inertia: InertialLengths | NoScale | None, bundle: Bundle) -> list[str]:
