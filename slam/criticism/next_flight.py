@@ -59,7 +59,7 @@ def next_flight(
             information += rows.traces.T @ rows.traces
         count = len(MEAN)
         out = np.r_[np.arange(count), np.arange(len(every) - beside, len(every))].astype(np.int64)
-        left = project(information, np.zeros(len(every)), out, _precision(setting, beside)).information
+        left = project(information, out, _precision(setting, beside)).information
         own = slice(count, count + len(first.directions))
         return float(np.sqrt(max(sizes @ left[own, own] @ sizes, 0.0)))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from slam.criticism.camera.strays import without_strays
 from slam.criticism.extended import extended_model, with_certainty
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, place_of
-from slam.criticism.kalman.record import Record, any_holds_heading, is_led
+from slam.criticism.kalman.record import Record, any_holds_heading, has_commands
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.next_flight import next_flight
@@ -25,9 +25,8 @@ from slam.criticism.residuals.vibration import vibration_of
 from slam.criticism.search.moving import is_wall
 from slam.criticism.search.nuisances import NUISANCES, value_of
 from slam.criticism.search.search import Look, Search, exchanged, search
-from slam.criticism.search.thresholds import beside, load_thresholds
+from slam.criticism.search.thresholds import Thresholds, beside, load_thresholds
 from slam.criticism.threads import in_threads
-from slam.criticism.unled.verdict import NOTHING_TO_HOLD, judged_unled
 from slam.criticism.usable import coarsened, is_foreign, untested, usable_records, without_dead_streams
 from slam.criticism.verdict.agreement import contradictions
 from slam.criticism.verdict.covariate import Covariate, covariate
@@ -38,6 +37,7 @@ from slam.criticism.verdict.heldout import taken
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, likelier, named, posterior_of
 from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.sentence import sentence_of
+from slam.criticism.without_commands.verdict import NOTHING_TO_HOLD, judged_without_commands
 from slam.flight import Flight, told_apart
 from slam.progress import Progress, Tally, compilation_shown, silent
 from slam.repeats import without_repeats
@@ -65,16 +65,16 @@ def criticise(
     believed = model if isinstance(model, Model) else load_model(model)
     flights, repeated = without_repeats(told_apart(flights))
     flights = [with_body_ranges(flight) for flight in flights]
-    unled = bool(flights) and not any(is_led(flight) for flight in flights)
+    steered = not flights or any(has_commands(flight) for flight in flights)
     with threadpool_limits(1), compilation_shown(progress):
-        found = (_unled if unled else _led)(flights, believed, progress)
+        found = (_with_commands if steered else _without_commands)(flights, believed, progress)
     found = replace(found, dropped=(*repeated, *found.dropped))
     if found.extended is None:
         return found
     return replace(found, extended=with_certainty(found.extended, found.causes))
 
 
-def _led(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
+def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
     """The verdict where there are command logs."""
     records, dropped = usable_records(flights, progress)
     names = tuple(record.name for record in records)
@@ -85,17 +85,43 @@ def _led(flights: Sequence[Flight], model: Model, progress: Progress) -> Critici
     return replace(found, flights=names, dropped=(*dropped, *found.dropped))
 
 
-def _unled(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
+def _without_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
     """The verdict without any command log."""
     clean, dropped = without_dead_streams(flights)
-    found = judged_unled(clean, model, dropped, progress)
+    found = judged_without_commands(clean, model, dropped, progress)
     if found is None:
         reason = "; ".join([NOTHING_TO_HOLD, *dropped])
         return Criticism("unusable", f"These data cannot be judged: {reason}.", dropped=tuple(dropped))
     return found
 
 
-def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Criticism:
+@dataclass(frozen=True)
+class _Prepared:
+    """What the search starts from."""
+
+    records: list[Record]
+    setting: Setting
+    limits: Thresholds
+    strays: list[str]
+    """Pictures that were left out, in words."""
+    odd: list[Oddity]
+    """What was found of the readings themselves before any filter."""
+
+
+@dataclass(frozen=True)
+class _Explained:
+    """What the search came to."""
+
+    found: Search
+    belief: Setting
+    """With the chosen causes in it."""
+    doubts: dict[str, str]
+    """Cause -> what speaks against it."""
+    best: Flown | None
+    """Of a foreign vehicle: the sizes by roll-outs."""
+
+
+def _prepared(records: Sequence[Record], model: Model, progress: Progress) -> _Prepared:
     limits = load_thresholds(pictures=any(record.sights is not None for record in records))
     setting = replace(setting_of(model), foreign=is_foreign(records, model))
     if setting.foreign:
@@ -108,7 +134,12 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     if not setting.foreign and not combed(records):
         records, steps = without_boxes(records, setting)
         odd = [*odd, *steps]
-    found = _likeliest(records, confirmed(search(records, setting, limits, progress), setting))
+    return _Prepared(list(records), setting, limits, strays, odd)
+
+
+def _explained(given: _Prepared, progress: Progress) -> _Explained:
+    records, setting = given.records, given.setting
+    found = _likeliest(records, confirmed(search(records, setting, given.limits, progress), setting))
     belief = _belief(found)
     doubts, refuted = contradictions(records, setting, found, belief)
     if refuted:
@@ -118,26 +149,35 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     if setting.foreign and found.chosen and len(records) > 1:
         best = flown(records, belief, found.first.setting, found, progress)
         found, belief = replace(found, chosen=best.chosen), best.setting
+    return _Explained(found, belief, doubts, best)
+
+
+def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Criticism:
+    given = _prepared(records, model, progress)
+    records, limits = given.records, given.limits
+    explained = _explained(given, progress)
+    found, belief, doubts, best = explained.found, explained.belief, explained.doubts, explained.best
     posterior = posterior_of(found)
-    odd = [*odd, *oddities(records, found.last.sums.passes)]
+    odd = [*given.odd, *oddities(records, found.last.sums.passes)]
     rolled_out = Tally(progress, "roll out", 2)
     with rolled_out.part():
-        fitted = causes_of(records, setting, found, posterior, best)
+        fitted = causes_of(records, given.setting, found, posterior, best)
     likely, faint = weighed(fitted, found, posterior, doubts)
     causes = in_order([*likely, *(o.cause() for o in odd)])
     left = found.last.standing(found.chosen, found.last.shapes)
     left = sorted(left, key=lambda s: -s.z)
     shape_z = beside(limits.shapes, max((c.z for c in causes), default=0.0))
     verdict, equivalents, remainder = decide(
-        causes, found, posterior, left, _left_over(records, found, doubts, (causes, faint), best), shape_z,
+        causes, found, posterior, left, _left_over(records, explained, (causes, faint)), shape_z,
         [name for o in odd for name in ENTAILS.get(o.name, ())],
     )  # fmt: skip
     seen = detectable(found.first, limits.effects)
     if verdict == "nothing_wrong" and len(within_reach(seen)) < FEWEST_SHOWN:
         reason = untested(records, list(within_reach(seen)))
         return Criticism(
-            "unusable", reason, dropped=tuple(strays), detectable=seen, threshold=limits.effects, model=model
-        )
+            "unusable", reason, dropped=tuple(given.strays), detectable=seen, threshold=limits.effects,
+            model=model,
+        )  # fmt: skip
     if verdict == "unknown" and not causes:
         remainder = "; ".join(part for part in (remainder, *_nearest(found, limits.effects)) if part)
     with rolled_out.part():
@@ -158,7 +198,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         noise_correlation=colour,
         checks=_checks(records, found.last),
         covariate=drawn,
-        dropped=tuple(strays),
+        dropped=tuple(given.strays),
         threshold=limits.effects,
         model=model,
         extended=_extended(model, belief, found, odd),
@@ -194,16 +234,13 @@ def _likeliest(records: Sequence[Record], found: Search) -> Search:
 
 
 def _left_over(
-    records: Sequence[Record],
-    found: Search,
-    doubts: dict[str, str],
-    weighed: tuple[Sequence[Cause], Sequence[Cause]],
-    best: Flown | None,
+    records: Sequence[Record], explained: _Explained, weighed: tuple[Sequence[Cause], Sequence[Cause]]
 ) -> list[str]:
     """What no cause explains, in words, but for shapes.
 
     ``weighed``: the causes that are told, and those that are too faint.
     """
+    found, doubts, best = explained.found, explained.doubts, explained.best
     told, faint = ({c.name for c in causes} for causes in weighed)
     passes = found.last.sums.passes
     shaking, uneven = vibration_of(records, passes), uneven_of(records)

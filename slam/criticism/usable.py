@@ -21,7 +21,7 @@ from slam.criticism.kalman.readings import (
     by_channel,
     channels_of,
 )
-from slam.criticism.kalman.record import Record, holds_heading, is_led, record_of
+from slam.criticism.kalman.record import Record, has_commands, holds_heading, record_of
 from slam.flight import Flight
 from slam.progress import Progress, silent
 from slam.simulation.model import Model
@@ -161,7 +161,7 @@ def _unusable(flight: Flight) -> str:
     end = max(float(s.stamps_s[-1]) for s in streams)
     if end - begin < SHORTEST_S:
         return f"lasts {end - begin:.1f} s; {SHORTEST_S:g} s are the least"
-    if flight.command is None or not is_led(flight):
+    if flight.command is None or not has_commands(flight):
         return "no command log, which other flights have"
     stamps = flight.command.stamps_s
     if stamps[0] > end or stamps[-1] < begin:

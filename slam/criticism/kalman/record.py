@@ -104,7 +104,7 @@ def record_of(flight: Flight) -> Record:
         last = int(gaps[0]) + 1
         times, kinds, values = times[:last], kinds[:last], values[:last]
     first_step, begin, lengths = steps_between(times)
-    if flight.command is None or not is_led(flight):
+    if flight.command is None or not has_commands(flight):
         stick = Stick(np.zeros(1), np.zeros((1, 4)), float(times[-1]))
     else:
         stick = stick_of(flight.command, float(times[-1]))
@@ -136,7 +136,7 @@ def holds_heading(stick: Stick) -> bool:
     return len(turn) > 1 and float(np.mean(np.diff(turn) != 0)) > HELD_SHARE
 
 
-def is_led(flight: Flight) -> bool:
+def has_commands(flight: Flight) -> bool:
     """Whether the flight has a command log."""
     return flight.command is not None and len(flight.command.stamps_s) > 0
 

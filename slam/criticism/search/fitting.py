@@ -37,7 +37,7 @@ ENOUGH_NATS = 0.5
 _RESTLESS = {n.name: n for n in RESTLESS}
 
 
-def changes_of(setting: Setting) -> list[Change]:
+def changes_of() -> list[Change]:
     """The restless nuisances as differences of two runs."""
 
     def change(k: int) -> Change:
@@ -59,7 +59,7 @@ def fit_nuisances(
     setting = model if start is None else start
     for _ in range(FOREIGN_ROUNDS if model.foreign else ROUNDS):
         directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions]
-        changes = changes_of(setting) + [c for e in effects for c in e.changes]
+        changes = changes_of() + [c for e in effects for c in e.changes]
         found = sums_of(short, setting, directions, changes)
         answer = parabola_of(found, setting, model, {}, nuisances=NUISANCES).answer(effects)
         for column, move in zip(answer.columns, answer.step, strict=True):
@@ -78,7 +78,7 @@ def refit(
     """Gauss-Newton on the terms and the nuisances of the mean: log likelihood and belief at the end."""
     for effect in effects:
         setting = entered(effect, setting)
-    effects = [settled(e, setting) for e in effects]
+    effects = [settled(e) for e in effects]
     restless = [e for e in effects if e.changes]
     best: tuple[float, Setting] | None = None
     share, step, columns = 1.0, np.zeros(0), []

@@ -9,8 +9,9 @@ as it is; the second is weighted down by the variance that e^2 really has.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from slam.criticism.kalman.tangents import Direction, Signal
 from slam.criticism.threads import in_threads
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 CUT = 9.0
 """e^2 beyond this counts as this in the variance's score: one outlier is not a change of variance."""
@@ -72,10 +74,21 @@ class Sums:
         place = {name: k for k, name in enumerate(self.columns)}
         return np.array([place[name] for name in names], dtype=np.int64)
 
-    def total(self, flights: Sequence[int] | None = None) -> tuple[Array, Array]:
-        """Information (p, p) and score (p,) over some flights, by default all."""
-        rows = slice(None) if flights is None else np.isin(self.flight, flights)
-        return self.information[rows].sum(axis=0), self.score[rows].sum(axis=0)
+
+class _Changed(NamedTuple):
+    """What changes do to the innovations, by a unit of each: (events, 6, changes)."""
+
+    mean: Array
+    log_variance: Array
+
+
+class _VarianceWeight(NamedTuple):
+    """How far squared innovations e^2, cut at ``CUT``, are believed to tell of the variance: (channels,)."""
+
+    share: Array
+    """2 over the variance of e^2, at most 1: less where tails are heavy."""
+    expected: Array
+    """Mean of e^2 of a Gaussian that is cut likewise, so that outliers do not count as noise."""
 
 
 def sums_of(
@@ -137,26 +150,36 @@ def _sighted(
     return [(information, score, seen.log_likelihood)]
 
 
-def _stretch_sums(record, setting, directions, signals, changed, apart, weight, plain):  # type: ignore[no-untyped-def]
-    moved, widened = changed
+def _stretch_sums(
+    record: Record,
+    setting: Setting,
+    directions: Sequence[Direction],
+    signals: dict[str, Signal],
+    changed: _Changed,
+    apart: Ints,
+    weight: _VarianceWeight,
+    plain: Pass,
+) -> Iterator[tuple[Array, Array, float]]:
+    """Information (p, p), score (p,) and log likelihood of each stretch of a flight."""
+    moved, widened = changed.mean, changed.log_variance
     d, end = len(directions), len(directions) + widened.shape[-1]
     nats = plain.nats
     for rows in stretches(record, setting, directions, signals, STRETCH_S):
         column = rows.channels - CHANNEL_AT[record.kinds[rows.events], 0]
         shifted = moved[rows.events, column]
         traces = np.column_stack([rows.traces, shifted, shifted[:, apart]])
-        spread = widened[rows.events, column] * weight[0][rows.channels, None]
+        spread = widened[rows.events, column] * weight.share[rows.channels, None]
         score = rows.white @ traces
         information = traces.T @ traces
-        excess = np.minimum(rows.white**2, CUT) - weight[1][rows.channels]
-        score[d:end] += 0.5 * (excess * weight[0][rows.channels]) @ widened[rows.events, column]
+        excess = np.minimum(rows.white**2, CUT) - weight.expected[rows.channels]
+        score[d:end] += 0.5 * (excess * weight.share[rows.channels]) @ widened[rows.events, column]
         information[d:end, d:end] += 0.5 * spread.T @ widened[rows.events, column]
         first, last = (rows.events[0], rows.events[-1] + 1) if len(rows.events) else (0, 0)
         yield information, score, float(nats[first:last].sum())
 
 
-def _difference(plain: Pass, others: Sequence[Pass], steps: Array) -> tuple[Array, Array]:
-    """Trace of the mean and change of the log variance, (events, 6, changes); 0 where either was not used."""
+def _difference(plain: Pass, others: Sequence[Pass], steps: Array) -> _Changed:
+    """Of other runs against the plain one; 0 where a reading was not used in both."""
     shape = (*plain.white.shape, len(others))
     moved, widened = np.zeros(shape), np.zeros(shape)
     for k, other in enumerate(others):
@@ -166,14 +189,10 @@ def _difference(plain: Pass, others: Sequence[Pass], steps: Array) -> tuple[Arra
         wider = other.log_variance[used] - plain.log_variance[used]
         moved[used, k] = (plain.white[used] - other.white[used] * np.exp(0.5 * wider)) / steps[k]
         widened[used, k] = wider / steps[k]
-    return moved, widened
+    return _Changed(moved, widened)
 
 
-def _variance_weight(records: Sequence[Record], plain: Sequence[Pass]) -> tuple[Array, Array]:
-    """For each channel: 1 over the variance of the cut e^2 where that is greater than 2, and the cut's mean.
-
-    The mean that a cut Gaussian has, so that outliers do not count as noise.
-    """
+def _variance_weight(records: Sequence[Record], plain: Sequence[Pass]) -> _VarianceWeight:
     weight = np.ones(len(CHANNELS))
     mean = np.full(len(CHANNELS), _CUT_MEAN)
     squares: list[list[Array]] = [[] for _ in CHANNELS]
@@ -186,7 +205,7 @@ def _variance_weight(records: Sequence[Record], plain: Sequence[Pass]) -> tuple[
     for k, found in enumerate(squares):
         if found:
             weight[k] = 1.0 / max(float(np.var(np.concatenate(found))) / 2.0, 1.0)
-    return weight, mean
+    return _VarianceWeight(weight, mean)
 
 
 def _cut_mean() -> float:

@@ -92,7 +92,7 @@ def held_value(setting: Setting, column: str) -> float:
     return float(getattr(setting, where)[entry] - CATALOGUE[term].parameter(name).neutral)
 
 
-def settled(effect: Effect, setting: Setting) -> Effect:
+def settled(effect: Effect) -> Effect:
     """The effect as it is tried about a belief that holds it: a value on a grid becomes free."""
     if effect.name == "control_latency":
         return replace(effect, directions=(Direction("control_latency.T", "latency", 0, LATENCY_STEP_S),))

@@ -1,13 +1,12 @@
-"""Score tests: how far each term, and each shape of the dictionary, stands out, with the nuisances taken out.
+"""Information of a term once the nuisances are marginalised, and how far a chi-square stands out.
 
-With information G and score b of the nuisances N (prior precision L) and of a term J, what is left of the
-term is b_J - G_JN (G_NN + L)^-1 b_N, with information G_JJ - G_JN (G_NN + L)^-1 G_NJ. Its chi-square on as
-many degrees of freedom as it has columns becomes a normal deviate z of the same tail.
+With information G of the nuisances N (prior precision L) and of a term J, what is left of the term is
+G_JJ - G_JN (G_NN + L)^-1 G_NJ. A chi-square on as many degrees of freedom as a term has columns becomes a
+normal deviate z of the same tail.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,29 +28,11 @@ class Projected:
 
     information: Array
     """(p, p)."""
-    score: Array
-    """(p,)."""
     share: Array
     """(p,) what is left of each column's information."""
 
-    def estimate(self, columns: Ints) -> tuple[Array, Array]:
-        """Size (k,) and covariance (k, k) of some columns."""
-        a = _regular(self.information[np.ix_(columns, columns)])
-        covariance = np.asarray(np.linalg.inv(a), dtype=np.float64)
-        return covariance @ self.score[columns], covariance
 
-    def chi2(self, columns: Ints, positive: bool = False) -> float:
-        """What the columns explain, twice the nats."""
-        seen = columns[self.share[columns] > LEAST_SHARE]
-        if len(seen) == 0:
-            return 0.0
-        size, _ = self.estimate(seen)
-        if positive and len(seen) == 1 and size[0] < 0:
-            return 0.0
-        return float(size @ self.score[seen])
-
-
-def project(information: Array, score: Array, out: Ints, precision: Array) -> Projected:
+def project(information: Array, out: Ints, precision: Array) -> Projected:
     """Take the columns ``out``, with prior precisions, out of all others."""
     a = information[np.ix_(out, out)] + np.diag(precision)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
@@ -60,10 +41,10 @@ def project(information: Array, score: Array, out: Ints, precision: Array) -> Pr
     solved = np.linalg.solve(a, cross.T)
     left = information - cross @ solved
     before = np.maximum(np.diag(information), 1e-300)
-    return Projected(left, score - solved.T @ (scale * score[out]), np.diag(left) / before)
+    return Projected(left, np.diag(left) / before)
 
 
-def deviate(chi_square: float, degrees: int, positive: bool = False) -> float:
+def deviate(chi_square: float, degrees: int) -> float:
     """The normal deviate with the (two-sided) tail of a chi-square; one degree: its root."""
     if degrees == 1:
         return float(np.sqrt(max(chi_square, 0.0)))
@@ -89,8 +70,3 @@ def correlation(left: Array, a: Ints, b: Ints) -> float:
     gb = np.linalg.cholesky(_regular(left[np.ix_(b, b)]))
     between = np.linalg.solve(ga, np.linalg.solve(gb, left[np.ix_(b, a)]).T)
     return float(np.clip(np.linalg.norm(between, 2), 0.0, 1.0))
-
-
-def order(scores: Sequence[float]) -> list[int]:
-    """Indices by falling size."""
-    return [int(k) for k in np.argsort(-np.asarray(scores))]

@@ -131,7 +131,7 @@ def exchanged(records: Sequence[Record], found: Search, place: Effect, by: str) 
     gained = best - old + occam(len(place.columns))
     if gained <= 0.0:
         return replace(found, leads=found.leads | {(place.label, other.label): -gained})
-    chosen = [settled(other, setting) if e is place else settled(e, setting) for e in found.chosen]
+    chosen = [settled(other) if e is place else settled(e) for e in found.chosen]
     look = look_at(records, found.model, setting, chosen)
     rivals = found.rivals | {other.name: (place.name,) if gained < VERY_SIMILAR_NATS else ()}
     leads = found.leads | {(other.label, place.label): gained}
@@ -145,12 +145,12 @@ def look_at(
     plain = in_threads(lambda record: whole(record, setting), records)
     both = zip(records, plain, strict=True)
     signals = [signals_of(record, run.states, k, len(records)) for k, (record, run) in enumerate(both)]
-    held = [settled(effect, setting) for effect in chosen if not effect.relaxes]
+    held = [settled(effect) for effect in chosen if not effect.relaxes]
     labels = {effect.label for effect in held}
     effects = [e for e in effects_for(records, setting) if e.label not in labels] + held
     shapes = dictionary(records)
     directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions] + shapes
-    changes = changes_of(setting) + [c for e in effects for c in e.changes]
+    changes = changes_of() + [c for e in effects for c in e.changes]
     sums = sums_of(records, setting, directions, changes, signals, plain, WEIGHED)
     values = {c: held_value(setting, c) for e in effects for c in e.columns if c not in e.relaxes}
     values = {c: v for c, v in values.items() if v != 0.0}
@@ -190,7 +190,7 @@ def search(
                 continue
             effect, setting, rivals[effect.name] = _refitted(records, model, look, chosen, doubtful, tries)
             chosen.append(effect)
-        chosen = [settled(c, setting) for c in chosen]
+        chosen = [settled(c) for c in chosen]
         with fits.part():
             setting = without_faint(fit_nuisances(records, model, setting, [*chosen, *coloured(setting)]))
         with looks.part():

@@ -115,7 +115,7 @@ def contradictions(
     """What is told of causes whose parts do not agree, by name; and those that explain less than they
     contradict themselves. Of a foreign vehicle every cause does: its equations are another's.
     """
-    chosen = [settled(e, belief) for e in found.chosen]
+    chosen = [settled(e) for e in found.chosen]
     told, refuted = {}, set()
     for effect, parts in zip(found.chosen, agreements(records, model, belief, chosen), strict=True):
         worst = max(parts, key=lambda a: a.z, default=None)

@@ -46,7 +46,7 @@ def confusable(look: Look) -> tuple[tuple[str, str, float], ...]:
     """Pairs of terms whose traces correlate by more than ``CONFUSED`` here, nuisances taken out."""
     parabola = look.parabola
     out = parabola.index(parabola.names)
-    left = project(parabola.information, parabola.score, out, parabola.precision)
+    left = project(parabola.information, out, parabola.precision)
     seen: dict[str, Ints] = {}
     for effect in look.effects:
         if not named(effect) or on_grid(effect) or effect.relaxes or effect.name in seen:

@@ -33,12 +33,11 @@ def seen():
     shapes = [d for d in dictionary([record]) if d.name in BEHIND_TILT]
     directions = [*map(direction_of, MEAN), *shapes]
     signals = [signals_of(record, plain.states)]
-    return sums_of([record], setting, directions, changes_of(setting), signals, [plain], WEIGHED), setting
+    return sums_of([record], setting, directions, changes_of(), signals, [plain], WEIGHED), setting
 
 
 def share_left(sums, column, out):
-    information, score = sums.total()
-    left = project(information, score, sums.index(out), np.zeros(len(out)))
+    left = project(sums.information.sum(axis=0), sums.index(out), np.zeros(len(out)))
     return left.share[sums.index([column])[0]]
 
 

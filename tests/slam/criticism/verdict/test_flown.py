@@ -129,5 +129,5 @@ def test_a_delay_is_found_though_misses_are_rough(braking, start_s):
     records, nominal = braking
     latency = next(e for e in effects_for(records, nominal) if e.name == "control_latency")
     start = replace(nominal, latency_s=start_s)
-    fit = Rough(records, nominal).fitted(start, [settled(latency, start)])
+    fit = Rough(records, nominal).fitted(start, [settled(latency)])
     assert fit.setting.latency_s == pytest.approx(0.08, abs=0.006)

@@ -1,0 +1,184 @@
+"""The verdict on flights without a command log: which instrument's error parts them from the others.
+
+Each effect is a column of the white rows of all balances. The one that explains most is taken as long as it
+stands out, with an error that holds what stretches of ten seconds scatter by, and predicts held-out parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.search.effects import plausible
+from slam.criticism.search.occam import VERY_SIMILAR_NATS
+from slam.criticism.search.thresholds import MISFIT
+from slam.criticism.verdict.covariate import Covariate, Misses
+from slam.criticism.verdict.criticism import Cause, Criticism, Gain, Interval, Rank
+from slam.criticism.verdict.decision import CONFIRMED_NATS, SURE
+from slam.criticism.verdict.sentence import sentence_of
+from slam.criticism.without_commands.balances import balances_of
+from slam.criticism.without_commands.regression import TOLERANCE, Regression, regression_of
+from slam.flight import Flight
+from slam.progress import Progress, Tally, silent
+from slam.simulation.model import Model
+from slam.simulation.terms import CATALOGUE
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+REASON = (
+    "no command log: what moved the vehicle is not known; its instruments are held against each other and "
+    "its motion is not judged"
+)
+NOTHING_TO_HOLD = "no command log, and too little of imu and attitude to hold other instruments against"
+STANDS_OUT_Z = 5.0
+MOST = 5
+UNTOLD = 10.0
+"""Times the largest value that a term bears: of what shows from there on only, the flights tell nothing."""
+
+
+def judged_without_commands(
+    flights: Sequence[Flight], model: Model, dropped: Sequence[str] = (), progress: Progress = silent
+) -> Criticism | None:
+    """Hold the instruments against each other; None where the flights have no two that can be."""
+    rows = [balances_of(flight) for flight in Tally(progress, "instruments", len(flights)).each(flights)]
+    if not any(rows):
+        return None
+    data = regression_of(rows)
+    chosen = _chosen(data)
+    causes = tuple(_cause(data, chosen, e) for e in chosen if e in CATALOGUE)
+    late = [
+        f"{e} by {1e3 * data.fit(chosen)[0][data.columns_of(chosen, e)][0]:.0f} ms"
+        for e in chosen if e not in CATALOGUE
+    ]  # fmt: skip
+    unsure = [c.name for c in causes if c.probability < SURE and len(c.alternatives) == 1]
+    remainder = "; ".join([*late, *(f"{name} may be something else" for name in unsure)])
+    equivalents = causes[0].alternatives if causes and len(causes[0].alternatives) > 1 else ()
+    if not causes:
+        verdict = "unknown" if remainder else "nothing_wrong"
+    elif equivalents:
+        verdict = "ambiguous"
+    else:
+        verdict = "named_with_remainder" if remainder else "named"
+    seen = _detectable(data)
+    sentence = sentence_of(verdict, causes, equivalents, remainder, seen)  # type: ignore[arg-type]
+    told = {cause.name: cause.probability for cause in causes}
+    ranks = [Rank(e, told.get(e, 0.0), data.z([], e)) for e in data.effects() if e in CATALOGUE]
+    return Criticism(
+        verdict,  # type: ignore[arg-type]
+        f"{sentence} ({REASON[0].upper()}{REASON[1:]}.)",
+        causes,
+        equivalents or tuple(c.name for c in causes),
+        remainder,
+        detectable=seen,
+        ranking=tuple(sorted(ranks, key=lambda r: (-r.probability, -r.z))),
+        covariate=_covariate(data, chosen, causes[0]) if causes else None,
+        threshold=STANDS_OUT_Z,
+        model=model,
+        extended=_extended(model, causes),
+        flights=tuple(f.name for f, found in zip(flights, rows, strict=True) if found),
+        dropped=(*dropped, REASON),
+    )
+
+
+def _chosen(data: Regression) -> list[str]:
+    """The effects that stand out, the greatest first."""
+    chosen: list[str] = []
+    while len(chosen) < MOST:
+        open_ = [e for e in data.effects() if e not in chosen and _is_plausible(data, chosen, e)]
+        best = max(open_, key=lambda e: data.nats([*chosen, e]), default="")
+        if not best or data.z(chosen, best) < STANDS_OUT_Z:
+            break
+        if data.held_out(chosen, best).sum() < CONFIRMED_NATS:
+            break
+        chosen.append(best)
+    for effect in list(chosen):
+        # What led alone may stand behind another beside the rest.
+        rest = [e for e in chosen if e != effect]
+        open_ = [e for e in data.effects() if e not in rest and _is_plausible(data, rest, e)]
+        best = max(open_, key=lambda e: data.nats([*rest, e]), default=effect)
+        chosen[chosen.index(effect)] = best
+    return chosen
+
+
+def _extended(model: Model, causes: Sequence[Cause]) -> Model:
+    """The model with the causes, each within what its equation bears."""
+    extended = model
+    for cause in causes:
+        limits = {p.name: p for p in CATALOGUE[cause.name].parameters}
+        values = {k: min(max(p.value, limits[k].least), limits[k].most) for k, p in cause.parameters.items()}
+        extended = extended.with_term(cause.name, **values)
+    return extended
+
+
+def _is_plausible(data: Regression, chosen: Sequence[str], effect: str) -> bool:
+    """Whether an effect's sizes are what it may have at all."""
+    if effect not in CATALOGUE:
+        return True
+    size, covariance = data.covariance([*chosen, effect])
+    for k, column in zip(data.columns_of([*chosen, effect], effect), data.of(effect), strict=True):
+        name = column.rpartition(".")[2]
+        low, high = plausible(effect, name)
+        value, std = CATALOGUE[effect].parameter(name).neutral + size[k], float(np.sqrt(covariance[k, k]))
+        if not low - 2 * std <= value <= high + 2 * std:
+            return False
+    return True
+
+
+def _cause(data: Regression, chosen: Sequence[str], effect: str) -> Cause:
+    size, covariance = data.covariance(chosen)
+    rest = [e for e in chosen if e != effect]
+    parameters = {}
+    for k, column in zip(data.columns_of(chosen, effect), data.of(effect), strict=True):
+        parameter = CATALOGUE[effect].parameter(column.rpartition(".")[2])
+        value = float(size[k]) + parameter.neutral
+        # What integrals leave of it, and the equation's own misfit, are in it beside chance.
+        std = float(np.hypot(np.sqrt(covariance[k, k]), TOLERANCE[effect]))
+        half = float(np.hypot(1.96 * std, MISFIT * size[k]))
+        parameters[parameter.name] = Interval(value, parameter.unit, value - half, value + half)
+    open_ = [e for e in data.effects() if e not in chosen and e in CATALOGUE]
+    leads = {e: data.lead(chosen, [*rest, e]) for e in open_}
+    # Of two that explain the same the one with fewer numbers leads; the other may be it all the same.
+    near = sorted((e for e in open_ if leads[e] < VERY_SIMILAR_NATS), key=lambda e: leads[e])
+    costs = {e: 0.0 if e in near else data.cost(e) - data.cost(effect) for e in open_}
+    behind = np.array([0.0, *(max(leads[e] + costs[e], 0.0) for e in open_)])
+    rival = next(iter([*near, *sorted(open_, key=lambda e: leads[e] + costs[e])]), "")
+    weights = np.exp(-np.clip(behind, -700.0, 700.0))
+    gains = data.held_out(rest, effect)
+    drawn = np.random.default_rng(0).choice(gains, size=(4000, len(gains))).sum(axis=1)
+    low, high = np.quantile(drawn, [0.025, 0.975])
+    gain = Gain(float(gains.sum()), (float(low), float(high)), data.by, tuple(gains.tolist()), ())
+    probability, lead = float(1.0 / weights.sum()), float(behind[1:].min(initial=np.inf))
+    z = data.z(chosen, effect)
+    return Cause(effect, probability, parameters, gain, z, lead, (effect, *near), rival)
+
+
+def _covariate(data: Regression, chosen: Sequence[str], lead: Cause) -> Covariate:
+    """What the leading cause and its rival make of what parts the instruments."""
+    cause, rival = lead.name, lead.rival
+    rest = [e for e in chosen if e != cause]
+    models = {"": rest, cause: [*rest, cause]} | ({rival: [*rest, rival]} if rival else {})
+    missed = {name: data.off - data.table(effects) @ data.fit(effects)[0] for name, effects in models.items()}
+    against = []
+    for name in [n for n in models if n]:
+        explained = missed[""] - missed[name]
+        kind = max(np.unique(data.kind), key=lambda k: float(np.sum(explained[data.kind == k] ** 2)))
+        own = data.kind == kind
+        against.append(
+            Misses(name, str(kind), "sigma", explained[own], {n: m[own] for n, m in missed.items()})
+        )
+    return Covariate(cause, rival, tuple(against))
+
+
+def _detectable(data: Regression) -> dict[str, tuple[float, str]]:
+    found = {}
+    for effect in data.effects():
+        if effect in CATALOGUE:
+            _, covariance = data.covariance([effect])
+            std = float(np.sqrt(np.diag(covariance).max() + TOLERANCE[effect] ** 2))
+            size, parameter = (STANDS_OUT_Z + 1.28) * std, CATALOGUE[effect].parameters[0]
+            if size < UNTOLD * max(abs(parameter.most), abs(parameter.least)):
+                found[effect] = size, parameter.unit
+    return found
