@@ -12,14 +12,15 @@ from math import pi
 
 import numpy as np
 
-from slam.criticism.kalman.optics import CAMERA, SQUARES, STEPS, catalogued
+from slam.criticism.kalman.optics import CAMERA, SQUARES, STEPS
 from slam.criticism.kalman.record import Record, any_holds_heading
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
+from slam.criticism.search.columns import column_of
 from slam.criticism.search.information import Change
 from slam.criticism.search.nuisances import NUISANCES
-from slam.simulation.dynamics import ATTITUDE_TIME, GAIN, MAX_TILT, PARAMETERS, TILT_LIMIT
+from slam.simulation.dynamics import GAIN, MAX_TILT, PARAMETERS, TILT_LIMIT
 from slam.simulation.terms import CATALOGUE
 
 
@@ -132,20 +133,7 @@ def plausible(name: str, parameter: str) -> tuple[float, float]:
 
 def catalogue_value(effect: Effect, column: int, step: float, setting: Setting, held: float) -> float:
     """A column's number in the catalogue's units: what the belief holds of it and a step on top."""
-    total = held + step
-    if effect.name == "clock_drift":
-        return 1e6 * total
-    if effect.columns[column] in CAMERA:
-        return catalogued(CAMERA.index(effect.columns[column]), total)
-    if effect.name in ("ground_effect", "gusts"):
-        return float(np.sqrt(max(total, 0.0)))
-    if effect.name == "timestamp_jitter":
-        return 1e-3 * float(np.sqrt(max(total, 0.0)))
-    if effect.name == "attitude_lag":
-        return float(setting.parameters[ATTITUDE_TIME]) + step
-    if effect.name == "control_latency":
-        return max(total, 0.0)
-    return CATALOGUE[effect.name].parameter(effect.parameters[column]).neutral + total
+    return column_of(effect.columns[column]).in_catalogue(held + step, setting)
 
 
 def _plain(name: str, steps: tuple[tuple[str, float], ...]) -> Effect:

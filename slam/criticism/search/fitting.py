@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
+from slam.criticism.search.columns import bounded, column_of
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.hypotheses import parabola_of
 from slam.criticism.search.information import Change, sums_of
-from slam.criticism.search.moving import bounded, entered, moved, settled
+from slam.criticism.search.moving import entered, settled
 from slam.criticism.search.nuisances import (
     MEAN,
     NUISANCES,
@@ -68,7 +69,7 @@ def fit_nuisances(
                 low, high = limits_of(_RESTLESS[name], model) if model.foreign else (-np.inf, np.inf)
                 at = value_of(_RESTLESS[name], setting)
                 move = np.clip(np.clip(move, -LARGEST_STEP, LARGEST_STEP), low - at, high - at)
-            setting = moved(setting, name, bounded(name, float(move), setting))
+            setting = column_of(name).moved(setting, bounded(name, float(move), setting))
     return setting
 
 
@@ -104,7 +105,7 @@ def refit(
                 break
         trial = best[1]
         for column, size in zip(columns, step, strict=True):
-            trial = moved(trial, column, share * bounded(column, float(size), best[1]))
+            trial = column_of(column).moved(trial, share * bounded(column, float(size), best[1]))
     assert best is not None
     return best
 

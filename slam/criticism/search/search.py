@@ -19,12 +19,13 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.reference import recoloured
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.colour import coloured, in_colour, without_faint
+from slam.criticism.search.columns import column_of
 from slam.criticism.search.dictionary import dictionary, shapes_of, signals_of
 from slam.criticism.search.effects import Effect, catalogue_value, effects_for, plausible, relaxations
 from slam.criticism.search.fitting import changes_of, cut, fit_nuisances, refit
 from slam.criticism.search.hypotheses import Answer, Parabola, parabola_of
 from slam.criticism.search.information import Sums, sums_of
-from slam.criticism.search.moving import held_value, is_wall, on_grid, settled, taken_down, taken_out
+from slam.criticism.search.moving import is_wall, on_grid, settled, taken_down, taken_out
 from slam.criticism.search.nuisances import MEAN, WEIGHED, direction_of
 from slam.criticism.search.occam import VERY_SIMILAR_NATS, occam
 from slam.criticism.search.screening import deviate
@@ -152,7 +153,7 @@ def look_at(
     directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions] + shapes
     changes = changes_of() + [c for e in effects for c in e.changes]
     sums = sums_of(records, setting, directions, changes, signals, plain, WEIGHED)
-    values = {c: held_value(setting, c) for e in effects for c in e.columns if c not in e.relaxes}
+    values = {c: column_of(c).held(setting) for e in effects for c in e.columns if c not in e.relaxes}
     values = {c: v for c, v in values.items() if v != 0.0}
     return Look(
         setting, sums, parabola_of(sums, setting, model, values), (*effects, *relaxations(model.foreign)),

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
+from slam.criticism.search.columns import column_of
 from slam.criticism.search.effects import Effect, catalogue_value
-from slam.criticism.search.moving import held_value, is_wall
+from slam.criticism.search.moving import is_wall
 from slam.criticism.search.search import Look, Search, Standing
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.criticism import Cause, Gain, Interval, Verdict
@@ -165,7 +166,7 @@ def _flown_sizes(best: Flown, effect: Effect) -> dict[str, Interval]:
     """The same of sizes that fly best; of a term that roll-outs do not fit, what the belief holds."""
     found = {}
     for k, (name, column) in enumerate(zip(effect.parameters, effect.columns, strict=True)):
-        held = 0.0 if column in FREE else held_value(best.setting, column)
+        held = 0.0 if column in FREE else column_of(column).held(best.setting)
         reach = WIDE * best.std.get(column, 0.0)
         found[name] = _interval(
             effect,

@@ -19,8 +19,9 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import BEYOND_IMU
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
+from slam.criticism.search.columns import bounded, column_of
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.moving import bounded, moved, on_grid, taken_out
+from slam.criticism.search.moving import on_grid, taken_out
 from slam.criticism.search.nuisances import MEAN, Nuisance, limits_of, value_of
 from slam.criticism.search.search import Search
 from slam.criticism.search.thresholds import MISFIT, load_thresholds
@@ -254,7 +255,9 @@ class _Course:
 
     def _slopes(self, setting: Setting, columns: Sequence[str], h: Array, left: list[Array]) -> list[Array]:
         """(misses, columns) of each part of ``_left``, for columns in units of ``h``."""
-        beside = [self._left(moved(setting, c, step)) for c, step in zip(columns, h.tolist(), strict=True)]
+        beside = [
+            self._left(column_of(c).moved(setting, step)) for c, step in zip(columns, h.tolist(), strict=True)
+        ]
         return [np.column_stack([b[k] - at for b in beside]) for k, at in enumerate(left)]
 
     def nats(self, fit: _Fit, other: _Fit) -> float:
@@ -297,7 +300,7 @@ def _solved(slope: Sequence[Array], left: Sequence[Array], damping: float) -> Ar
 
 def _taken(setting: Setting, columns: Sequence[str], step: Array) -> Setting:
     for column, size in zip(columns, step.tolist(), strict=True):
-        setting = moved(setting, column, bounded(column, size, setting))
+        setting = column_of(column).moved(setting, bounded(column, size, setting))
     return setting
 
 

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from slam.criticism.kalman.filter import IGNORED
 from slam.criticism.kalman.setting import Setting
+from slam.criticism.search.columns import column_of
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.hypotheses import parabola_of
-from slam.criticism.search.moving import moved, on_grid
+from slam.criticism.search.moving import on_grid
 from slam.criticism.search.occam import SIZE_PRIOR
 from slam.criticism.search.search import Look, Search
 
@@ -142,5 +143,5 @@ def taken(look: Look, step: Array, effects: Sequence[Effect]) -> Setting:
     skip = {e.columns[0] for e in effects if on_grid(e)}
     for column, size in zip(look.sums.columns, step, strict=True):
         if size != 0.0 and " ~ " not in column and " late" not in column and column not in skip:
-            setting = moved(setting, column, float(size))
+            setting = column_of(column).moved(setting, float(size))
     return setting

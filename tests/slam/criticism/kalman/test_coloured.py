@@ -16,7 +16,7 @@ from slam.criticism.kalman.setting import setting_of
 from slam.criticism.kalman.tangents import parameter_direction
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.colour import lag_one
-from slam.criticism.search.moving import moved
+from slam.criticism.search.columns import column_of
 from slam.simulation.model import load_model
 
 PLAN = ["tilts of 15 deg to all four sides", "reversing forward at 0.2", "climb and descend by 0.6 m"]
@@ -97,7 +97,7 @@ def test_tangents_are_what_a_change_does_to_the_innovations(name):
     before = np.concatenate([r.white for r in rows])
     direction = parameter_direction(name, step)
     if direction.kind == "sensor":
-        other = moved(true, name, step)
+        other = column_of(name).moved(true, step)
     else:
         parameters = true.parameters.copy()
         parameters[direction.entry] += step

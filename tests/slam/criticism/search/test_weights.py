@@ -10,11 +10,11 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.search.columns import column_of
 from slam.criticism.search.dictionary import dictionary, signals_of
 from slam.criticism.search.fitting import changes_of
 from slam.criticism.search.hypotheses import parabola_of
 from slam.criticism.search.information import sums_of, weight_of
-from slam.criticism.search.moving import moved
 from slam.criticism.search.nuisances import MEAN, WEIGHED, direction_of
 from slam.criticism.search.screening import project
 from slam.simulation.model import load_model
@@ -56,4 +56,4 @@ def test_weights_are_free_but_nothing_that_a_belief_holds(seen):
     answer = parabola.answer([])
     assert set(map(weight_of, WEIGHED)) <= set(parabola.names)
     assert answer.step[parabola.names.index(TILT)] != 0.0
-    assert moved(setting, TILT, 0.1) is setting
+    assert column_of(TILT).moved(setting, 0.1) is setting

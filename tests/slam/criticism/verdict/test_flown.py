@@ -11,8 +11,9 @@ import pytest
 from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.search.columns import column_of
 from slam.criticism.search.effects import effects_for
-from slam.criticism.search.moving import moved, settled
+from slam.criticism.search.moving import settled
 from slam.criticism.search.search import Standing
 from slam.criticism.usable import usable_records
 from slam.criticism.verdict.flown import _Course, _extended, _Fit, _in_words, _instead, _is_beyond
@@ -65,7 +66,7 @@ def test_a_constant_far_from_healthy_is_told_and_no_reason_to_drop_a_term(brakin
     empty = np.zeros((1, 1))
     healthy, bent = (
         _Fit(setting, ("vehicle.gain",), (), empty, empty)
-        for setting in (nominal, moved(nominal, "vehicle.gain", -0.58))
+        for setting in (nominal, column_of("vehicle.gain").moved(nominal, -0.58))
     )
     assert [n.name for n in _instead(healthy, bent, nominal)] == ["vehicle.gain"]
     assert _instead(bent, bent, nominal) == _instead(healthy, healthy, nominal) == []

@@ -1,0 +1,248 @@
+"""What a fitted column stands for: how a belief holds it, takes a step, and tells it in the catalogue's unit.
+
+Most columns are plain entries of the equations or of an instrument. Those that are not (a square, because its
+sign cannot be seen; a value that is tried on a grid; a clock) have a class each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import inf
+
+import numpy as np
+
+from slam.criticism.kalman.optics import SQUARES, catalogued
+from slam.criticism.kalman.setting import Setting, slot
+from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
+from slam.criticism.search.nuisances import COLOURS, NUISANCES, WEIGHTS, Nuisance, value_of, with_value
+from slam.simulation.dynamics import PARAMETERS, TILT_LIMIT
+from slam.simulation.terms import CATALOGUE, Parameter
+
+LARGEST_SHARE = 0.4
+"""Of a constant of the vehicle in one step."""
+LARGEST_LATENCY_S = 2.0
+AT = "@"
+"""Between a term's name and the value that it is tried at."""
+
+
+class Column:
+    """One fitted number."""
+
+    def held(self, setting: Setting) -> float:
+        """How much of it a belief holds; 0 where the term is not there."""
+        return 0.0
+
+    def moved(self, setting: Setting, step: float) -> Setting:
+        """The belief with a step of it, within what the equations bear."""
+        return setting
+
+    def longest_step(self, setting: Setting) -> float:
+        """How far the equations still mean something and a parabola may hold."""
+        return inf
+
+    def in_catalogue(self, held: float, setting: Setting) -> float:
+        """So much of it in the catalogue's unit."""
+        return held
+
+
+@dataclass(frozen=True)
+class _Entry(Column):
+    """A parameter of a term as it stands in the equations, an instrument or the camera."""
+
+    where: str
+    entry: int
+    limits: Parameter
+
+    def held(self, setting: Setting) -> float:
+        return float(getattr(setting, self.where)[self.entry]) - self.limits.neutral
+
+    def moved(self, setting: Setting, step: float) -> Setting:
+        x = float(getattr(setting, self.where)[self.entry]) + step
+        return _with(setting, self.where, self.entry, min(max(x, self.limits.least), self.limits.most))
+
+    def longest_step(self, setting: Setting) -> float:
+        return self.limits.high - self.limits.low
+
+    def in_catalogue(self, held: float, setting: Setting) -> float:
+        if self.where == "camera" and self.entry in SQUARES:
+            return catalogued(self.entry, held)
+        return self.limits.neutral + held
+
+
+@dataclass(frozen=True)
+class _Squared(_Entry):
+    """A parameter of the equations that acts by its square."""
+
+    def held(self, setting: Setting) -> float:
+        return float(getattr(setting, self.where)[self.entry]) ** 2
+
+    def moved(self, setting: Setting, step: float) -> Setting:
+        return _with(setting, self.where, self.entry, _root(self.held(setting) + step))
+
+    def in_catalogue(self, held: float, setting: Setting) -> float:
+        return _root(held)
+
+
+@dataclass(frozen=True)
+class _Latency(Column):
+    """The command's delay, about what the belief has of it."""
+
+    limits: Parameter
+
+    def held(self, setting: Setting) -> float:
+        return setting.latency_s
+
+    def moved(self, setting: Setting, step: float) -> Setting:
+        return replace(setting, latency_s=min(max(setting.latency_s + step, 0.0), LARGEST_LATENCY_S))
+
+    def longest_step(self, setting: Setting) -> float:
+        return self.limits.high - self.limits.low
+
+    def in_catalogue(self, held: float, setting: Setting) -> float:
+        return max(held, 0.0)
+
+
+@dataclass(frozen=True)
+class _LatencyAt(_Latency):
+    """The delay tried at a value."""
+
+    value_s: float
+
+    def moved(self, setting: Setting, step: float) -> Setting:
+        return replace(setting, latency_s=self.value_s)
+
+    def longest_step(self, setting: Setting) -> float:
+        return inf
+
+
+@dataclass(frozen=True)
+class _LimitAt(_Entry):
+    """A limit of the tilt tried at a value."""
+
+    value_rad: float
+
+    def moved(self, setting: Setting, step: float) -> Setting:
+        return _with(setting, self.where, self.entry, self.value_rad)
+
+    def longest_step(self, setting: Setting) -> float:
+        return inf
+
+
+@dataclass(frozen=True)
+class _Gusts(Column):
+    """Variance of gusts of one correlation time."""
+
+    time_s: float
+
+    def held(self, setting: Setting) -> float:
+        return float(setting.hold[GUST_STD] ** 2) if setting.hold[GUST_TIME] == self.time_s else 0.0
+
+    def moved(self, setting: Setting, step: float) -> Setting:
+        blown = _with(setting, "hold", GUST_STD, _root(float(setting.hold[GUST_STD]) ** 2 + step))
+        return _with(blown, "hold", GUST_TIME, self.time_s)
+
+    def in_catalogue(self, held: float, setting: Setting) -> float:
+        return _root(held)
+
+
+class _ClockDrift(Column):
+    """The vehicle's clock against the recorder's, a share; parts per million in the catalogue."""
+
+    def held(self, setting: Setting) -> float:
+        return setting.drift
+
+    def moved(self, setting: Setting, step: float) -> Setting:
+        return replace(setting, drift=setting.drift + step)
+
+    def longest_step(self, setting: Setting) -> float:
+        limits = CATALOGUE["clock_drift"].parameter("ppm")
+        return 1e-6 * (limits.high - limits.low)
+
+    def in_catalogue(self, held: float, setting: Setting) -> float:
+        return 1e6 * held
+
+
+class _Jitter(Column):
+    """Variance of the stamps, in square milliseconds; its root in seconds in the catalogue."""
+
+    def held(self, setting: Setting) -> float:
+        return 1e6 * setting.jitter_s**2
+
+    def moved(self, setting: Setting, step: float) -> Setting:
+        return replace(setting, jitter_s=_root(setting.jitter_s**2 + 1e-6 * step))
+
+    def in_catalogue(self, held: float, setting: Setting) -> float:
+        return 1e-3 * _root(held)
+
+
+@dataclass(frozen=True)
+class _OfNuisance(Column):
+    """A nuisance, told from where the belief has it."""
+
+    nuisance: Nuisance
+
+    def moved(self, setting: Setting, step: float) -> Setting:
+        return with_value(self.nuisance, setting, value_of(self.nuisance, setting) + step)
+
+    def longest_step(self, setting: Setting) -> float:
+        if self.nuisance.kind == "mean" and self.nuisance.relative:
+            return LARGEST_SHARE * abs(value_of(self.nuisance, setting))
+        return inf
+
+    def in_catalogue(self, held: float, setting: Setting) -> float:
+        return value_of(self.nuisance, setting) + held
+
+
+class _OfTheGains(Column):
+    """How far the filter's gains are off: nothing that a belief holds."""
+
+
+@lru_cache(maxsize=256)
+def column_of(name: str) -> Column:
+    """The column of that name: ``term.parameter``, ``term@value``, or a nuisance's."""
+    if name in _BY_NAME:
+        return _OfNuisance(_BY_NAME[name])
+    if name in _OF_THE_GAINS:
+        return _OfTheGains()
+    term, at, value = name.partition(AT)
+    if at and term == "gusts":
+        return _Gusts(float(value))
+    if at and term == "control_latency":
+        return _LatencyAt(_limits(f"{term}.T"), float(value))
+    if at and term == "tilt_limit":
+        return _LimitAt("parameters", TILT_LIMIT, _limits(f"{term}.limit"), float(value))
+    if name == "control_latency.T":
+        return _Latency(_limits(name))
+    if name == "clock_drift.ppm":
+        return _ClockDrift()
+    if name == "timestamp_jitter.var":
+        return _Jitter()
+    if name == "ground_effect.radius":
+        return _Squared("parameters", PARAMETERS.index(name), _limits(name))
+    return _Entry(*slot(name), _limits(name))
+
+
+def bounded(name: str, step: float, setting: Setting) -> float:
+    """A step of a column cut to its longest."""
+    most = column_of(name).longest_step(setting)
+    return min(max(step, -most), most)
+
+
+_BY_NAME = {n.name: n for n in (*NUISANCES, *COLOURS)}
+_OF_THE_GAINS = {n.name for n in WEIGHTS}
+
+
+def _limits(name: str) -> Parameter:
+    term, _, parameter = name.partition(".")
+    return CATALOGUE[term].parameter(parameter)
+
+
+def _with(setting: Setting, where: str, entry: int, x: float) -> Setting:
+    vector = getattr(setting, where).copy()
+    vector[entry] = x
+    return replace(setting, **{where: vector})
+
+
+def _root(square: float) -> float:
+    return float(np.sqrt(max(square, 0.0)))
