@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.anchored import Options
-from backend.connected_part import placed_alone, solve_part
+from backend.connected_part import Part, placed_alone, solve_part
 from backend.errors import BackendError
 from backend.from_measurements import components, from_measurements
 from backend.gauge import key_runs
@@ -70,10 +70,9 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
     covariances = np.full((n, 6, 6), np.nan) if options.covariances else None
     component = np.full(n, -1, dtype=np.int64)
     kept, residual, reasons = np.zeros(m, dtype=bool), np.full(m, np.nan), [""] * m
-    error, iterations, converged, solved = 0.0, 0, True, 0
-    unobserved: list[str] = []
-    still_open: list[str] = []
+    parts: list[Part] = []
     lonely: list[int] = []
+    all_solved = True
     size = np.bincount(label)
     for number in range(len(size)):
         members = np.flatnonzero(label == number)
@@ -90,19 +89,18 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
             for e in edges.tolist():
                 reasons[e] = "its part of the graph could not be solved"
             warnings.append(f"{key_runs(members.tolist(), problem.name)} could not be solved: {refused}")
-            converged = False
+            all_solved = False
             continue
-        w_T[members], component[members] = part.w_T, solved
+        w_T[members], component[members] = part.w_T, len(parts)
         if covariances is not None and part.covariances is not None:
             covariances[members] = part.covariances
         kept[edges], residual[edges] = part.kept, part.residual
         for e, why in zip(edges.tolist(), part.reasons, strict=True):
             reasons[e] = why
-        error, iterations, solved = error + part.error, max(iterations, part.iterations), solved + 1
-        converged = converged and part.converged
         warnings += part.warnings
-        unobserved += [part.held] if part.held else []
-        still_open += part.open
+        parts.append(part)
+    converged = all_solved and all(part.converged for part in parts)
+    unobserved = [part.held for part in parts if part.held]
     if lonely:
         unobserved.append(f"{key_runs(lonely, problem.name)} not placed: no edge and no position")
     return Solution(
@@ -112,24 +110,22 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
         edge_kept=kept,
         edge_reason=tuple(reasons),
         edge_residual=residual,
-        error=error,
-        iterations=iterations,
+        error=sum((part.error for part in parts), 0.0),
+        iterations=max((part.iterations for part in parts), default=0),
         converged=converged,
-        status=_status(solved, lonely, still_open, converged, warnings),
+        status=_status(parts, lonely, converged, warnings),
         unobserved=tuple(unobserved),
         warnings=tuple(warnings),
     )
 
 
-def _status(
-    solved: int, lonely: list[int], still_open: list[str], converged: bool, warnings: list[str]
-) -> str:
+def _status(parts: list[Part], lonely: list[int], converged: bool, warnings: list[str]) -> str:
     said = []
-    if solved > 1:
-        said.append(f"{solved} parts are not connected to each other")
+    if len(parts) > 1:
+        said.append(f"{len(parts)} parts are not connected to each other")
     if lonely:
         said.append(f"{len(lonely)} poses could not be placed")
-    said += still_open
+    said += [direction for part in parts for direction in part.open]
     if not converged:
         said.append(
             next((w for w in warnings if "solved" in w or "converge" in w), "the solve did not converge")
