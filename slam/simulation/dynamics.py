@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -259,24 +260,30 @@ def integrate(start: Array, command: Array, noise: Array, parameters: Array, ste
     return states
 
 
-@njit(cache=True)
-def read_out(
-    states: Array,
-    noise: Array,
-    parameters: Array,
-    node: NDArray[np.int64],
-    past_s: Array,
-    average: Array,
-    command: Array,
-    noise_at: Array,
-    noise_rate: Array,
-) -> tuple[Array, Array, Array]:
-    """State, its rate and the acceleration d(v + w)/dt at n moments between the nodes of one member.
+class Moments(NamedTuple):
+    """n moments between the nodes of one member."""
 
-    ``node`` (n,) is the node before each moment and ``past_s`` the time since; ``average`` (n, COMMAND) the
-    command's mean since the node, ``command`` its value at the moment; ``noise_at`` (n, NOISE) the noise at
-    the moment and ``noise_rate`` (n, 3) the rate of w. Returns (n, STATE), (n, STATE), (n, 3).
+    node: NDArray[np.int64]
+    """(n,) the node before each."""
+    past_s: Array
+    """(n,) time since that node."""
+    average: Array
+    """(n, COMMAND) mean of the command since the node."""
+    command: Array
+    """(n, COMMAND) at the moment."""
+    noise: Array
+    """(n, NOISE) at the moment."""
+    noise_rate: Array
+    """(n, 3) rate of w."""
+
+
+@njit(cache=True)
+def read_out(states: Array, noise: Array, parameters: Array, moments: Moments) -> tuple[Array, Array, Array]:
+    """State (n, STATE), its rate (n, STATE) and the acceleration d(v + w)/dt (n, 3) at n moments.
+
+    ``states`` and ``noise`` are those of one member at its nodes.
     """
+    node, past_s, average, command, noise_at, noise_rate = moments
     count, width = node.shape[0], states.shape[1]
     at, rates, acceleration = np.empty((count, width)), np.empty((count, width)), np.empty((count, 3))
     work = np.empty((6, width))

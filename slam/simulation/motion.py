@@ -18,6 +18,7 @@ from slam.simulation.dynamics import (
     STATE,
     STEP_S,
     YAW,
+    Moments,
     X,
     Y,
     Z,
@@ -104,10 +105,9 @@ class Motion:
         begin = self.begin_s + node * self.step_s
         now = np.maximum(self.begin_s + t, begin)
         average = self.stick.mean(begin, now, self.latency_s)
-        state, rate, acceleration = read_out(
-            self.states, self.noise.values, self.parameters, node, past * (share[:, 0] > 0), average,
-            self.stick.at(now, self.latency_s), noise_at, noise_rate,
-        )  # fmt: skip
+        command = self.stick.at(now, self.latency_s)
+        moments = Moments(node, past * (share[:, 0] > 0), average, command, noise_at, noise_rate)
+        state, rate, acceleration = read_out(self.states, self.noise.values, self.parameters, moments)
         return State(
             stamps,
             state[:, :3],

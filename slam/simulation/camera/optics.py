@@ -170,19 +170,13 @@ def _draw_obstacles(
     # Compiled on import: a scene without obstacles needs none of it.
     from slam.simulation.place import casting, skins
 
-    casting.draw(
-        samples,
-        grid.rays,
-        np.ascontiguousarray(w_R_c),
-        np.ascontiguousarray(w_t_c),
-        np.array(scene.slope),
-        prisms[seen],
-        bounds[seen],
-        scene.skins.texels,
-        scene.skins.levels[seen],
-        1 / camera.focal_px[0] / SUPERSAMPLING,
-        skins.METRES_PER_TEXEL,
+    spacing = 1 / camera.focal_px[0] / SUPERSAMPLING
+    view = casting.View(grid.rays, np.ascontiguousarray(w_R_c), np.ascontiguousarray(w_t_c), spacing)
+    skin = scene.skins
+    standing = casting.Standing(
+        prisms[seen], bounds[seen], skin.texels, skin.levels[seen], skins.METRES_PER_TEXEL
     )
+    casting.draw(samples, view, np.array(scene.slope), standing)
 
 
 def _bounds(prisms: Array, camera: Camera, grid: _Grid, w_R_c: Array, w_t_c: Array) -> NDArray[np.int64]:

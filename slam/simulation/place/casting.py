@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,33 @@ discard_stale([Path(__file__), Path(__file__).with_name("obstacles.py")])
 TOP_FACE, SIDE_FACE = 0, 1
 GRAZING = 0.15
 """Least cosine that a pixel's footprint is stretched by."""
+
+
+class View(NamedTuple):
+    """A camera's picture, by the directions of its samples."""
+
+    rays: NDArray[np.float32]
+    """(h, w, 2) in camera axes, with z = 1."""
+    w_R_c: Array
+    """(1 or h, 3, 3) of the whole picture or of each row."""
+    w_t_c: Array
+    """(1 or h, 3)."""
+    spacing: float
+    """Angle between samples."""
+
+
+class Standing(NamedTuple):
+    """Prisms that a picture may show, and what they look like."""
+
+    prisms: Array
+    """(n, 9)."""
+    bounds: NDArray[np.int64]
+    """(n, 4) first and last row, first and last column of the samples that each may cover."""
+    texels: Image
+    """(t, 3) BGR."""
+    levels: NDArray[np.int64]
+    """(n, 2, levels, 3) where the mip levels of its top and its side lie: first texel, height, width."""
+    metres_per_texel: float
 
 
 @njit(cache=True)
@@ -125,26 +153,10 @@ def _in_prism_axes(prism: Array, w_R_c: Array, w_t_c: Array) -> tuple[Array, Arr
 
 
 @njit(cache=True, nogil=True)
-def draw(
-    samples: Image,
-    rays: NDArray[np.float32],
-    w_R_c: Array,
-    w_t_c: Array,
-    slope: Array,
-    prisms: Array,
-    bounds: NDArray[np.int64],
-    texels: Image,
-    levels: NDArray[np.int64],
-    spacing: float,
-    metres_per_texel: float,
-) -> None:
-    """Draw prisms over the floor in ``samples`` (h, w, 3), in place.
-
-    ``rays`` (h, w, 2) are camera directions with z = 1; ``w_R_c`` (1 or h, 3, 3) and ``w_t_c`` the pose of
-    all or of each row; the floor is z = slope . (x, y). ``bounds`` (n, 4) are rows and columns of each prism;
-    ``levels`` (n, 2, levels, 3) where its top's and its side's mip levels lie in ``texels``.
-    ``spacing`` is the angle between samples.
-    """
+def draw(samples: Image, view: View, slope: Array, standing: Standing) -> None:
+    """Draw prisms over the floor z = slope . (x, y) in ``samples`` (h, w, 3), in place."""
+    rays, w_R_c, w_t_c, spacing = view
+    prisms, bounds, texels, levels, metres_per_texel = standing
     width = samples.shape[1]
     depth = np.empty(width)
     for r in range(bounds[:, 0].min(), bounds[:, 1].max() + 1):

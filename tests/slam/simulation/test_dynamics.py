@@ -11,6 +11,7 @@ from slam.simulation.dynamics import (
     PARAMETERS,
     STATE,
     STEP_S,
+    Moments,
     derivative,
     integrate,
     read_out,
@@ -168,8 +169,9 @@ def test_a_readout_between_nodes_is_a_part_of_a_step():
     coarse = integrate(start()[None], u, noise, q[None], STEP_S)[0]
     fine = integrate(start()[None], np.repeat(u, 4, 1), np.zeros((1, 401, 8)), q[None], STEP_S / 4)[0]
     node = np.array([10, 50, 99])
-    args = (u[0, node], u[0, node], noise[0, node], np.zeros((3, 3)))
-    at, rates, acceleration = read_out(coarse, noise[0], q, node, np.full(3, 0.75 * STEP_S), *args)
+    past_s = np.full(3, 0.75 * STEP_S)
+    moments = Moments(node, past_s, u[0, node], u[0, node], noise[0, node], np.zeros((3, 3)))
+    at, rates, acceleration = read_out(coarse, noise[0], q, moments)
     assert np.abs(at - fine[4 * node + 3]).max() < 1e-8
     assert np.allclose(acceleration, rates[:, 3:6])
 
