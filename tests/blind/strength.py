@@ -22,7 +22,8 @@ NUISANCES = {"gain": (0.05, 0.05), "drag": (0.0559, 0.0559), "lag": (0.01, 0.01)
 
 def outputs(path: Path, member: int, streams: Sequence[str]) -> dict[str, np.ndarray]:
     """Axis -> (samples, channels) noise-free readings every ``STEP_S``."""
-    t = np.arange(0.3, path.h * len(path.held) - 0.01, STEP_S)
+    # Between the moments at which the stick may jump: on them the least drift would pass for a whole jump.
+    t = np.arange(0.3 + STEP_S / 8, path.h * len(path.held) - 0.01, STEP_S)
     clock = t * (1.0 - 1e-6 * path.knobs["ppm"][member])
     m = moments(path, member, clock)
     imu, angles, flow = inertial(m), attitude(m), velocity(m)
