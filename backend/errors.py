@@ -9,13 +9,14 @@ class BackendError(ValueError):
 
 GTSAM_ERRORS = (RuntimeError, IndexError, UnicodeDecodeError)
 """What a singular system raises; the last where gtsam writes the letter of a key that has none."""
+_MOST_LETTERS = 200
 
 
-def first_line(error: BaseException, limit: int = 200) -> str:
+def first_line(error: BaseException) -> str:
     """The first line of an exception's message: gtsam's can hold the whole graph."""
     lines = str(error).strip().splitlines()
     text = lines[0].strip() if lines else type(error).__name__
-    return text if len(text) <= limit else text[: limit - 3] + "..."
+    return text if len(text) <= _MOST_LETTERS else text[: _MOST_LETTERS - 3] + "..."
 
 
 _MOST_RUNS = 4

@@ -58,23 +58,22 @@ def minimise(
     relative_tolerance: float = RELATIVE_TOLERANCE,
     on_step: OnStep | None = None,
     time_limit_s: float | None = None,
-    name: Name = key_name,
 ) -> Minimum:
     """Gauss-Newton while the error falls, Levenberg-Marquardt from the best point on where it rises.
 
-    ``on_step(iteration, error)`` is called after each step; what it raises passes through. ``name`` says
-    what to call a key in messages. Raises ``BackendError`` where the graph or the start is not finite, a
-    part of the graph is tied to nothing, or a direction is not observed (named).
+    ``on_step(iteration, error)`` is called after each step; what it raises passes through. Raises
+    ``BackendError`` where the graph or the start is not finite, a part of the graph is tied to nothing, or a
+    direction is not observed (named).
     """
-    check(graph, initial, name)
+    check(graph, initial)
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
-    first = gauss_newton(graph, initial, max_iterations, relative_tolerance, on_step, deadline, name)
+    first = gauss_newton(graph, initial, max_iterations, relative_tolerance, on_step, deadline)
     if first.converged or first.iterations >= max_iterations or time.monotonic() >= deadline:
         return first
     return levenberg_marquardt(graph, first, max_iterations, relative_tolerance, on_step, deadline)
 
 
-def check(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, name: Name = key_name) -> None:
+def check(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values) -> None:
     """Refuse what gtsam would not survive or silently accept. Raises ``BackendError``."""
     if graph.size() == 0 or initial.size() == 0:
         raise BackendError("the graph is empty: there is nothing to solve")
@@ -82,25 +81,23 @@ def check(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, name: Name =
     known = set(initial.keys())
     used = {key for part in parts.parts for key in part}
     if used - known:
-        raise BackendError(
-            f"{key_runs(used - known, name)} has measurements but no initial value; give it one"
-        )
+        raise BackendError(f"{key_runs(used - known)} has measurements but no initial value; give it one")
     if known - used:
-        raise BackendError(f"{key_runs(known - used, name)} has a value but no measurement; leave it out")
+        raise BackendError(f"{key_runs(known - used)} has a value but no measurement; leave it out")
     if parts.floating:
-        where = "; ".join(key_runs(part, name) for part in parts.floating[:4])
+        where = "; ".join(key_runs(part) for part in parts.floating[:4])
         raise BackendError(f"nothing ties {where} to the world: hold one pose of each connected part")
-    _check_values(initial, name)
+    _check_values(initial)
 
 
-def _check_values(values: gtsam.Values, name: Name) -> None:
+def _check_values(values: gtsam.Values) -> None:
     keys = list(values.keys())
     for extract in (gtsam.utilities.extractPose3, gtsam.utilities.extractPose2):
         rows = np.asarray(extract(values))
         if len(rows) and not np.isfinite(rows).all():
             bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))[0]
             # Positions of rows are positions of keys only where all values are poses.
-            who = name(keys[bad]) if len(rows) == len(keys) else "a pose"
+            who = key_name(keys[bad]) if len(rows) == len(keys) else "a pose"
             raise BackendError(f"the initial value of {who} is not finite; give it a start")
 
 

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 
 _TOLD_COUNT = 20
 """What a maker tells of his instrument weighs as much as so many residuals."""
+_LAGS = 5
+"""Of the autocorrelation along a track: keyframes."""
 _LEAST_PIXEL_SCALE = 0.01
 """Pictures without any noise would take it to nothing, round by round."""
 _ALIKE = 0.15
@@ -172,9 +174,7 @@ def _pooled(told: float, found: float, count: int) -> float:
     return float(np.sqrt(max(squares / freedom, (_TOLD_COUNT * told**2 + squares) / (_TOLD_COUNT + freedom))))
 
 
-def colour_along_tracks(
-    tracks: FloorTracks, whitened: Array, used: NDArray[np.bool_], lags: int = 5
-) -> float:
+def colour_along_tracks(tracks: FloorTracks, whitened: Array, used: NDArray[np.bool_]) -> float:
     """Observations of a point for each independent one: errors in successive pictures are correlated.
 
     Integrated autocorrelation of the residuals along tracks, corrected for the -1/length that fitting the
@@ -189,7 +189,7 @@ def colour_along_tracks(
         return 1.0
     variance = float(np.mean(residual[long] ** 2))
     excess, chance = 0.0, 0.0
-    for lag in range(1, lags + 1):
+    for lag in range(1, _LAGS + 1):
         pair = (track[lag:] == track[:-lag]) & long[lag:]
         if pair.sum() < 50:
             break
