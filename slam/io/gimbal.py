@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from frontend.camera import NADIR_B_T_C
+from slam.attitude import rotation_of
 
 Array = NDArray[np.float64]
 
@@ -42,4 +42,4 @@ def tilt_deg(w_R_b: Array) -> float:
 
 
 def _n_R(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:
-    return Rotation.from_euler("ZYX", [yaw_deg, pitch_deg, roll_deg], degrees=True).as_matrix()
+    return rotation_of(np.radians([roll_deg, pitch_deg, yaw_deg]))

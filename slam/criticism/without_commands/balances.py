@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.spatial.transform import Rotation
 
 from backend.measurements import GRAVITY_M_S2
 from frontend.robust import robust_std
+from slam.attitude import rotation_of
 from slam.flight import Flight
 
 Array = NDArray[np.float64]
@@ -116,7 +116,7 @@ def _velocity(imu: _Imu, flight: Flight, near_floor: Array) -> list[Rows]:
     yaw = imu.at(stamps, imu.angles[:, 2:])[:, 0]
     speed = _into_world(yaw, seen)
     columns = _of_accel(imu)
-    columns["velocity late.s"] = -np.einsum("nij,nj->ni", _rotation(imu.angles), imu.accel)
+    columns["velocity late.s"] = -np.einsum("nij,nj->ni", rotation_of(imu.angles), imu.accel)
     traces = {name: imu.at(stamps, column)[:, :2] for name, column in columns.items()}
     lifted = imu.integral(_acceleration(imu))
     traces["flow_scale.eps"], traces["flow_scale.eps" + INTEGRATED] = speed, imu.at(stamps, lifted)[:, :2]
@@ -161,7 +161,7 @@ def _as_read(traces: dict[str, Array], name: str, off: Array) -> None:
 
 def _of_accel(imu: _Imu) -> dict[str, Array]:
     """Columns of the accelerometer in the integrated speed, (n, 3) each."""
-    R, eye = _rotation(imu.angles), np.eye(3)
+    R, eye = rotation_of(imu.angles), np.eye(3)
     found = {f"accel_bias.{a}": -imu.integral(R[:, :, j]) for j, a in enumerate("xyz")}
     found["accel_scale.eps"] = -imu.integral(np.einsum("nij,nj->ni", R, imu.accel))
     for j, axis in enumerate("xyz"):
@@ -172,7 +172,7 @@ def _of_accel(imu: _Imu) -> dict[str, Array]:
 
 def _acceleration(imu: _Imu) -> Array:
     """(n, 3) acceleration in the world."""
-    return np.asarray(np.einsum("nij,nj->ni", _rotation(imu.angles), imu.accel) - [0.0, 0.0, GRAVITY_M_S2])
+    return np.asarray(np.einsum("nij,nj->ni", rotation_of(imu.angles), imu.accel) - [0.0, 0.0, GRAVITY_M_S2])
 
 
 def _rows(
@@ -245,11 +245,6 @@ def _into_world(yaw: Array, ahead_left: Array) -> Array:
     c, s = np.cos(yaw), np.sin(yaw)
     x, y = ahead_left.T
     return np.column_stack([c * x - s * y, s * x + c * y])
-
-
-def _rotation(angles: Array) -> Array:
-    """(n, 3, 3) body to world of roll, pitch, yaw."""
-    return np.asarray(Rotation.from_euler("ZYX", angles[:, ::-1]).as_matrix(), dtype=float)
 
 
 def _angle_rates(angles: Array) -> Array:
