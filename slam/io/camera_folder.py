@@ -69,12 +69,14 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
     if (seen := _seen_share(distortion, corner)) < 0.5:
         raise sensor.refuse(
             "distortion_coefficients",
-            f"fold the picture over at {100 * seen:.0f} % of the way to its corner",
+            f"are only valid over {100 * seen:.0f} % of the way from centre to corner: beyond, the picture folds "
+            "back on itself",
             "calibrate again, or write zeros",
         )
     if seen < 1:
         notes.append(
-            f"distortion_coefficients hold to {100 * seen:.0f} % of the way to the corner, not beyond"
+            f"distortion_coefficients are valid over {100 * seen:.0f} % of the way from centre to corner, "
+            "not beyond"
         )
     return Camera(
         (fu, fv),
