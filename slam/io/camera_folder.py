@@ -69,8 +69,8 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
     if (seen := _seen_share(distortion, corner)) < 0.5:
         raise sensor.refuse(
             "distortion_coefficients",
-            f"are only valid over {100 * seen:.0f} % of the way from centre to corner: beyond, the picture folds "
-            "back on itself",
+            f"are only valid over {100 * seen:.0f} % of the way from centre to corner: beyond, the picture "
+            "folds back on itself",
             "calibrate again, or write zeros",
         )
     if seen < 1:
