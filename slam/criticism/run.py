@@ -11,8 +11,7 @@ import numpy as np
 from slam.body_range import with_body_ranges
 from slam.criticism.camera.strays import without_strays
 from slam.criticism.extended import extended_model, with_certainty
-from slam.criticism.kalman.filter import USED
-from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, place_of
+from slam.criticism.kalman.readings import INSTRUMENTS
 from slam.criticism.kalman.record import Record, any_holds_heading, has_commands
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
@@ -23,20 +22,20 @@ from slam.criticism.residuals.outliers import outliers_of
 from slam.criticism.residuals.uneven import uneven_of
 from slam.criticism.residuals.vibration import vibration_of
 from slam.criticism.search.moving import is_wall
-from slam.criticism.search.nuisances import NUISANCES, value_of
-from slam.criticism.search.search import Look, Search, exchanged, search
+from slam.criticism.search.search import Search, exchanged, search
 from slam.criticism.search.thresholds import Thresholds, beside, load_thresholds
 from slam.criticism.threads import in_threads
 from slam.criticism.usable import coarsened, is_foreign, untested, usable_records, without_dead_streams
 from slam.criticism.verdict.agreement import contradictions
 from slam.criticism.verdict.covariate import Covariate, covariate
-from slam.criticism.verdict.criticism import Cause, ChannelCheck, Criticism, Interval, Rank
+from slam.criticism.verdict.criticism import Cause, Criticism
 from slam.criticism.verdict.decision import causes_of, confirmed, decide, in_order, weighed
 from slam.criticism.verdict.flown import Flown, flown
 from slam.criticism.verdict.heldout import taken
-from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, likelier, named, posterior_of
+from slam.criticism.verdict.posterior import Posterior, likelier, named, posterior_of
 from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.sentence import sentence_of
+from slam.criticism.verdict.tables import checks, nuisances_told, ranking
 from slam.criticism.without_commands.verdict import NOTHING_TO_HOLD, judged_without_commands
 from slam.flight import Flight, told_apart
 from slam.progress import Progress, Tally, compilation_shown, silent
@@ -191,12 +190,12 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         remainder,
         _next(records, model, found, posterior, progress),
         detectable=seen,
-        ranking=_ranking(found, posterior.probability | {c.name: c.probability for c in causes}),
+        ranking=ranking(found, posterior.probability | {c.name: c.probability for c in causes}),
         confusable=confusable(found.first),
         shapes=tuple((s.effect.name, s.z) for s in left[:SHOWN_SHAPES]),
-        nuisances=_nuisances(found, best),
+        nuisances=nuisances_told(found, best),
         noise_correlation=colour,
-        checks=_checks(records, found.last),
+        checks=checks(records, found.last),
         covariate=drawn,
         dropped=tuple(given.strays),
         threshold=limits.effects,
@@ -290,48 +289,3 @@ def _next(
     held = np.array([look.parabola.held.get(column, 0.0) for column in effect.columns])
     kinds = {int(kind) for record in records for kind in np.unique(record.kinds)}
     return next_flight(model, effect, other, step + held, kinds, progress)
-
-
-def _ranking(found: Search, probability: dict[str, float]) -> tuple[Rank, ...]:
-    z: dict[str, float] = {}
-    for standing in found.first.standing([], found.first.effects):
-        if named(standing.effect):
-            z[standing.effect.name] = max(z.get(standing.effect.name, 0.0), standing.z)
-    names = [*z, NOTHING, SOMETHING_ELSE]
-    ranks = [Rank(name, probability.get(name, 0.0), z.get(name, 0.0)) for name in names]
-    return tuple(sorted(ranks, key=lambda r: (-r.probability, -r.z)))
-
-
-def _nuisances(found: Search, best: Flown | None) -> dict[str, Interval]:
-    look = found.last
-    answer = look.parabola.answer(found.chosen)
-    step, covariance = answer.of(look.parabola.index(look.parabola.names))
-    values: dict[str, Interval] = {}
-    for k, nuisance in enumerate(NUISANCES):
-        x, std = look.parabola.at[k] + step[k], 1.96 * float(np.sqrt(covariance[k, k]))
-        if best is not None and nuisance.name in best.std:
-            x, std = value_of(nuisance, best.setting), 1.96 * best.std[nuisance.name]
-        ends = [x, x - std, x + std]
-        if nuisance.kind != "mean":
-            ends = [float(np.exp(e)) for e in ends]
-        values[nuisance.name] = Interval(float(ends[0]), nuisance.unit, float(ends[1]), float(ends[2]))
-    return values
-
-
-def _checks(records: Sequence[Record], look: Look) -> tuple[ChannelCheck, ...]:
-    pooled: dict[int, list[np.ndarray]] = {}
-    for record, run in zip(records, look.sums.passes, strict=True):
-        for channel in range(len(CHANNELS)):
-            kind, c = place_of(channel)
-            rows = record.kinds == kind
-            white = run.white[rows, c][run.status[rows, c] == USED]
-            if len(white) > 1:
-                pooled.setdefault(channel, []).append(white)
-    checks = []
-    for channel, parts in sorted(pooled.items()):
-        every = np.concatenate(parts)
-        products = np.concatenate([p[1:] * p[:-1] for p in parts])
-        checks.append(
-            ChannelCheck(CHANNELS[channel], len(every), float(np.mean(every**2)), float(np.mean(products)))
-        )
-    return tuple(checks)
