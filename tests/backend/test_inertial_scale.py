@@ -169,6 +169,7 @@ def test_pictures_whose_tilt_errs_move_no_length(step: int):
     assert np.abs([f.arm_m[2] - ARM_M[2] for f in found]).max() < 0.1
 
 
+@pytest.mark.slow
 def test_errors_that_neighbours_share_move_no_length():
     """Frames that hang on one keyframe err together: taken for the accelerometer's noise, lengths shrink."""
     flights = [made(seed, 25.0, 0.1, tilt_std=2e-3, height_m=0.8, shared=6) for seed in range(8)]

@@ -23,8 +23,8 @@ SHORT = Outing(3, 0, ("reversing_steps", "vertical_square"), 12.0)
 def test_the_whitening_makes_hold_noise_and_instruments_white():
     """What is left of a restless hover has unit variance and no memory."""
     outing = Outing(5, 0, ("hover",) * 3, 50.0)
-    restless = outing.fly([(f, HEALTHY) for f in range(3)], STEP_S / 4, restless=True)
-    still = outputs(outing.fly([(0, HEALTHY)], STEP_S / 4, restless=False), 0, ALL)
+    restless = outing.fly([(f, HEALTHY) for f in range(3)], STEP_S / 8, restless=True)
+    still = outputs(outing.fly([(0, HEALTHY)], STEP_S / 8, restless=False), 0, ALL)
     rng = np.random.default_rng(1)
     std = {
         name: NOISE[name] * np.sqrt(1.0 / (RATE_HZ[stream] * STEP_S))

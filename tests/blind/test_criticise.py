@@ -90,6 +90,7 @@ def test_what_no_term_explains_is_not_named(fault, seed, made, judged):
     assert answer.verdict["remainder"]
 
 
+@pytest.mark.slow
 def test_what_moves_in_the_pictures_is_named_and_dirt_on_the_lens_is_unknown(made, judged):
     moving = made("seen_single", 41, "moving_objects", flights=1)
     answer = Answer(moving.case, judged(*moving.flights))

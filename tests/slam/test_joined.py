@@ -38,6 +38,7 @@ def test_two_flights_over_the_same_ground_make_one_map_as_good_as_its_covariance
     assert result.nees.pose.lower95 < result.nees.pose.mean < result.nees.pose.upper95
 
 
+@pytest.mark.slow
 def test_flights_over_different_ground_stay_two_maps_and_say_so(two):
     estimate = optimize(join_flights([two[0], replace(elsewhere(), name="elsewhere")]))
     assert set(estimate.component.tolist()) == {0, 1}

@@ -154,6 +154,7 @@ def test_gps_gives_place_heading_and_scale():
     assert np.linalg.norm(off.mean(axis=0)) < 4 * 0.05
 
 
+@pytest.mark.slow
 def test_a_gps_that_stands_still_is_left_alone():
     """A receiver that repeats one fix: told, and the map is what it is without."""
     flight, without = normal()

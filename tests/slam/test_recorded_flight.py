@@ -57,6 +57,7 @@ def test_it_has_all_streams_and_the_papers_landmarks():
     assert not flight.warnings
 
 
+@pytest.mark.slow
 def test_every_other_picture_is_enough_to_close_the_loop():
     flight = read_flight(FLIGHT)
     assert_loop_closes(with_pictures(flight, np.arange(0, len(flight.frames), 2)))

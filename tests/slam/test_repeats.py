@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from slam.criticism import criticise
+from slam.criticism.healthy import flown
+from slam.criticism.manoeuvres import stick_for
 from slam.errors import InputError
 from slam.flight import Flight, Sonar
 from slam.joined import join_flights
 from slam.repeats import same_recording, without_repeats
 from slam.simulation import simulate
-from slam.simulation.recipe import load_recipe
+from slam.simulation.model import load_model
 from tests.slam.small_flight import recipe
 
 
@@ -51,7 +53,7 @@ def test_a_map_of_one_recording_given_twice_is_refused(one: Flight):
 
 
 def test_criticism_judges_it_once_and_says_so():
-    flight = simulate(replace(load_recipe("pulses_010"), camera=None), seed=3)
+    flight = flown(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), 1)
     verdict = criticise([flight, replace(flight, name="again")])
     assert verdict.flights == (flight.name,)
     assert f"again: the same recording as {flight.name}; it was left out" in verdict.dropped

@@ -224,6 +224,7 @@ def test_a_sonar_over_relief_knows_heights_to_within_it():
     assert rough.scale_std == pytest.approx(ROUGH.relief, rel=0.3)
 
 
+@pytest.mark.slow
 def test_attitudes_degrees_off_do_not_bend_the_map():
     scene, outcome = replace(SONAR, attitude_std_rad=0.005), []
     for seed in SEEDS:

@@ -176,6 +176,7 @@ def test_the_back_end_is_told_how_surely_the_model_knows():
     assert told.camera.focal_std_ratio == 0.002
 
 
+@pytest.mark.slow
 def test_the_map_of_askew_instruments_is_as_good_as_that_of_healthy_ones():
     terms = {"sonar_scale": {"eps": 0.08}, "focal_length": {"eps": -0.03}, "camera_tilt": {"x": 0.05}}
     sick = flown(2, terms=terms)

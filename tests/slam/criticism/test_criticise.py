@@ -112,6 +112,7 @@ def test_what_is_missed_follows_the_guilty_covariate_until_the_cause_is_in_the_m
     assert slope(own.missed[found.covariate.rival]) > slope(own.missed["quadratic_drag"])
 
 
+@pytest.mark.slow
 def test_the_rival_that_is_drawn_is_that_of_the_verdict():
     _, found, (records, belief, search, cause, rival, z) = dragging()
     assert found.covariate.rival == found.causes[0].rival == rival
@@ -192,6 +193,7 @@ def test_an_effect_that_is_not_in_the_catalogue_is_not_misnamed(monkeypatch):
     assert not (found.verdict == "named" and found.causes[0].probability > 0.95), found.sentence
 
 
+@pytest.mark.slow
 def test_a_pilot_who_knows_the_truth_is_no_effect():
     """Way points are flown by sight of the truth: the sticks tell more than the instruments do."""
     square = replace(load_recipe("square"), camera=None)

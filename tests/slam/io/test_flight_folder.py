@@ -3,7 +3,6 @@
 import dataclasses
 import os
 import pickle
-import time
 from pathlib import Path
 
 import numpy as np
@@ -274,19 +273,6 @@ def test_what_was_assumed_comes_back_and_stays(tmp_path):
         about.write_text(wrong)
         with pytest.raises(InputError, match="line 1: assumed is not a list"):
             read_flight(tmp_path / "b")
-
-
-def test_fast_enough(tmp_path):
-    n = 14_000
-    rng = np.random.default_rng(1)
-    imu = Imu(np.arange(n) / 200, rng.normal(0, 0.1, (n, 3)), rng.normal(0, 0.1, (n, 3)) + [0, 0, 9.8])
-    write_flight(Flight("fast", imu=imu), tmp_path / "f")
-    best = np.inf
-    for _ in range(5):
-        start = time.process_time()
-        read_flight(tmp_path / "f")
-        best = min(best, time.process_time() - start)
-    assert best < 0.1
 
 
 def flights():

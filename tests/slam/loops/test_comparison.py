@@ -53,6 +53,7 @@ def by_name(evaluation: LoopEvaluation) -> dict:
     return {method.name: method for method in evaluation.methods}
 
 
+@pytest.mark.slow
 def test_laps_over_one_floor_are_recognised_and_ours_is_above_the_baselines():
     result = evaluated()
     methods = by_name(result)

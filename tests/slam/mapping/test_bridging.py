@@ -64,6 +64,7 @@ def test_a_stretch_without_features_leaves_one_map(with_velocity):
     assert std_m < (0.07 if with_velocity else 0.2)
 
 
+@pytest.mark.slow
 def test_covariances_hold_on_both_sides_of_the_bridge():
     """How high the one part is against the other is none of them's own gauge."""
     scores = [

@@ -223,6 +223,7 @@ def test_a_flat_flight_is_mapped_as_before_and_has_its_elevation():
     assert optimize(replace(over, sonar=None)).elevation is None
 
 
+@pytest.mark.slow
 def test_masking_halves_the_error_of_a_map_over_boxes():
     over = flight()
     error = {}

@@ -1,6 +1,5 @@
 import math
 import pickle
-import time
 
 import cv2
 import numpy as np
@@ -187,12 +186,3 @@ def test_noise_has_its_size_and_differs_between_pictures_and_channels():
     assert abs(noise.mean()) < 0.02
     assert abs(np.corrcoef(noise[0].ravel(), noise[1].ravel())[0, 1]) < 0.02
     assert abs(np.corrcoef(noise[0, ..., 0].ravel(), noise[0, ..., 1].ravel())[0, 1]) < 0.02
-
-
-def test_sixty_pictures_a_second_on_one_core():
-    film = film_of(PUZZLE, (), np.stack([pose(1, 1, 0.8, 2, 1, k) for k in range(30)]), 2.0, 0)
-    film(0)
-    start = time.process_time()
-    for k in range(30):
-        film(k)
-    assert 30 / (time.process_time() - start) > 60
