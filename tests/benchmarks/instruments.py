@@ -10,7 +10,9 @@ Here gains and zero are drawn in strata, so that each set of flights has as many
 
 from __future__ import annotations
 
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from multiprocessing import get_context
 
 import numpy as np
 from scipy.stats import norm
@@ -26,7 +28,7 @@ from tests.benchmarks.alone import print_alone
 from tests.benchmarks.calibration import judged
 from tests.benchmarks.metric import Metric, at_most, told
 
-FLIGHTS = 24
+FLIGHTS, CORES = 24, 2
 ALL, NO_SONAR, NO_IMU = "camera, IMU and sonar", "camera and IMU", "camera and sonar"
 CORNERS, FLOOR_M, HEIGHTS_M, LEAST_LEG_M = 7, (0.2, 2.8), (0.6, 1.1), 1.0
 ACCEL_OFFSET_M_S2, GYRO_OFFSET_RAD_S = 0.2, 0.01
@@ -71,7 +73,9 @@ class Flown:
 
 def measure() -> list[Metric]:
     """Over all flights together."""
-    flown = [fly(seed) for seed in range(FLIGHTS)]
+    # Nothing is timed here, so that flights may share the cores.
+    with ProcessPoolExecutor(CORES, mp_context=get_context("spawn")) as pool:
+        flown = list(pool.map(fly, range(FLIGHTS)))
     maps = {name: [flight.maps[name] for flight in flown] for name in (ALL, NO_SONAR, NO_IMU)}
     error_m = {name: _rms([m.error_m for m in found]) for name, found in maps.items()}
     error_m["IMU and sonar"] = _rms([flight.blind_error_m for flight in flown])
