@@ -21,7 +21,7 @@ from slam.criticism.kalman.readings import (
     by_channel,
     channels_of,
 )
-from slam.criticism.kalman.record import Record, has_commands, holds_heading, record_of
+from slam.criticism.kalman.record import LEAST_STICK, Record, has_commands, holds_heading, record_of
 from slam.flight import Flight
 from slam.progress import Progress, silent
 from slam.simulation.model import Model
@@ -30,7 +30,6 @@ from slam.simulation.terms import CATALOGUE
 Array = NDArray[np.float64]
 
 SHORTEST_S = 3.0
-LEAST_STICK = 0.01
 CALM_RAD, CALM_M_S, CALM_M = 0.1, 1.0, 0.3
 """Tilt, the speed that such a tilt makes within a second, and height, that a hover stays within."""
 ECHOES = 0.1

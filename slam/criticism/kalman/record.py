@@ -23,7 +23,7 @@ from slam.criticism.kalman.readings import (
     place_of,
 )
 from slam.flight import Flight
-from slam.simulation.dynamics import PITCH, ROLL, VX, VY, VZ, YAW, YAW_RATE, Z
+from slam.simulation.dynamics import COMMAND, PITCH, ROLL, VX, VY, VZ, YAW, YAW_RATE, Z
 from slam.simulation.stick import Stick, stick_of
 
 Array = NDArray[np.float64]
@@ -121,6 +121,16 @@ HELD_SHARE = 0.5
 """Share of its readings at which a stick that a controller moves is elsewhere than before."""
 
 
+LEAST_STICK = 0.01
+"""What is less is a stick at rest."""
+TURN = COMMAND.index("yaw")
+
+
+def any_turns(records: Sequence[Record]) -> bool:
+    """Whether the turn stick was moved in any of them."""
+    return any(bool((np.abs(record.stick.values[:, TURN]) >= LEAST_STICK).any()) for record in records)
+
+
 def any_holds_heading(records: Sequence[Record]) -> bool:
     """Whether a controller moves the turn stick of any of them."""
     return any(holds_heading(record.stick) for record in records)
@@ -132,7 +142,7 @@ def holds_heading(stick: Stick) -> bool:
     What it knows of the heading beyond the instruments, it tells by the stick: that looks like an effect of
     the stick on the rate of turn. A pilot who follows way points of the simulator knows the truth.
     """
-    turn = stick.values[:, 3]
+    turn = stick.values[:, TURN]
     return len(turn) > 1 and float(np.mean(np.diff(turn) != 0)) > HELD_SHARE
 
 

@@ -13,7 +13,7 @@ from math import pi
 import numpy as np
 
 from slam.criticism.kalman.optics import CAMERA, SQUARES, STEPS
-from slam.criticism.kalman.record import Record, any_holds_heading
+from slam.criticism.kalman.record import Record, any_holds_heading, any_turns
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
@@ -96,7 +96,8 @@ def effects_for(records: Sequence[Record], setting: Setting) -> list[Effect]:
     nothing but unrest."""
     found = [_plain(name, steps) for name, steps in _STEPS.items()]
     found += _latencies(setting)
-    if any_holds_heading(records):
+    if any_holds_heading(records) or not any_turns(records):
+        # Of a vehicle that was never told to turn, only its restlessness would tell.
         found = [effect for effect in found if effect.name != "yaw_drag"]
     found.append(Effect("clock_drift", (Direction("clock_drift.ppm", "drift", 0, 2e-5),), (), ("ppm",)))
     found.append(Effect("attitude_lag", (), (), ("tau",), False, ("vehicle.attitude_time_s",)))
