@@ -59,7 +59,7 @@ def test_a_healthy_vehicle_is_called_healthy(kind, seed, made, judged):
 @pytest.mark.parametrize(
     ("fault", "seed"),
     [
-        pytest.param("steady_wind", 25, marks=pytest.mark.slow),  # the test below judges it too
+        pytest.param("steady_wind", 25, marks=pytest.mark.slow),
         ("sonar_tilt", 23),
         pytest.param("control_latency", 21, marks=pytest.mark.slow),
         pytest.param("climb_asymmetry", 22, marks=pytest.mark.slow),
@@ -101,6 +101,7 @@ def test_what_moves_in_the_pictures_is_named_and_dirt_on_the_lens_is_unknown(mad
     assert "place in the picture" in answer.verdict["remainder"]
 
 
+@pytest.mark.slow
 def test_the_order_the_heading_and_the_hour_do_not_matter(made, judged, tmp_path):
     """Permuted flights in a turned world at another time: the same verdict, causes and sizes."""
     case = made("single", 25, "steady_wind", 20.0)

@@ -66,6 +66,7 @@ def errors_squared(made: Made, bundle: Bundle) -> np.ndarray:
     return nees(hat[1:], made.w_T_b[1:], bundle.covariances[1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["height of the floor by a coarse gps", "scale by a coarse sonar"])
 def test_the_place_of_what_a_picture_shows_is_known_as_well_as_told(name: str):
     """A floor of unknown height misplaces no mark; a wrong scale moves marks from the floor's origin."""
@@ -283,6 +284,7 @@ def test_a_sonar_that_reads_short_is_inside_the_covariance():
     assert np.mean(believed) > 3 * upper
 
 
+@pytest.mark.slow
 def test_two_heights_tell_the_zero_of_a_sonar_from_its_scale():
     """Zero 3 cm off at 0.5 and 1.1 m: found, with an honest standard deviation; the map keeps its size."""
     scene = replace(

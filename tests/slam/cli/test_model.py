@@ -34,6 +34,7 @@ def home(tmp_path_factory):
     return home
 
 
+@pytest.mark.slow
 def test_the_map_is_made_without_what_the_model_knows(home):
     model = home / "extended.toml"
     result = run("optimize", home / "flight", "--out", home / "out", "--no-mosaic", "--model", model)

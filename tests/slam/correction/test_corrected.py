@@ -190,6 +190,7 @@ def test_the_map_of_askew_instruments_is_as_good_as_that_of_healthy_ones():
     assert set(gain.to_json()) == {"flight", "before", "after"}
 
 
+@pytest.mark.slow
 def test_a_shutter_that_rolls_is_put_right():
     terms = {"rolling_shutter": {"readout": 0.04}}
     sick = flown(2, terms=terms, maneuver={"cruise_m_s": 0.8})

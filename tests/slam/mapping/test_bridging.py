@@ -74,6 +74,7 @@ def test_covariances_hold_on_both_sides_of_the_bridge():
     assert max(np.nanmax(score.per_keyframe) for score in scores) < chi2.ppf(0.99999, 6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("velocity_error_m_s", [pytest.param(0.0, marks=pytest.mark.slow), 0.03])
 def test_a_speed_that_reads_too_much_is_told_from_a_faultless_one(velocity_error_m_s):
     """By the steps that pictures tell: a bridge is off as far as told with either."""

@@ -46,6 +46,7 @@ def asked(vehicle, most_nats=10.0, attitude=lambda angles, t: angles):
     return in_colour(records, model, setting, passes, (), most_nats)
 
 
+@pytest.mark.slow
 def test_only_what_is_coloured_is_said_to_be():
     vehicle = slow()
     vehicle = replace(
