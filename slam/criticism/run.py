@@ -21,7 +21,7 @@ from slam.criticism.residuals.oddities import ENTAILS, Oddity, combed, oddities,
 from slam.criticism.residuals.outliers import outliers_of
 from slam.criticism.residuals.uneven import uneven_of
 from slam.criticism.residuals.vibration import vibration_of
-from slam.criticism.search.moving import is_wall
+from slam.criticism.search.inclusion import is_wall
 from slam.criticism.search.search import Search, exchanged, search
 from slam.criticism.search.thresholds import Thresholds, beside, load_thresholds
 from slam.criticism.threads import in_threads

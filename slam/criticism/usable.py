@@ -115,7 +115,7 @@ def untested(records: Sequence[Record], shown: Sequence[str]) -> str:
 
 def is_foreign(records: Sequence[Record], model: Model) -> bool:
     """Whether the instruments' own figures are far from the model's: a vehicle of another make."""
-    expected = _noise_std(model)
+    expected = _models_noise_std(model)
     for record in records:
         for kind in (ATTITUDE, VELOCITY, SONAR):
             first = FIRST_CHANNEL[kind]
@@ -125,7 +125,7 @@ def is_foreign(records: Sequence[Record], model: Model) -> bool:
     return False
 
 
-def _noise_std(model: Model) -> Array:
+def _models_noise_std(model: Model) -> Array:
     """(channels,) of one reading of the model's own instruments."""
     root = np.sqrt(model.imu.rate_hz)
     return by_channel(
@@ -143,7 +143,7 @@ def coarsened(record: Record, model: Model) -> Record:
     What a maker calls noise is often the last digit of a smoothed figure: believed to that digit, that often,
     the shape of one reply outweighs all that the model is for.
     """
-    std = np.maximum(record.noise_std, _noise_std(model))
+    std = np.maximum(record.noise_std, _models_noise_std(model))
     for kind in range(len(WIDTH)):
         times_s = record.times_s[record.kinds == kind]
         if len(times_s) > 1:

@@ -188,14 +188,13 @@ def steps_between(times: Array) -> tuple[Ints, Array, Array]:
 
 def _noise_std(flight: Flight) -> Array:
     """(channels,) of one reading, as the flight's own figures have it; 1 where there is no instrument."""
-    imu, root = flight.imu, 1.0
+    imu, gyro, accel = flight.imu, 1.0, 1.0
     if imu is not None and len(imu.stamps_s) > 1:
         root = float(np.median(np.diff(imu.stamps_s))) ** -0.5
-    else:
-        imu = None
+        gyro, accel = imu.gyro_noise_density * root, imu.accel_noise_density * root
     std = by_channel(
-        imu.gyro_noise_density * root if imu is not None else 1.0,
-        imu.accel_noise_density * root if imu is not None else 1.0,
+        gyro,
+        accel,
         flight.attitude.noise_std_rad if flight.attitude is not None else 1.0,
         flight.velocity.noise_std_m_s if flight.velocity is not None else 1.0,
         flight.sonar.noise_std_m if flight.sonar is not None else 1.0,

@@ -24,6 +24,8 @@ LARGEST_SHARE = 0.4
 LARGEST_LATENCY_S = 2.0
 AT = "@"
 """Between a term's name and the value that it is tried at."""
+_BY_NAME = {n.name: n for n in (*NUISANCES, *COLOURS)}
+_OF_THE_GAINS = {n.name for n in WEIGHTS}
 
 
 class Column:
@@ -227,10 +229,6 @@ def bounded(name: str, step: float, setting: Setting) -> float:
     """A step of a column cut to its longest."""
     most = column_of(name).longest_step(setting)
     return min(max(step, -most), most)
-
-
-_BY_NAME = {n.name: n for n in (*NUISANCES, *COLOURS)}
-_OF_THE_GAINS = {n.name for n in WEIGHTS}
 
 
 def _limits(name: str) -> Parameter:

@@ -13,8 +13,8 @@ from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.columns import bounded, column_of
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.hypotheses import parabola_of
+from slam.criticism.search.inclusion import entered, settled
 from slam.criticism.search.information import Change, sums_of
-from slam.criticism.search.moving import entered, settled
 from slam.criticism.search.nuisances import (
     MEAN,
     NUISANCES,

@@ -24,8 +24,8 @@ from slam.criticism.search.dictionary import dictionary, shapes_of, signals_of
 from slam.criticism.search.effects import Effect, catalogue_value, effects_for, plausible, relaxations
 from slam.criticism.search.fitting import changes_of, cut, fit_nuisances, refit
 from slam.criticism.search.hypotheses import Answer, Parabola, parabola_of
+from slam.criticism.search.inclusion import is_wall, on_grid, settled, taken_down, taken_out
 from slam.criticism.search.information import Sums, sums_of
-from slam.criticism.search.moving import is_wall, on_grid, settled, taken_down, taken_out
 from slam.criticism.search.nuisances import MEAN, WEIGHED, direction_of
 from slam.criticism.search.occam import VERY_SIMILAR_NATS, occam
 from slam.criticism.search.screening import deviate

@@ -17,7 +17,7 @@ from slam.criticism.kalman.innovations import stretches
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.moving import is_wall, settled
+from slam.criticism.search.inclusion import is_wall, settled
 from slam.criticism.search.nuisances import MEAN, direction_of, prior_precision
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.search import Search

@@ -19,7 +19,7 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitting import cut, refit
-from slam.criticism.search.moving import is_wall, taken_out
+from slam.criticism.search.inclusion import is_wall, taken_out
 from slam.criticism.search.search import LINEAR_Z, SHORT_S, Search
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.heldout import taken

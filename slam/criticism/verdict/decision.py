@@ -12,7 +12,7 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.columns import column_of
 from slam.criticism.search.effects import Effect, catalogue_value
-from slam.criticism.search.moving import is_wall
+from slam.criticism.search.inclusion import is_wall
 from slam.criticism.search.search import Look, Search, Standing
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.criticism import Cause, Gain, Interval, Verdict

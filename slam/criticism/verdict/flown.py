@@ -21,7 +21,7 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.columns import bounded, column_of
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.moving import on_grid, taken_out
+from slam.criticism.search.inclusion import on_grid, taken_out
 from slam.criticism.search.nuisances import MEAN, Nuisance, limits_of, value_of
 from slam.criticism.search.search import Search
 from slam.criticism.search.thresholds import MISFIT, load_thresholds

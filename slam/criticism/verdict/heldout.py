@@ -18,7 +18,7 @@ from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.columns import column_of
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.hypotheses import parabola_of
-from slam.criticism.search.moving import on_grid
+from slam.criticism.search.inclusion import on_grid
 from slam.criticism.search.occam import SIZE_PRIOR
 from slam.criticism.search.search import Look, Search
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.moving import is_wall
+from slam.criticism.search.inclusion import is_wall
 from slam.criticism.search.occam import VERY_SIMILAR_NATS, occam
 from slam.criticism.search.search import Look, Search
 from slam.simulation.terms import CATALOGUE
