@@ -76,44 +76,54 @@ def stretches(
     longest_s: float = 10.0,
 ) -> Iterator[Innovations]:
     """The rows of one stretch of the flight after the other."""
-    yield from _Run(record, setting, directions, signals or {}).stretches(longest_s)
+    yield from Run(record, setting, directions, signals).stretches(longest_s)
 
 
 def whole(record: Record, setting: Setting) -> Pass:
     """The flight in one piece, without directions."""
-    filtered = _Run(record, setting, (), {})
-    for _ in filtered.stretches(np.inf):
+    run = Run(record, setting)
+    for _ in run.stretches(np.inf):
         pass
-    written = filtered.written
-    log_variance = written.log_variance - record.usual_log_variance[CHANNEL_AT[record.kinds]]
-    return Pass(written.innovation, log_variance, written.status, written.states)
+    return run.passed()
 
 
-class _Run:
-    """The filter's arrays while it goes through a flight."""
+class Run:
+    """The filter on its way through a flight."""
 
     def __init__(
-        self, record: Record, setting: Setting, directions: Sequence[Direction], signals: dict[str, Signal]
+        self,
+        record: Record,
+        setting: Setting,
+        directions: Sequence[Direction] = (),
+        signals: dict[str, Signal] | None = None,
     ) -> None:
         n = STATES_WITH_GUSTS if setting.hold[GUST_STD] > 0 else STATES
         m, events = len(directions), len(record.times_s)
         variance = (record.noise_std * setting.noise_factor) ** 2
-        self._given = given_for(record, setting, directions, signals, variance, n)
+        self._given = given_for(record, setting, directions, signals or {}, variance, n)
         self._estimate, self._room = start_of(record, setting, n, m), room_for(n, m)
         self._coloured = coloured_for(record, setting, n, m)
-        self.written = Written(
+        self._usual = record.usual_log_variance
+        self._written = Written(
             np.full((events, 6), np.nan), np.full((events, 6), np.nan),
             np.zeros((events, 6), dtype=np.int64), np.zeros((events, MOVING + 1)), np.empty((0, m)),
             np.zeros(1, dtype=np.int64),
         )  # fmt: skip
 
+    def passed(self, begin: int = 0, end: int | None = None) -> Pass:
+        """Events ``begin`` to ``end`` of what the stretches so far went through, by default all."""
+        part, written = slice(begin, end), self._written
+        log_variance = written.log_variance[part] - self._usual[CHANNEL_AT[self._given.events.kinds[part]]]
+        return Pass(written.innovation[part], log_variance, written.status[part], written.states[part])
+
     def stretches(self, longest_s: float) -> Iterator[Innovations]:
+        """The rows of one stretch of the flight after the other; to be called once."""
         events = self._given.events
         pieces = max(int(np.ceil((events.times_s[-1] - events.times_s[0]) / longest_s)), 1)
         bounds = np.linspace(0, len(events.times_s), pieces + 1).astype(np.int64)
         for begin, end in pairwise(bounds.tolist()):
             readings = int(np.isfinite(events.values[begin:end]).sum())
-            written = self.written._replace(traces=np.empty((readings, self._estimate.tangents.shape[1])))
+            written = self._written._replace(traces=np.empty((readings, self._estimate.tangents.shape[1])))
             run(begin, end, self._given, self._estimate, self._room, written, self._coloured)
             event, column = np.nonzero(written.status[begin:end] == USED)
             event += begin

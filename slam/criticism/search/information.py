@@ -11,14 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.sighting import sighted
 from slam.criticism.kalman.filter import USED
-from slam.criticism.kalman.innovations import Pass, stretches, whole
+from slam.criticism.kalman.innovations import Pass, Run, whole
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
@@ -105,7 +105,7 @@ def sums_of(
     ``plain`` are runs under ``setting`` itself, where they are known already. Of the changes ``weighed``
     what they do to the mean is one more column, by ``weight_of`` their names.
     """
-    if not plain:
+    if changes and not plain:
         plain = in_threads(lambda record: whole(record, setting), records)
     settings = [c.apply(setting) for c in changes]
     before_s = np.cumsum([0.0, *(r.duration_s for r in records)])
@@ -117,14 +117,14 @@ def sums_of(
     steps = np.array([c.step for c in changes])
     apart = np.array([k for k, c in enumerate(changes) if c.name in weighed], dtype=np.int64)
 
-    def one(k: int) -> list[tuple[Array, Array, float]]:
+    def one(k: int) -> tuple[list[_Summed], Pass]:
         beside = [other.get((k, c), plain[k]) for c in range(len(changes))]
-        changed = _difference(plain[k], beside, steps)
-        found = signals[k] if signals is not None else {}
-        rows = list(_stretch_sums(records[k], setting, directions, found, changed, apart, weight, plain[k]))
-        return rows + _sighted(records[k], setting, directions, len(changes) + len(apart))
+        changed = _difference(plain[k], beside, steps) if beside else _unchanged(records[k])
+        run = Run(records[k], setting, directions, signals[k] if signals is not None else None)
+        rows = list(_stretch_sums(records[k], run, changed, apart, weight))
+        return rows + _sighted(records[k], setting, directions, len(changes) + len(apart)), run.passed()
 
-    parts = in_threads(one, range(len(records)))
+    parts, passes = zip(*in_threads(one, range(len(records))), strict=True)
     flat = [part for flight in parts for part in flight]
     return Sums(
         (*(d.name for d in directions), *(c.name for c in changes), *map(weight_of, weighed)),
@@ -132,14 +132,18 @@ def sums_of(
         np.array([information for information, _, _ in flat]),
         np.array([score for _, score, _ in flat]),
         np.array([nats for _, _, nats in flat]),
-        tuple(plain),
+        passes,
         tuple(len(flight) - (r.sights is not None) for flight, r in zip(parts, records, strict=True)),
     )
 
 
+_Summed: TypeAlias = tuple[Array, Array, float]
+"""Information (p, p), score (p,) and log likelihood of a stretch."""
+
+
 def _sighted(
     record: Record, setting: Setting, directions: Sequence[Direction], changes: int
-) -> list[tuple[Array, Array, float]]:
+) -> list[_Summed]:
     """The pictures as one more stretch: given the readings they are independent of all innovations."""
     if record.sights is None:
         return []
@@ -151,22 +155,14 @@ def _sighted(
 
 
 def _stretch_sums(
-    record: Record,
-    setting: Setting,
-    directions: Sequence[Direction],
-    signals: dict[str, Signal],
-    changed: _Changed,
-    apart: Ints,
-    weight: _VarianceWeight,
-    plain: Pass,
-) -> Iterator[tuple[Array, Array, float]]:
-    """Information (p, p), score (p,) and log likelihood of each stretch of a flight."""
+    record: Record, run: Run, changed: _Changed, apart: Ints, weight: _VarianceWeight
+) -> Iterator[_Summed]:
+    """Of each stretch of a flight."""
     moved, widened = changed.mean, changed.log_variance
-    d, end = len(directions), len(directions) + widened.shape[-1]
-    nats = plain.nats
-    for rows in stretches(record, setting, directions, signals, STRETCH_S):
+    for rows in run.stretches(STRETCH_S):
         column = rows.channels - CHANNEL_AT[record.kinds[rows.events], 0]
         shifted = moved[rows.events, column]
+        d, end = rows.traces.shape[1], rows.traces.shape[1] + widened.shape[-1]
         traces = np.column_stack([rows.traces, shifted, shifted[:, apart]])
         spread = widened[rows.events, column] * weight.share[rows.channels, None]
         score = rows.white @ traces
@@ -175,7 +171,13 @@ def _stretch_sums(
         score[d:end] += 0.5 * (excess * weight.share[rows.channels]) @ widened[rows.events, column]
         information[d:end, d:end] += 0.5 * spread.T @ widened[rows.events, column]
         first, last = (rows.events[0], rows.events[-1] + 1) if len(rows.events) else (0, 0)
-        yield information, score, float(nats[first:last].sum())
+        yield information, score, run.passed(first, last).log_likelihood
+
+
+def _unchanged(record: Record) -> _Changed:
+    """Of no changes at all."""
+    none = np.zeros((len(record.times_s), 6, 0))
+    return _Changed(none, none)
 
 
 def _difference(plain: Pass, others: Sequence[Pass], steps: Array) -> _Changed:
@@ -193,10 +195,11 @@ def _difference(plain: Pass, others: Sequence[Pass], steps: Array) -> _Changed:
 
 
 def _variance_weight(records: Sequence[Record], plain: Sequence[Pass]) -> _VarianceWeight:
+    """From the plain runs; of none, a Gaussian's."""
     weight = np.ones(len(CHANNELS))
     mean = np.full(len(CHANNELS), _CUT_MEAN)
     squares: list[list[Array]] = [[] for _ in CHANNELS]
-    for record, run in zip(records, plain, strict=True):
+    for record, run in zip(records, plain, strict=False):
         events, column = np.nonzero(run.status == USED)
         channel = CHANNEL_AT[record.kinds[events], column]
         cut = np.minimum(run.white[events, column] ** 2, CUT)
