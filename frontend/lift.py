@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 _ITERATIONS = 10
 """Gauss-Newton steps: all pairs take as many."""
+_AT_ONCE = 1_000
+"""Pairs: one takes a hundred times as much memory while it is worked on as what is found takes."""
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,21 @@ def lift(
     if m == 0:
         empty = np.empty(0)
         return LiftedPoses(np.empty((0, 4, 4)), np.empty((0, 6, 6)), empty, empty, empty, lever, empty)
+    blocks = [
+        _lift_some(
+            i_H_j[some], corner_covariance[some], camera, roll_pitch_rad[some], roll_pitch_std_rad[some]
+        )
+        for some in (slice(k, k + _AT_ONCE) for k in range(0, m, _AT_ONCE))
+    ]
+    i_T_j, covariance, ratio, log_std, misfit, above = (np.concatenate(b) for b in zip(*blocks, strict=True))
+    return LiftedPoses(i_T_j, covariance, ratio, log_std, misfit, lever, above)
+
+
+def _lift_some(
+    i_H_j: Array, corner_covariance: Array, camera: Camera, roll_pitch_rad: Array, roll_pitch_std_rad: Array
+) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """Of some pairs what `LiftedPoses` has of each, in its order."""
+    lever = camera.b_T_c[:3, 3]
     mount = camera.b_T_c.copy()
     mount[:3, 3] = 0.0
     camera = replace(camera, b_T_c=mount)
@@ -99,7 +116,7 @@ def lift(
     pixel_i = u[..., :2] / u[..., 2:]
     # The covariance stands in picture i; corner by corner it is carried back into j.
     local = (i_H_j[:, None, :2, :2] - pixel_i[..., :, None] * i_H_j[:, None, 2:, :2]) / u[..., 2, None, None]
-    back = np.zeros((m, 8, 8))
+    back = np.zeros((len(i_H_j), 8, 8))
     for k in range(4):
         back[:, 2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.linalg.inv(local[:, k])
     covariance_j = back @ corner_covariance @ back.transpose(0, 2, 1) + 1e-8 * np.eye(8)
@@ -114,7 +131,7 @@ def lift(
     with np.errstate(divide="ignore", invalid="ignore"):
         log_std = np.sqrt(np.einsum("ma,mab,mb->m", along, fit.covariance[:, 3:6, 3:6], along)) / ratio
     above = level_T_body(fit.roll_pitch_rad)[:, 2, :3] @ lever
-    return LiftedPoses(i_T_j, covariance, ratio, log_std, fit.misfit, lever, above)
+    return i_T_j, covariance, ratio, log_std, fit.misfit, above
 
 
 def level_T_body(roll_pitch_rad: Array) -> Array:

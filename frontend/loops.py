@@ -66,18 +66,20 @@ def overlapping(
     centre = np.array([quads[k].mean(axis=0) for k in keys])
     size = np.array([np.linalg.norm(quads[k] - quads[k].mean(axis=0), axis=1).max() for k in keys])
     area = {k: float(cv2.contourArea(q)) for k, q in quads.items()}
-    share: dict[int, dict[int, float]] = {int(k): {} for k in keys}
+    share: dict[int, list[tuple[float, int]]] = {int(k): [] for k in keys}
     tree = cKDTree(centre)
     for a, k in enumerate(keys.tolist()):
         # Reaches every footprint that overlaps and is no larger; larger ones reach this one themselves.
-        for other in keys[tree.query_ball_point(centre[a], 2 * size[a])].tolist():
-            if other != k and other not in share[k]:
-                shared, _ = cv2.intersectConvexConvex(quads[k], quads[other])
-                share[k][other] = share[other][k] = shared / max(1e-12, min(area[k], area[other]))
+        for b in tree.query_ball_point(centre[a], 2 * size[a]):
+            if (size[b], b) < (size[a], a):
+                i, j = sorted((k, int(keys[b])))
+                shared = cv2.intersectConvexConvex(quads[i], quads[j])[0] / max(1e-12, min(area[i], area[j]))
+                if shared >= min_overlap:
+                    share[i].append((-shared, j))
+                    share[j].append((-shared, i))
     found: set[Pair] = set()
     for k, of in share.items():
-        best = sorted((-of[o], o) for o in of if of[o] >= min_overlap)[:neighbours]
-        found.update((min(k, o), max(k, o)) for _, o in best)
+        found.update((min(k, other), max(k, other)) for _, other in sorted(of)[:neighbours])
     return sorted(found)
 
 

@@ -43,13 +43,14 @@ def vocabulary(
     chosen = np.arange(total)
     if total > config.sample:
         chosen = np.random.default_rng(seed).choice(total, config.sample, replace=False)
-    order, at, taken = np.argsort(chosen), 0, []
+    order, at, pool = np.argsort(chosen), 0, np.empty((0, 0), np.float32)
     ends = np.searchsorted(chosen[order], np.cumsum([0, *counts]))
     for picture, begin, end in zip(descriptors, ends[:-1], ends[1:], strict=True):
-        taken.append(as_float(picture[chosen[order[begin:end]] - at]))
+        taken = as_float(picture[chosen[order[begin:end]] - at])
+        if pool.size == 0:
+            pool = np.empty((len(chosen), taken.shape[1]), np.float32)
+        pool[order[begin:end]] = taken
         at += len(picture)
-    pool = np.empty((len(chosen), taken[0].shape[1]), np.float32)
-    pool[order] = np.concatenate(taken)
     words = min(config.words, max(1, len(pool) // 8))
     cv2.setRNGSeed(seed)
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 12, 1e-4)

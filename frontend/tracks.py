@@ -31,28 +31,32 @@ class TrackConfig:
     """Observations that each keyframe keeps all the same."""
 
 
+_JOINED_AT_ONCE = 1_000
+"""Registrations."""
+
+
 @dataclass(frozen=True)
 class _Observations:
-    """Features that show the same point as some other, sorted by track and keyframe."""
+    """Features that show the same point as some other, sorted by track and keyframe.
 
-    keyframe: NDArray[np.int64]
-    track: NDArray[np.int64]
-    points: Points
+    A long flight has a million of them: their numbers are kept small.
+    """
+
+    feature: NDArray[np.int32]
+    """Its number, counted through all keyframes."""
+    keyframe: NDArray[np.int32]
+    track: NDArray[np.int32]
 
     def __len__(self) -> int:
         return len(self.track)
 
     def __getitem__(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> _Observations:
-        return _Observations(self.keyframe[which], self.track[which], self.points[which])
+        return _Observations(self.feature[which], self.keyframe[which], self.track[which])
 
     @property
     def length(self) -> NDArray[np.int64]:
         """(m,) how many observations each one's track has."""
-        return np.bincount(self.track)[self.track] if len(self) else self.track
-
-    def cells(self, camera: Camera, grid: tuple[int, int]) -> NDArray[np.int64]:
-        """Number of the cell of its picture that each lies in; no two pictures share one."""
-        return self.keyframe * grid[0] * grid[1] + cells(self.points.pixel, camera.size_px, grid)
+        return np.bincount(self.track)[self.track]
 
 
 def join_tracks(
@@ -66,58 +70,78 @@ def join_tracks(
     noise = _noise_of_keyframes(len(points), registrations)
     seen = _joined(points, registrations)
     for grid in config.grids:
-        chosen = seen[np.isin(seen.track, _longest_of_cells(seen, camera, grid))]
+        cell = _cells(points, camera, grid)
+        chosen = seen[np.isin(seen.track, _longest_of_cells(seen, cell))]
         if len(chosen) <= config.max_observations:
             break
     else:
         # Laps over the same ground: a point is seen from everywhere. Each keyframe keeps some of its points.
         quota = max(config.least_a_keyframe, config.max_observations // max(1, len(points)))
-        chosen = _first_of_each(chosen, camera, grid, quota)
+        chosen = _first_of_each(chosen, cell, quota)
         chosen = chosen[chosen.length >= 2]
     _, track = np.unique(chosen.track, return_inverse=True)
-    std_px = noise[chosen.keyframe] * chosen.points.spread
-    return FloorTracks(chosen.keyframe, track, chosen.points.pixel, std_px)
+    keyframe = chosen.keyframe.astype(np.int64)
+    pixel = np.concatenate([np.empty((0, 2)), *(p.pixel for p in points)])[chosen.feature]
+    spread = np.concatenate([np.empty(0), *(p.spread for p in points)])[chosen.feature]
+    return FloorTracks(keyframe, track, pixel, noise[keyframe] * spread)
 
 
 def _joined(points: Sequence[Points], registrations: Sequence[Registration]) -> _Observations:
     """All tracks whole, but those that hold two features of one keyframe."""
-    start = np.concatenate([[0], np.cumsum([len(p) for p in points], dtype=np.int64)])
-    keyframe = np.repeat(np.arange(len(points)), np.diff(start))
-    part = _parts(start, registrations)
-    node = np.flatnonzero(np.bincount(part)[part] >= 2)
-    order = node[np.lexsort((keyframe[node], part[node]))]
-    twice = (np.diff(part[order]) == 0) & (np.diff(keyframe[order]) == 0)
-    broken = np.unique(part[order][1:][twice])
-    order = order[~np.isin(part[order], broken)]
-    if len(order) == 0:
-        return _Observations(order, order, Points.alike(np.empty((0, 2))))
-    every = Points(np.concatenate([p.pixel for p in points]), np.concatenate([p.spread for p in points]))
-    return _Observations(keyframe[order], part[order], every[order])
+    count = [len(p) for p in points]
+    keyframe = np.repeat(np.arange(len(points), dtype=np.int32), count)
+    part = _parts(np.cumsum([0, *count]), registrations)
+    feature = np.flatnonzero(np.bincount(part)[part] >= 2).astype(np.int32)
+    feature = feature[np.argsort(part[feature], kind="stable")]
+    seen = _Observations(feature, keyframe[feature], part[feature])
+    twice = (np.diff(seen.track) == 0) & (np.diff(seen.keyframe) == 0)
+    return seen[~np.isin(seen.track, seen.track[1:][twice])]
 
 
-def _parts(start: NDArray[np.int64], registrations: Sequence[Registration]) -> NDArray[np.int64]:
-    """The connected part of each feature; a long flight has millions of matches, so they are kept small."""
-    none = np.empty(0, np.int32)
-    a = np.concatenate([none, *((start[r.i] + r.matches[:, 0]).astype(np.int32) for r in registrations)])
-    b = np.concatenate([none, *((start[r.j] + r.matches[:, 1]).astype(np.int32) for r in registrations)])
-    joined = coo_matrix((np.ones(len(a), np.int8), (a, b)), shape=(start[-1],) * 2)
-    _, part = connected_components(joined, directed=False)
-    return part.astype(np.int64)
+def _parts(start: NDArray[np.int64], registrations: Sequence[Registration]) -> NDArray[np.int32]:
+    """The connected part of each feature, numbered by the first; ``start``: where each keyframe's begin.
+
+    A long flight has millions of matches, and scipy holds a graph several times over: they are joined in
+    batches.
+    """
+    part = np.arange(start[-1], dtype=np.int32)
+    for k in range(0, len(registrations), _JOINED_AT_ONCE):
+        some = registrations[k : k + _JOINED_AT_ONCE]
+        a = part[np.concatenate([start[r.i] + r.matches[:, 0] for r in some])]
+        b = part[np.concatenate([start[r.j] + r.matches[:, 1] for r in some])]
+        joined = coo_matrix((np.ones(len(a), np.int8), (a, b)), shape=(part.max() + 1,) * 2)
+        _, merged = connected_components(joined, directed=False)
+        part = merged[part]
+    return part
 
 
-def _longest_of_cells(seen: _Observations, camera: Camera, grid: tuple[int, int]) -> NDArray[np.int64]:
-    """The longest track of each cell of each picture."""
-    cell = seen.cells(camera, grid)
-    order = np.lexsort((seen.track, -seen.length, cell))
-    return np.unique(seen.track[order][place_in_run(cell[order]) == 0])
+def _cells(points: Sequence[Points], camera: Camera, grid: tuple[int, int]) -> NDArray[np.int32]:
+    """Number of the cell of its picture that each feature lies in; no two pictures share one."""
+    none, count = np.empty(0, np.int32), grid[0] * grid[1]
+    each = (cells(p.pixel, camera.size_px, grid) + k * count for k, p in enumerate(points))
+    return np.concatenate([none, *(cell.astype(np.int32) for cell in each)])
 
 
-def _first_of_each(seen: _Observations, camera: Camera, grid: tuple[int, int], quota: int) -> _Observations:
+def _longest_of_cells(seen: _Observations, cell: NDArray[np.int32]) -> NDArray[np.int64]:
+    """The longest track of each cell of each picture, the first of equally long ones."""
+    if len(seen) == 0:
+        return np.empty(0, np.int64)
+    tracks = int(seen.track.max()) + 1
+    longest = np.full(int(cell.max()) + 1, -1)
+    np.maximum.at(longest, cell[seen.feature], seen.length * tracks + (tracks - 1 - seen.track))
+    return tracks - 1 - np.unique(longest[longest >= 0] % tracks)
+
+
+def _first_of_each(seen: _Observations, cell: NDArray[np.int32], quota: int) -> _Observations:
     """What each keyframe keeps: the longest track of each cell, then the second longest."""
-    cell, length = seen.cells(camera, grid), seen.length
-    order = np.lexsort((seen.track, -length, cell))
-    order = order[np.lexsort((-length[order], place_in_run(cell[order]), seen.keyframe[order]))]
-    return seen[np.sort(order[place_in_run(seen.keyframe[order]) < quota])]
+    cell_of, keyframe, length = (
+        cell[seen.feature].astype(np.int64),
+        seen.keyframe.astype(np.int64),
+        seen.length,
+    )
+    order = np.lexsort((seen.track, -length, cell_of))
+    order = order[np.lexsort((-length[order], place_in_run(cell_of[order]), keyframe[order]))]
+    return seen[np.sort(order[place_in_run(keyframe[order]) < quota])]
 
 
 def _noise_of_keyframes(count: int, registrations: Sequence[Registration]) -> Array:
