@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Container, Iterator, Sequence
 
 import gtsam
 import numpy as np
@@ -22,9 +21,6 @@ chain."""
 
 _NO_KNOWLEDGE = 1e10
 """Variance (rad^2, m^2) above which rounding, not measurement, speaks."""
-
-_HOLD = 1e3
-"""A variable held to a thousandth of its own standard deviation is held."""
 
 
 def pose_covariances(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> Array:
@@ -96,60 +92,68 @@ def joint_covariances(
 ) -> Array:
     """Joint marginals of each pose with one common variable, (n, 6 + d, 6 + d), pose first; NaN: singular.
 
-    A joint of two variables costs gtsam a walk through the tree for each pair. Here the common one, w, is
-    eliminated last: each pose is then a linear function of it, x = G w, plus what is uncertain while w is
-    held, so that cov(x) = cov(x | w) + G cov(w) G^T and cov(x, w) = G cov(w).
+    gtsam would walk through its tree for each of them, and keep what it met there: of a long flight more than
+    it takes to solve it. Here one walk goes from the root, the common variable, down to all of them.
     """
     d = len(values.atVector(common))
     out = np.full((len(keys), 6 + d, 6 + d), np.nan)
     if common not in graph.keys():  # noqa: SIM118
         return out  # gtsam ends the interpreter where an ordering names what no factor does
+    linear, row = graph.linearize(values), {key: k for k, key in enumerate(keys)}
+    ordering = nested_dissection(linear, common)
     for eliminate in ((), (gtsam.EliminateQR,)):  # Cholesky by default
         try:
-            of_common, G, held = _conditioned(graph.linearize(values), keys, common, d, *eliminate)
+            for key, joint in _joints(linear.eliminateSequential(ordering, *eliminate), row.keys()):
+                out[row[key]] = joint
         except (*GTSAM_ERRORS, np.linalg.LinAlgError):
+            out[:] = np.nan
             continue
-        out[:, 6:, 6:] = of_common
-        out[:, :6, 6:] = G @ of_common
-        out[:, 6:, :6] = np.swapaxes(out[:, :6, 6:], 1, 2)
-        out[:, :6, :6] = held + out[:, :6, 6:] @ np.swapaxes(G, 1, 2)
         break
     return out
 
 
-def _conditioned(
-    linear: gtsam.GaussianFactorGraph, keys: Sequence[int], common: int, d: int, *eliminate: Any
-) -> tuple[Array, Array, Array]:
-    """cov(w) (d, d), dx/dw (n, 6, d), and cov(x | w) (n, 6, 6)."""
-    ordering = nested_dissection(linear, common)
-    # What the one elimination holds is given back before the next begins.
-    of_common, G = _sensitivity(linear, ordering, keys, common, d, *eliminate)
-    hold = np.diag(_HOLD / np.sqrt(np.diag(of_common)))
-    linear.add(gtsam.JacobianFactor(common, hold, np.zeros(d), gtsam.noiseModel.Unit.Create(d)))
-    tree = linear.eliminateMultifrontal(ordering, *eliminate)
-    held = np.array([tree.marginalCovariance(key) for key in keys]).reshape(-1, 6, 6)
-    return of_common, G, held
+def _joints(net: gtsam.GaussianBayesNet, asked: Container[int]) -> Iterator[tuple[int, Array]]:
+    """Of each variable asked for: its key, and its joint covariance with the one eliminated last.
 
-
-def _sensitivity(
-    linear: gtsam.GaussianFactorGraph,
-    ordering: gtsam.Ordering,
-    keys: Sequence[int],
-    common: int,
-    d: int,
-    *eliminate: Any,
-) -> tuple[Array, Array]:
-    """cov(w) (d, d) and dx/dw (n, 6, d): w comes last in the ordering, the rest follows from it."""
-    others = gtsam.Ordering()
-    for k in range(ordering.size() - 1):
-        others.push_back(ordering.at(k))
-    net, rest = linear.eliminatePartialSequential(others, *eliminate)
-    of_common = np.asarray(np.linalg.inv(rest.hessian()[0]), dtype=np.float64)
-
-    def poses(w: Array) -> Array:
-        given = gtsam.VectorValues()
-        given.insert(common, w)
-        found = net.optimize(given)
-        return np.array([found.at(key) for key in keys]).reshape(-1, 6)
-
-    return of_common, np.stack([poses(w) for w in np.eye(d)], axis=2) - poses(np.zeros(d))[:, :, None]
+    An eliminated variable is a function of those that it was tied to then, x = B s, plus what is uncertain
+    while they are held: cov(x) = (R'R)^-1 + B cov(s) B', cov(x, s) = B cov(s). The first of them that is
+    eliminated next was tied to all the others, so that cov(s) is a part of what was found for it.
+    Source: Takahashi, Fagan and Chen 1973.
+    """
+    conditionals = [net.at(k) for k in range(net.size())]
+    place = {conditional.firstFrontalKey(): k for k, conditional in enumerate(conditionals)}
+    last = len(conditionals) - 1
+    below: list[list[int]] = [[] for _ in conditionals]
+    for k, conditional in enumerate(conditionals[:last]):
+        tied = list(conditional.keys())[1:]
+        below[min((place[key] for key in tied), default=last)].append(k)
+    common = conditionals[last].firstFrontalKey()
+    root = np.linalg.inv(conditionals[last].jacobian()[0])
+    size = {common: len(root)}
+    waiting = [(k, {common: 0}, root @ root.T) for k in below[last]]
+    while waiting:
+        k, start, covariance = waiting.pop()
+        key, *tied = conditionals[k].keys()
+        if not below[k] and key not in asked:
+            continue
+        # The common one comes last, and is carried along where it is not among them.
+        others = [*(other for other in tied if other != common), common]
+        A = conditionals[k].jacobian()[0]
+        n = size[key] = A.shape[1] - sum(size[other] for other in tied)
+        ends = np.cumsum([n, *(size[other] for other in tied)])
+        blocks = {other: A[:, a:b] for other, a, b in zip(tied, ends[:-1], ends[1:], strict=True)}
+        blocks.setdefault(common, np.zeros((n, size[common])))
+        free = np.linalg.inv(A[:, :n])
+        B = -free @ np.hstack([blocks[other] for other in others])
+        at = np.concatenate([np.arange(start[other], start[other] + size[other]) for other in others])
+        joint = np.empty((n + len(at),) * 2)
+        joint[n:, n:] = covariance[np.ix_(at, at)]
+        joint[:n, n:] = B @ joint[n:, n:]
+        joint[n:, :n] = joint[:n, n:].T
+        joint[:n, :n] = free @ free.T + joint[:n, n:] @ B.T
+        if key in asked:
+            both = np.r_[:n, len(joint) - size[common] : len(joint)]
+            yield key, joint[np.ix_(both, both)]
+        begins = np.cumsum([0, n, *(size[other] for other in others[:-1])]).tolist()
+        start = dict(zip((key, *others), begins, strict=True))
+        waiting += [(child, start, joint) for child in below[k]]
