@@ -15,11 +15,17 @@ Graph = gtsam.NonlinearFactorGraph | gtsam.GaussianFactorGraph
 
 
 def set_ordering(
-    params: gtsam.NonlinearOptimizerParams, graph: gtsam.NonlinearFactorGraph, keys: int
+    params: gtsam.NonlinearOptimizerParams,
+    graph: gtsam.NonlinearFactorGraph,
+    keys: int,
+    common: int | None = None,
 ) -> None:
-    """Tell an optimizer how to eliminate a graph of so many variables."""
-    if keys > DEEP_GRAPH:
-        params.setOrdering(nested_dissection(graph))
+    """Tell an optimizer how to eliminate a graph of so many variables.
+
+    Where next to all of them share a ``common`` one COLAMD fills in three times as much.
+    """
+    if common is not None or keys > DEEP_GRAPH:
+        params.setOrdering(nested_dissection(graph, common))
     else:
         params.setOrderingType("COLAMD")
 

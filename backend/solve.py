@@ -58,19 +58,22 @@ def minimise(
     relative_tolerance: float = RELATIVE_TOLERANCE,
     on_step: OnStep | None = None,
     time_limit_s: float | None = None,
+    common: int | None = None,
 ) -> Minimum:
     """Gauss-Newton while the error falls, Levenberg-Marquardt from the best point on where it rises.
 
-    ``on_step(iteration, error)`` is called after each step; what it raises passes through. Raises
+    ``common``: a variable that next to all others share. ``on_step(iteration, error)`` is called after each
+    step; what it raises passes through. Raises
     ``BackendError`` where the graph or the start is not finite, a part of the graph is tied to nothing, or a
     direction is not observed (named).
     """
     check(graph, initial)
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
-    first = gauss_newton(graph, initial, max_iterations, relative_tolerance, on_step, deadline)
+    limits = (max_iterations, relative_tolerance, on_step, deadline)
+    first = gauss_newton(graph, initial, *limits, common=common)
     if first.converged or first.iterations >= max_iterations or time.monotonic() >= deadline:
         return first
-    return levenberg_marquardt(graph, first, max_iterations, relative_tolerance, on_step, deadline)
+    return levenberg_marquardt(graph, first, *limits, common)
 
 
 def check(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values) -> None:
@@ -102,12 +105,12 @@ def _check_values(values: gtsam.Values) -> None:
 
 
 def _optimizer(
-    graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, solver: str, name: Name
+    graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, solver: str, name: Name, common: int | None
 ) -> gtsam.GaussNewtonOptimizer:
     """gtsam's optimizer, which evaluates the graph once: refused where that is not finite."""
     params = gtsam.GaussNewtonParams()
     params.setLinearSolverType(solver)
-    set_ordering(params, graph, initial.size())
+    set_ordering(params, graph, initial.size(), common)
     try:
         optimizer = gtsam.GaussNewtonOptimizer(graph, initial, params)
     except (RuntimeError, ValueError, TypeError, IndexError) as error:
@@ -136,12 +139,13 @@ def gauss_newton(
     on_step: OnStep | None,
     deadline: float,
     name: Name = key_name,
+    common: int | None = None,
 ) -> Minimum:
     """Undamped steps while the error falls; ``converged`` is False at the best point where one raised it.
 
     The graph must have passed ``check``. Raises ``BackendError`` where a direction is not observed.
     """
-    limits = (max_iterations, relative_tolerance, on_step, deadline, name)
+    limits = (max_iterations, relative_tolerance, on_step, deadline, name, common)
     try:
         return _gauss_newton(graph, initial, "MULTIFRONTAL_CHOLESKY", *limits)
     except _SingularError:
@@ -185,8 +189,9 @@ def _gauss_newton(
     on_step: OnStep | None,
     deadline: float,
     name: Name,
+    common: int | None,
 ) -> Minimum:
-    optimizer = _optimizer(graph, initial, solver, name)
+    optimizer = _optimizer(graph, initial, solver, name, common)
     start = error = float(optimizer.error())
     gap = math.inf
     iteration = 0
@@ -209,6 +214,7 @@ def _gauss_newton(
         if _settled(previous, error, relative_tolerance):
             return ended(True, "converged")
         before, gap = gap, abs(error - float(linear.error(best.localCoordinates(optimizer.values()))))
+        del linear  # larger than the graph: not beside the next one
         if gap <= _MODEL_SHARE * relative_tolerance * error and gap <= 0.01 * before < math.inf:
             return ended(True, "converged")
         if time.monotonic() >= deadline:
@@ -223,10 +229,11 @@ def levenberg_marquardt(
     relative_tolerance: float,
     on_step: OnStep | None,
     deadline: float,
+    common: int | None = None,
 ) -> Minimum:
     """Damped steps, which never raise the error. The graph must have passed ``check``."""
     params = gtsam.LevenbergMarquardtParams()
-    set_ordering(params, graph, start.values.size())
+    set_ordering(params, graph, start.values.size(), common)
     params.setlambdaUpperBound(1e10)
     optimizer = gtsam.LevenbergMarquardtOptimizer(graph, start.values, params)
     error, iteration = float(optimizer.error()), start.iterations

@@ -109,6 +109,12 @@ def refine(
         raise BackendError(
             "bundle adjustment: no tracks of floor points, or no camera; solve the pose graph alone"
         )
+    below = np.flatnonzero((w_T_b @ camera.b_T_c)[:, 2, 3] <= floor_z_m)
+    if len(below):  # from there the descent may end anywhere
+        raise BackendError(
+            f"bundle adjustment: the camera of keyframe {below[0]} starts below the floor; "
+            "the pose graph's result stands"
+        )
     problem = BundleProblem(measurements, tracks, camera, config, calibrates=False, lengths=lengths)
     noise = noise or start_noise(measurements, config)
     values = start_values(problem, w_T_b, floor_z_m)
@@ -124,8 +130,9 @@ def refine(
             values.insert(CALIBRATION(0), gtsam.Cal3Bundler(camera.focal_px[0], 0, 0, *camera.center_px))
         graph = build_graph(problem, noise, used, start)
         last = settled or number + 1 == config.rounds
+        tolerance = 1e-5 if last else 1e-3
         minimum = minimise(
-            graph, values, max_iterations=30, relative_tolerance=1e-5 if last else 1e-3, on_step=on_step
+            graph, values, max_iterations=30, relative_tolerance=tolerance, on_step=on_step, common=WORLD
         )
         values, iterations = minimum.values, iterations + minimum.iterations
         if last:
