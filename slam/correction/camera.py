@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.flight import Flight, Frames, Image
+from slam.flight import Flight, Image
 from slam.simulation.camera.effects import CameraEffects, true_camera
-from slam.simulation.camera.photometry import falloff
+from slam.simulation.camera.photometry import Light, falloff
 from slam.simulation.model import Model
 
 LEAST_LIGHT = 0.1
@@ -55,22 +54,23 @@ def vignetting(flight: Flight, model: Model) -> Flight:
     """Corners darker than the middle: pictures are lit evenly when they are read."""
     camera, frames = _camera(flight), flight.frames
     assert frames is not None
-    darker = falloff(camera.size_px, camera.center_px, model.value("vignetting", "a"))
-    return replace(flight, frames=_lit(frames, 1.0 / np.maximum(darker, LEAST_LIGHT)))
-
-
-def _lit(frames: Frames, gain: NDArray[np.float64]) -> Frames:
-    """Frames whose grey levels are multiplied by ``gain`` (h, w)."""
+    light = falloff(camera.size_px, camera.center_px, model.value("vignetting", "a"))
 
     def load(k: int) -> Image | None:
         picture = frames.load(k)
-        if picture is None or picture.shape[:2] != gain.shape[:2]:
-            return picture
-        factor = gain.reshape(*gain.shape[:2], *[1] * (picture.ndim - 2))
-        lit = np.rint(picture * factor)
-        return np.minimum(lit, np.iinfo(picture.dtype).max).astype(picture.dtype)
+        return None if picture is None else evenly_lit(picture, light)
 
-    return replace(frames, load=load)
+    return replace(flight, frames=replace(frames, load=load))
+
+
+def evenly_lit(picture: Image, light: Light) -> Image:
+    """A picture (h, w) or (h, w, 3) over the share of ``light`` (h, w) that reaches it; one of another size
+    as it is."""
+    if picture.shape[:2] != light.shape[:2]:
+        return picture
+    gain = 1.0 / np.maximum(light, LEAST_LIGHT)
+    lit = np.rint(picture * gain.reshape(*gain.shape[:2], *[1] * (picture.ndim - 2)))
+    return np.minimum(lit, np.iinfo(picture.dtype).max).astype(picture.dtype)
 
 
 def _camera(flight: Flight) -> Camera:

@@ -2,9 +2,9 @@
 
 Counted on our side: from the arrays that a file holds to the poses: choosing a start, building gtsam's graph,
 descent, and the checks before and after it. On the raw side: the descent alone on a graph and a start that
-gtsam's reader has built already, with its own chordal start where the given one diverges. Two times are told
-beside: over raw gtsam whose graph is built from the same arrays, as any caller from Python must, and from the
-file to the poses.
+gtsam's reader has built already, with its own chordal start where the given one diverges, and once more on
+one that is built from the same arrays, as any caller from Python must. The time from the file to the poses is
+told beside.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tests.benchmarks.metric import Metric, Skipped, at_most, told
 
 T = TypeVar("T")
 
-ERROR_TOLERANCE, MAX_RATIO = 1e-4, 1.3
+ERROR_TOLERANCE, MAX_RATIO, MAX_ARRAY_RATIO = 1e-4, 1.3, 1.1
 BUDGET_S, FEWEST, MOST = 12.0, 3, 40
 """Small graphs are solved many times: a few milliseconds are noise."""
 FALSE_LOOP_M = 1.0
@@ -107,8 +107,12 @@ def _metrics(r: GraphResult) -> list[Metric]:
             f"{r.error:.6g}, published {r.published:.6g}, raw gtsam {r.raw_error:.6g}",
         ),
         at_most(
-            f"{r.name}: solve over raw gtsam's", r.ratio, "x", MAX_RATIO,
-            f"{1e3 * r.solve_s:.0f} ms over {1e3 * r.raw_solve_s:.0f} ms; from arrays {r.array_ratio:.2f} x; "
+            f"{r.name}: solve over raw gtsam's, both from arrays", r.array_ratio, "x", MAX_ARRAY_RATIO,
+            f"{1e3 * r.solve_s:.0f} ms over {1e3 * (r.raw_solve_s + r.raw_build_s):.0f} ms",
+        ),
+        at_most(
+            f"{r.name}: solve over raw gtsam's, which has its graph already", r.ratio, "x", MAX_RATIO,
+            f"{1e3 * r.solve_s:.0f} ms over {1e3 * r.raw_solve_s:.0f} ms; "
             f"from the file {1e3 * r.total_s:.0f} over {1e3 * r.raw_total_s:.0f} ms = {r.total_ratio:.2f} x",
         ),
     ]  # fmt: skip

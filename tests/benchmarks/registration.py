@@ -22,9 +22,12 @@ from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
 from frontend.lift import lift
 from frontend.registration import Registration, overlap, register
+from slam.correction.camera import evenly_lit
+from slam.flight import Image
 from slam.settings import PipelineConfig
 from slam.simulation.camera.effects import camera_effects
 from slam.simulation.camera.film import Film, shoot
+from slam.simulation.camera.photometry import falloff
 from slam.simulation.recipe import Recipe, load_recipe
 from slam.simulation.terms import CATALOGUE
 from tests.benchmarks.metric import Metric, at_least, told, within
@@ -51,6 +54,8 @@ class Kind:
     floor: str = "figure_eight"
     noise_std: float = 2.0
     terms: tuple[tuple[str, tuple[tuple[str, float], ...]], ...] = ()
+    taken_out: bool = False
+    """The pictures are lit evenly again, as ``--model`` does with a vignetting that is known."""
 
 
 def term(name: str, **values: float) -> tuple[tuple[str, tuple[tuple[str, float], ...]], ...]:
@@ -58,6 +63,7 @@ def term(name: str, **values: float) -> tuple[tuple[str, tuple[tuple[str, float]
     return ((name, tuple(values.items())),)
 
 
+VIGNETTING = 0.5
 KINDS = (
     Kind("30 to 45 % shared", (0.30, 0.45)),
     Kind("45 to 60 % shared", (0.45, 0.60)),
@@ -67,7 +73,8 @@ KINDS = (
     Kind("three times as high", ratio=3.0),
     Kind("a third as high", ratio=1 / 3),
     Kind("white balance and gamma", terms=term("exposure_variation", gain=0.15, gamma=0.30, tau=0.0)),
-    Kind("vignetting of one half", terms=term("vignetting", a=0.5)),
+    Kind("vignetting of one half", terms=term("vignetting", a=VIGNETTING)),
+    Kind("the same vignetting, known and taken out", terms=term("vignetting", a=VIGNETTING), taken_out=True),
     Kind("exposure of 40 ms", terms=term("motion_blur", exposure=0.04)),
     Kind("noise of 10 grey levels", noise_std=10.0),
     Kind("gym's planks", floor="gym"),
@@ -112,9 +119,14 @@ def outcome(kind: Kind, pairs: int, seed: int) -> Outcome:
     film = filmed(kind, recipe, poses, seed)
     extract = Extractor(PipelineConfig().features.for_width(camera.size_px[0]))
     homography = HomographyConfig().for_width(camera.size_px[0])
+    light = falloff(camera.size_px, camera.center_px, VIGNETTING)
+
+    def picture(k: int) -> Image:
+        return evenly_lit(film(k), light) if kind.taken_out else film(k)
+
     held: list[tuple[int, Registration]] = []
     for n in range(pairs):
-        a, b = (extract(film(k), camera) for k in (2 * n, 2 * n + 1))
+        a, b = (extract(picture(k), camera) for k in (2 * n, 2 * n + 1))
         found = register(0, 1, a, b, camera, homography, GateConfig())
         if found.ok:
             held.append((n, found))
