@@ -6,9 +6,8 @@ Every number follows from (seed, case, flight, purpose); names and order of fold
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -69,10 +68,6 @@ class Case:
     settled_by: str = ""
     knobs: dict[str, float] = field(default_factory=dict)
     """Nuisances as drawn."""
-
-    def to_json(self) -> dict[str, Any]:
-        """Plain."""
-        return asdict(self)
 
 
 def nuisances_of(
@@ -224,7 +219,7 @@ def make(
     base = nuisances_of(rng, kind == "null_edge", kind == "null_heavy", coloured)
     target = d or float(np.exp(rng.uniform(np.log(5.0), np.log(20.0))))
     kept: tuple[str, ...] = tuple(RATE_HZ)
-    case = Case(f"case_{index:03d}", kind, (), duration_s, knobs=base)
+    case = Case(name_of(index), kind, (), duration_s, knobs=base)
     faults: list[Fault] = []
     blind: Blind | None = None
     if kind in POOLS:
@@ -273,6 +268,11 @@ def write(outing: Outing, knobs: Knobs, kept: Sequence[str], home: Path, picture
         name = f"flight_{f:02d}"
         shots = pictures(path, f, ground, outing.rng(f, 7)) if ground is not None else []
         folder.write(home / name, name, float(rng.integers(100, 900)), seen, shots)
+
+
+def name_of(index: int) -> str:
+    """Of a case: its folder's."""
+    return f"case_{index:03d}"
 
 
 def suite(count: int, kinds: Sequence[str]) -> list[tuple[str, str | None]]:

@@ -1,26 +1,27 @@
 """``python -m tests.blind.run``: hide effects in flights, have them criticised, print the score card.
 
-Writes out/blind.json: the truth and the verdict of every case.
+Writes out/blind.json: the truth and the verdict of every case. A run that was stopped goes on from there.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import shutil
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
-from tests.blind.cases import KINDS, Case, Hidden, make, suite
+from tests.benchmarks.run import commit
+from tests.blind.answers import earlier, write
+from tests.blind.cases import KINDS, make, name_of, suite
 from tests.blind.critic import flights_of, verdict_of_call, verdict_on
 from tests.blind.score import Answer, card
 
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "out" / "blind.json"
+SUITE = ("seed", "kinds", "fault", "strength", "coloured", "flights", "seconds", "library")
+"""Options that say which suite it is; the others say how much of it."""
 
 
 def judged(kind: str, fault: str | None, index: int, options: argparse.Namespace) -> Answer:
@@ -35,7 +36,7 @@ def judged(kind: str, fault: str | None, index: int, options: argparse.Namespace
         verdict = judge(flights_of(Path(home) / case.name), Path(home) / "answer")
         if options.keep:
             shutil.move(Path(home, case.name), Path(options.keep, case.name))
-        return Answer(case, verdict, time.monotonic() - begin)
+        return Answer(case, verdict, time.monotonic() - begin, options.commit)
 
 
 def told(a: Answer) -> str:
@@ -47,14 +48,6 @@ def told(a: Answer) -> str:
     return (
         f"{a.case.name} {a.case.kind:11s} {true or '-':45s} -> {a.word}: {causes or '-'} ({a.seconds:.0f} s)"
     )
-
-
-def answer_of(data: dict[str, Any]) -> Answer:
-    """From what blind.json holds."""
-    known = {f.name for f in fields(Case)}
-    case = {k: tuple(v) if isinstance(v, list) else v for k, v in data["case"].items() if k in known}
-    case["hidden"] = tuple(Hidden(**{**h, "channels": tuple(h["channels"])}) for h in case["hidden"])
-    return Answer(Case(**case), data["verdict"], data["seconds"])
 
 
 def main() -> None:
@@ -80,18 +73,19 @@ def main() -> None:
     options = parser.parse_args()
     if options.keep:
         Path(options.keep).mkdir(parents=True, exist_ok=True)
+    asked = {name: getattr(options, name) for name in SUITE}
+    try:
+        answers = earlier(options.out, asked)
+    except ValueError as error:
+        parser.error(str(error))
+    options.commit, done = commit(), {answer.case.name for answer in answers}
     drawn = list(enumerate(suite(options.first + options.cases, options.kinds)))[options.first :]
-    answers: list[Answer] = []
-    options.out.parent.mkdir(parents=True, exist_ok=True)
+    drawn = [(k, case) for k, case in drawn if name_of(k) not in done]
     with ThreadPoolExecutor(options.jobs) as pool:
         for answer in pool.map(lambda it: judged(it[1][0], options.fault or it[1][1], it[0], options), drawn):
             answers.append(answer)
             print(told(answer), flush=True)
-            data = [{"case": a.case.to_json(), "verdict": a.verdict, "seconds": a.seconds} for a in answers]
-            text = json.dumps({"seed": options.seed, "answers": data}, indent=1)
-            beside = options.out.with_suffix(".part")
-            beside.write_text(text + "\n", encoding="utf-8")
-            beside.replace(options.out)
+            write(options.out, asked, answers)
     print(f"\n{'':52s}   count      rate    95 % interval   floor (best)")
     print("\n".join(row.line() for row in card(answers)))
 

@@ -78,6 +78,8 @@ class Answer:
     case: Case
     verdict: Verdict
     seconds: float = 0.0
+    commit: str = ""
+    """State of the repository that was judged by."""
 
     @property
     def word(self) -> str:

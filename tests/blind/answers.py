@@ -1,0 +1,46 @@
+"""What runs of the blind tests leave: truth and verdict of every case, and of which suite they are."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+from tests.blind.cases import Case, Hidden
+from tests.blind.score import Answer
+
+
+def write(path: Path, asked: dict[str, Any], answers: Sequence[Answer]) -> None:
+    """The whole file anew; one that is there stays until the new one is complete."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_suffix(".part")
+    text = json.dumps({**asked, "answers": [asdict(a) for a in answers]}, indent=1)
+    beside.write_text(text + "\n", encoding="utf-8")
+    beside.replace(path)
+
+
+def read(path: Path) -> list[Answer]:
+    """The answers of a file."""
+    return [_answer_of(data) for data in json.loads(path.read_text(encoding="utf-8"))["answers"]]
+
+
+def earlier(path: Path, asked: dict[str, Any]) -> list[Answer]:
+    """The answers of an earlier run, which a new one goes on from; none where there was none.
+
+    :raises ValueError: the file is that of another suite than the one asked for
+    """
+    if not path.exists():
+        return []
+    held = json.loads(path.read_text(encoding="utf-8"))
+    if other := [name for name, value in asked.items() if held.get(name) != value]:
+        raise ValueError(f"{path} is of another suite ({', '.join(other)}): remove it, or name another --out")
+    return read(path)
+
+
+def _answer_of(data: dict[str, Any]) -> Answer:
+    known = {f.name for f in fields(Case)}
+    case = {k: tuple(v) if isinstance(v, list) else v for k, v in data["case"].items() if k in known}
+    case["hidden"] = tuple(Hidden(**{**h, "channels": tuple(h["channels"])}) for h in case["hidden"])
+    return Answer(Case(**case), data["verdict"], data["seconds"], data["commit"])

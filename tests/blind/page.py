@@ -1,0 +1,82 @@
+"""Fill docs/blind.md from the answers of runs of the blind tests.
+
+``python -m tests.blind.page out/blind.json...``
+Several files may hold parts of one suite or several suites; they make one card.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+from slam.io.atomic import atomic_file
+from tests.benchmarks.figures import with_block
+from tests.blind.answers import read
+from tests.blind.run import told
+from tests.blind.score import FLAGS, Answer, Row, card, misnamed, says_so, true, wilson
+
+PAGE = Path(__file__).parents[2] / "docs" / "blind.md"
+
+
+def markdown(answers: Sequence[Answer]) -> str:
+    """The block between the page's markers: how many of what, the card, and each case that came out wrong."""
+    kinds, commits = Counter(a.case.kind for a in answers), Counter(a.commit for a in answers)
+    wrong = [a for a in answers if not came_out(a)]
+    return "\n".join(
+        [
+            f"{len(answers)} cases: {_counted(kinds)}. Judged at the commits {_counted(commits)}.",
+            "",
+            "| | cases | rate | 95 % interval | floor | aim | |",
+            "|---|---|---|---|---|---|---|",
+            *(_line(row) for row in card(list(answers)) if row.of),
+            "",
+            f"## Cases that came out wrong: {len(wrong)}",
+            "",
+            "```",
+            *(told(a) for a in wrong),
+            "```",
+        ]
+    )
+
+
+def came_out(answer: Answer) -> bool:
+    """Whether the verdict is the one that a case of its kind asks for."""
+    kind = answer.case.kind.removeprefix("seen_")
+    if kind == "single":
+        return answer.right
+    if kind == "pair":
+        return true(answer) <= answer.claimed
+    if kind == "strange":
+        return answer.word in FLAGS and not misnamed(answer)
+    return says_so(answer) if kind == "untellable" else answer.word == "nothing_wrong"
+
+
+def _counted(found: Counter[str]) -> str:
+    return ", ".join(f"{name} ({count})" for name, count in sorted(found.items()))
+
+
+def _line(row: Row) -> str:
+    sign, share = "at most" if row.at_most else "at least", 100.0 if row.is_rate else 1.0
+    unit = " %" if row.is_rate else ""
+    aims = [f"{sign} {share * aim:g}{unit}" if aim else "" for aim in (row.floor, row.best)]
+    met = "" if not row.floor else "met" if row.met else "**missed**"
+    if not row.is_rate:
+        return f"| {row.name} | {row.of} | {row.rate:.3g} | | {aims[0]} | {aims[1]} | {met} |"
+    low, high = (100 * bound for bound in wilson(round(row.hits), row.of))
+    rate = f"{round(row.hits)} of {row.of} | {100 * row.rate:.1f} % | {low:.1f} to {high:.1f} %"
+    return f"| {row.name} | {rate} | {aims[0]} | {aims[1]} | {met} |"
+
+
+def main() -> None:
+    """Read, write."""
+    if not sys.argv[1:]:
+        sys.exit("python -m tests.blind.page FILE...: name the files that tests.blind.run wrote")
+    answers = [answer for name in sys.argv[1:] for answer in read(Path(name))]
+    with atomic_file(PAGE) as path:
+        path.write_text(with_block(PAGE.read_text(encoding="utf-8"), markdown(answers)), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
