@@ -55,7 +55,13 @@ def changes_of() -> list[Change]:
 def fit_nuisances(
     records: Sequence[Record], model: Setting, start: Setting | None = None, effects: Sequence[Effect] = ()
 ) -> Setting:
-    """Most probable nuisances within their ranges, and sizes of some terms, from the flights' first parts."""
+    """Most probable nuisances within their ranges, from the flights' first parts.
+
+    Of ``effects`` those are fitted with them that make noise larger, or free a nuisance of its range. Others
+    keep the size that ``start`` has of them: it is of all the flights, where the first parts may not even
+    have the manoeuvre that shows it.
+    """
+    effects = [e for e in effects if e.changes or e.relaxes]
     short = [cut(record, FIRST_S / len(records)) for record in records]
     setting = model if start is None else start
     for _ in range(FOREIGN_ROUNDS if model.foreign else ROUNDS):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -173,6 +174,7 @@ def search(
     first = look
     chosen: list[Effect] = []
     rivals: dict[str, tuple[str, ...]] = {}
+    leads: dict[tuple[str, str], float] = {}
     fitted, greatest = True, 0.0
     while True:
         threshold = beside(limits.second, greatest) if chosen else limits.effects
@@ -184,13 +186,16 @@ def search(
                 _, setting = refit(records, model, look.setting, chosen)
         else:
             greatest = max(greatest, standing_out[0].z)
+            # With one term more those before it may lead by more, or less.
+            leads = {}
             if not (doubtful := _doubtful(standing_out)):
                 chosen.append(standing_out[0].effect)
                 # What makes noise larger bends far more than what moves a mean.
                 fitted = fitted and standing_out[0].z < CURVED_Z and not standing_out[0].effect.changes
                 continue
-            effect, setting, rivals[effect.name] = _refitted(records, model, look, chosen, doubtful, tries)
-            chosen.append(effect)
+            best = _refitted(records, model, look, chosen, doubtful, tries)
+            setting, leads, rivals[best.effect.name] = best.setting, best.leads, best.rivals
+            chosen.append(best.effect)
         chosen = [settled(c) for c in chosen]
         with fits.part():
             setting = without_faint(fit_nuisances(records, model, setting, [*chosen, *coloured(setting)]))
@@ -203,7 +208,8 @@ def search(
             healthy = fit_nuisances(records, model, replace(first.setting, colour=look.setting.colour))
         with looks.part():
             first = look_at(records, model, healthy)
-    return Search(model, first, look, tuple(_needed(records, model, look, chosen, limits)), rivals)
+    needed = tuple(_needed(records, model, look, chosen, limits))
+    return Search(model, first, look, needed, rivals, leads if len(needed) == len(chosen) else {})
 
 
 def beyond(ranked: Sequence[Standing], threshold: float) -> list[Standing]:
@@ -269,6 +275,18 @@ def _without(
     return deviate(2.0 * max(known - open_way, 0.0), len(wall.columns))
 
 
+class _Refitted(NamedTuple):
+    """The candidate that explains most once each is fitted with the filter run anew."""
+
+    effect: Effect
+    setting: Setting
+    """The belief with it."""
+    rivals: tuple[str, ...]
+    """What would do as well."""
+    leads: dict[tuple[str, str], float]
+    """As ``Search.leads``; of flights compared in part none."""
+
+
 def _refitted(
     records: Sequence[Record],
     model: Setting,
@@ -276,9 +294,7 @@ def _refitted(
     chosen: Sequence[Effect],
     ranked: Sequence[Standing],
     tries: Tally,
-) -> tuple[Effect, Setting, tuple[str, ...]]:
-    """The candidate that explains most once each is fitted with the filter run anew, the belief with it, and
-    what would do as well."""
+) -> _Refitted:
     named: dict[str, Standing] = {}
     for standing in ranked:
         named.setdefault(standing.effect.name + str(len(standing.effect.columns)), standing)
@@ -286,7 +302,8 @@ def _refitted(
         # Pictures are nearly linear: what explains little beside the best in one look is none.
         named = {k: v for k, v in named.items() if v.nats > WORTH_A_FIT * ranked[0].nats}
     fits: list[tuple[float, Effect, Setting]] = []
-    if ranked[0].z >= LINEAR_Z:
+    in_part = ranked[0].z >= LINEAR_Z
+    if in_part:
         records = [cut(record, SHORT_S / len(records)) for record in records]
     base, _ = refit(records, model, look.setting, chosen)
     for standing in tries.each(list(named.values())[:CANDIDATES]):
@@ -295,9 +312,15 @@ def _refitted(
     most = max(nats for nats, _, _ in fits)
     # Of two that explain the same, the one with fewer numbers.
     alike = [fit for fit in fits if fit[0] > most - VERY_SIMILAR_NATS]
-    best = min(alike, key=lambda fit: (len(fit[1].columns), -fit[0]))
-    others = {fit[1].name for fit in alike} - {best[1].name}
-    return best[1], best[2], tuple(sorted(n for n in others if n in CATALOGUE))
+    worth, effect, setting = min(alike, key=lambda fit: (len(fit[1].columns), -fit[0]))
+    others = {fit[1].name for fit in alike} - {effect.name}
+    beaten = [] if in_part else [fit for fit in fits if fit[0] <= most - VERY_SIMILAR_NATS]
+    leads = {
+        (effect.label, other.label): worth - less
+        for less, other, _ in beaten
+        if {effect.name, other.name} <= CATALOGUE.keys()
+    }
+    return _Refitted(effect, setting, tuple(sorted(n for n in others if n in CATALOGUE)), leads)
 
 
 def _backwards(effect: Effect, look: Look, answer: Answer) -> bool:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import pytest
+
 from slam.criticism.search.effects import Effect, relaxations
-from slam.criticism.search.search import Standing, _doubtful, beyond
+from slam.criticism.search.search import Standing, _doubtful, _refitted, beyond
+from slam.progress import Tally, silent
 
 BRAKE = Effect("active_braking", relaxes=("k_b",))
 BIAS = Effect("gyro_bias", relaxes=("x", "y", "z"))
@@ -43,3 +48,26 @@ def test_of_what_explains_the_same_far_off_each_is_fitted_before_one_is_chosen()
     assert doubtful(bias, slant) == []
     assert doubtful(standing("sonar_bias", 5.0, 12.4), standing("ground_effect", 5.0, 12.3)) == []
     assert doubtful(standing("sonar_bias", 30.0, 450.0), slant) == ["sonar_bias", "sonar_slant"]
+
+
+def test_by_how_much_a_candidate_that_is_beaten_falls_behind_is_kept(monkeypatch):
+    """A look from the healthy vehicle does not tell what another term does in the chosen one's place."""
+    nats = {"ground_effect": 90.0, "sonar_bias": 60.0, "sonar_slant": 89.0}
+    fits = {None: 0.0} | nats
+
+    def refit(records, model, setting, effects):
+        return fits[effects[-1].name if effects else None], setting
+
+    monkeypatch.setattr("slam.criticism.search.search.refit", refit)
+    candidates = [Effect(name, relaxes=(name,)) for name in nats]
+    look = SimpleNamespace(setting=None)
+
+    def leads(z: float) -> dict[str, float]:
+        ranked = [Standing(e, nats[e.name], z) for e in candidates]
+        found = _refitted([], None, look, [], ranked, Tally(silent, "try causes"))
+        assert (found.effect.name, found.rivals) == ("ground_effect", ("sonar_slant",))
+        return {other: lead for (_, other), lead in found.leads.items()}
+
+    assert leads(12.0) == pytest.approx({candidates[1].label: 30.0})
+    # Compared in part of the flights only.
+    assert leads(30.0) == {}

@@ -1,0 +1,35 @@
+"""What is fitted with the nuisances, and what keeps the size that all of the flights gave it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from slam.criticism.healthy import at_lower_rates, flown
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.manoeuvres import stick_for
+from slam.criticism.search.effects import effects_for, relaxations
+from slam.criticism.search.fitting import fit_nuisances
+from slam.simulation.dynamics import ROTOR_RADIUS
+from slam.simulation.model import load_model
+
+
+def test_a_term_that_the_first_parts_do_not_show_keeps_its_size():
+    """A cushion of air under flights that land only later: what little they say of it is chance."""
+    vehicle = at_lower_rates(load_model("nominal"))
+    model = setting_of(vehicle)
+    record = record_of(flown(vehicle, stick_for(["climb and descend by 0.6 m"]), 3, told=vehicle))
+    parameters = model.parameters.copy()
+    parameters[ROTOR_RADIUS] = 0.04
+    start = replace(model, parameters=parameters)
+    cushion = next(e for e in effects_for([record], model) if e.name == "ground_effect")
+    found = fit_nuisances([record], model, start, [cushion])
+    assert found.parameters[ROTOR_RADIUS] == 0.04
+    assert (found.hold != start.hold).any()
+    # A nuisance out of its range is a term too, and no such one.
+    drag = next(e for e in relaxations() if e.name.startswith("vehicle.drag"))
+    apart = fit_nuisances([record], model, start, [cushion, drag])
+    assert apart.parameters != pytest.approx(found.parameters, rel=1e-4)
+    assert apart.parameters[ROTOR_RADIUS] == 0.04
