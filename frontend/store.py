@@ -1,20 +1,24 @@
-"""Features of all keyframes, descriptors on disk: memory does not grow with the length of the flight."""
+"""Features of all keyframes on disk: memory does not grow with the length of the flight."""
 
 from __future__ import annotations
 
 import os
 import tempfile
 import weakref
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, overload
 
 import numpy as np
 
 from frontend.features import Features
 from frontend.points import Points
 
+_POINT_BYTES = 32
+"""Position, spread and spot of a feature."""
+
 
 class FeatureStore:
-    """Append-only; points stay in memory (24 bytes a feature), descriptors in a temporary file."""
+    """Append-only; each keyframe's points, then its descriptors, in a temporary file."""
 
     def __init__(self) -> None:
         self._file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  it lives as long as the store
@@ -23,25 +27,63 @@ class FeatureStore:
         self._dtype: np.dtype[Any] = np.dtype(np.float32)
         self._end = 0
         weakref.finalize(self, self._file.close)
-        self.points: list[Points] = []
-        """Where each keyframe's features lie."""
+
+    @property
+    def points(self) -> Sequence[Points]:
+        """Where each keyframe's features lie; read when asked for."""
+        return _StoredPoints(self)
 
     def append(self, features: Features) -> None:
         """Keep the features of the next keyframe."""
-        data = np.ascontiguousarray(features.descriptor)
-        self._dtype = data.dtype
+        points, descriptor = features.points, features.descriptor
+        self._dtype = descriptor.dtype
         self._offset.append(self._end)
-        written, raw = 0, memoryview(data.tobytes())
+        parts = (points.pixel, points.spread, points.spot, descriptor)
+        written, raw = 0, memoryview(b"".join(part.tobytes() for part in parts))
         while written < len(raw):  # the system may take a part of it
             written += os.pwrite(self._file.fileno(), raw[written:], self._end + written)
-        self._shape.append((data.shape[0], data.shape[1]))
-        self._end += data.nbytes
-        self.points.append(features.points)
+        self._shape.append((descriptor.shape[0], descriptor.shape[1]))
+        self._end += len(raw)
 
     def __len__(self) -> int:
-        return len(self.points)
+        return len(self._shape)
 
     def __getitem__(self, k: int) -> Features:
         rows, width = self._shape[k]
-        data = os.pread(self._file.fileno(), rows * width * self._dtype.itemsize, self._offset[k])
-        return Features(self.points[k], np.frombuffer(data, self._dtype).reshape(rows, width))
+        data = self._read(k, rows * (_POINT_BYTES + width * self._dtype.itemsize))
+        descriptor = np.frombuffer(data, self._dtype, offset=rows * _POINT_BYTES)
+        return Features(_points(data, rows), descriptor.reshape(rows, width))
+
+    def points_of(self, k: int) -> Points:
+        """Where the features of one keyframe lie."""
+        rows, _ = self._shape[k]
+        return _points(self._read(k, rows * _POINT_BYTES), rows)
+
+    def _read(self, k: int, size: int) -> bytes:
+        return os.pread(self._file.fileno(), size, self._offset[k])
+
+
+def _points(data: bytes, rows: int) -> Points:
+    pixel = np.frombuffer(data, np.float64, 2 * rows).reshape(rows, 2)
+    spread = np.frombuffer(data, np.float64, rows, offset=16 * rows)
+    spot = np.frombuffer(data, np.int64, rows, offset=24 * rows)
+    return Points.with_spots(pixel, spread, spot)
+
+
+class _StoredPoints(Sequence[Points]):
+    def __init__(self, store: FeatureStore) -> None:
+        self._store = store
+
+    def __len__(self) -> int:
+        return len(self._store)
+
+    @overload
+    def __getitem__(self, k: int) -> Points: ...
+
+    @overload
+    def __getitem__(self, k: slice) -> list[Points]: ...
+
+    def __getitem__(self, k: int | slice) -> Points | list[Points]:
+        if isinstance(k, slice):
+            return [self._store.points_of(one) for one in range(len(self))[k]]
+        return self._store.points_of(k)

@@ -68,7 +68,8 @@ def join_tracks(
     of one keyframe joins two different points: it is left out whole.
     """
     noise = _noise_of_keyframes(len(points), registrations)
-    seen = _joined(points, registrations)
+    start = np.cumsum([0, *(len(p) for p in points)])
+    seen = _joined(start, registrations)
     for grid in config.grids:
         cell = _cells(points, camera, grid)
         chosen = seen[np.isin(seen.track, _longest_of_cells(seen, cell))]
@@ -81,16 +82,18 @@ def join_tracks(
         chosen = chosen[chosen.length >= 2]
     _, track = np.unique(chosen.track, return_inverse=True)
     keyframe = chosen.keyframe.astype(np.int64)
-    pixel = np.concatenate([np.empty((0, 2)), *(p.pixel for p in points)])[chosen.feature]
-    spread = np.concatenate([np.empty(0), *(p.spread for p in points)])[chosen.feature]
+    pixel, spread = np.empty((len(chosen), 2)), np.empty(len(chosen))
+    for k in np.unique(keyframe).tolist():
+        mine = keyframe == k
+        seen_from_k = points[k][chosen.feature[mine] - start[k]]
+        pixel[mine], spread[mine] = seen_from_k.pixel, seen_from_k.spread
     return FloorTracks(keyframe, track, pixel, noise[keyframe] * spread)
 
 
-def _joined(points: Sequence[Points], registrations: Sequence[Registration]) -> _Observations:
+def _joined(start: NDArray[np.int64], registrations: Sequence[Registration]) -> _Observations:
     """All tracks whole, but those that hold two features of one keyframe."""
-    count = [len(p) for p in points]
-    keyframe = np.repeat(np.arange(len(points), dtype=np.int32), count)
-    part = _parts(np.cumsum([0, *count]), registrations)
+    keyframe = np.repeat(np.arange(len(start) - 1, dtype=np.int32), np.diff(start))
+    part = _parts(start, registrations)
     feature = np.flatnonzero(np.bincount(part)[part] >= 2).astype(np.int32)
     feature = feature[np.argsort(part[feature], kind="stable")]
     seen = _Observations(feature, keyframe[feature], part[feature])

@@ -38,6 +38,8 @@ def test_what_goes_in_comes_out_in_any_order(binary: bool) -> None:
         np.testing.assert_array_equal(back.descriptor, kept[k].descriptor)
         np.testing.assert_array_equal(back.pixel, kept[k].pixel)
         np.testing.assert_array_equal(back.points.spread, kept[k].points.spread)
+        np.testing.assert_array_equal(back.points.spot, kept[k].points.spot)
+        np.testing.assert_array_equal(store.points[int(k)].pixel, kept[k].pixel)
     assert [len(p) for p in store.points] == [0, 5, 300, 0, 1, 77, 0]
 
 
@@ -71,16 +73,16 @@ def test_threads_read_without_disturbing_each_other() -> None:
             np.testing.assert_array_equal(back.descriptor, kept[k].descriptor)
 
 
-def test_descriptors_take_no_memory_and_the_file_goes_with_the_store() -> None:
+def test_features_take_no_memory_and_the_file_goes_with_the_store() -> None:
     """The file has no name: whatever ends the program, nothing is left behind."""
     rng = np.random.default_rng(3)
     store = FeatureStore()
     for _ in range(10):
         store.append(made(rng, 500, False))
     descriptor = store._file.fileno()
-    assert os.fstat(descriptor).st_size == 10 * 500 * 128 * 4
+    assert os.fstat(descriptor).st_size == 10 * 500 * (32 + 128 * 4)
     assert os.fstat(descriptor).st_nlink == 0
-    held = sum(len(v) for v in vars(store).values() if isinstance(v, bytes | bytearray))
+    held = sum(len(v) for v in vars(store).values() if isinstance(v, bytes | bytearray | np.ndarray))
     assert held == 0
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # ResourceWarning
