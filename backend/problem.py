@@ -74,6 +74,8 @@ class Problem:
 
     def with_edges(self, which: NDArray[np.bool_]) -> Problem:
         """The same poses with some of the edges."""
+        if which.all():
+            return self
         return replace(
             self,
             i=self.i[which],

@@ -27,6 +27,7 @@ from slam.mapping.reach import Known, implausible_edges
 from slam.mapping.rolling import unrolled
 from slam.mapping.sightings import Sighter, Sightings
 from slam.mapping.synchronize import inertial_readings
+from slam.memory import give_back
 from slam.progress import Progress, silent
 from slam.settings import PipelineConfig
 from slam.stopwatch import Stopwatch
@@ -44,7 +45,9 @@ def optimize(
 
     Raises ``InputError`` where the flight has no camera or its pictures cannot be joined.
     """
-    return optimize_with_sightings(flight, config, progress)[0]
+    estimate = optimize_with_sightings(flight, config, progress)[0]
+    give_back()
+    return estimate
 
 
 def optimize_with_sightings(
@@ -217,12 +220,13 @@ class _Job:
     def _settled(self, back_end: _BackEnd, sightings: Sightings, fused: Fused) -> _SettledMap:
         """Solved and refined once more, from what ``fused`` knows of the poses."""
         mapper, flight = back_end.mapper, back_end.flight
-        with self.clock("graph"):
+        with self.clock("loops"):
             informed = mapper.knowing(fused.over_floor_T_b, fused.over_floor_covariances)
             # Footprints that overlap may be registered by a look-alike piece of floor beside the shared one.
             height_m = fused.over_floor_T_b[:, 2, 3] - fused.floor_z_m
             known = Known(fused.over_floor_T_b, fused.over_floor_covariances, fused.component, height_m)
             sightings = self._plausible(sightings, informed, known)
+        with self.clock("graph"):
             edges = informed.edges(sightings.registrations)
             solution = informed.solve(edges, self._step)
         with self.clock("refine"):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import ctypes
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+from slam.memory import give_back
 
 
 class Stopwatch:
@@ -22,16 +22,5 @@ class Stopwatch:
         try:
             yield
         finally:
-            _give_back()
+            give_back()
             self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start
-
-
-def _give_back() -> None:
-    """Hand freed memory back to the system.
-
-    A graph is a million small objects; the C library keeps what they leave, and each stage would add its own.
-    """
-    if sys.platform == "linux":
-        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-        if trim is not None:
-            trim(0)

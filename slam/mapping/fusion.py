@@ -22,6 +22,7 @@ from slam.mapping.lengths import InertialLengths, inertial_lengths
 from slam.mapping.mapper import LEAST_SEEN, Edges, Mapper, Sensors
 from slam.mapping.placement import lay_onto
 from slam.mapping.sightings import Sightings
+from slam.memory import give_back
 from slam.progress import Progress
 
 Array = NDArray[np.float64]
@@ -79,6 +80,7 @@ def fuse(
     n = len(mapper.sensors.stamps_s)
     kept = [r for r, ok in zip(edges.registrations, solution.edge_kept, strict=True) if ok]
     tracks = mapper.tracks(sightings.store.points, kept)
+    give_back()
     component = largest_first(np.where(_tied(n, kept), solution.component, -1))
     evidence = _Evidence(mapper, sightings, edges.heights.metric, tracks, readings, progress)
     seen = np.bincount(tracks.keyframe, minlength=n)

@@ -35,6 +35,7 @@ from slam.flight import Flight, GeoOrigin
 from slam.mapping.horizon import LEAST_FALL
 from slam.mapping.reach import Reach
 from slam.mapping.synchronize import attitudes_at, positions_at, ranges_at
+from slam.memory import give_back
 from slam.settings import PipelineConfig
 
 Array = NDArray[np.float64]
@@ -193,6 +194,7 @@ class Mapper:
         covariances: bool = False,
     ) -> Solution:
         """The pose graph: relative poses, attitudes, heights."""
+        give_back()  # what lifting all pairs has left
         sensors, heights = self.sensors, edges.heights
         tied = sorted({k for r in edges.relative_poses for k in (r.i, r.j)})
         attitudes, ranges = [], []
