@@ -100,7 +100,7 @@ def test_what_was_put_in_is_found_to_within_what_is_told():
     assert np.abs([np.array(f.offset_m_s2) - OFFSET_M_S2 for f in found]).max() < 0.03
 
 
-@pytest.mark.parametrize("leans", [False, True])
+@pytest.mark.parametrize("leans", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_what_a_wrong_gain_does_to_lengths_is_told(leans: bool):
     """Rotors push along one axis and about as hard: a gain is an offset, and lengths come from the lean."""
     flight = made(0, arm_m=np.zeros(3), leans=leans)
@@ -150,6 +150,7 @@ def test_gaps_in_pictures_and_readings_do_no_harm():
     assert thinned.found.scale_std > flight.found.scale_std
 
 
+@pytest.mark.slow
 def test_a_slow_flight_is_not_taken_for_larger_or_smaller_than_it_is():
     """Where noise is no longer small beside the way, least squares on either side would bend the scale."""
     found = [made(seed, sway=0.03).found for seed in range(6)]
@@ -158,7 +159,7 @@ def test_a_slow_flight_is_not_taken_for_larger_or_smaller_than_it_is():
     assert np.mean([f.scale_std for f in found]) > 0.015
 
 
-@pytest.mark.parametrize("step", [67, 17])
+@pytest.mark.parametrize("step", [67, pytest.param(17, marks=pytest.mark.slow)])
 def test_pictures_whose_tilt_errs_move_no_length(step: int):
     """A tilt that is off moves the place by the height times that: an arm as long would explain both away."""
     flights = [made(seed, 25.0, 0.3, step=step, tilt_std=2e-3, height_m=0.8) for seed in range(6)]

@@ -27,7 +27,6 @@ from slam.loops.comparison import (
     score_exhaustive,
     score_method,
 )
-from slam.loops.figure import draw
 from slam.loops.reference import FALSE, TRUE, UNDECIDED
 from slam.outputs import LOOPS_NAMES
 from tests.slam.small_flight import flown, gps_of, only
@@ -164,16 +163,12 @@ def test_what_cannot_be_judged_is_refused_in_one_line(spoil, saying):
     assert "\n" not in str(refusal.value)
 
 
-def test_counts_of_loops_stand_on_an_axis_of_plain_numbers(monkeypatch):
+def test_the_command_writes_its_files_and_a_table(tmp_path, monkeypatch):
     drawn: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
-    draw(evaluated())
-    drawn[0].canvas.draw()
-    ticks = [tick.get_text() for tick in drawn[0].axes[2].get_xticklabels()]
-    assert {"0", "10", "100"} <= set(ticks)
-
-
-def test_the_command_writes_its_files_and_a_table(tmp_path):
+    save = Figure.savefig
+    monkeypatch.setattr(
+        Figure, "savefig", lambda figure, *a, **k: (drawn.append(figure), save(figure, *a, **k))
+    )
     write_flight(only(flight(), range(0, len(flight().frames), 2)), tmp_path / "flight")
     out = tmp_path / "out"
     wide = {"COLUMNS": "160"}  # no name in the table is folded
@@ -190,6 +185,8 @@ def test_the_command_writes_its_files_and_a_table(tmp_path):
     assert len(curve["recall"]) == len(curve["precision"]) == len(curve["threshold"]) <= 200
     assert curve["recall"] == sorted(curve["recall"])
     assert (out / "loops.png").read_bytes().startswith(b"\x89PNG")
+    # Counts stand on an axis of plain numbers.
+    assert {"0", "10", "100"} <= {tick.get_text() for tick in drawn[0].axes[2].get_xticklabels()}
     again = CliRunner().invoke(app, ["loops", str(tmp_path / "gone"), "--out", str(out)])
     assert again.exit_code == 1
     assert re.fullmatch(r"slam: [^\n]*does not exist[^\n]*\n", again.stderr)

@@ -110,6 +110,7 @@ def test_nodes_weigh_to_one_and_reproduce_what_is_linear():
     np.testing.assert_allclose(np.asarray(hats(AT, pixel).sum(axis=1)).ravel(), 1.0)
 
 
+@pytest.mark.slow
 def test_a_drop_is_not_taken_for_a_camera_that_leans():
     """The map of the lens explains more than any tilt does."""
     flight = seen_flight({}, 6)

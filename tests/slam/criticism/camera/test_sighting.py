@@ -69,9 +69,9 @@ def test_healthy_pictures_agree_with_the_path(healthy: tuple[Record, Sights, Sig
     [
         ("focal_length.eps", 0.02),
         ("radial_distortion.k1", 0.04),
-        ("camera_tilt.y", 0.01),
+        pytest.param("camera_tilt.y", 0.01, marks=pytest.mark.slow),
         ("camera_time_offset.offset", 0.01),
-        ("rolling_shutter.readout", 0.01),
+        pytest.param("rolling_shutter.readout", 0.01, marks=pytest.mark.slow),
     ],
 )
 def test_a_camera_term_is_found_at_its_size(term: str, size: float, setting: Setting) -> None:
