@@ -88,8 +88,8 @@ class _Tracked:
             i, j = link.matches.T
             kept = last.on_floor[i] & self.on_floor[j]
             number_i, number_j = np.cumsum(last.on_floor) - 1, np.cumsum(self.on_floor) - 1
-            matches = np.column_stack([number_i[i[kept]], number_j[j[kept]]]).astype(np.int32)
-            link = replace(link, matches=matches, elsewhere=np.empty(0, np.int32))
+            matches = np.column_stack([number_i[i[kept]], number_j[j[kept]]])
+            link = replace(link, matches=matches.astype(i.dtype), elsewhere=link.elsewhere[:0])
         on_floor = features[self.on_floor]
         return Keyframe(self.frame, on_floor, link)
 

@@ -29,8 +29,8 @@ class Registration:
     j: int
     reason: str
     """Empty where the registration holds."""
-    matches: NDArray[np.int32]
-    """(m, 2) inlier matches: feature of i, feature of j."""
+    matches: NDArray[np.integer]
+    """(m, 2) inlier matches: feature of i, feature of j. A long flight has millions: in few bytes each."""
     i_H_j: Array
     """(3, 3) undistorted pixels of j to pixels of i; NaN where there is none."""
     corner_covariance: Array
@@ -38,7 +38,7 @@ class Registration:
     noise_px: float
     overlap: float
     """Share of picture j that picture i shows too."""
-    elsewhere: NDArray[np.int32] = field(default_factory=lambda: np.empty(0, np.int32))
+    elsewhere: NDArray[np.integer] = field(default_factory=lambda: np.empty(0, np.int32))
     """(k,) features of j that move together by themselves: on something else than the floor."""
     least_overlap: float = 1.0
     """``overlap``, or that of what moves by itself where it is less."""
@@ -62,7 +62,7 @@ def register(
     expected: Expectation | None = None,
 ) -> Registration:
     """Register picture j to picture i from their features, and from where the floor is expected."""
-    pairs = match(a, b)
+    pairs = match(a, b).astype(np.min_scalar_type(max(len(a), len(b))))
     if len(pairs) < gates.min_inliers:
         return refused(i, j, "too few matches")
     points_i, points_j = a.points[pairs[:, 0]], b.points[pairs[:, 1]]
@@ -77,12 +77,12 @@ def register(
         i,
         j,
         reason,
-        pairs[fit.inlier].astype(np.int32),
+        pairs[fit.inlier],
         fit.i_H_j,
         fit.corner_covariance,
         fit.noise_px,
         covered,
-        pairs[found.elsewhere, 1].astype(np.int32),
+        pairs[found.elsewhere, 1],
         covered if found.other_i_H_j is None else min(covered, overlap(found.other_i_H_j, camera)),
         found.lead,
     )
