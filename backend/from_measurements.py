@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 
 _BODY_UP = np.array([0.0, 0.0, 1.0])
 _NOT_RIGID = 1e-3
+_AT_ONCE = 1_000
+"""Edges."""
 
 
 def from_measurements(measurements: Measurements, initial: Array | None) -> tuple[Problem, list[str]]:
@@ -76,21 +78,36 @@ def _rigid(edges: tuple[RelativePose, ...], n: int) -> Array:
 
 def _roots(edges: tuple[RelativePose, ...]) -> Array:
     covariance = np.array([e.covariance for e in edges], dtype=np.float64).reshape(-1, 6, 6)
-    finite = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
-    safe = np.where(finite[:, None, None], covariance, np.eye(6))
-    # Radians and metres differ in size: judge the matrix with its diagonal brought to one.
-    scale = np.sqrt(np.maximum(np.diagonal(safe, axis1=1, axis2=2), 1e-300))
-    unit = safe / (scale[:, :, None] * scale[:, None, :])
-    skew = np.abs(unit - np.swapaxes(unit, 1, 2)).max(axis=(1, 2), initial=0)
-    unit = (unit + np.swapaxes(unit, 1, 2)) / 2
-    lowest = np.linalg.eigvalsh(unit)[:, 0] if len(edges) else np.zeros(0)
-    bad = np.flatnonzero(~finite | (skew > 1e-6) | (lowest < 1e-12) | (scale < 1e-12).any(axis=1))
+    # One takes ten times as much memory while it is worked on.
+    blocks = [covariance[k : k + _AT_ONCE] for k in range(0, max(1, len(edges)), _AT_ONCE)]
+    bad = np.flatnonzero(np.concatenate([_not_positive(block) for block in blocks]))
     if len(bad):
         raise BackendError(
             f"{_edge(edges[bad[0]])} has a covariance that is not symmetric positive definite"
             f" ({len(bad)} such); drop it or mend its covariance"
         )
-    return square_roots(np.linalg.inv(unit)) / scale[:, None, :]
+    return np.concatenate([_root(block) for block in blocks])
+
+
+def _not_positive(covariance: Array) -> NDArray[np.bool_]:
+    finite = np.asarray(np.isfinite(covariance).all(axis=(1, 2)))
+    scale, unit = _scaled(np.where(finite[:, None, None], covariance, np.eye(6)))
+    skew = np.abs(unit - np.swapaxes(unit, 1, 2)).max(axis=(1, 2), initial=0)
+    lowest = np.linalg.eigvalsh((unit + np.swapaxes(unit, 1, 2)) / 2)[:, 0]
+    return np.asarray(~finite | (skew > 1e-6) | (lowest < 1e-12) | (scale < 1e-12).any(axis=1))
+
+
+def _root(covariance: Array) -> Array:
+    scale, unit = _scaled(covariance)
+    information: Array = np.asarray(np.linalg.inv((unit + np.swapaxes(unit, 1, 2)) / 2), dtype=np.float64)
+    return square_roots(information) / scale[:, None, :]
+
+
+def _scaled(covariance: Array) -> tuple[Array, Array]:
+    """Radians and metres differ in size: (m, 6) deviations, and the matrices with their diagonals brought to
+    one."""
+    scale = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 1e-300))
+    return scale, covariance / (scale[:, :, None] * scale[:, None, :])
 
 
 def _edge(edge: RelativePose) -> str:
