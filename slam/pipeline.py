@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from backend.heights import Heights
 from backend.solution import Solution
 from frontend.camera import Camera
 from slam.errors import NO_CAMERA, InputError
@@ -85,7 +86,7 @@ class _Chain:
     """Keyframe after keyframe, without loops."""
 
     sightings: Sightings
-    edges: Edges
+    heights: Heights
     solution: Solution
 
 
@@ -144,10 +145,10 @@ class _Job:
         mapper = back_end.mapper
         chain = self._chain(mapper, sightings)
         with self.clock("loops"):
-            sightings = sighter.retrieve(sightings, mapper.reach(chain.edges, chain.solution))
+            sightings = sighter.retrieve(sightings, mapper.reach(chain.heights, chain.solution))
             _refuse_unless(len(sightings.registrations) > 0, flight, sightings)
             poses = back_end.bridges.chained(chain.solution)
-            known = Known(poses.w_T_b, poses.covariances, poses.component, chain.edges.heights.height_m)
+            known = Known(poses.w_T_b, poses.covariances, poses.component, chain.heights.height_m)
             sightings = self._plausible(sightings, mapper, known)
         with self.clock("graph"):
             edges = mapper.edges(sightings.registrations)
@@ -193,7 +194,7 @@ class _Job:
             settled = mended._settled(back_end, sightings, settled.fused)
         fused = settled.fused
         mapped = Mapped(
-            settled.sightings, settled.edges, settled.solution, fused, chain.edges, chain.solution, late_s
+            settled.sightings, settled.edges, settled.solution, fused, chain.heights, chain.solution, late_s
         )
         estimate = account(back_end.flight, self.config, back_end.mapper, mapped, self.clock.seconds)
         echoes = echoes_in_map(flight.sonar, sightings.stamps_s, fused.over_floor_T_b, fused.floor_z_m)
@@ -215,7 +216,7 @@ class _Job:
     def _chain(self, mapper: Mapper, sightings: Sightings) -> _Chain:
         with self.clock("graph"):
             edges = mapper.edges(sightings.registrations)
-            return _Chain(sightings, edges, mapper.solve(edges, self._step, covariances=True))
+            return _Chain(sightings, edges.heights, mapper.solve(edges, self._step, covariances=True))
 
     def _settled(self, back_end: _BackEnd, sightings: Sightings, fused: Fused) -> _SettledMap:
         """Solved and refined once more, from what ``fused`` knows of the poses."""

@@ -273,7 +273,7 @@ def _truth(source: Source) -> Truth:
     w_T_b[:, :3, 3] = values[:, :3]
     if len(values):
         w_T_b[:, :3, :3] = Rotation.from_quat(values[:, 3:7], scalar_first=True).as_matrix()
-    velocity = values[:, 7:10]
+    velocity = values[:, 7:10].copy()  # else all columns would stay
     return Truth(source.stamps_s, w_T_b, velocity if np.isfinite(velocity).any() else None)
 
 

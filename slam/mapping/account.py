@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.heights import Heights
 from backend.solution import Solution
 from slam.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTilt
 from slam.flight import Flight
@@ -39,10 +40,10 @@ class Mapped:
     solution: Solution
     """The pose graph of ``edges``."""
     fused: Fused
-    odometry: Edges
-    """Edges between neighbours in time alone."""
+    odometry: Heights
+    """Heights by the edges between neighbours in time alone."""
     without_loops: Solution
-    """The pose graph of ``odometry``."""
+    """The pose graph of these edges."""
     late_s: float = 0.0
     """By so much the pictures were found to be stamped late, and the instruments' stamps moved; what comes of
     it is told on the instruments' clock again, which is the flight's."""
@@ -120,9 +121,7 @@ def account(
     )
     kept += fused.bridges
     mount = mount_tilt(flight.camera, fused.bundle)
-    chained = chain(
-        sightings.links, mapper.camera, mapper.sensors.roll_pitch_rad, mapped.odometry.heights.height_m
-    )
+    chained = chain(sightings.links, mapper.camera, mapper.sensors.roll_pitch_rad, mapped.odometry.height_m)
     return Estimate(
         name=flight.name,
         status=status,

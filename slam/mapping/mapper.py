@@ -174,9 +174,9 @@ class Mapper:
         body_m = agreed.height_m - level_up @ b_p_c
         return replace(agreed, height_m=np.maximum(body_m, _LOWEST * agreed.height_m))
 
-    def reach(self, edges: Edges, known: Solution) -> Reach:
+    def reach(self, heights: Heights, known: Solution) -> Reach:
         """How far from where the poses known so far have it each keyframe's view may be."""
-        height_m = edges.heights.height_m
+        height_m = heights.height_m
         covariances = known.covariances
         if covariances is None:
             covariances = np.full((len(height_m), 6, 6), np.nan)
