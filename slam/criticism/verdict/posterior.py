@@ -195,5 +195,6 @@ def _probabilities(weights: Sequence[tuple[float, frozenset[str]]]) -> dict[str,
     total: dict[str, float] = {NOTHING: 0.0, SOMETHING_ELSE: 0.0}
     for p, (_, names) in zip(share, weights, strict=True):
         for name in names:
-            total[name] = total.get(name, 0.0) + float(p)
+            # By rounding more than 1 is no longer even odds when halved.
+            total[name] = min(total.get(name, 0.0) + float(p), 1.0)
     return total

@@ -12,7 +12,14 @@ from slam.criticism.search.effects import Effect
 from slam.criticism.search.search import Search
 from slam.criticism.verdict.criticism import JUDGED_HORIZON_S, Cause, Criticism, Gain
 from slam.criticism.verdict.decision import confirmed, decide, weighed
-from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, likelier, posterior_of
+from slam.criticism.verdict.posterior import (
+    NOTHING,
+    SOMETHING_ELSE,
+    Posterior,
+    _probabilities,
+    likelier,
+    posterior_of,
+)
 from slam.criticism.verdict.rollouts import ChannelError
 
 GAIN = Gain(50.0, (30.0, 60.0), "flight", (25.0, 25.0), ())
@@ -57,6 +64,12 @@ def test_what_flies_worse_than_nothing_is_not_claimed_beside_something_unknown()
     assert claimed("worse") == ("unknown", [0.5])
     assert claimed("alike") == claimed("worse", "better") == ("named_with_remainder", [1.0])
     assert claimed("worse", unknown=0.0) == ("named", [1.0])
+
+
+@pytest.mark.parametrize("sets", [9, 18, 38])
+def test_what_is_in_every_set_is_certain_and_no_more(sets: int):
+    found = _probabilities([(-0.1 * k, frozenset(["quadratic_drag", str(k)])) for k in range(sets)])
+    assert 1.0 - 1e-12 < found["quadratic_drag"] <= 1.0
 
 
 def test_of_each_cause_is_told_what_leaves_the_same_trace():
