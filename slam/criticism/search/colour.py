@@ -56,6 +56,9 @@ def in_colour(
     """
     correlation, deviate = lag_one(records, passes)
     seen = [] if model.foreign else [n for n in COLOURS if _stands_out(n, correlation, deviate)]
+    # About half the squared deviates are what it can explain: no fit where even twice that is too little.
+    if np.nansum(deviate[[c for n in seen for c in _channels(n)]] ** 2) < most_nats:
+        return None
     while seen:
         shaded = fit_nuisances(records, model, setting, [*chosen, *(_effect(n) for n in seen)])
         shaded = without_faint(shaded)
