@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from slam.criticism.kalman.arrays import Array, Changes, Directions, Expected, Given, Step
-from slam.criticism.kalman.compiled import kernel, on_stack
+from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import BEFORE, BEHIND, FIRST_CHANNEL, GUST, IMU, MOVING, WIDTH, reading
 from slam.criticism.kalman.transition import FULL, NOISES, POLE, spread
 from slam.simulation.dynamics import (
@@ -67,15 +69,14 @@ def _felt(
     """
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
-    other, pushed, moved = on_stack(FULL), on_stack(NOISES), on_stack(STICKS)
+    other, pushed, moved = np.empty(FULL), np.empty(NOISES), np.empty(STICKS)
     rates(state, c, s, ahead, aside, command, noise, parameters, rate)
-    seen = on_stack(ENTRIES)
-    seen[:] = 0.0
+    seen = np.zeros(ENTRIES, dtype=np.bool_)
     for d in range(len(directions.acts)):
         entry = directions.inject_at[d]
-        if directions.acts[d] == 0 or entry < 0 or seen[entry] > 0.0:
+        if directions.acts[d] == 0 or entry < 0 or seen[entry]:
             continue
-        seen[entry] = 1.0
+        seen[entry] = True
         for i in range(NOISES):
             pushed[i] = noise[i]
         for i in range(STICKS):
@@ -93,7 +94,7 @@ def force(s: int, given: Given, tangents: Array, step: Step, changes: Changes) -
     h = given.events.step_s[s]
     slopes, middle, noise = step.slopes, step.middle, step.middle_noise
     added, felt = changes.added, changes.felt
-    rate, other = on_stack(FULL), on_stack(FULL)
+    rate, other = np.empty(FULL), np.empty(FULL)
     _felt(middle, noise, command.over_steps[0, s], belief.parameters, rate, directions, felt)
     c_yaw, s_yaw = math.cos(middle[YAW]), math.sin(middle[YAW])
     ahead, aside = thrust(middle[ROLL], middle[PITCH], belief.parameters)
@@ -122,8 +123,8 @@ def direct_change(event: int, given: Given, state: Array, expected: Expected, ch
     events, command, belief, directions = given.events, given.command, given.belief, given.directions
     kind, rate, pole_s = events.kinds[event], expected.rate, belief.hold[POLE]
     felt, direct = changes.felt, changes.direct
-    full, noise, other, out = on_stack(FULL), on_stack(NOISES), on_stack(FULL), on_stack(6)
-    change = on_stack(MOVING)
+    full, noise, other, out = np.empty(FULL), np.empty(NOISES), np.empty(FULL), np.empty(6)
+    change = np.empty(MOVING)
     spread(state, full, noise)
     c_yaw, s_yaw = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], belief.parameters)

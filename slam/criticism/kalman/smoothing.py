@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slam.criticism.kalman.arrays import Array, Changes, Estimate, Expected, Given, Ints, Room
-from slam.criticism.kalman.compiled import allocating
+from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.prepare import given_for, room_for, start_of
 from slam.criticism.kalman.readings import (
     ATTITUDE,
@@ -148,7 +148,7 @@ def _nothing_passed(events: int, n: int, m: int) -> _Passed:
     return _Passed(*(np.empty(shape) for shape in (x, x, p, p, t, t, p)))
 
 
-@allocating
+@kernel
 def _forward(given: Given, estimate: Estimate, room: Room, passed: _Passed) -> None:
     """Through all events, in place; what is before and after each is ``passed`` on."""
     events, command, belief = given.events, given.command, given.belief
@@ -171,7 +171,7 @@ def _forward(given: Given, estimate: Estimate, room: Room, passed: _Passed) -> N
         passed.x_after[e], passed.p_after[e], passed.t_after[e] = state, p, tangents
 
 
-@allocating
+@kernel
 def _take(event: int, given: Given, estimate: Estimate, expected: Expected, changes: Changes) -> None:
     """Take the channels of one event, one after the other, into the estimate."""
     events = given.events
@@ -189,7 +189,7 @@ def _take(event: int, given: Given, estimate: Estimate, expected: Expected, chan
         correct(miss, s_var, estimate, expected)
 
 
-@allocating
+@kernel
 def _direct(event: int, given: Given, state: Array, expected: Expected, direct: Array) -> None:
     """What each direction changes in what an instrument reads, the state left alone: (6, m)."""
     kind, elapsed = given.events.kinds[event], given.events.elapsed[event]
@@ -203,7 +203,7 @@ def _direct(event: int, given: Given, state: Array, expected: Expected, direct: 
                 direct[c, d] = (out[c] - expected.reading[c]) * directions.scale[d]
 
 
-@allocating
+@kernel
 def _backward(passed: _Passed, at: Ints) -> tuple[Array, Array, Array, Array]:
     """At the events ``at``: states (k, n), A to the next (k, n, n), covariances, tangents (k, n, m)."""
     events, n, m = passed.t_before.shape

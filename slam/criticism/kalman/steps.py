@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from slam.criticism.kalman.arrays import Array, Belief, Estimate, Expected, Given, Step
-from slam.criticism.kalman.compiled import kernel, on_stack
+from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import (
     ATTITUDE,
     BEFORE,
@@ -108,14 +110,12 @@ def _unsure(
     if not jolt[:5].any():
         return
     rate, noise = step.rate, step.middle_noise
-    full, other, late = on_stack(FULL), on_stack(FULL), on_stack(6)
-    for i in range(6):
-        late[i] = stick[i] + jolt[i]
+    full, other = np.empty(FULL), np.empty(FULL)
     for i in range(MOVING):
         full[i] = state[i]
     full[HOLD_X], full[HOLD_Y] = state[X], state[Y]
     derivative(full, stick, noise, parameters, rate)
-    derivative(full, late, noise, parameters, other)
+    derivative(full, stick + jolt, noise, parameters, other)
     for i in range(MOVING):
         for j in range(MOVING):
             p[i, j] += late_var_s2 * (other[i] - rate[i]) * (other[j] - rate[j])
@@ -130,16 +130,15 @@ def measurement(
     sensor, parameters, pole_s = belief.sensor, belief.parameters, belief.hold[POLE]
     rate, told, rows, by_rate = expected.rate, expected.reading, expected.rows, expected.by_rate
     reading(kind, state, rate, sensor, parameters, pole_s, elapsed, told)
-    beside = on_stack(6)
+    beside, nudged, moved = np.empty(6), state.copy(), rate.copy()
     width = WIDTH[kind]
     rows[:], by_rate[:] = 0.0, 0.0
     for j in RATES_READ[kind]:
         if j < 0:
             break
-        known = rate[j]
-        rate[j] += _NUDGE
-        reading(kind, state, rate, sensor, parameters, pole_s, elapsed, beside)
-        rate[j] = known
+        moved[j] += _NUDGE
+        reading(kind, state, moved, sensor, parameters, pole_s, elapsed, beside)
+        moved[j] = rate[j]
         for c in range(width):
             x = (beside[c] - told[c]) / _NUDGE
             by_rate[c, j] = x
@@ -149,10 +148,9 @@ def measurement(
     for j in STATES_READ[kind]:
         if j < 0:
             break
-        known = state[j]
-        state[j] += _NUDGE
-        reading(kind, state, rate, sensor, parameters, pole_s, elapsed, beside)
-        state[j] = known
+        nudged[j] += _NUDGE
+        reading(kind, nudged, rate, sensor, parameters, pole_s, elapsed, beside)
+        nudged[j] = state[j]
         for c in range(width):
             rows[c, j] += (beside[c] - told[c]) / _NUDGE
     if kind == IMU:

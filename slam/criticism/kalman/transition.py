@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from slam.criticism.kalman.arrays import Array, Belief, Step
-from slam.criticism.kalman.compiled import kernel, on_stack
+from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import BEFORE, BEHIND, GUST, MOVING, STATES, STATES_WITH_GUSTS, TARGET
 from slam.simulation.dynamics import (
     FADE,
@@ -75,7 +77,7 @@ def jacobian(state: Array, command: Array, parameters: Array, rate: Array, matri
     out from their slopes. Columns of o are 0: they act through w.
     """
     n = state.shape[0]
-    full, noise, beside = on_stack(FULL), on_stack(NOISES), on_stack(FULL)
+    full, noise, beside = np.empty(FULL), np.empty(NOISES), np.empty(FULL)
     spread(state, full, noise)
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
@@ -203,23 +205,21 @@ def transition(slopes: Array, hold: Array, h: float, matrix: Array) -> None:
 def _times(matrix: Array, right: Array, product: Array) -> None:
     """``product`` = F ``right``, (n, n) all, for a transition matrix F: mostly 0, and the noises feed on
     themselves alone, w on o beside."""
-    n, row = right.shape[0], on_stack(STATES)
+    n = right.shape[0]
     for i in range(n):
         x = matrix[i, i]
         for j in range(STATES):
-            row[j] = x * right[i, j]
+            product[i, j] = x * right[i, j]
         if i < MOVING:
             for k in range(n):
                 x = matrix[i, k]
                 if x != 0.0 and k != i:
                     for j in range(STATES):
-                        row[j] += x * right[k, j]
+                        product[i, j] += x * right[k, j]
         elif BEHIND <= i < GUST:
             x = matrix[i, i - BEHIND + BEFORE]
             for j in range(STATES):
-                row[j] += x * right[i - BEHIND + BEFORE, j]
-        for j in range(STATES):
-            product[i, j] = row[j]
+                product[i, j] += x * right[i - BEHIND + BEFORE, j]
     for j in range(STATES, n):
         for i in range(n):
             product[i, j] = 0.0
@@ -265,8 +265,8 @@ def mean_step(h: float, state: Array, command: Array, belief: Belief, step: Step
     ``step``."""
     n, parameters, matrix = state.shape[0], belief.parameters, step.matrix
     first, middle, middle_noise = step.rate, step.middle, step.middle_noise
-    full, noise, ended, rate = on_stack(FULL), on_stack(NOISES), on_stack(NOISES), on_stack(FULL)
-    total, after = on_stack(FULL), on_stack(STATES_WITH_GUSTS)
+    full, noise, ended, rate = np.empty(FULL), np.empty(NOISES), np.empty(NOISES), np.empty(FULL)
+    total, after = np.empty(FULL), np.empty(STATES_WITH_GUSTS)
     spread(state, full, noise)
     for i in range(TARGET, n):
         after[i] = matrix[i, i] * state[i]
