@@ -55,6 +55,8 @@ class Grid:
     height: int
     origin: GeoOrigin | None = None
     """Where x = y = 0 stands on Earth, x to the east and y to the north; None for a local plane."""
+    metric: bool = True
+    """Whether lengths are metres; else they are of a unit of the map's own."""
 
     @property
     def extent_m(self) -> tuple[float, float, float, float]:
@@ -68,13 +70,15 @@ class Grid:
         return Affine(self.gsd_m, 0.0, self.west_m, 0.0, -self.gsd_m, self.north_m)
 
     @property
-    def crs(self) -> CRS:
+    def crs(self) -> CRS | None:
         """Azimuthal equidistant about the origin, so that distances from it are true; or the local plane.
+
+        None where lengths are no metres: a GeoTIFF knows no plane of another unit.
 
         A map lies on the ellipsoid: ground at altitude h is drawn larger by h / 6371 km (5e-5 at 300 m).
         """
         if self.origin is None:
-            return CRS.from_wkt(LOCAL_METRES)
+            return CRS.from_wkt(LOCAL_METRES) if self.metric else None
         return CRS.from_proj4(
             f"+proj=aeqd +lat_0={self.origin.latitude_deg!r} +lon_0={self.origin.longitude_deg!r} "
             "+datum=WGS84 +units=m +no_defs"

@@ -26,7 +26,8 @@ def write_elevation(estimate: Estimate, out_dir: Path) -> Path | None:
     if elevation is None:
         return None
     rows, cols = elevation.height_m.shape
-    grid = Grid(elevation.west_m, elevation.north_m, elevation.gsd_m, cols, rows, estimate.origin)
+    corner = elevation.west_m, elevation.north_m
+    grid = Grid(*corner, elevation.gsd_m, cols, rows, estimate.origin, estimate.metric)
     write_bands(out_dir / "elevation.tif", grid, {"height over the floor [m]": elevation.height_m})
     path = out_dir / "elevation.png"
     write_whole(path, elevation_picture(elevation.height_m, grid))

@@ -148,13 +148,15 @@ class _Planned:
     pictures: Pictures
     exposure: Exposure
     origin: GeoOrigin | None
+    metric: bool
     progress: Progress
 
     @property
     def grid(self) -> Grid:
         """Where its pixels lie."""
         plan = self.plan
-        return Grid(plan.west_m, plan.north_m, plan.gsd_m, plan.width, plan.height, self.origin)
+        corner = plan.west_m, plan.north_m
+        return Grid(*corner, plan.gsd_m, plan.width, plan.height, self.origin, self.metric)
 
 
 def _planned(
@@ -181,7 +183,7 @@ def _planned(
             pictures = Pictures(plan, load, CACHE_MB)
             exposure = measure_exposure(plan, pictures, progress)
             if not pictures.unusable:
-                return _Planned(plan, pictures, exposure, estimate.origin, progress)
+                return _Planned(plan, pictures, exposure, estimate.origin, estimate.metric, progress)
             # What the unusable pictures owned goes to others, perhaps to some not read so far.
             leave_out = leave_out | pictures.unusable
             plan = plan_mosaic(camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out)

@@ -26,7 +26,8 @@ def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path
         plan, exposure, estimate.over_floor_T_b, estimate.over_floor_covariances, estimate.floor_z_m
     )
     rows, cols = quality.pictures.shape
-    grid = Grid(plan.west_m, plan.north_m, quality.cell_m, cols, rows, estimate.origin)
+    corner = plan.west_m, plan.north_m
+    grid = Grid(*corner, quality.cell_m, cols, rows, estimate.origin, estimate.metric)
     bands = {
         "pictures that see it": quality.pictures,
         f"position, standard deviation [{unit(estimate.metric)}]": quality.position_std_m,

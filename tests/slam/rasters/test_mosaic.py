@@ -82,6 +82,16 @@ def test_georeferenced_with_an_origin(tmp_path: Path) -> None:
         assert raster.crs.to_dict()["lat_0"] == 52.0
 
 
+def test_lengths_that_are_no_metres_are_not_called_so(tmp_path: Path) -> None:
+    estimate, flight, _ = scene()
+    files = write_mosaic(dataclasses.replace(estimate, metric=False), flight, tmp_path)
+    assert files.quality is not None
+    for path in (files.geotiff, files.quality):
+        with rasterio.open(path) as raster:
+            assert raster.crs is None
+            assert raster.res[0] > 0
+
+
 def test_chain_beside_the_map_is_a_picture_alone(tmp_path: Path) -> None:
     estimate, flight, _ = scene()
     bent = estimate.w_T_b.copy()
