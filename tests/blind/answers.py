@@ -26,6 +26,14 @@ def read(path: Path) -> list[Answer]:
     return [_answer_of(data) for data in json.loads(path.read_text(encoding="utf-8"))["answers"]]
 
 
+def suite(path: Path) -> str:
+    """Which suite a file is of, as the options that were given for it."""
+    held = json.loads(path.read_text(encoding="utf-8"))
+    given = {name: held[name] for name in ("seed", "kinds") if name in held}
+    words = {name: " ".join(value) if isinstance(value, list) else value for name, value in given.items()}
+    return " ".join(f"--{name} {value}" for name, value in words.items())
+
+
 def earlier(path: Path, asked: dict[str, Any]) -> list[Answer]:
     """The answers of an earlier run, which a new one goes on from; none where there was none.
 

@@ -8,25 +8,27 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from slam.io.atomic import atomic_file
 from tests.benchmarks.figures import with_block
-from tests.blind.answers import read
+from tests.blind.answers import read, suite
 from tests.blind.run import told
 from tests.blind.score import FLAGS, Answer, Row, card, misnamed, says_so, true, wilson
 
 PAGE = Path(__file__).parents[2] / "docs" / "blind.md"
 
 
-def markdown(answers: Sequence[Answer]) -> str:
-    """The block between the page's markers: how many of what, the card, and each case that came out wrong."""
+def markdown(answers: Sequence[Answer], suites: Iterable[str] = ()) -> str:
+    """The block between the page's markers: of which suites, how many of what, the card, and what came out
+    wrong."""
     kinds, commits = Counter(a.case.kind for a in answers), Counter(a.commit for a in answers)
     wrong = [a for a in answers if not came_out(a)]
     return "\n".join(
         [
             f"{len(answers)} cases: {_counted(kinds)}. Judged at the commits {_counted(commits)}.",
+            *(f"\n`python -m tests.blind.run {options}`" for options in suites),
             "",
             "| | cases | rate | 95 % interval | floor | aim | |",
             "|---|---|---|---|---|---|---|",
@@ -73,9 +75,11 @@ def main() -> None:
     """Read, write."""
     if not sys.argv[1:]:
         sys.exit("python -m tests.blind.page FILE...: name the files that tests.blind.run wrote")
-    answers = [answer for name in sys.argv[1:] for answer in read(Path(name))]
+    files = [Path(name) for name in sys.argv[1:]]
+    answers = [answer for file in files for answer in read(file)]
     with atomic_file(PAGE) as path:
-        path.write_text(with_block(PAGE.read_text(encoding="utf-8"), markdown(answers)), encoding="utf-8")
+        block = markdown(answers, map(suite, files))
+        path.write_text(with_block(PAGE.read_text(encoding="utf-8"), block), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from tests.blind import run
-from tests.blind.answers import earlier, read, write
+from tests.blind.answers import earlier, read, suite, write
 from tests.blind.page import came_out, markdown
 from tests.blind.score import Answer
 from tests.blind.test_score import RIGHT, WRONG, case, says
@@ -19,6 +19,7 @@ def test_answers_are_read_as_they_were_written(tmp_path):
     assert earlier(file, asked) == []
     write(file, asked, RIGHT)
     assert read(file) == earlier(file, asked) == RIGHT
+    assert suite(file) == "--seed 3 --kinds null single"
     with pytest.raises(ValueError, match=r"another suite \(seed\): remove it"):
         earlier(file, {**asked, "seed": 4})
     assert list(tmp_path.rglob("*.part")) == []
