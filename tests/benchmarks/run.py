@@ -32,6 +32,7 @@ TITLES = {
     "calibration": "Covariances against errors, made flights",
     "hybrid": "AR.Drone 2 over a photographed floor (`ardrone2-hybrid`)",
     "instruments": "Instruments together, simulated flights",
+    "estimates": "Measured flights without a camera (`slam estimate`)",
     "caliterra": "75 aerial photographs (`caliterra`)",
     "graphs": "Standard pose graphs",
     "false_loops": "Standard pose graphs with false loops",

@@ -16,6 +16,7 @@ from slam.evaluation.association import poses_at
 from slam.flight import Flight
 from slam.inertial.navigate import navigate
 from slam.io.flight_folder import read_flight
+from tests.benchmarks.estimates import GPS_FOR_S, off_m, with_early_gps
 
 DATA = os.environ.get("SLAM_DATA")
 pytestmark = [
@@ -71,40 +72,17 @@ def test_a_piece_that_begins_in_the_wind_does_not_take_the_lean_for_an_offset():
     assert nees.mean() < 15
 
 
-def horizontal(evaluation, way: np.ndarray) -> float:
-    off = (way - evaluation.tracks.reference_m)[:, :2]
-    return float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
-
-
 def test_with_gps_far_better_than_dead_reckoning_on_board():
     flight = measured("px4flow-quad")
-    evaluation = evaluate(navigate(flight).estimate, flight)
-    reckoned = horizontal(evaluation, evaluation.tracks.chain_m)
-    assert horizontal(evaluation, evaluation.tracks.loops_m) < min(2.5, 0.5 * reckoned)
+    tracks = evaluate(navigate(flight).estimate, flight).tracks
+    assert off_m(tracks, tracks.loops_m) < min(2.5, 0.5 * off_m(tracks, tracks.chain_m))
 
 
 def test_gps_that_was_not_used_is_met_no_worse_than_by_dead_reckoning():
     """Fixes of the first five minutes are used; behind them the way to the rest is compared."""
-    flight = measured("px4flow-quad")
-    assert flight.gps is not None
-    early = flight.gps.stamps_s < 300
-    gps = replace(
-        flight.gps,
-        stamps_s=flight.gps.stamps_s[early],
-        latitude_deg=flight.gps.latitude_deg[early],
-        longitude_deg=flight.gps.longitude_deg[early],
-        altitude_m=flight.gps.altitude_m[early],
-    )
-    evaluation = evaluate(navigate(replace(flight, gps=gps)).estimate, flight)
-    tracks = evaluation.tracks
-    later = tracks.stamps_s > 300
-    first = int(np.argmax(later))
-
-    def drift(way: np.ndarray) -> float:
-        off = (way - tracks.reference_m)[:, :2]
-        return float(np.sqrt(np.nanmean(np.sum((off[later] - off[first]) ** 2, axis=1))))
-
-    assert drift(tracks.loops_m) < drift(tracks.chain_m)
+    tracks = with_early_gps(measured("px4flow-quad"))
+    ours, reckoned = (off_m(tracks, way, GPS_FOR_S) for way in (tracks.loops_m, tracks.chain_m))
+    assert ours < reckoned
 
 
 @pytest.mark.parametrize(
