@@ -51,7 +51,9 @@ def judged():
     return one
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("null", 11), ("null_edge", 12)])
+@pytest.mark.parametrize(
+    ("kind", "seed"), [("null", 11), pytest.param("null_edge", 12, marks=pytest.mark.slow)]
+)
 def test_a_healthy_vehicle_is_called_healthy(kind, seed, made, judged):
     assert judged(*made(kind, seed).flights)["verdict"] == "nothing_wrong"
 

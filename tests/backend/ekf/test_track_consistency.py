@@ -49,6 +49,7 @@ def assert_consistent(rows):
         assert abs(rows[:, column].mean() - 1) < max(4 * error, 0.15), (column, rows[:, column].mean(), error)
 
 
+@pytest.mark.slow
 def test_filter_is_consistent():
     assert_consistent(consistency(range(8), KNOWN, rounds=0))
 
