@@ -121,12 +121,7 @@ def _joints(net: gtsam.GaussianBayesNet, asked: Container[int]) -> Iterator[tupl
     Source: Takahashi, Fagan and Chen 1973.
     """
     conditionals = [net.at(k) for k in range(net.size())]
-    place = {conditional.firstFrontalKey(): k for k, conditional in enumerate(conditionals)}
-    last = len(conditionals) - 1
-    below: list[list[int]] = [[] for _ in conditionals]
-    for k, conditional in enumerate(conditionals[:last]):
-        tied = list(conditional.keys())[1:]
-        below[min((place[key] for key in tied), default=last)].append(k)
+    below, last = _below(conditionals), len(conditionals) - 1
     common = conditionals[last].firstFrontalKey()
     root = np.linalg.inv(conditionals[last].jacobian()[0])
     size = {common: len(root)}
@@ -157,3 +152,14 @@ def _joints(net: gtsam.GaussianBayesNet, asked: Container[int]) -> Iterator[tupl
         begins = np.cumsum([0, n, *(size[other] for other in others[:-1])]).tolist()
         start = dict(zip((key, *others), begins, strict=True))
         waiting += [(child, start, joint) for child in below[k]]
+
+
+def _below(conditionals: Sequence[gtsam.GaussianConditional]) -> list[list[int]]:
+    """Of each variable, in order of elimination: those that hang on it, the first that they were tied to."""
+    place = {conditional.firstFrontalKey(): k for k, conditional in enumerate(conditionals)}
+    last = len(conditionals) - 1
+    below: list[list[int]] = [[] for _ in conditionals]
+    for k, conditional in enumerate(conditionals[:last]):
+        _, *tied = conditional.keys()
+        below[min((place[key] for key in tied), default=last)].append(k)
+    return below

@@ -41,7 +41,7 @@ def propose_loops(store: FeatureStore, config: RetrievalConfig, gate: Gate) -> C
 def appearance(store: FeatureStore, config: RetrievalConfig) -> Appearance:
     """What a flight's pictures look like, learnt from a sample of them that is read twice and not held."""
     sample = range(0, len(store), max(1, len(store) // 200))
-    counts = [len(store.points[k]) for k in sample]
+    counts = [store.count(k) for k in sample]
     centres = vocabulary((store[k].descriptor for k in sample), counts, config)
     vlad = np.array([signature(store[k].descriptor, centres) for k in sample])
     return Appearance(centres, principal_components(vlad, config.dimensions))

@@ -26,13 +26,6 @@ class Points:
         """All as surely known as each other."""
         return Points(pixel, np.ones(len(pixel)))
 
-    @staticmethod
-    def with_spots(pixel: Array, spread: Array, spot: NDArray[np.int64]) -> Points:
-        """Points whose spots were found before."""
-        points = Points(pixel, spread)
-        vars(points)["spot"] = spot  # where the property keeps what it found
-        return points
-
     def __len__(self) -> int:
         return len(self.pixel)
 

@@ -6,15 +6,15 @@ import os
 import tempfile
 import weakref
 from collections.abc import Sequence
-from typing import Any, overload
+from typing import Any
 
 import numpy as np
 
 from frontend.features import Features
 from frontend.points import Points
 
-_POINT_BYTES = 32
-"""Position, spread and spot of a feature."""
+_POINT_BYTES = 24
+"""Position and spread of a feature."""
 
 
 class FeatureStore:
@@ -38,8 +38,7 @@ class FeatureStore:
         points, descriptor = features.points, features.descriptor
         self._dtype = descriptor.dtype
         self._offset.append(self._end)
-        parts = (points.pixel, points.spread, points.spot, descriptor)
-        written, raw = 0, memoryview(b"".join(part.tobytes() for part in parts))
+        written, raw = 0, memoryview(points.pixel.tobytes() + points.spread.tobytes() + descriptor.tobytes())
         while written < len(raw):  # the system may take a part of it
             written += os.pwrite(self._file.fileno(), raw[written:], self._end + written)
         self._shape.append((descriptor.shape[0], descriptor.shape[1]))
@@ -47,6 +46,10 @@ class FeatureStore:
 
     def __len__(self) -> int:
         return len(self._shape)
+
+    def count(self, k: int) -> int:
+        """How many features a keyframe has."""
+        return self._shape[k][0]
 
     def __getitem__(self, k: int) -> Features:
         rows, width = self._shape[k]
@@ -56,8 +59,7 @@ class FeatureStore:
 
     def points_of(self, k: int) -> Points:
         """Where the features of one keyframe lie."""
-        rows, _ = self._shape[k]
-        return _points(self._read(k, rows * _POINT_BYTES), rows)
+        return _points(self._read(k, self.count(k) * _POINT_BYTES), self.count(k))
 
     def _read(self, k: int, size: int) -> bytes:
         return os.pread(self._file.fileno(), size, self._offset[k])
@@ -66,8 +68,7 @@ class FeatureStore:
 def _points(data: bytes, rows: int) -> Points:
     pixel = np.frombuffer(data, np.float64, 2 * rows).reshape(rows, 2)
     spread = np.frombuffer(data, np.float64, rows, offset=16 * rows)
-    spot = np.frombuffer(data, np.int64, rows, offset=24 * rows)
-    return Points.with_spots(pixel, spread, spot)
+    return Points(pixel, spread)
 
 
 class _StoredPoints(Sequence[Points]):
@@ -77,13 +78,5 @@ class _StoredPoints(Sequence[Points]):
     def __len__(self) -> int:
         return len(self._store)
 
-    @overload
-    def __getitem__(self, k: int) -> Points: ...
-
-    @overload
-    def __getitem__(self, k: slice) -> list[Points]: ...
-
-    def __getitem__(self, k: int | slice) -> Points | list[Points]:
-        if isinstance(k, slice):
-            return [self._store.points_of(one) for one in range(len(self))[k]]
-        return self._store.points_of(k)
+    def __getitem__(self, k: Any) -> Any:
+        return self._store.points_of(k)  # one at a time: nobody asks for slices

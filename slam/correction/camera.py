@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -54,23 +55,27 @@ def vignetting(flight: Flight, model: Model) -> Flight:
     """Corners darker than the middle: pictures are lit evenly when they are read."""
     camera, frames = _camera(flight), flight.frames
     assert frames is not None
-    light = falloff(camera.size_px, camera.center_px, model.value("vignetting", "a"))
+    even = evenly_lit(falloff(camera.size_px, camera.center_px, model.value("vignetting", "a")))
 
     def load(k: int) -> Image | None:
         picture = frames.load(k)
-        return None if picture is None else evenly_lit(picture, light)
+        return None if picture is None else even(picture)
 
     return replace(flight, frames=replace(frames, load=load))
 
 
-def evenly_lit(picture: Image, light: Light) -> Image:
-    """A picture (h, w) or (h, w, 3) over the share of ``light`` (h, w) that reaches it; one of another size
-    as it is."""
-    if picture.shape[:2] != light.shape[:2]:
-        return picture
+def evenly_lit(light: Light) -> Callable[[Image], Image]:
+    """What divides pictures (h, w) or (h, w, 3) by the share of ``light`` (h, w) that reaches them; those of
+    another size stay as they are."""
     gain = 1.0 / np.maximum(light, LEAST_LIGHT)
-    lit = np.rint(picture * gain.reshape(*gain.shape[:2], *[1] * (picture.ndim - 2)))
-    return np.minimum(lit, np.iinfo(picture.dtype).max).astype(picture.dtype)
+
+    def even(picture: Image) -> Image:
+        if picture.shape[:2] != gain.shape[:2]:
+            return picture
+        lit = np.rint(picture * gain.reshape(*gain.shape[:2], *[1] * (picture.ndim - 2)))
+        return np.minimum(lit, np.iinfo(picture.dtype).max).astype(picture.dtype)
+
+    return even
 
 
 def _camera(flight: Flight) -> Camera:

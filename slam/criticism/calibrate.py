@@ -16,7 +16,7 @@ from slam.criticism.healthy import at_lower_rates, healthy_case
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.search.fitting import fit_nuisances
-from slam.criticism.search.search import look_at
+from slam.criticism.search.look import look_at
 from slam.criticism.usable import usable_records
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import load_model

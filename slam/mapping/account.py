@@ -40,8 +40,8 @@ class Mapped:
     solution: Solution
     """The pose graph of ``edges``."""
     fused: Fused
-    odometry: Heights
-    """Heights by the edges between neighbours in time alone."""
+    heights_without_loops: Heights
+    """By the edges between neighbours in time alone."""
     without_loops: Solution
     """The pose graph of these edges."""
     late_s: float = 0.0
@@ -121,7 +121,9 @@ def account(
     )
     kept += fused.bridges
     mount = mount_tilt(flight.camera, fused.bundle)
-    chained = chain(sightings.links, mapper.camera, mapper.sensors.roll_pitch_rad, mapped.odometry.height_m)
+    chained = chain(
+        sightings.links, mapper.camera, mapper.sensors.roll_pitch_rad, mapped.heights_without_loops.height_m
+    )
     return Estimate(
         name=flight.name,
         status=status,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,8 @@ from slam.io.flight_folder import read_flight
 from tests.benchmarks.measured import folder
 from tests.benchmarks.metric import Metric, at_most, told
 
+Array = NDArray[np.float64]
+
 GPS_FOR_S = 300.0
 """Of the flight outdoors so much of the GPS is used where the rest is what the way is held against."""
 
@@ -25,22 +28,28 @@ def measure() -> list[Metric]:
         read_flight(folder(f"flights/{name}")) for name in ("ardrone2-optitrack", "px4flow-quad")
     )
     return [
-        *_compared("ardrone2-optitrack", "motion capture", _tracks(indoors)),
-        *_compared("px4flow-quad", "its GPS", _tracks(outdoors)),
+        *_compared("ardrone2-optitrack", "motion capture", _tracks(indoors), off_m),
+        *_compared("px4flow-quad", "its GPS", _tracks(outdoors), off_m),
         *_compared(
             f"px4flow-quad, GPS of the first {GPS_FOR_S:.0f} s alone", "the rest of it",
-            with_early_gps(outdoors), from_s=GPS_FOR_S,
+            with_early_gps(outdoors), drift_m,
         ),
     ]  # fmt: skip
 
 
-def off_m(tracks: Tracks, way_m: NDArray[np.float64], from_s: float = 0.0) -> float:
-    """Horizontal RMS distance of a way (n, 3) to the reference; from a later time on of how it drifts from
-    where it was then."""
-    off = (way_m - tracks.reference_m)[:, :2]
-    if from_s > 0:
-        later = tracks.stamps_s > from_s
-        off = off[later] - off[int(np.argmax(later))]
+def off_m(tracks: Tracks, way_m: Array) -> float:
+    """Horizontal RMS distance of a way (n, 3) to the reference."""
+    return _rms((way_m - tracks.reference_m)[:, :2])
+
+
+def drift_m(tracks: Tracks, way_m: Array) -> float:
+    """The same of how a way (n, 3) moves away from the reference once ``GPS_FOR_S`` are over."""
+    later = tracks.stamps_s > GPS_FOR_S
+    off = (way_m - tracks.reference_m)[later, :2]
+    return _rms(off - off[0])
+
+
+def _rms(off: Array) -> float:
     return float(np.sqrt(np.nanmean(np.sum(off**2, axis=1))))
 
 
@@ -62,8 +71,10 @@ def _tracks(flight: Flight) -> Tracks:
     return evaluate(navigate(flight).estimate, flight).tracks
 
 
-def _compared(name: str, reference: str, tracks: Tracks, from_s: float = 0.0) -> list[Metric]:
-    ours, reckoned = (off_m(tracks, way, from_s) for way in (tracks.loops_m, tracks.chain_m))
+def _compared(
+    name: str, reference: str, tracks: Tracks, error_m: Callable[[Tracks, Array], float]
+) -> list[Metric]:
+    ours, reckoned = (error_m(tracks, way) for way in (tracks.loops_m, tracks.chain_m))
     return [
         told(f"{name}: horizontally from {reference}", ours, "m"),
         told(f"{name}: the same of dead reckoning on board", reckoned, "m"),

@@ -119,10 +119,10 @@ def outcome(kind: Kind, pairs: int, seed: int) -> Outcome:
     film = filmed(kind, recipe, poses, seed)
     extract = Extractor(PipelineConfig().features.for_width(camera.size_px[0]))
     homography = HomographyConfig().for_width(camera.size_px[0])
-    light = falloff(camera.size_px, camera.center_px, VIGNETTING)
+    even = evenly_lit(falloff(camera.size_px, camera.center_px, VIGNETTING))
 
     def picture(k: int) -> Image:
-        return evenly_lit(film(k), light) if kind.taken_out else film(k)
+        return even(film(k)) if kind.taken_out else film(k)
 
     held: list[tuple[int, Registration]] = []
     for n in range(pairs):

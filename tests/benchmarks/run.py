@@ -23,6 +23,7 @@ from rich.console import Console
 from rich.table import Table
 
 from slam.io.atomic import atomic_file
+from tests.benchmarks.commit import commit
 from tests.benchmarks.figures import Section, headlines, markdown, measured, verdict, with_block
 from tests.benchmarks.metric import Metric, Skipped
 
@@ -127,19 +128,6 @@ def apart(name: str) -> Record:
         found = json.loads(file.read_text()) if file.exists() else {}
     found = found or {"metrics": [], "skipped": f"broke with exit code {done.returncode}"}
     return Record.of({"name": name, "seconds": time.perf_counter() - began, "commit": state, **found})
-
-
-def commit() -> str:
-    """The commit that was measured, with a + where the work tree differs from it in more than figures."""
-    told, changed = _git("rev-parse", "--short=7", "HEAD"), _git("diff", "--name-only", "HEAD")
-    own = {page.relative_to(ROOT).as_posix() for page in (BENCH, PAGE, README)}
-    return f"{told or 'unknown'}{'+' if set(changed.splitlines()) - own else ''}"
-
-
-def _git(*arguments: str) -> str:
-    return subprocess.run(
-        ["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False
-    ).stdout.strip()
 
 
 def earlier() -> dict[str, Record]:

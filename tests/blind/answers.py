@@ -21,17 +21,10 @@ def write(path: Path, asked: dict[str, Any], answers: Sequence[Answer]) -> None:
     beside.replace(path)
 
 
-def read(path: Path) -> list[Answer]:
-    """The answers of a file."""
-    return [_answer_of(data) for data in json.loads(path.read_text(encoding="utf-8"))["answers"]]
-
-
-def suite(path: Path) -> str:
-    """Which suite a file is of, as the options that were given for it."""
+def read(path: Path) -> tuple[dict[str, Any], list[Answer]]:
+    """What was asked for, by the names of the options, and the answers."""
     held = json.loads(path.read_text(encoding="utf-8"))
-    given = {name: held[name] for name in ("seed", "kinds") if name in held}
-    words = {name: " ".join(value) if isinstance(value, list) else value for name, value in given.items()}
-    return " ".join(f"--{name} {value}" for name, value in words.items())
+    return held, [_answer_of(data) for data in held.pop("answers")]
 
 
 def earlier(path: Path, asked: dict[str, Any]) -> list[Answer]:
@@ -41,10 +34,10 @@ def earlier(path: Path, asked: dict[str, Any]) -> list[Answer]:
     """
     if not path.exists():
         return []
-    held = json.loads(path.read_text(encoding="utf-8"))
+    held, answers = read(path)
     if other := [name for name, value in asked.items() if held.get(name) != value]:
         raise ValueError(f"{path} is of another suite ({', '.join(other)}): remove it, or name another --out")
-    return read(path)
+    return answers
 
 
 def _answer_of(data: dict[str, Any]) -> Answer:

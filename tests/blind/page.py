@@ -8,27 +8,27 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from slam.io.atomic import atomic_file
 from tests.benchmarks.figures import with_block
-from tests.blind.answers import read, suite
+from tests.blind.answers import read
 from tests.blind.run import told
 from tests.blind.score import FLAGS, Answer, Row, card, misnamed, says_so, true, wilson
 
 PAGE = Path(__file__).parents[2] / "docs" / "blind.md"
 
 
-def markdown(answers: Sequence[Answer], suites: Iterable[str] = ()) -> str:
-    """The block between the page's markers: of which suites, how many of what, the card, and what came out
-    wrong."""
+def markdown(answers: Sequence[Answer], commands: Sequence[str] = ()) -> str:
+    """The block between the page's markers: by which commands, the card, and what came out wrong."""
     kinds, commits = Counter(a.case.kind for a in answers), Counter(a.commit for a in answers)
     wrong = [a for a in answers if not came_out(a)]
     return "\n".join(
         [
             f"{len(answers)} cases: {_counted(kinds)}. Judged at the commits {_counted(commits)}.",
-            *(f"\n`python -m tests.blind.run {options}`" for options in suites),
+            *(f"\n`{command}`" for command in commands),
             "",
             "| | cases | rate | 95 % interval | floor | aim | |",
             "|---|---|---|---|---|---|---|",
@@ -55,6 +55,10 @@ def came_out(answer: Answer) -> bool:
     return says_so(answer) if kind == "untellable" else answer.word == "nothing_wrong"
 
 
+def _command(asked: dict[str, Any]) -> str:
+    return f"python -m tests.blind.run --seed {asked['seed']} --kinds {' '.join(asked['kinds'])}"
+
+
 def _counted(found: Counter[str]) -> str:
     return ", ".join(f"{name} ({count})" for name, count in sorted(found.items()))
 
@@ -75,10 +79,10 @@ def main() -> None:
     """Read, write."""
     if not sys.argv[1:]:
         sys.exit("python -m tests.blind.page FILE...: name the files that tests.blind.run wrote")
-    files = [Path(name) for name in sys.argv[1:]]
-    answers = [answer for file in files for answer in read(file)]
+    runs = [read(Path(name)) for name in sys.argv[1:]]
+    answers = [answer for _, found in runs for answer in found]
     with atomic_file(PAGE) as path:
-        block = markdown(answers, map(suite, files))
+        block = markdown(answers, [_command(asked) for asked, _ in runs])
         path.write_text(with_block(PAGE.read_text(encoding="utf-8"), block), encoding="utf-8")
 
 

@@ -10,9 +10,10 @@ import shutil
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
-from tests.benchmarks.run import commit
+from tests.benchmarks.commit import commit
 from tests.blind.answers import earlier, write
 from tests.blind.cases import KINDS, make, name_of, suite
 from tests.blind.critic import flights_of, verdict_of_call, verdict_on
@@ -36,7 +37,7 @@ def judged(kind: str, fault: str | None, index: int, options: argparse.Namespace
         verdict = judge(flights_of(Path(home) / case.name), Path(home) / "answer")
         if options.keep:
             shutil.move(Path(home, case.name), Path(options.keep, case.name))
-        return Answer(case, verdict, time.monotonic() - begin, options.commit)
+        return Answer(case, verdict, time.monotonic() - begin)
 
 
 def told(a: Answer) -> str:
@@ -78,12 +79,12 @@ def main() -> None:
         answers = earlier(options.out, asked)
     except ValueError as error:
         parser.error(str(error))
-    options.commit, done = commit(), {answer.case.name for answer in answers}
+    state, done = commit(), {answer.case.name for answer in answers}
     drawn = list(enumerate(suite(options.first + options.cases, options.kinds)))[options.first :]
     drawn = [(k, case) for k, case in drawn if name_of(k) not in done]
     with ThreadPoolExecutor(options.jobs) as pool:
         for answer in pool.map(lambda it: judged(it[1][0], options.fault or it[1][1], it[0], options), drawn):
-            answers.append(answer)
+            answers.append(replace(answer, commit=state))
             print(told(answer), flush=True)
             write(options.out, asked, answers)
     print(f"\n{'':52s}   count      rate    95 % interval   floor (best)")

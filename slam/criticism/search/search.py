@@ -11,31 +11,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.optics import CAMERA
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.reference import recoloured
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.colour import coloured, in_colour, without_faint
-from slam.criticism.search.columns import column_of
-from slam.criticism.search.dictionary import dictionary, shapes_of, signals_of
-from slam.criticism.search.effects import Effect, catalogue_value, effects_for, plausible, relaxations
-from slam.criticism.search.fitting import changes_of, cut, fit_nuisances, refit
-from slam.criticism.search.hypotheses import Answer, Parabola, parabola_of
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.fitting import cut, fit_nuisances, refit
 from slam.criticism.search.inclusion import is_wall, on_grid, settled, taken_down, taken_out
-from slam.criticism.search.information import Sums, sums_of
-from slam.criticism.search.nuisances import MEAN, WEIGHED, direction_of
+from slam.criticism.search.look import Look, Standing, look_at
 from slam.criticism.search.occam import VERY_SIMILAR_NATS, occam
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.thresholds import Thresholds, beside
-from slam.criticism.threads import in_threads
 from slam.progress import Progress, Tally, silent
 from slam.simulation.terms import CATALOGUE
-
-Array = NDArray[np.float64]
 
 LINEAR_Z = 25.0
 """Beyond this candidates are fitted with the filter run anew before one is chosen."""
@@ -45,57 +34,8 @@ CANDIDATES = 5
 WORTH_A_FIT = 0.25
 MOST_TERMS = 6
 STAGES = ("fit", "look", "try causes")
-NAMED_FIRST = 0.8
-"""A constant out of its range must explain more than a term of the catalogue, which says why."""
 SHORT_S = 80.0
 """Candidates are compared on so much of the flights: they all stand out by far."""
-
-
-@dataclass(frozen=True)
-class Standing:
-    """How far one effect stands out beside those already chosen."""
-
-    effect: Effect
-    nats: float
-    z: float
-
-    @property
-    def worth(self) -> float:
-        """Nats less what its numbers cost; of a constant out of its range, which says not why, fewer."""
-        share = 1.0 if self.effect.name in CATALOGUE else NAMED_FIRST
-        return share * self.nats - occam(len(self.effect.columns))
-
-
-@dataclass(frozen=True)
-class Look:
-    """All that the flights say about one belief."""
-
-    setting: Setting
-    sums: Sums
-    parabola: Parabola
-    effects: tuple[Effect, ...]
-    """Every effect with columns in the sums, relaxed nuisances included."""
-    shapes: tuple[Effect, ...]
-    """The dictionary."""
-
-    def own(self, effect: Effect) -> Effect:
-        """The same effect with this look's columns."""
-        for candidate in self.effects:
-            if candidate.label == effect.label:
-                return candidate
-        return next(c for c in self.effects if c.name == effect.name)
-
-    def standing(self, chosen: Sequence[Effect], among: Sequence[Effect]) -> list[Standing]:
-        """Each effect's nats and z on top of the chosen ones, greatest nats after their cost first."""
-        base = self.parabola.answer(chosen).nats
-        found = []
-        for effect in among:
-            if any(effect.repeats(c) for c in chosen):
-                continue
-            answer = self.parabola.answer([*chosen, effect])
-            nats = 0.0 if _backwards(effect, self, answer) else max(answer.nats - base, 0.0)
-            found.append(Standing(effect, nats, deviate(2 * nats, len(effect.columns))))
-        return sorted(found, key=lambda s: occam(len(s.effect.columns)) - s.nats)
 
 
 @dataclass(frozen=True)
@@ -140,28 +80,6 @@ def exchanged(records: Sequence[Record], found: Search, place: Effect, by: str) 
     return replace(found, last=look, chosen=tuple(look.own(c) for c in chosen), rivals=rivals, leads=leads)
 
 
-def look_at(
-    records: Sequence[Record], model: Setting, setting: Setting, chosen: Sequence[Effect] = ()
-) -> Look:
-    """One pass over the flights with every direction and change."""
-    plain = in_threads(lambda record: whole(record, setting), records)
-    both = zip(records, plain, strict=True)
-    signals = [signals_of(record, run.states, k, len(records)) for k, (record, run) in enumerate(both)]
-    held = [settled(effect) for effect in chosen if not effect.relaxes]
-    labels = {effect.label for effect in held}
-    effects = [e for e in effects_for(records, setting) if e.label not in labels] + held
-    shapes = dictionary(records)
-    directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions] + shapes
-    changes = changes_of() + [c for e in effects for c in e.changes]
-    sums = sums_of(records, setting, directions, changes, signals, plain, WEIGHED)
-    values = {c: column_of(c).held(setting) for e in effects for c in e.columns if c not in e.relaxes}
-    values = {c: v for c, v in values.items() if v != 0.0}
-    return Look(
-        setting, sums, parabola_of(sums, setting, model, values), (*effects, *relaxations(model.foreign)),
-        shapes_of(shapes),
-    )  # fmt: skip
-
-
 def search(
     records: Sequence[Record], model: Setting, limits: Thresholds, progress: Progress = silent
 ) -> Search:
@@ -186,7 +104,7 @@ def search(
                 _, setting = refit(records, model, look.setting, chosen)
         else:
             greatest = max(greatest, standing_out[0].z)
-            # With one term more those before it may lead by more, or less.
+            # Beside one term more those before it lead by more, or less.
             leads = {}
             if not (doubtful := _doubtful(standing_out)):
                 chosen.append(standing_out[0].effect)
@@ -209,6 +127,7 @@ def search(
         with looks.part():
             first = look_at(records, model, healthy)
     needed = tuple(_needed(records, model, look, chosen, limits))
+    # Beside one term less, too.
     return Search(model, first, look, needed, rivals, leads if len(needed) == len(chosen) else {})
 
 
@@ -275,6 +194,14 @@ def _without(
     return deviate(2.0 * max(known - open_way, 0.0), len(wall.columns))
 
 
+class _Fit(NamedTuple):
+    """A candidate, fitted with the filter run anew."""
+
+    worth: float
+    effect: Effect
+    setting: Setting
+
+
 class _Refitted(NamedTuple):
     """The candidate that explains most once each is fitted with the filter run anew."""
 
@@ -301,44 +228,23 @@ def _refitted(
     if ranked[0].effect.columns[0] in CAMERA:
         # Pictures are nearly linear: what explains little beside the best in one look is none.
         named = {k: v for k, v in named.items() if v.nats > WORTH_A_FIT * ranked[0].nats}
-    fits: list[tuple[float, Effect, Setting]] = []
     in_part = ranked[0].z >= LINEAR_Z
     if in_part:
         records = [cut(record, SHORT_S / len(records)) for record in records]
     base, _ = refit(records, model, look.setting, chosen)
+    fits = []
     for standing in tries.each(list(named.values())[:CANDIDATES]):
         nats, setting = refit(records, model, look.setting, [*chosen, standing.effect])
-        fits.append((replace(standing, nats=nats - base).worth, standing.effect, setting))
-    most = max(nats for nats, _, _ in fits)
+        fits.append(_Fit(replace(standing, nats=nats - base).worth, standing.effect, setting))
+    alike = max(fit.worth for fit in fits) - VERY_SIMILAR_NATS
     # Of two that explain the same, the one with fewer numbers.
-    alike = [fit for fit in fits if fit[0] > most - VERY_SIMILAR_NATS]
-    worth, effect, setting = min(alike, key=lambda fit: (len(fit[1].columns), -fit[0]))
-    others = {fit[1].name for fit in alike} - {effect.name}
-    beaten = [] if in_part else [fit for fit in fits if fit[0] <= most - VERY_SIMILAR_NATS]
-    leads = {
-        (effect.label, other.label): worth - less
-        for less, other, _ in beaten
-        if {effect.name, other.name} <= CATALOGUE.keys()
-    }
-    return _Refitted(effect, setting, tuple(sorted(n for n in others if n in CATALOGUE)), leads)
+    best = min((f for f in fits if f.worth > alike), key=lambda f: (len(f.effect.columns), -f.worth))
+    known = [fit for fit in fits if fit.effect.name in CATALOGUE]
+    rivals = {fit.effect.name for fit in known if fit.worth > alike} - {best.effect.name}
+    leads = {(best.effect.label, f.effect.label): best.worth - f.worth for f in known if f.worth <= alike}
+    if in_part or best.effect.name not in CATALOGUE:
+        leads = {}
+    return _Refitted(best.effect, best.setting, tuple(sorted(rivals)), leads)
 
 
-def _backwards(effect: Effect, look: Look, answer: Answer) -> bool:
-    """Whether a size would have to be negative that never is, or far beyond what there is."""
-    step, covariance = answer.of(look.parabola.index(effect.columns))
-    held = np.array([look.parabola.held.get(column, 0.0) for column in effect.columns])
-    if effect.positive and step[0] + held[0] < 0:
-        return True
-    if on_grid(effect) or not effect.directions or not effect.parameters:
-        return False
-    std = 2.0 * np.sqrt(np.diag(covariance))
-    for k, name in enumerate(effect.parameters):
-        least, most = plausible(effect.name, name)
-        low = catalogue_value(effect, k, float(step[k] - std[k]), look.setting, float(held[k]))
-        high = catalogue_value(effect, k, float(step[k] + std[k]), look.setting, float(held[k]))
-        if min(low, high) > most or max(low, high) < least:
-            return True
-    return False
-
-
-__all__ = ["Look", "Search", "Standing", "look_at", "search"]
+__all__ = ["Search", "exchanged", "search"]

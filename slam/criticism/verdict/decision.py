@@ -13,7 +13,8 @@ from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.columns import column_of
 from slam.criticism.search.effects import Effect, catalogue_value
 from slam.criticism.search.inclusion import is_wall
-from slam.criticism.search.search import Look, Search, Standing
+from slam.criticism.search.look import Look, Standing
+from slam.criticism.search.search import Search
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.criticism import Cause, Gain, Interval, Verdict
 from slam.criticism.verdict.flown import FREE, Flown

@@ -19,8 +19,9 @@ from slam.criticism.search.columns import column_of
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.hypotheses import parabola_of
 from slam.criticism.search.inclusion import on_grid
+from slam.criticism.search.look import Look
 from slam.criticism.search.occam import SIZE_PRIOR
-from slam.criticism.search.search import Look, Search
+from slam.criticism.search.search import Search
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.inclusion import is_wall
+from slam.criticism.search.look import Look
 from slam.criticism.search.occam import VERY_SIMILAR_NATS, occam
-from slam.criticism.search.search import Look, Search
+from slam.criticism.search.search import Search
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]

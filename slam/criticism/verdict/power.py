@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from slam.criticism.search.effects import catalogue_value
 from slam.criticism.search.hypotheses import SEEN
 from slam.criticism.search.inclusion import on_grid
+from slam.criticism.search.look import Look
 from slam.criticism.search.screening import LEAST_SHARE, correlation, project
-from slam.criticism.search.search import Look
 from slam.criticism.verdict.posterior import named
 from slam.simulation.terms import CATALOGUE
 

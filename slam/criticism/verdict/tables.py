@@ -9,8 +9,9 @@ import numpy as np
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, place_of
 from slam.criticism.kalman.record import Record
+from slam.criticism.search.look import Look
 from slam.criticism.search.nuisances import NUISANCES, value_of
-from slam.criticism.search.search import Look, Search
+from slam.criticism.search.search import Search
 from slam.criticism.verdict.criticism import ChannelCheck, Interval, Rank
 from slam.criticism.verdict.flown import Flown
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, named

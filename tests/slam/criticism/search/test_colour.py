@@ -14,7 +14,7 @@ from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.colour import in_colour
 from slam.criticism.search.fitting import fit_nuisances
-from slam.criticism.search.search import look_at
+from slam.criticism.search.look import look_at
 from slam.simulation.model import load_model
 
 PLANS = (

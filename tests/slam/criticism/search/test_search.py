@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from slam.criticism.search.effects import Effect, relaxations
-from slam.criticism.search.search import Standing, _doubtful, _refitted, beyond
+from slam.criticism.search.look import Standing
+from slam.criticism.search.search import _doubtful, _refitted, beyond
 from slam.progress import Tally, silent
 
 BRAKE = Effect("active_braking", relaxes=("k_b",))

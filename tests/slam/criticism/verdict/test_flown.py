@@ -14,7 +14,7 @@ from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.columns import column_of
 from slam.criticism.search.effects import effects_for
 from slam.criticism.search.inclusion import settled
-from slam.criticism.search.search import Standing
+from slam.criticism.search.look import Standing
 from slam.criticism.usable import usable_records
 from slam.criticism.verdict.flown import _Course, _extended, _Fit, _in_words, _instead, _is_beyond
 from slam.progress import Tally, silent
