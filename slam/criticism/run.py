@@ -19,6 +19,7 @@ from slam.criticism.next_flight import next_flight
 from slam.criticism.residuals.boxes import without_boxes
 from slam.criticism.residuals.oddities import ENTAILS, Oddity, combed, oddities, without_dead_zone
 from slam.criticism.residuals.outliers import outliers_of
+from slam.criticism.residuals.stamps import without_jitter
 from slam.criticism.residuals.uneven import uneven_of
 from slam.criticism.residuals.vibration import vibration_of
 from slam.criticism.search.inclusion import is_wall
@@ -129,7 +130,9 @@ def _prepared(records: Sequence[Record], model: Model, progress: Progress) -> _P
     elif any_holds_heading(records):
         limits = limits.times(STEERED)
     records, strays = _filtered(records, setting, progress)
+    records, late = without_jitter(records, setting) if not setting.foreign else (records, [])
     records, odd = without_dead_zone(records)
+    odd = [*late, *odd]
     if not setting.foreign and not combed(records):
         records, steps = without_boxes(records, setting)
         odd = [*odd, *steps]
@@ -162,6 +165,8 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     with rolled_out.part():
         fitted = causes_of(records, given.setting, found, posterior, best)
     likely, faint = weighed(fitted, found, posterior, doubts)
+    # What an oddity leaves of its term in streams that it cannot mend is the same cause.
+    likely = tuple(cause for cause in likely if cause.name not in {o.name for o in odd})
     causes = in_order([*likely, *(o.cause() for o in odd)])
     left = found.last.standing(found.chosen, found.last.shapes)
     left = sorted(left, key=lambda s: -s.z)

@@ -65,7 +65,9 @@ class Oddity:
         lead = total - occam(1) - np.log(len(CATALOGUE) / 0.9)
         gain = Gain(total, drawn_again(np.array(self.nats)), "flight", self.nats, ())
         probability = float(1.0 / (1.0 + np.exp(-min(lead, 700.0))))
-        return Cause(self.name, probability, self.parameters, gain, float(np.sqrt(2 * total)), float(lead))
+        return Cause(
+            self.name, probability, self.parameters, gain, float(np.sqrt(2 * max(total, 0.0))), float(lead)
+        )
 
 
 def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Oddity]]:

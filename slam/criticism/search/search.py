@@ -106,14 +106,18 @@ def search(
             greatest = max(greatest, standing_out[0].z)
             # Beside one term more those before it lead by more, or less.
             leads = {}
-            if not (doubtful := _doubtful(standing_out)):
+            if doubtful := _doubtful(standing_out):
+                best = _refitted(records, model, look, chosen, doubtful, tries)
+                setting, leads, rivals[best.effect.name] = best.setting, best.leads, best.rivals
+                chosen.append(best.effect)
+            else:
                 chosen.append(standing_out[0].effect)
-                # What makes noise larger bends far more than what moves a mean.
-                fitted = fitted and standing_out[0].z < CURVED_Z and not standing_out[0].effect.changes
-                continue
-            best = _refitted(records, model, look, chosen, doubtful, tries)
-            setting, leads, rivals[best.effect.name] = best.setting, best.leads, best.rivals
-            chosen.append(best.effect)
+                if not standing_out[0].effect.changes:
+                    fitted = fitted and standing_out[0].z < CURVED_Z
+                    continue
+                # What makes noise larger bends far more than what moves a mean: beside it nothing shows.
+                with fits.part():
+                    _, setting = refit(records, model, look.setting, chosen)
         chosen = [settled(c) for c in chosen]
         with fits.part():
             setting = without_faint(fit_nuisances(records, model, setting, [*chosen, *coloured(setting)]))
@@ -126,9 +130,17 @@ def search(
             healthy = fit_nuisances(records, model, replace(first.setting, colour=look.setting.colour))
         with looks.part():
             first = look_at(records, model, healthy)
-    needed = tuple(_needed(records, model, look, chosen, limits))
+    needed = _needed(records, model, look, chosen, limits)
+    if any(is_wall(e) and e not in needed for e in chosen):
+        # What the flights do beyond a wall no look at the belief that holds it tells.
+        wall = next(e for e in chosen if is_wall(e))
+        with fits.part():
+            _, setting = refit(records, model, taken_down(wall, look.setting), needed)
+        with looks.part():
+            records, look = _seen(records, model, setting, needed)
+        needed = [look.own(c) for c in needed]
     # Beside one term less, too.
-    return Search(model, first, look, needed, rivals, leads if len(needed) == len(chosen) else {})
+    return Search(model, first, look, tuple(needed), rivals, leads if len(needed) == len(chosen) else {})
 
 
 def beyond(ranked: Sequence[Standing], threshold: float) -> list[Standing]:

@@ -1,0 +1,127 @@
+"""Stamps that scatter about the even clock of a stream: which of the two times readings were taken at.
+
+An instrument samples evenly; a recorder's stamps may not show it. How far each stamp is off the even clock
+is known then, and need not be taken for noise: the readings fit the motion at the one time or at the other.
+Where they fit the even clock, ``timestamp_jitter`` is named by its own scatter, and flights are judged
+without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.record import Record, steps_between
+from slam.criticism.kalman.reference import referred
+from slam.criticism.kalman.setting import Setting
+from slam.criticism.residuals.oddities import Oddity
+from slam.criticism.search.fitting import fit_nuisances
+from slam.criticism.search.thresholds import MISFIT
+from slam.criticism.threads import in_threads
+from slam.criticism.verdict.criticism import Interval
+
+Array = NDArray[np.float64]
+
+FEWEST_READINGS = 50
+LONG_GAP = 10.0
+"""Periods: what is farther apart is two stretches, each with a clock of its own."""
+LEAST_SCATTER_S = 1e-4
+"""What is less moves no reading by its noise."""
+BLOCK = 25
+MOST_WANDER = 0.6
+"""Scatter of the means of blocks over that of single stamps: lost readings and a clock that wanders have 1,
+stamps that are off by themselves, even in the order of arrival, at most 0.4."""
+SLOW = 3.0
+"""Periods so many times the scatter: stamps of a faster stream overtake one another, and in order are off by
+less than they were."""
+SURE = 0.95
+
+
+@dataclass(frozen=True)
+class _Stamps:
+    """One stream of one flight."""
+
+    period_s: float
+    off_s: Array
+    """(readings,) stamp less even clock; NaN where there is none."""
+
+
+def without_jitter(records: Sequence[Record], setting: Setting) -> tuple[list[Record], list[Oddity]]:
+    """The records at the even times of their streams and how far stamps were off, where the readings say that
+    these were the times; the records as they are where not. A stream without an even clock keeps its stamps.
+    """
+    streams = [_streams(record) for record in records]
+    scattered = [s for flight in streams for s in flight.values() if np.nanstd(s.off_s) > LEAST_SCATTER_S]
+    if not scattered:
+        return list(records), []
+    even = [_evened(record, flight) for record, flight in zip(records, streams, strict=True)]
+    nats = _nats(even, setting) - _nats(records, setting)
+    found = Oddity("timestamp_jitter", {"sigma": _scatter(scattered)}, tuple(nats.tolist()))
+    if found.cause().probability < SURE:
+        return list(records), []
+    return in_threads(lambda record: referred(record, setting), even), [found]
+
+
+def _nats(records: Sequence[Record], setting: Setting) -> Array:
+    """(flights,) log likelihoods of a healthy vehicle's readings."""
+    fitted = fit_nuisances(records, setting)
+    return np.array(in_threads(lambda record: whole(record, fitted).log_likelihood, records))
+
+
+def _streams(record: Record) -> dict[int, _Stamps]:
+    """The streams that have an even clock, by kind."""
+    found = {}
+    for kind in np.unique(record.kinds).tolist():
+        times_s = record.times_s[record.kinds == kind]
+        period_s = float(np.ptp(times_s)) / max(len(times_s) - 1, 1)
+        edges = np.flatnonzero(np.diff(times_s) > LONG_GAP * period_s) + 1
+        off_s = np.concatenate([_off(part) for part in np.split(times_s, edges)])
+        if np.isfinite(off_s).any():
+            found[kind] = _Stamps(period_s, off_s)
+    return found
+
+
+def _off(times_s: Array) -> Array:
+    """(n,) how far stamps without a gap are off an even clock; NaN where they have none."""
+    if len(times_s) < FEWEST_READINGS:
+        return np.full(len(times_s), np.nan)
+    count = np.arange(len(times_s))
+    off_s = np.asarray(times_s - np.polyval(np.polyfit(count, times_s, 1), count))
+    blocks = off_s[: len(off_s) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
+    if blocks.std() > MOST_WANDER * off_s.std() and off_s.std() > LEAST_SCATTER_S:
+        return np.full(len(times_s), np.nan)
+    return off_s
+
+
+def _evened(record: Record, streams: dict[int, _Stamps]) -> Record:
+    """The record at the even times of its streams."""
+    times_s = record.times_s.copy()
+    for kind, stamps in streams.items():
+        times_s[record.kinds == kind] -= np.nan_to_num(stamps.off_s)
+    order = np.argsort(times_s, kind="stable")
+    times_s = np.maximum(times_s[order], 0.0)
+    first_step, begin_s, lengths_s = steps_between(times_s)
+    return replace(
+        record, times_s=times_s, kinds=record.kinds[order], values=record.values[order],
+        elapsed=np.clip(times_s / times_s[-1], 0.0, 1.0), landing=record.landing[order],
+        first_step=first_step, step_begin_s=begin_s, step_s=lengths_s,
+    )  # fmt: skip
+
+
+def _scatter(streams: Sequence[_Stamps]) -> Interval:
+    """Standard deviation of the stamps of streams that are slow beside it; of the slowest where none is."""
+    slow = [s for s in streams if s.period_s > SLOW * np.nanstd(s.off_s)]
+    slow = slow or [max(streams, key=lambda s: s.period_s)]
+    off_s = np.concatenate([s.off_s[np.isfinite(s.off_s)] for s in slow])
+    square = off_s**2
+    sigma = float(np.sqrt(square.mean()))
+    chance = 1.96 * float(square.std() / np.sqrt(len(square))) / (2.0 * sigma)
+    reach = float(np.hypot(chance, MISFIT * sigma))
+    return Interval(sigma, "s", max(sigma - reach, 0.0), sigma + reach)
+
+
+__all__ = ["without_jitter"]

@@ -1,0 +1,102 @@
+"""Stamps off an even clock: told from readings that were taken unevenly, measured, and taken out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism.healthy import at_lower_rates, flown
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.reference import referred
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.manoeuvres import stick_for
+from slam.criticism.residuals.stamps import without_jitter
+from slam.simulation.model import load_model
+
+PLAN = ["short pulses of 0.2 s forward at half stick", "brisk climb steps at full stick"]
+SEEDS = (3, 4)
+
+
+def slower():
+    return at_lower_rates(load_model("nominal"))
+
+
+def flights(model):
+    return [flown(model, stick_for(PLAN), seed) for seed in SEEDS]
+
+
+def records_of(flown_flights):
+    setting = setting_of(slower())
+    return [referred(record_of(flight), setting) for flight in flown_flights]
+
+
+@pytest.mark.parametrize("sigma", [0.0015, 0.008])
+def test_stamps_that_are_off_are_told_by_how_much_and_put_right(sigma):
+    shaken = records_of(flights(slower().with_term("timestamp_jitter", sigma=sigma)))
+    even, found = without_jitter(shaken, setting_of(slower()))
+    assert [o.name for o in found] == ["timestamp_jitter"]
+    size = found[0].parameters["sigma"]
+    assert size.value == pytest.approx(sigma, rel=0.1)
+    assert size.low < sigma < size.high
+    for was, now in zip(shaken, even, strict=True):
+        assert (np.diff(now.times_s) >= 0).all()
+        for kind in np.unique(was.kinds):
+            assert np.array_equal(
+                now.values[now.kinds == kind], was.values[was.kinds == kind], equal_nan=True
+            )
+            periods_s = np.diff(now.times_s[now.kinds == kind])
+            assert np.quantile(np.abs(periods_s - np.median(periods_s)), 0.9) < 1e-6
+
+
+def test_healthy_stamps_cost_nothing():
+    healthy = records_of(flights(slower()))
+    same, found = without_jitter(healthy, setting_of(slower()))
+    assert found == []
+    assert all(now is was for now, was in zip(same, healthy, strict=True))
+
+
+def test_readings_that_were_taken_unevenly_and_stamped_so_keep_their_stamps():
+    fast = slower()
+    fast = replace(
+        fast,
+        attitude=replace(fast.attitude, rate_hz=500.0),
+        velocity=replace(fast.velocity, rate_hz=500.0),
+    )
+    rng = np.random.default_rng(5)
+
+    def thinned(stream, **fields):
+        # Each tenth reading or one near it, stamped when it was taken.
+        rows = np.arange(10, len(stream.stamps_s) - 10, 10)
+        rows = rows + rng.integers(-3, 4, len(rows))
+        return replace(stream, stamps_s=stream.stamps_s[rows], **{n: v[rows] for n, v in fields.items()})
+
+    uneven = records_of(
+        replace(
+            f,
+            attitude=thinned(f.attitude, roll_pitch_yaw_rad=f.attitude.roll_pitch_yaw_rad),
+            velocity=thinned(f.velocity, v_m_s=f.velocity.v_m_s),
+        )
+        for f in flights(fast)
+    )
+    same, found = without_jitter(uneven, setting_of(slower()))
+    assert found == []
+    assert all(now is was for now, was in zip(same, uneven, strict=True))
+
+
+def test_a_stream_with_lost_readings_has_no_even_clock():
+    rng = np.random.default_rng(6)
+
+    def lost(flight):
+        kept = np.sort(rng.choice(len(flight.imu.stamps_s), int(0.97 * len(flight.imu.stamps_s)), False))
+        imu = replace(
+            flight.imu,
+            stamps_s=flight.imu.stamps_s[kept],
+            gyro_rad_s=flight.imu.gyro_rad_s[kept],
+            accel_m_s2=flight.imu.accel_m_s2[kept],
+        )
+        return replace(flight, imu=imu)
+
+    _, found = without_jitter(records_of(map(lost, flights(slower()))), setting_of(slower()))
+    assert found == []
