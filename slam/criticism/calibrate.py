@@ -1,7 +1,8 @@
 """Thresholds from simulated healthy flights: ``python -m slam.criticism.calibrate [CASES] [FIRST]``.
 
-Prints for each case the greatest z of all terms and of the dictionary as a line of JSON; with all cases done,
-the thresholds at which one healthy case in a hundred is called ill. Every third case has Student's tails.
+Prints for each case the greatest z of all terms, of the dictionary and of pairs of terms as a line of JSON;
+with all cases done, the thresholds at which one healthy case in a hundred is called ill. Every third case has
+Student's tails.
 """
 
 from __future__ import annotations
@@ -17,18 +18,18 @@ from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.look import look_at
+from slam.criticism.search.pairs import pairs_beside
 from slam.criticism.usable import usable_records
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import load_model
 
-RATE = 0.01
-SHARES = (0.7, 0.3)
-"""Of the false alarms: terms, dictionary."""
+RATES = (0.007, 0.003, 0.001)
+"""Of false alarms: terms, dictionary, pairs."""
 CAMERA = CameraModel(rate_hz=5.0)
 
 
-def greatest(seed: int, camera: CameraModel | None = None) -> tuple[float, str, float, str]:
-    """Greatest z of the terms and of the dictionary of one healthy case, with their names."""
+def greatest(seed: int, camera: CameraModel | None = None) -> tuple[float, str, float, str, float, str]:
+    """Greatest z of the terms, of the dictionary and of pairs of one healthy case, with their names."""
     slower = at_lower_rates(load_model("nominal"))
     records, _ = usable_records(healthy_case(slower, seed, student=seed % 3 == 2, camera=camera))
     nominal = setting_of(slower)
@@ -36,14 +37,14 @@ def greatest(seed: int, camera: CameraModel | None = None) -> tuple[float, str, 
     look = look_at(records, nominal, fit_nuisances(records, nominal))
     terms = max(look.standing([], look.effects), key=lambda s: s.z)
     shapes = max(look.standing([], look.shapes), key=lambda s: s.z)
-    return terms.z, terms.effect.label, shapes.z, shapes.effect.name
+    pair = max(pairs_beside(look, []), key=lambda p: p.z)
+    both = " and ".join(e.label for e in pair.terms)
+    return terms.z, terms.effect.label, shapes.z, shapes.effect.name, pair.z, both
 
 
-def thresholds(terms: np.ndarray, shapes: np.ndarray) -> tuple[float, float]:
-    """Thresholds of both from the greatest values (n,): by an exponential tail in z^2 / 2."""
-    return tuple(  # type: ignore[return-value]
-        _tail(values, RATE * share) for values, share in zip((terms, shapes), SHARES, strict=True)
-    )
+def thresholds(*greatest: np.ndarray) -> tuple[float, ...]:
+    """Thresholds of each from the greatest values (n,): by an exponential tail in z^2 / 2."""
+    return tuple(_tail(values, rate) for values, rate in zip(greatest, RATES, strict=True))
 
 
 def _tail(values: np.ndarray, rate: float) -> float:
@@ -62,7 +63,7 @@ def main(cases: int, first: int, camera: CameraModel | None = None) -> None:
     for seed in range(first, first + cases):
         found.append(greatest(seed, camera))
         print(json.dumps([seed, *found[-1]]), flush=True)
-    print(thresholds(np.array([f[0] for f in found]), np.array([f[2] for f in found])))
+    print(thresholds(*(np.array([f[k] for f in found]) for k in (0, 2, 4))))
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ from slam.criticism.verdict.criticism import Cause, Criticism
 from slam.criticism.verdict.decision import causes_of, confirmed, decide, in_order, weighed
 from slam.criticism.verdict.flown import Flown, flown
 from slam.criticism.verdict.heldout import taken
-from slam.criticism.verdict.posterior import Posterior, likelier, named, posterior_of
+from slam.criticism.verdict.posterior import Posterior, likelier, likelier_pairs, named, posterior_of
 from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.sentence import sentence_of
 from slam.criticism.verdict.tables import checks, nuisances_told, ranking
@@ -232,9 +232,17 @@ def _filtered(
 
 
 def _likeliest(records: Sequence[Record], found: Search) -> Search:
-    """The search with what is likelier in place of a chosen term, if any is."""
+    """The search with what is likelier in place of a chosen term, if any is: another term, or two."""
     other = likelier(found, posterior_of(found))
-    return exchanged(records, found, *other) if other is not None else found
+    if other is not None:
+        place, name = other
+        found = exchanged(records, found, place, [(e,) for e in found.last.effects if e.name == name])
+    for place in found.chosen:
+        if pairs := likelier_pairs(found, place):
+            found = exchanged(records, found, place, pairs)
+        if place not in found.chosen:
+            break
+    return found
 
 
 def _left_over(

@@ -73,7 +73,7 @@ class Look:
             if any(effect.repeats(c) for c in chosen):
                 continue
             answer = self.parabola.answer([*chosen, effect])
-            nats = 0.0 if _backwards(effect, self, answer) else max(answer.nats - base, 0.0)
+            nats = 0.0 if backwards(effect, self, answer) else max(answer.nats - base, 0.0)
             found.append(Standing(effect, nats, deviate(2 * nats, len(effect.columns))))
         return sorted(found, key=lambda s: occam(len(s.effect.columns)) - s.nats)
 
@@ -100,7 +100,7 @@ def look_at(
     )  # fmt: skip
 
 
-def _backwards(effect: Effect, look: Look, answer: Answer) -> bool:
+def backwards(effect: Effect, look: Look, answer: Answer) -> bool:
     """Whether a size would have to be negative that never is, or far beyond what there is."""
     step, covariance = answer.of(look.parabola.index(effect.columns))
     held = np.array([look.parabola.held.get(column, 0.0) for column in effect.columns])

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from slam.criticism.kalman.optics import CAMERA
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.reference import recoloured
@@ -21,6 +23,7 @@ from slam.criticism.search.fitting import cut, fit_nuisances, refit
 from slam.criticism.search.inclusion import is_wall, on_grid, settled, taken_down, taken_out
 from slam.criticism.search.look import Look, Standing, look_at
 from slam.criticism.search.occam import VERY_SIMILAR_NATS, occam
+from slam.criticism.search.pairs import hidden_pair, hide_each_other
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.thresholds import Thresholds, beside
 from slam.progress import Progress, Tally, silent
@@ -55,28 +58,36 @@ class Search:
     fitted with the filter run anew."""
 
 
-def exchanged(records: Sequence[Record], found: Search, place: Effect, by: str) -> Search:
-    """The search with another term in place of a chosen one, fitted with the filter run anew; as it was where
-    that explains no more.
+def exchanged(
+    records: Sequence[Record], found: Search, place: Effect, candidates: Sequence[Sequence[Effect]]
+) -> Search:
+    """The search with one of some sets of terms in place of a chosen one, fitted with the filter run anew; as
+    it was where none explains more.
 
-    A term enters as it looks from the healthy vehicle; what another would do in its place shows only from
+    A term enters as it looks from the healthy vehicle; what others would do in its place shows only from
     there.
     """
     rest = [e for e in found.chosen if e is not place]
     bare = taken_out(place, found.last.setting)
     old, _ = refit(records, found.model, found.last.setting, found.chosen)
+    old -= occam(len(place.columns))
     fits = []
-    for other in (e for e in found.last.effects if e.name == by):
-        nats, setting = refit(records, found.model, bare, [*rest, other])
-        fits.append((nats - occam(len(other.columns)), other, setting))
-    best, other, setting = max(fits, key=lambda fit: fit[0])
-    gained = best - old + occam(len(place.columns))
+    for others in candidates:
+        nats, setting = refit(records, found.model, bare, [*rest, *others])
+        cost = sum(occam(len(e.columns)) for e in others) + (len(others) - 1) * np.log(len(CATALOGUE))
+        fits.append((nats - cost, others, setting))
+    best, others, setting = max(fits, key=lambda fit: fit[0])
+    gained = best - old
+    chosen = [settled(e) for e in (*rest, *others)]
+    alike = abs(gained) < VERY_SIMILAR_NATS
     if gained <= 0.0:
-        return replace(found, leads=found.leads | {(place.label, other.label): -gained})
-    chosen = [settled(other) if e is place else settled(e) for e in found.chosen]
+        if len(others) == 1:
+            return replace(found, leads=found.leads | {(place.label, others[0].label): -gained})
+        rivals = {place.name: tuple(e.name for e in others)} if alike else {}
+        return replace(found, rivals=found.rivals | rivals)
     look = look_at(records, found.model, setting, chosen)
-    rivals = found.rivals | {other.name: (place.name,) if gained < VERY_SIMILAR_NATS else ()}
-    leads = found.leads | {(other.label, place.label): gained}
+    leads = found.leads | {(others[0].label, place.label): gained} if len(others) == 1 else {}
+    rivals = found.rivals | {e.name: (place.name,) if alike else () for e in others}
     return replace(found, last=look, chosen=tuple(look.own(c) for c in chosen), rivals=rivals, leads=leads)
 
 
@@ -97,6 +108,10 @@ def search(
     while True:
         threshold = beside(limits.second, greatest) if chosen else limits.effects
         standing_out = beyond(look.standing(chosen, look.effects), threshold)
+        near = not standing_out or standing_out[0].z < CURVED_Z
+        if near and not chosen and (both := hidden_pair(look, limits, standing_out)):
+            chosen, fitted = list(both), False
+            continue
         if not standing_out or len(chosen) == MOST_TERMS:
             if fitted:
                 break
@@ -181,6 +196,8 @@ def _needed(
 ) -> list[Effect]:
     """The chosen ones without those that the others have made superfluous."""
     kept = list(chosen)
+    if len(chosen) == 2 and not any(is_wall(e) for e in chosen) and hide_each_other(look, chosen, limits):
+        return kept
     alone = [look.standing([o for o in chosen if o is not e], [e])[0].z for e in chosen if not is_wall(e)]
     threshold = beside(limits.second, max(alone, default=0.0))
     for effect in chosen:

@@ -19,10 +19,12 @@ class Thresholds:
     """For the greatest of the dictionary."""
     second: float
     """For one more term beside one that was found."""
+    pairs: float
+    """For two terms together that hide each other."""
 
     def times(self, factor: float) -> Thresholds:
         """All of them higher."""
-        return Thresholds(factor * self.effects, factor * self.shapes, factor * self.second)
+        return Thresholds(*(factor * z for z in (self.effects, self.shapes, self.second, self.pairs)))
 
 
 def load_thresholds(pictures: bool = False) -> Thresholds:
@@ -33,6 +35,7 @@ def load_thresholds(pictures: bool = False) -> Thresholds:
         float(table["effects"]),
         float(table["shapes_with_pictures" if pictures else "shapes"]),
         float(table["second"]),
+        float(table["pairs_with_pictures" if pictures else "pairs"]),
     )
 
 

@@ -17,7 +17,8 @@ from slam.criticism.search.effects import Effect
 from slam.criticism.search.inclusion import is_wall
 from slam.criticism.search.look import Look
 from slam.criticism.search.occam import VERY_SIMILAR_NATS, occam
-from slam.criticism.search.search import Search
+from slam.criticism.search.pairs import pairs_beside
+from slam.criticism.search.search import LINEAR_Z, Search
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
@@ -140,6 +141,24 @@ def likelier(found: Search, posterior: Posterior) -> tuple[Effect, str] | None:
             if known[best] > known[place.name]:
                 return place, best
     return None
+
+
+def likelier_pairs(found: Search, place: Effect) -> list[tuple[Effect, Effect]]:
+    """Two terms that look likelier in place of a chosen one: from the healthy vehicle, or from the belief.
+
+    A term that bends, as a ground effect does, shows from the belief too much of what is lost without it.
+    """
+    if is_wall(place) or place.changes:
+        return []
+    dearer = float(np.log(len(CATALOGUE) / KNOWN)) if named(place) else 0.0
+    pairs = []
+    for look in (found.first, found.last):
+        rest = [look.own(e) for e in found.chosen if e is not place]
+        own = look.standing(rest, [look.own(place)])[0]
+        best = next(iter(pairs_beside(look, rest, place)), None)
+        if best is not None and best.worth - dearer > own.worth and (look is found.last or own.z < LINEAR_Z):
+            pairs.append(best.terms)
+    return pairs
 
 
 def _as_good(found: Search, wall: Effect) -> tuple[str, ...]:

@@ -1,0 +1,76 @@
+"""Two terms at once: where each hides the other, or where a third looks like both together.
+
+The search takes one term after the other. A sonar that warms makes a vehicle seem to sink, a climb stronger
+than the descent makes it rise: alone neither may stand out, or something else may that is like their sum. So
+pairs are hypotheses of their own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.inclusion import on_grid
+from slam.criticism.search.look import Look, Standing, backwards
+from slam.criticism.search.occam import occam
+from slam.criticism.search.screening import deviate
+from slam.criticism.search.thresholds import Thresholds
+from slam.simulation.terms import CATALOGUE
+
+Two = tuple[Effect, Effect]
+
+
+class Pair(NamedTuple):
+    """Two terms, and what they explain beside some others."""
+
+    terms: Two
+    nats: float
+    z: float
+
+    @property
+    def worth(self) -> float:
+        """Nats less what the numbers cost."""
+        return self.nats - sum(occam(len(e.columns)) for e in self.terms)
+
+
+def pairs_beside(look: Look, rest: Sequence[Effect], without: Effect | None = None) -> list[Pair]:
+    """All pairs of terms that move the mean of readings and have a slope, best first; ``without`` in none."""
+    taken = [*rest, without] if without is not None else rest
+    known = [
+        e for e in look.effects
+        if e.name in CATALOGUE and e.directions and not on_grid(e) and not any(e.repeats(t) for t in taken)
+    ]  # fmt: skip
+    base = look.parabola.answer(rest).nats
+    found = []
+    for one, other in combinations(known, 2):
+        answer = look.parabola.answer([*rest, one, other])
+        if one.repeats(other) or backwards(one, look, answer) or backwards(other, look, answer):
+            continue
+        nats = max(answer.nats - base, 0.0)
+        found.append(Pair((one, other), nats, deviate(2 * nats, len(one.columns) + len(other.columns))))
+    return sorted(found, key=lambda pair: -pair.worth)
+
+
+def hidden_pair(look: Look, limits: Thresholds, alone: Sequence[Standing] = ()) -> Two | None:
+    """The best pair of which one term does not stand out without the other, and which explains more than what
+    stands out ``alone``, best first; None where there is none."""
+    least = max((s.worth for s in alone), default=-np.inf) + np.log(len(CATALOGUE))
+    worthy = (pair for pair in pairs_beside(look, []) if pair.worth > least)
+    return next((pair.terms for pair in worthy if hide_each_other(look, pair.terms, limits)), None)
+
+
+def hide_each_other(look: Look, two: Sequence[Effect], limits: Thresholds) -> bool:
+    """Whether two terms stand out together, each beside the other, and one of them not alone."""
+    one, other = two
+    nats = look.parabola.answer(two).nats - look.parabola.answer([]).nats
+    together = deviate(2 * max(nats, 0.0), len(one.columns) + len(other.columns))
+    alone = min(look.standing([], [e])[0].z for e in two)
+    beside = min(look.standing([one], [other])[0].z, look.standing([other], [one])[0].z)
+    return alone < limits.effects <= beside and together >= limits.pairs
+
+
+__all__ = ["Pair", "hidden_pair", "hide_each_other", "pairs_beside"]

@@ -1,0 +1,98 @@
+"""Pairs as hypotheses: two terms that hide each other, and two that a third looks like."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism.healthy import at_lower_rates, flown
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.reference import referred
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.manoeuvres import stick_for
+from slam.criticism.search.fitting import fit_nuisances
+from slam.criticism.search.look import look_at
+from slam.criticism.search.pairs import hidden_pair, hide_each_other
+from slam.criticism.search.search import exchanged, search
+from slam.criticism.search.thresholds import load_thresholds
+from slam.criticism.verdict.posterior import likelier_pairs, posterior_of
+from slam.simulation.model import load_model
+
+CLIMBS = ["brisk climb steps at full stick", "up to 2 m, hover, and back", "climb and descend by 0.6 m"]
+BOTH = ["climb_asymmetry", "sonar_temperature"]
+LIMITS = load_thresholds()
+
+
+def records_of(vehicle):
+    nominal = setting_of(at_lower_rates(load_model("nominal")))
+    return [referred(record_of(flown(vehicle, stick_for(CLIMBS), seed)), nominal) for seed in (3, 4)], nominal
+
+
+@pytest.fixture(scope="module")
+def look():
+    records, nominal = records_of(at_lower_rates(load_model("nominal")))
+    return look_at(records, nominal, fit_nuisances(records, nominal))
+
+
+def effects_of(look, names):
+    return [next(e for e in look.effects if e.name == name) for name in names]
+
+
+def carrying(look, names, deviations):
+    """The look at flights without noise in which terms have sizes, in standard deviations with all free."""
+    terms = effects_of(look, names)
+    columns = look.parabola.index([c for e in terms for c in e.columns])
+    _, covariance = look.parabola.answer(terms).of(columns)
+    step = np.zeros(len(look.parabola.score))
+    step[columns] = deviations * np.sqrt(np.diag(covariance))
+    score = look.parabola.information @ step
+    return replace(look, parabola=replace(look.parabola, score=score)), covariance
+
+
+def names_of(two):
+    return sorted(e.name for e in two)
+
+
+def test_two_terms_that_hide_each_other_are_found_together(look):
+    _, covariance = carrying(look, BOTH, np.zeros(2))
+    sign = np.sign(covariance[0, 1])
+    hidden, _ = carrying(look, BOTH, np.array([6.5, sign * 4.5]))
+    alone = [hidden.standing([], [e])[0] for e in effects_of(look, BOTH)]
+    assert max(s.z for s in alone) < 0.9 * 6.5
+    assert min(s.z for s in alone) < LIMITS.effects
+    assert hide_each_other(hidden, effects_of(look, BOTH), LIMITS)
+    assert names_of(hidden_pair(hidden, LIMITS, alone)) == BOTH
+    # The same sizes the other way round help each other: no pair is needed to see them.
+    plain, _ = carrying(look, BOTH, np.array([6.5, -sign * 4.5]))
+    assert not hide_each_other(plain, effects_of(look, BOTH), LIMITS)
+
+
+def test_one_term_or_none_is_no_pair(look):
+    nothing, _ = carrying(look, BOTH, np.zeros(2))
+    assert hidden_pair(nothing, LIMITS) is None
+    for name in ("climb_asymmetry", "sonar_lag", "gyro_scale"):
+        one, _ = carrying(look, [name], np.array([5.0]))
+        alone = one.standing([], [e for e in one.effects if e.name == name])
+        assert alone[0].z == pytest.approx(5.0, abs=0.3)
+        assert hidden_pair(one, LIMITS, alone) is None
+
+
+def test_two_terms_that_explain_more_than_what_looks_like_both_take_its_place():
+    vehicle = at_lower_rates(load_model("nominal"))
+    vehicle = vehicle.with_term("climb_asymmetry", eps=0.04).with_term("sonar_temperature", rise=-30.0)
+    records, nominal = records_of(vehicle)
+    found = search(records, nominal, LIMITS)
+    assert [e.name for e in found.chosen] == ["sonar_scale"]
+    pairs = likelier_pairs(found, found.chosen[0])
+    assert names_of(pairs[0]) == BOTH
+    better = exchanged(records, found, found.chosen[0], pairs)
+    assert names_of(better.chosen) == BOTH
+    probability = posterior_of(better).probability
+    assert min(probability[name] for name in BOTH) > 0.95
+    assert probability["sonar_scale"] < 0.01
+    # And back: what explains less does not.
+    scale = next(e for e in better.last.effects if e.name == "sonar_scale")
+    kept = exchanged(records, better, better.chosen[0], [(scale,)])
+    assert names_of(kept.chosen) == BOTH
