@@ -24,8 +24,9 @@ Array = NDArray[np.float64]
 SIGNALS = (
     "one", "time", "height", "ahead", "left", "up", "speed2", "pitch", "roll", "turning", "north", "east",
     "stick_ahead", "stick_left", "stick_up", "stick_turn", "wave", "ahead when fast", "left when fast",
+    "pitching", "rolling",
 )  # fmt: skip
-ON_CHANNELS = SIGNALS[:12]
+ON_CHANNELS = (*SIGNALS[:12], "pitching", "rolling")
 ON_FORCES = SIGNALS[:16]
 FORCED = ("roll", "pitch", "yaw_rate", "up", "ahead", "left", "gust_x", "gust_y")
 AT_PLACE = ("x", "y", "r2")
@@ -45,9 +46,11 @@ LEVEL_TARGETS = (
 """What is read and what acts ahead and to the left, ..."""
 LEVEL_SIGNALS = (
     ("ahead", "left"), ("pitch", "roll"), ("stick_ahead", "stick_left"),
-    ("ahead when fast", "left when fast"),
+    ("ahead when fast", "left when fast"), ("pitching", "rolling"),
 )  # fmt: skip
 """... and the signals that may lead it."""
+TILTING_S = 0.02
+"""A rate of tilt is taken over so long; the vehicle's fastest lag is two and a half times that."""
 
 
 def dictionary(records: Sequence[Record]) -> list[Direction]:
@@ -132,6 +135,7 @@ def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
     stick = record.stick.at(times_s)
     elapsed = times_s / record.duration_s
     x, y = (states[:, :2] - states[0, :2]).T
+    pitching, rolling = (_rate(times_s, states[:, k]) for k in (PITCH, ROLL))
     speed = np.hypot(ahead, left)
     fast = np.maximum(speed / max(float(np.quantile(speed, 0.99)), 1e-3) - FAST, 0.0)
     return {
@@ -147,4 +151,11 @@ def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
         "stick_up": stick[:, 2], "stick_turn": stick[:, 3],
         "wave": np.sin(2 * np.pi * elapsed),
         "ahead when fast": fast * ahead, "left when fast": fast * left,
+        "pitching": pitching, "rolling": rolling,
     }  # fmt: skip
+
+
+def _rate(times_s: Array, angle: Array) -> Array:
+    half_s = TILTING_S / 2
+    after, before = (np.interp(times_s + side, times_s, angle) for side in (half_s, -half_s))
+    return (after - before) / TILTING_S

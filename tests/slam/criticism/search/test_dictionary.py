@@ -17,6 +17,7 @@ from slam.criticism.search.dictionary import (
     shapes_of,
     signals_of,
 )
+from slam.simulation.dynamics import PITCH, ROLL
 from slam.simulation.model import load_model
 
 
@@ -37,8 +38,9 @@ def test_each_direction_has_its_shape_and_level_ones_one_together():
     assert {s.name for s in alone} == names
     assert [s.name for s in shapes if len(s.columns) > 2] == [YAW_AT_PLACE]
     assert len(alone) + len(together) == len(shapes) - 1
-    # Sticks are not led into instruments, and high speeds into none but that which reads them.
-    assert len(together) == len(LEVEL_TARGETS) * len(LEVEL_SIGNALS) - 4 - 5
+    # Sticks are not led into instruments, high speeds into none but that which reads them; rates of tilts
+    # into no forces.
+    assert len(together) == len(LEVEL_TARGETS) * len(LEVEL_SIGNALS) - 4 - 5 - 2
     assert all(set(s.columns) <= names for s in together)
     assert len({s.name for s in shapes}) == len(shapes)
     # One column ahead, the other to the left, of the same kind.
@@ -70,3 +72,15 @@ def test_what_happens_when_fast_is_nothing_at_half_the_highest_speed_and_goes_wh
     assert not told[np.abs(states[:, 3]) < 1.1].any()
     np.testing.assert_array_equal(np.sign(told[[0, -1]]), [-1.0, 1.0])
     assert not signals_of(record, states)["left when fast"][1].any()
+
+
+def test_the_rate_of_a_tilt_is_a_signal():
+    record = record_of(flown(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1))
+    states = np.zeros((len(record.times_s), 10))
+    states[:, PITCH], states[:, ROLL] = np.sin(2.0 * record.times_s), 0.5 * record.times_s
+    signals = signals_of(record, states)
+    inside = slice(10, -10)
+    np.testing.assert_allclose(
+        signals["pitching"][1][inside], 2.0 * np.cos(2.0 * record.times_s)[inside], atol=2e-3
+    )
+    np.testing.assert_allclose(signals["rolling"][1][inside], 0.5, atol=1e-9)
