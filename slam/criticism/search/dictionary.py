@@ -24,10 +24,10 @@ Array = NDArray[np.float64]
 SIGNALS = (
     "one", "time", "height", "ahead", "left", "up", "speed2", "pitch", "roll", "turning", "north", "east",
     "stick_ahead", "stick_left", "stick_up", "stick_turn", "wave", "ahead when fast", "left when fast",
-    "pitching", "rolling",
+    "pitching", "rolling", "tilt2",
 )  # fmt: skip
-ON_CHANNELS = (*SIGNALS[:12], "pitching", "rolling")
-ON_FORCES = SIGNALS[:16]
+ON_CHANNELS = (*SIGNALS[:12], "pitching", "rolling", "tilt2")
+ON_FORCES = (*SIGNALS[:16], "tilt2")
 FORCED = ("roll", "pitch", "yaw_rate", "up", "ahead", "left", "gust_x", "gust_y")
 AT_PLACE = ("x", "y", "r2")
 """A hill over the ground, to the second order about where a flight begins: of each flight its own, as none
@@ -50,7 +50,7 @@ LEVEL_SIGNALS = (
 )  # fmt: skip
 """... and the signals that may lead it."""
 TILTING_S = 0.02
-"""A rate of tilt is taken over so long; the vehicle's fastest lag is two and a half times that."""
+"""A rate of tilt is taken over so long before: what comes after knows what the gyro is about to read."""
 
 
 def dictionary(records: Sequence[Record]) -> list[Direction]:
@@ -151,11 +151,9 @@ def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
         "stick_up": stick[:, 2], "stick_turn": stick[:, 3],
         "wave": np.sin(2 * np.pi * elapsed),
         "ahead when fast": fast * ahead, "left when fast": fast * left,
-        "pitching": pitching, "rolling": rolling,
+        "pitching": pitching, "rolling": rolling, "tilt2": states[:, PITCH] ** 2 + states[:, ROLL] ** 2,
     }  # fmt: skip
 
 
 def _rate(times_s: Array, angle: Array) -> Array:
-    half_s = TILTING_S / 2
-    after, before = (np.interp(times_s + side, times_s, angle) for side in (half_s, -half_s))
-    return (after - before) / TILTING_S
+    return np.asarray((angle - np.interp(times_s - TILTING_S, times_s, angle)) / TILTING_S)

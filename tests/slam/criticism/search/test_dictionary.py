@@ -80,7 +80,10 @@ def test_the_rate_of_a_tilt_is_a_signal():
     states[:, PITCH], states[:, ROLL] = np.sin(2.0 * record.times_s), 0.5 * record.times_s
     signals = signals_of(record, states)
     inside = slice(10, -10)
-    np.testing.assert_allclose(
-        signals["pitching"][1][inside], 2.0 * np.cos(2.0 * record.times_s)[inside], atol=2e-3
-    )
+    slope = 2.0 * np.cos(2.0 * (record.times_s - 0.01))
+    np.testing.assert_allclose(signals["pitching"][1][inside], slope[inside], atol=2e-3)
     np.testing.assert_allclose(signals["rolling"][1][inside], 0.5, atol=1e-9)
+    # Nothing of what comes after.
+    states[200:, PITCH] = 9.0
+    before = signals_of(record, states)["pitching"][1][:200]
+    np.testing.assert_array_equal(before, signals["pitching"][1][:200])
