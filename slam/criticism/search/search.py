@@ -95,67 +95,99 @@ def search(
     records: Sequence[Record], model: Setting, limits: Thresholds, progress: Progress = silent
 ) -> Search:
     """Terms that stand out by more than the thresholds beside each other, best first."""
-    fits, looks, tries = (Tally(progress, stage) for stage in STAGES)
-    with fits.part():
-        setting = fit_nuisances(records, model, effects=coloured(model))
-    with looks.part():
-        records, look = _seen(records, model, setting)
-    first = look
-    chosen: list[Effect] = []
-    rivals: dict[str, tuple[str, ...]] = {}
-    leads: dict[tuple[str, str], float] = {}
-    fitted, greatest = True, 0.0
-    while True:
-        threshold = beside(limits.second, greatest) if chosen else limits.effects
-        standing_out = beyond(look.standing(chosen, look.effects), threshold)
-        near = not standing_out or standing_out[0].z < CURVED_Z
-        if near and not chosen and (both := hidden_pair(look, limits, standing_out)):
-            chosen, fitted = list(both), False
-            continue
-        if not standing_out or len(chosen) == MOST_TERMS:
-            if fitted:
-                break
-            with fits.part():
-                _, setting = refit(records, model, look.setting, chosen)
-        else:
-            greatest = max(greatest, standing_out[0].z)
-            # Beside one term more those before it lead by more, or less.
-            leads = {}
-            if doubtful := _doubtful(standing_out):
-                best = _refitted(records, model, look, chosen, doubtful, tries)
-                setting, leads, rivals[best.effect.name] = best.setting, best.leads, best.rivals
-                chosen.append(best.effect)
-            else:
-                chosen.append(standing_out[0].effect)
-                if not standing_out[0].effect.changes:
-                    fitted = fitted and standing_out[0].z < CURVED_Z
-                    continue
-                # What makes noise larger bends far more than what moves a mean: beside it nothing shows.
-                with fits.part():
-                    _, setting = refit(records, model, look.setting, chosen)
-        chosen = [settled(c) for c in chosen]
-        with fits.part():
-            setting = without_faint(fit_nuisances(records, model, setting, [*chosen, *coloured(setting)]))
-        with looks.part():
-            records, look = _seen(records, model, setting, chosen)
-        chosen, fitted = [look.own(c) for c in chosen], True
-    if (look.setting.colour != first.setting.colour).any():
+    way = _Way(records, model, limits, progress)
+    first = way.look
+    while (setting := way.next_belief()) is not None:
+        way.look_from(setting)
+    if (way.look.setting.colour != first.setting.colour).any():
         # With and without the terms noise is the same.
-        with fits.part():
-            healthy = fit_nuisances(records, model, replace(first.setting, colour=look.setting.colour))
-        with looks.part():
-            first = look_at(records, model, healthy)
-    needed = _needed(records, model, look, chosen, limits)
-    if any(is_wall(e) and e not in needed for e in chosen):
-        # What the flights do beyond a wall no look at the belief that holds it tells.
-        wall = next(e for e in chosen if is_wall(e))
-        with fits.part():
-            _, setting = refit(records, model, taken_down(wall, look.setting), needed)
-        with looks.part():
-            records, look = _seen(records, model, setting, needed)
-        needed = [look.own(c) for c in needed]
+        first = way.healthy(replace(first.setting, colour=way.look.setting.colour))
+    tried = len(way.chosen)
+    way.drop_superfluous()
     # Beside one term less, too.
-    return Search(model, first, look, tuple(needed), rivals, leads if len(needed) == len(chosen) else {})
+    leads = way.leads if len(way.chosen) == tried else {}
+    return Search(model, first, way.look, tuple(way.chosen), way.rivals, leads)
+
+
+class _Way:
+    """From one belief to the next: the terms that were chosen so far, and how the flights look from there."""
+
+    def __init__(
+        self, records: Sequence[Record], model: Setting, limits: Thresholds, progress: Progress
+    ) -> None:
+        self._fits, self._looks, self._tries = (Tally(progress, stage) for stage in STAGES)
+        self._records, self._model, self._limits = records, model, limits
+        self.chosen: list[Effect] = []
+        self.rivals: dict[str, tuple[str, ...]] = {}
+        self.leads: dict[tuple[str, str], float] = {}
+        self._fitted, self._greatest = True, 0.0
+        with self._fits.part():
+            setting = fit_nuisances(records, model, effects=coloured(model))
+        self._see(setting)
+
+    def next_belief(self) -> Setting | None:
+        """Choose until something must be fitted before one can tell more: the belief with all that is chosen;
+        None where nothing more stands out."""
+        while True:
+            threshold = beside(self._limits.second, self._greatest) if self.chosen else self._limits.effects
+            standing_out = beyond(self.look.standing(self.chosen, self.look.effects), threshold)
+            if not self.chosen and (both := self._hidden(standing_out)):
+                self.chosen, self._fitted = list(both), False
+                continue
+            if not standing_out or len(self.chosen) == MOST_TERMS:
+                return None if self._fitted else self._with_chosen()
+            self._greatest = max(self._greatest, standing_out[0].z)
+            # Beside one term more those before it lead by more, or less.
+            self.leads = {}
+            if doubtful := _doubtful(standing_out):
+                best = _refitted(self._records, self._model, self.look, self.chosen, doubtful, self._tries)
+                self.leads, self.rivals[best.effect.name] = best.leads, best.rivals
+                self.chosen.append(best.effect)
+                return best.setting
+            self.chosen.append(standing_out[0].effect)
+            if standing_out[0].effect.changes:
+                # What makes noise larger bends far more than what moves a mean: beside it nothing shows.
+                return self._with_chosen()
+            self._fitted = self._fitted and standing_out[0].z < CURVED_Z
+
+    def look_from(self, setting: Setting) -> None:
+        """A look about a belief that holds the chosen terms, nuisances fitted to it."""
+        self.chosen = [settled(c) for c in self.chosen]
+        with self._fits.part():
+            free = [*self.chosen, *coloured(setting)]
+            setting = without_faint(fit_nuisances(self._records, self._model, setting, free))
+        self._see(setting)
+        self._fitted = True
+
+    def healthy(self, setting: Setting) -> Look:
+        """A look about a belief without terms, nuisances fitted to it."""
+        with self._fits.part():
+            setting = fit_nuisances(self._records, self._model, setting)
+        with self._looks.part():
+            return look_at(self._records, self._model, setting)
+
+    def drop_superfluous(self) -> None:
+        """Take out the terms that the others have made superfluous."""
+        before = self.chosen
+        self.chosen = _needed(self._records, self._model, self.look, before, self._limits)
+        for wall in (e for e in before if is_wall(e) and e not in self.chosen):
+            # What the flights do beyond a wall no look at the belief that holds it tells.
+            self._see(self._with_chosen(taken_down(wall, self.look.setting)))
+
+    def _hidden(self, standing_out: Sequence[Standing]) -> Sequence[Effect] | None:
+        """Two terms in place of what stands out by little, or of nothing."""
+        if standing_out and standing_out[0].z >= CURVED_Z:
+            return None
+        return hidden_pair(self.look, self._limits, standing_out)
+
+    def _with_chosen(self, start: Setting | None = None) -> Setting:
+        with self._fits.part():
+            return refit(self._records, self._model, start or self.look.setting, self.chosen)[1]
+
+    def _see(self, setting: Setting) -> None:
+        with self._looks.part():
+            self._records, self.look = _seen(self._records, self._model, setting, self.chosen)
+        self.chosen = [self.look.own(c) for c in self.chosen]
 
 
 def beyond(ranked: Sequence[Standing], threshold: float) -> list[Standing]:
@@ -270,7 +302,7 @@ def _refitted(
     best = min((f for f in fits if f.worth > alike), key=lambda f: (len(f.effect.columns), -f.worth))
     known = [fit for fit in fits if fit.effect.name in CATALOGUE]
     rivals = {fit.effect.name for fit in known if fit.worth > alike} - {best.effect.name}
-    leads = {(best.effect.label, f.effect.label): best.worth - f.worth for f in known if f.worth <= alike}
+    leads = {(best.effect.label, f.effect.label): best.worth - f.worth for f in known if f is not best}
     if in_part or best.effect.name not in CATALOGUE:
         leads = {}
     return _Refitted(best.effect, best.setting, tuple(sorted(rivals)), leads)

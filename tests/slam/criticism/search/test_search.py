@@ -69,6 +69,6 @@ def test_by_how_much_a_candidate_that_is_beaten_falls_behind_is_kept(monkeypatch
         assert (found.effect.name, found.rivals) == ("ground_effect", ("sonar_slant",))
         return {other: lead for (_, other), lead in found.leads.items()}
 
-    assert leads(12.0) == pytest.approx({candidates[1].label: 30.0})
+    assert leads(12.0) == pytest.approx({candidates[1].label: 30.0, candidates[2].label: 1.0})
     # Compared in part of the flights only.
     assert leads(30.0) == {}
