@@ -59,7 +59,7 @@ def hidden_pair(look: Look, limits: Thresholds, alone: Sequence[Standing] = ()) 
     """The best pair of which one term does not stand out without the other, and which explains more than what
     stands out ``alone``, best first; None where there is none."""
     least = max((s.worth for s in alone), default=-np.inf) + np.log(len(CATALOGUE))
-    worthy = (pair for pair in pairs_beside(look, []) if pair.worth > least)
+    worthy = (pair for pair in pairs_beside(look, []) if pair.worth > least and pair.z >= limits.pairs)
     return next((pair.terms for pair in worthy if hide_each_other(look, pair.terms, limits)), None)
 
 
