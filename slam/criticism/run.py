@@ -141,7 +141,8 @@ def _prepared(records: Sequence[Record], model: Model, progress: Progress) -> _P
 
 def _explained(given: _Prepared, progress: Progress) -> _Explained:
     records, setting = given.records, given.setting
-    found = _likeliest(records, confirmed(search(records, setting, given.limits, progress), setting))
+    found = confirmed(records, search(records, setting, given.limits, progress), setting)
+    found = _likeliest(records, found)
     belief = _belief(found)
     doubts, refuted = contradictions(records, setting, found, belief)
     if refuted:

@@ -42,7 +42,7 @@ chosen, and no noise is quite as it is taken to be. From 18 singles of
 ``python -m tests.blind.run --kinds single --seed 3 --flights 3 --seconds 30 --cases 33``."""
 
 
-def confirmed(found: Search, model: Setting) -> Search:
+def confirmed(records: Sequence[Record], found: Search, model: Setting) -> Search:
     """The search without terms that held-out flights do not confirm: weakest first, each beside the others.
 
     A term that stands out by far stays, confirmed or not: something is there. Without any the flights are
@@ -54,7 +54,8 @@ def confirmed(found: Search, model: Setting) -> Search:
         for effect in chosen:
             rest = [e for e in chosen if e is not effect]
             if named(effect) and not is_wall(effect) and found.last.standing(rest, [effect])[0].z < PLAIN_Z:
-                gains.append((held_out(replace(found, chosen=tuple(chosen)), model, rest).total, effect))
+                tried = replace(found, chosen=tuple(chosen))
+                gains.append((held_out(records, tried, model, rest).total, effect))
         least = min(gains, key=lambda g: g[0], default=(np.inf, None))
         if least[0] >= (CONFIRMED_NATS if len(chosen) > 1 else 0.0):
             break
@@ -73,14 +74,14 @@ def causes_of(
     known = [e for e in found.chosen if named(e)]
     if not known:
         return ()
-    all_together = held_out(found, model)
+    all_together = held_out(records, found, model)
     after = all_together.after if best is None else best.left_out
     channels = roll_out_errors(records, all_together.before, after)
     causes = []
     for effect in known:
         rest = [e for e in found.chosen if e is not effect]
         # How it is without a wall only the first look knows.
-        own = held_out(found, model, rest) if rest and not is_wall(effect) else all_together
+        own = held_out(records, found, model, rest) if rest and not is_wall(effect) else all_together
         place = list(found.chosen).index(effect)
         look, beside = (found.first, []) if is_wall(effect) else (found.last, rest)
         z = max(s.z for s in look.standing(beside, [e for e in look.effects if e.name == effect.name]))

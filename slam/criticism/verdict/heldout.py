@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.filter import IGNORED
+from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.columns import column_of
 from slam.criticism.search.effects import Effect
@@ -27,6 +30,8 @@ Array = NDArray[np.float64]
 
 FEWEST_FLIGHTS = 3
 DRAWS = 4000
+ALONE_NATS = 0.5
+"""Of readings that only one of two beliefs judges: beyond this the flights are run anew."""
 
 
 @dataclass(frozen=True)
@@ -67,22 +72,37 @@ def parts_of(flight: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
     return np.arange(len(flight)) % max(min(len(flight), 6), 1), "segment"
 
 
-def held_out(found: Search, model: Setting, without: Sequence[Effect] = ()) -> HeldOut:
+class _Foretold(NamedTuple):
+    """Some stretches as the others foretell them."""
+
+    nats: float
+    """Log likelihood above the look's belief, averaged over what the others leave open."""
+    setting: Setting
+    """The likeliest belief by the others."""
+
+
+def held_out(
+    records: Sequence[Record], found: Search, model: Setting, without: Sequence[Effect] = ()
+) -> HeldOut:
     """Gain of the chosen terms over ``without`` (by default over none of them)."""
     last = found.last
     base, begin = (found.first, ()) if not without else (last, tuple(without))
     part, by = parts_of(last.sums.flight)
     plain_nats, known_nats = _of_the_same_readings(base, last)
+    others_too = (last.sums.log_likelihood - known_nats) - (base.sums.log_likelihood - plain_nats)
     nats, beliefs = [], {}
     for k in np.unique(part):
         own, others = part == k, part != k
         if not others.any():
             others = own
-        plain, settings_before = _at(base, model, begin, own, others)
-        known, settings_after = _at(last, model, found.chosen, own, others)
-        nats.append(known + known_nats[own].sum() - plain - plain_nats[own].sum())
+        plain = _at(base, model, begin, own, others)
+        known = _at(last, model, found.chosen, own, others)
+        gain = known.nats + known_nats[own].sum() - plain.nats - plain_nats[own].sum()
+        if np.abs(others_too[own]).sum() > ALONE_NATS and not any(r.sights for r in records):
+            gain = _anew(records, last, own, plain.setting, known.setting)
+        nats.append(gain)
         for f in np.unique(last.sums.flight[own]):
-            beliefs[int(f)] = settings_before, settings_after
+            beliefs[int(f)] = plain.setting, known.setting
     flights = sorted(beliefs)
     return HeldOut(
         np.array(nats), by,
@@ -96,13 +116,38 @@ def _at(
     effects: Sequence[Effect],
     own: NDArray[np.bool_],
     others: NDArray[np.bool_],
-) -> tuple[float, Setting]:
-    """Nats that what was fitted on others adds to the look's own likelihood of some stretches, and that
-    belief."""
+) -> _Foretold:
+    """What was fitted on others says of some stretches."""
     held = look.parabola.held
     fitted = parabola_of(look.sums, look.setting, model, held, others).answer(effects, _reach(look, effects))
     judged = parabola_of(look.sums, look.setting, model, held, own)
-    return judged.predicted(fitted), taken(look, fitted.whole, effects)
+    return _Foretold(judged.predicted(fitted), taken(look, fitted.whole, effects))
+
+
+def _anew(
+    records: Sequence[Record], look: Look, own: NDArray[np.bool_], before: Setting, after: Setting
+) -> float:
+    """Gain in log likelihood of some stretches from one belief to another, with the filter run anew, over the
+    readings that both judge.
+
+    A look's parabola is of the readings that were judged there. Where a touch-down is seen by one belief
+    alone, two of them can be worth more than all others.
+    """
+    gain = 0.0
+    for k in np.unique(look.sums.flight[own]):
+        runs = [whole(records[k], setting) for setting in (before, after)]
+        both = np.logical_and(*(run.status != IGNORED for run in runs))
+        by_event = np.where(both, runs[1].nats - runs[0].nats, 0.0).sum(axis=1)
+        gain += float(_by_stretch(look, int(k), by_event)[own[look.sums.flight == k]].sum())
+    return gain
+
+
+def _by_stretch(look: Look, flight: int, by_event: Array) -> Array:
+    """(stretches of a flight,) sums of (events,) values; 0 for its pictures."""
+    stretches = int((look.sums.flight == flight).sum())
+    readings = look.sums.readings[flight]
+    bounds = np.linspace(0, len(by_event), readings + 1).astype(np.int64)
+    return np.pad(np.add.reduceat(by_event, bounds[:-1]), (0, stretches - readings))
 
 
 def _of_the_same_readings(one: Look, other: Look) -> tuple[Array, Array]:
@@ -115,14 +160,11 @@ def _of_the_same_readings(one: Look, other: Look) -> tuple[Array, Array]:
     if one is other:
         return nats
     for k, runs in enumerate(zip(one.sums.passes, other.sums.passes, strict=True)):
-        events = len(runs[0].status)
-        stretches = np.flatnonzero(one.sums.flight == k)[: one.sums.readings[k]]
-        bounds = np.linspace(0, events, len(stretches) + 1).astype(np.int64)
         judged = [run.status != IGNORED for run in runs]
         for side, run in enumerate(runs):
             alone = judged[side] & ~judged[1 - side]
-            of_it = np.where(alone, run.nats, 0.0).sum(axis=1)
-            nats[side][stretches] -= np.add.reduceat(of_it, bounds[:-1])
+            by_event = np.where(alone, run.nats, 0.0).sum(axis=1)
+            nats[side][one.sums.flight == k] -= _by_stretch(one, k, by_event)
     return nats
 
 

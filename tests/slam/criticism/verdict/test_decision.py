@@ -121,9 +121,9 @@ def test_what_fits_say_of_a_rival_goes_before_what_a_look_says():
 
 
 def test_flights_without_a_confirmed_cause_are_judged_as_at_first():
-    assert confirmed(Search(None, "first", "last", ()), None).last == "first"
+    assert confirmed([], Search(None, "first", "last", ()), None).last == "first"
     limit = Effect("tilt_limit", relaxes=("tilt_limit.limit",))
-    assert confirmed(Search(None, "first", "last", (limit,)), None).last == "last"
+    assert confirmed([], Search(None, "first", "last", (limit,)), None).last == "last"
 
 
 @pytest.mark.parametrize("probability", [0.97, 1.0])
