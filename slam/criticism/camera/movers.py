@@ -18,8 +18,9 @@ Light = NDArray[np.float32]
 
 OFF, BACK = 0.017, 0.006
 """Of the picture's width: flow of so much is motion, if its way back ends so near to where it began."""
-LEAST_SHARE, ALONG = 0.35, 0.9
-"""A bent or rolling picture is off by less than this share of the flow; along it, by this cosine, is high."""
+LEAST_SHARE, ALONG, ON_LENS = 0.35, 0.9, 1.15
+"""A bent or rolling picture is off by less than the first share of the flow; along it, by this cosine, is
+high, or on the lens, which is off by the whole of it."""
 LEVELS, LEFT = 8.0, 0.5
 """Levels by which the flow makes the pictures more alike about a point, and share that may be left."""
 PATCH = (5, 5)
@@ -58,11 +59,12 @@ def _flow(a: Light, b: Light) -> Light:
 
 
 def _odd(flow: Light, laid: Overlaid, scale: float) -> NDArray[np.bool_]:
-    """Where the flow is neither small, nor a share of the floor's, nor along it."""
+    """Where the flow is neither small, nor a share of the floor's, nor along it and no more than that."""
     floor = (laid.is_px - laid.was_px) / scale
     size, speed = np.linalg.norm(flow, axis=2), np.linalg.norm(floor, axis=2)
     along = np.abs((flow * floor).sum(axis=2)) > ALONG * size * speed
-    return np.asarray((size > OFF * flow.shape[1]) & (size > LEAST_SHARE * speed) & ~(along & (size < speed)))
+    high = along & (size < ON_LENS * speed)
+    return np.asarray((size > OFF * flow.shape[1]) & (size > LEAST_SHARE * speed) & ~high)
 
 
 def _taken(image: Light, flow: Light) -> Light:

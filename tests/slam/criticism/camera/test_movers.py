@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from slam.criticism.camera.movers import _odd
 from slam.criticism.camera.pictures import look
 from slam.criticism.kalman.record import record_of
 from slam.criticism.residuals.oddities import _movers
@@ -45,3 +47,21 @@ def test_pictures_by_themselves_are_accidents():
     assert _movers([alone]) == []
     together = replace(record, sights=replace(sights, moving_s=np.array([1.0, 4.0, 4.2, 4.5, 8.0])))
     assert [o.name for o in _movers([together])] == ["moving_objects"]
+
+
+def test_what_goes_with_the_camera_is_on_the_lens():
+    """Laid over each other, pictures that moved over the floor show dirt to go back by the same."""
+    rows, columns = np.mgrid[:30, :40].astype(np.float32)
+    was_px = np.dstack([columns, rows])
+    laid = SimpleNamespace(was_px=was_px, is_px=was_px + np.float32([6.0, 2.0]))
+
+    def odd(*flow_px: float) -> bool:
+        off = _odd(np.full((30, 40, 2), flow_px, np.float32), laid, 1.0)
+        assert off.all() == off.any()
+        return bool(off.all())
+
+    assert not odd(-6.0, -2.0)
+    assert not odd(-6.4, -2.3)
+    assert not odd(-3.0, -1.0)
+    assert odd(-9.0, -3.0)
+    assert odd(2.0, -6.0)
