@@ -158,6 +158,23 @@ STRANGE: tuple[Fault, ...] = (
         "flow_saturation", "none", 0.7, 1.4, "m/s", plain("flow_top"), scaled=False, needs=MOVES, known=False,
         channels=("velocity", "flow"),
     ),
+    Fault(
+        "imu_off_centre", "none", 0.003, 0.5, "m", directed("arm_x", "arm_y", "arm_z"), needs=SHARP,
+        known=False,
+        channels=("accel", "imu"),
+    ),
+    Fault(
+        "axes_askew", "none", 0.003, 0.3, "rad", plain("askew", signed=True), needs=SHARP, known=False,
+        channels=("force roll", "force pitch", "roll", "pitch", "attitude", "gyro"),
+    ),
+    Fault(
+        "climb_pitches", "none", 0.001, 0.2, "rad", plain("nose_up", signed=True), needs=CLIMBS, known=False,
+        channels=("force pitch", "pitch", "attitude", "gyro"),
+    ),
+    Fault(
+        "flow_askew", "none", 0.003, 0.3, "rad", plain("flow_askew", signed=True), needs=MOVES, known=False,
+        channels=("velocity", "flow"),
+    ),
 )  # fmt: skip
 
 SEEN: tuple[Fault, ...] = (

@@ -30,6 +30,8 @@ class Moments:
     """roll pitch yaw."""
     turning: np.ndarray
     """Their rates."""
+    spinning: np.ndarray
+    """And the rates of these."""
     speed: np.ndarray
     """(n, 3) v + w, world."""
     acceleration: np.ndarray
@@ -86,6 +88,7 @@ def moments(path: Path, member: int, t: np.ndarray, rng: np.random.Generator | N
     now[9] = target + (a[9] - target) * gone
     now[8] = a[8] + target * past + (a[9] - target) * (1.0 - gone) * YAW_S / free
     turning[2] = now[9]
+    spinning = np.stack([-turning[0] / k["lag"], -turning[1] / k["lag"], (target - now[9]) * free / YAW_S])
     w = n[6:9] + part * (after[6:9] - n[6:9])
     o = n[3:6] + part * (after[3:6] - n[3:6])
     if rng is not None:
@@ -109,7 +112,14 @@ def moments(path: Path, member: int, t: np.ndarray, rng: np.random.Generator | N
     fading = np.where((share > 0.0) & (share < 1.0), speed[2] / FADE, 0.0)
     force = np.stack([ax, ay, lift(k, now[2], now[5], held[2])])
     return Moments(
-        t, k, now[:3].T, now[6:9].T, turning.T, speed.T, (force + share * (o - w) / POLE_S + fading * w).T
+        t,
+        k,
+        now[:3].T,
+        now[6:9].T,
+        turning.T,
+        spinning.T,
+        speed.T,
+        (force + share * (o - w) / POLE_S + fading * w).T,
     )
 
 
@@ -120,7 +130,11 @@ def inertial(m: Moments) -> np.ndarray:
     warm = 0.9 + 0.3 * np.exp(-m.t / 12.0)
     gyro = frame.inv().apply(m.body_rate) * (1.0 + k["gyro_eps"])
     gyro = gyro + warm[:, None] * np.array([k["gyro_x"], k["gyro_y"], k["gyro_z"]])
-    force = frame.inv().apply(m.w_R_b.inv().apply(m.acceleration + np.array([0.0, 0.0, G])))
+    arm, rate = np.array([k["arm_x"], k["arm_y"], k["arm_z"]]), m.body_rate
+    felt = m.w_R_b.inv().apply(m.acceleration + np.array([0.0, 0.0, G]))
+    # Off the centre; tilts are small, so that their second derivatives are the body's.
+    felt = felt + np.cross(m.spinning, arm) + np.cross(rate, np.cross(rate, arm))
+    force = frame.inv().apply(felt)
     force = force * (1.0 + k["accel_eps"]) + np.array([k["accel_x"], k["accel_y"], k["accel_z"]])
     hum = k["hum"] * np.sin(2.0 * np.pi * k["hum_hz"] * m.t)
     gyro[:, 0] += hum / 40.0
@@ -144,6 +158,8 @@ def velocity(m: Moments) -> np.ndarray:
     v[:, 0] += k["flow_turn"] * rate[:, 1] * m.place[:, 2]
     v[:, 1] -= k["flow_turn"] * rate[:, 0] * m.place[:, 2]
     v *= 1.0 + k["flow_eps"]
+    c, s = np.cos(k["flow_askew"]), np.sin(k["flow_askew"])
+    v = np.column_stack([c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1]])
     if k["flow_top"] > 0.0:
         v /= (1.0 + (np.abs(v) / k["flow_top"]) ** 4) ** 0.25
     return v

@@ -56,7 +56,8 @@ def came_out(answer: Answer) -> bool:
 
 
 def _command(asked: dict[str, Any]) -> str:
-    return f"python -m tests.blind.run --seed {asked['seed']} --kinds {' '.join(asked['kinds'])}"
+    suite = f"--seed {asked['seed']} --flights {asked['flights']} --kinds {' '.join(asked['kinds'])}"
+    return f"python -m tests.blind.run {suite}"
 
 
 def _counted(found: Counter[str]) -> str:

@@ -35,9 +35,12 @@ def outputs(path: Path, member: int, streams: Sequence[str]) -> dict[str, np.nda
     has = {name: np.where(name in streams, 1.0, np.nan) for name in RATE_HZ}
     ahead = [imu[:, 1] * has["imu0"], angles[:, 1] * has["attitude0"], flow[:, 0], imu[:, 3] * has["imu0"]]
     left = [-imu[:, 0] * has["imu0"], -angles[:, 0] * has["attitude0"], flow[:, 1], imu[:, 4] * has["imu0"]]
+    # Axes that do not turn: what drifts ahead before a turn drifts to the side after it, which is no news.
+    c, s = np.cos(m.angles[:, 2:]), np.sin(m.angles[:, 2:])
+    ahead, left = np.column_stack(ahead), np.column_stack(left)
     return {
-        "ahead": np.column_stack(ahead),
-        "left": np.column_stack(left),
+        "ahead": c * ahead - s * left,
+        "left": s * ahead + c * left,
         "up": np.column_stack([reach, imu[:, 5] * has["imu0"]]),
         "turn": np.column_stack([imu[:, 2] * has["imu0"], angles[:, 2] * has["attitude0"]]),
     }

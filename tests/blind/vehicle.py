@@ -32,7 +32,7 @@ HEALTHY: dict[str, float] = {
     "brake_p": 0.0, "brake_i": 0.0, "brake_most": 0.25, "inflow": 0.0, "cd_area": 0.0, "sag": 0.0,
     "charge": 0.7,
     "lean_roll": 0.0, "lean_pitch": 0.0, "wind_x": 0.0, "wind_y": 0.0, "gust": 0.0, "gust_tau": 1.5,
-    "cushion": 0.0, "sink": 0.0, "spin_drag": 0.0, "load": 0.0, "load_hz": 0.6,
+    "cushion": 0.0, "sink": 0.0, "spin_drag": 0.0, "load": 0.0, "load_hz": 0.6, "askew": 0.0, "nose_up": 0.0,
     # instruments
     "flow_eps": 0.0, "flow_turn": 0.0, "flow_top": 0.0,
     "cone": 0.0, "echo_x": 0.0, "echo_y": 0.0, "echo_eps": 0.0, "echo_add": 0.0, "warm_k": 0.0,
@@ -41,7 +41,8 @@ HEALTHY: dict[str, float] = {
     "gyro_x": 0.0, "gyro_y": 0.0, "gyro_z": 0.0, "gyro_eps": 0.0, "accel_x": 0.0, "accel_y": 0.0,
     "accel_z": 0.0,
     "accel_eps": 0.0, "turn_x": 0.0, "turn_y": 0.0, "turn_z": 0.0, "hum": 0.0, "hum_hz": 17.0,
-    "iron": 0.0, "iron_x": 0.0, "iron_y": 0.0, "false_level": 0.0,
+    "iron": 0.0, "iron_x": 0.0, "iron_y": 0.0, "false_level": 0.0, "arm_x": 0.0, "arm_y": 0.0, "arm_z": 0.0,
+    "flow_askew": 0.0,
     # clocks and place
     "ppm": 0.0, "stamp_jitter": 0.0, "slope_x": 0.0, "slope_y": 0.0, "box": 0.0, "box_share": 0.2,
     "box_seed": 0.0,
@@ -169,7 +170,10 @@ def asked_tilt(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Roll and pitch that the autopilot asks for; moves the brake's integral on (in place)."""
     reach = FULL_TILT * k["gain"] * (strength(k, drawn) if k["sag"].any() else 1.0)
-    pitch, roll = reach * _shaped(stick[0], k), -reach * _shaped(stick[1], k)
+    # The pilot's ahead and the autopilot's.
+    c, s = np.cos(k["askew"]), np.sin(k["askew"])
+    pitch = reach * _shaped(c * stick[0] - s * stick[1], k)
+    roll = -reach * _shaped(s * stick[0] + c * stick[1], k)
     if (k["limit"] < 1.5).any():
         # Smooth saturation of order 12.
         pitch = pitch / (1.0 + np.abs(pitch / k["limit"]) ** 12) ** (1 / 12)
@@ -182,7 +186,7 @@ def asked_tilt(
         top = np.where(idle, k["brake_most"], 0.0)
         pitch = pitch - np.clip((k["brake_p"] * ahead + k["brake_i"] * integral[0]) / G, -top, top)
         roll = roll + np.clip((k["brake_p"] * left + k["brake_i"] * integral[1]) / G, -top, top)
-    return roll + k["lean_roll"], pitch + k["lean_pitch"]
+    return roll + k["lean_roll"], pitch + k["lean_pitch"] - k["nose_up"] * stick[2]
 
 
 def push(k: dict[str, np.ndarray], state: np.ndarray, gust: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
