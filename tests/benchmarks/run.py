@@ -42,6 +42,7 @@ TITLES = {
     "side_by_side": "Side by side on the demo's keyframes",
     "memory": "A flight ten times as long",
     "mosaic": "Mosaics",
+    "criticism": "Criticism of ten flights",
     "model_gain": "What criticism gains in the map",
     "simulator": "Simulator and Kalman filter",
     "masking": "Obstacle masking in the gym",
