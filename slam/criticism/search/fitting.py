@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 
 FIRST_S = 60.0
 """The restlessness is fitted first to so much of the flights: it shows everywhere."""
+ENOUGH = 3.0
+"""Times as much, and that is not enough: what a noise's size is off by shows in the rest as a shape. Ten
+healthy flights of a minute were ``unknown``, z 6.0, by a tilt that feeds itself."""
 ROUNDS = 2
 FOREIGN_ROUNDS = 7
 LARGEST_STEP = 0.5
@@ -55,7 +58,7 @@ def changes_of() -> list[Change]:
 def fit_nuisances(
     records: Sequence[Record], model: Setting, start: Setting | None = None, effects: Sequence[Effect] = ()
 ) -> Setting:
-    """Most probable nuisances within their ranges, from the flights' first parts.
+    """Most probable nuisances within their ranges, from the first parts of flights, of long ones from all.
 
     Of ``effects`` those are fitted with them that make noise larger, or free a nuisance of its range. Others
     keep the size that ``start`` has of them: it is of all the flights, where the first parts may not even
@@ -64,7 +67,10 @@ def fit_nuisances(
     effects = [e for e in effects if e.changes or e.relaxes]
     short = [cut(record, FIRST_S / len(records)) for record in records]
     setting = model if start is None else start
-    for _ in range(FOREIGN_ROUNDS if model.foreign else ROUNDS):
+    long = not model.foreign and sum(record.duration_s for record in records) > ENOUGH * FIRST_S
+    for k in range(FOREIGN_ROUNDS if model.foreign else ROUNDS):
+        if long and k == ROUNDS - 1:
+            short = list(records)
         directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions]
         changes = changes_of() + [c for e in effects for c in e.changes]
         found = sums_of(short, setting, directions, changes)

@@ -11,7 +11,8 @@ from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.effects import effects_for, relaxations
-from slam.criticism.search.fitting import fit_nuisances
+from slam.criticism.search.fitting import ENOUGH, FIRST_S, fit_nuisances
+from slam.criticism.search.information import sums_of
 from slam.simulation.dynamics import ROTOR_RADIUS
 from slam.simulation.model import load_model
 
@@ -33,3 +34,23 @@ def test_a_term_that_the_first_parts_do_not_show_keeps_its_size():
     apart = fit_nuisances([record], model, start, [cushion, drag])
     assert apart.parameters != pytest.approx(found.parameters, rel=1e-4)
     assert apart.parameters[ROTOR_RADIUS] == 0.04
+
+
+def test_noise_of_long_flights_is_fitted_to_all_of_them(monkeypatch):
+    """Known no better than a minute tells it, it leaves a shape in ten."""
+    vehicle = at_lower_rates(load_model("nominal"))
+    model = setting_of(vehicle)
+    record = record_of(flown(vehicle, stick_for(["climb and descend by 0.6 m"]), 3, told=vehicle))
+    seconds = []
+
+    def sums(records, *rest):
+        seconds.append(sum(r.duration_s for r in records))
+        return sums_of(records[:1], *rest)
+
+    monkeypatch.setattr("slam.criticism.search.fitting.sums_of", sums)
+    many = round(ENOUGH * FIRST_S / record.duration_s) + 1
+    fit_nuisances([record] * many, model)
+    fit_nuisances([record] * (many - 2), model)
+    assert seconds[0] == pytest.approx(FIRST_S, rel=0.1)
+    assert seconds[1] == pytest.approx(many * record.duration_s)
+    assert seconds[2:] == pytest.approx([FIRST_S] * 2, rel=0.1)
