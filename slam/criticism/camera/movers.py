@@ -63,8 +63,8 @@ def _odd(flow: Light, laid: Overlaid, scale: float) -> NDArray[np.bool_]:
     floor = (laid.is_px - laid.was_px) / scale
     size, speed = np.linalg.norm(flow, axis=2), np.linalg.norm(floor, axis=2)
     along = np.abs((flow * floor).sum(axis=2)) > ALONG * size * speed
-    high = along & (size < ON_LENS * speed)
-    return np.asarray((size > OFF * flow.shape[1]) & (size > LEAST_SHARE * speed) & ~high)
+    unmoved = along & (size < ON_LENS * speed)
+    return np.asarray((size > OFF * flow.shape[1]) & (size > LEAST_SHARE * speed) & ~unmoved)
 
 
 def _taken(image: Light, flow: Light) -> Light:

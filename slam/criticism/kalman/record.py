@@ -6,7 +6,7 @@ Readings are turned into body axes first; a missing stream is no event, a missin
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,6 +184,20 @@ def steps_between(times: Array) -> tuple[Ints, Array, Array]:
     length = np.repeat(gaps / np.maximum(counts, 1), counts)
     within = np.arange(len(length)) - np.repeat(first_step[:-1], counts)
     return first_step, np.repeat(times - gaps, counts) + within * length, length
+
+
+def in_order(
+    record: Record, times_s: Array, kinds: Ints, values: Array, landing: NDArray[np.bool_]
+) -> Record:
+    """The record with other events (events,), in whatever order they are given; none is before second 0."""
+    order = np.argsort(times_s, kind="stable")
+    times_s = np.maximum(times_s[order], 0.0)
+    first_step, begin_s, lengths_s = steps_between(times_s)
+    return replace(
+        record, times_s=times_s, kinds=kinds[order], values=values[order], landing=landing[order],
+        elapsed=np.clip(times_s / times_s[-1], 0.0, 1.0), first_step=first_step, step_begin_s=begin_s,
+        step_s=lengths_s,
+    )  # fmt: skip
 
 
 def _noise_std(flight: Flight) -> Array:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +27,7 @@ from slam.criticism.kalman.readings import (
     WIDTH,
     reading,
 )
-from slam.criticism.kalman.record import Record, steps_between
+from slam.criticism.kalman.record import Record, in_order
 from slam.criticism.kalman.sensitivity import tell
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.steps import (
@@ -112,18 +112,13 @@ _MOMENT = ATTITUDE + 100
 
 def _with_moments(record: Record, times_s: Array) -> Record:
     """The record with events at which nothing is read."""
-    times = np.concatenate([record.times_s, times_s])
-    order = np.argsort(times, kind="stable")
-    times = times[order]
-    kinds = np.concatenate([record.kinds, np.full(len(times_s), _MOMENT)])[order]
-    values = np.concatenate([record.values, np.full((len(times_s), 6), np.nan)])[order]
-    landing = np.concatenate([record.landing, np.zeros(len(times_s), dtype=bool)])[order]
-    first_step, begin, lengths = steps_between(times)
-    return replace(
-        record, times_s=times, kinds=kinds, values=values, landing=landing,
-        elapsed=np.clip(times / times[-1], 0.0, 1.0), first_step=first_step, step_begin_s=begin,
-        step_s=lengths,
-    )  # fmt: skip
+    return in_order(
+        record,
+        np.concatenate([record.times_s, times_s]),
+        np.concatenate([record.kinds, np.full(len(times_s), _MOMENT)]),
+        np.concatenate([record.values, np.full((len(times_s), 6), np.nan)]),
+        np.concatenate([record.landing, np.zeros(len(times_s), dtype=bool)]),
+    )
 
 
 class _Passed(NamedTuple):

@@ -20,6 +20,7 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.search.occam import occam
 from slam.criticism.verdict.criticism import Cause, Gain, Interval
 from slam.criticism.verdict.heldout import drawn_again
+from slam.criticism.verdict.posterior import ONE_OF_ALL
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
@@ -62,7 +63,7 @@ class Oddity:
     def cause(self) -> Cause:
         """As the verdict tells it."""
         total = sum(self.nats)
-        lead = total - occam(1) - np.log(len(CATALOGUE) / 0.9)
+        lead = total - occam(1) - ONE_OF_ALL
         gain = Gain(total, drawn_again(np.array(self.nats)), "flight", self.nats, ())
         probability = float(1.0 / (1.0 + np.exp(-min(lead, 700.0))))
         return Cause(

@@ -9,13 +9,13 @@ without it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.innovations import whole
-from slam.criticism.kalman.record import Record, steps_between
+from slam.criticism.kalman.record import Record, in_order
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.residuals.oddities import Oddity
@@ -23,6 +23,7 @@ from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.criticism import Interval
+from slam.criticism.verdict.decision import SURE
 
 Array = NDArray[np.float64]
 
@@ -38,7 +39,6 @@ stamps that are off by themselves, even in the order of arrival, at most 0.4."""
 SLOW = 3.0
 """Periods so many times the scatter: stamps of a faster stream overtake one another, and in order are off by
 less than they were."""
-SURE = 0.95
 
 
 @dataclass(frozen=True)
@@ -49,13 +49,18 @@ class _Stamps:
     off_s: Array
     """(readings,) stamp less even clock; NaN where there is none."""
 
+    @property
+    def scatter_s(self) -> float:
+        """Standard deviation of it."""
+        return float(np.nanstd(self.off_s))
+
 
 def without_jitter(records: Sequence[Record], setting: Setting) -> tuple[list[Record], list[Oddity]]:
     """The records at the even times of their streams and how far stamps were off, where the readings say that
     these were the times; the records as they are where not. A stream without an even clock keeps its stamps.
     """
     streams = [_streams(record) for record in records]
-    scattered = [s for flight in streams for s in flight.values() if np.nanstd(s.off_s) > LEAST_SCATTER_S]
+    scattered = [s for flight in streams for s in flight.values() if s.scatter_s > LEAST_SCATTER_S]
     if not scattered:
         return list(records), []
     even = [_evened(record, flight) for record, flight in zip(records, streams, strict=True)]
@@ -102,19 +107,12 @@ def _evened(record: Record, streams: dict[int, _Stamps]) -> Record:
     times_s = record.times_s.copy()
     for kind, stamps in streams.items():
         times_s[record.kinds == kind] -= np.nan_to_num(stamps.off_s)
-    order = np.argsort(times_s, kind="stable")
-    times_s = np.maximum(times_s[order], 0.0)
-    first_step, begin_s, lengths_s = steps_between(times_s)
-    return replace(
-        record, times_s=times_s, kinds=record.kinds[order], values=record.values[order],
-        elapsed=np.clip(times_s / times_s[-1], 0.0, 1.0), landing=record.landing[order],
-        first_step=first_step, step_begin_s=begin_s, step_s=lengths_s,
-    )  # fmt: skip
+    return in_order(record, times_s, record.kinds, record.values, record.landing)
 
 
 def _scatter(streams: Sequence[_Stamps]) -> Interval:
     """Standard deviation of the stamps of streams that are slow beside it; of the slowest where none is."""
-    slow = [s for s in streams if s.period_s > SLOW * np.nanstd(s.off_s)]
+    slow = [s for s in streams if s.period_s > SLOW * s.scatter_s]
     slow = slow or [max(streams, key=lambda s: s.period_s)]
     off_s = np.concatenate([s.off_s[np.isfinite(s.off_s)] for s in slow])
     square = off_s**2

@@ -21,13 +21,16 @@ from slam.simulation.dynamics import PITCH, ROLL, VX, VY, VZ, YAW, YAW_RATE, Z
 
 Array = NDArray[np.float64]
 
-SIGNALS = (
+ON_BOTH = (
     "one", "time", "height", "ahead", "left", "up", "speed2", "pitch", "roll", "turning", "north", "east",
-    "stick_ahead", "stick_left", "stick_up", "stick_turn", "wave", "ahead when fast", "left when fast",
-    "pitching", "rolling", "tilt2",
 )  # fmt: skip
-ON_CHANNELS = (*SIGNALS[:12], "pitching", "rolling", "tilt2")
-ON_FORCES = (*SIGNALS[:16], "tilt2")
+ON_CHANNELS = (*ON_BOTH, "pitching", "rolling", "tilt2")
+ON_FORCES = (*ON_BOTH, "stick_ahead", "stick_left", "stick_up", "stick_turn", "tilt2")
+ON_ONE_CHANNEL = {"velocity_x": ("ahead when fast",), "velocity_y": ("left when fast",)}
+"""What is read wrong near the end of a sensor's range is no matter of its scale."""
+SIGNALS = tuple(
+    dict.fromkeys((*ON_CHANNELS, *ON_FORCES, *(s for own in ON_ONE_CHANNEL.values() for s in own)))
+)
 FORCED = ("roll", "pitch", "yaw_rate", "up", "ahead", "left", "gust_x", "gust_y")
 AT_PLACE = ("x", "y", "r2")
 """A hill over the ground, to the second order about where a flight begins: of each flight its own, as none
@@ -35,8 +38,6 @@ knows where the others began."""
 _SPEED = CHANNELS.index("velocity_x")
 FAST = 0.6
 """Of the highest speed of a flight."""
-ON_ONE_CHANNEL = {"velocity_x": SIGNALS[17:18], "velocity_y": SIGNALS[18:]}
-"""What is read wrong near the end of a sensor's range is no matter of its scale."""
 YAW_AT_PLACE = "yaw ~ place"
 """What a compass does above iron."""
 LEVEL_TARGETS = (
@@ -149,7 +150,6 @@ def _signals(record: Record, times_s: Array, states: Array) -> dict[str, Array]:
         "north": c, "east": s,
         "stick_ahead": stick[:, 0], "stick_left": stick[:, 1],
         "stick_up": stick[:, 2], "stick_turn": stick[:, 3],
-        "wave": np.sin(2 * np.pi * elapsed),
         "ahead when fast": fast * ahead, "left when fast": fast * left,
         "pitching": pitching, "rolling": rolling, "tilt2": states[:, PITCH] ** 2 + states[:, ROLL] ** 2,
     }  # fmt: skip

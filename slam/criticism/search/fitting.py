@@ -67,13 +67,13 @@ def fit_nuisances(
     effects = [e for e in effects if e.changes or e.relaxes]
     short = [cut(record, FIRST_S / len(records)) for record in records]
     setting = model if start is None else start
-    long = not model.foreign and sum(record.duration_s for record in records) > ENOUGH * FIRST_S
-    for k in range(FOREIGN_ROUNDS if model.foreign else ROUNDS):
-        if long and k == ROUNDS - 1:
-            short = list(records)
+    rounds = [short] * (FOREIGN_ROUNDS if model.foreign else ROUNDS)
+    if not model.foreign and sum(record.duration_s for record in records) > ENOUGH * FIRST_S:
+        rounds[-1] = list(records)
+    for flown in rounds:
         directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions]
         changes = changes_of() + [c for e in effects for c in e.changes]
-        found = sums_of(short, setting, directions, changes)
+        found = sums_of(flown, setting, directions, changes)
         answer = parabola_of(found, setting, model, {}, nuisances=NUISANCES).answer(effects)
         for column, move in zip(answer.columns, answer.step, strict=True):
             name = found.columns[column]

@@ -48,10 +48,8 @@ def pairs_beside(look: Look, rest: Sequence[Effect], without: Effect | None = No
     found = []
     for one, other in combinations(known, 2):
         answer = look.parabola.answer([*rest, one, other])
-        if one.repeats(other) or backwards(one, look, answer) or backwards(other, look, answer):
-            continue
-        nats = max(answer.nats - base, 0.0)
-        found.append(Pair((one, other), nats, deviate(2 * nats, len(one.columns) + len(other.columns))))
+        if not (one.repeats(other) or backwards(one, look, answer) or backwards(other, look, answer)):
+            found.append(_pair((one, other), answer.nats - base))
     return sorted(found, key=lambda pair: -pair.worth)
 
 
@@ -66,11 +64,15 @@ def hidden_pair(look: Look, limits: Thresholds, alone: Sequence[Standing] = ()) 
 def hide_each_other(look: Look, two: Sequence[Effect], limits: Thresholds) -> bool:
     """Whether two terms stand out together, each beside the other, and one of them not alone."""
     one, other = two
-    nats = look.parabola.answer(two).nats - look.parabola.answer([]).nats
-    together = deviate(2 * max(nats, 0.0), len(one.columns) + len(other.columns))
+    together = _pair((one, other), look.parabola.answer(two).nats - look.parabola.answer([]).nats)
     alone = min(look.standing([], [e])[0].z for e in two)
     beside = min(look.standing([one], [other])[0].z, look.standing([other], [one])[0].z)
-    return alone < limits.effects <= beside and together >= limits.pairs
+    return alone < limits.effects <= beside and together.z >= limits.pairs
+
+
+def _pair(terms: Two, nats: float) -> Pair:
+    nats = max(nats, 0.0)
+    return Pair(terms, nats, deviate(2 * nats, sum(len(e.columns) for e in terms)))
 
 
 __all__ = ["Pair", "hidden_pair", "hide_each_other", "pairs_beside"]

@@ -89,7 +89,7 @@ def held_out(
     base, begin = (found.first, ()) if not without else (last, tuple(without))
     part, by = parts_of(last.sums.flight)
     plain_nats, known_nats = _of_the_same_readings(base, last)
-    others_too = (last.sums.log_likelihood - known_nats) - (base.sums.log_likelihood - plain_nats)
+    of_one_alone = (last.sums.log_likelihood - known_nats) - (base.sums.log_likelihood - plain_nats)
     nats, beliefs = [], {}
     for k in np.unique(part):
         own, others = part == k, part != k
@@ -98,7 +98,7 @@ def held_out(
         plain = _at(base, model, begin, own, others)
         known = _at(last, model, found.chosen, own, others)
         gain = known.nats + known_nats[own].sum() - plain.nats - plain_nats[own].sum()
-        if np.abs(others_too[own]).sum() > ALONE_NATS and not any(r.sights for r in records):
+        if np.abs(of_one_alone[own]).sum() > ALONE_NATS and not any(r.sights for r in records):
             gain = _anew(records, last, own, plain.setting, known.setting)
         nats.append(gain)
         for f in np.unique(last.sums.flight[own]):

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 KNOWN, UNKNOWN = 0.9, 0.1
 """Prior shares of an effect of the catalogue and of anything else."""
+ONE_OF_ALL = float(np.log(len(CATALOGUE) / KNOWN))
+"""Nats that it costs to be one term of the catalogue and no other."""
 NOTHING, SOMETHING_ELSE = "nothing", "unknown"
 ONE_CLASS, CLASS_NATS = 0.95, 10.0
 """Two terms that correlate by more are one class, unless one leads by more nats than its shape explains."""
@@ -54,7 +56,7 @@ def named(effect: Effect) -> bool:
 
 def price(effect: Effect) -> float:
     """Nats that held-out flights must gain before a term is likelier than not."""
-    return occam(len(effect.columns)) + float(np.log(len(CATALOGUE) / KNOWN))
+    return occam(len(effect.columns)) + ONE_OF_ALL
 
 
 @dataclass(frozen=True)
@@ -150,7 +152,7 @@ def likelier_pairs(found: Search, place: Effect) -> list[tuple[Effect, Effect]]:
     """
     if is_wall(place) or place.changes:
         return []
-    dearer = float(np.log(len(CATALOGUE) / KNOWN)) if named(place) else 0.0
+    dearer = ONE_OF_ALL if named(place) else 0.0
     pairs = []
     for look in (found.first, found.last):
         rest = [look.own(e) for e in found.chosen if e is not place]

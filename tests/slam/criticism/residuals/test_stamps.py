@@ -7,35 +7,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import at_lower_rates, flown
-from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.reference import referred
-from slam.criticism.kalman.setting import setting_of
+from slam.criticism.healthy import flown
+from slam.criticism.kalman.readings import ATTITUDE, IMU
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.residuals.stamps import without_jitter
-from slam.simulation.model import load_model
+from slam.criticism.residuals.stamps import _streams, without_jitter
+from tests.slam.criticism.judged_flights import NOMINAL, SLOWER, judged
 
 PLAN = ["short pulses of 0.2 s forward at half stick", "brisk climb steps at full stick"]
 SEEDS = (3, 4)
-
-
-def slower():
-    return at_lower_rates(load_model("nominal"))
 
 
 def flights(model):
     return [flown(model, stick_for(PLAN), seed) for seed in SEEDS]
 
 
-def records_of(flown_flights):
-    setting = setting_of(slower())
-    return [referred(record_of(flight), setting) for flight in flown_flights]
-
-
 @pytest.mark.parametrize("sigma", [0.0015, 0.008])
 def test_stamps_that_are_off_are_told_by_how_much_and_put_right(sigma):
-    shaken = records_of(flights(slower().with_term("timestamp_jitter", sigma=sigma)))
-    even, found = without_jitter(shaken, setting_of(slower()))
+    shaken = judged(flights(SLOWER.with_term("timestamp_jitter", sigma=sigma)))
+    even, found = without_jitter(shaken, NOMINAL)
     assert [o.name for o in found] == ["timestamp_jitter"]
     size = found[0].parameters["sigma"]
     assert size.value == pytest.approx(sigma, rel=0.1)
@@ -51,18 +40,16 @@ def test_stamps_that_are_off_are_told_by_how_much_and_put_right(sigma):
 
 
 def test_healthy_stamps_cost_nothing():
-    healthy = records_of(flights(slower()))
-    same, found = without_jitter(healthy, setting_of(slower()))
+    healthy = judged(flights(SLOWER))
+    same, found = without_jitter(healthy, NOMINAL)
     assert found == []
     assert all(now is was for now, was in zip(same, healthy, strict=True))
 
 
 def test_readings_that_were_taken_unevenly_and_stamped_so_keep_their_stamps():
-    fast = slower()
+    often = {"rate_hz": 500.0}
     fast = replace(
-        fast,
-        attitude=replace(fast.attitude, rate_hz=500.0),
-        velocity=replace(fast.velocity, rate_hz=500.0),
+        SLOWER, attitude=replace(SLOWER.attitude, **often), velocity=replace(SLOWER.velocity, **often)
     )
     rng = np.random.default_rng(5)
 
@@ -72,7 +59,7 @@ def test_readings_that_were_taken_unevenly_and_stamped_so_keep_their_stamps():
         rows = rows + rng.integers(-3, 4, len(rows))
         return replace(stream, stamps_s=stream.stamps_s[rows], **{n: v[rows] for n, v in fields.items()})
 
-    uneven = records_of(
+    uneven = judged(
         replace(
             f,
             attitude=thinned(f.attitude, roll_pitch_yaw_rad=f.attitude.roll_pitch_yaw_rad),
@@ -80,7 +67,7 @@ def test_readings_that_were_taken_unevenly_and_stamped_so_keep_their_stamps():
         )
         for f in flights(fast)
     )
-    same, found = without_jitter(uneven, setting_of(slower()))
+    same, found = without_jitter(uneven, NOMINAL)
     assert found == []
     assert all(now is was for now, was in zip(same, uneven, strict=True))
 
@@ -98,5 +85,6 @@ def test_a_stream_with_lost_readings_has_no_even_clock():
         )
         return replace(flight, imu=imu)
 
-    _, found = without_jitter(records_of(map(lost, flights(slower()))), setting_of(slower()))
-    assert found == []
+    sparse = judged(map(lost, flights(SLOWER)))
+    assert all(IMU not in _streams(record) and ATTITUDE in _streams(record) for record in sparse)
+    assert without_jitter(sparse, NOMINAL)[1] == []

@@ -31,6 +31,7 @@ def test_yaw_is_not_laid_to_a_place_that_nothing_measured():
 def test_each_direction_has_its_shape_and_level_ones_one_together():
     flight = flown(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1)
     directions = dictionary([record_of(flight)])
+    assert len({d.name for d in directions}) == len(directions)
     shapes = shapes_of(directions)
     names = {d.name for d in directions if not d.name.startswith(YAW_AT_PLACE)}
     alone = [s for s in shapes if len(s.columns) == 1]

@@ -7,10 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import at_lower_rates, flown
-from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.reference import referred
-from slam.criticism.kalman.setting import setting_of
+from slam.criticism.healthy import flown
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.look import look_at
@@ -18,22 +15,21 @@ from slam.criticism.search.pairs import hidden_pair, hide_each_other
 from slam.criticism.search.search import exchanged, search
 from slam.criticism.search.thresholds import load_thresholds
 from slam.criticism.verdict.posterior import likelier_pairs, posterior_of
-from slam.simulation.model import load_model
+from tests.slam.criticism.judged_flights import NOMINAL, SLOWER, judged
 
 CLIMBS = ["brisk climb steps at full stick", "up to 2 m, hover, and back", "climb and descend by 0.6 m"]
 BOTH = ["climb_asymmetry", "sonar_temperature"]
 LIMITS = load_thresholds()
 
 
-def records_of(vehicle):
-    nominal = setting_of(at_lower_rates(load_model("nominal")))
-    return [referred(record_of(flown(vehicle, stick_for(CLIMBS), seed)), nominal) for seed in (3, 4)], nominal
+def climbing(vehicle):
+    return judged(flown(vehicle, stick_for(CLIMBS), seed) for seed in (3, 4))
 
 
 @pytest.fixture(scope="module")
 def look():
-    records, nominal = records_of(at_lower_rates(load_model("nominal")))
-    return look_at(records, nominal, fit_nuisances(records, nominal))
+    records = climbing(SLOWER)
+    return look_at(records, NOMINAL, fit_nuisances(records, NOMINAL))
 
 
 def effects_of(look, names):
@@ -80,10 +76,9 @@ def test_one_term_or_none_is_no_pair(look):
 
 
 def test_two_terms_that_explain_more_than_what_looks_like_both_take_its_place():
-    vehicle = at_lower_rates(load_model("nominal"))
-    vehicle = vehicle.with_term("climb_asymmetry", eps=0.04).with_term("sonar_temperature", rise=-30.0)
-    records, nominal = records_of(vehicle)
-    found = search(records, nominal, LIMITS)
+    vehicle = SLOWER.with_term("climb_asymmetry", eps=0.04).with_term("sonar_temperature", rise=-30.0)
+    records = climbing(vehicle)
+    found = search(records, NOMINAL, LIMITS)
     assert [e.name for e in found.chosen] == ["sonar_scale"]
     pairs = likelier_pairs(found, found.chosen[0])
     assert names_of(pairs[0]) == BOTH

@@ -8,17 +8,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import at_lower_rates, flown
+from slam.criticism.healthy import flown
 from slam.criticism.kalman.filter import IGNORED, USED
 from slam.criticism.kalman.innovations import Pass, whole
-from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.reference import referred
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.search import search
 from slam.criticism.search.thresholds import load_thresholds
 from slam.criticism.verdict.heldout import _of_the_same_readings, held_out
-from slam.simulation.model import load_model
+from tests.slam.criticism.judged_flights import NOMINAL, SLOWER, judged
 
 
 @dataclass
@@ -58,28 +55,25 @@ def test_a_reading_that_one_belief_leaves_out_counts_in_neither():
 @pytest.fixture(scope="module")
 def short_sonar():
     """Flights of which one shows what is wrong, on the floor."""
-    nominal = at_lower_rates(load_model("nominal"))
-    setting = setting_of(nominal)
-    vehicle = nominal.with_term("sonar_bias", b=-0.04)
+    vehicle = SLOWER.with_term("sonar_bias", b=-0.04)
     plans = (["climb and descend by 0.6 m"], ["touch the floor, stand for 3 s and rise again"],
              ["reversing forward at 0.2"])  # fmt: skip
-    flights = [flown(vehicle, stick_for(plan), 60 + k) for k, plan in enumerate(plans)]
-    records = [referred(record_of(flight), setting) for flight in flights]
-    return records, search(records, setting, load_thresholds()), setting
+    records = judged(flown(vehicle, stick_for(plan), 60 + k) for k, plan in enumerate(plans))
+    return records, search(records, NOMINAL, load_thresholds())
 
 
 def test_what_one_flight_alone_shows_is_confirmed(short_sonar):
-    records, found, setting = short_sonar
+    records, found = short_sonar
     assert [e.name for e in found.chosen] == ["sonar_bias"]
-    gain = held_out(records, found, setting)
+    gain = held_out(records, found, NOMINAL)
     assert gain.by == "flight"
     assert gain.total > 5.0
     assert np.abs(gain.nats[[0, 2]]).max() < 5.0
 
 
 def test_flights_of_which_beliefs_judge_different_readings_are_run_anew(short_sonar, monkeypatch):
-    records, found, setting = short_sonar
-    by_parabola = held_out(records, found, setting)
+    records, found = short_sonar
+    by_parabola = held_out(records, found, NOMINAL)
 
     def one_more(base, last):
         nats = base.sums.log_likelihood.copy(), last.sums.log_likelihood.copy()
@@ -88,7 +82,7 @@ def test_flights_of_which_beliefs_judge_different_readings_are_run_anew(short_so
         return nats
 
     monkeypatch.setattr("slam.criticism.verdict.heldout._of_the_same_readings", one_more)
-    anew = held_out(records, found, setting)
+    anew = held_out(records, found, NOMINAL)
     np.testing.assert_array_equal(anew.nats[1:], by_parabola.nats[1:])
     runs = [whole(records[0], belief[0]) for belief in (anew.before, anew.after)]
     assert anew.nats[0] == pytest.approx(runs[1].log_likelihood - runs[0].log_likelihood, abs=1e-6)
