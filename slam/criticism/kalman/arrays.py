@@ -168,12 +168,40 @@ class Changes(NamedTuple):
     """(10, m) room to work."""
 
 
+class Scratch(NamedTuple):
+    """Room within a kernel: nothing in it outlasts a call."""
+
+    full: Array
+    """(12,) a state of the equations, ..."""
+    beside: Array
+    """... its rate with something nudged, ..."""
+    rate: Array
+    total: Array
+    noise: Array
+    """(8,) their noise, ..."""
+    ended: Array
+    """... at the end of a step, ..."""
+    pushed: Array
+    """... and with a force injected."""
+    stick: Array
+    """(6,)."""
+    nudged: Array
+    """(n,) a state of the filter."""
+    reading: Array
+    """(6,) of an event."""
+    change: Array
+    """(10,) of a state's rate."""
+    seen: NDArray[np.bool_]
+    """(entries,)."""
+
+
 class Room(NamedTuple):
     """What one event after the other is worked out in."""
 
     step: Step
     expected: Expected
     changes: Changes
+    scratch: Scratch
 
 
 class Written(NamedTuple):

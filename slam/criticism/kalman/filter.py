@@ -142,32 +142,32 @@ def run(
     """Filter events ``begin`` to ``end``: the ``estimate`` and the ``coloured`` noises, where there are any,
     carry on; what comes of it is ``written``, traces from their beginning on."""
     events, command, belief = given.events, given.command, given.belief
-    step, expected, changes = room
+    step, expected, changes, scratch = room
     state, p, tangents = estimate.state, estimate.p, estimate.tangents
     traced = tangents.shape[1] > 0
     written.rows[0] = 0
     for e in range(begin, end):
         first, last = events.first_step[e], events.first_step[e + 1]
         for s in range(first, last):
-            predict(s, given, estimate, step)
+            predict(s, given, estimate, step, scratch)
             if coloured is not None:
                 carry(step.matrix, coloured.cross, coloured.moved)
             if traced:
                 carry(step.matrix, tangents, changes.moved)
-                force(s, given, tangents, step, changes)
+                force(s, given, tangents, step, changes, scratch)
         kind, stick = events.kinds[e], command.at_events[0, e]
         for i in range(MOVING):
             written.states[e, i] = state[i]
         written.states[e, Z_STD] = math.sqrt(p[Z, Z])
         if kind == IMU or first == last:
             # Only rates of tilt and speed jump with the stick: all else may use the last step's slopes.
-            jacobian(state, stick, belief.parameters, expected.rate, step.slopes)
+            jacobian(state, stick, belief.parameters, expected.rate, step.slopes, scratch)
         else:
             spread(state, step.middle, step.middle_noise)
             derivative(step.middle, stick, step.middle_noise, belief.parameters, expected.rate)
         if kind == SONAR and belief.sensor[RANGE_LAG] > 0.0:
             _turn_within_lag(e, events.times_s, written.states, belief.sensor[RANGE_LAG], expected.rate)
-        measurement(kind, events.elapsed[e], state, belief, step.slopes, expected)
+        measurement(kind, events.elapsed[e], state, belief, step.slopes, expected, scratch)
         if traced:
-            direct_change(e, given, state, expected, changes)
+            direct_change(e, given, state, expected, changes, scratch)
         _take(e, given, estimate, expected, changes, written, coloured)

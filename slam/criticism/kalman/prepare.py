@@ -16,11 +16,12 @@ from slam.criticism.kalman.arrays import (
     Given,
     Noise,
     Room,
+    Scratch,
     Step,
 )
 from slam.criticism.kalman.readings import CHANNELS, MOVING, TARGET
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.sensitivity import ENTRIES
+from slam.criticism.kalman.sensitivity import ENTRIES, STICKS
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction, Signal, directions_for
 from slam.criticism.kalman.transition import FULL, NOISES, decay, kicks
@@ -78,5 +79,10 @@ def room_for(n: int, m: int) -> Room:
         Changes(
             np.zeros((ENTRIES, MOVING)), np.empty(MOVING), np.zeros((6, m)), np.empty(m),
             np.empty((MOVING, m)),
+        ),
+        Scratch(
+            np.empty(FULL), np.empty(FULL), np.empty(FULL), np.empty(FULL), np.empty(NOISES),
+            np.empty(NOISES), np.empty(NOISES), np.empty(STICKS), np.empty(n), np.empty(6), np.empty(MOVING),
+            np.empty(ENTRIES, dtype=np.bool_),
         ),
     )  # fmt: skip

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from slam.criticism.kalman.arrays import Array, Changes, Directions, Expected, Given, Step
+from slam.criticism.kalman.arrays import Array, Changes, Directions, Expected, Given, Scratch, Step
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import BEFORE, BEHIND, FIRST_CHANNEL, GUST, IMU, MOVING, WIDTH, reading
-from slam.criticism.kalman.transition import FULL, NOISES, POLE, spread
+from slam.criticism.kalman.transition import NOISES, POLE, spread
 from slam.simulation.dynamics import (
     COMMAND,
     GUST_X,
@@ -62,6 +60,7 @@ def _felt(
     rate: Array,
     directions: Directions,
     felt: Array,
+    scratch: Scratch,
 ) -> None:
     """Change of the state's rate with a unit injected at each entry that is used: ``felt`` (entries, 10).
 
@@ -69,9 +68,9 @@ def _felt(
     """
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
-    other, pushed, moved = np.empty(FULL), np.empty(NOISES), np.empty(STICKS)
+    other, pushed, moved, seen = scratch.beside, scratch.pushed, scratch.stick, scratch.seen
     rates(state, c, s, ahead, aside, command, noise, parameters, rate)
-    seen = np.zeros(ENTRIES, dtype=np.bool_)
+    seen[:] = False
     for d in range(len(directions.acts)):
         entry = directions.inject_at[d]
         if directions.acts[d] == 0 or entry < 0 or seen[entry]:
@@ -88,14 +87,14 @@ def _felt(
 
 
 @kernel
-def force(s: int, given: Given, tangents: Array, step: Step, changes: Changes) -> None:
+def force(s: int, given: Given, tangents: Array, step: Step, changes: Changes, scratch: Scratch) -> None:
     """Add to the tangents (n, m) what their perturbation does within step ``s``."""
     command, belief, directions = given.command, given.belief, given.directions
     h = given.events.step_s[s]
     slopes, middle, noise = step.slopes, step.middle, step.middle_noise
     added, felt = changes.added, changes.felt
-    rate, other = np.empty(FULL), np.empty(FULL)
-    _felt(middle, noise, command.over_steps[0, s], belief.parameters, rate, directions, felt)
+    rate, other = scratch.rate, scratch.total
+    _felt(middle, noise, command.over_steps[0, s], belief.parameters, rate, directions, felt, scratch)
     c_yaw, s_yaw = math.cos(middle[YAW]), math.sin(middle[YAW])
     ahead, aside = thrust(middle[ROLL], middle[PITCH], belief.parameters)
     for d in range(tangents.shape[1]):
@@ -118,18 +117,21 @@ def force(s: int, given: Given, tangents: Array, step: Step, changes: Changes) -
 
 
 @kernel
-def direct_change(event: int, given: Given, state: Array, expected: Expected, changes: Changes) -> None:
+def direct_change(
+    event: int, given: Given, state: Array, expected: Expected, changes: Changes, scratch: Scratch
+) -> None:
     """What each perturbation changes in a reading by itself, the state left alone: ``changes.direct``."""
     events, command, belief, directions = given.events, given.command, given.belief, given.directions
     kind, rate, pole_s = events.kinds[event], expected.rate, belief.hold[POLE]
     felt, direct = changes.felt, changes.direct
-    full, noise, other, out = np.empty(FULL), np.empty(NOISES), np.empty(FULL), np.empty(6)
-    change = np.empty(MOVING)
+    full, noise, other, out, change = (
+        scratch.full, scratch.noise, scratch.total, scratch.reading, scratch.change,
+    )  # fmt: skip
     spread(state, full, noise)
     c_yaw, s_yaw = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], belief.parameters)
     if kind == IMU:
-        _felt(full, noise, command.at_events[0, event], belief.parameters, other, directions, felt)
+        _felt(full, noise, command.at_events[0, event], belief.parameters, other, directions, felt, scratch)
     for d in range(direct.shape[1]):
         for c in range(WIDTH[kind]):
             direct[c, d] = 0.0

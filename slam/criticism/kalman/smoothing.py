@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slam.criticism.kalman.arrays import Array, Changes, Estimate, Expected, Given, Ints, Room
-from slam.criticism.kalman.compiled import kernel
+from slam.criticism.kalman.compiled import allocating_kernel, kernel
 from slam.criticism.kalman.prepare import given_for, room_for, start_of
 from slam.criticism.kalman.readings import (
     ATTITUDE,
@@ -143,25 +143,25 @@ def _nothing_passed(events: int, n: int, m: int) -> _Passed:
     return _Passed(*(np.empty(shape) for shape in (x, x, p, p, t, t, p)))
 
 
-@kernel
+@allocating_kernel
 def _forward(given: Given, estimate: Estimate, room: Room, passed: _Passed) -> None:
     """Through all events, in place; what is before and after each is ``passed`` on."""
     events, command, belief = given.events, given.command, given.belief
-    step, expected, changes = room
+    step, expected, changes, scratch = room
     state, p, tangents = estimate.state, estimate.p, estimate.tangents
     for e in range(len(events.times_s)):
         total = np.eye(state.shape[0])
         for s in range(events.first_step[e], events.first_step[e + 1]):
-            predict(s, given, estimate, step)
+            predict(s, given, estimate, step, scratch)
             total = np.dot(step.matrix, total)
         tangents[:] = np.dot(total, tangents)
         passed.moves[e], passed.x_before[e] = total, state
         passed.p_before[e], passed.t_before[e] = p, tangents
         kind = events.kinds[e]
         if kind != _MOMENT:
-            jacobian(state, command.at_events[0, e], belief.parameters, expected.rate, step.slopes)
-            measurement(kind, events.elapsed[e], state, belief, step.slopes, expected)
-            _direct(e, given, state, expected, changes.direct)
+            jacobian(state, command.at_events[0, e], belief.parameters, expected.rate, step.slopes, scratch)
+            measurement(kind, events.elapsed[e], state, belief, step.slopes, expected, scratch)
+            _direct(e, given, state, expected, changes.direct, scratch.reading)
             _take(e, given, estimate, expected, changes)
         passed.x_after[e], passed.p_after[e], passed.t_after[e] = state, p, tangents
 
@@ -185,11 +185,11 @@ def _take(event: int, given: Given, estimate: Estimate, expected: Expected, chan
 
 
 @kernel
-def _direct(event: int, given: Given, state: Array, expected: Expected, direct: Array) -> None:
+def _direct(event: int, given: Given, state: Array, expected: Expected, direct: Array, out: Array) -> None:
     """What each direction changes in what an instrument reads, the state left alone: (6, m)."""
     kind, elapsed = given.events.kinds[event], given.events.elapsed[event]
     belief, directions = given.belief, given.directions
-    rate, parameters, pole_s, out = expected.rate, belief.parameters, belief.hold[POLE], np.empty(6)
+    rate, parameters, pole_s = expected.rate, belief.parameters, belief.hold[POLE]
     for d in range(direct.shape[1]):
         direct[:, d] = 0.0
         if (directions.reads[d] >> kind) & 1:
@@ -198,7 +198,7 @@ def _direct(event: int, given: Given, state: Array, expected: Expected, direct: 
                 direct[c, d] = (out[c] - expected.reading[c]) * directions.scale[d]
 
 
-@kernel
+@allocating_kernel
 def _backward(passed: _Passed, at: Ints) -> tuple[Array, Array, Array, Array]:
     """At the events ``at``: states (k, n), A to the next (k, n, n), covariances, tangents (k, n, m)."""
     events, n, m = passed.t_before.shape

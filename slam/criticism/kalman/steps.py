@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from slam.criticism.kalman.arrays import Array, Belief, Estimate, Expected, Given, Step
+from slam.criticism.kalman.arrays import Array, Belief, Estimate, Expected, Given, Scratch, Step
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import (
     ATTITUDE,
@@ -23,7 +21,6 @@ from slam.criticism.kalman.readings import (
     reading,
 )
 from slam.criticism.kalman.transition import (
-    FULL,
     POLE,
     covariance_step,
     jacobian,
@@ -86,17 +83,17 @@ def settling(state: Array, p: Array, stick: Array, parameters: Array) -> bool:
 
 
 @kernel
-def predict(s: int, given: Given, estimate: Estimate, step: Step) -> None:
+def predict(s: int, given: Given, estimate: Estimate, step: Step, scratch: Scratch) -> None:
     """State and covariance ahead over step ``s``, in place; what the step was is left in ``step``."""
     state, p, belief = estimate.state, estimate.p, given.belief
     h, stick, late_var_s2 = given.events.step_s[s], given.command.over_steps[0, s], given.command.late_var_s2
-    jacobian(state, stick, belief.parameters, step.rate, step.slopes)
+    jacobian(state, stick, belief.parameters, step.rate, step.slopes, scratch)
     transition(step.slopes, belief.hold, h, step.matrix)
     kicks(belief.hold, step.matrix, step.q)
-    mean_step(h, state, stick, belief, step)
+    mean_step(h, state, stick, belief, step, scratch)
     covariance_step(h, p, step)
     if late_var_s2 > 0.0:
-        _unsure(state, p, stick, given.command.jolts[s], late_var_s2, belief.parameters, step)
+        _unsure(state, p, stick, given.command.jolts[s], late_var_s2, belief.parameters, step, scratch)
     if settling(state, p, stick, belief.parameters):
         for i in range(VX, VZ + 1):
             p[i, i] += CONTACT_NOISE**2 * h
@@ -104,18 +101,27 @@ def predict(s: int, given: Given, estimate: Estimate, step: Step) -> None:
 
 @kernel
 def _unsure(
-    state: Array, p: Array, stick: Array, jolt: Array, late_var_s2: float, parameters: Array, step: Step
+    state: Array,
+    p: Array,
+    stick: Array,
+    jolt: Array,
+    late_var_s2: float,
+    parameters: Array,
+    step: Step,
+    scratch: Scratch,
 ) -> None:
     """A jump ``jolt`` of the stick that comes t late: the state is off by t times the jump of its rate."""
     if not jolt[:5].any():
         return
     rate, noise = step.rate, step.middle_noise
-    full, other = np.empty(FULL), np.empty(FULL)
+    full, other, moved = scratch.full, scratch.beside, scratch.stick
+    for i in range(len(stick)):
+        moved[i] = stick[i] + jolt[i]
     for i in range(MOVING):
         full[i] = state[i]
     full[HOLD_X], full[HOLD_Y] = state[X], state[Y]
     derivative(full, stick, noise, parameters, rate)
-    derivative(full, stick + jolt, noise, parameters, other)
+    derivative(full, moved, noise, parameters, other)
     for i in range(MOVING):
         for j in range(MOVING):
             p[i, j] += late_var_s2 * (other[i] - rate[i]) * (other[j] - rate[j])
@@ -123,14 +129,24 @@ def _unsure(
 
 @kernel
 def measurement(
-    kind: int, elapsed: float, state: Array, belief: Belief, slopes: Array, expected: Expected
+    kind: int,
+    elapsed: float,
+    state: Array,
+    belief: Belief,
+    slopes: Array,
+    expected: Expected,
+    scratch: Scratch,
 ) -> None:
     """What an event should read, and its Jacobians in the state's rate and in the state: by itself and
     through its rate, whose own Jacobian is ``slopes`` (10, n)."""
     sensor, parameters, pole_s = belief.sensor, belief.parameters, belief.hold[POLE]
     rate, told, rows, by_rate = expected.rate, expected.reading, expected.rows, expected.by_rate
     reading(kind, state, rate, sensor, parameters, pole_s, elapsed, told)
-    beside, nudged, moved = np.empty(6), state.copy(), rate.copy()
+    beside, nudged, moved = scratch.reading, scratch.nudged, scratch.rate
+    for i in range(len(state)):
+        nudged[i] = state[i]
+    for i in range(len(rate)):
+        moved[i] = rate[i]
     width = WIDTH[kind]
     rows[:], by_rate[:] = 0.0, 0.0
     for j in RATES_READ[kind]:

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from slam.criticism.kalman.arrays import Array, Belief, Step
+from slam.criticism.kalman.arrays import Array, Belief, Scratch, Step
 from slam.criticism.kalman.compiled import kernel
-from slam.criticism.kalman.readings import BEFORE, BEHIND, GUST, MOVING, STATES, STATES_WITH_GUSTS, TARGET
+from slam.criticism.kalman.readings import BEFORE, BEHIND, GUST, MOVING, STATES, TARGET
 from slam.simulation.dynamics import (
     FADE,
     GEAR,
@@ -70,14 +68,16 @@ def spread(state: Array, full: Array, noise: Array) -> None:
 
 
 @kernel
-def jacobian(state: Array, command: Array, parameters: Array, rate: Array, matrix: Array) -> None:
+def jacobian(
+    state: Array, command: Array, parameters: Array, rate: Array, matrix: Array, scratch: Scratch
+) -> None:
     """Rate (12,) and its Jacobian (10, n) in the filter's state, by differences.
 
     Entries that push different rates are nudged together; what a nudge does to sines and tangents is worked
     out from their slopes. Columns of o are 0: they act through w.
     """
     n = state.shape[0]
-    full, noise, beside = np.empty(FULL), np.empty(NOISES), np.empty(FULL)
+    full, noise, beside = scratch.full, scratch.noise, scratch.beside
     spread(state, full, noise)
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
@@ -260,13 +260,13 @@ def covariance_step(h: float, p: Array, step: Step) -> None:
 
 
 @kernel
-def mean_step(h: float, state: Array, command: Array, belief: Belief, step: Step) -> None:
+def mean_step(h: float, state: Array, command: Array, belief: Belief, step: Step, scratch: Scratch) -> None:
     """RK4 over h with the noises' exact decay, in place; writes the state and noise half-way into
     ``step``."""
     n, parameters, matrix = state.shape[0], belief.parameters, step.matrix
     first, middle, middle_noise = step.rate, step.middle, step.middle_noise
-    full, noise, ended, rate = np.empty(FULL), np.empty(NOISES), np.empty(NOISES), np.empty(FULL)
-    total, after = np.empty(FULL), np.empty(STATES_WITH_GUSTS)
+    full, noise, ended, rate = scratch.full, scratch.noise, scratch.ended, scratch.rate
+    total, after = scratch.total, scratch.nudged
     spread(state, full, noise)
     for i in range(TARGET, n):
         after[i] = matrix[i, i] * state[i]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.kalman.compiled import kernel
+from slam.criticism.kalman.compiled import allocating_kernel
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import (
     ATTITUDE,
@@ -123,7 +123,7 @@ def misses_of(
     return {c: np.concatenate(m) if m else np.zeros(0) for c, m in misses.items()}
 
 
-@kernel
+@allocating_kernel
 def _told(
     kinds: Ints, at: Array, commands: Array, parameters: Array, sensor: Array, pole_s: float, elapsed: Array
 ) -> Array:
