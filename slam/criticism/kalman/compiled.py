@@ -21,7 +21,7 @@ _SO: dict[str, Any] = {
 }  # fmt: skip
 """NaN keeps its meaning: a missing reading is one."""
 kernel = njit(**_SO, _nrt=False)
-"""Makes no arrays, and counts no references to those it is given, which took half the filter's time: who calls it
-from Python holds them meanwhile."""
+"""Makes no arrays, and counts no references to those it is given: counting took half the filter's time.
+Who calls it from Python holds them meanwhile."""
 allocating_kernel = njit(**_SO)
 """May make arrays."""
