@@ -138,7 +138,7 @@ class Outing:
         members = [(f, k) for f in flights for k in (base, *others)]
         path = self.fly(members, COARSE_S, restless=False)
         each = 1 + len(others)
-        seen = [outputs(path, m, kept) for m in range(len(members))]
+        seen = [outputs(path, m, kept, m - m % each) for m in range(len(members))]
         change = {
             axis: np.stack(
                 [seen[f * each + m][axis] - seen[f * each][axis] for f in flights for m in range(1, each)],

@@ -20,8 +20,11 @@ NUISANCES = {"gain": (0.05, 0.05), "drag": (0.0559, 0.0559), "lag": (0.01, 0.01)
 """Knob -> (step, half width of its uniform prior)."""
 
 
-def outputs(path: Path, member: int, streams: Sequence[str]) -> dict[str, np.ndarray]:
-    """Axis -> (samples, channels) noise-free readings every ``STEP_S``."""
+def outputs(
+    path: Path, member: int, streams: Sequence[str], beside: int | None = None
+) -> dict[str, np.ndarray]:
+    """Axis -> (samples, channels) noise-free readings every ``STEP_S``; ahead and left are by the heading of
+    member ``beside``, by default its own."""
     # Between the moments at which the stick may jump: on them the least drift would pass for a whole jump.
     t = np.arange(0.3 + STEP_S / 8, path.h * len(path.held) - 0.01, STEP_S)
     clock = t * (1.0 - 1e-6 * path.knobs["ppm"][member])
@@ -36,7 +39,9 @@ def outputs(path: Path, member: int, streams: Sequence[str]) -> dict[str, np.nda
     ahead = [imu[:, 1] * has["imu0"], angles[:, 1] * has["attitude0"], flow[:, 0], imu[:, 3] * has["imu0"]]
     left = [-imu[:, 0] * has["imu0"], -angles[:, 0] * has["attitude0"], flow[:, 1], imu[:, 4] * has["imu0"]]
     # Axes that do not turn: what drifts ahead before a turn drifts to the side after it, which is no news.
-    c, s = np.cos(m.angles[:, 2:]), np.sin(m.angles[:, 2:])
+    # They are the same with an effect and without: who turns otherwise has turned, and not drifted as well.
+    turned = m.angles[:, 2:] if beside is None else moments(path, beside, clock).angles[:, 2:]
+    c, s = np.cos(turned), np.sin(turned)
     ahead, left = np.column_stack(ahead), np.column_stack(left)
     return {
         "ahead": c * ahead - s * left,

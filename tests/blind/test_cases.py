@@ -65,6 +65,15 @@ def test_strength_grows_as_the_amplitude_and_nuisances_explain_themselves():
     assert d[2] < 2.0 < 7.0 < alone[2]
 
 
+def test_what_turns_the_vehicle_shows_in_its_turning_alone():
+    outing = Outing(3, 0, ("yaw_repeat",), 12.0)
+    path = outing.fly([(0, HEALTHY), (0, {**HEALTHY, "spin_drag": 0.1})], STEP_S / 8, restless=False)
+    healthy, slower = outputs(path, 0, ALL), outputs(path, 1, ALL, beside=0)
+    assert np.abs(slower["turn"] - healthy["turn"]).max() > 0.05
+    for axis in ("ahead", "left"):
+        np.testing.assert_allclose(slower[axis], healthy[axis], atol=0.01)
+
+
 @pytest.mark.parametrize("name", ["climb_asymmetry", "sonar_tilt", "accel_bias", "flow_scale"])
 def test_an_effect_is_sized_to_its_strength(name):
     base = nuisances_of(np.random.default_rng(4))
