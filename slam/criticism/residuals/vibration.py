@@ -22,7 +22,9 @@ Array = NDArray[np.float64]
 
 LOWEST_HZ = 3.0
 """Below this vehicle and pilot move, and a term that does not fit well leaves waves."""
-NEIGHBOURS = 40
+NEIGHBOURS = 120
+"""Bins that tell how high the floor under a line is. It is as unsure as they are few: by 40 of them a line of
+noise is told seven times as rare as it is, and a healthy vehicle once "oscillated, by chance in 10^-9"."""
 LOG_CHANCE = -20.0
 """Logarithm of the chance of a line; some 10^5 bins are looked at."""
 FEWEST = 256

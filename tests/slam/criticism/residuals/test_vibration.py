@@ -14,7 +14,7 @@ from slam.criticism.kalman.readings import IMU
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.residuals.vibration import vibration_of
+from slam.criticism.residuals.vibration import _log_tail, _over_neighbours, vibration_of
 from slam.simulation.model import load_model
 
 
@@ -41,6 +41,16 @@ def test_white_noise_has_no_line(hover, student):
     assert all(
         vibration_of([record] * 3, [drawn(run, s + k, student) for k in range(3)]) is None for s in range(20)
     )
+
+
+def test_lines_of_noise_are_about_as_rare_as_they_are_told():
+    rng, flights, samples, rare = np.random.default_rng(1), 4, 4000, -12.0
+    least = []
+    for _ in range(1500):
+        shares = [_over_neighbours(rng.standard_normal(samples), samples) for _ in range(flights)]
+        least.append(_log_tail(np.sum(shares, axis=0), flights).min())
+    expected = samples / 2 * np.exp(rare)
+    assert 0.5 * expected < np.mean(np.array(least) < rare) < 3.0 * expected
 
 
 @pytest.mark.parametrize("hz", [7.0, 31.0])
