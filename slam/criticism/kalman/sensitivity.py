@@ -87,33 +87,57 @@ def _felt(
 
 
 @kernel
+def _reach(h: float, slopes: Array, change: Array, moved: Array) -> None:
+    """``moved`` (10,): how far a ``change`` (10,) of the rate takes the state within a step."""
+    for i in range(MOVING):
+        total = change[i]
+        for k in range(MOVING):
+            total += 0.5 * h * slopes[i, k] * change[k]
+        moved[i] = h * total
+
+
+@kernel
 def force(s: int, given: Given, tangents: Array, step: Step, changes: Changes, scratch: Scratch) -> None:
     """Add to the tangents (n, m) what their perturbation does within step ``s``."""
     command, belief, directions = given.command, given.belief, given.directions
     h = given.events.step_s[s]
     slopes, middle, noise = step.slopes, step.middle, step.middle_noise
-    added, felt = changes.added, changes.felt
+    added, felt, change, seen = changes.added, changes.felt, scratch.change, scratch.seen
     rate, other = scratch.rate, scratch.total
     _felt(middle, noise, command.over_steps[0, s], belief.parameters, rate, directions, felt, scratch)
+    for entry in range(ENTRIES):
+        if seen[entry]:
+            _reach(h, slopes, felt[entry], added)
+            for i in range(MOVING):
+                felt[entry, i] = added[i]
     c_yaw, s_yaw = math.cos(middle[YAW]), math.sin(middle[YAW])
     ahead, aside = thrust(middle[ROLL], middle[PITCH], belief.parameters)
     for d in range(tangents.shape[1]):
         if directions.acts[d] == 0:
             continue
-        if directions.inject_at[d] >= 0:
+        entry = directions.inject_at[d]
+        if entry >= 0:
             signal = directions.step_signals[directions.signal_of[d], s]
             for i in range(MOVING):
-                added[i] = h * felt[directions.inject_at[d], i] * signal
+                tangents[i, d] += felt[entry, i] * signal
         else:
             stick = command.over_steps[directions.stick_of[d], s]
             rates(middle, c_yaw, s_yaw, ahead, aside, stick, noise, directions.parameters_of[d], other)
             for i in range(MOVING):
-                added[i] = h * (other[i] - rate[i]) * directions.scale[d]
-        for i in range(MOVING):
-            total = added[i]
-            for k in range(MOVING):
-                total += 0.5 * h * slopes[i, k] * added[k]
-            tangents[i, d] += total
+                change[i] = (other[i] - rate[i]) * directions.scale[d]
+            _reach(h, slopes, change, added)
+            for i in range(MOVING):
+                tangents[i, d] += added[i]
+
+
+@kernel
+def _read_by_imu(by_rate: Array, change: Array, read: Array) -> None:
+    """``read`` (6,): what an IMU reads of a ``change`` (10,) of the rate, in which it is linear."""
+    for c in range(WIDTH[IMU]):
+        total = 0.0
+        for i in range(VX, YAW + 1):
+            total += by_rate[c, i] * change[i]
+        read[c] = total
 
 
 @kernel
@@ -131,28 +155,34 @@ def direct_change(
     c_yaw, s_yaw = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], belief.parameters)
     if kind == IMU:
-        _felt(full, noise, command.at_events[0, event], belief.parameters, other, directions, felt, scratch)
+        stick = command.at_events[0, event]
+        _felt(full, noise, stick, belief.parameters, other, directions, felt, scratch)
+        for entry in range(ENTRIES):
+            if scratch.seen[entry]:
+                _read_by_imu(expected.by_rate, felt[entry], out)
+                for c in range(WIDTH[kind]):
+                    felt[entry, c] = out[c]
     for d in range(direct.shape[1]):
         for c in range(WIDTH[kind]):
             direct[c, d] = 0.0
-        if directions.inject_at[d] >= ON_CHANNEL:
-            c = directions.inject_at[d] - ON_CHANNEL - FIRST_CHANNEL[kind]
+        entry = directions.inject_at[d]
+        if entry >= ON_CHANNEL:
+            c = entry - ON_CHANNEL - FIRST_CHANNEL[kind]
             if 0 <= c < WIDTH[kind]:
                 direct[c, d] = directions.event_signals[directions.signal_of[d], event]
         elif directions.acts[d] == 1 and kind == IMU:
-            if directions.inject_at[d] >= 0:
+            if entry >= 0:
                 signal = directions.event_signals[directions.signal_of[d], event]
-                for i in range(MOVING):
-                    change[i] = felt[directions.inject_at[d], i] * signal
+                for c in range(WIDTH[kind]):
+                    direct[c, d] = felt[entry, c] * signal
             else:
                 stick = command.at_events[directions.stick_of[d], event]
                 rates(full, c_yaw, s_yaw, ahead, aside, stick, noise, directions.parameters_of[d], other)
                 for i in range(MOVING):
                     change[i] = (other[i] - rate[i]) * directions.scale[d]
-            # The imu reads rates as they are: linear in them.
-            for c in range(WIDTH[kind]):
-                for i in range(VX, YAW + 1):
-                    direct[c, d] += expected.by_rate[c, i] * change[i]
+                _read_by_imu(expected.by_rate, change, out)
+                for c in range(WIDTH[kind]):
+                    direct[c, d] = out[c]
         elif (directions.reads[d] >> kind) & 1:
             sensor, parameters = directions.sensor_of[d], directions.parameters_of[d]
             reading(kind, state, rate, sensor, parameters, pole_s, events.elapsed[event], out)

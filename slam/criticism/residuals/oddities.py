@@ -30,6 +30,8 @@ SECOND_ECHO = (1.6, 2.4)
 NATS_A_SPIKE = 9.0
 """Of a reading ten deviations off and more, even with Student's tails, less what its rarity costs."""
 COMB_STEPS_M = np.arange(0.002, 0.0601, 0.0001)
+COMB_READINGS = 5000
+"""So many show it."""
 COMB_NATS = 20.0
 """n |mean exp(2 pi i r / step)|^2 that a comb must have; a smooth spread of readings has about 1."""
 ENTAILS = {
@@ -198,6 +200,7 @@ def _quantisation(records: Sequence[Record]) -> list[Oddity]:
     every = every[np.isfinite(every)]
     if len(every) < 50 or np.ptp(every) < 0.02:
         return []
+    every = every[:: 1 + len(every) // COMB_READINGS]
     strength = np.abs(np.exp(2j * np.pi * every[None, :] / COMB_STEPS_M[:, None]).mean(axis=1))
     # All divisors of the step comb as well; the step is the longest.
     combed = np.flatnonzero(strength > 0.9 * strength.max())

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,19 +70,26 @@ class Parabola:
     held: dict[str, float]
     """Column -> value that the belief already holds of it."""
 
+    @cached_property
+    def _place(self) -> dict[str, int]:
+        return {name: k for k, name in enumerate(self.columns)}
+
     def index(self, names: Sequence[str]) -> Ints:
         """Columns of these names."""
-        place = {name: k for k, name in enumerate(self.columns)}
-        return np.array([place[name] for name in names], dtype=np.int64)
+        return np.array([self._place[name] for name in names], dtype=np.int64)
+
+    def _among(self, relaxed: Sequence[str]) -> NDArray[np.bool_]:
+        """(nuisances,) which are in a list."""
+        return np.array([name in relaxed for name in self.names])
 
     def answer(self, effects: Sequence[Effect], reach: dict[str, float] | None = None) -> Answer:
         """The best of a set of terms; sizes of the columns in ``reach`` are drawn to 0 with these standard
         deviations, all others are free."""
         names = [c for e in effects for c in e.columns if c not in self.names]
-        loose = np.isin(self.names, [c for e in effects for c in e.relaxes])
+        loose = self._among([c for e in effects for c in e.relaxes])
         fixed = np.zeros(len(self.score))
         for column, value in self.held.items():
-            if column not in names and column in self.columns:
+            if column not in names and column in self._place:
                 fixed[self.index([column])] = -value
         free = np.concatenate([self.index(self.names), self.index(names)])
         a = self.information[np.ix_(free, free)]
@@ -100,7 +108,7 @@ class Parabola:
 
     def penalty_at_belief(self, relaxed: Sequence[str] = ()) -> float:
         """The prior's own nats at the belief, to be taken off its log likelihood."""
-        return self._penalty(np.zeros(len(self.names)), np.isin(self.names, relaxed))
+        return self._penalty(np.zeros(len(self.names)), self._among(relaxed))
 
     def nats_at(self, step: Array) -> float:
         """Log likelihood, without priors, at a step of all columns."""
