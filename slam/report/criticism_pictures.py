@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 STRETCH_S = 10.0
+ANEW_S = 2.0
+"""Roll-outs of this length, one after the other."""
 FEWEST_SAMPLES = 20
 MOST_BARS = 12
 MOST_FLIGHTS = 20
@@ -71,7 +73,7 @@ def before_after_picture(
     best: _Found | None = None
     for flight in flights[:MOST_FLIGHTS]:
         try:
-            pair = replay(flight, model), replay(flight, extended)
+            pair = replay(flight, model, (ANEW_S,)), replay(flight, extended, (ANEW_S,))
         except InputError:
             continue  # a flight without commands has no replay
         for old, new in zip(pair[0].channels, pair[1].channels, strict=True):
@@ -96,7 +98,7 @@ def before_after_picture(
     rms = [float(np.sqrt(np.nanmean((side - best.measured) ** 2))) for side in (best.before, best.after)]
     caption = (
         f"{best.channel} over the {STRETCH_S:g} s where the extension mends most. Both models get the same "
-        "commands and begin anew from the measured state every 2 s; nothing else is fed back. Error "
+        f"commands and begin anew from the measured state every {ANEW_S:g} s; nothing else is fed back. Error "
         f"{rms[0]:.3g} {best.unit} before, {rms[1]:.3g} {best.unit} after."
     )
     return Stretch(png(figure), caption)
