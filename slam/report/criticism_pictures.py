@@ -98,8 +98,8 @@ def before_after_picture(
     rms = [float(np.sqrt(np.nanmean((side - best.measured) ** 2))) for side in (best.before, best.after)]
     caption = (
         f"{best.channel} over the {STRETCH_S:g} s where the extension mends most. Both models get the same "
-        f"commands and begin anew from the measured state every {ANEW_S:g} s; nothing else is fed back. Error "
-        f"{rms[0]:.3g} {best.unit} before, {rms[1]:.3g} {best.unit} after."
+        f"commands and begin anew from the measured state every {ANEW_S:g} s; nothing else is fed back. "
+        f"Error {rms[0]:.3g} {best.unit} before, {rms[1]:.3g} {best.unit} after."
     )
     return Stretch(png(figure), caption)
 
