@@ -84,6 +84,7 @@ def made(
     return Made(time_s[seen] + DELAY_S, w_T_b, readings, covariance)
 
 
+@pytest.mark.slow
 def test_what_was_put_in_is_found_to_within_what_is_told():
     found = [made(seed).found for seed in range(8)]
     off = np.array(

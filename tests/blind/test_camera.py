@@ -58,6 +58,7 @@ def test_whatever_is_wrong_shows(fault: Fault) -> None:
     assert max(apart) > 1.5
 
 
+@pytest.mark.slow
 def test_pictures_are_lost_in_their_share() -> None:
     path = OUTING.fly([(0, {**HEALTHY, "lost": 0.1})], 0.005, restless=True)
     kept = sum(len(shown(path, seed)) for seed in range(12))
@@ -74,6 +75,7 @@ def test_pictures_are_what_their_seed_says_and_neither_dark_nor_flat() -> None:
     assert np.std(one) > 15.0
 
 
+@pytest.mark.slow
 def test_folders_of_sound_and_faulty_cameras_look_alike(tmp_path: Path) -> None:
     for kind, fault in zip(PICTURED, (None, "vignetting", "lens_haze"), strict=True):
         make(kind, 7, 4, tmp_path / kind, 1, 4.0, fault)

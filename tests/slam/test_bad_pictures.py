@@ -64,22 +64,37 @@ def test_black_seconds_are_bridged_by_loops():
     assert np.isfinite(estimate.chain_w_T_b[0]).all()
 
 
+SLOW = pytest.mark.slow
+
+
 @pytest.mark.parametrize(
     ("spoil", "reason", "count"),
     [
-        (lambda load, k: load(30) if 30 <= k < 42 else load(k), "same picture as the one before", 11),
-        (lambda load, k: load(k - k % 2), "same picture as the one before", 49),
-        (lambda load, k: load(k)[:120] if 30 <= k < 42 else load(k), "of another size than the camera's", 12),
-        (
-            lambda load, k: load(k).astype(np.uint16) if 30 <= k < 42 else load(k),
-            "neither 8-bit grey nor colour",
-            12,
+        pytest.param(
+            lambda load, k: load(30) if 30 <= k < 42 else load(k), "same picture as the one before", 11,
+            id="frozen",
         ),
-        (lambda load, k: 0 * load(k) + 255 if 30 <= k < 42 else load(k), "too few features", 12),
-        (lambda load, k: load(k)[..., ::-1].copy() if k % 2 else load(k), "", 0),
+        pytest.param(
+            lambda load, k: load(k - k % 2), "same picture as the one before", 49, id="each twice", marks=SLOW
+        ),
+        pytest.param(
+            lambda load, k: load(k)[:120] if 30 <= k < 42 else load(k), "of another size than the camera's", 12,
+            id="another size",
+        ),
+        pytest.param(
+            lambda load, k: load(k).astype(np.uint16) if 30 <= k < 42 else load(k),
+            "neither 8-bit grey nor colour", 12, id="16 bit", marks=SLOW,
+        ),
+        pytest.param(
+            lambda load, k: 0 * load(k) + 255 if 30 <= k < 42 else load(k), "too few features", 12, id="white",
+            marks=SLOW,
+        ),
+        pytest.param(
+            lambda load, k: load(k)[..., ::-1].copy() if k % 2 else load(k), "", 0, id="colours swapped",
+            marks=SLOW,
+        ),
     ],
-    ids=["frozen", "each twice", "another size", "16 bit", "white", "colours swapped"],
-)
+)  # fmt: skip
 def test_bad_pictures_are_counted_by_name_and_survived(spoil, reason, count):
     flight = flown(0)
     spoiled = seeing(flight, lambda k: spoil(flight.frames.load, k))

@@ -15,6 +15,7 @@ from tests.slam.small_flight import ORIGIN, flown, gps_of
 from tests.slam.whole_job import assert_whole, normal
 
 
+@pytest.mark.slow
 def test_without_sonar_the_shape_is_right_and_the_missing_scale_is_told():
     flight = replace(flown(0), sonar=None, imu=None)
     estimate = optimize(flight)
@@ -42,6 +43,7 @@ def test_without_sonar_the_accelerometer_tells_how_long_a_metre_is():
     assert estimate.scale_std < 0.06
 
 
+@pytest.mark.slow
 def test_a_sonar_on_another_clock_and_an_accelerometer_that_tells_no_lengths_are_told():
     flight = flown(0)
     sonar = replace(flight.sonar, stamps_s=flight.sonar.stamps_s + 1e6)
@@ -53,6 +55,7 @@ def test_a_sonar_on_another_clock_and_an_accelerometer_that_tells_no_lengths_are
     assert any("imu0 could not determine the metric scale" in line for line in estimate.warnings)
 
 
+@pytest.mark.slow
 def test_an_accelerometer_that_contradicts_the_ranges_is_not_believed():
     flight = flown(0)
     sonar = replace(flight.sonar, scale_std=0.0)
@@ -89,6 +92,7 @@ def test_missing_values_in_sonar_and_attitude_are_no_harm():
     assert evaluate(estimate, broken).ate_m.rmse < 3e-3
 
 
+@pytest.mark.slow
 def test_a_sonar_that_reads_one_figure_only_is_told():
     flight = flown(0)
     stuck = replace(flight.sonar, range_m=np.full(len(flight.sonar.stamps_s), 0.8))
@@ -96,6 +100,7 @@ def test_a_sonar_that_reads_one_figure_only_is_told():
     assert any("reads exactly 0.8 m" in warning for warning in estimate.warnings)
 
 
+@pytest.mark.slow
 def test_streams_without_one_value_are_like_none():
     flight = flown(0)
     empty = replace(
@@ -116,6 +121,7 @@ def test_streams_without_one_value_are_like_none():
     assert "no metric scale" in one.status
 
 
+@pytest.mark.slow
 def test_pictures_stamped_late_do_not_shift_the_poses():
     """The flight's own clock is the instruments': the poses stand where the vehicle was by that."""
     flight = flown(0)

@@ -15,7 +15,7 @@ from tests.slam.small_flight import flown, gps_of, only, recipe
 from tests.slam.whole_job import assert_whole, normal, refusal
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_normal_flight(seed):
     """As good as the pictures allow, not better; the covariances say how good."""
     flight, estimate = normal(seed)

@@ -75,6 +75,7 @@ def test_a_picture_more_keeps_what_it_does_not_touch() -> None:
         np.testing.assert_array_equal(done.rgba, whole[place].rgba)
 
 
+@pytest.mark.slow
 def test_what_all_tiles_share_has_all_rendered() -> None:
     plan = planned()
     first = drawn(plan)

@@ -51,6 +51,7 @@ def test_a_healthy_flight_s_instruments_are_told_healthy():
     assert np.abs(found.accelerometer.offset_m_s2).max() < 0.1
 
 
+@pytest.mark.slow
 def test_what_was_not_recorded_is_not_judged(flight):
     stamps_s = np.linspace(1, 5, 20)
     poses = np.tile(np.eye(4), (20, 1, 1))
@@ -60,12 +61,15 @@ def test_what_was_not_recorded_is_not_judged(flight):
     assert optimize(replace(flight, imu=None)).instruments.accelerometer is None
 
 
+@pytest.mark.slow
 def test_the_map_of_a_flight_whose_attitude_leans_says_so(flight):
     assert any("is tilted by" in w for w in optimize(flight).warnings)
     assert not any("is tilted by" in w for w in optimize(flown(3)).warnings)
 
 
-@pytest.mark.parametrize("late_s", [-0.05, 0.0, pytest.param(0.08, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "late_s", [-0.05, pytest.param(0.0, marks=pytest.mark.slow), pytest.param(0.08, marks=pytest.mark.slow)]
+)
 def test_pictures_on_another_clock_are_told_with_the_shift_that_mends_them(late_s):
     clean = flown(3)
     frames = replace(clean.frames, stamps_s=clean.frames.stamps_s + late_s)

@@ -52,6 +52,7 @@ def test_a_mount_that_two_instruments_say_leans_is_found_and_taken_out(turning, 
     assert f"{np.degrees(np.linalg.norm(ASKEW_RAD)):.1f}" in told
 
 
+@pytest.mark.slow
 def test_the_mount_that_is_told_for_other_programs_is_right(turning, mended):
     """Written back, nothing leans any more."""
     (told,) = [w for w in mended.warnings if "askew" in w]
@@ -70,6 +71,7 @@ def test_an_attitude_s_own_zero_is_not_taken_for_the_mount(turning):
     assert any("attitude0 is tilted by" in w and "one side of the body" in w for w in estimate.warnings)
 
 
+@pytest.mark.slow
 def test_under_one_heading_the_mount_is_held_and_named():
     """Ground that slopes would look the same."""
     estimate = optimize(askew(flown(3)))
@@ -80,6 +82,7 @@ def test_under_one_heading_the_mount_is_held_and_named():
     )
 
 
+@pytest.mark.slow
 def test_a_mount_told_as_uncertain_is_estimated_whatever_it_is(turning):
     tilt_rad = np.array([0.004, 0.002])
     flight = askew(turning, tilt_rad)

@@ -213,6 +213,7 @@ def test_poses_between_are_on_the_way_and_not_beyond():
     assert np.isnan(poses_between(stamps_s, poses, stamps_s[[0, -1]] + [-1, 1])).all()
 
 
+@pytest.mark.slow
 def test_a_flat_flight_is_mapped_as_before_and_has_its_elevation():
     over = flight(boxes=False)
     on, off = (

@@ -75,6 +75,7 @@ def test_an_effect_is_no_colour_even_where_nothing_else_would_explain_it(name, v
     assert asked(slow().with_term(name, **values), most_nats=0.0) is None
 
 
+@pytest.mark.slow
 def test_a_late_sonar_explains_more_than_its_colour():
     """One channel by itself: here only the comparison tells them apart."""
     records, model, setting = measured(slow().with_term("sonar_lag", T=0.1))
