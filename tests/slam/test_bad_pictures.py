@@ -78,16 +78,16 @@ SLOW = pytest.mark.slow
             lambda load, k: load(k - k % 2), "same picture as the one before", 49, id="each twice", marks=SLOW
         ),
         pytest.param(
-            lambda load, k: load(k)[:120] if 30 <= k < 42 else load(k), "of another size than the camera's", 12,
-            id="another size",
+            lambda load, k: load(k)[:120] if 30 <= k < 42 else load(k), "of another size than the camera's",
+            12, id="another size",
         ),
         pytest.param(
             lambda load, k: load(k).astype(np.uint16) if 30 <= k < 42 else load(k),
             "neither 8-bit grey nor colour", 12, id="16 bit", marks=SLOW,
         ),
         pytest.param(
-            lambda load, k: 0 * load(k) + 255 if 30 <= k < 42 else load(k), "too few features", 12, id="white",
-            marks=SLOW,
+            lambda load, k: 0 * load(k) + 255 if 30 <= k < 42 else load(k), "too few features", 12,
+            id="white", marks=SLOW,
         ),
         pytest.param(
             lambda load, k: load(k)[..., ::-1].copy() if k % 2 else load(k), "", 0, id="colours swapped",
