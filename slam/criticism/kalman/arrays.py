@@ -157,7 +157,9 @@ class Changes(NamedTuple):
     """What the directions do by themselves, the state left alone."""
 
     felt: Array
-    """(entries, 10) of the rate, with a unit of force at each entry."""
+    """(entries, 10) of the rate, with a unit of force at each entry ..."""
+    pushed: NDArray[np.bool_]
+    """(entries,) ... at which any direction puts one."""
     added: Array
     """(10,) of the state, over a step."""
     direct: Array
@@ -173,16 +175,18 @@ class Scratch(NamedTuple):
 
     full: Array
     """(12,) a state of the equations, ..."""
-    beside: Array
-    """... its rate with something nudged, ..."""
     rate: Array
+    """... its rate, ..."""
+    beside: Array
+    """... that with something nudged, ..."""
     total: Array
+    """... and a sum of rates, or that of another belief."""
     noise: Array
-    """(8,) their noise, ..."""
+    """(8,) noise of the equations, ..."""
     ended: Array
     """... at the end of a step, ..."""
-    pushed: Array
-    """... and with a force injected."""
+    forced: Array
+    """... and with a force put in."""
     stick: Array
     """(6,)."""
     nudged: Array
@@ -191,8 +195,6 @@ class Scratch(NamedTuple):
     """(6,) of an event."""
     change: Array
     """(10,) of a state's rate."""
-    seen: NDArray[np.bool_]
-    """(entries,)."""
 
 
 class Room(NamedTuple):

@@ -59,29 +59,30 @@ def _felt(
     parameters: Array,
     rate: Array,
     directions: Directions,
-    felt: Array,
+    changes: Changes,
     scratch: Scratch,
 ) -> None:
-    """Change of the state's rate with a unit injected at each entry that is used: ``felt`` (entries, 10).
+    """Change of the state's rate with a unit injected at each entry that is used: ``changes.felt``.
 
     ``rate`` (12,) is written as well: the rate with none.
     """
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
-    other, pushed, moved, seen = scratch.beside, scratch.pushed, scratch.stick, scratch.seen
+    other, forced, moved = scratch.beside, scratch.forced, scratch.stick
+    felt, pushed = changes.felt, changes.pushed
     rates(state, c, s, ahead, aside, command, noise, parameters, rate)
-    seen[:] = False
+    pushed[:] = False
     for d in range(len(directions.acts)):
         entry = directions.inject_at[d]
-        if directions.acts[d] == 0 or entry < 0 or seen[entry]:
+        if directions.acts[d] == 0 or entry < 0 or pushed[entry]:
             continue
-        seen[entry] = True
+        pushed[entry] = True
         for i in range(NOISES):
-            pushed[i] = noise[i]
+            forced[i] = noise[i]
         for i in range(STICKS):
             moved[i] = command[i]
-        _inject(entry, _INJECTED, state[YAW], pushed, moved)
-        rates(state, c, s, ahead, aside, moved, pushed, parameters, other)
+        _inject(entry, _INJECTED, state[YAW], forced, moved)
+        rates(state, c, s, ahead, aside, moved, forced, parameters, other)
         for i in range(MOVING):
             felt[entry, i] = (other[i] - rate[i]) / _INJECTED
 
@@ -102,11 +103,11 @@ def force(s: int, given: Given, tangents: Array, step: Step, changes: Changes, s
     command, belief, directions = given.command, given.belief, given.directions
     h = given.events.step_s[s]
     slopes, middle, noise = step.slopes, step.middle, step.middle_noise
-    added, felt, change, seen = changes.added, changes.felt, scratch.change, scratch.seen
+    added, felt, change = changes.added, changes.felt, scratch.change
     rate, other = scratch.rate, scratch.total
-    _felt(middle, noise, command.over_steps[0, s], belief.parameters, rate, directions, felt, scratch)
+    _felt(middle, noise, command.over_steps[0, s], belief.parameters, rate, directions, changes, scratch)
     for entry in range(ENTRIES):
-        if seen[entry]:
+        if changes.pushed[entry]:
             _reach(h, slopes, felt[entry], added)
             for i in range(MOVING):
                 felt[entry, i] = added[i]
@@ -156,9 +157,9 @@ def direct_change(
     ahead, aside = thrust(state[ROLL], state[PITCH], belief.parameters)
     if kind == IMU:
         stick = command.at_events[0, event]
-        _felt(full, noise, stick, belief.parameters, other, directions, felt, scratch)
+        _felt(full, noise, stick, belief.parameters, other, directions, changes, scratch)
         for entry in range(ENTRIES):
-            if scratch.seen[entry]:
+            if changes.pushed[entry]:
                 _read_by_imu(expected.by_rate, felt[entry], out)
                 for c in range(WIDTH[kind]):
                     felt[entry, c] = out[c]
