@@ -138,7 +138,8 @@ class Outing:
         members = [(f, k) for f in flights for k in (base, *others)]
         path = self.fly(members, COARSE_S, restless=False)
         each = 1 + len(others)
-        seen = [outputs(path, m, kept, m - m % each) for m in range(len(members))]
+        # The first of each flight's members is the healthy one.
+        seen = [outputs(path, m, kept, beside=m - m % each) for m in range(len(members))]
         change = {
             axis: np.stack(
                 [seen[f * each + m][axis] - seen[f * each][axis] for f in flights for m in range(1, each)],

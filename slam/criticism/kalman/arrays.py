@@ -159,7 +159,11 @@ class Changes(NamedTuple):
     felt: Array
     """(entries, 10) of the rate, with a unit of force at each entry ..."""
     pushed: NDArray[np.bool_]
-    """(entries,) ... at which any direction puts one."""
+    """(entries,) ... at which any direction puts one, ..."""
+    reached: Array
+    """(entries, 10) ... of the state over a step with it ..."""
+    read: Array
+    """(entries, 6) ... and of what an IMU reads."""
     added: Array
     """(10,) of the state, over a step."""
     direct: Array
@@ -179,8 +183,10 @@ class Scratch(NamedTuple):
     """... its rate, ..."""
     beside: Array
     """... that with something nudged, ..."""
+    other: Array
+    """... that under another belief, ..."""
     total: Array
-    """... and a sum of rates, or that of another belief."""
+    """... and a sum of rates."""
     noise: Array
     """(8,) noise of the equations, ..."""
     ended: Array

@@ -16,12 +16,12 @@ discard_stale(
     ]
 )
 
-_SO: dict[str, Any] = {
+_OPTIONS: dict[str, Any] = {
     "cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "arcp", "nsz"},
 }  # fmt: skip
 """NaN keeps its meaning: a missing reading is one."""
-kernel = njit(**_SO, _nrt=False)
+kernel = njit(**_OPTIONS, _nrt=False)
 """Makes no arrays, and counts no references to those it is given: counting took half the filter's time.
 Who calls it from Python holds them meanwhile."""
-allocating_kernel = njit(**_SO)
+allocating_kernel = njit(**_OPTIONS)
 """May make arrays."""

@@ -77,11 +77,12 @@ def room_for(n: int, m: int) -> Room:
             np.empty(FULL), np.empty(6), np.zeros((6, n)), np.zeros((6, MOVING)), np.empty(n), np.empty(n)
         ),
         Changes(
-            np.zeros((ENTRIES, MOVING)), np.zeros(ENTRIES, dtype=np.bool_), np.empty(MOVING),
-            np.zeros((6, m)), np.empty(m), np.empty((MOVING, m)),
+            np.zeros((ENTRIES, MOVING)), np.zeros(ENTRIES, dtype=np.bool_), np.zeros((ENTRIES, MOVING)),
+            np.zeros((ENTRIES, 6)), np.empty(MOVING), np.zeros((6, m)), np.empty(m), np.empty((MOVING, m)),
         ),
         Scratch(
-            np.empty(FULL), np.empty(FULL), np.empty(FULL), np.empty(FULL), np.empty(NOISES),
-            np.empty(NOISES), np.empty(NOISES), np.empty(STICKS), np.empty(n), np.empty(6), np.empty(MOVING),
+            np.empty(FULL), np.empty(FULL), np.empty(FULL), np.empty(FULL), np.empty(FULL),
+            np.empty(NOISES), np.empty(NOISES), np.empty(NOISES), np.empty(STICKS), np.empty(n), np.empty(6),
+            np.empty(MOVING),
         ),
     )  # fmt: skip

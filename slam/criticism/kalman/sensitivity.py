@@ -103,14 +103,11 @@ def force(s: int, given: Given, tangents: Array, step: Step, changes: Changes, s
     command, belief, directions = given.command, given.belief, given.directions
     h = given.events.step_s[s]
     slopes, middle, noise = step.slopes, step.middle, step.middle_noise
-    added, felt, change = changes.added, changes.felt, scratch.change
-    rate, other = scratch.rate, scratch.total
+    added, change, rate, other = changes.added, scratch.change, scratch.rate, scratch.other
     _felt(middle, noise, command.over_steps[0, s], belief.parameters, rate, directions, changes, scratch)
     for entry in range(ENTRIES):
         if changes.pushed[entry]:
-            _reach(h, slopes, felt[entry], added)
-            for i in range(MOVING):
-                felt[entry, i] = added[i]
+            _reach(h, slopes, changes.felt[entry], changes.reached[entry])
     c_yaw, s_yaw = math.cos(middle[YAW]), math.sin(middle[YAW])
     ahead, aside = thrust(middle[ROLL], middle[PITCH], belief.parameters)
     for d in range(tangents.shape[1]):
@@ -120,7 +117,7 @@ def force(s: int, given: Given, tangents: Array, step: Step, changes: Changes, s
         if entry >= 0:
             signal = directions.step_signals[directions.signal_of[d], s]
             for i in range(MOVING):
-                tangents[i, d] += felt[entry, i] * signal
+                tangents[i, d] += changes.reached[entry, i] * signal
         else:
             stick = command.over_steps[directions.stick_of[d], s]
             rates(middle, c_yaw, s_yaw, ahead, aside, stick, noise, directions.parameters_of[d], other)
@@ -148,10 +145,8 @@ def direct_change(
     """What each perturbation changes in a reading by itself, the state left alone: ``changes.direct``."""
     events, command, belief, directions = given.events, given.command, given.belief, given.directions
     kind, rate, pole_s = events.kinds[event], expected.rate, belief.hold[POLE]
-    felt, direct = changes.felt, changes.direct
-    full, noise, other, out, change = (
-        scratch.full, scratch.noise, scratch.total, scratch.reading, scratch.change,
-    )  # fmt: skip
+    direct, full, noise, other = changes.direct, scratch.full, scratch.noise, scratch.other
+    out, change = scratch.reading, scratch.change
     spread(state, full, noise)
     c_yaw, s_yaw = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], belief.parameters)
@@ -160,9 +155,7 @@ def direct_change(
         _felt(full, noise, stick, belief.parameters, other, directions, changes, scratch)
         for entry in range(ENTRIES):
             if changes.pushed[entry]:
-                _read_by_imu(expected.by_rate, felt[entry], out)
-                for c in range(WIDTH[kind]):
-                    felt[entry, c] = out[c]
+                _read_by_imu(expected.by_rate, changes.felt[entry], changes.read[entry])
     for d in range(direct.shape[1]):
         for c in range(WIDTH[kind]):
             direct[c, d] = 0.0
@@ -175,7 +168,7 @@ def direct_change(
             if entry >= 0:
                 signal = directions.event_signals[directions.signal_of[d], event]
                 for c in range(WIDTH[kind]):
-                    direct[c, d] = felt[entry, c] * signal
+                    direct[c, d] = changes.read[entry, c] * signal
             else:
                 stick = command.at_events[directions.stick_of[d], event]
                 rates(full, c_yaw, s_yaw, ahead, aside, stick, noise, directions.parameters_of[d], other)

@@ -29,9 +29,9 @@ Array = NDArray[np.float64]
 
 FIRST_S = 60.0
 """The restlessness is fitted first to so much of the flights: it shows everywhere."""
-ENOUGH = 3.0
-"""Times as much, and that is not enough: what a noise's size is off by shows in the rest as a shape. Ten
-healthy flights of a minute were ``unknown``, z 6.0, by a tilt that feeds itself."""
+LONG_S = 180.0
+"""Flights that are longer together show as a shape by how much the size of a noise is off that was fitted to
+their first parts. Ten healthy flights of a minute were ``unknown``, z 6.0, by a tilt that feeds itself."""
 ROUNDS = 2
 FOREIGN_ROUNDS = 7
 LARGEST_STEP = 0.5
@@ -68,7 +68,7 @@ def fit_nuisances(
     short = [cut(record, FIRST_S / len(records)) for record in records]
     setting = model if start is None else start
     rounds = [short] * (FOREIGN_ROUNDS if model.foreign else ROUNDS)
-    if not model.foreign and sum(record.duration_s for record in records) > ENOUGH * FIRST_S:
+    if not model.foreign and sum(record.duration_s for record in records) > LONG_S:
         rounds[-1] = list(records)
     for flown in rounds:
         directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions]

@@ -69,11 +69,6 @@ class Sums:
     readings: tuple[int, ...]
     """Of each flight, how many of its stretches are readings; one more is its pictures."""
 
-    def index(self, names: Sequence[str]) -> NDArray[np.int64]:
-        """Columns of these names."""
-        place = {name: k for k, name in enumerate(self.columns)}
-        return np.array([place[name] for name in names], dtype=np.int64)
-
 
 class _Changed(NamedTuple):
     """What changes do to the innovations, by a unit of each: (events, 6, changes)."""

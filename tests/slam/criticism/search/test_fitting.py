@@ -11,7 +11,7 @@ from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.effects import effects_for, relaxations
-from slam.criticism.search.fitting import ENOUGH, FIRST_S, fit_nuisances
+from slam.criticism.search.fitting import FIRST_S, LONG_S, fit_nuisances
 from slam.criticism.search.information import sums_of
 from slam.simulation.dynamics import ROTOR_RADIUS
 from slam.simulation.model import load_model
@@ -48,7 +48,7 @@ def test_noise_of_long_flights_is_fitted_to_all_of_them(monkeypatch):
         return sums_of(records[:1], *rest)
 
     monkeypatch.setattr("slam.criticism.search.fitting.sums_of", sums)
-    many = round(ENOUGH * FIRST_S / record.duration_s) + 1
+    many = round(LONG_S / record.duration_s) + 1
     fit_nuisances([record] * many, model)
     fit_nuisances([record] * (many - 2), model)
     assert seconds[0] == pytest.approx(FIRST_S, rel=0.1)

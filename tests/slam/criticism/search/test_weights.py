@@ -37,8 +37,10 @@ def seen():
 
 
 def share_left(sums, column, out):
-    left = project(sums.information.sum(axis=0), sums.index(out), np.zeros(len(out)))
-    return left.share[sums.index([column])[0]]
+    left = project(
+        sums.information.sum(axis=0), [sums.columns.index(name) for name in out], np.zeros(len(out))
+    )
+    return left.share[sums.columns.index(column)]
 
 
 def test_a_wrong_gain_is_a_target_that_goes_with_tilt(seen):
