@@ -15,7 +15,7 @@ from tests.blind import folder, vehicle
 from tests.blind.camera import floor, pictures
 from tests.blind.faults import BY_NAME, FAULTS, SEEN, SEEN_STRANGE, STRANGE, UNTELLABLE, Blind, Fault
 from tests.blind.instruments import RATE_HZ, streams
-from tests.blind.plans import GRID_S, PLANS, start_of, stick_of
+from tests.blind.plans import LANDING, GRID_S, PLANS, start_of, stick_of
 from tests.blind.strength import NUISANCES, outputs, strengths, whitened
 from tests.blind.vehicle import HEALTHY, Knobs
 
@@ -185,16 +185,29 @@ def sized(
     )
 
 
+def _is_of_the_floor(fault: Fault) -> bool:
+    """Nobody lands on boxes and slopes: legs know only the level floor."""
+    return fault.family == "place"
+
+
+def go_together(one: Fault, other: Fault) -> bool:
+    """Whether flights can show both: what only a landing shows is not hidden beside a floor without one."""
+    both = ((one, other), (other, one))
+    landed = any(a.needs == (LANDING,) and _is_of_the_floor(b) for a, b in both)
+    return one.family != other.family and not landed
+
+
 def plans_for(faults: Sequence[Fault], flights: int, rng: np.random.Generator) -> tuple[str, ...]:
     """One plan that shows each fault, the others as drawn."""
     chosen: list[str] = []
+    barred = {LANDING} if any(map(_is_of_the_floor, faults)) else set()
     for fault in faults:
         if fault.needs and not set(fault.needs) & set(chosen):
-            chosen.append(str(rng.choice(fault.needs)))
-    rest = [p for p in PLANS if p not in chosen]
-    # No landing on boxes and slopes: legs know only the level floor.
-    if any(f.family == "place" for f in faults):
-        rest.remove("touchdown")
+            plan = str(rng.choice(fault.needs))
+            while plan in barred:
+                plan = str(rng.choice(fault.needs))
+            chosen.append(plan)
+    rest = [p for p in PLANS if p not in chosen and p not in barred]
     chosen += [str(p) for p in rng.permutation(rest)]
     return tuple(str(p) for p in rng.permutation(chosen[:flights]))
 
@@ -233,7 +246,7 @@ def make(
         target = max(target, 10.0)
         scaled = [f for f in FAULTS if f.scaled]
         faults = [scaled[i] for i in rng.permutation(len(scaled))]
-        faults = [faults[0], next(f for f in faults if f.family != faults[0].family)]
+        faults = [faults[0], next(f for f in faults if go_together(faults[0], f))]
     elif kind == "untellable":
         found = [b for b in UNTELLABLE if fault in (None, b.fault)]
         blind = found[rng.integers(len(found))]

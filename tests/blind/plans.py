@@ -132,6 +132,7 @@ def swell(rng: Rng) -> Iterator[Piece]:
         t += 0.05
 
 
+LANDING = "touchdown"
 UNTELLING: dict[str, Callable[[Rng], Iterator[Piece]]] = {p.__name__: p for p in (onward, swell)}
 """Flown only where causes shall not be told apart."""
 PLANS: dict[str, Callable[[Rng], Iterator[Piece]]] = {

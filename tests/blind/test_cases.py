@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.blind import folder
-from tests.blind.cases import CHANCE, CONTACT, KINDS, Outing, make, nuisances_of, plans_for, sized, suite
+from tests.blind.cases import CHANCE, CONTACT, KINDS, Outing, go_together, make, nuisances_of, plans_for, sized, suite
 from tests.blind.faults import BY_NAME, FAULTS, SEEN, SEEN_STRANGE, STRANGE, UNTELLABLE, Blind
 from tests.blind.instruments import NOISE, RATE_HZ, noisy, streams
 from tests.blind.strength import NUISANCES, STEP_S, outputs, strengths, whitened
@@ -192,6 +192,16 @@ def test_a_plan_that_shows_an_effect_is_flown():
             plans = plans_for([fault], 3, rng)
             assert len(plans) == 3
             assert not fault.needs or set(fault.needs) & set(plans)
+
+
+def test_any_two_effects_that_go_together_are_both_shown_and_nobody_lands_on_a_slope():
+    rng = np.random.default_rng(5)
+    pairs = [(a, b) for a in FAULTS for b in FAULTS if go_together(a, b)]
+    assert len(pairs) > 500
+    for pair in pairs:
+        plans = plans_for(pair, 4, rng)
+        assert all(not fault.needs or set(fault.needs) & set(plans) for fault in pair)
+        assert "touchdown" not in plans or all(fault.family != "place" for fault in pair)
 
 
 @pytest.fixture(scope="module")
