@@ -15,7 +15,7 @@ from tests.blind import folder, vehicle
 from tests.blind.camera import floor, pictures
 from tests.blind.faults import BY_NAME, FAULTS, SEEN, SEEN_STRANGE, STRANGE, UNTELLABLE, Blind, Fault
 from tests.blind.instruments import RATE_HZ, streams
-from tests.blind.plans import LANDING, GRID_S, PLANS, start_of, stick_of
+from tests.blind.plans import GRID_S, LANDING, PLANS, start_of, stick_of
 from tests.blind.strength import NUISANCES, outputs, strengths, whitened
 from tests.blind.vehicle import HEALTHY, Knobs
 

@@ -10,7 +10,18 @@ import numpy as np
 import pytest
 
 from tests.blind import folder
-from tests.blind.cases import CHANCE, CONTACT, KINDS, Outing, go_together, make, nuisances_of, plans_for, sized, suite
+from tests.blind.cases import (
+    CHANCE,
+    CONTACT,
+    KINDS,
+    Outing,
+    go_together,
+    make,
+    nuisances_of,
+    plans_for,
+    sized,
+    suite,
+)
 from tests.blind.faults import BY_NAME, FAULTS, SEEN, SEEN_STRANGE, STRANGE, UNTELLABLE, Blind
 from tests.blind.instruments import NOISE, RATE_HZ, noisy, streams
 from tests.blind.strength import NUISANCES, STEP_S, outputs, strengths, whitened
