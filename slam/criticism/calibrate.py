@@ -43,7 +43,7 @@ def greatest(seed: int, camera: CameraModel | None = None) -> tuple[float, str, 
 
 
 def thresholds(*greatest: np.ndarray) -> tuple[float, ...]:
-    """Thresholds of each from the greatest values (n,): by an exponential tail in z^2 / 2."""
+    """Thresholds of each from the greatest values (n,): as if each were that of n Gaussians."""
     return tuple(_tail(values, rate) for values, rate in zip(greatest, RATES, strict=True))
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from slam.criticism.kalman.optics import catalogued
-from slam.criticism.kalman.readings import DATUM, INSTRUMENT_CHANNELS, INSTRUMENTS
+from slam.criticism.kalman.readings import DATUM, IMU, INSTRUMENT_CHANNELS, INSTRUMENTS, place_of
+from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting, setting_of, slot
 from slam.criticism.kalman.transition import (
     GUST_STD,
@@ -32,11 +33,11 @@ _EXTENDED = " extended"
 """Behind the name of the model that was extended; a name has at most 80 letters."""
 
 
-def extended_model(model: Model, setting: Setting, causes: Sequence[str]) -> Model:
-    """The model that a belief is; only terms of ``causes`` enter, each within what its equation bears."""
+def extended_model(model: Model, setting: Setting, causes: Sequence[str], records: Sequence[Record]) -> Model:
+    """The model that a belief about some flights is; only terms of ``causes`` enter, each within what its
+    equation bears."""
     hold = setting.hold
-    factors = [setting.noise_factor[channels[0]] for channels in INSTRUMENT_CHANNELS]
-    noise = dict(zip(INSTRUMENTS, factors, strict=True))
+    noise = _noise(model, setting, records)
     colour = dict(zip(INSTRUMENTS, setting.colour.tolist(), strict=True))
     plain = replace(
         model,
@@ -59,24 +60,24 @@ def extended_model(model: Model, setting: Setting, causes: Sequence[str]) -> Mod
         ),
         imu=replace(
             model.imu,
-            gyro_noise_density=float(model.imu.gyro_noise_density * noise["gyro"]),
-            accel_noise_density=float(model.imu.accel_noise_density * noise["accel"]),
+            gyro_noise_density=noise["gyro"],
+            accel_noise_density=noise["accel"],
             gyro_noise_correlation=colour["gyro"],
             accel_noise_correlation=colour["accel"],
         ),
         attitude=replace(
             model.attitude,
-            noise_std_deg=float(model.attitude.noise_std_deg * noise["attitude"]),
+            noise_std_deg=float(np.degrees(noise["attitude"])),
             noise_correlation=colour["attitude"],
         ),
         velocity=replace(
             model.velocity,
-            noise_std_m_s=float(model.velocity.noise_std_m_s * noise["velocity"]),
+            noise_std_m_s=noise["velocity"],
             noise_correlation=colour["velocity"],
         ),
         sonar=replace(
             model.sonar,
-            noise_std_m=float(model.sonar.noise_std_m * noise["sonar"]),
+            noise_std_m=noise["sonar"],
             noise_correlation=colour["sonar"],
             datum_m=float(setting.sensor[DATUM]),
         ),
@@ -84,6 +85,30 @@ def extended_model(model: Model, setting: Setting, causes: Sequence[str]) -> Mod
     for name in causes:
         plain = _with(plain, name, setting)
     return plain
+
+
+def _noise(model: Model, setting: Setting, records: Sequence[Record]) -> dict[str, float]:
+    """Instrument -> standard deviation of its noise, of the imu's the density: what the flights tell of it,
+    times what was fitted. The model's own where no flight has the instrument; and of a vehicle of another
+    make, whose belief says what readings are worth, not what they scatter by."""
+    own = {
+        "gyro": model.imu.gyro_noise_density,
+        "accel": model.imu.accel_noise_density,
+        "attitude": float(np.radians(model.attitude.noise_std_deg)),
+        "velocity": model.velocity.noise_std_m_s,
+        "sonar": model.sonar.noise_std_m,
+    }
+    if setting.foreign:
+        return own
+    for name, channels in zip(INSTRUMENTS, INSTRUMENT_CHANNELS, strict=True):
+        kind, _ = place_of(channels[0])
+        told = []
+        for record in (r for r in records if r.has(channels[0])):
+            step_s = float(np.median(np.diff(record.times_s[record.kinds == kind]))) if kind == IMU else 1.0
+            told.append(record.noise_std[channels[0]] * np.sqrt(step_s))
+        if told:
+            own[name] = float(np.median(told) * setting.noise_factor[channels[0]])
+    return own
 
 
 def with_certainty(model: Model, causes: Sequence[Cause]) -> Model:
@@ -94,6 +119,13 @@ def with_certainty(model: Model, causes: Sequence[Cause]) -> Model:
         known = {n: float(s) for n, s in std.items() if np.isfinite(s) and s > 0.0}
         model = model.with_std(cause.name, **known) if known else model
     return model
+
+
+def with_sizes(model: Model, name: str, values: Mapping[str, float]) -> Model:
+    """The model with a term, its parameters kept within what its equation bears."""
+    limits = {p.name: p for p in CATALOGUE[name].parameters}
+    kept = {k: min(max(v, limits[k].least), limits[k].most) for k, v in values.items()}
+    return model.with_term(name, **kept)
 
 
 def _with(model: Model, name: str, setting: Setting) -> Model:
@@ -115,6 +147,4 @@ def _with(model: Model, name: str, setting: Setting) -> Model:
             x = float(getattr(setting, where)[entry])
             if x != float(getattr(before, where)[entry]):
                 values[parameter.name] = catalogued(entry, x) if where == "camera" else x
-    limits = {p.name: p for p in CATALOGUE[name].parameters}
-    kept = {k: min(max(v, limits[k].least), limits[k].most) for k, v in values.items()}
-    return model.with_term(name, **kept) if kept else model
+    return with_sizes(model, name, values) if values else model

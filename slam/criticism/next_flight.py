@@ -38,46 +38,50 @@ def next_flight(
     kinds: Container[int],
     progress: Progress = silent,
 ) -> str:
-    """A sentence: which manoeuvre tells ``first``, of these sizes (columns,), from ``second`` best.
+    """A sentence: which manoeuvre tells ``first``, of these sizes (columns,), from ``second`` best; empty
+    for a term that moves no mean.
 
     Best for the time that it takes, with these ``kinds`` of instruments on board.
     """
-    directions = [*first.directions, *second.directions]
-    if not first.directions:
+    every = [direction_of(n) for n in MEAN] + [*first.directions, *second.directions]
+    names = [n.name for n in MEAN] + [d.name for d in every[len(MEAN) :]]
+    own = np.array([names.index(column) for column in first.columns if column in names], dtype=np.int64)
+    if len(own) == 0:
         return ""
+    out = np.array([k for k in range(len(every)) if k not in own], dtype=np.int64)
     setting = setting_of(model)
     slower = at_lower_rates(model)
-    beside = len(second.directions)
+    precision = np.array([_precision(name, second, setting) for name in names])[out]
+    size = np.array([x for x, column in zip(sizes, first.columns, strict=True) if column in names])
 
     def separation(name: str) -> float:
         flight = flown(slower, stick_for([name]), 1)
         missing = {stream: None for kind, stream in _STREAMS.items() if kind not in kinds}
         record = referred(record_of(replace(flight, **missing)), setting)  # type: ignore[arg-type]
-        every = [direction_of(n) for n in MEAN] + directions
         information = np.zeros((len(every), len(every)))
         for rows in stretches(record, setting, every):
             information += rows.traces.T @ rows.traces
-        count = len(MEAN)
-        out = np.r_[np.arange(count), np.arange(len(every) - beside, len(every))].astype(np.int64)
-        left = project(information, out, _precision(setting, beside)).information
-        own = slice(count, count + len(first.directions))
-        return float(np.sqrt(max(sizes @ left[own, own] @ sizes, 0.0)))
+        left = project(information, out, precision).information
+        return float(np.sqrt(max(size @ left[np.ix_(own, own)] @ size, 0.0)))
 
-    names = list(MANOEUVRES)
-    found = in_threads(Tally(progress, "next flight", len(names)).counting(separation), names)
+    flights = list(MANOEUVRES)
+    found = in_threads(Tally(progress, "next flight", len(flights)).counting(separation), flights)
     # Separation grows as the root of the time flown.
-    took_s = np.array([stick_for([name]).duration_s for name in names])
+    took_s = np.array([stick_for([name]).duration_s for name in flights])
     best = int(np.argmax(found / np.sqrt(took_s)))
     times = int(np.ceil((TOLD_APART_SIGMA / max(found[best], 1e-3)) ** 2))
     if times > 200:
         return f"No manoeuvre of the list tells {first.name} from {second.name}: another sensor must."
     often = "once" if times == 1 else f"{times} times"
     return (
-        f"To tell {first.name} from {second.name} fly {names[best]!r} {often}: "
+        f"To tell {first.name} from {second.name} fly {flights[best]!r} {often}: "
         f"{found[best]:.1f} sigma a time."
     )
 
 
-def _precision(setting: Setting, beside: int) -> np.ndarray:
-    # The other term's own prior: next to none.
-    return np.array([prior_precision(n, setting) for n in MEAN] + [1e-9] * beside)
+def _precision(name: str, other: Effect, setting: Setting) -> float:
+    """Of a column's prior: next to none of the other term's own, the nuisances that it frees among them."""
+    nuisance = {n.name: n for n in MEAN}.get(name)
+    if nuisance is None or name in other.relaxes:
+        return 1e-9
+    return prior_precision(nuisance, setting)

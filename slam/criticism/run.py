@@ -10,7 +10,7 @@ import numpy as np
 
 from slam.body_range import with_body_ranges
 from slam.criticism.camera.strays import without_strays
-from slam.criticism.extended import extended_model, with_certainty
+from slam.criticism.extended import extended_model, with_certainty, with_sizes
 from slam.criticism.kalman.readings import INSTRUMENTS
 from slam.criticism.kalman.record import Record, any_holds_heading, has_commands
 from slam.criticism.kalman.reference import referred
@@ -23,6 +23,7 @@ from slam.criticism.residuals.stamps import without_jitter
 from slam.criticism.residuals.uneven import uneven_of
 from slam.criticism.residuals.vibration import vibration_of
 from slam.criticism.search.inclusion import is_wall
+from slam.criticism.search.nuisances import MEAN, value_of
 from slam.criticism.search.search import Search, exchanged, search
 from slam.criticism.search.thresholds import Thresholds, beside, load_thresholds
 from slam.criticism.threads import in_threads
@@ -32,7 +33,7 @@ from slam.criticism.verdict.covariate import Covariate, covariate
 from slam.criticism.verdict.criticism import Cause, Criticism
 from slam.criticism.verdict.decision import causes_of, confirmed, decide, in_order, weighed
 from slam.criticism.verdict.flown import Flown, flown
-from slam.criticism.verdict.heldout import taken
+from slam.criticism.verdict.heldout import HeldOut, held_out, taken
 from slam.criticism.verdict.posterior import Posterior, likelier, likelier_pairs, named, posterior_of
 from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.sentence import sentence_of
@@ -140,8 +141,10 @@ def _prepared(records: Sequence[Record], model: Model, progress: Progress) -> _P
 
 
 def _explained(given: _Prepared, progress: Progress) -> _Explained:
-    records, setting = given.records, given.setting
-    found = confirmed(records, search(records, setting, given.limits, progress), setting)
+    setting = given.setting
+    found = search(given.records, setting, given.limits, progress)
+    records = found.records
+    found = confirmed(records, found, setting)
     found = _likeliest(records, found)
     belief = _belief(found)
     doubts, refuted = contradictions(records, setting, found, belief)
@@ -157,14 +160,15 @@ def _explained(given: _Prepared, progress: Progress) -> _Explained:
 
 def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Criticism:
     given = _prepared(records, model, progress)
-    records, limits = given.records, given.limits
     explained = _explained(given, progress)
+    records, limits = explained.found.records, given.limits
     found, belief, doubts, best = explained.found, explained.belief, explained.doubts, explained.best
     posterior = posterior_of(found)
     odd = [*given.odd, *oddities(records, found.last.sums.passes)]
     rolled_out = Tally(progress, "roll out", 2)
     with rolled_out.part():
-        fitted = causes_of(records, given.setting, found, posterior, best)
+        together = held_out(records, found, given.setting) if any(map(named, found.chosen)) else None
+        fitted = causes_of(records, given.setting, found, posterior, together, best) if together else ()
     likely, faint = weighed(fitted, found, posterior, doubts)
     # What an oddity leaves of its term in streams that it cannot mend is the same cause.
     likely = tuple(cause for cause in likely if cause.name not in {o.name for o in odd})
@@ -196,7 +200,9 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         remainder,
         _next(records, model, found, posterior, progress),
         detectable=seen,
-        ranking=ranking(found, posterior.probability | {c.name: c.probability for c in causes}),
+        ranking=ranking(
+            found, posterior.probability | {c.name: c.probability for c in causes}, [o.cause() for o in odd]
+        ),
         confusable=confusable(found.first),
         shapes=tuple((s.effect.name, s.z) for s in left[:SHOWN_SHAPES]),
         nuisances=nuisances_told(found, best),
@@ -206,7 +212,8 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         dropped=tuple(given.strays),
         threshold=limits.effects,
         model=model,
-        extended=_extended(model, belief, found, odd),
+        extended=_extended(records, model, belief, causes, odd),
+        unseen={} if together is None else _unseen(records, model, together, best, causes, odd),
     )
 
 
@@ -282,10 +289,26 @@ def _belief(found: Search) -> Setting:
     return taken(found.last, found.last.parabola.answer(found.chosen).whole, found.chosen)
 
 
-def _extended(model: Model, belief: Setting, found: Search, odd: Sequence[Oddity]) -> Model:
-    extended = extended_model(model, belief, [e.name for e in found.chosen if named(e)])
-    for oddity in odd:
-        extended = extended.with_term(oddity.name, **{n: p.value for n, p in oddity.parameters.items()})
+def _unseen(
+    records: Sequence[Record], model: Model, together: HeldOut, best: Flown | None,
+    causes: Sequence[Cause], odd: Sequence[Oddity],
+) -> dict[str, Model]:  # fmt: skip
+    """For each flight the model that all others make; none where stretches were held out, of all flights."""
+    if together.by != "flight":
+        return {}
+    after = together.after if best is None else best.left_out
+    made = (_extended(records, model, belief, causes, odd) for belief in after)
+    return {record.name: extended for record, extended in zip(records, made, strict=True)}
+
+
+def _extended(
+    records: Sequence[Record], model: Model, belief: Setting, causes: Sequence[Cause], odd: Sequence[Oddity]
+) -> Model:
+    """With the causes that are told: what may as well be something else is no part of a model."""
+    seen = {oddity.name: oddity for oddity in odd}
+    extended = extended_model(model, belief, [c.name for c in causes if c.name not in seen], records)
+    for name, oddity in seen.items():
+        extended = with_sizes(extended, name, {n: p.value for n, p in oddity.parameters.items()})
     return extended
 
 
@@ -300,6 +323,14 @@ def _next(
     other = next(e for e in found.last.effects if e.name == names[1] and named(e))
     look = found.last
     step, _ = look.parabola.answer(found.chosen).of(look.parabola.index(effect.columns))
-    held = np.array([look.parabola.held.get(column, 0.0) for column in effect.columns])
+    held = np.array([_held(found, column) for column in effect.columns])
     kinds = {int(kind) for record in records for kind in np.unique(record.kinds)}
     return next_flight(model, effect, other, step + held, kinds, progress)
+
+
+def _held(found: Search, column: str) -> float:
+    """What the last belief holds of a column; of a nuisance, beyond the healthy vehicle's own."""
+    nuisance = next((n for n in MEAN if n.name == column), None)
+    if nuisance is None:
+        return found.last.parabola.held.get(column, 0.0)
+    return value_of(nuisance, found.last.setting) - value_of(nuisance, found.model)

@@ -21,7 +21,14 @@ from slam.criticism.kalman.readings import (
     by_channel,
     channels_of,
 )
-from slam.criticism.kalman.record import LEAST_STICK, Record, has_commands, holds_heading, record_of
+from slam.criticism.kalman.record import (
+    LEAST_STICK,
+    LONGEST_GAP_S,
+    Record,
+    has_commands,
+    holds_heading,
+    record_of,
+)
 from slam.flight import Flight
 from slam.progress import Progress, silent
 from slam.simulation.model import Model
@@ -77,6 +84,13 @@ def usable_records(flights: Sequence[Flight], progress: Progress = silent) -> tu
         except ValueError as error:
             dropped.append(f"{flight.name}: {error}")
             continue
+        if _end_s(clean) - record.duration_s > LONGEST_GAP_S:
+            judged = record.duration_s - float(record.times_s[0])
+            pause = f"nothing was read for {LONGEST_GAP_S:g} s and more after {record.duration_s:.1f} s"
+            if judged < SHORTEST_S:
+                dropped.append(f"{flight.name}: {pause}, and what is before it is too short")
+                continue
+            dropped.append(f"{flight.name}: {pause}: what follows is not judged")
         if (off := clock_error(record)) is not None:
             dropped.append(f"{flight.name}: {off}")
             continue
@@ -152,12 +166,17 @@ def coarsened(record: Record, model: Model) -> Record:
     return replace(record, noise_std=std)
 
 
+def _end_s(flight: Flight) -> float:
+    """The last reading of all; there is one."""
+    streams = (flight.imu, flight.attitude, flight.velocity, flight.sonar)
+    return max(float(s.stamps_s[-1]) for s in streams if s is not None)
+
+
 def _unusable(flight: Flight) -> str:
     streams = [s for s in (flight.imu, flight.attitude, flight.velocity, flight.sonar) if s is not None]
     if not streams:
         return "no imu, attitude, velocity or sonar readings to judge"
-    begin = min(float(s.stamps_s[0]) for s in streams)
-    end = max(float(s.stamps_s[-1]) for s in streams)
+    begin, end = min(float(s.stamps_s[0]) for s in streams), _end_s(flight)
     if end - begin < SHORTEST_S:
         return f"lasts {end - begin:.1f} s; {SHORTEST_S:g} s are the least"
     if flight.command is None or not has_commands(flight):

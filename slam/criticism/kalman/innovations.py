@@ -37,6 +37,10 @@ class Innovations:
     """(rows,) innovation over its standard deviation: independent and standard normal under the belief."""
     traces: Array
     """(rows, directions): change of the prediction with the direction, over the standard deviation."""
+    begin: int
+    """Of the record's events the stretch has those from here ..."""
+    end: int
+    """... up to here, whether they were used or not."""
 
 
 @dataclass(frozen=True)
@@ -132,4 +136,6 @@ class Run:
                 CHANNEL_AT[events.kinds[event], column],
                 written.innovation[event, column],
                 written.traces[: written.rows[0]],
+                begin,
+                end,
             )

@@ -85,7 +85,7 @@ class Record:
 def record_of(flight: Flight) -> Record:
     """The flight's readings for the filter.
 
-    Raises ``ValueError`` with the reason where there is no command or nothing that moves with it.
+    Raises ``ValueError`` with the reason where there is nothing to read, or only once.
     """
     streams = _streams(flight)
     if not streams:
@@ -103,6 +103,8 @@ def record_of(flight: Flight) -> Record:
     if len(gaps):
         last = int(gaps[0]) + 1
         times, kinds, values = times[:last], kinds[:last], values[:last]
+    if times[-1] <= 0.0:
+        raise ValueError(f"a reading, and then none for more than {LONGEST_GAP_S:g} s")
     first_step, begin, lengths = steps_between(times)
     if flight.command is None or not has_commands(flight):
         stick = Stick(np.zeros(1), np.zeros((1, 4)), float(times[-1]))

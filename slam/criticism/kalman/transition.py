@@ -50,6 +50,8 @@ FULL, NOISES = len(STATE), len(NOISE)
 """Entries of the state and the noise that the equations take."""
 CLEAR_M = 0.2
 """So far above the floor's reach nothing depends on the height but what has a rotor radius."""
+NEARLY = 1e-4
+"""Two time constants that differ by a smaller share are one."""
 _NUDGE = 1e-6
 """Step of the differences that make the Jacobian: the equations are smooth and in SI."""
 
@@ -146,7 +148,11 @@ def decay(hold: Array, h: float, matrix: Array) -> None:
         before, behind = math.exp(-h / hold[W_TIME]), math.exp(-h / hold[POLE])
         matrix[BEFORE + i, BEFORE + i] = before
         matrix[BEHIND + i, BEHIND + i] = behind
-        matrix[BEHIND + i, BEFORE + i] = (before - behind) * hold[W_TIME] / (hold[W_TIME] - hold[POLE])
+        apart = hold[W_TIME] - hold[POLE]
+        if abs(apart) < NEARLY * hold[POLE]:
+            matrix[BEHIND + i, BEFORE + i] = h / hold[POLE] * behind
+        else:
+            matrix[BEHIND + i, BEFORE + i] = (before - behind) * hold[W_TIME] / apart
     for i in range(GUST, matrix.shape[0]):
         matrix[i, i] = math.exp(-h / hold[GUST_TIME])
 

@@ -16,7 +16,7 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import RANGE, SONAR
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.residuals.oddities import Oddity
+from slam.criticism.residuals.oddities import Oddity, foretold
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.criticism import Interval
 
@@ -84,8 +84,18 @@ def without_boxes(records: Sequence[Record], setting: Setting) -> tuple[list[Rec
         ),
     }
     nats = tuple(float(0.5 * np.sum((e.height_m / noise) ** 2)) for e in edges)
+
+    def beside(own: Array, others: Sequence[Array]) -> float:
+        """Nats of the flight's edges for edges of the others' height."""
+        known = np.abs(np.concatenate(others))
+        if len(known) == 0:
+            return 0.0
+        miss = np.minimum(0.5 * ((np.abs(own) - np.median(known)) / noise) ** 2, MOST_MISS)
+        return float(np.sum(0.5 * (own / noise) ** 2 - miss - EDGE_NATS))
+
+    told = foretold([e.height_m for e in edges], beside)
     levelled = [_levelled(r, e, a, height) for r, e, a in zip(records, edges, above, strict=True)]
-    return levelled, [Oddity("floor_steps", parameters, nats)]
+    return levelled, [Oddity("floor_steps", parameters, nats, told)]
 
 
 def _edges(record: Record, setting: Setting) -> _Edges:

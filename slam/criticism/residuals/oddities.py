@@ -6,8 +6,9 @@ They are mixtures: each odd reading adds what it tells for the term against a he
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +19,13 @@ from slam.criticism.kalman.innovations import Pass
 from slam.criticism.kalman.readings import RANGE, SONAR
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.occam import occam
-from slam.criticism.verdict.criticism import Cause, Gain, Interval
+from slam.criticism.verdict.criticism import NOT_HELD_OUT, Cause, Gain, Interval
 from slam.criticism.verdict.heldout import drawn_again
 from slam.criticism.verdict.posterior import ONE_OF_ALL
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
+_Seen = TypeVar("_Seen")
 
 SECOND_ECHO = (1.6, 2.4)
 """A spike is a reading of so many times the range that was due."""
@@ -39,6 +41,7 @@ ENTAILS = {
     "sonar_spikes": ("sonar_noise out of range",),
 }
 """What an oddity makes of the nuisances."""
+LIMIT_STD_M = 0.01
 RUN = 8
 """The same reading, to the last digit, so many times in a row is no noise."""
 NATS_A_REPEAT = 4.0
@@ -48,7 +51,7 @@ NATS_A_PAIR = 9.0
 HEALTHY_LOSS = 5e-4
 """Share of pictures that any recorder may lose."""
 LOST_NATS = 9.0
-"""That lost pictures must tell against it: four of 500."""
+"""That lost pictures must tell against it: five of 500."""
 SATURATED = 1.5
 """A lamp may be stronger by this than what it adds to a floor that is bright already."""
 
@@ -60,13 +63,16 @@ class Oddity:
     name: str
     parameters: dict[str, Interval]
     nats: tuple[float, ...]
-    """For each flight."""
+    """For each flight, with the size that all of them have."""
+    foretold: tuple[float, ...] = ()
+    """For each flight, with the size that the others have; empty where none enters or there are no others."""
 
     def cause(self) -> Cause:
         """As the verdict tells it."""
         total = sum(self.nats)
         lead = total - occam(1) - ONE_OF_ALL
-        gain = Gain(total, drawn_again(np.array(self.nats)), "flight", self.nats, ())
+        parts, by = (self.foretold, "flight") if self.foretold else (self.nats, NOT_HELD_OUT)
+        gain = Gain(sum(parts), drawn_again(np.array(parts)), by, parts, ())
         probability = float(1.0 / (1.0 + np.exp(-min(lead, 700.0))))
         return Cause(
             self.name, probability, self.parameters, gain, float(np.sqrt(2 * max(total, 0.0))), float(lead)
@@ -80,23 +86,33 @@ def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Odd
     """
     if combed(records):
         return list(records), []
-    limits, nats, kept = [], [], []
+    stuck, kept = [], []
     for record in records:
         rows = np.flatnonzero(record.kinds == SONAR)
-        ranges = record.values[rows, 0]
-        stuck = _stuck(ranges)
-        nats.append(NATS_A_REPEAT * float(stuck.sum()))
-        limits += ranges[stuck].tolist()
+        at = _stuck(record.values[rows, 0])
+        stuck.append(record.values[rows[at], 0])
         values = record.values.copy()
-        values[rows[stuck], 0] = np.nan
-        kept.append(replace(record, values=values) if stuck.any() else record)
-    if not limits:
+        values[rows[at], 0] = np.nan
+        kept.append(replace(record, values=values) if at.any() else record)
+    if not any(map(len, stuck)):
         return list(records), []
-    limit = float(np.median(limits))
-    found = Oddity(
-        "sonar_dead_zone", {"limit": _interval("sonar_dead_zone", "limit", limit, 0.01)}, tuple(nats)
-    )
-    return kept, [found]
+    interval = _interval("sonar_dead_zone", "limit", float(np.median(np.concatenate(stuck))), LIMIT_STD_M)
+
+    def beside(own: Array, others: Sequence[Array]) -> float:
+        """Nats of the flight's repeats that lie at the others' limit."""
+        limit = np.concatenate(others)
+        near = np.abs(own - np.median(limit)) < 2.0 * LIMIT_STD_M if len(limit) else np.zeros(len(own), bool)
+        return NATS_A_REPEAT * float(near.sum())
+
+    nats = tuple(NATS_A_REPEAT * float(len(own)) for own in stuck)
+    return kept, [Oddity("sonar_dead_zone", {"limit": interval}, nats, foretold(stuck, beside))]
+
+
+def foretold(flights: Sequence[_Seen], nats: Callable[[_Seen, Sequence[_Seen]], float]) -> tuple[float, ...]:
+    """``nats`` of each flight by what was seen in all others; none where there are no others."""
+    if len(flights) < 2:
+        return ()
+    return tuple(nats(own, [*flights[:k], *flights[k + 1 :]]) for k, own in enumerate(flights))
 
 
 def _stuck(ranges: Array) -> NDArray[np.bool_]:
@@ -129,12 +145,31 @@ def _dropped(records: Sequence[Record]) -> list[Oddity]:
     if not lost.any():
         return []
     share = float(lost.sum() / (lost + taken).sum())
-    nats = lost * np.log(share / HEALTHY_LOSS) - (lost + taken) * (share - HEALTHY_LOSS)
-    if share < HEALTHY_LOSS or nats.sum() < LOST_NATS:
+
+    def beside(own: _Lost, others: Sequence[_Lost]) -> float:
+        """Nats of the flight's losses at the others' share of them; one that lost none is healthy."""
+        gone, due = (sum(part) for part in zip(*((f.lost, f.due) for f in others), strict=True))
+        return own.nats(max(gone / max(due, 1.0), HEALTHY_LOSS))
+
+    flights = [_Lost(n, n + m) for n, m in zip(lost.tolist(), taken.tolist(), strict=True)]
+    nats = tuple(flight.nats(share) for flight in flights)
+    if share < HEALTHY_LOSS or sum(nats) < LOST_NATS:
         return []
     reach = 1.96 * share / float(np.sqrt(lost.sum()))
     interval = Interval(share, "1", max(share - reach, 0.0), share + reach)
-    return [Oddity("dropped_frames", {"share": interval}, tuple(nats.tolist()))]
+    return [Oddity("dropped_frames", {"share": interval}, nats, foretold(flights, beside))]
+
+
+@dataclass(frozen=True)
+class _Lost:
+    """Pictures of a flight that are not there, and how many there should be."""
+
+    lost: float
+    due: float
+
+    def nats(self, share: float) -> float:
+        """How much likelier the number is, as a Poisson's, if ``share`` is lost than if few are."""
+        return float(self.lost * np.log(share / HEALTHY_LOSS) - self.due * (share - HEALTHY_LOSS))
 
 
 def _highlights(records: Sequence[Record]) -> list[Oddity]:
@@ -190,32 +225,71 @@ def _spikes(records: Sequence[Record], passes: Sequence[Pass]) -> list[Oddity]:
 
 def combed(records: Sequence[Record]) -> bool:
     """Whether the ranges are whole multiples of a step."""
-    return bool(_quantisation(records))
+    return _comb(records) is not None
 
 
 def _quantisation(records: Sequence[Record]) -> list[Oddity]:
     """A comb in the readings: they are whole multiples of a step, up to the last digit written."""
-    ranges = [r.values[r.kinds == SONAR, 0] for r in records]
-    every = np.concatenate(ranges)
-    every = every[np.isfinite(every)]
-    if len(every) < 50 or np.ptp(every) < 0.02:
+    found = _comb(records)
+    if found is None:
         return []
-    every = every[:: 1 + len(every) // COMB_READINGS]
-    strength = np.abs(np.exp(2j * np.pi * every[None, :] / COMB_STEPS_M[:, None]).mean(axis=1))
-    # All divisors of the step comb as well; the step is the longest.
-    combed = np.flatnonzero(strength > 0.9 * strength.max())
-    best = int(combed[-1])
-    while best > 0 and strength[best - 1] > strength[best]:
-        best -= 1
+
+    def beside(own: Record, others: Sequence[Record]) -> float:
+        """Nats of the flight's readings for the others' step."""
+        ranges = _ranges([own])
+        comb = _strongest(_ranges(others)) if len(ranges) else None
+        return len(ranges) * float(np.abs(_teeth(ranges, comb.step_m))) ** 2 if comb is not None else 0.0
+
+    interval = _interval("sonar_quantisation", "step", found.step_m, 1e-4)
+    nats = tuple(len(_ranges([record])) * found.strength**2 for record in records)
+    return [Oddity("sonar_quantisation", {"step": interval}, nats, foretold(records, beside))]
+
+
+@dataclass(frozen=True)
+class _Comb:
+    """Readings are multiples of a step."""
+
+    step_m: float
+    strength: float
+    """1 if all of them are."""
+    nats: float
+    """Of the readings that it was found in."""
+
+
+def _ranges(records: Sequence[Record]) -> Array:
+    """(n,) what the sonars read."""
+    every = np.concatenate([r.values[r.kinds == SONAR, 0] for r in records])
+    return np.asarray(every[np.isfinite(every)])
+
+
+def _teeth(ranges: Array, step_m: float | Array) -> Array:
+    """Mean of exp(2 pi i r / step) for each step."""
+    return np.asarray(np.exp(2j * np.pi * ranges / np.asarray(step_m)[..., None]).mean(axis=-1))
+
+
+def _comb(records: Sequence[Record]) -> _Comb | None:
+    """What the ranges are multiples of; None where they spread."""
+    ranges = _ranges(records)
+    found = _strongest(ranges)
+    if found is None:
+        return None
     # Readings that hardly spread look like a coarse comb.
     spread = float(np.median([r.noise_std[RANGE] for r in records]))
-    smooth = np.exp(-2.0 * (np.pi * 0.8 * spread / COMB_STEPS_M[best]) ** 2)
-    if len(every) * strength[best] ** 2 < COMB_NATS or strength[best] < 0.5 + 0.5 * smooth:
-        return []
-    step = float(COMB_STEPS_M[best])
-    nats = tuple(float(np.isfinite(r).sum() * strength[best] ** 2) for r in ranges)
-    found = _interval("sonar_quantisation", "step", step, 1e-4)
-    return [Oddity("sonar_quantisation", {"step": found}, nats)]
+    smooth = np.exp(-2.0 * (np.pi * 0.8 * spread / found.step_m) ** 2)
+    return found if found.nats >= COMB_NATS and found.strength >= 0.5 + 0.5 * smooth else None
+
+
+def _strongest(ranges: Array) -> _Comb | None:
+    """The step that ranges lie nearest to multiples of; None of few, or of all alike."""
+    if len(ranges) < 50 or np.ptp(ranges) < 0.02:
+        return None
+    ranges = ranges[:: 1 + len(ranges) // COMB_READINGS]
+    strength = np.abs(_teeth(ranges, COMB_STEPS_M))
+    # All divisors of the step comb as well; the step is the longest.
+    best = int(np.flatnonzero(strength > 0.9 * strength.max())[-1])
+    while best > 0 and strength[best - 1] > strength[best]:
+        best -= 1
+    return _Comb(float(COMB_STEPS_M[best]), float(strength[best]), float(len(ranges) * strength[best] ** 2))
 
 
 def _interval(term: str, parameter: str, value: float, std: float) -> Interval:

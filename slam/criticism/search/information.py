@@ -165,8 +165,7 @@ def _stretch_sums(
         excess = np.minimum(rows.white**2, CUT) - weight.expected[rows.channels]
         score[d:end] += 0.5 * (excess * weight.share[rows.channels]) @ widened[rows.events, column]
         information[d:end, d:end] += 0.5 * spread.T @ widened[rows.events, column]
-        first, last = (rows.events[0], rows.events[-1] + 1) if len(rows.events) else (0, 0)
-        yield information, score, run.passed(first, last).log_likelihood
+        yield information, score, run.passed(rows.begin, rows.end).log_likelihood
 
 
 def _unchanged(record: Record) -> _Changed:

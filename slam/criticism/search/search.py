@@ -56,6 +56,8 @@ class Search:
     leads: dict[tuple[str, str], float] = field(default_factory=dict)
     """Labels of a chosen term and of another -> nats of evidence that the first leads by in its place, both
     fitted with the filter run anew."""
+    records: tuple[Record, ...] = ()
+    """The flights as the looks have them: referred to the colour that was found."""
 
 
 def exchanged(
@@ -106,7 +108,7 @@ def search(
     way.drop_superfluous()
     # Beside one term less, too.
     leads = way.leads if len(way.chosen) == tried else {}
-    return Search(model, first, way.look, tuple(way.chosen), way.rivals, leads)
+    return Search(model, first, way.look, tuple(way.chosen), way.rivals, leads, tuple(way.records))
 
 
 class _Way:
@@ -116,7 +118,7 @@ class _Way:
         self, records: Sequence[Record], model: Setting, limits: Thresholds, progress: Progress
     ) -> None:
         self._fits, self._looks, self._tries = (Tally(progress, stage) for stage in STAGES)
-        self._records, self._model, self._limits = records, model, limits
+        self.records, self._model, self._limits = records, model, limits
         self.chosen: list[Effect] = []
         self.rivals: dict[str, tuple[str, ...]] = {}
         self.leads: dict[tuple[str, str], float] = {}
@@ -140,7 +142,7 @@ class _Way:
             # Beside one term more those before it lead by more, or less.
             self.leads = {}
             if doubtful := _doubtful(standing_out):
-                best = _refitted(self._records, self._model, self.look, self.chosen, doubtful, self._tries)
+                best = _refitted(self.records, self._model, self.look, self.chosen, doubtful, self._tries)
                 self.leads, self.rivals[best.effect.name] = best.leads, best.rivals
                 self.chosen.append(best.effect)
                 return best.setting
@@ -155,21 +157,21 @@ class _Way:
         self.chosen = [settled(c) for c in self.chosen]
         with self._fits.part():
             free = [*self.chosen, *coloured(setting)]
-            setting = without_faint(fit_nuisances(self._records, self._model, setting, free))
+            setting = without_faint(fit_nuisances(self.records, self._model, setting, free))
         self._see(setting)
         self._fitted = True
 
     def healthy(self, setting: Setting) -> Look:
         """A look about a belief without terms, nuisances fitted to it."""
         with self._fits.part():
-            setting = fit_nuisances(self._records, self._model, setting)
+            setting = fit_nuisances(self.records, self._model, setting)
         with self._looks.part():
-            return look_at(self._records, self._model, setting)
+            return look_at(self.records, self._model, setting)
 
     def drop_superfluous(self) -> None:
         """Take out the terms that the others have made superfluous."""
         before = self.chosen
-        self.chosen = _needed(self._records, self._model, self.look, before, self._limits)
+        self.chosen = _needed(self.records, self._model, self.look, before, self._limits)
         for wall in (e for e in before if is_wall(e) and e not in self.chosen):
             # What the flights do beyond a wall no look at the belief that holds it tells.
             self._see(self._with_chosen(taken_down(wall, self.look.setting)))
@@ -182,11 +184,11 @@ class _Way:
 
     def _with_chosen(self, start: Setting | None = None) -> Setting:
         with self._fits.part():
-            return refit(self._records, self._model, start or self.look.setting, self.chosen)[1]
+            return refit(self.records, self._model, start or self.look.setting, self.chosen)[1]
 
     def _see(self, setting: Setting) -> None:
         with self._looks.part():
-            self._records, self.look = _seen(self._records, self._model, setting, self.chosen)
+            self.records, self.look = _seen(self.records, self._model, setting, self.chosen)
         self.chosen = [self.look.own(c) for c in self.chosen]
 
 

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.covariate import Covariate
-from slam.criticism.verdict.rollouts import ChannelError
+from slam.criticism.verdict.rollouts import NOT_AHEAD_S, ChannelError
 from slam.simulation.model import Model
 
 Array = NDArray[np.float64]
 Verdict = Literal["nothing_wrong", "named", "ambiguous", "named_with_remainder", "unknown", "unusable"]
 
 JUDGED_HORIZON_S = 2.0
+NOT_HELD_OUT = ""
 
 
 @dataclass(frozen=True)
@@ -37,28 +38,30 @@ class Gain:
     nats: float
     ci95: tuple[float, float]
     by: str
-    """``flight`` or ``segment``: what was held out."""
+    """``flight`` or ``segment``: what was held out; ``NOT_HELD_OUT`` where each reading tells by itself and
+    no size enters."""
     parts: tuple[float, ...]
-    """Nats of each held-out part."""
+    """Nats of each held-out part, or else of each flight."""
     channels: tuple[ChannelError, ...]
-    """Open-loop roll-out errors before and after, by channel and horizon."""
+    """Open-loop roll-out errors before and after, by channel and horizon; and what pictures miss."""
 
     @property
     def foremost(self) -> ChannelError | None:
-        """What gains most two seconds ahead; None where nothing does by more than a misfit, or no roll-outs
-        are told."""
-        least = 1.0 - MISFIT
-        ahead = [
-            c for c in self.channels if c.horizon_s == JUDGED_HORIZON_S and 0 < c.after < least * c.before
-        ]
-        return min(ahead, key=lambda c: c.after / c.before, default=None)
+        """What gains most two seconds ahead, or from picture to picture; None where nothing does by more than
+        a misfit, or no errors are told."""
+        better = [c for c in self.judged if 0 < c.after < (1.0 - MISFIT) * c.before]
+        return min(better, key=lambda c: c.after / c.before, default=None)
+
+    @property
+    def judged(self) -> tuple[ChannelError, ...]:
+        """Errors two seconds ahead, and those of pictures."""
+        return tuple(c for c in self.channels if c.horizon_s in (JUDGED_HORIZON_S, NOT_AHEAD_S))
 
     @property
     def flies_worse(self) -> bool:
         """Whether two seconds ahead some channel is missed by more than before, beyond a misfit, and none by
         less."""
-        ahead = [c for c in self.channels if c.horizon_s == JUDGED_HORIZON_S]
-        return self.foremost is None and any(c.after > (1.0 + MISFIT) * c.before for c in ahead)
+        return self.foremost is None and any(c.after > (1.0 + MISFIT) * c.before for c in self.judged)
 
 
 @dataclass(frozen=True)
@@ -98,6 +101,8 @@ class ChannelCheck:
     variance: float
     autocorrelation: float
     """At lag one, of samples of the channel in a row."""
+    tenths: tuple[float, ...] = ()
+    """(10,) share of the innovations in each tenth of a standard normal's: 0.1 if they are as told."""
 
 
 @dataclass(frozen=True)
@@ -129,6 +134,8 @@ class Criticism:
     """The nominal model that was criticised."""
     extended: Model | None = None
     """The model with the causes in it and the nuisances fitted: what the flights say the vehicle is."""
+    unseen: dict[str, Model] = field(default_factory=dict)
+    """Flight -> the extended model as all other flights have it."""
     flights: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
     """Flights and streams that were not judged, with the reason, one line each."""
@@ -149,6 +156,19 @@ class Criticism:
                 for r in self.ranking
             ],
             "noise_correlation": {n: _short(x) for n, x in self.noise_correlation.items()},
+            "confusable": [{"names": [a, b], "cosine": round(c, 4)} for a, b, c in self.confusable],
+            "shapes": [{"name": name, "z": round(z, 2)} for name, z in self.shapes],
+            "nuisances": {n: _interval(x) for n, x in self.nuisances.items()},
+            "checks": {
+                c.channel: {
+                    "samples": c.count,
+                    "mean_square": round(c.variance, 4),
+                    "correlation": round(c.autocorrelation, 4),
+                    "tenths": [round(share, 4) for share in c.tenths],
+                }
+                for c in self.checks
+            },
+            "flights": list(self.flights),
             "dropped": list(self.dropped),
         }
 
@@ -157,24 +177,35 @@ def _cause(cause: Cause) -> dict[str, Any]:
     return {
         "name": cause.name,
         "probability": round(cause.probability, 6),
-        "parameters": {
-            name: {"value": _short(p.value), "unit": p.unit, "ci95": [_short(p.low), _short(p.high)]}
-            for name, p in cause.parameters.items()
-        },
+        "parameters": {name: _interval(p) for name, p in cause.parameters.items()},
         "gain": _gain(cause.gain),
         "equivalence_set": list(cause.alternatives or (cause.name,)),
     }
+
+
+def _interval(p: Interval) -> dict[str, Any]:
+    return {"value": _short(p.value), "unit": p.unit, "ci95": [_short(p.low), _short(p.high)]}
 
 
 def _gain(gain: Gain) -> dict[str, Any]:
     return {
         "nats": round(gain.nats, 2),
         "ci95": [round(x, 2) for x in gain.ci95],
-        "held_out_by": gain.by,
+        "held_out_by": gain.by or None,
+        "parts": [round(x, 2) for x in gain.parts],
+        "horizons": [
+            {
+                "channel": c.channel,
+                "horizon_s": c.horizon_s,
+                "before": _short(c.before),
+                "after": _short(c.after),
+                "unit": c.unit,
+            }
+            for c in gain.channels
+        ],
         "channels": {
             c.channel: {"before": _short(c.before), "after": _short(c.after), "unit": c.unit}
-            for c in gain.channels
-            if c.horizon_s == JUDGED_HORIZON_S
+            for c in gain.judged
         },
     }
 

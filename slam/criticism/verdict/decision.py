@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.kalman.optics import POINTS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.columns import column_of
@@ -18,8 +19,9 @@ from slam.criticism.search.search import Search
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.criticism import Cause, Gain, Interval, Verdict
 from slam.criticism.verdict.flown import FREE, Flown
-from slam.criticism.verdict.heldout import drawn_again, held_out
+from slam.criticism.verdict.heldout import HeldOut, drawn_again, held_out
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, price
+from slam.criticism.verdict.reprojection import reprojection_errors
 from slam.criticism.verdict.rollouts import roll_out_errors
 from slam.simulation.terms import CATALOGUE
 
@@ -68,15 +70,19 @@ def causes_of(
     model: Setting,
     found: Search,
     posterior: Posterior,
+    all_together: HeldOut,
     best: Flown | None = None,
 ) -> tuple[Cause, ...]:
-    """The chosen terms of the catalogue, at the sizes that fly best where these are given."""
+    """The chosen terms of the catalogue, at the sizes that fly best where these are given.
+
+    ``all_together``: what they gain on flights that were held out, over none of them.
+    """
     known = [e for e in found.chosen if named(e)]
-    if not known:
-        return ()
-    all_together = held_out(records, found, model)
     after = all_together.after if best is None else best.left_out
-    channels = roll_out_errors(records, all_together.before, after)
+    beliefs = (all_together.before, after)
+    channels = roll_out_errors(records, *beliefs)
+    if any(d.kind == "camera" and d.entry < POINTS for e in known for d in e.directions):
+        channels = (*channels, *reprojection_errors(records, *beliefs))
     causes = []
     for effect in known:
         rest = [e for e in found.chosen if e is not effect]
@@ -228,11 +234,7 @@ def decide(
         remains.append(f"{lead.name} may be something else")
     if lead.gain.nats < CONFIRMED_NATS:
         remains.append("held-out flights do not confirm it")
-    return (
-        ("named_with_remainder" if remains else "named"),
-        tuple(dict.fromkeys(c.name for c in causes)),
-        "; ".join(remains),
-    )
+    return ("named_with_remainder" if remains else "named"), (lead.name,), "; ".join(remains)
 
 
 def _strongest(left: Sequence[Standing]) -> str:

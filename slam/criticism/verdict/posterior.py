@@ -7,6 +7,7 @@ one in place of several. Each weighs its likelihood at its best, what its number
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -77,6 +78,7 @@ def posterior_of(found: Search) -> Posterior:
     walls = [place for place, effect in zip(places, chosen, strict=True) if is_wall(effect)]
     weights = [(_evidence(look, chosen), _names(chosen)), *(w for place in places for w in place.weights)]
     if not chosen or (len(chosen) > 1 and not walls):
+        weights.append((_evidence(look, []), _names([])))
         # What several terms explain may be one thing that none of them is.
         weights += [(_evidence(look, [], e), _names([e])) for e in (*look.effects, *look.shapes)]
     probability = _probabilities(weights)
@@ -184,9 +186,12 @@ def _evidence(look: Look, rest: Sequence[Effect], extra: Effect | None = None) -
         nats = look.parabola.answer(rest).nats
     else:
         nats = look.parabola.answer(effects).nats
-    kinds = len({e.name for e in look.effects if named(e)})
+    # A term that is tried in several ways, as a delay is, is no likelier for it.
+    ways = Counter(e.name for e in look.effects if named(e))
     others = len(look.shapes) + len([e for e in look.effects if not named(e)])
-    prior = sum(np.log(KNOWN / kinds) if named(e) else np.log(UNKNOWN / others) for e in effects)
+    prior = sum(
+        np.log(KNOWN / len(ways) / ways[e.name]) if named(e) else np.log(UNKNOWN / others) for e in effects
+    )
     return float(nats - sum(occam(len(e.columns)) for e in effects) + prior)
 
 

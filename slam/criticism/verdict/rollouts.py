@@ -36,6 +36,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 HORIZONS_S = (0.5, 2.0, 10.0)
+NOT_AHEAD_S = 0.0
+"""In place of a horizon where nothing is flown: from one picture to another."""
 STEP_S = 0.01
 START_EVERY_S = 2.0
 SETTLE_S = 1.0

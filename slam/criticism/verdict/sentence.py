@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from slam.criticism.verdict.criticism import JUDGED_HORIZON_S, Cause, Gain, Verdict
+from slam.criticism.verdict.criticism import JUDGED_HORIZON_S, NOT_HELD_OUT, Cause, Gain, Verdict
 from slam.criticism.verdict.power import within_reach
+from slam.criticism.verdict.rollouts import NOT_AHEAD_S
+from slam.criticism.verdict.words import IN_WORDS
 from slam.simulation.terms import CATALOGUE
+
+FAIR_SHARE = 0.9
+"""Of what the cause explains: a rival that lags behind by more explains none of it."""
 
 
 def sentence_of(
@@ -52,7 +57,7 @@ def _said(
     if verdict == "ambiguous":
         text = f"The flights cannot tell {', '.join(equivalents)} apart; best: {told}; {held}"
     else:
-        text = f"The model lacks {told}; {held}"
+        text = f"The model lacks {told}; {held}{_excluded(causes[0])}"
     return f"{text}; left over: {remainder}." if remainder else f"{text}."
 
 
@@ -71,12 +76,18 @@ def _spaced(unit: str) -> str:
 def _mended(gain: Gain) -> str:
     """The channel that gains most two seconds ahead, in its own unit; nats where none is told or better."""
     most = gain.foremost
+    if gain.by == NOT_HELD_OUT:
+        return f"single readings tell it, by {gain.nats:.0f} nats of log likelihood"
     if most is None:
         ahead = f", and no channel is better {JUDGED_HORIZON_S:g} s ahead" if gain.channels else ""
         return f"on held-out {gain.by}s the log likelihood gains {gain.nats:.0f} nats{ahead}"
+    if most.horizon_s == NOT_AHEAD_S:
+        what = "what one picture shows is off in another"
+    else:
+        what = f"{most.channel} {JUDGED_HORIZON_S:g} s ahead is off"
     return (
-        f"on held-out {gain.by}s {most.channel} {JUDGED_HORIZON_S:g} s ahead is off by {most.after:.2g} "
-        f"{most.unit} instead of {most.before:.2g} (log likelihood {gain.nats:+.0f} nats)"
+        f"on held-out {gain.by}s {what} by {most.after:.2g} {most.unit} instead of {most.before:.2g} "
+        f"(log likelihood {gain.nats:+.0f} nats)"
     )
 
 
@@ -85,4 +96,12 @@ def _told(cause: Cause) -> str:
         f"{name} = {p.value:.3g} ({p.low:.3g} to {p.high:.3g}){_spaced(p.unit)}"
         for name, p in cause.parameters.items()
     )
-    return f"{cause.name} ({sizes}; probability {cause.probability:.2f})"
+    return f"{cause.name}: {IN_WORDS[cause.name]} ({sizes}; probability {cause.probability:.2f})"
+
+
+def _excluded(cause: Cause) -> str:
+    """By how much the next best explanation is worse; empty where none explains a fair part of it."""
+    explained = FAIR_SHARE * 0.5 * cause.z**2
+    if len(cause.alternatives) > 1 or not cause.rival or not 0.0 < cause.lead_nats < explained:
+        return ""
+    return f"; {cause.rival}, the next best, explains {cause.lead_nats:.0f} nats less"

@@ -5,21 +5,36 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import ndtr
 
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, place_of
 from slam.criticism.kalman.record import Record
+from slam.criticism.search.colour import lag_one
 from slam.criticism.search.look import Look
 from slam.criticism.search.nuisances import NUISANCES, value_of
 from slam.criticism.search.search import Search
-from slam.criticism.verdict.criticism import ChannelCheck, Interval, Rank
+from slam.criticism.verdict.criticism import Cause, ChannelCheck, Interval, Rank
 from slam.criticism.verdict.flown import Flown
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, named
 
+IN_SINGLE_READINGS = (
+    "sonar_spikes", "sonar_quantisation", "sonar_dead_zone", "floor_steps", "timestamp_jitter",
+    "dropped_frames", "specular_highlights", "moving_objects",
+)  # fmt: skip
+"""Terms that ``residuals`` tells of, whatever the search does."""
+TENTHS = 10
 
-def ranking(found: Search, probability: dict[str, float]) -> tuple[Rank, ...]:
-    """All terms, "nothing" and "something else", by probability and by how far each stands out alone."""
-    z: dict[str, float] = {}
+
+def ranking(found: Search, probability: dict[str, float], odd: Sequence[Cause]) -> tuple[Rank, ...]:
+    """All terms, "nothing" and "something else", by probability and by how far each stands out alone.
+
+    ``odd``: the causes that single readings show. Nothing is wrong if there is none of them either.
+    """
+    seen = {cause.name: cause for cause in odd}
+    healthy = float(np.prod([1.0 - cause.probability for cause in seen.values()]))
+    probability = probability | {NOTHING: healthy * probability.get(NOTHING, 0.0)}
+    z = {name: seen[name].z if name in seen else 0.0 for name in IN_SINGLE_READINGS}
     for standing in found.first.standing([], found.first.effects):
         if named(standing.effect):
             z[standing.effect.name] = max(z.get(standing.effect.name, 0.0), standing.z)
@@ -46,20 +61,18 @@ def nuisances_told(found: Search, best: Flown | None) -> dict[str, Interval]:
 
 
 def checks(records: Sequence[Record], look: Look) -> tuple[ChannelCheck, ...]:
-    """Whether each channel's whitened innovations are white: mean square and correlation with the next."""
-    pooled: dict[int, list[np.ndarray]] = {}
-    for record, run in zip(records, look.sums.passes, strict=True):
-        for channel in range(len(CHANNELS)):
-            kind, c = place_of(channel)
-            rows = record.kinds == kind
-            white = run.white[rows, c][run.status[rows, c] == USED]
-            if len(white) > 1:
-                pooled.setdefault(channel, []).append(white)
-    checks = []
-    for channel, parts in sorted(pooled.items()):
-        every = np.concatenate(parts)
-        products = np.concatenate([p[1:] * p[:-1] for p in parts])
-        checks.append(
-            ChannelCheck(CHANNELS[channel], len(every), float(np.mean(every**2)), float(np.mean(products)))
+    """Whether each channel's whitened innovations are white: mean square, correlation with the next, and how
+    they spread (the probability integral transform, Dawid 1984)."""
+    correlation, _ = lag_one(records, look.sums.passes)
+    found = []
+    for channel, name in enumerate(CHANNELS):
+        kind, c = place_of(channel)
+        flown = zip(records, look.sums.passes, strict=True)
+        white = np.concatenate(
+            [run.white[(record.kinds == kind) & (run.status[:, c] == USED), c] for record, run in flown]
         )
-    return tuple(checks)
+        if len(white) > 1:
+            square, next_one = float(np.mean(white**2)), float(correlation[channel])
+            tenths = np.histogram(ndtr(white), bins=TENTHS, range=(0.0, 1.0))[0] / len(white)
+            found.append(ChannelCheck(name, len(white), square, next_one, tuple(tenths.tolist())))
+    return tuple(found)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.extended import with_sizes
 from slam.criticism.search.effects import plausible
 from slam.criticism.search.occam import VERY_SIMILAR_NATS
 from slam.criticism.search.thresholds import MISFIT
@@ -70,7 +71,7 @@ def judged_without_commands(
         verdict,  # type: ignore[arg-type]
         f"{sentence} ({REASON[0].upper()}{REASON[1:]}.)",
         causes,
-        equivalents or tuple(c.name for c in causes),
+        equivalents or tuple(c.name for c in causes[:1]),
         remainder,
         detectable=seen,
         ranking=tuple(sorted(ranks, key=lambda r: (-r.probability, -r.z))),
@@ -107,9 +108,7 @@ def _extended(model: Model, causes: Sequence[Cause]) -> Model:
     """The model with the causes, each within what its equation bears."""
     extended = model
     for cause in causes:
-        limits = {p.name: p for p in CATALOGUE[cause.name].parameters}
-        values = {k: min(max(p.value, limits[k].least), limits[k].most) for k, p in cause.parameters.items()}
-        extended = extended.with_term(cause.name, **values)
+        extended = with_sizes(extended, cause.name, {n: p.value for n, p in cause.parameters.items()})
     return extended
 
 

@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import pytest
 
-from slam.criticism.verdict.criticism import Cause, Gain, Interval
+from slam.criticism.verdict.criticism import NOT_HELD_OUT, Cause, Gain, Interval
 from slam.criticism.verdict.power import within_reach
 from slam.criticism.verdict.rollouts import ChannelError
 from slam.criticism.verdict.sentence import sentence_of
+from slam.criticism.verdict.words import IN_WORDS
+from slam.simulation.terms import CATALOGUE
 
 SPEED = ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12)
 PITCH = ChannelError("pitch", "rad", 2.0, 0.020, 0.018)
 SOON, WORSE = ChannelError("pitch", "rad", 0.5, 0.02, 0.001), ChannelError("range", "m", 2.0, 0.01, 0.02)
 
 
-def told(verdict: str, *channels: ChannelError) -> str:
+def told(verdict: str, *channels: ChannelError, by: str = "flight", lead_nats: float = 20.0) -> str:
     cause = Cause(
         "active_braking",
         0.97,
         {"k_b": Interval(0.9, "1/s", 0.8, 1.0)},
-        Gain(45.2, (30.0, 60.0), "flight", (20.0, 25.2), channels),
+        Gain(45.2, (30.0, 60.0), by, (20.0, 25.2), channels),
         9.0,
-        20.0,
+        lead_nats,
+        ("active_braking", "asymmetric_drag") if verdict == "ambiguous" else ("active_braking",),
+        "asymmetric_drag",
     )
     return sentence_of(verdict, (cause,), ("active_braking", "asymmetric_drag"), "", {})
 
@@ -29,8 +33,28 @@ def told(verdict: str, *channels: ChannelError) -> str:
 @pytest.mark.parametrize("verdict", ["named", "ambiguous"])
 def test_the_gain_is_told_where_it_is_greatest_two_seconds_ahead(verdict: str):
     said = told(verdict, PITCH, SOON, SPEED, WORSE)
-    assert "active_braking (k_b = 0.9 (0.8 to 1) 1/s; probability 0.97)" in said
+    assert "active_braking: it brakes by itself" in said
+    assert "(k_b = 0.9 (0.8 to 1) 1/s; probability 0.97)" in said
     assert "velocity_x 2 s ahead is off by 0.12 m/s instead of 0.31 (log likelihood +45 nats)" in said
+
+
+def test_pictures_are_told_from_one_to_another():
+    px = ChannelError("reprojection", "px", 0.0, 1.3, 0.2)
+    assert "what one picture shows is off in another by 0.2 px instead of 1.3" in told("named", PITCH, px)
+
+
+def test_what_was_not_held_out_is_not_told_as_held_out():
+    assert "held-out" not in told("named", by=NOT_HELD_OUT)
+
+
+def test_the_next_best_is_told_where_it_is_excluded():
+    assert "asymmetric_drag, the next best, explains 20 nats less" in told("named", SPEED)
+    for said in (told("ambiguous", SPEED), told("named", SPEED, lead_nats=float("inf"))):
+        assert "next best" not in said
+
+
+def test_every_term_has_words():
+    assert list(IN_WORDS) == list(CATALOGUE)
 
 
 @pytest.mark.parametrize("channels", [(), (WORSE,), (SOON,)])

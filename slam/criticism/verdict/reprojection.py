@@ -1,0 +1,46 @@
+"""What the pictures miss: by how many pixels a point of the floor is off where the flight's path carries it.
+
+The path is what all other instruments make known; within what they leave open of it the pictures may turn and
+shift, so that what is left over is the camera's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from slam.criticism.camera.sighting import sighted
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
+from slam.criticism.threads import in_threads
+from slam.criticism.verdict.rollouts import NOT_AHEAD_S, ChannelError
+
+
+def reprojection_errors(
+    records: Sequence[Record], before: Sequence[Setting], after: Sequence[Setting]
+) -> tuple[ChannelError, ...]:
+    """Root mean square over all matches of the flights that have pictures, under beliefs about each flight;
+    empty where none has."""
+    seen = [k for k, record in enumerate(records) if record.sights is not None]
+    if not seen:
+        return ()
+    tried = [(k, side[k]) for side in (before, after) for k in seen]
+    squares = in_threads(lambda it: _square_px(records[it[0]], it[1]), tried)
+    rms = [
+        float(np.sqrt(np.average([s for s, _ in side], weights=[m for _, m in side])))
+        for side in (squares[: len(seen)], squares[len(seen) :])
+        if sum(m for _, m in side) > 0
+    ]
+    if len(rms) < 2:
+        return ()
+    return (ChannelError("reprojection", "px", NOT_AHEAD_S, rms[0], rms[1]),)
+
+
+def _square_px(record: Record, setting: Setting) -> tuple[float, int]:
+    """Mean square of what one coordinate of a match is off by, and how many there are."""
+    assert record.sights is not None
+    found = sighted(record, record.sights, setting, ())
+    # Residuals are weighed by their own noise, which differs little from match to match.
+    noise = float(np.mean(record.sights.std_px**2))
+    return found.chi_square / max(found.rows, 1) * noise, found.rows
