@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from slam.criticism.verdict.covariate import Covariate, Misses
-    from slam.criticism.verdict.criticism import Criticism, Gain
+    from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Gain
     from slam.flight import Flight
     from slam.simulation.model import Model
 
@@ -25,9 +25,11 @@ STRETCH_S = 10.0
 ANEW_S = 2.0
 """Roll-outs of this length, one after the other."""
 FEWEST_SAMPLES = 20
+STRAY_SHARE = 0.02
 MOST_BARS = 12
 MOST_FLIGHTS = 20
 """Flights that are searched for the worst stretch."""
+CHECKS_A_ROW = 6
 COVARIATE_BINS, FEWEST_IN_BIN = 12, 3
 MOST_DOTS = 1500
 SHOWN_SHARE = 0.005
@@ -44,8 +46,8 @@ class Stretch:
 
 @dataclass(frozen=True)
 class _Found:
-    gain: float
-    """Mean squared error that the extension takes away, in variances of the noise."""
+    miss: float
+    """Of the model as it was: its mean, in standard deviations of the noise."""
     flight: str
     channel: str
     unit: str
@@ -63,17 +65,25 @@ REPLAYED = {
 
 
 def before_after_picture(
-    model: Model, extended: Model, flights: Sequence[Flight], channel: str | None = None
+    model: Model,
+    extended: Model,
+    flights: Sequence[Flight],
+    channel: str | None = None,
+    unseen: Mapping[str, Model] | None = None,
 ) -> Stretch | None:
-    """The stretch where the extension mends most, as measured and as both models fly it: of one
-    ``channel`` of the replay, or of all that are the vehicle's own instruments."""
+    """The stretch that the model misses most, as measured and as both models fly it: of one ``channel`` of
+    the replay, or of all that are the vehicle's own instruments.
+
+    ``unseen``: by the flight's name, the extension as fitted on the other flights.
+    """
     from slam.errors import InputError
     from slam.replay import replay
 
     best: _Found | None = None
     for flight in flights[:MOST_FLIGHTS]:
         try:
-            pair = replay(flight, model, (ANEW_S,)), replay(flight, extended, (ANEW_S,))
+            after = (unseen or {}).get(flight.name, extended)
+            pair = replay(flight, model, (ANEW_S,)), replay(flight, after, (ANEW_S,))
         except InputError:
             continue  # a flight without commands has no replay
         for old, new in zip(pair[0].channels, pair[1].channels, strict=True):
@@ -83,7 +93,7 @@ def before_after_picture(
                 continue  # noise of an imu hides what the eye should see; a truth's figures have no scale
             found = _worst(flight.name, old.name, old.unit, old.noise_std, old.stamps_s, old.measured,
                            old.restarted, new.restarted)  # fmt: skip
-            if found is not None and (best is None or found.gain > best.gain):
+            if found is not None and (best is None or found.miss > best.miss):
                 best = found
     if best is None:
         return None
@@ -96,9 +106,10 @@ def before_after_picture(
     axes.set_ylabel(f"{best.channel} [{best.unit}]")
     legend_below(axes)
     rms = [float(np.sqrt(np.nanmean((side - best.measured) ** 2))) for side in (best.before, best.after)]
+    fitted = "; the extension was fitted on the other flights" if best.flight in (unseen or {}) else ""
     caption = (
-        f"{best.channel} over the {STRETCH_S:g} s where the extension mends most. Both models get the same "
-        f"commands and begin anew from the measured state every {ANEW_S:g} s; nothing else is fed back. "
+        f"{best.channel} over the {STRETCH_S:g} s that the model misses most{fitted}. Both models get the "
+        f"same commands and begin anew from the measured state every {ANEW_S:g} s; nothing else is fed back. "
         f"Error {rms[0]:.3g} {best.unit} before, {rms[1]:.3g} {best.unit} after."
     )
     return Stretch(png(figure), caption)
@@ -108,21 +119,22 @@ def _worst(
     flight: str, channel: str, unit: str, noise_std: float, stamps_s: Array, measured: Array,
     before: Array, after: Array,
 ) -> _Found | None:  # fmt: skip
-    """The window of a channel where ``after`` is better than ``before`` by most."""
+    """The window of a channel that ``before`` misses most."""
     known = np.isfinite(measured) & np.isfinite(before) & np.isfinite(after)
     end = np.searchsorted(stamps_s, stamps_s + STRETCH_S)
     count = np.concatenate([[0], np.cumsum(known)])
     inside = count[end] - count[:-1]
     if inside.max(initial=0) < FEWEST_SAMPLES:
         return None
-    mended = np.where(known, (before - measured) ** 2 - (after - measured) ** 2, 0.0)
-    mended /= noise_std**2 or 1.0
-    total = np.concatenate([[0.0], np.cumsum(mended)])
-    gain = np.where(inside >= 0.8 * inside.max(), (total[end] - total[:-1]) / np.maximum(inside, 1), -np.inf)
-    k = int(np.argmax(gain))
+    off = np.where(known, np.abs(before - measured), 0.0) / (noise_std or 1.0)
+    # One reading that is a second echo is not what the model misses.
+    off = np.minimum(off, np.quantile(off[known], 1.0 - STRAY_SHARE))
+    total = np.concatenate([[0.0], np.cumsum(off)])
+    miss = np.where(inside >= 0.8 * inside.max(), (total[end] - total[:-1]) / np.maximum(inside, 1), -np.inf)
+    k = int(np.argmax(miss))
     part = slice(k, int(end[k]))
     return _Found(
-        float(gain[k]), flight, channel, unit, stamps_s[part], measured[part], before[part], after[part]
+        float(miss[k]), flight, channel, unit, stamps_s[part], measured[part], before[part], after[part]
     )
 
 
@@ -202,14 +214,35 @@ def ranking_picture(result: Criticism) -> bytes:
     return png(figure)
 
 
+def calibration_picture(checks: Sequence[ChannelCheck]) -> bytes:
+    """For each channel, how many innovations lie in each tenth of what was told of them."""
+    from matplotlib.figure import Figure
+
+    rows = -(-len(checks) // CHECKS_A_ROW)
+    figure = Figure(figsize=(7.2, 0.3 + 1.05 * rows), dpi=160, layout="constrained")
+    all_axes = np.ravel(figure.subplots(rows, CHECKS_A_ROW, sharex=True, sharey=True, squeeze=False))
+    for axes, check in zip(all_axes, checks, strict=False):
+        tenths = np.array(check.tenths)
+        axes.bar(np.arange(len(tenths)) + 0.5, len(tenths) * tenths, width=0.9, color=BLUE)
+        axes.axhline(1.0, color=GREY, linewidth=0.8)
+        axes.set_title(_words(check.channel), fontsize=7)
+    for axes in all_axes:
+        axes.set_ylim(0.0, 2.0)
+        axes.tick_params(labelsize=6)
+        axes.set_xticks([])
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.set_visible(bool(axes.patches))
+    return png(figure)
+
+
 def gain_picture(gain: Gain) -> bytes:
-    """One dot for each part that was held out."""
+    """One dot for each part that was held out, or each flight."""
     figure, axes = canvas(3.6, 2.6)
     number = np.arange(1, len(gain.parts) + 1)
     colour = [GREEN if nats > 0 else VERMILLION for nats in gain.parts]
     axes.axhline(0.0, color=GREY, linewidth=1)
     axes.scatter(number, gain.parts, c=colour, s=28, zorder=3)
     axes.set_xticks(number)
-    axes.set_xlabel(f"held-out {gain.by}")
+    axes.set_xlabel(f"held-out {gain.by}" if gain.by else "flight")
     axes.set_ylabel("gain [nats]")
     return png(figure)

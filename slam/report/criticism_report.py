@@ -12,6 +12,7 @@ from slam.report.criticism_pictures import (
     REPLAYED,
     Stretch,
     before_after_picture,
+    calibration_picture,
     covariate_picture,
     gain_picture,
     ranking_picture,
@@ -32,7 +33,15 @@ VERDICTS = {
     "unknown": "Something that the catalogue does not hold",
     "unusable": "Cannot be judged",
 }
-SHOWN_HORIZONS_S = (0.5, 2.0, 10.0)
+SHOWN_HORIZONS = {0.0: "picture to picture", 0.5: "0.5 s", 2.0: "2 s", 10.0: "10 s"}
+HELD_OUT_DOTS = (
+    "Log likelihood gained on each part when it was held out, in nats (5 nats are odds of 150 to 1); above 0 "
+    "the extension predicts it better."
+)
+IN_SAMPLE_DOTS = (
+    "Log likelihood that each flight's odd readings tell for the cause, in nats (5 nats are odds of 150 "
+    "to 1). Each of them tells by itself; no size is fitted that could be held out."
+)
 
 
 @dataclass(frozen=True)
@@ -90,7 +99,10 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         causes=cause_rows(result),
         gains=gain_rows(result),
         maps=map_gain_table(maps) if maps else None,
-        held_out=f"each {gain.by} in turn" if gain else "",
+        held_out=f"each {gain.by} in turn held out" if gain and gain.by else "fitted on all flights",
+        by=gain.by if gain else "",
+        about_dots=HELD_OUT_DOTS if gain and gain.by else IN_SAMPLE_DOTS,
+        calibration=_calibration(result),
         dots=embedded(gain_picture(gain)) if gain and len(gain.parts) > 1 else None,
         nuisances=[
             Item(name, f"{_figure(n.value)} {_unit(n.unit)} ({_figure(n.low)} to {_figure(n.high)})")
@@ -105,12 +117,18 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
     )
 
 
+def _calibration(result: Criticism) -> str | None:
+    told = [check for check in result.checks if check.tenths]
+    return embedded(calibration_picture(told)) if told else None
+
+
 def _tiles(result: Criticism) -> list[Item]:
     tiles = [Item("flights judged", str(len(result.flights)))]
     if result.causes:
         first = result.causes[0]
         tiles.append(Item(f"probability of {first.name}", f"{first.probability:.3f}"))
-        tiles.append(Item("log likelihood of held-out data", f"{first.gain.nats:+.1f} nats"))
+        what = "log likelihood of held-out data" if first.gain.by else "log likelihood of its readings"
+        tiles.append(Item(what, f"{first.gain.nats:+.1f} nats"))
     elif result.ranking:
         strongest = max(result.ranking, key=lambda r: r.z)
         tiles.append(Item(f"strongest of all ({strongest.name})", f"{strongest.z:.1f} sigma"))
@@ -142,11 +160,11 @@ def gain_rows(result: Criticism) -> list[GainRow]:
         return []
     rows = []
     for error in result.causes[0].gain.channels:
-        if error.horizon_s in SHOWN_HORIZONS_S and error.before > 0:
+        if error.horizon_s in SHOWN_HORIZONS and error.before > 0:
             change = 100 * (error.after / error.before - 1)
             rows.append(
                 GainRow(
-                    error.channel, f"{error.horizon_s:g} s", _sized(error.before, error.unit),
+                    error.channel, SHOWN_HORIZONS[error.horizon_s], _sized(error.before, error.unit),
                     _sized(error.after, error.unit), f"{change:+.0f} %",
                 )
             )  # fmt: skip
@@ -154,18 +172,18 @@ def gain_rows(result: Criticism) -> list[GainRow]:
 
 
 def before_after(result: Criticism, flights: Sequence[Flight]) -> BeforeAfter | None:
-    """The stretch that the extension mends most, embedded."""
+    """The stretch that the model misses most, embedded."""
     found = worst_stretch(result, flights)
     return None if found is None else BeforeAfter(embedded(found.picture), found.caption)
 
 
 def worst_stretch(result: Criticism, flights: Sequence[Flight]) -> Stretch | None:
-    """The stretch that the extension mends most, of the channel that gains most on held-out data."""
+    """The stretch that the model misses most, of the channel that gains most on held-out data."""
     if not result.causes or result.model is None or result.extended is None:
         return None
     foremost = result.causes[0].gain.foremost
     channel = REPLAYED.get(foremost.channel) if foremost else None
-    return before_after_picture(result.model, result.extended, flights, channel)
+    return before_after_picture(result.model, result.extended, flights, channel, result.unseen)
 
 
 def about_covariate(result: Criticism) -> str:

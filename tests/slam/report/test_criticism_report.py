@@ -57,7 +57,7 @@ def made(verdict: str = "named") -> Criticism:
         (("quadratic_drag", "flow_scale", 0.93),),
         nuisances={"vehicle.gain": Interval(0.96, "1", 0.95, 0.97)},
         noise_correlation={"accel": 0.437},
-        checks=(ChannelCheck("gyro_x", 1000, 1.02, 0.01),),
+        checks=(ChannelCheck("gyro_x", 1000, 1.02, 0.01, (0.1,) * 10),),
         threshold=3.7,
         model=load_model("nominal"),
         extended=load_model("nominal").with_term("quadratic_drag", c=0.08),
