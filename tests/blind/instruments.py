@@ -203,7 +203,21 @@ def stamps(rate_hz: float, duration_s: float, rng: np.random.Generator) -> np.nd
     return first + np.arange(int((duration_s - first) * rate)) / rate
 
 
-def noisy(value: np.ndarray, std: float, k: dict[str, float], rng: np.random.Generator) -> np.ndarray:
+def noisier(m: Moments, stream: str) -> np.ndarray:
+    """(n, 1) how many times its usual noise a stream has, from ``k["uneven"]`` below 1 to as much above.
+
+    That of flow and sonar grows with the height, that of the others with the speed.
+    """
+    if stream in ("velocity0", "sonar0"):
+        grown = (m.place[:, 2] - 0.5) / 1.5
+    else:
+        grown = np.hypot(m.speed[:, 0], m.speed[:, 1]) / 0.8
+    return 1.0 + m.k["uneven"] * (2.0 * np.clip(grown, 0.0, 1.0)[:, None] - 1.0)
+
+
+def noisy(
+    value: np.ndarray, std: np.ndarray | float, k: dict[str, float], rng: np.random.Generator
+) -> np.ndarray:
     """White noise; of Student's t with four degrees of freedom and the same spread if ``k["tails"]``; a first
     order autoregression of that spread, ``k["colour"]`` from one sample to the next, if that is not 0."""
     shape = (len(value), value.size // len(value))
@@ -219,17 +233,22 @@ def streams(path: Path, member: int, stick: np.ndarray, rng: np.random.Generator
     k = {name: float(value[member]) for name, value in path.knobs.items()}
     duration = path.h * len(path.held)
     t = {name: stamps(rate, duration, rng) for name, rate in RATE_HZ.items()}
+    loud = {
+        name: noisier(moments(path, member, when), name) if k["uneven"] else 1.0 for name, when in t.items()
+    }
     imu = inertial(moments(path, member, t["imu0"], rng))
-    gyro = noisy(imu[:, :3], NOISE["gyro"] * k["n_gyro"], k, rng)
-    accel = noisy(imu[:, 3:], NOISE["accel"] * k["n_accel"], k, rng)
+    gyro = noisy(imu[:, :3], NOISE["gyro"] * k["n_gyro"] * loud["imu0"], k, rng)
+    accel = noisy(imu[:, 3:], NOISE["accel"] * k["n_accel"] * loud["imu0"], k, rng)
     angles = attitude(moments(path, member, t["attitude0"]))
-    angles = noisy(angles, NOISE["attitude"] * k["n_attitude"], k, rng)
+    angles = noisy(angles, NOISE["attitude"] * k["n_attitude"] * loud["attitude0"], k, rng)
     angles[:, 2] = (angles[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     flow = velocity(moments(path, member, t["velocity0"], rng))
-    flow = noisy(flow, NOISE["velocity"] * k["n_flow"], k, rng)
+    flow = noisy(flow, NOISE["velocity"] * k["n_flow"] * loud["velocity0"], k, rng)
     reach = heard(path, member, t["sonar0"])
     twice = rng.uniform(size=len(reach)) < k["echo_twice"]
-    reach = noisy(np.where(twice, 1.98 * reach, reach), NOISE["sonar"] * k["n_echo"], k, rng)
+    reach = noisy(
+        np.where(twice, 1.98 * reach, reach)[:, None], NOISE["sonar"] * k["n_echo"] * loud["sonar0"], k, rng
+    )[:, 0]
     if k["echo_step"] > 0.0:
         reach = np.floor(reach / k["echo_step"] + 0.5) * k["echo_step"]
     reach = np.maximum(reach, k["echo_floor"])

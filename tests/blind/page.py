@@ -15,8 +15,10 @@ from typing import Any
 from slam.io.atomic import atomic_file
 from tests.benchmarks.figures import with_block
 from tests.blind.answers import read
+from tests.blind.rows import Row
 from tests.blind.run import told
-from tests.blind.score import FLAGS, Answer, Row, card, misnamed, says_so, true, wilson
+from tests.blind.score import FLAGS, Answer, card, misnamed, says_so, true
+from tests.blind.settling import settles
 
 PAGE = Path(__file__).parents[2] / "docs" / "blind.md"
 
@@ -30,9 +32,9 @@ def markdown(answers: Sequence[Answer], commands: Sequence[str] = ()) -> str:
             f"{len(answers)} cases: {_counted(kinds)}. Judged at the commits {_counted(commits)}.",
             *(f"\n`{command}`" for command in commands),
             "",
-            "| | cases | rate | 95 % interval | floor | aim | |",
-            "|---|---|---|---|---|---|---|",
-            *(_line(row) for row in card(list(answers)) if row.of),
+            "| | cases | rate | 95 % interval | floor | | aim | |",
+            "|---|---|---|---|---|---|---|---|",
+            *(_line(row) for row in card(list(answers), settles) if row.of),
             "",
             f"## Cases that came out wrong: {len(wrong)}",
             "",
@@ -65,15 +67,8 @@ def _counted(found: Counter[str]) -> str:
 
 
 def _line(row: Row) -> str:
-    sign, share = "at most" if row.at_most else "at least", 100.0 if row.is_rate else 1.0
-    unit = " %" if row.is_rate else ""
-    aims = [f"{sign} {share * aim:g}{unit}" if aim else "" for aim in (row.floor, row.best)]
-    met = "" if not row.floor else "met" if row.met else "**missed**"
-    if not row.is_rate:
-        return f"| {row.name} | {row.of} | {row.rate:.3g} | | {aims[0]} | {aims[1]} | {met} |"
-    low, high = (100 * bound for bound in wilson(round(row.hits), row.of))
-    rate = f"{round(row.hits)} of {row.of} | {100 * row.rate:.1f} % | {low:.1f} to {high:.1f} %"
-    return f"| {row.name} | {rate} | {aims[0]} | {aims[1]} | {met} |"
+    cells = (f"**{cell}**" if cell == "missed" else cell for cell in row.cells())
+    return f"| {row.name} | {' | '.join(cells)} |"
 
 
 def main() -> None:

@@ -18,6 +18,7 @@ from tests.blind.answers import earlier, write
 from tests.blind.cases import KINDS, make, name_of, suite
 from tests.blind.critic import flights_of, verdict_of_call, verdict_on
 from tests.blind.score import Answer, card
+from tests.blind.settling import settles
 
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "out" / "blind.json"
@@ -87,8 +88,7 @@ def main() -> None:
             answers.append(replace(answer, commit=state))
             print(told(answer), flush=True)
             write(options.out, asked, answers)
-    print(f"\n{'':52s}   count      rate    95 % interval   floor (best)")
-    print("\n".join(row.line() for row in card(answers)))
+    print("\n" + "\n".join(row.line() for row in card(answers, settles)))
 
 
 if __name__ == "__main__":

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+import statistics
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
-from tests.blind.cases import Case, Hidden
+from tests.blind.cases import KINDS, Case, Hidden
+from tests.blind.rows import Bound, Row, least, most
 
 VERDICTS = ("nothing_wrong", "named", "ambiguous", "named_with_remainder", "unknown", "unusable")
 FLAGS = ("unknown", "named_with_remainder")
@@ -16,59 +18,7 @@ LARGEST_SET = 4
 """A longer set of causes names nothing."""
 SHORE = 0.3
 """Probability from which a cause counts as claimed beside others."""
-WIDE = 1.959964
 Verdict = dict[str, Any]
-
-
-def wilson(hits: int, of: int) -> tuple[float, float]:
-    """95 % interval of a rate (Wilson 1927)."""
-    if of == 0:
-        return 0.0, 1.0
-    rate, z2 = hits / of, WIDE**2
-    middle = (rate + z2 / (2 * of)) / (1 + z2 / of)
-    half = WIDE * math.sqrt(rate * (1 - rate) / of + z2 / (4 * of * of)) / (1 + z2 / of)
-    return max(0.0, middle - half), min(1.0, middle + half)
-
-
-@dataclass(frozen=True)
-class Row:
-    """One line of the card: a rate, or a mean."""
-
-    name: str
-    hits: float
-    of: int
-    floor: float
-    best: float
-    at_most: bool = False
-    """Whether small is good."""
-    is_rate: bool = True
-
-    @property
-    def rate(self) -> float:
-        """Hits of all."""
-        return self.hits / self.of if self.of else math.nan
-
-    @property
-    def met(self) -> bool | None:
-        """Whether the floor is kept; None without a case."""
-        if not self.of:
-            return None
-        return self.rate <= self.floor if self.at_most else self.rate >= self.floor
-
-    def line(self) -> str:
-        """For the console."""
-        sign = "<=" if self.at_most else ">="
-        if not self.of:
-            return f"{self.name:52s}      -"
-        if not self.is_rate:
-            aim = f"{sign} {self.floor:g} ({self.best:g})"
-            return f"{self.name:52s} {self.of:4d} cases {self.rate:8.3g}{'':22s} {aim}"
-        low, high = wilson(round(self.hits), self.of)
-        aim = f"{sign} {100 * self.floor:g} % ({100 * self.best:g} %)"
-        mark = "" if self.met else "  MISSED"
-        counted = f"{round(self.hits):4d} of {self.of:<4d} {100 * self.rate:6.1f} %"
-        counted += f"  [{100 * low:5.1f}, {100 * high:5.1f}]"
-        return f"{self.name:52s} {counted}  {aim}{mark}"
 
 
 @dataclass(frozen=True)
@@ -154,74 +104,118 @@ class Answer:
         return error, low <= hidden.value <= high or low <= -hidden.value <= high
 
 
-def _rate(
-    name: str, answers: Iterable[Answer], hit: Callable[[Answer], bool], floor: float, best: float
-) -> Row:
+ONE_IN_HUNDRED = Bound(0.005, 0.015, whole_interval=True)
+"""The chance that is told: rarer alarms would be those of a critic that sees less than it might."""
+T = TypeVar("T")
+
+
+def _rate(name: str, answers: Iterable[T], hit: Callable[[T], bool], floor: float, aim: float) -> Row:
     found = [bool(hit(a)) for a in answers]
-    return Row(name, sum(found), len(found), floor, best)
+    return Row(name, sum(found), len(found), least(floor), least(aim))
 
 
-def card(answers: list[Answer]) -> list[Row]:
-    """The rows of the model criticism's figures: floor and best in class beside each."""
-    of = {kind: [a for a in answers if a.case.kind == kind] for kind in {a.case.kind for a in answers}}
-    one, two = of.get("single", []), of.get("pair", [])
-    clean = of.get("null", []) + of.get("null_edge", [])
-    strange, blind = of.get("strange", []), of.get("untellable", [])
-    calm, seen_alarms = of.get("seen_null", []), [a for a in of.get("seen_single", []) if a.alarm]
-    seen, seen_strange = of.get("seen_single", []), of.get("seen_strange", [])
+def _told(name: str, answers: Sequence[Answer], hit: Callable[[Answer], bool]) -> Row:
+    return Row(name, sum(hit(a) for a in answers), len(answers))
 
-    def at(d: float, some: list[Answer]) -> list[Answer]:
-        return [a for a in some if a.d is not None and a.d >= d]
 
-    found, sure = (
-        [a for a in one if a.alarm],
-        [a for a in one if (a.causes or [{}])[0].get("probability", 0) >= 0.95],
-    )
-    alarm = [
-        Row(name, sum(a.alarm for a in some), len(some), floor, best, at_most=True)
-        for name, some, floor, best in (
-            ("false alarms, clean", clean, 0.02, 0.01),
-            ("false alarms, heavy tails", of.get("null_heavy", []), 0.05, 0.02),
-            ("false alarms, coloured noise", of.get("null_coloured", []), 0.05, 0.02),
-        )
-    ]
-    sizes = [len(a.credible) for a in at(8, found)]
-    compared = [(a, h, p) for a in one for h in a.case.hidden if (p := a.parameter(h)) is not None]
-    errors = sorted(p[0] for _, h, p in compared if h.d is not None and h.d >= 8)
-    held = [p[1] for _, _, p in compared if p[1] is not None]
-    gains = [
-        c["gain"]["nats"]
-        for a in found
-        for c in a.causes[:1]
-        if (c.get("gain") or {}).get("nats") is not None
-    ]
+def _at(d: float, some: Iterable[Answer]) -> list[Answer]:
+    return [a for a in some if a.d is not None and a.d >= d]
+
+
+def card(answers: list[Answer], settles: Callable[[Answer], bool] | None = None) -> list[Row]:
+    """The rows of the model criticism's figures: floor and aim beside each.
+
+    ``settles`` says of a verdict that cannot tell whether the manoeuvre that it proposes would; without it
+    there is no such row.
+    """
+    of = {kind: [a for a in answers if a.case.kind == kind] for kind in KINDS}
     return [
-        *alarm,
-        _rate("detected, any strength", one, lambda a: a.alarm, 0.0, 0.0),
-        _rate("detected, d >= 5", at(5, one), lambda a: a.alarm, 0.80, 0.90),
-        _rate("detected, d >= 6", at(6, one), lambda a: a.alarm, 0.90, 0.97),
-        _rate("right, given detection", found, lambda a: a.right, 0.0, 0.0),
-        _rate("right, given detection, d >= 6", at(6, found), lambda a: a.right, 0.85, 0.95),
-        _rate("true cause in the 95 % set", found, lambda a: bool(a.credible & true(a)), 0.90, 0.95),
-        Row("mean size of that set, d >= 8", sum(sizes), len(sizes), 2.0, 1.3, at_most=True, is_rate=False),
-        _rate("right when claiming P >= 0.95", sure, lambda a: a.top in a.case.equivalents, 0.90, 0.97),
-        Row("parameter within 25 %, d >= 8", sum(e <= 0.25 for e in errors), len(errors), 0.90, 0.97),
-        Row("parameter inside its interval", sum(held), len(held), 0.85, 0.94),
-        _rate("pairs: detected", two, lambda a: a.alarm, 0.90, 0.97),
-        _rate("pairs: both found, each d >= 8", at(8, two), lambda a: true(a) <= a.claimed, 0.60, 0.85),
-        _rate("strange: not misnamed", strange, lambda a: not misnamed(a), 0.80, 0.95),
-        _rate("strange: flagged", strange, lambda a: a.word in FLAGS, 0.60, 0.85),
-        _rate("strange: right channel", strange, points_at_channel, 0.60, 0.85),
-        Row("pictures: false alarms", sum(a.alarm for a in calm), len(calm), 0.02, 0.01, at_most=True),
-        _rate("pictures: detected", seen, lambda a: a.alarm, 0.80, 0.90),
-        _rate("pictures: right, given detection", seen_alarms, lambda a: a.right, 0.85, 0.95),
-        _rate("pictures, strange: not misnamed", seen_strange, lambda a: not misnamed(a), 0.80, 0.95),
-        _rate("pictures, strange: flagged", seen_strange, lambda a: a.word in FLAGS, 0.60, 0.85),
-        _rate("pictures, strange: right channel", seen_strange, points_at_channel, 0.60, 0.85),
-        _rate("cannot tell: says so", blind, says_so, 0.80, 0.95),
-        Row("held-out gain above 0", sum(g > 0 for g in gains), len(gains), 0.85, 0.90),
+        *_alarms(of),
+        *_singles(of["single"]),
+        _rate("pairs: detected", of["pair"], lambda a: a.alarm, 0.90, 0.97),
+        _rate(
+            "pairs: both found, each d >= 8", _at(8, of["pair"]), lambda a: true(a) <= a.claimed, 0.60, 0.85
+        ),
+        *_strange("strange", of["strange"]),
+        *_pictures(of),
+        *_open(of["untellable"], settles),
+        _held_out(of["single"]),
         _rate("valid verdicts", answers, lambda a: a.word != "invalid", 1.0, 1.0),
+    ]
+
+
+def _alarms(of: dict[str, list[Answer]]) -> list[Row]:
+    clean = of["null"] + of["null_edge"]
+    return [
+        Row("false alarms, clean", sum(a.alarm for a in clean), len(clean), most(0.02), ONE_IN_HUNDRED),
+        *(
+            Row(f"false alarms, {name}", sum(a.alarm for a in some), len(some), most(0.05), most(0.02))
+            for name, some in (
+                ("heavy tails", of["null_heavy"]),
+                ("coloured noise", of["null_coloured"]),
+                ("uneven noise", of["null_uneven"]),
+            )
+        ),
+    ]
+
+
+def _singles(one: list[Answer]) -> list[Row]:
+    found = [a for a in one if a.alarm]
+    sure = [a for a in one if (a.causes or [{}])[0].get("probability", 0) >= 0.95]
+    sizes = [len(a.credible) for a in _at(8, found)]
+    compared = [(a, h, p) for a in one for h in a.case.hidden if (p := a.parameter(h)) is not None]
+    errors = [p[0] for _, h, p in compared if h.d is not None and h.d >= 8]
+    held = [p[1] for _, _, p in compared if p[1] is not None]
+    inside = [bool(a.credible & true(a)) for a in found]
+    middle, mean = (statistics.median(errors) if errors else math.nan), sum(sizes) / max(len(sizes), 1)
+    return [
+        _told("detected, any strength", one, lambda a: a.alarm),
+        _rate("detected, d >= 5", _at(5, one), lambda a: a.alarm, 0.80, 0.90),
+        _rate("detected, d >= 6", _at(6, one), lambda a: a.alarm, 0.90, 0.97),
+        _told("right, given detection", found, lambda a: a.right),
+        _rate("right, given detection, d >= 6", _at(6, found), lambda a: a.right, 0.85, 0.95),
+        Row("true cause in the 95 % set", sum(inside), len(inside), least(0.90), Bound(0.94, 0.99)),
+        Row("mean size of that set, d >= 8", 0, len(sizes), most(2.0), most(1.3), figure=mean),
+        _rate("right when claiming P >= 0.95", sure, lambda a: a.top in a.case.equivalents, 0.90, 0.97),
+        Row("parameter's error, median, d >= 8", 0, len(errors), most(0.25), most(0.10), middle, share=True),
+        _rate("parameter within 25 %, d >= 8", errors, lambda e: e <= 0.25, 0.90, 0.97),
+        Row("parameter inside its interval", sum(held), len(held), Bound(0.85, 0.99), Bound(0.93, 0.97)),
     ]  # fmt: skip
+
+
+def _strange(name: str, some: list[Answer]) -> list[Row]:
+    return [
+        _rate(f"{name}: not misnamed", some, lambda a: not misnamed(a), 0.80, 0.95),
+        _rate(f"{name}: flagged", some, lambda a: a.word in FLAGS, 0.60, 0.85),
+        _rate(f"{name}: right channel", some, points_at_channel, 0.60, 0.85),
+    ]
+
+
+def _pictures(of: dict[str, list[Answer]]) -> list[Row]:
+    calm, seen = of["seen_null"], of["seen_single"]
+    alarms = [a for a in seen if a.alarm]
+    return [
+        Row("pictures: false alarms", sum(a.alarm for a in calm), len(calm), most(0.02), ONE_IN_HUNDRED),
+        _rate("pictures: detected", seen, lambda a: a.alarm, 0.80, 0.90),
+        _rate("pictures: right, given detection", alarms, lambda a: a.right, 0.85, 0.95),
+        *_strange("pictures, strange", of["seen_strange"]),
+    ]
+
+
+def _open(blind: list[Answer], settles: Callable[[Answer], bool] | None) -> list[Row]:
+    rows = [_rate("cannot tell: says so", blind, says_so, 0.80, 0.95)]
+    if settles is not None:
+        # Nothing is proposed where nothing can be seen.
+        some = [a for a in blind if not a.case.invisible]
+        rows.append(_rate("cannot tell: its manoeuvre would settle it", some, settles, 0.80, 0.95))
+    return rows
+
+
+def _held_out(one: list[Answer]) -> Row:
+    causes = (c for a in one if a.alarm for c in a.causes[:1])
+    told = [(c.get("gain") or {}).get("nats") for c in causes]
+    gains = [nats for nats in told if nats is not None]
+    return Row("held-out gain above 0", sum(g > 0 for g in gains), len(gains), least(0.85))
 
 
 def true(a: Answer) -> set[str]:

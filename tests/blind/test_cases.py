@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +24,8 @@ from tests.blind.cases import (
     suite,
 )
 from tests.blind.faults import BY_NAME, FAULTS, SEEN, SEEN_STRANGE, STRANGE, UNTELLABLE, Blind
-from tests.blind.instruments import NOISE, RATE_HZ, noisy, streams
+from tests.blind.instruments import NOISE, RATE_HZ, attitude, heard, moments, noisier, noisy, streams
+from tests.blind.settling import unexplained
 from tests.blind.strength import NUISANCES, STEP_S, outputs, strengths, whitened
 from tests.blind.vehicle import HEALTHY
 
@@ -146,20 +148,8 @@ def left_by_the_rival(blind: Blind, seed: int) -> float:
     hidden = replace(BY_NAME[blind.fault], scaled=True)
     _, what, trace = sized(outing, base, hidden, blind.strength, blind.streams)
     assert what.d == pytest.approx(blind.strength, rel=0.1)
-    steps = [{**base, n: base[n] + step} for n, (step, _) in NUISANCES.items()]
-    halves = [half / abs(step) for step, half in NUISANCES.values()]
-    rivals = [BY_NAME[n] for n in blind.equivalents if n != blind.fault]
-    # Two directions span what a vector may be.
-    tried = [
-        {**base, **rival.apply(size, base, np.random.default_rng(way))}
-        for rival in rivals
-        for size in np.geomspace(rival.low, rival.high, 6)
-        for way in (1, 2)
-    ]
-    traces = outing.traces(base, [*steps, *tried], blind.streams)
-    healthy, ways = traces[:, : len(steps)], traces[:, len(steps) :]
-    pairs = [np.hstack([healthy, ways[:, k : k + 2]]) for k in range(0, ways.shape[1], 2)]
-    return min(float(strengths(trace, pair, [*halves, 10.0, 10.0])[0]) for pair in pairs)
+    rivals = [n for n in blind.equivalents if n != blind.fault]
+    return min(unexplained(outing, base, trace, rival, blind.streams) for rival in rivals)
 
 
 @pytest.mark.slow
@@ -194,6 +184,37 @@ def test_a_suite_holds_every_kind_and_cause():
     assert {fault for kind, fault in drawn if kind == "seen_single"} == {f.name for f in SEEN}
     assert {fault for kind, fault in drawn if kind == "untellable"} == {b.fault for b in UNTELLABLE}
     assert suite(40, KINDS) == drawn[:40]
+
+
+def test_new_kinds_change_no_case_of_the_seeds_that_were_run():
+    """Kinds, effects, nuisances and plans of the suites that docs/blind.md counts."""
+    old = KINDS[:11]
+    assert old[-1] == "seen_strange"
+    drawn = [repr(suite(500, old[:count])) for count in (8, 11)]
+    for seed, kind in ((7104, "null"), (5502, "null_edge"), (7104, "null_heavy"), (7105, "null_coloured")):
+        rng = np.random.Generator(np.random.Philox(np.random.SeedSequence((seed, 3))))
+        flags = [kind == f"null_{what}" for what in ("edge", "heavy", "coloured")]
+        knobs = nuisances_of(rng, *flags)
+        rng.uniform()
+        told = {name: f"{value:.9g}" for name, value in sorted(knobs.items()) if value != HEALTHY[name]}
+        drawn.append(repr((seed, told, plans_for([], 4, rng))))
+    digest = hashlib.sha256("\n".join(drawn).encode()).hexdigest()
+    assert digest[:16] == "6c369f4c275d303c"
+
+
+@pytest.mark.parametrize(("f", "stream", "true"), [(0, "sonar0", heard), (1, "attitude0", None)])
+def test_uneven_noise_grows_within_the_flight_and_stays_within_what_is_healthy(f, stream, true):
+    knobs = nuisances_of(np.random.default_rng(3), uneven=True)
+    outing = Outing(3, 2, ("two_heights", "reversing_steps"), 20.0)
+    path = outing.fly([(f, knobs), (f, {**knobs, "uneven": 0.0})], 0.005, restless=True)
+    uneven, even = (streams(path, m, outing.stick(f), np.random.default_rng(8))[stream] for m in range(2))
+    np.testing.assert_array_equal(uneven[0], even[0])
+    there = moments(path, 0, even[0])
+    values = attitude(there)[:, :2] if true is None else true(path, 0, even[0])[:, None]
+    noise = [read[1][:, : values.shape[1]] - values for read in (uneven, even)]
+    times = noisier(there, stream)
+    np.testing.assert_allclose(noise[0], times * noise[1], atol=2e-4)
+    assert 0.8 <= times.min() < times.max() - 0.15 <= 1.05
 
 
 def test_a_plan_that_shows_an_effect_is_flown():

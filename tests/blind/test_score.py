@@ -6,13 +6,15 @@ import pytest
 from scipy.stats import binomtest
 
 from tests.blind.cases import Case, Hidden
-from tests.blind.score import Answer, card, misnamed, points_at_channel, says_so, wilson
+from tests.blind.rows import Bound, Row, least, most, wilson
+from tests.blind.score import Answer, card, misnamed, points_at_channel, says_so
 
 BRAKE = Hidden("active_braking", 0.5, 0.5, "1/s", 9.0, known=True)
 SONAR = Hidden("sonar_lag", 0.05, 0.05, "s", 12.0, known=True)
 LENS = Hidden("focal_length", 0.02, 0.02, "1", None, known=True)
 HAZE = Hidden("lens_haze", 0.4, 0.4, "1", None, known=False, channels=("contrast",))
 HUM = Hidden("rotor_hum", 1.0, 1.0, "m/s^2", 9.0, known=False, channels=("gyro",))
+REVERSING = "steps of 0.25 to 0.10 and 0.25 to -0.15"
 
 
 def case(kind: str, *hidden: Hidden, **more) -> Case:
@@ -36,6 +38,7 @@ RIGHT = [
     Answer(case("null"), says("nothing_wrong")),
     Answer(case("null_heavy"), says("nothing_wrong")),
     Answer(case("null_coloured"), says("nothing_wrong")),
+    Answer(case("null_uneven"), says("nothing_wrong")),
     Answer(case("single", BRAKE), says("named", ("active_braking", 0.99))),
     Answer(case("pair", BRAKE, SONAR), says("named", ("active_braking", 0.99), ("sonar_lag", 0.98))),
     Answer(case("strange", HUM), says("unknown", remainder="17 Hz in imu.gyro_x")),
@@ -46,13 +49,19 @@ RIGHT = [
         Case(
             "c", "untellable", (), 40.0, (BRAKE,), ("active_braking", "asymmetric_drag"), settled_by="revers"
         ),
-        says("ambiguous", ("active_braking", 0.5), ("asymmetric_drag", 0.5), next_flight="reversing steps"),
+        says(
+            "ambiguous",
+            ("active_braking", 0.5),
+            ("asymmetric_drag", 0.5),
+            next_flight=f"fly {REVERSING!r} 2 times",
+        ),
     ),
 ]
 WRONG = [
     Answer(case("null"), says("named", ("gyro_bias", 0.99))),
     Answer(case("null_heavy"), says("unknown")),
     Answer(case("null_coloured"), says("unknown")),
+    Answer(case("null_uneven"), says("unknown")),
     Answer(case("single", BRAKE), says("named", ("gyro_bias", 0.99))),
     Answer(case("pair", BRAKE, SONAR), says("named", ("active_braking", 0.99))),
     Answer(case("strange", HUM), says("named", ("gyro_bias", 0.99))),
@@ -68,21 +77,73 @@ WRONG = [
 ]
 
 
-def test_right_answers_keep_every_floor():
-    rows = card(RIGHT)
-    assert all(row.met for row in rows), [row.line() for row in rows if not row.met]
+NARROW = {"parameter inside its interval", "true cause in the 95 % set"}
+"""Too sure is as wrong as not sure enough: one case of one lies above the upper end."""
+
+
+def test_right_answers_keep_every_floor_and_aim():
+    rows = card(RIGHT, lambda a: True)
+    assert [row.name for row in rows if row.kept(row.floor) == "missed"] == ["parameter inside its interval"]
+    assert {row.name for row in rows if row.kept(row.aim) == "missed"} == NARROW
+    assert all(row.of for row in rows)
 
 
 def test_wrong_answers_are_seen():
-    missed = {row.name for row in card(WRONG) if row.met is False}
+    missed = {row.name for row in card(WRONG, lambda a: False) if row.met is False}
     assert missed >= {
         "false alarms, clean", "false alarms, heavy tails", "false alarms, coloured noise",
         "right, given detection, d >= 6",
         "true cause in the 95 % set", "right when claiming P >= 0.95", "pairs: both found, each d >= 8",
         "strange: not misnamed", "strange: flagged", "strange: right channel", "cannot tell: says so",
         "pictures: false alarms", "pictures: right, given detection", "pictures, strange: not misnamed",
-        "pictures, strange: flagged", "pictures, strange: right channel",
+        "pictures, strange: flagged", "pictures, strange: right channel", "false alarms, uneven noise",
+        "cannot tell: its manoeuvre would settle it",
     }  # fmt: skip
+    sizes = [
+        Answer(case("single", BRAKE), says("named", ("active_braking", 1.0), value=v))
+        for v in (0.5, 0.7, 0.8)
+    ]
+    median = next(row for row in card(sizes) if "median" in row.name)
+    assert median.rate == pytest.approx(0.4)
+    assert (median.of, median.kept(median.floor)) == (3, "missed")
+
+
+@pytest.mark.parametrize(
+    ("hits", "of", "floor", "aim", "kept"),
+    [
+        (96, 100, least(0.9), least(0.97), ("met", "missed")),
+        (97, 100, least(0.9), least(0.97), ("met", "met")),
+        (89, 100, least(0.9), least(0.97), ("missed", "missed")),
+        (1, 100, most(0.02), Bound(0.005, 0.015, whole_interval=True), ("met", "open")),
+        (100, 10_000, most(0.02), Bound(0.005, 0.015, whole_interval=True), ("met", "met")),
+        (0, 10_000, most(0.02), Bound(0.005, 0.015, whole_interval=True), ("met", "missed")),
+        (99, 100, Bound(0.85, 0.99), Bound(0.93, 0.97), ("met", "missed")),
+        (100, 100, Bound(0.85, 0.99), Bound(0.93, 0.97), ("missed", "missed")),
+        (0, 0, least(0.9), least(0.97), ("", "")),
+    ],
+)
+def test_floor_and_aim_are_told_each(hits, of, floor, aim, kept):
+    row = Row("x", hits, of, floor, aim)
+    assert (row.kept(floor), row.kept(aim)) == kept
+    if of:
+        assert [row.cells()[4], row.cells()[6]] == list(kept)
+
+
+def test_bounds_are_told_in_words():
+    row = Row("x", 95, 100, Bound(0.85, 0.99), Bound(0.005, 0.015, whole_interval=True))
+    told = [
+        "95 of 100",
+        "95.0 %",
+        "88.8 to 97.8 %",
+        "85 to 99 %",
+        "met",
+        "interval within 0.5 to 1.5 %",
+        "missed",
+    ]
+    assert row.cells() == told
+    assert Row("x", 0, 7, most(2.0), figure=1.09).cells() == ["7", "1.09", "", "at most 2", "met", "", ""]
+    share = Row("x", 0, 7, most(0.25), figure=0.0532, share=True)
+    assert share.cells()[1:5] == ["5.32 %", "", "at most 25 %", "met"]
 
 
 def test_silence_detects_nothing_and_nonsense_is_no_verdict():

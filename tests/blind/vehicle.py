@@ -26,7 +26,7 @@ HEALTHY: dict[str, float] = {
     "tilt_std": np.radians(0.4), "tilt_tau": 0.25, "spin_std": np.radians(1.0), "spin_tau": 0.35,
     "shake_std": 0.034, "shake_tau": 0.12, "heave_std": 0.012,
     "n_gyro": 1.0, "n_accel": 1.0, "n_attitude": 1.0, "n_flow": 1.0, "n_echo": 1.0,
-    "tails": 0.0, "colour": 0.0,
+    "tails": 0.0, "colour": 0.0, "uneven": 0.0,
     # command and motion
     "late": 0.0, "late_spread": 0.0, "sticky_up": 0.0, "curve": 0.0, "slack": 0.0, "limit": 10.0,
     "brake_p": 0.0, "brake_i": 0.0, "brake_most": 0.25, "inflow": 0.0, "cd_area": 0.0, "sag": 0.0,
