@@ -138,6 +138,55 @@ def _worst(
     )
 
 
+def _ranges(flight: Flight) -> tuple[Array, Array]:
+    assert flight.sonar is not None
+    return flight.sonar.stamps_s, flight.sonar.range_m
+
+
+def _picture_gaps(flight: Flight) -> tuple[Array, Array]:
+    assert flight.frames is not None
+    return flight.frames.stamps_s[1:], 1e3 * np.diff(flight.frames.stamps_s)
+
+
+def _reading_gaps(flight: Flight) -> tuple[Array, Array]:
+    stream = next(s for s in (flight.attitude, flight.velocity, flight.sonar, flight.imu) if s is not None)
+    return stream.stamps_s[1:], 1e3 * np.diff(stream.stamps_s)
+
+
+_RANGE = (_ranges, "sonar.range [m]", "What the sonar read")
+SINGLE_READINGS = {
+    "sonar_spikes": _RANGE,
+    "sonar_quantisation": _RANGE,
+    "sonar_dead_zone": _RANGE,
+    "floor_steps": _RANGE,
+    "dropped_frames": (_picture_gaps, "since the picture before [ms]", "How far pictures are apart"),
+    "timestamp_jitter": (
+        _reading_gaps,
+        "since the reading before [ms]",
+        "How far stamps are apart",
+    ),
+}
+"""Terms that no roll-out shows -> what shows them, its axis, and the beginning of a caption."""
+
+
+def single_readings_picture(term: str, flight: Flight) -> Stretch:
+    """The ``STRETCH_S`` in which the readings that show a term differ most."""
+    of_flight, label, what = SINGLE_READINGS[term]
+    stamps_s, values = of_flight(flight)
+    begins = np.arange(stamps_s[0], max(stamps_s[-1] - STRETCH_S, stamps_s[0]) + 1e-9, STRETCH_S / 2)
+    inside = [(stamps_s >= begin) & (stamps_s <= begin + STRETCH_S) for begin in begins]
+    spread = [float(np.nanstd(values[rows])) if np.isfinite(values[rows]).any() else -1.0 for rows in inside]
+    rows = inside[int(np.argmax(spread))]
+    figure, axes = canvas(7.2, 3.2)
+    axes.plot(stamps_s[rows], values[rows], ".", color=VERMILLION, markersize=3)
+    axes.set_xlabel(f"time in {flight.name} [s]")
+    axes.set_ylabel(label)
+    caption = (
+        f"{what}, over the {STRETCH_S:g} s in which it differs most, in the flight that shows most of it."
+    )
+    return Stretch(png(figure), caption)
+
+
 def covariate_picture(found: Covariate) -> bytes:
     """What is missed against what the leading cause makes of it, and against what its rival makes of it."""
     from matplotlib.figure import Figure

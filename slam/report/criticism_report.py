@@ -7,15 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from slam.report.accuracy import map_gain_table
 from slam.report.criticism_pictures import (
     REPLAYED,
+    SINGLE_READINGS,
     Stretch,
     before_after_picture,
     calibration_picture,
     covariate_picture,
     gain_picture,
     ranking_picture,
+    single_readings_picture,
 )
 from slam.report.page import Item, embedded, render_page
 from slam.version import VERSION
@@ -71,6 +75,7 @@ class GainRow:
 class BeforeAfter:
     """The worst stretch, drawn."""
 
+    title: str
     image: str
     caption: str
 
@@ -174,13 +179,22 @@ def gain_rows(result: Criticism) -> list[GainRow]:
 def before_after(result: Criticism, flights: Sequence[Flight]) -> BeforeAfter | None:
     """The stretch that the model misses most, embedded."""
     found = worst_stretch(result, flights)
-    return None if found is None else BeforeAfter(embedded(found.picture), found.caption)
+    if found is None:
+        return None
+    title = "What shows it" if result.causes[0].name in SINGLE_READINGS else "Before and after"
+    return BeforeAfter(title, embedded(found.picture), found.caption)
 
 
 def worst_stretch(result: Criticism, flights: Sequence[Flight]) -> Stretch | None:
-    """The stretch that the model misses most, of the channel that gains most on held-out data."""
+    """The stretch that the model misses most, of the channel that gains most on held-out data; or the single
+    readings that show the cause."""
     if not result.causes or result.model is None or result.extended is None:
         return None
+    lead = result.causes[0]
+    if lead.name in SINGLE_READINGS:
+        parts = lead.gain.parts
+        most = int(np.argmax(parts)) if len(parts) == len(flights) else 0
+        return single_readings_picture(lead.name, flights[most]) if flights else None
     foremost = result.causes[0].gain.foremost
     channel = REPLAYED.get(foremost.channel) if foremost else None
     return before_after_picture(result.model, result.extended, flights, channel, result.unseen)

@@ -15,7 +15,15 @@ from slam.correction.map_gain import MapErrors, MapGain
 from slam.criticism.healthy import flown
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.verdict.covariate import Covariate, Misses
-from slam.criticism.verdict.criticism import Cause, ChannelCheck, Criticism, Gain, Interval, Rank
+from slam.criticism.verdict.criticism import (
+    NOT_HELD_OUT,
+    Cause,
+    ChannelCheck,
+    Criticism,
+    Gain,
+    Interval,
+    Rank,
+)
 from slam.criticism.verdict.rollouts import ChannelError
 from slam.drawing import BLUE, ORANGE, VERMILLION
 from slam.report.criticism_pictures import (
@@ -24,7 +32,7 @@ from slam.report.criticism_pictures import (
     gain_picture,
     ranking_picture,
 )
-from slam.report.criticism_report import VERDICTS, render_criticism
+from slam.report.criticism_report import VERDICTS, render_criticism, worst_stretch
 from slam.simulation.model import load_model
 
 RANKING = (
@@ -105,6 +113,28 @@ def test_the_stretch_that_is_drawn_is_of_the_channel_that_gains_most() -> None:
         drawn = before_after_picture(load_model("nominal"), slow, flights, name)
         assert drawn is not None
         assert drawn.caption.startswith(name)
+
+
+@pytest.mark.parametrize("term", ["sonar_spikes", "timestamp_jitter"])
+def test_what_single_readings_show_is_drawn_as_they_are(term: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[Figure] = []
+    monkeypatch.setattr("slam.report.criticism_pictures.png", lambda figure: drawn.append(figure) or b"")
+    flights = [
+        flown(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), seed) for seed in (1, 2)
+    ]
+    gain = Gain(30.0, (10.0, 50.0), NOT_HELD_OUT, (10.0, 20.0), ())
+    result = replace(made(), causes=(replace(made().causes[0], name=term, gain=gain),))
+    shown = worst_stretch(result, flights)
+    assert shown is not None
+    (axes,) = drawn[0].axes
+    assert flights[1].name in axes.get_xlabel()
+    times_s = axes.lines[0].get_xdata()
+    assert 5.0 < np.ptp(times_s) <= 10.0
+    if term == "sonar_spikes":
+        assert set(axes.lines[0].get_ydata()) <= set(flights[1].sonar.range_m)
+    page = render_criticism(result, flights)
+    assert "What shows it" in page
+    assert "What single readings tell" in page
 
 
 def test_the_covariate_is_drawn_for_cause_and_rival_with_means_before_and_after() -> None:
