@@ -49,8 +49,8 @@ class Answer:
 
     @property
     def equals(self) -> set[str]:
-        """The equivalence set, unless it is so long that it names nothing."""
-        found = set(self.verdict.get("equivalence_set") or [])
+        """What the verdict cannot tell apart, unless that is so much that it names nothing."""
+        found = set(self.verdict.get("equivalence_set") or []) if self.word == "ambiguous" else set()
         return found if len(found) <= LARGEST_SET else set()
 
     @property
@@ -224,7 +224,7 @@ def true(a: Answer) -> set[str]:
 
 
 def misnamed(a: Answer) -> bool:
-    """A cause that is not there, told as certain."""
+    """A cause that is not there, told as certain and as all there is: not where something is left over."""
     return a.word == "named" or (
         a.word == "ambiguous" and any((c.get("probability") or 0) >= 0.95 for c in a.causes)
     )
