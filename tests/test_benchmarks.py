@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from tests.benchmarks import blind_dev
 from tests.benchmarks.figures import BEGIN, END, Section, markdown, measured, verdict, with_block
 from tests.benchmarks.metric import at_least, at_most, told, within
 
@@ -62,3 +63,17 @@ def test_a_miss_and_a_skip_are_told():
     assert "| speed <br><sub>how</sub> | 2 x | at most 1 x | **missed** |" in block
     assert "| **Part** | at abc | | |" in block
     assert "| **Other** | skipped: no data | | |" in block
+
+
+def test_blind_cases_are_held_to_what_is_asked_of_them():
+    def scored(nulls: int, singles: int, pairs: int, misnamed: int) -> dict:
+        gate = {"nulls": 5, "nulls_right": nulls, "singles": 9, "singles_right": singles, "unknowns": 1}
+        card = {"pairs: both found": {"hits": pairs, "of": 1}, "parameter error, median": {"rate": 0.3}}
+        return {"gate": {**gate, "unknowns_misnamed": misnamed}, "card": card, "missing": []}
+
+    good = blind_dev.figures(scored(5, 8, 1, 0), [121.0, 20.0, 30.0])
+    assert [m.met for m in good] == [True, True, False, True, True, None, False, None]
+    assert [measured(m) for m in good][:2] == ["5 of 5", "8 of 9"]
+    assert (good[-1].value, good[-1].source[:11]) == (30.0, "case 2 of 3")
+    bad = blind_dev.figures(scored(4, 7, 0, 1), [119.0, 20.0])
+    assert [m.met for m in bad] == [False, False, False, False, False, None, True, None]

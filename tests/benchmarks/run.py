@@ -43,6 +43,7 @@ TITLES = {
     "memory": "A flight ten times as long",
     "mosaic": "Mosaics",
     "criticism": "Criticism of ten flights",
+    "blind_dev": "Blind cases of others (`blind-dev`)",
     "model_gain": "What criticism gains in the map",
     "simulator": "Simulator and Kalman filter",
     "masking": "Obstacle masking in the gym",

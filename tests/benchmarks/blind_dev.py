@@ -1,0 +1,51 @@
+"""What `slam criticise` says of the measured data's sixteen blind cases, by their own score card."""
+
+from __future__ import annotations
+
+import os
+import runpy
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from tests.benchmarks.measured import folder
+from tests.benchmarks.metric import Metric, at_least, at_most, told
+from tests.blind.critic import flights_of, verdict_on
+
+MOST_COLD_S = 120.0
+MOST_ERROR = 0.25
+
+
+def measure() -> list[Metric]:
+    """Verdicts of all cases, a process each; the first one compiles as after an installation."""
+    home = folder("blind-dev")
+    with tempfile.TemporaryDirectory() as scratch:
+        answers, seconds = Path(scratch) / "answers", []
+        os.environ["NUMBA_CACHE_DIR"] = str(Path(scratch) / "compiled")
+        for case in sorted((home / "cases").iterdir()):
+            began = time.perf_counter()
+            verdict_on(flights_of(case), answers / case.name)
+            seconds.append(time.perf_counter() - began)
+        score = runpy.run_path(str(home / "score.py"))["score"]
+        return figures(score(str(answers), str(home / "truth")), seconds)
+
+
+def figures(scored: dict[str, Any], seconds: list[float]) -> list[Metric]:
+    """Rows of what the folder's ``score`` returns, and of how long each case took, the first one cold."""
+    gate, card = scored["gate"], scored["card"]
+    nulls, singles, strange = (gate[name] for name in ("nulls", "singles", "unknowns"))
+    kept = strange - gate["unknowns_misnamed"]
+    pair, error = card["pairs: both found"], card["parameter error, median"]
+    slowest = max(range(1, len(seconds)), key=seconds.__getitem__)
+    case = f"case {slowest} of {len(seconds)}, each in a process of its own"
+    return [
+        at_least("healthy cases judged to have nothing wrong", gate["nulls_right"], f"of {nulls}", nulls),
+        at_least("single effects named, or in the set", gate["singles_right"], f"of {singles}", singles - 1),
+        at_most("their sizes' relative error, median", error["rate"], "", MOST_ERROR),
+        at_least("pairs of which both are found", pair["hits"], f"of {pair['of']}", pair["of"]),
+        at_least("effects of no term that are not misnamed", kept, f"of {strange}", strange),
+        told("cases without a verdict", len(scored["missing"]), f"of {len(seconds)}"),
+        at_most("first case after an installation", seconds[0], "s", MOST_COLD_S, "compiles, too"),
+        told("slowest other case", seconds[slowest], "s", case),
+    ]  # fmt: skip
