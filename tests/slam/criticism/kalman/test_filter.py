@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.healthy import at_lower_rates, drawn_vehicle, flown
+from slam.criticism.kalman import record as record_module
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.innovations import stretches, whole
 from slam.criticism.kalman.prepare import room_for
@@ -16,7 +17,9 @@ from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.kalman.tangents import parameter_direction
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.search import effects as effects_module
 from slam.criticism.search.effects import _STEPS, RADIUS_M, effects_for
+from slam.criticism.search.nuisances import MEAN, direction_of
 from slam.simulation.model import load_model
 
 TILTS = [f"short pulses of 0.2 s {way} at half stick" for way in ("forward", "to the side")] * 2
@@ -109,35 +112,116 @@ def far_from_jumps(record):
     return (since < 0) | (since > 0.006)
 
 
-@pytest.mark.parametrize(("term", "parameter", "step"), COLUMNS, ids=lambda x: str(x))
-def test_the_trace_of_a_term_is_what_the_simulator_does(term, parameter, step):
-    """Noise-free flights with and without: the innovations change by the trace times the size."""
+def miss_of(ill, direction, times, plan=PLAN, near_jumps=True):
+    """Noise-free flights with and without: how far the innovations' change is from so often the trace."""
     model = at_lower_rates(load_model("nominal"))
-    plan = SMOOTH.get(term, PLAN)
-    size = step if term != "active_braking" else 0.05
-    ill = model.with_term(term, **{parameter: (1.0 if term == "sonar_slant" else 0.0) + size})
     healthy = record_of(flown(silent(model), stick_for(plan), 5, told=model))
     changed = record_of(flown(silent(ill), stick_for(plan), 5, told=model))
     # The first guess is taken from the readings; here it shall be the same.
     changed = replace(changed, start=healthy.start)
     setting = setting_of(model)
-    column = f"{term}.{parameter}"
-    effects = [e for e in effects_for([healthy], setting) if column in e.columns]
-    directions = [d for d in effects[0].directions if d.name == column]
-    rows = list(stretches(healthy, setting, directions))
     trace = np.full(healthy.values.shape, np.nan)
-    for part in rows:
+    for part in stretches(healthy, setting, [direction]):
         c = part.channels - CHANNEL_AT[healthy.kinds[part.events], 0]
         trace[part.events, c] = part.traces[:, 0]
     before, after = whole(healthy, setting), whole(changed, setting)
     used = (before.status == USED) & (after.status == USED)
-    if term in LOOSE:
+    if not near_jumps:
         used &= far_from_jumps(healthy)[:, None]
-    done = (after.white - before.white)[used]
-    expected = trace[used] * (size**2 if term == "ground_effect" else size)
+    done, expected = (after.white - before.white)[used], times * trace[used]
     assert np.linalg.norm(expected) > 0
-    miss = np.linalg.norm(done - expected) / np.linalg.norm(expected)
+    return np.linalg.norm(done - expected) / np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize(("term", "parameter", "step"), COLUMNS, ids=lambda x: str(x))
+def test_the_trace_of_a_term_is_what_the_simulator_does(term, parameter, step):
+    model = at_lower_rates(load_model("nominal"))
+    size = step if term != "active_braking" else 0.05
+    ill = model.with_term(term, **{parameter: (1.0 if term == "sonar_slant" else 0.0) + size})
+    record = record_of(flown(silent(model), stick_for(PLAN), 5, told=model))
+    column = f"{term}.{parameter}"
+    known = [d for e in effects_for([record], setting_of(model)) for d in e.directions]
+    direction = next(d for d in known if d.name == column)
+    times = size**2 if term == "ground_effect" else size
+    miss = miss_of(ill, direction, times, SMOOTH.get(term, PLAN), near_jumps=term not in LOOSE)
     assert miss < (0.15 if term in LOOSE else 0.04)
+
+
+def vehicle_with(**more):
+    model = at_lower_rates(load_model("nominal"))
+    return replace(model, vehicle=replace(model.vehicle, **more))
+
+
+def term_with(name, **parameters):
+    return at_lower_rates(load_model("nominal")).with_term(name, **parameters)
+
+
+@pytest.mark.parametrize(
+    ("name", "ill", "times"),
+    [
+        ("vehicle.gain", vehicle_with(gain=1.01), 0.01),
+        ("vehicle.drag_1_s", vehicle_with(drag_1_s=0.564), 5e-3),
+        ("vehicle.attitude_time_s", vehicle_with(attitude_time_s=0.101), 1e-3),
+        ("vehicle.attitude_time_s", term_with("attitude_lag", tau=0.101), 1e-3),
+        ("sonar.datum_m", term_with("sonar_bias", b=2e-3), 2e-3),
+    ],
+    ids=["gain", "drag", "attitude time", "attitude_lag", "datum"],
+)
+def test_the_trace_of_what_may_differ_is_what_the_simulator_does(name, ill, times):
+    nuisance = next(n for n in MEAN if n.name == name)
+    assert miss_of(ill, direction_of(nuisance), times) < 0.02
+
+
+def test_the_trace_of_a_limit_of_the_tilt_is_what_the_simulator_does(monkeypatch):
+    """Over the whole step from no limit at all to one that cuts a little: more would be outliers at first."""
+    monkeypatch.setattr(effects_module, "TILT_LIMITS", (0.98,))
+    model = vehicle_with()
+    record = record_of(flown(silent(model), stick_for(PLAN), 5, told=model))
+    known = [
+        d for e in effects_for([record], setting_of(model)) if e.name == "tilt_limit" for d in e.directions
+    ]
+    (limit,) = known
+    ill = term_with("tilt_limit", limit=float(limit.name.partition("@")[2]))
+    assert miss_of(ill, limit, 1.0, near_jumps=False) < 0.08
+
+
+def test_the_trace_of_a_clock_that_drifts_is_what_the_simulator_does():
+    record = record_of(flown(vehicle_with(), stick_for(TILTS[:1]), 5))
+    known = [d for e in effects_for([record], setting_of(vehicle_with())) for d in e.directions]
+    drift = next(d for d in known if d.name == "clock_drift.ppm")
+    assert miss_of(term_with("clock_drift", ppm=20.0), drift, 20e-6, near_jumps=False) < 0.06
+
+
+def test_gusts_of_the_simulator_are_as_restless_as_the_filter_has_them():
+    """Under their true size and time innovations are white; with more or less of either less likely."""
+    blown = {"sigma": 0.15, "tau": 1.0}
+    vehicle = term_with("gusts", **blown)
+    record = record_of(flown(vehicle, stick_for(PLAN * 3), 4))
+    run = whole(record, setting_of(vehicle))
+    for channel, name in enumerate(CHANNELS):
+        kind, c = place_of(channel)
+        rows = record.kinds == kind
+        white = run.white[rows, c][run.status[rows, c] == USED]
+        assert abs(white.var() - 1) * np.sqrt(len(white) / 2) < 4.5, name
+    for wrong in ({"sigma": 0.0}, {"sigma": 0.09}, {"sigma": 0.25}, {"tau": 0.2}, {"tau": 5.0}):
+        other = setting_of(term_with("gusts", **{**blown, **wrong}))
+        assert whole(record, other).log_likelihood < run.log_likelihood - 8.0, wrong
+
+
+def test_steps_half_as_long_change_nothing(monkeypatch):
+    """Over a flight of half a minute, all innovations together, by far less than what is judged."""
+    vehicle = drawn_vehicle(at_lower_rates(load_model("nominal")), np.random.default_rng(1))
+    flight = flown(vehicle, stick_for(PLAN * 2), 1)
+    usual = record_of(flight)
+    run = whole(usual, setting_of(vehicle))
+    monkeypatch.setattr(record_module, "LONGEST_STEP_S", record_module.LONGEST_STEP_S / 2)
+    finer = record_of(flight)
+    again = whole(finer, setting_of(vehicle))
+    assert len(finer.step_s) > 1.5 * len(usual.step_s)
+    np.testing.assert_array_equal(run.status, again.status)
+    change = (again.white - run.white)[run.status == USED]
+    assert np.abs(change).max() < 0.03
+    assert np.linalg.norm(change) < 0.3
 
 
 def test_a_late_vehicle_is_known_less_well_just_after_the_stick_jumps():
