@@ -14,7 +14,19 @@ from slam.criticism.camera.pictures import Sights, look
 from slam.criticism.camera.shading import PICTURE_SHAPES
 from slam.criticism.camera.sighting import TOLERANCE, Sighted, path_of, sighted
 from slam.criticism.camera.warps import BENT, WARPS, warp
-from slam.criticism.kalman.optics import CAMERA, FOCAL, POINTS, STEPS, TILT_Y
+from slam.criticism.kalman.optics import (
+    BLUR,
+    CAMERA,
+    FOCAL,
+    GAIN,
+    POINTS,
+    SQUARES,
+    STEPS,
+    TILT_X,
+    TILT_Y,
+    VIGNETTING,
+    camera_vector,
+)
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.kalman.smoothing import smoothed
@@ -88,6 +100,38 @@ def test_a_camera_term_is_found_at_its_size(term: str, size: float, setting: Set
     left, _ = estimate(again, entry)
     assert abs(left) < 3.5 * std
     assert again.log_likelihood > found.log_likelihood + 8.0
+
+
+ALL_AT_ONCE = {
+    "camera_tilt": {"x": 0.01},
+    "vignetting": {"a": 0.2},
+    "motion_blur": {"exposure": 0.02},
+    "exposure_variation": {"gain": 0.08},
+}
+
+
+@pytest.fixture(scope="module")
+def ill(setting: Setting) -> tuple[Record, Sights, Setting]:
+    """A flight with all that is wrong at once, and the belief that knows it."""
+    model = Model(name="ill", terms=ALL_AT_ONCE)
+    return *seen(ALL_AT_ONCE, 6), replace(setting, camera=camera_vector(model))
+
+
+@pytest.mark.parametrize("entry", [TILT_X, VIGNETTING, BLUR, GAIN], ids=lambda k: CAMERA[k])
+def test_pictures_are_likeliest_at_the_size_that_the_simulator_gave_each_term(
+    entry: int, ill: tuple[Record, Sights, Setting]
+) -> None:
+    """None of it, half or three times as much is less likely, the others being known."""
+    record, sights, known = ill
+
+    def likelihood(share: float) -> float:
+        camera = known.camera.copy()
+        camera[entry] *= share**2 if entry in SQUARES else share
+        return sighted(record, sights, replace(known, camera=camera), DIRECTIONS).log_likelihood
+
+    best = likelihood(1.0)
+    assert likelihood(0.0) < best - 8.0
+    assert max(likelihood(0.5), likelihood(3.0)) < best - 2.0
 
 
 def test_the_path_is_as_near_to_the_truth_as_it_says(setting: Setting) -> None:
