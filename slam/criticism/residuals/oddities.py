@@ -233,16 +233,16 @@ def _quantisation(records: Sequence[Record]) -> list[Oddity]:
     found = _comb(records)
     if found is None:
         return []
-
-    def beside(own: Record, others: Sequence[Record]) -> float:
-        """Nats of the flight's readings for the others' step."""
-        ranges = _ranges([own])
-        comb = _strongest(_ranges(others)) if len(ranges) else None
-        return len(ranges) * float(np.abs(_teeth(ranges, comb.step_m))) ** 2 if comb is not None else 0.0
-
     interval = _interval("sonar_quantisation", "step", found.step_m, 1e-4)
     nats = tuple(len(_ranges([record])) * found.strength**2 for record in records)
-    return [Oddity("sonar_quantisation", {"step": interval}, nats, foretold(records, beside))]
+    return [Oddity("sonar_quantisation", {"step": interval}, nats, foretold(records, _quantised))]
+
+
+def _quantised(own: Record, others: Sequence[Record]) -> float:
+    """Nats of a flight's readings for the others' step."""
+    ranges = _ranges([own])
+    comb = _strongest(_ranges(others)) if len(ranges) else None
+    return len(ranges) * float(np.abs(_teeth(ranges, comb.step_m))) ** 2 if comb is not None else 0.0
 
 
 @dataclass(frozen=True)

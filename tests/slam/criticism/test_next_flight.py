@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -40,3 +41,22 @@ def test_without_an_attitude_a_wind_is_told_from_a_trim_by_a_turn(few):
     name, with_few = told({VELOCITY, SONAR})
     assert "turn by 180 deg" in name
     assert with_few < 0.5 * with_all
+
+
+def test_a_lag_is_told_from_a_latency_with_the_lag_itself_free(monkeypatch):
+    """Within ±10 % of its healthy value it explains little of a latency: then the two seem far apart."""
+    model, pulse = load_model("nominal"), "full stick forward for 0.5 s"
+    record = record_of(flown(model, stick_for([pulse]), 1))
+    for name in set(MANOEUVRES) - {pulse}:
+        monkeypatch.delitem(MANOEUVRES, name)
+    known = {e.name: e for e in effects_for([record], setting_of(model))}
+    latency, lag = known["control_latency"], known["attitude_lag"]
+    late, kinds = np.full(len(latency.columns), 0.05), {VELOCITY, SONAR}
+
+    def sigma(said: str) -> float:
+        return float(re.search(r": (.*) sigma", said)[1])
+
+    free = sigma(next_flight(model, latency, lag, late, kinds))
+    held = sigma(next_flight(model, latency, replace(lag, relaxes=()), late, kinds))
+    assert free < 0.8 * held
+    assert sigma(next_flight(model, lag, latency, np.array([0.05]), kinds)) > 1.0

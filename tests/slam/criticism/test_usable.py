@@ -15,6 +15,8 @@ from slam.criticism.usable import is_foreign, usable_records
 from slam.flight import Flight
 from slam.simulation.model import load_model
 
+STREAMS = ("imu", "attitude", "velocity", "sonar")
+
 
 @pytest.fixture(scope="module")
 def flight():
@@ -47,6 +49,25 @@ def test_a_hover_is_judged_beside_flights_that_move(flight):
     records, dropped = usable_records([flight, tilting])
     assert len(records) == 1
     assert "never moved" in dropped[0]
+
+
+def test_what_follows_a_pause_is_told_as_not_judged():
+    flight = flown(load_model("nominal"), stick_for(["climb and descend by 0.6 m", "hover for 8 s"]), 1)
+
+    def without(stream, begin_s, end_s):
+        kept = (stream.stamps_s < begin_s) | (stream.stamps_s > end_s)
+        values = {
+            name: value[kept] for name, value in vars(stream).items() if np.shape(value)[:1] == kept.shape
+        }
+        return replace(stream, **values)
+
+    for begin_s, judged in ((5.0, 1), (0.1, 0)):
+        streams = {n: without(getattr(flight, n), begin_s, begin_s + 6.0) for n in STREAMS}
+        records, dropped = usable_records([replace(flight, **streams)])
+        assert len(records) == judged
+        assert "nothing was read for 5 s and more" in dropped[0]
+    records, dropped = usable_records([flight])
+    assert (len(records), dropped) == (1, [])
 
 
 def test_a_hover_by_itself_tells_of_what_lasts_if_it_is_seen_to_fly():

@@ -18,7 +18,15 @@ from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.residuals.oddities import _dropped, _highlights, oddities, without_dead_zone
+from slam.criticism.residuals.oddities import (
+    _dropped,
+    _highlights,
+    _quantised,
+    foretold,
+    oddities,
+    without_dead_zone,
+)
+from slam.criticism.verdict.criticism import NOT_HELD_OUT, Cause, Criticism
 from slam.simulation.model import load_model
 
 
@@ -97,3 +105,39 @@ def test_a_dead_zone_is_found_and_its_readings_left_out(record):
     odd = found(changed(record, lambda r: np.maximum(r, limit)))
     assert "sonar_dead_zone" in odd
     assert odd["sonar_dead_zone"].parameters["limit"].value == pytest.approx(limit, abs=1e-6)
+
+
+def test_a_share_of_lost_pictures_is_held_out_by_flight(record):
+    """A flight that lost none tells against the share of the others, one that lost as many for it."""
+    flights = [replace(record, sights=seen(480 - n, n)) for n in (14, 14, 0)]
+    (odd,) = _dropped(flights)
+    gain = odd.cause().gain
+    assert gain.by == "flight"
+    assert gain.parts[0] == gain.parts[1] > 0 > gain.parts[2]
+    assert gain.nats < sum(odd.nats)
+    assert _dropped(flights[:1])[0].cause().gain.by == NOT_HELD_OUT
+
+
+def test_a_step_is_held_out_by_flight(record):
+    alike = [changed(record, lambda r: 0.02 * np.round(r / 0.02))] * 2
+    passes = [whole(r, setting_of(load_model("nominal"))) for r in alike]
+    (odd,) = oddities(alike, passes)
+    assert odd.foretold == pytest.approx(odd.nats)
+    other = [alike[0], changed(record, lambda r: 0.031 * np.round(r / 0.031))]
+    assert sum(foretold(other, _quantised)) < 0.2 * sum(odd.nats)
+
+
+def test_second_echoes_are_not_told_as_held_out(record):
+    def spiked(r):
+        r = r.copy()
+        r[[40, 90, 200]] *= 2.02
+        return r
+
+    gain = found(changed(record, spiked))["sonar_spikes"].cause().gain
+    assert gain.by == NOT_HELD_OUT
+    assert (
+        Criticism("named", "", (Cause("sonar_spikes", 1.0, {}, gain, 7.0, 20.0),)).to_json()["gain"][
+            "held_out_by"
+        ]
+        is None
+    )

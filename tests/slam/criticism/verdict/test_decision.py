@@ -21,6 +21,8 @@ from slam.criticism.verdict.posterior import (
     posterior_of,
 )
 from slam.criticism.verdict.rollouts import ChannelError
+from slam.criticism.verdict.tables import IN_SINGLE_READINGS, ranking
+from slam.simulation.terms import CATALOGUE
 
 GAIN = Gain(50.0, (30.0, 60.0), "flight", (25.0, 25.0), ())
 
@@ -64,6 +66,28 @@ def test_what_flies_worse_than_nothing_is_not_claimed_beside_something_unknown()
     assert claimed("worse") == ("unknown", [0.5])
     assert claimed("alike") == claimed("worse", "better") == ("named_with_remainder", [1.0])
     assert claimed("worse", unknown=0.0) == ("named", [1.0])
+
+
+def test_two_causes_that_are_told_are_not_told_as_alike():
+    odd = SimpleNamespace(model=SimpleNamespace(foreign=False), chosen=())
+    posterior = Posterior({SOMETHING_ELSE: 0.0, NOTHING: 0.0}, (), ())
+    verdict, alike, _ = decide((cause("sonar_lag"), cause("yaw_drag")), odd, posterior, [], [], 4.5)
+    assert (verdict, alike) == ("named", ("sonar_lag",))
+
+
+def test_nothing_is_wrong_only_if_no_single_reading_is():
+    look = SimpleNamespace(standing=lambda rest, effects: [], effects=())
+    found = SimpleNamespace(first=look)
+    probability = {NOTHING: 0.8, SOMETHING_ELSE: 0.1}
+    odd = replace(cause("sonar_spikes"), probability=0.99)
+    ranks = {r.name: r for r in ranking(found, probability, [odd])}
+    assert ranks[NOTHING].probability == pytest.approx(0.008)
+    assert ranks[SOMETHING_ELSE].probability == 0.1
+    assert ranks["sonar_spikes"].z == 20.0
+    assert set(IN_SINGLE_READINGS) < set(CATALOGUE)
+    assert {name for name in IN_SINGLE_READINGS if ranks[name].z == 0.0} == set(IN_SINGLE_READINGS) - {
+        "sonar_spikes"
+    }
 
 
 @pytest.mark.parametrize("sets", [9, 18, 38])

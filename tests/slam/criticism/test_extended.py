@@ -1,0 +1,50 @@
+"""What becomes a model file: the causes that are told, and noise on the base of the flights' own figures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism.extended import extended_model, with_sizes
+from slam.criticism.healthy import flown
+from slam.criticism.kalman.readings import by_channel
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.manoeuvres import stick_for
+from slam.simulation.model import load_model
+
+NOMINAL = load_model("nominal")
+
+
+@pytest.fixture(scope="module")
+def record():
+    """Of a vehicle whose attitude and IMU are told to be half as noisy as the model's."""
+    quieter = replace(
+        NOMINAL,
+        attitude=replace(NOMINAL.attitude, noise_std_deg=0.5 * NOMINAL.attitude.noise_std_deg),
+        imu=replace(NOMINAL.imu, gyro_noise_density=0.5 * NOMINAL.imu.gyro_noise_density),
+    )
+    return record_of(flown(quieter, stick_for(["climb and descend by 0.6 m"]), 1, told=quieter))
+
+
+def test_noise_is_what_the_flights_tell_of_it_times_what_was_fitted(record):
+    belief = replace(setting_of(NOMINAL), noise_factor=by_channel(1.1, 1.0, 1.2, 1.0, 0.9))
+    made = extended_model(NOMINAL, belief, (), [record])
+    assert made.attitude.noise_std_deg == pytest.approx(1.2 * 0.5 * NOMINAL.attitude.noise_std_deg)
+    assert made.imu.gyro_noise_density == pytest.approx(1.1 * 0.5 * NOMINAL.imu.gyro_noise_density, rel=1e-3)
+    assert made.sonar.noise_std_m == pytest.approx(0.9 * NOMINAL.sonar.noise_std_m)
+
+
+def test_a_foreign_vehicle_and_a_missing_instrument_keep_the_models_noise(record):
+    factors = by_channel(3.0, 3.0, 3.0, 3.0, 3.0)
+    foreign = replace(setting_of(NOMINAL), noise_factor=factors, foreign=True)
+    assert extended_model(NOMINAL, foreign, (), [record]).attitude == NOMINAL.attitude
+    deaf = replace(record, values=np.where(record.kinds[:, None] == 3, np.nan, record.values))
+    belief = replace(setting_of(NOMINAL), noise_factor=factors)
+    assert extended_model(NOMINAL, belief, (), [deaf]).sonar.noise_std_m == NOMINAL.sonar.noise_std_m
+
+
+def test_a_count_beyond_what_the_equation_bears_is_no_error():
+    assert with_sizes(NOMINAL, "moving_objects", {"count": 60.0}).value("moving_objects", "count") == 50.0
