@@ -2,7 +2,7 @@
 
 Prints for each case the greatest z of all terms, of the dictionary and of pairs of terms as a line of JSON;
 with all cases done, the thresholds at which one healthy case in a hundred is called ill. Every third case has
-Student's tails.
+Student's tails. Of flights without commands it is the greatest z of the terms alone, and no threshold.
 """
 
 from __future__ import annotations
@@ -20,8 +20,11 @@ from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.look import look_at
 from slam.criticism.search.pairs import pairs_beside
 from slam.criticism.usable import usable_records
+from slam.criticism.without_commands.balances import balances_of
+from slam.criticism.without_commands.regression import regression_of
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import load_model
+from slam.simulation.terms import CATALOGUE
 
 RATES = (0.007, 0.003, 0.001)
 """Of false alarms: terms, dictionary, pairs."""
@@ -40,6 +43,15 @@ def greatest(seed: int, camera: CameraModel | None = None) -> tuple[float, str, 
     pair = max(pairs_beside(look, []), key=lambda p: p.z)
     both = " and ".join(e.label for e in pair.terms)
     return terms.z, terms.effect.label, shapes.z, shapes.effect.name, pair.z, both
+
+
+def greatest_without_commands(seed: int) -> tuple[float, str]:
+    """Greatest z of the terms where the instruments of one healthy case are held against each other."""
+    flights = healthy_case(load_model("nominal"), seed, student=seed % 3 == 0)
+    data = regression_of([balances_of(flight) for flight in flights])
+    z = {effect: data.z([], effect) for effect in data.effects() if effect in CATALOGUE}
+    name = max(z, key=lambda effect: z[effect])
+    return z[name], name
 
 
 def thresholds(*greatest: np.ndarray) -> tuple[float, ...]:
@@ -71,5 +83,10 @@ if __name__ == "__main__":
     parser.add_argument("cases", nargs="?", type=int, default=60)
     parser.add_argument("first", nargs="?", type=int, default=0, help="seed of the first case")
     parser.add_argument("--pictures", action="store_true", help="flights with a camera")
+    parser.add_argument("--without-commands", action="store_true", help="instruments against each other")
     told = parser.parse_args()
-    main(told.cases, told.first, CAMERA if told.pictures else None)
+    if told.without_commands:
+        for case in range(told.first, told.first + told.cases):
+            print(json.dumps([case, *greatest_without_commands(case)]), flush=True)
+    else:
+        main(told.cases, told.first, CAMERA if told.pictures else None)

@@ -127,9 +127,9 @@ def _prepared(records: Sequence[Record], model: Model, progress: Progress) -> _P
     setting = replace(setting_of(model), foreign=is_foreign(records, model))
     if setting.foreign:
         records = [coarsened(record, model) for record in records]
-        limits = limits.times(FOREIGN)
+        limits = limits.times(FOREIGN, "this vehicle's equations are another's")
     elif any_holds_heading(records):
-        limits = limits.times(STEERED)
+        limits = limits.times(STEERED, "a controller's sticks tell more than its instruments")
     records, strays = _filtered(records, setting, progress)
     records, late = without_jitter(records, setting) if not setting.foreign else (records, [])
     records, odd = without_dead_zone(records)
@@ -185,7 +185,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         reason = untested(records, list(within_reach(seen)))
         return Criticism(
             "unusable", reason, dropped=tuple(given.strays), detectable=seen, threshold=limits.effects,
-            model=model,
+            threshold_means=limits.meaning, model=model,
         )  # fmt: skip
     if verdict == "unknown" and not causes:
         remainder = "; ".join(part for part in (remainder, *_nearest(found, limits.effects)) if part)
@@ -211,6 +211,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         covariate=drawn,
         dropped=tuple(given.strays),
         threshold=limits.effects,
+        threshold_means=limits.meaning,
         model=model,
         extended=_extended(records, model, belief, causes, odd),
         unseen={} if together is None else _unseen(records, model, together, best, causes, odd),

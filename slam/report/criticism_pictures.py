@@ -251,7 +251,7 @@ def ranking_picture(result: Criticism) -> bytes:
     left.set_xlim(0, 1)
     left.set_xlabel("probability")
     right.barh(names, [r.z for r in shown], color=colours)
-    right.axvline(result.threshold, color=VERMILLION, linewidth=1, label="chance, once in 100 healthy cases")
+    right.axvline(result.threshold, color=VERMILLION, linewidth=1, label=f"asked for: {result.threshold:.1f}")
     right.set_xlabel("stands out by [sigma]")
     right.legend(loc="lower right", frameon=False, fontsize=7)
     if max((r.z for r in shown), default=0.0) > 50:

@@ -101,6 +101,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         covariate=embedded(covariate_picture(result.covariate)) if result.covariate else None,
         about_covariate=about_covariate(result),
         ranking=embedded(ranking_picture(result)) if result.ranking else None,
+        about_line=about_line(result),
         causes=cause_rows(result),
         gains=gain_rows(result),
         maps=map_gain_table(maps) if maps else None,
@@ -218,6 +219,11 @@ def about_covariate(result: Criticism) -> str:
     if not found.rival:
         return text
     return f"{text} Beside it the same for {found.rival}, which is likeliest in its place."
+
+
+def about_line(result: Criticism) -> str:
+    """What the line in the picture of the ranking is."""
+    return f"the line ({result.threshold:.1f}) is {result.threshold_means}"
 
 
 def _figure(value: float) -> str:

@@ -22,7 +22,7 @@ from slam.report.criticism_pictures import (
     gain_picture,
     ranking_picture,
 )
-from slam.report.criticism_report import about_covariate, cause_rows, gain_rows, worst_stretch
+from slam.report.criticism_report import about_covariate, about_line, cause_rows, gain_rows, worst_stretch
 from slam.simulation.model import save_model
 from tests.benchmarks.measured import folder
 from tests.benchmarks.measured_studies import STUDIES, Study
@@ -123,8 +123,8 @@ def _why(home: Path, found: Criticism) -> list[str]:
 def _ranking(home: Path, found: Criticism) -> list[str]:
     return [
         _image(home, "ranking", "Probability and strength of each hypothesis", ranking_picture(found)),
-        "Left: probability. Right: how far each stands out alone on the model as it was; the line is what "
-        f"chance reaches once in a hundred healthy cases ({found.threshold:.1f}).",
+        "Left: probability. Right: how far each stands out alone on the model as it was; "
+        f"{about_line(found)}.",
     ]
 
 

@@ -8,6 +8,8 @@ from importlib import resources
 
 import numpy as np
 
+CHANCE = "what chance reaches once in a hundred healthy cases"
+
 
 @dataclass(frozen=True)
 class Thresholds:
@@ -21,10 +23,15 @@ class Thresholds:
     """For one more term beside one that was found."""
     pairs: float
     """For two terms together that hide each other."""
+    meaning: str = CHANCE
+    """In words."""
 
-    def times(self, factor: float) -> Thresholds:
-        """All of them higher."""
-        return Thresholds(*(factor * z for z in (self.effects, self.shapes, self.second, self.pairs)))
+    def times(self, factor: float, why: str) -> Thresholds:
+        """All of them higher, and ``why``."""
+        return Thresholds(
+            factor * self.effects, factor * self.shapes, factor * self.second, factor * self.pairs,
+            f"{factor:g} times {self.meaning}, as {why}",
+        )  # fmt: skip
 
 
 def load_thresholds(pictures: bool = False) -> Thresholds:

@@ -130,6 +130,9 @@ class Criticism:
     covariate: Covariate | None = None
     """What is missed, against what the leading cause makes of it; None where roll-outs do not show it."""
     threshold: float = 0.0
+    """By how many standard deviations an effect must stand out."""
+    threshold_means: str = ""
+    """What that is, in words: what chance does, or more, and why."""
     model: Model | None = None
     """The nominal model that was criticised."""
     extended: Model | None = None

@@ -67,6 +67,7 @@ def made(verdict: str = "named") -> Criticism:
         noise_correlation={"accel": 0.437},
         checks=(ChannelCheck("gyro_x", 1000, 1.02, 0.01, (0.1,) * 10),),
         threshold=3.7,
+        threshold_means="what chance <seldom> reaches",
         model=load_model("nominal"),
         extended=load_model("nominal").with_term("quadratic_drag", c=0.08),
         flights=("flight_00", "flight_01"),
@@ -95,6 +96,7 @@ def test_the_page_says_what_it_must(verdict: str) -> None:
     assert "0.437" in page
     assert "sonar_lag" in page  # what could not have been seen
     assert "steps of three sizes" in page  # the next flight
+    assert "the line (3.7) is what chance &lt;seldom&gt; reaches" in page
     assert "flight_09: never moves" in page
     assert "http" not in re.sub(r"Content-Security-Policy|http-equiv", "", page)  # offline
     if verdict.startswith("named"):
