@@ -40,6 +40,8 @@ class Regression:
     """(n,) which held-out part a row belongs to."""
     cluster: Ints
     """(n,) which stretch of ten seconds: errors within one may last."""
+    minutes: Array
+    """(n,) time within a flight, 0 in its middle."""
     by: str
     """What is held out: ``flight`` or ``segment``."""
 
@@ -138,7 +140,11 @@ def regression_of(rows: Sequence[Sequence[Rows]]) -> Regression:
     kind = np.concatenate([np.full(len(r.off), r.kind) for flight in rows for r in flight])
     flight = np.concatenate([np.full(len(r.off), k) for k, found in enumerate(rows) for r in found])
     stretch = np.concatenate([(r.times_s // STRETCH_S).astype(np.int64) for found in rows for r in found])
+    middle_s = [np.mean([r.times_s[[0, -1]] for r in found]) if found else 0.0 for found in rows]
+    minutes = np.concatenate(
+        [(r.times_s - at) / 60.0 for found, at in zip(rows, middle_s, strict=True) for r in found]
+    )
     _, cluster = np.unique(np.column_stack([flight, stretch]), axis=0, return_inverse=True)
     if sum(bool(found) for found in rows) >= FEWEST_FLIGHTS:
-        return Regression(off, columns, kind, flight, cluster, "flight")
-    return Regression(off, columns, kind, cluster % SEGMENTS, cluster, "segment")
+        return Regression(off, columns, kind, flight, cluster, minutes, "flight")
+    return Regression(off, columns, kind, cluster % SEGMENTS, cluster, minutes, "segment")

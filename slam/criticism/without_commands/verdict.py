@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from slam.criticism.extended import with_sizes
 from slam.criticism.search.effects import plausible
-from slam.criticism.search.occam import VERY_SIMILAR_NATS
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.covariate import Covariate, Misses
 from slam.criticism.verdict.criticism import Cause, Criticism, Gain, Interval, Rank
 from slam.criticism.verdict.decision import CONFIRMED_NATS, SURE
 from slam.criticism.verdict.sentence import sentence_of
 from slam.criticism.without_commands.balances import balances_of
+from slam.criticism.without_commands.posterior import in_place_of, posterior_of
 from slam.criticism.without_commands.regression import TOLERANCE, Regression, regression_of
 from slam.flight import Flight
 from slam.progress import Progress, Tally, silent
@@ -54,7 +54,8 @@ def judged_without_commands(
         return None
     data = regression_of(rows)
     chosen = _chosen(data)
-    causes = tuple(_cause(data, chosen, e) for e in chosen if e in CATALOGUE)
+    posterior = posterior_of(data, chosen)
+    causes = tuple(_cause(data, chosen, e, posterior[e]) for e in chosen if e in CATALOGUE)
     late = [
         f"{e} by {1e3 * data.fit(chosen)[0][data.columns_of(chosen, e)][0]:.0f} ms"
         for e in chosen if e not in CATALOGUE
@@ -70,8 +71,8 @@ def judged_without_commands(
         verdict = "named_with_remainder" if remainder else "named"
     seen = _detectable(data)
     sentence = sentence_of(verdict, causes, equivalents, remainder, seen)  # type: ignore[arg-type]
-    told = {cause.name: cause.probability for cause in causes}
-    ranks = [Rank(e, told.get(e, 0.0), data.z([], e)) for e in data.effects() if e in CATALOGUE]
+    shown = {e: data.z([], e) for e in data.effects() if e in CATALOGUE}
+    ranks = [Rank(name, probability, shown.get(name, 0.0)) for name, probability in posterior.items()]
     return Criticism(
         verdict,  # type: ignore[arg-type]
         f"{sentence} ({REASON[0].upper()}{REASON[1:]}.)",
@@ -132,7 +133,7 @@ def _is_plausible(data: Regression, chosen: Sequence[str], effect: str) -> bool:
     return True
 
 
-def _cause(data: Regression, chosen: Sequence[str], effect: str) -> Cause:
+def _cause(data: Regression, chosen: Sequence[str], effect: str, probability: float) -> Cause:
     size, covariance = data.covariance(chosen)
     rest = [e for e in chosen if e != effect]
     parameters = {}
@@ -143,21 +144,15 @@ def _cause(data: Regression, chosen: Sequence[str], effect: str) -> Cause:
         std = float(np.hypot(np.sqrt(covariance[k, k]), TOLERANCE[effect]))
         half = float(np.hypot(1.96 * std, MISFIT * size[k]))
         parameters[parameter.name] = Interval(value, parameter.unit, value - half, value + half)
-    open_ = [e for e in data.effects() if e not in chosen and e in CATALOGUE]
-    leads = {e: data.lead(chosen, [*rest, e]) for e in open_}
-    # Of two that explain the same the one with fewer numbers leads; the other may be it all the same.
-    near = sorted((e for e in open_ if leads[e] < VERY_SIMILAR_NATS), key=lambda e: leads[e])
-    costs = {e: 0.0 if e in near else data.cost(e) - data.cost(effect) for e in open_}
-    behind = np.array([0.0, *(max(leads[e] + costs[e], 0.0) for e in open_)])
-    rival = next(iter([*near, *sorted(open_, key=lambda e: leads[e] + costs[e])]), "")
-    weights = np.exp(-np.clip(behind, -700.0, 700.0))
     gains = data.held_out(rest, effect)
     drawn = np.random.default_rng(0).choice(gains, size=(4000, len(gains))).sum(axis=1)
     low, high = np.quantile(drawn, [0.025, 0.975])
     gain = Gain(float(gains.sum()), (float(low), float(high)), data.by, tuple(gains.tolist()), ())
-    probability, lead = float(1.0 / weights.sum()), float(behind[1:].min(initial=np.inf))
+    place = in_place_of(data, chosen, effect)
     z = data.z(chosen, effect)
-    return Cause(effect, probability, parameters, gain, z, lead, (effect, *near), rival)
+    return Cause(
+        effect, probability, parameters, gain, z, place.lead_nats, (effect, *place.near), place.rival
+    )  # fmt: skip
 
 
 def _covariate(data: Regression, chosen: Sequence[str], lead: Cause) -> Covariate:

@@ -10,6 +10,7 @@ import pytest
 from slam.criticism import criticise
 from slam.criticism.healthy import flown
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
 from slam.simulation.model import load_model
 
 PLANS = (
@@ -73,3 +74,22 @@ def test_readings_that_are_not_numbers_are_left_out():
     gyro[50:60], accel[200] = np.inf, np.nan
     broken[0] = replace(broken[0], imu=replace(broken[0].imu, gyro_rad_s=gyro, accel_m_s2=accel))
     assert criticise(broken).verdict == "nothing_wrong"
+
+
+def test_nothing_and_something_else_are_among_the_hypotheses():
+    healthy = {r.name: r.probability for r in criticise(flights()).ranking}
+    assert healthy[NOTHING] > 0.5
+    assert 0.0 < healthy[SOMETHING_ELSE] < 0.2
+    biased = {r.name: r.probability for r in criticise(flights("gyro_bias", z=0.006)).ranking}
+    assert biased["gyro_bias"] > 0.95
+    assert biased[NOTHING] < 0.01
+    assert biased[SOMETHING_ELSE] < 0.05
+    late = [delayed(f, 0.05) for f in flights()]
+    found = criticise(late)
+    assert "attitude late by 5" in found.remainder
+    assert {r.name: r.probability for r in found.ranking}[SOMETHING_ELSE] > 0.9
+
+
+def delayed(flight, by_s):
+    """With an attitude that comes late, which no term is."""
+    return replace(flight, attitude=replace(flight.attitude, stamps_s=flight.attitude.stamps_s + by_s))
