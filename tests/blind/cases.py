@@ -13,7 +13,7 @@ import numpy as np
 
 from tests.blind import folder, vehicle
 from tests.blind.camera import floor, pictures
-from tests.blind.faults import BY_NAME, FAULTS, SEEN, SEEN_STRANGE, STRANGE, UNTELLABLE, Blind, Fault
+from tests.blind.faults import BY_NAME, FAULTS, SEEN, SEEN_STRANGE, SENSES, STRANGE, UNTELLABLE, Blind, Fault
 from tests.blind.instruments import RATE_HZ, streams
 from tests.blind.plans import GRID_S, LANDING, PLANS, start_of, stick_of
 from tests.blind.strength import NUISANCES, outputs, strengths, whitened
@@ -53,6 +53,8 @@ class Hidden:
     d: float | None
     known: bool
     channels: tuple[str, ...] = ()
+    way: dict[str, float] = field(default_factory=dict)
+    """Parameter -> its signed size or entry, up to a common factor; empty where an effect has no sign."""
 
 
 @dataclass(frozen=True)
@@ -188,11 +190,10 @@ def sized(
         d = float(strengths(trace, nuisances, halves)[0])
     value = None if fault.value is None else float(fault.value(amplitude, base))
     shown = None if fault.name in (*CHANCE, *CONTACT) or fault in (*SEEN, *SEEN_STRANGE) else d
-    return (
-        knobs(amplitude),
-        Hidden(fault.name, amplitude, value, fault.unit, shown, fault.known, fault.channels),
-        trace,
-    )
+    changed = knobs(amplitude)
+    way = {name: changed[knob] for name, knob in SENSES.get(fault.name, {}).items()}
+    hidden = Hidden(fault.name, amplitude, value, fault.unit, shown, fault.known, fault.channels, way)
+    return changed, hidden, trace
 
 
 def _is_of_the_floor(fault: Fault) -> bool:

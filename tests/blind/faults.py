@@ -197,6 +197,32 @@ SEEN: tuple[Fault, ...] = (
 )  # fmt: skip
 """What pictures show."""
 
+SENSES: dict[str, dict[str, str]] = {
+    "command_nonlinearity": {"eps": "curve"},
+    "flow_scale": {"eps": "flow_eps"},
+    "trim_offset": {"roll": "lean_roll", "pitch": "lean_pitch"},
+    "steady_wind": {"x": "wind_x", "y": "wind_y"},
+    "climb_asymmetry": {"eps": "sink"},
+    "yaw_drag": {"eps": "spin_drag"},
+    "sonar_tilt": {"x": "echo_x", "y": "echo_y"},
+    "sonar_scale": {"eps": "echo_eps"},
+    "sonar_bias": {"b": "echo_add"},
+    "sonar_temperature": {"rise": "warm_k"},
+    "gyro_bias": {"x": "gyro_x", "y": "gyro_y", "z": "gyro_z"},
+    "gyro_scale": {"eps": "gyro_eps"},
+    "accel_bias": {"x": "accel_x", "y": "accel_y", "z": "accel_z"},
+    "accel_scale": {"eps": "accel_eps"},
+    "imu_misalignment": {"x": "turn_x", "y": "turn_y", "z": "turn_z"},
+    "clock_drift": {"ppm": "ppm"},
+    "floor_slope": {"x": "slope_x", "y": "slope_y"},
+    "focal_length": {"eps": "zoom"},
+    "radial_distortion": {"k1": "barrel"},
+    "camera_tilt": {"x": "mount_x", "y": "mount_y"},
+    "camera_time_offset": {"offset": "stamp_late"},
+    "flow_derotation": {"kappa": "flow_turn"},
+}
+"""Effect with a sign or a direction -> the catalogue's parameters and the knobs that have the same sense."""
+
 _PICTURES = ("picture", "camera", "image", "brightness", "contrast", "colour", "sharp", "column", "row")
 SEEN_STRANGE: tuple[Fault, ...] = tuple(
     Fault(name, "none", low, high, unit, plain(knob), scaled=False, needs=needs, known=False,

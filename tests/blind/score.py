@@ -103,6 +103,17 @@ class Answer:
         low, high = sorted(same[0]["ci95"])
         return error, low <= hidden.value <= high or low <= -hidden.value <= high
 
+    def along(self, hidden: Hidden) -> float | None:
+        """Cosine between a cause's sizes and the hidden ones, signs included; None where there is no sign to
+        compare, or no such cause."""
+        cause = next((c for c in self.causes if c["name"] == hidden.name), None)
+        if cause is None or not hidden.way:
+            return None
+        sizes = {name: (p or {}).get("value") or 0.0 for name, p in (cause.get("parameters") or {}).items()}
+        told = [sizes.get(name, 0.0) for name in hidden.way]
+        both = math.hypot(*told) * math.hypot(*hidden.way.values())
+        return sum(a * b for a, b in zip(told, hidden.way.values(), strict=True)) / both if both else 0.0
+
 
 ONE_IN_HUNDRED = Bound(0.005, 0.015, whole_interval=True)
 """The chance that is told: rarer alarms would be those of a critic that sees less than it might."""
@@ -165,6 +176,7 @@ def _singles(one: list[Answer]) -> list[Row]:
     sizes = [len(a.credible) for a in _at(8, found)]
     compared = [(a, h, p) for a in one for h in a.case.hidden if (p := a.parameter(h)) is not None]
     errors = [p[0] for _, h, p in compared if h.d is not None and h.d >= 8]
+    ways = [x for a in one for h in a.case.hidden if (x := a.along(h)) is not None]
     held = [p[1] for _, _, p in compared if p[1] is not None]
     inside = [bool(a.credible & true(a)) for a in found]
     middle, mean = (statistics.median(errors) if errors else math.nan), sum(sizes) / max(len(sizes), 1)
@@ -179,6 +191,7 @@ def _singles(one: list[Answer]) -> list[Row]:
         _rate("right when claiming P >= 0.95", sure, lambda a: a.top in a.case.equivalents, 0.90, 0.97),
         Row("parameter's error, median, d >= 8", 0, len(errors), most(0.25), most(0.10), middle, share=True),
         _rate("parameter within 25 %, d >= 8", errors, lambda e: e <= 0.25, 0.90, 0.97),
+        _rate("parameter's sign, or direction within 37 deg", ways, lambda x: x > 0.8, 0.90, 0.97),
         Row("parameter inside its interval", sum(held), len(held), Bound(0.85, 0.99), Bound(0.93, 0.97)),
     ]  # fmt: skip
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from scipy.stats import binomtest
 
 from tests.blind.cases import Case, Hidden
+from tests.blind.faults import FAULTS, SEEN, SENSES
 from tests.blind.rows import Bound, Row, least, most, wilson
 from tests.blind.score import Answer, card, misnamed, points_at_channel, says_so
+from tests.blind.vehicle import HEALTHY
 
 BRAKE = Hidden("active_braking", 0.5, 0.5, "1/s", 9.0, known=True)
 SONAR = Hidden("sonar_lag", 0.05, 0.05, "s", 12.0, known=True)
@@ -85,7 +88,28 @@ def test_right_answers_keep_every_floor_and_aim():
     rows = card(RIGHT, lambda a: True)
     assert [row.name for row in rows if row.kept(row.floor) == "missed"] == ["parameter inside its interval"]
     assert {row.name for row in rows if row.kept(row.aim) == "missed"} == NARROW
-    assert all(row.of for row in rows)
+    assert {row.name for row in rows if not row.of} == {"parameter's sign, or direction within 37 deg"}
+
+
+@pytest.mark.parametrize(
+    ("told", "hits"), [((0.02, 0.01), 1), ((-0.02, -0.01), 0), ((-0.01, 0.02), 0), ((0.02, -0.02), 0)]
+)
+def test_a_size_that_points_the_wrong_way_is_seen(told: tuple[float, float], hits: int):
+    wind = Hidden("steady_wind", 0.02, 0.022, "m/s", 9.0, known=True, way={"x": 0.02, "y": 0.01})
+    said = says("named", ("steady_wind", 0.99))
+    said["causes"][0]["parameters"] = {
+        n: {"value": v, "unit": "m/s"} for n, v in zip("xy", told, strict=True)
+    }
+    row = next(row for row in card([Answer(case("single", wind), said)]) if "sign" in row.name)
+    assert (row.hits, row.of) == (hits, 1)
+
+
+def test_the_way_of_every_hidden_effect_is_that_of_its_knobs():
+    """The other simulator's own sign conventions, by name: nothing is drawn without one that has a sign."""
+    known = {f.name: f for f in (*FAULTS, *SEEN)}
+    for name, knobs in SENSES.items():
+        drawn = known[name].apply(0.1, dict(HEALTHY), np.random.default_rng(1))
+        assert set(drawn) == set(knobs.values()), name
 
 
 def test_wrong_answers_are_seen():
