@@ -19,7 +19,7 @@ from slam.simulation.camera.effects import camera_effects
 from slam.simulation.camera.film import shoot
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import Model
-from slam.simulation.motion import Motion, at_rest, draw_for, obey, steps_of
+from slam.simulation.motion import Motion, Moving, at_rest, draw_for, obey, steps_of
 from slam.simulation.place.world import World
 from slam.simulation.stick import Stick
 
@@ -104,13 +104,13 @@ def flown(
     start = at_rest(0.0, 0.0, float(rng.uniform(*START_M)), float(rng.uniform(-np.pi, np.pi)))
     noise = draw_for(model, steps_of(stick.duration_s), (rng, np.random.default_rng((seed, 8))))
     motion = obey(stick, model, start, noise)
-    flight = _read(model, told or model, motion, student, seed, rng)
+    flight = read_by(model, told or model, motion, student, seed, rng)
     flight = replace(flight, command=sensors.log_command(stick, model))
     return flight if camera is None else _filmed(flight, motion, camera, seed)
 
 
-def _read(
-    model: Model, maker: Model, motion: Motion, student: bool, seed: int, rng: np.random.Generator
+def read_by(
+    model: Model, maker: Model, motion: Moving, student: bool, seed: int, rng: np.random.Generator
 ) -> Flight:
     """What the instruments read of a motion, with the vehicle's noise and its maker's word for it."""
     slope = model.vector("floor_slope")

@@ -28,6 +28,7 @@ from slam.simulation.model import Model
 _STREAMS = {IMU: "imu", ATTITUDE: "attitude", VELOCITY: "velocity", SONAR: "sonar"}
 TOLD_APART_SIGMA = 3.3
 """Separation at which two terms are told apart in nineteen of twenty cases."""
+MOST_TIMES = 200
 
 
 def next_flight(
@@ -69,14 +70,16 @@ def next_flight(
     # Separation grows as the root of the time flown.
     took_s = np.array([stick_for([name]).duration_s for name in flights])
     best = int(np.argmax(found / np.sqrt(took_s)))
-    times = int(np.ceil((TOLD_APART_SIGMA / max(found[best], 1e-3)) ** 2))
-    if times > 200:
-        return f"No manoeuvre of the list tells {first.name} from {second.name}: another sensor must."
+    return advice(first.name, second.name, f"fly {flights[best]!r}", float(found[best]))
+
+
+def advice(first: str, second: str, motion: str, sigma: float) -> str:
+    """The sentence: by a ``motion`` (what one is asked to do) two terms are ``sigma`` apart each time."""
+    times = int(np.ceil((TOLD_APART_SIGMA / max(sigma, 1e-3)) ** 2))
+    if times > MOST_TIMES:
+        return f"No manoeuvre of the list tells {first} from {second}: another sensor must."
     often = "once" if times == 1 else f"{times} times"
-    return (
-        f"To tell {first.name} from {second.name} fly {flights[best]!r} {often}: "
-        f"{found[best]:.1f} sigma a time."
-    )
+    return f"To tell {first} from {second} {motion} {often}: {sigma:.1f} sigma a time."
 
 
 def _precision(name: str, other: Effect, setting: Setting) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +72,17 @@ class State:
         c, s = np.cos(self.roll_pitch_yaw_rad[:, 2]), np.sin(self.roll_pitch_yaw_rad[:, 2])
         vx, vy = self.w_v_m_s[:, 0], self.w_v_m_s[:, 1]
         return np.column_stack([c * vx + s * vy, c * vy - s * vx])
+
+
+class Moving(Protocol):
+    """What instruments can be read along: a flight, or a vehicle that is carried."""
+
+    @property
+    def duration_s(self) -> float:
+        """From 0 on."""
+
+    def at(self, stamps_s: Array) -> State:
+        """The state at any times (n,)."""
 
 
 @dataclass(frozen=True)

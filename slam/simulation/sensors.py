@@ -16,7 +16,7 @@ from slam.flight import AttitudeSeries, Command, Imu, Sonar, Velocity
 from slam.simulation.chance import generator
 from slam.simulation.instruments import Rate
 from slam.simulation.model import Model
-from slam.simulation.motion import Motion, State
+from slam.simulation.motion import Moving, State
 from slam.simulation.place.terrain import first_echo
 from slam.simulation.place.world import World
 from slam.simulation.stick import Stick
@@ -113,7 +113,7 @@ def in_limits(range_m: Array, model: Model) -> Array:
     return np.where(range_m < dead, dead, np.where(out, np.nan, range_m))
 
 
-def read_imu(motion: Motion, model: Model, seed: int) -> Imu:
+def read_imu(motion: Moving, model: Model, seed: int) -> Imu:
     """Gyro and accelerometer with noise, and with biases that walk."""
     imu, rng = model.imu, generator(seed, "imu")
     times = stamps(imu.rate_hz, motion.duration_s, rng)
@@ -135,7 +135,7 @@ def read_imu(motion: Motion, model: Model, seed: int) -> Imu:
     )
 
 
-def read_attitude(motion: Motion, model: Model, seed: int) -> AttitudeSeries:
+def read_attitude(motion: Moving, model: Model, seed: int) -> AttitudeSeries:
     """True roll, pitch and yaw with noise."""
     rng = generator(seed, "attitude")
     times = stamps(model.attitude.rate_hz, motion.duration_s, rng)
@@ -146,7 +146,7 @@ def read_attitude(motion: Motion, model: Model, seed: int) -> AttitudeSeries:
     return AttitudeSeries(told, angles + noise, (std, std, std))
 
 
-def read_velocity(motion: Motion, model: Model, world: World, seed: int) -> Velocity:
+def read_velocity(motion: Moving, model: Model, world: World, seed: int) -> Velocity:
     """Speed of the on-board optical flow with noise."""
     rng, std = generator(seed, "velocity"), model.velocity.noise_std_m_s
     times = stamps(model.velocity.rate_hz, motion.duration_s, rng)
@@ -157,7 +157,7 @@ def read_velocity(motion: Motion, model: Model, world: World, seed: int) -> Velo
     return Velocity(told, speed + noise, (std, std), scale_std=0.0)
 
 
-def read_sonar(motion: Motion, model: Model, world: World, seed: int) -> Sonar:
+def read_sonar(motion: Moving, model: Model, world: World, seed: int) -> Sonar:
     """Range to the first surface in the beam, with noise; NaN where that is out of range."""
     sonar, rng = model.sonar, generator(seed, "sonar")
     times = stamps(sonar.rate_hz, motion.duration_s, rng)

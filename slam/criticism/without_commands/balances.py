@@ -46,6 +46,8 @@ class Rows:
     """(n,)."""
     traces: dict[str, Array]
     """Column -> (n,)."""
+    noise: float
+    """Standard deviation of one difference before it was divided by it; rad, m/s or m."""
 
 
 @dataclass(frozen=True)
@@ -226,10 +228,11 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, names: list[str
     left = white[:, 0] - white[:, own] @ size
     far = np.abs(left) > FAR_OFF * robust_std(left)
     free = max(int(np.sum(~far)) - len(size), 1)
-    white /= max(float(np.sqrt(np.sum(left[~far] ** 2) / free)), 1e-9)
+    scatter = max(float(np.sqrt(np.sum(left[~far] ** 2) / free)), 1e-9)
+    white /= scatter
     white[far] = 0.0
     traces = {n: white[:, 1 + k] for k, n in enumerate(names) if not n.endswith(INTEGRATED)}
-    return Rows(kind, times_s, white[:, 0], traces)
+    return Rows(kind, times_s, white[:, 0], traces, scatter * float(np.sqrt(variance)))
 
 
 def _near_floor(flight: Flight) -> Array:

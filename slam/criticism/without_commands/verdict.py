@@ -19,6 +19,7 @@ from slam.criticism.verdict.criticism import Cause, Criticism, Gain, Interval, R
 from slam.criticism.verdict.decision import CONFIRMED_NATS, SURE
 from slam.criticism.verdict.sentence import sentence_of
 from slam.criticism.without_commands.balances import balances_of
+from slam.criticism.without_commands.next_flight import next_motion
 from slam.criticism.without_commands.posterior import in_place_of, posterior_of
 from slam.criticism.without_commands.regression import TOLERANCE, Regression, regression_of
 from slam.flight import Flight
@@ -79,6 +80,7 @@ def judged_without_commands(
         causes,
         equivalents or tuple(c.name for c in causes[:1]),
         remainder,
+        next_motion(model, rows, chosen, equivalents[:2], progress) if equivalents else "",
         detectable=seen,
         ranking=tuple(sorted(ranks, key=lambda r: (-r.probability, -r.z))),
         covariate=_covariate(data, chosen, causes[0]) if causes else None,

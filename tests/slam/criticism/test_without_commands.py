@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from slam.criticism import criticise
-from slam.criticism.healthy import flown
+from slam.criticism.healthy import flown, read_by
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
+from slam.criticism.without_commands.carried import CARRIED, carried
 from slam.simulation.model import load_model
 
 PLANS = (
@@ -93,3 +95,34 @@ def test_nothing_and_something_else_are_among_the_hypotheses():
 def delayed(flight, by_s):
     """With an attitude that comes late, which no term is."""
     return replace(flight, attitude=replace(flight.attitude, stamps_s=flight.attitude.stamps_s + by_s))
+
+
+def test_what_it_asks_for_tells_a_bias_from_a_scale():
+    model = load_model("nominal")
+    vehicle = model.with_term("accel_bias", z=0.1)
+    few = flights("accel_bias", z=0.1)
+    found = criticise(few)
+    assert found.verdict == "ambiguous"
+    assert set(found.equivalence_set) == {"accel_bias", "accel_scale"}
+    # What is off along a body axis turns with it; a share of the weight does not.
+    told = re.search(r"(hold it .* tilted by 40 deg to all four sides), (.*): (.*) sigma", found.next_flight)
+    assert told is not None, found.next_flight
+    assert float(told[3]) > 1.0
+    moved = read_by(vehicle, model, carried(told[1], 3), False, 5, np.random.default_rng(5))
+    again = criticise([*few, moved])
+    assert again.causes[0].name == "accel_bias"
+    assert again.causes[0].alternatives == ("accel_bias",)
+    assert again.next_flight == ""
+
+
+@pytest.mark.parametrize("name", CARRIED)
+def test_healthy_instruments_agree_when_carried(name):
+    model = load_model("nominal")
+    moved = [
+        read_by(model, model, carried(name, 2), False, seed, np.random.default_rng(seed)) for seed in range(3)
+    ]
+    state = carried(name).at(np.linspace(0.0, 10.0, 200))
+    assert state.w_p_m[:, 2].min() > 0.5
+    found = criticise(moved)
+    assert found.verdict in ("nothing_wrong", "unusable"), found.sentence
+    assert not found.causes

@@ -1,0 +1,97 @@
+"""The motion that would settle what instruments leave open: flown or carried in simulation.
+
+As with commands two effects are told apart by what is left of the first one's trace once the other's is taken
+out; here the traces are those of the balances, and their noise is that of the flights at hand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.healthy import flown, read_by
+from slam.criticism.manoeuvres import MANOEUVRES, stick_for
+from slam.criticism.next_flight import advice
+from slam.criticism.threads import in_threads
+from slam.criticism.without_commands.balances import Rows, balances_of
+from slam.criticism.without_commands.carried import CARRIED, carried
+from slam.criticism.without_commands.regression import Regression, regression_of
+from slam.flight import Flight
+from slam.progress import Progress, Tally, silent
+from slam.simulation.model import Model
+
+Array = NDArray[np.float64]
+
+SHORTEST_S = 14.0
+"""What is shorter is done several times on end: balances need some rows."""
+
+
+def next_motion(
+    model: Model,
+    rows: Sequence[Sequence[Rows]],
+    chosen: Sequence[str],
+    rivals: Sequence[str],
+    progress: Progress = silent,
+) -> str:
+    """A sentence: which motion tells two rivals apart best for the time that it takes.
+
+    ``rows`` are the balances of the flights at hand; the first rival is one of the ``chosen``.
+    """
+    first, second = rivals
+    data = regression_of(rows)
+    size, error = data.covariance(chosen)
+    own = data.columns_of(chosen, first)
+    plain = np.linalg.inv(data.fit(chosen)[1])
+    wider = float(np.sqrt(np.max(np.diag(error)[own] / np.diag(plain)[own])))
+    noise, beside = _noise(rows), [*(e for e in chosen if e != first), second]
+
+    def separation(name: str) -> float:
+        found = [r for r in balances_of(_flight(model, name)) if r.kind in noise]
+        if not found:
+            return 0.0
+        finer = _noise([found])
+        known = regression_of([found])
+        weight = np.array([finer[kind] / noise[kind] for kind in known.kind])
+        return _apart(known, weight, size[own], first, beside) / wider / float(np.sqrt(_times(name)))
+
+    names = [*MANOEUVRES, *CARRIED]
+    found = np.array(in_threads(Tally(progress, "next flight", len(names)).counting(separation), names))
+    best = int(np.argmax(found / np.sqrt([_took_s(name) for name in names])))
+    motion = f"fly {names[best]!r}" if names[best] in MANOEUVRES else f"{names[best]},"
+    return advice(first, second, motion, float(found[best]))
+
+
+def _apart(data: Regression, weight: Array, size: Array, first: str, beside: Sequence[str]) -> float:
+    """Sigmas of what is left of an effect's trace; ``weight`` (n,) is how much finer these rows are."""
+    if not data.of(first):
+        return 0.0
+    trace = weight * (data.table([first]) @ size)
+    others = weight[:, None] * data.table([e for e in beside if data.of(e)])
+    return float(np.linalg.norm(trace - others @ np.linalg.lstsq(others, trace, rcond=1e-9)[0]))
+
+
+def _noise(rows: Sequence[Sequence[Rows]]) -> dict[str, float]:
+    """Kind of balance -> root mean square noise of its differences."""
+    squares: dict[str, list[float]] = {}
+    for found in (r for flight in rows for r in flight):
+        squares.setdefault(found.kind, []).append(found.noise**2)
+    return {kind: float(np.sqrt(np.mean(of))) for kind, of in squares.items()}
+
+
+def _flight(model: Model, name: str) -> Flight:
+    """What a healthy vehicle's instruments read of a motion, done several times on end where it is short."""
+    if name in MANOEUVRES:
+        return flown(model, stick_for([name] * _times(name)), 1)
+    moved = carried(name, _times(name))
+    return read_by(model, model, moved, False, 1, np.random.default_rng(1))
+
+
+def _took_s(name: str) -> float:
+    """Duration of a motion, done once."""
+    return stick_for([name]).duration_s if name in MANOEUVRES else carried(name).duration_s
+
+
+def _times(name: str) -> int:
+    return int(np.ceil(SHORTEST_S / _took_s(name)))
