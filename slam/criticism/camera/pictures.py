@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -25,6 +25,10 @@ from slam.criticism.camera.movers import moves
 from slam.criticism.camera.overlaid import Image, overlaid, reduced
 from slam.flight import Flight
 from slam.progress import Progress, Tally, silent
+
+if TYPE_CHECKING:
+    from slam.criticism.camera.tones import Tones
+    from slam.criticism.kalman.smoothing import Path
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -85,9 +89,9 @@ class Sights:
     spots: Array = field(default_factory=lambda: np.zeros((0, 3)))
     """(k, 3) for each pair of pictures with bright spots that do not go with the floor: how many lag behind
     it, how many go otherwise, and the strength of the former."""
-    paths: dict[bytes, tuple[Array, Any]] = field(default_factory=dict, repr=False, compare=False)
+    paths: dict[bytes, tuple[Array, Path]] = field(default_factory=dict, repr=False, compare=False)
     """Smoothed paths at the pictures that were worked out so far."""
-    figures: list[Any] = field(default_factory=list, repr=False, compare=False)
+    figures: list[Tones] = field(default_factory=list, repr=False, compare=False)
     """What the tones of all pairs come to, once worked out: it is the same under every belief."""
 
     def some(self, kept: NDArray[np.bool_]) -> Sights:

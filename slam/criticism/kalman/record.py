@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.camera.pictures import Sights
 from slam.criticism.kalman.readings import (
     ATTITUDE,
     CHANNELS,
@@ -25,6 +25,9 @@ from slam.criticism.kalman.readings import (
 from slam.flight import Flight
 from slam.simulation.dynamics import COMMAND, PITCH, ROLL, VX, VY, VZ, YAW, YAW_RATE, Z
 from slam.simulation.stick import Stick, stick_of
+
+if TYPE_CHECKING:
+    from slam.criticism.camera.pictures import Sights
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
