@@ -31,6 +31,7 @@ from slam.criticism.kalman.record import (
 )
 from slam.flight import Flight
 from slam.progress import Progress, silent
+from slam.simulation.dynamics import COMMAND
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 
@@ -48,7 +49,6 @@ FOREIGN_FACTOR = 1.6
 FOREIGN_RATE_HZ = 20.0
 SLOW_HZ = 10.0
 """A vehicle answers within a tenth of a second: read more seldom, most of the answer lies between."""
-STICKS = ("forward", "left", "up", "yaw")
 SHOWN_BY = {
     "forward": (("pitch", "gyro_y", "velocity_x"), "attitude, gyro or speed"),
     "left": (("roll", "gyro_x", "velocity_y"), "attitude, gyro or speed"),
@@ -116,7 +116,7 @@ def untested(records: Sequence[Record], shown: Sequence[str]) -> str:
     some = f"no more than {', '.join(shown)}" if shown else "none"
     reasons = [f"of {len(CATALOGUE)} effects {some} would have shown at a usual size"]
     for stick, (channels, instruments) in SHOWN_BY.items():
-        moved = any((np.abs(r.stick.values[:, STICKS.index(stick)]) >= LEAST_STICK).any() for r in records)
+        moved = any((np.abs(r.stick.values[:, COMMAND.index(stick)]) >= LEAST_STICK).any() for r in records)
         if moved and not any(r.has(CHANNELS.index(c)) for r in records for c in channels):
             reasons.append(f"the {stick} stick was moved, and no {instruments} was recorded to show it")
     for name, kind in (("imu", IMU), ("attitude", ATTITUDE), ("velocity", VELOCITY), ("sonar", SONAR)):

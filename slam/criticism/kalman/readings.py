@@ -87,7 +87,7 @@ SENSOR = (
     SLOPE_X, SLOPE_Y, ATTITUDE_DELAY, VELOCITY_DELAY,
 ) = range(len(SENSOR))  # fmt: skip
 
-SOUND_M_S, SOUND_M_S_K = 331.3 + 0.606 * 20.0, 0.606
+ASSUMED_SOUND_M_S, SOUND_M_S_K = 331.3 + 0.606 * 20.0, 0.606
 """Speed of sound that the sonar reckons with, and its change a degree."""
 
 
@@ -144,7 +144,8 @@ def _range(state: Array, rate: Array, sensor: Array, elapsed: float) -> float:
     height = z - slope_x * x - slope_y * y
     pencil = height / (-up + slope_x * wx + slope_y * wy)
     echo = height + sensor[SLANT] * (pencil - height)
-    echo *= SOUND_M_S / (SOUND_M_S + SOUND_M_S_K * sensor[WARMING] * elapsed) * (1.0 + sensor[RANGE_SCALE])
+    warm = ASSUMED_SOUND_M_S + SOUND_M_S_K * sensor[WARMING] * elapsed
+    echo *= ASSUMED_SOUND_M_S / warm * (1.0 + sensor[RANGE_SCALE])
     return echo + sensor[RANGE_BIAS] + sensor[DATUM]
 
 

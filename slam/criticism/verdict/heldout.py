@@ -185,6 +185,6 @@ def taken(look: Look, step: Array, effects: Sequence[Effect]) -> Setting:
     setting = look.setting
     skip = {e.columns[0] for e in effects if on_grid(e)}
     for column, size in zip(look.sums.columns, step, strict=True):
-        if size != 0.0 and " ~ " not in column and " late" not in column and column not in skip:
+        if size != 0.0 and column not in skip:
             setting = column_of(column).moved(setting, float(size))
     return setting
