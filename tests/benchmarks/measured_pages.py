@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from slam.criticism import Criticism, criticise
+from slam.criticism.kalman.record import has_commands
 from slam.criticism.verdict.criticism import Interval
 from slam.criticism.verdict.power import within_reach
 from slam.flight import Flight
@@ -24,6 +25,7 @@ from slam.report.criticism_pictures import (
 )
 from slam.report.criticism_report import about_covariate, about_line, cause_rows, gain_rows, worst_stretch
 from slam.simulation.model import save_model
+from tests.benchmarks.commit import commit
 from tests.benchmarks.measured import folder
 from tests.benchmarks.measured_studies import STUDIES, Study
 from tests.benchmarks.measured_truth import APART_S, against_gps, with_truth_for_instruments
@@ -44,7 +46,7 @@ def page(name: str, study: Study) -> None:
         study.about,
         f"```\nslam criticise {study.shown} --out out/{name}\n```",
         f"**{found.verdict}**: {found.sentence}",
-        *_section("What it found", [_causes(found), _model(home, found)]),
+        *_section("What it found", [_causes(found), _model(home, found, flights)]),
         *_section("Before and after", _drawn(home, "stretch", worst_stretch(found, flights))),
         *_section("Why this cause", _why(home, found)),
         *_section("What it could be", _ranking(home, found)),
@@ -57,7 +59,8 @@ def page(name: str, study: Study) -> None:
         *_section("What these flights cannot tell", _silent(found)),
         *_section("The next flight", [found.next_flight], found.next_flight),
         *_section("What was not judged", [f"- {line}" for line in found.dropped], found.dropped),
-        "Written by `python -m tests.benchmarks.measured_pages`; see [criticism](../criticism.md).",
+        f"Written at {commit()} by `python -m tests.benchmarks.measured_pages`; see "
+        "[criticism](../criticism.md).",
     ]
     text = "\n\n".join(part for part in parts if part).replace("\n\n- ", "\n- ")
     home.with_suffix(".md").write_text(text + "\n", encoding="utf-8")
@@ -85,13 +88,14 @@ def _causes(found: Criticism) -> str:
     return _table(("cause", "what it does", "parameter", "value", "95 % interval", "probability"), rows)
 
 
-def _model(home: Path, found: Criticism) -> str:
+def _model(home: Path, found: Criticism, flights: Sequence[Flight]) -> str:
     if found.extended is None or not found.causes:
         return ""
     save_model(found.extended, home.with_suffix(".toml"))
+    replayed = " and `slam replay --model`" if any(map(has_commands, flights)) else ""
     return (
-        f"The model with all that in it: [{home.name}.toml]({home.name}.toml), for `slam simulate --model` "
-        "and `slam replay --model`."
+        f"The model with all that in it: [{home.name}.toml]({home.name}.toml), for `slam simulate --model`"
+        f"{replayed}."
     )
 
 
