@@ -98,7 +98,7 @@ while True:
 """
 
 
-@pytest.mark.parametrize("after_s", [0.1, 0.8, 1.7])
+@pytest.mark.parametrize("after_s", [0.1, 0.8, pytest.param(1.7, marks=pytest.mark.slow)])
 def test_an_interrupt_ends_a_solve_at_once(after_s: float):
     process = subprocess.Popen(
         [sys.executable, "-c", CHAIN], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

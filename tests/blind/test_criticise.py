@@ -84,17 +84,18 @@ def test_a_single_cause_is_named(fault, seed, made, judged):
 
 
 @pytest.mark.parametrize(
-    ("fault", "seed"),
+    ("fault", "seed", "flights", "seconds"),
     # The load and the saturation look like a flow that reads too little, the level like a gyro that does.
     [
-        ("iron_in_floor", 31),
-        pytest.param("swinging_load", 32, marks=pytest.mark.slow),
-        pytest.param("false_level", 33, marks=pytest.mark.slow),
-        pytest.param("flow_saturation", 36, marks=pytest.mark.slow),
+        ("iron_in_floor", 31, 2, 16.0),
+        pytest.param("iron_in_floor", 31, FLIGHTS, SECONDS, marks=pytest.mark.slow),
+        pytest.param("swinging_load", 32, FLIGHTS, SECONDS, marks=pytest.mark.slow),
+        pytest.param("false_level", 33, FLIGHTS, SECONDS, marks=pytest.mark.slow),
+        pytest.param("flow_saturation", 36, FLIGHTS, SECONDS, marks=pytest.mark.slow),
     ],
 )
-def test_what_no_term_explains_is_not_named(fault, seed, made, judged):
-    case = made("strange", seed, fault, 40.0)
+def test_what_no_term_explains_is_not_named(fault, seed, flights, seconds, made, judged):
+    case = made("strange", seed, fault, 40.0, flights, seconds)
     answer = Answer(case.case, judged(*case.flights))
     assert answer.word in ("unknown", "named_with_remainder"), (answer.word, answer.top)
     assert answer.verdict["remainder"]

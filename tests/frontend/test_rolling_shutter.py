@@ -65,8 +65,15 @@ class Flown:
         return np.linalg.solve(floor_H_a, floor_H_b)
 
 
-@pytest.mark.parametrize("camera", [CAMERA, BENT])
-@pytest.mark.parametrize("with_gyro", [True, False])
+@pytest.mark.parametrize(
+    ("camera", "with_gyro"),
+    [
+        (BENT, True),
+        (CAMERA, False),
+        pytest.param(CAMERA, True, marks=pytest.mark.slow),
+        pytest.param(BENT, False, marks=pytest.mark.slow),
+    ],
+)
 def test_points_come_to_where_the_middle_row_has_them(camera: Camera, with_gyro: bool) -> None:
     rng, before, after = np.random.default_rng(3), [], []
     for _ in range(12):

@@ -72,7 +72,7 @@ SLOW = pytest.mark.slow
     [
         pytest.param(
             lambda load, k: load(30) if 30 <= k < 42 else load(k), "same picture as the one before", 11,
-            id="frozen",
+            id="frozen", marks=SLOW,
         ),
         pytest.param(
             lambda load, k: load(k - k % 2), "same picture as the one before", 49, id="each twice", marks=SLOW

@@ -75,6 +75,7 @@ def test_without_attitude_the_pictures_alone_tell_the_tilt():
     assert 0.5 * found.nees.pose.lower95 < found.nees.pose.mean < 2 * found.nees.pose.upper95
 
 
+@pytest.mark.slow
 def test_missing_values_in_sonar_and_attitude_are_no_harm():
     flight = flown(0)
     angles, range_m = flight.attitude.roll_pitch_yaw_rad.copy(), flight.sonar.range_m.copy()

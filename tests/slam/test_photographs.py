@@ -36,7 +36,7 @@ def test_photographs_without_gps_are_placed_in_any_order():
     assert np.sqrt(np.mean(np.abs(left) ** 2)) < 2e-3
 
 
-@pytest.mark.parametrize("mixed", ["one after the other", "in turns"])
+@pytest.mark.parametrize("mixed", [pytest.param("one after the other", marks=pytest.mark.slow), "in turns"])
 def test_photographs_of_two_places_are_two_parts(mixed):
     """In turns no picture overlaps the one before: only looking at all pairs finds who belongs together."""
     here, there = flown(0), elsewhere()

@@ -14,8 +14,12 @@ from slam.pipeline import optimize
 from tests.slam.small_flight import flown
 
 
-@lru_cache
 def normal(seed: int = 0) -> tuple[Flight, Estimate]:
+    return _normal(seed)
+
+
+@lru_cache
+def _normal(seed: int) -> tuple[Flight, Estimate]:
     flight = flown(seed)
     return flight, optimize(flight)
 

@@ -49,6 +49,12 @@ SCENES = {
         tilt_std_rad=0.15,
     ),
 }
+SLOWER = (
+    "sonar, no attitude", "pixels three times as noisy as told", "relief and a coarse sonar",
+    "gps and attitude over a slope",
+)  # fmt: skip
+"""Each is two of the others together, or has a test of its own in test_noise.py."""
+NAMES = [pytest.param(name, marks=pytest.mark.slow) if name in SLOWER else name for name in SCENES]
 
 
 @lru_cache
@@ -89,7 +95,7 @@ def position_rms(made: Made, w_T_b: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.sum((hat - made.w_T_b)[:, :3, 3] ** 2, axis=1))))
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", NAMES)
 def test_the_covariances_tell_the_truth(name: str):
     """One pose a draw is independent of other draws: its sum is chi-square. All poses: a closer look."""
     drawn = np.array([errors_squared(made, bundle) for made, bundle in solved(name)])
@@ -99,7 +105,7 @@ def test_the_covariances_tell_the_truth(name: str):
     assert 4.6 < drawn.mean() < 7.4
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", NAMES)
 def test_the_noise_put_in_is_the_noise_found(name: str):
     scene, found = SCENES[name], [bundle.noise for _, bundle in solved(name)]
     expected = {"pixel_scale": scene.pixel_std / scene.told_pixel_std}
@@ -136,7 +142,7 @@ def test_sensors_noisier_than_told_are_found_out():
     assert np.mean([level.range_m for level in found]) == pytest.approx(0.03, rel=0.2)
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", NAMES)
 def test_no_good_observation_is_dropped(name: str):
     dropped = sum(bundle.dropped_observations for _, bundle in solved(name))
     assert dropped <= 1e-3 * sum(len(made.measurements.tracks.track) for made, _ in solved(name))

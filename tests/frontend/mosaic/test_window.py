@@ -41,7 +41,9 @@ def test_nothing_changed_nothing_rendered() -> None:
     assert all(done.kept for done in again.values())
 
 
-@pytest.mark.parametrize("moved", [0, 8, 17])
+@pytest.mark.parametrize(
+    "moved", [pytest.param(0, marks=pytest.mark.slow), 8, pytest.param(17, marks=pytest.mark.slow)]
+)
 def test_a_moved_picture_has_the_tiles_that_it_touches_rendered_and_no_others(moved: int) -> None:
     poses = POSES.copy()
     poses[moved, 0, 3] += 0.02

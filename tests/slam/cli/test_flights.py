@@ -232,7 +232,10 @@ def test_a_featureless_flight_is_refused(tmp_path):
         (lambda f: _halve(sorted((f / "mav0/cam0/data").iterdir())[5]), "unreadable: truncated"),
         (lambda f: edit(f / "mav0/sonar0/data.csv", _without_ninth_value), "sonar"),
         (lambda f: edit(f / "mav0/imu0/data.csv", lambda r: [*r[:9], r[10], r[9], *r[11:]]), "imu"),
-        (lambda f: edit(f / "mav0/attitude0/data.csv", lambda r: [*r[:9], r[8], *r[9:]]), "attitude"),
+        pytest.param(
+            lambda f: edit(f / "mav0/attitude0/data.csv", lambda r: [*r[:9], r[8], *r[9:]]), "attitude",
+            marks=pytest.mark.slow,
+        ),
     ],
     ids=["half a picture", "infinity in the sonar", "IMU unsorted", "attitude twice"],
 )  # fmt: skip
@@ -273,7 +276,9 @@ def started(flight: Path, out: Path) -> subprocess.Popen:
     return process
 
 
-@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(
+    ("sent", "code"), [(signal.SIGINT, 130), pytest.param(signal.SIGTERM, 143, marks=pytest.mark.slow)]
+)
 def test_an_interrupted_run_leaves_nothing(flight, tmp_path, sent, code):
     process = started(flight, tmp_path / "out")
     process.send_signal(sent)

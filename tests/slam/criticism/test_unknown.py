@@ -59,7 +59,7 @@ def same(what):
 @pytest.mark.parametrize(
     ("obeyed", "read", "signs"),
     [
-        (same, off_the_centre, ["accel_x ~ pitching"]),
+        pytest.param(same, off_the_centre, ["accel_x ~ pitching"], marks=pytest.mark.slow),
         pytest.param(sinking, same, ["force up ~ tilt2"], marks=pytest.mark.slow),
         pytest.param(steered_askew, same, ["force roll ~ stick_ahead", "force pitch ~ stick_left"],
             marks=pytest.mark.slow),

@@ -91,7 +91,9 @@ def test_behind_the_bridge_the_map_is_less_certain():
     assert far > 5 * near
 
 
-@pytest.mark.parametrize("missing", [{"velocity": None, "imu": None}, {"sonar": None}])
+@pytest.mark.parametrize(
+    "missing", [{"velocity": None, "imu": None}, pytest.param({"sonar": None}, marks=pytest.mark.slow)]
+)
 def test_without_instruments_or_metres_nothing_is_bridged(missing):
     estimate = optimize(replace(one_way(0), **missing))
     assert not [e for e in estimate.relative_poses if e.kind == "inertial"]

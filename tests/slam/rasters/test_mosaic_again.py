@@ -53,6 +53,7 @@ def test_a_moved_keyframe_gives_what_a_whole_rendering_gives(first: Path, tmp_pa
     assert content(tmp_path / "again")["mosaic.tif"] != first.read_bytes()
 
 
+@pytest.mark.slow
 def test_another_resolution_renders_all(first: Path, tmp_path: Path) -> None:
     estimate, flight, _ = scene()
     assert write_mosaic(estimate, flight, tmp_path, 0.004, earlier=first).kept == 0

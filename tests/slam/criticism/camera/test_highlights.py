@@ -24,7 +24,7 @@ def found(terms: dict[str, dict[str, float]], seed: int) -> list[Oddity]:
     return _highlights([replace(record_of(flight), sights=sights)])
 
 
-@pytest.mark.parametrize("strength", [0.3, 0.5])
+@pytest.mark.parametrize("strength", [0.3, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_a_mirrored_lamp_is_found_with_its_strength(strength):
     (oddity,) = found({"specular_highlights": {"strength": strength}}, 5)
     assert oddity.name == "specular_highlights"
@@ -40,7 +40,7 @@ def test_a_mirrored_lamp_is_found_with_its_strength(strength):
         {},
         pytest.param({"floor_steps": {"height": 0.3, "share": 0.15}}, marks=pytest.mark.slow),
         {"moving_objects": {"count": 40.0}},
-        {"exposure_variation": {"gain": 0.1, "gamma": 0.2, "tau": 0.5}},
+        pytest.param({"exposure_variation": {"gain": 0.1, "gamma": 0.2, "tau": 0.5}}, marks=pytest.mark.slow),
     ],
 )
 def test_nothing_else_is(terms):

@@ -99,7 +99,7 @@ def shapes(z: Array) -> Array:
 
 
 def test_a_steady_camera_shows_nothing() -> None:
-    z = np.array([judged(*made(seed))[0] for seed in range(5)])
+    z = np.array([judged(*made(seed))[0] for seed in range(3)])
     assert (z[:, GAIN] < 3.5).all()
     assert shapes(z).max() < 4.0
     assert np.abs(z[:, VIGNETTING]).max() < 3.5

@@ -21,7 +21,7 @@ def flights(model):
     return [flown(model, stick_for(PLAN), seed) for seed in SEEDS]
 
 
-@pytest.mark.parametrize("sigma", [0.0015, 0.008])
+@pytest.mark.parametrize("sigma", [pytest.param(0.0015, marks=pytest.mark.slow), 0.008])
 def test_stamps_that_are_off_are_told_by_how_much_and_put_right(sigma):
     shaken = judged(flights(SLOWER.with_term("timestamp_jitter", sigma=sigma)))
     even, found = without_jitter(shaken, NOMINAL)
