@@ -30,8 +30,42 @@ LOWEST_M = 0.35
 FEWEST = 20
 INTEGRATED = " as integrated"
 """Marks the second way to know what a scale multiplies."""
+CHANNELS = {
+    "attitude": [(f"{angle} from the gyro", "rad") for angle in ("roll", "pitch", "yaw")],
+    "velocity": [(f"velocity {way} from the accelerometer", "m/s") for way in ("east", "north")],
+    "height": [("height from the accelerometer", "m")],
+}
+"""Name and unit of each component of a balance."""
 LEAST_SHARE = 0.05
 FAR_OFF = 5.0
+
+
+@dataclass(frozen=True)
+class Averages:
+    """One component of a balance as it is, at moments ``NODE_S`` apart."""
+
+    channel: str
+    unit: str
+    order: int
+    """How often the imu was integrated for it."""
+    times_s: Array
+    """(n,)."""
+    whole: NDArray[np.bool_]
+    """(n,) whether there are readings about a moment, none of them near the floor."""
+    pause: Ints
+    """(n,) number of gaps before."""
+    names: list[str]
+    """Columns of the table after its first."""
+    table: Array
+    """(n, 1 + columns) what is read less what is integrated, and what each effect's unit makes of it."""
+
+    def knows(self, name: str) -> bool:
+        """Whether a column of an effect moves it."""
+        return name in self.names
+
+    def column(self, name: str) -> int:
+        """Where a column stands in the table: of a scale, what is integrated times it."""
+        return 1 + self.names.index(name + INTEGRATED if name + INTEGRATED in self.names else name)
 
 
 @dataclass(frozen=True)
@@ -48,6 +82,8 @@ class Rows:
     """Column -> (n,)."""
     noise: float
     """Standard deviation of one difference before it was divided by it; rad, m/s or m."""
+    averages: Averages
+    """What they are differences of."""
 
 
 @dataclass(frozen=True)
@@ -188,27 +224,33 @@ def _rows(
     gaps = np.concatenate([[0], np.cumsum(far)])
     low = np.searchsorted(near_floor, nodes + 2 * ABOUT_S) - np.searchsorted(near_floor, nodes - 2 * ABOUT_S)
     whole = (end - begin >= 2) & (low == 0)
+    late = np.concatenate([[0.0], np.cumsum(stamps)])
+    count = np.maximum(end - begin, 1)
+    late = np.where(end > begin, (late[end] - late[begin]) / count - nodes, 0.0)
     made = []
     for c in range(off.shape[1]):
         table = np.column_stack([off[:, c], *(t[:, c] for t in traces.values())])
         total = np.vstack([np.zeros(table.shape[1]), np.cumsum(table - table.mean(axis=0), axis=0)])
-        means = (total[end] - total[begin]) / np.maximum(end - begin, 1)[:, None]
+        means = (total[end] - total[begin]) / count[:, None]
+        # What is integrated twice runs away: a reading a little late would show that, and not the motion.
+        means -= late[:, None] * np.gradient(means, nodes + late, axis=0)
+        pause = gaps[np.minimum(begin, len(stamps) - 1)]
+        averages = Averages(*CHANNELS[kind][c], order, nodes, whole, pause, list(traces), means)
         steps = np.diff(means, n=order, axis=0)
         kept = np.all([whole[k : len(whole) - order + k] for k in range(order + 1)], axis=0)
         kept &= gaps[end[order:] - 1] == gaps[begin[: len(begin) - order]]
         if kept.sum() >= FEWEST:
-            made.append(
-                _white(kind, nodes[order:][kept], np.flatnonzero(kept), steps[kept], list(traces), order)
-            )
+            made.append(_white(kind, nodes[order:][kept], np.flatnonzero(kept), steps[kept], averages))
     return made
 
 
-def _white(kind: str, times_s: Array, place: Ints, table: Array, names: list[str], order: int) -> Rows:
+def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Averages) -> Rows:
     """Rows whitened by what their own scatter is: that of the averages, and that of the integral."""
+    names = averages.names
     left = np.clip(table[:, 0], *np.quantile(table[:, 0], [0.02, 0.98]))
     near = np.diff(place) == 1
     variance, next_one = float(np.mean(left**2)), float(np.mean((left[1:] * left[:-1])[near]))
-    shape = np.array([2.0, -1.0]) if order == 1 else np.array([6.0, -4.0, 1.0])
+    shape = np.array([2.0, -1.0]) if averages.order == 1 else np.array([6.0, -4.0, 1.0])
     of_ends = float(np.clip(next_one / shape[1], 0.0, (1 - LEAST_SHARE) * variance / shape[0]))
     # The noise of either side is in what is explained: in their mean by weight it is not. Where there is
     # little else in them, they tell nothing of a scale.
@@ -232,7 +274,7 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, names: list[str
     white /= scatter
     white[far] = 0.0
     traces = {n: white[:, 1 + k] for k, n in enumerate(names) if not n.endswith(INTEGRATED)}
-    return Rows(kind, times_s, white[:, 0], traces, scatter * float(np.sqrt(variance)))
+    return Rows(kind, times_s, white[:, 0], traces, scatter * float(np.sqrt(variance)), averages)
 
 
 def _near_floor(flight: Flight) -> Array:

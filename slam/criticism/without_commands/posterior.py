@@ -73,9 +73,11 @@ def posterior_of(data: Regression, chosen: Sequence[str]) -> dict[str, float]:
 def _behind(data: Regression, chosen: Sequence[str], effect: str, other: str) -> tuple[float, float]:
     """Nats by which the chosen set leads with another in an effect's place: explained, and saved in numbers.
 
-    Of two terms that explain the same the one with fewer numbers is chosen; the other may be it all the same.
+    Explained is what the effect explains beside the other: what explains something else is no rival. Of two
+    terms that explain the same the one with fewer numbers is chosen; the other may be it all the same.
     """
-    lead = data.lead(chosen, [*(e for e in chosen if e != effect), other])
+    rest = [e for e in chosen if e != effect]
+    lead = data.lead([*chosen, other], [*rest, other])
     alike = lead < VERY_SIMILAR_NATS and effect in CATALOGUE and other in CATALOGUE
     return lead, 0.0 if alike else data.cost(other) - data.cost(effect)
 

@@ -17,11 +17,13 @@ from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.covariate import Covariate, Misses
 from slam.criticism.verdict.criticism import Cause, Criticism, Gain, Interval, Rank
 from slam.criticism.verdict.decision import CONFIRMED_NATS, SURE
+from slam.criticism.verdict.rollouts import ChannelError
 from slam.criticism.verdict.sentence import sentence_of
 from slam.criticism.without_commands.balances import balances_of
 from slam.criticism.without_commands.next_flight import next_motion
 from slam.criticism.without_commands.posterior import in_place_of, posterior_of
 from slam.criticism.without_commands.regression import TOLERANCE, Regression, regression_of
+from slam.criticism.without_commands.rollouts import channel_errors
 from slam.flight import Flight
 from slam.progress import Progress, Tally, silent
 from slam.simulation.model import Model
@@ -56,7 +58,9 @@ def judged_without_commands(
     data = regression_of(rows)
     chosen = _chosen(data)
     posterior = posterior_of(data, chosen)
-    causes = tuple(_cause(data, chosen, e, posterior[e]) for e in chosen if e in CATALOGUE)
+    named = [e for e in chosen if e in CATALOGUE]
+    errors = channel_errors(rows, data, chosen, named) if named else ()
+    causes = tuple(_cause(data, chosen, e, posterior[e], errors) for e in named)
     late = [
         f"{e} by {1e3 * data.fit(chosen)[0][data.columns_of(chosen, e)][0]:.0f} ms"
         for e in chosen if e not in CATALOGUE
@@ -135,7 +139,13 @@ def _is_plausible(data: Regression, chosen: Sequence[str], effect: str) -> bool:
     return True
 
 
-def _cause(data: Regression, chosen: Sequence[str], effect: str, probability: float) -> Cause:
+def _cause(
+    data: Regression,
+    chosen: Sequence[str],
+    effect: str,
+    probability: float,
+    errors: tuple[ChannelError, ...],
+) -> Cause:
     size, covariance = data.covariance(chosen)
     rest = [e for e in chosen if e != effect]
     parameters = {}
@@ -149,7 +159,7 @@ def _cause(data: Regression, chosen: Sequence[str], effect: str, probability: fl
     gains = data.held_out(rest, effect)
     drawn = np.random.default_rng(0).choice(gains, size=(4000, len(gains))).sum(axis=1)
     low, high = np.quantile(drawn, [0.025, 0.975])
-    gain = Gain(float(gains.sum()), (float(low), float(high)), data.by, tuple(gains.tolist()), ())
+    gain = Gain(float(gains.sum()), (float(low), float(high)), data.by, tuple(gains.tolist()), errors)
     place = in_place_of(data, chosen, effect)
     z = data.z(chosen, effect)
     return Cause(

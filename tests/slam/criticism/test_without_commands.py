@@ -12,6 +12,7 @@ from slam.criticism import criticise
 from slam.criticism.healthy import flown, read_by
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
+from slam.criticism.without_commands.balances import NODE_S, balances_of
 from slam.criticism.without_commands.carried import CARRIED, carried
 from slam.simulation.model import load_model
 
@@ -126,3 +127,35 @@ def test_healthy_instruments_agree_when_carried(name):
     found = criticise(moved)
     assert found.verdict in ("nothing_wrong", "unusable"), found.sentence
     assert not found.causes
+
+
+@pytest.mark.parametrize(
+    ("term", "parameter", "size", "channel", "due"),
+    [
+        ("gyro_bias", "z", 0.006, "yaw from the gyro", 2.0 * 0.006),
+        # Foretold from the begin and the middle of two seconds.
+        ("accel_bias", "z", 0.2, "height from the accelerometer", 0.2),
+    ],
+)
+def test_the_gain_is_told_in_the_units_of_what_is_read(term, parameter, size, channel, due):
+    found = criticise(flights(term, **{parameter: size}))
+    ahead = {c.channel: c for c in found.causes[0].gain.channels if c.horizon_s == 2.0}
+    assert abs(ahead[channel].before - due) < 0.3 * due
+    assert ahead[channel].after < 0.5 * ahead[channel].before
+    assert found.causes[0].gain.foremost == ahead[channel]
+    assert ahead["roll from the gyro"].unit == "rad"
+    assert found.to_json()["gain"]["channels"][channel]["after"] == pytest.approx(
+        ahead[channel].after, rel=1e-4
+    )
+    assert f"{channel} 2 s ahead is off by" in found.sentence
+
+
+def test_a_reading_a_little_late_of_an_even_clock_does_not_show_what_runs_away():
+    """Of an accelerometer that is off, what is integrated twice is hundreds of metres after a minute."""
+    model = load_model("nominal")
+    plan = ["climb and descend by 0.6 m", "hover for 8 s"] * 5
+    flight = flown(model.with_term("accel_bias", z=0.3), stick_for(plan), 3, told=model)
+    (height,) = (r.averages for r in balances_of(flight) if r.kind == "height")
+    column = height.table[:, height.column("accel_bias.z")]
+    curved = (column[2:] - 2.0 * column[1:-1] + column[:-2]) / NODE_S**2
+    np.testing.assert_allclose(curved, -1.0, atol=0.1)

@@ -1,0 +1,80 @@
+"""How far off what the inertial unit integrates to is after a while, before and after what was found.
+
+This is what roll-outs are with commands, in the same units: from a moment at which an instrument is believed
+its reading is foretold by the gyro or the accelerometer alone. A height is foretold from two moments, the
+begin and the middle: no instrument tells how fast it changes at first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.verdict.rollouts import HORIZONS_S, ChannelError
+from slam.criticism.without_commands.balances import NODE_S, Averages, Rows
+from slam.criticism.without_commands.regression import STRETCH_S, Regression
+
+Array = NDArray[np.float64]
+Sizes = dict[str, float]
+
+
+def channel_errors(
+    rows: Sequence[Sequence[Rows]], data: Regression, chosen: Sequence[str], told: Sequence[str]
+) -> tuple[ChannelError, ...]:
+    """Root mean square errors over each horizon, each part as the others foretell it.
+
+    ``data`` is of these ``rows``; ``told`` are those of the ``chosen`` that an extended model holds.
+    """
+    sizes = {int(part): _sizes(data, chosen, told, data.part != part) for part in np.unique(data.part)}
+    squares: dict[tuple[str, str, float], list[Array]] = {}
+    begin = 0
+    for flight in rows:
+        count = sum(len(r.off) for r in flight)
+        stretch = np.concatenate([r.times_s // STRETCH_S for r in flight]) if flight else np.zeros(0)
+        parts = dict(zip(stretch.tolist(), data.part[begin : begin + count].tolist(), strict=True))
+        begin += count
+        for averages in (r.averages for r in flight):
+            for horizon in HORIZONS_S:
+                found = _misses(averages, horizon, parts, sizes, data.by == "flight")
+                squares.setdefault((averages.channel, averages.unit, horizon), []).append(found**2)
+    errors = []
+    for (channel, unit, horizon), of in squares.items():
+        pooled = np.concatenate(of)
+        if len(pooled):
+            before, after = np.sqrt(pooled.mean(axis=0))
+            errors.append(ChannelError(channel, unit, horizon, float(before), float(after)))
+    return tuple(sorted(errors, key=lambda e: e.horizon_s))
+
+
+def _sizes(data: Regression, chosen: Sequence[str], told: Sequence[str], others: NDArray[np.bool_]) -> Sizes:
+    """Column -> size by some rows."""
+    size, _ = data.fit(chosen, others)
+    named = [n for e in chosen for n in data.of(e)]
+    return {n: float(x) for n, x in zip(named, size, strict=True) if n.rpartition(".")[0] in told}
+
+
+def _misses(
+    averages: Averages, horizon_s: float, parts: dict[float, int], sizes: dict[int, Sizes], whole_flight: bool
+) -> Array:
+    """(n, 2) before and after, from every moment whose horizon lies within one part."""
+    ahead = round(horizon_s / NODE_S)
+    last = len(averages.times_s) - ahead
+    if last < 1 or ahead % averages.order:
+        return np.zeros((0, 2))
+    stretch = averages.times_s // STRETCH_S
+    part = np.array([parts.get(s, -1) for s in stretch[:last].tolist()])
+    lost = np.concatenate([[0], np.cumsum(~averages.whole)])
+    kept = (lost[ahead + 1 :] == lost[:last]) & (averages.pause[ahead:] == averages.pause[:last])
+    kept &= whole_flight | (stretch[ahead:] == stretch[:last])
+    kept &= part >= 0
+    apart = averages.table[ahead:] - averages.table[:last]
+    if averages.order == 2:
+        apart -= 2.0 * (averages.table[ahead // 2 : last + ahead // 2] - averages.table[:last])
+    explained = np.zeros(last)
+    for one, of in sizes.items():
+        own = part == one
+        for name, size in of.items():
+            explained[own] += size * apart[own, averages.column(name)] if averages.knows(name) else 0.0
+    return np.column_stack([apart[:, 0], apart[:, 0] - explained])[kept]
