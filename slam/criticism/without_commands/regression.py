@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from slam.criticism.search.occam import occam
 from slam.criticism.without_commands.balances import Rows
@@ -44,6 +45,11 @@ class Regression:
     """(n,) time within a flight, 0 in its middle."""
     by: str
     """What is held out: ``flight`` or ``segment``."""
+
+    @property
+    def wide(self) -> float:
+        """Half of a 95 % interval in standard errors: these are known from so many stretches only."""
+        return float(student.ppf(0.975, max(int(self.cluster.max()), 1)))
 
     def table(self, effects: Sequence[str]) -> Array:
         """(n, columns) of some effects."""

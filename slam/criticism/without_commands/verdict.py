@@ -19,6 +19,7 @@ from slam.criticism.verdict.criticism import Cause, Criticism, Gain, Interval, R
 from slam.criticism.verdict.decision import CONFIRMED_NATS, SURE
 from slam.criticism.verdict.rollouts import ChannelError
 from slam.criticism.verdict.sentence import sentence_of
+from slam.criticism.without_commands.agreement import disagreements
 from slam.criticism.without_commands.balances import balances_of
 from slam.criticism.without_commands.next_flight import next_motion
 from slam.criticism.without_commands.posterior import in_place_of, posterior_of
@@ -65,8 +66,9 @@ def judged_without_commands(
         f"{e} by {1e3 * data.fit(chosen)[0][data.columns_of(chosen, e)][0]:.0f} ms"
         for e in chosen if e not in CATALOGUE
     ]  # fmt: skip
+    changing = disagreements(data, chosen)
     unsure = [c.name for c in causes if c.probability < SURE and len(c.alternatives) == 1]
-    remainder = "; ".join([*late, *(f"{name} may be something else" for name in unsure)])
+    remainder = "; ".join([*late, *changing, *(f"{name} may be something else" for name in unsure)])
     equivalents = causes[0].alternatives if causes and len(causes[0].alternatives) > 1 else ()
     if not causes:
         verdict = "unknown" if remainder else "nothing_wrong"
@@ -154,7 +156,7 @@ def _cause(
         value = float(size[k]) + parameter.neutral
         # What integrals leave of it, and the equation's own misfit, are in it beside chance.
         std = float(np.hypot(np.sqrt(covariance[k, k]), TOLERANCE[effect]))
-        half = float(np.hypot(1.96 * std, MISFIT * size[k]))
+        half = float(np.hypot(data.wide * std, MISFIT * size[k]))
         parameters[parameter.name] = Interval(value, parameter.unit, value - half, value + half)
     gains = data.held_out(rest, effect)
     drawn = np.random.default_rng(0).choice(gains, size=(4000, len(gains))).sum(axis=1)

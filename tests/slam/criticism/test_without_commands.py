@@ -159,3 +159,23 @@ def test_a_reading_a_little_late_of_an_even_clock_does_not_show_what_runs_away()
     column = height.table[:, height.column("accel_bias.z")]
     curved = (column[2:] - 2.0 * column[1:-1] + column[:-2]) / NODE_S**2
     np.testing.assert_allclose(curved, -1.0, atol=0.1)
+
+
+def test_a_size_that_changes_is_told_as_left_over():
+    model = load_model("nominal")
+    plan = stick_for(["hover for 8 s"] * 8)
+    steady = flown(model.with_term("accel_bias", y=0.5, z=0.3), plan, 3, told=model)
+    steady = replace(steady, command=None)
+    found = criticise([steady])
+    assert found.causes[0].name == "accel_bias"
+    assert found.remainder == "", found.remainder
+    # The second half leans into a wind that the attitude does not see.
+    imu = steady.imu
+    pushed = imu.accel_m_s2 + np.outer(imu.stamps_s > 35.0, [0.0, 1.5, 0.0])
+    found = criticise([replace(steady, imu=replace(imu, accel_m_s2=pushed))])
+    assert "accel_bias.y is 0.4" in found.remainder
+    assert "to 2 m/s^2 by stretches of 10 s, as of an attitude that goes wrong by 9 deg" in found.remainder
+    assert "accel_bias.z" not in found.remainder
+    y = found.causes[0].parameters["y"]
+    assert y.low < 0.5
+    assert y.high > 1.5

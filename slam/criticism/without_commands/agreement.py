@@ -1,0 +1,53 @@
+"""Whether what was found is of one size all the time: what changes is no constant error of an instrument."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from backend.measurements import GRAVITY_M_S2
+from slam.criticism.without_commands.regression import TOLERANCE, Regression
+from slam.simulation.terms import CATALOGUE
+
+FEWEST_STRETCHES = 5
+BEYOND_CHANCE = 4.0
+"""Mean square of the stretches' deviations, in variances of white rows."""
+TELLING = 0.25
+"""A stretch tells of a size if its own error is smaller than this share of the size."""
+LARGE = 0.5
+"""Share of the size by which it scatters beyond chance where it is none."""
+LEVEL = ("accel_bias.x", "accel_bias.y")
+"""Along these weight is felt as soon as the attitude is wrong."""
+
+
+def disagreements(data: Regression, chosen: Sequence[str]) -> list[str]:
+    """Parameters of the chosen terms that differ from stretch to stretch by half of themselves, in words."""
+    return [told for effect in chosen if effect in CATALOGUE for told in _disagreements(data, chosen, effect)]
+
+
+def _disagreements(data: Regression, chosen: Sequence[str], effect: str) -> list[str]:
+    """Of one term: by stretches, all others at their common sizes."""
+    size, _ = data.fit(chosen)
+    own = data.columns_of(chosen, effect)
+    rest = np.delete(np.arange(len(size)), own)
+    alone = replace(data, off=data.off - data.table(chosen)[:, rest] @ size[rest])
+    fits = [alone.fit([effect], data.cluster == k) for k in np.unique(data.cluster)]
+    sizes = np.array([fit for fit, _ in fits])
+    errors = np.sqrt([np.diag(np.linalg.inv(information)) for _, information in fits])
+    told = []
+    for k, name in enumerate(data.of(effect)):
+        common = abs(float(size[own[k]]))
+        sure = errors[:, k] < TELLING * max(common, TOLERANCE[effect])
+        if sure.sum() < FEWEST_STRETCHES:
+            continue
+        found, chance = sizes[sure, k], float(np.mean(errors[sure, k] ** 2))
+        variance = float(np.var(found, ddof=1))
+        scatter = float(np.sqrt(max(variance - chance, 0.0)))
+        if variance > BEYOND_CHANCE * chance and scatter > LARGE * common:
+            unit = CATALOGUE[effect].parameter(name.rpartition(".")[2]).unit
+            off_deg = float(np.degrees(np.arctan(np.ptp(found) / GRAVITY_M_S2)))
+            like = f", as of an attitude that goes wrong by {off_deg:.0f} deg" if name in LEVEL else ""
+            told.append(f"{name} is {found.min():.2g} to {found.max():.2g} {unit} by stretches of 10 s{like}")
+    return told
