@@ -14,11 +14,10 @@ import slam
 from slam.criticism.search import look
 from slam.criticism.search.effects import effects_for
 from slam.io.flight_folder import read_flight
-from slam.simulation.terms import CATALOGUE
 from tests.blind.cases import Case, make
 from tests.blind.critic import flights_of
 from tests.blind.folder import shifted
-from tests.blind.score import Answer
+from tests.blind.score import FLAGS, Answer
 
 FLIGHTS, SECONDS = 3, 16.0
 
@@ -146,7 +145,7 @@ def test_the_order_the_heading_and_the_hour_do_not_matter(case, made, judged, tm
 def test_a_term_that_is_taken_out_of_the_catalogue_is_unknown_and_not_misnamed(
     fault, seed, flights, seconds, made, monkeypatch
 ):
-    """Or taken for what it is declared to be confounded with."""
+    """Or a name is told with what it leaves over: these flights tell the term from its confounders."""
     case = made("single", seed, fault, 20.0, flights, seconds)
 
     def without(records: Any, setting: Any) -> list[Any]:
@@ -154,8 +153,6 @@ def test_a_term_that_is_taken_out_of_the_catalogue_is_unknown_and_not_misnamed(
 
     monkeypatch.setattr(look, "effects_for", without)
     found = slam.criticise([read_flight(f) for f in case.flights])
-    assert found.verdict != "nothing_wrong"
     assert fault not in {cause.name for cause in found.causes}
-    sure = {cause.name for cause in found.causes if cause.probability >= 0.95}
-    assert found.verdict == "unknown" or sure <= set(CATALOGUE[fault].confounders), found.sentence
-    assert found.remainder or sure
+    assert found.verdict in FLAGS, found.sentence
+    assert found.remainder
