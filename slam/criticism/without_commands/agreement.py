@@ -14,7 +14,7 @@ from slam.simulation.terms import CATALOGUE
 FEWEST_STRETCHES = 5
 BEYOND_CHANCE = 4.0
 """Mean square of the stretches' deviations, in variances of white rows."""
-TELLING = 0.25
+TELLING = 0.5
 """A stretch tells of a size if its own error is smaller than this share of the size."""
 LARGE = 0.5
 """Share of the size by which it scatters beyond chance where it is none."""
