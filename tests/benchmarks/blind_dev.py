@@ -8,6 +8,7 @@ import tempfile
 import time
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 from tests.benchmarks.measured import folder
 from tests.benchmarks.metric import Metric, at_least, at_most, told
@@ -20,7 +21,7 @@ MOST_ERROR = 0.25
 def measure() -> list[Metric]:
     """Verdicts of all cases, a process each; the first one compiles as after an installation."""
     home = folder("blind-dev")
-    with tempfile.TemporaryDirectory() as scratch:
+    with tempfile.TemporaryDirectory() as scratch, mock.patch.dict(os.environ):
         answers, seconds = Path(scratch) / "answers", []
         os.environ["NUMBA_CACHE_DIR"] = str(Path(scratch) / "compiled")
         for case in sorted((home / "cases").iterdir()):
