@@ -116,6 +116,7 @@ class _Explained:
     found: Search
     belief: Setting
     """With the chosen causes in it."""
+    posterior: Posterior
     doubts: dict[str, str]
     """Cause -> what speaks against it."""
     best: Flown | None
@@ -145,17 +146,19 @@ def _explained(given: _Prepared, progress: Progress) -> _Explained:
     found = search(given.records, setting, given.limits, progress)
     records = found.records
     found = confirmed(records, found, setting)
-    found = _likeliest(records, found)
-    belief = _belief(found)
-    doubts, refuted = contradictions(records, setting, found, belief)
+    posterior = posterior_of(found)
+    likeliest = _likeliest(records, found, posterior)
+    belief = _belief(likeliest)
+    doubts, refuted = contradictions(records, setting, likeliest, belief)
+    told = likeliest
     if refuted:
-        found = replace(found, chosen=tuple(e for e in found.chosen if e.name not in refuted))
-        belief = _belief(found)
+        told = replace(told, chosen=tuple(e for e in told.chosen if e.name not in refuted))
+        belief = _belief(told)
     best = None
-    if setting.foreign and found.chosen and len(records) > 1:
-        best = flown(records, belief, found.first.setting, found, progress)
-        found, belief = replace(found, chosen=best.chosen), best.setting
-    return _Explained(found, belief, doubts, best)
+    if setting.foreign and told.chosen and len(records) > 1:
+        best = flown(records, belief, told.first.setting, told, progress)
+        told, belief = replace(told, chosen=best.chosen), best.setting
+    return _Explained(told, belief, posterior if told is found else posterior_of(told), doubts, best)
 
 
 def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Criticism:
@@ -163,7 +166,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     explained = _explained(given, progress)
     records, limits = explained.found.records, given.limits
     found, belief, doubts, best = explained.found, explained.belief, explained.doubts, explained.best
-    posterior = posterior_of(found)
+    posterior = explained.posterior
     odd = [*given.odd, *oddities(records, found.last.sums.passes)]
     rolled_out = Tally(progress, "roll out", 2)
     with rolled_out.part():
@@ -240,9 +243,9 @@ def _filtered(
     return [record for record, _ in found], [told for _, told in found if told]
 
 
-def _likeliest(records: Sequence[Record], found: Search) -> Search:
+def _likeliest(records: Sequence[Record], found: Search, posterior: Posterior) -> Search:
     """The search with what is likelier in place of a chosen term, if any is: another term, or two."""
-    other = likelier(found, posterior_of(found))
+    other = likelier(found, posterior)
     if other is not None:
         place, name = other
         found = exchanged(records, found, place, [(e,) for e in found.last.effects if e.name == name])

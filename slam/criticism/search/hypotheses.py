@@ -174,12 +174,12 @@ def parabola_of(
     nuisances: Sequence[Nuisance] = (*NUISANCES, *WEIGHTS),
 ) -> Parabola:
     """The parabola over some stretches of the flights, by default all."""
-    rows = slice(None) if stretches is None else stretches
+    share = np.ones(len(sums.score)) if stretches is None else np.asarray(stretches, dtype=float)
     return Parabola(
         sums.columns,
         tuple(n.name for n in nuisances),
-        sums.information[rows].sum(axis=0),
-        sums.score[rows].sum(axis=0),
+        np.tensordot(share, sums.information, 1),
+        share @ sums.score,
         np.array([value_of(n, setting) for n in nuisances]),
         np.array([limits_of(n, model) for n in nuisances]),
         np.array([prior_precision(n, model) for n in nuisances]),

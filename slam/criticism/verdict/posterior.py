@@ -80,7 +80,7 @@ def posterior_of(found: Search) -> Posterior:
     if not chosen or (len(chosen) > 1 and not walls):
         weights.append((_evidence(look, []), _names([])))
         # What several terms explain may be one thing that none of them is.
-        weights += [(_evidence(look, [], e), _names([e])) for e in (*look.effects, *look.shapes)]
+        weights += [(x, _names([e])) for e, x in _beside(look, [], (*look.effects, *look.shapes))]
     probability = _probabilities(weights)
     for names in (wall.names for wall in walls):
         share = probability.get(names[0], 0.0) / len(names)
@@ -108,10 +108,11 @@ def _at_term(found: Search, term: Effect) -> _Place:
     weights = [(_evidence(look, rest), _names(rest))]
     others: dict[str, float] = {}
     tried: dict[str, Effect] = {}
-    for effect in (*look.effects, *look.shapes):
-        if any(effect.repeats(e) for e in chosen) or _in_other_words(look, rest, term, effect):
-            continue
-        evidence = _evidence(look, rest, effect)
+    among = [
+        e for e in (*look.effects, *look.shapes)
+        if not any(e.repeats(c) for c in chosen) and not _in_other_words(look, rest, term, e)
+    ]  # fmt: skip
+    for effect, evidence in _beside(look, rest, among):
         if (term.label, effect.label) in found.leads:
             evidence = own - found.leads[term.label, effect.label]
         weights.append((evidence, _names([*rest, effect])))
@@ -179,20 +180,27 @@ def _second_to_wall(found: Search) -> str:
     return best.effect.name if best is not None and best.nats > 0.0 else ""
 
 
-def _evidence(look: Look, rest: Sequence[Effect], extra: Effect | None = None) -> float:
-    effects = [*rest, extra] if extra is not None else list(rest)
-    if extra is not None and look.standing(rest, [extra])[0].nats <= 0.0:
-        # Nothing gained, or a size of the wrong sign.
-        nats = look.parabola.answer(rest).nats
-    else:
-        nats = look.parabola.answer(effects).nats
+def _evidence(look: Look, effects: Sequence[Effect]) -> float:
+    """Log of a set's likelihood at its best, less what its numbers cost, with its prior."""
+    return look.parabola.answer(effects).nats + _worth(look, effects)
+
+
+def _beside(look: Look, rest: Sequence[Effect], among: Sequence[Effect]) -> list[tuple[Effect, float]]:
+    """The same of a set with each of some more effects; one that gains nothing, or has a size of the wrong
+    sign, only costs."""
+    base = look.parabola.answer(rest).nats
+    return [(s.effect, base + s.nats + _worth(look, [*rest, s.effect])) for s in look.standing(rest, among)]
+
+
+def _worth(look: Look, effects: Sequence[Effect]) -> float:
+    """Log prior of a set, less what its numbers cost."""
     # A term that is tried in several ways, as a delay is, is no likelier for it.
     ways = Counter(e.name for e in look.effects if named(e))
-    others = len(look.shapes) + len([e for e in look.effects if not named(e)])
+    others = len(look.shapes) + len(look.effects) - ways.total()
     prior = sum(
         np.log(KNOWN / len(ways) / ways[e.name]) if named(e) else np.log(UNKNOWN / others) for e in effects
     )
-    return float(nats - sum(occam(len(e.columns)) for e in effects) + prior)
+    return float(prior - sum(occam(len(e.columns)) for e in effects))
 
 
 def _alike(look: Look, rest: Sequence[Effect], term: Effect, other: Effect) -> float:

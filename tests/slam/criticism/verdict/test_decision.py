@@ -132,10 +132,13 @@ def test_what_fits_say_of_a_rival_goes_before_what_a_look_says():
     def answer(effects):
         return SimpleNamespace(nats=nats[tuple(effects)], of=lambda _: (np.zeros(2), np.eye(2)))
 
+    def standing(rest, tried):
+        return [SimpleNamespace(effect=e, nats=answer([*rest, e]).nats - answer(rest).nats) for e in tried]
+
     look = SimpleNamespace(
         effects=(rise, scale),
         shapes=(),
-        standing=lambda rest, tried: [SimpleNamespace(nats=answer([*rest, *tried]).nats)],
+        standing=standing,
         parabola=SimpleNamespace(answer=answer, index=lambda columns: columns),
     )
     found = Search(None, look, look, (rise,))
