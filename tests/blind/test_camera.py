@@ -49,7 +49,10 @@ def test_a_point_of_the_floor_is_seen_where_a_pinhole_sees_it() -> None:
         np.testing.assert_allclose(found, due, atol=0.5)
 
 
-@pytest.mark.parametrize("fault", SHOWN, ids=lambda fault: fault.name)
+@pytest.mark.parametrize(
+    "fault",
+    [pytest.param(f, id=f.name, marks=() if k % 4 == 0 else pytest.mark.slow) for k, f in enumerate(SHOWN)],
+)
 def test_whatever_is_wrong_shows(fault: Fault) -> None:
     """Far beyond what noise and compression leave of pictures that are else the same."""
     knobs = {**HEALTHY, **fault.apply(fault.high, dict(HEALTHY), np.random.default_rng(1))}

@@ -75,6 +75,7 @@ def test_one_term_or_none_is_no_pair(look):
         assert hidden_pair(one, LIMITS, alone) is None
 
 
+@pytest.mark.slow
 def test_two_terms_that_explain_more_than_what_looks_like_both_take_its_place():
     vehicle = SLOWER.with_term("climb_asymmetry", eps=0.04).with_term("sonar_temperature", rise=-30.0)
     records = climbing(vehicle)
