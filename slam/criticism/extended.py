@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from slam.criticism.cause import Cause
 from slam.criticism.kalman.optics import catalogued
 from slam.criticism.kalman.readings import DATUM, IMU, INSTRUMENT_CHANNELS, INSTRUMENTS, place_of
 from slam.criticism.kalman.record import Record
@@ -22,7 +23,7 @@ from slam.criticism.kalman.transition import (
     W_TIME,
     W_UP_STD,
 )
-from slam.criticism.verdict.criticism import Cause
+from slam.criticism.residuals.oddities import Oddity
 from slam.simulation.dynamics import ATTITUDE_TIME, DRAG, GAIN
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
@@ -31,6 +32,18 @@ _WIDTH = 2 * 1.96
 """Of a 95 % interval, in standard deviations."""
 _EXTENDED = " extended"
 """Behind the name of the model that was extended; a name has at most 80 letters."""
+
+
+def extended_by(
+    causes: Sequence[Cause], odd: Sequence[Oddity], model: Model, belief: Setting, records: Sequence[Record]
+) -> Model:
+    """The model with the causes that are told, those that single readings show (``odd``) among them: what may
+    as well be something else is no part of a model."""
+    seen = {oddity.name: oddity for oddity in odd}
+    extended = extended_model(model, belief, [c.name for c in causes if c.name not in seen], records)
+    for name, oddity in seen.items():
+        extended = with_sizes(extended, name, {n: p.value for n, p in oddity.parameters.items()})
+    return extended
 
 
 def extended_model(model: Model, setting: Setting, causes: Sequence[str], records: Sequence[Record]) -> Model:

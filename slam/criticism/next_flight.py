@@ -6,7 +6,7 @@ taken out: its size times the root of that information is the separation in sigm
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,14 +14,16 @@ import numpy as np
 from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.innovations import stretches
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
-from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.nuisances import MEAN, direction_of, prior_precision
+from slam.criticism.search.nuisances import MEAN, direction_of, prior_precision, value_of
 from slam.criticism.search.screening import project
+from slam.criticism.search.search import Search
 from slam.criticism.threads import in_threads
+from slam.criticism.verdict.posterior import Posterior, named
 from slam.progress import Progress, Tally, silent
 from slam.simulation.model import Model
 
@@ -32,6 +34,23 @@ MOST_TIMES = 200
 
 
 def next_flight(
+    records: Sequence[Record], model: Model, found: Search, posterior: Posterior, progress: Progress
+) -> str:
+    """What to fly next, in a sentence, for the first chosen term that another may stand in for; empty where
+    there is none."""
+    known = [(e, a) for e, a in zip(found.chosen, posterior.alternatives, strict=True) if len(a) > 1]
+    if not known:
+        return ""
+    effect, names = known[0]
+    other = next(e for e in found.last.effects if e.name == names[1] and named(e))
+    look = found.last
+    step, _ = look.parabola.answer(found.chosen).of(look.parabola.index(effect.columns))
+    held = np.array([_held(found, column) for column in effect.columns])
+    kinds = {int(kind) for record in records for kind in np.unique(record.kinds)}
+    return telling_flight(model, effect, other, step + held, kinds, progress)
+
+
+def telling_flight(
     model: Model,
     first: Effect,
     second: Effect,
@@ -88,3 +107,11 @@ def _precision(name: str, other: Effect, setting: Setting) -> float:
     if nuisance is None or name in other.relaxes:
         return 1e-9
     return prior_precision(nuisance, setting)
+
+
+def _held(found: Search, column: str) -> float:
+    """What the last belief holds of a column; of a nuisance, beyond the healthy vehicle's own."""
+    nuisance = next((n for n in MEAN if n.name == column), None)
+    if nuisance is None:
+        return found.last.parabola.held.get(column, 0.0)
+    return value_of(nuisance, found.last.setting) - value_of(nuisance, found.model)

@@ -6,31 +6,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from slam.body_range import with_body_ranges
 from slam.criticism.camera.strays import without_strays
-from slam.criticism.extended import extended_model, with_certainty, with_sizes
+from slam.criticism.cause import Cause
+from slam.criticism.extended import extended_by, with_certainty
 from slam.criticism.kalman.readings import INSTRUMENTS
 from slam.criticism.kalman.record import Record, any_holds_heading, has_commands
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.next_flight import next_flight
 from slam.criticism.residuals.boxes import without_boxes
-from slam.criticism.residuals.oddities import ENTAILS, Oddity, combed, oddities, without_dead_zone
+from slam.criticism.residuals.comb import comb_of
+from slam.criticism.residuals.oddities import ENTAILS, Oddity, oddities, without_dead_zone
 from slam.criticism.residuals.outliers import outliers_of
 from slam.criticism.residuals.stamps import without_jitter
 from slam.criticism.residuals.uneven import uneven_of
 from slam.criticism.residuals.vibration import vibration_of
 from slam.criticism.search.inclusion import is_wall
-from slam.criticism.search.nuisances import MEAN, value_of
 from slam.criticism.search.search import Search, exchanged, search
 from slam.criticism.search.thresholds import Thresholds, beside, load_thresholds
 from slam.criticism.threads import in_threads
 from slam.criticism.usable import coarsened, is_foreign, untested, usable_records, without_dead_streams
 from slam.criticism.verdict.agreement import contradictions
 from slam.criticism.verdict.covariate import Covariate, covariate
-from slam.criticism.verdict.criticism import Cause, Criticism
+from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import causes_of, confirmed, decide, in_order, weighed
 from slam.criticism.verdict.flown import Flown, flown
 from slam.criticism.verdict.heldout import HeldOut, held_out, taken
@@ -135,7 +134,7 @@ def _prepared(records: Sequence[Record], model: Model, progress: Progress) -> _P
     records, late = without_jitter(records, setting) if not setting.foreign else (records, [])
     records, odd = without_dead_zone(records)
     odd = [*late, *odd]
-    if not setting.foreign and not combed(records):
+    if not setting.foreign and comb_of(records) is None:
         records, steps = without_boxes(records, setting)
         odd = [*odd, *steps]
     return _Prepared(list(records), setting, limits, strays, odd)
@@ -201,7 +200,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         causes,
         equivalents,
         remainder,
-        _next(records, model, found, posterior, progress),
+        next_flight(records, model, found, posterior, progress),
         detectable=seen,
         ranking=ranking(
             found, posterior.probability | {c.name: c.probability for c in causes}, [o.cause() for o in odd]
@@ -216,7 +215,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         threshold=limits.effects,
         threshold_means=limits.meaning,
         model=model,
-        extended=_extended(records, model, belief, causes, odd),
+        extended=extended_by(causes, odd, model, belief, records),
         unseen={} if together is None else _unseen(records, model, together, best, causes, odd),
     )
 
@@ -301,40 +300,5 @@ def _unseen(
     if together.by != "flight":
         return {}
     after = together.after if best is None else best.left_out
-    made = (_extended(records, model, belief, causes, odd) for belief in after)
+    made = (extended_by(causes, odd, model, belief, records) for belief in after)
     return {record.name: extended for record, extended in zip(records, made, strict=True)}
-
-
-def _extended(
-    records: Sequence[Record], model: Model, belief: Setting, causes: Sequence[Cause], odd: Sequence[Oddity]
-) -> Model:
-    """With the causes that are told: what may as well be something else is no part of a model."""
-    seen = {oddity.name: oddity for oddity in odd}
-    extended = extended_model(model, belief, [c.name for c in causes if c.name not in seen], records)
-    for name, oddity in seen.items():
-        extended = with_sizes(extended, name, {n: p.value for n, p in oddity.parameters.items()})
-    return extended
-
-
-def _next(
-    records: Sequence[Record], model: Model, found: Search, posterior: Posterior, progress: Progress
-) -> str:
-    """For the first chosen term that another may stand in for."""
-    known = [(e, a) for e, a in zip(found.chosen, posterior.alternatives, strict=True) if len(a) > 1]
-    if not known:
-        return ""
-    effect, names = known[0]
-    other = next(e for e in found.last.effects if e.name == names[1] and named(e))
-    look = found.last
-    step, _ = look.parabola.answer(found.chosen).of(look.parabola.index(effect.columns))
-    held = np.array([_held(found, column) for column in effect.columns])
-    kinds = {int(kind) for record in records for kind in np.unique(record.kinds)}
-    return next_flight(model, effect, other, step + held, kinds, progress)
-
-
-def _held(found: Search, column: str) -> float:
-    """What the last belief holds of a column; of a nuisance, beyond the healthy vehicle's own."""
-    nuisance = next((n for n in MEAN if n.name == column), None)
-    if nuisance is None:
-        return found.last.parabola.held.get(column, 0.0)
-    return value_of(nuisance, found.last.setting) - value_of(nuisance, found.model)

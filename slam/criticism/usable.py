@@ -84,10 +84,8 @@ def usable_records(flights: Sequence[Flight], progress: Progress = silent) -> tu
         except ValueError as error:
             dropped.append(f"{flight.name}: {error}")
             continue
-        if _end_s(clean) - record.duration_s > LONGEST_GAP_S:
-            judged = record.duration_s - float(record.times_s[0])
-            pause = f"nothing was read for {LONGEST_GAP_S:g} s and more after {record.duration_s:.1f} s"
-            if judged < SHORTEST_S:
+        if pause := _pause(clean, record):
+            if record.duration_s - float(record.times_s[0]) < SHORTEST_S:
                 dropped.append(f"{flight.name}: {pause}, and what is before it is too short")
                 continue
             dropped.append(f"{flight.name}: {pause}: what follows is not judged")
@@ -166,17 +164,27 @@ def coarsened(record: Record, model: Model) -> Record:
     return replace(record, noise_std=std)
 
 
-def _end_s(flight: Flight) -> float:
-    """The last reading of all; there is one."""
-    streams = (flight.imu, flight.attitude, flight.velocity, flight.sonar)
-    return max(float(s.stamps_s[-1]) for s in streams if s is not None)
+def _span_s(flight: Flight) -> tuple[float, float] | None:
+    """The first reading of all and the last; None where there are none."""
+    streams = [s for s in (flight.imu, flight.attitude, flight.velocity, flight.sonar) if s is not None]
+    if not streams:
+        return None
+    return min(float(s.stamps_s[0]) for s in streams), max(float(s.stamps_s[-1]) for s in streams)
+
+
+def _pause(flight: Flight, record: Record) -> str:
+    """Where a record ends before its flight, in words; empty where it does not."""
+    span_s = _span_s(flight)
+    if span_s is None or span_s[1] - record.duration_s <= LONGEST_GAP_S:
+        return ""
+    return f"nothing was read for {LONGEST_GAP_S:g} s and more after {record.duration_s:.1f} s"
 
 
 def _unusable(flight: Flight) -> str:
-    streams = [s for s in (flight.imu, flight.attitude, flight.velocity, flight.sonar) if s is not None]
-    if not streams:
+    span_s = _span_s(flight)
+    if span_s is None:
         return "no imu, attitude, velocity or sonar readings to judge"
-    begin, end = min(float(s.stamps_s[0]) for s in streams), _end_s(flight)
+    begin, end = span_s
     if end - begin < SHORTEST_S:
         return f"lasts {end - begin:.1f} s; {SHORTEST_S:g} s are the least"
     if flight.command is None or not has_commands(flight):

@@ -7,20 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from slam.report.accuracy import map_gain_table
 from slam.report.criticism_pictures import (
-    REPLAYED,
-    SINGLE_READINGS,
-    Stretch,
-    before_after_picture,
     calibration_picture,
     covariate_picture,
     gain_picture,
     ranking_picture,
-    single_readings_picture,
 )
+from slam.report.criticism_stretch import telling_stretch
 from slam.report.page import Item, embedded, render_page
 from slam.version import VERSION
 
@@ -71,15 +65,6 @@ class GainRow:
     change: str
 
 
-@dataclass(frozen=True)
-class BeforeAfter:
-    """The worst stretch, drawn."""
-
-    title: str
-    image: str
-    caption: str
-
-
 def write_criticism_report(
     path: Path, result: Criticism, flights: Sequence[Flight], maps: Sequence[MapGain] = ()
 ) -> None:
@@ -90,6 +75,7 @@ def write_criticism_report(
 def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequence[MapGain] = ()) -> str:
     """The page as HTML, everything embedded."""
     gain = result.causes[0].gain if result.causes else None
+    stretch = telling_stretch(result, flights)
     return render_page(
         "criticism_page.html.j2",
         title=VERDICTS[result.verdict],
@@ -97,7 +83,8 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         model=result.model.name if result.model else "none",
         result=result,
         tiles=_tiles(result),
-        before_after=before_after(result, flights),
+        stretch=stretch,
+        stretch_image=embedded(stretch.picture) if stretch else None,
         covariate=embedded(covariate_picture(result.covariate)) if result.covariate else None,
         about_covariate=about_covariate(result),
         ranking=embedded(ranking_picture(result)) if result.ranking else None,
@@ -105,8 +92,7 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         causes=cause_rows(result),
         gains=gain_rows(result),
         maps=map_gain_table(maps) if maps else None,
-        held_out=f"each {gain.by} in turn held out" if gain and gain.by else "fitted on all flights",
-        by=gain.by if gain else "",
+        by=gain.by if gain else None,
         about_dots=HELD_OUT_DOTS if gain and gain.by else IN_SAMPLE_DOTS,
         calibration=_calibration(result),
         dots=embedded(gain_picture(gain)) if gain and len(gain.parts) > 1 else None,
@@ -175,30 +161,6 @@ def gain_rows(result: Criticism) -> list[GainRow]:
                 )
             )  # fmt: skip
     return rows
-
-
-def before_after(result: Criticism, flights: Sequence[Flight]) -> BeforeAfter | None:
-    """The stretch that the model misses most, embedded."""
-    found = worst_stretch(result, flights)
-    if found is None:
-        return None
-    title = "What shows it" if result.causes[0].name in SINGLE_READINGS else "Before and after"
-    return BeforeAfter(title, embedded(found.picture), found.caption)
-
-
-def worst_stretch(result: Criticism, flights: Sequence[Flight]) -> Stretch | None:
-    """The stretch that the model misses most, of the channel that gains most on held-out data; or the single
-    readings that show the cause."""
-    if not result.causes or result.model is None or result.extended is None:
-        return None
-    lead = result.causes[0]
-    if lead.name in SINGLE_READINGS:
-        parts = lead.gain.parts
-        most = int(np.argmax(parts)) if len(parts) == len(flights) else 0
-        return single_readings_picture(lead.name, flights[most]) if flights else None
-    foremost = result.causes[0].gain.foremost
-    channel = REPLAYED.get(foremost.channel) if foremost else None
-    return before_after_picture(result.model, result.extended, flights, channel, result.unseen)
 
 
 def about_covariate(result: Criticism) -> str:

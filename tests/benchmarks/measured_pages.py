@@ -11,19 +11,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from slam.criticism import Criticism, criticise
+from slam.criticism.cause import Gain, Interval
 from slam.criticism.kalman.record import has_commands
-from slam.criticism.verdict.criticism import Interval
 from slam.criticism.verdict.power import within_reach
 from slam.flight import Flight
 from slam.io.flight_folder import read_flight
 from slam.report.criticism_pictures import (
-    Stretch,
-    before_after_picture,
     covariate_picture,
     gain_picture,
     ranking_picture,
 )
-from slam.report.criticism_report import about_covariate, about_line, cause_rows, gain_rows, worst_stretch
+from slam.report.criticism_report import about_covariate, about_line, cause_rows, gain_rows
+from slam.report.criticism_stretch import Stretch, before_after_picture, telling_stretch
 from slam.simulation.model import save_model
 from tests.benchmarks.commit import commit
 from tests.benchmarks.measured import folder
@@ -47,7 +46,7 @@ def page(name: str, study: Study) -> None:
         f"```\nslam criticise {study.shown} --out out/{name}\n```",
         f"**{found.verdict}**: {found.sentence}",
         *_section("What it found", [_causes(found), _model(home, found, flights)]),
-        *_section("Before and after", _drawn(home, "stretch", worst_stretch(found, flights))),
+        *_stretch(home, telling_stretch(found, flights)),
         *_section("Why this cause", _why(home, found)),
         *_section("What it could be", _ranking(home, found)),
         *_section("The gain on what the fit has not seen", _gain(home, found)),
@@ -114,6 +113,10 @@ def _drawn(home: Path, kind: str, stretch: Stretch | None) -> list[str]:
     ]
 
 
+def _stretch(home: Path, stretch: Stretch | None) -> list[str]:
+    return _section(stretch.title, _drawn(home, "stretch", stretch)) if stretch is not None else []
+
+
 def _why(home: Path, found: Criticism) -> list[str]:
     if found.covariate is None:
         return []
@@ -138,11 +141,16 @@ def _gain(home: Path, found: Criticism) -> list[str]:
     gain = found.causes[0].gain
     rows = [(r.channel, r.horizon, r.before, r.after, r.change) for r in gain_rows(found)]
     return [
-        f"Each {gain.by} in turn is held out and predicted by the others: {gain.nats:+.0f} nats "
-        f"({gain.ci95[0]:.0f} to {gain.ci95[1]:.0f}).",
+        f"{_held_out(gain)}: {gain.nats:+.0f} nats ({gain.ci95[0]:.0f} to {gain.ci95[1]:.0f}).",
         _table(("channel", "ahead", "nominal model", "extended", "change"), rows),
         _image(home, "gain", "Gain of each held-out part", gain_picture(gain)),
     ]
+
+
+def _held_out(gain: Gain) -> str:
+    if gain.by is None:
+        return "Each odd reading tells by itself"
+    return f"Each {gain.by} in turn is held out and predicted by the others"
 
 
 def _unseen(home: Path, study: Study, found: Criticism) -> list[str]:

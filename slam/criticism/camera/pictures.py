@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -25,10 +24,6 @@ from slam.criticism.camera.movers import moves
 from slam.criticism.camera.overlaid import Image, overlaid, reduced
 from slam.flight import Flight
 from slam.progress import Progress, Tally, silent
-
-if TYPE_CHECKING:
-    from slam.criticism.camera.tones import Tones
-    from slam.criticism.kalman.smoothing import Path
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -53,9 +48,9 @@ _Shot = tuple[float, Features, Array]
 """Stamp, features, and their tones."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sights:
-    """Points of the floor that two pictures of a flight show."""
+    """Points of the floor that two pictures of a flight show; what is worked out of them is kept by them."""
 
     camera: Camera
     stamps_s: Array
@@ -89,10 +84,6 @@ class Sights:
     spots: Array = field(default_factory=lambda: np.zeros((0, 3)))
     """(k, 3) for each pair of pictures with bright spots that do not go with the floor: how many lag behind
     it, how many go otherwise, and the strength of the former."""
-    paths: dict[bytes, tuple[Array, Path]] = field(default_factory=dict, repr=False, compare=False)
-    """Smoothed paths at the pictures that were worked out so far."""
-    figures: list[Tones] = field(default_factory=list, repr=False, compare=False)
-    """What the tones of all pairs come to, once worked out: it is the same under every belief."""
 
     def some(self, kept: NDArray[np.bool_]) -> Sights:
         """With some of the matches (m,) alone."""
@@ -101,7 +92,6 @@ class Sights:
             earlier=self.earlier[kept], later=self.later[kept],
             pixel_i=self.pixel_i[kept], pixel_j=self.pixel_j[kept], std_px=self.std_px[kept],
             tone_i=self.tone_i[kept], tone_j=self.tone_j[kept],
-            paths={}, figures=[],
         )  # fmt: skip
 
     @property

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,8 @@ _POSE_NUDGE = 1e-5
 _SLOPE_NUDGE = 1e-4
 _SENSOR_NUDGE = 1e-3
 _KEPT_PATHS = 2
+_PATHS: WeakKeyDictionary[Sights, dict[bytes, tuple[Array, Path]]] = WeakKeyDictionary()
+"""Smoothed paths at the pictures that were worked out last, as long as these are there."""
 _FAINT = 1e-4
 """Information on a size that nothing in a flight shows: none at all cannot be inverted."""
 _SAME_SHARE, _SAME_S = 3e-3, 1e-3
@@ -73,16 +76,17 @@ def path_of(record: Record, sights: Sights, setting: Setting) -> tuple[Path, NDA
     inside &= ~record.landing[
         np.searchsorted(record.times_s, sights.stamps_s).clip(max=len(record.times_s) - 1)
     ]
+    paths = _PATHS.setdefault(sights, {})
     key = _key(setting, record.duration_s)
     half_s = max(min(0.5 * float(camera[READOUT]), 0.4 * SHORTEST_S), LEAST_HALF_S)
-    if key not in sights.paths:
+    if key not in paths:
         shown = sights.stamps_s[inside] * (1.0 + setting.drift) - camera[OFFSET]
         shown = np.clip(shown, record.times_s[0] + half_s, record.times_s[-1] - half_s)
-        while len(sights.paths) >= _KEPT_PATHS:
-            sights.paths.pop(next(iter(sights.paths)))
+        while len(paths) >= _KEPT_PATHS:
+            paths.pop(next(iter(paths)))
         directions = [parameter_direction(name, _SENSOR_NUDGE) for name in SENSOR]
-        sights.paths[key] = setting.sensor, smoothed(record, setting, shown, directions, half_s)
-    sensor, path = sights.paths[key]
+        paths[key] = setting.sensor, smoothed(record, setting, shown, directions, half_s)
+    sensor, path = paths[key]
     moved = (path.traces @ (setting.sensor - sensor)).reshape(path.poses.shape)
     return replace(path, poses=path.poses + moved), inside
 

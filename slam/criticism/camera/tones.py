@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,12 +62,15 @@ class Tones:
     """Root mean square of the stain that is foretold; a millionth where there is none."""
 
 
+_WORKED_OUT: WeakKeyDictionary[Sights, Tones] = WeakKeyDictionary()
+"""They are the same under every belief."""
+
+
 def tones_of(sights: Sights) -> Tones:
     """The figures of every pair with enough matches; none of a flight whose pictures are lit in bands."""
-    if not sights.figures:
-        sights.figures.append(_worked_out(sights))
-    found: Tones = sights.figures[0]
-    return found
+    if sights not in _WORKED_OUT:
+        _WORKED_OUT[sights] = _worked_out(sights)
+    return _WORKED_OUT[sights]
 
 
 def _nothing() -> Tones:

@@ -23,7 +23,7 @@ from slam.criticism.kalman.readings import (
     place_of,
 )
 from slam.flight import Flight
-from slam.simulation.dynamics import COMMAND, PITCH, ROLL, VX, VY, VZ, YAW, YAW_RATE, Z
+from slam.simulation.dynamics import PITCH, ROLL, TURN, VX, VY, VZ, YAW, YAW_RATE, Z
 from slam.simulation.stick import Stick, stick_of
 
 if TYPE_CHECKING:
@@ -128,7 +128,6 @@ HELD_SHARE = 0.5
 
 LEAST_STICK = 0.01
 """What is less is a stick at rest."""
-TURN = COMMAND.index("yaw")
 
 
 def any_turns(records: Sequence[Record]) -> bool:

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.cause import Interval
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import RANGE, SONAR
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.residuals.oddities import Oddity, foretold
 from slam.criticism.threads import in_threads
-from slam.criticism.verdict.criticism import Interval
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.highlights import are_lamps
+from slam.criticism.cause import Cause, Gain, Interval, drawn_again
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import Pass
-from slam.criticism.kalman.readings import RANGE, SONAR
+from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import Record
-from slam.criticism.search.occam import occam
-from slam.criticism.verdict.criticism import NOT_HELD_OUT, Cause, Gain, Interval
-from slam.criticism.verdict.heldout import drawn_again
-from slam.criticism.verdict.posterior import ONE_OF_ALL
+from slam.criticism.residuals.comb import STEP_STD_M, comb_of, nats_by_others, ranges_of
+from slam.criticism.search.occam import ONE_OF_ALL, occam
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
@@ -31,11 +30,6 @@ SECOND_ECHO = (1.6, 2.4)
 """A spike is a reading of so many times the range that was due."""
 NATS_A_SPIKE = 9.0
 """Of a reading ten deviations off and more, even with Student's tails, less what its rarity costs."""
-COMB_STEPS_M = np.arange(0.002, 0.0601, 0.0001)
-COMB_READINGS = 5000
-"""So many show it."""
-COMB_NATS = 20.0
-"""n |mean exp(2 pi i r / step)|^2 that a comb must have; a smooth spread of readings has about 1."""
 ENTAILS = {
     "sonar_quantisation": ("sonar_noise out of range",),
     "sonar_spikes": ("sonar_noise out of range",),
@@ -71,7 +65,7 @@ class Oddity:
         """As the verdict tells it."""
         total = sum(self.nats)
         lead = total - occam(1) - ONE_OF_ALL
-        parts, by = (self.foretold, "flight") if self.foretold else (self.nats, NOT_HELD_OUT)
+        parts, by = (self.foretold, "flight") if self.foretold else (self.nats, None)
         gain = Gain(sum(parts), drawn_again(np.array(parts)), by, parts, ())
         probability = float(1.0 / (1.0 + np.exp(-min(lead, 700.0))))
         return Cause(
@@ -84,7 +78,7 @@ def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Odd
 
     A comb of readings repeats itself without one.
     """
-    if combed(records):
+    if comb_of(records) is not None:
         return list(records), []
     stuck, kept = [], []
     for record in records:
@@ -132,7 +126,7 @@ def _stuck(ranges: Array) -> NDArray[np.bool_]:
 def oddities(records: Sequence[Record], passes: Sequence[Pass]) -> list[Oddity]:
     """All but the dead zone, from the readings and a filter run."""
     return [
-        *_spikes(records, passes), *_quantisation(records), *_dropped(records), *_movers(records),
+        *_spikes(records, passes), *_quantised(records), *_dropped(records), *_movers(records),
         *_highlights(records),
     ]  # fmt: skip
 
@@ -223,73 +217,14 @@ def _spikes(records: Sequence[Record], passes: Sequence[Pass]) -> list[Oddity]:
     return [Oddity("sonar_spikes", {"share": interval}, tuple(NATS_A_SPIKE * c for c in counts))]
 
 
-def combed(records: Sequence[Record]) -> bool:
-    """Whether the ranges are whole multiples of a step."""
-    return _comb(records) is not None
-
-
-def _quantisation(records: Sequence[Record]) -> list[Oddity]:
-    """A comb in the readings: they are whole multiples of a step, up to the last digit written."""
-    found = _comb(records)
-    if found is None:
+def _quantised(records: Sequence[Record]) -> list[Oddity]:
+    """Ranges that are whole multiples of a step, up to the last digit written."""
+    comb = comb_of(records)
+    if comb is None:
         return []
-    interval = _interval("sonar_quantisation", "step", found.step_m, 1e-4)
-    nats = tuple(len(_ranges([record])) * found.strength**2 for record in records)
-    return [Oddity("sonar_quantisation", {"step": interval}, nats, foretold(records, _quantised))]
-
-
-def _quantised(own: Record, others: Sequence[Record]) -> float:
-    """Nats of a flight's readings for the others' step."""
-    ranges = _ranges([own])
-    comb = _strongest(_ranges(others)) if len(ranges) else None
-    return len(ranges) * float(np.abs(_teeth(ranges, comb.step_m))) ** 2 if comb is not None else 0.0
-
-
-@dataclass(frozen=True)
-class _Comb:
-    """Readings are multiples of a step."""
-
-    step_m: float
-    strength: float
-    """1 if all of them are."""
-    nats: float
-    """Of the readings that it was found in."""
-
-
-def _ranges(records: Sequence[Record]) -> Array:
-    """(n,) what the sonars read."""
-    every = np.concatenate([r.values[r.kinds == SONAR, 0] for r in records])
-    return np.asarray(every[np.isfinite(every)])
-
-
-def _teeth(ranges: Array, step_m: float | Array) -> Array:
-    """Mean of exp(2 pi i r / step) for each step."""
-    return np.asarray(np.exp(2j * np.pi * ranges / np.asarray(step_m)[..., None]).mean(axis=-1))
-
-
-def _comb(records: Sequence[Record]) -> _Comb | None:
-    """What the ranges are multiples of; None where they spread."""
-    ranges = _ranges(records)
-    found = _strongest(ranges)
-    if found is None:
-        return None
-    # Readings that hardly spread look like a coarse comb.
-    spread = float(np.median([r.noise_std[RANGE] for r in records]))
-    smooth = np.exp(-2.0 * (np.pi * 0.8 * spread / found.step_m) ** 2)
-    return found if found.nats >= COMB_NATS and found.strength >= 0.5 + 0.5 * smooth else None
-
-
-def _strongest(ranges: Array) -> _Comb | None:
-    """The step that ranges lie nearest to multiples of; None of few, or of all alike."""
-    if len(ranges) < 50 or np.ptp(ranges) < 0.02:
-        return None
-    ranges = ranges[:: 1 + len(ranges) // COMB_READINGS]
-    strength = np.abs(_teeth(ranges, COMB_STEPS_M))
-    # All divisors of the step comb as well; the step is the longest.
-    best = int(np.flatnonzero(strength > 0.9 * strength.max())[-1])
-    while best > 0 and strength[best - 1] > strength[best]:
-        best -= 1
-    return _Comb(float(COMB_STEPS_M[best]), float(strength[best]), float(len(ranges) * strength[best] ** 2))
+    interval = _interval("sonar_quantisation", "step", comb.step_m, STEP_STD_M)
+    nats = tuple(len(ranges_of([record])) * comb.strength**2 for record in records)
+    return [Oddity("sonar_quantisation", {"step": interval}, nats, foretold(records, nats_by_others))]
 
 
 def _interval(term: str, parameter: str, value: float, std: float) -> Interval:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.cause import SURE, Interval
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record, in_order
 from slam.criticism.kalman.reference import referred
@@ -22,8 +23,6 @@ from slam.criticism.residuals.oddities import Oddity
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.threads import in_threads
-from slam.criticism.verdict.criticism import Interval
-from slam.criticism.verdict.decision import SURE
 
 Array = NDArray[np.float64]
 

@@ -8,78 +8,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.search.thresholds import MISFIT
+from slam.criticism.cause import Cause, Gain, Interval
 from slam.criticism.verdict.covariate import Covariate
-from slam.criticism.verdict.rollouts import NOT_AHEAD_S, ChannelError
 from slam.simulation.model import Model
 
 Array = NDArray[np.float64]
 Verdict = Literal["nothing_wrong", "named", "ambiguous", "named_with_remainder", "unknown", "unusable"]
-
-JUDGED_HORIZON_S = 2.0
-NOT_HELD_OUT = ""
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A fitted number."""
-
-    value: float
-    unit: str
-    low: float
-    high: float
-    """95 % interval."""
-
-
-@dataclass(frozen=True)
-class Gain:
-    """What it gains to know, on held-out flights or stretches."""
-
-    nats: float
-    ci95: tuple[float, float]
-    by: str
-    """``flight`` or ``segment``: what was held out; ``NOT_HELD_OUT`` where each reading tells by itself and
-    no size enters."""
-    parts: tuple[float, ...]
-    """Nats of each held-out part, or else of each flight."""
-    channels: tuple[ChannelError, ...]
-    """Open-loop roll-out errors before and after, by channel and horizon; and what pictures miss."""
-
-    @property
-    def foremost(self) -> ChannelError | None:
-        """What gains most two seconds ahead, or from picture to picture; None where nothing does by more than
-        a misfit, or no errors are told."""
-        better = [c for c in self.judged if 0 < c.after < (1.0 - MISFIT) * c.before]
-        return min(better, key=lambda c: c.after / c.before, default=None)
-
-    @property
-    def judged(self) -> tuple[ChannelError, ...]:
-        """Errors two seconds ahead, and those of pictures."""
-        return tuple(c for c in self.channels if c.horizon_s in (JUDGED_HORIZON_S, NOT_AHEAD_S))
-
-    @property
-    def flies_worse(self) -> bool:
-        """Whether two seconds ahead some channel is missed by more than before, beyond a misfit, and none by
-        less."""
-        return self.foremost is None and any(c.after > (1.0 + MISFIT) * c.before for c in self.judged)
-
-
-@dataclass(frozen=True)
-class Cause:
-    """A term that was found."""
-
-    name: str
-    probability: float
-    parameters: dict[str, Interval]
-    gain: Gain
-    z: float
-    """How far it stands out beside the other causes."""
-    lead_nats: float
-    """Of its evidence over the best other term in its place."""
-    alternatives: tuple[str, ...] = ()
-    """Itself, and terms whose evidence in its place lies within 4 nats."""
-    rival: str = ""
-    """The other term that is likeliest in its place; empty where there is none."""
 
 
 @dataclass(frozen=True)
@@ -194,7 +128,7 @@ def _gain(gain: Gain) -> dict[str, Any]:
     return {
         "nats": round(gain.nats, 2),
         "ci95": [round(x, 2) for x in gain.ci95],
-        "held_out_by": gain.by or None,
+        "held_out_by": gain.by,
         "parts": [round(x, 2) for x in gain.parts],
         "horizons": [
             {

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.cause import SURE, Cause, Gain, Interval, drawn_again
 from slam.criticism.kalman.optics import POINTS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
@@ -17,9 +18,9 @@ from slam.criticism.search.inclusion import is_wall
 from slam.criticism.search.look import Look, Standing
 from slam.criticism.search.search import Search
 from slam.criticism.search.thresholds import MISFIT
-from slam.criticism.verdict.criticism import Cause, Gain, Interval, Verdict
+from slam.criticism.verdict.criticism import Verdict
 from slam.criticism.verdict.flown import FREE, Flown
-from slam.criticism.verdict.heldout import HeldOut, drawn_again, held_out
+from slam.criticism.verdict.heldout import HeldOut, held_out
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, price
 from slam.criticism.verdict.reprojection import reprojection_errors
 from slam.criticism.verdict.rollouts import roll_out_errors
@@ -28,7 +29,7 @@ from slam.simulation.terms import CATALOGUE
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-SURE, LIKELY = 0.95, 0.5
+LIKELY = 0.5
 FAINT = 0.05
 """A less probable cause, with all that may stand in for it, is told as what is left over."""
 CONFIRMED_NATS = 2.0

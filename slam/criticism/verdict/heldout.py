@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.cause import drawn_again
 from slam.criticism.kalman.filter import IGNORED
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
@@ -29,7 +30,6 @@ from slam.criticism.search.search import Search
 Array = NDArray[np.float64]
 
 FEWEST_FLIGHTS = 3
-DRAWS = 4000
 ALONE_NATS = 0.5
 """Of readings that only one of two beliefs judges: beyond this the flights are run anew."""
 
@@ -55,14 +55,6 @@ class HeldOut:
     def ci95(self) -> tuple[float, float]:
         """Of the sum."""
         return drawn_again(self.nats)
-
-
-def drawn_again(nats: Array) -> tuple[float, float]:
-    """95 % interval of a sum over parts, by drawing parts with replacement."""
-    rng = np.random.default_rng(0)
-    drawn = rng.choice(nats, size=(DRAWS, len(nats))).sum(axis=1)
-    low, high = np.quantile(drawn, [0.025, 0.975])
-    return float(low), float(high)
 
 
 def parts_of(flight: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:

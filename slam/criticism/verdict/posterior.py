@@ -8,7 +8,7 @@ one in place of several. Each weighs its likelihood at its best, what its number
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,17 +17,13 @@ from numpy.typing import NDArray
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.inclusion import is_wall
 from slam.criticism.search.look import Look
-from slam.criticism.search.occam import VERY_SIMILAR_NATS, occam
+from slam.criticism.search.occam import KNOWN, ONE_OF_ALL, UNKNOWN, VERY_SIMILAR_NATS, occam
 from slam.criticism.search.pairs import pairs_beside
 from slam.criticism.search.search import LINEAR_Z, Search
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 
-KNOWN, UNKNOWN = 0.9, 0.1
-"""Prior shares of an effect of the catalogue and of anything else."""
-ONE_OF_ALL = float(np.log(len(CATALOGUE) / KNOWN))
-"""Nats that it costs to be one term of the catalogue and no other."""
 NOTHING, SOMETHING_ELSE = "nothing", "unknown"
 ONE_CLASS, CLASS_NATS = 0.95, 10.0
 """Two terms that correlate by more are one class, unless one leads by more nats than its shape explains."""
@@ -182,25 +178,27 @@ def _second_to_wall(found: Search) -> str:
 
 def _evidence(look: Look, effects: Sequence[Effect]) -> float:
     """Log of a set's likelihood at its best, less what its numbers cost, with its prior."""
-    return look.parabola.answer(effects).nats + _worth(look, effects)
+    return look.parabola.answer(effects).nats + _prior(look)(effects)
 
 
 def _beside(look: Look, rest: Sequence[Effect], among: Sequence[Effect]) -> list[tuple[Effect, float]]:
     """The same of a set with each of some more effects; one that gains nothing, or has a size of the wrong
     sign, only costs."""
-    base = look.parabola.answer(rest).nats
-    return [(s.effect, base + s.nats + _worth(look, [*rest, s.effect])) for s in look.standing(rest, among)]
+    base, prior = look.parabola.answer(rest).nats, _prior(look)
+    return [(s.effect, base + s.nats + prior([*rest, s.effect])) for s in look.standing(rest, among)]
 
 
-def _worth(look: Look, effects: Sequence[Effect]) -> float:
+def _prior(look: Look) -> Callable[[Sequence[Effect]], float]:
     """Log prior of a set, less what its numbers cost."""
     # A term that is tried in several ways, as a delay is, is no likelier for it.
     ways = Counter(e.name for e in look.effects if named(e))
     others = len(look.shapes) + len(look.effects) - ways.total()
-    prior = sum(
-        np.log(KNOWN / len(ways) / ways[e.name]) if named(e) else np.log(UNKNOWN / others) for e in effects
-    )
-    return float(prior - sum(occam(len(e.columns)) for e in effects))
+
+    def of(effects: Sequence[Effect]) -> float:
+        shares = (KNOWN / len(ways) / ways[e.name] if named(e) else UNKNOWN / others for e in effects)
+        return float(sum(map(np.log, shares)) - sum(occam(len(e.columns)) for e in effects))
+
+    return of
 
 
 def _alike(look: Look, rest: Sequence[Effect], term: Effect, other: Effect) -> float:

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from slam.criticism.camera.sighting import sighted
+from slam.criticism.cause import NOT_AHEAD_S, ChannelError
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.threads import in_threads
-from slam.criticism.verdict.rollouts import NOT_AHEAD_S, ChannelError
 
 
 def reprojection_errors(

@@ -6,11 +6,11 @@ This is the error that a person feels: how far off the simulator is after half a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.cause import ChannelError
 from slam.criticism.kalman.compiled import allocating_kernel
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import (
@@ -36,23 +36,10 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 HORIZONS_S = (0.5, 2.0, 10.0)
-NOT_AHEAD_S = 0.0
-"""In place of a horizon where nothing is flown: from one picture to another."""
 STEP_S = 0.01
 START_EVERY_S = 2.0
 SETTLE_S = 1.0
 """The filter's first second: it does not know the vehicle yet."""
-
-
-@dataclass(frozen=True)
-class ChannelError:
-    """Root mean square of one channel over the end of a horizon, before and after."""
-
-    channel: str
-    unit: str
-    horizon_s: float
-    before: float
-    after: float
 
 
 def roll_out_errors(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
-from slam.criticism.verdict.criticism import JUDGED_HORIZON_S, NOT_HELD_OUT, Cause, Gain, Verdict
+from slam.criticism.cause import JUDGED_HORIZON_S, NOT_AHEAD_S, Cause, Gain
+from slam.criticism.verdict.criticism import Verdict
 from slam.criticism.verdict.power import within_reach
-from slam.criticism.verdict.rollouts import NOT_AHEAD_S
 from slam.criticism.verdict.words import IN_WORDS
 from slam.simulation.terms import CATALOGUE
 
@@ -76,7 +76,7 @@ def _spaced(unit: str) -> str:
 def _mended(gain: Gain) -> str:
     """The channel that gains most two seconds ahead, in its own unit; nats where none is told or better."""
     most = gain.foremost
-    if gain.by == NOT_HELD_OUT:
+    if gain.by is None:
         return f"single readings tell it, by {gain.nats:.0f} nats of log likelihood"
     if most is None:
         ahead = f", and no channel is better {JUDGED_HORIZON_S:g} s ahead" if gain.channels else ""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import ndtr
 
+from slam.criticism.cause import Cause, Interval
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, place_of
 from slam.criticism.kalman.record import Record
@@ -14,7 +15,7 @@ from slam.criticism.search.colour import lag_one
 from slam.criticism.search.look import Look
 from slam.criticism.search.nuisances import NUISANCES, value_of
 from slam.criticism.search.search import Search
-from slam.criticism.verdict.criticism import Cause, ChannelCheck, Interval, Rank
+from slam.criticism.verdict.criticism import ChannelCheck, Rank
 from slam.criticism.verdict.flown import Flown
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, named
 

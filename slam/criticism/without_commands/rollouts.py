@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.verdict.rollouts import HORIZONS_S, ChannelError
+from slam.criticism.cause import ChannelError
+from slam.criticism.verdict.rollouts import HORIZONS_S
 from slam.criticism.without_commands.balances import NODE_S, Averages, Rows
 from slam.criticism.without_commands.regression import STRETCH_S, Regression
 

@@ -11,13 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.cause import SURE, Cause, ChannelError, Gain, Interval, drawn_again
 from slam.criticism.extended import with_sizes
 from slam.criticism.search.effects import plausible
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.covariate import Covariate, Misses
-from slam.criticism.verdict.criticism import Cause, Criticism, Gain, Interval, Rank
-from slam.criticism.verdict.decision import CONFIRMED_NATS, SURE
-from slam.criticism.verdict.rollouts import ChannelError
+from slam.criticism.verdict.criticism import Criticism, Rank
+from slam.criticism.verdict.decision import CONFIRMED_NATS
 from slam.criticism.verdict.sentence import sentence_of
 from slam.criticism.without_commands.agreement import disagreements
 from slam.criticism.without_commands.balances import balances_of
@@ -159,9 +159,7 @@ def _cause(
         half = float(np.hypot(data.wide * std, MISFIT * size[k]))
         parameters[parameter.name] = Interval(value, parameter.unit, value - half, value + half)
     gains = data.held_out(rest, effect)
-    drawn = np.random.default_rng(0).choice(gains, size=(4000, len(gains))).sum(axis=1)
-    low, high = np.quantile(drawn, [0.025, 0.975])
-    gain = Gain(float(gains.sum()), (float(low), float(high)), data.by, tuple(gains.tolist()), errors)
+    gain = Gain(float(gains.sum()), drawn_again(gains), data.by, tuple(gains.tolist()), errors)
     place = in_place_of(data, chosen, effect)
     z = data.z(chosen, effect)
     return Cause(

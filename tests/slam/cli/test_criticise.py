@@ -14,17 +14,10 @@ from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.manoeuvres import stick_for
 from slam.io.flight_folder import write_flight
 from slam.simulation.model import load_model
+from tests.slam.cli.pulse_recipe import RECIPE
 
 PLAN = ["steps of 0.25 to 0.10 and 0.25 to -0.15"]
 DRAG = 0.3
-RECIPE = """name = "pulse"
-camera = "none"
-[maneuver]
-script = "pulse.csv"
-height_m = 1.2
-[world]
-extent_m = [-20, -20, 20, 20]
-"""
 
 
 def run(*arguments: object):

@@ -10,8 +10,9 @@ from typer.testing import CliRunner
 
 from slam.cli import app
 from slam.cli.criticise import MAPPED_UNASKED, gains_in_maps
+from slam.criticism.cause import Cause, Gain, Interval
 from slam.criticism.extended import with_certainty
-from slam.criticism.verdict.criticism import Cause, Criticism, Gain, Interval
+from slam.criticism.verdict.criticism import Criticism
 from slam.io.flight_folder import read_flight, write_flight
 from slam.outputs import writer_of
 from slam.progress import silent

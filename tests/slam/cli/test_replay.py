@@ -13,15 +13,7 @@ from typer.testing import CliRunner
 from slam.cli import app
 from slam.outputs import REPLAY_NAMES
 from slam.simulation.model import Model, save_model
-
-RECIPE = """name = "pulse"
-camera = "none"
-[maneuver]
-script = "pulse.csv"
-height_m = 1.2
-[world]
-extent_m = [-20, -20, 20, 20]
-"""
+from tests.slam.cli.pulse_recipe import RECIPE
 
 
 def run(*arguments: object):

@@ -13,7 +13,7 @@ from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
-from slam.criticism.next_flight import next_flight
+from slam.criticism.next_flight import telling_flight
 from slam.criticism.search.effects import effects_for
 from slam.simulation.model import load_model
 
@@ -31,7 +31,7 @@ def told(kinds: set[int]) -> tuple[str, float]:
     model = load_model("nominal")
     record = record_of(flown(model, stick_for(["hover for 8 s"]), 1))
     known = {e.name: e for e in effects_for([record], setting_of(model))}
-    said = next_flight(model, known["steady_wind"], known["trim_offset"], np.array([0.1, 0.1]), kinds)
+    said = telling_flight(model, known["steady_wind"], known["trim_offset"], np.array([0.1, 0.1]), kinds)
     name, sigma = re.search(r"fly '(.*)' .*: (.*) sigma", said).groups()
     return name, float(sigma)
 
@@ -56,7 +56,7 @@ def test_a_lag_is_told_from_a_latency_with_the_lag_itself_free(monkeypatch):
     def sigma(said: str) -> float:
         return float(re.search(r": (.*) sigma", said)[1])
 
-    free = sigma(next_flight(model, latency, lag, late, kinds))
-    held = sigma(next_flight(model, latency, replace(lag, relaxes=()), late, kinds))
+    free = sigma(telling_flight(model, latency, lag, late, kinds))
+    held = sigma(telling_flight(model, latency, replace(lag, relaxes=()), late, kinds))
     assert free < 0.8 * held
-    assert sigma(next_flight(model, lag, latency, np.array([0.05]), kinds)) > 1.0
+    assert sigma(telling_flight(model, lag, latency, np.array([0.05]), kinds)) > 1.0

@@ -12,27 +12,19 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from slam.correction.map_gain import MapErrors, MapGain
+from slam.criticism.cause import Cause, ChannelError, Gain, Interval
 from slam.criticism.healthy import flown
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.verdict.covariate import Covariate, Misses
-from slam.criticism.verdict.criticism import (
-    NOT_HELD_OUT,
-    Cause,
-    ChannelCheck,
-    Criticism,
-    Gain,
-    Interval,
-    Rank,
-)
-from slam.criticism.verdict.rollouts import ChannelError
+from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
 from slam.drawing import BLUE, ORANGE, VERMILLION
 from slam.report.criticism_pictures import (
-    before_after_picture,
     covariate_picture,
     gain_picture,
     ranking_picture,
 )
-from slam.report.criticism_report import VERDICTS, render_criticism, worst_stretch
+from slam.report.criticism_report import VERDICTS, render_criticism
+from slam.report.criticism_stretch import before_after_picture, telling_stretch
 from slam.simulation.model import load_model
 
 RANKING = (
@@ -120,13 +112,13 @@ def test_the_stretch_that_is_drawn_is_of_the_channel_that_gains_most() -> None:
 @pytest.mark.parametrize("term", ["sonar_spikes", "timestamp_jitter"])
 def test_what_single_readings_show_is_drawn_as_they_are(term: str, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[Figure] = []
-    monkeypatch.setattr("slam.report.criticism_pictures.png", lambda figure: drawn.append(figure) or b"")
+    monkeypatch.setattr("slam.report.criticism_stretch.png", lambda figure: drawn.append(figure) or b"")
     flights = [
         flown(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), seed) for seed in (1, 2)
     ]
-    gain = Gain(30.0, (10.0, 50.0), NOT_HELD_OUT, (10.0, 20.0), ())
+    gain = Gain(30.0, (10.0, 50.0), None, (10.0, 20.0), ())
     result = replace(made(), causes=(replace(made().causes[0], name=term, gain=gain),))
-    shown = worst_stretch(result, flights)
+    shown = telling_stretch(result, flights)
     assert shown is not None
     (axes,) = drawn[0].axes
     assert flights[1].name in axes.get_xlabel()

@@ -225,7 +225,7 @@ def test_a_picture_from_the_floor_says_nothing(
     """A centimetre of another landing gear is a tenth of the height there."""
     record, sights, _ = healthy
     stands = (record.times_s > 4.0) & (record.times_s < 6.0)
-    _, inside = path_of(replace(record, landing=stands), replace(sights, paths={}), setting)
+    _, inside = path_of(replace(record, landing=stands), replace(sights), setting)
     on_floor = (sights.stamps_s > 4.0) & (sights.stamps_s < 5.9)
     _, before = path_of(record, sights, setting)
     assert on_floor.sum() >= 7

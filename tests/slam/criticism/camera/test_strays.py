@@ -33,7 +33,7 @@ def displaced(record: Record, pairs: list[tuple[int, int]], by_px: float) -> Rec
     pixel = sights.pixel_i.copy()
     for i, j in pairs:
         pixel[(sights.earlier == i) & (sights.later == j), 0] += by_px
-    return replace(record, sights=replace(sights, pixel_i=pixel, paths={}, figures=[]))
+    return replace(record, sights=replace(sights, pixel_i=pixel))
 
 
 def pairs_of(record: Record) -> list[tuple[int, int]]:

@@ -8,9 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError, Gain
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.search import Search
-from slam.criticism.verdict.criticism import JUDGED_HORIZON_S, Cause, Criticism, Gain
+from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import confirmed, decide, weighed
 from slam.criticism.verdict.posterior import (
     NOTHING,
@@ -20,7 +21,6 @@ from slam.criticism.verdict.posterior import (
     likelier,
     posterior_of,
 )
-from slam.criticism.verdict.rollouts import ChannelError
 from slam.criticism.verdict.tables import IN_SINGLE_READINGS, ranking
 from slam.simulation.terms import CATALOGUE
 

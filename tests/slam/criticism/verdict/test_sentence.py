@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from slam.criticism.verdict.criticism import NOT_HELD_OUT, Cause, Gain, Interval
+from slam.criticism.cause import Cause, ChannelError, Gain, Interval
 from slam.criticism.verdict.power import within_reach
-from slam.criticism.verdict.rollouts import ChannelError
 from slam.criticism.verdict.sentence import sentence_of
 from slam.criticism.verdict.words import IN_WORDS
 from slam.simulation.terms import CATALOGUE
@@ -16,7 +15,7 @@ PITCH = ChannelError("pitch", "rad", 2.0, 0.020, 0.018)
 SOON, WORSE = ChannelError("pitch", "rad", 0.5, 0.02, 0.001), ChannelError("range", "m", 2.0, 0.01, 0.02)
 
 
-def told(verdict: str, *channels: ChannelError, by: str = "flight", lead_nats: float = 20.0) -> str:
+def told(verdict: str, *channels: ChannelError, by: str | None = "flight", lead_nats: float = 20.0) -> str:
     cause = Cause(
         "active_braking",
         0.97,
@@ -44,7 +43,7 @@ def test_pictures_are_told_from_one_to_another():
 
 
 def test_what_was_not_held_out_is_not_told_as_held_out():
-    assert "held-out" not in told("named", by=NOT_HELD_OUT)
+    assert "held-out" not in told("named", by=None)
 
 
 def test_the_next_best_is_told_where_it_is_excluded():

@@ -1,0 +1,75 @@
+"""A comb in the readings of a sonar: they are whole multiples of a step, up to the last digit written."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.kalman.readings import RANGE, SONAR
+from slam.criticism.kalman.record import Record
+
+Array = NDArray[np.float64]
+
+STEPS_M = np.arange(0.002, 0.0601, 0.0001)
+STEP_STD_M = 1e-4
+MOST_READINGS = 5000
+"""So many show it."""
+LEAST_NATS = 20.0
+"""n |mean exp(2 pi i r / step)|^2 that a comb must have; a smooth spread of readings has about 1."""
+
+
+@dataclass(frozen=True)
+class Comb:
+    """Readings are multiples of a step."""
+
+    step_m: float
+    strength: float
+    """1 if all of them are."""
+    nats: float
+    """Of the readings that it was found in."""
+
+
+def comb_of(records: Sequence[Record]) -> Comb | None:
+    """What the ranges are multiples of; None where they spread."""
+    found = _strongest(ranges_of(records))
+    if found is None:
+        return None
+    # Readings that hardly spread look like a coarse comb.
+    spread = float(np.median([r.noise_std[RANGE] for r in records]))
+    smooth = np.exp(-2.0 * (np.pi * 0.8 * spread / found.step_m) ** 2)
+    return found if found.nats >= LEAST_NATS and found.strength >= 0.5 + 0.5 * smooth else None
+
+
+def nats_by_others(own: Record, others: Sequence[Record]) -> float:
+    """Nats of a flight's readings for the step that the others' have."""
+    ranges, comb = ranges_of([own]), _strongest(ranges_of(others))
+    if len(ranges) == 0 or comb is None:
+        return 0.0
+    return len(ranges) * float(np.abs(_teeth(ranges, comb.step_m))) ** 2
+
+
+def ranges_of(records: Sequence[Record]) -> Array:
+    """(n,) what the sonars read."""
+    every = np.concatenate([r.values[r.kinds == SONAR, 0] for r in records])
+    return np.asarray(every[np.isfinite(every)])
+
+
+def _teeth(ranges: Array, step_m: float | Array) -> Array:
+    """Mean of exp(2 pi i r / step) for each step."""
+    return np.asarray(np.exp(2j * np.pi * ranges / np.asarray(step_m)[..., None]).mean(axis=-1))
+
+
+def _strongest(ranges: Array) -> Comb | None:
+    """The step that ranges lie nearest to multiples of; None of few, or of all alike."""
+    if len(ranges) < 50 or np.ptp(ranges) < 0.02:
+        return None
+    ranges = ranges[:: 1 + len(ranges) // MOST_READINGS]
+    strength = np.abs(_teeth(ranges, STEPS_M))
+    # All divisors of the step comb as well; the step is the longest.
+    best = int(np.flatnonzero(strength > 0.9 * strength.max())[-1])
+    while best > 0 and strength[best - 1] > strength[best]:
+        best -= 1
+    return Comb(float(STEPS_M[best]), float(strength[best]), float(len(ranges) * strength[best] ** 2))
