@@ -9,14 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
-from slam.criticism.kalman.optics import CAMERA
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.reference import recoloured
 from slam.criticism.kalman.setting import Setting
+from slam.criticism.search.candidates import tried
 from slam.criticism.search.colour import coloured, in_colour, without_faint
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitting import cut, fit_nuisances, refit
@@ -33,12 +32,12 @@ LINEAR_Z = 25.0
 """Beyond this candidates are fitted with the filter run anew before one is chosen."""
 CURVED_Z = 6.0
 """Beyond this the size of what was chosen needs the filter run anew: a landing bends the trace."""
-CANDIDATES = 5
-WORTH_A_FIT = 0.25
 MOST_TERMS = 6
 STAGES = ("fit", "look", "try causes")
 SHORT_S = 80.0
 """Candidates are compared on so much of the flights: they all stand out by far."""
+PART_S = 160.0
+"""What stands out by far needs no look at more of the flights than this, where there is twice as much."""
 
 
 @dataclass(frozen=True)
@@ -104,10 +103,10 @@ def search(
     if (way.look.setting.colour != first.setting.colour).any():
         # With and without the terms noise is the same.
         first = way.healthy(replace(first.setting, colour=way.look.setting.colour))
-    tried = len(way.chosen)
+    most = len(way.chosen)
     way.drop_superfluous()
     # Beside one term less, too.
-    leads = way.leads if len(way.chosen) == tried else {}
+    leads = way.leads if len(way.chosen) == most else {}
     return Search(model, first, way.look, tuple(way.chosen), way.rivals, leads, tuple(way.records))
 
 
@@ -123,6 +122,8 @@ class _Way:
         self.rivals: dict[str, tuple[str, ...]] = {}
         self.leads: dict[tuple[str, str], float] = {}
         self._fitted, self._greatest = True, 0.0
+        self._far = LINEAR_Z
+        """``LINEAR_Z``, or what is left of it where the look is at the first parts of the flights."""
         with self._fits.part():
             setting = fit_nuisances(records, model, effects=coloured(model))
         self._see(setting)
@@ -131,8 +132,10 @@ class _Way:
         """Choose until something must be fitted before one can tell more: the belief with all that is chosen;
         None where nothing more stands out."""
         while True:
-            threshold = beside(self._limits.second, self._greatest) if self.chosen else self._limits.effects
-            standing_out = beyond(self.look.standing(self.chosen, self.look.effects), threshold)
+            standing_out = self._standing_out()
+            if self._far < LINEAR_Z and not by_far(standing_out, self._far):
+                self._look_at_all(self.look.setting)
+                continue
             if not self.chosen and (both := self._hidden(standing_out)):
                 self.chosen, self._fitted = list(both), False
                 continue
@@ -141,9 +144,13 @@ class _Way:
             self._greatest = max(self._greatest, standing_out[0].z)
             # Beside one term more those before it lead by more, or less.
             self.leads = {}
-            if doubtful := _doubtful(standing_out):
-                best = _refitted(self.records, self._model, self.look, self.chosen, doubtful, self._tries)
-                self.leads, self.rivals[best.effect.name] = best.leads, best.rivals
+            if doubtful := _doubtful(standing_out, self._far):
+                records = self.records
+                if in_part := standing_out[0].z >= self._far:
+                    records = [cut(record, SHORT_S / len(records)) for record in records]
+                best = tried(records, self._model, self.look, self.chosen, doubtful, self._tries)
+                self.leads = {} if in_part else best.leads
+                self.rivals[best.effect.name] = best.rivals
                 self.chosen.append(best.effect)
                 return best.setting
             self.chosen.append(standing_out[0].effect)
@@ -153,13 +160,22 @@ class _Way:
             self._fitted = self._fitted and standing_out[0].z < CURVED_Z
 
     def look_from(self, setting: Setting) -> None:
-        """A look about a belief that holds the chosen terms, nuisances fitted to it."""
+        """A look about a belief that holds the chosen terms, nuisances fitted to it.
+
+        Where another term stands out by far from where one came, the first parts of long flights will do.
+        """
+        long = sum(record.duration_s for record in self.records) / PART_S
+        part = long > 2.0 and by_far(self._standing_out(), self._far)
         self.chosen = [settled(c) for c in self.chosen]
-        with self._fits.part():
-            free = [*self.chosen, *coloured(setting)]
-            setting = without_faint(fit_nuisances(self.records, self._model, setting, free))
-        self._see(setting)
-        self._fitted = True
+        if not part:
+            self._look_at_all(setting)
+            return
+        records = [cut(record, PART_S / len(self.records)) for record in self.records]
+        setting = self._fit(records, setting)
+        with self._looks.part():
+            self.look = look_at(records, self._model, setting, self.chosen)
+        self.chosen = [self.look.own(c) for c in self.chosen]
+        self._far, self._fitted = max(LINEAR_Z / np.sqrt(long), CURVED_Z), True
 
     def healthy(self, setting: Setting) -> Look:
         """A look about a belief without terms, nuisances fitted to it."""
@@ -175,6 +191,19 @@ class _Way:
         for wall in (e for e in before if is_wall(e) and e not in self.chosen):
             # What the flights do beyond a wall no look at the belief that holds it tells.
             self._see(self._with_chosen(taken_down(wall, self.look.setting)))
+
+    def _standing_out(self) -> list[Standing]:
+        threshold = beside(self._limits.second, self._greatest) if self.chosen else self._limits.effects
+        return beyond(self.look.standing(self.chosen, self.look.effects), threshold)
+
+    def _fit(self, records: Sequence[Record], setting: Setting) -> Setting:
+        with self._fits.part():
+            free = [*self.chosen, *coloured(setting)]
+            return without_faint(fit_nuisances(records, self._model, setting, free))
+
+    def _look_at_all(self, setting: Setting) -> None:
+        self._see(self._fit(self.records, setting))
+        self._far, self._fitted = LINEAR_Z, True
 
     def _hidden(self, standing_out: Sequence[Standing]) -> Sequence[Effect] | None:
         """Two terms in place of what stands out by little, or of nothing."""
@@ -200,11 +229,16 @@ def beyond(ranked: Sequence[Standing], threshold: float) -> list[Standing]:
     return sorted((s for s in ranked if s.z >= threshold), key=lambda s: -s.worth)
 
 
-def _doubtful(standing_out: Sequence[Standing]) -> Sequence[Standing]:
+def by_far(standing_out: Sequence[Standing], z: float) -> bool:
+    """Whether anything stands out, the worthiest by ``z`` at least."""
+    return bool(standing_out) and standing_out[0].z >= z
+
+
+def _doubtful(standing_out: Sequence[Standing], far: float) -> Sequence[Standing]:
     """The candidates, best first, that must be fitted before one is chosen: all of them where the best is far
     off or has no size yet, those as good as it where traces bend, none where one look tells."""
     best = standing_out[0]
-    if best.z >= LINEAR_Z or on_grid(best.effect):
+    if best.z >= far or on_grid(best.effect):
         return standing_out
     alike = [s for s in standing_out if s.worth > best.worth - VERY_SIMILAR_NATS]
     return alike if best.z >= CURVED_Z and len({s.effect.name for s in alike}) > 1 else ()
@@ -255,59 +289,6 @@ def _without(
     known, _ = refit(short, model, look.setting, [*others, wall])
     open_way, _ = refit(short, model, taken_down(wall, look.setting), others)
     return deviate(2.0 * max(known - open_way, 0.0), len(wall.columns))
-
-
-class _Fit(NamedTuple):
-    """A candidate, fitted with the filter run anew."""
-
-    worth: float
-    effect: Effect
-    setting: Setting
-
-
-class _Refitted(NamedTuple):
-    """The candidate that explains most once each is fitted with the filter run anew."""
-
-    effect: Effect
-    setting: Setting
-    """The belief with it."""
-    rivals: tuple[str, ...]
-    """What would do as well."""
-    leads: dict[tuple[str, str], float]
-    """As ``Search.leads``; of flights compared in part none."""
-
-
-def _refitted(
-    records: Sequence[Record],
-    model: Setting,
-    look: Look,
-    chosen: Sequence[Effect],
-    ranked: Sequence[Standing],
-    tries: Tally,
-) -> _Refitted:
-    named: dict[str, Standing] = {}
-    for standing in ranked:
-        named.setdefault(standing.effect.name + str(len(standing.effect.columns)), standing)
-    if ranked[0].effect.columns[0] in CAMERA:
-        # Pictures are nearly linear: what explains little beside the best in one look is none.
-        named = {k: v for k, v in named.items() if v.nats > WORTH_A_FIT * ranked[0].nats}
-    in_part = ranked[0].z >= LINEAR_Z
-    if in_part:
-        records = [cut(record, SHORT_S / len(records)) for record in records]
-    base, _ = refit(records, model, look.setting, chosen)
-    fits = []
-    for standing in tries.each(list(named.values())[:CANDIDATES]):
-        nats, setting = refit(records, model, look.setting, [*chosen, standing.effect])
-        fits.append(_Fit(replace(standing, nats=nats - base).worth, standing.effect, setting))
-    alike = max(fit.worth for fit in fits) - VERY_SIMILAR_NATS
-    # Of two that explain the same, the one with fewer numbers.
-    best = min((f for f in fits if f.worth > alike), key=lambda f: (len(f.effect.columns), -f.worth))
-    known = [fit for fit in fits if fit.effect.name in CATALOGUE]
-    rivals = {fit.effect.name for fit in known if fit.worth > alike} - {best.effect.name}
-    leads = {(best.effect.label, f.effect.label): best.worth - f.worth for f in known if f is not best}
-    if in_part or best.effect.name not in CATALOGUE:
-        leads = {}
-    return _Refitted(best.effect, best.setting, tuple(sorted(rivals)), leads)
 
 
 __all__ = ["Search", "exchanged", "search"]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
-import pytest
-
+from slam.criticism.healthy import at_lower_rates, healthy_case
+from slam.criticism.kalman.reference import referred
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.search import search as searching
 from slam.criticism.search.effects import Effect, relaxations
 from slam.criticism.search.look import Standing
-from slam.criticism.search.search import _doubtful, _refitted, beyond
-from slam.progress import Tally, silent
+from slam.criticism.search.search import LINEAR_Z, _doubtful, beyond, search
+from slam.criticism.search.thresholds import load_thresholds
+from slam.criticism.usable import usable_records
+from slam.simulation.model import load_model
 
 BRAKE = Effect("active_braking", relaxes=("k_b",))
 BIAS = Effect("gyro_bias", relaxes=("x", "y", "z"))
@@ -41,7 +43,7 @@ def test_of_what_explains_the_same_far_off_each_is_fitted_before_one_is_chosen()
         return Standing(Effect(name, relaxes=(name,)), nats, z)
 
     def doubtful(*some: Standing) -> list[str]:
-        return [s.effect.name for s in _doubtful(some)]
+        return [s.effect.name for s in _doubtful(some, LINEAR_Z)]
 
     bias, slant = standing("sonar_bias", 12.0, 80.8), standing("sonar_slant", 11.0, 60.0)
     cushion = standing("ground_effect", 12.0, 81.1)
@@ -51,24 +53,22 @@ def test_of_what_explains_the_same_far_off_each_is_fitted_before_one_is_chosen()
     assert doubtful(standing("sonar_bias", 30.0, 450.0), slant) == ["sonar_bias", "sonar_slant"]
 
 
-def test_by_how_much_a_candidate_that_is_beaten_falls_behind_is_kept(monkeypatch):
-    """A look from the healthy vehicle does not tell what another term does in the chosen one's place."""
-    nats = {"ground_effect": 90.0, "sonar_bias": 60.0, "sonar_slant": 89.0}
-    fits = {None: 0.0} | nats
+def test_what_stands_out_by_far_is_found_in_part_of_long_flights_and_judged_on_all(monkeypatch):
+    healthy = at_lower_rates(load_model("nominal"))
+    ill = healthy.with_term("gyro_scale", eps=0.1).with_term("sonar_lag", T=0.15)
+    records, _ = usable_records(healthy_case(ill, 3, 2, 20.0))
+    setting = setting_of(healthy)
+    records = [referred(record, setting) for record in records]
+    whole_s = sum(record.duration_s for record in records)
+    look_at, looked_s = searching.look_at, []
 
-    def refit(records, model, setting, effects):
-        return fits[effects[-1].name if effects else None], setting
+    def looking(records, *others):
+        looked_s.append(sum(record.duration_s for record in records))
+        return look_at(records, *others)
 
-    monkeypatch.setattr("slam.criticism.search.search.refit", refit)
-    candidates = [Effect(name, relaxes=(name,)) for name in nats]
-    look = SimpleNamespace(setting=None)
-
-    def leads(z: float) -> dict[str, float]:
-        ranked = [Standing(e, nats[e.name], z) for e in candidates]
-        found = _refitted([], None, look, [], ranked, Tally(silent, "try causes"))
-        assert (found.effect.name, found.rivals) == ("ground_effect", ("sonar_slant",))
-        return {other: lead for (_, other), lead in found.leads.items()}
-
-    assert leads(12.0) == pytest.approx({candidates[1].label: 30.0, candidates[2].label: 1.0})
-    # Compared in part of the flights only.
-    assert leads(30.0) == {}
+    monkeypatch.setattr(searching, "look_at", looking)
+    monkeypatch.setattr(searching, "PART_S", 0.4 * whole_s)
+    found = search(records, setting, load_thresholds())
+    assert [round(s / whole_s, 1) for s in looked_s] == [1.0, 0.4, 1.0]
+    assert {e.name for e in found.chosen} == {"gyro_scale", "sonar_lag"}
+    assert found.first.sums.flight.size == found.last.sums.flight.size

@@ -1,0 +1,73 @@
+"""Candidates for the next term, each fitted with the filter run anew."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from slam.criticism.kalman.optics import CAMERA
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
+from slam.criticism.search.effects import Effect
+from slam.criticism.search.fitting import refit
+from slam.criticism.search.look import Look, Standing
+from slam.criticism.search.occam import VERY_SIMILAR_NATS
+from slam.progress import Tally
+from slam.simulation.terms import CATALOGUE
+
+CANDIDATES = 5
+WORTH_A_FIT = 0.25
+
+
+class _Fit(NamedTuple):
+    """A candidate, fitted with the filter run anew."""
+
+    worth: float
+    effect: Effect
+    setting: Setting
+
+
+class Tried(NamedTuple):
+    """The candidate that explains most once each is fitted with the filter run anew."""
+
+    effect: Effect
+    setting: Setting
+    """The belief with it."""
+    rivals: tuple[str, ...]
+    """What would do as well."""
+    leads: dict[tuple[str, str], float]
+    """As ``Search.leads``."""
+
+
+def tried(
+    records: Sequence[Record],
+    model: Setting,
+    look: Look,
+    chosen: Sequence[Effect],
+    ranked: Sequence[Standing],
+    tries: Tally,
+) -> Tried:
+    """Fit each of the best of ``ranked`` beside the chosen terms, and choose the one that explains most.
+
+    Of two that explain the same it is the one with fewer numbers.
+    """
+    named: dict[str, Standing] = {}
+    for standing in ranked:
+        named.setdefault(standing.effect.name + str(len(standing.effect.columns)), standing)
+    if ranked[0].effect.columns[0] in CAMERA:
+        # Pictures are nearly linear: what explains little beside the best in one look is none.
+        named = {k: v for k, v in named.items() if v.nats > WORTH_A_FIT * ranked[0].nats}
+    base, _ = refit(records, model, look.setting, chosen)
+    fits = []
+    for standing in tries.each(list(named.values())[:CANDIDATES]):
+        nats, setting = refit(records, model, look.setting, [*chosen, standing.effect])
+        fits.append(_Fit(replace(standing, nats=nats - base).worth, standing.effect, setting))
+    alike = max(fit.worth for fit in fits) - VERY_SIMILAR_NATS
+    best = min((f for f in fits if f.worth > alike), key=lambda f: (len(f.effect.columns), -f.worth))
+    known = [fit for fit in fits if fit.effect.name in CATALOGUE]
+    rivals = {fit.effect.name for fit in known if fit.worth > alike} - {best.effect.name}
+    leads = {(best.effect.label, f.effect.label): best.worth - f.worth for f in known if f is not best}
+    if best.effect.name not in CATALOGUE:
+        leads = {}
+    return Tried(best.effect, best.setting, tuple(sorted(rivals)), leads)
