@@ -20,8 +20,9 @@ from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.look import look_at
 from slam.criticism.search.pairs import pairs_beside
 from slam.criticism.usable import usable_records
-from slam.criticism.without_commands.balances import balances_of
+from slam.criticism.without_commands.held import held
 from slam.criticism.without_commands.regression import regression_of
+from slam.criticism.without_commands.verdict import is_plausible
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import load_model
 from slam.simulation.terms import CATALOGUE
@@ -45,11 +46,13 @@ def greatest(seed: int, camera: CameraModel | None = None) -> tuple[float, str, 
     return terms.z, terms.effect.label, shapes.z, shapes.effect.name, pair.z, both
 
 
-def greatest_without_commands(seed: int) -> tuple[float, str]:
-    """Greatest z of the terms where the instruments of one healthy case are held against each other."""
-    flights = healthy_case(load_model("nominal"), seed, student=seed % 3 == 0)
-    data = regression_of([balances_of(flight) for flight in flights])
-    z = {effect: data.z([], effect) for effect in data.effects() if effect in CATALOGUE}
+def greatest_without_commands(seed: int, camera: CameraModel | None = None) -> tuple[float, str]:
+    """Greatest z of all that may be wrong where the instruments of one healthy case are held against each
+    other."""
+    model = load_model("nominal")
+    flights = healthy_case(model, seed, student=seed % 3 == 0, camera=camera)
+    data = regression_of(held(flights, model).rows({}))
+    z = {e: data.z([], e) for e in data.effects() if is_plausible(data, [], e)}
     name = max(z, key=lambda effect: z[effect])
     return z[name], name
 
@@ -85,8 +88,9 @@ if __name__ == "__main__":
     parser.add_argument("--pictures", action="store_true", help="flights with a camera")
     parser.add_argument("--without-commands", action="store_true", help="instruments against each other")
     told = parser.parse_args()
+    camera = CAMERA if told.pictures else None
     if told.without_commands:
         for case in range(told.first, told.first + told.cases):
-            print(json.dumps([case, *greatest_without_commands(case)]), flush=True)
+            print(json.dumps([case, *greatest_without_commands(case, camera)]), flush=True)
     else:
-        main(told.cases, told.first, CAMERA if told.pictures else None)
+        main(told.cases, told.first, camera)

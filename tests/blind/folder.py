@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -92,6 +93,11 @@ def write(
             (home / "data" / f"{at}.jpg").write_bytes(jpeg)
             rows.append(f"{at},{at}.jpg")
         (home / "data.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+def without_commands(folder: Path) -> None:
+    """Take the command log out of a flight."""
+    shutil.rmtree(folder / "mav0" / "command0")
 
 
 def shifted(folder: Path, target: Path, seconds: float = 0.0, turn: float = 0.0) -> None:

@@ -23,8 +23,12 @@ from tests.blind.settling import settles
 PAGE = Path(__file__).parents[2] / "docs" / "blind.md"
 
 
-def markdown(answers: Sequence[Answer], commands: Sequence[str] = ()) -> str:
-    """The block between the page's markers: by which commands, the card, and what came out wrong."""
+WITHOUT = "## Without command logs"
+"""Such cases have a card of their own."""
+
+
+def markdown(answers: Sequence[Answer], commands: Sequence[str] = (), level: str = "##") -> str:
+    """A card: by which commands, the figures, and what came out wrong under a heading of a ``level``."""
     kinds, commits = Counter(a.case.kind for a in answers), Counter(a.commit for a in answers)
     wrong = [a for a in answers if not came_out(a)]
     return "\n".join(
@@ -36,7 +40,7 @@ def markdown(answers: Sequence[Answer], commands: Sequence[str] = ()) -> str:
             "|---|---|---|---|---|---|---|---|",
             *(_line(row) for row in card(list(answers), settles) if row.of),
             "",
-            f"## Cases that came out wrong: {len(wrong)}",
+            f"{level} Cases that came out wrong: {len(wrong)}",
             "",
             "```",
             *(told(a) for a in wrong),
@@ -59,7 +63,8 @@ def came_out(answer: Answer) -> bool:
 
 def _command(asked: dict[str, Any]) -> str:
     suite = f"--seed {asked['seed']} --flights {asked['flights']} --kinds {' '.join(asked['kinds'])}"
-    return f"python -m tests.blind.run {suite}"
+    blind = " --without-commands" if asked.get("without_commands") else ""
+    return f"python -m tests.blind.run {suite}{blind}"
 
 
 def _counted(found: Counter[str]) -> str:
@@ -76,10 +81,20 @@ def main() -> None:
     if not sys.argv[1:]:
         sys.exit("python -m tests.blind.page FILE...: name the files that tests.blind.run wrote")
     runs = [read(Path(name)) for name in sys.argv[1:]]
-    answers = [answer for _, found in runs for answer in found]
     with atomic_file(PAGE) as path:
-        block = markdown(answers, [_command(asked) for asked, _ in runs])
-        path.write_text(with_block(PAGE.read_text(encoding="utf-8"), block), encoding="utf-8")
+        path.write_text(with_block(PAGE.read_text(encoding="utf-8"), block(runs)), encoding="utf-8")
+
+
+def block(runs: Sequence[tuple[dict[str, Any], list[Answer]]]) -> str:
+    """What stands between the page's markers, of runs by what they were asked for."""
+    cards = []
+    for blind in (False, True):
+        own = [run for run in runs if bool(run[0].get("without_commands")) == blind]
+        if own:
+            answers = [answer for _, found in own for answer in found]
+            commands = [_command(asked) for asked, _ in own]
+            cards.append(markdown(answers, commands, "###" if blind else "##"))
+    return f"\n\n{WITHOUT}\n\n".join(cards)
 
 
 if __name__ == "__main__":

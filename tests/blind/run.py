@@ -17,12 +17,15 @@ from tests.benchmarks.commit import commit
 from tests.blind.answers import earlier, write
 from tests.blind.cases import KINDS, make, name_of, suite
 from tests.blind.critic import flights_of, verdict_of_call, verdict_on
+from tests.blind.folder import without_commands
 from tests.blind.score import Answer, card
 from tests.blind.settling import settles
 
 ROOT = Path(__file__).parents[2]
 OUT = ROOT / "out" / "blind.json"
-SUITE = ("seed", "kinds", "fault", "strength", "coloured", "flights", "seconds", "library")
+SUITE = (
+    "seed", "kinds", "fault", "strength", "coloured", "flights", "seconds", "library", "without_commands",
+)  # fmt: skip
 """Options that say which suite it is; the others say how much of it."""
 
 
@@ -35,7 +38,11 @@ def judged(kind: str, fault: str | None, index: int, options: argparse.Namespace
         )  # fmt: skip
         begin = time.monotonic()
         judge = verdict_of_call if options.library else verdict_on
-        verdict = judge(flights_of(Path(home) / case.name), Path(home) / "answer")
+        flights = flights_of(Path(home) / case.name)
+        if options.without_commands:
+            for flight in flights:
+                without_commands(flight)
+        verdict = judge(flights, Path(home) / "answer")
         if options.keep:
             shutil.move(Path(home, case.name), Path(options.keep, case.name))
         return Answer(case, verdict, time.monotonic() - begin)
@@ -63,6 +70,12 @@ def main() -> None:
     )
     parser.add_argument(
         "--coloured", action="store_true", help="let successive samples of every case's noise correlate"
+    )
+    parser.add_argument(
+        "--without-commands",
+        action="store_const",
+        const=True,
+        help="take the command logs out of the folders",
     )
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)

@@ -8,7 +8,7 @@ import pytest
 
 from tests.blind import run
 from tests.blind.answers import earlier, read, write
-from tests.blind.page import came_out, markdown
+from tests.blind.page import WITHOUT, block, came_out, markdown
 from tests.blind.score import Answer
 from tests.blind.test_score import RIGHT, WRONG, case, says
 
@@ -64,3 +64,13 @@ def test_the_page_tells_the_card_and_what_came_out_wrong():
         "| false alarms, clean | 1 of 2 | 50.0 % | 9.5 to 90.5 % | at most 2 % | **missed** |"
         " interval within 0.5 to 1.5 % | **missed** |" in bad
     )
+
+
+def test_cases_without_command_logs_have_a_card_of_their_own():
+    asked = {"seed": 3, "flights": 4, "kinds": ["null"]}
+    known, blind = block([(asked, RIGHT), (asked | {"without_commands": True}, WRONG)]).split(WITHOUT)
+    assert "came out wrong: 0" in known
+    assert "--without-commands" not in known
+    assert f"### Cases that came out wrong: {len(WRONG)}" in blind
+    assert "--kinds null --without-commands`" in blind
+    assert WITHOUT not in block([(asked, RIGHT)])

@@ -102,7 +102,13 @@ def _key(setting: Setting, duration_s: float) -> bytes:
 
 def sighted(record: Record, sights: Sights, setting: Setting, directions: Sequence[Direction]) -> Sighted:
     """Score and information of the directions that pictures can tell of; 0 for all others."""
-    path, inside = path_of(record, sights, setting)
+    return sighted_along(*path_of(record, sights, setting), sights, setting, directions)
+
+
+def sighted_along(
+    path: Path, inside: NDArray[np.bool_], sights: Sights, setting: Setting, directions: Sequence[Direction]
+) -> Sighted:
+    """The same along a path through some of the pictures: those ``inside`` (n,)."""
     points = _points(sights, setting, path, inside, directions)
     shades = shade(sights, setting.camera, path, inside, directions)
     faint = [_FAINT * (d.kind in ("camera", "picture")) for d in directions]

@@ -36,6 +36,8 @@ LONGEST_STEP_S = 0.005
 """Of the filter between two events: a tenth of the vehicle's fastest lag."""
 HIGH_UP_M = 20.0
 FIRST_RANGES, HEIGHT_STD_M = 5, 0.05
+MOVING_TILT_RAD, MOVING_TURN_RAD_S, MOVING_M_S = 0.5, 1.5, 2.0
+"""How far a vehicle in motion may be from level and at rest."""
 LONGEST_GAP_S = 5.0
 """A flight whose readings pause longer is judged up to there only."""
 
@@ -201,6 +203,20 @@ def in_order(
         record, times_s=times_s, kinds=kinds[order], values=values[order], landing=landing[order],
         elapsed=np.clip(times_s / times_s[-1], 0.0, 1.0), first_step=first_step, step_begin_s=begin_s,
         step_s=lengths_s,
+    )  # fmt: skip
+
+
+def moving_from(record: Record, begin_s: float, end_s: float) -> Record:
+    """The record's events of a time at whose begin the vehicle moves already, nobody knows how."""
+    own = (record.times_s >= begin_s) & (record.times_s <= end_s)
+    first_step, step_begin_s, step_s = steps_between(record.times_s[own])
+    start, start_std = _start(record.kinds[own], record.values[own])
+    start_std[[ROLL, PITCH]], start_std[YAW_RATE] = MOVING_TILT_RAD, MOVING_TURN_RAD_S
+    start_std[[VX, VY, VZ]] = MOVING_M_S
+    return replace(
+        record, times_s=record.times_s[own], kinds=record.kinds[own], values=record.values[own],
+        landing=record.landing[own], elapsed=record.elapsed[own], first_step=first_step,
+        step_begin_s=step_begin_s, step_s=step_s, start=start, start_std=start_std,
     )  # fmt: skip
 
 

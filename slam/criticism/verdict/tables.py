@@ -30,17 +30,25 @@ TENTHS = 10
 def ranking(found: Search, probability: dict[str, float], odd: Sequence[Cause]) -> tuple[Rank, ...]:
     """All terms, "nothing" and "something else", by probability and by how far each stands out alone.
 
-    ``odd``: the causes that single readings show. Nothing is wrong if there is none of them either.
+    ``odd``: the causes that single readings show.
     """
-    seen = {cause.name: cause for cause in odd}
-    healthy = float(np.prod([1.0 - cause.probability for cause in seen.values()]))
-    probability = probability | {NOTHING: healthy * probability.get(NOTHING, 0.0)}
-    z = {name: seen[name].z if name in seen else 0.0 for name in IN_SINGLE_READINGS}
+    z: dict[str, float] = {}
     for standing in found.first.standing([], found.first.effects):
         if named(standing.effect):
             z[standing.effect.name] = max(z.get(standing.effect.name, 0.0), standing.z)
-    names = [*z, NOTHING, SOMETHING_ELSE]
-    ranks = [Rank(name, probability.get(name, 0.0), z.get(name, 0.0)) for name in names]
+    return ranked(z, probability, odd)
+
+
+def ranked(z: dict[str, float], probability: dict[str, float], odd: Sequence[Cause]) -> tuple[Rank, ...]:
+    """Terms by their ``z``, and those that only single readings show: nothing is wrong if there is none of
+    these either."""
+    seen = {cause.name: cause for cause in odd}
+    healthy = float(np.prod([1.0 - cause.probability for cause in seen.values()]))
+    probability = probability | {NOTHING: healthy * probability.get(NOTHING, 0.0)}
+    z = {name: seen[name].z if name in seen else 0.0 for name in IN_SINGLE_READINGS} | z
+    ranks = [
+        Rank(name, probability.get(name, 0.0), z.get(name, 0.0)) for name in (*z, NOTHING, SOMETHING_ELSE)
+    ]
     return tuple(sorted(ranks, key=lambda r: (-r.probability, -r.z)))
 
 

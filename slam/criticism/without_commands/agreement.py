@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from backend.measurements import GRAVITY_M_S2
+from slam.criticism.without_commands.pictures import in_catalogue
 from slam.criticism.without_commands.regression import TOLERANCE, Regression
 from slam.simulation.terms import CATALOGUE
 
@@ -49,5 +50,6 @@ def _disagreements(data: Regression, chosen: Sequence[str], effect: str) -> list
             unit = CATALOGUE[effect].parameter(name.rpartition(".")[2]).unit
             off_deg = float(np.degrees(np.arctan(np.ptp(found) / GRAVITY_M_S2)))
             like = f", as of an attitude that goes wrong by {off_deg:.0f} deg" if name in LEVEL else ""
-            told.append(f"{name} is {found.min():.2g} to {found.max():.2g} {unit} by stretches of 10 s{like}")
+            least, most = (in_catalogue(name, float(x)) for x in (found.min(), found.max()))
+            told.append(f"{name} is {least:.2g} to {most:.2g} {unit} by stretches of 10 s{like}")
     return told

@@ -73,7 +73,7 @@ class Rows:
     """Differences of unit variance, and what each effect's unit makes of them."""
 
     kind: str
-    """``attitude``, ``velocity`` or ``height``: what is held against the imu."""
+    """``attitude``, ``velocity`` or ``height``, held against the imu; or ``pictures``, held against all."""
     times_s: Array
     """(n,)."""
     off: Array
@@ -82,8 +82,8 @@ class Rows:
     """Column -> (n,)."""
     noise: float
     """Standard deviation of one difference before it was divided by it; rad, m/s or m."""
-    averages: Averages
-    """What they are differences of."""
+    averages: Averages | None
+    """What they are differences of; none of pictures."""
 
 
 @dataclass(frozen=True)
@@ -121,12 +121,12 @@ def balances_of(flight: Flight) -> list[Rows]:
     at_imu = np.column_stack([np.interp(imu_s, stamps, column) for column in turned.T])
     gyro, accel = flight.imu.gyro_rad_s[felt] @ b_R_s.T, flight.imu.accel_m_s2[felt] @ b_R_s.T
     imu = _Imu(imu_s, gyro, accel, at_imu)
-    near_floor = _near_floor(flight)
-    found = _attitude(imu, stamps, turned, near_floor)
+    low_s = near_floor(flight)
+    found = _attitude(imu, stamps, turned, low_s)
     if flight.velocity is not None:
-        found += _velocity(imu, flight, near_floor)
+        found += _velocity(imu, flight, low_s)
     if flight.sonar is not None:
-        found += _height(imu, flight, near_floor)
+        found += _height(imu, flight, low_s)
     return found
 
 
@@ -277,7 +277,7 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
     return Rows(kind, times_s, white[:, 0], traces, scatter * float(np.sqrt(variance)), averages)
 
 
-def _near_floor(flight: Flight) -> Array:
+def near_floor(flight: Flight) -> Array:
     """Stamps of ranges that are so small that the vehicle may stand, or missing."""
     if flight.sonar is None:
         return np.zeros(0)

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from slam.criticism.camera.warps import TOLERANCE as WARP_TOLERANCE
+from slam.criticism.camera.warps import WARPS
 from slam.criticism.search.occam import occam
 from slam.criticism.without_commands.balances import Rows
 
@@ -18,13 +20,23 @@ Ints = NDArray[np.int64]
 STRETCH_S = 10.0
 FEWEST_FLIGHTS = 3
 SEGMENTS = 6
+MANY = 9
+"""Stretches of three flights of half a minute: by such it was found how far errors stand out by chance."""
+LEAST_FREE = 3
+"""Degrees of freedom of the errors: they are no less than white rows have it."""
 RIDGE = 1e-9
 TOLERANCE = {
     "gyro_bias": 1e-4, "gyro_scale": 1e-3, "imu_misalignment": 1e-3, "accel_bias": 1e-2, "accel_scale": 1e-3,
     "flow_scale": 5e-3, "flow_derotation": 5e-3, "sonar_scale": 3e-3, "sonar_slant": 3e-2, "sonar_tilt": 3e-3,
-    "sonar_lag": 3e-3, "attitude late": 3e-3, "velocity late": 3e-3,
+    "sonar_lag": 3e-3, "sonar_bias": 1e-2, "attitude late": 3e-3, "velocity late": 3e-3,
+    "focal_length": 3e-3, "radial_distortion": 5e-3, "camera_tilt": 2e-3, "camera_time_offset": 1e-3,
+    "rolling_shutter": 1e-3, "vignetting": 2e-2, "motion_blur": 1e-5, "exposure_variation": 1e-4,
+    "picture brightness ~ time": 5e-3, "picture colour ~ time": 5e-3, "picture contrast ~ time": 2e-2,
+    "picture sharpness ~ time": 5e-2, "picture brightness ~ height": 5e-2,
+    **dict(zip(WARPS, WARP_TOLERANCE.tolist(), strict=True)),
 }  # fmt: skip
-"""What integrals over half a second leave of each in healthy flights: sizes below are none."""
+"""What integrals over half a second leave of each in healthy flights, and what features on pictures bear of
+the camera: sizes below are none."""
 
 
 @dataclass(frozen=True)
@@ -106,9 +118,17 @@ class Regression:
         effects = [*(e for e in chosen if e != effect), effect]
         size, covariance = self.covariance(effects)
         own = self.columns_of(effects, effect)
-        spread = covariance[np.ix_(own, own)] + TOLERANCE[effect] ** 2 * np.eye(len(own))
+        spread = covariance[np.ix_(own, own)] + TOLERANCE.get(effect, 0.0) ** 2 * np.eye(len(own))
         square = float(size[own] @ np.linalg.solve(spread, size[own]))
         return float(np.sqrt(max(square - (len(own) - 1), 0.0)))
+
+    def as_rare_as(self, z: float) -> float:
+        """The z that is as rare here as ``z`` where errors are known from ``MANY`` stretches: from few they
+        may seem small."""
+        free = int(self.cluster.max())
+        if free >= MANY - 1:
+            return z
+        return float(student.isf(student.sf(z, MANY - 1), max(free, LEAST_FREE)))
 
     def held_out(self, rest: Sequence[str], effect: str) -> Array:
         """Nats that an effect gains on each part, fitted on the others."""

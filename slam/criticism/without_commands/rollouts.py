@@ -28,15 +28,10 @@ def channel_errors(
 
     ``data`` is of these ``rows``; ``told`` are those of the ``chosen`` that an extended model holds.
     """
-    sizes = {int(part): _sizes(data, chosen, told, data.part != part) for part in np.unique(data.part)}
+    sizes = foretold(data, chosen, told)
     squares: dict[tuple[str, str, float], list[Array]] = {}
-    begin = 0
-    for flight in rows:
-        count = sum(len(r.off) for r in flight)
-        stretch = np.concatenate([r.times_s // STRETCH_S for r in flight]) if flight else np.zeros(0)
-        parts = dict(zip(stretch.tolist(), data.part[begin : begin + count].tolist(), strict=True))
-        begin += count
-        for averages in (r.averages for r in flight):
+    for flight, parts in zip(rows, parts_of(rows, data), strict=True):
+        for averages in (r.averages for r in flight if r.averages is not None):
             for horizon in HORIZONS_S:
                 found = _misses(averages, horizon, parts, sizes, data.by == "flight")
                 squares.setdefault((averages.channel, averages.unit, horizon), []).append(found**2)
@@ -49,11 +44,27 @@ def channel_errors(
     return tuple(sorted(errors, key=lambda e: e.horizon_s))
 
 
-def _sizes(data: Regression, chosen: Sequence[str], told: Sequence[str], others: NDArray[np.bool_]) -> Sizes:
-    """Column -> size by some rows."""
-    size, _ = data.fit(chosen, others)
+def parts_of(rows: Sequence[Sequence[Rows]], data: Regression) -> list[dict[float, int]]:
+    """For each flight: number of a stretch -> the part that is held out together, of those with rows."""
+    parts, begin = [], 0
+    for flight in rows:
+        count = sum(len(r.off) for r in flight)
+        stretch = np.concatenate([r.times_s // STRETCH_S for r in flight]) if flight else np.zeros(0)
+        parts.append(dict(zip(stretch.tolist(), data.part[begin : begin + count].tolist(), strict=True)))
+        begin += count
+    return parts
+
+
+def foretold(data: Regression, chosen: Sequence[str], told: Sequence[str]) -> dict[int, Sizes]:
+    """For each part the sizes of the ``told`` among the ``chosen`` by all others: column -> size."""
     named = [n for e in chosen for n in data.of(e)]
-    return {n: float(x) for n, x in zip(named, size, strict=True) if n.rpartition(".")[0] in told}
+    sizes = {}
+    for part in np.unique(data.part).tolist():
+        fitted, _ = data.fit(chosen, data.part != part)
+        sizes[part] = {
+            n: float(x) for n, x in zip(named, fitted, strict=True) if n.rpartition(".")[0] in told
+        }
+    return sizes
 
 
 def _misses(

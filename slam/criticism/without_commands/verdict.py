@@ -16,17 +16,20 @@ from slam.criticism.extended import with_sizes
 from slam.criticism.search.effects import plausible
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.covariate import Covariate, Misses
-from slam.criticism.verdict.criticism import Criticism, Rank
-from slam.criticism.verdict.decision import CONFIRMED_NATS
+from slam.criticism.verdict.criticism import Criticism
+from slam.criticism.verdict.decision import CONFIRMED_NATS, in_order
 from slam.criticism.verdict.sentence import sentence_of
+from slam.criticism.verdict.tables import ranked
 from slam.criticism.without_commands.agreement import disagreements
-from slam.criticism.without_commands.balances import balances_of
+from slam.criticism.without_commands.balances import Rows
+from slam.criticism.without_commands.held import Held, held
 from slam.criticism.without_commands.next_flight import next_motion
+from slam.criticism.without_commands.pictures import LATE, columns, in_catalogue, is_square, picture_errors
 from slam.criticism.without_commands.posterior import in_place_of, posterior_of
 from slam.criticism.without_commands.regression import TOLERANCE, Regression, regression_of
-from slam.criticism.without_commands.rollouts import channel_errors
+from slam.criticism.without_commands.rollouts import channel_errors, foretold, parts_of
 from slam.flight import Flight
-from slam.progress import Progress, Tally, silent
+from slam.progress import Progress, silent
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 
@@ -45,6 +48,7 @@ STANDS_OUT = (
 )
 """``python -m slam.criticism.calibrate 150 9000 --without-commands``: the greatest of the others is 4.7."""
 MOST = 5
+ROUNDS = 2
 UNTOLD = 10.0
 """Times the largest value that a term bears: of what shows from there on only, the flights tell nothing."""
 
@@ -53,22 +57,26 @@ def judged_without_commands(
     flights: Sequence[Flight], model: Model, dropped: Sequence[str] = (), progress: Progress = silent
 ) -> Criticism | None:
     """Hold the instruments against each other; None where the flights have no two that can be."""
-    rows = [balances_of(flight) for flight in Tally(progress, "instruments", len(flights)).each(flights)]
+    found = held(flights, model, progress)
+    rows = found.rows({})
     if not any(rows):
         return None
     data = regression_of(rows)
     chosen = _chosen(data)
+    for _ in range(ROUNDS if found.seen and chosen else 0):
+        # Pictures are linear near the truth only.
+        rows = found.rows(_sizes(data, chosen))
+        data = regression_of(rows)
+        chosen = _chosen(data)
     posterior = posterior_of(data, chosen)
     named = [e for e in chosen if e in CATALOGUE]
-    errors = channel_errors(rows, data, chosen, named) if named else ()
-    causes = tuple(_cause(data, chosen, e, posterior[e], errors) for e in named)
-    late = [
-        f"{e} by {1e3 * data.fit(chosen)[0][data.columns_of(chosen, e)][0]:.0f} ms"
-        for e in chosen if e not in CATALOGUE
-    ]  # fmt: skip
+    errors = _errors(found, rows, data, chosen) if named else ()
+    odd = [oddity.cause() for oddity in found.odd]
+    causes = in_order([*(_cause(data, chosen, e, posterior[e], errors) for e in named), *odd])
+    strange = [_strange(data, chosen, e) for e in chosen if e not in CATALOGUE]
     changing = disagreements(data, chosen)
-    unsure = [c.name for c in causes if c.probability < SURE and len(c.alternatives) == 1]
-    remainder = "; ".join([*late, *changing, *(f"{name} may be something else" for name in unsure)])
+    unsure = [c.name for c in causes if c.probability < SURE and len(c.alternatives) < 2]
+    remainder = "; ".join([*strange, *changing, *(f"{name} may be something else" for name in unsure)])
     equivalents = causes[0].alternatives if causes and len(causes[0].alternatives) > 1 else ()
     if not causes:
         verdict = "unknown" if remainder else "nothing_wrong"
@@ -79,7 +87,6 @@ def judged_without_commands(
     seen = _detectable(data)
     sentence = sentence_of(verdict, causes, equivalents, remainder, seen)  # type: ignore[arg-type]
     shown = {e: data.z([], e) for e in data.effects() if e in CATALOGUE}
-    ranks = [Rank(name, probability, shown.get(name, 0.0)) for name, probability in posterior.items()]
     return Criticism(
         verdict,  # type: ignore[arg-type]
         f"{sentence} ({REASON[0].upper()}{REASON[1:]}.)",
@@ -88,24 +95,49 @@ def judged_without_commands(
         remainder,
         next_motion(model, rows, chosen, equivalents[:2], progress) if equivalents else "",
         detectable=seen,
-        ranking=tuple(sorted(ranks, key=lambda r: (-r.probability, -r.z))),
-        covariate=_covariate(data, chosen, causes[0]) if causes else None,
-        threshold=STANDS_OUT_Z,
+        ranking=ranked(shown, posterior, odd),
+        covariate=_covariate(data, chosen, causes[0]) if causes and causes[0].name in chosen else None,
+        threshold=data.as_rare_as(STANDS_OUT_Z),
         threshold_means=STANDS_OUT,
         model=model,
         extended=_extended(model, causes),
-        flights=tuple(f.name for f, found in zip(flights, rows, strict=True) if found),
-        dropped=(*dropped, REASON),
+        flights=tuple(f.name for f, known in zip(flights, rows, strict=True) if known),
+        dropped=(*dropped, *found.dropped, REASON),
     )
+
+
+def _strange(data: Regression, chosen: Sequence[str], effect: str) -> str:
+    """What no term is, in words."""
+    if f"{effect}.s" not in LATE:
+        return f"{effect} (z = {data.z(chosen, effect):.1f})"
+    late_s = data.fit(chosen)[0][data.columns_of(chosen, effect)][0]
+    return f"{effect} by {1e3 * late_s:.0f} ms"
+
+
+def _sizes(data: Regression, chosen: Sequence[str]) -> dict[str, float]:
+    """Column -> size, of those that pictures know of."""
+    size, _ = data.fit(chosen)
+    named = [n for e in chosen for n in data.of(e)]
+    known = columns()
+    return {n: float(x) for n, x in zip(named, size, strict=True) if n in known}
+
+
+def _errors(
+    found: Held, rows: Sequence[Sequence[Rows]], data: Regression, chosen: Sequence[str]
+) -> tuple[ChannelError, ...]:
+    named = [e for e in chosen if e in CATALOGUE]
+    sizes = foretold(data, chosen, named)
+    pictures = picture_errors(found.records, found.setting, parts_of(rows, data), sizes)
+    return (*channel_errors(rows, data, chosen, named), *pictures)
 
 
 def _chosen(data: Regression) -> list[str]:
     """The effects that stand out, the greatest first."""
     chosen: list[str] = []
     while len(chosen) < MOST:
-        open_ = [e for e in data.effects() if e not in chosen and _is_plausible(data, chosen, e)]
+        open_ = [e for e in data.effects() if e not in chosen and is_plausible(data, chosen, e)]
         best = max(open_, key=lambda e: data.nats([*chosen, e]), default="")
-        if not best or data.z(chosen, best) < STANDS_OUT_Z:
+        if not best or data.z(chosen, best) < data.as_rare_as(STANDS_OUT_Z):
             break
         if data.held_out(chosen, best).sum() < CONFIRMED_NATS:
             break
@@ -113,7 +145,7 @@ def _chosen(data: Regression) -> list[str]:
     for effect in list(chosen):
         # What led alone may stand behind another beside the rest.
         rest = [e for e in chosen if e != effect]
-        open_ = [e for e in data.effects() if e not in rest and _is_plausible(data, rest, e)]
+        open_ = [e for e in data.effects() if e not in rest and is_plausible(data, rest, e)]
         best = max(open_, key=lambda e: data.nats([*rest, e]), default=effect)
         chosen[chosen.index(effect)] = best
     return chosen
@@ -127,16 +159,17 @@ def _extended(model: Model, causes: Sequence[Cause]) -> Model:
     return extended
 
 
-def _is_plausible(data: Regression, chosen: Sequence[str], effect: str) -> bool:
-    """Whether an effect's sizes are what it may have at all."""
-    if effect not in CATALOGUE:
-        return True
+def is_plausible(data: Regression, chosen: Sequence[str], effect: str) -> bool:
+    """Whether an effect's sizes beside the chosen are what it may have at all."""
     size, covariance = data.covariance([*chosen, effect])
     for k, column in zip(data.columns_of([*chosen, effect], effect), data.of(effect), strict=True):
-        name = column.rpartition(".")[2]
-        low, high = plausible(effect, name)
-        value, std = CATALOGUE[effect].parameter(name).neutral + size[k], float(np.sqrt(covariance[k, k]))
-        if not low - 2 * std <= value <= high + 2 * std:
+        std = float(np.sqrt(covariance[k, k]))
+        if is_square(column) and size[k] + 2 * std < 0.0:
+            return False
+        if effect not in CATALOGUE:
+            continue
+        low, high = plausible(effect, column.rpartition(".")[2])
+        if in_catalogue(column, size[k] + 2 * std) < low or in_catalogue(column, size[k] - 2 * std) > high:
             return False
     return True
 
@@ -153,11 +186,11 @@ def _cause(
     parameters = {}
     for k, column in zip(data.columns_of(chosen, effect), data.of(effect), strict=True):
         parameter = CATALOGUE[effect].parameter(column.rpartition(".")[2])
-        value = float(size[k]) + parameter.neutral
         # What integrals leave of it, and the equation's own misfit, are in it beside chance.
         std = float(np.hypot(np.sqrt(covariance[k, k]), TOLERANCE[effect]))
         half = float(np.hypot(data.wide * std, MISFIT * size[k]))
-        parameters[parameter.name] = Interval(value, parameter.unit, value - half, value + half)
+        value, low, high = (in_catalogue(column, float(size[k]) + x) for x in (0.0, -half, half))
+        parameters[parameter.name] = Interval(value, parameter.unit, low, high)
     gains = data.held_out(rest, effect)
     gain = Gain(float(gains.sum()), drawn_again(gains), data.by, tuple(gains.tolist()), errors)
     place = in_place_of(data, chosen, effect)
@@ -190,7 +223,8 @@ def _detectable(data: Regression) -> dict[str, tuple[float, str]]:
         if effect in CATALOGUE:
             _, covariance = data.covariance([effect])
             std = float(np.sqrt(np.diag(covariance).max() + TOLERANCE[effect] ** 2))
-            size, parameter = (STANDS_OUT_Z + 1.28) * std, CATALOGUE[effect].parameters[0]
+            size, parameter = (data.as_rare_as(STANDS_OUT_Z) + 1.28) * std, CATALOGUE[effect].parameters[0]
+            size = float(np.sqrt(size)) if is_square(data.of(effect)[0]) else size
             if size < UNTOLD * max(abs(parameter.most), abs(parameter.least)):
                 found[effect] = size, parameter.unit
     return found

@@ -15,6 +15,7 @@ from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
 from slam.criticism.without_commands.balances import NODE_S, balances_of
 from slam.criticism.without_commands.carried import CARRIED, carried
 from slam.simulation.model import load_model
+from tests.slam.criticism.camera.seen_flight import seen_flight
 
 PLANS = (
     ["climb and descend by 0.6 m", "three speeds forward: 0.1, 0.2, 0.4", "yaw steps at 0.3, 0.6 and 1"],
@@ -179,3 +180,41 @@ def test_a_size_that_changes_is_told_as_left_over():
     y = found.causes[0].parameters["y"]
     assert y.low < 0.5
     assert y.high > 1.5
+
+
+def seen(terms):
+    """Three flights of ten seconds with pictures, of which nobody knows the sticks."""
+    return [replace(seen_flight(terms, seed), name=f"seen {seed}", command=None) for seed in (5, 6, 7)]
+
+
+@pytest.mark.parametrize(
+    ("term", "parameter", "size"),
+    [
+        ("", "", 0.0),
+        pytest.param("focal_length", "eps", 0.06, marks=pytest.mark.slow),
+        ("rolling_shutter", "readout", 0.03),
+    ],
+)
+def test_pictures_are_held_against_the_other_instruments(term, parameter, size):
+    found = criticise(seen({term: {parameter: size}} if term else {}))
+    if not term:
+        assert found.verdict == "nothing_wrong", found.sentence
+        assert "focal_length" in found.detectable
+        return
+    cause = found.causes[0]
+    assert cause.name == term, found.sentence
+    told = cause.parameters[parameter]
+    assert told.low < size < told.high
+    assert abs(told.value - size) < 0.25 * size
+    missed = next(c for c in cause.gain.channels if c.unit == "px")
+    assert missed.after < missed.before
+
+
+def test_what_single_readings_show_is_told_without_commands():
+    spiked = flights()
+    ranges = spiked[0].sonar.range_m.copy()
+    ranges[[100, 200, 300]] *= 2.0
+    spiked[0] = replace(spiked[0], sonar=replace(spiked[0].sonar, range_m=ranges))
+    found = criticise(spiked)
+    assert [cause.name for cause in found.causes] == ["sonar_spikes"], found.sentence
+    assert found.extended.holds("sonar_spikes")

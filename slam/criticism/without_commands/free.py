@@ -1,0 +1,58 @@
+"""A vehicle that may move in any way, for flights of which nobody knows what drove them.
+
+The filter's equations stay, with so much unrest in them that they tell nothing: what is left is the motion
+that all instruments agree on, and by how much each reading is off it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from slam.criticism.kalman.record import Record, moving_from, record_of
+from slam.criticism.kalman.setting import Setting
+from slam.criticism.kalman.transition import (
+    TILT_STD,
+    TILT_TIME,
+    TURN_STD,
+    TURN_TIME,
+    W_STD,
+    W_TIME,
+    W_UP_STD,
+)
+from slam.criticism.without_commands.balances import near_floor
+from slam.flight import Flight
+
+TILT_RAD, TURN_RAD_S, SPEED_M_S = 0.3, 1.5, 1.0
+"""Unrest of tilt, rate of turn and speed: a hand shakes by that."""
+MEMORY_S = 0.2
+CLEAR_S = 0.3
+"""From a reading near the floor."""
+SHORTEST_S = 5.0
+
+
+def free(setting: Setting) -> Setting:
+    """The belief about the instruments alone."""
+    hold = setting.hold.copy()
+    hold[[TILT_STD, TURN_STD, W_STD, W_UP_STD]] = TILT_RAD, TURN_RAD_S, SPEED_M_S, SPEED_M_S
+    hold[[TILT_TIME, TURN_TIME, W_TIME]] = MEMORY_S
+    return replace(setting, hold=hold)
+
+
+def airborne(flight: Flight) -> Record | None:
+    """The longest stretch between readings near the floor; None where there is no sonar to tell, or where it
+    is short."""
+    if flight.sonar is None:
+        return None
+    try:
+        record = record_of(flight)
+    except ValueError:
+        return None
+    ends_s = record.times_s[[0, -1]] + CLEAR_S * np.array([-1.0, 1.0])
+    low_s = np.concatenate([ends_s[:1], near_floor(flight), ends_s[1:]])
+    longest = int(np.argmax(np.diff(low_s)))
+    begin_s, end_s = low_s[longest] + CLEAR_S, low_s[longest + 1] - CLEAR_S
+    if end_s - begin_s < SHORTEST_S:
+        return None
+    return moving_from(record, begin_s, end_s)

@@ -1,0 +1,77 @@
+"""What the instruments of some flights say against each other: balances, pictures, and single readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from slam.criticism.camera.pictures import look_all
+from slam.criticism.camera.strays import without_strays
+from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting, setting_of
+from slam.criticism.residuals.oddities import Oddity, oddities, without_dead_zone
+from slam.criticism.threads import in_threads
+from slam.criticism.without_commands.balances import Rows, balances_of
+from slam.criticism.without_commands.free import airborne, free
+from slam.criticism.without_commands.pictures import Sizes, picture_rows
+from slam.flight import Flight
+from slam.progress import Progress, Tally, silent
+from slam.simulation.model import Model
+
+
+@dataclass(frozen=True)
+class Held:
+    """Flights whose instruments are held against each other."""
+
+    balances: tuple[list[Rows], ...]
+    records: tuple[Record | None, ...]
+    """Of each flight what it read in the air, with its pictures; None where nobody can tell that it flew."""
+    setting: Setting
+    """A free vehicle's."""
+    odd: tuple[Oddity, ...]
+    """What single readings show."""
+    dropped: tuple[str, ...]
+    """What was left out, in words."""
+
+    @property
+    def seen(self) -> bool:
+        """Whether there are pictures."""
+        return any(record is not None and record.sights is not None for record in self.records)
+
+    def rows(self, sizes: Sizes) -> list[list[Rows]]:
+        """Of each flight, those of the pictures linear about the ``sizes`` of some columns."""
+        if not self.seen:
+            return list(self.balances)
+
+        def of_pictures(record: Record | None) -> list[Rows]:
+            return (
+                [] if record is None or record.sights is None else picture_rows(record, self.setting, sizes)
+            )
+
+        pictures = in_threads(of_pictures, self.records)
+        return [[*known, *more] for known, more in zip(self.balances, pictures, strict=True)]
+
+
+def held(flights: Sequence[Flight], model: Model, progress: Progress = silent) -> Held:
+    """Look at the flights."""
+    balances = [balances_of(flight) for flight in Tally(progress, "instruments", len(flights)).each(flights)]
+    setting = free(setting_of(model))
+    records, dropped = [], []
+    for record, sights in zip(map(airborne, flights), look_all(flights, progress), strict=True):
+        if record is None or sights is None:
+            records.append(record)
+            continue
+        known, told = without_strays(replace(record, sights=sights), setting)
+        records.append(known)
+        dropped += [told] if told else []
+    return Held(tuple(balances), tuple(records), setting, tuple(_odd(records, setting)), tuple(dropped))
+
+
+def _odd(records: Sequence[Record | None], setting: Setting) -> list[Oddity]:
+    known = [record for record in records if record is not None]
+    if not known:
+        return []
+    flown, found = without_dead_zone(known)
+    passes = in_threads(lambda record: whole(record, setting), flown)
+    return [*found, *oddities(flown, passes)]

@@ -1,0 +1,188 @@
+"""Pictures held against the path that all other instruments agree on, as rows beside those of the balances.
+
+Of each ten seconds the pictures give a score g and an information H of every error that moves points of the
+floor in them, or changes their tones. With H = R'R these are rows R x = R'^-1 g of unit variance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
+
+from slam.criticism.camera.shading import PICTURE_SHAPES, RESTLESS
+from slam.criticism.camera.sighting import Sighted, path_of, sighted_along
+from slam.criticism.camera.warps import WARPS
+from slam.criticism.cause import NOT_AHEAD_S, ChannelError
+from slam.criticism.kalman.optics import CAMERA, POINTS, SQUARES, STEPS, catalogued
+from slam.criticism.kalman.readings import SENSOR
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting, slot
+from slam.criticism.kalman.smoothing import POSE
+from slam.criticism.kalman.tangents import Direction, parameter_direction
+from slam.criticism.without_commands.balances import Rows
+from slam.criticism.without_commands.regression import STRETCH_S
+from slam.simulation.terms import CATALOGUE
+
+Array = NDArray[np.float64]
+Sizes = Mapping[str, float]
+"""Column -> size."""
+
+KIND = "pictures"
+LATE = {"attitude late.s": "attitude.delay_s", "velocity late.s": "velocity.delay_s"}
+"""Columns of what no term is."""
+HEALTHY = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3}
+"""What healthy flights differ by, one standard deviation."""
+UNSEEN = ("sonar_temperature.rise",)
+"""A drifting scale: told by the flight's elapsed time, of which a stretch has little."""
+SHAPES = (*PICTURE_SHAPES, *WARPS)
+"""What no term is, either."""
+_SIZE = ".size"
+"""Behind a shape's name: its column."""
+IN_TIME = "~ time"
+"""In the name of a shape that grows with time: so much in ten seconds."""
+_STEP = 1e-3
+_FAINT = 1e-9
+"""Information on what nothing in a stretch shows."""
+FEWEST = 6
+"""Pictures of a stretch."""
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Ten seconds of a flight with pictures."""
+
+    middle_s: float
+    lasts_s: float
+    """From its first picture to its last."""
+    seen: Sighted
+
+
+def columns() -> list[str]:
+    """Every error that pictures may tell of."""
+    sensor = [n for n in SENSOR if n.partition(".")[0] in CATALOGUE and n not in (*HEALTHY, *UNSEEN)]
+    return [*CAMERA, *sensor, *LATE, *(name + _SIZE for name in SHAPES)]
+
+
+def picture_rows(record: Record, setting: Setting, sizes: Sizes) -> list[Rows]:
+    """The rows of a flight's pictures, linear about the ``sizes`` of some columns.
+
+    ``setting`` is a free vehicle's, without these errors.
+    """
+    names, at = columns(), believed(setting, sizes)
+    every = [*names, *HEALTHY]
+    directions = [_direction(name) for name in every]
+    p, held = len(names), np.array([sizes.get(name, 0.0) for name in names])
+    made = []
+    for stretch in _stretches(record, at, directions):
+        unit = np.array([stretch.lasts_s / STRETCH_S if IN_TIME in name else 1.0 for name in every])
+        H, g = stretch.seen.information * unit[:, None] * unit, stretch.seen.score * unit
+        H[np.arange(len(H)), np.arange(len(H))] += _FAINT
+        H[np.arange(p, len(H)), np.arange(p, len(H))] += np.array(list(HEALTHY.values())) ** -2.0
+        taken = np.linalg.solve(H[p:, p:], np.column_stack([H[p:, :p], g[p:]]))
+        left, score = H[:p, :p] - H[:p, p:] @ taken[:, :-1], g[:p] - H[:p, p:] @ taken[:, -1]
+        scale = np.sqrt(np.maximum(np.diag(left), 1e-12))
+        R = cholesky(left / scale[:, None] / scale + 1e-9 * np.eye(p)) * scale
+        off = solve_triangular(R, score, trans="T") + R @ held
+        over = np.sqrt(_misfit(stretch.seen, H, g))
+        R, off = R / over, off / over
+        times_s = np.full(p, stretch.middle_s)
+        made.append(Rows(KIND, times_s, off, dict(zip(names, R.T, strict=True)), 1.0, None))
+    return made
+
+
+def picture_errors(
+    records: Sequence[Record | None], setting: Setting, parts: Sequence[Mapping[float, int]],
+    sizes: Mapping[int, Sizes],
+) -> tuple[ChannelError, ...]:  # fmt: skip
+    """Pixels that points are off by where the path carries them, root mean square, without the errors and
+    with such ``sizes`` as the other parts of the flights have; empty where there are no pictures."""
+    squares = np.zeros((0, 2))
+    weights = np.zeros(0)
+    for record, of in zip(records, parts, strict=True):
+        if record is None or record.sights is None:
+            continue
+        noise = float(np.mean(record.sights.std_px**2))
+        before = {s.middle_s: s.seen for s in _stretches(record, setting, ())}
+        for part in sorted(set(of.values())):
+            for after in _stretches(record, believed(setting, sizes[part]), ()):
+                if of.get(after.middle_s // STRETCH_S) != part or after.middle_s not in before:
+                    continue
+                plain = before[after.middle_s]
+                both = [plain.chi_square / plain.rows, after.seen.chi_square / after.seen.rows]
+                squares = np.vstack([squares, noise * np.array(both)])
+                weights = np.append(weights, plain.rows)
+    if not len(weights):
+        return ()
+    rms = np.sqrt(np.average(squares, axis=0, weights=weights))
+    return (ChannelError("reprojection", "px", NOT_AHEAD_S, float(rms[0]), float(rms[1])),)
+
+
+def believed(setting: Setting, sizes: Sizes) -> Setting:
+    """The setting with errors of some sizes."""
+    camera, sensor = setting.camera.copy(), setting.sensor.copy()
+    for name, size in sizes.items():
+        if name.endswith(_SIZE):
+            continue
+        where, entry = slot(LATE.get(name, name))
+        (camera if where == "camera" else sensor)[entry] += size
+    camera[list(SQUARES)] = np.maximum(camera[list(SQUARES)], 0.0)
+    return replace(setting, camera=camera, sensor=sensor)
+
+
+def in_catalogue(column: str, size: float) -> float:
+    """A column's size in the catalogue's unit: of a variance, the deviation."""
+    if column in CAMERA:
+        return catalogued(CAMERA.index(column), size)
+    effect, _, parameter = column.rpartition(".")
+    return size + CATALOGUE[effect].parameter(parameter).neutral
+
+
+def is_square(column: str) -> bool:
+    """Whether a column is a square, or a variance: its size cannot be negative."""
+    if column in CAMERA:
+        return CAMERA.index(column) in SQUARES
+    return column.removesuffix(_SIZE) in RESTLESS
+
+
+def _misfit(seen: Sighted, information: Array, score: Array) -> float:
+    """How much larger residuals are than their own noise, squared, once all that moves points is fitted: then
+    pictures and path disagree by more than they say."""
+    tones = [*CAMERA[POINTS:], *(name + _SIZE for name in PICTURE_SHAPES)]
+    points = np.array([k for k, name in enumerate((*columns(), *HEALTHY)) if name not in tones])
+    own = information[np.ix_(points, points)] + _FAINT * np.eye(len(points))
+    explained = float(score[points] @ np.linalg.solve(own, score[points]))
+    return max((seen.chi_square - explained) / seen.rows, 1.0)
+
+
+def _direction(name: str) -> Direction:
+    if name.endswith(_SIZE):
+        return Direction(name, "picture", SHAPES.index(name.removesuffix(_SIZE)))
+    step = STEPS[CAMERA.index(name)] if name in CAMERA else _STEP
+    return parameter_direction(LATE.get(name, name), step)
+
+
+def _stretches(record: Record, setting: Setting, directions: Sequence[Direction]) -> Iterator[_Stretch]:
+    """What the pictures of each ten seconds say by themselves."""
+    sights = record.sights
+    assert sights is not None
+    path, inside = path_of(record, sights, setting)
+    number = (path.times_s // STRETCH_S).astype(np.int64)
+    wide = len(POSE)
+    for k in np.unique(number):
+        own = number == k
+        if own.sum() < FEWEST:
+            continue
+        rows = np.repeat(own, wide)
+        part = replace(
+            path, times_s=path.times_s[own], poses=path.poses[own], rates=path.rates[own],
+            bends=path.bends[own], covariance=path.covariance[np.ix_(rows, rows)], traces=path.traces[rows],
+        )  # fmt: skip
+        shown = inside.copy()
+        shown[np.flatnonzero(inside)[~own]] = False
+        seen = sighted_along(part, shown, sights, setting, directions)
+        if seen.rows:
+            yield _Stretch(float((k + 0.5) * STRETCH_S), float(np.ptp(part.times_s)), seen)
