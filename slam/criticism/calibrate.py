@@ -25,7 +25,6 @@ from slam.criticism.without_commands.regression import regression_of
 from slam.criticism.without_commands.verdict import is_plausible
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import load_model
-from slam.simulation.terms import CATALOGUE
 
 RATES = (0.007, 0.003, 0.001)
 """Of false alarms: terms, dictionary, pairs."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.ndimage import median_filter
 
 from backend.measurements import GRAVITY_M_S2
 from frontend.robust import robust_std
@@ -37,6 +38,11 @@ CHANNELS = {
 }
 """Name and unit of each component of a balance."""
 LEAST_SHARE = 0.05
+BETWEEN_SAMPLES = "gyro between samples"
+"""Column of what jumps of the rate are worth from one sample to the next: nobody knows when in between they
+came. Where sticks jump at even times it is always the same moment."""
+JUMP = 6.0
+"""Standard deviations by which a rate must jump from one sample to the next, beside its neighbours."""
 FAR_OFF = 5.0
 
 
@@ -81,7 +87,8 @@ class Rows:
     traces: dict[str, Array]
     """Column -> (n,)."""
     noise: float
-    """Standard deviation of one difference before it was divided by it; rad, m/s or m."""
+    """Standard deviation of one difference before it was divided by it; rad, m/s or m; of pictures in that of
+    their own noise."""
     averages: Averages | None
     """What they are differences of; none of pictures."""
 
@@ -140,9 +147,19 @@ def _attitude(imu: _Imu, stamps: Array, angles: Array, near_floor: Array) -> lis
         crossed = np.einsum("nij,nj->ni", rates, np.cross(eye[j], imu.gyro))
         columns[f"imu_misalignment.{axis}"] = imu.integral(crossed)
     columns["attitude late.s"] = -turn
+    columns[BETWEEN_SAMPLES] = _jumps(imu, turn)
     traces = {name: imu.at(stamps, column) for name, column in columns.items()}
     off = angles - imu.at(stamps, imu.integral(turn))
     return _rows("attitude", stamps, off, traces, near_floor, 1)
+
+
+def _jumps(imu: _Imu, rate: Array) -> Array:
+    """(n, k) sum of the jumps of a rate (n, k) so far, each times the time in which it came."""
+    change = np.diff(rate, axis=0)
+    apart = change - median_filter(change, (5, 1))
+    apart[np.abs(apart) < JUMP * np.array([robust_std(a) for a in apart.T])] = 0.0
+    worth = np.diff(imu.stamps_s)[:, None] * apart
+    return np.vstack([np.zeros(rate.shape[1]), np.cumsum(worth, axis=0)])
 
 
 def _velocity(imu: _Imu, flight: Flight, near_floor: Array) -> list[Rows]:
@@ -263,9 +280,13 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
     apart = np.abs(place[:, None] - place)
     banded = np.append(of_ends * shape, 0.0)[np.minimum(apart, len(shape))]
     banded[np.diag_indices(len(banded))] += variance - shape[0] * of_ends
+    if BETWEEN_SAMPLES in names:
+        between = table[:, 1 + names.index(BETWEEN_SAMPLES)]
+        banded += np.outer(between, between) / 12.0
     white = solve_triangular(np.linalg.cholesky(banded), table, lower=True)
     # What effects make of them is no scatter, and no reason to leave rows out.
-    own = [1 + k for k, n in enumerate(names) if not n.endswith(INTEGRATED) and n + INTEGRATED not in names]
+    mixed = [n for n in names if n + INTEGRATED in names or n.endswith(INTEGRATED)]
+    own = [1 + k for k, n in enumerate(names) if n not in (*mixed, BETWEEN_SAMPLES)]
     size = np.linalg.lstsq(white[:, own], white[:, 0], rcond=1e-6)[0]
     left = white[:, 0] - white[:, own] @ size
     far = np.abs(left) > FAR_OFF * robust_std(left)
@@ -273,7 +294,8 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
     scatter = max(float(np.sqrt(np.sum(left[~far] ** 2) / free)), 1e-9)
     white /= scatter
     white[far] = 0.0
-    traces = {n: white[:, 1 + k] for k, n in enumerate(names) if not n.endswith(INTEGRATED)}
+    effects = [n for n in names if not n.endswith(INTEGRATED) and n != BETWEEN_SAMPLES]
+    traces = {n: white[:, 1 + names.index(n)] for n in effects}
     return Rows(kind, times_s, white[:, 0], traces, scatter * float(np.sqrt(variance)), averages)
 
 

@@ -47,6 +47,8 @@ IN_TIME = "~ time"
 _STEP = 1e-3
 _FAINT = 1e-9
 """Information on what nothing in a stretch shows."""
+CONTRADICTED = 2.0
+"""Times the noise; of healthy flights 1."""
 FEWEST = 6
 """Pictures of a stretch."""
 
@@ -90,8 +92,19 @@ def picture_rows(record: Record, setting: Setting, sizes: Sizes) -> list[Rows]:
         over = np.sqrt(_misfit(stretch.seen, H, g))
         R, off = R / over, off / over
         times_s = np.full(p, stretch.middle_s)
-        made.append(Rows(KIND, times_s, off, dict(zip(names, R.T, strict=True)), 1.0, None))
+        made.append(Rows(KIND, times_s, off, dict(zip(names, R.T, strict=True)), float(over), None))
     return made
+
+
+def contradiction(rows: Sequence[Sequence[Rows]]) -> str:
+    """Whether pictures and path disagree by more than all errors together explain, in words."""
+    over = [r.noise for flight in rows for r in flight if r.kind == KIND]
+    if not over or float(np.median(over)) < CONTRADICTED:
+        return ""
+    return (
+        "pictures are off where the other instruments place the vehicle by "
+        f"{min(over):.1f} to {max(over):.1f} times what their noise allows"
+    )
 
 
 def picture_errors(

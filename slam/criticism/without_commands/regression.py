@@ -20,10 +20,6 @@ Ints = NDArray[np.int64]
 STRETCH_S = 10.0
 FEWEST_FLIGHTS = 3
 SEGMENTS = 6
-MANY = 9
-"""Stretches of three flights of half a minute: by such it was found how far errors stand out by chance."""
-LEAST_FREE = 3
-"""Degrees of freedom of the errors: they are no less than white rows have it."""
 RIDGE = 1e-9
 TOLERANCE = {
     "gyro_bias": 1e-4, "gyro_scale": 1e-3, "imu_misalignment": 1e-3, "accel_bias": 1e-2, "accel_scale": 1e-3,
@@ -121,14 +117,6 @@ class Regression:
         spread = covariance[np.ix_(own, own)] + TOLERANCE.get(effect, 0.0) ** 2 * np.eye(len(own))
         square = float(size[own] @ np.linalg.solve(spread, size[own]))
         return float(np.sqrt(max(square - (len(own) - 1), 0.0)))
-
-    def as_rare_as(self, z: float) -> float:
-        """The z that is as rare here as ``z`` where errors are known from ``MANY`` stretches: from few they
-        may seem small."""
-        free = int(self.cluster.max())
-        if free >= MANY - 1:
-            return z
-        return float(student.isf(student.sf(z, MANY - 1), max(free, LEAST_FREE)))
 
     def held_out(self, rest: Sequence[str], effect: str) -> Array:
         """Nats that an effect gains on each part, fitted on the others."""

@@ -17,14 +17,21 @@ from slam.criticism.search.effects import plausible
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.covariate import Covariate, Misses
 from slam.criticism.verdict.criticism import Criticism
-from slam.criticism.verdict.decision import CONFIRMED_NATS, in_order
+from slam.criticism.verdict.decision import CONFIRMED_NATS
 from slam.criticism.verdict.sentence import sentence_of
 from slam.criticism.verdict.tables import ranked
 from slam.criticism.without_commands.agreement import disagreements
 from slam.criticism.without_commands.balances import Rows
 from slam.criticism.without_commands.held import Held, held
 from slam.criticism.without_commands.next_flight import next_motion
-from slam.criticism.without_commands.pictures import LATE, columns, in_catalogue, is_square, picture_errors
+from slam.criticism.without_commands.pictures import (
+    LATE,
+    columns,
+    contradiction,
+    in_catalogue,
+    is_square,
+    picture_errors,
+)
 from slam.criticism.without_commands.posterior import in_place_of, posterior_of
 from slam.criticism.without_commands.regression import TOLERANCE, Regression, regression_of
 from slam.criticism.without_commands.rollouts import channel_errors, foretold, parts_of
@@ -72,11 +79,13 @@ def judged_without_commands(
     named = [e for e in chosen if e in CATALOGUE]
     errors = _errors(found, rows, data, chosen) if named else ()
     odd = [oddity.cause() for oddity in found.odd]
-    causes = in_order([*(_cause(data, chosen, e, posterior[e], errors) for e in named), *odd])
+    causes = (*(_cause(data, chosen, e, posterior[e], errors) for e in named), *odd)
     strange = [_strange(data, chosen, e) for e in chosen if e not in CATALOGUE]
     changing = disagreements(data, chosen)
     unsure = [c.name for c in causes if c.probability < SURE and len(c.alternatives) < 2]
-    remainder = "; ".join([*strange, *changing, *(f"{name} may be something else" for name in unsure)])
+    doubted = [f"{name} may be something else" for name in unsure]
+    apart = contradiction(rows)
+    remainder = "; ".join([*strange, *changing, *([apart] if apart else []), *doubted])
     equivalents = causes[0].alternatives if causes and len(causes[0].alternatives) > 1 else ()
     if not causes:
         verdict = "unknown" if remainder else "nothing_wrong"
@@ -97,7 +106,7 @@ def judged_without_commands(
         detectable=seen,
         ranking=ranked(shown, posterior, odd),
         covariate=_covariate(data, chosen, causes[0]) if causes and causes[0].name in chosen else None,
-        threshold=data.as_rare_as(STANDS_OUT_Z),
+        threshold=STANDS_OUT_Z,
         threshold_means=STANDS_OUT,
         model=model,
         extended=_extended(model, causes),
@@ -137,7 +146,7 @@ def _chosen(data: Regression) -> list[str]:
     while len(chosen) < MOST:
         open_ = [e for e in data.effects() if e not in chosen and is_plausible(data, chosen, e)]
         best = max(open_, key=lambda e: data.nats([*chosen, e]), default="")
-        if not best or data.z(chosen, best) < data.as_rare_as(STANDS_OUT_Z):
+        if not best or data.z(chosen, best) < STANDS_OUT_Z:
             break
         if data.held_out(chosen, best).sum() < CONFIRMED_NATS:
             break
@@ -223,7 +232,7 @@ def _detectable(data: Regression) -> dict[str, tuple[float, str]]:
         if effect in CATALOGUE:
             _, covariance = data.covariance([effect])
             std = float(np.sqrt(np.diag(covariance).max() + TOLERANCE[effect] ** 2))
-            size, parameter = (data.as_rare_as(STANDS_OUT_Z) + 1.28) * std, CATALOGUE[effect].parameters[0]
+            size, parameter = (STANDS_OUT_Z + 1.28) * std, CATALOGUE[effect].parameters[0]
             size = float(np.sqrt(size)) if is_square(data.of(effect)[0]) else size
             if size < UNTOLD * max(abs(parameter.most), abs(parameter.least)):
                 found[effect] = size, parameter.unit

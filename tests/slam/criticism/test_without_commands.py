@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from slam.criticism import criticise
-from slam.criticism.healthy import flown, read_by
+from slam.criticism.healthy import flown, healthy_case, read_by
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
 from slam.criticism.without_commands.balances import NODE_S, balances_of
 from slam.criticism.without_commands.carried import CARRIED, carried
+from slam.criticism.without_commands.regression import regression_of
 from slam.simulation.model import load_model
 from tests.slam.criticism.camera.seen_flight import seen_flight
 
@@ -63,6 +64,12 @@ def test_an_instrument_that_errs_is_named_with_its_size(term, parameter, size):
     assert found.extended.holds(cause.name)
     assert found.covariate.rival == cause.rival
     assert cause.rival in cause.alternatives[1:] or cause.alternatives == (cause.name,)
+
+
+@pytest.mark.parametrize("seed", [9502, 9538])
+def test_a_rate_that_jumps_between_two_samples_is_no_scale_of_the_gyro(seed):
+    flight = replace(healthy_case(load_model("nominal"), seed, 1, 30.0)[0], command=None)
+    assert regression_of([balances_of(flight)]).z([], "gyro_scale") < 4.0
 
 
 def test_one_instrument_alone_has_nothing_to_be_held_against():
