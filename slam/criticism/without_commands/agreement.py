@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from backend.measurements import GRAVITY_M_S2
-from slam.criticism.without_commands.pictures import in_catalogue
+from slam.criticism.without_commands.columns import in_catalogue, is_square
 from slam.criticism.without_commands.regression import TOLERANCE, Regression
 from slam.simulation.terms import CATALOGUE
 
@@ -39,6 +39,8 @@ def _disagreements(data: Regression, chosen: Sequence[str], effect: str) -> list
     errors = np.sqrt([np.diag(np.linalg.inv(information)) for _, information in fits])
     told = []
     for k, name in enumerate(data.of(effect)):
+        if is_square(name):
+            continue  # a variance differs by nature from one stretch to the next
         common = abs(float(size[own[k]]))
         sure = errors[:, k] < TELLING * max(common, TOLERANCE[effect])
         if sure.sum() < FEWEST_STRETCHES:

@@ -13,35 +13,25 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-from slam.criticism.camera.shading import PICTURE_SHAPES, RESTLESS
+from slam.criticism.camera.shading import PICTURE_SHAPES
 from slam.criticism.camera.sighting import Sighted, path_of, sighted_along
-from slam.criticism.camera.warps import WARPS
 from slam.criticism.cause import NOT_AHEAD_S, ChannelError
-from slam.criticism.kalman.optics import CAMERA, POINTS, SQUARES, STEPS, catalogued
-from slam.criticism.kalman.readings import SENSOR
+from slam.criticism.kalman.optics import CAMERA, POINTS, SQUARES, STEPS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting, slot
 from slam.criticism.kalman.smoothing import POSE
 from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.without_commands.balances import Rows
+from slam.criticism.without_commands.columns import LATE, SHAPES, SIZE, seen_by_pictures
 from slam.criticism.without_commands.regression import STRETCH_S
-from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
 Sizes = Mapping[str, float]
 """Column -> size."""
 
 KIND = "pictures"
-LATE = {"attitude late.s": "attitude.delay_s", "velocity late.s": "velocity.delay_s"}
-"""Columns of what no term is."""
 HEALTHY = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3}
 """What healthy flights differ by, one standard deviation."""
-UNSEEN = ("sonar_temperature.rise",)
-"""A drifting scale: told by the flight's elapsed time, of which a stretch has little."""
-SHAPES = (*PICTURE_SHAPES, *WARPS)
-"""What no term is, either."""
-_SIZE = ".size"
-"""Behind a shape's name: its column."""
 IN_TIME = "~ time"
 """In the name of a shape that grows with time: so much in ten seconds."""
 _STEP = 1e-3
@@ -63,18 +53,12 @@ class _Stretch:
     seen: Sighted
 
 
-def columns() -> list[str]:
-    """Every error that pictures may tell of."""
-    sensor = [n for n in SENSOR if n.partition(".")[0] in CATALOGUE and n not in (*HEALTHY, *UNSEEN)]
-    return [*CAMERA, *sensor, *LATE, *(name + _SIZE for name in SHAPES)]
-
-
 def picture_rows(record: Record, setting: Setting, sizes: Sizes) -> list[Rows]:
     """The rows of a flight's pictures, linear about the ``sizes`` of some columns.
 
     ``setting`` is a free vehicle's, without these errors.
     """
-    names, at = columns(), believed(setting, sizes)
+    names, at = seen_by_pictures(), believed(setting, sizes)
     every = [*names, *HEALTHY]
     directions = [_direction(name) for name in every]
     p, held = len(names), np.array([sizes.get(name, 0.0) for name in names])
@@ -138,7 +122,7 @@ def believed(setting: Setting, sizes: Sizes) -> Setting:
     """The setting with errors of some sizes."""
     camera, sensor = setting.camera.copy(), setting.sensor.copy()
     for name, size in sizes.items():
-        if name.endswith(_SIZE):
+        if name.endswith(SIZE):
             continue
         where, entry = slot(LATE.get(name, name))
         (camera if where == "camera" else sensor)[entry] += size
@@ -146,34 +130,19 @@ def believed(setting: Setting, sizes: Sizes) -> Setting:
     return replace(setting, camera=camera, sensor=sensor)
 
 
-def in_catalogue(column: str, size: float) -> float:
-    """A column's size in the catalogue's unit: of a variance, the deviation."""
-    if column in CAMERA:
-        return catalogued(CAMERA.index(column), size)
-    effect, _, parameter = column.rpartition(".")
-    return size + CATALOGUE[effect].parameter(parameter).neutral
-
-
-def is_square(column: str) -> bool:
-    """Whether a column is a square, or a variance: its size cannot be negative."""
-    if column in CAMERA:
-        return CAMERA.index(column) in SQUARES
-    return column.removesuffix(_SIZE) in RESTLESS
-
-
 def _misfit(seen: Sighted, information: Array, score: Array) -> float:
     """How much larger residuals are than their own noise, squared, once all that moves points is fitted: then
     pictures and path disagree by more than they say."""
-    tones = [*CAMERA[POINTS:], *(name + _SIZE for name in PICTURE_SHAPES)]
-    points = np.array([k for k, name in enumerate((*columns(), *HEALTHY)) if name not in tones])
+    tones = [*CAMERA[POINTS:], *(name + SIZE for name in PICTURE_SHAPES)]
+    points = np.array([k for k, name in enumerate((*seen_by_pictures(), *HEALTHY)) if name not in tones])
     own = information[np.ix_(points, points)] + _FAINT * np.eye(len(points))
     explained = float(score[points] @ np.linalg.solve(own, score[points]))
     return max((seen.chi_square - explained) / seen.rows, 1.0)
 
 
 def _direction(name: str) -> Direction:
-    if name.endswith(_SIZE):
-        return Direction(name, "picture", SHAPES.index(name.removesuffix(_SIZE)))
+    if name.endswith(SIZE):
+        return Direction(name, "picture", SHAPES.index(name.removesuffix(SIZE)))
     step = STEPS[CAMERA.index(name)] if name in CAMERA else _STEP
     return parameter_direction(LATE.get(name, name), step)
 

@@ -13,6 +13,7 @@ from slam.criticism.camera.warps import TOLERANCE as WARP_TOLERANCE
 from slam.criticism.camera.warps import WARPS
 from slam.criticism.search.occam import occam
 from slam.criticism.without_commands.balances import Rows
+from slam.criticism.without_commands.columns import is_square
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -26,7 +27,7 @@ TOLERANCE = {
     "flow_scale": 5e-3, "flow_derotation": 5e-3, "sonar_scale": 3e-3, "sonar_slant": 3e-2, "sonar_tilt": 3e-3,
     "sonar_lag": 3e-3, "sonar_bias": 1e-2, "attitude late": 3e-3, "velocity late": 3e-3,
     "focal_length": 3e-3, "radial_distortion": 5e-3, "camera_tilt": 2e-3, "camera_time_offset": 1e-3,
-    "rolling_shutter": 1e-3, "vignetting": 2e-2, "motion_blur": 1e-5, "exposure_variation": 1e-4,
+    "rolling_shutter": 1e-3, "vignetting": 2e-2, "motion_blur": 1e-5, "exposure_variation": 1e-5,
     "picture brightness ~ time": 5e-3, "picture colour ~ time": 5e-3, "picture contrast ~ time": 2e-2,
     "picture sharpness ~ time": 5e-2, "picture brightness ~ height": 5e-2,
     **dict(zip(WARPS, WARP_TOLERANCE.tolist(), strict=True)),
@@ -113,6 +114,9 @@ class Regression:
         """How far an effect stands out beside others: the root of its chi-square, less what is tolerated."""
         effects = [*(e for e in chosen if e != effect), effect]
         size, covariance = self.covariance(effects)
+        if all(map(is_square, self.of(effect))):
+            # What stretches differ by is what a variance is made of: there is none where there is nothing.
+            covariance = np.asarray(np.linalg.inv(self.fit(effects)[1]))
         own = self.columns_of(effects, effect)
         spread = covariance[np.ix_(own, own)] + TOLERANCE.get(effect, 0.0) ** 2 * np.eye(len(own))
         square = float(size[own] @ np.linalg.solve(spread, size[own]))
