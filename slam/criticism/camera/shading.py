@@ -64,7 +64,7 @@ def shade(
         return total.shades()
     times, height = path.times_s, np.log(np.maximum(path.poses[:, 2], 0.05))
     speed2 = _speed2(sights, path)
-    elapsed = (times - times[0]) / max(times[-1] - times[0], 1e-9) - 0.5
+    elapsed = path.elapsed
     memory = np.exp(-np.abs(times[:, None] - times) / MEMORY_S)
 
     def between(x: Array) -> Array:

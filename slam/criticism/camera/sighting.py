@@ -48,6 +48,7 @@ TOLERANCE = np.concatenate([[2e-3, 3e-3, 3e-4, 3e-4, 3e-4, 1e-4, 3e-5], WARP_TOL
 warps."""
 _PIXEL_NUDGE = 0.1
 """Pixels to either side, for a derivative."""
+MOST_PICTURES, BURST_S = 450, 10.0
 MARGIN_S = 0.3
 """Pictures so near to the ends of the readings are left out, so that a late camera loses none."""
 
@@ -76,6 +77,7 @@ def path_of(record: Record, sights: Sights, setting: Setting) -> tuple[Path, NDA
     inside &= ~record.landing[
         np.searchsorted(record.times_s, sights.stamps_s).clip(max=len(record.times_s) - 1)
     ]
+    inside = spread(sights.stamps_s, inside)
     paths = _PATHS.setdefault(sights, {})
     key = _key(setting, record.duration_s)
     half_s = max(min(0.5 * float(camera[READOUT]), 0.4 * SHORTEST_S), LEAST_HALF_S)
@@ -105,9 +107,30 @@ def sighted(record: Record, sights: Sights, setting: Setting, directions: Sequen
     return sighted_along(*path_of(record, sights, setting), sights, setting, directions)
 
 
+def spread(stamps_s: Array, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Of more than ``MOST_PICTURES`` those of some seconds on end, evenly over the flight (n,).
+
+    The errors of all poses together go with the square of their number. And what every pair of a long chain
+    is off by adds up: over a minute and more, to a focal length that is off by hundredths.
+    """
+    share = MOST_PICTURES / max(int(inside.sum()), 1)
+    if share >= 1.0:
+        return inside
+    burst = np.floor(stamps_s / BURST_S)
+    return inside & (np.floor((burst + 1.0) * share) > np.floor(burst * share))
+
+
+def taken(path: Path, inside: NDArray[np.bool_], begin: int, end: int) -> tuple[Path, NDArray[np.bool_]]:
+    """The poses ``begin`` to ``end`` of a path through the pictures ``inside`` (n,), and which these are."""
+    shown = np.zeros(len(inside), dtype=bool)
+    shown[np.flatnonzero(inside)[begin:end]] = True
+    return path.part(begin, end), shown
+
+
 def sighted_along(
-    path: Path, inside: NDArray[np.bool_], sights: Sights, setting: Setting, directions: Sequence[Direction]
-) -> Sighted:
+    path: Path, inside: NDArray[np.bool_], sights: Sights, setting: Setting,
+    directions: Sequence[Direction],
+) -> Sighted:  # fmt: skip
     """The same along a path through some of the pictures: those ``inside`` (n,)."""
     points = _points(sights, setting, path, inside, directions)
     shades = shade(sights, setting.camera, path, inside, directions)
@@ -297,8 +320,7 @@ class _Scene:
 
     def by_warp(self) -> Array:
         """(m, 2, warps): where i shows the point, less where j says that it is."""
-        times_s = self.path.times_s
-        elapsed = (times_s - times_s[0]) / max(times_s[-1] - times_s[0], 1e-9) - 0.5
+        elapsed = self.path.elapsed
         off_j = self._warped(self.other, elapsed[self.j])
         carried = self._warped(self.seen, elapsed[self.i])
         for axis in range(2):

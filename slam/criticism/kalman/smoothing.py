@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -50,6 +50,25 @@ _TINY = 1e-13
 """Variance added before an inverse: the start is known exactly in some axes."""
 
 
+class PathErrors:
+    """How poses of a smoothed path are uncertain together: those of any part of it.
+
+    All of a long flight are never asked for at once: they go with the square of its length.
+    """
+
+    def __init__(self, chain: Array, spreads: Array) -> None:
+        """``chain`` (n - 1, states, states) is A from each moment's error to the one before, ``spreads``
+        (n, states, states) the covariances."""
+        self._chain, self._spreads = chain, spreads
+        self._known: dict[tuple[int, int], Array] = {}
+
+    def among(self, begin: int, end: int) -> Array:
+        """(6 m, 6 m) covariance of the poses ``begin`` to ``end``, the last not among them."""
+        if (begin, end) not in self._known:
+            self._known[begin, end] = _joint(self._chain[begin : end - 1], self._spreads[begin:end])
+        return self._known[begin, end]
+
+
 @dataclass(frozen=True)
 class Path:
     """The smoothed path at some moments of a flight."""
@@ -62,10 +81,34 @@ class Path:
     """(n, 6) of these."""
     bends: Array
     """(n, 6) of the rates."""
-    covariance: Array
-    """(6 n, 6 n) of all poses together."""
+    errors: PathErrors
+    """Of the whole path."""
     traces: Array
     """(6 n, directions): change of the smoothed poses with each direction."""
+    span_s: tuple[float, float]
+    """First and last moment of the whole path."""
+    first: int = 0
+    """Where the first pose stands in the whole path."""
+
+    @property
+    def covariance(self) -> Array:
+        """(6 n, 6 n) of all poses together."""
+        return self.errors.among(self.first, self.first + len(self.times_s))
+
+    @property
+    def elapsed(self) -> Array:
+        """(n,) share of the whole path that is over, less a half."""
+        begin_s, end_s = self.span_s
+        return np.asarray((self.times_s - begin_s) / max(end_s - begin_s, 1e-9) - 0.5)
+
+    def part(self, begin: int, end: int) -> Path:
+        """The poses ``begin`` to ``end``, the last not among them."""
+        of_pose = slice(len(POSE) * begin, len(POSE) * end)
+        own = slice(begin, end)
+        return replace(
+            self, times_s=self.times_s[own], poses=self.poses[own], rates=self.rates[own],
+            bends=self.bends[own], traces=self.traces[of_pose], first=self.first + begin,
+        )  # fmt: skip
 
 
 def smoothed(
@@ -101,8 +144,9 @@ def smoothed(
         poses,
         (after - before) / (2 * half_s),
         (after + before - 2 * poses) / half_s**2,
-        _joint(between, spreads[1::3]),
+        PathErrors(between, spreads[1::3]),
         traces[1::3, POSE].reshape(len(times_s) * 6, len(directions)),
+        (float(times_s[0]), float(times_s[-1])) if len(times_s) else (0.0, 0.0),
     )
 
 

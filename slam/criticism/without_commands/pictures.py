@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
 from slam.criticism.camera.shading import PICTURE_SHAPES
-from slam.criticism.camera.sighting import Sighted, path_of, sighted_along
+from slam.criticism.camera.sighting import Sighted, path_of, sighted_along, taken
 from slam.criticism.cause import NOT_AHEAD_S, ChannelError
 from slam.criticism.kalman.optics import CAMERA, POINTS, SQUARES, STEPS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting, slot
-from slam.criticism.kalman.smoothing import POSE
 from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.without_commands.balances import Rows
 from slam.criticism.without_commands.columns import LATE, SHAPES, SIZE, seen_by_pictures
@@ -32,8 +31,6 @@ Sizes = Mapping[str, float]
 KIND = "pictures"
 HEALTHY = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3}
 """What healthy flights differ by, one standard deviation."""
-IN_TIME = "~ time"
-"""In the name of a shape that grows with time: so much in ten seconds."""
 _STEP = 1e-3
 _FAINT = 1e-9
 """Information on what nothing in a stretch shows."""
@@ -48,8 +45,6 @@ class _Stretch:
     """Ten seconds of a flight with pictures."""
 
     middle_s: float
-    lasts_s: float
-    """From its first picture to its last."""
     seen: Sighted
 
 
@@ -59,13 +54,11 @@ def picture_rows(record: Record, setting: Setting, sizes: Sizes) -> list[Rows]:
     ``setting`` is a free vehicle's, without these errors.
     """
     names, at = seen_by_pictures(), believed(setting, sizes)
-    every = [*names, *HEALTHY]
-    directions = [_direction(name) for name in every]
+    directions = [_direction(name) for name in (*names, *HEALTHY)]
     p, held = len(names), np.array([sizes.get(name, 0.0) for name in names])
     made = []
     for stretch in _stretches(record, at, directions):
-        unit = np.array([stretch.lasts_s / STRETCH_S if IN_TIME in name else 1.0 for name in every])
-        H, g = stretch.seen.information * unit[:, None] * unit, stretch.seen.score * unit
+        H, g = stretch.seen.information.copy(), stretch.seen.score
         H[np.arange(len(H)), np.arange(len(H))] += _FAINT
         H[np.arange(p, len(H)), np.arange(p, len(H))] += np.array(list(HEALTHY.values())) ** -2.0
         taken = np.linalg.solve(H[p:, p:], np.column_stack([H[p:, :p], g[p:]]))
@@ -153,18 +146,10 @@ def _stretches(record: Record, setting: Setting, directions: Sequence[Direction]
     assert sights is not None
     path, inside = path_of(record, sights, setting)
     number = (path.times_s // STRETCH_S).astype(np.int64)
-    wide = len(POSE)
-    for k in np.unique(number):
-        own = number == k
-        if own.sum() < FEWEST:
+    for k in np.unique(number).tolist():
+        begin, end = np.searchsorted(number, [k, k + 1]).tolist()
+        if end - begin < FEWEST:
             continue
-        rows = np.repeat(own, wide)
-        part = replace(
-            path, times_s=path.times_s[own], poses=path.poses[own], rates=path.rates[own],
-            bends=path.bends[own], covariance=path.covariance[np.ix_(rows, rows)], traces=path.traces[rows],
-        )  # fmt: skip
-        shown = inside.copy()
-        shown[np.flatnonzero(inside)[~own]] = False
-        seen = sighted_along(part, shown, sights, setting, directions)
+        seen = sighted_along(*taken(path, inside, begin, end), sights, setting, directions)
         if seen.rows:
-            yield _Stretch(float((k + 0.5) * STRETCH_S), float(np.ptp(part.times_s)), seen)
+            yield _Stretch((k + 0.5) * STRETCH_S, seen)

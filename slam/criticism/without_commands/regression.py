@@ -28,8 +28,8 @@ TOLERANCE = {
     "sonar_lag": 3e-3, "sonar_bias": 1e-2, "attitude late": 3e-3, "velocity late": 3e-3,
     "focal_length": 3e-3, "radial_distortion": 5e-3, "camera_tilt": 2e-3, "camera_time_offset": 1e-3,
     "rolling_shutter": 1e-3, "vignetting": 2e-2, "motion_blur": 1e-5, "exposure_variation": 1e-5,
-    "picture brightness ~ time": 5e-3, "picture colour ~ time": 5e-3, "picture contrast ~ time": 2e-2,
-    "picture sharpness ~ time": 5e-2, "picture brightness ~ height": 5e-2,
+    "picture brightness ~ time": 2e-2, "picture colour ~ time": 2e-2, "picture contrast ~ time": 5e-2,
+    "picture sharpness ~ time": 0.2, "picture brightness ~ height": 5e-2,
     **dict(zip(WARPS, WARP_TOLERANCE.tolist(), strict=True)),
 }  # fmt: skip
 """What integrals over half a second leave of each in healthy flights, and what features on pictures bear of

@@ -120,9 +120,7 @@ def test_a_drop_is_not_taken_for_a_camera_that_leans():
     pairs, pair = np.unique(np.column_stack([sights.earlier, sights.later]), axis=0, return_inverse=True)
     fits = np.stack([cv2.findHomography(b[pair == k], a[pair == k], 0)[0] for k in range(len(pairs))])
     matches = Matches(pair.ravel(), sights.earlier, sights.later, a, b, sights.std_px, fits)
-    bent = replace(
-        sights, pixel_i=a, pixel_j=b, paths={}, dents=dents_of(sights.camera, len(sights.stamps_s), matches)
-    )
+    bent = replace(sights, pixel_i=a, pixel_j=b, dents=dents_of(sights.camera, len(sights.stamps_s), matches))
     directions = [
         *(Direction(CAMERA[k], "camera", k, STEPS[k]) for k in (TILT_X, TILT_X + 1)),
         Direction(BENT, "picture", len(PICTURE_SHAPES) + WARPS.index(BENT)),

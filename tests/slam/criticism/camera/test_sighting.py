@@ -12,7 +12,7 @@ from frontend.camera import Camera
 from slam.criticism.camera.lens import floor_of, pixels_of
 from slam.criticism.camera.pictures import Sights, look
 from slam.criticism.camera.shading import PICTURE_SHAPES
-from slam.criticism.camera.sighting import TOLERANCE, Sighted, path_of, sighted
+from slam.criticism.camera.sighting import MOST_PICTURES, TOLERANCE, Sighted, path_of, sighted, spread, taken
 from slam.criticism.camera.warps import BENT, WARPS, warp
 from slam.criticism.kalman.optics import (
     BLUR,
@@ -155,6 +155,27 @@ def test_the_path_is_as_near_to_the_truth_as_it_says(setting: Setting) -> None:
     assert low < value < high
 
 
+def test_of_a_long_flight_pictures_of_some_seconds_on_end_are_taken(
+    healthy: tuple[Record, Sights, Sighted], setting: Setting
+) -> None:
+    stamps_s = np.arange(0.0, 300.0, 0.2)
+    every = np.ones(len(stamps_s), dtype=bool)
+    some = spread(stamps_s, every)
+    assert 0.8 * MOST_PICTURES < some.sum() <= MOST_PICTURES
+    lasts_s = np.diff(stamps_s[np.flatnonzero(np.diff(some.astype(int), prepend=0, append=0)[:-1])])
+    assert lasts_s.max() < 40.0
+    assert (spread(stamps_s[:400], every[:400]) == every[:400]).all()
+    # A part of a path is as uncertain as the whole says that it is.
+    record, sights, _ = healthy
+    path, inside = path_of(record, sights, setting)
+    part, shown = taken(path, inside, 10, 25)
+    assert part.times_s.tolist() == path.times_s[10:25].tolist()
+    assert part.elapsed.tolist() == path.elapsed[10:25].tolist()
+    assert np.flatnonzero(shown).tolist() == np.flatnonzero(inside)[10:25].tolist()
+    own = slice(60, 150)
+    assert np.allclose(part.covariance, path.covariance[own, own], rtol=1e-9, atol=1e-15)
+
+
 def test_a_lens_projects_as_the_simulator_s_camera() -> None:
     told = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
     effects = CameraEffects(focal_eps=0.03, radial_k1=0.1, tilt_x_rad=0.02, tilt_y_rad=-0.03)
@@ -194,7 +215,6 @@ def test_a_warp_that_no_term_is_shows_at_its_size(
         sights,
         pixel_i=sights.pixel_i + size * warp(sights.camera, sights.pixel_i, elapsed[sights.earlier])[..., k],
         pixel_j=sights.pixel_j + size * warp(sights.camera, sights.pixel_j, elapsed[sights.later])[..., k],
-        paths={},
     )
     directions = [Direction(WARPS[k], "picture", len(PICTURE_SHAPES) + k)]
     found = sighted(record, off, setting, directions)
@@ -209,7 +229,6 @@ def test_it_does_not_matter_which_picture_of_a_pair_is_the_earlier(
     record, sights, _ = healthy
     other_way = replace(
         sights, earlier=sights.later, later=sights.earlier, pixel_i=sights.pixel_j, pixel_j=sights.pixel_i,
-        paths={},
     )  # fmt: skip
     rise = [parameter_direction("sonar_temperature.rise", 0.1)]
     one, other = (sighted(record, s, setting, rise) for s in (sights, other_way))

@@ -13,7 +13,7 @@ from slam.criticism.camera.nodes import COUNT
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.camera.shading import PICTURE_SHAPES, RESTLESS, STAINED, Shades, shade
 from slam.criticism.kalman.optics import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
-from slam.criticism.kalman.smoothing import Path
+from slam.criticism.kalman.smoothing import Path, PathErrors
 from slam.criticism.kalman.tangents import Direction
 
 Array = NDArray[np.float64]
@@ -74,7 +74,9 @@ def made(
     poses, rates = np.zeros((PICTURES, 6)), np.zeros((PICTURES, 6))
     poses[:, 2] = 1.2 + 0.1 * np.sin(stamps)
     rates[:, 0] = np.abs(np.sin(0.7 * stamps))
-    return sights, Path(stamps, poses, rates, 0 * rates, np.eye(6 * PICTURES), np.zeros((6 * PICTURES, 0)))
+    certain = PathErrors(np.zeros((PICTURES - 1, 12, 12)), np.zeros((PICTURES, 12, 12)))
+    traces = np.zeros((6 * PICTURES, 0))
+    return sights, Path(stamps, poses, rates, 0 * rates, certain, traces, (stamps[0], stamps[-1]))
 
 
 def walk(seed: int) -> Array:
