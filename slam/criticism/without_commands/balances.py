@@ -150,6 +150,7 @@ def _attitude(imu: _Imu, stamps: Array, angles: Array, near_floor: Array) -> lis
     columns[BETWEEN_SAMPLES] = _jumps(imu, turn)
     traces = {name: imu.at(stamps, column) for name, column in columns.items()}
     off = angles - imu.at(stamps, imu.integral(turn))
+    _as_read(traces, "gyro_scale.eps", off)
     return _rows("attitude", stamps, off, traces, near_floor, 1)
 
 
