@@ -86,6 +86,7 @@ def test_errors_that_last_along_a_track_widen_the_pixel_noise():
     assert 0.6 < np.mean(scale) < 2.0
 
 
+@pytest.mark.slow
 def test_few_points_on_a_flat_floor_have_the_pixel_noise_that_was_put_in():
     """Neither heights that could follow the noise nor residuals that look alike by chance move its mean."""
     scale = [

@@ -82,6 +82,7 @@ def test_an_earlier_output_is_replaced(out):
     assert not (out / "squares.json").exists()
 
 
+@pytest.mark.slow
 def test_jobs_do_not_change_figures(tmp_path):
     for jobs in (1, 2):
         result = run("squares", "--out", tmp_path / f"{jobs}", "--seeds", 2, "--jobs", jobs)

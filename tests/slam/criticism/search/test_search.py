@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from slam.criticism.healthy import at_lower_rates, healthy_case
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import setting_of
@@ -53,6 +55,7 @@ def test_of_what_explains_the_same_far_off_each_is_fitted_before_one_is_chosen()
     assert doubtful(standing("sonar_bias", 30.0, 450.0), slant) == ["sonar_bias", "sonar_slant"]
 
 
+@pytest.mark.slow
 def test_what_stands_out_by_far_is_found_in_part_of_long_flights_and_judged_on_all(monkeypatch):
     healthy = at_lower_rates(load_model("nominal"))
     ill = healthy.with_term("gyro_scale", eps=0.1).with_term("sonar_lag", T=0.15)
