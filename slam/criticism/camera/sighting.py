@@ -149,6 +149,8 @@ def _points(
 ) -> Sighted:
     """What the places of points say."""
     scene = _Scene.of(sights, setting, setting.camera, path, inside)
+    if not len(scene.i):
+        return Sighted(np.zeros((len(directions), len(directions))), np.zeros(len(directions)), 0.0)
     B = scene.by_pose()
     C = np.zeros((len(scene.i), 2, len(directions) + len(TOLERANCE)))
     moving = [k for k, d in enumerate(directions) if d.kind == "sensor"]

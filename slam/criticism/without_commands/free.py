@@ -41,9 +41,9 @@ def free(setting: Setting) -> Setting:
 
 
 def airborne(flight: Flight) -> Record | None:
-    """The longest stretch between readings near the floor; None where there is no sonar to tell, or where it
-    is short."""
-    if flight.sonar is None:
+    """The longest stretch between readings near the floor; None where there is no sonar to tell, where it is
+    short, or where fewer than two of imu, attitude and velocity say what the vehicle does in it."""
+    if flight.sonar is None or [flight.imu, flight.attitude, flight.velocity].count(None) > 1:
         return None
     try:
         record = record_of(flight)

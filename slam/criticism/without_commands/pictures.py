@@ -1,7 +1,8 @@
 """Pictures held against the path that all other instruments agree on, as rows beside those of the balances.
 
 Of each ten seconds the pictures give a score g and an information H of every error that moves points of the
-floor in them, or changes their tones. With H = R'R these are rows R x = R'^-1 g of unit variance.
+floor in them, or changes their tones. With H = R'R these are rows R x = R'^-1 g of unit variance; R holds the
+eigenvectors of H that tell anything.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cholesky, solve_triangular
 
 from slam.criticism.camera.shading import PICTURE_SHAPES
 from slam.criticism.camera.sighting import Sighted, path_of, sighted_along, taken
@@ -34,6 +34,8 @@ HEALTHY = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3}
 _STEP = 1e-3
 _FAINT = 1e-9
 """Information on what nothing in a stretch shows."""
+TELLING = 1e-9
+"""Share of the information: what combines errors so that there is less tells nothing."""
 CONTRADICTED = 2.0
 """Times the noise; of healthy flights 1."""
 FEWEST = 6
@@ -64,11 +66,14 @@ def picture_rows(record: Record, setting: Setting, sizes: Sizes) -> list[Rows]:
         taken = np.linalg.solve(H[p:, p:], np.column_stack([H[p:, :p], g[p:]]))
         left, score = H[:p, :p] - H[:p, p:] @ taken[:, :-1], g[:p] - H[:p, p:] @ taken[:, -1]
         scale = np.sqrt(np.maximum(np.diag(left), 1e-12))
-        R = cholesky(left / scale[:, None] / scale + 1e-9 * np.eye(p)) * scale
-        off = solve_triangular(R, score, trans="T") + R @ held
+        known, turned = np.linalg.eigh(left / scale[:, None] / scale)
+        told = known > TELLING
+        root, turned = np.sqrt(known[told])[:, None], turned[:, told].T
+        R, off = root * turned * scale, turned @ (score / scale) / root[:, 0]
+        off += R @ held
         over = np.sqrt(_misfit(stretch.seen, H, g))
         R, off = R / over, off / over
-        times_s = np.full(p, stretch.middle_s)
+        times_s = np.full(len(off), stretch.middle_s)
         made.append(Rows(KIND, times_s, off, dict(zip(names, R.T, strict=True)), float(over), None))
     return made
 

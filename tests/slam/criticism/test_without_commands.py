@@ -217,6 +217,16 @@ def test_pictures_are_held_against_the_other_instruments(term, parameter, size):
     assert missed.after < missed.before
 
 
+def test_pictures_that_nothing_agrees_with_are_told_and_name_no_cause():
+    flight = replace(seen_flight({}, 5), command=None)
+    wild = replace(flight.velocity, v_m_s=100.0 * flight.velocity.v_m_s)
+    found = criticise([replace(flight, velocity=wild)])
+    assert (found.verdict, found.causes) == ("unknown", ())
+    assert "pictures are off" in found.remainder
+    # A height alone makes no path.
+    assert criticise([replace(flight, imu=None, attitude=None, velocity=None)]).verdict == "unusable"
+
+
 def test_what_single_readings_show_is_told_without_commands():
     spiked = flights()
     ranges = spiked[0].sonar.range_m.copy()

@@ -155,6 +155,16 @@ def test_the_path_is_as_near_to_the_truth_as_it_says(setting: Setting) -> None:
     assert low < value < high
 
 
+def test_pictures_from_the_floor_alone_say_nothing(
+    healthy: tuple[Record, Sights, Sighted], setting: Setting
+) -> None:
+    record, sights, _ = healthy
+    stands = np.ones(len(record.times_s), dtype=bool)
+    found = sighted(replace(record, landing=stands), replace(sights), setting, DIRECTIONS)
+    assert (found.rows, found.log_likelihood) == (0, 0.0)
+    assert not found.score.any()
+
+
 def test_of_a_long_flight_pictures_of_some_seconds_on_end_are_taken(
     healthy: tuple[Record, Sights, Sighted], setting: Setting
 ) -> None:
