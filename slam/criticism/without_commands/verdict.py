@@ -98,7 +98,7 @@ def judged_without_commands(
         remainder,
         next_motion(model, rows, chosen, equivalents[:2], progress) if equivalents else "",
         detectable=seen,
-        ranking=ranked(shown, posterior, odd),
+        ranking=ranked(shown, posterior | {c.name: c.probability for c in odd}, odd),
         covariate=_covariate(data, chosen, causes[0]) if causes and causes[0].name in chosen else None,
         threshold=STANDS_OUT_Z,
         threshold_means=STANDS_OUT,

@@ -235,3 +235,6 @@ def test_what_single_readings_show_is_told_without_commands():
     found = criticise(spiked)
     assert [cause.name for cause in found.causes] == ["sonar_spikes"], found.sentence
     assert found.extended.holds("sonar_spikes")
+    probability = {rank.name: rank.probability for rank in found.ranking}
+    assert probability["sonar_spikes"] > 0.95
+    assert probability[NOTHING] < 0.05
