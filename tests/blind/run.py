@@ -71,6 +71,7 @@ def main() -> None:
     parser.add_argument(
         "--coloured", action="store_true", help="let successive samples of every case's noise correlate"
     )
+    # None where it is not asked for, as in files of runs from before there was the option.
     parser.add_argument(
         "--without-commands",
         action="store_const",

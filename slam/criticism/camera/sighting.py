@@ -48,7 +48,10 @@ TOLERANCE = np.concatenate([[2e-3, 3e-3, 3e-4, 3e-4, 3e-4, 1e-4, 3e-5], WARP_TOL
 warps."""
 _PIXEL_NUDGE = 0.1
 """Pixels to either side, for a derivative."""
-MOST_PICTURES, BURST_S = 450, 10.0
+MOST_PICTURES = 450
+"""Of a flight, that are held together; ..."""
+BURST_S = 10.0
+"""... where there are more, they are taken by so many seconds on end."""
 MARGIN_S = 0.3
 """Pictures so near to the ends of the readings are left out, so that a late camera loses none."""
 
@@ -93,20 +96,6 @@ def path_of(record: Record, sights: Sights, setting: Setting) -> tuple[Path, NDA
     return replace(path, poses=path.poses + moved), inside
 
 
-def _key(setting: Setting, duration_s: float) -> bytes:
-    """Equal for beliefs under which the readings tell nearly the same path."""
-    parts = [setting.parameters, setting.hold, setting.noise_factor, setting.colour]
-    numbers = np.concatenate(parts)
-    coarse = np.round(np.sign(numbers) * np.log1p(np.abs(numbers) / 0.01) / _SAME_SHARE)
-    clocks = [setting.latency_s, setting.drift * 100, setting.jitter_s, *setting.camera[[OFFSET, READOUT]]]
-    return coarse.tobytes() + np.round(np.array([*clocks, duration_s]) / _SAME_S).tobytes()
-
-
-def sighted(record: Record, sights: Sights, setting: Setting, directions: Sequence[Direction]) -> Sighted:
-    """Score and information of the directions that pictures can tell of; 0 for all others."""
-    return sighted_along(*path_of(record, sights, setting), sights, setting, directions)
-
-
 def spread(stamps_s: Array, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Of more than ``MOST_PICTURES`` those of some seconds on end, evenly over the flight (n,).
 
@@ -120,17 +109,24 @@ def spread(stamps_s: Array, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return inside & (np.floor((burst + 1.0) * share) > np.floor(burst * share))
 
 
-def taken(path: Path, inside: NDArray[np.bool_], begin: int, end: int) -> tuple[Path, NDArray[np.bool_]]:
-    """The poses ``begin`` to ``end`` of a path through the pictures ``inside`` (n,), and which these are."""
-    shown = np.zeros(len(inside), dtype=bool)
-    shown[np.flatnonzero(inside)[begin:end]] = True
-    return path.part(begin, end), shown
+def _key(setting: Setting, duration_s: float) -> bytes:
+    """Equal for beliefs under which the readings tell nearly the same path."""
+    parts = [setting.parameters, setting.hold, setting.noise_factor, setting.colour]
+    numbers = np.concatenate(parts)
+    coarse = np.round(np.sign(numbers) * np.log1p(np.abs(numbers) / 0.01) / _SAME_SHARE)
+    clocks = [setting.latency_s, setting.drift * 100, setting.jitter_s, *setting.camera[[OFFSET, READOUT]]]
+    return coarse.tobytes() + np.round(np.array([*clocks, duration_s]) / _SAME_S).tobytes()
+
+
+def sighted(record: Record, sights: Sights, setting: Setting, directions: Sequence[Direction]) -> Sighted:
+    """Score and information of the directions that pictures can tell of; 0 for all others."""
+    path, inside = path_of(record, sights, setting)
+    return sighted_along(sights, setting, path, inside, directions)
 
 
 def sighted_along(
-    path: Path, inside: NDArray[np.bool_], sights: Sights, setting: Setting,
-    directions: Sequence[Direction],
-) -> Sighted:  # fmt: skip
+    sights: Sights, setting: Setting, path: Path, inside: NDArray[np.bool_], directions: Sequence[Direction]
+) -> Sighted:
     """The same along a path through some of the pictures: those ``inside`` (n,)."""
     points = _points(sights, setting, path, inside, directions)
     shades = shade(sights, setting.camera, path, inside, directions)
@@ -142,6 +138,13 @@ def sighted_along(
         points.chi_square,
         points.rows,
     )
+
+
+def taken(path: Path, inside: NDArray[np.bool_], begin: int, end: int) -> tuple[Path, NDArray[np.bool_]]:
+    """The poses ``begin`` to ``end`` of a path through the pictures ``inside`` (n,), and which these are."""
+    shown = np.zeros(len(inside), dtype=bool)
+    shown[np.flatnonzero(inside)[begin:end]] = True
+    return path.part(begin, end), shown
 
 
 def _points(

@@ -206,18 +206,23 @@ def in_order(
     )  # fmt: skip
 
 
-def moving_from(record: Record, begin_s: float, end_s: float) -> Record:
-    """The record's events of a time at whose begin the vehicle moves already, nobody knows how."""
-    own = (record.times_s >= begin_s) & (record.times_s <= end_s)
+def with_events(record: Record, own: NDArray[np.bool_]) -> Record:
+    """The record with some of its events (events,), that follow each other."""
     first_step, step_begin_s, step_s = steps_between(record.times_s[own])
-    start, start_std = _start(record.kinds[own], record.values[own])
-    start_std[[ROLL, PITCH]], start_std[YAW_RATE] = MOVING_TILT_RAD, MOVING_TURN_RAD_S
-    start_std[[VX, VY, VZ]] = MOVING_M_S
     return replace(
         record, times_s=record.times_s[own], kinds=record.kinds[own], values=record.values[own],
-        landing=record.landing[own], elapsed=record.elapsed[own], first_step=first_step,
-        step_begin_s=step_begin_s, step_s=step_s, start=start, start_std=start_std,
+        elapsed=record.elapsed[own], landing=record.landing[own], first_step=first_step,
+        step_begin_s=step_begin_s, step_s=step_s,
     )  # fmt: skip
+
+
+def moving_from(record: Record, begin_s: float, end_s: float) -> Record:
+    """The record's events of a time at whose begin the vehicle moves already, nobody knows how."""
+    flown = with_events(record, (record.times_s >= begin_s) & (record.times_s <= end_s))
+    start, start_std = _start(flown.kinds, flown.values)
+    start_std[[ROLL, PITCH]], start_std[YAW_RATE] = MOVING_TILT_RAD, MOVING_TURN_RAD_S
+    start_std[[VX, VY, VZ]] = MOVING_M_S
+    return replace(flown, start=start, start_std=start_std)
 
 
 def _noise_std(flight: Flight) -> Array:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.record import Record, with_events
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.columns import bounded, column_of
 from slam.criticism.search.effects import Effect
@@ -124,12 +123,4 @@ def refit(
 
 def cut(record: Record, longest_s: float) -> Record:
     """The record's first seconds."""
-    events = int(np.searchsorted(record.times_s, record.times_s[0] + longest_s, side="right"))
-    steps = int(record.first_step[events])
-    return replace(
-        record,
-        times_s=record.times_s[:events], kinds=record.kinds[:events], values=record.values[:events],
-        elapsed=record.elapsed[:events], landing=record.landing[:events],
-        first_step=record.first_step[: events + 1],
-        step_begin_s=record.step_begin_s[:steps], step_s=record.step_s[:steps],
-    )  # fmt: skip
+    return with_events(record, record.times_s <= record.times_s[0] + longest_s)

@@ -12,21 +12,15 @@ import numpy as np
 
 from slam.criticism.kalman.record import Record, moving_from, record_of
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.kalman.transition import (
-    TILT_STD,
-    TILT_TIME,
-    TURN_STD,
-    TURN_TIME,
-    W_STD,
-    W_TIME,
-    W_UP_STD,
-)
+from slam.criticism.kalman.transition import HOLD
 from slam.criticism.without_commands.balances import near_floor
 from slam.flight import Flight
 
-TILT_RAD, TURN_RAD_S, SPEED_M_S = 0.3, 1.5, 1.0
-"""Unrest of tilt, rate of turn and speed: a hand shakes by that."""
-MEMORY_S = 0.2
+UNREST = {
+    "tilt_std_rad": 0.3, "tilt_time_s": 0.2, "yaw_rate_std_rad_s": 1.5, "yaw_rate_time_s": 0.2,
+    "velocity_std_m_s": 1.0, "velocity_time_s": 0.2, "velocity_up_std_m_s": 1.0,
+}  # fmt: skip
+"""Entries of ``HOLD``: a hand shakes by that."""
 CLEAR_S = 0.3
 """From a reading near the floor."""
 SHORTEST_S = 5.0
@@ -35,8 +29,7 @@ SHORTEST_S = 5.0
 def free(setting: Setting) -> Setting:
     """The belief about the instruments alone."""
     hold = setting.hold.copy()
-    hold[[TILT_STD, TURN_STD, W_STD, W_UP_STD]] = TILT_RAD, TURN_RAD_S, SPEED_M_S, SPEED_M_S
-    hold[[TILT_TIME, TURN_TIME, W_TIME]] = MEMORY_S
+    hold[[HOLD.index(name) for name in UNREST]] = list(UNREST.values())
     return replace(setting, hold=hold)
 
 

@@ -14,7 +14,8 @@ from slam.criticism.residuals.oddities import Oddity, oddities, without_dead_zon
 from slam.criticism.threads import in_threads
 from slam.criticism.without_commands.balances import Rows, balances_of
 from slam.criticism.without_commands.free import airborne, free
-from slam.criticism.without_commands.pictures import Sizes, picture_rows
+from slam.criticism.without_commands.pictures import picture_rows
+from slam.criticism.without_commands.regression import Sizes
 from slam.flight import Flight
 from slam.progress import Progress, Tally, silent
 from slam.simulation.model import Model
@@ -41,20 +42,18 @@ class Held:
 
     def rows(self, sizes: Sizes) -> list[list[Rows]]:
         """Of each flight, those of the pictures linear about the ``sizes`` of some columns."""
-        if not self.seen:
-            return list(self.balances)
 
         def of_pictures(record: Record | None) -> list[Rows]:
-            return (
-                [] if record is None or record.sights is None else picture_rows(record, self.setting, sizes)
-            )
+            if record is None or record.sights is None:
+                return []
+            return picture_rows(record, self.setting, sizes)
 
         pictures = in_threads(of_pictures, self.records)
         return [[*known, *more] for known, more in zip(self.balances, pictures, strict=True)]
 
 
 def held(flights: Sequence[Flight], model: Model, progress: Progress = silent) -> Held:
-    """Look at the flights."""
+    """Hold each instrument of the flights against the others."""
     balances = [balances_of(flight) for flight in Tally(progress, "instruments", len(flights)).each(flights)]
     setting = free(setting_of(model))
     records, dropped = [], []

@@ -22,15 +22,14 @@ from slam.criticism.kalman.setting import Setting, slot
 from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.without_commands.balances import Rows
 from slam.criticism.without_commands.columns import LATE, SHAPES, SIZE, seen_by_pictures
-from slam.criticism.without_commands.regression import STRETCH_S
+from slam.criticism.without_commands.regression import STRETCH_S, Sizes
 
 Array = NDArray[np.float64]
-Sizes = Mapping[str, float]
-"""Column -> size."""
 
 KIND = "pictures"
 HEALTHY = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3}
 """What healthy flights differ by, one standard deviation."""
+_PRECISION = [std**-2.0 for std in HEALTHY.values()]
 _STEP = 1e-3
 _FAINT = 1e-9
 """Information on what nothing in a stretch shows."""
@@ -55,27 +54,34 @@ def picture_rows(record: Record, setting: Setting, sizes: Sizes) -> list[Rows]:
 
     ``setting`` is a free vehicle's, without these errors.
     """
-    names, at = seen_by_pictures(), believed(setting, sizes)
+    names = seen_by_pictures()
     directions = [_direction(name) for name in (*names, *HEALTHY)]
-    p, held = len(names), np.array([sizes.get(name, 0.0) for name in names])
+    at = np.array([sizes.get(name, 0.0) for name in names])
     made = []
-    for stretch in _stretches(record, at, directions):
-        H, g = stretch.seen.information.copy(), stretch.seen.score
-        H[np.arange(len(H)), np.arange(len(H))] += _FAINT
-        H[np.arange(p, len(H)), np.arange(p, len(H))] += np.array(list(HEALTHY.values())) ** -2.0
-        taken = np.linalg.solve(H[p:, p:], np.column_stack([H[p:, :p], g[p:]]))
-        left, score = H[:p, :p] - H[:p, p:] @ taken[:, :-1], g[:p] - H[:p, p:] @ taken[:, -1]
-        scale = np.sqrt(np.maximum(np.diag(left), 1e-12))
-        known, turned = np.linalg.eigh(left / scale[:, None] / scale)
-        told = known > TELLING
-        root, turned = np.sqrt(known[told])[:, None], turned[:, told].T
-        R, off = root * turned * scale, turned @ (score / scale) / root[:, 0]
-        off += R @ held
-        over = np.sqrt(_misfit(stretch.seen, H, g))
-        R, off = R / over, off / over
-        times_s = np.full(len(off), stretch.middle_s)
-        made.append(Rows(KIND, times_s, off, dict(zip(names, R.T, strict=True)), float(over), None))
+    for stretch in _stretches(record, believed(setting, sizes), directions):
+        information = stretch.seen.information + np.diag([_FAINT] * len(names) + _PRECISION)
+        over = np.sqrt(_misfit(stretch.seen, information))
+        root, white = _roots(*_without_healthy(information, stretch.seen.score, len(names)))
+        off = (white + root @ at) / over
+        traces = dict(zip(names, root.T / over, strict=True))
+        made.append(Rows(KIND, np.full(len(off), stretch.middle_s), off, traces, float(over), None))
     return made
+
+
+def _without_healthy(information: Array, score: Array, count: int) -> tuple[Array, Array]:
+    """Information and score of the first ``count`` errors, whatever healthy flights differ by."""
+    own, rest = slice(0, count), slice(count, None)
+    taken_out = np.linalg.solve(information[rest, rest], information[rest, own]).T
+    return information[own, own] - taken_out @ information[rest, own], score[own] - taken_out @ score[rest]
+
+
+def _roots(information: Array, score: Array) -> tuple[Array, Array]:
+    """R with R'R = H, and R'^-1 g."""
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
+    known, turned = np.linalg.eigh(information / scale[:, None] / scale)
+    told = known > TELLING
+    root, turned = np.sqrt(known[told]), turned[:, told].T
+    return root[:, None] * turned * scale, turned @ (score / scale) / root
 
 
 def contradiction(rows: Sequence[Sequence[Rows]]) -> str:
@@ -95,24 +101,22 @@ def picture_errors(
 ) -> tuple[ChannelError, ...]:  # fmt: skip
     """Pixels that points are off by where the path carries them, root mean square, without the errors and
     with such ``sizes`` as the other parts of the flights have; empty where there are no pictures."""
-    squares = np.zeros((0, 2))
-    weights = np.zeros(0)
+    squares, rows = [], []
     for record, of in zip(records, parts, strict=True):
         if record is None or record.sights is None:
             continue
         noise = float(np.mean(record.sights.std_px**2))
         before = {s.middle_s: s.seen for s in _stretches(record, setting, ())}
         for part in sorted(set(of.values())):
-            for after in _stretches(record, believed(setting, sizes[part]), ()):
-                if of.get(after.middle_s // STRETCH_S) != part or after.middle_s not in before:
-                    continue
-                plain = before[after.middle_s]
-                both = [plain.chi_square / plain.rows, after.seen.chi_square / after.seen.rows]
-                squares = np.vstack([squares, noise * np.array(both)])
-                weights = np.append(weights, plain.rows)
-    if not len(weights):
+            for stretch in _stretches(record, believed(setting, sizes[part]), ()):
+                middle_s, after = stretch.middle_s, stretch.seen
+                if of.get(middle_s // STRETCH_S) == part and middle_s in before:
+                    both = before[middle_s], after
+                    squares.append([noise * s.chi_square / s.rows for s in both])
+                    rows.append(after.rows)
+    if not rows:
         return ()
-    rms = np.sqrt(np.average(squares, axis=0, weights=weights))
+    rms = np.sqrt(np.average(squares, axis=0, weights=rows))
     return (ChannelError("reprojection", "px", NOT_AHEAD_S, float(rms[0]), float(rms[1])),)
 
 
@@ -128,13 +132,13 @@ def believed(setting: Setting, sizes: Sizes) -> Setting:
     return replace(setting, camera=camera, sensor=sensor)
 
 
-def _misfit(seen: Sighted, information: Array, score: Array) -> float:
+def _misfit(seen: Sighted, information: Array) -> float:
     """How much larger residuals are than their own noise, squared, once all that moves points is fitted: then
     pictures and path disagree by more than they say."""
     tones = [*CAMERA[POINTS:], *(name + SIZE for name in PICTURE_SHAPES)]
     points = np.array([k for k, name in enumerate((*seen_by_pictures(), *HEALTHY)) if name not in tones])
-    own = information[np.ix_(points, points)] + _FAINT * np.eye(len(points))
-    explained = float(score[points] @ np.linalg.solve(own, score[points]))
+    score = seen.score[points]
+    explained = float(score @ np.linalg.solve(information[np.ix_(points, points)], score))
     return max((seen.chi_square - explained) / seen.rows, 1.0)
 
 
@@ -155,6 +159,6 @@ def _stretches(record: Record, setting: Setting, directions: Sequence[Direction]
         begin, end = np.searchsorted(number, [k, k + 1]).tolist()
         if end - begin < FEWEST:
             continue
-        seen = sighted_along(*taken(path, inside, begin, end), sights, setting, directions)
+        seen = sighted_along(sights, setting, *taken(path, inside, begin, end), directions)
         if seen.rows:
             yield _Stretch((k + 0.5) * STRETCH_S, seen)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,8 @@ from slam.criticism.without_commands.columns import is_square
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Sizes = Mapping[str, float]
+"""Column -> size."""
 
 STRETCH_S = 10.0
 FEWEST_FLIGHTS = 3
@@ -81,6 +83,15 @@ class Regression:
         information[np.diag_indices(len(information))] *= 1.0 + RIDGE
         information[np.diag_indices(len(information))] += 1e-12
         return np.asarray(np.linalg.solve(information, table.T @ self.off[own])), information
+
+    def sizes(self, effects: Sequence[str], rows: NDArray[np.bool_] | None = None) -> Sizes:
+        """The same by column."""
+        names = [n for e in effects for n in self.of(e)]
+        return dict(zip(names, self.fit(effects, rows)[0].tolist(), strict=True))
+
+    def sizes_by_others(self, effects: Sequence[str]) -> dict[int, Sizes]:
+        """For each part the sizes that all others have."""
+        return {part: self.sizes(effects, self.part != part) for part in np.unique(self.part).tolist()}
 
     def nats(self, effects: Sequence[str]) -> float:
         """What effects explain, less what their numbers cost."""
@@ -166,3 +177,14 @@ def regression_of(rows: Sequence[Sequence[Rows]]) -> Regression:
     if sum(bool(found) for found in rows) >= FEWEST_FLIGHTS:
         return Regression(off, columns, kind, flight, cluster, minutes, "flight")
     return Regression(off, columns, kind, cluster % SEGMENTS, cluster, minutes, "segment")
+
+
+def parts_of(rows: Sequence[Sequence[Rows]], data: Regression) -> list[dict[float, int]]:
+    """For each flight of the ``rows`` that ``data`` is of: number of a stretch -> the part that it is in."""
+    parts, begin = [], 0
+    for flight in rows:
+        count = sum(len(r.off) for r in flight)
+        stretch = np.concatenate([r.times_s // STRETCH_S for r in flight]) if flight else np.zeros(0)
+        parts.append(dict(zip(stretch.tolist(), data.part[begin : begin + count].tolist(), strict=True)))
+        begin += count
+    return parts

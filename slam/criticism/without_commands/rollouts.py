@@ -7,7 +7,7 @@ begin and the middle: no instrument tells how fast it changes at first.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,20 +15,18 @@ from numpy.typing import NDArray
 from slam.criticism.cause import ChannelError
 from slam.criticism.verdict.rollouts import HORIZONS_S
 from slam.criticism.without_commands.balances import NODE_S, Averages, Rows
-from slam.criticism.without_commands.regression import STRETCH_S, Regression
+from slam.criticism.without_commands.regression import STRETCH_S, Regression, Sizes, parts_of
 
 Array = NDArray[np.float64]
-Sizes = dict[str, float]
 
 
 def channel_errors(
-    rows: Sequence[Sequence[Rows]], data: Regression, chosen: Sequence[str], told: Sequence[str]
+    rows: Sequence[Sequence[Rows]], data: Regression, sizes: Mapping[int, Sizes]
 ) -> tuple[ChannelError, ...]:
-    """Root mean square errors over each horizon, each part as the others foretell it.
+    """Root mean square errors over each horizon, before and after each part's ``sizes`` are taken out.
 
-    ``data`` is of these ``rows``; ``told`` are those of the ``chosen`` that an extended model holds.
+    ``data`` is of these ``rows``.
     """
-    sizes = foretold(data, chosen, told)
     squares: dict[tuple[str, str, float], list[Array]] = {}
     for flight, parts in zip(rows, parts_of(rows, data), strict=True):
         for averages in (r.averages for r in flight if r.averages is not None):
@@ -44,31 +42,12 @@ def channel_errors(
     return tuple(sorted(errors, key=lambda e: e.horizon_s))
 
 
-def parts_of(rows: Sequence[Sequence[Rows]], data: Regression) -> list[dict[float, int]]:
-    """For each flight: number of a stretch -> the part that is held out together, of those with rows."""
-    parts, begin = [], 0
-    for flight in rows:
-        count = sum(len(r.off) for r in flight)
-        stretch = np.concatenate([r.times_s // STRETCH_S for r in flight]) if flight else np.zeros(0)
-        parts.append(dict(zip(stretch.tolist(), data.part[begin : begin + count].tolist(), strict=True)))
-        begin += count
-    return parts
-
-
-def foretold(data: Regression, chosen: Sequence[str], told: Sequence[str]) -> dict[int, Sizes]:
-    """For each part the sizes of the ``told`` among the ``chosen`` by all others: column -> size."""
-    named = [n for e in chosen for n in data.of(e)]
-    sizes = {}
-    for part in np.unique(data.part).tolist():
-        fitted, _ = data.fit(chosen, data.part != part)
-        sizes[part] = {
-            n: float(x) for n, x in zip(named, fitted, strict=True) if n.rpartition(".")[0] in told
-        }
-    return sizes
-
-
 def _misses(
-    averages: Averages, horizon_s: float, parts: dict[float, int], sizes: dict[int, Sizes], whole_flight: bool
+    averages: Averages,
+    horizon_s: float,
+    parts: dict[float, int],
+    sizes: Mapping[int, Sizes],
+    whole_flight: bool,
 ) -> Array:
     """(n, 2) before and after, from every moment whose horizon lies within one part."""
     ahead = round(horizon_s / NODE_S)

@@ -27,8 +27,8 @@ from slam.criticism.without_commands.held import Held, held
 from slam.criticism.without_commands.next_flight import next_motion
 from slam.criticism.without_commands.pictures import contradiction, picture_errors
 from slam.criticism.without_commands.posterior import in_place_of, posterior_of
-from slam.criticism.without_commands.regression import TOLERANCE, Regression, regression_of
-from slam.criticism.without_commands.rollouts import channel_errors, foretold, parts_of
+from slam.criticism.without_commands.regression import TOLERANCE, Regression, parts_of, regression_of
+from slam.criticism.without_commands.rollouts import channel_errors
 from slam.flight import Flight
 from slam.progress import Progress, silent
 from slam.simulation.model import Model
@@ -62,24 +62,13 @@ def judged_without_commands(
     rows = found.rows({})
     if not any(rows):
         return None
-    data = regression_of(rows)
-    chosen = _chosen(data)
-    for _ in range(ROUNDS if found.seen and chosen else 0):
-        # Pictures are linear near the truth only.
-        rows = found.rows(_sizes(data, chosen))
-        data = regression_of(rows)
-        chosen = _chosen(data)
+    data, rows, chosen = _fitted(found, rows)
     posterior = posterior_of(data, chosen)
     named = [e for e in chosen if e in CATALOGUE]
     errors = _errors(found, rows, data, chosen) if named else ()
     odd = [oddity.cause() for oddity in found.odd]
     causes = (*(_cause(data, chosen, e, posterior[e], errors) for e in named), *odd)
-    strange = [_strange(data, chosen, e) for e in chosen if e not in CATALOGUE]
-    changing = disagreements(data, chosen)
-    unsure = [c.name for c in causes if c.probability < SURE and len(c.alternatives) < 2]
-    doubted = [f"{name} may be something else" for name in unsure]
-    apart = contradiction(rows)
-    remainder = "; ".join([*strange, *changing, *([apart] if apart else []), *doubted])
+    remainder = "; ".join(_left_over(data, rows, chosen, causes))
     equivalents = causes[0].alternatives if causes and len(causes[0].alternatives) > 1 else ()
     if not causes:
         verdict = "unknown" if remainder else "nothing_wrong"
@@ -109,29 +98,51 @@ def judged_without_commands(
     )
 
 
+def _fitted(found: Held, rows: list[list[Rows]]) -> tuple[Regression, list[list[Rows]], list[str]]:
+    """The regression, its rows and the effects that stand out: pictures are linear near the truth only, so
+    theirs are made anew about what was found."""
+    data = regression_of(rows)
+    chosen = _chosen(data)
+    for _ in range(ROUNDS if found.seen and chosen else 0):
+        known = seen_by_pictures()
+        rows = found.rows({n: size for n, size in data.sizes(chosen).items() if n in known})
+        data = regression_of(rows)
+        chosen = _chosen(data)
+    return data, rows, chosen
+
+
+def _left_over(
+    data: Regression, rows: Sequence[Sequence[Rows]], chosen: Sequence[str], causes: Sequence[Cause]
+) -> list[str]:
+    """What no cause explains, in words."""
+    strange = [_strange(data, chosen, e) for e in chosen if e not in CATALOGUE]
+    apart = contradiction(rows)
+    unsure = [c.name for c in causes if c.probability < SURE and len(c.alternatives) < 2]
+    return [
+        *strange,
+        *disagreements(data, chosen),
+        *([apart] if apart else []),
+        *(f"{name} may be something else" for name in unsure),
+    ]
+
+
 def _strange(data: Regression, chosen: Sequence[str], effect: str) -> str:
     """What no term is, in words."""
-    if f"{effect}.s" not in LATE:
-        return f"{effect} (z = {data.z(chosen, effect):.1f})"
-    late_s = data.fit(chosen)[0][data.columns_of(chosen, effect)][0]
-    return f"{effect} by {1e3 * late_s:.0f} ms"
-
-
-def _sizes(data: Regression, chosen: Sequence[str]) -> dict[str, float]:
-    """Column -> size, of those that pictures know of."""
-    size, _ = data.fit(chosen)
-    named = [n for e in chosen for n in data.of(e)]
-    known = seen_by_pictures()
-    return {n: float(x) for n, x in zip(named, size, strict=True) if n in known}
+    if (late := f"{effect}.s") in LATE:
+        return f"{effect} by {1e3 * data.sizes(chosen)[late]:.0f} ms"
+    return f"{effect} (z = {data.z(chosen, effect):.1f})"
 
 
 def _errors(
     found: Held, rows: Sequence[Sequence[Rows]], data: Regression, chosen: Sequence[str]
 ) -> tuple[ChannelError, ...]:
-    named = [e for e in chosen if e in CATALOGUE]
-    sizes = foretold(data, chosen, named)
+    """Of what an extended model holds, on each part as the others have it."""
+    every = data.sizes_by_others(chosen)
+    sizes = {
+        part: {n: x for n, x in of.items() if n.rpartition(".")[0] in CATALOGUE} for part, of in every.items()
+    }
     pictures = picture_errors(found.records, found.setting, parts_of(rows, data), sizes)
-    return (*channel_errors(rows, data, chosen, named), *pictures)
+    return (*channel_errors(rows, data, sizes), *pictures)
 
 
 def _chosen(data: Regression) -> list[str]:
