@@ -41,7 +41,7 @@ class Held:
         return any(record is not None and record.sights is not None for record in self.records)
 
     def rows(self, sizes: Sizes) -> list[list[Rows]]:
-        """Of each flight, those of the pictures linear about the ``sizes`` of some columns."""
+        """Of each flight, those of the pictures linear about such ``sizes`` of columns as can be believed."""
 
         def of_pictures(record: Record | None) -> list[Rows]:
             if record is None or record.sights is None:

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from slam.criticism.camera.shading import PICTURE_SHAPES
 from slam.criticism.camera.sighting import Sighted, path_of, sighted_along, taken
 from slam.criticism.cause import NOT_AHEAD_S, ChannelError
-from slam.criticism.kalman.optics import CAMERA, POINTS, SQUARES, STEPS
+from slam.criticism.kalman.optics import CAMERA, POINTS, STEPS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting, slot
 from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.without_commands.balances import Rows
-from slam.criticism.without_commands.columns import LATE, SHAPES, SIZE, seen_by_pictures
+from slam.criticism.without_commands.columns import LATE, SHAPES, SIZE, is_square, seen_by_pictures
 from slam.criticism.without_commands.regression import STRETCH_S, Sizes
 
 Array = NDArray[np.float64]
@@ -50,15 +50,16 @@ class _Stretch:
 
 
 def picture_rows(record: Record, setting: Setting, sizes: Sizes) -> list[Rows]:
-    """The rows of a flight's pictures, linear about the ``sizes`` of some columns.
+    """The rows of a flight's pictures, linear about such ``sizes`` of columns as can be believed.
 
     ``setting`` is a free vehicle's, without these errors.
     """
     names = seen_by_pictures()
     directions = [_direction(name) for name in (*names, *HEALTHY)]
-    at = np.array([sizes.get(name, 0.0) for name in names])
+    point = _point(sizes)
+    at = np.array([point.get(name, 0.0) for name in names])
     made = []
-    for stretch in _stretches(record, believed(setting, sizes), directions):
+    for stretch in _stretches(record, believed(setting, point), directions):
         information = stretch.seen.information + np.diag([_FAINT] * len(names) + _PRECISION)
         over = np.sqrt(_misfit(stretch.seen, information))
         root, white = _roots(*_without_healthy(information, stretch.seen.score, len(names)))
@@ -108,7 +109,7 @@ def picture_errors(
         noise = float(np.mean(record.sights.std_px**2))
         before = {s.middle_s: s.seen for s in _stretches(record, setting, ())}
         for part in sorted(set(of.values())):
-            for stretch in _stretches(record, believed(setting, sizes[part]), ()):
+            for stretch in _stretches(record, believed(setting, _point(sizes[part])), ()):
                 middle_s, after = stretch.middle_s, stretch.seen
                 if of.get(middle_s // STRETCH_S) == part and middle_s in before:
                     both = before[middle_s], after
@@ -120,15 +121,18 @@ def picture_errors(
     return (ChannelError("reprojection", "px", NOT_AHEAD_S, float(rms[0]), float(rms[1])),)
 
 
+def _point(sizes: Sizes) -> Sizes:
+    """Of some sizes those that a setting can hold: of no shape, and no variance below 0."""
+    held = [n for n in seen_by_pictures() if n in sizes and not n.endswith(SIZE)]
+    return {n: max(sizes[n], 0.0) if is_square(n) else sizes[n] for n in held}
+
+
 def believed(setting: Setting, sizes: Sizes) -> Setting:
     """The setting with errors of some sizes."""
     camera, sensor = setting.camera.copy(), setting.sensor.copy()
     for name, size in sizes.items():
-        if name.endswith(SIZE):
-            continue
         where, entry = slot(LATE.get(name, name))
         (camera if where == "camera" else sensor)[entry] += size
-    camera[list(SQUARES)] = np.maximum(camera[list(SQUARES)], 0.0)
     return replace(setting, camera=camera, sensor=sensor)
 
 

@@ -22,7 +22,7 @@ from slam.criticism.verdict.sentence import sentence_of
 from slam.criticism.verdict.tables import ranked
 from slam.criticism.without_commands.agreement import disagreements
 from slam.criticism.without_commands.balances import Rows
-from slam.criticism.without_commands.columns import LATE, in_catalogue, is_square, seen_by_pictures
+from slam.criticism.without_commands.columns import LATE, in_catalogue, is_square
 from slam.criticism.without_commands.held import Held, held
 from slam.criticism.without_commands.next_flight import next_motion
 from slam.criticism.without_commands.pictures import contradiction, picture_errors
@@ -104,8 +104,7 @@ def _fitted(found: Held, rows: list[list[Rows]]) -> tuple[Regression, list[list[
     data = regression_of(rows)
     chosen = _chosen(data)
     for _ in range(ROUNDS if found.seen and chosen else 0):
-        known = seen_by_pictures()
-        rows = found.rows({n: size for n, size in data.sizes(chosen).items() if n in known})
+        rows = found.rows(data.sizes(chosen))
         data = regression_of(rows)
         chosen = _chosen(data)
     return data, rows, chosen

@@ -14,6 +14,8 @@ from slam.criticism.manoeuvres import stick_for
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
 from slam.criticism.without_commands.balances import NODE_S, balances_of
 from slam.criticism.without_commands.carried import CARRIED, carried
+from slam.criticism.without_commands.columns import SHAPES, SIZE
+from slam.criticism.without_commands.held import held
 from slam.criticism.without_commands.regression import regression_of
 from slam.simulation.model import load_model
 from tests.slam.criticism.camera.seen_flight import seen_flight
@@ -216,6 +218,20 @@ def test_pictures_are_held_against_the_other_instruments(term, parameter, size):
     assert abs(told.value - size) < 0.25 * size
     missed = next(c for c in cause.gain.channels if c.unit == "px")
     assert missed.after < missed.before
+
+
+def test_what_was_found_counts_once_however_often_pictures_are_made_linear_about_it():
+    found = held(seen({}), load_model("nominal"))
+    plain = regression_of(found.rows({}))
+    # No setting holds a shape, or a variance below 0: rows about them are rows about none.
+    shape = SHAPES[0] + SIZE
+    about = regression_of(found.rows({shape: 2.0, "motion_blur.exposure": -1e-4}))
+    np.testing.assert_allclose(about.off, plain.off)
+    # About a size that a setting does hold, what is off is the same, whatever has been taken out.
+    near = regression_of(found.rows({"focal_length.eps": 0.01}))
+    whole = [e for e in plain.effects() if e in ("focal_length", "sonar_scale", "camera_tilt")]
+    first, second = plain.sizes(whole), near.sizes(whole)
+    assert abs(second["focal_length.eps"] - first["focal_length.eps"]) < 0.002
 
 
 def test_pictures_that_nothing_agrees_with_are_told_and_name_no_cause():
