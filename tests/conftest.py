@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # Each worker has a core to itself: threads of linear algebra would wait for those of the other workers.
+    # It is read when numpy is imported, which nothing has done yet.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # A shell that starts the tests in the background has Ctrl-C ignored, and every process that a test starts
 # would inherit that; from one that handles it they get the default.
