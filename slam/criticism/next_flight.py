@@ -11,6 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from slam.criticism.camera.pictures import Sights
+from slam.criticism.camera.planned import planned
+from slam.criticism.camera.sighting import sighted
 from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.innovations import stretches
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
@@ -47,7 +50,8 @@ def next_flight(
     step, _ = look.parabola.answer(found.chosen).of(look.parabola.index(effect.columns))
     held = np.array([_held(found, column) for column in effect.columns])
     kinds = {int(kind) for record in records for kind in np.unique(record.kinds)}
-    return telling_flight(model, effect, other, step + held, kinds, progress)
+    seen = next((record.sights for record in records if record.sights is not None), None)
+    return telling_flight(model, effect, other, step + held, kinds, seen, progress)
 
 
 def telling_flight(
@@ -56,12 +60,14 @@ def telling_flight(
     second: Effect,
     sizes: np.ndarray,
     kinds: Container[int],
+    seen: Sights | None = None,
     progress: Progress = silent,
 ) -> str:
     """A sentence: which manoeuvre tells ``first``, of these sizes (columns,), from ``second`` best; empty
     for a term that moves no mean.
 
-    Best for the time that it takes, with these ``kinds`` of instruments on board.
+    Best for the time that it takes, with these ``kinds`` of instruments on board, and a camera as in what it
+    has ``seen``.
     """
     every = [direction_of(n) for n in MEAN] + [*first.directions, *second.directions]
     names = [n.name for n in MEAN] + [d.name for d in every[len(MEAN) :]]
@@ -81,6 +87,8 @@ def telling_flight(
         information = np.zeros((len(every), len(every)))
         for rows in stretches(record, setting, every):
             information += rows.traces.T @ rows.traces
+        if seen is not None:
+            information += sighted(record, planned(record, setting, seen), setting, every).information
         left = project(information, out, precision).information
         return float(np.sqrt(max(size @ left[np.ix_(own, own)] @ size, 0.0)))
 

@@ -1,0 +1,75 @@
+"""What pictures would show of a flight that is only planned: points of a bare floor, where they would lie.
+
+Nothing is rendered. Points lie on a grid of the later picture and are carried along the path into the earlier
+one; tones are drawn. What the pictures would tell of an error is in where points lie and in how well they are
+placed, not in what they show.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.camera.cells import CELL_STEPS, Cells
+from slam.criticism.camera.lens import floor_of, pixels_of
+from slam.criticism.camera.pictures import MATCHES, STEPS, Sights
+from slam.criticism.camera.sighting import MARGIN_S, path_of
+from slam.criticism.camera.tones import FEWEST
+from slam.criticism.kalman.readings import SLOPE_X, SLOPE_Y
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.setting import Setting
+
+Array = NDArray[np.float64]
+
+GRID = round(np.sqrt(MATCHES))
+BORDER_SHARE = 0.05
+"""Of a picture's width: no feature lies nearer to its edge."""
+LEVELS, DETAIL = (60.0, 180.0), (5.0, 20.0)
+"""Of a floor: grey levels, and how much they vary about a point."""
+TONE_NOISE, CELL_NOISE = 0.02, 0.02
+"""Share that a point's tones, or a cell's, differ by from picture to picture."""
+
+
+def planned(record: Record, setting: Setting, like: Sights, seed: int = 0) -> Sights:
+    """Pictures of the flight that ``record`` is of, as often and as sharp as those that were looked at."""
+    every_s = float(np.median(np.diff(like.stamps_s)))
+    stamps_s = np.arange(record.times_s[0] + MARGIN_S, record.times_s[-1] - MARGIN_S, every_s)
+    path, inside = path_of(record, replace(like, stamps_s=stamps_s), setting)
+    shown = np.flatnonzero(inside)
+    pairs = [(j - step, j) for j in range(len(shown)) for step in STEPS if j >= step]
+    i, j = np.repeat(np.array(pairs, dtype=np.int64).reshape(-1, 2), GRID**2, axis=0).T
+    grid = _grid(like)
+    pixel_j = np.tile(grid, (len(pairs), 1))
+    camera, slope = setting.camera, setting.sensor[[SLOPE_X, SLOPE_Y]]
+    floor = floor_of(like.camera, camera, path.poses[j], pixel_j, slope)
+    pixel_i = pixels_of(like.camera, camera, path.poses[i], floor)
+    edge = 0.5 * grid.min(axis=0)
+    kept = ((pixel_i > edge) & (pixel_i < like.camera.size_px - edge)).all(axis=1)
+    # What two pictures hardly share cannot be registered.
+    kept &= np.repeat(kept.reshape(-1, GRID**2).sum(axis=1) >= FEWEST, GRID**2)
+    i, j, pixel_i, pixel_j = i[kept], j[kept], pixel_i[kept], pixel_j[kept]
+    rng = np.random.default_rng(seed)
+    near = np.isin(j - i, CELL_STEPS)
+    cells = Cells(
+        shown[i[near]], shown[j[near]], pixel_i[near], pixel_j[near],
+        rng.normal(0.0, CELL_NOISE, int(near.sum())),
+    )  # fmt: skip
+    tone = np.column_stack([rng.uniform(*LEVELS, (len(i), 3)), rng.uniform(*DETAIL, len(i))])
+    tone_i, tone_j = (tone * (1.0 + TONE_NOISE * rng.standard_normal(tone.shape)) for _ in range(2))
+    std_px = np.full(len(i), float(np.median(like.std_px)))
+    return replace(
+        like, stamps_s=stamps_s, earlier=shown[i], later=shown[j], pixel_i=pixel_i, pixel_j=pixel_j,
+        std_px=std_px, tone_i=tone_i, tone_j=tone_j, cells=cells, taken=len(stamps_s), missing=0,
+        dents=replace(like.dents, pictures=len(stamps_s)), bands=0.0, moving_s=np.zeros(0),
+        spots=np.zeros((0, 3)),
+    )  # fmt: skip
+
+
+def _grid(like: Sights) -> Array:
+    """(GRID^2, 2) pixels."""
+    width, height = like.camera.size_px
+    edge = BORDER_SHARE * width
+    x, y = np.linspace(edge, width - edge, GRID), np.linspace(edge, height - edge, GRID)
+    return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)

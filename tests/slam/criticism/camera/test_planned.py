@@ -1,0 +1,69 @@
+"""Pictures of a flight that is only planned tell as much as those of the flight, once it is filmed."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism.camera.pictures import look
+from slam.criticism.camera.planned import planned
+from slam.criticism.camera.sighting import sighted
+from slam.criticism.healthy import at_lower_rates, flown
+from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.reference import referred
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.manoeuvres import MANOEUVRES, stick_for
+from slam.criticism.next_flight import telling_flight
+from slam.criticism.search.effects import effects_for
+from slam.simulation.camera.optics import CameraModel
+from slam.simulation.model import load_model
+
+TURNS = "yaw steps at 0.3, 0.6 and 1"
+PLACED = ("focal_length.eps", "radial_distortion.k1", "camera_tilt.x", "camera_tilt.y",
+          "camera_time_offset.offset", "rolling_shutter.readout")  # fmt: skip
+"""What shows in where points lie."""
+TONED = ("vignetting.a", "motion_blur.exposure", "exposure_variation.gamma")
+"""What shows in tones, which are drawn: of another floor they are others."""
+
+
+@pytest.fixture(scope="module")
+def filmed():
+    """Record and sights of turns over a floor, and the belief."""
+    model = load_model("nominal")
+    setting = setting_of(model)
+    flight = flown(at_lower_rates(model), stick_for([TURNS]), 1, camera=CameraModel(rate_hz=4.0))
+    sights = look(flight)
+    return referred(replace(record_of(flight), sights=sights), setting), sights, setting
+
+
+def test_a_plan_foretells_how_well_each_term_would_be_known(filmed):
+    record, sights, setting = filmed
+    directions = [d for e in effects_for([record], setting) for d in e.directions if d.name in PLACED + TONED]
+    real, foretold = (
+        np.sqrt(np.diag(sighted(record, s, setting, directions).information))
+        for s in (sights, planned(record, setting, sights))
+    )
+    ratio = {d.name: r for d, r in zip(directions, foretold / real, strict=True)}
+    assert set(ratio) == {*PLACED, *TONED}
+    for name in PLACED:
+        assert 0.8 < ratio[name] < 1.25, name
+    for name in TONED:
+        assert 0.5 < ratio[name] < 2.0, name
+
+
+def test_rows_read_late_are_told_from_late_pictures_by_turns(filmed, monkeypatch):
+    record, sights, setting = filmed
+    for name in set(MANOEUVRES) - {TURNS, "hover for 8 s"}:
+        monkeypatch.delitem(MANOEUVRES, name)
+    known = {e.name: e for e in effects_for([record], setting)}
+    pair = known["rolling_shutter"], known["camera_time_offset"]
+    kinds = {IMU, ATTITUDE, VELOCITY, SONAR}
+    model = load_model("nominal")
+    said = telling_flight(model, *pair, np.array([0.01]), kinds, sights)
+    assert TURNS in said
+    assert float(re.search(r": (.*) sigma", said)[1]) > 5.0
+    assert "another sensor" in telling_flight(model, *pair, np.array([0.01]), kinds)
