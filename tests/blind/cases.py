@@ -13,7 +13,18 @@ import numpy as np
 
 from tests.blind import folder, vehicle
 from tests.blind.camera import floor, pictures
-from tests.blind.faults import BY_NAME, FAULTS, SEEN, SEEN_STRANGE, SENSES, STRANGE, UNTELLABLE, Blind, Fault
+from tests.blind.faults import (
+    BY_NAME,
+    FAULTS,
+    SEEN,
+    SEEN_STRANGE,
+    SENSES,
+    STRANGE,
+    STRANGER,
+    UNTELLABLE,
+    Blind,
+    Fault,
+)
 from tests.blind.instruments import RATE_HZ, streams
 from tests.blind.plans import GRID_S, LANDING, PLANS, start_of, stick_of
 from tests.blind.strength import NUISANCES, outputs, strengths, whitened
@@ -22,20 +33,21 @@ from tests.blind.vehicle import HEALTHY, Knobs
 CONTACT = ("sonar_bias",)
 """Effects that only the moment of contact tells, which the whitening leaves out."""
 FINE_S, COARSE_S = GRID_S / 2, GRID_S
-CHANCE = ("gusts", "timestamp_jitter", "sonar_spikes", "sonar_quantisation")
+CHANCE = ("gusts", "timestamp_jitter", "sonar_spikes", "sonar_quantisation", "flow_sticks")
 """Effects that change the scatter only: no difference without noise tells their strength."""
 POOLS: dict[str, tuple[Fault, ...]] = {
     "single": FAULTS, "strange": STRANGE, "seen_single": SEEN, "seen_strange": SEEN_STRANGE,
+    "stranger": STRANGER,
 }  # fmt: skip
 """Kinds of case that hide one effect, and which."""
 PICTURED = ("seen_null", "seen_single", "seen_strange")
 """Kinds whose flights have pictures."""
 KINDS = (
     "null", "null_heavy", "null_coloured", "null_edge", "single", "pair", "strange", "untellable", *PICTURED,
-    "null_uneven",
+    "null_uneven", "stranger",
 )  # fmt: skip
 """New ones stand at the end: what a suite of the others draws stays as it was."""
-SHARE = dict(zip(KINDS, (8, 4, 3, 4, 15, 4, 5, 2, 1, 3, 1, 2), strict=True))
+SHARE = dict(zip(KINDS, (8, 4, 3, 4, 15, 4, 5, 2, 1, 3, 1, 2, 3), strict=True))
 """How a suite of all kinds is mixed: of 500 cases over 200 are healthy."""
 COLOUR = (0.3, 0.6)
 """Correlation of successive samples of coloured noise."""
@@ -250,7 +262,7 @@ def make(
     if kind in POOLS:
         pool = POOLS[kind]
         faults = [BY_NAME[fault] if fault else pool[rng.integers(len(pool))]]
-        if kind == "strange" and d is None:
+        if kind in ("strange", "stranger") and d is None:
             # What no term of the catalogue imitates must stand out, not only the whole of it.
             target *= 3.0
     elif kind == "pair":

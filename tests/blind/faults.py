@@ -137,6 +137,7 @@ FAULTS: tuple[Fault, ...] = (
     Fault("floor_steps", "place", 0.04, 0.3, "m", _boxes, scaled=False, needs=MOVES, value=None),
 )  # fmt: skip
 
+_TILTS = ("force roll", "force pitch", "roll", "pitch", "attitude", "gyro")
 STRANGE: tuple[Fault, ...] = (
     Fault("rotor_hum", "none", 0.02, 3.0, "m/s^2", _hum, known=False, channels=("imu", "gyro", "accel")),
     Fault("iron_in_floor", "none", 0.01, 0.6, "rad", _iron, needs=MOVES, known=False, channels=("yaw",
@@ -176,6 +177,30 @@ STRANGE: tuple[Fault, ...] = (
         channels=("velocity", "flow"),
     ),
 )  # fmt: skip
+
+STRANGER: tuple[Fault, ...] = (
+    Fault(
+        "attitude_swings_over", "none", 0.01, 1.0, "1", plain("swing_over"), needs=SHARP, known=False,
+        channels=_TILTS,
+    ),
+    Fault("lazy_servo", "none", 0.8, 3.0, "rad/s", plain("lazy_servo"), scaled=False, needs=("tilt_pulses",),
+        known=False, channels=_TILTS),
+    Fault("attitude_late", "none", 0.001, 0.2, "s", plain("late_level"), needs=SHARP, known=False,
+        channels=("attitude", "roll", "pitch", "yaw")),
+    Fault("tilt_turns", "none", 0.003, 1.0, "1", plain("tilt_turns", signed=True), needs=SHARP, known=False,
+        channels=("yaw", "gyro", "attitude", "force turn")),
+    Fault("swirl", "none", 0.02, 0.8, "m/s", plain("swirl"), known=False,
+        channels=("velocity", "accel", "force ahead", "force left", "force north", "force east", "wind")),
+    Fault("knocked", "none", 0.0005, 0.06, "rad", directed("knock_roll", "knock_pitch"), known=False,
+        channels=(*_TILTS, "velocity", "force ahead", "force left")),
+    Fault("gyro_is_pulled", "none", 0.0005, 0.2, "rad/s per m/s^2", plain("pulled", signed=True),
+        needs=SHARP, known=False, channels=("gyro", "imu")),
+    Fault("echo_long_at_speed", "none", 0.01, 0.3, "s", plain("echo_fast", signed=True), needs=MOVES,
+        known=False, channels=("sonar", "range")),
+    Fault("flow_sticks", "none", 0.05, 0.15, "1", plain("flow_stuck"), scaled=False, needs=MOVES, known=False,
+        channels=("velocity", "flow")),
+)  # fmt: skip
+"""More that the catalogue does not name, in a pool of their own: what earlier suites hid stays the same."""
 
 SEEN: tuple[Fault, ...] = (
     Fault("focal_length", "camera", 0.007, 0.03, "1", plain("zoom", signed=True), scaled=False,
@@ -240,7 +265,7 @@ SEEN_STRANGE: tuple[Fault, ...] = tuple(
 )  # fmt: skip
 """What only pictures show and the catalogue does not name."""
 
-BY_NAME: dict[str, Fault] = {f.name: f for f in (*FAULTS, *STRANGE, *SEEN, *SEEN_STRANGE)}
+BY_NAME: dict[str, Fault] = {f.name: f for f in (*FAULTS, *STRANGE, *STRANGER, *SEEN, *SEEN_STRANGE)}
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ NOISE = {
 }  # fmt: skip
 """Standard deviation of a sample."""
 RANGE_M = (0.25, 6.0)
+STUCK = 20
+"""Readings for which the flow sensor stays where it was."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +138,8 @@ def inertial(m: Moments) -> np.ndarray:
     felt = felt + np.cross(m.spinning, arm) + np.cross(rate, np.cross(rate, arm))
     force = frame.inv().apply(felt)
     force = force * (1.0 + k["accel_eps"]) + np.array([k["accel_x"], k["accel_y"], k["accel_z"]])
+    # Masses in the gyro that give way to what the vehicle feels beyond its weight.
+    gyro = gyro + k["pulled"] * (felt - np.array([0.0, 0.0, G]))[:, [1, 2, 0]]
     hum = k["hum"] * np.sin(2.0 * np.pi * k["hum_hz"] * m.t)
     gyro[:, 0] += hum / 40.0
     force[:, 1] += hum
@@ -185,6 +189,7 @@ def echo(m: Moments) -> np.ndarray:
     # Speed of sound from the absolute temperature.
     rise = k["warm_k"] * (1.0 - np.exp(-m.t / 25.0))
     out = out / np.sqrt(1.0 + rise / 293.15)
+    out = out + k["echo_fast"] * np.hypot(m.speed[:, 0], m.speed[:, 1])
     return out * (1.0 + k["echo_eps"]) + k["echo_add"]
 
 
@@ -194,6 +199,15 @@ def heard(path: Path, member: int, t: np.ndarray) -> np.ndarray:
     parts = np.linspace(0.05, 0.95, 10) * 2.0 * lag if lag > 0.0 else np.zeros(1)
     mean = np.mean([echo(moments(path, member, t - back)) for back in parts], axis=0)
     return mean + path.knobs["datum"][member]
+
+
+def stuck(value: np.ndarray, share: float, rng: np.random.Generator) -> np.ndarray:
+    """Readings (n, columns) of which a share repeats an earlier one, ``STUCK`` on end."""
+    begins = np.flatnonzero(rng.uniform(size=len(value)) < share / STUCK)
+    source = np.arange(len(value))
+    for begin in begins:
+        source[begin : begin + STUCK] = source[begin]
+    return value[source]
 
 
 def stamps(rate_hz: float, duration_s: float, rng: np.random.Generator) -> np.ndarray:
@@ -239,10 +253,12 @@ def streams(path: Path, member: int, stick: np.ndarray, rng: np.random.Generator
     imu = inertial(moments(path, member, t["imu0"], rng))
     gyro = noisy(imu[:, :3], NOISE["gyro"] * k["n_gyro"] * loud["imu0"], k, rng)
     accel = noisy(imu[:, 3:], NOISE["accel"] * k["n_accel"] * loud["imu0"], k, rng)
-    angles = attitude(moments(path, member, t["attitude0"]))
+    angles = attitude(moments(path, member, t["attitude0"] - k["late_level"]))
     angles = noisy(angles, NOISE["attitude"] * k["n_attitude"] * loud["attitude0"], k, rng)
     angles[:, 2] = (angles[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     flow = velocity(moments(path, member, t["velocity0"], rng))
+    if k["flow_stuck"] > 0.0:
+        flow = stuck(flow, k["flow_stuck"], rng)
     flow = noisy(flow, NOISE["velocity"] * k["n_flow"] * loud["velocity0"], k, rng)
     reach = heard(path, member, t["sonar0"])
     twice = rng.uniform(size=len(reach)) < k["echo_twice"]

@@ -56,7 +56,7 @@ def came_out(answer: Answer) -> bool:
         return answer.right
     if kind == "pair":
         return true(answer) <= answer.claimed
-    if kind == "strange":
+    if kind in ("strange", "stranger"):
         return answer.word in FLAGS and not misnamed(answer)
     return says_so(answer) if kind == "untellable" else answer.word == "nothing_wrong"
 

@@ -147,7 +147,7 @@ def card(answers: list[Answer], settles: Callable[[Answer], bool] | None = None)
         _rate(
             "pairs: both found, each d >= 8", _at(8, of["pair"]), lambda a: true(a) <= a.claimed, 0.60, 0.85
         ),
-        *_strange("strange", of["strange"]),
+        *_strange("strange", of["strange"] + of["stranger"]),
         *_pictures(of),
         *_open(of["untellable"], settles),
         _held_out(of["single"]),

@@ -29,7 +29,8 @@ def outputs(
     t = np.arange(0.3 + STEP_S / 8, path.h * len(path.held) - 0.01, STEP_S)
     clock = t * (1.0 - 1e-6 * path.knobs["ppm"][member])
     m = moments(path, member, clock)
-    imu, angles, flow = inertial(m), attitude(m), velocity(m)
+    behind = moments(path, member, clock - path.knobs["late_level"][member])
+    imu, angles, flow = inertial(m), attitude(behind), velocity(m)
     reach = np.maximum(heard(path, member, clock), path.knobs["echo_floor"][member])
     reach[(reach < RANGE_M[0]) | (reach > RANGE_M[1])] = np.nan
     # The moment of contact is the hold noise's: what the legs do then tells nothing.

@@ -23,7 +23,7 @@ from tests.blind.cases import (
     sized,
     suite,
 )
-from tests.blind.faults import BY_NAME, FAULTS, SEEN, SEEN_STRANGE, STRANGE, UNTELLABLE, Blind
+from tests.blind.faults import BY_NAME, FAULTS, SEEN, SEEN_STRANGE, STRANGE, STRANGER, UNTELLABLE, Blind
 from tests.blind.instruments import NOISE, RATE_HZ, attitude, heard, moments, noisier, noisy, streams
 from tests.blind.settling import unexplained
 from tests.blind.strength import NUISANCES, STEP_S, outputs, strengths, whitened
@@ -103,7 +103,7 @@ OUTINGS = (
 
 def strongest(name: str) -> dict[str, float]:
     fault = BY_NAME[name]
-    amplitude = fault.low if name in ("tilt_limit", "flow_saturation") else fault.high
+    amplitude = fault.low if name in ("tilt_limit", "flow_saturation", "lazy_servo") else fault.high
     return {**HEALTHY, **fault.apply(amplitude, dict(HEALTHY), np.random.default_rng(1))}
 
 
@@ -111,7 +111,7 @@ def strongest(name: str) -> dict[str, float]:
 def test_every_effect_changes_what_is_read(outing):
     """At its largest far beyond the noise, where a plan that shows it is flown."""
     shown = [
-        f.name for f in (*FAULTS, *STRANGE)
+        f.name for f in (*FAULTS, *STRANGE, *STRANGER)
         if f.name not in (*CHANCE, *CONTACT) and (set(f.needs) & set(outing.plans) or not f.needs)
     ]  # fmt: skip
     traces = outing.traces(HEALTHY, [strongest(name) for name in shown], ALL)
@@ -172,7 +172,7 @@ def test_the_catalogue_is_covered():
     from slam.simulation.terms import CATALOGUE
 
     assert {f.name for f in (*FAULTS, *SEEN)} == set(CATALOGUE) - {"position_hold"}
-    assert not {f.name for f in (*STRANGE, *SEEN_STRANGE)} & set(CATALOGUE)
+    assert not {f.name for f in (*STRANGE, *STRANGER, *SEEN_STRANGE)} & set(CATALOGUE)
     assert len(STRANGE) >= 5
     assert len(SEEN_STRANGE) >= 5
 

@@ -20,6 +20,9 @@ CLIMB_S, YAW_S, POLE_S = 0.30, 0.05, 0.020
 LEGS = 0.08
 FADE = 0.04
 SPRING, DAMPER, RUB = 2500.0, 60.0, 12.0
+SWING_S = 0.25
+KNOCKED_AT = 0.5
+"""Share of the flight that is over when something hits the vehicle."""
 
 HEALTHY: dict[str, float] = {
     "gain": 1.0, "drag": G * 0.057, "lag": 0.10, "datum": 0.0,
@@ -33,8 +36,11 @@ HEALTHY: dict[str, float] = {
     "charge": 0.7,
     "lean_roll": 0.0, "lean_pitch": 0.0, "wind_x": 0.0, "wind_y": 0.0, "gust": 0.0, "gust_tau": 1.5,
     "cushion": 0.0, "sink": 0.0, "spin_drag": 0.0, "load": 0.0, "load_hz": 0.6, "askew": 0.0, "nose_up": 0.0,
+    "swing_over": 0.0, "lazy_servo": 0.0, "knock_roll": 0.0, "knock_pitch": 0.0, "swirl": 0.0,
+    "tilt_turns": 0.0,
     # instruments
-    "flow_eps": 0.0, "flow_turn": 0.0, "flow_top": 0.0,
+    "flow_eps": 0.0, "flow_turn": 0.0, "flow_top": 0.0, "flow_stuck": 0.0, "late_level": 0.0,
+    "echo_fast": 0.0, "pulled": 0.0,
     "cone": 0.0, "echo_x": 0.0, "echo_y": 0.0, "echo_eps": 0.0, "echo_add": 0.0, "warm_k": 0.0,
     "echo_step": 0.0,
     "echo_floor": 0.0, "echo_lag": 0.0, "echo_twice": 0.0,
@@ -160,15 +166,32 @@ def strength(k: dict[str, np.ndarray], drawn: float) -> np.ndarray:
     )
 
 
+@dataclass(frozen=True)
+class Memory:
+    """What the autopilot keeps of the past, (2, members) each."""
+
+    integral: np.ndarray
+    """The brake's, ahead and left."""
+    servo: np.ndarray
+    """Roll and pitch that a servo of limited speed has got to, ..."""
+    followed: np.ndarray
+    """... and that one with a swing comes back to."""
+
+    @staticmethod
+    def of(members: int) -> Memory:
+        """At rest."""
+        return Memory(*(np.zeros((2, members)) for _ in range(3)))
+
+
 def asked_tilt(
     k: dict[str, np.ndarray],
     stick: np.ndarray,
     state: np.ndarray,
-    integral: np.ndarray,
+    memory: Memory,
     drawn: float,
     h: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Roll and pitch that the autopilot asks for; moves the brake's integral on (in place)."""
+    """Roll and pitch that the autopilot asks for; moves its memory on (in place)."""
     reach = FULL_TILT * k["gain"] * (strength(k, drawn) if k["sag"].any() else 1.0)
     # The pilot's ahead and the autopilot's.
     c, s = np.cos(k["askew"]), np.sin(k["askew"])
@@ -182,11 +205,22 @@ def asked_tilt(
         idle = (stick[0] == 0.0) & (stick[1] == 0.0)
         nose = np.exp(-1j * state[8]) * (state[3] + 1j * state[4])
         ahead, left = nose.real, nose.imag
-        integral += np.where(idle, h * np.stack([ahead, left]), -integral)
+        memory.integral[:] += np.where(idle, h * np.stack([ahead, left]), -memory.integral)
         top = np.where(idle, k["brake_most"], 0.0)
-        pitch = pitch - np.clip((k["brake_p"] * ahead + k["brake_i"] * integral[0]) / G, -top, top)
-        roll = roll + np.clip((k["brake_p"] * left + k["brake_i"] * integral[1]) / G, -top, top)
-    return roll + k["lean_roll"], pitch + k["lean_pitch"] - k["nose_up"] * stick[2]
+        pitch = pitch - np.clip((k["brake_p"] * ahead + k["brake_i"] * memory.integral[0]) / G, -top, top)
+        roll = roll + np.clip((k["brake_p"] * left + k["brake_i"] * memory.integral[1]) / G, -top, top)
+    if k["lazy_servo"].any():
+        # No faster than so many rad/s.
+        most = np.where(k["lazy_servo"] > 0.0, h * k["lazy_servo"], np.inf)
+        memory.servo[:] += np.clip(np.stack([roll, pitch]) - memory.servo, -most, most)
+        roll, pitch = memory.servo.copy()
+    if k["swing_over"].any():
+        over = np.stack([roll, pitch]) - memory.followed
+        memory.followed[:] += over * (1.0 - np.exp(-h / SWING_S))
+        roll, pitch = roll + k["swing_over"] * over[0], pitch + k["swing_over"] * over[1]
+    knocked = drawn > KNOCKED_AT
+    roll, pitch = roll + k["lean_roll"] + knocked * k["knock_roll"], pitch + k["lean_pitch"]
+    return roll, pitch + knocked * k["knock_pitch"] - k["nose_up"] * stick[2]
 
 
 def push(k: dict[str, np.ndarray], state: np.ndarray, gust: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -234,7 +268,7 @@ def fly(
     state = np.zeros((steps + 1, 14, count))
     state[0, [0, 1, 2, 8]] = starts
     held = np.zeros((steps, 7, count))
-    integral = np.zeros((2, count))
+    memory = Memory.of(count)
     half, whole = np.exp(-0.5 * h / k["lag"]), np.exp(-h / k["lag"])
     # Yaw: rate and angle exact for a held target.
     free = 1.0 + k["spin_drag"]
@@ -242,11 +276,14 @@ def fly(
     for i in range(steps):
         now, n, stick = state[i], noise[i], sticks[i]
         share = calm(now[2])
-        roll_t, pitch_t = asked_tilt(k, stick, now, integral, i / steps, h)
+        roll_t, pitch_t = asked_tilt(k, stick, now, memory, i / steps, h)
         held[i, 0], held[i, 1] = roll_t, pitch_t
-        held[i, 2:4], held[i, 4:6] = stick[2:4], n[9:11] * share
+        held[i, 2], held[i, 3] = stick[2], stick[3] + k["tilt_turns"] * (now[6] + now[7])
+        # A breeze that turns round once in a flight.
+        round_ = 2.0 * np.pi * i / steps
+        held[i, 4:6] = n[9:11] * share + k["swirl"] * np.array([[np.cos(round_)], [np.sin(round_)]])
         roll_t, pitch_t = roll_t + share * n[0], pitch_t + share * n[1]
-        rate_t = (YAW_RATE * stick[3] + share * n[2]) / free
+        rate_t = (YAW_RATE * held[i, 3] + share * n[2]) / free
         mid = now.copy()
         mid[6], mid[7] = roll_t + (now[6] - roll_t) * half, pitch_t + (now[7] - pitch_t) * half
         ax, ay = push(k, now, held[i, 4:6])
