@@ -22,6 +22,8 @@ from slam.simulation.terms import CATALOGUE, Parameter
 LARGEST_SHARE = 0.4
 """Of a constant of the vehicle in one step."""
 LARGEST_LATENCY_S = 2.0
+DELAY = Parameter("delay_s", "s", 0.0, -0.15, 0.15, -0.5, 0.5)
+"""Of readings that come late, or early: no term's."""
 AT = "@"
 """Between a term's name and the value that it is tried at."""
 _BY_NAME = {n.name: n for n in (*NUISANCES, *COLOURS)}
@@ -233,7 +235,7 @@ def bounded(name: str, step: float, setting: Setting) -> float:
 
 def _limits(name: str) -> Parameter:
     term, _, parameter = name.partition(".")
-    return CATALOGUE[term].parameter(parameter)
+    return DELAY if parameter == DELAY.name else CATALOGUE[term].parameter(parameter)
 
 
 def _with(setting: Setting, where: str, entry: int, x: float) -> Setting:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.camera.shading import PICTURE_SHAPES, RESTLESS
 from slam.criticism.camera.warps import PAIRS, WARPS
-from slam.criticism.kalman.readings import ATTITUDE, CHANNELS, SENSOR, VELOCITY, channels_of
+from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record, any_holds_heading
 from slam.criticism.kalman.tangents import FORCES, Direction, Signal
 from slam.criticism.search.effects import Effect
@@ -77,10 +77,6 @@ def dictionary(records: Sequence[Record]) -> list[Direction]:
         if record.has(yaw) and record.has(_SPEED)  # else nothing says where it was
         for signal in _of_flight(flight)
     ]
-    if any(c in channels for c in channels_of(ATTITUDE)):
-        found.append(Direction("attitude late", "sensor", SENSOR.index("attitude.delay_s"), 1e-3))
-    if any(c in channels for c in channels_of(VELOCITY)):
-        found.append(Direction("velocity late", "sensor", SENSOR.index("velocity.delay_s"), 1e-3))
     return found
 
 

@@ -13,6 +13,7 @@ from math import pi
 import numpy as np
 
 from slam.criticism.kalman.optics import CAMERA, SQUARES, STEPS
+from slam.criticism.kalman.readings import ATTITUDE, VELOCITY, channels_of
 from slam.criticism.kalman.record import Record, any_holds_heading, any_turns
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction, parameter_direction
@@ -80,6 +81,10 @@ _STEPS: dict[str, tuple[tuple[str, float], ...]] = {
 }
 """Parameters of the terms that are plain entries of the equations or the instruments."""
 
+LATE = {"attitude late": (ATTITUDE, "attitude.delay_s"), "velocity late": (VELOCITY, "velocity.delay_s")}
+"""What no term is, but has a parameter in the equations: kind of events, and that."""
+DELAY_STEP_S = 1e-3
+
 RADIUS_M = 0.1
 """The push of the floor goes with the square of the radius: the column is radius^2, by one difference."""
 TILT_LIMITS = (0.9, 0.7, 0.5, 0.3)
@@ -92,8 +97,8 @@ PLAUSIBLE = 3.0
 
 
 def effects_for(records: Sequence[Record], setting: Setting) -> list[Effect]:
-    """Every term that is screened under a belief, each with its columns; for a foreign vehicle none that is
-    nothing but unrest."""
+    """Every term that is screened under a belief, each with its columns, and readings that come late; for a
+    foreign vehicle neither these nor what is nothing but unrest."""
     found = [_plain(name, steps) for name, steps in _STEPS.items()]
     found += _latencies(setting)
     if any_holds_heading(records) or not any_turns(records):
@@ -108,9 +113,19 @@ def effects_for(records: Sequence[Record], setting: Setting) -> list[Effect]:
     found += _tilt_limits(records, setting)
     if not setting.foreign:
         found += [_gusts(tau) for tau in GUST_TIMES_S]
+        found += late_readings(records)
         jitter = Change("timestamp_jitter.var", _jittered, 1.0)
         found.append(Effect("timestamp_jitter", (), (jitter,), ("sigma",), True))
     return found
+
+
+def late_readings(records: Sequence[Record]) -> list[Effect]:
+    """Instruments that read what was a moment ago, where no term of the catalogue stands for that."""
+    return [
+        Effect(name, (parameter_direction(parameter, DELAY_STEP_S),))
+        for name, (kind, parameter) in LATE.items()
+        if any(record.has(channel) for record in records for channel in channels_of(kind))
+    ]
 
 
 def relaxations(foreign: bool = False) -> list[Effect]:

@@ -16,7 +16,14 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.columns import column_of
 from slam.criticism.search.dictionary import dictionary, shapes_of, signals_of
-from slam.criticism.search.effects import Effect, catalogue_value, effects_for, plausible, relaxations
+from slam.criticism.search.effects import (
+    Effect,
+    catalogue_value,
+    effects_for,
+    late_readings,
+    plausible,
+    relaxations,
+)
 from slam.criticism.search.fitting import changes_of
 from slam.criticism.search.hypotheses import Answer, Parabola, parabola_of
 from slam.criticism.search.inclusion import on_grid, settled
@@ -89,14 +96,16 @@ def look_at(
     labels = {effect.label for effect in held}
     effects = [e for e in effects_for(records, setting) if e.label not in labels] + held
     shapes = dictionary(records)
-    directions = [direction_of(n) for n in MEAN] + [d for e in effects for d in e.directions] + shapes
+    late = late_readings(records) if model.foreign else []
+    moved = [d for e in (*effects, *late) for d in e.directions]
+    directions = [direction_of(n) for n in MEAN] + moved + shapes
     changes = changes_of() + [c for e in effects for c in e.changes]
     sums = sums_of(records, setting, directions, changes, signals, plain, WEIGHED)
     values = {c: column_of(c).held(setting) for e in effects for c in e.columns if c not in e.relaxes}
     values = {c: v for c, v in values.items() if v != 0.0}
     return Look(
         setting, sums, parabola_of(sums, setting, model, values), (*effects, *relaxations(model.foreign)),
-        shapes_of(shapes),
+        (*shapes_of(shapes), *late),
     )  # fmt: skip
 
 

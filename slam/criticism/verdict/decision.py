@@ -217,7 +217,7 @@ def decide(
     out of range that a cause explains.
     """
     odd = [e for e in found.chosen if not named(e) and e.name not in entailed]
-    remains = [*(e.name for e in odd), *doubts]
+    remains = [*(_in_words(e, found) for e in odd), *doubts]
     remains += [f"{s.effect.name} (z = {s.z:.1f})" for s in left[:1] if s.z > shape_z]
     if not causes:
         return ("unknown" if remains else "nothing_wrong"), (), "; ".join(remains)
@@ -236,6 +236,16 @@ def decide(
     if lead.gain.nats < CONFIRMED_NATS:
         remains.append("held-out flights do not confirm it")
     return ("named_with_remainder" if remains else "named"), (lead.name,), "; ".join(remains)
+
+
+def _in_words(effect: Effect, found: Search) -> str:
+    """What was chosen and no term is; how late readings come is told."""
+    if not effect.directions:
+        return effect.name
+    look = found.last
+    step, _ = look.parabola.answer(found.chosen).of(look.parabola.index(effect.columns))
+    late_s = float(step[0]) + look.parabola.held.get(effect.columns[0], 0.0)
+    return f"{effect.name} by {1e3 * late_s:.1f} ms"
 
 
 def _strongest(left: Sequence[Standing]) -> str:

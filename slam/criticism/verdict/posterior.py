@@ -74,9 +74,11 @@ def posterior_of(found: Search) -> Posterior:
     walls = [place for place, effect in zip(places, chosen, strict=True) if is_wall(effect)]
     weights = [(_evidence(look, chosen), _names(chosen)), *(w for place in places for w in place.weights)]
     if not chosen or (len(chosen) > 1 and not walls):
-        weights.append((_evidence(look, []), _names([])))
+        look = _look_at(found, chosen)
+        over = _evidence(found.last, chosen) - _evidence(look, [look.own(e) for e in chosen])
+        weights.append((_evidence(look, []) + over, _names([])))
         # What several terms explain may be one thing that none of them is.
-        weights += [(x, _names([e])) for e, x in _beside(look, [], (*look.effects, *look.shapes))]
+        weights += [(x + over, _names([e])) for e, x in _beside(look, [], (*look.effects, *look.shapes))]
     probability = _probabilities(weights)
     for names in (wall.names for wall in walls):
         share = probability.get(names[0], 0.0) / len(names)
@@ -89,6 +91,12 @@ def posterior_of(found: Search) -> Posterior:
     )
 
 
+def _look_at(found: Search, terms: Sequence[Effect]) -> Look:
+    """Where what would be missed without some terms shows: what makes noise larger hides that from the belief
+    that holds it."""
+    return found.first if any(e.changes for e in terms) else found.last
+
+
 def _at_wall(found: Search, wall: Effect) -> _Place:
     """The search has held it against all others with the filter run anew."""
     names = (wall.name, *_as_good(found, wall))
@@ -98,7 +106,8 @@ def _at_wall(found: Search, wall: Effect) -> _Place:
 
 
 def _at_term(found: Search, term: Effect) -> _Place:
-    look, chosen = found.last, list(found.chosen)
+    look = _look_at(found, [term])
+    chosen, term = [look.own(e) for e in found.chosen], look.own(term)
     rest = [e for e in chosen if e is not term]
     own = _evidence(look, chosen)
     weights = [(_evidence(look, rest), _names(rest))]
@@ -123,6 +132,8 @@ def _at_term(found: Search, term: Effect) -> _Place:
     ]  # fmt: skip
     near += [n for n in found.rivals.get(term.name, ()) if n in others and n not in near]
     lead_nats = own - max(others.values(), default=-np.inf)
+    over = _evidence(found.last, found.chosen) - own
+    weights = [(evidence + over, names) for evidence, names in weights]
     return _Place((term.name, *near), lead_nats, next(iter([*near, *order]), ""), tuple(weights))
 
 

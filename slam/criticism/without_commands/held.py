@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from slam.criticism.camera.pictures import look_all
+from slam.criticism.camera.pictures import Sights, look_all
 from slam.criticism.camera.strays import without_strays
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
@@ -36,9 +36,10 @@ class Held:
     """What was left out, in words."""
 
     @property
-    def seen(self) -> bool:
-        """Whether there are pictures."""
-        return any(record is not None and record.sights is not None for record in self.records)
+    def sights(self) -> Sights | None:
+        """Of the first flight that has any."""
+        every = (record.sights for record in self.records if record is not None)
+        return next((sights for sights in every if sights is not None), None)
 
     def rows(self, sizes: Sizes) -> list[list[Rows]]:
         """Of each flight, those of the pictures linear about such ``sizes`` of columns as can be believed."""

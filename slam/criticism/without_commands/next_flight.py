@@ -1,22 +1,29 @@
 """The motion that would settle what instruments leave open: flown or carried in simulation.
 
 As with commands two effects are told apart by what is left of the first one's trace once the other's is taken
-out; here the traces are those of the balances, and their noise is that of the flights at hand.
+out; here the traces are those of balances and pictures, and their noise is that of the flights at hand.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.camera.pictures import Sights
+from slam.criticism.camera.planned import planned
 from slam.criticism.healthy import flown, read_by
+from slam.criticism.kalman.optics import CAMERA
+from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.next_flight import advice
 from slam.criticism.threads import in_threads
 from slam.criticism.without_commands.balances import Rows, balances_of
 from slam.criticism.without_commands.carried import CARRIED, carried
+from slam.criticism.without_commands.free import airborne, free
+from slam.criticism.without_commands.pictures import picture_rows
 from slam.criticism.without_commands.regression import Regression, regression_of
 from slam.flight import Flight
 from slam.progress import Progress, Tally, silent
@@ -33,14 +40,19 @@ def next_motion(
     rows: Sequence[Sequence[Rows]],
     chosen: Sequence[str],
     rivals: Sequence[str],
+    seen: Sights | None = None,
     progress: Progress = silent,
 ) -> str:
     """A sentence: which motion tells two rivals apart best for the time that it takes.
 
-    ``rows`` are the balances of the flights at hand; the first rival is one of the ``chosen``.
+    ``rows`` are those of the flights at hand; the first rival is one of the ``chosen``. A camera is on board
+    as in what it has ``seen``.
     """
     first, second = rivals
     data = regression_of(rows)
+    if not any(column in CAMERA for rival in rivals for column in data.of(rival)):
+        # What pictures would add costs a path for each motion, and the balances tell instruments apart.
+        seen = None
     size, error = data.covariance(chosen)
     own = data.columns_of(chosen, first)
     plain = np.linalg.inv(data.fit(chosen)[1])
@@ -48,7 +60,7 @@ def next_motion(
     noise, beside = _noise(rows), [*(e for e in chosen if e != first), second]
 
     def separation(name: str) -> float:
-        found = [r for r in balances_of(_flight(model, name)) if r.kind in noise]
+        found = [r for r in _rows(_flight(model, name), model, seen) if r.kind in noise]
         if not found:
             return 0.0
         finer = _noise([found])
@@ -61,6 +73,15 @@ def next_motion(
     best = int(np.argmax(found / np.sqrt([_took_s(name) for name in names])))
     motion = f"fly {names[best]!r}" if names[best] in MANOEUVRES else f"{names[best]},"
     return advice(first, second, motion, float(found[best]))
+
+
+def _rows(flight: Flight, model: Model, seen: Sights | None) -> list[Rows]:
+    """Balances of a planned motion, and its pictures, as they would be."""
+    rows, record = balances_of(flight), airborne(flight)
+    if seen is None or record is None:
+        return rows
+    setting = free(setting_of(model))
+    return [*rows, *picture_rows(replace(record, sights=planned(record, setting, seen)), setting, {})]
 
 
 def _apart(data: Regression, weight: Array, size: Array, first: str, beside: Sequence[str]) -> float:

@@ -18,6 +18,7 @@ PLANS = (
 )
 LEVER_M = np.array([0.0, 0.0, 0.1])
 TURNED_RAD = 0.07
+LATE_S = 2.5e-3
 
 
 def off_the_centre(flight):
@@ -52,6 +53,11 @@ def sinking(stick):
     return replace(stick, values=values)
 
 
+def late_attitude(flight):
+    """With an attitude that was true a moment before its stamp."""
+    return replace(flight, attitude=replace(flight.attitude, stamps_s=flight.attitude.stamps_s + LATE_S))
+
+
 def same(what):
     return what
 
@@ -64,8 +70,10 @@ def same(what):
         pytest.param(steered_askew, same, ["force roll ~ stick_ahead", "force pitch ~ stick_left"],
             marks=pytest.mark.slow),
         pytest.param(same, turned_flow, ["velocity_y ~ ahead", "velocity_x ~ left"], marks=pytest.mark.slow),
+        pytest.param(same, late_attitude, ["attitude late by 2.", "attitude late by 3."],
+            marks=pytest.mark.slow),
     ],
-    ids=["imu off the centre", "tilts lose lift", "sticks askew", "flow turned"],
+    ids=["imu off the centre", "tilts lose lift", "sticks askew", "flow turned", "attitude late"],
 )  # fmt: skip
 def test_it_is_unknown_and_told_by_what_shows_it(obeyed, read, signs):
     nominal = at_lower_rates(load_model("nominal"))

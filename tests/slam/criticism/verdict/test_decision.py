@@ -139,6 +139,7 @@ def test_what_fits_say_of_a_rival_goes_before_what_a_look_says():
         effects=(rise, scale),
         shapes=(),
         standing=standing,
+        own=lambda effect: effect,
         parabola=SimpleNamespace(answer=answer, index=lambda columns: columns),
     )
     found = Search(None, look, look, (rise,))
