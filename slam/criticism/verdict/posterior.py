@@ -75,10 +75,11 @@ def posterior_of(found: Search) -> Posterior:
     weights = [(_evidence(look, chosen), _names(chosen)), *(w for place in places for w in place.weights)]
     if not chosen or (len(chosen) > 1 and not walls):
         look = _look_at(found, chosen)
-        over = _evidence(found.last, chosen) - _evidence(look, [look.own(e) for e in chosen])
-        weights.append((_evidence(look, []) + over, _names([])))
-        # What several terms explain may be one thing that none of them is.
-        weights += [(x + over, _names([e])) for e, x in _beside(look, [], (*look.effects, *look.shapes))]
+        weights.append((_evidence(look, []) + _over(found, look), _names([])))
+        # What several terms explain may be one thing that none of them is, near the belief or near health.
+        for near in (found.first, *(() if look is found.first else (look,))):
+            alone = _beside(near, [], (*near.effects, *near.shapes))
+            weights += [(evidence + _over(found, near), _names([e])) for e, evidence in alone]
     probability = _probabilities(weights)
     for names in (wall.names for wall in walls):
         share = probability.get(names[0], 0.0) / len(names)
@@ -97,6 +98,11 @@ def _look_at(found: Search, terms: Sequence[Effect]) -> Look:
     return found.first if any(e.changes for e in terms) else found.last
 
 
+def _over(found: Search, look: Look) -> float:
+    """Nats that a look's belief has over the last one's, before anything is fitted."""
+    return float(look.sums.log_likelihood.sum() - found.last.sums.log_likelihood.sum())
+
+
 def _at_wall(found: Search, wall: Effect) -> _Place:
     """The search has held it against all others with the filter run anew."""
     names = (wall.name, *_as_good(found, wall))
@@ -107,10 +113,10 @@ def _at_wall(found: Search, wall: Effect) -> _Place:
 
 def _at_term(found: Search, term: Effect) -> _Place:
     look = _look_at(found, [term])
+    own, over = _evidence(found.last, found.chosen), _over(found, look)
     chosen, term = [look.own(e) for e in found.chosen], look.own(term)
     rest = [e for e in chosen if e is not term]
-    own = _evidence(look, chosen)
-    weights = [(_evidence(look, rest), _names(rest))]
+    weights = [(_evidence(look, rest) + over, _names(rest))]
     others: dict[str, float] = {}
     tried: dict[str, Effect] = {}
     among = [
@@ -118,6 +124,7 @@ def _at_term(found: Search, term: Effect) -> _Place:
         if not any(e.repeats(c) for c in chosen) and not _in_other_words(look, rest, term, e)
     ]  # fmt: skip
     for effect, evidence in _beside(look, rest, among):
+        evidence += over
         if (term.label, effect.label) in found.leads:
             evidence = own - found.leads[term.label, effect.label]
         weights.append((evidence, _names([*rest, effect])))
@@ -132,8 +139,6 @@ def _at_term(found: Search, term: Effect) -> _Place:
     ]  # fmt: skip
     near += [n for n in found.rivals.get(term.name, ()) if n in others and n not in near]
     lead_nats = own - max(others.values(), default=-np.inf)
-    over = _evidence(found.last, found.chosen) - own
-    weights = [(evidence + over, names) for evidence, names in weights]
     return _Place((term.name, *near), lead_nats, next(iter([*near, *order]), ""), tuple(weights))
 
 

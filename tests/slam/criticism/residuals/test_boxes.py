@@ -52,6 +52,29 @@ def test_boxes_are_found_and_taken_out(records, height):
         assert np.nanmean(np.abs(off) > 0.5 * height) < 0.03
 
 
+def test_boxes_of_many_heights_are_one_floor_with_steps(records):
+    """Each box has its own height, and a reading now and then is far off."""
+    heights = (0.08, 0.33, 0.15, 0.24)
+    rng = np.random.default_rng(1)
+    raised = []
+    for record in records:
+        rows = np.flatnonzero(record.kinds == SONAR)
+        turn = record.times_s[rows] / 4.3
+        over_m = np.where(np.sin(2 * np.pi * turn) > 0.4, np.take(heights, turn.astype(int) % 4), 0.0)
+        values = record.values.copy()
+        values[rows, 0] -= over_m
+        values[rows[rng.random(len(rows)) < 0.01], 0] += 0.4
+        raised.append((replace(record, values=values), over_m))
+    levelled, found = without_boxes([r for r, _ in raised], setting_of(slower()))
+    assert [o.name for o in found] == ["floor_steps"]
+    height = found[0].parameters["height"]
+    assert height.low < np.mean(heights) < height.high
+    for was, now, (_, over_m) in zip(records, levelled, raised, strict=True):
+        rows = was.kinds == SONAR
+        off = now.values[rows, 0] - was.values[rows, 0]
+        assert np.nanmean(np.abs(off[over_m > 0.0]) > 0.05) < 0.06
+
+
 def levelled_by_m(records, raised):
     """What was made of each flight's ranges, off what they are over a level floor."""
     levelled, found = without_boxes([r for r, _ in raised], setting_of(slower()))

@@ -140,6 +140,7 @@ def test_what_fits_say_of_a_rival_goes_before_what_a_look_says():
         shapes=(),
         standing=standing,
         own=lambda effect: effect,
+        sums=SimpleNamespace(log_likelihood=np.zeros(1)),
         parabola=SimpleNamespace(answer=answer, index=lambda columns: columns),
     )
     found = Search(None, look, look, (rise,))
