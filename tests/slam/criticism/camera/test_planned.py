@@ -19,8 +19,12 @@ from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.next_flight import telling_flight
 from slam.criticism.search.effects import effects_for
+from slam.criticism.without_commands.carried import CARRIED
+from slam.criticism.without_commands.held import held
+from slam.criticism.without_commands.next_flight import next_motion
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import load_model
+from tests.slam.criticism.camera.seen_flight import seen_flight
 
 TURNS = "yaw steps at 0.3, 0.6 and 1"
 PLACED = ("focal_length.eps", "radial_distortion.k1", "camera_tilt.x", "camera_tilt.y",
@@ -67,3 +71,17 @@ def test_rows_read_late_are_told_from_late_pictures_by_turns(filmed, monkeypatch
     assert TURNS in said
     assert float(re.search(r": (.*) sigma", said)[1]) > 5.0
     assert "another sensor" in telling_flight(model, *pair, np.array([0.01]), kinds)
+
+
+def test_without_commands_the_camera_is_on_board_too(monkeypatch):
+    for name in set(MANOEUVRES) - {TURNS}:
+        monkeypatch.delitem(MANOEUVRES, name)
+    for name in list(CARRIED):
+        monkeypatch.delitem(CARRIED, name)
+    model, pair = load_model("nominal"), ("rolling_shutter", "camera_time_offset")
+    found = held([replace(seen_flight({"rolling_shutter": {"readout": 0.03}}, 3), command=None)], model)
+    rows = found.rows({})
+    said = next_motion(model, rows, pair[:1], pair, found.sights)
+    assert TURNS in said
+    assert float(re.search(r": (.*) sigma", said)[1]) > 5.0
+    assert "another sensor" in next_motion(model, rows, pair[:1], pair)
