@@ -19,6 +19,7 @@ from slam.criticism.residuals.boxes import without_boxes
 from slam.criticism.residuals.comb import comb_of
 from slam.criticism.residuals.oddities import ENTAILS, Oddity, oddities, without_dead_zone
 from slam.criticism.residuals.outliers import outliers_of
+from slam.criticism.residuals.smallest import smallest_in_readings
 from slam.criticism.residuals.stamps import without_jitter
 from slam.criticism.residuals.uneven import uneven_of
 from slam.criticism.residuals.vibration import vibration_of
@@ -183,6 +184,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         [name for o in odd for name in ENTAILS.get(o.name, ())],
     )  # fmt: skip
     seen = detectable(found.first, limits.effects)
+    everything = seen | smallest_in_readings(records)
     if verdict == "nothing_wrong" and len(within_reach(seen)) < FEWEST_SHOWN:
         reason = untested(records, list(within_reach(seen)))
         return Criticism(
@@ -196,12 +198,12 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     colour = {n: x for n, x in zip(INSTRUMENTS, belief.colour.tolist(), strict=True) if x > 0.0}
     return Criticism(
         verdict,
-        sentence_of(verdict, causes, equivalents, remainder, seen, colour),
+        sentence_of(verdict, causes, equivalents, remainder, everything, colour),
         causes,
         equivalents,
         remainder,
         next_flight(records, model, found, posterior, progress),
-        detectable=seen,
+        detectable=everything,
         ranking=ranking(
             found, posterior.probability | {c.name: c.probability for c in causes}, [o.cause() for o in odd]
         ),

@@ -28,7 +28,7 @@ _Seen = TypeVar("_Seen")
 
 SECOND_ECHO = (1.6, 2.4)
 """A spike is a reading of so many times the range that was due."""
-NATS_A_SPIKE = 9.0
+FEWEST_SPIKES, NATS_A_SPIKE = 2, 9.0
 """Of a reading ten deviations off and more, even with Student's tails, less what its rarity costs."""
 ENTAILS = {
     "sonar_quantisation": ("sonar_noise out of range",),
@@ -140,12 +140,12 @@ def _dropped(records: Sequence[Record]) -> list[Oddity]:
         return []
     share = float(lost.sum() / (lost + taken).sum())
 
-    def beside(own: _Lost, others: Sequence[_Lost]) -> float:
+    def beside(own: Lost, others: Sequence[Lost]) -> float:
         """Nats of the flight's losses at the others' share of them; one that lost none is healthy."""
         gone, due = (sum(part) for part in zip(*((f.lost, f.due) for f in others), strict=True))
         return own.nats(max(gone / max(due, 1.0), HEALTHY_LOSS))
 
-    flights = [_Lost(n, n + m) for n, m in zip(lost.tolist(), taken.tolist(), strict=True)]
+    flights = [Lost(n, n + m) for n, m in zip(lost.tolist(), taken.tolist(), strict=True)]
     nats = tuple(flight.nats(share) for flight in flights)
     if share < HEALTHY_LOSS or sum(nats) < LOST_NATS:
         return []
@@ -155,7 +155,7 @@ def _dropped(records: Sequence[Record]) -> list[Oddity]:
 
 
 @dataclass(frozen=True)
-class _Lost:
+class Lost:
     """Pictures of a flight that are not there, and how many there should be."""
 
     lost: float
@@ -209,7 +209,7 @@ def _spikes(records: Sequence[Record], passes: Sequence[Pass]) -> list[Oddity]:
         counts.append(int(np.sum(odd & (ratio > SECOND_ECHO[0]) & (ratio < SECOND_ECHO[1]))))
         totals.append(int(np.sum(odd | (run.status[rows, 0] == USED))))
     count, total = sum(counts), sum(totals)
-    if count < 2:
+    if count < FEWEST_SPIKES:
         return []
     share = count / total
     std = np.sqrt(count) / total

@@ -8,9 +8,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.search.effects import catalogue_value
+from slam.criticism.search.columns import AT
+from slam.criticism.search.effects import Effect, catalogue_value
 from slam.criticism.search.hypotheses import SEEN
-from slam.criticism.search.inclusion import on_grid
+from slam.criticism.search.inclusion import is_wall, on_grid
 from slam.criticism.search.look import Look
 from slam.criticism.search.screening import LEAST_SHARE, correlation, project
 from slam.criticism.verdict.posterior import named
@@ -19,6 +20,7 @@ from slam.simulation.terms import CATALOGUE
 Ints = NDArray[np.int64]
 
 CONFUSED = 0.9
+LIMIT = "tilt_limit"
 
 
 def detectable(look: Look, threshold: float) -> dict[str, tuple[float, str]]:
@@ -39,7 +41,16 @@ def detectable(look: Look, threshold: float) -> dict[str, tuple[float, str]]:
         if np.isfinite(value) and value < 10 * max(abs(parameter.most), abs(parameter.least)):
             kept = found.get(effect.name)
             found[effect.name] = (min(value, kept[0]) if kept else value), unit
-    return found
+    walls = [(e, float(e.columns[0].partition(AT)[2])) for e in look.effects if is_wall(e) and on_grid(e)]
+    shown = [limit for e, limit in walls if _far(look, e) > threshold + 1.28]
+    # Of a limit the highest that shows is the smallest effect.
+    return found | ({walls[0][0].name: (max(shown), "rad")} if shown else {})
+
+
+def _far(look: Look, effect: Effect) -> float:
+    """How far an effect of one column would stand out at the size that it is tried at."""
+    _, covariance = look.parabola.answer([effect]).of(look.parabola.index(effect.columns))
+    return float(covariance[0, 0]) ** -0.5
 
 
 def confusable(look: Look) -> tuple[tuple[str, str, float], ...]:
@@ -67,5 +78,7 @@ def within_reach(detectable: Mapping[str, tuple[float, str]]) -> dict[str, float
     shares = {}
     for name, (size, unit) in detectable.items():
         sizes = [p for p in CATALOGUE[name].parameters if p.unit == unit]
-        shares[name] = size / max(max(abs(p.low - p.neutral), abs(p.high - p.neutral)) for p in sizes)
+        usual = max(max(abs(p.low - p.neutral), abs(p.high - p.neutral)) for p in sizes)
+        # The lower a limit, the greater is its effect.
+        shares[name] = sizes[0].low / size if name == LIMIT else size / usual
     return dict(sorted((item for item in shares.items() if item[1] <= 1.0), key=lambda item: item[1]))

@@ -1,0 +1,54 @@
+"""The smallest of what single readings show that these flights would have shown, in nine of ten cases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import gamma
+
+from slam.criticism.kalman.readings import SONAR
+from slam.criticism.kalman.record import Record
+from slam.criticism.residuals.comb import ranges_of
+from slam.criticism.residuals.oddities import FEWEST_SPIKES, LOST_NATS, RUN, Lost
+from slam.simulation.terms import CATALOGUE
+
+CERTAIN = 0.9
+MOST_LOST = 50
+"""Pictures: more that tell nothing are not looked for."""
+
+
+def smallest_in_readings(records: Sequence[Record]) -> dict[str, tuple[float, str]]:
+    """Name -> size and unit: second echoes and a dead zone of the sonar, and pictures lost.
+
+    A dead zone shows where readings lie below it for long enough; echoes and losses are Poisson numbers.
+    """
+    found = {
+        "sonar_spikes": _share(FEWEST_SPIKES, len(ranges_of(records))),
+        "sonar_dead_zone": _lowest_run(records),
+        "dropped_frames": _lost(sum(r.sights.taken for r in records if r.sights is not None)),
+    }
+    return {n: (size, CATALOGUE[n].parameters[0].unit) for n, size in found.items() if np.isfinite(size)}
+
+
+def _share(count: int, among: int) -> float:
+    """Of so many that is so common that there are ``count`` at least in nine of ten cases."""
+    return float(gamma.ppf(CERTAIN, count)) / among if among else np.inf
+
+
+def _lowest_run(records: Sequence[Record]) -> float:
+    """What the highest of so many readings on end is at its least."""
+    lowest = np.inf
+    for record in records:
+        ranges = record.values[record.kinds == SONAR, 0]
+        if len(ranges) >= RUN:
+            runs = np.lib.stride_tricks.sliding_window_view(ranges, RUN).max(axis=1)
+            lowest = min(lowest, float(np.min(runs, initial=np.inf, where=np.isfinite(runs))))
+    return lowest
+
+
+def _lost(taken: int) -> float:
+    for count in range(1, MOST_LOST):
+        if Lost(count, taken + count).nats(count / max(taken + count, 1)) >= LOST_NATS:
+            return _share(count, taken)
+    return np.inf

@@ -1,0 +1,84 @@
+"""What single readings would have shown: at that size it is found in nine of ten cases, well below in few."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.criticism.healthy import at_lower_rates, flown
+from slam.criticism.kalman.innovations import whole
+from slam.criticism.kalman.readings import SONAR
+from slam.criticism.kalman.record import record_of
+from slam.criticism.kalman.reference import referred
+from slam.criticism.kalman.setting import setting_of
+from slam.criticism.manoeuvres import stick_for
+from slam.criticism.residuals.oddities import LOST_NATS, Lost, oddities, without_dead_zone
+from slam.criticism.residuals.smallest import _lost, smallest_in_readings
+from slam.criticism.search.look import look_at
+from slam.criticism.verdict.power import detectable
+from slam.simulation.model import load_model
+
+PLAN = ["slow descent to 0.3 m and back", "square of four sides"]
+
+
+@pytest.fixture(scope="module")
+def record():
+    model = at_lower_rates(load_model("nominal"))
+    return referred(record_of(flown(model, stick_for(PLAN), 2)), setting_of(model))
+
+
+def with_ranges(record, change):
+    values = record.values.copy()
+    rows = record.kinds == SONAR
+    values[rows, 0] = change(values[rows, 0])
+    return replace(record, values=values)
+
+
+def test_second_echoes_of_that_share_are_found_in_nine_of_ten_cases(record):
+    share, unit = smallest_in_readings([record])["sonar_spikes"]
+    assert unit == "1"
+    rng = np.random.default_rng(0)
+
+    def found(of: float) -> float:
+        """In how many of forty draws."""
+        hits = 0
+        for _ in range(40):
+            ill = with_ranges(record, lambda r: np.where(rng.random(len(r)) < of, 2.0 * r, r))
+            odd = oddities([ill], [whole(ill, setting_of(load_model("nominal")))])
+            hits += "sonar_spikes" in {o.name for o in odd}
+        return hits / 40
+
+    assert 0.75 <= found(share) <= 1.0
+    assert found(share / 4) < 0.5
+
+
+def test_a_dead_zone_shows_from_that_limit_on(record):
+    limit, _ = smallest_in_readings([record])["sonar_dead_zone"]
+    for off, names in ((0.002, ["sonar_dead_zone"]), (-0.03, [])):
+        ill = with_ranges(record, lambda r, off=off: np.maximum(r, limit + off))
+        assert [o.name for o in without_dead_zone([ill])[1]] == names
+
+
+@pytest.mark.parametrize("taken", [150, 2000])
+def test_pictures_lost_at_that_share_tell_enough_in_nine_of_ten_cases(taken):
+    share = _lost(taken)
+    lost = np.random.default_rng(1).poisson(share * taken, 2000)
+    told = [n > 0 and Lost(n, taken + n).nats(n / (taken + n)) >= LOST_NATS for n in lost.tolist()]
+    assert np.mean(told) == pytest.approx(0.9, abs=0.025)
+
+
+def test_a_limit_of_the_tilt_that_would_show_does():
+    nominal = at_lower_rates(load_model("nominal"))
+    setting, plan = setting_of(nominal), ["three speeds forward: 0.1, 0.2, 0.4"] * 2
+
+    def seen(model, seed):
+        record = referred(record_of(flown(model, stick_for(plan), seed, told=nominal)), setting)
+        return look_at([record], setting, setting)
+
+    limit, unit = detectable(seen(nominal, 3), 3.7)["tilt_limit"]
+    assert unit == "rad"
+    assert 0.1 < limit < 0.4 * 0.5236
+    look = seen(nominal.with_term("tilt_limit", limit=limit), 3)
+    assert max(s.z for s in look.standing([], look.effects) if s.effect.name == "tilt_limit") > 3.7
