@@ -47,7 +47,7 @@ KINDS = (
     "null_uneven", "stranger",
 )  # fmt: skip
 """New ones stand at the end: what a suite of the others draws stays as it was."""
-SHARE = dict(zip(KINDS, (8, 4, 3, 4, 15, 4, 5, 2, 1, 3, 1, 2, 3), strict=True))
+SHARE = dict(zip(KINDS, (8, 4, 3, 4, 15, 4, 5, 2, 1, 3, 1, 3, 2), strict=True))
 """How a suite of all kinds is mixed: of 500 cases over 200 are healthy."""
 COLOUR = (0.3, 0.6)
 """Correlation of successive samples of coloured noise."""

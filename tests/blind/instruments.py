@@ -258,7 +258,7 @@ def streams(path: Path, member: int, stick: np.ndarray, rng: np.random.Generator
     angles[:, 2] = (angles[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
     flow = velocity(moments(path, member, t["velocity0"], rng))
     if k["flow_stuck"] > 0.0:
-        flow = stuck(flow, k["flow_stuck"], rng)
+        flow = stuck(flow, k["flow_stuck"], np.random.default_rng(member))
     flow = noisy(flow, NOISE["velocity"] * k["n_flow"] * loud["velocity0"], k, rng)
     reach = heard(path, member, t["sonar0"])
     twice = rng.uniform(size=len(reach)) < k["echo_twice"]

@@ -24,7 +24,18 @@ from tests.blind.cases import (
     suite,
 )
 from tests.blind.faults import BY_NAME, FAULTS, SEEN, SEEN_STRANGE, STRANGE, STRANGER, UNTELLABLE, Blind
-from tests.blind.instruments import NOISE, RATE_HZ, attitude, heard, moments, noisier, noisy, streams
+from tests.blind.instruments import (
+    NOISE,
+    RATE_HZ,
+    STUCK,
+    attitude,
+    heard,
+    moments,
+    noisier,
+    noisy,
+    streams,
+    stuck,
+)
 from tests.blind.settling import unexplained
 from tests.blind.strength import NUISANCES, STEP_S, outputs, strengths, whitened
 from tests.blind.vehicle import HEALTHY
@@ -165,6 +176,18 @@ def test_pulses_that_every_instrument_sees_do_tell():
     known = next(b for b in UNTELLABLE if b.fault == "asymmetric_drag")
     seen = replace(known, plans=("pulse_and_coast",), streams=ALL, strength=12.0)
     assert left_by_the_rival(seen, 5) > 2.0 * ALIKE
+
+
+def test_a_flow_that_sticks_repeats_its_share_of_readings():
+    flow = np.arange(40000.0)[:, None] * np.ones(2)
+    held = stuck(flow, 0.1, np.random.default_rng(1))
+    repeats = held[1:, 0] == held[:-1, 0]
+    assert np.mean(repeats) == pytest.approx(0.1, abs=0.015)
+    assert np.array_equal(held[:, 0], held[:, 1])
+    assert np.all(held[1:, 0] >= held[:-1, 0])
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], repeats.astype(int), [0]])) == -1)
+    begins = np.flatnonzero(np.diff(np.concatenate([[0], repeats.astype(int), [0]])) == 1)
+    assert np.median(ends - begins) == STUCK - 1
 
 
 def test_the_catalogue_is_covered():

@@ -38,6 +38,8 @@ OUTWARD_TOLERANCE = 0.02
 """Brightness that corners may lack: what lies farther out in one of two pictures tells nothing by that."""
 HEALTHY_STD = {CONTRAST: 0.02, SHARPNESS: 0.08}
 """Of the logarithm, from place to place: one floor has more detail than another to lose, at each height."""
+LAMPS_STD = 0.01
+"""Of the logarithm of brightness, where lamps are mirrored in the floor: points lie in their light, too."""
 SLOW_SHARPNESS = 0.3
 """Change of the logarithm of local detail over a flight that a floor's other places may make."""
 TOLERANCE = {0: 0.03, 1: 0.03, 2: 0.03, CONTRAST: 0.2, SHARPNESS: 0.6}
@@ -77,6 +79,8 @@ def shade(
         healthy = TOLERANCE.get(figure, 0.0) * nearer[:, None]
         restless: dict[tuple[str, int], float] = {}
         held = HEALTHY_STD.get(figure, 0.0) ** 2
+        if figure < CONTRAST and sights.glares:
+            held += LAMPS_STD**2
         if figure < CONTRAST:
             shapes["picture", 0] = between(elapsed)
             shapes["picture", 1] = (figure - 1) * between(elapsed)

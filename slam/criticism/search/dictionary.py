@@ -1,7 +1,7 @@
 """What is left over when the catalogue has spoken: shapes that no term has.
 
 Signals (place, speed, tilt, stick, time) go into each channel of the instruments, into forces and targets
-of the equations, and streams come late. What these find is said as it is: channel, signal, size.
+of the equations. What these find is said as it is: channel, signal, size.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from slam.simulation.terms import CATALOGUE
 
 @dataclass(frozen=True)
 class Effect:
-    """A term of the catalogue that the streams at hand can show."""
+    """A term of the catalogue that the streams at hand can show, or what no term is and is tried as well."""
 
     name: str
     directions: tuple[Direction, ...] = ()

@@ -50,7 +50,7 @@ def taken_out(effect: Effect, setting: Setting) -> Setting:
     """The belief without a term; a nuisance beyond its range stays where it is."""
     if is_wall(effect):
         return taken_down(effect, setting)
-    for direction in effect.directions:
-        column = column_of(direction.name)
+    for name in (*(d.name for d in effect.directions), *(c.name for c in effect.changes)):
+        column = column_of(name)
         setting = column.moved(setting, -column.held(setting))
     return setting

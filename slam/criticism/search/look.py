@@ -35,7 +35,7 @@ from slam.criticism.threads import in_threads
 from slam.simulation.terms import CATALOGUE
 
 NAMED_FIRST = 0.8
-"""A constant out of its range must explain more than a term of the catalogue, which says why."""
+"""A constant out of its range, or a late reading, must explain more than a term of the catalogue."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Standing:
 
     @property
     def worth(self) -> float:
-        """Nats less what its numbers cost; of a constant out of its range, which says not why, fewer."""
+        """Nats less what its numbers cost; of what no term is, and says not why, fewer."""
         share = 1.0 if self.effect.name in CATALOGUE else NAMED_FIRST
         return share * self.nats - occam(len(self.effect.columns))
 
@@ -63,7 +63,7 @@ class Look:
     effects: tuple[Effect, ...]
     """Every effect with columns in the sums, relaxed nuisances included."""
     shapes: tuple[Effect, ...]
-    """The dictionary."""
+    """The dictionary; of a foreign vehicle readings that come late, too."""
 
     def own(self, effect: Effect) -> Effect:
         """The same effect with this look's columns."""

@@ -133,13 +133,14 @@ class _Way:
         None where nothing more stands out."""
         while True:
             standing_out = self._standing_out()
-            if self._far < LINEAR_Z and not by_far(standing_out, self._far):
+            full = len(self.chosen) == MOST_TERMS
+            if self._far < LINEAR_Z and (full or not by_far(standing_out, self._far)):
                 self._look_at_all(self.look.setting)
                 continue
             if not self.chosen and (both := self._hidden(standing_out)):
                 self.chosen, self._fitted = list(both), False
                 continue
-            if not standing_out or len(self.chosen) == MOST_TERMS:
+            if not standing_out or full:
                 return None if self._fitted else self._with_chosen()
             self._greatest = max(self._greatest, standing_out[0].z)
             # Beside one term more those before it lead by more, or less.

@@ -13,7 +13,7 @@ from slam.criticism.kalman.optics import POINTS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.columns import column_of
-from slam.criticism.search.effects import Effect, catalogue_value
+from slam.criticism.search.effects import LATE, Effect, catalogue_value
 from slam.criticism.search.inclusion import is_wall
 from slam.criticism.search.look import Look, Standing
 from slam.criticism.search.search import Search
@@ -240,12 +240,13 @@ def decide(
 
 def _in_words(effect: Effect, found: Search) -> str:
     """What was chosen and no term is; how late readings come is told."""
-    if not effect.directions:
+    if effect.name not in LATE:
         return effect.name
     look = found.last
     step, _ = look.parabola.answer(found.chosen).of(look.parabola.index(effect.columns))
     late_s = float(step[0]) + look.parabola.held.get(effect.columns[0], 0.0)
-    return f"{effect.name} by {1e3 * late_s:.1f} ms"
+    when = effect.name if late_s > 0.0 else effect.name.replace("late", "early")
+    return f"{when} by {1e3 * abs(late_s):.1f} ms"
 
 
 def _strongest(left: Sequence[Standing]) -> str:

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.inclusion import is_wall
-from slam.criticism.search.look import Look
+from slam.criticism.search.fitting import fit_nuisances
+from slam.criticism.search.inclusion import is_wall, taken_out
+from slam.criticism.search.look import Look, look_at
 from slam.criticism.search.occam import KNOWN, ONE_OF_ALL, UNKNOWN, VERY_SIMILAR_NATS, occam
 from slam.criticism.search.pairs import pairs_beside
 from slam.criticism.search.search import LINEAR_Z, Search
@@ -68,18 +69,13 @@ class _Place:
 
 
 def posterior_of(found: Search) -> Posterior:
-    """Probabilities at the last look."""
+    """Probabilities at the last look; of terms that make noise larger, without it."""
     look, chosen = found.last, list(found.chosen)
     places = [_at_wall(found, e) if is_wall(e) else _at_term(found, e) for e in chosen]
     walls = [place for place, effect in zip(places, chosen, strict=True) if is_wall(effect)]
     weights = [(_evidence(look, chosen), _names(chosen)), *(w for place in places for w in place.weights)]
     if not chosen or (len(chosen) > 1 and not walls):
-        look = _look_at(found, chosen)
-        weights.append((_evidence(look, []) + _over(found, look), _names([])))
-        # What several terms explain may be one thing that none of them is, near the belief or near health.
-        for near in (found.first, *(() if look is found.first else (look,))):
-            alone = _beside(near, [], (*near.effects, *near.shapes))
-            weights += [(evidence + _over(found, near), _names([e])) for e, evidence in alone]
+        weights += _in_place_of_all(found)
     probability = _probabilities(weights)
     for names in (wall.names for wall in walls):
         share = probability.get(names[0], 0.0) / len(names)
@@ -92,10 +88,31 @@ def posterior_of(found: Search) -> Posterior:
     )
 
 
-def _look_at(found: Search, terms: Sequence[Effect]) -> Look:
-    """Where what would be missed without some terms shows: what makes noise larger hides that from the belief
-    that holds it."""
-    return found.first if any(e.changes for e in terms) else found.last
+def _in_place_of_all(found: Search) -> list[tuple[float, frozenset[str]]]:
+    """Nothing, or what several terms explain as one thing that none of them is: as near to the belief, or to
+    health, as shows more of it; but a belief with more noise shows nothing of what is missed without that."""
+    looks = [found.first] if any(e.changes for e in found.chosen) else [found.last, found.first]
+    best = {"": (_evidence(looks[0], []) + _over(found, looks[0]), _names([]))}
+    for look in looks:
+        over = _over(found, look)
+        for effect, evidence in _beside(look, [], (*look.effects, *look.shapes)):
+            known = best.get(effect.label)
+            if known is None or evidence + over > known[0]:
+                best[effect.label] = evidence + over, _names([effect])
+    return list(best.values())
+
+
+def _look_without(found: Search, term: Effect) -> Look:
+    """Where what would be missed without a chosen term shows: at the belief, or if that has more noise for
+    it, at one without."""
+    if not term.changes:
+        return found.last
+    rest = [e for e in found.chosen if e is not term]
+    if not rest:
+        return found.first
+    setting = taken_out(term, found.last.setting)
+    setting = fit_nuisances(found.records, found.model, setting, rest)
+    return look_at(found.records, found.model, setting, rest)
 
 
 def _over(found: Search, look: Look) -> float:
@@ -112,7 +129,7 @@ def _at_wall(found: Search, wall: Effect) -> _Place:
 
 
 def _at_term(found: Search, term: Effect) -> _Place:
-    look = _look_at(found, [term])
+    look = _look_without(found, term)
     own, over = _evidence(found.last, found.chosen), _over(found, look)
     chosen, term = [look.own(e) for e in found.chosen], look.own(term)
     rest = [e for e in chosen if e is not term]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.healthy import at_lower_rates, flown
-from slam.criticism.kalman.readings import SONAR
+from slam.criticism.kalman.readings import ATTITUDE, SONAR
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
@@ -37,7 +37,7 @@ def over(record, height, crowded=False):
     return replace(record, values=values), below
 
 
-@pytest.mark.parametrize("height", [0.1, 0.3])
+@pytest.mark.parametrize("height", [0.08, 0.3, 0.9])
 def test_boxes_are_found_and_taken_out(records, height):
     raised = [over(r, height) for r in records]
     levelled, found = without_boxes([r for r, _ in raised], setting_of(slower()))
@@ -46,6 +46,9 @@ def test_boxes_are_found_and_taken_out(records, height):
     assert size.value == pytest.approx(height, abs=0.01)
     share = np.concatenate([b for _, b in raised]).mean()
     assert found[0].parameters["share"].value == pytest.approx(share, abs=0.05)
+    # Each flight's boxes are as high as the other's.
+    assert len(found[0].foretold) == len(records)
+    assert all(told > 0.5 * n for n, told in zip(found[0].nats, found[0].foretold, strict=True))
     for was, now in zip(records, levelled, strict=True):
         rows = was.kinds == SONAR
         off = now.values[rows, 0] - was.values[rows, 0]
@@ -67,8 +70,10 @@ def test_boxes_of_many_heights_are_one_floor_with_steps(records):
         raised.append((replace(record, values=values), over_m))
     levelled, found = without_boxes([r for r, _ in raised], setting_of(slower()))
     assert [o.name for o in found] == ["floor_steps"]
-    height = found[0].parameters["height"]
-    assert height.low < np.mean(heights) < height.high
+    assert found[0].parameters["height"].value == pytest.approx(np.mean(heights), abs=0.04)
+    share = np.mean(np.concatenate([over_m for _, over_m in raised]) > 0.0)
+    assert found[0].parameters["share"].value == pytest.approx(share, abs=0.05)
+    assert all(told > 100.0 for told in found[0].foretold)
     for was, now, (_, over_m) in zip(records, levelled, raised, strict=True):
         rows = was.kinds == SONAR
         off = now.values[rows, 0] - was.values[rows, 0]
@@ -95,6 +100,41 @@ def test_a_flight_that_is_over_boxes_for_most_of_its_time_is_levelled_to_the_sam
 def test_what_lies_below_most_readings_is_a_pit(records):
     off = levelled_by_m(records, [over(r, 0.2, crowded=True) for r in records])
     assert all(np.nanmean(np.abs(o + 0.2) > 0.1) < 0.03 for o in off)
+
+
+def test_under_tilts_boxes_are_as_high_as_they_are():
+    """A range is longer than the height where the vehicle leans; what goes with the motion eats no box."""
+    model = slower()
+    record = record_of(flown(model, stick_for(["tilts of 15 deg to all four sides"] * 2), 1))
+    roll, pitch = (
+        np.interp(record.times_s, record.times_s[at], record.values[at, axis])
+        for at in [record.kinds == ATTITUDE] for axis in range(2)
+    )  # fmt: skip
+    rows = np.flatnonzero(record.kinds == SONAR)
+    below = np.sin(2 * np.pi * record.times_s[rows] / 3.1) > 0.4
+    values = record.values.copy()
+    values[rows[below], 0] -= 0.35 / (np.cos(roll) * np.cos(pitch))[rows[below]]
+    levelled, found = without_boxes([replace(record, values=values)], setting_of(model))
+    assert found[0].parameters["height"].value == pytest.approx(0.35, abs=0.012)
+    off = levelled[0].values[rows, 0] - record.values[rows, 0]
+    assert np.sqrt(np.nanmean(off**2)) < 0.02
+
+
+@pytest.mark.parametrize("left_out", ["all", "first", "most", "high"])
+def test_flights_whose_sonar_tells_little_are_left_as_they_are(records, left_out):
+    def silent(record, k):
+        values, sonar = record.values.copy(), record.kinds == SONAR
+        rows = np.flatnonzero(sonar)
+        if left_out == "high":
+            values[sonar, 0] = 0.28
+        elif left_out == "most":
+            values[rows[np.arange(len(rows)) % 5 > 0], 0] = np.nan
+        elif left_out == "all" or k == 0:
+            values[sonar, 0] = np.nan
+        return replace(record, values=values)
+
+    quiet = [silent(record, k) for k, record in enumerate(records)]
+    assert without_boxes(quiet, setting_of(slower())) == (quiet, [])
 
 
 def test_a_level_floor_has_none(records):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.search import search
 from slam.criticism.search.thresholds import load_thresholds
+from slam.criticism.verdict.decision import decide
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, posterior_of
 from slam.simulation.model import load_model
 
@@ -38,6 +40,35 @@ def test_faint_gusts_are_told_from_nothing_though_the_belief_that_holds_them_hid
     assert posterior.probability["gusts"] > 0.99
     assert posterior.probability[NOTHING] < 1e-3
     assert posterior.alternatives == (("gusts",),)
+
+
+def test_gusts_that_nothing_shows_are_not_certain_beside_a_cause_that_all_shows():
+    """What is missed without gusts is asked with the latency in the belief, not from health."""
+    model = at_lower_rates(load_model("nominal"))
+    late = model.with_term("control_latency", T=0.1)
+    found, _ = judged([flown(late, stick_for(PLAN), seed, told=model) for seed in (1, 2)])
+    assert [e.name for e in found.chosen] == ["control_latency"]
+    gusts = next(e for e in found.last.effects if e.name == "gusts")
+    posterior = posterior_of(replace(found, chosen=(*found.chosen, gusts)))
+    assert posterior.probability["gusts"] < 0.5
+    assert posterior.probability["control_latency"] > 0.99
+
+
+@pytest.mark.parametrize("late_s", [0.03, -0.01])
+def test_a_speed_that_comes_late_or_early_is_told_as_that(late_s):
+    model = at_lower_rates(load_model("nominal"))
+    flights = [flown(model, stick_for(PLAN), seed) for seed in (1, 2)]
+    shifted = [
+        replace(f, velocity=replace(f.velocity, stamps_s=f.velocity.stamps_s + late_s)) for f in flights
+    ]
+    found, posterior = judged(shifted)
+    assert [e.name for e in found.chosen] == ["velocity late"]
+    assert posterior.probability[SOMETHING_ELSE] > 0.95
+    verdict, _, remainder = decide([], found, posterior, [], [], 5.0)
+    assert verdict == "unknown"
+    told = re.fullmatch(r"velocity (late|early) by (.*) ms", remainder)
+    assert told[1] == ("late" if late_s > 0 else "early")
+    assert float(told[2]) == pytest.approx(abs(late_s) * 1e3, abs=3.0)
 
 
 def test_an_attitude_that_comes_late_is_no_command_that_does():
