@@ -21,8 +21,9 @@ EDGE_NATS = 8.0
 SELDOM_NATS = 1.0
 """What it costs to begin over a box."""
 TINY_M = 1e-6
-TAIL = 4.0
-"""Degrees of freedom of a reading's error: so no odd reading is a box."""
+TAIL, MOST_ODD = 4.0, 12.0
+"""Degrees of freedom of a reading's error, and the most that one costs: less than two edges, so that an echo
+from elsewhere is no box."""
 ODD = 4.0
 """Standard deviations beyond which a reading tells the filter nothing, but of a box that was not seen yet."""
 KEPT, KEPT_ENDS = 6, 2
@@ -129,7 +130,8 @@ def _met(way: _Way, y: float, noise_2: float, new: bool = False) -> _Way:
     s = (k_b - k_h if boxed else k_b) + noise_2
     off = y - (b - h if boxed else b)
     z_2 = off * off / s
-    cost += 0.5 * ((TAIL + 1.0) * math.log1p(z_2 / TAIL) + math.log(s / noise_2))
+    odd = min(0.5 * (TAIL + 1.0) * math.log1p(z_2 / TAIL), MOST_ODD)
+    cost += odd + 0.5 * math.log(s / noise_2)
     if z_2 > ODD**2 and not new:
         return way._replace(cost=cost)
     k_b, k_h = k_b / s, k_h / s

@@ -29,7 +29,7 @@ Ints = NDArray[np.int64]
 LEAST_NOISE_M = 1e-4
 DRIFTS_M = (1e-3, 2e-3, 4e-3, 8e-3)
 """From reading to reading, as the likelihood has it."""
-FEWEST_EDGES = 4
+FEWEST_EDGES, FEWEST_BOXES = 4, 2
 LEAST_NATS = 25.0
 SHARP = 0.6
 """Share of an edge that lies between two readings in a row, in the mean over all."""
@@ -122,7 +122,8 @@ def _are_boxes(boxes: Sequence[_Boxes], sign: float) -> bool:
     """Whether what was found is enough, sharp, and no spikes."""
     rises = np.concatenate([found.rise_m for found in boxes])
     stays = np.concatenate([found.stays_s for found in boxes])
-    if len(rises) < FEWEST_EDGES or len(stays) == 0:
+    heights = np.concatenate([found.heights_m for found in boxes])
+    if len(rises) < FEWEST_EDGES or np.sum(heights > boxes[0].noise.std_m) < FEWEST_BOXES:
         return False
     jumps = np.concatenate([-sign * (f.height_m[f.edges] - f.height_m[f.edges - 1]) for f in boxes])
     return bool(

@@ -143,12 +143,13 @@ def test_a_level_floor_has_none(records):
     assert same == records
 
 
-def test_spikes_are_none(records):
+@pytest.mark.parametrize("share", [0.04, 0.1])
+def test_second_echoes_are_none(records, share):
     rng = np.random.default_rng(0)
     spiked = []
     for record in records:
         values = record.values.copy()
         rows = np.flatnonzero(record.kinds == SONAR)
-        values[rows[rng.random(len(rows)) < 0.04], 0] += 1.3
+        values[rows[rng.random(len(rows)) < share], 0] *= 1.98
         spiked.append(replace(record, values=values))
     assert without_boxes(spiked, setting_of(slower()))[1] == []
