@@ -11,6 +11,7 @@ import pytest
 from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError, Gain
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.search import Search
+from slam.criticism.verdict import decision
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import confirmed, decide, weighed
 from slam.criticism.verdict.posterior import (
@@ -152,7 +153,16 @@ def test_what_fits_say_of_a_rival_goes_before_what_a_look_says():
 def test_flights_without_a_confirmed_cause_are_judged_as_at_first():
     assert confirmed([], Search(None, "first", "last", ()), None).last == "first"
     limit = Effect("tilt_limit", relaxes=("tilt_limit.limit",))
-    assert confirmed([], Search(None, "first", "last", (limit,)), None).last == "last"
+    plain = SimpleNamespace(effects=(limit,), standing=lambda rest, among: [SimpleNamespace(z=100.0)])
+    assert confirmed([], Search(None, plain, "last", (limit,)), None).last == "last"
+
+
+def test_a_faint_limit_that_held_out_flights_contradict_is_taken_back(monkeypatch):
+    limit = Effect("tilt_limit", relaxes=("tilt_limit.limit",))
+    faint = SimpleNamespace(effects=(limit,), standing=lambda rest, among: [SimpleNamespace(z=4.0)])
+    for total, chosen in ((-178.0, ()), (12.0, (limit,))):
+        monkeypatch.setattr(decision, "held_out", lambda *of, total=total: SimpleNamespace(total=total))
+        assert confirmed([], Search(None, faint, "last", (limit,)), None).chosen == chosen
 
 
 @pytest.mark.parametrize("probability", [0.97, 1.0])
