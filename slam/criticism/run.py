@@ -172,12 +172,14 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     with rolled_out.part():
         together = held_out(records, found, given.setting) if any(map(named, found.chosen)) else None
         fitted = causes_of(records, given.setting, found, posterior, together, best) if together else ()
-    likely, faint = weighed(fitted, found, posterior, doubts)
+    left = found.last.standing(found.chosen, found.last.shapes)
+    left = sorted(left, key=lambda s: -s.z)
+    shape_z = beside(limits.shapes, max((c.z for c in fitted), default=0.0))
+    left_z = max((s.z for s in left[:1] if s.z > shape_z), default=0.0)
+    likely, faint = weighed(fitted, found, posterior, doubts, left_z)
     # What an oddity leaves of its term in streams that it cannot mend is the same cause.
     likely = tuple(cause for cause in likely if cause.name not in {o.name for o in odd})
     causes = in_order([*likely, *(o.cause() for o in odd)])
-    left = found.last.standing(found.chosen, found.last.shapes)
-    left = sorted(left, key=lambda s: -s.z)
     shape_z = beside(limits.shapes, max((c.z for c in causes), default=0.0))
     verdict, equivalents, remainder = decide(
         causes, found, posterior, left, _left_over(records, explained, (causes, faint)), shape_z,

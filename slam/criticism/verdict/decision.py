@@ -132,19 +132,25 @@ def _as_flown(cause: Cause, effect: Effect, best: Flown) -> Cause:
 
 
 def weighed(
-    causes: Sequence[Cause], found: Search, posterior: Posterior, doubted: Container[str]
+    causes: Sequence[Cause],
+    found: Search,
+    posterior: Posterior,
+    doubted: Container[str],
+    left_z: float = 0.0,
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
-    """The causes that are likely enough to be told, and those that are not.
+    """The causes that are likely enough to be told, and those that are not; ``left_z`` is by how much the
+    strongest shape that is left over stands out, where it does.
 
     Beside something that no term is, what contradicts itself (``doubted``) is at even odds a part of that,
     and so is what flies worse than nothing does, and unrest, which any motion makes that the model lacks.
-    Of a foreign vehicle some shape is always likelier than any equation: there odds are not shared with it.
+    What stands out by less than what is left beside it may be a part of that as well. Of a foreign vehicle
+    some shape is always likelier than any equation: there odds are not shared with it.
     """
     if posterior.probability[SOMETHING_ELSE] > SURE and not found.model.foreign:
         restless = {e.name for e in found.chosen if not e.directions}
         causes = [
             replace(c, probability=0.5 * c.probability)
-            if c.name in doubted or c.name in restless or c.gain.flies_worse
+            if c.name in doubted or c.name in restless or c.gain.flies_worse or c.z < left_z
             else c
             for c in causes
         ]

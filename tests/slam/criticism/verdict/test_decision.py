@@ -69,6 +69,16 @@ def test_what_flies_worse_than_nothing_is_not_claimed_beside_something_unknown()
     assert claimed("worse", unknown=0.0) == ("named", [1.0])
 
 
+def test_what_stands_out_by_less_than_what_is_left_beside_it_is_doubted():
+    odd = SimpleNamespace(name="vehicle.drag_1_s out of range", directions=())
+    found = SimpleNamespace(model=SimpleNamespace(foreign=False), chosen=(odd,))
+    posterior = Posterior({SOMETHING_ELSE: 1.0, NOTHING: 0.0}, (), ())
+    for left_z, probability in ((17.4, 1.0), (25.0, 0.5)):
+        (drag,), _ = weighed([cause("quadratic_drag")], found, posterior, (), left_z)
+        assert drag.z == 20.0
+        assert drag.probability == probability
+
+
 def test_two_causes_that_are_told_are_not_told_as_alike():
     odd = SimpleNamespace(model=SimpleNamespace(foreign=False), chosen=())
     posterior = Posterior({SOMETHING_ELSE: 0.0, NOTHING: 0.0}, (), ())
