@@ -56,7 +56,7 @@ def confirmed(records: Sequence[Record], found: Search, model: Setting) -> Searc
         gains = []
         for effect in chosen:
             rest = [e for e in chosen if e is not effect]
-            if named(effect) and _alone_z(found, effect, rest) < PLAIN_Z:
+            if named(effect) and _standing_z(found, effect, rest) < PLAIN_Z:
                 tried = replace(found, chosen=tuple(chosen))
                 gains.append((held_out(records, tried, model, rest).total, effect))
         least = min(gains, key=lambda g: g[0], default=(np.inf, None))
@@ -66,7 +66,7 @@ def confirmed(records: Sequence[Record], found: Search, model: Setting) -> Searc
     return replace(found, last=found.last if chosen else found.first, chosen=tuple(chosen))
 
 
-def _alone_z(found: Search, effect: Effect, rest: Sequence[Effect]) -> float:
+def _standing_z(found: Search, effect: Effect, rest: Sequence[Effect]) -> float:
     """How far a chosen term stands out beside the others; a wall by itself as from the healthy vehicle, and
     beside others by far: no look that has it in its belief tells."""
     if not is_wall(effect):

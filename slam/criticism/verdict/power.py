@@ -21,6 +21,8 @@ Ints = NDArray[np.int64]
 
 CONFUSED = 0.9
 LIMIT = "tilt_limit"
+NINE_OF_TEN = 1.28
+"""Standard deviations beyond a threshold at which so many cases are beyond it."""
 
 
 def detectable(look: Look, threshold: float) -> dict[str, tuple[float, str]]:
@@ -33,7 +35,7 @@ def detectable(look: Look, threshold: float) -> dict[str, tuple[float, str]]:
         _, covariance = look.parabola.answer([effect]).of(columns)
         # The direction of a vector that shows least.
         k = int(np.argmax(np.diag(covariance)))
-        size = (threshold + 1.28) * float(np.sqrt(covariance[k, k]))
+        size = (threshold + NINE_OF_TEN) * float(np.sqrt(covariance[k, k]))
         neutral = catalogue_value(effect, k, 0.0, look.setting, 0.0)
         value = abs(catalogue_value(effect, k, size, look.setting, 0.0) - neutral)
         unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
@@ -42,7 +44,7 @@ def detectable(look: Look, threshold: float) -> dict[str, tuple[float, str]]:
             kept = found.get(effect.name)
             found[effect.name] = (min(value, kept[0]) if kept else value), unit
     walls = [(e, float(e.columns[0].partition(AT)[2])) for e in look.effects if is_wall(e) and on_grid(e)]
-    shown = [limit for e, limit in walls if _far(look, e) > threshold + 1.28]
+    shown = [limit for e, limit in walls if _far(look, e) > threshold + NINE_OF_TEN]
     # Of a limit the highest that shows is the smallest effect.
     return found | ({walls[0][0].name: (max(shown), "rad")} if shown else {})
 

@@ -6,10 +6,11 @@ from slam.criticism.camera.shading import PICTURE_SHAPES, RESTLESS
 from slam.criticism.camera.warps import WARPS
 from slam.criticism.kalman.optics import CAMERA, SQUARES, catalogued
 from slam.criticism.kalman.readings import SENSOR
+from slam.criticism.search import effects
 from slam.simulation.terms import CATALOGUE
 
-LATE = {"attitude late.s": "attitude.delay_s", "velocity late.s": "velocity.delay_s"}
-"""Columns of what no term is."""
+LATE = {f"{name}.s": parameter for name, (_, parameter) in effects.LATE.items()}
+"""Columns of what no term is, and their parameters."""
 SHAPES = (*PICTURE_SHAPES, *WARPS)
 """What no term is, either."""
 SIZE = ".size"
