@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from backend import se3
 from backend.errors import BackendError, runs
-from backend.pose_graph import PoseGraph
+from backend.pose_graph.graph import PoseGraph
 
 Array = NDArray[np.float64]
 

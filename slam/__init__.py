@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from slam.version import VERSION
+from slam.core.version import VERSION
 
 if TYPE_CHECKING:
+    from slam.core.flight import Flight
     from slam.criticism import criticise
     from slam.evaluation import evaluate
-    from slam.flight import Flight
+    from slam.evaluation.loops import evaluate_loops
     from slam.io.flight_folder import read_flight
-    from slam.loops import evaluate_loops
-    from slam.pipeline import optimize
-    from slam.relocation import Relocalizer, relocalize
+    from slam.mapping.pipeline import optimize
+    from slam.mapping.relocation import Relocalizer, relocalize
     from slam.simulation import simulate
 
 __version__ = VERSION
@@ -30,14 +30,14 @@ __all__ = [
 ]
 
 _HOME = {
-    "Flight": "slam.flight",
+    "Flight": "slam.core.flight",
     "criticise": "slam.criticism",
     "evaluate": "slam.evaluation",
-    "evaluate_loops": "slam.loops",
-    "optimize": "slam.pipeline",
+    "evaluate_loops": "slam.evaluation.loops",
+    "optimize": "slam.mapping.pipeline",
     "read_flight": "slam.io.flight_folder",
-    "Relocalizer": "slam.relocation",
-    "relocalize": "slam.relocation",
+    "Relocalizer": "slam.mapping.relocation",
+    "relocalize": "slam.mapping.relocation",
     "simulate": "slam.simulation",
 }
 

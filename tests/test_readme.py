@@ -16,17 +16,17 @@ from PIL import Image
 from typer.main import get_command
 
 from slam.cli import app
+from slam.cli.output_folder import EVALUATE_NAMES, OPTIMIZE_NAMES
+from slam.core.summary import summarise
 from slam.evaluation import evaluate
 from slam.io import estimate as estimate_files
 from slam.io.csv_header import header_of
 from slam.io.landmarks import HEADER
 from slam.io.streams import COLUMNS, KNOWN_KEYS
-from slam.outputs import EVALUATE_NAMES, OPTIMIZE_NAMES
+from slam.mapping.config import PipelineConfig
 from slam.report.criticism_report import VERDICTS
-from slam.settings import PipelineConfig
 from slam.simulation.model import load_model
 from slam.simulation.recipe import shipped_recipes
-from slam.summary import summarise
 from tests.benchmarks.figures import HEADLINES, headlines
 from tests.benchmarks.measured_studies import STUDIES
 from tests.benchmarks.run import earlier, sections_of

@@ -14,8 +14,8 @@ from backend.bundle.graph import BundleConfig, BundleProblem, build_graph, start
 from backend.bundle.noise import start_noise
 from backend.bundle.refinement import metric_jacobians
 from backend.errors import BackendError
-from backend.linear import cholesky, jacobian
 from backend.measurements import Measurements
+from backend.pose_graph.linear import cholesky, jacobian
 
 Array = NDArray[np.float64]
 

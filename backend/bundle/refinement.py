@@ -46,11 +46,11 @@ from backend.bundle.graph import (
 )
 from backend.bundle.noise import alike, estimate_noise, start_noise
 from backend.errors import BackendError
-from backend.marginals import joint_covariances
 from backend.measurements import Measurements
+from backend.pose_graph.marginals import joint_covariances
+from backend.pose_graph.minimise import minimise
+from backend.pose_graph.solution import RangeErrors
 from backend.se3 import cross_matrix
-from backend.solution import RangeErrors
-from backend.solve import minimise
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from backend.compiled import njit
 from backend.ekf.forward import note
 from backend.ekf.motion import (
     KEPT_POS,
@@ -24,6 +23,7 @@ from backend.ekf.motion import (
 )
 from backend.ekf.readings import ASK, KEEP
 from backend.ekf.records import Events, Found, Tape
+from backend.numba_cache import njit
 
 
 @njit(cache=True)

@@ -16,7 +16,6 @@ import math
 
 import numpy as np
 
-from backend.compiled import njit
 from backend.ekf.motion import (
     ATTITUDE_ERROR,
     BARO_ZERO,
@@ -67,6 +66,7 @@ from backend.ekf.records import (
     Tape,
     Written,
 )
+from backend.numba_cache import njit
 
 _WILD = 4.0
 """A component whose squared innovation is more than so many times its gate is refused; a smaller one is

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.compiled import discard_stale, njit
+from backend.numba_cache import discard_stale, njit
 
 Array = NDArray[np.float64]
 

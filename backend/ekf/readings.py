@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 
-from backend.compiled import njit
 from backend.ekf.motion import (
     ACC,
     ACCEL_BIAS,
@@ -51,6 +50,7 @@ from backend.ekf.motion import (
     turned,
 )
 from backend.measurements import GRAVITY_M_S2
+from backend.numba_cache import njit
 
 (TICK, GYRO, ACCEL, ATTITUDE, RANGE, VELOCITY, POSITION, BAROMETER, REST, STILL, STEP, ASK, KEEP) = range(13)
 """What an event can be, in the order in which those of one instant are taken: nothing (a long gap is gone

@@ -24,7 +24,7 @@ from slam.cli.optimize import optimize
 from slam.cli.replay import replay
 from slam.cli.reproduce import reproduce
 from slam.cli.simulate import simulate
-from slam.version import VERSION
+from slam.core.version import VERSION
 
 app = typer.Typer(
     name="slam",

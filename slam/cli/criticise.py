@@ -13,10 +13,10 @@ from slam.cli.options import OUT
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from slam.correction.map_gain import MapGain
+    from slam.core.flight import Flight
+    from slam.core.progress import Progress
     from slam.criticism import Criticism
-    from slam.flight import Flight
-    from slam.progress import Progress
+    from slam.evaluation.map_gain import MapGain
 
 _FLIGHTS = typer.Argument(metavar="FLIGHT", help="Flights of one vehicle, with commands or sensors only.")
 _MODEL = typer.Option(
@@ -39,13 +39,13 @@ def criticise(
     maps: Annotated[bool | None, _MAPS] = None,
 ) -> None:
     """Say what a simulation gets wrong about measured flights, name the cause and extend the model."""
+    from slam.cli.console import console, progress_shown
+    from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
     from slam.cli.tables import shown, written
-    from slam.console import console, progress_shown
+    from slam.core.flight import told_apart
+    from slam.core.progress import Tally
     from slam.criticism import criticise as judge
-    from slam.flight import told_apart
-    from slam.outputs import output_folder
-    from slam.progress import Tally
     from slam.report.accuracy import map_gain_table
     from slam.report.criticism_report import write_criticism_report
     from slam.simulation.model import load_model
@@ -74,8 +74,8 @@ def gains_in_maps(
     flights: Sequence[Flight], result: Criticism, most: int | None, progress: Progress
 ) -> list[MapGain]:
     """Where what was found changes readings and can be taken out of them; else none."""
-    from slam.correction.corrected import UNDONE
-    from slam.correction.map_gain import map_gains
+    from slam.evaluation.map_gain import map_gains
+    from slam.simulation.inverse.corrected import UNDONE
 
     if result.extended is None or not any(cause.name in UNDONE for cause in result.causes):
         return []

@@ -18,13 +18,13 @@ def demo(
     recipe: Annotated[str, _RECIPE] = "figure_eight",
 ) -> None:
     """Fly the paper's figure eight in simulation, map it, and compare the map with the truth."""
+    from slam.cli.console import console, progress_shown
     from slam.cli.evaluate import write_evaluation
+    from slam.cli.output_folder import output_folder
     from slam.cli.results import MosaicWish, write_results
     from slam.cli.tables import outcome, shown, written
-    from slam.console import console, progress_shown
     from slam.evaluation import evaluate
-    from slam.outputs import output_folder
-    from slam.pipeline import optimize
+    from slam.mapping.pipeline import optimize
     from slam.report.accuracy import accuracy_tables
     from slam.simulation import simulate
 

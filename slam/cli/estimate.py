@@ -10,9 +10,9 @@ import typer
 from slam.cli.options import MODEL, OUT, pipeline_config
 
 if TYPE_CHECKING:
-    from slam.flight import Flight
+    from slam.core.figure_table import FigureTable
+    from slam.core.flight import Flight
     from slam.inertial.navigate import Navigation
-    from slam.report.accuracy import FigureTable
 
 _SOURCE = typer.Argument(
     metavar="FLIGHT",
@@ -38,12 +38,12 @@ def estimate(
     model: Annotated[str | None, MODEL] = None,
 ) -> None:
     """Estimate where a vehicle was from IMU, attitude, range, velocity, GPS and barometer alone."""
+    from slam.cli.console import console, progress_shown
+    from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
     from slam.cli.tables import shown, written
-    from slam.console import console, progress_shown
-    from slam.correction import corrected
     from slam.inertial.navigate import navigate
-    from slam.outputs import output_folder
+    from slam.simulation.inverse import corrected
     from slam.simulation.model import load_model
 
     screen = console()
@@ -64,8 +64,8 @@ def _without(flight: Flight, names: list[str]) -> Flight:
     """The flight without some streams. Raises ``InputError`` for a name that is none."""
     from dataclasses import replace
 
-    from slam.errors import InputError
-    from slam.flight import FIELDS, STREAMS
+    from slam.core.errors import InputError
+    from slam.core.flight import FIELDS, STREAMS
 
     folders = [STREAMS[field].folder for field in _TAKEN]
     for name in names:
@@ -80,11 +80,11 @@ def _without(flight: Flight, names: list[str]) -> Flight:
 
 def write_navigation(folder: Path, navigation: Navigation) -> None:
     """Write trajectory, estimate, picture and summary. Raises ``InputError`` where the disk refuses."""
+    from slam.core.summary import json_text
     from slam.inertial.summary import summary_record
     from slam.io.atomic import write_whole
     from slam.io.estimate import write_estimate
     from slam.report.estimate_picture import estimate_picture
-    from slam.summary import json_text
 
     write_estimate(navigation.estimate, folder, loops=False)
     write_whole(folder / "estimate.png", estimate_picture(navigation.estimate, navigation.track))
@@ -96,9 +96,9 @@ def figures(navigation: Navigation) -> FigureTable:
     import numpy as np
 
     from slam.cli.tables import warning_rows
+    from slam.core.figure_table import FigureTable
+    from slam.core.units import length
     from slam.inertial.navigate import refused, softened
-    from slam.quantities import length
-    from slam.report.accuracy import FigureTable
     from slam.report.facts import position_sigma_m
 
     found, track = navigation.estimate, navigation.track

@@ -22,13 +22,13 @@ def evaluate(
     truth: Annotated[list[Path], _TRUTH],
 ) -> None:
     """Measure how far a map is from the truth; adds evaluation.json and pictures to DIR."""
+    from slam.cli.console import console
     from slam.cli.mapped import mapped_flight
+    from slam.cli.output_folder import EVALUATE_NAMES
     from slam.cli.tables import shown, written
-    from slam.console import console
     from slam.evaluation import evaluate as compare
     from slam.io.atomic import locked
     from slam.io.estimate import read_estimate
-    from slam.outputs import EVALUATE_NAMES
     from slam.report.accuracy import accuracy_tables
 
     screen = console()
@@ -44,9 +44,9 @@ def evaluate(
 
 def write_evaluation(folder: Path, evaluation: Evaluation) -> None:
     """Write evaluation.json and its pictures, each whole. Raises ``InputError`` where the disk refuses."""
+    from slam.core.summary import json_text
     from slam.evaluation.plots import write_plots
     from slam.io.atomic import write_whole
-    from slam.summary import json_text
 
     write_plots(evaluation, folder)
     write_whole(folder / "evaluation.json", json_text(evaluation.to_json()).encode())

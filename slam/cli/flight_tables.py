@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from slam.info import FlightInfo
+from slam.core.flight_info import FlightInfo
 from slam.io.files import brief
 
 NOTE_LENGTH = 300

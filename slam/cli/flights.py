@@ -12,7 +12,7 @@ from slam.cli.options import FLIGHT_OUT
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from slam.flight import Flight
+    from slam.core.flight import Flight
 
 _IMPORTED = typer.Argument(
     metavar="SOURCE", help="A folder of geotagged photos, or a EuRoC recording.", show_default=False
@@ -26,9 +26,9 @@ _SHOWN = typer.Argument(
 
 def import_flight(source: Annotated[Path, _IMPORTED], out: Annotated[Path, FLIGHT_OUT]) -> None:
     """Make a flight folder from photos or from a EuRoC recording; pictures keep their names."""
+    from slam.cli.console import console, progress_shown
     from slam.cli.source import import_source
     from slam.cli.tables import written
-    from slam.console import console, progress_shown
     from slam.io.flight_folder import write_flight
 
     screen = console()
@@ -41,9 +41,9 @@ def import_flight(source: Annotated[Path, _IMPORTED], out: Annotated[Path, FLIGH
 
 def info(source: Annotated[Path, _SHOWN]) -> None:
     """Show what a flight holds: sensors, rates, gaps, what is missing and what is odd."""
+    from slam.cli.console import console
     from slam.cli.source import kind_of, open_flight
-    from slam.console import console
-    from slam.progress import silent
+    from slam.core.progress import silent
 
     screen = console()
     if kind_of(source) == "graph":
@@ -59,6 +59,6 @@ def info(source: Annotated[Path, _SHOWN]) -> None:
 def show(flight: Flight, screen: Console) -> None:
     """Print what a flight holds."""
     from slam.cli.flight_tables import print_info
-    from slam.info import describe
+    from slam.core.flight_info import describe
 
     print_info(describe(flight), screen)

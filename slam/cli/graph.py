@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from backend.measurements import RelativePose
-from slam.estimate import Estimate, LoopVerdict
-from slam.progress import Progress
+from slam.core.estimate import Estimate, LoopVerdict
+from slam.core.progress import Progress
 
 if TYPE_CHECKING:
-    from backend.pose_graph import PoseGraph
-    from backend.solution import Solution
-    from slam.report.accuracy import FigureTable
+    from backend.pose_graph.graph import PoseGraph
+    from backend.pose_graph.solution import Solution
+    from slam.core.figure_table import FigureTable
 
 
 def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
@@ -24,9 +24,9 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
 
     Stamps are the numbers of the vertices. Raises ``BackendError``.
     """
-    from backend.certificate import certify
     from backend.g2o import read_g2o
-    from backend.graph import solve_pose_graph
+    from backend.pose_graph.certificate import certify
+    from backend.pose_graph.solve import solve_pose_graph
 
     start = time.perf_counter()
     graph = read_g2o(path)
@@ -55,8 +55,8 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
 def graph_figures(path: Path) -> FigureTable:
     """What a g2o file holds, for ``slam info``."""
     from backend.g2o import read_g2o
-    from backend.pose_graph import blind_told
-    from slam.report.accuracy import FigureTable
+    from backend.pose_graph.graph import blind_told
+    from slam.core.figure_table import FigureTable
 
     graph = read_g2o(path)
     loops = int((np.abs(graph.i - graph.j) != 1).sum())

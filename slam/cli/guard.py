@@ -16,7 +16,7 @@ from typing import NoReturn, ParamSpec
 
 import typer
 
-from slam.errors import InputError, explain, one_line
+from slam.core.errors import InputError, explain, one_line
 
 P = ParamSpec("P")
 

@@ -10,8 +10,8 @@ import typer
 from slam.cli.options import OUT
 
 if TYPE_CHECKING:
-    from slam.relocation import Location, Relocalizer
-    from slam.report.accuracy import FigureTable
+    from slam.core.figure_table import FigureTable
+    from slam.mapping.relocation import Location, Relocalizer
 
 _PICTURES = typer.Argument(metavar="PICTURE", help="Pictures of the map's camera.", show_default=False)
 _MAP = typer.Option("--map", metavar="DIR", help="The folder that slam optimize wrote.")
@@ -26,13 +26,13 @@ def locate(
     out: Annotated[Path, OUT],
 ) -> None:
     """Find where pictures were taken in a map, with the uncertainty of each."""
+    from slam.cli.console import console, progress_shown
     from slam.cli.mapped import mapped_flight
+    from slam.cli.output_folder import output_folder
     from slam.cli.tables import shown, written
-    from slam.console import console, progress_shown
+    from slam.core.summary import json_text
     from slam.io.estimate import read_estimate
-    from slam.outputs import output_folder
-    from slam.relocation import Relocalizer
-    from slam.summary import json_text
+    from slam.mapping.relocation import Relocalizer
 
     screen = console()
     estimate = read_estimate(map_folder)
@@ -59,7 +59,7 @@ def locate(
 
 def _located(asked: Relocalizer, path: Path) -> Location:
     from slam.io.images import UnreadableImageError, read_image
-    from slam.relocation import nowhere
+    from slam.mapping.relocation import nowhere
 
     try:
         return asked.locate(read_image(path))
@@ -84,8 +84,8 @@ def _quoted(text: str) -> str:
 
 
 def _table(found: list[tuple[Path, Location]], metric: bool) -> FigureTable:
-    from slam.quantities import length, unit
-    from slam.report.accuracy import FigureTable
+    from slam.core.figure_table import FigureTable
+    from slam.core.units import length, unit
     from slam.report.facts import position_sigma_m
 
     def row(path: Path, location: Location) -> tuple[str, ...]:

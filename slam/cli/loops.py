@@ -24,14 +24,14 @@ def loops(
     features: Annotated[FeatureKind | None, FEATURES] = None,
 ) -> None:
     """Measure precision and recall of loop closure, beside other methods, stage by stage."""
+    from slam.cli.console import console, progress_shown
+    from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
     from slam.cli.tables import shown, written
-    from slam.console import console, progress_shown
-    from slam.loops import evaluate_loops
-    from slam.loops.figure import draw
-    from slam.loops.output import EXPLAINED, full_record, summary_record, table
-    from slam.outputs import output_folder
-    from slam.summary import json_text
+    from slam.core.summary import json_text
+    from slam.evaluation.loops import evaluate_loops
+    from slam.evaluation.loops.figure import draw
+    from slam.evaluation.loops.output import EXPLAINED, full_record, summary_record, table
 
     screen = console()
     settings = pipeline_config(config, features)

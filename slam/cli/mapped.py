@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from slam.flight import Flight
+    from slam.core.flight import Flight
 
 
 def mapped_flight(folder: Path, sources: Sequence[Path]) -> Flight:
@@ -15,11 +15,11 @@ def mapped_flight(folder: Path, sources: Sequence[Path]) -> Flight:
 
     Raises ``InputError``.
     """
+    from slam.cli.output_folder import MODEL_NAME
     from slam.cli.source import open_flight
-    from slam.correction import corrected
-    from slam.joined import join_flights
-    from slam.outputs import MODEL_NAME
-    from slam.progress import silent
+    from slam.core.join_flights import join_flights
+    from slam.core.progress import silent
+    from slam.simulation.inverse import corrected
     from slam.simulation.model import load_model
 
     flights = [open_flight(path, silent)[0] for path in sources]

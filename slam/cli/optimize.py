@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from slam.cli.results import MosaicWish, Results
-    from slam.flight import Flight
-    from slam.progress import Progress
-    from slam.settings import PipelineConfig
+    from slam.core.flight import Flight
+    from slam.core.progress import Progress
+    from slam.mapping.config import PipelineConfig
     from slam.simulation.model import Model
 
 _SOURCE = typer.Argument(
@@ -40,11 +40,11 @@ def optimize(
     model: Annotated[str | None, MODEL] = None,
 ) -> None:
     """Turn a flight, or several, into one consistent map: trajectory, graph, mosaic and a report."""
+    from slam.cli.console import console
     from slam.cli.results import MosaicWish
     from slam.cli.source import kind_of
     from slam.cli.tables import outcome, shown, written
-    from slam.console import console
-    from slam.errors import InputError
+    from slam.core.errors import InputError
 
     screen = console()
     if len(sources) == 1 and kind_of(sources[0]) == "graph":
@@ -69,12 +69,12 @@ def _flights(
     model: str | None,
     screen: Console,
 ) -> Results:
+    from slam.cli.console import progress_shown
+    from slam.cli.output_folder import output_folder
     from slam.cli.results import write_results
     from slam.cli.source import open_flight
-    from slam.console import progress_shown
-    from slam.joined import join_flights
-    from slam.outputs import output_folder
-    from slam.pipeline import optimize as run
+    from slam.core.join_flights import join_flights
+    from slam.mapping.pipeline import optimize as run
     from slam.simulation.model import load_model
 
     believed = load_model(model) if model is not None else None
@@ -100,13 +100,13 @@ def _without(
     progress: Progress,
 ) -> Results:
     """The map without what a model says of the instruments; with truth, beside the map as recorded."""
+    from slam.cli.output_folder import MODEL_NAME
     from slam.cli.results import write_results
-    from slam.correction import corrected
-    from slam.correction.map_gain import can_be_compared, map_gain
-    from slam.joined import join_flights
-    from slam.outputs import MODEL_NAME
-    from slam.pipeline import optimize as run
+    from slam.core.join_flights import join_flights
+    from slam.evaluation.map_gain import can_be_compared, map_gain
+    from slam.mapping.pipeline import optimize as run
     from slam.report.accuracy import map_gain_table
+    from slam.simulation.inverse import corrected
     from slam.simulation.model import save_model
 
     save_model(model, folder / MODEL_NAME)
@@ -121,11 +121,11 @@ def _without(
 
 def _graph(source: Path, out: Path, screen: Console) -> Results:
     from backend.g2o import write_g2o
+    from slam.cli.console import progress_shown
     from slam.cli.graph import solve_graph
+    from slam.cli.output_folder import output_folder
     from slam.cli.results import write_account
-    from slam.console import progress_shown
     from slam.io.estimate import write_estimate
-    from slam.outputs import output_folder
 
     with output_folder(out) as folder, progress_shown(screen) as progress:
         estimate, solved = solve_graph(source, progress)

@@ -10,7 +10,7 @@ import typer
 
 if TYPE_CHECKING:
     from frontend.feature_kinds import FeatureKind
-    from slam.settings import PipelineConfig
+    from slam.mapping.config import PipelineConfig
 
 OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier output of slam is replaced.")
 FLIGHT_OUT = typer.Option("--out", metavar="FLIGHT", help="The flight folder to write; must not exist yet.")
@@ -31,8 +31,8 @@ def pipeline_config(path: Path | None, features: FeatureKind | None) -> Pipeline
 
     Raises ``InputError`` where the file holds an unknown key.
     """
-    from slam.config import load_config, read_toml
-    from slam.settings import PipelineConfig
+    from slam.core.toml_config import load_config, read_toml
+    from slam.mapping.config import PipelineConfig
 
     config = PipelineConfig() if path is None else load_config(PipelineConfig, read_toml(path), str(path))
     return config if features is None else replace(config, features=replace(config.features, kind=features))

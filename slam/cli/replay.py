@@ -10,8 +10,8 @@ import typer
 from slam.cli.options import OUT
 
 if TYPE_CHECKING:
-    from slam.replay import Replay
-    from slam.report.accuracy import FigureTable
+    from slam.core.figure_table import FigureTable
+    from slam.simulation.replay import Replay
 
 _FLIGHT = typer.Argument(metavar="FLIGHT", help="A flight folder with commands.", show_default=False)
 _MODEL = typer.Option("--model", metavar="MODEL", help="nominal, paper, or a .toml file.")
@@ -23,16 +23,16 @@ def replay(
     model: Annotated[str, _MODEL] = "nominal",
 ) -> None:
     """Give a measured flight's commands to a model and show where the two part."""
+    from slam.cli.console import console
+    from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
     from slam.cli.tables import shown, written
-    from slam.console import console
-    from slam.info import describe
-    from slam.outputs import output_folder
-    from slam.progress import silent
-    from slam.replay import replay as run
-    from slam.replay.figure import draw
+    from slam.core.flight_info import describe
+    from slam.core.progress import silent
+    from slam.core.summary import json_text
     from slam.simulation import load_model
-    from slam.summary import json_text
+    from slam.simulation.replay import replay as run
+    from slam.simulation.replay.figure import draw
 
     screen = console()
     loaded = load_model(model)
@@ -76,8 +76,8 @@ def record(replay: Replay) -> dict[str, Any]:
 
 def table(replay: Replay) -> FigureTable:
     """The errors of all channels at all horizons, in the units of the picture."""
-    from slam.replay.channels import as_read
-    from slam.report.accuracy import FigureTable
+    from slam.core.figure_table import FigureTable
+    from slam.simulation.replay.channels import as_read
 
     horizons = [f"{horizon:g} s" for horizon in replay.rollouts]
     rows = []

@@ -28,13 +28,13 @@ def reproduce(
     jobs: Annotated[int | None, _JOBS] = None,
 ) -> None:
     """Repeat the experiments of the paper in simulation and say which of its figures agree."""
+    from slam.cli.console import console, progress_shown
+    from slam.cli.output_folder import output_folder
     from slam.cli.tables import shown, written
-    from slam.console import console, progress_shown
+    from slam.core.figure_table import FigureTable
     from slam.experiments.output import headline, write_all
     from slam.experiments.registry import chosen
     from slam.experiments.run import conclude, run
-    from slam.outputs import output_folder
-    from slam.report.accuracy import FigureTable
 
     wanted = chosen(names or ())
     screen = console()

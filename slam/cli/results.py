@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from slam.errors import InputError
-from slam.estimate import Estimate
-from slam.flight import Flight
+from slam.core.errors import InputError
+from slam.core.estimate import Estimate
+from slam.core.figure_table import FigureTable
+from slam.core.flight import Flight
+from slam.core.progress import Progress
+from slam.core.summary import Summary, json_text, summarise
 from slam.io.estimate import write_estimate
-from slam.progress import Progress
-from slam.report.accuracy import FigureTable
 from slam.report.facts import Facts, chain_on_result, gather
 from slam.report.optimize_report import Mosaics, write_report
-from slam.summary import Summary, json_text, summarise
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,8 @@ def write_results(
 ) -> Results:
     """Write trajectory, graph, mosaics, summary and report of a flight. Raises ``InputError``."""
     from backend.g2o import write_g2o
-    from backend.pose_graph import pose_graph
-    from slam.rasters.elevation import write_elevation
+    from backend.pose_graph.graph import pose_graph
+    from slam.report.rasters.elevation import write_elevation
 
     write_estimate(estimate, folder)
     with (folder / "graph.g2o").open("w", encoding="ascii") as stream:
@@ -84,7 +84,7 @@ def _write_mosaics(
 ) -> tuple[Mosaics, tuple[str, ...]]:
     """The map, and the chain's beside it; a map that cannot be drawn is told and costs nothing else."""
     from frontend.mosaic.canvas import MosaicError
-    from slam.rasters.mosaic import write_chain_picture, write_mosaic
+    from slam.report.rasters.mosaic import write_chain_picture, write_mosaic
 
     if not wish.wanted:
         return Mosaics(), ()

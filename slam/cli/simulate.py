@@ -28,9 +28,9 @@ def simulate(
 
     Two flights of one seed share their noise: give each a --seed of its own where they are judged together.
     """
+    from slam.cli.console import console, progress_shown
     from slam.cli.flights import show
     from slam.cli.tables import written
-    from slam.console import console, progress_shown
     from slam.io.flight_folder import write_flight
     from slam.simulation import load_recipe
     from slam.simulation import simulate as fly

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from slam.errors import InputError
+from slam.core.errors import InputError
 
 if TYPE_CHECKING:
-    from slam.flight import Flight
-    from slam.progress import Progress
+    from slam.core.flight import Flight
+    from slam.core.progress import Progress
 
 Kind = Literal["flight", "euroc", "photos", "graph"]
 
@@ -79,7 +79,7 @@ def import_source(path: Path, progress: Progress) -> Flight:
 
 def _refuse_output(path: Path) -> None:
     """An output holds pictures, too, but no photographs."""
-    from slam.outputs import writer_of
+    from slam.cli.output_folder import writer_of
 
     if command := writer_of(path):
         also = _ALSO.get(command, "").format(path=path)

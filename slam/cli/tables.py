@@ -11,13 +11,13 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from slam.errors import one_line
-from slam.quantities import percent
+from slam.core.errors import one_line
+from slam.core.units import percent
 from slam.report.facts import Facts
 
 if TYPE_CHECKING:
-    from slam.report.accuracy import FigureTable
-    from slam.summary import Summary
+    from slam.core.figure_table import FigureTable
+    from slam.core.summary import Summary
 
 _MOST_WARNINGS = 8
 """Shown on the terminal; summary.json and the report have all."""

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.flight import Flight, Frames
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
-from slam.flight import Flight, Frames
 from slam.simulation import sensors
 from slam.simulation.camera.effects import camera_effects
 from slam.simulation.camera.film import shoot

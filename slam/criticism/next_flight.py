@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.camera.planned import planned
 from slam.criticism.camera.sighting import sighted
@@ -27,7 +28,6 @@ from slam.criticism.search.screening import project
 from slam.criticism.search.search import Search
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.posterior import Posterior, named
-from slam.progress import Progress, Tally, silent
 from slam.simulation.model import Model
 
 _STREAMS = {IMU: "imu", ATTITUDE: "attitude", VELOCITY: "velocity", SONAR: "sonar"}

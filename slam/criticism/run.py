@@ -6,7 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from slam.body_range import with_body_ranges
+from slam.core.duplicate_flights import without_repeats
+from slam.core.flight import Flight, told_apart
+from slam.core.progress import Progress, Tally, compilation_shown, silent
+from slam.core.ranges_at_body import with_body_ranges
 from slam.criticism.camera.strays import without_strays
 from slam.criticism.cause import Cause
 from slam.criticism.extended import extended_by, with_certainty
@@ -39,9 +42,6 @@ from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.sentence import sentence_of
 from slam.criticism.verdict.tables import checks, nuisances_told, ranking
 from slam.criticism.without_commands.verdict import NOTHING_TO_HOLD, judged_without_commands
-from slam.flight import Flight, told_apart
-from slam.progress import Progress, Tally, compilation_shown, silent
-from slam.repeats import without_repeats
 from slam.simulation.model import Model, load_model
 
 SHOWN_SHAPES = 8

@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.flight import Flight
+from slam.core.progress import Progress, silent
 from slam.criticism.camera.pictures import look_all
 from slam.criticism.command_clock import FEWEST_READINGS, clock_error
 from slam.criticism.kalman.readings import (
@@ -29,8 +31,6 @@ from slam.criticism.kalman.record import (
     holds_heading,
     record_of,
 )
-from slam.flight import Flight
-from slam.progress import Progress, silent
 from slam.simulation.dynamics import COMMAND
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from frontend.camera import Camera
-from slam.errors import InputError, one_line
-from slam.estimate import Estimate
-from slam.flight import Flight, Truth
+from slam.core.errors import InputError, one_line
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight, Truth
 from slam.io.geodesy import enu_from_geodetic
 
 Array = NDArray[np.float64]

@@ -25,15 +25,15 @@ from backend.bundle.noise import colour_along_tracks, huber_std, start_noise
 from backend.bundle.refinement import refine
 from backend.measurements import FloorTracks, Measurements, PinholeModel
 from frontend.mosaic.quality import ground_jacobian
-from slam.attitude import roll_pitch_yaw_of
-from slam.errors import InputError
-from slam.estimate import Estimate
+from slam.core.errors import InputError
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight
+from slam.core.rotations import roll_pitch_yaw_of
 from slam.evaluation.association import poses_at
 from slam.evaluation.landmarks import seen_at
-from slam.flight import Flight
+from slam.mapping.config import PipelineConfig
 from slam.mapping.mapper import Mapper, Sensors
 from slam.mapping.sightings import Sightings
-from slam.settings import PipelineConfig
 
 Array = NDArray[np.float64]
 

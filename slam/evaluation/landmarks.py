@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.estimate import Estimate
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight
 from slam.evaluation.association import Association, seeing_camera
 from slam.evaluation.maps import Map, Maps
-from slam.flight import Flight
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.estimate import LoopVerdict
+from slam.core.estimate import LoopVerdict
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.estimate import Estimate
+from slam.core.estimate import Estimate
 from slam.evaluation.association import Association
 from slam.evaluation.trajectory import gauge
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import chi2
 
-from slam.drawing import (
+from slam.core.plot_style import (
     BLUE,
     GREY,
     ORANGE,
@@ -19,11 +19,11 @@ from slam.drawing import (
     png,
     round_factor,
 )
+from slam.core.units import length
 from slam.evaluation.landmarks import over_papers_ground
+from slam.evaluation.paper_values import EKF_PERCENT, STITCHED_PERCENT
 from slam.evaluation.score import Evaluation, Tracks
 from slam.io.atomic import write_whole
-from slam.paper import EKF_PERCENT, STITCHED_PERCENT
-from slam.quantities import length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

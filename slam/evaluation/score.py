@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.estimate import MAP_WAYS, Estimate
+from slam.core.estimate import MAP_WAYS, Estimate
+from slam.core.flight import Flight
+from slam.core.summary import without_nan
 from slam.evaluation.association import Association, associate, seeing_camera
 from slam.evaluation.landmarks import LandmarkDistance, LoopGap, landmark_table
 from slam.evaluation.loop_score import LoopScore, score_loops
 from slam.evaluation.maps import Maps, maps_of
 from slam.evaluation.nees import Nees, nees
 from slam.evaluation.trajectory import RelativeError, Spread, position_error, relative_errors, umeyama
-from slam.flight import Flight
-from slam.summary import without_nan
 
 Array = NDArray[np.float64]
 

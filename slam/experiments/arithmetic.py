@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from slam.evaluation.paper_values import P_THETA, PITCH_DEG, SPEED_A_DEGREE, SPEED_M_S, STICKS
 from slam.experiments.experiment import PAPER, Conclusion, Experiment, Row, Spread, Trial, verdict
 from slam.experiments.paper_checks import ODD, checks, line_through_table_5
-from slam.paper import P_THETA, PITCH_DEG, SPEED_A_DEGREE, SPEED_M_S, STICKS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

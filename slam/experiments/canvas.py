@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.estimate import Estimate
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight
 from slam.evaluation.association import associate
 from slam.evaluation.maps import maps_of
 from slam.experiments.stitching import LandmarkErrors
-from slam.flight import Flight
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

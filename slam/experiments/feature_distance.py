@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from frontend.features import Extractor, Features
 from frontend.homography import transfer
 from slam.evaluation.association import poses_at
+from slam.evaluation.paper_values import FEATURE_DISTANCE_PX
 from slam.experiments.experiment import (
     DRONE,
     SIMULATOR,
@@ -31,13 +32,12 @@ from slam.experiments.experiment import (
     verdict,
 )
 from slam.experiments.stitching import PICTURE_S, at_pace
-from slam.paper import FEATURE_DISTANCE_PX
 from slam.simulation import load_recipe, simulate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from slam.flight import Flight
+    from slam.core.flight import Flight
     from slam.simulation import Recipe
 
 Array = NDArray[np.float64]

@@ -10,6 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.evaluation.paper_values import (
+    HOVER_DRIFT_M,
+    HOVER_DRIFT_VARIANCE,
+    HOVER_SPEED_M_S,
+    HOVER_SPEED_VARIANCE,
+)
 from slam.experiments.experiment import (
     DRONE,
     Conclusion,
@@ -20,12 +26,6 @@ from slam.experiments.experiment import (
     spread,
     told,
     verdict,
-)
-from slam.paper import (
-    HOVER_DRIFT_M,
-    HOVER_DRIFT_VARIANCE,
-    HOVER_SPEED_M_S,
-    HOVER_SPEED_VARIANCE,
 )
 from slam.simulation import load_recipe
 from slam.simulation.recording import flown

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from slam.estimate import Estimate
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight
 from slam.experiments.canvas import Canvas, paint, show
 from slam.experiments.experiment import Row, Spread, Trial, spread
 from slam.experiments.stitching import LARGEST, consecutive, landmark_errors, placed
-from slam.flight import Flight
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
 
 if TYPE_CHECKING:

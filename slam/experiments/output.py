@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from slam.drawing import png
+from slam.core.plot_style import png
+from slam.core.summary import json_text
+from slam.core.version import VERSION
 from slam.experiments.experiment import Conclusion, Experiment, Row, Spread, Trial
 from slam.experiments.registry import experiment
-from slam.summary import json_text
-from slam.version import VERSION
 
 _DPI = 110
 

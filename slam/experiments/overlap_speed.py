@@ -14,6 +14,7 @@ from frontend.features import Extractor
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import register
+from slam.evaluation.paper_values import FLOOR_AT_1M_M, OVERLAP_SPEED_M_S, TOP_SPEED_M_S, TOP_SPEED_PERCENT
 from slam.experiments.experiment import (
     PAPER,
     Conclusion,
@@ -25,7 +26,6 @@ from slam.experiments.experiment import (
     spread,
     verdict,
 )
-from slam.paper import FLOOR_AT_1M_M, OVERLAP_SPEED_M_S, TOP_SPEED_M_S, TOP_SPEED_PERCENT
 from slam.simulation import load_recipe
 from slam.simulation.camera.optics import CameraModel, expose
 from slam.simulation.camera.photometry import digitise

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from backend.measurements import GRAVITY_M_S2
-from slam.paper import (
+from slam.evaluation.paper_values import (
     DIAGONAL_M,
     FEATURE_DISTANCE_PX,
     FIELD_OF_VIEW_DEG,

@@ -29,7 +29,7 @@ from slam.simulation import load_recipe, simulate
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from slam.flight import Flight
+    from slam.core.flight import Flight
 
 Array = NDArray[np.float64]
 

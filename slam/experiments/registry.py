@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from importlib import import_module
 
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.experiments.experiment import Experiment
 
 NAMES = (

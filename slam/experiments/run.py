@@ -9,10 +9,10 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import active_children, get_context
 
-from slam.errors import InputError
+from slam.core.errors import InputError
+from slam.core.progress import Progress, silent
 from slam.experiments.experiment import Conclusion, Trial
 from slam.experiments.registry import experiment
-from slam.progress import Progress, silent
 
 
 def run(

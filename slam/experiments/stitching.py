@@ -13,17 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.keyframes import KeyframeConfig
-from slam.attitude import roll_pitch_yaw_of
-from slam.estimate import Estimate
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight, Frames
+from slam.core.progress import silent
+from slam.core.rotations import roll_pitch_yaw_of
 from slam.evaluation.association import associate
 from slam.evaluation.landmarks import landmark_places, landmark_table
 from slam.evaluation.maps import maps_of
-from slam.flight import Flight, Frames
 from slam.inertial.filter_chain import filter_chain
 from slam.mapping.chain import chain
+from slam.mapping.config import PipelineConfig
 from slam.mapping.sightings import Sighter
-from slam.progress import silent
-from slam.settings import PipelineConfig
 
 Array = NDArray[np.float64]
 

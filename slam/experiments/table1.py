@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from slam.evaluation.paper_values import SQUARE_DRONE_PERCENT, SQUARE_PERCENT
 from slam.experiments.experiment import DRONE, SIMULATOR, Conclusion, Experiment, Trial, told, verdict
 from slam.experiments.maps import CONSECUTIVE, GRAPH, KEYFRAMES, largest, mapped, rows, show_maps
-from slam.paper import SQUARE_DRONE_PERCENT, SQUARE_PERCENT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

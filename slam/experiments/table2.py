@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import wilcoxon
 
+from slam.evaluation.paper_values import SQUARE_DRONE_PERCENT, SQUARE_PERCENT, WHITE_BALANCE_PERCENT
 from slam.experiments.experiment import (
     DRONE,
     SIMULATOR,
@@ -21,7 +22,6 @@ from slam.experiments.experiment import (
 )
 from slam.experiments.maps import CONSECUTIVE, GRAPH, KEYFRAMES, WAYS, largest, mapped, rows, show_maps
 from slam.experiments.stitching import LARGEST
-from slam.paper import SQUARE_DRONE_PERCENT, SQUARE_PERCENT, WHITE_BALANCE_PERCENT
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.evaluation.association import poses_at
+from slam.evaluation.paper_values import EKF_PERCENT, STITCHED_PERCENT
 from slam.experiments.experiment import (
     SIMULATOR,
     Conclusion,
@@ -32,8 +33,7 @@ from slam.experiments.maps import (
     show_maps,
 )
 from slam.experiments.stitching import filtered
-from slam.paper import EKF_PERCENT, STITCHED_PERCENT
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from slam.simulation import load_recipe, simulate
 
 if TYPE_CHECKING:

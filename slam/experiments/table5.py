@@ -13,6 +13,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.evaluation.paper_values import (
+    MAX_TILT_DEG,
+    PITCH_DEG,
+    PITCH_STD_DEG,
+    SPEED_A_DEGREE,
+    SPEED_M_S,
+    SPEED_STD_M_S,
+    STICKS,
+)
 from slam.experiments.experiment import (
     DRONE,
     Conclusion,
@@ -24,21 +33,12 @@ from slam.experiments.experiment import (
     told,
     verdict,
 )
-from slam.paper import (
-    MAX_TILT_DEG,
-    PITCH_DEG,
-    PITCH_STD_DEG,
-    SPEED_A_DEGREE,
-    SPEED_M_S,
-    SPEED_STD_M_S,
-    STICKS,
-)
 from slam.simulation import load_recipe, simulate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from slam.flight import Flight
+    from slam.core.flight import Flight
     from slam.simulation import Recipe
 
 Array = NDArray[np.float64]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.flight import Flight
+from slam.core.flight import Flight
 from slam.inertial.motion import follow
 from slam.inertial.trials import suited
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.ekf.inputs import FilterModel, Readings, Series, Start
-from slam.attitude import rotation_of
-from slam.errors import InputError, one_line
+from slam.core.errors import InputError, one_line
+from slam.core.rotations import rotation_of
 from slam.inertial.instruments import (
     InertialTrust,
     attitude_of,
@@ -32,7 +32,7 @@ from slam.inertial.standing import standing
 from slam.inertial.variogram import Wander
 
 if TYPE_CHECKING:
-    from slam.flight import Flight
+    from slam.core.flight import Flight
 
 Array = NDArray[np.float64]
 

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.ekf.inputs import Series
-from slam.attitude import rotation_of
+from slam.core.rotations import rotation_of
 from slam.inertial.variogram import Wander, noise_and_power, wander
 from slam.io.geodesy import enu_from_geodetic
 
 if TYPE_CHECKING:
-    from slam.flight import Flight
+    from slam.core.flight import Flight
 
 Array = NDArray[np.float64]
 

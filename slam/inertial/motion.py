@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from backend import se3
 from backend.ekf.inputs import Keep, PictureStep, Start
+from slam.core.progress import Progress, silent
 from slam.inertial.filter_input import FilterInput
-from slam.progress import Progress, silent
 
 if TYPE_CHECKING:
     from backend.ekf.results import States, Track

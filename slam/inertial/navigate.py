@@ -11,20 +11,20 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.ekf import records as status
-from slam.attitude import roll_pitch_yaw_of, rotation_of
-from slam.errors import InputError
-from slam.estimate import Estimate
+from slam.core.errors import InputError
+from slam.core.estimate import Estimate
+from slam.core.flight_info import describe
+from slam.core.progress import Progress, compilation_shown, silent
+from slam.core.rotations import roll_pitch_yaw_of, rotation_of
+from slam.core.stage_timer import Stopwatch
 from slam.inertial.filter_input import FilterInput
 from slam.inertial.instruments import InertialTrust
 from slam.inertial.motion import follow
 from slam.inertial.trials import suited
-from slam.info import describe
-from slam.progress import Progress, compilation_shown, silent
-from slam.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from backend.ekf.results import States, Track
-    from slam.flight import Flight
+    from slam.core.flight import Flight
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from slam.flight import Flight
+    from slam.core.flight import Flight
 
 Array = NDArray[np.float64]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from slam.core.summary import summarise
 from slam.inertial.navigate import Navigation
-from slam.summary import summarise
 
 
 def summary_record(navigation: Navigation) -> dict[str, Any]:

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from backend.ekf.inputs import PictureStep, Readings, renumbered
+from slam.core.progress import Progress, silent
 from slam.inertial.filter_input import FIELDS, Adjusted, FilterInput, filter_input
 from slam.inertial.instruments import InertialTrust
-from slam.progress import Progress, silent
 
 if TYPE_CHECKING:
     from backend.ekf.results import Channel, Track
-    from slam.flight import Flight
+    from slam.core.flight import Flight
 
 Array = NDArray[np.float64]
 

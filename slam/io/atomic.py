@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from slam.errors import DISK_FULL, explain
+from slam.core.errors import DISK_FULL, explain
 from slam.io.files import refusal
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from frontend.camera import NADIR_B_T_C, Camera
-from slam.flight import Frames
+from slam.core.flight import Frames
 from slam.io.csv_stream import Table
 from slam.io.files import brief, check_inside, refusal
 from slam.io.images import PictureFiles, UnreadableImageError, brightest, depth_of, image_size

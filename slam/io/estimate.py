@@ -36,14 +36,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.measurements import RelativePose
-from backend.solution import RangeErrors
+from backend.pose_graph.solution import RangeErrors
 from frontend.camera import Camera
-from slam.errors import InputError
-from slam.estimate import MAP_WAYS, Estimate, LoopVerdict
-from slam.flight import GeoOrigin
+from slam.core.errors import InputError
+from slam.core.estimate import MAP_WAYS, Estimate, LoopVerdict
+from slam.core.flight import GeoOrigin
+from slam.core.units import unit
 from slam.io.atomic import write_whole
 from slam.io.files import brief
-from slam.quantities import unit
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from slam.flight import Flight, Truth
+from slam.core.flight import Flight, Truth
 from slam.io.clock import in_order
 from slam.io.csv_stream import Table, read_numbers
 from slam.io.files import refusal

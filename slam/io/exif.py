@@ -19,7 +19,7 @@ import numpy as np
 from PIL import Image
 from PIL.ExifTags import GPS, IFD, Base
 
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.io.images import MAX_PIXELS
 from slam.io.xmp import Xmp, parse_xmp
 

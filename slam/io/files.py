@@ -6,7 +6,7 @@ import os
 import stat
 from pathlib import Path
 
-from slam.errors import InputError, one_line
+from slam.core.errors import InputError, one_line
 
 
 def brief(text: object, limit: int = 200) -> str:

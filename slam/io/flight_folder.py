@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from frontend.camera import Camera
-from slam.flight import FIELDS, Flight
+from slam.core.flight import FIELDS, Flight
 from slam.io.camera_folder import camera_of, frames_of
 from slam.io.clock import in_order
 from slam.io.csv_stream import Table, read_names, read_numbers

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
-from slam.flight import (
+from slam.core.flight import (
     FIELDS,
     AttitudeSeries,
     Command,
@@ -32,12 +32,12 @@ from slam.flight import (
     Truth,
     Velocity,
 )
+from slam.core.progress import Progress, silent
 from slam.io.atomic import atomic_folder
 from slam.io.csv_header import header_of
 from slam.io.images import PictureFiles, UnreadableImageError, image_size
 from slam.io.landmarks import HEADER
 from slam.io.streams import COLUMNS, IMU_DENSITIES, METRES_PER_DEGREE, Series, metres_per_degree_east
-from slam.progress import Progress, silent
 
 Array = NDArray[np.float64]
 

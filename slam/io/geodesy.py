@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from slam.flight import GeoOrigin
+from slam.core.flight import GeoOrigin
 
 Array = NDArray[np.float64]
 

@@ -27,8 +27,8 @@ from rasterio.crs import CRS
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
-from slam.errors import InputError
-from slam.flight import GeoOrigin
+from slam.core.errors import InputError
+from slam.core.flight import GeoOrigin
 from slam.io.atomic import atomic_file
 
 BLOCK_PX = 512

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C
-from slam.attitude import rotation_of
+from slam.core.rotations import rotation_of
 
 Array = NDArray[np.float64]
 

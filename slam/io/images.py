@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Pillow
 
-from slam.flight import Image
+from slam.core.flight import Image
 
 MAX_PIXELS = 89_000_000
 """Largest picture read, in pixels: just below where Pillow suspects a decompression bomb."""

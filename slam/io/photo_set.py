@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.errors import InputError
+from slam.core.errors import InputError
+from slam.core.progress import Progress
 from slam.io.exif import Angles, PhotoTags, read_tags
 from slam.io.files import refusal
 from slam.io.gimbal import body_from_gimbal, body_from_mount, tilt_deg
-from slam.progress import Progress
 
 Array = NDArray[np.float64]
 

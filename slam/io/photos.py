@@ -18,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Pillow
 
-from slam.attitude import roll_pitch_yaw_of
-from slam.flight import AttitudeSeries, Flight, Frames, Gps, Image, Scalar
+from slam.core.flight import AttitudeSeries, Flight, Frames, Gps, Image, Scalar
+from slam.core.progress import Progress, silent
+from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.exif import PhotoTags
 from slam.io.images import PictureFiles
 from slam.io.photo_camera import photo_camera
 from slam.io.photo_set import AttitudeSource, Photo, select_photos
-from slam.progress import Progress, silent
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.flight import AttitudeSeries, Imu
+from slam.core.flight import AttitudeSeries, Imu
 from slam.io.csv_stream import Table
 from slam.io.files import refusal
 from slam.io.sensor_yaml import YamlFile

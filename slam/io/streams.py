@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from slam.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
+from slam.core.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
 from slam.io.csv_header import Column
 from slam.io.csv_stream import Table
 from slam.io.files import refusal

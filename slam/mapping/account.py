@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.heights import Heights
-from backend.solution import Solution
-from slam.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTilt
-from slam.flight import Flight
-from slam.info import describe, missing_for_map
+from backend.pose_graph.heights import Heights
+from backend.pose_graph.solution import Solution
+from slam.core.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTilt
+from slam.core.flight import Flight
+from slam.core.flight_info import describe, missing_for_map
 from slam.mapping.chain import chain
 from slam.mapping.clocks import delay_warning
+from slam.mapping.config import PipelineConfig
 from slam.mapping.contradictions import contradictions
 from slam.mapping.fusion import Fused, comparable
 from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors
@@ -22,7 +23,6 @@ from slam.mapping.lean import lean_of, lean_warning
 from slam.mapping.mapper import Edges, Mapper
 from slam.mapping.mount import mount_tilt, mount_warning
 from slam.mapping.sightings import Sightings
-from slam.settings import PipelineConfig
 
 Array = NDArray[np.float64]
 

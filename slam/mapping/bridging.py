@@ -19,15 +19,15 @@ from backend import se3
 from backend.ekf.inputs import PictureStep, renumbered
 from backend.errors import BackendError
 from backend.measurements import RelativePose
-from backend.solution import Solution
+from backend.pose_graph.solution import Solution
 from frontend.lift import lift
 from frontend.registration import Registration
-from slam.errors import InputError
-from slam.flight import Flight
+from slam.core.errors import InputError
+from slam.core.flight import Flight
+from slam.core.progress import Progress, compilation_shown, silent
 from slam.inertial.instruments import InertialTrust
 from slam.mapping.fusion import Fused, largest_first
 from slam.mapping.mapper import Mapper
-from slam.progress import Progress, compilation_shown, silent
 
 Array = NDArray[np.float64]
 

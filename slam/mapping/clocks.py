@@ -7,8 +7,8 @@ gyro and accelerometer.
 
 from __future__ import annotations
 
-from backend.inertial_rows import MOST_DELAY_S
-from slam.flight import BY_VEHICLE, Flight
+from backend.inertial_scale.regression_rows import MOST_DELAY_S
+from slam.core.flight import BY_VEHICLE, Flight
 from slam.mapping.lengths import InertialLengths
 
 _NOTABLE_S = 0.025

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from slam.attitude import roll_pitch_yaw_of
-from slam.flight import Flight
+from slam.core.flight import Flight
+from slam.core.rotations import roll_pitch_yaw_of
 
 Array = NDArray[np.float64]
 

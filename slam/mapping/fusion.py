@@ -11,19 +11,19 @@ from scipy.spatial.transform import Rotation
 
 from backend.bundle.refinement import Bundle
 from backend.errors import BackendError
-from backend.inertial_scale import NoScale
+from backend.inertial_scale.preintegration import InertialReadings
+from backend.inertial_scale.scale import NoScale
 from backend.measurements import FloorTracks, Position, RelativePose
-from backend.preintegration import InertialReadings
-from backend.solution import Solution
+from backend.pose_graph.solution import Solution
 from frontend.camera import Camera
 from frontend.registration import Registration
-from slam.estimate import over_floor
+from slam.core.estimate import over_floor
+from slam.core.heap import give_back
+from slam.core.progress import Progress
 from slam.mapping.lengths import InertialLengths, inertial_lengths
 from slam.mapping.mapper import LEAST_SEEN, Edges, Mapper, Sensors
 from slam.mapping.placement import lay_onto
 from slam.mapping.sightings import Sightings
-from slam.memory import give_back
-from slam.progress import Progress
 
 Array = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ class Fused:
     w_T_b: Array
     covariances: Array
     over_floor_covariances: Array
-    """Both as `slam.estimate.Estimate` has them."""
+    """Both as `slam.core.estimate.Estimate` has them."""
     component: NDArray[np.int64]
     floor_z_m: float
     camera: Camera
@@ -55,7 +55,7 @@ class Fused:
 
     @property
     def slope_rad(self) -> tuple[float, float]:
-        """Of the ground, as `slam.estimate.Estimate` has it."""
+        """Of the ground, as `slam.core.estimate.Estimate` has it."""
         return self.bundle.floor_slope_rad if self.bundle else (0.0, 0.0)
 
     def of_main(self, poses: Array) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from frontend.camera import Camera
-from slam.flight import Flight
+from slam.core.flight import Flight
 
 LEAST_FALL = 0.17
 """Of a unit vector that still meets the floor: within 10 degrees of the horizon neither a picture nor an echo

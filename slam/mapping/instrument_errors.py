@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.bundle.noise import coloured_std
-from slam.attitude import roll_pitch_yaw_of
-from slam.estimate import AccelerometerErrors, AttitudeErrors
-from slam.flight import Flight
+from slam.core.estimate import AccelerometerErrors, AttitudeErrors
+from slam.core.flight import Flight
+from slam.core.rotations import roll_pitch_yaw_of
 from slam.mapping.lean import LEAST_KEYFRAMES
 from slam.mapping.lengths import InertialLengths
 from slam.mapping.synchronize import attitudes_at

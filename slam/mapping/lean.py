@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.bundle.noise import coloured_std
-from slam.attitude import rotation_of
-from slam.flight import Flight
+from slam.core.flight import Flight
+from slam.core.rotations import rotation_of
 from slam.mapping.synchronize import attitudes_at
 
 Array = NDArray[np.float64]

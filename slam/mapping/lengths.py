@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 
 from backend.bundle.graph import ScalePrior
 from backend.bundle.refinement import Bundle
-from backend.inertial_scale import InertialScale, NoScale, inertial_scale
-from backend.preintegration import InertialReadings
+from backend.inertial_scale.preintegration import InertialReadings
+from backend.inertial_scale.scale import InertialScale, NoScale, inertial_scale
 from frontend.camera import Camera
 from frontend.lift import lift
-from slam.attitude import roll_pitch_yaw_of
-from slam.estimate import over_floor
+from slam.core.estimate import over_floor
+from slam.core.rotations import roll_pitch_yaw_of
 from slam.mapping.sightings import Sightings
 
 Array = NDArray[np.float64]

@@ -12,8 +12,6 @@ from scipy.stats import chi2
 from backend.bundle.graph import NoiseLevels, ScalePrior
 from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
-from backend.graph import solve
-from backend.heights import Heights, agree_on_heights
 from backend.measurements import (
     Attitude,
     EdgeKind,
@@ -24,19 +22,21 @@ from backend.measurements import (
     RelativePose,
     SlantRange,
 )
-from backend.solution import Solution
+from backend.pose_graph.heights import Heights, agree_on_heights
+from backend.pose_graph.solution import Solution
+from backend.pose_graph.solve import solve
 from frontend.camera import Camera
 from frontend.lift import LiftedPoses, level_T_body, lift
 from frontend.points import Points
 from frontend.registration import Registration
 from frontend.tracks import join_tracks
-from slam.attitude import roll_pitch_yaw_of
-from slam.flight import Flight, GeoOrigin
+from slam.core.flight import Flight, GeoOrigin
+from slam.core.heap import give_back
+from slam.core.rotations import roll_pitch_yaw_of
+from slam.mapping.config import PipelineConfig
 from slam.mapping.horizon import LEAST_FALL
 from slam.mapping.reach import Reach
 from slam.mapping.synchronize import attitudes_at, positions_at, ranges_at
-from slam.memory import give_back
-from slam.settings import PipelineConfig
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from backend.bundle.refinement import Bundle
 from backend.measurements import GRAVITY_M_S2
 from frontend.camera import Camera
-from slam.estimate import MountTilt
+from slam.core.estimate import MountTilt
 from slam.mapping.lean import CLEARLY, SURE, Lean
 from slam.mapping.lengths import InertialLengths
 

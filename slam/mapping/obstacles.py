@@ -18,8 +18,8 @@ from frontend.camera import Camera
 from frontend.elevation import Elevation, elevation_map
 from frontend.masking import ObstacleMask
 from frontend.robust import robust_std
-from slam.flight import Flight, Image, Sonar
-from slam.settings import MaskingConfig
+from slam.core.flight import Flight, Image, Sonar
+from slam.mapping.config import MaskingConfig
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import RelativePose
-from slam.settings import LoopConfig
+from slam.mapping.config import LoopConfig
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from frontend.points import Points
 from frontend.registration import Registration
 from frontend.rolling_shutter import Beside, RowMotion, unrolled_homography
 from frontend.store import FeatureStore
-from slam.flight import Imu
+from slam.core.flight import Imu
 from slam.mapping.sightings import Sightings
 
 Array = NDArray[np.float64]

@@ -17,12 +17,12 @@ from frontend.loops import overlapping, propose_loops, verify
 from frontend.motions import AWAY, Expectation
 from frontend.registration import Registration, overlap, refused, register
 from frontend.store import FeatureStore
-from slam.errors import InputError
-from slam.flight import Flight, Image
+from slam.core.errors import InputError
+from slam.core.flight import Flight, Image
+from slam.core.progress import Progress
+from slam.mapping.config import PipelineConfig
 from slam.mapping.obstacles import Masks, no_masks
 from slam.mapping.reach import Reach
-from slam.progress import Progress
-from slam.settings import PipelineConfig
 
 Array = NDArray[np.float64]
 

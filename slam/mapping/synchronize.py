@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.inertial_scale.preintegration import InertialReadings
 from backend.measurements import Attitude, Position, SlantRange
-from backend.preintegration import InertialReadings
-from slam.flight import AttitudeSeries, Flight, GeoOrigin, Imu, Sonar
+from slam.core.flight import AttitudeSeries, Flight, GeoOrigin, Imu, Sonar
 from slam.io.geodesy import enu_from_geodetic
 
 Array = NDArray[np.float64]

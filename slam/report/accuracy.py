@@ -2,35 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam.estimate import MAP_WAYS
+from slam.core.estimate import MAP_WAYS
+from slam.core.figure_table import UNKNOWN, FigureTable
+from slam.core.units import length
 from slam.evaluation.landmarks import over_papers_ground
-from slam.paper import EKF_PERCENT, STITCHED_PERCENT
-from slam.quantities import length
+from slam.evaluation.paper_values import EKF_PERCENT, STITCHED_PERCENT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from slam.correction.map_gain import MapGain
+    from slam.evaluation.map_gain import MapGain
     from slam.evaluation.score import Evaluation
 
-UNKNOWN = "–"
-
 _NEES = "squared errors over covariances (mean NEES)"
-
-
-@dataclass(frozen=True)
-class FigureTable:
-    """A table for a person, the same on the terminal and in the report: names first, figures after."""
-
-    title: str
-    columns: tuple[str, ...]
-    """Empty where the rows speak for themselves."""
-    rows: tuple[tuple[str, ...], ...]
 
 
 def accuracy_tables(evaluation: Evaluation) -> tuple[FigureTable, ...]:

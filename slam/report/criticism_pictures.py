@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.drawing import BLUE, GREEN, GREY, ORANGE, VERMILLION, canvas, png
+from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, canvas, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from slam.core.version import VERSION
 from slam.report.accuracy import map_gain_table
 from slam.report.criticism_pictures import (
     calibration_picture,
@@ -16,12 +17,11 @@ from slam.report.criticism_pictures import (
 )
 from slam.report.criticism_stretch import telling_stretch
 from slam.report.page import Item, embedded, render_page
-from slam.version import VERSION
 
 if TYPE_CHECKING:
-    from slam.correction.map_gain import MapGain
+    from slam.core.flight import Flight
     from slam.criticism import Criticism
-    from slam.flight import Flight
+    from slam.evaluation.map_gain import MapGain
 
 VERDICTS = {
     "nothing_wrong": "Nothing wrong",

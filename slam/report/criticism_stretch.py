@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.drawing import BLUE, GREY, VERMILLION, canvas, legend_below, png
+from slam.core.plot_style import BLUE, GREY, VERMILLION, canvas, legend_below, png
 
 if TYPE_CHECKING:
+    from slam.core.flight import Flight
     from slam.criticism.verdict.criticism import Criticism
-    from slam.flight import Flight
     from slam.simulation.model import Model
 
 Array = NDArray[np.float64]
@@ -84,8 +84,8 @@ def before_after_picture(
 
     ``unseen``: by the flight's name, the extension as fitted on the other flights.
     """
-    from slam.errors import InputError
-    from slam.replay import replay
+    from slam.core.errors import InputError
+    from slam.simulation.replay import replay
 
     best: _Found | None = None
     for flight in flights[:MOST_FLIGHTS]:

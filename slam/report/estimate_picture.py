@@ -9,8 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.drawing import BLUE, ORANGE, PALE_GREY, VERMILLION, grid, ground_labels, legend_below, plain, png
-from slam.estimate import Estimate
+from slam.core.estimate import Estimate
+from slam.core.plot_style import (
+    BLUE,
+    ORANGE,
+    PALE_GREY,
+    VERMILLION,
+    grid,
+    ground_labels,
+    legend_below,
+    plain,
+    png,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

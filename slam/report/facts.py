@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.estimate import Estimate
+from slam.core.estimate import Estimate
+from slam.core.units import SPACE, length, percent
 from slam.evaluation.trajectory import gauge
-from slam.quantities import SPACE, length, percent
 
 if TYPE_CHECKING:
-    from slam.flight import Flight
+    from slam.core.flight import Flight
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ class Facts:
     sensor_zero: str
     is_graph: bool
     metric: bool = True
-    """Whether lengths are metres, as `slam.estimate.Estimate` has it."""
+    """Whether lengths are metres, as `slam.core.estimate.Estimate` has it."""
 
     def length(self, metres: float) -> str:
         """A length of this map, with its unit."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import degrees
 
-from slam.estimate import AccelerometerErrors, AttitudeErrors, MountTilt
-from slam.quantities import SPACE
+from slam.core.estimate import AccelerometerErrors, AttitudeErrors, MountTilt
+from slam.core.units import SPACE
 
 
 def attitude_text(found: AttitudeErrors | None) -> str:

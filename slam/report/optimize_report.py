@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam.estimate import Estimate
-from slam.quantities import percent, unit
+from slam.core.estimate import Estimate
+from slam.core.summary import Summary
+from slam.core.units import percent, unit
+from slam.core.version import VERSION
 from slam.report.facts import Facts, gather, sentence
 from slam.report.instrument_errors import (
     accelerometer_text,
@@ -21,12 +23,10 @@ from slam.report.instrument_errors import (
 )
 from slam.report.page import Item, embedded, render_page
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture, width_px
-from slam.summary import Summary
-from slam.version import VERSION
 
 if TYPE_CHECKING:
-    from slam.flight import Flight
-    from slam.report.accuracy import FigureTable
+    from slam.core.figure_table import FigureTable
+    from slam.core.flight import Flight
 
 _MOST_REJECTED = 20
 """Rejected loops listed on the page; loops.csv has all of them."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 from dataclasses import dataclass
 
-from slam.errors import one_line
+from slam.core.errors import one_line
 
 
 @dataclass(frozen=True)

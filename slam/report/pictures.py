@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.drawing import (
+from slam.core.estimate import Estimate
+from slam.core.plot_style import (
     BLUE,
     GREEN,
     GREY,
@@ -24,8 +25,7 @@ from slam.drawing import (
     png,
     round_factor,
 )
-from slam.estimate import Estimate
-from slam.quantities import length, unit
+from slam.core.units import length, unit
 from slam.report.facts import chain_on_result, is_placed
 
 if TYPE_CHECKING:

@@ -10,10 +10,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from slam.errors import InputError
+from slam.core.errors import InputError
 
 if TYPE_CHECKING:
-    from slam.flight import Flight
+    from slam.core.flight import Flight
     from slam.simulation.model import Model, load_model, save_model
     from slam.simulation.recipe import Recipe, load_recipe
 

@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.compiled import discard_stale, njit
 from backend.measurements import GRAVITY_M_S2
+from backend.numba_cache import discard_stale, njit
 
 Array = NDArray[np.float64]
 

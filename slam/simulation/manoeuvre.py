@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.interpolate import BPoly
 
-from slam.errors import InputError
+from slam.core.errors import InputError
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
-from slam.config import load_config, read_toml
-from slam.errors import InputError
+from slam.core.errors import InputError
+from slam.core.toml_config import load_config, read_toml
 from slam.io.atomic import write_whole
 from slam.simulation.hold_noise import HoldNoise
 from slam.simulation.instruments import (

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import GRAVITY_M_S2
-from slam.attitude import rotation_of
+from slam.core.rotations import rotation_of
 from slam.simulation.dynamics import (
     HOLD_X,
     HOLD_Y,

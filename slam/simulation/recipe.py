@@ -13,8 +13,8 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from slam.config import load_config, read_toml
-from slam.errors import InputError
+from slam.core.errors import InputError
+from slam.core.toml_config import load_config, read_toml
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.manoeuvre import Manoeuvre, plan
 from slam.simulation.model import (

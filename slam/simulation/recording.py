@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.errors import InputError
-from slam.flight import Flight, Frames, Truth
+from slam.core.errors import InputError
+from slam.core.flight import Flight, Frames, Truth
 from slam.simulation import sensors
 from slam.simulation.battery import read_battery
 from slam.simulation.camera.effects import camera_effects

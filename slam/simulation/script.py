@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.errors import InputError, explain
+from slam.core.errors import InputError, explain
 from slam.simulation.manoeuvre import MAX_DURATION_S, Manoeuvre, Row
 from slam.simulation.stick import Stick
 

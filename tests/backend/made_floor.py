@@ -18,7 +18,7 @@ from backend.measurements import (
     SlantRange,
 )
 from frontend.mosaic.quality import ground_jacobian
-from slam.estimate import over_floor
+from slam.core.estimate import over_floor
 
 NADIR = np.array([[0.0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]])
 SIZE_PX = np.array([320.0, 240.0])

@@ -8,7 +8,7 @@ import numpy as np
 
 from backend import se3
 from backend.measurements import Attitude, Measurements, Position, RelativePose, SlantRange
-from backend.pose_graph import PoseGraph
+from backend.pose_graph.graph import PoseGraph
 
 ODOMETRY_STD = np.array([0.004, 0.004, 0.006, 0.01, 0.01, 0.01])
 LOOP_STD = np.array([0.006, 0.006, 0.01, 0.015, 0.015, 0.015])

@@ -8,8 +8,8 @@ import pytest
 
 from backend.errors import BackendError
 from backend.g2o import read_g2o, write_g2o
-from backend.pose_graph import PoseGraph, pose_graph
-from backend.problem import from_pose_graph
+from backend.pose_graph.graph import PoseGraph, pose_graph
+from backend.pose_graph.problem import from_pose_graph
 from tests.backend.synthetic import flight, graph
 
 V = "VERTEX_SE2 {} {} 0 0\n"

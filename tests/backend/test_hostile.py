@@ -14,9 +14,9 @@ SCRIPT = """
 import sys
 from dataclasses import replace
 import numpy as np
-from backend.certificate import certify
+from backend.pose_graph.certificate import certify
 from backend.errors import BackendError
-from backend.graph import solve_pose_graph
+from backend.pose_graph.solve import solve_pose_graph
 from tests.backend.synthetic import graph
 
 def put(array, value, *where):
@@ -84,8 +84,8 @@ def test_every_bad_graph_is_solved_or_refused_in_one_line():
 
 CHAIN = """
 import numpy as np
-from backend.graph import solve_pose_graph
-from backend.pose_graph import PoseGraph
+from backend.pose_graph.solve import solve_pose_graph
+from backend.pose_graph.graph import PoseGraph
 n = 20_000
 step = np.tile(np.eye(4), (n - 1, 1, 1))
 step[:, 0, 3] = 1.0

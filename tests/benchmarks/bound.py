@@ -17,8 +17,8 @@ from backend.bundle.refinement import refine
 from slam.evaluation import evaluate
 from slam.evaluation.bound import Bound, cramer_rao
 from slam.evaluation.trajectory import gauge
-from slam.pipeline import optimize_with_sightings
-from slam.settings import PipelineConfig
+from slam.mapping.config import PipelineConfig
+from slam.mapping.pipeline import optimize_with_sightings
 from slam.simulation import simulate
 from tests.benchmarks.metric import Metric, told, within
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from slam.core.flight import Flight
 from slam.evaluation import evaluate
-from slam.flight import Flight
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.aliased import WAYS, way

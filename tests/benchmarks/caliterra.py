@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from slam.estimate import Estimate
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight, GeoOrigin, Gps
 from slam.evaluation import evaluate
 from slam.evaluation.trajectory import Similarity, umeyama
-from slam.flight import Flight, GeoOrigin, Gps
 from slam.io.geodesy import enu_from_geodetic, geodetic_from_enu
 from slam.io.photos import import_photos
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from tests.benchmarks.by_pycolmap import mapped
 from tests.benchmarks.measured import folder
 from tests.benchmarks.metric import Metric, Skipped, at_least, at_most, told

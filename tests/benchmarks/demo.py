@@ -8,7 +8,7 @@ import numpy as np
 
 from slam.evaluation import Evaluation, evaluate
 from slam.evaluation.landmarks import MapWays
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
 from tests.benchmarks.metric import Metric, at_most, told, within
 

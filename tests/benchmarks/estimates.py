@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.flight import Flight
 from slam.evaluation import evaluate
 from slam.evaluation.score import Tracks
-from slam.flight import Flight
 from slam.inertial.navigate import navigate
 from slam.io.flight_folder import read_flight
 from tests.benchmarks.measured import folder

@@ -17,8 +17,8 @@ import numpy as np
 
 from backend import se3
 from backend.g2o import read_g2o
-from backend.graph import solve_pose_graph
-from backend.pose_graph import PoseGraph
+from backend.pose_graph.graph import PoseGraph
+from backend.pose_graph.solve import solve_pose_graph
 from tests.benchmarks.graphs import aligned_rmse
 from tests.benchmarks.measured import folder
 from tests.benchmarks.metric import Metric, at_least, at_most, told
@@ -87,7 +87,7 @@ def _by_others(path: Path) -> Iterator[tuple[str, float, str]]:
 
 
 def ours(graph: PoseGraph) -> tuple[Array, Array]:
-    """What `backend.graph` keeps, and the poses."""
+    """What `backend.pose_graph.solve` keeps, and the poses."""
     found = solve_pose_graph(graph, covariances=False)
     return found.edge_kept, found.w_T_b
 

@@ -21,11 +21,11 @@ from frontend.features import Extractor, FeatureKind
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import overlap, register
+from slam.core.flight import Flight, Image
 from slam.evaluation.association import poses_at
-from slam.flight import Flight, Image
 from slam.io.flight_folder import read_flight
 from slam.io.photos import import_photos
-from slam.settings import PipelineConfig
+from slam.mapping.config import PipelineConfig
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.measured import folder

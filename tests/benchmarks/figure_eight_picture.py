@@ -21,13 +21,13 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 from PIL import Image
 
-from slam.estimate import Estimate
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight
 from slam.evaluation.association import associate
 from slam.evaluation.landmarks import landmark_places
 from slam.evaluation.maps import Map, Maps, maps_of
-from slam.flight import Flight
-from slam.pipeline import optimize
-from slam.rasters.mosaic import write_mosaic
+from slam.mapping.pipeline import optimize
+from slam.report.rasters.mosaic import write_mosaic
 from slam.simulation import simulate
 
 if TYPE_CHECKING:

@@ -24,10 +24,10 @@ from threadpoolctl import threadpool_limits
 import frontend
 from frontend import registration
 from frontend.features import Features
-from slam.flight import Flight, Frames
+from slam.core.flight import Flight, Frames
+from slam.core.progress import silent
+from slam.mapping.config import PipelineConfig
 from slam.mapping.sightings import Sighter
-from slam.progress import silent
-from slam.settings import PipelineConfig
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.metric import Metric, at_least, at_most, told

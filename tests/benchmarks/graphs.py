@@ -20,12 +20,12 @@ import gtsam
 import numpy as np
 
 from backend import se3
-from backend.certificate import GAP, certify, lower_bound
 from backend.g2o import read_g2o
-from backend.graph import solve_pose_graph
-from backend.pose_graph import PoseGraph
-from backend.solution import Solution
-from backend.synchronization import Synchronization, descend, elimination_order, isotropic
+from backend.pose_graph.certificate import GAP, certify, lower_bound
+from backend.pose_graph.graph import PoseGraph
+from backend.pose_graph.solution import Solution
+from backend.pose_graph.solve import solve_pose_graph
+from backend.pose_graph.synchronization import Synchronization, descend, elimination_order, isotropic
 from tests.benchmarks.measured import folder
 from tests.benchmarks.metric import Metric, Skipped, at_most, told
 

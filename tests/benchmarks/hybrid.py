@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from slam.estimate import AccelerometerErrors
+from slam.core.estimate import AccelerometerErrors
 from slam.evaluation import evaluate
 from slam.inertial.navigate import navigate
 from slam.io.flight_folder import read_flight
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from tests.benchmarks.measured import folder
 from tests.benchmarks.metric import Metric, at_most, told, within
 

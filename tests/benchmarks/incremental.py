@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from backend.graph import solve
-from backend.incremental import BUDGET_S, Incremental
+from backend.pose_graph.incremental import BUDGET_S, Incremental
+from backend.pose_graph.solve import solve
 from tests.backend.synthetic import flight
 from tests.benchmarks.metric import Metric, at_most, told
 

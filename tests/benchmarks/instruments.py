@@ -17,11 +17,11 @@ from multiprocessing import get_context
 import numpy as np
 from scipy.stats import norm
 
+from slam.core.flight import Flight, Imu, Sonar
 from slam.evaluation import evaluate
-from slam.flight import Flight, Imu, Sonar
 from slam.inertial.navigate import navigate
-from slam.pipeline import optimize
-from slam.settings import SensorTrust
+from slam.mapping.config import SensorTrust
+from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
 from slam.simulation.recipe import recipe_from
 from tests.benchmarks.alone import print_alone

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from slam.loops import LoopEvaluation, evaluate_loops
-from slam.loops.comparison import MethodScore
+from slam.evaluation.loops import LoopEvaluation, evaluate_loops
+from slam.evaluation.loops.comparison import MethodScore
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.metric import Metric, at_least, told

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.flight import Flight
 from slam.evaluation import evaluate
-from slam.flight import Flight
+from slam.mapping.config import MaskingConfig, PipelineConfig
 from slam.mapping.obstacles import echoes_in_map, find_obstacles
-from slam.pipeline import optimize
-from slam.settings import MaskingConfig, PipelineConfig
+from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.metric import Metric, at_most, told

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slam.flight import AttitudeSeries, Flight, Sonar, Velocity
-from slam.replay.channels import angles_of
+from slam.core.flight import AttitudeSeries, Flight, Sonar, Velocity
+from slam.simulation.replay.channels import angles_of
 
 EARTH_RADIUS_M = 6371000.0
 APART_S = 2.0

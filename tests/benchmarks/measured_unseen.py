@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam.flight import Flight
-from slam.replay import replay
+from slam.core.flight import Flight
 from slam.simulation.model import Model
+from slam.simulation.replay import replay
 
 AHEAD_S = 2.0
 STILL = 0.25

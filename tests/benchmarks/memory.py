@@ -15,8 +15,8 @@ from pathlib import Path
 
 from slam.io.flight_folder import read_flight
 from slam.io.flight_writer import write_flight
-from slam.pipeline import optimize
-from slam.rasters.mosaic import write_mosaic
+from slam.mapping.pipeline import optimize
+from slam.report.rasters.mosaic import write_mosaic
 from slam.simulation import simulate
 from slam.simulation.recipe import Recipe, load_recipe
 from tests.benchmarks.apart import peak_mb, run_apart

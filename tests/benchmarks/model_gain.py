@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from slam.correction import corrected
-from slam.correction.map_gain import MapGain, map_gain
 from slam.criticism import criticise
+from slam.evaluation.map_gain import MapGain, map_gain
 from slam.simulation import simulate
+from slam.simulation.inverse import corrected
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.metric import Metric, at_most, told
 

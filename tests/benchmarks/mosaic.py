@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.estimate import Estimate
-from slam.flight import Flight, Frames
-from slam.rasters.mosaic import write_mosaic
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight, Frames
+from slam.report.rasters.mosaic import write_mosaic
 from tests.benchmarks.apart import peak_mb, run_apart
 from tests.benchmarks.metric import Metric, at_most, told
 

@@ -22,12 +22,12 @@ from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig
 from frontend.lift import lift
 from frontend.registration import Registration, overlap, register
-from slam.correction.camera import evenly_lit
-from slam.flight import Image
-from slam.settings import PipelineConfig
+from slam.core.flight import Image
+from slam.mapping.config import PipelineConfig
 from slam.simulation.camera.effects import camera_effects
 from slam.simulation.camera.film import Film, shoot
 from slam.simulation.camera.photometry import falloff
+from slam.simulation.inverse.camera import evenly_lit
 from slam.simulation.recipe import Recipe, load_recipe
 from slam.simulation.terms import CATALOGUE
 from tests.benchmarks.metric import Metric, at_least, told, within

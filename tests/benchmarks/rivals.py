@@ -1,4 +1,4 @@
-"""Other ways to tell false loops, on the same graphs: what `backend.selection` is held against.
+"""Other ways to tell false loops, on the same graphs: what `backend.pose_graph.selection` is held against.
 
 Each begins at the odometry and takes it for right, as ours does, and ends with a plain solve of what it kept.
 """
@@ -11,14 +11,14 @@ import gtsam
 import networkx
 import numpy as np
 
-from backend.absolutes import fixed, gtsam_poses
-from backend.anchored import Anchored, Options, plain_fit
-from backend.chi_square import edge_limit
-from backend.initialize import spanning_tree
-from backend.pose_graph import PoseGraph
-from backend.problem import Problem, from_pose_graph
-from backend.selection.gnc import agreeing_edges
-from backend.selection.prediction import draws, innovations, limit, squared
+from backend.pose_graph.chi_square import edge_limit
+from backend.pose_graph.gauge_fixed_problem import Anchored, Options, plain_fit
+from backend.pose_graph.graph import PoseGraph
+from backend.pose_graph.initialize import spanning_tree
+from backend.pose_graph.problem import Problem, from_pose_graph
+from backend.pose_graph.selection.gnc import agreeing_edges
+from backend.pose_graph.selection.prediction import draws, innovations, limit, squared
+from backend.pose_graph.unary_factors import fixed, gtsam_poses
 
 Array = np.ndarray
 Rival = Callable[[PoseGraph], tuple[Array, Array]]

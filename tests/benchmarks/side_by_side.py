@@ -20,12 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from slam.core.flight import Flight, Frames
 from slam.evaluation.association import associate
 from slam.evaluation.landmarks import seen_at
 from slam.evaluation.trajectory import umeyama
-from slam.flight import Flight, Frames
-from slam.pipeline import optimize
-from slam.rasters.mosaic import write_mosaic
+from slam.mapping.pipeline import optimize
+from slam.report.rasters.mosaic import write_mosaic
 from slam.simulation import simulate
 from tests.benchmarks.by_pycolmap import mapped_apart
 from tests.benchmarks.by_stitcher import stitched_apart

@@ -9,9 +9,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from backend import se3
+from slam.core.flight import Flight
 from slam.evaluation.association import poses_at
 from slam.evaluation.trajectory import gauge
-from slam.flight import Flight
 from slam.inertial.motion import follow
 from slam.inertial.navigate import navigate
 from slam.inertial.trials import suited

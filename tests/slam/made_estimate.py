@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from backend.measurements import RelativePose
-from backend.solution import RangeErrors
-from slam.estimate import Estimate, LoopVerdict
-from slam.flight import Flight, Sonar
+from backend.pose_graph.solution import RangeErrors
+from slam.core.estimate import Estimate, LoopVerdict
+from slam.core.flight import Flight, Sonar
 
 REJECTION = "12 matches, 30 are needed"
 

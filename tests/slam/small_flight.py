@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from slam import simulate
-from slam.flight import Flight, Frames, GeoOrigin, Gps, Image
+from slam.core.flight import Flight, Frames, GeoOrigin, Gps, Image
 from slam.io.geodesy import geodetic_from_enu
 from slam.simulation.recipe import Recipe, recipe_from
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slam.evaluation import evaluate
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import flown, only, seeing
 from tests.slam.whole_job import assert_whole, refusal
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from slam.core.flight import Flight
 from slam.evaluation import Evaluation, evaluate
 from slam.evaluation.trajectory import umeyama
-from slam.flight import Flight
 from slam.io.flight_folder import read_flight
 from slam.io.photos import import_photos
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import only
 
 DATA = Path(os.environ.get("SLAM_DATA", ""))

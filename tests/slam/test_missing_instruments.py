@@ -9,7 +9,7 @@ import pytest
 
 from slam.evaluation import evaluate
 from slam.io.geodesy import geodetic_from_enu
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from slam.report.facts import gather
 from tests.slam.small_flight import ORIGIN, flown, gps_of
 from tests.slam.whole_job import assert_whole, normal

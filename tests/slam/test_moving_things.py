@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
+from slam.core.flight import Frames
 from slam.evaluation import evaluate
-from slam.flight import Frames
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 

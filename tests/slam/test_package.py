@@ -49,8 +49,8 @@ def python(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
 def test_the_names_that_a_script_needs():
     from slam import Flight, criticise, evaluate, optimize, read_flight, simulate
 
-    assert Flight.__module__ == "slam.flight"
-    assert optimize.__module__ == "slam.pipeline"
+    assert Flight.__module__ == "slam.core.flight"
+    assert optimize.__module__ == "slam.mapping.pipeline"
     assert read_flight.__module__ == "slam.io.flight_folder"
     assert evaluate.__module__ == "slam.evaluation.score"
     assert simulate.__module__ == "slam.simulation"

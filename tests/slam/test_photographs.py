@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import elsewhere, flown, photographs
 from tests.slam.whole_job import assert_whole, refusal
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from slam.evaluation import evaluate
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.aliased import repeated

@@ -7,10 +7,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from slam.errors import InputError
-from slam.estimate import Estimate
-from slam.flight import Flight
-from slam.pipeline import optimize
+from slam.core.errors import InputError
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight
+from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import flown
 
 

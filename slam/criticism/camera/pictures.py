@@ -15,6 +15,8 @@ from frontend.features import Extractor, FeatureConfig, Features
 from frontend.gates import GateConfig
 from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, register
+from slam.core.flight import Flight
+from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.bands import LEAST_BANDS, bands_of
 from slam.criticism.camera.cells import CELL_STEPS, MOST_PAIRS, Cells, compared
 from slam.criticism.camera.cross_check import confirmed
@@ -22,8 +24,6 @@ from slam.criticism.camera.dents import Dents, Matches, dents_of
 from slam.criticism.camera.highlights import are_lamps, dimmed, spots
 from slam.criticism.camera.movers import moves
 from slam.criticism.camera.overlaid import Image, overlaid, reduced
-from slam.flight import Flight
-from slam.progress import Progress, Tally, silent
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

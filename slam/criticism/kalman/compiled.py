@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from backend.compiled import discard_stale, njit
+from backend.numba_cache import discard_stale, njit
 
 _ROOT = Path(__file__).parents[3]
 discard_stale(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.flight import Flight
 from slam.criticism.kalman.readings import (
     ATTITUDE,
     CHANNELS,
@@ -22,7 +23,6 @@ from slam.criticism.kalman.readings import (
     by_channel,
     place_of,
 )
-from slam.flight import Flight
 from slam.simulation.dynamics import PITCH, ROLL, TURN, VX, VY, VZ, YAW, YAW_RATE, Z
 from slam.simulation.stick import Stick, stick_of
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from slam.core.progress import Tally
 from slam.criticism.kalman.optics import CAMERA
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
@@ -13,7 +14,6 @@ from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitting import refit
 from slam.criticism.search.look import Look, Standing
 from slam.criticism.search.occam import VERY_SIMILAR_NATS
-from slam.progress import Tally
 from slam.simulation.terms import CATALOGUE
 
 CANDIDATES = 5

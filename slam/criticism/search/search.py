@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from slam.core.progress import Progress, Tally, silent
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.reference import recoloured
 from slam.criticism.kalman.setting import Setting
@@ -25,7 +26,6 @@ from slam.criticism.search.occam import VERY_SIMILAR_NATS, occam
 from slam.criticism.search.pairs import hidden_pair, hide_each_other
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.thresholds import Thresholds, beside
-from slam.progress import Progress, Tally, silent
 from slam.simulation.terms import CATALOGUE
 
 LINEAR_Z = 25.0

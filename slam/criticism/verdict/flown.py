@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.progress import Progress, Tally, silent
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import BEYOND_IMU
 from slam.criticism.kalman.record import Record
@@ -28,7 +29,6 @@ from slam.criticism.search.thresholds import MISFIT, load_thresholds
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.posterior import named, price
 from slam.criticism.verdict.rollouts import misses_of
-from slam.progress import Progress, Tally, silent
 
 Array = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from scipy.ndimage import median_filter
 
 from backend.measurements import GRAVITY_M_S2
 from frontend.robust import robust_std
-from slam.attitude import rotation_of
-from slam.flight import Flight
+from slam.core.flight import Flight
+from slam.core.rotations import rotation_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from slam.core.flight import Flight
 from slam.criticism.kalman.record import Record, moving_from, record_of
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.transition import HOLD
 from slam.criticism.without_commands.balances import near_floor
-from slam.flight import Flight
 
 UNREST = {
     "tilt_std_rad": 0.3, "tilt_time_s": 0.2, "yaw_rate_std_rad_s": 1.5, "yaw_rate_time_s": 0.2,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from slam.core.flight import Flight
+from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.pictures import Sights, look_all
 from slam.criticism.camera.strays import without_strays
 from slam.criticism.kalman.innovations import whole
@@ -16,8 +18,6 @@ from slam.criticism.without_commands.balances import Rows, balances_of
 from slam.criticism.without_commands.free import airborne, free
 from slam.criticism.without_commands.pictures import picture_rows
 from slam.criticism.without_commands.regression import Sizes
-from slam.flight import Flight
-from slam.progress import Progress, Tally, silent
 from slam.simulation.model import Model
 
 

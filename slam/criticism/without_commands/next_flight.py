@@ -12,6 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.flight import Flight
+from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.camera.planned import planned
 from slam.criticism.healthy import flown, read_by
@@ -25,8 +27,6 @@ from slam.criticism.without_commands.carried import CARRIED, carried
 from slam.criticism.without_commands.free import airborne, free
 from slam.criticism.without_commands.pictures import picture_rows
 from slam.criticism.without_commands.regression import Regression, regression_of
-from slam.flight import Flight
-from slam.progress import Progress, Tally, silent
 from slam.simulation.model import Model
 
 Array = NDArray[np.float64]

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.flight import Flight
+from slam.core.progress import Progress, silent
 from slam.criticism.cause import SURE, Cause, ChannelError, Gain, Interval, drawn_again
 from slam.criticism.extended import with_sizes
 from slam.criticism.search.effects import plausible
@@ -29,8 +31,6 @@ from slam.criticism.without_commands.pictures import contradiction, picture_erro
 from slam.criticism.without_commands.posterior import in_place_of, posterior_of
 from slam.criticism.without_commands.regression import TOLERANCE, Regression, parts_of, regression_of
 from slam.criticism.without_commands.rollouts import channel_errors
-from slam.flight import Flight
-from slam.progress import Progress, silent
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 

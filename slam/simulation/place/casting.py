@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.compiled import discard_stale, njit
+from backend.numba_cache import discard_stale, njit
 from slam.simulation.place.obstacles import BASE, COS, HALF_LENGTH, HALF_WIDTH, ROUND, SIN, TOP, X, Y
 
 Array = NDArray[np.float64]

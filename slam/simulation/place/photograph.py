@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.errors import InputError
+from slam.core.errors import InputError
 
 Image = NDArray[np.uint8]
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.simulation.place.gym import gym_floor
 from slam.simulation.place.marks import draw_mark
 from slam.simulation.place.obstacles import Box, Pylon, corners, covers, prisms, steps

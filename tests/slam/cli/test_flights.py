@@ -17,8 +17,8 @@ import rasterio
 from typer.testing import CliRunner
 
 from slam.cli import app
+from slam.cli.output_folder import EVALUATE_NAMES, OPTIMIZE_NAMES
 from slam.io.atomic import locked
-from slam.outputs import EVALUATE_NAMES, OPTIMIZE_NAMES
 
 RECIPE = """name = "tiny"
 landmark_pairs = [["A", "B"]]

@@ -10,12 +10,12 @@ from typer.testing import CliRunner
 
 from slam.cli import app
 from slam.cli.criticise import MAPPED_UNASKED, gains_in_maps
+from slam.cli.output_folder import writer_of
+from slam.core.progress import silent
 from slam.criticism.cause import Cause, Gain, Interval
 from slam.criticism.extended import with_certainty
 from slam.criticism.verdict.criticism import Criticism
 from slam.io.flight_folder import read_flight, write_flight
-from slam.outputs import writer_of
-from slam.progress import silent
 from slam.simulation.model import load_model, save_model
 from tests.slam.small_flight import flown, recipe
 

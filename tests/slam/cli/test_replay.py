@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from slam.cli import app
-from slam.outputs import REPLAY_NAMES
+from slam.cli.output_folder import REPLAY_NAMES
 from slam.simulation.model import Model, save_model
 from tests.slam.cli.pulse_recipe import RECIPE
 

@@ -16,7 +16,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from slam.cli import app
-from slam.outputs import REPRODUCE_NAMES
+from slam.cli.output_folder import REPRODUCE_NAMES
 
 NAMES = ("squares", "arithmetic")
 

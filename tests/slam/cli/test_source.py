@@ -6,10 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from slam.cli.source import import_source, kind_of, open_flight
-from slam.errors import InputError
-from slam.io.flight_folder import write_flight
-from slam.outputs import (
+from slam.cli.output_folder import (
     CRITICISE_NAMES,
     ESTIMATE_NAMES,
     EVALUATE_NAMES,
@@ -19,7 +16,10 @@ from slam.outputs import (
     REPLAY_NAMES,
     REPRODUCE_NAMES,
 )
-from slam.progress import silent
+from slam.cli.source import import_source, kind_of, open_flight
+from slam.core.errors import InputError
+from slam.core.progress import silent
+from slam.io.flight_folder import write_flight
 from tests.slam.io.made_flight import made_flight
 
 EUROC = ("mav0/cam0", "mav0/imu0", "mav0/state_groundtruth_estimate0")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from slam.core.flight import Flight
 from slam.criticism.healthy import at_lower_rates
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import setting_of
-from slam.flight import Flight
 from slam.simulation.model import load_model
 
 SLOWER = at_lower_rates(load_model("nominal"))

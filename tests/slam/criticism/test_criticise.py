@@ -10,12 +10,12 @@ from unittest import mock
 import numpy as np
 import pytest
 
+from slam.core.progress import COMPILING
 from slam.criticism import criticise
 from slam.criticism.healthy import at_lower_rates, drawn_vehicle, flown
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search import effects as effects_module
 from slam.criticism.verdict.covariate import covariate
-from slam.progress import COMPILING
 from slam.simulation import simulate
 from slam.simulation.model import load_model
 from slam.simulation.recipe import load_recipe

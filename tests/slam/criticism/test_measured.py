@@ -10,8 +10,8 @@ import pytest
 
 from slam.criticism import criticise
 from slam.io.flight_folder import read_flight
-from slam.replay import replay
 from slam.simulation.model import load_model
+from slam.simulation.replay import replay
 
 DATA = os.environ.get("SLAM_DATA")
 pytestmark = pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set: no measured flights")

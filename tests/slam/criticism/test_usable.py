@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.core.flight import Flight
 from slam.criticism import criticise
 from slam.criticism.healthy import flown
 from slam.criticism.kalman.record import record_of
 from slam.criticism.manoeuvres import REST, stick_for
 from slam.criticism.usable import is_foreign, usable_records
-from slam.flight import Flight
 from slam.simulation.model import load_model
 
 STREAMS = ("imu", "attitude", "velocity", "sonar")

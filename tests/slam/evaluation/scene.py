@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from frontend.camera import Camera
-from slam.estimate import Estimate
-from slam.flight import Flight, Truth
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight, Truth
 
 CAMERA = Camera((300.0, 300.0), (159.5, 119.5), (320, 240))
 

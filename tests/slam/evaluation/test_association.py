@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from slam.errors import InputError
+from slam.core.errors import InputError
+from slam.core.flight import Flight, Frames, GeoOrigin, Gps, Truth
 from slam.evaluation import evaluate
 from slam.evaluation.association import associate
-from slam.flight import Flight, Frames, GeoOrigin, Gps, Truth
 from slam.io.geodesy import geodetic_from_enu
 from tests.slam.evaluation.scene import estimate_of, flight_of, smooth_poses
 

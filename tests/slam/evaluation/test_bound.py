@@ -13,9 +13,9 @@ from backend import se3
 from backend.bundle.graph import BundleConfig
 from backend.bundle.information import information
 from backend.bundle.refinement import refine
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.evaluation.bound import Bound, at_the_truth, cramer_rao
-from slam.pipeline import optimize_with_sightings
+from slam.mapping.pipeline import optimize_with_sightings
 from tests.backend.made_floor import Made, Scene, aligned, make
 from tests.slam.small_flight import flown
 

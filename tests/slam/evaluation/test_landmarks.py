@@ -10,10 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
+from slam.core.flight import Flight, Truth
 from slam.evaluation import evaluate
 from slam.evaluation.landmarks import PAPER_DISTANCES_M as PAPER
 from slam.evaluation.landmarks import over_papers_ground, seen_at
-from slam.flight import Flight, Truth
 from tests.slam.evaluation.scene import CAMERA, estimate_of, exponential, flight_of, yaw_shift
 
 BARS = {0.0: "BC", 2.1: "AD", 2.4: "EH", 4.5: "FG"}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from frontend.camera import Camera
-from slam.estimate import LoopVerdict
+from slam.core.estimate import LoopVerdict
 from slam.evaluation import evaluate
 from slam.evaluation.loop_score import overlap_share, pair_overlaps, score_loops
 from tests.slam.evaluation.scene import CAMERA, estimate_of, flight_of, smooth_poses

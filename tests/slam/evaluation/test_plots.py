@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from slam.errors import InputError
+from slam.core.errors import InputError
+from slam.core.flight import Flight, GeoOrigin, Gps
 from slam.evaluation import evaluate
 from slam.evaluation.plots import error_figure, trajectory_figure, write_plots
-from slam.flight import Flight, GeoOrigin, Gps
 from slam.report.accuracy import accuracy_tables
 from tests.slam.evaluation.scene import disturbed, estimate_of, flight_of, smooth_poses
 

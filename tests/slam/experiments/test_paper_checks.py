@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from slam import paper
+from slam.evaluation import paper_values as paper
 from slam.experiments import paper_checks
 from slam.experiments.paper_checks import (
     checks,

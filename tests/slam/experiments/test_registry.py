@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from slam.cli import app
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.experiments.experiment import Experiment
 from slam.experiments.registry import NAMES, chosen, experiment
 

@@ -19,7 +19,7 @@ from slam.experiments.stitching import (
     placed,
     with_pictures,
 )
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import flown
 
 

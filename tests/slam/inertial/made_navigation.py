@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from backend.ekf.inputs import FilterModel
-from slam.flight import AttitudeSeries, Flight, Imu, Sonar, Truth, Velocity
+from slam.core.flight import AttitudeSeries, Flight, Imu, Sonar, Truth, Velocity
 from tests.backend.made_motion import Noise, fly, read
 
 RATE_HZ = 100.0

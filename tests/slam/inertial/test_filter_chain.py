@@ -8,7 +8,7 @@ import numpy as np
 
 from slam.evaluation import evaluate
 from slam.inertial.filter_chain import filter_chain
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import flown
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from slam.errors import InputError
-from slam.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Velocity
+from slam.core.errors import InputError
+from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Velocity
 from slam.inertial.filter_input import Adjusted, filter_input
 from slam.inertial.standing import standing
 from slam.inertial.variogram import MARGIN, noise_and_power, wander

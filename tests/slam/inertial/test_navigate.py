@@ -14,14 +14,14 @@ from backend import se3
 from backend.ekf import records as status
 from slam.cli import app
 from slam.cli.estimate import figures
-from slam.errors import InputError
+from slam.core.errors import InputError
+from slam.core.progress import COMPILING
 from slam.evaluation import evaluate
 from slam.evaluation.trajectory import gauge
 from slam.inertial.navigate import dead_reckoning, navigate
 from slam.inertial.trials import suited
 from slam.io.estimate import read_estimate
 from slam.io.flight_folder import write_flight
-from slam.progress import COMPILING
 from slam.simulation import simulate
 from tests.slam.inertial.made_navigation import made_flight, without
 

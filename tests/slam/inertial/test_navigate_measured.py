@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slam.errors import InputError
+from slam.core.errors import InputError
+from slam.core.flight import Flight
 from slam.evaluation import evaluate
 from slam.evaluation.association import poses_at
-from slam.flight import Flight
 from slam.inertial.navigate import navigate
 from slam.io.flight_folder import read_flight
 from tests.benchmarks.estimates import drift_m, off_m, with_early_gps

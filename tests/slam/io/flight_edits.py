@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.io.flight_folder import read_flight
 
 

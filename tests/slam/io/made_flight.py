@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
-from slam.flight import (
+from slam.core.flight import (
     AttitudeSeries,
     Command,
     Flight,

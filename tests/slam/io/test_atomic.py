@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.io.atomic import atomic_file, atomic_folder, write_whole
 
 ROOT = Path(__file__).parents[3]
@@ -236,7 +236,7 @@ def test_many_runs_on_one_target_leave_one_whole_output(tmp_path):
     script = """
 import sys
 sys.path.insert(0, sys.argv[1])
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.io.atomic import atomic_folder
 for k in range(15):
     try:

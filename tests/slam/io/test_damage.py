@@ -5,9 +5,9 @@ import warnings
 import numpy as np
 import pytest
 
-from slam.errors import InputError
-from slam.flight import STREAMS, Flight
-from slam.info import describe
+from slam.core.errors import InputError
+from slam.core.flight import STREAMS, Flight
+from slam.core.flight_info import describe
 from slam.io.flight_folder import read_flight, write_flight
 from tests.slam.io.made_flight import made_flight
 

@@ -16,9 +16,9 @@ from numpy.lib import format as npy
 
 from backend.measurements import RelativePose
 from frontend.camera import Camera
-from slam.errors import InputError
-from slam.estimate import Estimate, LoopVerdict
-from slam.flight import GeoOrigin
+from slam.core.errors import InputError
+from slam.core.estimate import Estimate, LoopVerdict
+from slam.core.flight import GeoOrigin
 from slam.io.estimate import loops_text, read_estimate, trajectory_text, write_estimate
 from tests.slam.evaluation.scene import estimate_of, smooth_poses
 

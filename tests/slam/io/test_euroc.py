@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.io.euroc import import_euroc
 from slam.io.flight_folder import read_flight, write_flight
 

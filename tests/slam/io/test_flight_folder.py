@@ -11,8 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from slam.errors import InputError
-from slam.flight import (
+from slam.core.errors import InputError
+from slam.core.flight import (
     FIELDS,
     STREAMS,
     AttitudeSeries,

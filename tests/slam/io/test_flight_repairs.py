@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from slam.flight import Flight
+from slam.core.flight import Flight
 from slam.io.flight_folder import read_flight, write_flight
 from tests.slam.io.flight_edits import assert_refused, assert_told, change, change_row, mav, scale
 from tests.slam.io.made_flight import made_flight, picture

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from rasterio.warp import transform
 from scipy.spatial.distance import pdist
 
-from slam.flight import GeoOrigin
+from slam.core.flight import GeoOrigin
 from slam.io.geodesy import ecef_from_geodetic, enu_from_geodetic, geodetic_from_ecef, geodetic_from_enu
 
 

@@ -14,8 +14,8 @@ import rasterio
 from rasterio.enums import ColorInterp
 from rasterio.warp import transform
 
-from slam.errors import InputError
-from slam.flight import GeoOrigin
+from slam.core.errors import InputError
+from slam.core.flight import GeoOrigin
 from slam.io.geodesy import geodetic_from_enu
 from slam.io.geotiff import Block, Grid, write_geotiff, write_png
 
@@ -134,7 +134,7 @@ def test_place_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
 FULL_DISK = """
 import resource, sys
 from pathlib import Path
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.io.geotiff import Grid, write_geotiff, write_png
 from tests.slam.io.test_geotiff import blocks, picture
 folder, limit = Path(sys.argv[1]), int(sys.argv[2])

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import NADIR_B_T_C
-from slam.attitude import roll_pitch_yaw_of
+from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.gimbal import body_from_gimbal, body_from_mount, tilt_deg
 
 EAST, NORTH, UP = np.eye(3)

@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose
 from PIL import ExifTags, Image
 from PIL.TiffImagePlugin import IFDRational
 
-from slam.errors import InputError
-from slam.flight import Flight
+from slam.core.errors import InputError
+from slam.core.flight import Flight
 from slam.io.geodesy import enu_from_geodetic
 from slam.io.photos import import_photos
 from tests.slam.io.photo_files import NADIR, SIZE, fill, jpeg, strip, with_xmp

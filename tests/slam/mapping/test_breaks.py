@@ -12,11 +12,11 @@ from backend.measurements import RelativePose
 from frontend.keyframes import Passed
 from frontend.registration import Registration
 from frontend.store import FeatureStore
+from slam.core.flight import Flight
 from slam.evaluation import evaluate
-from slam.flight import Flight
 from slam.mapping.breaks import breaks_of, contradicted, torn
+from slam.mapping.pipeline import optimize
 from slam.mapping.sightings import Sightings
-from slam.pipeline import optimize
 from tests.slam.small_flight import flown, seeing
 
 GREY = np.full((144, 176, 3), 120, np.uint8)

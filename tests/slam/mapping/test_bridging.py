@@ -12,12 +12,12 @@ from scipy.stats import chi2
 
 from backend import se3
 from backend.measurements import RelativePose
-from slam.estimate import Estimate
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight
 from slam.evaluation import evaluate
-from slam.flight import Flight
 from slam.mapping.bridging import joined
 from slam.mapping.fusion import Fused
-from slam.pipeline import optimize
+from slam.mapping.pipeline import optimize
 from tests.benchmarks.calibration import bridge
 from tests.slam.small_flight import flown, seeing
 

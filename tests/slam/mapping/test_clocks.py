@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from backend.bundle.graph import ScalePrior
-from backend.inertial_scale import InertialScale
-from slam.flight import Flight
+from backend.inertial_scale.scale import InertialScale
+from slam.core.flight import Flight
 from slam.mapping.clocks import delay_to_take_out, delay_warning, stamped_later
 from slam.mapping.lengths import InertialLengths
 from tests.slam.io.made_flight import made_flight

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.flight import Flight
+from slam.core.flight import Flight
 from slam.mapping.contradictions import contradictions
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe

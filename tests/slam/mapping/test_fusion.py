@@ -12,10 +12,10 @@ from frontend.features import Features
 from frontend.points import Points
 from frontend.registration import Registration
 from frontend.store import FeatureStore
+from slam.core.progress import silent
 from slam.mapping.fusion import Fused, fuse
 from slam.mapping.mapper import Mapper
 from slam.mapping.sightings import Sightings
-from slam.progress import silent
 from tests.slam.mapping.test_mapper import mapper_of, registration, seen, truth
 
 PARTS = [(0, 1), (1, 2), (3, 4), (4, 5), (5, 6), (6, 7), (3, 5), (8, 9), (9, 10), (10, 11)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from frontend.camera import NADIR_B_T_C, Camera
-from slam.flight import AttitudeSeries, Flight
+from slam.core.flight import AttitudeSeries, Flight
 from slam.mapping.horizon import seeing_floor
 
 CAMERA = Camera((150.0, 150.0), (87.5, 71.5), (176, 144), b_T_c=NADIR_B_T_C)

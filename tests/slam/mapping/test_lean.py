@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from slam import optimize
+from slam.core.flight import AttitudeSeries, Flight
 from slam.evaluation import evaluate
-from slam.flight import AttitudeSeries, Flight
 from slam.mapping.lean import lean_of, lean_warning
 from tests.slam.small_flight import flown
 

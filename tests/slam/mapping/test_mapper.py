@@ -14,10 +14,10 @@ from backend.measurements import FloorTracks, RelativePose
 from frontend.camera import Camera
 from frontend.points import Points
 from frontend.registration import Registration
-from slam.flight import AttitudeSeries, Flight, Sonar, Truth
+from slam.core.flight import AttitudeSeries, Flight, Sonar, Truth
+from slam.mapping.config import PipelineConfig
 from slam.mapping.mapper import Edges, Mapper, Sensors
 from slam.mapping.reach import Known, implausible_edges
-from slam.settings import PipelineConfig
 from tests.slam.small_flight import ORIGIN, gps_of
 
 CAMERA = Camera((256.0, 250.0), (160.0, 118.0), (320, 240))

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from slam import optimize
+from slam.core.flight import Flight, Sonar
 from slam.evaluation import evaluate
 from slam.evaluation.association import poses_at
-from slam.flight import Flight, Sonar
+from slam.mapping.config import MaskingConfig, PipelineConfig
 from slam.mapping.obstacles import echoes_in_map, find_obstacles, poses_between
-from slam.settings import MaskingConfig, PipelineConfig
 from slam.simulation.place.terrain import elevation
 from slam.simulation.recipe import Recipe
 from tests.slam.small_flight import flown, recipe

@@ -14,12 +14,12 @@ from frontend.camera import Camera
 from frontend.features import FeatureConfig
 from frontend.loops import verify
 from frontend.registration import Registration
-from slam.errors import InputError
-from slam.flight import Flight, Frames
+from slam.core.errors import InputError
+from slam.core.flight import Flight, Frames
+from slam.core.progress import silent
+from slam.mapping.config import PipelineConfig
 from slam.mapping.reach import Reach
 from slam.mapping.sightings import Sighter, Sightings, read_ahead
-from slam.progress import silent
-from slam.settings import PipelineConfig
 from tests.slam.small_flight import flown, seeing
 
 CONFIG = PipelineConfig()

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slam.flight import AttitudeSeries, Flight, GeoOrigin, Gps, Sonar
+from slam.core.flight import AttitudeSeries, Flight, GeoOrigin, Gps, Sonar
 from slam.io.geodesy import geodetic_from_enu
 from slam.mapping.synchronize import MAX_GAP_S, attitudes_at, local_value, positions_at, ranges_at
 

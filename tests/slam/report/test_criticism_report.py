@@ -11,13 +11,13 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from slam.correction.map_gain import MapErrors, MapGain
+from slam.core.plot_style import BLUE, ORANGE, VERMILLION
 from slam.criticism.cause import Cause, ChannelError, Gain, Interval
 from slam.criticism.healthy import flown
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.verdict.covariate import Covariate, Misses
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
-from slam.drawing import BLUE, ORANGE, VERMILLION
+from slam.evaluation.map_gain import MapErrors, MapGain
 from slam.report.criticism_pictures import (
     covariate_picture,
     gain_picture,

@@ -14,16 +14,16 @@ from PIL import Image
 from rich.console import Console
 
 from slam.cli.tables import outcome
-from slam.drawing import ground_labels
-from slam.estimate import LoopVerdict
-from slam.flight import GeoOrigin
+from slam.core.estimate import LoopVerdict
+from slam.core.flight import GeoOrigin
+from slam.core.plot_style import ground_labels
+from slam.core.summary import json_text, summarise
+from slam.core.units import length
 from slam.io.estimate import trajectory_text
-from slam.quantities import length
 from slam.report.accuracy import FigureTable
 from slam.report.facts import chain_on_result, gather, sentence
 from slam.report.optimize_report import Mosaics, render, write_report
 from slam.report.pictures import altitude_picture, thumbnail, trajectory_picture
-from slam.summary import json_text, summarise
 from tests.slam.made_estimate import REJECTION, made_estimate, made_flight
 
 HOSTILE = "<script>alert(1)</script>\n../../etc\x1b[31m\u202egnp.exe & \"quoted\" '$\\frac{x'"

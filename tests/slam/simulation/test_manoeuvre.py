@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.simulation.manoeuvre import MAX_YAW_RATE_RAD_S, Manoeuvre, plan
 
 EXTENT = (-5.0, -5.0, 5.0, 5.0)

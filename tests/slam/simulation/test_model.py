@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.simulation import dynamics
 from slam.simulation.model import Model, load_model, model_from, save_model, shipped_models
 from slam.simulation.terms import CATALOGUE

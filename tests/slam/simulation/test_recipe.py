@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from slam import simulate
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.simulation import model as models
 from slam.simulation import recipe as recipes
 from slam.simulation.recipe import load_recipe, recipe_from, shipped_recipes

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slam import simulate
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.simulation.manoeuvre import Manoeuvre
 from slam.simulation.model import load_model
 from slam.simulation.recipe import load_recipe, recipe_from

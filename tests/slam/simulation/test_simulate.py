@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from slam import simulate
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.simulation.place.terrain import elevation
 from slam.simulation.recipe import load_recipe, recipe_from
 

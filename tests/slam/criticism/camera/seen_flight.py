@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from slam.flight import Flight
+from slam.core.flight import Flight
 from slam.simulation.recipe import recipe_from
 from slam.simulation.recording import record
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from slam.core.flight import Command, Flight, Sonar
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.steps import GATE
-from slam.flight import Command, Flight, Sonar
 
 
 def starting(ranges):

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 import pytest
 
+from slam.core.progress import Tally, silent
 from slam.criticism.search.candidates import tried
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.look import Standing
-from slam.progress import Tally, silent
 
 
 def test_by_how_much_a_candidate_that_is_beaten_falls_behind_is_kept(monkeypatch):

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from slam.core.progress import Tally, silent
 from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
@@ -17,7 +18,6 @@ from slam.criticism.search.inclusion import settled
 from slam.criticism.search.look import Standing
 from slam.criticism.usable import usable_records
 from slam.criticism.verdict.flown import _Course, _extended, _Fit, _in_words, _instead, _is_beyond
-from slam.progress import Tally, silent
 from slam.simulation.dynamics import ATTITUDE_TIME
 from slam.simulation.model import load_model
 

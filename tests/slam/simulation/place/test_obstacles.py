@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.simulation.camera.optics import CameraModel, expose
 from slam.simulation.place.obstacles import Box, Pylon, steps
 from slam.simulation.place.scene import build_scene

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image as Photograph
 
-from slam.errors import InputError
+from slam.core.errors import InputError
 from slam.simulation.place.puzzle import puzzle_tile
 from slam.simulation.place.world import World, build_floor, check_world
 

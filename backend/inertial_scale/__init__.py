@@ -1,0 +1,1 @@
+"""Metric scale, accelerometer bias and lever arm from a visual path and inertial readings."""

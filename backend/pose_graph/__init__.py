@@ -1,0 +1,1 @@
+"""Pose graphs: relative poses and sensor readings in, the most likely trajectory out."""

@@ -1,0 +1,214 @@
+"""Is a pose graph's solution the best there is? A certificate from the dual of its isotropic stand-in.
+
+Whatever the poses are, F >= trace(Lambda) + d n min(0, lambda), with Lambda any symmetric blocks and lambda
+the least eigenvalue of the certificate matrix Q - Lambda. At a global optimum (of moderate noise) the
+multipliers of the rotations make the two sides equal. Source: Rosen, Carlone, Bandeira, Leonard 2019 (IJRR),
+theorem 7.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, diags_array
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+
+from backend.errors import BackendError
+from backend.pose_graph.graph import PoseGraph
+from backend.pose_graph.solution import Solution
+from backend.pose_graph.synchronization import (
+    Factor,
+    Synchronization,
+    assembled,
+    block_diagonal,
+    descend,
+    elimination_order,
+    isotropic,
+)
+
+Array = NDArray[np.float64]
+
+MOST_POSES = 10_000
+GAP = 1e-6
+"""Relative gap up to which a solution is called the optimum."""
+
+_CLOSE = 1e-3
+"""A bound this close to the error says that the graph's own covariances are isotropic."""
+_LANCZOS = 1e-4
+_LEAST_PER_EDGE = 1e-3
+"""Of chi-square: where an edge's share of F is below this, the gap is taken relative to this."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What is known of a solution's optimality. F is twice a Gaussian error: a chi-square."""
+
+    certified: bool
+    """The isotropic stand-in's minimum at the solution is its global one."""
+    reason: str
+    """Why it is not certified; empty where it is."""
+    objective: float = math.nan
+    """F at the stand-in's minimum next to the solution."""
+    lower_bound: float = math.nan
+    """No poses have a lower F, as far as the least eigenvalue is right (see `lower_bound`)."""
+    gap: float = math.nan
+    """(objective - lower_bound) / max(objective, 0.001 an edge); 0 at the global optimum."""
+    moved_m: float = math.nan
+    """Largest distance between a solution's pose and the stand-in's."""
+    moved_rad: float = math.nan
+    error_bound: float = math.nan
+    """No poses have a lower error of the graph itself, with its own covariances (half a chi-square); as
+    surely as ``lower_bound``."""
+
+    def sentence(self, error: float) -> str:
+        """For a person; ``error`` is the solution's own."""
+        if not self.certified:
+            return f"not certified as the global optimum: {self.reason}"
+        if self.error_bound >= (1 - _CLOSE) * error:
+            return f"certified: no poses have an error below {self.error_bound:.6g}"
+        return (
+            f"certified with each covariance made isotropic (gap {self.gap:.1g});"
+            f" with the graph's own no poses have an error below {self.error_bound:.3g}"
+        )
+
+
+def certify(graph: PoseGraph, solution: Solution) -> Certificate:
+    """Whether the kept edges admit no better solution: each connected part by itself, figures added up.
+
+    Certified is the graph with each covariance made isotropic (the mean variance of rotation and of
+    translation), after a descent from the solution. ``error_bound`` holds for the graph as it is; it is
+    close to the solution's error where covariances are isotropic already.
+    """
+    placed = solution.component >= 0
+    kept = solution.edge_kept & placed[graph.i] & placed[graph.j]
+    try:
+        parts = [
+            _of_part(graph, solution.w_T_b, np.flatnonzero(solution.component == c), kept)
+            for c in range(int(solution.component.max(initial=-1)) + 1)
+        ]
+    except (BackendError, MemoryError) as refused:
+        return Certificate(False, str(refused) or "there is not enough memory")
+    looped = [part for part in parts if part is not None]
+    if not looped:
+        return Certificate(True, "", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Certificate(
+        certified=all(part.certified for part in looped),
+        reason=next((part.reason for part in looped if part.reason), ""),
+        objective=sum(part.objective for part in looped),
+        lower_bound=sum(part.lower_bound for part in looped),
+        gap=max(part.gap for part in looped),
+        moved_m=max(part.moved_m for part in looped),
+        moved_rad=max(part.moved_rad for part in looped),
+        error_bound=sum(part.error_bound for part in looped),
+    )
+
+
+def _of_part(
+    graph: PoseGraph, w_T: Array, members: NDArray[np.int64], kept: NDArray[np.bool_]
+) -> Certificate | None:
+    """A connected part; None where it has no loop: a tree fits exactly."""
+    number = np.full(len(graph.ids), -1, dtype=np.int64)
+    number[members] = np.arange(len(members))
+    edges = np.flatnonzero(kept & (number[graph.i] >= 0))
+    if len(edges) < len(members):
+        return None
+    if len(members) > MOST_POSES:
+        raise BackendError(f"{len(members)} poses are more than {MOST_POSES}")
+    if graph.fixed[members].sum() > 1:
+        raise BackendError("more than one vertex is held in place")
+    information, d = graph.information[edges], graph.dimension
+    kappa, tau = isotropic(information)
+    if not ((kappa > 0) & (tau > 0)).all():
+        raise BackendError("an edge leaves a direction open")
+    T = graph.ij_T[edges]
+    problem = Synchronization(
+        len(members), number[graph.i[edges]], number[graph.j[edges]], T[:, :d, :d], T[:, :d, 3], kappa, tau
+    )
+    w_T = w_T[members]
+    order = elimination_order(problem)
+    w_R, w_t = descend(problem, w_T[:, :d, :d], w_T[:, :d, 3], order)
+    objective, bound = problem.objective(w_R, w_t), lower_bound(problem, w_R, w_t, order)
+    gap = (objective - bound) / max(objective, _LEAST_PER_EDGE * len(edges))
+    cosine = (np.einsum("nab,nab->n", w_R, w_T[:, :d, :d]) - (d - 2)) / 2
+    return Certificate(
+        certified=gap <= GAP,
+        reason="" if gap <= GAP else f"no poses have less than {bound:.4g}, these have {objective:.4g}",
+        objective=objective,
+        lower_bound=bound,
+        gap=gap,
+        moved_m=float(np.linalg.norm(w_t - w_T[:, :d, 3], axis=1).max()),
+        moved_rad=float(np.arccos(np.clip(cosine, -1, 1)).max()),
+        error_bound=_share(information, kappa, tau) * bound / 2,
+    )
+
+
+def _share(information: Array, kappa: Array, tau: Array) -> float:
+    """Largest c for which no edge's cost falls below c times its isotropic stand-in's.
+
+    A rotation's angle is at least its chord, and the logarithm's translation at least the distance.
+    """
+    d = information.shape[-1]
+    repeats = [2, 1] if d == 3 else [3, 3]
+    pair = (tau, 2 * kappa) if d == 3 else (2 * kappa, tau)
+    root = np.sqrt(np.repeat(np.column_stack(pair), repeats, axis=1))
+    return float(np.linalg.eigvalsh(information / (root[:, :, None] * root[:, None, :]))[:, 0].min())
+
+
+def lower_bound(problem: Synchronization, w_R: Array, w_t: Array, order: NDArray[np.int64]) -> float:
+    """What no poses can have less of F than, from the multipliers at a critical point; at least 0.
+
+    The signs of a factor prove that no eigenvalue lies below minus the shift, which costs the bound GAP of F
+    where the first shift will do. What the bound claims beyond that rests on the eigenvalue: Lanczos'
+    iteration comes from above, and a margin of ten times its tolerance is taken off.
+    """
+    n, d = w_t.shape
+    multipliers = problem.multipliers(w_R, w_t)
+    total = float(np.trace(multipliers, axis1=1, axis2=2).sum())
+    blocks = np.zeros((n, d + 1, d + 1))
+    blocks[:, 1:, 1:] = multipliers
+    # Pose by pose (t, R') as columns; the first position is held, which the Schur complement does not feel.
+    matrix = csc_array(_connection_laplacian(problem) - block_diagonal(blocks))[1:, 1:]
+    rotational = np.tile(np.r_[0.0, np.ones(d)], n)[1:]
+    scale = max(total, _LEAST_PER_EDGE * len(problem.i)) / (n * d)
+    for relative in (GAP, 1e2 * GAP, 1e4 * GAP, 1.0):
+        shift = relative * scale
+        factor = Factor(csc_array(matrix + diags_array(shift * rotational)), order)
+        if factor.negative == 0:
+            return max(total + n * d * min(0.0, _least(factor.solve, rotational > 0, shift)), 0.0)
+    return 0.0
+
+
+def _least(solve: Callable[[Array], Array], rotational: NDArray[np.bool_], shift: float) -> float:
+    """Least eigenvalue of Q - Lambda, which ``shift`` makes positive: at least minus ``shift``."""
+    size = int(rotational.sum())
+
+    def inverse(x: Array) -> Array:
+        rhs = np.zeros(len(rotational))
+        rhs[rotational] = np.ravel(x)
+        return np.asarray(solve(rhs)[rotational])
+
+    operator = LinearOperator((size, size), matvec=inverse, dtype=np.float64)
+    start = np.random.default_rng(0).normal(size=size)
+    try:
+        largest = eigsh(
+            operator, k=1, which="LA", v0=start, tol=_LANCZOS, maxiter=300, return_eigenvectors=False
+        )
+    except ArpackError:
+        return -shift
+    return max(1 / (float(largest[0]) * (1 + 10 * _LANCZOS)) - shift, -shift)
+
+
+def _connection_laplacian(problem: Synchronization) -> csc_array:
+    """M with F = trace(X' M X), X stacking (t, R') of each pose. Source: equation 13."""
+    d, m = problem.dimension, len(problem.i)
+    step = np.zeros((m, d + 1, d + 1))
+    step[:, 0, 0] = 1
+    step[:, 0, 1:] = problem.ij_t_m
+    step[:, 1:, 1:] = np.swapaxes(problem.ij_R, 1, 2)
+    weight = np.repeat(np.column_stack([problem.tau, problem.kappa]), [1, d], axis=1)
+    pull = np.swapaxes(step, 1, 2) * weight[:, None, :]
+    return assembled(problem, pull @ step, weight[:, :, None] * np.eye(d + 1), -pull)

@@ -1,0 +1,136 @@
+"""One connected part of a graph: anchor it, start it, solve it plainly, and reject edges only where it
+must."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.gauge import direction_words, hold_factor, key_runs, open_directions
+from backend.pose_graph.gauge_fixed_problem import Anchored, Fit, Options, plain_fit, start_of
+from backend.pose_graph.initialize import elimination_cost
+from backend.pose_graph.marginals import pose_covariances
+from backend.pose_graph.observability import unobserved
+from backend.pose_graph.problem import Problem
+from backend.pose_graph.selection.rejection import has_loops_on_odometry, reason, without_disagreeing
+from backend.pose_graph.unary_factors import OUTLIER_SIGMA, fixed, jacobian
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_DEAR = 1.5e10
+"""Operations of an elimination, some seconds."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A solved part; arrays in the order of its poses and edges."""
+
+    w_T: Array
+    covariances: Array | None
+    kept: Mask
+    reasons: tuple[str, ...]
+    residual: Array
+    error: float
+    iterations: int
+    converged: bool
+    held: str
+    open: tuple[str, ...]
+    """Directions that nothing measures and nothing holds, in words."""
+    warnings: tuple[str, ...]
+
+
+def solve_part(problem: Problem, options: Options) -> Part:
+    """Solve one connected part. Raises ``BackendError`` where it has no answer."""
+    start = start_of(problem)
+    ties, held = _ties(problem, start)
+    anchored = Anchored(problem, ties, options)
+    kept = np.ones(len(problem.i), dtype=bool)
+    sigma = np.full(len(kept), np.nan)
+    # Random false loops fill the elimination up: then they are looked for before all edges are solved.
+    dear = elimination_cost(problem) > _DEAR and has_loops_on_odometry(problem)
+    fit = None if dear and options.loops_robust else plain_fit(anchored, kept, start)
+    if fit is None or (options.loops_robust and not fit.test.passed):
+        kept, fit, sigma = without_disagreeing(anchored, fit)
+    minimum, w_T = fit.minimum, fit.w_T
+    covariances: Array | None = None
+    still_open: tuple[str, ...] = ()
+    if options.covariances:
+        graph = anchored.graph(kept)
+        covariances = pose_covariances(graph, minimum.values, range(problem.count))
+        if np.isnan(covariances).any():
+            still_open = tuple(unobserved(graph, minimum.values, problem.name))
+    return Part(
+        w_T=w_T,
+        covariances=covariances,
+        kept=kept,
+        reasons=_reasons(problem, kept, w_T, sigma),
+        residual=np.linalg.norm(problem.residuals(w_T), axis=1),
+        error=minimum.error,
+        iterations=minimum.iterations,
+        converged=minimum.converged,
+        held=held,
+        open=still_open,
+        warnings=tuple(_warnings(problem, fit)),
+    )
+
+
+def _reasons(problem: Problem, kept: Mask, w_T: Array, sigma: Array) -> tuple[str, ...]:
+    said = [""] * len(kept)
+    for e in np.flatnonzero(~kept).tolist():
+        said[e] = reason(problem, e, w_T, sigma[e])
+    return tuple(said)
+
+
+def _warnings(problem: Problem, fit: Fit) -> list[str]:
+    minimum, test, said = fit.minimum, fit.test, []
+    if not (minimum.converged and test.passed):
+        who = key_runs(range(problem.count), problem.name)
+    if not minimum.converged:
+        said.append(f"{who}: no start converged ({minimum.reason}); the best point found is given")
+    if not test.passed:
+        ratio = math.sqrt(test.statistic / test.freedom)
+        said.append(
+            f"{who}: the edges disagree more than their covariances allow (chi-square {test.statistic:.4g}"
+            f" for {test.freedom} degrees of freedom): deviations are {ratio:.2g} times what is stated"
+        )
+    for kind in ("position", "range"):
+        of_kind = [a for a in problem.absolutes if a.kind == kind]
+        far = sum(2 * a.plain.error(minimum.values) > OUTLIER_SIGMA**2 for a in of_kind)
+        if far:
+            many = f"{far} of {len(of_kind)} {kind}s"
+            said.append(f"{many} lie beyond {OUTLIER_SIGMA:.0f} sigma: down-weighted")
+    return said
+
+
+def placed_alone(problem: Problem) -> bool:
+    """Whether absolute measurements place the single pose of a problem."""
+    if any(a.kind == "fixed" for a in problem.absolutes):
+        return True
+    if problem.dimension == 2:
+        return False
+    return len(_open(problem, start_of(problem))) == 0
+
+
+def _ties(problem: Problem, start: Array) -> tuple[gtsam.NonlinearFactorGraph, str]:
+    """Absolute factors plus a hold on what they leave open, and a sentence about the hold."""
+    ties = problem.absolute_factors()
+    if any(a.kind == "fixed" for a in problem.absolutes):
+        return ties, ""
+    who, first = key_runs(range(problem.count), problem.name), problem.name(0)
+    if problem.dimension == 2 or not problem.absolutes:
+        ties.push_back(fixed(0, start[0], problem.dimension).factor)
+        return ties, f"position and attitude of {who}: nothing measures them, {first} is held where it starts"
+    directions = _open(problem, start)
+    if len(directions) == 0:
+        return ties, ""
+    ties.push_back(hold_factor(0, start[0], directions))
+    return ties, f"{direction_words(directions)} of {who}: nothing measures them, held at {first}"
+
+
+def _open(problem: Problem, start: Array) -> Array:
+    return open_directions([jacobian(a, start[a.k], start[0, :3, 3]) for a in problem.absolutes])

@@ -1,0 +1,165 @@
+"""A problem with what is held, and the plain solve of some of its edges."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import compress
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from backend import se3
+from backend.errors import BackendError
+from backend.pose_graph.chi_square import ChiSquare, chi_square
+from backend.pose_graph.initialize import chordal, spanning_tree
+from backend.pose_graph.minimise import (
+    MOST_ITERATIONS,
+    RELATIVE_TOLERANCE,
+    Minimum,
+    OnStep,
+    gauss_newton,
+    levenberg_marquardt,
+)
+from backend.pose_graph.problem import Problem
+from backend.pose_graph.unary_factors import aligned
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_LOOP_DETOUR = 1e6
+"""Factor on the cost of a loop in the spanning tree: one false loop spoils all poses behind it."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to solve."""
+
+    loops_robust: bool = True
+    covariances: bool = True
+    on_step: OnStep | None = None
+    deadline: float = math.inf
+    """On ``time.monotonic``'s clock."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A plain solve of some edges."""
+
+    minimum: Minimum
+    w_T: Array
+    test: ChiSquare
+
+
+@dataclass(frozen=True)
+class Anchored:
+    """A problem with what is held, and the options: everything that a plain solve of some edges needs."""
+
+    problem: Problem
+    ties: gtsam.NonlinearFactorGraph
+    """Absolute measurements and what is held."""
+    options: Options
+
+    def graph(self, kept: Mask) -> gtsam.NonlinearFactorGraph:
+        """Some of the edges with all that ties them to the world."""
+        graph = gtsam.NonlinearFactorGraph()
+        add = graph.add
+        for factor in compress(self.edges, kept.tolist()):
+            add(factor)
+        graph.push_back(self.ties)
+        return graph
+
+    @cached_property
+    def edges(self) -> list[gtsam.NonlinearFactor]:
+        """(m,) the factor of each edge: most of the time of a graph goes into making them."""
+        return list(self.problem.single_factors())
+
+    @property
+    def rows(self) -> int:
+        """Of the linear system with all edges."""
+        ties = (self.ties.at(k).dim() for k in range(self.ties.size()))
+        return self.problem.freedom * len(self.problem.i) + sum(ties)
+
+
+def start_of(problem: Problem) -> Array:
+    """The given poses where all are known; else a tree from a known one, or moved to the absolute
+    measurements."""
+    given = np.isfinite(problem.initial).all(axis=(1, 2))
+    if given.all():
+        return se3.orthonormal(problem.initial)
+    root = int(np.argmax(given))
+    first = problem.initial[root] if given.any() else np.eye(4)
+    R = problem.sqrt_information
+    cost = 1 / np.maximum((R**2).sum(axis=(1, 2)), 1e-300) * np.where(problem.trusted, 1, _LOOP_DETOUR)
+    w_T = spanning_tree(problem.count, problem.i, problem.j, problem.ij_T, cost, root, first)
+    return w_T if given.any() else aligned(w_T, problem.absolutes)
+
+
+def _chordal_start(problem: Problem, w_T_root: Array) -> Array | None:
+    weight = (problem.sqrt_information**2).sum(axis=1)
+    planar = problem.dimension == 2
+    kappa = weight[:, 2] if planar else weight[:, :3].mean(axis=1)
+    tau = weight[:, :2].mean(axis=1) if planar else weight[:, 3:].mean(axis=1)
+    if not ((kappa > 0) & (tau > 0)).all():
+        return None
+    w_T = chordal(problem.i, problem.j, problem.ij_T, kappa, tau, w_T_root, problem.count, planar)
+    given = np.isfinite(problem.initial).any()
+    return w_T if w_T is None or given else aligned(w_T, problem.absolutes)
+
+
+def plain_fit(anchored: Anchored, kept: Mask, start: Array) -> Fit:
+    """All kept edges as they are, from the better of the start and the chordal relaxation; from the other one
+    where that does not end well."""
+    problem, options = anchored.problem.with_edges(kept), anchored.options
+    graph = anchored.graph(kept)
+    limits = (MOST_ITERATIONS, RELATIVE_TOLERANCE, options.on_step, options.deadline)
+    attempts: list[Fit] = []
+    refused: BackendError | None = None
+    for values in _starts(problem, start):
+        if attempts and time.monotonic() > options.deadline:
+            break
+        try:
+            attempts.append(_fit(anchored, problem, gauss_newton(graph, values, *limits, problem.name)))
+        except BackendError as error:
+            refused = error
+            continue
+        if attempts[-1].minimum.converged and attempts[-1].test.passed:
+            return attempts[-1]
+    if not attempts:
+        raise refused or BackendError("no start was found")
+    best = min(attempts, key=lambda fit: (not fit.minimum.converged, fit.minimum.error))
+    if best.minimum.converged:
+        return best
+    return _fit(anchored, problem, levenberg_marquardt(graph, best.minimum, *limits))
+
+
+def _starts(problem: Problem, start: Array) -> Iterator[gtsam.Values]:
+    """The given start and the chordal one, the one of lower error first."""
+    if not np.isfinite(start).all():
+        bad = int(np.argmin(np.isfinite(start).all(axis=(1, 2))))
+        raise BackendError(f"the start of {problem.name(bad)} is not finite; give it a pose or none at all")
+    # Edges that agree with the start to within their noise need no better one; a tree has none.
+    before = _edge_statistic(problem, start)
+    looped = len(problem.i) >= problem.count
+    relaxed = _chordal_start(problem, start[0]) if looped and not chi_square(problem, before).passed else None
+    starts = [start] if relaxed is None else [start, relaxed]
+    if relaxed is not None and _edge_statistic(problem, relaxed) < before:
+        starts.reverse()
+    for w_T in starts:
+        yield problem.values(w_T)
+    relaxed = _chordal_start(problem, start[0]) if looped and relaxed is None else None
+    if relaxed is not None:
+        yield problem.values(relaxed)
+
+
+def _edge_statistic(problem: Problem, w_T: Array) -> float:
+    return float((problem.residuals(w_T) ** 2).sum())
+
+
+def _fit(anchored: Anchored, edges: Problem, minimum: Minimum) -> Fit:
+    statistic = 2 * (minimum.error - float(anchored.ties.error(minimum.values)))
+    return Fit(minimum, edges.poses(minimum.values), chi_square(edges, statistic))

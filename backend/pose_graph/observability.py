@@ -1,0 +1,143 @@
+"""Name what a set of measurements does not observe: the null space of the linearised system, in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array, diags_array, eye_array
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
+
+from backend import se3
+from backend.gauge import floating_parts, key_name, key_runs
+from backend.pose_graph.linear import jacobian
+
+Array = NDArray[np.float64]
+
+_DENSE = 1200
+_OPEN = 1e-10
+"""Eigenvalue of the normal matrix with unit diagonal below which a direction counts as open."""
+_MOST = 14
+_GENERATORS = ("roll", "pitch", "heading", "x", "y", "height", "scale")
+
+
+def unobserved(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, name: Callable[[int], str] = key_name
+) -> list[str]:
+    """Sentences about the directions that no measurement fixes at ``values``; empty where all are fixed.
+
+    Rigid motions in world axes about the mean position, and the scale, are recognised per connected part of
+    the graph; what remains is told by the variables that take part.
+    """
+    keys = sorted(values.keys())
+    dims = values.dims()
+    width = np.array([dims[key] for key in keys])
+    null = null_space(graph, values, width)
+    if null.shape[1] == 0:
+        return []
+    start = np.concatenate([[0], np.cumsum(width)])
+    where = {key: slice(start[k], start[k + 1]) for k, key in enumerate(keys)}
+    sentences = []
+    for part in floating_parts(graph).parts:
+        G = _generators(values, part, where, start[-1])
+        norm = np.linalg.norm(G, axis=0)
+        G = G[:, norm > 0] / norm[norm > 0]
+        words = [w for w, n in zip(_GENERATORS, norm, strict=True) if n > 0]
+        inside = np.linalg.norm(null.T @ G, axis=0) > 0.999
+        if inside.any():
+            said = ", ".join(word for word, yes in zip(words, inside, strict=True) if yes)
+            sentences.append(f"{said} of {key_runs(part, name)} not observed")
+            null = _without(null, np.linalg.qr(G[:, inside])[0])
+        if "scale" in words:
+            # A held pose moves the center of the scale: it is then open together with a shift.
+            share = np.linalg.lstsq(G, null, rcond=None)[0]
+            whole = np.linalg.norm(G @ share - null, axis=0) < 1e-3
+            grows = whole & (np.abs(share[words.index("scale")]) > 0.05)
+            if grows.any():
+                sentences.append(f"scale of {key_runs(part, name)} not observed")
+                null = null[:, ~grows]
+    if null.shape[1]:
+        share = np.array([np.linalg.norm(null[where[key]]) for key in keys])
+        some = [key for key, s in zip(keys, share, strict=True) if s > 0.1 * share.max()]
+        plural = "direction" if null.shape[1] == 1 else "directions"
+        sentences.append(f"{null.shape[1]} {plural} around {key_runs(some, name)} not observed")
+    return sentences
+
+
+def null_space(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, width: NDArray[np.int64]) -> Array:
+    """(dim, k) orthonormal directions that leave all linearised residuals as they are; at most 14 of them.
+
+    Columns of the system are first brought to unit length, so that radians and metres compare. Dense below
+    1200 unknowns, shift-invert Lanczos above.
+    """
+    J, dim = jacobian(graph, values), int(width.sum())
+    length = np.sqrt(np.asarray(J.multiply(J).sum(axis=0)).ravel())
+    length[length == 0] = 1
+    scaled = J @ diags_array(1 / length)
+    H = csc_array(scaled.T @ scaled)
+    if dim <= _DENSE:
+        eigenvalues, vectors = np.linalg.eigh(H.toarray())
+    else:
+        eigenvalues, vectors = _smallest(H)
+    open_ = eigenvalues < _OPEN
+    null = vectors[:, open_] / length[:, None]
+    return _orthonormal(np.linalg.qr(null)[0])
+
+
+def _smallest(H: csc_array) -> tuple[Array, Array]:
+    dim = H.shape[0]
+    factor = splu(csc_array(H + 1e-9 * eye_array(dim)))
+    operator = LinearOperator((dim, dim), matvec=factor.solve, dtype=np.float64)
+    try:
+        # A system that is open everywhere has no few smallest values to converge to: then nothing is named.
+        inverse, vectors = eigsh(operator, k=_MOST, which="LM", v0=np.ones(dim), maxiter=20)
+    except ArpackError:
+        return np.zeros(0), np.zeros((dim, 0))
+    return 1 / inverse - 1e-9, vectors
+
+
+def _without(null: Array, basis: Array) -> Array:
+    return _orthonormal(null - basis @ (basis.T @ null))
+
+
+def _orthonormal(A: Array) -> Array:
+    """Basis of the column space; columns that are rounding beside unit length are dropped."""
+    U, s, _ = np.linalg.svd(A, full_matrices=False)
+    return U[:, s > 1e-3]
+
+
+def _generators(values: gtsam.Values, part: list[int], where: dict[int, slice], dim: int) -> Array:
+    """(dim, 7) what a rigid motion or a change of scale of one part does to its tangent vectors."""
+    G = np.zeros((dim, 7))
+    poses = {key: values.atPose3(key).matrix() for key in part if _is(values.atPose3, key)}
+    flat = {key: values.atPose2(key) for key in part if key not in poses and _is(values.atPose2, key)}
+    points = {key: np.asarray(values.atPoint3(key)) for key in part if _is(values.atPoint3, key)}
+    places = [T[:3, 3] for T in poses.values()] + [np.array([p.x(), p.y(), 0]) for p in flat.values()]
+    places += list(points.values())
+    if not places:
+        return G
+    center = np.eye(4)
+    center[:3, 3] = np.mean(places, axis=0)
+    for key, T in poses.items():
+        G[where[key], :6] = se3.adjoint(se3.inverse(T) @ center)
+        G[where[key], 6][3:] = T[:3, :3].T @ (T[:3, 3] - center[:3, 3])
+    for key, pose in flat.items():
+        T = se3.from_planar(np.array([[pose.x(), pose.y(), pose.theta()]]))[0]
+        rows = se3.adjoint(se3.inverse(T) @ center)[[3, 4, 2]]
+        G[where[key], 2:5] = rows[:, 2:5]
+        G[where[key], 6][:2] = (T[:3, :3].T @ (T[:3, 3] - center[:3, 3]))[:2]
+    for key, p in points.items():
+        arm = p - center[:3, 3]
+        G[where[key], :3], G[where[key], 3:6] = -se3.cross_matrix(arm), np.eye(3)
+        G[where[key], 6] = arm
+    return G
+
+
+def _is(read: Callable[[int], object], key: int) -> bool:
+    try:
+        read(key)
+    except (RuntimeError, ValueError, IndexError):
+        return False
+    return True

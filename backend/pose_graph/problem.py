@@ -1,0 +1,193 @@
+"""What is to be solved, the same for a flight's measurements and a g2o file: arrays of edges, and single
+factors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from backend import se3
+from backend.errors import BackendError
+from backend.pose_graph.graph import PoseGraph, check
+from backend.pose_graph.unary_factors import Absolute, fixed, gtsam_poses
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Poses 0..n-1, edges between them, and absolute measurements of single poses."""
+
+    dimension: int
+    names: tuple[str, ...]
+    """(n,) what to call each pose in messages: ``keyframe 7``, ``vertex 12``."""
+    i: Index
+    j: Index
+    """(m,)."""
+    ij_T: Array
+    """(m, 4, 4)."""
+    sqrt_information: Array
+    """(m, d, d) R with R^T R the information, in gtsam's tangent order."""
+    trusted: NDArray[np.bool_]
+    """(m,) edges that are rejected only when nothing else explains the disagreement: odometry."""
+    initial: Array
+    """(n, 4, 4), NaN where unknown."""
+    absolutes: tuple[Absolute, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """Number of poses."""
+        return len(self.names)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of a pose: 3 or 6."""
+        return 3 if self.dimension == 2 else 6
+
+    def name(self, key: int) -> str:
+        """What to call a key in messages."""
+        return self.names[key]
+
+    def restricted(self, members: Index) -> Problem:
+        """The part of the problem that lives on some poses (sorted), renumbered from 0."""
+        if len(members) == self.count:
+            return self
+        number = np.full(self.count, -1, dtype=np.int64)
+        number[members] = np.arange(len(members))
+        edge = (number[self.i] >= 0) & (number[self.j] >= 0)
+        return Problem(
+            dimension=self.dimension,
+            names=tuple(self.names[k] for k in members),
+            i=number[self.i[edge]],
+            j=number[self.j[edge]],
+            ij_T=self.ij_T[edge],
+            sqrt_information=self.sqrt_information[edge],
+            trusted=self.trusted[edge],
+            initial=self.initial[members],
+            absolutes=tuple(a.renumbered(int(number[a.k])) for a in self.absolutes if number[a.k] >= 0),
+        )
+
+    def with_edges(self, which: NDArray[np.bool_]) -> Problem:
+        """The same poses with some of the edges."""
+        if which.all():
+            return self
+        return replace(
+            self,
+            i=self.i[which],
+            j=self.j[which],
+            ij_T=self.ij_T[which],
+            sqrt_information=self.sqrt_information[which],
+            trusted=self.trusted[which],
+        )
+
+    def residuals(self, w_T: Array) -> Array:
+        """(m, d) whitened residuals of the edges, gtsam's own: the logarithm of what is left over."""
+        error = se3.inverse(self.ij_T) @ se3.inverse(w_T[self.i]) @ w_T[self.j]
+        tangent = se3.planar_log(error) if self.dimension == 2 else se3.log(error)
+        return np.einsum("mab,mb->ma", self.sqrt_information, tangent)
+
+    def edge_factors(self, weight: Array | None = None) -> gtsam.NonlinearFactorGraph:
+        """One between factor an edge; ``weight`` (m,) multiplies the information, 0 leaves the edge out."""
+        if weight is not None:
+            used = weight > 0
+            scaled = replace(self, sqrt_information=np.sqrt(weight)[:, None, None] * self.sqrt_information)
+            return scaled.with_edges(used).edge_factors()
+        graph = gtsam.NonlinearFactorGraph()
+        add = graph.add
+        for factor in self.single_factors():
+            add(factor)
+        return graph
+
+    def single_factors(self) -> Iterator[gtsam.NonlinearFactor]:
+        """The same one by one."""
+        make = gtsam.BetweenFactorPose2 if self.dimension == 2 else gtsam.BetweenFactorPose3
+        poses = gtsam_poses(self.ij_T, self.dimension)
+        return map(make, self.i.tolist(), self.j.tolist(), poses, _models(self.sqrt_information))
+
+    def absolute_factors(self) -> gtsam.NonlinearFactorGraph:
+        """The absolute measurements as they are solved."""
+        graph = gtsam.NonlinearFactorGraph()
+        for absolute in self.absolutes:
+            graph.push_back(absolute.factor)
+        return graph
+
+    def values(self, w_T: Array) -> gtsam.Values:
+        """Poses (n, 4, 4) as gtsam's values under the keys 0..n-1."""
+        values, poses = gtsam.Values(), gtsam_poses(w_T, self.dimension)
+        # By name: the type is found at once, not after trying a dozen others.
+        if self.dimension == 2:
+            for k, pose in enumerate(poses):
+                values.insert(k, pose2=pose)
+        else:
+            for k, pose in enumerate(poses):
+                values.insert(k, pose3=pose)
+        return values
+
+    def poses(self, values: gtsam.Values) -> Array:
+        """The inverse of ``values``."""
+        if self.dimension == 2:
+            return se3.from_planar(np.asarray(gtsam.utilities.extractPose2(values)).reshape(-1, 3))
+        return spatial_poses(values)
+
+
+def spatial_poses(values: gtsam.Values) -> Array:
+    """(n, 4, 4) all poses in space, in the order of their keys."""
+    rows = np.asarray(gtsam.utilities.extractPose3(values)).reshape(-1, 12)
+    w_T = np.tile(np.eye(4), (len(rows), 1, 1))
+    w_T[:, :3, :3], w_T[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
+    return w_T
+
+
+def _models(R: Array) -> list[gtsam.noiseModel.Gaussian]:
+    """The noise model of each root information matrix (m, d, d), one for all where all are equal."""
+    # A zero on the diagonal leaves a direction open; gtsam's diagonal model would make it infinite.
+    positive = (np.diagonal(R, axis1=1, axis2=2) > 0).all(axis=1)
+    smart = positive & (np.count_nonzero(R, axis=(1, 2)) == R.shape[1])
+    make = gtsam.noiseModel.Gaussian.SqrtInformation
+    if len(R) and np.ptp(R, axis=0).max() == 0:
+        return [make(R[0], bool(smart[0]))] * len(R)
+    return [make(matrix, s) for matrix, s in zip(R, smart.tolist(), strict=True)]
+
+
+def square_roots(information: Array) -> Array:
+    """R (m, d, d) with R^T R = information, upper triangular where it is positive definite.
+
+    Raises ``BackendError`` where it is not positive at all.
+    """
+    try:
+        return np.swapaxes(np.linalg.cholesky(information), 1, 2).copy()
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(information)
+        bad = (values[:, 0] < -1e-9 * values[:, -1]) | (values[:, -1] <= 0)
+        if bad.any():
+            e = int(np.argmax(bad))
+            raise BackendError(
+                f"the information matrix of edge {e} is not positive (smallest eigenvalue {values[e, 0]:.3g};"
+                f" {bad.sum()} such edges); drop it"
+            ) from None
+        return np.sqrt(np.maximum(values, 0))[:, :, None] * np.swapaxes(vectors, 1, 2)
+
+
+def from_pose_graph(graph: PoseGraph) -> Problem:
+    """The problem of a g2o graph: edges between neighbours in number are odometry.
+
+    Raises ``BackendError`` for arrays that no pose graph has.
+    """
+    check(graph)
+    held = np.flatnonzero(graph.fixed & graph.has_pose).tolist()
+    return Problem(
+        dimension=graph.dimension,
+        names=tuple(f"vertex {number}" for number in graph.ids.tolist()),
+        i=graph.i,
+        j=graph.j,
+        ij_T=graph.ij_T,
+        sqrt_information=square_roots(graph.information),
+        trusted=np.abs(graph.ids[graph.i] - graph.ids[graph.j]) == 1,
+        initial=graph.poses,
+        absolutes=tuple(fixed(k, graph.poses[k], graph.dimension) for k in held),
+    )

@@ -1,0 +1,93 @@
+"""How likely a false loop agrees by chance, measured on loops that are false by construction.
+
+A loop that may lie anywhere in the map's room agrees with a prediction as often as the prediction's ellipsoid
+fills that room. Real ones do not lie anywhere: poses stand on a surface, in corridors, at four headings, and
+false loops tell as short a way as true ones. On sphere2500 they agree a hundred times as often, and a
+prediction of odometry far away is none. Decoys show how often: one loop's first end, another's second end
+and a third one's measurement. Source: target and decoy of Elias and Gygi 2007 (Nature Methods).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.pose_graph.problem import Problem
+from backend.pose_graph.selection.prediction import Innovations, innovations
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_COUNT = 5000
+_BINS = np.linspace(-40.0, 0.0, 81)
+_GRID = np.meshgrid(
+    (0.0, 3e-4, 1e-3), np.arange(0.0, 8.1), np.arange(1.0, 0.05, -0.1), _BINS[:-1] + 0.25, indexing="ij"
+)
+"""Share of decoys that are true by accident; offset; slope; log probability for a uniform loop."""
+
+
+@dataclass(frozen=True)
+class Chance:
+    """Log probability that a false loop passes the gate: linear in that of a loop uniform over the map."""
+
+    offset: float
+    slope: float
+
+    def of(self, log_chance: Array) -> Array:
+        """(k,) never below that of a loop uniform over the map."""
+        return np.minimum(np.maximum(log_chance, self.offset + self.slope * log_chance), 0.0)
+
+
+@dataclass(frozen=True)
+class Decoys:
+    """Loops that are false by construction."""
+
+    problem: Problem
+    """Their poses and edges."""
+
+    @staticmethod
+    def of(problem: Problem, loops: Index, place: Index) -> Decoys:
+        """Decoys of some loops; ``place`` (k,) numbers the two places of each."""
+        return Decoys(_drawn(problem, loops, place))
+
+    def chance(self, w_T: Array, drawn: Array, scale: float) -> Chance:
+        """How often they agree with a solution and its draws."""
+        edges = np.arange(len(self.problem.i))
+        return measured_chance(innovations(self.problem, w_T, drawn, edges, scale))
+
+
+def _drawn(problem: Problem, loops: Index, place: Index) -> Problem:
+    # Always the same: the answer must not depend on the call.
+    rng = np.random.default_rng(0)
+    times = min(max(1, _COUNT // max(len(loops), 1)), len(loops))
+    first = np.tile(np.arange(len(loops)), times)
+    second, measured = (
+        np.concatenate([first[:0], *(rng.permutation(len(loops)) for _ in range(times))]) for _ in range(2)
+    )
+    i, j = problem.i[loops[first]], problem.j[loops[second]]
+    wrong = (place[first] != place[second]) & (np.abs(i - j) > 1)
+    source = loops[measured[wrong]]
+    return replace(
+        problem,
+        i=i[wrong],
+        j=j[wrong],
+        ij_T=problem.ij_T[source],
+        sqrt_information=problem.sqrt_information[source],
+        trusted=np.zeros(int(wrong.sum()), dtype=bool),
+    )
+
+
+def measured_chance(found: Innovations) -> Chance:
+    """Maximum-likelihood line for decoys, of which a share may be true by accident."""
+    if len(found.edges) == 0:
+        return Chance(0.0, 1.0)
+    bin_ = np.clip(np.digitize(found.log_chance(), _BINS) - 1, 0, len(_BINS) - 2)
+    count = np.bincount(bin_, minlength=len(_BINS) - 1)
+    agreeing = np.bincount(bin_, found.agrees(), minlength=len(_BINS) - 1)
+    right, offset, slope, middle = _GRID
+    chance = right + (1 - right) * np.exp(np.minimum(offset + slope * middle, -1e-3))
+    likely = np.sum(agreeing * np.log(chance) + (count - agreeing) * np.log1p(-chance), axis=-1)
+    best = np.unravel_index(int(np.argmax(likely)), likely.shape)
+    return Chance(float(offset[best][0]), float(slope[best][0]))

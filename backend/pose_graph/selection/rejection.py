@@ -1,0 +1,160 @@
+"""Which edges to believe where not all of them fit together, and the solution from those."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend import se3
+from backend.errors import BackendError
+from backend.pose_graph.chi_square import edge_limit
+from backend.pose_graph.gauge_fixed_problem import Anchored, Fit, plain_fit, start_of
+from backend.pose_graph.initialize import spanning_tree, tree_edges
+from backend.pose_graph.minimise import Minimum, gauss_newton, levenberg_marquardt
+from backend.pose_graph.problem import Problem
+from backend.pose_graph.selection.agreement import Solve, grow_consistent_set, recheck_rejected
+from backend.pose_graph.selection.gnc import agreeing_edges
+from backend.pose_graph.selection.prediction import draws, noise_scale, white_noise
+from backend.pose_graph.selection.swap import exchange_loops
+from backend.pose_graph.unary_factors import aligned
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_ROUNDS = 4
+_FEW, _COARSE = 8, 1e-3
+"""Steps and tolerance of the solves on the way to which edges agree."""
+
+
+def without_disagreeing(anchored: Anchored, fit: Fit | None) -> tuple[Mask, Fit, Array]:
+    """Which edges agree, the solution from them, and by how many sigmas (m,) each other one disagrees.
+
+    ``fit`` is that of all edges; without it there must be odometry that connects all poses.
+    """
+    problem, trusted = anchored.problem, anchored.problem.trusted
+    found = None
+    if fit is None or has_loops_on_odometry(problem):
+        found = _settled(anchored, *_grow(anchored), ~trusted)
+        found = _exchange(anchored, found)
+        if fit is None or found[1].test.passed or not _sticks_out(problem, found, trusted).any():
+            return found
+    # Odometry may be wrong too: then all edges are judged alike.
+    everything = np.ones_like(trusted)
+    kept, at = agreeing_edges(
+        problem, anchored.ties, fit.w_T, everything, anchored.options.on_step, anchored.options.deadline
+    )
+    other = _settled(anchored, _connected(problem, kept, at), at, everything)
+    if found is None or other[0].sum() > found[0].sum():
+        return other
+    return found
+
+
+def has_loops_on_odometry(problem: Problem) -> bool:
+    """Whether trusted edges alone connect all poses, and there are others."""
+    if problem.trusted.all():
+        return False
+    chain = problem.with_edges(problem.trusted)
+    return len(tree_edges(problem.count, chain.i, chain.j, np.ones(len(chain.i)))) == problem.count - 1
+
+
+def _sticks_out(problem: Problem, found: tuple[Mask, Fit, Array], among: Mask) -> Mask:
+    off = np.linalg.norm(problem.residuals(found[1].w_T), axis=1)
+    return np.asarray(among & (off > edge_limit(problem)))
+
+
+def _solver(anchored: Anchored) -> Solve:
+    """Coarse, for the solves on the way."""
+    problem, options = anchored.problem, anchored.options
+
+    def solve(kept: Mask, w_T: Array) -> Array:
+        limits = (_FEW, _COARSE, None, options.deadline)
+        begin = Minimum(problem.values(w_T), 0.0, 0.0, 0, False, "")
+        graph = anchored.graph(kept)
+        try:
+            at = gauss_newton(graph, begin.values, *limits, problem.name)
+        except BackendError:
+            at = begin
+        if not at.converged:
+            at = levenberg_marquardt(graph, at, *limits)
+        return problem.poses(at.values)
+
+    return solve
+
+
+def _exchange(anchored: Anchored, found: tuple[Mask, Fit, Array]) -> tuple[Mask, Fit, Array]:
+    def late() -> bool:
+        return time.monotonic() > anchored.options.deadline
+
+    kept, w_T = exchange_loops(
+        anchored.problem, anchored.graph, _solver(anchored), found[0], found[1].w_T, late
+    )
+    if np.array_equal(kept, found[0]):
+        return found
+    return _settled(anchored, kept, w_T, ~anchored.problem.trusted)
+
+
+def _grow(anchored: Anchored) -> tuple[Mask, Array]:
+    problem, options = anchored.problem, anchored.options
+    solve = _solver(anchored)
+    noise = white_noise(anchored.rows, problem.freedom)
+
+    def draw(kept: Mask, w_T: Array) -> Array | None:
+        if time.monotonic() > options.deadline:
+            return None
+        return draws(anchored.graph(kept), problem.values(w_T), problem.freedom, noise)
+
+    def on_round(number: int, believed: int) -> None:
+        if options.on_step is not None:
+            options.on_step(number, float(believed))
+
+    chain = problem.with_edges(problem.trusted)
+    start = spanning_tree(
+        problem.count, chain.i, chain.j, chain.ij_T, np.ones(len(chain.i)), 0, start_of(problem)[0]
+    )
+    start = start if np.isfinite(problem.initial).any() else aligned(start, problem.absolutes)
+    return grow_consistent_set(problem, problem.trusted, solve(problem.trusted, start), solve, draw, on_round)
+
+
+def _connected(problem: Problem, kept: Mask, w_T: Array) -> Mask:
+    """Kept edges, and of the others those that agree best where the graph would fall apart without them."""
+    cost = np.where(kept, 1e-9, 1) * (1 + (problem.residuals(w_T) ** 2).sum(axis=1))
+    tree = tree_edges(problem.count, problem.i, problem.j, cost)
+    return kept | np.isin(np.arange(len(kept)), tree)
+
+
+def _settled(anchored: Anchored, kept: Mask, w_T: Array, candidate: Mask) -> tuple[Mask, Fit, Array]:
+    """Solve the kept edges plainly; take back what the prediction's uncertainty explains, drop what sticks
+    out."""
+    problem, limit = anchored.problem, edge_limit(anchored.problem)
+    banned = np.zeros_like(kept)
+    for remaining in reversed(range(_ROUNDS)):
+        fit = plain_fit(anchored, kept, w_T)
+        w_T = fit.w_T
+        sigma = np.linalg.norm(problem.residuals(w_T), axis=1)
+        sticks_out = np.zeros_like(kept)
+        if not fit.test.passed:
+            sticks_out = kept & candidate & (sigma > limit * max(1.0, noise_scale(problem, kept, w_T)))
+        drawn = draws(anchored.graph(kept), fit.minimum.values, problem.freedom)
+        back = np.zeros_like(kept)
+        if drawn is not None:
+            back, innovation = recheck_rejected(problem, kept, w_T, drawn)
+            back &= ~banned
+            sigma = np.where(kept, sigma, innovation)
+        if remaining == 0 or not (back.any() or sticks_out.any()):
+            break
+        banned |= sticks_out
+        kept = _connected(problem, (kept | back) & ~sticks_out, w_T)
+    return kept, fit, sigma
+
+
+def reason(problem: Problem, edge: int, w_T: Array, sigma: float) -> str:
+    """Why an edge was rejected: ``disagrees by 7.3 sigma (limit 4.1): 1.2 m, 14 deg``."""
+    i, j = problem.i[edge], problem.j[edge]
+    off = se3.log((se3.inverse(problem.ij_T[edge]) @ se3.inverse(w_T[i]) @ w_T[j])[None])[0]
+    meters, degrees = np.linalg.norm(off[3:]), np.degrees(np.linalg.norm(off[:3]))
+    limit = edge_limit(problem)
+    if sigma <= limit:
+        return f"agrees, but too little is known of where it lies to trust it: {sigma:.1f} sigma"
+    return f"disagrees by {sigma:.1f} sigma (limit {limit:.1f}): {meters:.2g} m, {degrees:.2g} deg"

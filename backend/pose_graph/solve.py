@@ -1,0 +1,133 @@
+"""From measurements or a pose graph to one consistent trajectory.
+
+Each connected part is anchored where nothing observes it, started, solved plainly, and tested as a whole.
+Only where that test fails are edges rejected, each with its reason, and the rest solved again.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.errors import BackendError
+from backend.gauge import key_runs
+from backend.measurements import Measurements
+from backend.pose_graph.connected_part import Part, placed_alone, solve_part
+from backend.pose_graph.from_measurements import components, from_measurements
+from backend.pose_graph.gauge_fixed_problem import Options
+from backend.pose_graph.graph import PoseGraph, blind_told
+from backend.pose_graph.minimise import OnStep
+from backend.pose_graph.problem import Problem, from_pose_graph
+from backend.pose_graph.solution import Solution
+
+Array = NDArray[np.float64]
+
+
+def solve(
+    measurements: Measurements,
+    *,
+    loops_robust: bool = True,
+    initial: Array | None = None,
+    covariances: bool = True,
+    on_step: OnStep | None = None,
+    time_limit_s: float | None = None,
+) -> Solution:
+    """The most likely trajectory of a flight's keyframes.
+
+    ``initial`` (n, 4, 4), NaN where unknown, starts the descent; without it the odometry does.
+    ``loops_robust`` allows the rejection of edges where the whole does not fit. Raises ``BackendError`` for
+    bad figures.
+    """
+    problem, warnings = from_measurements(measurements, initial)
+    deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
+    options = Options(loops_robust, covariances, on_step, deadline)
+    return _solve(problem, options, warnings)
+
+
+def solve_pose_graph(
+    graph: PoseGraph,
+    *,
+    loops_robust: bool = True,
+    covariances: bool = True,
+    on_step: OnStep | None = None,
+    time_limit_s: float | None = None,
+) -> Solution:
+    """The same for a g2o graph, planar or spatial. Fixed vertices are held; else the first of each part."""
+    deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
+    options = Options(loops_robust, covariances, on_step, deadline)
+    problem = from_pose_graph(graph)
+    return _solve(problem, options, blind_told(graph))
+
+
+def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
+    """Solve each connected part and put the parts together."""
+    n, m = problem.count, len(problem.i)
+    label = components(problem)
+    w_T = np.full((n, 4, 4), np.nan)
+    covariances = np.full((n, 6, 6), np.nan) if options.covariances else None
+    component = np.full(n, -1, dtype=np.int64)
+    kept, residual, reasons = np.zeros(m, dtype=bool), np.full(m, np.nan), [""] * m
+    parts: list[Part] = []
+    lonely: list[int] = []
+    all_solved = True
+    size = np.bincount(label)
+    for number in range(len(size)):
+        members = np.flatnonzero(label == number)
+        edges = np.flatnonzero(label[problem.i] == number) if m else np.zeros(0, dtype=np.int64)
+        part_problem = problem.restricted(members)
+        if len(members) == 1 and n > 1 and not placed_alone(part_problem):
+            lonely += members.tolist()
+            continue
+        try:
+            part = solve_part(part_problem, options)
+        except BackendError as refused:
+            if len(members) == n:
+                raise
+            for e in edges.tolist():
+                reasons[e] = "its part of the graph could not be solved"
+            warnings.append(f"{key_runs(members.tolist(), problem.name)} could not be solved: {refused}")
+            all_solved = False
+            continue
+        w_T[members], component[members] = part.w_T, len(parts)
+        if covariances is not None and part.covariances is not None:
+            covariances[members] = part.covariances
+        kept[edges], residual[edges] = part.kept, part.residual
+        for e, why in zip(edges.tolist(), part.reasons, strict=True):
+            reasons[e] = why
+        warnings += part.warnings
+        parts.append(part)
+    converged = all_solved and all(part.converged for part in parts)
+    unobserved = [part.held for part in parts if part.held]
+    if lonely:
+        unobserved.append(f"{key_runs(lonely, problem.name)} not placed: no edge and no position")
+    return Solution(
+        w_T_b=w_T,
+        covariances=covariances,
+        component=component,
+        edge_kept=kept,
+        edge_reason=tuple(reasons),
+        edge_residual=residual,
+        error=sum((part.error for part in parts), 0.0),
+        iterations=max((part.iterations for part in parts), default=0),
+        converged=converged,
+        status=_status(parts, lonely, converged, warnings),
+        unobserved=tuple(unobserved),
+        warnings=tuple(warnings),
+    )
+
+
+def _status(parts: list[Part], lonely: list[int], converged: bool, warnings: list[str]) -> str:
+    said = []
+    if len(parts) > 1:
+        said.append(f"{len(parts)} parts are not connected to each other")
+    if lonely:
+        said.append(f"{len(lonely)} poses could not be placed")
+    said += [direction for part in parts for direction in part.open]
+    if not converged:
+        said.append(
+            next((w for w in warnings if "solved" in w or "converge" in w), "the solve did not converge")
+        )
+    return "; ".join(said) or "ok"

@@ -1,0 +1,252 @@
+"""The isotropic stand-in of a pose graph: synchronisation over SE(d) with chordal distances.
+
+    F(R, t) = sum kappa |R_j - R_i R_ij|^2 + tau |t_j - t_i - R_i t_ij|^2
+
+It is quadratic but for R_i being rotations, and that is what lets its global optimum be recognised.
+Source: Rosen, Carlone, Bandeira, Leonard 2019 (IJRR), "SE-Sync", equation 12.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import LinearOperator, cg
+from scipy.spatial.transform import Rotation
+
+from backend import se3
+from backend.errors import BackendError
+from backend.pose_graph.linear import cholesky
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+MOST_FILL = 6_000_000
+"""Entries of a triangular factor: about a second, in which Ctrl-C waits."""
+
+_STEPS = 30
+_SETTLED = 1e-17
+"""Share of the objective that the next step could still win: what a bound asks for, not a value."""
+_ROUNDING = 1e-12
+_FORCING = 1e-2
+_EFFORT = 15
+"""Iterations after which a new factor is worth its price."""
+
+
+@dataclass(frozen=True)
+class Synchronization:
+    """A connected isotropic problem; edges are rotations ``ij_R`` (m, d, d) and translations ``ij_t_m`` (m,
+    d)."""
+
+    count: int
+    i: Index
+    j: Index
+    ij_R: Array
+    ij_t_m: Array
+    kappa: Array
+    """(m,) weight of the squared chordal distance of rotations: half the information per rad^2."""
+    tau: Array
+    """(m,) weight of the squared distance: information per m^2."""
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return int(self.ij_R.shape[-1])
+
+    def residuals(self, w_R: Array, w_t: Array) -> tuple[Array, Array, Array]:
+        """Translations (m, d) and rotations (m, d, d) left over, in axes of i, and R_i' R_j (m, d, d)."""
+        turn = np.swapaxes(w_R[self.i], 1, 2)
+        relative = turn @ w_R[self.j]
+        step = np.einsum("mab,mb->ma", turn, w_t[self.j] - w_t[self.i])
+        return step - self.ij_t_m, relative - self.ij_R, relative
+
+    def objective(self, w_R: Array, w_t: Array) -> float:
+        """F."""
+        translation, rotation, _ = self.residuals(w_R, w_t)
+        squared = self.tau * (translation**2).sum(axis=1) + self.kappa * (rotation**2).sum(axis=(1, 2))
+        return float(squared.sum())
+
+    def multipliers(self, w_R: Array, w_t: Array) -> Array:
+        """(n, d, d) Lagrange multipliers of R' R = I, in axes of each pose. Source: equation 107 there."""
+        translation, rotation, relative = self.residuals(w_R, w_t)
+        pull = self.tau[:, None, None] * translation[:, :, None] * self.ij_t_m[:, None, :]
+        at_i = -self.kappa[:, None, None] * (rotation @ np.swapaxes(self.ij_R, 1, 2)) - pull
+        at_j = self.kappa[:, None, None] * (np.swapaxes(relative, 1, 2) @ rotation)
+        out = np.zeros((self.count, self.dimension, self.dimension))
+        np.add.at(out, self.i, at_i)
+        np.add.at(out, self.j, at_j)
+        return np.asarray((out + np.swapaxes(out, 1, 2)) / 2)
+
+
+def isotropic(information: Array) -> tuple[Array, Array]:
+    """kappa and tau (m,) of information matrices (m, 3, 3) or (m, 6, 6): those of the mean variances.
+
+    0 where a direction is open. Source: SE-Sync's own reader of g2o files, which in the plane takes twice
+    this kappa.
+    """
+    if information.shape[-1] == 3:
+        return information[:, 2, 2] / 2, _harmonic_mean(information[:, :2, :2])
+    return _harmonic_mean(information[:, :3, :3]) / 2, _harmonic_mean(information[:, 3:, 3:])
+
+
+def _harmonic_mean(information: Array) -> Array:
+    values = np.linalg.eigvalsh(information)
+    closed = values[:, 0] > 1e-12 * values[:, -1]
+    return np.where(closed, values.shape[1] / (1 / np.where(closed[:, None], values, 1)).sum(axis=1), 0)
+
+
+def descend(problem: Synchronization, w_R: Array, w_t: Array, order: Index) -> tuple[Array, Array]:
+    """The minimum of F below a start: rotations (n, d, d) and positions (n, d); pose 0 stays.
+
+    Newton steps by conjugate gradients, preconditioned by a factor in the ``elimination_order`` that serves
+    for several steps. Raises ``BackendError`` where a linear system is singular.
+    """
+    value = problem.objective(w_R, w_t)
+    factor: Factor | None = None
+    for _ in range(_STEPS):
+        gradient, steep, flat = _model(problem, w_R, w_t)
+        if factor is None:
+            factor = Factor(steep, order)
+            if factor.negative:
+                # Without the curvature of the rotations the model is convex wherever it stands.
+                factor = Factor(flat, order)
+        step, effort = _newton_step(steep, gradient, factor)
+        win = -float(gradient @ step)
+        if win <= _SETTLED * max(value, 1e-6 * len(problem.i)):
+            return w_R, w_t
+        length = 1.0
+        for _ in range(20):
+            moved = _moved(w_R, w_t, length * step)
+            lower = problem.objective(*moved)
+            if lower <= value * (1 + _ROUNDING):
+                break
+            length /= 2
+        else:
+            return w_R, w_t
+        (w_R, w_t), value = moved, lower
+        factor = factor if effort <= _EFFORT else None
+    return w_R, w_t
+
+
+def _newton_step(hessian: csc_array, gradient: Array, factor: Factor) -> tuple[Array, int]:
+    """A step and how many iterations it took."""
+    operator = LinearOperator(hessian.shape, matvec=factor.solve, dtype=np.float64)
+    done: list[None] = []
+    step, _ = cg(
+        hessian, -gradient, rtol=_FORCING, maxiter=60, M=operator, callback=lambda _: done.append(None)
+    )
+    if float(gradient @ step) < 0 <= float(step @ (hessian @ step)):
+        return np.asarray(step), len(done)
+    return -factor.solve(gradient), len(done)
+
+
+def _moved(w_R: Array, w_t: Array, step: Array) -> tuple[Array, Array]:
+    n, d = w_t.shape
+    xi = np.concatenate([np.zeros(_width(d)), step]).reshape(n, -1)
+    turn = (
+        se3.from_planar(np.column_stack([np.zeros((n, 2)), xi[:, 0]]))[:, :2, :2]
+        if d == 2
+        else Rotation.from_rotvec(xi[:, :3]).as_matrix()
+    )
+    return w_R @ turn, w_t + np.einsum("nab,nb->na", w_R, xi[:, -d:])
+
+
+def _width(d: int) -> int:
+    return d * (d + 1) // 2
+
+
+def _model(problem: Synchronization, w_R: Array, w_t: Array) -> tuple[Array, csc_array, csc_array]:
+    """Half gradient, half Hessian, and its Gauss-Newton part, of right perturbations (rotation,
+    translation) of all poses but the first."""
+    d, p = problem.dimension, _width(problem.dimension)
+    m, skew = len(problem.i), _skew_basis(problem.dimension)
+    translation, rotation, relative = problem.residuals(w_R, w_t)
+    J = np.zeros((m, d + d * d, 2 * p))
+    for a, E in enumerate(skew):
+        J[:, :d, a] = -problem.ij_t_m @ E.T
+        J[:, d:, a] = -(E @ problem.ij_R).reshape(m, -1)
+        J[:, d:, p + a] = (relative @ E).reshape(m, -1)
+    J[:, :d, len(skew) : p] = -np.eye(d)
+    J[:, :d, p + len(skew) :] = relative
+    weight = np.repeat(np.column_stack([problem.tau, problem.kappa]), [d, d * d], axis=1)
+    weighted = weight[:, :, None] * J
+    H = np.swapaxes(J, 1, 2) @ weighted
+    g = np.einsum("mra,mr->ma", weighted, np.hstack([translation, rotation.reshape(m, -1)]))
+    gradient = np.zeros((problem.count, p))
+    np.add.at(gradient, problem.i, g[:, :p])
+    np.add.at(gradient, problem.j, g[:, p:])
+    flat = assembled(problem, H[:, :p, :p], H[:, p:, p:], H[:, :p, p:])
+    curve = np.zeros((problem.count, p, p))
+    multipliers = problem.multipliers(w_R, w_t)
+    for a, E in enumerate(skew):
+        for b, D in enumerate(skew):
+            curve[:, a, b] = -np.einsum("xa,nxy,ya->n", E, multipliers, D)
+    steep = csc_array(flat + block_diagonal(curve))
+    return gradient.ravel()[p:], csc_array(steep[p:, p:]), csc_array(flat[p:, p:])
+
+
+def _skew_basis(d: int) -> Array:
+    return np.array([[[0.0, -1], [1, 0]]]) if d == 2 else se3.cross_matrix(np.eye(3))
+
+
+def assembled(problem: Synchronization, ii: Array, jj: Array, ij: Array) -> csc_array:
+    """(n q, n q) symmetric matrix from the blocks (m, q, q) of each edge."""
+    q = ii.shape[-1]
+    rows, columns, values = [], [], []
+    pairs = ((problem.i, problem.i, ii), (problem.j, problem.j, jj), (problem.i, problem.j, ij))
+    for a, b, block in (*pairs, (problem.j, problem.i, np.swapaxes(ij, 1, 2))):
+        rows.append(np.broadcast_to(a[:, None, None] * q + np.arange(q)[:, None], block.shape).ravel())
+        columns.append(np.broadcast_to(b[:, None, None] * q + np.arange(q), block.shape).ravel())
+        values.append(block.ravel())
+    size = problem.count * q
+    where = (np.concatenate(rows), np.concatenate(columns))
+    return csc_array((np.concatenate(values), where), shape=(size, size))
+
+
+def block_diagonal(blocks: Array) -> csc_array:
+    """(n q, n q) from (n, q, q)."""
+    n, q = blocks.shape[:2]
+    row = np.broadcast_to(np.arange(n)[:, None, None] * q + np.arange(q)[:, None], blocks.shape)
+    column = np.swapaxes(row, 1, 2)
+    return csc_array((blocks.ravel(), (row.ravel(), column.ravel())), shape=(n * q, n * q))
+
+
+def elimination_order(problem: Synchronization) -> Index:
+    """Poses in an order of little fill. Raises ``BackendError`` where any would fill up."""
+    n = problem.count
+    ones = np.ones((len(problem.i), 1, 1))
+    factor = cholesky(csc_array(assembled(problem, ones, ones, -ones) + block_diagonal(np.ones((n, 1, 1)))))
+    if factor.L.nnz * _width(problem.dimension) ** 2 > MOST_FILL:
+        raise BackendError("its loops are too many to factorise")
+    return np.argsort(factor.perm_c)
+
+
+class Factor:
+    """L D L' of a symmetric matrix of equal blocks, of which the first pose's may lack some rows.
+
+    ``order`` is that of the poses. Raises ``BackendError`` for a singular matrix.
+    """
+
+    def __init__(self, matrix: csc_array, order: Index) -> None:
+        n = len(order)
+        q = -(-matrix.shape[0] // n)
+        missing = n * q - matrix.shape[0]
+        rows = (order[:, None] * q + np.arange(q)).ravel() - missing
+        self._rows = rows[rows >= 0]
+        try:
+            self._factor = cholesky(csc_array(matrix[self._rows][:, self._rows]), "NATURAL")
+        except RuntimeError as error:
+            raise BackendError(f"its linear system is singular: {error}") from error
+
+    @property
+    def negative(self) -> int:
+        """Number of negative pivots: of negative eigenvalues (Sylvester)."""
+        return int((self._factor.U.diagonal() <= 0).sum())
+
+    def solve(self, rhs: Array) -> Array:
+        """The linear system's answer."""
+        out = np.empty_like(rhs)
+        out[self._rows] = self._factor.solve(rhs[self._rows])
+        return out

@@ -1,1 +1,0 @@
-"""Which edges to believe where they contradict each other: see `backend.selection.rejection`."""

@@ -1,0 +1,285 @@
+"""A recorded flight: the data that flows in.
+
+Times are seconds (float64) since ``epoch_ns``, one clock for all streams; integer nanoseconds stand on disk
+only. Frames, axes and signs: world z up with the floor at z = 0, body x forward, y left, z up, camera as in
+OpenCV. A stream that was not recorded is ``None``; a value that is missing is NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One picture of a flight, read when asked for."""
+
+    index: int
+    stamp_s: float
+    name: str
+    read: Callable[[], Image | None]
+    """The picture as (h, w, 3) BGR or (h, w) grey; None where the file is damaged or missing."""
+
+
+@dataclass(frozen=True)
+class Frames:
+    """The pictures of a flight in order of time, none of them in memory."""
+
+    stamps_s: Array
+    """(n,)."""
+    names: tuple[str, ...]
+    load: Callable[[int], Image | None]
+    """Reads picture k; None where it is damaged or missing."""
+    failures: Mapping[int, str] = field(default_factory=dict)
+    """Why picture k could not be read, for those that ``load`` was asked for, where it knows."""
+
+    def __len__(self) -> int:
+        return len(self.stamps_s)
+
+    def __getitem__(self, k: int) -> Frame:
+        return Frame(k, float(self.stamps_s[k]), self.names[k], lambda: self.load(k))
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (self[k] for k in range(len(self)))
+
+
+@dataclass(frozen=True)
+class Imu:
+    """Inertial measurements in sensor axes (body axes after ``b_T_s``)."""
+
+    stamps_s: Array
+    gyro_rad_s: Array
+    """(n, 3)."""
+    accel_m_s2: Array
+    """(n, 3) specific force: (0, 0, +9.80665) at rest and level."""
+    gyro_noise_density: float = 1.5e-3
+    """rad/s/sqrt(Hz)."""
+    accel_noise_density: float = 5.0e-2
+    """m/s^2/sqrt(Hz)."""
+    gyro_random_walk: float = 0.0
+    """rad/s^2/sqrt(Hz)."""
+    accel_random_walk: float = 0.0
+    """m/s^3/sqrt(Hz)."""
+    b_T_s: Array = field(default_factory=lambda: np.eye(4))
+
+
+@dataclass(frozen=True)
+class Sonar:
+    """Slant range along the sensor's axis (-z of the sensor)."""
+
+    stamps_s: Array
+    range_m: Array
+    """(n,); NaN where out of range."""
+    noise_std_m: float = 0.01
+    min_range_m: float = 0.25
+    max_range_m: float = 6.0
+    beam_width_rad: float = 0.44
+    b_T_s: Array = field(default_factory=lambda: np.eye(4))
+    scale_std: float = 0.05
+    """Relative uncertainty that all readings share, 0 for a sensor known to be exact. Cheap sonars read up to
+    5 % short."""
+    datum_std_m: float = 0.02
+    """Uncertainty of what is added to all readings, the error of its zero; 0 where that is known."""
+
+
+@dataclass(frozen=True)
+class AttitudeSeries:
+    """The vehicle's own attitude: ``R_wb = Rz(yaw) Ry(pitch) Rx(roll)``."""
+
+    stamps_s: Array
+    roll_pitch_yaw_rad: Array
+    """(n, 3)."""
+    noise_std_rad: tuple[float, float, float] = (0.005, 0.005, 0.005)
+
+
+@dataclass(frozen=True)
+class Velocity:
+    """On-board optical-flow velocity in the heading frame (level, yaw taken out)."""
+
+    stamps_s: Array
+    v_m_s: Array
+    """(n, 2): forward, left."""
+    noise_std_m_s: tuple[float, float] = (0.03, 0.03)
+    scale_std: float = 0.1
+    """Relative uncertainty that all readings of an axis share, 0 for a sensor known to be exact. Flow
+    sensors on board read some 0.75 to 1.05 times the true speed."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """The stick, each value held from its stamp to the next."""
+
+    stamps_s: Array
+    stick: Array
+    """(n, 4) in -1..1: forward, left, up, yaw (counter-clockwise from above)."""
+    max_tilt_rad: float = 0.5236
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """A stream of one value a stamp: battery voltage [V] or barometric altitude [m]."""
+
+    stamps_s: Array
+    value: Array
+    """(n,)."""
+    noise_std: float = 0.0
+
+
+@dataclass(frozen=True)
+class Motor:
+    """Motor drive, 0..1."""
+
+    stamps_s: Array
+    drive: Array
+    """(n, 4)."""
+
+
+@dataclass(frozen=True)
+class Gps:
+    """Geodetic positions, WGS 84."""
+
+    stamps_s: Array
+    latitude_deg: Array
+    longitude_deg: Array
+    altitude_m: Array
+    """(n,); NaN where only the horizontal position is known."""
+    noise_std_m: tuple[float, float, float] = (5.0, 5.0, 10.0)
+    """East, north, up: what the maker says; the back end measures its own."""
+
+
+@dataclass(frozen=True)
+class GeoOrigin:
+    """Where the local east-north-up world of a flight with GPS stands on Earth (WGS 84)."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Reference motion, from a simulator or motion capture."""
+
+    stamps_s: Array
+    w_T_b: Array
+    """(n, 4, 4)."""
+    w_v_m_s: Array | None = None
+    """(n, 3)."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Where a stream of a flight lies on disk, and who stamps it."""
+
+    folder: str
+    clock: Literal["vehicle", "recorder", "reference"]
+    """The vehicle's own; that of whatever records commands and pictures beside it; or that of the truth."""
+
+
+STREAMS: dict[str, Stream] = {
+    "frames": Stream("cam0", "recorder"),
+    "imu": Stream("imu0", "vehicle"),
+    "sonar": Stream("sonar0", "vehicle"),
+    "attitude": Stream("attitude0", "vehicle"),
+    "velocity": Stream("velocity0", "vehicle"),
+    "command": Stream("command0", "recorder"),
+    "battery": Stream("battery0", "vehicle"),
+    "gps": Stream("gps0", "vehicle"),
+    "barometer": Stream("barometer0", "vehicle"),
+    "motor": Stream("motor0", "vehicle"),
+    "truth": Stream("state_groundtruth_estimate0", "reference"),
+}
+"""Field of ``Flight`` -> its stream."""
+FIELDS = {stream.folder: name for name, stream in STREAMS.items()}
+"""Folder -> field of ``Flight``."""
+BY_VEHICLE = tuple(name for name, stream in STREAMS.items() if stream.clock == "vehicle")
+"""Fields of what the vehicle stamps."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight with the streams that it has."""
+
+    name: str
+    epoch_ns: int = 0
+    """Integer nanoseconds that second 0 stands for on the recorder's clock."""
+    camera: Camera | None = None
+    frames: Frames | None = None
+    imu: Imu | None = None
+    sonar: Sonar | None = None
+    attitude: AttitudeSeries | None = None
+    velocity: Velocity | None = None
+    command: Command | None = None
+    battery: Scalar | None = None
+    barometer: Scalar | None = None
+    motor: Motor | None = None
+    gps: Gps | None = None
+    truth: Truth | None = None
+    landmarks: dict[str, Array] = field(default_factory=dict)
+    """Surveyed points of the floor, name -> (3,) metres in the world."""
+    landmark_pairs: tuple[tuple[str, str], ...] = ()
+    """Pairs whose distance the paper's table names; empty: every pair of neighbours in the list."""
+    gaps: tuple[tuple[str, str], ...] = ()
+    """Short gaps between landmarks that a loop must close (the eight: A-E)."""
+    notes: dict[str, str] = field(default_factory=dict)
+    """vehicle, place, date, source, licence, notes, as flight.yaml has them."""
+    warnings: tuple[str, ...] = ()
+    """What was dropped, repaired or assumed when the flight was read, one line each."""
+    all_keyframes: bool = False
+    """Every picture is a keyframe (photographs taken one by one)."""
+    parts: tuple[Flight, ...] = ()
+    """The flights that this one is joined of (`slam.core.join_flights`); empty for one that was flown."""
+
+    def warned(self, line: str) -> Flight:
+        """The same flight with one more line of ``warnings``."""
+        return replace(self, warnings=(*self.warnings, line))
+
+    def restamped(self, fields: Iterable[str], stamps: Callable[[Array], Array]) -> Flight:
+        """The same flight, the stamps (n,) of some of its ``STREAMS`` changed where they were recorded."""
+        held = {name: getattr(self, name) for name in fields}
+        changed: dict[str, Any] = {
+            name: replace(series, stamps_s=stamps(series.stamps_s))
+            for name, series in held.items()
+            if series is not None
+        }
+        return replace(self, **changed)
+
+    def not_taken(self, folder: str) -> str:
+        """The line that tells why a stream was not taken although its folder is there; empty without one."""
+        lines = (line for line in self.warnings if line.startswith(f"{folder}: ") and "not recorded" in line)
+        return next(lines, "").split(";")[0]
+
+    def geo_origin(self) -> GeoOrigin | None:
+        """The first GPS fix with an altitude: origin of the local east-north-up world."""
+        if self.gps is None:
+            return None
+        known = np.flatnonzero(np.isfinite(self.gps.latitude_deg) & np.isfinite(self.gps.longitude_deg))
+        if len(known) == 0:
+            return None
+        k = known[0]
+        altitude = self.gps.altitude_m[known]
+        altitude = altitude[np.isfinite(altitude)]
+        return GeoOrigin(
+            float(self.gps.latitude_deg[k]),
+            float(self.gps.longitude_deg[k]),
+            float(altitude[0]) if len(altitude) else 0.0,
+        )
+
+
+def told_apart(flights: Sequence[Flight]) -> tuple[Flight, ...]:
+    """The same flights, their names numbered where two have one."""
+    names = [flight.name for flight in flights]
+    return tuple(
+        replace(flight, name=f"{flight.name}.{k}") if names.count(flight.name) > 1 else flight
+        for k, flight in enumerate(flights, 1)
+    )

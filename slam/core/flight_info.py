@@ -1,0 +1,286 @@
+"""What is in a flight: its streams with their rates and gaps, what is missing and what is odd."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.measurements import GRAVITY_M_S2
+from slam.core.errors import NO_CAMERA
+from slam.core.flight import STREAMS, AttitudeSeries, Flight, Imu, Sonar
+
+Array = NDArray[np.float64]
+
+GAP_FACTOR, GAP_MIN_S = 3.0, 0.1
+"""An interval is a gap beyond this many median intervals and this many seconds."""
+ECHO_RATIO = 1.5
+"""A single range so many times its neighbours' is an echo by a detour, or a box under the way."""
+STUCK_S, STUCK_COUNT = 5.0, 20
+"""A range the same to the last digit for so long and so many readings is stuck, or on the ground."""
+REST_WINDOW_S, REST_GYRO_STD, REST_ACCEL_STD = 1.0, 0.02, 0.2
+"""The vehicle rests where gyro (rad/s) and accelerometer (m/s^2) spread less than this within a window."""
+ACCEL_OFF_M_S2, GYRO_OFF_RAD_S = 0.3, 0.05
+"""How far from gravity and from zero a sensor at rest may read before it is called odd."""
+SATURATED_SHARE = ECHO_SHARE = 0.01
+
+_MAY_MISS = {
+    "sonar": "range_m",
+    "attitude": "roll_pitch_yaw_rad",
+    "velocity": "v_m_s",
+    "command": "stick",
+    "battery": "value",
+    "gps": "altitude_m",
+    "barometer": "value",
+    "motor": "drive",
+    "truth": "w_v_m_s",
+}
+"""Field of ``Flight`` -> the array in which values may be missing; other streams drop such a row."""
+
+
+@dataclass(frozen=True)
+class StreamInfo:
+    """One stream in figures."""
+
+    name: str
+    """Its folder's name."""
+    count: int
+    rate_hz: float
+    """One over the median interval; NaN with fewer than two stamps."""
+    start_s: float
+    duration_s: float
+    largest_gap_s: float
+    """The longest interval between neighbours; 0 with fewer than two stamps."""
+    gaps: int
+    """Intervals beyond three median intervals and 0.1 s."""
+    missing_values: int
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last stamp."""
+        return self.start_s + self.duration_s
+
+
+@dataclass(frozen=True)
+class FlightInfo:
+    """A flight described for a person."""
+
+    name: str
+    notes: dict[str, str]
+    duration_s: float
+    """From the first stamp of any stream to the last."""
+    streams: tuple[StreamInfo, ...]
+    landmarks: int
+    missing: tuple[str, ...]
+    """What was not recorded, and what that means for the map."""
+    odd: tuple[str, ...]
+    """What looks wrong, in plain words."""
+    warnings: tuple[str, ...]
+    """What was dropped, repaired or assumed on reading."""
+
+
+def describe(flight: Flight) -> FlightInfo:
+    """Streams, gaps, what is missing and what is odd. Reads no picture."""
+    streams = []
+    for field, stream in STREAMS.items():
+        series = getattr(flight, field)
+        if series is not None and len(series.stamps_s):
+            held = getattr(series, _MAY_MISS[field]) if field in _MAY_MISS else None
+            streams.append(_stream(stream.folder, series.stamps_s, held))
+    start = min((s.start_s for s in streams), default=0.0)
+    end = max((s.end_s for s in streams), default=0.0)
+    return FlightInfo(
+        flight.name,
+        dict(flight.notes),
+        end - start,
+        tuple(streams),
+        len(flight.landmarks),
+        tuple(_missing(flight)),
+        tuple(_odd(flight, streams)),
+        flight.warnings,
+    )
+
+
+def _stream(name: str, stamps_s: Array, values: Array | None) -> StreamInfo:
+    steps = np.diff(stamps_s)
+    median = float(np.median(steps)) if len(steps) else math.nan
+    gaps = int((steps > max(GAP_FACTOR * median, GAP_MIN_S)).sum()) if len(steps) else 0
+    return StreamInfo(
+        name,
+        len(stamps_s),
+        1 / median if median > 0 else math.nan,
+        float(stamps_s[0]),
+        float(stamps_s[-1] - stamps_s[0]),
+        float(steps.max()) if len(steps) else 0.0,
+        gaps,
+        0 if values is None else int((~np.isfinite(values)).sum()),
+    )
+
+
+def missing_for_map(flight: Flight) -> tuple[str, ...]:
+    """What was not recorded, and what the map does without it; its scale is told with the map."""
+    if flight.all_keyframes:
+        return ()  # photographs: what is assumed was told on import
+    if flight.parts:
+        return tuple(f"{part.name}: {line}" for part in flight.parts for line in missing_for_map(part))
+    lines = []
+    if flight.attitude is None:
+        lines.append("no attitude: tilt is not measured, the camera is taken as looking straight down")
+    if flight.imu is None:
+        lines.append("no IMU: stretches where pictures do not match cannot be bridged")
+    return tuple(lines)
+
+
+def _missing(flight: Flight) -> list[str]:
+    if flight.camera is None or flight.frames is None:
+        lines = [f"{flight.not_taken('cam0') or 'no camera'}: there is no map; {NO_CAMERA}"]
+    else:
+        lines = [*_missing_for_scale(flight), *missing_for_map(flight)]
+    if flight.truth is None and flight.gps is None:
+        lines.append("no truth and no GPS: the result cannot be evaluated")
+    if flight.command is None and not flight.all_keyframes:
+        lines.append("no commands: the flight cannot be replayed in the simulator")
+    return lines
+
+
+def _missing_for_scale(flight: Flight) -> list[str]:
+    """What a map cannot tell of its lengths and its place on Earth."""
+    lines = []
+    ranged = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
+    if not ranged and flight.gps is None and flight.imu is not None:
+        lines.append(
+            "no sonar and no GPS: lengths come from the accelerometer, if the flight moves it enough"
+        )
+    elif not ranged and flight.gps is None:
+        lines.append("no sonar and no GPS: no metric scale; distances in the map are relative")
+    elif not ranged:
+        lines.append("no sonar: the scale comes from GPS alone and is as coarse as that")
+    if flight.gps is None:
+        lines.append("no GPS: the map is not placed on Earth")
+    return lines
+
+
+def _odd(flight: Flight, streams: list[StreamInfo]) -> list[str]:
+    if flight.parts:
+        return [f"{part.name}: {line}" for part in flight.parts for line in describe(part).odd]
+    lines = [
+        f"{s.name}: {s.gaps} gap{'s' if s.gaps > 1 else ''}, the largest {s.largest_gap_s:.2f} s"
+        for s in streams
+        if s.gaps and not (flight.all_keyframes and s.name in ("cam0", "gps0"))
+    ]
+    lines += _apart(streams)
+    if flight.sonar is not None:
+        lines += _odd_sonar(flight.sonar)
+    if flight.attitude is not None:
+        lines += _odd_attitude(flight.attitude)
+    if flight.imu is not None:
+        lines += _odd_imu(flight.imu)
+    lines += [f"{name}: its noise is given as zero, which no sensor has" for name in _noiseless(flight)]
+    return lines
+
+
+def _apart(streams: list[StreamInfo]) -> list[str]:
+    """Streams that share no time with the reference: the pictures, or else the longest stream."""
+    if not streams:
+        return []
+    reference = next((s for s in streams if s.name == "cam0"), max(streams, key=lambda s: s.duration_s))
+    lines = []
+    for s in streams:
+        if s is reference:
+            continue
+        shared = min(s.end_s, reference.end_s) - max(s.start_s, reference.start_s)
+        if shared < 0:
+            lines.append(
+                f"{s.name}: does not overlap in time with {reference.name} ({-shared:.1f} s apart), so "
+                f"nothing of it is used; write its stamps on the clock of {reference.name}"
+            )
+        elif shared < 0.5 * reference.duration_s:
+            part = 100 * shared / reference.duration_s
+            lines.append(f"{s.name}: covers only {part:.0f} % of the time of {reference.name}")
+    return lines
+
+
+def _odd_sonar(sonar: Sonar) -> list[str]:
+    known = np.isfinite(sonar.range_m)
+    if not known.any():
+        return ["sonar0: gives no range at all"]
+    stamps, ranges = sonar.stamps_s[known], sonar.range_m[known]
+    lines = []
+    if negative := int((ranges <= 0).sum()):
+        lines.append(f"sonar0: {negative} ranges are zero or negative")
+    if (share := float(np.mean(ranges >= 0.999 * sonar.max_range_m))) > SATURATED_SHARE:
+        lines.append(f"sonar0: {100 * share:.0f} % of the ranges are saturated at {sonar.max_range_m:g} m")
+    if (share := float(np.mean((ranges > 0) & (ranges < sonar.min_range_m)))) > SATURATED_SHARE:
+        lines.append(f"sonar0: {100 * share:.0f} % of the ranges are below its {sonar.min_range_m:g} m")
+    around = np.maximum(ranges[:-2], ranges[2:])
+    if (share := float(np.mean(ranges[1:-1] > ECHO_RATIO * around)) if len(around) else 0.0) > ECHO_SHARE:
+        lines.append(f"sonar0: {100 * share:.0f} % of the ranges jump up for one reading (multipath echoes?)")
+    edges = np.flatnonzero(np.diff(ranges, prepend=np.nan, append=np.nan) != 0)
+    first, last = edges[:-1], edges[1:] - 1
+    lasted = np.where(last - first + 1 >= STUCK_COUNT, stamps[last] - stamps[first], 0.0)
+    if lasted.max() > STUCK_S:
+        at = first[int(np.argmax(lasted))]
+        lines.append(
+            f"sonar0: reads exactly {ranges[at]:g} m for {lasted.max():.1f} s from {stamps[at]:.1f} s "
+            "(stuck, or standing on the ground)"
+        )
+    return lines
+
+
+def _odd_attitude(attitude: AttitudeSeries) -> list[str]:
+    lines = []
+    for axis, name in enumerate(("roll", "pitch", "yaw")):
+        angle = attitude.roll_pitch_yaw_rad[:, axis]
+        angle = angle[np.isfinite(angle)]
+        if not len(angle):
+            lines.append(f"attitude0: {name} was not recorded")
+        elif (far := float(np.abs(angle).max())) > math.pi + 1e-3:
+            lines.append(f"attitude0: {name} is unwrapped: it goes beyond ±pi, up to {far:.1f} rad")
+        elif name != "yaw" and far > 1.0:
+            lines.append(f"attitude0: {name} reaches {math.degrees(far):.0f} deg")
+    return lines
+
+
+def _odd_imu(imu: Imu) -> list[str]:
+    """What the sensor reads at rest; over the whole flight where it never rests."""
+    window = np.floor(imu.stamps_s / REST_WINDOW_S).astype(np.int64)
+    starts = np.flatnonzero(np.diff(window, prepend=window[:1] - 1))
+    at_rest = []
+    for rows in np.split(np.arange(len(window)), starts[1:]):
+        if (
+            len(rows) >= 10
+            and imu.gyro_rad_s[rows].std(axis=0).max() < REST_GYRO_STD
+            and imu.accel_m_s2[rows].std(axis=0).max() < REST_ACCEL_STD
+        ):
+            at_rest.append(rows)
+    where = "at rest" if at_rest else "on average"
+    rows = np.concatenate(at_rest) if at_rest else np.arange(len(window))
+    accel = float(np.median(np.linalg.norm(imu.accel_m_s2[rows], axis=1)))
+    gyro = float(np.linalg.norm(np.median(imu.gyro_rad_s[rows], axis=0)))
+    lines = []
+    if abs(accel - GRAVITY_M_S2) > ACCEL_OFF_M_S2:
+        lines.append(f"imu0: the accelerometer reads {accel:.2f} m/s^2 {where}, gravity is 9.81")
+    up = float((np.median(imu.accel_m_s2[rows], axis=0) @ imu.b_T_s[:3, :3].T)[2])
+    if up < -0.5 * GRAVITY_M_S2:
+        lines.append("imu0: the accelerometer feels gravity upside down; check its signs and T_BS")
+    if at_rest and gyro > GYRO_OFF_RAD_S:
+        lines.append(f"imu0: the gyro reads {gyro:.3f} rad/s at rest")
+    return lines
+
+
+def _noiseless(flight: Flight) -> list[str]:
+    given: dict[str, tuple[float, ...]] = {}
+    if flight.imu is not None:
+        given["imu0"] = (flight.imu.gyro_noise_density, flight.imu.accel_noise_density)
+    if flight.sonar is not None:
+        given["sonar0"] = (flight.sonar.noise_std_m,)
+    if flight.attitude is not None:
+        given["attitude0"] = flight.attitude.noise_std_rad
+    if flight.velocity is not None:
+        given["velocity0"] = flight.velocity.noise_std_m_s
+    if flight.gps is not None:
+        height = flight.gps.noise_std_m[2:] if np.isfinite(flight.gps.altitude_m).any() else ()
+        given["gps0"] = (*flight.gps.noise_std_m[:2], *height)
+    return [name for name, noise in given.items() if min(noise) <= 0]

@@ -1,0 +1,186 @@
+"""Several flights over the same ground as one, so that one map is made of all.
+
+Their pictures are put one flight after the other; retrieval then finds where flights cross as it finds where
+one flight crosses itself. Only what a map uses is carried over: no inertial stream reaches from a landing to
+the next take-off, and stretches without features are not bridged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from slam.core.duplicate_flights import without_repeats
+from slam.core.errors import InputError
+from slam.core.flight import AttitudeSeries, Flight, Frames, Gps, Image, Sonar, Truth, told_apart
+
+Array = NDArray[np.float64]
+
+CARRIED = ("frames", "sonar", "attitude", "gps", "truth")
+"""Fields of ``Flight`` that a map of several flights uses, and no others: see above."""
+
+PAUSE_S = 20.0
+"""Between the end of a flight and the begin of the next where their clocks say less: more than the 10 s from
+which two sights of a place count as a loop."""
+
+
+def join_flights(flights: Sequence[Flight]) -> Flight:
+    """All flights on the clock of the first, pictures as ``A/000001.png`` and so on; a single one as it is.
+
+    A flight that does not begin after the last one's end is shifted behind it by whole seconds, and a warning
+    says so. Truth is kept where all have it; they must have it in the same world.
+    Raises ``InputError`` where there is no flight, one has no pictures, cameras differ, or one recording is
+    given twice.
+    """
+    if not flights:
+        raise InputError("no flight to join; give one or more")
+    if len(flights) == 1:
+        return flights[0]
+    for flight in flights:
+        _refuse_unless_alike(flights[0], flight)
+    parts = told_apart(flights)
+    _, repeated = without_repeats(parts)
+    if repeated:
+        raise InputError(f"{repeated[0].removesuffix('it was left out')}give it once")
+    shifts_s, warnings = _shifts(parts)
+    known = [flight.name for flight in parts if flight.truth is not None]
+    if 0 < len(known) < len(parts):
+        warnings.append(f"truth of {', '.join(known)} left out: the other flights have none")
+    moved = [_moved(flight, shift_s) for flight, shift_s in zip(parts, shifts_s, strict=True)]
+    truths = [flight.truth for flight in moved if flight.truth is not None]
+    return Flight(
+        name=" + ".join(flight.name for flight in parts),
+        epoch_ns=parts[0].epoch_ns,
+        camera=parts[0].camera,
+        frames=_frames(moved),
+        sonar=_sonar([flight.sonar for flight in moved if flight.sonar is not None]),
+        attitude=_attitude([flight.attitude for flight in moved if flight.attitude is not None]),
+        gps=_gps([flight.gps for flight in moved if flight.gps is not None]),
+        truth=_truth(truths) if len(truths) == len(parts) else None,
+        landmarks={name: place for flight in reversed(parts) for name, place in flight.landmarks.items()},
+        landmark_pairs=tuple(dict.fromkeys(pair for flight in parts for pair in flight.landmark_pairs)),
+        gaps=tuple(dict.fromkeys(gap for flight in parts for gap in flight.gaps)),
+        warnings=(*(f"{flight.name}: {line}" for flight in parts for line in flight.warnings), *warnings),
+        all_keyframes=parts[0].all_keyframes,
+        parts=parts,
+    )
+
+
+def _refuse_unless_alike(first: Flight, other: Flight) -> None:
+    a, b = first.camera, other.camera
+    if a is None or b is None or other.frames is None or len(other.frames) == 0:
+        raise InputError(f"{other.name}: no camera in this flight, so it adds no map; leave it out")
+    if first.all_keyframes != other.all_keyframes:
+        raise InputError(f"{other.name}: photographs and a recording cannot be joined; map each alone")
+    if (difference := _difference(a, b)) is not None:
+        raise InputError(
+            f"{other.name}: another camera than that of {first.name} ({difference}); map each alone"
+        )
+
+
+def _difference(a: Camera, b: Camera) -> str | None:
+    if a.size_px != b.size_px:
+        return f"{b.size_px[0]}x{b.size_px[1]} px, not {a.size_px[0]}x{a.size_px[1]}"
+    inner_a, inner_b = (np.array([*c.focal_px, *c.center_px]) for c in (a, b))
+    if not np.allclose(inner_a, inner_b, rtol=1e-3):
+        return f"intrinsics {inner_b.round(2).tolist()}, not {inner_a.round(2).tolist()}"
+    widest = max(len(a.distortion), len(b.distortion))
+    bent_a, bent_b = (np.pad(c.distortion, (0, widest - len(c.distortion))) for c in (a, b))
+    if not np.allclose(bent_a, bent_b, atol=1e-3):
+        return f"distortion {list(b.distortion)}, not {list(a.distortion)}"
+    return None if np.allclose(a.b_T_c, b.b_T_c, atol=1e-3) else "mounted in another way"
+
+
+def _shifts(parts: Sequence[Flight]) -> tuple[list[float], list[str]]:
+    """Seconds to add to each flight's stamps, and what to say of those that were moved."""
+    shifts, warnings = [0.0], []
+    end_s = _span_s(parts[0])[1]
+    for flight in parts[1:]:
+        begin_s, last_s = _span_s(flight)
+        shift = (flight.epoch_ns - parts[0].epoch_ns) / 1e9
+        late = float(np.ceil(end_s + PAUSE_S - begin_s - shift))
+        if late > 0:
+            warnings.append(
+                f"{flight.name}: by its clock it begins before the previous flight ends; "
+                f"its stamps were shifted by {late:g} s"
+            )
+            shift += late
+        shifts.append(shift)
+        end_s = last_s + shift
+    return shifts, warnings
+
+
+def _span_s(flight: Flight) -> tuple[float, float]:
+    """First and last stamp of what a map uses, on the flight's own clock."""
+    series = [getattr(flight, name) for name in CARRIED]
+    stamps = [s.stamps_s for s in series if s is not None and len(s.stamps_s)]
+    return min(float(s[0]) for s in stamps), max(float(s[-1]) for s in stamps)
+
+
+def _moved(flight: Flight, shift_s: float) -> Flight:
+    return flight.restamped(CARRIED, lambda stamps_s: stamps_s + shift_s)
+
+
+def _frames(parts: Sequence[Flight]) -> Frames:
+    pictures = [flight.frames for flight in parts if flight.frames is not None]
+    start = np.cumsum([0, *(len(p) for p in pictures)])
+    failures: dict[int, str] = {}
+
+    def load(k: int) -> Image | None:
+        which = int(np.searchsorted(start, k, side="right")) - 1
+        mine = k - int(start[which])
+        picture = pictures[which].load(mine)
+        if picture is None and mine in pictures[which].failures:
+            failures[k] = pictures[which].failures[mine]
+        return picture
+
+    return Frames(
+        np.concatenate([p.stamps_s for p in pictures]),
+        tuple(f"{flight.name}/{file}" for flight, p in zip(parts, pictures, strict=True) for file in p.names),
+        load,
+        failures,
+    )
+
+
+def _sonar(parts: list[Sonar]) -> Sonar | None:
+    if not parts:
+        return None
+    return replace(
+        parts[0],
+        stamps_s=_end_to_end(parts, "stamps_s"),
+        range_m=_end_to_end(parts, "range_m"),
+        noise_std_m=max(part.noise_std_m for part in parts),
+        scale_std=max(part.scale_std for part in parts),
+        datum_std_m=max(part.datum_std_m for part in parts),
+    )
+
+
+def _attitude(parts: list[AttitudeSeries]) -> AttitudeSeries | None:
+    if not parts:
+        return None
+    angles = _end_to_end(parts, "roll_pitch_yaw_rad")
+    return replace(parts[0], stamps_s=_end_to_end(parts, "stamps_s"), roll_pitch_yaw_rad=angles)
+
+
+def _gps(parts: list[Gps]) -> Gps | None:
+    if not parts:
+        return None
+    return replace(
+        parts[0],
+        stamps_s=_end_to_end(parts, "stamps_s"),
+        latitude_deg=_end_to_end(parts, "latitude_deg"),
+        longitude_deg=_end_to_end(parts, "longitude_deg"),
+        altitude_m=_end_to_end(parts, "altitude_m"),
+    )
+
+
+def _truth(parts: list[Truth]) -> Truth:
+    return Truth(_end_to_end(parts, "stamps_s"), _end_to_end(parts, "w_T_b"))
+
+
+def _end_to_end(parts: Sequence[Sonar | AttitudeSeries | Gps | Truth], name: str) -> Array:
+    return np.concatenate([getattr(part, name) for part in parts])

@@ -1,0 +1,276 @@
+"""Loop closure of one flight, stage by stage, ours beside the methods that one would otherwise take.
+
+Retrieval ranks all pairs that lie far enough apart in time. The most alike of each keyframe are registered,
+and what holds is ranked by its inliers. Exhaustive matching registers every pair: no retrieval can let more
+through. Last comes the map, with everything that the pipeline knows of its poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from frontend.camera import Camera
+from frontend.loops import signatures, verify
+from frontend.store import FeatureStore
+from slam.core.errors import NO_CAMERA, InputError
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight
+from slam.core.progress import Progress, silent
+from slam.core.stage_timer import Stopwatch
+from slam.evaluation.loops.curve import Curve, precision_recall
+from slam.evaluation.loops.methods import bags_of_words, colour_histogram
+from slam.evaluation.loops.reference import FALSE, TRUE, UNDECIDED, Pair, Reference, reference_of
+from slam.mapping.config import PipelineConfig
+from slam.mapping.pipeline import optimize_with_sightings
+
+Array = NDArray[np.float64]
+Float32 = NDArray[np.float32]
+
+OURS, HISTOGRAM, WORDS, EXHAUSTIVE = "ours (VLAD)", "colour histogram", "bag of words", "exhaustive matching"
+MOST_KEYFRAMES = 250
+"""Every pair of these is registered; a longer flight is represented by keyframes evenly spread over it."""
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How many pairs are loops, are none, and count neither way."""
+
+    true: int
+    false: int
+    undecided: int
+
+    @staticmethod
+    def of(labels: NDArray[np.int64]) -> Counts:
+        """Count what the reference says of pairs."""
+        return Counts(*(int((labels == label).sum()) for label in (TRUE, FALSE, UNDECIDED)))
+
+
+@dataclass(frozen=True)
+class MethodScore:
+    """One way of finding loops."""
+
+    name: str
+    candidates: Curve | None
+    """All pairs, by likeness; None for exhaustive matching, which ranks nothing."""
+    proposed: Counts
+    """Each keyframe's most alike, which are registered."""
+    verified: Counts
+    """Of these, those whose registration holds."""
+    after_verification: Curve
+    """Those, by their inliers."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What is left of the pipeline's own candidates."""
+
+    name: str
+    counts: Counts
+
+
+@dataclass(frozen=True)
+class LoopEvaluation:
+    """Everything that ``loops.json`` and ``loops.png`` tell."""
+
+    name: str
+    reference: Reference
+    frames: int
+    keyframes: int
+    compared: int
+    """Keyframes whose pairs were all registered."""
+    true_pairs: int
+    """Among those."""
+    pairs: int
+    neighbours: int
+    """Candidates a keyframe."""
+    methods: tuple[MethodScore, ...]
+    stages: tuple[Stage, ...]
+    """Of the pipeline, over all keyframes."""
+    kept: tuple[Pair, ...]
+    """Loops in the map."""
+    all_true_pairs: int
+    """Over all keyframes."""
+    timing_s: dict[str, float]
+    warnings: tuple[str, ...]
+
+    @property
+    def status(self) -> str:
+        """``ok``, or what could not be told."""
+        return "ok" if self.true_pairs else "no true loop in this flight: recall is not defined"
+
+
+def evaluate_loops(
+    flight: Flight, config: PipelineConfig = PipelineConfig(), progress: Progress = silent
+) -> LoopEvaluation:
+    """Precision and recall of loop closure on a flight with truth or GPS.
+
+    Raises ``InputError`` where it has neither, no pictures, or too few keyframes for a loop.
+    """
+    if flight.camera is None or flight.frames is None or len(flight.frames) == 0:
+        why = flight.not_taken("cam0") or "no camera in this flight"
+        raise InputError(f"{flight.name}: {why}, so no loops to find; {NO_CAMERA}")
+    if not any(stream is not None and len(stream.stamps_s) for stream in (flight.truth, flight.gps)):
+        raise InputError(
+            f"{flight.name}: has neither truth nor GPS to judge loops by; "
+            "add state_groundtruth_estimate0 or gps0"
+        )
+    clock = Stopwatch()
+    with clock("map"):
+        estimate, sightings = optimize_with_sightings(flight, config, progress)
+    reference = reference_of(estimate, flight)
+    known = np.flatnonzero(reference.known)
+    chosen = known[np.unique(np.linspace(0, len(known) - 1, min(len(known), MOST_KEYFRAMES)).astype(int))]
+    pairs = reference.eligible(chosen)
+    labels = reference.labels(pairs)
+    with clock("exhaustive"), threadpool_limits(1, "blas"):
+        inliers = _registered(pairs, sightings.store, flight.camera, config, progress)
+    likeness = {}
+    for name in (OURS, HISTOGRAM, WORDS):
+        with clock(name), threadpool_limits(1, "blas"):
+            vectors = _vectors(name, sightings.store, chosen, flight, estimate, config, progress)
+            likeness[name] = _inner(vectors, chosen, pairs)
+    neighbours = config.retrieval.neighbours
+    methods = [
+        score_method(name, likeness[name], inliers, pairs, labels, neighbours)
+        for name in (OURS, HISTOGRAM, WORDS)
+    ]
+    told = list(estimate.warnings)
+    if len(chosen) < len(known):
+        told.append(f"{len(chosen)} of {len(known)} keyframes, evenly spread, are compared with one another")
+    if len(known) < len(estimate.stamps_s):
+        told.append(f"{len(estimate.stamps_s) - len(known)} keyframes have no {reference.kind}: left out")
+    if reference.position_std_m > 0:
+        told.append(
+            f"GPS knows places to {reference.position_std_m:.1f} m: pairs that this leaves open do not count"
+        )
+    return LoopEvaluation(
+        name=flight.name,
+        reference=reference,
+        frames=estimate.frames,
+        keyframes=len(estimate.stamps_s),
+        compared=len(chosen),
+        true_pairs=int((labels == TRUE).sum()),
+        pairs=len(pairs),
+        neighbours=neighbours,
+        methods=(*methods, score_exhaustive(inliers, labels)),
+        stages=_stages(estimate, reference),
+        kept=tuple((v.i, v.j) for v in estimate.loops if v.verdict == "kept"),
+        all_true_pairs=int((reference.labels(list(reference.overlap)) == TRUE).sum()),
+        timing_s=clock.seconds,
+        warnings=tuple(told),
+    )
+
+
+def score_method(
+    name: str,
+    likeness: Array,
+    inliers: Array,
+    pairs: NDArray[np.int64],
+    labels: NDArray[np.int64],
+    neighbours: int,
+) -> MethodScore:
+    """Judge a likeness (m,) of pairs (m, 2); ``inliers`` (m,) of their registrations, 0 where none holds."""
+    proposed = most_alike(likeness, pairs, neighbours)
+    total = int((labels == TRUE).sum())
+    return MethodScore(
+        name,
+        _curve(likeness, labels, total),
+        Counts.of(labels[proposed]),
+        Counts.of(labels[proposed & (inliers > 0)]),
+        _curve(np.where(proposed, inliers, 0.0), labels, total, above=0.0),
+    )
+
+
+def score_exhaustive(inliers: Array, labels: NDArray[np.int64]) -> MethodScore:
+    """Every pair registered: what verification alone makes of a flight."""
+    curve = _curve(inliers, labels, int((labels == TRUE).sum()), above=0.0)
+    return MethodScore(EXHAUSTIVE, None, Counts.of(labels), Counts.of(labels[inliers > 0]), curve)
+
+
+def most_alike(likeness: Array, pairs: NDArray[np.int64], neighbours: int) -> NDArray[np.bool_]:
+    """(m,) which pairs are among the ``neighbours`` most alike of one of their two keyframes."""
+    twice = np.concatenate([pairs[:, 0], pairs[:, 1]])
+    row = np.tile(np.arange(len(pairs)), 2)
+    order = np.lexsort((-likeness[row], twice))
+    begin = np.flatnonzero(np.diff(twice[order], prepend=-1))
+    place = np.arange(len(order)) - np.repeat(begin, np.diff(begin, append=len(order)))
+    chosen = np.zeros(len(pairs), dtype=bool)
+    chosen[row[order[place < neighbours]]] = True
+    return chosen
+
+
+def _curve(score: Array, labels: NDArray[np.int64], total: int, above: float = -np.inf) -> Curve:
+    counts = (labels != UNDECIDED) & (score > above)
+    return precision_recall(score[counts], labels[counts] == TRUE, total)
+
+
+def _registered(
+    pairs: NDArray[np.int64], store: FeatureStore, camera: Camera, config: PipelineConfig, progress: Progress
+) -> Array:
+    """(m,) inliers of each pair's registration; 0 where none holds."""
+    found = verify(
+        [(int(i), int(j)) for i, j in pairs],
+        store,
+        camera,
+        config.homography.for_width(camera.size_px[0]),
+        config.gates,
+        on_done=lambda done: progress("every pair", done, len(pairs)),
+    )
+    return np.array([float(len(r.matches)) if r.ok else 0.0 for r in found])
+
+
+def _vectors(
+    name: str,
+    store: FeatureStore,
+    chosen: NDArray[np.int64],
+    flight: Flight,
+    estimate: Estimate,
+    config: PipelineConfig,
+    progress: Progress,
+) -> Float32:
+    """(n, d) one vector a keyframe; of those that are not chosen zeros where that is cheaper."""
+    if name == OURS:
+        return signatures(store, config.retrieval)
+    if name == WORDS:
+        return bags_of_words(store)
+    assert flight.frames is not None
+    rows: dict[int, Float32] = {}
+    for done, k in enumerate(chosen.tolist(), 1):
+        image = flight.frames.load(int(estimate.frame_index[k]))
+        if image is not None:
+            rows[k] = colour_histogram(image)
+        progress("histograms", done, len(chosen))
+    size = max((len(row) for row in rows.values()), default=1)
+    vectors = np.zeros((len(estimate.stamps_s), size), np.float32)
+    for k, row in rows.items():
+        vectors[k, : len(row)] = row
+    return vectors
+
+
+def _inner(vectors: Float32, chosen: NDArray[np.int64], pairs: NDArray[np.int64]) -> Array:
+    """(m,) inner products of the pairs' vectors."""
+    table = vectors[chosen] @ vectors[chosen].T
+    a, b = (np.searchsorted(chosen, side) for side in pairs.T)
+    return table[a, b].astype(float)
+
+
+def _stages(estimate: Estimate, reference: Reference) -> tuple[Stage, ...]:
+    """How many of the pipeline's candidates come through each stage; the last is the map."""
+    by_graph = ("disagrees", "its part of the graph")
+    came_through: dict[str, Callable[[str], bool]] = {
+        "look alike or should overlap": lambda reason: True,
+        "within reach of the poses": lambda reason: not reason.startswith("out of reach"),
+        "a homography holds": lambda reason: reason.startswith(("implausible", *by_graph)),
+        "where the poses can have it": lambda reason: reason.startswith(by_graph),
+    }
+    stages = []
+    for name, passed in came_through.items():
+        left = [(v.i, v.j) for v in estimate.loops if v.verdict == "kept" or passed(v.reason)]
+        stages.append(Stage(name, Counts.of(reference.labels(left))))
+    kept = [(v.i, v.j) for v in estimate.loops if v.verdict == "kept"]
+    return (*stages, Stage("in the map", Counts.of(reference.labels(kept))))

@@ -1,0 +1,235 @@
+"""From an estimate and its flight to mosaic files."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.mosaic.canvas import MosaicError, Tile
+from frontend.mosaic.exposure import Exposure
+from frontend.mosaic.plan import MosaicPlan, plan_mosaic
+from frontend.mosaic.render import Pictures, measure_exposure, render_tiles
+from slam.core.errors import NO_CAMERA, InputError
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight, GeoOrigin, Image
+from slam.core.progress import Progress, silent
+from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, write_geotiff, write_png
+from slam.report.rasters.quality import write_quality
+
+Array = NDArray[np.float64]
+
+MAX_MOSAIC_PIXELS = 60_000_000
+MAX_PNG_PIXELS = 40_000_000
+CACHE_MB = 256
+"""Pictures held in memory while tiles are rendered."""
+
+
+@dataclass(frozen=True)
+class MosaicFiles:
+    """What was written, and from what."""
+
+    geotiff: Path
+    png: Path
+    world_file: Path
+    quality: Path
+    """How far each piece is to be trusted: `slam.report.rasters.quality`."""
+    gsd_m: float
+    """Metres a pixel of the GeoTIFF."""
+    png_gsd_m: float
+    """Of the PNG, which is reduced where it would be too large to view."""
+    width: int
+    height: int
+    """Pixels of the GeoTIFF."""
+    pictures: int
+    """In the mosaic."""
+    redundant: int
+    """Usable, but others show their ground as well."""
+    left_out: dict[str, int]
+    """Reason -> number of keyframes that could not be used."""
+    seam_before: float
+    """Brightness difference (rms share) between pictures of one point, as read; NaN without overlap."""
+    seam_after: float
+    """The same after exposure and vignetting were compensated."""
+    note: str
+    """What was decided for the user; empty where nothing was."""
+    tiles: int
+    kept: int
+    """Tiles whose pixels were taken from the earlier mosaic: nothing that they show has changed."""
+
+
+def write_mosaic(
+    estimate: Estimate,
+    flight: Flight,
+    out_dir: str | Path,
+    gsd_m: float | None = None,
+    progress: Progress = silent,
+    earlier: Path | None = None,
+) -> MosaicFiles:
+    """Render the keyframes over the floor into mosaic.tif, .png, .pgw and _quality.tif.
+
+    Parts of the graph that are tied to nothing have no place relative to the largest one: without GPS only
+    the largest is drawn.
+
+    Tiles that the GeoTIFF ``earlier`` has already, made of the same pictures at the same places in the same
+    way, are taken from it; the files come out the same as without it. Where none is given it is the one that
+    stands in ``out_dir`` and is replaced; one that is missing, foreign or damaged gives nothing.
+
+    Raises ``InputError`` where there is no camera or picture, where no picture sees the floor, or where the
+    disk refuses; the files of an earlier run then stand as they were.
+    """
+    out_dir, leave_out = Path(out_dir), {}
+    if estimate.origin is None:
+        apart = np.flatnonzero(estimate.component > 0)
+        leave_out = {int(k): "in a part of the flight that is not tied to the largest" for k in apart}
+    made = _planned(estimate, flight, estimate.over_floor_T_b, leave_out, gsd_m, _stage(progress, "mosaic"))
+    plan = made.plan
+    with _put_into(out_dir) as work:
+        tif = work / "mosaic.tif"
+        with earlier_blocks(earlier or out_dir / "mosaic.tif") as known:
+            tiles = _Tiles(made, known)
+            write_geotiff(tif, made.grid, tiles.blocks())
+        png_gsd_m = write_png(tif, work / "mosaic.png", MAX_PNG_PIXELS)
+        write_quality(plan, made.exposure, estimate, work / "mosaic_quality.tif")
+    return MosaicFiles(
+        geotiff=out_dir / "mosaic.tif",
+        png=out_dir / "mosaic.png",
+        world_file=out_dir / "mosaic.pgw",
+        quality=out_dir / "mosaic_quality.tif",
+        gsd_m=plan.gsd_m,
+        png_gsd_m=png_gsd_m,
+        width=plan.width,
+        height=plan.height,
+        pictures=len(plan.views),
+        redundant=plan.redundant,
+        left_out=dict(Counter(plan.left_out.values())),
+        seam_before=made.exposure.seam_before,
+        seam_after=made.exposure.seam_after,
+        note=plan.note,
+        tiles=tiles.drawn + tiles.kept,
+        kept=tiles.kept,
+    )
+
+
+def write_chain_picture(
+    estimate: Estimate,
+    flight: Flight,
+    out_dir: str | Path,
+    w_T_b: Array,
+    gsd_m: float | None = None,
+    progress: Progress = silent,
+) -> Path:
+    """Render the keyframes at other poses (n, 4, 4), those of the plain chain, into mosaic_chain.png alone.
+
+    Raises ``InputError`` as `write_mosaic` does.
+    """
+    out_dir = Path(out_dir)
+    made = _planned(estimate, flight, w_T_b, {}, gsd_m, _stage(progress, "mosaic_chain"))
+    with _put_into(out_dir) as work:
+        tif, png = work / "mosaic_chain.tif", work / "mosaic_chain.png"
+        write_geotiff(tif, made.grid, _Tiles(made, lambda mark, shape: None).blocks())
+        write_png(tif, png, MAX_PNG_PIXELS, world_file=False)
+        tif.unlink()
+    return out_dir / png.name
+
+
+@dataclass(frozen=True)
+class _Planned:
+    """Everything that tiles are rendered from."""
+
+    plan: MosaicPlan
+    pictures: Pictures
+    exposure: Exposure
+    origin: GeoOrigin | None
+    metric: bool
+    progress: Progress
+
+    @property
+    def grid(self) -> Grid:
+        """Where its pixels lie."""
+        plan = self.plan
+        corner = plan.west_m, plan.north_m
+        return Grid(*corner, plan.gsd_m, plan.width, plan.height, self.origin, self.metric)
+
+
+def _planned(
+    estimate: Estimate,
+    flight: Flight,
+    w_T_b: Array,
+    leave_out: dict[int, str],
+    gsd_m: float | None,
+    progress: Progress,
+) -> _Planned:
+    """Which picture, at poses (n, 4, 4), shows what, and how bright; without those left out for a reason."""
+    camera, frames = estimate.camera or flight.camera, flight.frames
+    if camera is None or frames is None:
+        raise InputError(f"{flight.name}: no camera pictures, so no mosaic; {NO_CAMERA}")
+    if gsd_m is not None and not (math.isfinite(gsd_m) and gsd_m > 0):
+        raise InputError(f"ground resolution {gsd_m} m/pixel: give a number above 0")
+
+    def load(k: int) -> Image | None:
+        return frames[int(estimate.frame_index[k])].read()
+
+    try:
+        plan = plan_mosaic(camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out)
+        while True:
+            pictures = Pictures(plan, load, CACHE_MB)
+            exposure = measure_exposure(plan, pictures, progress)
+            if not pictures.unusable:
+                return _Planned(plan, pictures, exposure, estimate.origin, estimate.metric, progress)
+            # What the unusable pictures owned goes to others, perhaps to some not read so far.
+            leave_out = leave_out | pictures.unusable
+            plan = plan_mosaic(camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out)
+    except MosaicError as error:
+        raise InputError(f"{flight.name}: {error}") from None
+
+
+@contextmanager
+def _put_into(out_dir: Path) -> Iterator[Path]:
+    """A folder whose files are put into ``out_dir`` once all are complete."""
+    try:
+        out_dir.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".mosaic-", dir=out_dir) as name:
+            work = Path(name)
+            yield work
+            for path in sorted(work.iterdir()):
+                path.replace(out_dir / path.name)
+    except OSError as error:
+        raise InputError(
+            f"{out_dir}: cannot be written ({error.strerror or error}); choose another folder or free space"
+        ) from None
+
+
+@dataclass
+class _Tiles:
+    """The mosaic's pixels, tile by tile, and how many were rendered for it."""
+
+    made: _Planned
+    known: EarlierBlock
+    drawn: int = 0
+    kept: int = 0
+
+    def blocks(self) -> Iterator[Block]:
+        def earlier(tile: Tile, mark: str) -> Image | None:
+            return self.known(mark, (tile.rows, tile.cols))
+
+        made = self.made
+        for done in render_tiles(made.plan, made.pictures, made.exposure, made.progress, earlier):
+            self.kept, self.drawn = self.kept + done.kept, self.drawn + (not done.kept)
+            yield Block(done.tile.row, done.tile.col, done.rgba, done.fingerprint)
+
+
+def _stage(progress: Progress, stem: str) -> Progress:
+    """Name the stages after the file that is made."""
+
+    def tell(stage: str, done: int, total: int) -> None:
+        progress(stem if stage == "mosaic" else f"{stem} {stage}", done, total)
+
+    return tell

@@ -1,0 +1,206 @@
+"""What was measured, stream by stream, and what the instruments of a model would have read of a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.flight import Flight, Truth
+from slam.simulation import sensors
+from slam.simulation.model import Model
+from slam.simulation.motion import Motion
+from slam.simulation.place.world import World, with_place_terms
+
+Array = NDArray[np.float64]
+Predict = Callable[[Motion, Array], Array]
+
+EVERYWHERE = (-1e6, -1e6, 1e6, 1e6)
+"""A replay knows no borders of the floor."""
+LOG_S = 0.001
+"""How well a log knows when the stick changed. What jumps with the stick, and a gyro does, cannot be
+predicted closer to a change than this."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A column of a stream."""
+
+    name: str
+    unit: str
+    noise_std: float
+    """Of one sample, as the flight's sensor.yaml says; 0 for the truth."""
+    angle: bool = False
+    """Whole turns do not count."""
+
+
+def as_read(unit: str) -> tuple[float, str]:
+    """By what a channel's figures are multiplied for a person, and their unit then: angles in degrees."""
+    return (float(np.degrees(1.0)), unit.replace("rad", "deg")) if unit in ("rad", "rad/s") else (1.0, unit)
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Readings of one instrument, at the times at which the model says they were taken."""
+
+    times_s: Array
+    values: Array
+    """(n, len(channels)); NaN where missing."""
+    channels: tuple[Channel, ...]
+    predict: Predict
+    """Motion and times (m,) to what the instrument would read, (m, len(channels)); NaN where it reads
+    nothing."""
+
+    def within(self, begin_s: float, end_s: float) -> NDArray[np.int64]:
+        """(m,) indices of the readings behind ``begin_s`` and up to ``end_s``."""
+        first, last = np.searchsorted(self.times_s, [begin_s, end_s], side="right")
+        return np.arange(first, last)
+
+    def off(self, rows: NDArray[np.int64], predicted: Array) -> Array:
+        """(m, len(channels)) measured less predicted."""
+        off = self.values[rows] - predicted
+        for k, channel in enumerate(self.channels):
+            if channel.angle:
+                off[:, k] = np.angle(np.exp(1j * off[:, k]))
+        return off
+
+
+def place_of(model: Model) -> World:
+    """The ground that a model's instruments see: level, but for the model's own terms."""
+    terms = {name: values for name, values in model.terms.items() if name == "floor_slope"}
+    return with_place_terms(World(extent_m=EVERYWHERE), (), terms)
+
+
+def streams_of(flight: Flight, model: Model, begin_s: float, end_s: float) -> tuple[Stream, ...]:
+    """The streams that a model can predict, less columns that hold nothing."""
+    world, span_s = place_of(model), end_s - begin_s
+    made = [
+        _attitude(flight, model),
+        _velocity(flight, model, world),
+        _sonar(flight, model, world, lambda times: (times - begin_s) / span_s),
+        _imu(flight, model),
+        _truth(flight.truth),
+    ]
+    return tuple(filled for stream in made if stream and (filled := _filled(stream)).channels)
+
+
+def _filled(stream: Stream) -> Stream:
+    """The stream without columns in which no value was recorded, and angles without jumps of a turn."""
+    some = np.flatnonzero(np.isfinite(stream.values).any(axis=0))
+    whole = stream.predict
+
+    def predict(motion: Motion, times_s: Array) -> Array:
+        return whole(motion, times_s)[:, some]
+
+    channels, values = tuple(stream.channels[k] for k in some), stream.values[:, some].copy()
+    for k, channel in enumerate(channels):
+        known = np.isfinite(values[:, k])
+        if channel.angle:
+            values[known, k] = np.unwrap(values[known, k])
+    return Stream(stream.times_s, values, channels, predict)
+
+
+def _attitude(flight: Flight, model: Model) -> Stream | None:
+    if flight.attitude is None:
+        return None
+    stds = flight.attitude.noise_std_rad
+    names = ("roll", "pitch", "yaw")
+    channels = tuple(
+        Channel(f"attitude.{n}", "rad", std, angle=True) for n, std in zip(names, stds, strict=True)
+    )
+
+    def predict(motion: Motion, times_s: Array) -> Array:
+        return motion.at(times_s).roll_pitch_yaw_rad
+
+    times = sensors.taken(flight.attitude.stamps_s, model)
+    return Stream(times, flight.attitude.roll_pitch_yaw_rad, channels, predict)
+
+
+def _velocity(flight: Flight, model: Model, world: World) -> Stream | None:
+    if flight.velocity is None:
+        return None
+    stds = flight.velocity.noise_std_m_s
+    channels = tuple(
+        Channel(f"velocity.{n}", "m/s", std) for n, std in zip(("v_x", "v_y"), stds, strict=True)
+    )
+
+    def predict(motion: Motion, times_s: Array) -> Array:
+        return sensors.flow_speed(motion.at(times_s), model, world)
+
+    return Stream(sensors.taken(flight.velocity.stamps_s, model), flight.velocity.v_m_s, channels, predict)
+
+
+def _sonar(flight: Flight, model: Model, world: World, progress: Callable[[Array], Array]) -> Stream | None:
+    if flight.sonar is None:
+        return None
+    channels = (Channel("sonar.range", "m", flight.sonar.noise_std_m),)
+
+    def predict(motion: Motion, times_s: Array) -> Array:
+        pose = motion.at(times_s - model.value("sonar_lag", "T")).w_T_b
+        range_m = sensors.slant_range(pose, model, world, progress(times_s))
+        return sensors.in_limits(range_m, model)[:, None]
+
+    return Stream(
+        sensors.taken(flight.sonar.stamps_s, model), flight.sonar.range_m[:, None], channels, predict
+    )
+
+
+def _imu(flight: Flight, model: Model) -> Stream | None:
+    imu = flight.imu
+    if imu is None or len(imu.stamps_s) < 2:
+        return None
+    per_sample = float(1 / np.sqrt(max(np.median(np.diff(imu.stamps_s)), 1e-6)))
+    b_R_s = imu.b_T_s[:3, :3]
+    channels = tuple(
+        Channel(f"imu.{kind}_{axis}", unit, density * per_sample)
+        for kind, unit, density in (
+            ("gyro", "rad/s", imu.gyro_noise_density),
+            ("accel", "m/s^2", imu.accel_noise_density),
+        )
+        for axis in "xyz"
+    )
+
+    def predict(motion: Motion, times_s: Array) -> Array:
+        read = np.hstack(sensors.inertial(motion.at(times_s), model))
+        changes = motion.stick.stamps_s[1:][np.any(np.diff(motion.stick.values, axis=0) != 0, axis=1)]
+        read[_near(times_s, changes + motion.latency_s)] = np.nan
+        return read
+
+    # What the flight tells of the unit's mount is not the model's to predict.
+    values = np.hstack([imu.gyro_rad_s @ b_R_s.T, imu.accel_m_s2 @ b_R_s.T])
+    return Stream(sensors.taken(imu.stamps_s, model), values, channels, predict)
+
+
+def _near(times_s: Array, changes_s: Array) -> NDArray[np.bool_]:
+    """(n,) whether a time lies within ``LOG_S`` of one of the sorted changes."""
+    if len(changes_s) == 0:
+        return np.zeros(len(times_s), dtype=bool)
+    k = np.clip(np.searchsorted(changes_s, times_s), 1, len(changes_s) - 1) if len(changes_s) > 1 else 0
+    nearest = np.minimum(np.abs(times_s - changes_s[k]), np.abs(times_s - changes_s[np.maximum(k - 1, 0)]))
+    return nearest <= LOG_S
+
+
+def _truth(truth: Truth | None) -> Stream | None:
+    if truth is None:
+        return None
+    place = tuple(Channel(f"truth.{axis}", "m", 0.0) for axis in "xyz")
+    speed = tuple(Channel(f"truth.v_{axis}", "m/s", 0.0) for axis in "xyz")
+    angles = tuple(Channel(f"truth.{name}", "rad", 0.0, angle=True) for name in ("roll", "pitch", "yaw"))
+    velocity = truth.w_v_m_s if truth.w_v_m_s is not None else np.full((len(truth.stamps_s), 3), np.nan)
+
+    def predict(motion: Motion, times_s: Array) -> Array:
+        state = motion.at(times_s)
+        return np.hstack([state.w_p_m, state.w_v_m_s, state.roll_pitch_yaw_rad])
+
+    values = np.hstack([truth.w_T_b[:, :3, 3], velocity, angles_of(truth)])
+    return Stream(truth.stamps_s, values, place + speed + angles, predict)
+
+
+def angles_of(truth: Truth) -> Array:
+    """(n, 3) roll, pitch and unwrapped yaw of reference poses."""
+    R = truth.w_T_b[:, :3, :3]
+    pitch = -np.arcsin(np.clip(R[:, 2, 0], -1, 1))
+    roll, yaw = np.arctan2(R[:, 2, 1], R[:, 2, 2]), np.arctan2(R[:, 1, 0], R[:, 0, 0])
+    return np.column_stack([roll, pitch, np.unwrap(yaw)])

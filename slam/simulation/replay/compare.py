@@ -1,0 +1,247 @@
+"""Roll-outs of a model along a measured flight, and how far they are off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.errors import InputError
+from slam.core.flight import Flight
+from slam.core.ranges_at_body import with_body_ranges
+from slam.simulation.model import Model
+from slam.simulation.motion import obey
+from slam.simulation.replay.channels import Stream, angles_of, streams_of
+from slam.simulation.replay.start import StartEstimator
+from slam.simulation.stick import Stick, stick_of
+
+Array = NDArray[np.float64]
+
+HORIZONS_S = (0.5, 2.0, 10.0)
+MOST_APART_S = 2.0
+"""Roll-outs begin half a horizon apart, but no further than this."""
+SAME_TILT_RAD = 1e-3
+SHORTEST_S = 0.5
+"""Of a flight that can be replayed."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One channel, measured and simulated."""
+
+    name: str
+    """``STREAM.COLUMN``: attitude.pitch, velocity.v_x, sonar.range, imu.gyro_z, truth.x, ..."""
+    unit: str
+    noise_std: float
+    """Of one sample, as the flight's sensor.yaml says; 0 for the truth."""
+    stamps_s: Array
+    measured: Array
+    simulated: Array
+    """By the roll-out over the whole flight; NaN where it has none."""
+    restarted: Array
+    """By roll-outs over ``Replay.shown_s``, one after the other."""
+    rms: dict[float, float]
+    """Horizon in s -> root mean square of measured less simulated, over all samples of all roll-outs."""
+    flight_rms: float
+    """The same over the whole flight in one roll-out."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A flight beside what a model makes of its commands."""
+
+    flight: str
+    model: str
+    begin_s: float
+    end_s: float
+    max_tilt_rad: float
+    """At full stick, the model's."""
+    started_from: str
+    """``instruments`` or ``truth``: what the states at the beginnings come from."""
+    channels: tuple[Comparison, ...]
+    rollouts: dict[float, int]
+    """Horizon -> how many there were."""
+    skipped: dict[float, int]
+    """Horizon -> how many could not begin, for want of readings."""
+    shown_s: float
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _RollOut:
+    begin_s: float
+    rows: list[NDArray[np.int64]]
+    """Of each stream, the readings within it."""
+    simulated: list[Array]
+    off: list[Array]
+    """Measured less simulated."""
+
+
+def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_S) -> Replay:
+    """Give the commands of ``flight`` to ``model``, in one roll-out over all of it and in many over each
+    horizon.
+
+    Where roll-outs begin does not depend on the model. Raises ``InputError`` for a flight without commands,
+    without anything to compare, or without a state to begin from.
+    """
+    stick, (begin_s, end_s), told = _commanded(flight)
+    flight, notes = _with_one_yaw(with_body_ranges(flight))
+    tilt = model.vehicle.max_tilt_rad
+    if abs(told - tilt) > SAME_TILT_RAD:
+        # What a maker's file says of a setting is criticised as the model's own figure is.
+        notes = (
+            *notes,
+            f"full stick asks for {tilt:.4g} rad as the model has it; the flight says {told:.4g}",
+        )
+    streams = streams_of(flight, model, begin_s, end_s)
+    starts = StartEstimator(flight, model, (begin_s, end_s))
+    whole = _first(streams, starts, stick, model, end_s)
+    if whole is None:
+        raise InputError(f"{flight.name}: too few readings of speed, attitude or height to begin from")
+    rolled = {
+        horizon: _many(streams, starts, stick, model, _begins(begin_s, end_s, horizon), horizon, end_s)
+        for horizon in horizons_s
+    }
+    shown_s = min(horizons_s, key=lambda horizon: abs(horizon - 2.0))
+    apart = _one_after_the_other(rolled[shown_s], shown_s)
+    channels = []
+    for n, stream in enumerate(streams):
+        for k, channel in enumerate(stream.channels):
+            channels.append(
+                Comparison(
+                    channel.name,
+                    channel.unit,
+                    channel.noise_std,
+                    stream.times_s,
+                    stream.values[:, k],
+                    _laid_out([whole], n, k, len(stream.times_s)),
+                    _laid_out(apart, n, k, len(stream.times_s)),
+                    {horizon: _rms(rolls, n, k) for horizon, rolls in rolled.items()},
+                    _rms([whole], n, k),
+                )
+            )
+    counts = {horizon: len(rolls) for horizon, rolls in rolled.items()}
+    skipped = {h: len(_begins(begin_s, end_s, h)) - count for h, count in counts.items()}
+    return Replay(
+        flight.name, model.name, whole.begin_s, end_s, tilt, starts.source, tuple(channels), counts, skipped,
+        shown_s, (*notes, *starts.warnings),
+    )  # fmt: skip
+
+
+def _commanded(flight: Flight) -> tuple[Stick, tuple[float, float], float]:
+    """The stick, from when to when there are both commands and readings, and the tilt at full stick that the
+    flight names."""
+    command = flight.command
+    if command is None or len(command.stamps_s) == 0:
+        why = flight.not_taken("command0") or "holds no commands (command0)"
+        raise InputError(f"{flight.name}: {why}, so there is nothing to replay; give a flight with command0")
+    if len(command.stamps_s) == 1:
+        raise InputError(f"{flight.name}: command0 has 1 row, so nothing to replay; a flight has several")
+    readings = (flight.imu, flight.attitude, flight.velocity, flight.sonar, flight.truth)
+    stamps = [series.stamps_s for series in readings if series is not None and len(series.stamps_s)]
+    if not stamps:
+        raise InputError(f"{flight.name}: holds nothing but commands, so there is nothing to compare")
+    begin_s = max(float(command.stamps_s[0]), min(float(s[0]) for s in stamps))
+    end_s = min(float(command.stamps_s[-1]), max(float(s[-1]) for s in stamps))
+    if end_s < begin_s:
+        raise InputError(
+            f"{flight.name}: the command log is on another clock, {begin_s - end_s:.0f} s away from the "
+            "readings; write the stamps of command0 on the clock of the other streams"
+        )
+    if end_s - begin_s < SHORTEST_S:
+        raise InputError(
+            f"{flight.name}: commands and readings share {end_s - begin_s:.2f} s, {SHORTEST_S:g} s are the "
+            "least; give a longer recording"
+        )
+    first_s = float(command.stamps_s[0])
+    stick = stick_of(command, float(command.stamps_s[-1]) - first_s, first_s)
+    return stick, (begin_s, end_s), command.max_tilt_rad
+
+
+def _with_one_yaw(flight: Flight) -> tuple[Flight, tuple[str, ...]]:
+    """The flight with its on-board yaw turned to the truth's zero, where the truth is what a replay starts
+    from."""
+    attitude, truth = flight.attitude, flight.truth
+    if attitude is None or truth is None or flight.velocity is not None:
+        return flight, ()
+    yaw = np.interp(attitude.stamps_s, truth.stamps_s, angles_of(truth)[:, 2])
+    off = attitude.roll_pitch_yaw_rad[:, 2] - yaw
+    if not np.isfinite(off).any():
+        return flight, ()
+    zero = float(np.angle(np.nanmean(np.exp(1j * off))))
+    turned = attitude.roll_pitch_yaw_rad.copy()
+    turned[:, 2] = yaw + np.angle(np.exp(1j * (off - zero)))
+    told = f"the on-board yaw was turned by {-np.degrees(zero):.1f} deg to that of the truth"
+    return replace(flight, attitude=replace(attitude, roll_pitch_yaw_rad=turned)), (told,)
+
+
+def _begins(begin_s: float, end_s: float, horizon_s: float) -> Array:
+    apart = min(horizon_s / 2, MOST_APART_S)
+    return np.arange(begin_s, max(end_s - horizon_s, begin_s) + 1e-9, apart)
+
+
+def _first(
+    streams: Sequence[Stream], starts: StartEstimator, stick: Stick, model: Model, end_s: float
+) -> _RollOut | None:
+    """The roll-out to the flight's end, from the first moment at which all that is needed was read."""
+    begin_s = max(stream.times_s[0] for stream in streams if len(stream.times_s))
+    for later in np.arange(0.0, MOST_APART_S, 0.1):
+        rolls = _many(streams, starts, stick, model, np.array([begin_s + later]), end_s - begin_s, end_s)
+        if rolls:
+            return rolls[0]
+    return None
+
+
+def _many(
+    streams: Sequence[Stream],
+    starts: StartEstimator,
+    stick: Stick,
+    model: Model,
+    begins_s: Array,
+    horizon_s: float,
+    last_s: float,
+) -> list[_RollOut]:
+    """Roll-outs of one length, but for those that cannot begin."""
+    rolls = []
+    for begin_s in begins_s.tolist():
+        end_s = min(begin_s + horizon_s, last_s)
+        start = starts.at(begin_s)
+        if start is None or end_s <= begin_s:
+            continue
+        motion = obey(stick, model, start, begin_s=begin_s, end_s=end_s)
+        rows = [stream.within(begin_s, end_s) for stream in streams]
+        simulated = [s.predict(motion, s.times_s[row]) for s, row in zip(streams, rows, strict=True)]
+        off = [s.off(row, found) for s, row, found in zip(streams, rows, simulated, strict=True)]
+        # Angles are told on the turn that was measured.
+        simulated = [
+            np.where(np.isfinite(o), s.values[row] - o, found)
+            for s, row, found, o in zip(streams, rows, simulated, off, strict=True)
+        ]
+        rolls.append(_RollOut(begin_s, rows, simulated, off))
+    return rolls
+
+
+def _one_after_the_other(rolls: Sequence[_RollOut], horizon_s: float) -> list[_RollOut]:
+    """Those of overlapping roll-outs that begin where another has ended."""
+    chosen: list[_RollOut] = []
+    for roll in rolls:
+        if not chosen or roll.begin_s >= chosen[-1].begin_s + horizon_s - 1e-9:
+            chosen.append(roll)
+    return chosen
+
+
+def _laid_out(rolls: Sequence[_RollOut], stream: int, column: int, count: int) -> Array:
+    """(count,) what roll-outs say of each reading; NaN where none does."""
+    out = np.full(count, np.nan)
+    for roll in rolls:
+        out[roll.rows[stream]] = roll.simulated[stream][:, column]
+    return out
+
+
+def _rms(rolls: Sequence[_RollOut], stream: int, column: int) -> float:
+    """Over all readings that are there and predicted; NaN where none is."""
+    off = np.concatenate([roll.off[stream][:, column] for roll in rolls]) if rolls else np.empty(0)
+    off = off[np.isfinite(off)]
+    return float(np.sqrt(np.mean(off**2))) if len(off) else float("nan")

@@ -1,0 +1,214 @@
+"""Scale, offset, arm and delay put into made flights are found again, with honest deviations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from backend.inertial_scale.preintegration import InertialReadings
+from backend.inertial_scale.scale import InertialScale, NoScale, inertial_scale
+from backend.measurements import GRAVITY_M_S2
+
+SCALE, DELAY_S = 1.3, -0.02
+OFFSET_M_S2, ARM_M = np.array([0.1, -0.2, -0.6]), np.array([-0.02, 0.03, 0.06])
+STEP_S = 1e-3
+
+
+@dataclass(frozen=True)
+class Made:
+    """A flight that sways about a place over the floor."""
+
+    stamps_s: np.ndarray
+    w_T_b: np.ndarray
+    readings: InertialReadings
+    covariance: np.ndarray
+    """Of a pose's own error."""
+
+    @property
+    def found(self) -> InertialScale | NoScale:
+        """What the accelerometer tells of it."""
+        return inertial_scale(self.stamps_s, self.w_T_b, self.readings, self.covariance)
+
+
+def made(
+    seed: int,
+    lasts_s: float = 50.0,
+    sway: float = 1.0,
+    arm_m: np.ndarray = ARM_M,
+    step: int = 67,
+    tilt_std: float = 5e-4,
+    height_m: float = 0.0,
+    shared: int = 1,
+    leans: bool = False,
+) -> Made:
+    """``sway`` times a decimetre or two and several degrees, at 0.2 to 0.8 Hz, in all six axes; a pose each
+    ``step`` ms, whose place errs by a millimetre, and by its tilt's error times a height. So many poses after
+    another have the error ``shared``. One that ``leans`` is driven by that, as by rotors.
+    """
+    rng = np.random.default_rng(seed)
+    time_s = np.arange(-1.0, lasts_s + 1.0, STEP_S)
+
+    def swaying(size: np.ndarray) -> np.ndarray:
+        waves = 2 * np.pi * (rng.uniform(0.2, 0.8, (4, 3, 1)) * time_s + rng.uniform(size=(4, 3, 1)))
+        return sway * size * np.sin(waves).sum(axis=0).T
+
+    place_m = swaying(np.array([0.15, 0.15, 0.08])) + [0, 0, 1.2]
+    w_R_b = Rotation.from_euler("ZYX", swaying(np.array([0.2, 0.05, 0.05])))
+    if leans:
+        push = np.gradient(np.gradient(place_m, STEP_S, axis=0), STEP_S, axis=0) + [0, 0, GRAVITY_M_S2]
+        pitch, roll = np.arctan2(push[:, 0], push[:, 2]), -np.arctan2(push[:, 1], np.hypot(*push[:, ::2].T))
+        w_R_b = Rotation.from_euler("YX", np.column_stack([pitch, roll]))
+    arm_way = place_m + w_R_b.apply(arm_m)
+    acceleration = np.gradient(np.gradient(arm_way, STEP_S, axis=0), STEP_S, axis=0)
+    force = w_R_b.inv().apply(acceleration + [0, 0, GRAVITY_M_S2]) + OFFSET_M_S2
+    gyro = (w_R_b[:-1].inv() * w_R_b[1:]).as_rotvec() / STEP_S
+    imu = np.arange(100, len(time_s) - 100, 5)
+    readings = InertialReadings(
+        time_s[imu],
+        gyro[imu] + [0.01, -0.02, 0.01] + rng.normal(0, 0.01, (len(imu), 3)),
+        force[imu] + rng.normal(0, 0.2, (len(imu), 3)),
+    )
+    seen = np.arange(1000, len(time_s) - 1000, step)
+    w_T_b = np.tile(np.eye(4), (len(seen), 1, 1))
+    tilt, to_place = rng.normal(0, tilt_std, (len(seen), 3)), np.cross(np.eye(3), [0, 0, height_m])
+    w_T_b[:, :3, :3] = (w_R_b[seen] * Rotation.from_rotvec(tilt)).as_matrix()
+    off_m = w_R_b[seen].apply(tilt @ to_place) + rng.normal(0, 1e-3, (len(seen), 3))
+    off_m = off_m[np.arange(len(seen)) // shared * shared]
+    w_T_b[:, :3, 3] = (place_m[seen] + off_m) / SCALE
+    both = np.hstack([np.eye(3), to_place / SCALE])
+    covariance = tilt_std**2 * both.T @ both + np.diag([0.0] * 3 + [(1e-3 / SCALE) ** 2] * 3)
+    return Made(time_s[seen] + DELAY_S, w_T_b, readings, covariance)
+
+
+@pytest.mark.slow
+def test_what_was_put_in_is_found_to_within_what_is_told():
+    found = [made(seed).found for seed in range(8)]
+    off = np.array(
+        [np.append((np.array(f.arm_m) - ARM_M) / f.arm_std_m, (f.scale - SCALE) / f.scale_std) for f in found]
+    )
+    squares = (off**2).sum(axis=0)
+    low, high = chi2.ppf([1e-4, 1 - 1e-4], len(found))
+    assert (squares > low).all()
+    assert (squares < high).all()
+    assert max(f.scale_std for f in found) < 0.02
+    assert max(max(f.arm_std_m) for f in found) < 0.004
+    assert np.abs([f.delay_s - DELAY_S for f in found]).max() < 0.004
+    # Where the vehicle hardly turns, the offset's level axes and tilt errors are one.
+    assert np.abs([np.array(f.offset_m_s2) - OFFSET_M_S2 for f in found]).max() < 0.03
+
+
+@pytest.mark.parametrize("leans", [pytest.param(False, marks=pytest.mark.slow), True])
+def test_what_a_wrong_gain_does_to_lengths_is_told(leans: bool):
+    """Rotors push along one axis and about as hard: a gain is an offset, and lengths come from the lean."""
+    flight = made(0, arm_m=np.zeros(3), leans=leans)
+    found, readings = flight.found, flight.readings
+    for axis, slope in enumerate(found.gain_slopes):
+        accel = readings.accel_m_s2.copy()
+        accel[:, axis] *= 1.03
+        other = replace(flight, readings=replace(readings, accel_m_s2=accel)).found
+        assert np.log(other.scale / found.scale) / np.log(1.03) == pytest.approx(slope, abs=0.05)
+    if leans:
+        # What is left is how hard they push to climb.
+        assert found.gain_slopes[:2] == pytest.approx((0, 0), abs=0.01)
+        assert found.log_std(0.02) < 0.012
+    else:
+        assert sum(found.gain_slopes) == pytest.approx(1, abs=0.02)
+        assert found.log_std(0.02) == pytest.approx(0.02, abs=0.001)
+
+
+def test_a_long_arm_is_told_from_the_scale():
+    flight = made(0, arm_m=np.array([0.0, 0.0, 0.3]))
+    assert flight.found.scale == pytest.approx(SCALE, rel=0.03)
+    assert flight.found.arm_m[2] == pytest.approx(0.3, abs=0.02)
+
+
+def test_the_world_may_be_turned_and_shifted():
+    flight = made(1)
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("z", 1.1).as_matrix()
+    turn[:3, 3] = [5.0, -3.0, 0.0]
+    turned = replace(flight, w_T_b=turn @ flight.w_T_b).found
+    assert turned.scale == pytest.approx(flight.found.scale, rel=1e-3)
+    assert turned.arm_m == pytest.approx(flight.found.arm_m, abs=1e-4)
+
+
+def test_gaps_in_pictures_and_readings_do_no_harm():
+    flight = made(2)
+    seen = (flight.stamps_s % 17) > 3
+    r = flight.readings
+    read = (r.stamps_s % 23) > 1.5
+    thinned = Made(
+        flight.stamps_s[seen],
+        flight.w_T_b[seen],
+        InertialReadings(r.stamps_s[read], r.gyro_rad_s[read], r.accel_m_s2[read]),
+        flight.covariance,
+    )
+    assert thinned.found.scale == pytest.approx(SCALE, abs=4 * thinned.found.scale_std)
+    assert thinned.found.scale_std > flight.found.scale_std
+
+
+@pytest.mark.slow
+def test_a_slow_flight_is_not_taken_for_larger_or_smaller_than_it_is():
+    """Where noise is no longer small beside the way, least squares on either side would bend the scale."""
+    found = [made(seed, sway=0.03).found for seed in range(6)]
+    off = np.array([(f.scale - SCALE) / f.scale_std for f in found])
+    assert abs(off.mean()) < 4 / np.sqrt(len(off))
+    assert np.mean([f.scale_std for f in found]) > 0.015
+
+
+@pytest.mark.parametrize("step", [67, pytest.param(17, marks=pytest.mark.slow)])
+def test_pictures_whose_tilt_errs_move_no_length(step: int):
+    """A tilt that is off moves the place by the height times that: an arm as long would explain both away."""
+    flights = [made(seed, 25.0, 0.3, step=step, tilt_std=2e-3, height_m=0.8) for seed in range(6)]
+    found = [flight.found for flight in flights]
+    off = np.array([(f.scale - SCALE) / f.scale_std for f in found])
+    assert (off**2).sum() < chi2.ppf(1 - 1e-4, len(off))
+    assert np.mean([f.scale_std for f in found]) < 0.05
+    assert np.abs([f.arm_m[2] - ARM_M[2] for f in found]).max() < 0.1
+
+
+@pytest.mark.slow
+def test_errors_that_neighbours_share_move_no_length():
+    """Frames that hang on one keyframe err together: taken for the accelerometer's noise, lengths shrink."""
+    flights = [made(seed, 25.0, 0.1, tilt_std=2e-3, height_m=0.8, shared=6) for seed in range(8)]
+    off = np.array([(f.found.scale - SCALE) / f.found.scale_std for f in flights])
+    assert abs(off.mean()) < 4 / np.sqrt(len(off))
+
+
+def test_the_told_size_of_the_poses_error_does_not_matter():
+    flight = made(7, 25.0, 0.3, tilt_std=2e-3, height_m=0.8)
+    quarter = replace(flight, covariance=flight.covariance / 16)
+    assert quarter.found.scale == pytest.approx(flight.found.scale, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("flight", "why"),
+    [(made(3, sway=1e-3), "hardly speeds up"), (made(3, lasts_s=4.0), "fly longer")],
+    ids=["hovers", "too short"],
+)
+def test_what_the_flight_does_not_tell_is_not_told(flight: Made, why: str):
+    assert isinstance(flight.found, NoScale)
+    assert why in flight.found.reason
+
+
+def test_readings_from_another_time_tell_nothing():
+    flight = made(4, lasts_s=15.0)
+    late = replace(flight.readings, stamps_s=flight.readings.stamps_s + 1000)
+    assert isinstance(inertial_scale(flight.stamps_s, flight.w_T_b, late, flight.covariance), NoScale)
+
+
+def test_an_accelerometer_of_wrong_signs_or_unit_is_not_heard():
+    flight = made(5, lasts_s=15.0)
+    for factor in (-1.0, 1 / GRAVITY_M_S2):
+        wrong = replace(flight.readings, accel_m_s2=factor * flight.readings.accel_m_s2)
+        assert isinstance(inertial_scale(flight.stamps_s, flight.w_T_b, wrong, flight.covariance), NoScale)
+
+
+def test_a_path_that_stands_while_the_accelerometer_moves_tells_nothing():
+    flight = made(6, lasts_s=15.0)
+    standing = np.tile(flight.w_T_b[:1], (len(flight.w_T_b), 1, 1))
+    assert isinstance(inertial_scale(flight.stamps_s, standing, flight.readings, flight.covariance), NoScale)

@@ -1,0 +1,142 @@
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+
+from backend import se3
+from backend.pose_graph.from_measurements import from_measurements
+from backend.pose_graph.problem import from_pose_graph
+from backend.pose_graph.selection.prediction import draws
+from backend.pose_graph.solve import solve, solve_pose_graph
+from tests.backend.synthetic import LOOP_STD, Made, falsified, flight, graph
+from tests.benchmarks.false_loops import KINDS, SEEDS, cases_of
+from tests.benchmarks.false_loops import falsified as falsified_graph
+from tests.benchmarks.graphs import graph_folder
+
+FOLDER = graph_folder()
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_draws_have_the_covariance_of_the_solution(dimension: int):
+    """Against gtsam's marginals: each whitened draw has unit variance, within chance for their number."""
+    problem = from_pose_graph(graph(1, dimension, n=30))
+    factors, values = problem.edge_factors(), problem.values(problem.initial)
+    prior = gtsam.PriorFactorPose2 if dimension == 2 else gtsam.PriorFactorPose3
+    first = values.atPose2(0) if dimension == 2 else values.atPose3(0)
+    factors.add(prior(0, first, gtsam.noiseModel.Isotropic.Sigma(problem.freedom, 1e-2)))
+    drawn = draws(factors, values, problem.freedom)
+    assert drawn is not None
+    marginals = gtsam.Marginals(factors, values)
+    for k in (3, 17, 29):
+        whitened = np.linalg.solve(np.linalg.cholesky(marginals.marginalCovariance(k)), drawn[k])
+        count = whitened.size
+        assert abs((whitened**2).mean() - 1) < 4.5 * np.sqrt(2 / count)
+
+
+def _repeating(made: Made, rows: int, seed: int) -> tuple[Made, np.ndarray]:
+    """Turn rows of five loops false in the same way: consistent with each other and with the odometry."""
+    rng = np.random.default_rng(seed)
+    edges = list(made.measurements.relative_poses)
+    false = np.zeros(len(edges), dtype=bool)
+    loops = [k for k, e in enumerate(edges) if e.kind == "loop"]
+    for row in range(rows):
+        a = int(rng.integers(0, 12))
+        b = int(rng.integers(40, 50))
+        T = se3.exp((rng.normal(size=6) * [0.05, 0.05, 0.3, 0.3, 0.3, 0.05])[None])[0]
+        for k, edge in enumerate(loops[5 * row : 5 * row + 5]):
+            ahead = se3.inverse(made.truth[a]) @ made.truth[a + k]
+            behind = se3.inverse(made.truth[b]) @ made.truth[b + k]
+            noise = se3.exp((rng.normal(size=6) * LOOP_STD)[None])[0]
+            i_T_j = se3.inverse(ahead) @ T @ behind @ noise
+            edges[edge] = replace(edges[edge], i=a + k, j=b + k, i_T_j=i_T_j)
+            false[edge] = True
+    return Made(replace(made.measurements, relative_poses=tuple(edges)), made.truth), false
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_false_loops_that_agree_with_each_other_are_outvoted(seed: int):
+    made, false = _repeating(flight(seed, n=80, loops=30), 2, seed)
+    s = solve(made.measurements, covariances=False)
+    np.testing.assert_array_equal(s.edge_kept, ~false)
+
+
+@pytest.mark.parametrize("share", [0.7, 0.9])
+def test_the_few_true_loops_among_many_false_are_found(share: float):
+    made, false = falsified(flight(3, n=80, loops=40), round(40 * share), seed=2)
+    s = solve(made.measurements, covariances=False)
+    assert not (s.edge_kept & false).any()
+    assert (~s.edge_kept & ~false).sum() <= 1
+
+
+def test_covariances_that_are_too_wide_let_no_false_loop_through():
+    made, false = falsified(flight(4, n=80, loops=30), 15, seed=1)
+    wide = tuple(replace(e, covariance=100 * e.covariance) for e in made.measurements.relative_poses)
+    s = solve(replace(made.measurements, relative_poses=wide, attitudes=(), ranges=()), covariances=False)
+    np.testing.assert_array_equal(s.edge_kept, ~false)
+
+
+def test_every_rejected_loop_tells_why_and_no_other():
+    made, _ = falsified(flight(5, n=80, loops=20), 10, seed=1)
+    s = solve(made.measurements, covariances=False)
+    for kept, reason in zip(s.edge_kept, s.edge_reason, strict=True):
+        assert (reason == "") == bool(kept)
+        assert kept or "sigma" in reason
+
+
+def test_the_choice_depends_on_nothing_but_the_graph():
+    made, _ = falsified(flight(6, n=80, loops=20), 12, seed=1)
+    one, other = (solve(made.measurements, covariances=False) for _ in range(2))
+    np.testing.assert_array_equal(one.w_T_b, other.w_T_b)
+    problem, _ = from_measurements(made.measurements, None)
+    assert problem.trusted.sum() == 79
+
+
+def test_time_limit_ends_the_search():
+    made, _ = falsified(flight(6, n=80, loops=20), 12, seed=1)
+    s = solve(made.measurements, covariances=False, time_limit_s=0.0)
+    assert np.isfinite(s.w_T_b).all()
+
+
+@pytest.mark.slow
+def test_many_false_loops_on_a_graph_do_not_fill_the_elimination_up():
+    """2000 poses with 1500 random loops: all of them solved at once would take minutes."""
+    made = _long_walk(2000)
+    whole = solve_pose_graph(made, covariances=False).w_T_b
+    false, wrong = falsified_graph(made, whole, 0.7, 1, seed=0)
+    s = solve_pose_graph(false, covariances=False)
+    assert (s.edge_kept & wrong).sum() <= 2
+    assert (~s.edge_kept & ~wrong).sum() <= 2
+
+
+def _long_walk(n: int):
+    """A spatial walk along a serpentine whose rows see each other."""
+    rng = np.random.default_rng(0)
+    row, column = np.divmod(np.arange(n), 50)
+    column = np.where(row % 2 == 0, column, 49 - column)
+    truth = se3.from_planar(np.column_stack([column, row, np.where(row % 2 == 0, 0.0, np.pi)]))
+    across = np.flatnonzero(row < row.max())
+    i = np.concatenate([np.arange(n - 1), across])
+    j = np.concatenate([np.arange(1, n), (2 * (row + 1) * 50 - 1 - np.arange(n))[across]])
+    far = np.abs(i - j) != 1
+    near = np.arange(len(i)) < n - 1
+    i, j = i[far | near], j[far | near]
+    std = np.array([0.01, 0.01, 0.01, 0.03, 0.03, 0.03])
+    ij_T = se3.inverse(truth[i]) @ truth[j] @ se3.exp(rng.normal(size=(len(i), 6)) * std)
+    information = np.tile(np.diag(std**-2), (len(i), 1, 1))
+    made = graph(0, 3, n=6)
+    return replace(
+        made, ids=np.arange(n), poses=np.full_like(truth, np.nan), i=i, j=j, ij_T=ij_T,
+        information=information, fixed=np.zeros(n, dtype=bool),
+    )  # fmt: skip
+
+
+@pytest.mark.skipif(FOLDER is None, reason="SLAM_DATA does not name the folder of measured data")
+@pytest.mark.parametrize("name", ["intel", pytest.param("CSAIL", marks=pytest.mark.slow)])
+def test_half_of_the_loops_false_on_a_measured_graph(name: str):
+    assert FOLDER is not None
+    cases = cases_of(FOLDER / f"{name}.g2o", (0.5,))
+    assert len(cases) == len(KINDS) * len(SEEDS)
+    for case in cases:
+        assert case.ratio < 1.2, case
+        assert case.kept == 0

@@ -1,0 +1,42 @@
+"""Draws about a solution against dense algebra."""
+
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+import pytest
+
+from backend.pose_graph.linear import elimination_order, jacobian
+from backend.pose_graph.problem import from_pose_graph
+from backend.pose_graph.selection.prediction import draws, white_noise
+from backend.pose_graph.unary_factors import fixed
+from tests.backend.synthetic import graph
+
+
+def made(dimension: int) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, int]:
+    problem = from_pose_graph(graph(4, dimension, n=30))
+    factors = problem.edge_factors()
+    factors.push_back(fixed(0, problem.initial[0], dimension).factor)
+    return factors, problem.values(problem.initial), problem.freedom
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_draws_solve_the_whole_system_with_noise_on_its_right(dimension: int) -> None:
+    factors, values, d = made(dimension)
+    J = jacobian(factors, values).toarray()
+    noise = white_noise(len(J) + 50, d)
+    expected = np.linalg.lstsq(J, noise[: len(J)], rcond=None)[0].reshape(30, d, -1)
+    for found in (draws(factors, values, d), draws(factors, values, d, noise)):
+        assert found is not None
+        np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_variable_is_eliminated_in_one_piece(dimension: int) -> None:
+    factors, values, d = made(dimension)
+    order = elimination_order(factors, d)
+    assert sorted(order) == list(range(values.dim()))
+    assert (order.reshape(-1, d) // d == order[::d, None] // d).all()
+    np.testing.assert_array_equal(
+        jacobian(factors, values, order).toarray(), jacobian(factors, values).toarray()[:, order]
+    )

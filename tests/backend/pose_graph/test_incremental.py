@@ -1,0 +1,133 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backend.errors import BackendError
+from backend.pose_graph.incremental import Incremental, Step
+from backend.pose_graph.solve import solve
+from tests.backend.synthetic import Made, flight
+
+
+def _flown(made: Made, **options) -> tuple[Incremental, list[Step]]:
+    live, steps = Incremental(**options), []
+    m = made.measurements
+    for k in range(m.count):
+        edges = tuple(e for e in m.relative_poses if max(e.i, e.j) == k)
+        own = [tuple(s for s in kind if s.k == k) for kind in (m.attitudes, m.ranges, m.positions)]
+        steps.append(live.add(edges, *own))
+    return live, steps
+
+
+@pytest.mark.parametrize("kind", ["plain", "attitude", "positions"])
+def test_the_same_answer_as_the_batch(kind: str):
+    made = {
+        "plain": flight(1, attitude_std=None, range_std=None),
+        "attitude": flight(1),
+        "positions": flight(1, position_std=0.1),
+    }[kind]
+    live, steps = _flown(made)
+    live.settle()
+    batch = solve(made.measurements, covariances=False, loops_robust=False)
+    assert live.error() == pytest.approx(batch.error, rel=1e-3)
+    w_T = live.trajectory()
+    relative = np.linalg.inv(w_T[0]) @ w_T
+    expected = np.linalg.inv(batch.w_T_b[0]) @ batch.w_T_b
+    np.testing.assert_allclose(relative, expected, atol=3e-3)
+    assert all(step.rebuilt == "" for step in steps)
+
+
+def test_each_step_tells_where_the_newest_keyframe_is():
+    made = flight(2)
+    live, steps = _flown(made)
+    for k, step in enumerate(steps):
+        assert np.isfinite(step.w_T_b).all()
+        # Loops and drift move it by little here; a wrong frame or order would by metres.
+        assert np.linalg.norm(step.w_T_b[:3, 3] - live.pose(k)[:3, 3]) < 0.6
+    np.testing.assert_array_equal(steps[-1].w_T_b, live.pose(59))
+
+
+def test_loops_wait_where_the_budget_is_spent_and_are_taken_in_at_the_end():
+    made = flight(3, n=80, loops=20)
+    live, steps = _flown(made, budget_s=0.0)
+    waiting = [step.waiting for step in steps]
+    assert max(waiting) > 5
+    assert live.settle().waiting == 0
+    batch = solve(made.measurements, covariances=False, loops_robust=False)
+    assert live.error() == pytest.approx(batch.error, rel=1e-3)
+    _, free = _flown(made, budget_s=np.inf)
+    assert max(step.waiting for step in free) == 0
+
+
+class _Poisoned:
+    """An ISAM2 after an exception."""
+
+    def __init__(self, healthy) -> None:
+        self._healthy = healthy
+
+    def update(self, *_args, **_options):
+        raise RuntimeError("Indeterminate linear system detected while working near variable\n7")
+
+    def __getattr__(self, name: str):
+        return getattr(self._healthy, name)
+
+
+def test_an_exception_is_survived_by_building_anew():
+    made = flight(4)
+    m = made.measurements
+    live = Incremental()
+    rebuilt = []
+    for k in range(m.count):
+        if k in (20, 45):
+            live._isam = _Poisoned(live._isam)
+        edges = tuple(e for e in m.relative_poses if max(e.i, e.j) == k)
+        own = [tuple(s for s in kind if s.k == k) for kind in (m.attitudes, m.ranges, m.positions)]
+        step = live.add(edges, *own)
+        if step.rebuilt:
+            rebuilt.append(k)
+            assert "Indeterminate" in step.rebuilt
+            assert "\n" not in step.rebuilt
+    assert rebuilt == [20, 45]
+    live.settle()
+    batch = solve(m, covariances=False, loops_robust=False)
+    assert live.error() == pytest.approx(batch.error, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        (lambda e: (replace(e, i_T_j=e.i_T_j * np.nan),), "not a finite rigid"),
+        (lambda e: (replace(e, covariance=e.covariance * 0),), "not symmetric positive definite"),
+        (lambda e: (replace(e, i=0, j=1),), "no relative pose joins keyframe 5"),
+        (lambda e: (e, replace(e, j=9)), "after the newest, 5"),
+        (lambda e: (e, replace(e, i=-1, kind="loop")), "names keyframe -1"),
+        (lambda e: (e, replace(e, i=2, kind="loop", covariance=-e.covariance)), "not symmetric positive"),
+        (lambda _: (), "no relative pose joins keyframe 5"),
+    ],
+)
+def test_bad_figures_are_refused_and_change_nothing(change, expected: str):
+    made = flight(5)
+    edges = made.measurements.relative_poses
+    live = Incremental()
+    live.add()
+    for k in range(1, 5):
+        live.add((edges[k - 1],))
+    before = live.trajectory()
+    with pytest.raises(BackendError, match=expected):
+        live.add(change(edges[4]))
+    np.testing.assert_array_equal(live.trajectory(), before)
+    live.add((edges[4],))
+    assert live.count == 6
+
+
+def test_nothing_can_be_settled_before_the_first():
+    with pytest.raises(BackendError, match="no keyframe"):
+        Incremental().settle()
+
+
+@pytest.mark.slow
+def test_a_long_chain():
+    """gtsam's Cholesky calls such a chain singular in batch."""
+    made = flight(6, n=3000, loops=0, attitude_std=None, range_std=None)
+    live, _ = _flown(made)
+    assert np.isfinite(live.trajectory()).all()

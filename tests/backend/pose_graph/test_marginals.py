@@ -1,0 +1,102 @@
+import gtsam
+import numpy as np
+import pytest
+
+from backend.pose_graph.marginals import bayes_tree, joint_covariances, pose_covariances
+from backend.pose_graph.problem import from_pose_graph
+from tests.backend.synthetic import graph
+
+EMBEDDED = np.ix_([3, 4, 2], [3, 4, 2])
+
+
+def _anchored(seed: int, dimension: int) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+    problem = from_pose_graph(graph(seed, dimension, n=25, noise=0.1))
+    factors, values = problem.edge_factors(), problem.values(problem.initial)
+    noise = gtsam.noiseModel.Isotropic.Sigma(problem.freedom, 1e-2)
+    if dimension == 2:
+        factors.add(gtsam.PriorFactorPose2(0, values.atPose2(0), noise))
+    else:
+        factors.add(gtsam.PriorFactorPose3(0, values.atPose3(0), noise))
+    return factors, values
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_agrees_with_the_dense_inverse(dimension: int):
+    factors, values = _anchored(1, dimension)
+    J, _ = factors.linearize(values).jacobian()
+    dense = np.linalg.inv(J.T @ J)
+    d = 3 if dimension == 2 else 6
+    ours = pose_covariances(factors, values, range(25))
+    for k in range(25):
+        block = dense[d * k : d * k + d, d * k : d * k + d]
+        mine = ours[k][EMBEDDED] if dimension == 2 else ours[k]
+        np.testing.assert_allclose(mine, block, rtol=1e-6, atol=1e-12)
+        if dimension == 2:
+            assert np.count_nonzero(ours[k]) <= 9
+
+
+def test_a_floating_part_is_nan_and_the_other_is_answered():
+    factors, values = _anchored(2, 3)
+    alone = pose_covariances(factors, values, range(25))
+    for k in (50, 51):
+        values.insert(k, gtsam.Pose3())
+    factors.add(gtsam.BetweenFactorPose3(50, 51, gtsam.Pose3(), gtsam.noiseModel.Unit.Create(6)))
+    both = pose_covariances(factors, values, [*range(25), 50, 51])
+    assert np.isnan(both[25:]).all()
+    np.testing.assert_allclose(both[:25], alone, rtol=1e-6, atol=1e-12)
+
+
+def test_a_part_with_an_open_direction_is_nan():
+    factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    values.insert(0, gtsam.Pose3())
+    factors.add(gtsam.GPSFactor(0, np.zeros(3), gtsam.noiseModel.Unit.Create(3)))
+    assert np.isnan(pose_covariances(factors, values, [0])).all()
+
+
+def test_a_key_that_is_not_there_is_nan():
+    factors, values = _anchored(2, 3)
+    assert np.isnan(pose_covariances(factors, values, [999])).all()
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_joints_with_a_common_variable_agree_with_the_dense_inverse(seed: int):
+    factors, values = _anchored(seed, 3)
+    common, d = 100, 2
+    values.insert(common, np.zeros(d))
+    rng = np.random.default_rng(seed)
+    linear = factors.linearize(values)
+    for k in range(0, 25, 3):
+        A, B = rng.normal(size=(3, 6)), rng.normal(size=(3, d))
+        noise = gtsam.noiseModel.Unit.Create(3)
+        linear.add(gtsam.JacobianFactor(k, A, common, B, np.zeros(3), noise))
+    graph = gtsam.NonlinearFactorGraph()
+    for k in range(linear.size()):
+        graph.add(gtsam.LinearContainerFactor(linear.at(k), values))
+    J, _ = linear.jacobian()
+    dense = np.linalg.inv(J.T @ J)
+    ours = joint_covariances(graph, values, range(25), common)
+    for k in range(25):
+        rows = [*range(6 * k, 6 * k + 6), *range(150, 150 + d)]
+        block = dense[np.ix_(rows, rows)]
+        scale = np.sqrt(np.outer(np.diag(block), np.diag(block)))
+        assert np.abs(ours[k] - block).max() < 1e-5 * scale.max()
+        assert (np.abs(ours[k] - block) < 1e-4 * scale).all()
+
+
+def test_joints_with_a_variable_that_nothing_measures_are_nan():
+    factors, values = _anchored(1, 3)
+    values.insert(100, np.zeros(1))
+    assert np.isnan(joint_covariances(factors, values, range(25), 100)).all()
+
+
+def test_a_message_that_cannot_be_decoded_is_an_error_like_any_other(monkeypatch: pytest.MonkeyPatch):
+    """gtsam names the variable by a letter that may be no letter."""
+
+    def raised(*_: object, **__: object) -> None:
+        b"\x9a".decode()
+
+    factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    values.insert(0, gtsam.Pose3())
+    factors.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(), gtsam.noiseModel.Unit.Create(6)))
+    monkeypatch.setattr(gtsam.GaussianFactorGraph, "eliminateMultifrontal", raised)
+    assert bayes_tree(factors, values) is None

@@ -1,0 +1,396 @@
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from backend import se3
+from backend.errors import BackendError
+from backend.measurements import Attitude, Measurements, Position, RelativePose, SlantRange
+from backend.pose_graph.from_measurements import from_measurements
+from backend.pose_graph.graph import blind_told
+from backend.pose_graph.problem import from_pose_graph
+from backend.pose_graph.solve import solve, solve_pose_graph
+from tests.backend.synthetic import falsified, flight, graph
+
+
+def _rmse(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.sqrt(((a[:, :3, 3] - b[:, :3, 3]) ** 2).sum(axis=1).mean()))
+
+
+def _onto_first(w_T: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Position and heading of the first pose put on the truth's: what a flight without GPS leaves open."""
+    turn = truth[0] @ se3.inverse(w_T[0])
+    heading = np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
+    move = se3.from_planar(np.array([[0, 0, heading]]))[0]
+    move[:2, 3] = truth[0, :2, 3] - (move @ w_T[0])[:2, 3]
+    return move @ w_T
+
+
+def test_attitude_and_range_put_the_flight_level_at_its_height():
+    made = flight(1)
+    s = solve(made.measurements)
+    assert s.status == "ok"
+    assert s.converged
+    assert s.edge_kept.all()
+    assert s.unobserved == ("heading, x and y of keyframes 0-59: nothing measures them, held at keyframe 0",)
+    off = s.w_T_b[:, 2, 3] - made.truth[:, 2, 3]
+    assert 0.0005 < np.sqrt((off**2).mean()) < 0.01
+    assert _rmse(_onto_first(s.w_T_b, made.truth), made.truth) < 0.08
+
+
+@pytest.mark.parametrize("kind", ["nothing", "attitude", "heading", "positions"])
+def test_what_is_held_is_what_nothing_measures(kind: str):
+    made = {
+        "nothing": flight(2, attitude_std=None, range_std=None),
+        "attitude": flight(2, range_std=None),
+        "heading": flight(2, attitude_std=(0.01, 0.01, 0.02)),
+        "positions": flight(2, position_std=0.1),
+    }[kind]
+    s = solve(made.measurements)
+    expected = {
+        "nothing": (
+            "position and attitude of keyframes 0-59: nothing measures them,"
+            " keyframe 0 is held where it starts",
+        ),
+        "attitude": (
+            "heading, x, y and height of keyframes 0-59: nothing measures them, held at keyframe 0",
+        ),
+        "heading": ("x and y of keyframes 0-59: nothing measures them, held at keyframe 0",),
+        "positions": (),
+    }[kind]
+    assert s.unobserved == expected
+    assert s.converged
+
+
+def test_holding_costs_nothing():
+    """A gauge that is held adds no error: a rigid motion of the start leaves the error."""
+    made = flight(3)
+    move = se3.from_planar(np.array([[5.0, -3.0, 2.0]]))[0]
+    plain = solve(made.measurements, initial=made.truth)
+    moved = solve(made.measurements, initial=move @ made.truth)
+    assert moved.error == pytest.approx(plain.error, rel=1e-5)
+    np.testing.assert_allclose(moved.w_T_b, move @ plain.w_T_b, atol=2e-3)
+
+
+def test_without_a_start_the_same_optimum_as_from_the_truth():
+    made = flight(4, position_std=0.2)
+    assert solve(made.measurements).error == pytest.approx(
+        solve(made.measurements, initial=made.truth).error, rel=1e-4
+    )
+
+
+def test_a_partial_start_is_completed_along_the_edges():
+    made = flight(4, attitude_std=None, range_std=None)
+    initial = np.full_like(made.truth, np.nan)
+    initial[7] = made.truth[7]
+    s = solve(made.measurements, initial=initial)
+    assert _rmse(s.w_T_b, made.truth) < 0.3
+
+
+def test_covariances_are_calibrated():
+    """Normalised errors of all keyframes over seeds: the mean within its two-sided 99.9 % band."""
+    nees = []
+    for seed in range(25):
+        made = flight(seed, n=20, loops=4, attitude_std=(0.01, 0.01, 0.02), position_std=0.05)
+        s = solve(made.measurements)
+        assert s.covariances is not None
+        k = seed % 20
+        e = se3.log(se3.inverse(s.w_T_b[k : k + 1]) @ made.truth[k : k + 1])[0]
+        nees.append(e @ np.linalg.solve(s.covariances[k], e))
+    low, high = chi2.ppf([0.0005, 0.9995], 6 * len(nees)) / len(nees)
+    assert low < np.mean(nees) < high
+
+
+def test_the_error_is_distributed_as_chi_square():
+    """Twice the error over seeds against its degrees of freedom, two-sided."""
+    total, freedom = 0.0, 0
+    for seed in range(15):
+        made = flight(seed, n=25, loops=6, attitude_std=None, range_std=None)
+        total += 2 * solve(made.measurements, covariances=False).error
+        freedom += 6 * (24 + 6) - 6 * 24
+    low, high = chi2.ppf([0.0005, 0.9995], freedom)
+    assert low < total < high
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5])
+def test_false_loops_are_rejected_with_their_reason(share: float):
+    clean = flight(5, n=80, loops=20)
+    made, false = falsified(clean, int(20 * share), seed=1)
+    s = solve(made.measurements)
+    np.testing.assert_array_equal(s.edge_kept, ~false)
+    for reason, wrong in zip(s.edge_reason, false, strict=True):
+        assert ("sigma (limit 4.7)" in reason) == bool(wrong)
+    best = solve(clean.measurements)
+    one, other = (_rmse(_onto_first(x.w_T_b, clean.truth), clean.truth) for x in (s, best))
+    assert one < 1.5 * other
+
+
+def test_rejection_can_be_forbidden_and_is_then_told():
+    made, _ = falsified(flight(5), 4, seed=1)
+    s = solve(made.measurements, loops_robust=False)
+    assert s.edge_kept.all()
+    assert any("disagree more than their covariances allow" in w for w in s.warnings)
+
+
+def test_no_edge_is_rejected_where_the_whole_fits():
+    """Single edges beyond the limit are chance as long as the global test passes."""
+    for seed in range(8):
+        assert solve(flight(seed, n=30, loops=15).measurements, covariances=False).edge_kept.all()
+
+
+def test_positions_with_outliers_do_not_pull():
+    made = flight(6, position_std=0.1)
+    bad = [replace(p, w_p_b_m=p.w_p_b_m + 20.0) if p.k % 12 == 0 else p for p in made.measurements.positions]
+    s = solve(replace(made.measurements, positions=tuple(bad)))
+    assert _rmse(s.w_T_b, made.truth) < 0.1
+    assert any("of 60 positions lie beyond 3 sigma" in w for w in s.warnings)
+
+
+def test_a_range_spike_does_not_pull():
+    made = flight(6)
+    ranges = list(made.measurements.ranges)
+    ranges[10] = replace(ranges[10], range_m=3.0)
+    s = solve(replace(made.measurements, ranges=tuple(ranges)))
+    assert abs(s.w_T_b[10, 2, 3] - made.truth[10, 2, 3]) < 0.02
+
+
+def test_a_horizontal_position_leaves_the_height_to_the_range():
+    made = flight(8, position_std=0.1)
+    flat = [replace(p, w_p_b_m=np.append(p.w_p_b_m[:2], np.nan)) for p in made.measurements.positions]
+    s = solve(replace(made.measurements, positions=tuple(flat)))
+    assert s.unobserved == ()
+    assert np.abs(s.w_T_b[:, 2, 3] - made.truth[:, 2, 3]).max() < 0.03
+
+
+def _cut(measurements: Measurements, at: int) -> Measurements:
+    edges = tuple(e for e in measurements.relative_poses if (e.i < at) == (e.j < at))
+    return replace(measurements, relative_poses=edges)
+
+
+def test_disconnected_parts_are_each_anchored_and_told():
+    made = flight(9, loops=0)
+    s = solve(_cut(made.measurements, 20))
+    np.testing.assert_array_equal(s.component, [1] * 20 + [0] * 40)
+    assert len(s.unobserved) == 2
+    assert s.status == "2 parts are not connected to each other"
+    assert np.isfinite(s.w_T_b).all()
+    assert np.abs(s.w_T_b[:, 2, 3] - made.truth[:, 2, 3]).max() < 0.05
+
+
+def test_a_keyframe_that_nothing_reaches_is_not_placed():
+    made = flight(9, loops=0, attitude_std=None, range_std=None)
+    edges = tuple(e for e in made.measurements.relative_poses if 59 not in (e.i, e.j))
+    s = solve(replace(made.measurements, relative_poses=edges))
+    assert s.component[59] == -1
+    assert np.isnan(s.w_T_b[59]).all()
+    assert s.covariances is not None
+    assert np.isnan(s.covariances[59]).all()
+    assert "keyframe 59 not placed: no edge and no position" in s.unobserved
+
+
+def test_names_are_used():
+    made = flight(9, n=4, loops=0)
+    named = replace(made.measurements, names=("a.png", "b.png", "c.png", "d.png"))
+    edges = tuple(e for e in named.relative_poses if 3 not in (e.i, e.j))
+    s = solve(replace(named, relative_poses=edges))
+    assert any("d.png" in said for said in s.unobserved)
+
+
+def test_interrupt_leaves_cleanly():
+    made = flight(1)
+
+    def interrupt(iteration: int, error: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        solve(made.measurements, on_step=interrupt)
+    assert solve(made.measurements).converged
+
+
+EYE = np.eye(4)
+GOOD = np.eye(6) * 1e-4
+
+
+def _edge(T=EYE, covariance=GOOD, i: int = 0, j: int = 1) -> RelativePose:
+    return RelativePose(i, j, T, covariance, "odometry")
+
+
+@pytest.mark.parametrize(
+    ("measurements", "expected"),
+    [
+        (Measurements(np.zeros(0)), "no keyframe"),
+        (Measurements(np.arange(2.0), (_edge(EYE * np.nan),)), "odometry edge 0-1 is not a finite rigid"),
+        (Measurements(np.arange(2.0), (_edge(np.diag([1, 1, -1, 1.0])),)), "not a finite rigid"),
+        (Measurements(np.arange(2.0), (_edge(EYE * 2),)), "not a finite rigid"),
+        (Measurements(np.arange(2.0), (_edge(covariance=GOOD * np.nan),)), "not symmetric positive definite"),
+        (Measurements(np.arange(2.0), (_edge(covariance=GOOD * 0),)), "not symmetric positive definite"),
+        (Measurements(np.arange(2.0), (_edge(covariance=-GOOD),)), "not symmetric positive definite"),
+        (
+            Measurements(np.arange(2.0), (_edge(covariance=GOOD + np.triu(np.ones((6, 6)) * 1e-5, 1)),)),
+            "not symmetric positive definite",
+        ),
+        (Measurements(np.arange(2.0), (_edge(j=7),)), "joins keyframes 0 and 7 of 2"),
+        (Measurements(np.arange(2.0), (_edge(j=0),)), "joins keyframes 0 and 0"),
+        (Measurements(np.arange(2.0), ranges=(SlantRange(5, 1.0, 0.1),)), "names keyframe 5 of 2"),
+        (Measurements(np.arange(2.0), ranges=(SlantRange(0, 1.0, 0.0),)), "the range of keyframe 0"),
+        (
+            Measurements(np.arange(2.0), attitudes=(Attitude(0, np.zeros(3), np.zeros(3)),)),
+            "the attitude of keyframe 0",
+        ),
+        (
+            Measurements(np.arange(2.0), positions=(Position(1, np.zeros(3), np.full(3, np.nan)),)),
+            "the position of",
+        ),
+        (Measurements(np.arange(2.0), names=("one",)), "1 names for 2 keyframes"),
+    ],
+)
+def test_bad_figures_are_refused_by_name(measurements: Measurements, expected: str):
+    with pytest.raises(BackendError, match=expected) as refused:
+        solve(measurements)
+    assert "\n" not in str(refused.value)
+
+
+def test_unusable_single_figures_are_left_out_and_counted():
+    made = flight(1, n=6, loops=0)
+    ranges = tuple(
+        replace(r, range_m=v) for r, v in zip(made.measurements.ranges, [np.nan, -1, 0, 1, 1, 1], strict=True)
+    )
+    s = solve(replace(made.measurements, ranges=ranges))
+    assert any("3 attitudes, ranges or positions without a usable figure" in w for w in s.warnings)
+
+
+def test_one_and_two_keyframes():
+    one = solve(Measurements(np.zeros(1)))
+    assert one.component.tolist() == [0]
+    np.testing.assert_array_equal(one.w_T_b[0], EYE)
+    two = solve(Measurements(np.arange(2.0), (_edge(),)))
+    assert two.converged
+    np.testing.assert_allclose(two.w_T_b[1], EYE, atol=1e-9)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("poses", [True, False])
+def test_a_pose_graph_is_solved_with_and_without_vertices(dimension: int, poses: bool):
+    made = graph(11, dimension, poses=poses)
+    s = solve_pose_graph(made)
+    freedom = (3 if dimension == 2 else 6) * (len(made.i) - len(made.ids) + 1)
+    low, high = chi2.ppf([0.0005, 0.9995], freedom)
+    assert low < 2 * s.error < high
+    assert s.covariances is not None
+    assert np.isfinite(s.covariances).all()
+    residual = from_pose_graph(made).residuals(s.w_T_b)
+    np.testing.assert_allclose((residual**2).sum() / 2, s.error, rtol=1e-6)
+
+
+def test_an_exact_graph_has_no_error():
+    made = graph(12, 3, noise=0.0)
+    assert solve_pose_graph(replace(made, poses=np.full_like(made.poses, np.nan))).error < 1e-6
+
+
+def test_fixed_vertices_stay():
+    made = graph(13, 3)
+    made = replace(made, fixed=made.ids == 5)
+    s = solve_pose_graph(made)
+    np.testing.assert_allclose(s.w_T_b[5], made.poses[5], atol=1e-5)
+    assert s.unobserved == ()
+
+
+def test_a_disconnected_pose_graph_is_solved_in_parts():
+    a, b = graph(14, 2), graph(15, 2, n=20)
+    both = replace(
+        a,
+        ids=np.arange(60),
+        poses=np.concatenate([a.poses, b.poses]),
+        i=np.concatenate([a.i, b.i + 40]),
+        j=np.concatenate([a.j, b.j + 40]),
+        ij_T=np.concatenate([a.ij_T, b.ij_T]),
+        information=np.concatenate([a.information, b.information]),
+        fixed=np.zeros(60, dtype=bool),
+    )
+    s = solve_pose_graph(both)
+    assert s.error == pytest.approx(solve_pose_graph(a).error + solve_pose_graph(b).error, rel=1e-4)
+    np.testing.assert_array_equal(s.component, [0] * 40 + [1] * 20)
+
+
+def test_the_time_limit_is_told():
+    s = solve(flight(1).measurements, time_limit_s=0.0)
+    assert s.status != "ok" or s.converged
+
+
+def test_the_slant_range_factor_is_its_definition():
+    """Residual zero where height over the cosine of the tilt is the range, one sigma off by one sigma."""
+    tilt = se3.exp(np.array([[0.2, -0.1, 0.7, 0, 0, 0]]))[0]
+    tilt[2, 3] = 1.3
+    slant = 1.3 / tilt[2, 2]
+    for off, expected in ((0.0, 0.0), (0.01, 1.0)):
+        problem, _ = from_measurements(
+            Measurements(np.zeros(1), ranges=(SlantRange(0, slant + off, 0.01 / tilt[2, 2]),)), tilt[None]
+        )
+        error = problem.absolutes[0].plain.error(problem.values(tilt[None]))
+        assert np.sqrt(2 * error) == pytest.approx(expected * tilt[2, 2] ** 2, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_a_chain_of_100_000_poses_in_a_process_of_its_own():
+    code = """
+import numpy as np
+from backend.pose_graph.solve import solve_pose_graph
+from backend.pose_graph.graph import PoseGraph
+n = 100_000
+step = np.tile(np.eye(4), (n - 1, 1, 1))
+step[:, 0, 3] = 1.0
+information = np.tile(np.diag([400.0, 400, 1e4]), (n - 1, 1, 1))
+graph = PoseGraph(2, np.arange(n), np.full((n, 4, 4), np.nan), np.arange(n - 1), np.arange(1, n), step,
+                  information, np.zeros(n, dtype=bool))
+s = solve_pose_graph(graph)
+assert s.converged and s.error < 1e-3, s.status
+assert np.isfinite(s.covariances[1]).all()
+print("solved")
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr[-500:]
+    assert done.stdout.strip() == "solved"
+
+
+def without_x(made, *edges: int):
+    """The graph whose edges tell nothing about the step along their own x."""
+    information = made.information.copy()
+    for edge in edges:
+        information[edge, 0, :] = information[edge, :, 0] = 0.0
+    return replace(made, information=information)
+
+
+def test_edges_that_tell_nothing_about_a_direction_are_counted():
+    made = graph(3, 2)
+    edges = [int(e) for e in np.flatnonzero(made.j - made.i == 1)[:4]]
+    blind = without_x(made, *edges)
+    told = solve_pose_graph(blind).warnings[0]
+    i, j = made.ids[made.i[edges[0]]], made.ids[made.j[edges[0]]]
+    assert f"4 of {len(made.i)} edges tell nothing about some direction" in told
+    assert f"the first is {i}-{j})" in told
+    # Directions that are known badly, in whatever units, are known.
+    fine = np.diag([1e6, 1e6, 1e-6])
+    for same in (made, replace(made, information=fine @ made.information @ fine)):
+        assert not blind_told(same)
+
+
+def test_a_direction_that_no_edge_tells_is_in_the_status():
+    made = graph(3, 2)
+    last = int(made.j.max())
+    reaching = np.flatnonzero((made.i == last) | (made.j == last))
+    only = replace(
+        made,
+        **{
+            name: np.delete(getattr(made, name), reaching[1:], axis=0)
+            for name in ("i", "j", "ij_T", "information")
+        },
+    )
+    (edge,) = np.flatnonzero((only.i == last) | (only.j == last))
+    assert solve_pose_graph(only).status == "ok"
+    status = solve_pose_graph(without_x(only, int(edge))).status
+    assert status == f"1 direction around vertex {made.ids[last]} not observed"

@@ -1,0 +1,59 @@
+"""One recording given twice is one recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slam.core.duplicate_flights import same_recording, without_repeats
+from slam.core.errors import InputError
+from slam.core.flight import Flight, Sonar
+from slam.core.join_flights import join_flights
+from slam.criticism import criticise
+from slam.criticism.healthy import flown
+from slam.criticism.manoeuvres import stick_for
+from slam.simulation import simulate
+from slam.simulation.model import load_model
+from tests.slam.small_flight import recipe
+
+
+@pytest.fixture(scope="module")
+def one() -> Flight:
+    return simulate(recipe(), seed=1)
+
+
+def test_a_copy_is_known_whatever_it_is_called_and_what_it_lost(one: Flight):
+    copy = replace(one, name="copy", sonar=None, velocity=None)
+    assert same_recording(one, copy)
+    kept, told = without_repeats([one, copy])
+    assert kept == [one]
+    assert told == [f"copy: the same recording as {one.name}; it was left out"]
+
+
+def test_other_flights_are_other_flights(one: Flight):
+    other = simulate(recipe(), seed=2)
+    assert not same_recording(one, other)
+    assert without_repeats([one, other]) == ([one, other], [])
+
+
+def test_what_holds_nothing_or_next_to_nothing_is_no_repeat():
+    def flight(values: list[float]) -> Flight:
+        return Flight("f", sonar=Sonar(np.arange(len(values), dtype=float), np.array(values)))
+
+    assert not same_recording(flight([1.0] * 3), flight([1.0] * 3))
+    assert not same_recording(flight([np.nan] * 20), flight([np.nan] * 20))
+    assert same_recording(flight([1.0, np.nan] * 10), flight([1.0, np.nan] * 10))
+
+
+def test_a_map_of_one_recording_given_twice_is_refused(one: Flight):
+    with pytest.raises(InputError, match=r"the same recording as .*; give it once"):
+        join_flights([one, replace(one, name="again")])
+
+
+def test_criticism_judges_it_once_and_says_so():
+    flight = flown(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), 1)
+    verdict = criticise([flight, replace(flight, name="again")])
+    assert verdict.flights == (flight.name,)
+    assert f"again: the same recording as {flight.name}; it was left out" in verdict.dropped

@@ -1,0 +1,180 @@
+"""What a flight holds, what it lacks and what is odd about it."""
+
+import dataclasses
+import io
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from slam.cli.flight_tables import print_info
+from slam.core.flight import Flight, Sonar
+from slam.core.flight_info import describe
+from slam.io.flight_folder import read_flight
+from tests.slam.io.made_flight import made_flight
+
+DATA = os.environ.get("SLAM_DATA")
+
+
+def odd(flight, *words):
+    return [line for line in describe(flight).odd if all(w in line for w in words)]
+
+
+def part(flight, field, **changes):
+    return dataclasses.replace(flight, **{field: dataclasses.replace(getattr(flight, field), **changes)})
+
+
+def sonar(ranges, rate_hz=25.0):
+    ranges = np.asarray(ranges, float)
+    return Flight("s", sonar=Sonar(np.arange(len(ranges)) / rate_hz, ranges))
+
+
+def test_a_sound_flight_is_not_odd():
+    info = describe(made_flight(seconds=20))
+    assert info.odd == ()
+    assert info.missing == ()
+    assert info.landmarks == 2
+    imu = next(s for s in info.streams if s.name == "imu0")
+    assert (imu.count, imu.gaps, imu.missing_values) == (2000, 0, 0)
+    assert abs(imu.rate_hz - 100) < 1e-6
+    assert abs(imu.duration_s - 19.99) < 1e-9
+    assert abs(imu.largest_gap_s - 0.01) < 1e-9
+    ranges = next(s for s in info.streams if s.name == "sonar0")
+    assert (ranges.start_s, ranges.missing_values) == (0.02, 2)
+
+
+@pytest.mark.parametrize(("pause_s", "gaps"), [(0.02, 0), (0.09, 0), (0.11, 1), (3.0, 1)])
+def test_gaps_are_long_by_both_measures(pause_s, gaps):
+    flight = made_flight()
+    stamps = flight.imu.stamps_s.copy()
+    stamps[300:] += pause_s - 0.01
+    flight = part(flight, "imu", stamps_s=stamps)
+    imu = describe(flight).streams[1]
+    assert imu.gaps == gaps
+    assert abs(imu.largest_gap_s - pause_s) < 1e-9
+    assert len(odd(flight, "imu0", "gap")) == gaps
+
+
+def test_sonar_stuck_saturated_negative_and_dead():
+    rng = np.random.default_rng(0)
+    live = 1.0 + rng.normal(0, 0.01, 500)
+    assert odd(sonar(live), "sonar0") == []
+    stuck = live.copy()
+    stuck[100:300] = 1.5
+    assert odd(sonar(stuck), "exactly 1.5 m for 8.0 s from 4.0 s")
+    assert not odd(sonar(np.where(np.arange(500) % 40 < 39, 1.5, 1.6)), "exactly")
+    assert odd(sonar(np.r_[live, np.full(60, 6.0)]), "saturated")
+    assert odd(sonar(np.r_[live, -1.0, 0.0]), "2 ranges are zero or negative")
+    assert odd(sonar(np.full(50, np.nan)), "no range at all")
+    assert odd(sonar(np.r_[live, np.full(60, 0.1)]), "below its 0.25 m")
+
+
+def test_attitude():
+    flight = made_flight()
+    angles = flight.attitude.roll_pitch_yaw_rad.copy()
+    angles[:, 2] += 4
+    assert odd(part(flight, "attitude", roll_pitch_yaw_rad=angles), "yaw is unwrapped")
+    angles[:, 0] = np.nan
+    assert odd(part(flight, "attitude", roll_pitch_yaw_rad=angles), "roll was not recorded")
+
+
+def test_imu_at_rest():
+    flight = made_flight()
+    n = len(flight.imu.stamps_s)
+    rng = np.random.default_rng(0)
+    still = part(flight, "imu", gyro_rad_s=rng.normal(0, 1e-3, (n, 3)))
+    assert odd(still, "imu0") == []
+    low = part(still, "imu", accel_m_s2=still.imu.accel_m_s2 * 0.92)
+    assert odd(low, "accelerometer reads 9.0", "m/s^2 at rest")
+    assert odd(part(still, "imu", gyro_rad_s=still.imu.gyro_rad_s + 0.1), "gyro reads 0.173 rad/s at rest")
+    moving = part(flight, "imu", accel_m_s2=flight.imu.accel_m_s2 * 0.9)
+    assert odd(moving, "on average")
+
+
+def test_streams_apart_in_time():
+    flight = made_flight()
+    late = part(flight, "sonar", stamps_s=flight.sonar.stamps_s + 100)
+    assert odd(late, "sonar0", "does not overlap in time with cam0")
+    half = part(flight, "sonar", stamps_s=flight.sonar.stamps_s + 4)
+    assert odd(half, "sonar0", "covers only")
+
+
+def test_noise_of_zero():
+    flight = part(made_flight(), "sonar", noise_std_m=0.0)
+    assert odd(flight, "sonar0", "noise is given as zero")
+
+
+def test_missing_says_what_it_means():
+    def missing(**changes):
+        return " | ".join(describe(dataclasses.replace(made_flight(), **changes)).missing)
+
+    assert "no metric scale" in missing(sonar=None, gps=None, imu=None)
+    assert "lengths come from the accelerometer" in missing(sonar=None, gps=None)
+    without = missing(camera=None, frames=None, sonar=None, gps=None, imu=None)
+    assert not re.search("scale|pictures|Earth", without), "there is no map to speak of"
+    assert "scale comes from GPS" in missing(sonar=None)
+    assert "flights without a camera are for `slam estimate`" in missing(camera=None, frames=None)
+    assert "tilt is not measured" in missing(imu=None, attitude=None)
+    assert "cannot be evaluated" in missing(truth=None, gps=None)
+    assert "cannot be replayed" in missing(command=None)
+    assert "not placed on Earth" in missing(gps=None)
+
+
+def test_an_empty_flight_is_described():
+    info = describe(Flight("nothing"))
+    assert info.streams == ()
+    assert info.duration_s == 0
+    print_info(info, Console(file=io.StringIO()))
+
+
+def test_reads_no_picture():
+    def load(k):
+        raise AssertionError
+
+    flight = part(made_flight(), "frames", load=load)
+    assert describe(flight).streams[0].count == 30
+
+
+def test_printed_text_is_shown_as_it_is():
+    screen = io.StringIO()
+    flight = dataclasses.replace(
+        made_flight(),
+        name="[bold]not markup[/]\x1b[31m\nline",
+        notes={"place": "[red]hall[/red]" + "x" * 2000},
+        warnings=("imu0: [link=http://a]3 rows[/link] dropped\n",),
+        sonar=None,
+        gps=None,
+    )
+    print_info(describe(flight), Console(file=screen, width=120))
+    shown = screen.getvalue()
+    assert "\x1b" not in shown
+    for text in (
+        "[bold]not markup[/]",
+        "[red]hall[/red]",
+        "[link=http://a]3 rows[/link] dropped",
+        "no sonar and no GPS",
+    ):
+        assert text in shown
+    assert "imu0" in shown
+    assert len(shown) < 4000
+
+
+@pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set")
+def test_measured_flights():
+    info = describe(read_flight(Path(DATA, "flights/ardrone2-hybrid")))
+    assert any("accelerometer reads 9.04 m/s^2 at rest" in line for line in info.odd)
+    assert [s.gaps for s in info.streams] == [0] * 7
+    info = describe(read_flight(Path(DATA, "flights/px4flow-quad")))
+    assert any("yaw is unwrapped" in line for line in info.odd)
+    assert all(s.gaps == 3 for s in info.streams)
+
+
+def test_every_column_names_its_unit():
+    out = io.StringIO()
+    print_info(describe(made_flight(seconds=20)), Console(file=out, width=200))
+    heading = next(line for line in out.getvalue().splitlines() if "stream" in line)
+    for title in ("rate [Hz]", "starts [s]", "lasts [s]", "largest gap [s]"):
+        assert title in heading

@@ -1,0 +1,127 @@
+"""Several flights, one map."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from slam import evaluate, optimize
+from slam.cli import app
+from slam.core.errors import InputError
+from slam.core.flight import Flight
+from slam.core.join_flights import PAUSE_S, join_flights
+from slam.io.estimate import read_estimate
+from slam.io.flight_writer import write_flight
+from tests.slam.small_flight import elsewhere, flown, gps_of, only, photographs, seeing
+
+
+@pytest.fixture(scope="module")
+def two() -> tuple[Flight, Flight]:
+    """The same ground flown twice, with a hold noise and a sensor noise of its own each."""
+    return replace(flown(0), name="small"), replace(flown(1), name="second")
+
+
+def test_two_flights_over_the_same_ground_make_one_map_as_good_as_its_covariance_says(two):
+    joint = join_flights(two)
+    estimate = optimize(joint)
+    assert estimate.status == "ok"
+    assert set(estimate.component.tolist()) == {0}
+    first = np.array([name.startswith("small/") for name in estimate.frame_names])
+    across = [loop for loop in estimate.loops if loop.verdict == "kept" and first[loop.i] != first[loop.j]]
+    assert len(across) > 50
+    result = evaluate(estimate, joint)
+    assert result.loops.precision == 1.0
+    assert result.ate_m.rmse < 0.005
+    assert result.nees.pose.lower95 < result.nees.pose.mean < result.nees.pose.upper95
+
+
+@pytest.mark.slow
+def test_flights_over_different_ground_stay_two_maps_and_say_so(two):
+    estimate = optimize(join_flights([two[0], replace(elsewhere(), name="elsewhere")]))
+    assert set(estimate.component.tolist()) == {0, 1}
+    assert "2 parts" in estimate.status
+    first = np.array([name.startswith("small/") for name in estimate.frame_names])
+    assert len(set(estimate.component[first].tolist())) == 1
+
+
+def test_one_flight_is_itself(two):
+    assert join_flights(two[:1]) is two[0]
+
+
+def test_clocks_that_follow_each_other_are_kept_and_others_are_moved_by_whole_seconds(two):
+    a, b = two
+    later = replace(b, epoch_ns=a.epoch_ns + 3_600_000_000_000)
+    kept = join_flights([a, later])
+    assert kept.frames.stamps_s[len(a.frames)] == pytest.approx(b.frames.stamps_s[0] + 3600.0, abs=1e-9)
+    assert not kept.warnings
+    moved = join_flights([a, b])
+    shift = moved.frames.stamps_s[len(a.frames)] - b.frames.stamps_s[0]
+    assert shift == pytest.approx(round(shift), abs=1e-9)
+    assert moved.frames.stamps_s[len(a.frames)] >= a.truth.stamps_s[-1] + PAUSE_S
+    assert "second" in moved.warnings[0]
+    for series in (moved.frames, moved.sonar, moved.attitude, moved.truth):
+        assert (np.diff(series.stamps_s) > 0).all()
+
+
+def test_pictures_and_why_they_fail_are_those_of_the_flights(two):
+    a, b = two
+    broken = seeing(b, lambda k: None)
+    broken.frames.failures[3] = "cut short"  # a loader's own dictionary
+    joint = join_flights([a, broken])
+    assert np.array_equal(joint.frames.load(5), a.frames.load(5))
+    assert joint.frames.load(len(a.frames) + 3) is None
+    assert joint.frames.failures == {len(a.frames) + 3: "cut short"}
+    assert joint.frames.names[len(a.frames)] == f"second/{b.frames.names[0]}"
+
+
+def test_truth_of_some_is_no_truth_of_all_and_gps_of_some_is(two):
+    a, b = two
+    joint = join_flights([replace(a, gps=gps_of(a, 0.1)), replace(b, truth=None)])
+    assert joint.truth is None
+    assert "small" in joint.warnings[-1]
+    assert len(joint.gps.stamps_s) == len(gps_of(a, 0.1).stamps_s)
+
+
+def test_flights_of_one_name_are_told_apart(two):
+    assert join_flights([two[0], replace(two[1], name=two[0].name)]).name == "small.1 + small.2"
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda f: replace(f, camera=None, frames=None), "no camera"),
+        (lambda f: replace(f, camera=replace(f.camera, size_px=(320, 240))), "320x240"),
+        (lambda f: replace(f, camera=replace(f.camera, focal_px=(99.0, 99.0))), "99.0"),
+        (lambda f: replace(f, camera=replace(f.camera, distortion=(0.1, 0, 0, 0))), "distortion"),
+        (lambda f: replace(f, camera=replace(f.camera, b_T_c=np.eye(4))), "mounted"),
+        (lambda f: photographs([(f, 0), (f, 9)]), "photographs"),
+    ],
+)
+def test_what_cannot_be_joined_is_refused_in_one_line(two, change, told):
+    with pytest.raises(InputError, match=told) as refused:
+        join_flights([two[0], change(two[1])])
+    assert "\n" not in str(refused.value)
+
+
+def test_no_flight_is_refused():
+    with pytest.raises(InputError, match="no flight"):
+        join_flights([])
+
+
+def test_the_command_takes_several_flights_and_evaluates_their_map(two, tmp_path):
+    for flight in two:
+        write_flight(only(flight, range(0, len(flight.frames) // 2, 2)), tmp_path / flight.name)
+    paths = [str(tmp_path / flight.name) for flight in two]
+    out = str(tmp_path / "map")
+    ran = CliRunner().invoke(app, ["optimize", *paths, "--out", out, "--no-mosaic"])
+    assert ran.exit_code == 0, ran.output
+    assert read_estimate(out).name == "small + second"
+    ran = CliRunner().invoke(app, ["evaluate", out, "--truth", paths[0], "--truth", paths[1]])
+    assert ran.exit_code == 0, ran.output
+    graph = tmp_path / "map" / "graph.g2o"
+    ran = CliRunner().invoke(app, ["optimize", paths[0], str(graph), "--out", str(tmp_path / "other")])
+    assert ran.exit_code == 1
+    assert "graph" in ran.output

@@ -1,0 +1,59 @@
+"""How far work is, told by what does it and shown to who waits."""
+
+from __future__ import annotations
+
+import io
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from rich.console import Console
+from typer.testing import CliRunner
+
+from slam.cli import app
+from slam.cli.console import progress_shown
+from slam.core.flight import Flight, Imu
+from slam.core.progress import Tally
+from slam.io.flight_writer import write_flight
+
+
+def test_parts_are_counted_as_they_end_by_several_threads_too():
+    told = []
+    tally = Tally(lambda *step: told.append(step), "look", 40)
+
+    def one(_):
+        with tally.part():
+            pass
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(one, range(40)))
+    done = [step[1] for step in told]
+    assert done == sorted(done)
+    assert (told[0], told[-1]) == (("look", 0, 40), ("look", 40, 40))
+
+
+def test_each_part_ends_when_the_next_is_asked_for():
+    told = []
+    parts = Tally(lambda *step: told.append(step), "try").each("ab")
+    assert [next(parts), told[-1]] == ["a", ("try", 0, 0)]
+    assert [next(parts), told[-1]] == ["b", ("try", 1, 0)]
+    assert next(parts, None) is None
+    assert told[-1] == ("try", 2, 0)
+
+
+def test_a_log_has_one_line_for_each_stage():
+    out = io.StringIO()
+    with progress_shown(Console(file=out)) as progress:
+        list(Tally(progress, "look").each(range(3)))
+        list(Tally(progress, "pictures", 3).each(range(3)))
+    assert out.getvalue().splitlines() == ["look", "pictures (3)"]
+
+
+def test_criticism_tells_the_terminal_what_it_does(tmp_path):
+    stamps_s = np.arange(0.0, 10.0, 0.01)
+    rng = np.random.default_rng(1)
+    noise = rng.normal(0.0, 0.01, (2, len(stamps_s), 3))
+    imu = Imu(stamps_s, noise[0], noise[1] + [0.0, 0.0, 9.81], 1e-3, 1e-2)
+    write_flight(Flight("still", imu=imu), tmp_path / "still")
+    result = CliRunner().invoke(app, ["criticise", str(tmp_path / "still"), "--out", str(tmp_path / "out")])
+    assert result.exit_code == 0, result.output
+    assert result.output.splitlines()[:2] == ["instruments (1)", "report (1)"]

@@ -1,0 +1,164 @@
+"""From an estimate and its flight to mosaic files."""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import rasterio
+
+import slam.report.rasters.mosaic
+from slam.core.errors import InputError
+from slam.core.estimate import Estimate
+from slam.core.flight import Flight, Frames, GeoOrigin
+from slam.report.rasters.mosaic import write_chain_picture, write_mosaic
+from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, photograph, smooth_floor, survey
+
+FILES = ["mosaic.pgw", "mosaic.png", "mosaic.tif", "mosaic_quality.png", "mosaic_quality.tif"]
+
+
+def scene(seed: int = 1) -> tuple[Estimate, Flight, list[np.ndarray | None]]:
+    """A flight of twice as many frames as keyframes."""
+    poses = survey(seed)
+    n = len(poses)
+    frames: list[np.ndarray | None] = []
+    for T in poses:
+        frames += [None, photograph(smooth_floor(1), CAMERA, T, 1)]
+    index = 2 * np.arange(n) + 1
+    unknown = np.full((n, 6, 6), np.nan)
+    names = tuple(f"{k}.png" for k in index)
+    estimate = Estimate(
+        "made", "ok", 0, np.arange(n) * 1.0, names, index, poses, unknown, unknown,
+        np.zeros(n, np.int64), CAMERA, FLOOR_Z_M, None, (), (), poses, poses,
+    )  # fmt: skip
+    names = tuple(f"{k}.png" for k in range(2 * n))
+    return (
+        estimate,
+        Flight("made", camera=CAMERA, frames=Frames(np.arange(2.0 * n), names, frames.__getitem__)),
+        frames,
+    )
+
+
+def test_files_hold_the_floor_where_it_lies(tmp_path: Path) -> None:
+    estimate, flight, _ = scene()
+    told: list[tuple[str, int, int]] = []
+    files = write_mosaic(estimate, flight, tmp_path / "new", progress=lambda *step: told.append(step))
+    assert sorted(p.name for p in (tmp_path / "new").iterdir()) == FILES
+    assert files.pictures + files.redundant == 12
+    assert files.left_out == {}
+    assert files.note == ""
+    assert files.geotiff is not None
+    assert files.quality is not None
+    with rasterio.open(files.geotiff) as raster, rasterio.open(files.quality) as bands:
+        assert bands.count == len(bands.descriptions) == 3
+        assert bands.bounds.left == pytest.approx(raster.bounds.left)
+        assert bands.bounds.top == pytest.approx(raster.bounds.top)
+        # Cells at the border, of which only the edge was drawn, have none.
+        drawn = np.isfinite(bands.read(1)).repeat(16, axis=0).repeat(16, axis=1)
+        assert drawn[: raster.height, : raster.width][raster.read(4) > 0].mean() > 0.98
+    with rasterio.open(files.geotiff) as raster:
+        rgba = np.moveaxis(raster.read(), 0, 2)
+        x, y = raster.xy(*np.nonzero(rgba[..., 3]))
+        assert raster.res == pytest.approx((files.gsd_m, files.gsd_m))
+        assert raster.crs.to_wkt().startswith("LOCAL_CS")
+    some = np.random.default_rng(2).choice(len(x), 5000, replace=False)
+    floor = smooth_floor(1).at(np.array([x])[:, some], np.array([y])[:, some])[0, :, ::-1]
+    assert (rgba[rgba[..., 3] > 0][some, :3] - floor).std() < 4
+    assert {s for s, _, _ in told} == {"mosaic exposure", "mosaic"}
+    assert all(a[1] <= b[1] for a, b in pairwise(told) if a[0] == b[0])
+    assert {(d, t) for s, d, t in told if d == t and s == "mosaic"}
+
+
+def test_georeferenced_with_an_origin(tmp_path: Path) -> None:
+    estimate, flight, _ = scene()
+    origin = GeoOrigin(52.0, 4.4, 3.0)
+    files = write_mosaic(dataclasses.replace(estimate, origin=origin), flight, tmp_path)
+    with rasterio.open(files.geotiff) as raster:
+        assert raster.crs.to_dict()["proj"] == "aeqd"
+        assert raster.crs.to_dict()["lat_0"] == 52.0
+
+
+def test_lengths_that_are_no_metres_are_not_called_so(tmp_path: Path) -> None:
+    estimate, flight, _ = scene()
+    files = write_mosaic(dataclasses.replace(estimate, metric=False), flight, tmp_path)
+    assert files.quality is not None
+    for path in (files.geotiff, files.quality):
+        with rasterio.open(path) as raster:
+            assert raster.crs is None
+            assert raster.res[0] > 0
+
+
+def test_chain_beside_the_map_is_a_picture_alone(tmp_path: Path) -> None:
+    estimate, flight, _ = scene()
+    bent = estimate.w_T_b.copy()
+    bent[:, 0, 3] += np.linspace(0, 2, len(bent))
+    made = write_mosaic(estimate, flight, tmp_path / "map")
+    picture = write_chain_picture(estimate, flight, tmp_path / "chain", bent, made.png_gsd_m)
+    assert [p.name for p in (tmp_path / "chain").iterdir()] == [picture.name] == ["mosaic_chain.png"]
+    assert cv2.imread(str(picture)).shape[1] > cv2.imread(str(made.png)).shape[1] + 50
+
+
+def test_what_is_left_out_is_counted(tmp_path: Path) -> None:
+    estimate, flight, frames = scene()
+    frames[1], frames[3] = None, np.zeros((150, 200, 3), np.uint8)
+    poses, component = estimate.w_T_b.copy(), estimate.component.copy()
+    poses[2], component[2] = np.nan, -1
+    component[3] = 1
+    estimate = dataclasses.replace(estimate, w_T_b=poses, component=component)
+    files = write_mosaic(estimate, flight, tmp_path)
+    assert files.left_out == {
+        "in a part of the flight that is not tied to the largest": 1,
+        "cannot be read": 1,
+        "black or blown out": 1,
+        "not placed": 1,
+    }
+    located = dataclasses.replace(estimate, origin=GeoOrigin(52.0, 4.4, 3.0))
+    assert sum(write_mosaic(located, flight, tmp_path).left_out.values()) == 3
+
+
+def test_budget_is_kept_and_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    estimate, flight, _ = scene()
+    monkeypatch.setattr(slam.report.rasters.mosaic, "MAX_MOSAIC_PIXELS", 40_000)
+    monkeypatch.setattr(slam.report.rasters.mosaic, "MAX_PNG_PIXELS", 20_000)
+    files = write_mosaic(estimate, flight, tmp_path, gsd_m=None)
+    assert files.width * files.height <= 40_000
+    assert "m/pixel" in files.note
+    asked = write_mosaic(estimate, flight, tmp_path, gsd_m=0.007)
+    assert asked.gsd_m == 0.007
+    assert asked.note == ""
+
+
+def test_refusals_are_one_line_and_leave_earlier_files(tmp_path: Path) -> None:
+    estimate, flight, frames = scene()
+    write_mosaic(estimate, flight, tmp_path)
+    before = (tmp_path / "mosaic.tif").read_bytes()
+    blind = dataclasses.replace(flight, frames=None)
+    under = dataclasses.replace(estimate, floor_z_m=50.0)
+    for who, what, gsd_m, word in [
+        (estimate, blind, None, "no camera"),
+        (under, flight, None, "below the floor"),
+        (estimate, flight, float("nan"), "above 0"),
+        (estimate, flight, -1.0, "above 0"),
+        (estimate, flight, 1e-7, "coarser"),
+    ]:
+        with pytest.raises(InputError, match=word) as caught:
+            write_mosaic(who, what, tmp_path, gsd_m=gsd_m)
+        assert "\n" not in str(caught.value)
+    frames[:] = [None] * len(frames)
+    with pytest.raises(InputError, match="cannot be read"):
+        write_mosaic(estimate, flight, tmp_path)
+    assert (tmp_path / "mosaic.tif").read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == FILES
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError):
+        write_mosaic(*scene()[:2], tmp_path / "file")
+
+
+def test_same_input_gives_the_same_files(tmp_path: Path) -> None:
+    estimate, flight, _ = scene()
+    a, b = write_mosaic(estimate, flight, tmp_path / "a"), write_mosaic(estimate, flight, tmp_path / "b")
+    assert cv2.imread(str(a.png), cv2.IMREAD_UNCHANGED).tobytes() == cv2.imread(str(b.png), -1).tobytes()
