@@ -31,7 +31,7 @@ def console() -> Console:
 
 
 @contextmanager
-def progress_shown(out: Console) -> Iterator[Progress]:
+def show_progress(out: Console) -> Iterator[Progress]:
     """A ``Progress`` that draws on ``out`` until the block ends."""
     if not out.is_terminal:
         yield _Lines(out)

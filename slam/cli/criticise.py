@@ -39,11 +39,11 @@ def criticise(
     maps: Annotated[bool | None, _MAPS] = None,
 ) -> None:
     """Say what a simulation gets wrong about measured flights, name the cause and extend the model."""
-    from slam.cli.console import console, progress_shown
+    from slam.cli.console import console, show_progress
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
     from slam.cli.tables import shown, written
-    from slam.core.flight import told_apart
+    from slam.core.flight import with_unique_names
     from slam.core.progress import Tally
     from slam.criticism import criticise as judge
     from slam.report.accuracy import map_gain_table
@@ -52,8 +52,8 @@ def criticise(
 
     screen = console()
     believed = load_model(model)
-    with output_folder(out) as folder, progress_shown(screen) as progress:
-        opened = told_apart([open_flight(path, progress)[0] for path in flights])
+    with output_folder(out) as folder, show_progress(screen) as progress:
+        opened = with_unique_names([open_flight(path, progress)[0] for path in flights])
         result = judge(opened, believed, progress)
         most = {True: None, False: 0, None: MAPPED_UNASKED}[maps]
         gains = gains_in_maps(opened, result, most, progress)

@@ -18,10 +18,10 @@ def demo(
     recipe: Annotated[str, _RECIPE] = "figure_eight",
 ) -> None:
     """Fly the paper's figure eight in simulation, map it, and compare the map with the truth."""
-    from slam.cli.console import console, progress_shown
+    from slam.cli.console import console, show_progress
     from slam.cli.evaluate import write_evaluation
     from slam.cli.output_folder import output_folder
-    from slam.cli.results import MosaicWish, write_results
+    from slam.cli.results import MosaicOptions, write_results
     from slam.cli.tables import outcome, shown, written
     from slam.evaluation import evaluate
     from slam.mapping.pipeline import optimize
@@ -29,13 +29,13 @@ def demo(
     from slam.simulation import simulate
 
     screen = console()
-    with output_folder(out) as folder, progress_shown(screen) as progress:
+    with output_folder(out) as folder, show_progress(screen) as progress:
         flight = simulate(recipe, seed)
         estimate = optimize(flight, progress=progress)
         evaluation = evaluate(estimate, flight)
         tables = accuracy_tables(evaluation)
         write_evaluation(folder, evaluation)
-        results = write_results(folder, estimate, flight, MosaicWish(earlier=out), progress, tables)
+        results = write_results(folder, estimate, flight, MosaicOptions(earlier=out), progress, tables)
     screen.print(outcome(results.facts, results.summary))
     for table in tables:
         screen.print(shown(table))

@@ -38,7 +38,7 @@ def estimate(
     model: Annotated[str | None, MODEL] = None,
 ) -> None:
     """Estimate where a vehicle was from IMU, attitude, range, velocity, GPS and barometer alone."""
-    from slam.cli.console import console, progress_shown
+    from slam.cli.console import console, show_progress
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
     from slam.cli.tables import shown, written
@@ -49,11 +49,11 @@ def estimate(
     screen = console()
     settings = pipeline_config(config, None)
     believed = load_model(model) if model is not None else None
-    with output_folder(out) as folder, progress_shown(screen) as progress:
+    with output_folder(out) as folder, show_progress(screen) as progress:
         flight = _without(open_flight(source, progress)[0], without or [])
         if believed is not None:
             mended = corrected(flight, believed)
-            flight = mended.flight.warned(mended.told(believed))
+            flight = mended.flight.with_warning(mended.told(believed))
         navigation = navigate(flight, settings.inertial, rate, progress)
         write_navigation(folder, navigation)
     screen.print(shown(figures(navigation)))
@@ -65,7 +65,7 @@ def _without(flight: Flight, names: list[str]) -> Flight:
     from dataclasses import replace
 
     from slam.core.errors import InputError
-    from slam.core.flight import FIELDS, STREAMS
+    from slam.core.flight import FIELD_BY_FOLDER, STREAMS
 
     folders = [STREAMS[field].folder for field in _TAKEN]
     for name in names:
@@ -73,7 +73,7 @@ def _without(flight: Flight, names: list[str]) -> Flight:
             near = [folder for folder in folders if folder.rstrip("0") == name.rstrip("0123456789")]
             meant = f"did you mean {near[0]}? " if near else ""
             raise InputError(f"--without {name}: no such stream; {meant}there are {', '.join(folders)}")
-        nothing: dict[str, Any] = {FIELDS[name]: None}
+        nothing: dict[str, Any] = {FIELD_BY_FOLDER[name]: None}
         flight = replace(flight, **nothing)
     return flight
 

@@ -26,13 +26,13 @@ _SHOWN = typer.Argument(
 
 def import_flight(source: Annotated[Path, _IMPORTED], out: Annotated[Path, FLIGHT_OUT]) -> None:
     """Make a flight folder from photos or from a EuRoC recording; pictures keep their names."""
-    from slam.cli.console import console, progress_shown
+    from slam.cli.console import console, show_progress
     from slam.cli.source import import_source
     from slam.cli.tables import written
     from slam.io.flight_folder import write_flight
 
     screen = console()
-    with progress_shown(screen) as progress:
+    with show_progress(screen) as progress:
         flight = import_source(source, progress)
         write_flight(flight, out, progress)
     show(flight, screen)

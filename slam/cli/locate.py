@@ -26,7 +26,7 @@ def locate(
     out: Annotated[Path, OUT],
 ) -> None:
     """Find where pictures were taken in a map, with the uncertainty of each."""
-    from slam.cli.console import console, progress_shown
+    from slam.cli.console import console, show_progress
     from slam.cli.mapped import mapped_flight
     from slam.cli.output_folder import output_folder
     from slam.cli.tables import shown, written
@@ -37,7 +37,7 @@ def locate(
     screen = console()
     estimate = read_estimate(map_folder)
     flight = mapped_flight(map_folder, flights)
-    with output_folder(out) as folder, progress_shown(screen) as progress:
+    with output_folder(out) as folder, show_progress(screen) as progress:
         asked = Relocalizer(estimate, flight, progress=progress)
         found = []
         for done, path in enumerate(pictures, 1):

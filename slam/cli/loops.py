@@ -24,7 +24,7 @@ def loops(
     features: Annotated[FeatureKind | None, FEATURES] = None,
 ) -> None:
     """Measure precision and recall of loop closure, beside other methods, stage by stage."""
-    from slam.cli.console import console, progress_shown
+    from slam.cli.console import console, show_progress
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
     from slam.cli.tables import shown, written
@@ -35,7 +35,7 @@ def loops(
 
     screen = console()
     settings = pipeline_config(config, features)
-    with output_folder(out) as folder, progress_shown(screen) as progress:
+    with output_folder(out) as folder, show_progress(screen) as progress:
         flight, _ = open_flight(source, progress)
         result = evaluate_loops(flight, settings, progress)
         (folder / "loops.json").write_text(json_text(full_record(result)), encoding="utf-8")

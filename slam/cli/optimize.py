@@ -13,7 +13,7 @@ from slam.cli.options import CONFIG, FEATURES, MODEL, OUT, pipeline_config
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from slam.cli.results import MosaicWish, Results
+    from slam.cli.results import MosaicOptions, Results
     from slam.core.flight import Flight
     from slam.core.progress import Progress
     from slam.mapping.config import PipelineConfig
@@ -41,7 +41,7 @@ def optimize(
 ) -> None:
     """Turn a flight, or several, into one consistent map: trajectory, graph, mosaic and a report."""
     from slam.cli.console import console
-    from slam.cli.results import MosaicWish
+    from slam.cli.results import MosaicOptions
     from slam.cli.source import kind_of
     from slam.cli.tables import outcome, shown, written
     from slam.core.errors import InputError
@@ -52,7 +52,7 @@ def optimize(
             raise InputError(f"--model {model}: {sources[0]} is a graph, without instruments; leave it out")
         results = _graph(sources[0], out, screen)
     else:
-        wish = MosaicWish(mosaic, gsd, out)
+        wish = MosaicOptions(mosaic, gsd, out)
         results = _flights(sources, out, wish, pipeline_config(config, features), model, screen)
     screen.print(outcome(results.facts, results.summary))
     for table in results.accuracy:
@@ -64,12 +64,12 @@ def optimize(
 def _flights(
     sources: list[Path],
     out: Path,
-    wish: MosaicWish,
+    wish: MosaicOptions,
     settings: PipelineConfig,
     model: str | None,
     screen: Console,
 ) -> Results:
-    from slam.cli.console import progress_shown
+    from slam.cli.console import show_progress
     from slam.cli.output_folder import output_folder
     from slam.cli.results import write_results
     from slam.cli.source import open_flight
@@ -78,7 +78,7 @@ def _flights(
     from slam.simulation.model import load_model
 
     believed = load_model(model) if model is not None else None
-    with output_folder(out) as folder, progress_shown(screen) as progress:
+    with output_folder(out) as folder, show_progress(screen) as progress:
         flights = []
         for source in sources:
             flight, kind = open_flight(source, progress)
@@ -95,7 +95,7 @@ def _without(
     model: Model,
     flights: list[Flight],
     folder: Path,
-    wish: MosaicWish,
+    wish: MosaicOptions,
     settings: PipelineConfig,
     progress: Progress,
 ) -> Results:
@@ -111,7 +111,7 @@ def _without(
 
     save_model(model, folder / MODEL_NAME)
     mended = [corrected(flight, model) for flight in flights]
-    flight = join_flights([each.flight.warned(each.told(model)) for each in mended])
+    flight = join_flights([each.flight.with_warning(each.told(model)) for each in mended])
     estimate, recorded = run(flight, settings, progress), join_flights(flights)
     if not any(each.taken_out for each in mended) or not can_be_compared(recorded):
         return write_results(folder, estimate, flight, wish, progress)
@@ -121,15 +121,15 @@ def _without(
 
 def _graph(source: Path, out: Path, screen: Console) -> Results:
     from backend.g2o import write_g2o
-    from slam.cli.console import progress_shown
+    from slam.cli.console import show_progress
     from slam.cli.graph import solve_graph
     from slam.cli.output_folder import output_folder
-    from slam.cli.results import write_account
+    from slam.cli.results import write_summary_and_report
     from slam.io.estimate import write_estimate
 
-    with output_folder(out) as folder, progress_shown(screen) as progress:
+    with output_folder(out) as folder, show_progress(screen) as progress:
         estimate, solved = solve_graph(source, progress)
         write_estimate(estimate, folder)
         with (folder / "graph.g2o").open("w", encoding="ascii") as stream:
             write_g2o(stream, solved)
-        return write_account(folder, estimate, None)
+        return write_summary_and_report(folder, estimate, None)

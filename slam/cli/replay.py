@@ -40,7 +40,7 @@ def replay(
     with output_folder(out) as folder:
         result = run(flight, loaded)
         (folder / "replay.png").write_bytes(draw(result))
-        told = (*flight.warnings, *describe(flight).odd, *result.warnings)
+        told = (*flight.warnings, *describe(flight).anomalies, *result.warnings)
         summary = {**record(result), "warnings": list(told)}
         (folder / "summary.json").write_text(json_text(summary), encoding="utf-8")
     screen.print(shown(table(result)))

@@ -28,7 +28,7 @@ def reproduce(
     jobs: Annotated[int | None, _JOBS] = None,
 ) -> None:
     """Repeat the experiments of the paper in simulation and say which of its figures agree."""
-    from slam.cli.console import console, progress_shown
+    from slam.cli.console import console, show_progress
     from slam.cli.output_folder import output_folder
     from slam.cli.tables import shown, written
     from slam.core.figure_table import FigureTable
@@ -40,7 +40,7 @@ def reproduce(
     screen = console()
     begin_s = time.perf_counter()
     with output_folder(out) as folder:
-        with progress_shown(screen) as progress:
+        with show_progress(screen) as progress:
             trials = run(wanted, seeds, jobs or _cores(), progress)
         conclusions = conclude(wanted, trials)
         write_all(folder, trials, conclusions, time.perf_counter() - begin_s)

@@ -20,7 +20,7 @@ from slam.report.optimize_report import Mosaics, write_report
 
 
 @dataclass(frozen=True)
-class MosaicWish:
+class MosaicOptions:
     """What the user asked for."""
 
     wanted: bool = True
@@ -43,7 +43,7 @@ def write_results(
     folder: Path,
     estimate: Estimate,
     flight: Flight,
-    wish: MosaicWish,
+    wish: MosaicOptions,
     progress: Progress,
     accuracy: tuple[FigureTable, ...] = (),
 ) -> Results:
@@ -61,10 +61,10 @@ def write_results(
     if wish.wanted:
         timing_s = {**estimate.timing_s, "mosaic": time.perf_counter() - start}
         estimate = replace(estimate, timing_s=timing_s, warnings=(*estimate.warnings, *warning))
-    return write_account(folder, estimate, flight, mosaics, accuracy)
+    return write_summary_and_report(folder, estimate, flight, mosaics, accuracy)
 
 
-def write_account(
+def write_summary_and_report(
     folder: Path,
     estimate: Estimate,
     flight: Flight | None,
@@ -80,7 +80,7 @@ def write_account(
 
 
 def _write_mosaics(
-    folder: Path, estimate: Estimate, flight: Flight, wish: MosaicWish, progress: Progress
+    folder: Path, estimate: Estimate, flight: Flight, wish: MosaicOptions, progress: Progress
 ) -> tuple[Mosaics, tuple[str, ...]]:
     """The map, and the chain's beside it; a map that cannot be drawn is told and costs nothing else."""
     from frontend.mosaic.canvas import MosaicError

@@ -28,7 +28,7 @@ def simulate(
 
     Two flights of one seed share their noise: give each a --seed of its own where they are judged together.
     """
-    from slam.cli.console import console, progress_shown
+    from slam.cli.console import console, show_progress
     from slam.cli.flights import show
     from slam.cli.tables import written
     from slam.io.flight_folder import write_flight
@@ -36,7 +36,7 @@ def simulate(
     from slam.simulation import simulate as fly
 
     screen = console()
-    with progress_shown(screen) as progress:
+    with show_progress(screen) as progress:
         flight = fly(load_recipe(recipe, model), seed)
         write_flight(flight, out, progress)
     show(flight, screen)

@@ -17,7 +17,7 @@ FEWEST = 10
 """Readings that are alike to the last digit by no chance."""
 
 
-def without_repeats(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
+def without_duplicates(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
     """The flights without those that repeat an earlier one's readings, and a line for each that does."""
     kept: list[Flight] = []
     told = []

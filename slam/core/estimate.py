@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-MAP_WAYS = ("chain of homographies", "without loops", "with loops")
+MAP_TRAJECTORIES = ("chain of homographies", "without loops", "with loops")
 """The three ways in which a map places its keyframes."""
 
 
@@ -155,7 +155,7 @@ class Estimate:
     """Graphs alone: whether the solution is the global optimum."""
     elevation: Elevation | None = None
     """What the sonar heard of the ground, over a level floor in the world's x and y; None without one."""
-    ways: tuple[str, str, str] = MAP_WAYS
+    trajectory_names: tuple[str, str, str] = MAP_TRAJECTORIES
     """What ``chain_w_T_b``, ``odometry_w_T_b`` and ``w_T_b`` are, in words."""
 
     @property

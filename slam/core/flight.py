@@ -200,9 +200,9 @@ STREAMS: dict[str, Stream] = {
     "truth": Stream("state_groundtruth_estimate0", "reference"),
 }
 """Field of ``Flight`` -> its stream."""
-FIELDS = {stream.folder: name for name, stream in STREAMS.items()}
+FIELD_BY_FOLDER = {stream.folder: name for name, stream in STREAMS.items()}
 """Folder -> field of ``Flight``."""
-BY_VEHICLE = tuple(name for name, stream in STREAMS.items() if stream.clock == "vehicle")
+VEHICLE_CLOCK_STREAMS = tuple(name for name, stream in STREAMS.items() if stream.clock == "vehicle")
 """Fields of what the vehicle stamps."""
 
 
@@ -240,7 +240,7 @@ class Flight:
     parts: tuple[Flight, ...] = ()
     """The flights that this one is joined of (`slam.core.join_flights`); empty for one that was flown."""
 
-    def warned(self, line: str) -> Flight:
+    def with_warning(self, line: str) -> Flight:
         """The same flight with one more line of ``warnings``."""
         return replace(self, warnings=(*self.warnings, line))
 
@@ -254,7 +254,7 @@ class Flight:
         }
         return replace(self, **changed)
 
-    def not_taken(self, folder: str) -> str:
+    def reason_not_read(self, folder: str) -> str:
         """The line that tells why a stream was not taken although its folder is there; empty without one."""
         lines = (line for line in self.warnings if line.startswith(f"{folder}: ") and "not recorded" in line)
         return next(lines, "").split(";")[0]
@@ -276,7 +276,7 @@ class Flight:
         )
 
 
-def told_apart(flights: Sequence[Flight]) -> tuple[Flight, ...]:
+def with_unique_names(flights: Sequence[Flight]) -> tuple[Flight, ...]:
     """The same flights, their names numbered where two have one."""
     names = [flight.name for flight in flights]
     return tuple(

@@ -75,7 +75,7 @@ class FlightInfo:
     landmarks: int
     missing: tuple[str, ...]
     """What was not recorded, and what that means for the map."""
-    odd: tuple[str, ...]
+    anomalies: tuple[str, ...]
     """What looks wrong, in plain words."""
     warnings: tuple[str, ...]
     """What was dropped, repaired or assumed on reading."""
@@ -98,7 +98,7 @@ def describe(flight: Flight) -> FlightInfo:
         tuple(streams),
         len(flight.landmarks),
         tuple(_missing(flight)),
-        tuple(_odd(flight, streams)),
+        tuple(_anomalies(flight, streams)),
         flight.warnings,
     )
 
@@ -135,7 +135,7 @@ def missing_for_map(flight: Flight) -> tuple[str, ...]:
 
 def _missing(flight: Flight) -> list[str]:
     if flight.camera is None or flight.frames is None:
-        lines = [f"{flight.not_taken('cam0') or 'no camera'}: there is no map; {NO_CAMERA}"]
+        lines = [f"{flight.reason_not_read('cam0') or 'no camera'}: there is no map; {NO_CAMERA}"]
     else:
         lines = [*_missing_for_scale(flight), *missing_for_map(flight)]
     if flight.truth is None and flight.gps is None:
@@ -162,9 +162,9 @@ def _missing_for_scale(flight: Flight) -> list[str]:
     return lines
 
 
-def _odd(flight: Flight, streams: list[StreamInfo]) -> list[str]:
+def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
     if flight.parts:
-        return [f"{part.name}: {line}" for part in flight.parts for line in describe(part).odd]
+        return [f"{part.name}: {line}" for part in flight.parts for line in describe(part).anomalies]
     lines = [
         f"{s.name}: {s.gaps} gap{'s' if s.gaps > 1 else ''}, the largest {s.largest_gap_s:.2f} s"
         for s in streams
@@ -172,11 +172,11 @@ def _odd(flight: Flight, streams: list[StreamInfo]) -> list[str]:
     ]
     lines += _apart(streams)
     if flight.sonar is not None:
-        lines += _odd_sonar(flight.sonar)
+        lines += _sonar_anomalies(flight.sonar)
     if flight.attitude is not None:
-        lines += _odd_attitude(flight.attitude)
+        lines += _attitude_anomalies(flight.attitude)
     if flight.imu is not None:
-        lines += _odd_imu(flight.imu)
+        lines += _imu_anomalies(flight.imu)
     lines += [f"{name}: its noise is given as zero, which no sensor has" for name in _noiseless(flight)]
     return lines
 
@@ -202,7 +202,7 @@ def _apart(streams: list[StreamInfo]) -> list[str]:
     return lines
 
 
-def _odd_sonar(sonar: Sonar) -> list[str]:
+def _sonar_anomalies(sonar: Sonar) -> list[str]:
     known = np.isfinite(sonar.range_m)
     if not known.any():
         return ["sonar0: gives no range at all"]
@@ -229,7 +229,7 @@ def _odd_sonar(sonar: Sonar) -> list[str]:
     return lines
 
 
-def _odd_attitude(attitude: AttitudeSeries) -> list[str]:
+def _attitude_anomalies(attitude: AttitudeSeries) -> list[str]:
     lines = []
     for axis, name in enumerate(("roll", "pitch", "yaw")):
         angle = attitude.roll_pitch_yaw_rad[:, axis]
@@ -243,7 +243,7 @@ def _odd_attitude(attitude: AttitudeSeries) -> list[str]:
     return lines
 
 
-def _odd_imu(imu: Imu) -> list[str]:
+def _imu_anomalies(imu: Imu) -> list[str]:
     """What the sensor reads at rest; over the whole flight where it never rests."""
     window = np.floor(imu.stamps_s / REST_WINDOW_S).astype(np.int64)
     starts = np.flatnonzero(np.diff(window, prepend=window[:1] - 1))

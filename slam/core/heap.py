@@ -6,7 +6,7 @@ import ctypes
 import sys
 
 
-def give_back() -> None:
+def trim_heap() -> None:
     """Hand freed memory back to the system.
 
     A graph is a million small objects; the C library keeps what they leave, and each stage would add its own.

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.core.duplicate_flights import without_repeats
+from slam.core.duplicate_flights import without_duplicates
 from slam.core.errors import InputError
-from slam.core.flight import AttitudeSeries, Flight, Frames, Gps, Image, Sonar, Truth, told_apart
+from slam.core.flight import AttitudeSeries, Flight, Frames, Gps, Image, Sonar, Truth, with_unique_names
 
 Array = NDArray[np.float64]
 
@@ -42,8 +42,8 @@ def join_flights(flights: Sequence[Flight]) -> Flight:
         return flights[0]
     for flight in flights:
         _refuse_unless_alike(flights[0], flight)
-    parts = told_apart(flights)
-    _, repeated = without_repeats(parts)
+    parts = with_unique_names(flights)
+    _, repeated = without_duplicates(parts)
     if repeated:
         raise InputError(f"{repeated[0].removesuffix('it was left out')}give it once")
     shifts_s, warnings = _shifts(parts)

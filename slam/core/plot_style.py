@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 # Okabe and Ito's colours, told apart by colour-blind readers (jfly.uni-koeln.de/color, 2008).
 BLUE, GREEN, VERMILLION, GREY, ORANGE = "#0072b2", "#009e73", "#d55e00", "#8a8f98", "#e69f00"
 PALE_GREY = "#c3c7cd"
-UNSEEN = "#b3b8bf"
+UNMEASURED = "#b3b8bf"
 """Of a map, where nothing was measured: a grey that viridis and magma do not have, and no white."""
 
 
-def canvas(width_in: float, height_in: float) -> tuple[Figure, Axes]:
+def new_figure(width_in: float, height_in: float) -> tuple[Figure, Axes]:
     """An empty drawing in the style of all of them."""
     from matplotlib.figure import Figure
 
@@ -58,7 +58,7 @@ def panel_legend_below(axes: Axes, columns: int) -> None:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=columns, fontsize=9, frameon=False)
 
 
-def plain(text: str) -> str:
+def escape_math(text: str) -> str:
     """A name from outside, not read as a formula."""
     return text.replace("$", r"\$")
 

@@ -26,7 +26,7 @@ def silent(stage: str, done: int, total: int) -> None:
 
 
 @contextmanager
-def compilation_shown(progress: Progress) -> Iterator[None]:
+def show_compilation(progress: Progress) -> Iterator[None]:
     """Show where the block has to wait until kernels are compiled; not where they are cached."""
     from backend.numba_cache import compiling
 

@@ -13,7 +13,7 @@ from slam.core.rotations import up_at
 Array = NDArray[np.float64]
 
 
-def with_body_ranges(flight: Flight) -> Flight:
+def ranges_at_body(flight: Flight) -> Flight:
     """The flight with its sonar at the body's origin, over a level floor.
 
     What lies between is taken from the measured attitude; where that is missing the body is taken as level.

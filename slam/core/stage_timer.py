@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from slam.core.heap import give_back
+from slam.core.heap import trim_heap
 
 
 class Stopwatch:
@@ -22,5 +22,5 @@ class Stopwatch:
         try:
             yield
         finally:
-            give_back()
+            trim_heap()
             self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - start

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from slam.core.duplicate_flights import without_repeats
-from slam.core.flight import Flight, told_apart
-from slam.core.progress import Progress, Tally, compilation_shown, silent
-from slam.core.ranges_at_body import with_body_ranges
+from slam.core.duplicate_flights import without_duplicates
+from slam.core.flight import Flight, with_unique_names
+from slam.core.progress import Progress, Tally, show_compilation, silent
+from slam.core.ranges_at_body import ranges_at_body
 from slam.criticism.camera.strays import without_strays
 from slam.criticism.cause import Cause
 from slam.criticism.extended import extended_by, with_certainty
@@ -64,10 +64,10 @@ def criticise(
     from threadpoolctl import threadpool_limits
 
     believed = model if isinstance(model, Model) else load_model(model)
-    flights, repeated = without_repeats(told_apart(flights))
-    flights = [with_body_ranges(flight) for flight in flights]
+    flights, repeated = without_duplicates(with_unique_names(flights))
+    flights = [ranges_at_body(flight) for flight in flights]
     steered = not flights or any(has_commands(flight) for flight in flights)
-    with threadpool_limits(1), compilation_shown(progress):
+    with threadpool_limits(1), show_compilation(progress):
         found = (_with_commands if steered else _without_commands)(flights, believed, progress)
     found = replace(found, dropped=(*repeated, *found.dropped))
     if found.extended is None:

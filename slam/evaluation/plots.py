@@ -14,8 +14,8 @@ from slam.core.plot_style import (
     ORANGE,
     PALE_GREY,
     VERMILLION,
+    escape_math,
     panel_legend_below,
-    plain,
     png,
     round_factor,
 )
@@ -81,13 +81,13 @@ def _top_view(axes: Axes, evaluation: Evaluation) -> None:
         for track in (tracks.odometry_m, tracks.loops_m)
     )
     # The widest first: what lies on another is seen on both sides of it.
-    axes.plot(*tracks.chain_m[:, :2].T, color=PALE_GREY, lw=5, label=evaluation.ways[0])
+    axes.plot(*tracks.chain_m[:, :2].T, color=PALE_GREY, lw=5, label=evaluation.trajectory_names[0])
     axes.plot(*tracks.reference_m[:, :2].T, color=_REFERENCE, lw=3.2, label=reference)
-    axes.plot(*odometry[:, :2].T, color=_ODOMETRY, lw=1.9, label=evaluation.ways[1] + told)
-    axes.plot(*loops[:, :2].T, ".-", color=_LOOPS, lw=0.9, ms=3, label=evaluation.ways[2] + told)
+    axes.plot(*odometry[:, :2].T, color=_ODOMETRY, lw=1.9, label=evaluation.trajectory_names[1] + told)
+    axes.plot(*loops[:, :2].T, ".-", color=_LOOPS, lw=0.9, ms=3, label=evaluation.trajectory_names[2] + told)
     for name, point in tracks.landmarks_m.items():
         axes.plot(point[0], point[1], "+", color=_REFERENCE, ms=8)
-        axes.annotate(plain(name), (point[0], point[1]), xytext=(4, 4), textcoords="offset points")
+        axes.annotate(escape_math(name), (point[0], point[1]), xytext=(4, 4), textcoords="offset points")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
@@ -96,7 +96,7 @@ def _top_view(axes: Axes, evaluation: Evaluation) -> None:
         if evaluation.metric
         else f"{length(evaluation.ate_sim3_m.rmse)} RMS, aligned with scale"
     )
-    axes.set_title(f"{plain(evaluation.name)}: position error {errors}")
+    axes.set_title(f"{escape_math(evaluation.name)}: position error {errors}")
     panel_legend_below(axes, 2 if told else 4)
 
 
@@ -114,9 +114,9 @@ def _landmark_bars(axes: Axes, evaluation: Evaluation) -> None:
 
     rows = evaluation.landmarks
     series = [
-        (evaluation.ways[0], _CHAIN, [row.error_percent.chain for row in rows]),
-        (evaluation.ways[1], _ODOMETRY, [row.error_percent.odometry for row in rows]),
-        (evaluation.ways[2], _LOOPS, [row.error_percent.loops for row in rows]),
+        (evaluation.trajectory_names[0], _CHAIN, [row.error_percent.chain for row in rows]),
+        (evaluation.trajectory_names[1], _ODOMETRY, [row.error_percent.odometry for row in rows]),
+        (evaluation.trajectory_names[2], _LOOPS, [row.error_percent.loops for row in rows]),
     ]
     if over_papers_ground(rows):
         series += [
@@ -128,7 +128,7 @@ def _landmark_bars(axes: Axes, evaluation: Evaluation) -> None:
         shown = np.where(np.isfinite(percent), percent, 0.0)
         left = np.arange(len(rows)) - 0.4 + k * width
         axes.bar(left, shown, width, align="edge", color=color, label=label)
-    axes.set_xticks(range(len(rows)), [plain(row.name) for row in rows])
+    axes.set_xticks(range(len(rows)), [escape_math(row.name) for row in rows])
     # The maps differ by orders of magnitude: below 0.1 % the scale is linear down to zero.
     axes.set_yscale("symlog", linthresh=0.1)
     largest = max(
@@ -156,7 +156,7 @@ def error_figure(evaluation: Evaluation) -> Figure:
     factor, unit = (1e3, "mm") if evaluation.ate_m.max < 1 else (1.0, "m")
     for k in range(evaluation.dimensions):
         _error_panel(panels[k], tracks, k, factor, unit)
-    panels[0].set_title(f"{plain(evaluation.name)}: estimate minus reference, with two sigma")
+    panels[0].set_title(f"{escape_math(evaluation.name)}: estimate minus reference, with two sigma")
     if evaluation.nees is not None:
         _nees_panel(panels[-1], evaluation)
     panels[-1].set_xlabel("time since the first keyframe [s]")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.estimate import MAP_WAYS, Estimate
+from slam.core.estimate import MAP_TRAJECTORIES, Estimate
 from slam.core.flight import Flight
 from slam.core.summary import without_nan
 from slam.evaluation.association import Association, associate, seeing_camera
@@ -79,7 +79,7 @@ class Evaluation:
     tracks: Tracks
     metric: bool = True
     """Whether the estimate's lengths are metres, as those of the reference are."""
-    ways: tuple[str, str, str] = MAP_WAYS
+    trajectory_names: tuple[str, str, str] = MAP_TRAJECTORIES
     """What the chain, the odometry and the estimate are, in words."""
 
     def to_json(self) -> dict[str, Any]:
@@ -138,7 +138,7 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
         loops=_loops(estimate, flight, association),
         tracks=_tracks(estimate, flight, association, maps, per_keyframe),
         metric=estimate.metric,
-        ways=estimate.ways,
+        trajectory_names=estimate.trajectory_names,
     )
 
 
@@ -189,7 +189,9 @@ def _too_coarse(estimate: Estimate, association: Association) -> NDArray[np.bool
 
 def _loops(estimate: Estimate, flight: Flight, association: Association) -> LoopScore | None:
     camera = seeing_camera(estimate, flight)
-    if association.w_T_b is None or camera is None or estimate.ways != MAP_WAYS:  # loops are a map's
+    if (
+        association.w_T_b is None or camera is None or estimate.trajectory_names != MAP_TRAJECTORIES
+    ):  # loops are a map's
         return None
     return score_loops(estimate.loops, estimate.stamps_s, association.keyframe, association.w_T_b, camera)
 

@@ -26,10 +26,10 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
         for check in found
     )
     failing = [check for check in found if not check.holds]
-    told_apart = "; ".join(f"{check.name}: {check.says}" for check in failing)
+    with_unique_names = "; ".join(f"{check.name}: {check.says}" for check in failing)
     reason = (
         f"{len(found) - len(failing)} of {len(found)} numbers follow from the paper's others; the rest do "
-        f"not: {told_apart}."
+        f"not: {with_unique_names}."
     )
     return Conclusion(rows, verdict(not failing, partly=len(failing) < len(found)), reason)
 

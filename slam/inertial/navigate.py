@@ -14,7 +14,7 @@ from backend.ekf import records as status
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.flight_info import describe
-from slam.core.progress import Progress, compilation_shown, silent
+from slam.core.progress import Progress, show_compilation, silent
 from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.core.stage_timer import Stopwatch
 from slam.inertial.filter_input import FilterInput
@@ -57,7 +57,7 @@ def navigate(
     Raises ``InputError`` where the flight tells too little, or would give more than ``MOST_POSES`` poses.
     """
     clock = Stopwatch()
-    with compilation_shown(progress):
+    with show_compilation(progress):
         with clock("instruments"):
             given = suited(flight, trust, progress)
         at_s = _times(flight, given, rate_hz)
@@ -92,8 +92,8 @@ def navigate(
         odometry_w_T_b=track.filtered.w_T_b,
         rejected=refused(track) | softened(track),
         timing_s=clock.seconds,
-        warnings=(*flight.warnings, *describe(flight).odd, *said, *_found_odd(given, track)),
-        ways=WAYS,
+        warnings=(*flight.warnings, *describe(flight).anomalies, *said, *_found_odd(given, track)),
+        trajectory_names=WAYS,
     )
     return Navigation(estimate, track, given)
 

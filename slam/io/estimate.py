@@ -39,7 +39,7 @@ from backend.measurements import RelativePose
 from backend.pose_graph.solution import RangeErrors
 from frontend.camera import Camera
 from slam.core.errors import InputError
-from slam.core.estimate import MAP_WAYS, Estimate, LoopVerdict
+from slam.core.estimate import MAP_TRAJECTORIES, Estimate, LoopVerdict
 from slam.core.flight import GeoOrigin
 from slam.core.units import unit
 from slam.io.atomic import write_whole
@@ -174,7 +174,7 @@ def _record(estimate: Estimate) -> dict[str, Any]:
         "warnings": list(estimate.warnings),
         "graph_error": float(estimate.graph_error),
         "iterations": int(estimate.iterations),
-        "ways": list(estimate.ways),
+        "ways": list(estimate.trajectory_names),
     }
 
 
@@ -302,7 +302,7 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         warnings=tuple(record["warnings"]),
         graph_error=float(record["graph_error"]),
         iterations=int(record["iterations"]),
-        ways=_ways(record),
+        trajectory_names=_ways(record),
     )
 
 
@@ -317,7 +317,7 @@ def _range_errors(record: dict[str, Any]) -> RangeErrors | None:
 
 
 def _ways(record: dict[str, Any]) -> tuple[str, str, str]:
-    chain, odometry, result = (str(way) for way in record.get("ways", MAP_WAYS))
+    chain, odometry, result = (str(way) for way in record.get("ways", MAP_TRAJECTORIES))
     return chain, odometry, result
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from frontend.camera import Camera
-from slam.core.flight import FIELDS, Flight
+from slam.core.flight import FIELD_BY_FOLDER, Flight
 from slam.io.camera_folder import camera_of, frames_of
 from slam.io.clock import in_order
 from slam.io.csv_stream import Table, read_names, read_numbers
@@ -172,7 +172,7 @@ def _build(recording: _Recording, epoch_ns: int) -> dict[str, Any]:
             series = build(name, Source(table, recording.sensors[name], epoch_ns, notes))
             if series is None and len(table.stamps_ns):
                 notes.append("no row is left; taken as not recorded")
-            parts[FIELDS[name]] = series
+            parts[FIELD_BY_FOLDER[name]] = series
         recording.note(name, notes)
     if parts.get("imu") is not None:
         check_imu_units(parts["imu"], parts.get("attitude"), recording.tables["imu0"].path)

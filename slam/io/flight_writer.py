@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
 from slam.core.flight import (
-    FIELDS,
+    FIELD_BY_FOLDER,
     AttitudeSeries,
     Command,
     Flight,
@@ -78,7 +78,7 @@ def write_flight(
         if flight.frames is not None:
             _write_frames(flight.frames, mav0 / "cam0", flight.epoch_ns, progress, image_format)
         for name in COLUMNS:
-            series: Series | None = getattr(flight, FIELDS[name])
+            series: Series | None = getattr(flight, FIELD_BY_FOLDER[name])
             if series is not None:
                 _write_series(series, name, mav0 / name, flight.epoch_ns)
 

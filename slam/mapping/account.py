@@ -147,7 +147,7 @@ def account(
         timing_s=timing_s,
         warnings=(
             *flight.warnings,
-            *describe(flight).odd,
+            *describe(flight).anomalies,
             *missing_for_map(flight),
             *_moving(sightings),
             *_instruments_off(flight, mapped, mount),

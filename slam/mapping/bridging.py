@@ -24,7 +24,7 @@ from frontend.lift import lift
 from frontend.registration import Registration
 from slam.core.errors import InputError
 from slam.core.flight import Flight
-from slam.core.progress import Progress, compilation_shown, silent
+from slam.core.progress import Progress, show_compilation, silent
 from slam.inertial.instruments import InertialTrust
 from slam.mapping.fusion import Fused, largest_first
 from slam.mapping.mapper import Mapper
@@ -138,7 +138,7 @@ class Bridges:
             steps = picture_steps(self.links, self.mapper)
             try:
                 stamps_s = self.mapper.sensors.stamps_s
-                with compilation_shown(self.progress):
+                with show_compilation(self.progress):
                     self._edges = inertial_edges(self.flight, stamps_s, steps, self.trust, self.progress)
             except (InputError, BackendError):
                 # The map stays in parts, and says so.

@@ -8,7 +8,7 @@ gyro and accelerometer.
 from __future__ import annotations
 
 from backend.inertial_scale.regression_rows import MOST_DELAY_S
-from slam.core.flight import BY_VEHICLE, Flight
+from slam.core.flight import VEHICLE_CLOCK_STREAMS, Flight
 from slam.mapping.lengths import InertialLengths
 
 _NOTABLE_S = 0.025
@@ -24,7 +24,7 @@ _VAGUE_S = _NOTABLE_S / 2
 
 def stamped_later(flight: Flight, late_s: float) -> Flight:
     """The flight with its instruments' stamps on the clock of its pictures, ``late_s`` after theirs."""
-    return flight.restamped(BY_VEHICLE, lambda stamps_s: stamps_s + late_s)
+    return flight.restamped(VEHICLE_CLOCK_STREAMS, lambda stamps_s: stamps_s + late_s)
 
 
 def delay_to_take_out(by_inertia: InertialLengths | None) -> float:

@@ -18,7 +18,7 @@ from backend.pose_graph.solution import Solution
 from frontend.camera import Camera
 from frontend.registration import Registration
 from slam.core.estimate import over_floor
-from slam.core.heap import give_back
+from slam.core.heap import trim_heap
 from slam.core.progress import Progress
 from slam.mapping.lengths import InertialLengths, inertial_lengths
 from slam.mapping.mapper import LEAST_SEEN, Edges, Mapper, Sensors
@@ -80,7 +80,7 @@ def fuse(
     n = len(mapper.sensors.stamps_s)
     kept = [r for r, ok in zip(edges.registrations, solution.edge_kept, strict=True) if ok]
     tracks = mapper.tracks(sightings.store.points, kept)
-    give_back()
+    trim_heap()
     component = largest_first(np.where(_tied(n, kept), solution.component, -1))
     evidence = _Evidence(mapper, sightings, edges.heights.metric, tracks, readings, progress)
     seen = np.bincount(tracks.keyframe, minlength=n)

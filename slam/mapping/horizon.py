@@ -34,4 +34,4 @@ def seeing_floor(flight: Flight, camera: Camera) -> Flight:
     )
     left = np.where(away[:, None], np.nan, angles)
     attitude = None if away.all() else replace(flight.attitude, roll_pitch_yaw_rad=left)
-    return replace(flight, attitude=attitude).warned(told)
+    return replace(flight, attitude=attitude).with_warning(told)

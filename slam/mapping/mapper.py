@@ -31,7 +31,7 @@ from frontend.points import Points
 from frontend.registration import Registration
 from frontend.tracks import join_tracks
 from slam.core.flight import Flight, GeoOrigin
-from slam.core.heap import give_back
+from slam.core.heap import trim_heap
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.mapping.config import PipelineConfig
 from slam.mapping.horizon import LEAST_FALL
@@ -194,7 +194,7 @@ class Mapper:
         covariances: bool = False,
     ) -> Solution:
         """The pose graph: relative poses, attitudes, heights."""
-        give_back()  # what lifting all pairs has left
+        trim_heap()  # what lifting all pairs has left
         sensors, heights = self.sensors, edges.heights
         tied = sorted({k for r in edges.relative_poses for k in (r.i, r.j)})
         attitudes, ranges = [], []

@@ -188,7 +188,7 @@ class Obstacles:
 
     def cleared(self, flight: Flight) -> Flight:
         """The flight with heights over the floor alone."""
-        return replace(flight, sonar=self.sonar).warned(self.told)
+        return replace(flight, sonar=self.sonar).with_warning(self.told)
 
 
 def find_obstacles(

@@ -14,7 +14,7 @@ from frontend.camera import Camera
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
-from slam.core.heap import give_back
+from slam.core.heap import trim_heap
 from slam.core.progress import Progress, silent
 from slam.core.stage_timer import Stopwatch
 from slam.mapping.account import Mapped, account, reason_kind
@@ -47,7 +47,7 @@ def optimize(
     Raises ``InputError`` where the flight has no camera or its pictures cannot be joined.
     """
     estimate = optimize_with_sightings(flight, config, progress)[0]
-    give_back()
+    trim_heap()
     return estimate
 
 
@@ -66,7 +66,7 @@ def optimize_with_sightings(
                 break
             masked = job.without_obstacles(flight, found)
             if masked is None or masked.main_share < LEAST_LEFT * first.main_share:
-                first = first.warned(found.torn)
+                first = first.with_warning(found.torn)
                 break
             obstacles, first = found, masked
         return job.final_map(flight, first)
@@ -105,9 +105,9 @@ class _FirstMap:
         """Share of the keyframes that are in the largest part."""
         return float(np.mean(self.fused.component == 0))
 
-    def warned(self, line: str) -> _FirstMap:
+    def with_warning(self, line: str) -> _FirstMap:
         """The same with one more line for the user."""
-        return replace(self, back_end=replace(self.back_end, flight=self.back_end.flight.warned(line)))
+        return replace(self, back_end=replace(self.back_end, flight=self.back_end.flight.with_warning(line)))
 
 
 @dataclass(frozen=True)
@@ -246,7 +246,7 @@ class _Job:
 
 def _camera(flight: Flight) -> Camera:
     if flight.camera is None or flight.frames is None or len(flight.frames) == 0:
-        why = flight.not_taken("cam0") or "no camera in this flight"
+        why = flight.reason_not_read("cam0") or "no camera in this flight"
         raise InputError(f"{flight.name}: {why}, so no map; {NO_CAMERA}")
     return flight.camera
 

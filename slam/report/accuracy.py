@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam.core.estimate import MAP_WAYS
+from slam.core.estimate import MAP_TRAJECTORIES
 from slam.core.figure_table import UNKNOWN, FigureTable
 from slam.core.units import length
 from slam.evaluation.landmarks import over_papers_ground
@@ -53,7 +53,7 @@ def landmark_table(evaluation: Evaluation) -> FigureTable:
     headings = ("paper, stitched", "paper, EKF") if theirs else ()
     return FigureTable(
         "Error of the distances between landmarks on the map",
-        ("landmarks", "true", *headings, *_columns(evaluation.ways)),
+        ("landmarks", "true", *headings, *_columns(evaluation.trajectory_names)),
         tuple(rows),
     )
 
@@ -81,7 +81,7 @@ def _length(metres: float) -> str:
 
 
 def _columns(ways: tuple[str, str, str]) -> tuple[str, str, str]:
-    return ("chain", *ways[1:]) if ways == MAP_WAYS else ways
+    return ("chain", *ways[1:]) if ways == MAP_TRAJECTORIES else ways
 
 
 def _against_reference(evaluation: Evaluation) -> FigureTable:

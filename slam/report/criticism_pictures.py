@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, canvas, png
+from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, new_figure, png
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -126,7 +126,7 @@ def calibration_picture(checks: Sequence[ChannelCheck]) -> bytes:
 
 def gain_picture(gain: Gain) -> bytes:
     """One dot for each part that was held out, or each flight."""
-    figure, axes = canvas(3.6, 2.6)
+    figure, axes = new_figure(3.6, 2.6)
     number = np.arange(1, len(gain.parts) + 1)
     colour = [GREEN if nats > 0 else VERMILLION for nats in gain.parts]
     axes.axhline(0.0, color=GREY, linewidth=1)

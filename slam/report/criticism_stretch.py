@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.plot_style import BLUE, GREY, VERMILLION, canvas, legend_below, png
+from slam.core.plot_style import BLUE, GREY, VERMILLION, legend_below, new_figure, png
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
@@ -105,7 +105,7 @@ def before_after_picture(
                 best = found
     if best is None:
         return None
-    figure, axes = canvas(7.2, 3.2)
+    figure, axes = new_figure(7.2, 3.2)
     time = best.stamps_s - best.stamps_s[0]
     axes.plot(time, best.measured, ".", color=GREY, markersize=3, label="measured")
     axes.plot(time, best.before, color=VERMILLION, linewidth=1.4, label=f"model {model.name}")
@@ -185,7 +185,7 @@ def single_readings_picture(term: str, flight: Flight) -> Stretch:
     inside = [(stamps_s >= begin) & (stamps_s <= begin + STRETCH_S) for begin in begins]
     spread = [float(np.nanstd(values[rows])) if np.isfinite(values[rows]).any() else -1.0 for rows in inside]
     rows = inside[int(np.argmax(spread))]
-    figure, axes = canvas(7.2, 3.2)
+    figure, axes = new_figure(7.2, 3.2)
     axes.plot(stamps_s[rows], values[rows], ".", color=VERMILLION, markersize=3)
     axes.set_xlabel(f"time in {flight.name} [s]")
     axes.set_ylabel(label)

@@ -15,10 +15,10 @@ from slam.core.plot_style import (
     ORANGE,
     PALE_GREY,
     VERMILLION,
+    escape_math,
     grid,
     ground_labels,
     legend_below,
-    plain,
     png,
 )
 
@@ -73,7 +73,7 @@ def estimate_picture(estimate: Estimate, track: Track) -> bytes:
         axes.set_xlabel("time since the start [s]")
         axes.set_xlim(0.0, float(estimate.stamps_s[-1] - estimate.stamps_s[0]))
     right.align_ylabels(panels)
-    figure.suptitle(plain(estimate.name), fontsize="medium")
+    figure.suptitle(escape_math(estimate.name), fontsize="medium")
     return png(figure)
 
 
@@ -81,9 +81,9 @@ def _ways(estimate: Estimate) -> Iterator[tuple[Array, str, float, str]]:
     """Positions, colour, line width and name of each way there is, the widest first: what lies on another is
     seen on both sides of it."""
     for poses, color, width, label in (
-        (estimate.chain_w_T_b, PALE_GREY, 4.5, estimate.ways[0]),
-        (estimate.odometry_w_T_b, ORANGE, 2.4, estimate.ways[1]),
-        (estimate.w_T_b, BLUE, 1.0, estimate.ways[2]),
+        (estimate.chain_w_T_b, PALE_GREY, 4.5, estimate.trajectory_names[0]),
+        (estimate.odometry_w_T_b, ORANGE, 2.4, estimate.trajectory_names[1]),
+        (estimate.w_T_b, BLUE, 1.0, estimate.trajectory_names[2]),
     ):
         if np.isfinite(poses[:, 0, 3]).any():
             yield poses[:, :3, 3], color, width, label

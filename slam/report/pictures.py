@@ -19,9 +19,9 @@ from slam.core.plot_style import (
     GREY,
     ORANGE,
     VERMILLION,
-    canvas,
     ground_labels,
     legend_below,
+    new_figure,
     png,
     round_factor,
 )
@@ -47,7 +47,7 @@ def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes
 
     ``before`` says what ``chain_w_T_b`` is, which is drawn behind.
     """
-    figure, axes = canvas(6.4, 6.0)
+    figure, axes = new_figure(6.4, 6.0)
     known = is_placed(estimate)
     position = np.where(known[:, None], estimate.w_T_b[:, :3, 3], np.nan)
     _path(axes, chain_on_result(estimate)[:, :3, 3], color=GREY, linewidth=0.9, label=before)
@@ -70,7 +70,7 @@ def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes
 
 def altitude_picture(estimate: Estimate) -> bytes:
     """Height above the floor over time, with its 2-sigma band and the height without loops."""
-    figure, axes = canvas(6.4, 3.0)
+    figure, axes = new_figure(6.4, 3.0)
     time = estimate.stamps_s - estimate.stamps_s[0]
     height = estimate.w_T_b[:, 2, 3] - estimate.floor_z_m
     up = np.einsum(

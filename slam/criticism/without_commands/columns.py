@@ -15,14 +15,14 @@ SHAPES = (*PICTURE_SHAPES, *WARPS)
 """What no term is, either."""
 SIZE = ".size"
 """Behind a shape's name: its column."""
-UNSEEN = ("sonar_temperature.rise", "floor_slope.x", "floor_slope.y", "exposure_variation.gamma")
+UNMEASURED = ("sonar_temperature.rise", "floor_slope.x", "floor_slope.y", "exposure_variation.gamma")
 """A drifting scale, of which a stretch has little; what healthy places differ by; and a variance that looks
 much like another: brightness that wanders is told as that of the gain."""
 
 
 def seen_by_pictures() -> list[str]:
     """Every error that pictures may tell of."""
-    terms = [n for n in (*CAMERA, *SENSOR) if n.partition(".")[0] in CATALOGUE and n not in UNSEEN]
+    terms = [n for n in (*CAMERA, *SENSOR) if n.partition(".")[0] in CATALOGUE and n not in UNMEASURED]
     return [*terms, *LATE, *(name + SIZE for name in SHAPES)]
 
 

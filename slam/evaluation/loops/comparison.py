@@ -112,7 +112,7 @@ def evaluate_loops(
     Raises ``InputError`` where it has neither, no pictures, or too few keyframes for a loop.
     """
     if flight.camera is None or flight.frames is None or len(flight.frames) == 0:
-        why = flight.not_taken("cam0") or "no camera in this flight"
+        why = flight.reason_not_read("cam0") or "no camera in this flight"
         raise InputError(f"{flight.name}: {why}, so no loops to find; {NO_CAMERA}")
     if not any(stream is not None and len(stream.stamps_s) for stream in (flight.truth, flight.gps)):
         raise InputError(

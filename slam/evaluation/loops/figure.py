@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam.core.plot_style import BLUE, GREEN, GREY, ORANGE, VERMILLION, grid, panel_legend_below, plain, png
+from slam.core.plot_style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILLION,
+    escape_math,
+    grid,
+    panel_legend_below,
+    png,
+)
 from slam.evaluation.loops.comparison import EXHAUSTIVE, HISTOGRAM, OURS, WORDS, LoopEvaluation, MethodScore
 from slam.evaluation.loops.reference import FALSE, TRUE, Pair
 
@@ -33,7 +43,7 @@ def draw(evaluation: LoopEvaluation) -> bytes:
     figure = Figure(figsize=(12.5, 11.0), dpi=110, layout="constrained")
     (candidates, verified), (stages, top) = figure.subplots(2, 2)
     figure.suptitle(
-        f"{plain(evaluation.name)}: {evaluation.true_pairs} true loops among {evaluation.pairs} pairs of "
+        f"{escape_math(evaluation.name)}: {evaluation.true_pairs} true loops among {evaluation.pairs} pairs of "
         f"{evaluation.compared} keyframes"
     )
     _curves(candidates, "Candidates: all pairs by likeness", evaluation, lambda m: m.candidates)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.estimate import Estimate
-from slam.core.plot_style import UNSEEN, ground_labels, png
+from slam.core.plot_style import UNMEASURED, ground_labels, png
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, write_bands
 
@@ -43,7 +43,7 @@ def elevation_picture(height: NDArray[np.float32], grid: Grid) -> bytes:
         figsize=(8.0, float(np.clip(7.0 * rows / cols, 2.2, 10.0)) + 1.0), dpi=130, layout="constrained"
     )
     axes = figure.subplots()
-    axes.set_facecolor(UNSEEN)
+    axes.set_facecolor(UNMEASURED)
     low, high = (float(q) for q in np.nanpercentile(height, [0.5, 99.5]))
     low, high = min(low, -LEAST_SPAN_M / 2), max(high, LEAST_SPAN_M / 2)
     drawn = axes.imshow(

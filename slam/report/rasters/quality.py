@@ -11,7 +11,7 @@ from frontend.mosaic.exposure import Exposure
 from frontend.mosaic.plan import MosaicPlan
 from frontend.mosaic.quality import MosaicQuality, mosaic_quality
 from slam.core.estimate import Estimate
-from slam.core.plot_style import UNSEEN, ground_labels, png
+from slam.core.plot_style import UNMEASURED, ground_labels, png
 from slam.core.units import unit
 from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, write_bands
@@ -51,7 +51,7 @@ def quality_picture(quality: MosaicQuality, grid: Grid, metric: bool = True) -> 
     figure = Figure(figsize=(14.0, tall + 1.3), dpi=110, layout="constrained")
     x, y = ground_labels(grid.origin is not None, metric)
     for axes, (title, values, colours) in zip(figure.subplots(1, 3), panels, strict=True):
-        axes.set_facecolor(UNSEEN)
+        axes.set_facecolor(UNMEASURED)
         high = float(np.nanpercentile(values, 99)) if np.isfinite(values).any() else 1.0
         drawn = axes.imshow(
             values, cmap=colours, extent=grid.extent_m, vmin=0, vmax=max(high, 1e-9), interpolation="nearest"

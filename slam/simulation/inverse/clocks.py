@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from slam.core.flight import BY_VEHICLE, Flight
+from slam.core.flight import VEHICLE_CLOCK_STREAMS, Flight
 from slam.simulation.model import Model
 
 
 def clock_drift(flight: Flight, model: Model) -> Flight:
     """Stamps of the vehicle run fast by so many ppm since second 0."""
     rate = 1.0 + 1e-6 * model.value("clock_drift", "ppm")
-    return flight.restamped(BY_VEHICLE, lambda stamps_s: stamps_s / rate)
+    return flight.restamped(VEHICLE_CLOCK_STREAMS, lambda stamps_s: stamps_s / rate)
 
 
 def camera_time_offset(flight: Flight, model: Model) -> Flight:

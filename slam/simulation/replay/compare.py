@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slam.core.errors import InputError
 from slam.core.flight import Flight
-from slam.core.ranges_at_body import with_body_ranges
+from slam.core.ranges_at_body import ranges_at_body
 from slam.simulation.model import Model
 from slam.simulation.motion import obey
 from slam.simulation.replay.channels import Stream, angles_of, streams_of
@@ -87,7 +87,7 @@ def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_
     without anything to compare, or without a state to begin from.
     """
     stick, (begin_s, end_s), told = _commanded(flight)
-    flight, notes = _with_one_yaw(with_body_ranges(flight))
+    flight, notes = _with_one_yaw(ranges_at_body(flight))
     tilt = model.vehicle.max_tilt_rad
     if abs(told - tilt) > SAME_TILT_RAD:
         # What a maker's file says of a setting is criticised as the model's own figure is.
@@ -135,7 +135,7 @@ def _commanded(flight: Flight) -> tuple[Stick, tuple[float, float], float]:
     flight names."""
     command = flight.command
     if command is None or len(command.stamps_s) == 0:
-        why = flight.not_taken("command0") or "holds no commands (command0)"
+        why = flight.reason_not_read("command0") or "holds no commands (command0)"
         raise InputError(f"{flight.name}: {why}, so there is nothing to replay; give a flight with command0")
     if len(command.stamps_s) == 1:
         raise InputError(f"{flight.name}: command0 has 1 row, so nothing to replay; a flight has several")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam.core.plot_style import BLUE, GREY, ORANGE, plain, png
+from slam.core.plot_style import BLUE, GREY, ORANGE, escape_math, png
 from slam.simulation.replay.channels import as_read
 from slam.simulation.replay.compare import Comparison, Replay
 
@@ -42,7 +42,7 @@ def figure(replay: Replay) -> Figure:
     handles, labels = panels[0].get_legend_handles_labels()
     drawn.legend(handles, labels, loc="outside lower center", ncols=3)
     title = f"{replay.flight} and what model {replay.model} makes of its commands"
-    drawn.suptitle(plain(f"{title}; off by: RMS over {replay.shown_s:g} s from each new beginning"))
+    drawn.suptitle(escape_math(f"{title}; off by: RMS over {replay.shown_s:g} s from each new beginning"))
     return drawn
 
 

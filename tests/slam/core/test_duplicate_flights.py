@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.core.duplicate_flights import same_recording, without_repeats
+from slam.core.duplicate_flights import same_recording, without_duplicates
 from slam.core.errors import InputError
 from slam.core.flight import Flight, Sonar
 from slam.core.join_flights import join_flights
@@ -27,7 +27,7 @@ def one() -> Flight:
 def test_a_copy_is_known_whatever_it_is_called_and_what_it_lost(one: Flight):
     copy = replace(one, name="copy", sonar=None, velocity=None)
     assert same_recording(one, copy)
-    kept, told = without_repeats([one, copy])
+    kept, told = without_duplicates([one, copy])
     assert kept == [one]
     assert told == [f"copy: the same recording as {one.name}; it was left out"]
 
@@ -35,7 +35,7 @@ def test_a_copy_is_known_whatever_it_is_called_and_what_it_lost(one: Flight):
 def test_other_flights_are_other_flights(one: Flight):
     other = simulate(recipe(), seed=2)
     assert not same_recording(one, other)
-    assert without_repeats([one, other]) == ([one, other], [])
+    assert without_duplicates([one, other]) == ([one, other], [])
 
 
 def test_what_holds_nothing_or_next_to_nothing_is_no_repeat():

@@ -20,7 +20,7 @@ DATA = os.environ.get("SLAM_DATA")
 
 
 def odd(flight, *words):
-    return [line for line in describe(flight).odd if all(w in line for w in words)]
+    return [line for line in describe(flight).anomalies if all(w in line for w in words)]
 
 
 def part(flight, field, **changes):
@@ -34,7 +34,7 @@ def sonar(ranges, rate_hz=25.0):
 
 def test_a_sound_flight_is_not_odd():
     info = describe(made_flight(seconds=20))
-    assert info.odd == ()
+    assert info.anomalies == ()
     assert info.missing == ()
     assert info.landmarks == 2
     imu = next(s for s in info.streams if s.name == "imu0")
@@ -165,10 +165,10 @@ def test_printed_text_is_shown_as_it_is():
 @pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set")
 def test_measured_flights():
     info = describe(read_flight(Path(DATA, "flights/ardrone2-hybrid")))
-    assert any("accelerometer reads 9.04 m/s^2 at rest" in line for line in info.odd)
+    assert any("accelerometer reads 9.04 m/s^2 at rest" in line for line in info.anomalies)
     assert [s.gaps for s in info.streams] == [0] * 7
     info = describe(read_flight(Path(DATA, "flights/px4flow-quad")))
-    assert any("yaw is unwrapped" in line for line in info.odd)
+    assert any("yaw is unwrapped" in line for line in info.anomalies)
     assert all(s.gaps == 3 for s in info.streams)
 
 

@@ -10,7 +10,7 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from slam.cli import app
-from slam.cli.console import progress_shown
+from slam.cli.console import show_progress
 from slam.core.flight import Flight, Imu
 from slam.core.progress import Tally
 from slam.io.flight_writer import write_flight
@@ -42,7 +42,7 @@ def test_each_part_ends_when_the_next_is_asked_for():
 
 def test_a_log_has_one_line_for_each_stage():
     out = io.StringIO()
-    with progress_shown(Console(file=out)) as progress:
+    with show_progress(Console(file=out)) as progress:
         list(Tally(progress, "look").each(range(3)))
         list(Tally(progress, "pictures", 3).each(range(3)))
     assert out.getvalue().splitlines() == ["look", "pictures (3)"]

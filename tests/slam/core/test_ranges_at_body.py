@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from slam.core.flight import AttitudeSeries, Flight, Sonar
-from slam.core.ranges_at_body import with_body_ranges
+from slam.core.ranges_at_body import ranges_at_body
 
 
 def flown(b_T_s: np.ndarray, attitude: bool = True) -> tuple[Flight, np.ndarray]:
@@ -31,7 +31,7 @@ def test_the_mount_is_taken_out(attitude):
     b_T_s[:3, :3] = Rotation.from_euler("xy", [0.1, -0.05]).as_matrix()
     b_T_s[:3, 3] = (0.1, -0.05, -0.08)
     flight, expected = flown(b_T_s, attitude)
-    moved = with_body_ranges(flight).sonar
+    moved = ranges_at_body(flight).sonar
     assert moved.range_m == pytest.approx(expected, rel=1e-9)
     assert np.array_equal(moved.b_T_s, np.eye(4))
     assert moved.max_range_m == pytest.approx(flight.sonar.max_range_m + 0.08)
@@ -39,9 +39,9 @@ def test_the_mount_is_taken_out(attitude):
 
 def test_what_was_not_heard_stays_unheard_and_a_usual_mount_changes_nothing():
     flight, _ = flown(np.eye(4))
-    assert with_body_ranges(flight) is flight
+    assert ranges_at_body(flight) is flight
     b_T_s = np.eye(4)
     b_T_s[2, 3] = -0.1
     flight, _ = flown(b_T_s)
     flight.sonar.range_m[3], flight.sonar.range_m[5] = np.nan, flight.sonar.max_range_m + 1
-    assert np.flatnonzero(np.isnan(with_body_ranges(flight).sonar.range_m)).tolist() == [3, 5]
+    assert np.flatnonzero(np.isnan(ranges_at_body(flight).sonar.range_m)).tolist() == [3, 5]

@@ -58,7 +58,11 @@ def test_a_made_flight_is_followed(flight, navigation):
     assert evaluation.ate_m.rmse < 0.06
     assert navigation.estimate.status == "ok"
     assert evaluation.loops is None
-    assert evaluation.ways == navigation.estimate.ways == ("dead reckoning on board", "filter", "smoothed")
+    assert (
+        evaluation.trajectory_names
+        == navigation.estimate.trajectory_names
+        == ("dead reckoning on board", "filter", "smoothed")
+    )
 
 
 def test_smoothed_is_better_than_filtered_and_both_better_than_dead_reckoning():
@@ -160,7 +164,7 @@ def test_command_writes_all_and_evaluate_reads_it(flight, tmp_path):
     assert done.exit_code == 0, done.output
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {"trajectory.tum", "estimate.npz", "estimate.png", "summary.json"}
-    assert read_estimate(tmp_path / "out").ways[2] == "smoothed"
+    assert read_estimate(tmp_path / "out").trajectory_names[2] == "smoothed"
     compared = CliRunner().invoke(
         app, ["evaluate", str(tmp_path / "out"), "--truth", str(tmp_path / "flight")]
     )

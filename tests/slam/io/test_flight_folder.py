@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from slam.core.errors import InputError
 from slam.core.flight import (
-    FIELDS,
+    FIELD_BY_FOLDER,
     STREAMS,
     AttitudeSeries,
     Command,
@@ -49,7 +49,7 @@ def test_every_stream_comes_back(tmp_path):
     flight = made_flight()
     write_flight(flight, tmp_path / "f")
     back = read_flight(tmp_path / "f")
-    for field in map(FIELDS.get, COLUMNS):
+    for field in map(FIELD_BY_FOLDER.get, COLUMNS):
         exact = field not in ("truth", "gps")  # quaternions and degrees are converted on the way
         if field == "gps":
             assert_same(dataclasses.replace(flight.gps, noise_std_m=back.gps.noise_std_m), back.gps)
@@ -156,7 +156,7 @@ def test_a_picture_that_fails_to_come_leaves_nothing(tmp_path):
 
 
 def test_the_table_of_streams_is_that_of_the_format_and_of_a_flight():
-    assert set(FIELDS) == {"cam0", *COLUMNS}
+    assert set(FIELD_BY_FOLDER) == {"cam0", *COLUMNS}
     flight = made_flight()
     stamped = {f.name for f in dataclasses.fields(flight) if hasattr(getattr(flight, f.name), "stamps_s")}
     assert set(STREAMS) == stamped

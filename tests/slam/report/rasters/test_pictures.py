@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from frontend.mosaic.quality import MosaicQuality
-from slam.core.plot_style import UNSEEN
+from slam.core.plot_style import UNMEASURED
 from slam.io.geotiff import Grid
 from slam.report.rasters.elevation import elevation_picture
 from slam.report.rasters.quality import quality_picture
@@ -38,7 +38,7 @@ def test_a_flat_floor_stands_in_the_middle_of_the_colours_and_holes_are_told_apa
     flat = elevation_picture(heights(1e-4), GRID)
     middle = "#21918c"  # viridis at one half
     assert share(flat, middle) > 0.25
-    assert 0.05 < share(flat, UNSEEN) < 0.3
+    assert 0.05 < share(flat, UNMEASURED) < 0.3
     assert share(elevation_picture(heights(0.3), GRID), middle) < 0.05
 
 
