@@ -140,7 +140,11 @@ class Extractor:
         return tools
 
     def __call__(self, image: Image, camera: Camera, mask: Image | None = None) -> Features:
-        """Features of one picture, (h, w) grey or (h, w, 3) BGR uint8; ``mask`` is 0 where to look away."""
+        """Features of one picture, (h, w) grey or (h, w, 3) BGR uint8; ``mask`` is 0 where to look away.
+
+        Raises ``TypeError`` or ``ValueError`` for an array that is no such picture.
+        """
+        _check_picture(image)
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
         full = np.array(grey.shape[::-1])
         size = np.rint(full * min(1.0, self.config.max_side_px / full.max())).astype(int)
@@ -212,6 +216,16 @@ class Extractor:
     @property
     def _dtype(self) -> type:
         return np.float32 if self.config.kind in ("sift", "surf") else np.uint8
+
+
+def _check_picture(image: Any) -> None:
+    expected = "picture: expected an array of uint8, (h, w) grey or (h, w, 3) BGR"
+    if not isinstance(image, np.ndarray):
+        raise TypeError(f"{expected}, got {type(image).__name__}")
+    if image.dtype != np.uint8:
+        raise TypeError(f"{expected}, got {image.dtype}")
+    if image.ndim not in (2, 3) or image.shape[2:] not in ((), (3,)):
+        raise ValueError(f"{expected}, got shape {image.shape}")
 
 
 def _by_strength(points: Sequence[cv2.KeyPoint]) -> NDArray[np.int64]:

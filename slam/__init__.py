@@ -2,50 +2,82 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from slam.core.version import VERSION
 
 if TYPE_CHECKING:
+    from slam.core.errors import InputError
+    from slam.core.estimate import Estimate
     from slam.core.flight import Flight
-    from slam.criticism import criticise
-    from slam.evaluation import evaluate
+    from slam.core.join_flights import join_flights
+    from slam.criticism import Criticism, criticise
+    from slam.evaluation import Evaluation, evaluate
     from slam.evaluation.loops import evaluate_loops
-    from slam.io.flight_folder import read_flight
+    from slam.inertial.navigate import navigate
+    from slam.io.estimate import read_estimate, write_estimate
+    from slam.io.flight_folder import read_flight, write_flight
+    from slam.mapping.config import PipelineConfig
     from slam.mapping.pipeline import optimize
     from slam.mapping.relocation import Relocalizer, relocalize
     from slam.simulation import simulate
 
 __version__ = VERSION
-__all__ = [
-    "Flight",
-    "Relocalizer",
-    "criticise",
-    "evaluate",
-    "evaluate_loops",
-    "optimize",
-    "read_flight",
-    "relocalize",
-    "simulate",
-]
-
-_HOME = {
+_MODULES = {
+    "Criticism": "slam.criticism",
+    "Estimate": "slam.core.estimate",
+    "Evaluation": "slam.evaluation",
     "Flight": "slam.core.flight",
+    "InputError": "slam.core.errors",
+    "PipelineConfig": "slam.mapping.config",
+    "Relocalizer": "slam.mapping.relocation",
     "criticise": "slam.criticism",
     "evaluate": "slam.evaluation",
     "evaluate_loops": "slam.evaluation.loops",
+    "join_flights": "slam.core.join_flights",
+    "navigate": "slam.inertial.navigate",
     "optimize": "slam.mapping.pipeline",
+    "read_estimate": "slam.io.estimate",
     "read_flight": "slam.io.flight_folder",
-    "Relocalizer": "slam.mapping.relocation",
     "relocalize": "slam.mapping.relocation",
     "simulate": "slam.simulation",
+    "write_estimate": "slam.io.estimate",
+    "write_flight": "slam.io.flight_folder",
 }
+"""Public name -> the module that defines it."""
+
+__all__ = [
+    "Criticism",
+    "Estimate",
+    "Evaluation",
+    "Flight",
+    "InputError",
+    "PipelineConfig",
+    "Relocalizer",
+    "__version__",
+    "criticise",
+    "evaluate",
+    "evaluate_loops",
+    "join_flights",
+    "navigate",
+    "optimize",
+    "read_estimate",
+    "read_flight",
+    "relocalize",
+    "simulate",
+    "write_estimate",
+    "write_flight",
+]
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use, so that ``slam --help`` need not wait for gtsam and OpenCV."""
-    if name in _HOME:
-        from importlib import import_module
-
-        return getattr(import_module(_HOME[name]), name)
+    """Import a public name on first use, so that ``import slam`` loads nothing else."""
+    if name in _MODULES:
+        return getattr(import_module(_MODULES[name]), name)
     raise AttributeError(f"module 'slam' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return sorted(__all__)

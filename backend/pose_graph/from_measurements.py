@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from backend import se3
 from backend.errors import BackendError
-from backend.measurements import Measurements, RelativePose
+from backend.measurements import EdgeKind, Measurements, RelativePose
 from backend.pose_graph import unary_factors
 from backend.pose_graph.problem import Problem, square_roots
 from backend.pose_graph.unary_factors import Absolute
@@ -20,6 +21,7 @@ Array = NDArray[np.float64]
 
 _BODY_UP = np.array([0.0, 0.0, 1.0])
 _NOT_RIGID = 1e-3
+_KINDS = get_args(EdgeKind)
 _AT_ONCE = 1_000
 """Edges."""
 
@@ -42,6 +44,7 @@ def from_measurements(measurements: Measurements, initial: Array | None) -> tupl
             if not 0 <= single.k < n:
                 raise BackendError(f"a measurement names keyframe {single.k} of {n}")
     edges = measurements.relative_poses
+    _check_fields(edges)
     problem = Problem(
         dimension=3,
         names=names,
@@ -55,6 +58,21 @@ def from_measurements(measurements: Measurements, initial: Array | None) -> tupl
     )
     singles, warnings = _absolutes(measurements)
     return replace(problem, absolutes=singles), warnings
+
+
+def _check_fields(edges: tuple[RelativePose, ...]) -> None:
+    """Raise ``BackendError`` for an edge with a field of another shape, or of an unknown kind."""
+    for e in edges:
+        if e.kind not in _KINDS:
+            raise BackendError(
+                f"relative pose {e.i}-{e.j}: kind is {e.kind!r}; expected one of {', '.join(_KINDS)}"
+            )
+        for name, value, side in (("i_T_j", e.i_T_j, 4), ("covariance", e.covariance, 6)):
+            if np.shape(value) != (side, side):
+                raise BackendError(
+                    f"relative pose {e.i}-{e.j}: {name} has shape {np.shape(value)}; "
+                    f"expected ({side}, {side})"
+                )
 
 
 def _rigid(edges: tuple[RelativePose, ...], n: int) -> Array:

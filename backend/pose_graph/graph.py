@@ -123,7 +123,7 @@ def _finite(T: Array) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(T).all(axis=(1, 2)))
 
 
-def pose_graph(w_T_b: Array, relative_poses: tuple[RelativePose, ...]) -> PoseGraph:
+def build_pose_graph(w_T_b: Array, relative_poses: tuple[RelativePose, ...]) -> PoseGraph:
     """A spatial graph of placed keyframes and their relative poses.
 
     ``w_T_b`` is (n, 4, 4); a keyframe without a finite pose is left out together with its edges.

@@ -49,12 +49,12 @@ def write_results(
 ) -> Results:
     """Write trajectory, graph, mosaics, summary and report of a flight. Raises ``InputError``."""
     from backend.g2o import write_g2o
-    from backend.pose_graph.graph import pose_graph
+    from backend.pose_graph.graph import build_pose_graph
     from slam.report.rasters.elevation import write_elevation
 
     write_estimate(estimate, folder)
     with (folder / "graph.g2o").open("w", encoding="ascii") as stream:
-        write_g2o(stream, pose_graph(estimate.w_T_b, estimate.relative_poses))
+        write_g2o(stream, build_pose_graph(estimate.w_T_b, estimate.relative_poses))
     write_elevation(estimate, folder)
     start = time.perf_counter()
     mosaics, warning = _write_mosaics(folder, estimate, flight, wish, progress)

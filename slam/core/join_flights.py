@@ -7,13 +7,14 @@ the next take-off, and stretches without features are not bridged.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from slam.core.arguments import flight_tuple
 from slam.core.duplicate_flights import without_duplicates
 from slam.core.errors import InputError
 from slam.core.flight import AttitudeSeries, Flight, Frames, Gps, Image, Sonar, Truth, with_unique_names
@@ -28,7 +29,7 @@ PAUSE_S = 20.0
 which two sights of a place count as a loop."""
 
 
-def join_flights(flights: Sequence[Flight]) -> Flight:
+def join_flights(flights: Iterable[Flight]) -> Flight:
     """All flights on the clock of the first, pictures as ``A/000001.png`` and so on; a single one as it is.
 
     A flight that does not begin after the last one's end is shifted behind it by whole seconds, and a warning
@@ -36,6 +37,7 @@ def join_flights(flights: Sequence[Flight]) -> Flight:
     Raises ``InputError`` where there is no flight, one has no pictures, cameras differ, or one recording is
     given twice.
     """
+    flights = flight_tuple(flights)
     if not flights:
         raise InputError("no flight to join; give one or more")
     if len(flights) == 1:

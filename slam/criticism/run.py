@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from slam.core.arguments import flight_tuple
 from slam.core.duplicate_flights import without_duplicates
 from slam.core.flight import Flight, with_unique_names
 from slam.core.progress import Progress, Tally, show_compilation, silent
@@ -54,7 +55,7 @@ FOREIGN = 2.0
 
 
 def criticise(
-    flights: Sequence[Flight], model: Model | str | Path = "nominal", progress: Progress = silent
+    flights: Iterable[Flight], model: Model | str | Path = "nominal", progress: Progress = silent
 ) -> Criticism:
     """Say what a model gets wrong about flights of one vehicle.
 
@@ -64,7 +65,7 @@ def criticise(
     from threadpoolctl import threadpool_limits
 
     believed = model if isinstance(model, Model) else load_model(model)
-    flights, repeated = without_duplicates(with_unique_names(flights))
+    flights, repeated = without_duplicates(with_unique_names(flight_tuple(flights)))
     flights = [ranges_at_body(flight) for flight in flights]
     steered = not flights or any(has_commands(flight) for flight in flights)
     with threadpool_limits(1), show_compilation(progress):

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.arguments import check_estimate, check_flight
 from slam.core.estimate import MAP_TRAJECTORIES, Estimate
 from slam.core.flight import Flight
 from slam.core.summary import without_nan
@@ -108,6 +109,8 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
 
     Raises ``InputError`` where the flight has neither or nothing in common with the estimate.
     """
+    check_estimate(estimate)
+    check_flight(flight)
     association = associate(estimate, flight)
     maps = maps_of(estimate, association)
     used = slice(0, association.dimensions)

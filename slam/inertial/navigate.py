@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend.ekf import records as status
+from slam.core.arguments import check_flight
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.flight_info import describe
@@ -56,6 +57,7 @@ def navigate(
 
     Raises ``InputError`` where the flight tells too little, or would give more than ``MOST_POSES`` poses.
     """
+    check_flight(flight)
     clock = Stopwatch()
     with show_compilation(progress):
         with clock("instruments"):

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from backend.pose_graph.heights import Heights
 from backend.pose_graph.solution import Solution
 from frontend.camera import Camera
+from slam.core.arguments import check_flight
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
@@ -55,6 +56,7 @@ def optimize_with_sightings(
     flight: Flight, config: PipelineConfig = PipelineConfig(), progress: Progress = silent
 ) -> tuple[Estimate, Sightings]:
     """The same, and what the front end saw: features of the keyframes, registrations held and refused."""
+    check_flight(flight)
     camera = _camera(flight)
     flight, job = seeing_floor(flight, camera), _Job(camera, config, progress, Stopwatch())
     # Threads of BLAS and of OpenCV would spin against each other for the same cores.

@@ -19,6 +19,7 @@ from frontend.features import Extractor, Features
 from frontend.loops import appearance
 from frontend.registration import Registration, register
 from frontend.store import FeatureStore
+from slam.core.arguments import check_estimate, check_flight
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate, over_floor
 from slam.core.flight import Flight, Image
@@ -67,6 +68,8 @@ class Relocalizer:
 
         Raises ``InputError`` where the two do not belong together.
         """
+        check_estimate(estimate)
+        check_flight(flight)
         camera = estimate.camera or flight.camera
         if camera is None or flight.frames is None:
             raise InputError(

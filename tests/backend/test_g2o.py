@@ -8,7 +8,7 @@ import pytest
 
 from backend.errors import BackendError
 from backend.g2o import read_g2o, write_g2o
-from backend.pose_graph.graph import PoseGraph, pose_graph
+from backend.pose_graph.graph import PoseGraph, build_pose_graph
 from backend.pose_graph.problem import from_pose_graph
 from tests.backend.synthetic import flight, graph
 
@@ -78,7 +78,7 @@ def test_keyframes_without_a_pose_are_left_out():
     truth = made.truth.copy()
     truth[4] = np.nan
     stream = io.StringIO()
-    write_g2o(stream, pose_graph(truth, made.measurements.relative_poses))
+    write_g2o(stream, build_pose_graph(truth, made.measurements.relative_poses))
     tags = [line.split()[:2] for line in stream.getvalue().splitlines()]
     assert ["VERTEX_SE3:QUAT", "4"] not in tags
     assert sum(tag == "VERTEX_SE3:QUAT" for tag, _ in tags) == 9

@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 from frontend.camera import Camera
 from frontend.loops import signatures, verify
 from frontend.store import FeatureStore
+from slam.core.arguments import check_flight
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
@@ -111,6 +112,7 @@ def evaluate_loops(
 
     Raises ``InputError`` where it has neither, no pictures, or too few keyframes for a loop.
     """
+    check_flight(flight)
     if flight.camera is None or flight.frames is None or len(flight.frames) == 0:
         why = flight.reason_not_read("cam0") or "no camera in this flight"
         raise InputError(f"{flight.name}: {why}, so no loops to find; {NO_CAMERA}")

@@ -43,8 +43,8 @@ def draw(evaluation: LoopEvaluation) -> bytes:
     figure = Figure(figsize=(12.5, 11.0), dpi=110, layout="constrained")
     (candidates, verified), (stages, top) = figure.subplots(2, 2)
     figure.suptitle(
-        f"{escape_math(evaluation.name)}: {evaluation.true_pairs} true loops among {evaluation.pairs} pairs of "
-        f"{evaluation.compared} keyframes"
+        f"{escape_math(evaluation.name)}: {evaluation.true_pairs} true loops among {evaluation.pairs} pairs "
+        f"of {evaluation.compared} keyframes"
     )
     _curves(candidates, "Candidates: all pairs by likeness", evaluation, lambda m: m.candidates)
     _curves(
