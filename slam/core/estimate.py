@@ -1,4 +1,4 @@
-"""What the pipeline gives back: the optimized flight."""
+"""The result of an optimization: keyframe poses with covariances, edges, loops and figures of quality."""
 
 from __future__ import annotations
 
@@ -22,145 +22,165 @@ Array = NDArray[np.float64]
 
 
 MAP_TRAJECTORIES = ("chain of homographies", "without loops", "with loops")
-"""The three ways in which a map places its keyframes."""
+"""Names of the three trajectories of a map: the plain chain, the odometry, and the result."""
 
 
 @dataclass(frozen=True)
 class LoopVerdict:
-    """What became of one loop candidate."""
+    """The decision about one loop candidate."""
 
     i: int
     j: int
     """Keyframe numbers, i < j."""
     verdict: Literal["kept", "rejected"]
     reason: str
-    """Empty for a kept loop; else what spoke against it, in words with figures."""
+    """Why a rejected loop was rejected, in words with figures; empty for a kept one."""
 
 
 @dataclass(frozen=True)
 class AttitudeErrors:
-    """The attitude stream against the map's attitude; the floor is taken for level."""
+    """Errors of the attitude stream against the map's attitude; the floor is assumed to be level."""
 
     offset_rad: tuple[float, float]
-    """Of roll and pitch, on average."""
+    """Mean errors of roll and pitch."""
     offset_std_rad: tuple[float, float]
     spread_rad: float
-    """Standard deviation of roll and pitch about that."""
+    """Standard deviation of roll and pitch about the mean errors."""
     largest_rad: float
-    """Of roll or pitch at any keyframe."""
+    """Largest error of roll or pitch at any keyframe."""
     heading_wander_rad: float | None
-    """Largest less smallest error of the heading; None where no heading was measured."""
+    """Range of the heading's error, largest minus smallest; None where no heading was measured."""
 
 
 @dataclass(frozen=True)
 class AccelerometerErrors:
-    """The accelerometer against the map's path (`backend.inertial_scale`); body axes (forward, left, up)."""
+    """Errors of the accelerometer against the map's trajectory (`backend.inertial_scale`).
+
+    Vectors are in body axes (forward, left, up).
+    """
 
     offset_m_s2: tuple[float, float, float]
     offset_std_m_s2: tuple[float, float, float]
     arm_m: tuple[float, float, float]
-    """From the body's origin to the accelerometer."""
+    """Lever arm from the body's origin to the accelerometer."""
     arm_std_m: tuple[float, float, float]
     delay_s: float
-    """The pictures' stamps are so much later than the accelerometer's for the same moment."""
+    """Delay of the pictures' stamps behind those of the accelerometer for the same moment."""
     scale: float
-    """True lengths, as it has them, over the map's before it was heard."""
+    """Ratio of the lengths that the accelerometer measures to those of the map without it."""
     scale_std: float
-    """The uncertainty of its own gain included."""
+    """Standard deviation of ``scale``; it includes the uncertainty of the accelerometer's own gain."""
     used: bool
-    """Whether the map's lengths rest on it too."""
+    """Whether the map's scale uses the accelerometer."""
     delay_std_s: float = float("nan")
-    """Infinite where the flight does not show the delay."""
+    """Standard deviation of the delay; infinite where the flight does not determine it."""
     delay_taken_out_s: float = 0.0
-    """So much of the delay the map has taken out of the instruments' stamps; 0 where it is held at none."""
+    """Part of the delay that was removed from the instruments' stamps; 0 where none was removed."""
 
 
 @dataclass(frozen=True)
 class MountTilt:
-    """How the camera sits on the body, against what was told."""
+    """Error of the camera's nominal mount on the body."""
 
     tilt_rad: tuple[float, float]
-    """Rotation about the body's x and y that takes the told mount to the found one."""
+    """Rotation about the body's x and y that takes the nominal mount to the estimated one."""
     std_rad: float
-    """Of either."""
+    """Standard deviation of each component."""
     b_T_c: tuple[tuple[float, ...], ...]
-    """The found mount, four rows of four: ``T_BS`` of ``cam0/sensor.yaml``."""
+    """Estimated mount, four rows of four: ``T_BS`` of ``cam0/sensor.yaml``."""
 
 
 @dataclass(frozen=True)
 class InstrumentErrors:
-    """What the map shows of the instruments' own errors; None where it shows nothing."""
+    """Errors of the instruments as the map determines them; None where it does not."""
 
     attitude: AttitudeErrors | None
     accelerometer: AccelerometerErrors | None
     mount: MountTilt | None = None
-    """None where the camera's mount was held as told."""
+    """None where the camera's mount was held at its nominal value."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Estimate:
-    """Optimized keyframe poses with covariances, and how they came about."""
+    """Optimized keyframe poses with covariances, the measurements behind them, and figures of quality."""
 
     name: str
     status: str
-    """``ok``, or in one sentence what is not observed or could not be placed."""
+    """``ok``, or one sentence that says what is not observed or could not be placed."""
     epoch_ns: int
     stamps_s: Array
-    """(n,) keyframe times, seconds since epoch_ns, on the instruments' clock where the camera's is off."""
+    """(n,) keyframe times, seconds since epoch_ns; the instruments' clock where the camera's is off."""
     frame_names: tuple[str, ...]
     frame_index: NDArray[np.int64]
-    """(n,) which frame of the flight each keyframe is."""
+    """(n,) number of each keyframe among the frames of the flight."""
     w_T_b: Array
     """(n, 4, 4) optimized poses; NaN where a keyframe could not be placed."""
     covariances: Array
     """(n, 6, 6), rotation first, right perturbation; NaN where unknown."""
     over_floor_covariances: Array
-    """(n, 6, 6) of ``over_floor_T_b``, without what pictures and floor are off together: how well the place
-    of what a picture shows of the floor is known. NaN where unknown."""
+    """(n, 6, 6) covariances of ``over_floor_T_b`` without the errors that pictures and floor share. They say
+    how accurately the floor in a picture is placed. NaN where unknown."""
     component: NDArray[np.int64]
     """(n,) connected part of the graph each keyframe belongs to; 0 is the largest, -1 not placed."""
     camera: Camera | None
-    """As estimated, where focal length, distortion or mount were."""
+    """The camera; its focal length, distortion and mount are estimates where they were estimated."""
     floor_z_m: float
-    """Height of the floor under the world's origin."""
+    """Height of the floor at the world's origin."""
     origin: GeoOrigin | None
-    """Set where the world is east-north-up on Earth."""
+    """Place of the world's origin on Earth; None where the world is not east-north-up."""
     relative_poses: tuple[RelativePose, ...]
     loops: tuple[LoopVerdict, ...]
     chain_w_T_b: Array
-    """(n, 4, 4) the paper's way: homographies of consecutive frames composed, nothing else."""
+    """(n, 4, 4) poses from composed homographies of consecutive frames alone, as in the paper."""
     odometry_w_T_b: Array
-    """(n, 4, 4) optimized without loops."""
+    """(n, 4, 4) poses optimized without loops."""
     frames: int = 0
-    """Frames read."""
+    """Number of frames read."""
     rejected: dict[str, int] = field(default_factory=dict)
-    """Frames, edges and values dropped, counted by reason."""
+    """Number of dropped frames, edges and values by reason."""
     timing_s: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     graph_error: float = float("nan")
-    """Half the squared whitened residuals over all kept factors."""
+    """Half the sum of squared whitened residuals over all kept factors."""
     iterations: int = 0
     floor_slope_rad: tuple[float, float] = (0.0, 0.0)
-    """Rotation vector (x, y) that takes the level to the ground; zero where nothing told of a slope."""
+    """Rotation vector (x, y) from level to the ground; zero where no measurement shows a slope."""
     scale_std: float | None = None
-    """Relative standard deviation that all lengths share; None where nothing told the scale."""
+    """Relative standard deviation that all lengths share; None where the scale is not observed."""
     metric: bool = True
-    """Whether lengths are metres; else they are multiples of the camera's mean height over the floor, for
-    nothing told the scale."""
+    """Whether lengths are metres. Otherwise the scale is not observed, and lengths are multiples of the
+    camera's mean height over the floor."""
     range_errors: RangeErrors | None = None
-    """What the height sensor's readings turned out to have in common; None where there is none."""
+    """Estimated gain and zero of the height sensor; None without such a sensor."""
     instruments: InstrumentErrors = InstrumentErrors(None, None)
-    """Errors of attitude, accelerometer and mount, as the map shows them."""
+    """Errors of attitude, accelerometer and mount, as the map determines them."""
     certificate: Certificate | None = None
-    """Graphs alone: whether the solution is the global optimum."""
+    """Whether the solution is the global optimum; for pose graphs only."""
     elevation: Elevation | None = None
-    """What the sonar heard of the ground, over a level floor in the world's x and y; None without one."""
+    """Elevation of the ground over a level floor, as the sonar measured it; None without a sonar."""
     trajectory_names: tuple[str, str, str] = MAP_TRAJECTORIES
-    """What ``chain_w_T_b``, ``odometry_w_T_b`` and ``w_T_b`` are, in words."""
+    """Names of ``chain_w_T_b``, ``odometry_w_T_b`` and ``w_T_b`` for tables and pictures."""
+
+    def __repr__(self) -> str:
+        kept = sum(loop.verdict == "kept" for loop in self.loops)
+        return (
+            f"Estimate({self.name!r}, status={self.status!r}, keyframes={len(self.stamps_s)}, "
+            f"placed={int(self.placed.sum())}, loops={kept})"
+        )
+
+    def _repr_html_(self) -> str:
+        from slam.core.notebook import estimate_html
+
+        return estimate_html(self)
+
+    @property
+    def placed(self) -> NDArray[np.bool_]:
+        """(n,) whether each keyframe has a pose."""
+        return np.asarray(np.isfinite(self.w_T_b).all(axis=(1, 2)))
 
     @property
     def over_floor_T_b(self) -> Array:
-        """(n, 4, 4) poses with the slope of the ground taken out: the floor is the plane z = floor_z_m."""
+        """(n, 4, 4) poses without the slope of the ground: the floor is the plane z = floor_z_m."""
         return over_floor(self.w_T_b, self.floor_slope_rad, self.floor_z_m)
 
     @property
@@ -170,7 +190,7 @@ class Estimate:
 
 
 def over_floor(w_T_b: Array, slope_rad: tuple[float, float], floor_z_m: float) -> Array:
-    """Poses (n, 4, 4) turned about the floor under the origin until the floor is level."""
+    """Return the poses (n, 4, 4) rotated about the floor at the origin so that the floor is level."""
     turn = Rotation.from_rotvec([*slope_rad, 0.0]).inv().as_matrix()
     under = np.array([0.0, 0.0, floor_z_m])
     poses = w_T_b.copy()

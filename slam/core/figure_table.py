@@ -1,4 +1,4 @@
-"""A table of figures for a person, the same on the terminal and in a report."""
+"""A table of figures that the terminal and the report show alike."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ UNKNOWN = "–"
 
 @dataclass(frozen=True)
 class FigureTable:
-    """A table for a person: names first, figures after."""
+    """A table for a reader: the first column holds names, the others figures."""
 
     title: str
     columns: tuple[str, ...]

@@ -1,14 +1,14 @@
-"""A recorded flight: the data that flows in.
+"""A recorded flight: the input of all jobs.
 
-Times are seconds (float64) since ``epoch_ns``, one clock for all streams; integer nanoseconds stand on disk
-only. Frames, axes and signs: world z up with the floor at z = 0, body x forward, y left, z up, camera as in
-OpenCV. A stream that was not recorded is ``None``; a value that is missing is NaN.
+Times are seconds (float64) since ``epoch_ns`` on one clock for all streams; only files hold integer
+nanoseconds. Frames, axes and signs: world z up with the floor at z = 0, body x forward, y left, z up, camera
+as in OpenCV. A stream that was not recorded is ``None``; a missing value is NaN.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import KW_ONLY, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -22,26 +22,26 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture of a flight, read when asked for."""
+    """One picture of a flight; it is read on request."""
 
     index: int
     stamp_s: float
     name: str
     read: Callable[[], Image | None]
-    """The picture as (h, w, 3) BGR or (h, w) grey; None where the file is damaged or missing."""
+    """Return the picture as (h, w, 3) BGR or (h, w) grey; None where the file is damaged or missing."""
 
 
 @dataclass(frozen=True)
 class Frames:
-    """The pictures of a flight in order of time, none of them in memory."""
+    """The pictures of a flight in order of time; none of them is held in memory."""
 
     stamps_s: Array
     """(n,)."""
     names: tuple[str, ...]
     load: Callable[[int], Image | None]
-    """Reads picture k; None where it is damaged or missing."""
+    """Read picture k; None where it is damaged or missing."""
     failures: Mapping[int, str] = field(default_factory=dict)
-    """Why picture k could not be read, for those that ``load`` was asked for, where it knows."""
+    """Reason why picture k could not be read, for pictures that ``load`` has tried."""
 
     def __len__(self) -> int:
         return len(self.stamps_s)
@@ -86,15 +86,15 @@ class Sonar:
     beam_width_rad: float = 0.44
     b_T_s: Array = field(default_factory=lambda: np.eye(4))
     scale_std: float = 0.05
-    """Relative uncertainty that all readings share, 0 for a sensor known to be exact. Cheap sonars read up to
-    5 % short."""
+    """Relative uncertainty that all readings share; 0 for a sensor without scale error. Cheap sonars read up
+    to 5 % short."""
     datum_std_m: float = 0.02
-    """Uncertainty of what is added to all readings, the error of its zero; 0 where that is known."""
+    """Standard deviation of the offset that all readings share; 0 where the offset is known."""
 
 
 @dataclass(frozen=True)
 class AttitudeSeries:
-    """The vehicle's own attitude: ``R_wb = Rz(yaw) Ry(pitch) Rx(roll)``."""
+    """Attitude as the vehicle estimates it: ``R_wb = Rz(yaw) Ry(pitch) Rx(roll)``."""
 
     stamps_s: Array
     roll_pitch_yaw_rad: Array
@@ -104,20 +104,20 @@ class AttitudeSeries:
 
 @dataclass(frozen=True)
 class Velocity:
-    """On-board optical-flow velocity in the heading frame (level, yaw taken out)."""
+    """On-board optical-flow velocity in the heading frame: level axes, without yaw."""
 
     stamps_s: Array
     v_m_s: Array
     """(n, 2): forward, left."""
     noise_std_m_s: tuple[float, float] = (0.03, 0.03)
     scale_std: float = 0.1
-    """Relative uncertainty that all readings of an axis share, 0 for a sensor known to be exact. Flow
-    sensors on board read some 0.75 to 1.05 times the true speed."""
+    """Relative uncertainty that all readings of an axis share; 0 for a sensor without scale error. On-board
+    flow sensors read about 0.75 to 1.05 times the true speed."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """The stick, each value held from its stamp to the next."""
+    """Stick positions; each value holds from its stamp to the next."""
 
     stamps_s: Array
     stick: Array
@@ -127,7 +127,7 @@ class Command:
 
 @dataclass(frozen=True)
 class Scalar:
-    """A stream of one value a stamp: battery voltage [V] or barometric altitude [m]."""
+    """A stream with one value per stamp: battery voltage [V] or barometric altitude [m]."""
 
     stamps_s: Array
     value: Array
@@ -154,12 +154,12 @@ class Gps:
     altitude_m: Array
     """(n,); NaN where only the horizontal position is known."""
     noise_std_m: tuple[float, float, float] = (5.0, 5.0, 10.0)
-    """East, north, up: what the maker says; the back end measures its own."""
+    """Nominal standard deviations east, north, up; the back end estimates its own."""
 
 
 @dataclass(frozen=True)
 class GeoOrigin:
-    """Where the local east-north-up world of a flight with GPS stands on Earth (WGS 84)."""
+    """Geodetic position (WGS 84) of the origin of a flight's local east-north-up world."""
 
     latitude_deg: float
     longitude_deg: float
@@ -179,11 +179,11 @@ class Truth:
 
 @dataclass(frozen=True)
 class Stream:
-    """Where a stream of a flight lies on disk, and who stamps it."""
+    """Folder of a stream on disk, and the clock of its stamps."""
 
     folder: str
     clock: Literal["vehicle", "recorder", "reference"]
-    """The vehicle's own; that of whatever records commands and pictures beside it; or that of the truth."""
+    """The vehicle's clock; the clock of the recorder of commands and pictures; or that of the truth."""
 
 
 STREAMS: dict[str, Stream] = {
@@ -203,16 +203,17 @@ STREAMS: dict[str, Stream] = {
 FIELD_BY_FOLDER = {stream.folder: name for name, stream in STREAMS.items()}
 """Folder -> field of ``Flight``."""
 VEHICLE_CLOCK_STREAMS = tuple(name for name, stream in STREAMS.items() if stream.clock == "vehicle")
-"""Fields of what the vehicle stamps."""
+"""Fields of ``Flight`` whose stamps come from the vehicle's clock."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Flight:
-    """One flight with the streams that it has."""
+    """One flight with its recorded streams."""
 
     name: str
+    _: KW_ONLY
     epoch_ns: int = 0
-    """Integer nanoseconds that second 0 stands for on the recorder's clock."""
+    """Nanoseconds of second 0 on the recorder's clock."""
     camera: Camera | None = None
     frames: Frames | None = None
     imu: Imu | None = None
@@ -226,26 +227,36 @@ class Flight:
     gps: Gps | None = None
     truth: Truth | None = None
     landmarks: dict[str, Array] = field(default_factory=dict)
-    """Surveyed points of the floor, name -> (3,) metres in the world."""
+    """Surveyed points of the floor: name -> (3,) metres in the world."""
     landmark_pairs: tuple[tuple[str, str], ...] = ()
-    """Pairs whose distance the paper's table names; empty: every pair of neighbours in the list."""
+    """Pairs of landmarks whose distance the paper's table lists; empty for all pairs of neighbours."""
     gaps: tuple[tuple[str, str], ...] = ()
-    """Short gaps between landmarks that a loop must close (the eight: A-E)."""
+    """Pairs of landmarks whose short distance a loop must close (in the figure eight: A-E)."""
     notes: dict[str, str] = field(default_factory=dict)
-    """vehicle, place, date, source, licence, notes, as flight.yaml has them."""
+    """Vehicle, place, date, source, licence and notes of flight.yaml."""
     warnings: tuple[str, ...] = ()
-    """What was dropped, repaired or assumed when the flight was read, one line each."""
+    """One line for everything that was dropped, repaired or assumed when the flight was read."""
     all_keyframes: bool = False
-    """Every picture is a keyframe (photographs taken one by one)."""
+    """Whether every picture is a keyframe, as in a set of photographs."""
     parts: tuple[Flight, ...] = ()
-    """The flights that this one is joined of (`slam.core.join_flights`); empty for one that was flown."""
+    """The flights that were joined into this one (`slam.core.join_flights`); empty for a single flight."""
+
+    def __repr__(self) -> str:
+        held = [stream.folder for name, stream in STREAMS.items() if getattr(self, name) is not None]
+        frames = 0 if self.frames is None else len(self.frames)
+        return f"Flight({self.name!r}, streams=[{', '.join(held)}], frames={frames})"
+
+    def _repr_html_(self) -> str:
+        from slam.core.notebook import flight_html
+
+        return flight_html(self)
 
     def with_warning(self, line: str) -> Flight:
-        """The same flight with one more line of ``warnings``."""
+        """Return the flight with one more warning."""
         return replace(self, warnings=(*self.warnings, line))
 
     def restamped(self, fields: Iterable[str], stamps: Callable[[Array], Array]) -> Flight:
-        """The same flight, the stamps (n,) of some of its ``STREAMS`` changed where they were recorded."""
+        """Return the flight with the stamps (n,) of some of its ``STREAMS`` changed by a function."""
         held = {name: getattr(self, name) for name in fields}
         changed: dict[str, Any] = {
             name: replace(series, stamps_s=stamps(series.stamps_s))
@@ -255,12 +266,15 @@ class Flight:
         return replace(self, **changed)
 
     def reason_not_read(self, folder: str) -> str:
-        """The line that tells why a stream was not taken although its folder is there; empty without one."""
+        """Return the warning that says why an existing folder was not read; empty without one."""
         lines = (line for line in self.warnings if line.startswith(f"{folder}: ") and "not recorded" in line)
         return next(lines, "").split(";")[0]
 
     def geo_origin(self) -> GeoOrigin | None:
-        """The first GPS fix with an altitude: origin of the local east-north-up world."""
+        """Return the first GPS fix, the origin of the local east-north-up world; None without a fix.
+
+        The altitude is the first known one, or 0.
+        """
         if self.gps is None:
             return None
         known = np.flatnonzero(np.isfinite(self.gps.latitude_deg) & np.isfinite(self.gps.longitude_deg))
@@ -277,7 +291,7 @@ class Flight:
 
 
 def with_unique_names(flights: Sequence[Flight]) -> tuple[Flight, ...]:
-    """The same flights, their names numbered where two have one."""
+    """Return the flights with numbers appended to names that occur more than once."""
     names = [flight.name for flight in flights]
     return tuple(
         replace(flight, name=f"{flight.name}.{k}") if names.count(flight.name) > 1 else flight

@@ -1,4 +1,4 @@
-"""Memory that is free goes back to the system."""
+"""Return of freed memory to the system."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import sys
 
 
 def trim_heap() -> None:
-    """Hand freed memory back to the system.
+    """Return freed memory to the system.
 
-    A graph is a million small objects; the C library keeps what they leave, and each stage would add its own.
+    A graph consists of a million small objects. The C library keeps their memory after they are freed, and
+    the memory of all stages would add up.
     """
     if sys.platform == "linux":
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)

@@ -39,7 +39,7 @@ class ChannelCheck:
     """(10,) share of the innovations in each tenth of a standard normal's: 0.1 if they are as told."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Criticism:
     """What the simulation gets wrong about some flights."""
 
@@ -76,6 +76,10 @@ class Criticism:
     flights: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
     """Flights and streams that were not judged, with the reason, one line each."""
+
+    def __repr__(self) -> str:
+        causes = ", ".join(cause.name for cause in self.causes)
+        return f"Criticism({self.verdict!r}, causes=[{causes}], flights={len(self.flights)})"
 
     def to_json(self) -> dict[str, Any]:
         """verdict.json's content."""
