@@ -13,6 +13,8 @@ from backend.measurements import RelativePose
 from frontend.camera import Camera
 from frontend.elevation import Elevation
 from slam.core.flight import GeoOrigin
+from slam.core.notebook import table_html, trajectory_svg
+from slam.core.units import length
 
 if TYPE_CHECKING:
     from backend.pose_graph.certificate import Certificate
@@ -169,9 +171,18 @@ class Estimate:
         )
 
     def _repr_html_(self) -> str:
-        from slam.core.notebook import estimate_html
-
-        return estimate_html(self)
+        positions = self.w_T_b[self.placed, :3, 3]
+        path_m = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum())
+        loops = [(loop.i, loop.j) for loop in self.loops if loop.verdict == "kept"]
+        rows = [
+            ("status", self.status),
+            ("keyframes", f"{len(positions)} of {len(self.stamps_s)} placed, from {self.frames} frames"),
+            ("loops", f"{len(loops)} of {len(self.loops)} candidates kept"),
+            ("path length", length(path_m, self.metric)),
+            ("warnings", str(len(self.warnings))),
+        ]
+        ends = np.array(loops, dtype=np.int64).reshape(-1, 2)
+        return table_html(f"Estimate {self.name}", rows) + trajectory_svg(self.w_T_b[:, :2, 3], ends)
 
     @property
     def placed(self) -> NDArray[np.bool_]:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from slam.core.notebook import table_html
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -247,9 +248,10 @@ class Flight:
         return f"Flight({self.name!r}, streams=[{', '.join(held)}], frames={frames})"
 
     def _repr_html_(self) -> str:
-        from slam.core.notebook import flight_html
-
-        return flight_html(self)
+        series = {stream.folder: getattr(self, name) for name, stream in STREAMS.items()}
+        stamps = {folder: s.stamps_s for folder, s in series.items() if s is not None and len(s.stamps_s)}
+        rows = [(folder, f"{len(s)} rows, {s[0]:.1f} to {s[-1]:.1f} s") for folder, s in stamps.items()]
+        return table_html(f"Flight {self.name}", [*rows, ("warnings", str(len(self.warnings)))])
 
     def with_warning(self, line: str) -> Flight:
         """Return the flight with one more warning."""

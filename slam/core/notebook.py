@@ -1,19 +1,14 @@
-"""Small HTML tables of an estimate and of a flight, as notebooks show them."""
+"""HTML tables and pictures that notebooks show for an estimate or a flight."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.plot_style import BLUE, GREY, ORANGE
-from slam.core.units import length
-
-if TYPE_CHECKING:
-    from slam.core.estimate import Estimate
-    from slam.core.flight import Flight
 
 Array = NDArray[np.float64]
 
@@ -22,36 +17,8 @@ MAX_POINTS, MAX_LOOPS = 300, 100
 """Limits of a picture: more keyframes or loops than these are thinned out, so that it takes a few kB."""
 
 
-def estimate_html(estimate: Estimate) -> str:
-    """Return a table with the main figures and a picture of the trajectory, keyframes and loops."""
-    positions = estimate.w_T_b[estimate.placed, :3, 3]
-    path_m = float(np.linalg.norm(np.diff(positions, axis=0), axis=1).sum()) if len(positions) else 0.0
-    kept = [loop for loop in estimate.loops if loop.verdict == "kept"]
-    rows = [
-        ("status", estimate.status),
-        ("keyframes", f"{len(positions)} of {len(estimate.stamps_s)} placed, from {estimate.frames} frames"),
-        ("loops", f"{len(kept)} of {len(estimate.loops)} candidates kept"),
-        ("path length", length(path_m, estimate.metric)),
-        ("warnings", str(len(estimate.warnings))),
-    ]
-    loops = np.array([(loop.i, loop.j) for loop in kept], dtype=np.int64).reshape(-1, 2)
-    return _table(f"Estimate {estimate.name}", rows) + trajectory_svg(estimate.w_T_b[:, :2, 3], loops)
-
-
-def flight_html(flight: Flight) -> str:
-    """Return a table with one row for each stream: number of rows, rate and duration."""
-    from slam.core.flight_info import describe
-
-    info = describe(flight)
-    rows = [
-        (s.name, f"{s.count} rows, {s.rate_hz:.3g} Hz, {s.duration_s:.1f} s" if s.count > 1 else "1 row")
-        for s in info.streams
-    ]
-    rows.append(("warnings", str(len(info.warnings))))
-    return _table(f"Flight {flight.name}, {info.duration_s:.1f} s", rows)
-
-
-def _table(title: str, rows: list[tuple[str, str]]) -> str:
+def table_html(title: str, rows: Iterable[tuple[str, str]]) -> str:
+    """Return a table with two columns, the texts escaped."""
     lines = [f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows]
     return f"<table><caption>{escape(title)}</caption>{''.join(lines)}</table>"
 
