@@ -15,7 +15,7 @@ from backend.errors import runs
 
 Array = NDArray[np.float64]
 
-HOLD_STD = 1e-6
+GAUGE_STD = 1e-6
 """rad and m: how tightly a direction that nothing measures is held."""
 
 _DIRECTIONS = ("roll", "pitch", "heading", "x", "y", "height")
@@ -31,7 +31,7 @@ def key_name(key: int) -> str:
     return f"keyframe {number}" if letter in (0, ord("x")) else f"{chr(letter)}{number}"
 
 
-def key_runs(keys: Iterable[int], name: Callable[[int], str] = key_name) -> str:
+def format_keys(keys: Iterable[int], name: Callable[[int], str] = key_name) -> str:
     """Keys as a person lists them: ``keyframe 0-57, 60``."""
     keys = sorted(keys)
     if len(keys) == 1:
@@ -54,7 +54,7 @@ def key_runs(keys: Iterable[int], name: Callable[[int], str] = key_name) -> str:
 
 
 @dataclass(frozen=True)
-class Parts:
+class GraphComponents:
     """The connected parts of a factor graph."""
 
     parts: list[list[int]]
@@ -62,14 +62,14 @@ class Parts:
     """Those without any factor on a single variable: nothing can tie them to the world."""
 
 
-def floating_parts(graph: gtsam.NonlinearFactorGraph) -> Parts:
+def graph_components(graph: gtsam.NonlinearFactorGraph) -> GraphComponents:
     """Connected parts of a graph by its keys, and those that float."""
     touched = [list(f.keys()) for f in (graph.at(k) for k in range(graph.size())) if f is not None]
     keys, flat = np.unique(
         np.array([key for t in touched for key in t], dtype=np.uint64), return_inverse=True
     )
     if len(keys) == 0:
-        return Parts([], [])
+        return GraphComponents([], [])
     sizes = np.array([len(t) for t in touched])
     first = np.concatenate([[0], np.cumsum(sizes)[:-1]])
     owner = np.repeat(flat[first[sizes > 0]], sizes[sizes > 0])
@@ -79,10 +79,10 @@ def floating_parts(graph: gtsam.NonlinearFactorGraph) -> Parts:
     tied[label[flat[first[sizes == 1]]]] = True
     order = np.argsort(label, kind="stable")
     parts = [part.tolist() for part in np.split(keys[order], np.cumsum(np.bincount(label))[:-1])]
-    return Parts(parts, [part for part, t in zip(parts, tied, strict=True) if not t])
+    return GraphComponents(parts, [part for part, t in zip(parts, tied, strict=True) if not t])
 
 
-def open_directions(jacobians: list[Array]) -> Array:
+def unobserved_directions(jacobians: list[Array]) -> Array:
     """Rigid motions of a connected part that its absolute measurements leave open.
 
     ``jacobians`` are whitened (r, 6) derivatives with respect to a motion of the whole part, all about the
@@ -99,7 +99,7 @@ def open_directions(jacobians: list[Array]) -> Array:
     return np.linalg.qr(rows.T)[0].T if len(rows) else rows
 
 
-def hold_factor(key: int, pose: Array, directions: Array, std: float = HOLD_STD) -> gtsam.NonlinearFactor:
+def gauge_prior(key: int, pose: Array, directions: Array, std: float = GAUGE_STD) -> gtsam.NonlinearFactor:
     """A prior that holds a pose (4, 4) in the given directions (d, 6) of motion about it, and in no other."""
     R = pose[:3, :3]
     rows = np.zeros((6, 6))
@@ -110,7 +110,7 @@ def hold_factor(key: int, pose: Array, directions: Array, std: float = HOLD_STD)
     return gtsam.PriorFactorPose3(key, gtsam.Pose3(pose), noise)
 
 
-def direction_words(directions: Array) -> str:
+def format_directions(directions: Array) -> str:
     """``x, y and heading`` for rows of motions, rotation first."""
     part = np.abs(directions) > 0.3 * np.abs(directions).max(axis=1, keepdims=True)
     words = [word for word, used in zip(_DIRECTIONS, part.any(axis=0), strict=True) if used]

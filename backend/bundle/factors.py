@@ -24,12 +24,12 @@ LOG_SCALE, FLOOR_Z, LOG_GAIN, DATUM, SLOPE, MOUNT = 0, 1, 2, 3, slice(4, 6), sli
 WORLD_SIZE = 8
 
 
-def turn_of(world: Array, which: slice) -> Array:
+def rotation_of(world: Array, which: slice) -> Array:
     """The rotation (3, 3) by the slope or the mount of a world variable."""
     return gtsam.Rot3.Rodrigues(np.array([*world[which], 0.0])).matrix()
 
 
-def turn_jacobian(world: Array, which: slice) -> Array:
+def rotation_jacobian(world: Array, which: slice) -> Array:
     """(3, 2) right perturbation of that rotation by its two numbers."""
     return gtsam.Rot3.ExpmapDerivative(np.array([*world[which], 0.0]))[:, :2]
 
@@ -46,7 +46,7 @@ def scaled_range_factor(
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         pose, world = values.atPose3(pose_key), values.atVector(world_key)
         scale, gain = np.exp(world[LOG_SCALE]), np.exp(world[LOG_GAIN])
-        u, t = (turn_of(world, MOUNT).T @ c_T_s[:3, 2:]).T
+        u, t = (rotation_of(world, MOUNT).T @ c_T_s[:3, 2:]).T
         row, z = pose.rotation().matrix()[2], pose.translation()[2]
         height, cosine = scale * z + row @ t, row @ u
         if jacobians is not None:
@@ -56,7 +56,7 @@ def scaled_range_factor(
             jacobians[0] = gain * J
             of_turn = J[0, :3]
             J = np.zeros((1, WORLD_SIZE))
-            J[0, MOUNT] = -gain * of_turn @ turn_jacobian(world, MOUNT)
+            J[0, MOUNT] = -gain * of_turn @ rotation_jacobian(world, MOUNT)
             J[0, LOG_SCALE], J[0, LOG_GAIN] = gain / cosine * scale * z, gain / cosine * height
             J[0, DATUM] = 1.0
             jacobians[1] = J
@@ -73,15 +73,15 @@ def scaled_position_factor(
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         pose, world = values.atPose3(pose_key), values.atVector(world_key)
         R, p, scale = pose.rotation().matrix(), pose.translation(), np.exp(world[LOG_SCALE])
-        A, t = turn_of(world, SLOPE), turn_of(world, MOUNT).T @ c_T_b[:3, 3]
+        A, t = rotation_of(world, SLOPE), rotation_of(world, MOUNT).T @ c_T_b[:3, 3]
         over_floor = scale * p + R @ t
         if jacobians is not None:
             t_hat = cross_matrix(t)
             jacobians[0] = A @ np.hstack([-R @ t_hat, scale * R])
             J = np.zeros((3, WORLD_SIZE))
             J[:, LOG_SCALE], J[2, FLOOR_Z] = scale * A @ p, 1.0
-            J[:, SLOPE] = -A @ cross_matrix(over_floor) @ turn_jacobian(world, SLOPE)
-            J[:, MOUNT] = A @ R @ t_hat @ turn_jacobian(world, MOUNT)
+            J[:, SLOPE] = -A @ cross_matrix(over_floor) @ rotation_jacobian(world, SLOPE)
+            J[:, MOUNT] = A @ R @ t_hat @ rotation_jacobian(world, MOUNT)
             jacobians[1] = J
         return A @ over_floor + np.array([0.0, 0.0, world[FLOOR_Z]]) - w_p_b_m
 
@@ -99,13 +99,13 @@ def level_factor(
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         R, world = values.atPose3(pose_key).rotation().matrix(), values.atVector(world_key)
-        f_up = turn_of(world, SLOPE)[2]
-        up, seen = R.T @ f_up, across @ turn_of(world, MOUNT)
+        f_up = rotation_of(world, SLOPE)[2]
+        up, seen = R.T @ f_up, across @ rotation_of(world, MOUNT)
         if jacobians is not None:
             jacobians[0] = seen @ np.hstack([cross_matrix(up), np.zeros((3, 3))])
             J = np.zeros((2, WORLD_SIZE))
-            J[:, SLOPE] = seen @ R.T @ cross_matrix(f_up) @ turn_jacobian(world, SLOPE)
-            J[:, MOUNT] = -seen @ cross_matrix(up) @ turn_jacobian(world, MOUNT)
+            J[:, SLOPE] = seen @ R.T @ cross_matrix(f_up) @ rotation_jacobian(world, SLOPE)
+            J[:, MOUNT] = -seen @ cross_matrix(up) @ rotation_jacobian(world, MOUNT)
             jacobians[1] = J
         return np.asarray(seen @ up)
 

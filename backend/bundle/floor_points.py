@@ -13,7 +13,7 @@ _FLATTEST = -1e-3
 """Slope of a ray at least, downwards, so that one at the horizon still meets the floor somewhere."""
 
 
-def where_rays_meet(tracks: FloorTracks, camera: PinholeModel, w_T_c: Array) -> Array:
+def intersect_floor(tracks: FloorTracks, camera: PinholeModel, w_T_c: Array) -> Array:
     """(t, 3) where the rays of each track meet the floor z = 0, on average; ``w_T_c`` (n, 4, 4)."""
     pose = w_T_c[tracks.keyframe]
     ray = np.column_stack([(tracks.pixel - camera.center_px) / camera.focal_px, np.ones(len(tracks.pixel))])

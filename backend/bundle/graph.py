@@ -21,11 +21,11 @@ from backend.bundle.factors import (
     WORLD_SIZE,
     body_up,
     level_factor,
+    rotation_of,
     scaled_position_factor,
     scaled_range_factor,
-    turn_of,
 )
-from backend.bundle.floor_points import where_rays_meet
+from backend.bundle.floor_points import intersect_floor
 from backend.measurements import FloorTracks, Measurements, PinholeModel
 
 Array = NDArray[np.float64]
@@ -96,7 +96,7 @@ class BundleProblem:
     def b_T_c(self, values: gtsam.Values) -> Array:
         """Camera coordinates to body coordinates, as the mount is found to be."""
         turn = np.eye(4)
-        turn[:3, :3] = turn_of(values.atVector(WORLD), MOUNT)
+        turn[:3, :3] = rotation_of(values.atVector(WORLD), MOUNT)
         return np.asarray(self.camera.b_T_c @ turn)
 
 
@@ -110,7 +110,7 @@ def start_values(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> gtsa
     values = gtsam.Values()
     for k, pose in enumerate(w_T_c):
         values.insert(POSE(k), gtsam.Pose3(pose))
-    for t, point in enumerate(where_rays_meet(tracks, camera, w_T_c)):
+    for t, point in enumerate(intersect_floor(tracks, camera, w_T_c)):
         values.insert(POINT(t), point)
     values.insert(WORLD, np.array([np.log(scale), floor_z_m, *[0.0] * (WORLD_SIZE - 2)]))
     return values
@@ -216,7 +216,7 @@ def metric_poses(problem: BundleProblem, values: gtsam.Values) -> Array:
     """Body poses (n, 4, 4) in metres in the measured world."""
     world = values.atVector(WORLD)
     w_T_f = np.eye(4)
-    w_T_f[:3, :3] = turn_of(world, SLOPE)
+    w_T_f[:3, :3] = rotation_of(world, SLOPE)
     w_T_f[2, 3] = world[FLOOR_Z]
     f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(problem.measurements.count)])
     f_T_c[:, :3, 3] *= np.exp(world[LOG_SCALE])

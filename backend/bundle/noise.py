@@ -43,7 +43,7 @@ def start_noise(measurements: Measurements, config: BundleConfig) -> NoiseLevels
     )
 
 
-def alike(one: NoiseLevels, other: NoiseLevels) -> bool:
+def same_noise(one: NoiseLevels, other: NoiseLevels) -> bool:
     """Whether another round would leave the noise as it is."""
     return all(np.allclose(getattr(one, f.name), getattr(other, f.name), _ALIKE) for f in fields(NoiseLevels))
 
@@ -105,7 +105,7 @@ def estimate_noise(
     used = used & (seen[tracks.track] >= 2)
     relief = _estimate_relief(residuals, noise.relief, seen >= 2)
     spread = _spread(problem, residuals, whitened, noise, relief, used)
-    spread *= np.sqrt(colour_along_tracks(tracks, whitened, used))
+    spread *= np.sqrt(track_correlation_factor(tracks, whitened, used))
     pixel_scale = max(noise.pixel_scale * float(np.clip(spread, 0.2, 5.0)), _LEAST_PIXEL_SCALE)
     level = replace(noise, pixel_scale=pixel_scale, relief=relief)
     return _sensor_noise(problem, values, level), used
@@ -133,8 +133,8 @@ def _spread(
     held = 1.0 / (1.0 + residuals.relief_information * noise.relief**2)
     left_z = held**2 * (1.0 + residuals.relief_information * relief**2)
     left = 2 * float((seen[seen >= 2] - 1).sum())
-    freedom = max(1.0, left - float((1.0 - left_z)[seen >= 2].sum()) - 6 * problem.measurements.count)
-    return huber_std(evened, problem.config.huber_sigmas) * float(np.sqrt(left / freedom))
+    dof = max(1.0, left - float((1.0 - left_z)[seen >= 2].sum()) - 6 * problem.measurements.count)
+    return huber_std(evened, problem.config.huber_sigmas) * float(np.sqrt(left / dof))
 
 
 def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLevels) -> NoiseLevels:
@@ -147,10 +147,10 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
             [np.cross(body_up(a.roll_pitch_yaw_rad), w_T_b[a.k, 2, :3])[:2] for a in measurements.attitudes]
         )
         told = float(np.median([a.std_rad[:2].max() for a in measurements.attitudes]))
-        level = replace(level, roll_pitch_rad=_pooled(told, coloured_std(tilt), len(tilt)))
+        level = replace(level, roll_pitch_rad=_pooled(told, autocorrelated_std(tilt), len(tilt)))
     if len(measurements.positions) > 3:
         off = np.array([p.w_p_b_m - w_T_b[p.k, :3, 3] for p in measurements.positions])
-        horizontal, vertical = coloured_std(off[:, :2]), coloured_std(off[:, 2:])
+        horizontal, vertical = autocorrelated_std(off[:, :2]), autocorrelated_std(off[:, 2:])
         level = replace(level, position_m=np.array([horizontal, horizontal, vertical]) + 1e-3)
     if len(measurements.ranges) > 3:
         metric = f_T_c.copy()
@@ -160,7 +160,7 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
         seen = np.exp(world[LOG_GAIN]) * f_T_s[:, 2, 3] / f_T_s[:, 2, 2] + world[DATUM]
         off = seen - np.array([r.range_m for r in measurements.ranges])
         told = float(np.median([r.std_m for r in measurements.ranges]))
-        level = replace(level, range_m=_pooled(told, coloured_std(off[:, None]), len(off)))
+        level = replace(level, range_m=_pooled(told, autocorrelated_std(off[:, None]), len(off)))
     return level
 
 
@@ -170,11 +170,11 @@ def _pooled(told: float, found: float, count: int) -> float:
 
     One degree of freedom is spent on the scale (ranges) or on the lean of the map (each axis of attitudes).
     """
-    squares, freedom = count * found**2, count - 1
-    return float(np.sqrt(max(squares / freedom, (_TOLD_COUNT * told**2 + squares) / (_TOLD_COUNT + freedom))))
+    squares, dof = count * found**2, count - 1
+    return float(np.sqrt(max(squares / dof, (_TOLD_COUNT * told**2 + squares) / (_TOLD_COUNT + dof))))
 
 
-def colour_along_tracks(tracks: FloorTracks, whitened: Array, used: NDArray[np.bool_]) -> float:
+def track_correlation_factor(tracks: FloorTracks, whitened: Array, used: NDArray[np.bool_]) -> float:
     """Observations of a point for each independent one: errors in successive pictures are correlated.
 
     Integrated autocorrelation of the residuals along tracks, corrected for the -1/length that fitting the
@@ -238,7 +238,7 @@ def huber_std(x: Array, k: float) -> float:
     return sigma
 
 
-def coloured_std(x: Array) -> float:
+def autocorrelated_std(x: Array) -> float:
     """What one value of a coloured series (n, d) may claim when all are taken as independent.
 
     An error that lasts over L keyframes is worth one measurement, not L: its variance is multiplied by the

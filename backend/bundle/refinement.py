@@ -31,8 +31,8 @@ from backend.bundle.factors import (
     MOUNT,
     SLOPE,
     WORLD_SIZE,
-    turn_jacobian,
-    turn_of,
+    rotation_jacobian,
+    rotation_of,
 )
 from backend.bundle.graph import (
     WORLD,
@@ -44,7 +44,7 @@ from backend.bundle.graph import (
     metric_poses,
     start_values,
 )
-from backend.bundle.noise import alike, estimate_noise, start_noise
+from backend.bundle.noise import estimate_noise, same_noise, start_noise
 from backend.errors import BackendError
 from backend.measurements import Measurements
 from backend.pose_graph.marginals import joint_covariances
@@ -81,7 +81,7 @@ class Bundle:
     """None where nothing was ranged."""
     scale_std: float | None
     """Relative; None where nothing told the scale."""
-    own_scale_std: float
+    conditional_scale_std: float
     """The same, conditioned on the gain and zero that all ranges share; 0 where nothing told it."""
     noise: NoiseLevels
     dropped_observations: int
@@ -139,7 +139,7 @@ def refine(
             break
         before = noise
         noise, used = estimate_noise(problem, values, noise, used)
-        settled = number > 0 and alike(before, noise)
+        settled = number > 0 and same_noise(before, noise)
     return _result(problem, graph, values, noise, used, minimum.error, iterations)
 
 
@@ -150,7 +150,11 @@ def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array
     """
     n, world = problem.measurements.count, values.atVector(WORLD)
     scale = float(np.exp(world[LOG_SCALE]))
-    A, turn, mount_turn = turn_of(world, SLOPE), turn_jacobian(world, SLOPE), turn_jacobian(world, MOUNT)
+    A, turn, mount_turn = (
+        rotation_of(world, SLOPE),
+        rotation_jacobian(world, SLOPE),
+        rotation_jacobian(world, MOUNT),
+    )
     jacobians = np.zeros((n, 6, 6 + WORLD_SIZE))
     for k, J in enumerate(jacobians):
         pose = values.atPose3(POSE(k)).matrix()

@@ -22,7 +22,7 @@ from backend.ekf.motion import (
     retract,
 )
 from backend.ekf.readings import ASK, KEEP
-from backend.ekf.records import Events, Found, Tape
+from backend.ekf.records import FilterEvents, StateRecords, Tape
 from backend.numba_cache import njit
 
 
@@ -32,8 +32,8 @@ def backward(
     L: Array,
     first: int,
     last: int,
-    events: Events,
-    found: Found,
+    events: FilterEvents,
+    found: StateRecords,
     tape: Tape,
 ) -> None:
     """Carry the adjoint y (n,), L (n, n) back over the block that ``forward`` has taped, in place.

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.ekf import readings as kinds
-from backend.ekf.inputs import Keep, PictureStep, Readings, Series
-from backend.ekf.records import Events
+from backend.ekf.inputs import CloneMode, Readings, Series, VisualStep
+from backend.ekf.records import FilterEvents
 from backend.errors import BackendError
 
 Array = NDArray[np.float64]
@@ -18,7 +18,7 @@ _WIDTH = 3
 """Components of the widest reading."""
 
 
-def in_order(readings: Readings, at_s: Array, keep: Keep) -> Events:
+def sort_events(readings: Readings, at_s: Array, keep: CloneMode) -> FilterEvents:
     """Readings that hold a figure, asked times, and steps through gaps, sorted by time.
 
     At one instant readings come first, then the pose is noted, then (``keep``) kept. Raises ``BackendError``
@@ -37,7 +37,7 @@ def in_order(readings: Readings, at_s: Array, keep: Keep) -> Events:
     parts.append(_bare(kinds.TICK, _through_gaps(np.concatenate([stamps for stamps, *_ in parts]))))
     stamps_s, kind, value, std, row = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.lexsort((kind, stamps_s))
-    return Events(
+    return FilterEvents(
         stamps_s[order],
         kind[order],
         value[order],
@@ -94,7 +94,7 @@ def _through_gaps(stamps_s: Array) -> Array:
     return np.concatenate([inner[1:-1] for inner in between]) if between else np.zeros(0)
 
 
-def _whiteners(steps: tuple[PictureStep, ...]) -> Array:
+def _whiteners(steps: tuple[VisualStep, ...]) -> Array:
     """(s, 6, 6) inverse Cholesky factors of the steps' covariances. Raises ``BackendError``."""
     covariance = np.array([step.covariance for step in steps], dtype=float).reshape(-1, 6, 6)
     try:

@@ -57,14 +57,14 @@ from backend.ekf.records import (
     STEPPED,
     UNABLE,
     USED,
-    Filtered,
-    Found,
+    FilterInputs,
+    FilterOutputs,
+    FilterState,
     Gates,
-    Given,
-    Log,
-    Reading,
+    InnovationLog,
+    LinearizedReading,
+    StateRecords,
     Tape,
-    Written,
 )
 from backend.numba_cache import njit
 
@@ -75,7 +75,7 @@ softened: its noise is inflated until it lies on the gate, since sensors often h
 
 @njit(cache=True)
 def forward(
-    first: int, last: int, now: float, state: Filtered, given: Given, written: Written
+    first: int, last: int, now: float, state: FilterState, given: FilterInputs, written: FilterOutputs
 ) -> tuple[float, int]:
     """Take events ``first`` to ``last``; ``state``, which is that at the time ``now``, changes in place.
 
@@ -104,7 +104,7 @@ def forward(
         if kind != TICK and kind != ASK and kind != KEEP:
             if not fixed:
                 e[:] = 0.0
-            reading = Reading(k, b, kind, now, innovation, H, variance)
+            reading = LinearizedReading(k, b, kind, now, innovation, H, variance)
             able = _read(reading, x, given)
             if able and (kind != STEP or _gate_step(reading, state, given.gates, log)):
                 for i in range(6):
@@ -127,7 +127,7 @@ def forward(
 
 
 @njit(cache=True)
-def _read(reading: Reading, x: Array, given: Given) -> bool:
+def _read(reading: LinearizedReading, x: Array, given: FilterInputs) -> bool:
     """Fill in innovation, derivatives and noise; whether the instrument can read in this state.
 
     A step's components are whitened, so that they are independent like those of all others.
@@ -149,7 +149,7 @@ def _read(reading: Reading, x: Array, given: Given) -> bool:
 
 
 @njit(cache=True)
-def _gate_step(reading: Reading, state: Filtered, gates: Gates, log: Log) -> bool:
+def _gate_step(reading: LinearizedReading, state: FilterState, gates: Gates, log: InnovationLog) -> bool:
     """Chi-square gate on a picture step's whole 6-vector; whether to take it.
 
     Logs the innovations, each conditioned on those before it, of a rejected step too: it is evidence on the
@@ -203,7 +203,9 @@ def _own_error(kind: int, i: int) -> int:
 
 
 @njit(cache=True)
-def _take(i: int, reading: Reading, state: Filtered, gates: Gates, log: Log, tape: Tape) -> None:
+def _take(
+    i: int, reading: LinearizedReading, state: FilterState, gates: Gates, log: InnovationLog, tape: Tape
+) -> None:
     """Gate component i of a reading, then take it."""
     k, kind, b = reading.event, reading.kind, reading.taped
     e, C, h, variance = state.e, state.C, reading.H[i], reading.variance[i]
@@ -248,7 +250,7 @@ def _update(e: Array, C: Array, K: Array, Ch: Array, S: float, innovation: float
 
 
 @njit(cache=True)
-def note(found: Found, q: int, x: Array, C: Array) -> None:
+def note(found: StateRecords, q: int, x: Array, C: Array) -> None:
     """Write down state and covariance at an asked time."""
     rows = found.rows
     found.x[q] = x

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Keep = Literal["none", "first", "each"]
+CloneMode = Literal["none", "first", "each"]
 """Whose pose the filter keeps: nobody's, that of the first asked time, that of each until the next."""
 
 
@@ -31,7 +31,7 @@ class Series:
 
 
 @dataclass(frozen=True)
-class PictureStep:
+class VisualStep:
     """Where the camera went between two of the asked times, as pictures of the floor tell it."""
 
     i: int
@@ -43,7 +43,7 @@ class PictureStep:
     """(6, 6), rotation first, right perturbation."""
 
 
-def renumbered(steps: tuple[PictureStep, ...], inside: NDArray[np.bool_]) -> tuple[PictureStep, ...]:
+def renumber_steps(steps: tuple[VisualStep, ...], inside: NDArray[np.bool_]) -> tuple[VisualStep, ...]:
     """Steps whose ends are both among the chosen times (n,), which form one run, with their new numbers."""
     number = np.cumsum(inside) - 1
     return tuple(
@@ -73,7 +73,7 @@ class Readings:
     """Zeros (n, 3) where the vehicle is known to stand."""
     still_rad_s: Series | None = None
     """Zeros (n, 3) where it is known not to turn."""
-    steps: tuple[PictureStep, ...] = ()
+    steps: tuple[VisualStep, ...] = ()
 
     def between(self, start_s: float, end_s: float) -> Readings:
         """What was read from ``start_s`` to ``end_s``, without steps."""
@@ -124,7 +124,7 @@ class FilterModel:
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialState:
     """What is known of the vehicle at the first event; stds."""
 
     height_m: float

@@ -16,7 +16,7 @@ own bias, after all readings failed the gate for too long; taken with inflated n
 state."""
 
 
-class Events(NamedTuple):
+class FilterEvents(NamedTuple):
     """All that happens in a flight, in order of time."""
 
     stamps_s: Array
@@ -46,10 +46,10 @@ class Gates(NamedTuple):
     """Seconds for which readings may fail the gate."""
 
 
-class Given(NamedTuple):
+class FilterInputs(NamedTuple):
     """A flight, and all that it is filtered under."""
 
-    events: Events
+    events: FilterEvents
     about: Array
     """(e, STATE) states to linearise about; of no length in the first round."""
     model: Array
@@ -57,7 +57,7 @@ class Given(NamedTuple):
     gates: Gates
 
 
-class Filtered(NamedTuple):
+class FilterState(NamedTuple):
     """What the filter carries on from event to event; changed in place."""
 
     x: Array
@@ -70,7 +70,7 @@ class Filtered(NamedTuple):
     """(kinds, 6) since when each component is beyond its gate; infinite where it is not."""
 
 
-class Reading(NamedTuple):
+class LinearizedReading(NamedTuple):
     """One reading as the update takes it."""
 
     event: int
@@ -86,7 +86,7 @@ class Reading(NamedTuple):
     """(6,) of the white noise."""
 
 
-class Log(NamedTuple):
+class InnovationLog(NamedTuple):
     """What became of each component of each reading."""
 
     status: NDArray[np.int64]
@@ -97,7 +97,7 @@ class Log(NamedTuple):
     """(e, 6) their predicted variances."""
 
 
-class Found(NamedTuple):
+class StateRecords(NamedTuple):
     """State and covariance at the asked times, and the states that a next round is linearised about."""
 
     x: Array
@@ -133,9 +133,9 @@ class Tape(NamedTuple):
     """(b, n, n)."""
 
 
-class Written(NamedTuple):
+class FilterOutputs(NamedTuple):
     """What the pass forward leaves behind."""
 
-    log: Log
-    found: Found
+    log: InnovationLog
+    found: StateRecords
     tape: Tape

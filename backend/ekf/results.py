@@ -13,13 +13,13 @@ from backend import se3
 from backend.ekf import motion as at
 from backend.ekf import readings as kinds
 from backend.ekf.inputs import FilterModel
-from backend.ekf.records import USED, Events, Found, Log
+from backend.ekf.records import USED, FilterEvents, InnovationLog, StateRecords
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Channel:
+class InstrumentInnovations:
     """What became of the readings of one kind, component by component."""
 
     stamps_s: Array
@@ -44,14 +44,14 @@ class Channel:
         return (self.innovation / self.std) ** 2
 
     @property
-    def believed(self) -> NDArray[np.bool_]:
+    def accepted(self) -> NDArray[np.bool_]:
         """(m, d) which components were taken at their full weight."""
         return self.status == USED
 
     @property
     def mean_nis(self) -> float | None:
         """Of the components at full weight; those that were refused say nothing of the model's noise."""
-        return float(self.nis[self.believed].mean()) if self.believed.any() else None
+        return float(self.nis[self.accepted].mean()) if self.accepted.any() else None
 
 
 @dataclass(frozen=True)
@@ -72,11 +72,11 @@ class States:
     errors_std: dict[str, Array]
     motion_covariances: Array
     """(n, 12, 12) of world position, velocity, acceleration, and attitude (right perturbation)."""
-    kept_T_b: Array
+    clone_T_b: Array
     """(n, 4, 4) from the pose that was kept to this one; NaN where none was."""
-    kept_covariances: Array
+    clone_T_b_covariances: Array
     """(n, 6, 6) of it, from the joint covariance of the two; rotation first, right perturbation."""
-    since_kept_covariances: Array
+    fixed_clone_covariances: Array
     """(n, 6, 6) of the pose where the kept pose's position is taken for certain; NaN where none was kept."""
 
 
@@ -90,7 +90,7 @@ class Track:
     """Each from the readings until then."""
     smoothed: States | None
     """Each from all readings."""
-    channels: dict[str, Channel]
+    channels: dict[str, InstrumentInnovations]
 
 
 _ERRORS = {
@@ -107,7 +107,7 @@ _ERRORS = {
 """Name -> where it stands in the state, where in the error, and how many numbers it is."""
 
 
-def states_of(found: Found, keep: bool) -> States:
+def build_states(found: StateRecords, keep: bool) -> States:
     """Poses and their covariances from nominal states and errors."""
     x, C = found.x, found.C
     R = _rotations(x[:, at.X_ROT : at.X_RATE])
@@ -116,9 +116,9 @@ def states_of(found: Found, keep: bool) -> States:
     to_body[:, :3, at.ROT : at.RATE] = np.eye(3)
     to_body[:, 3:, :3] = R.transpose(0, 2, 1)
     motion = C[:, :12, :12]
-    kept_T_b, kept_covariances, since = np.full_like(w_T_b, np.nan), *np.full((2, len(x), 6, 6), np.nan)
+    clone_T_b, clone_T_b_covariances, since = np.full_like(w_T_b, np.nan), *np.full((2, len(x), 6, 6), np.nan)
     if keep:
-        kept_T_b[1:], kept_covariances[1:], since[1:] = _from_kept(x[1:], C[1:], R[1:])
+        clone_T_b[1:], clone_T_b_covariances[1:], since[1:] = _from_kept(x[1:], C[1:], R[1:])
     return States(
         w_T_b,
         to_body @ motion @ to_body.transpose(0, 2, 1),
@@ -127,8 +127,8 @@ def states_of(found: Found, keep: bool) -> States:
         {name: x[:, k : k + d] for name, (k, _, d) in _ERRORS.items()},
         {name: found.std[:, k : k + d] for name, (_, k, d) in _ERRORS.items()},
         motion,
-        kept_T_b,
-        kept_covariances,
+        clone_T_b,
+        clone_T_b_covariances,
         since,
     )
 
@@ -157,7 +157,9 @@ def _poses(R: Array, t: Array) -> Array:
     return T
 
 
-def channels_of(events: Events, log: Log, model: FilterModel) -> dict[str, Channel]:
+def build_channels(
+    events: FilterEvents, log: InnovationLog, model: FilterModel
+) -> dict[str, InstrumentInnovations]:
     """The log by instrument; those that read nothing are left out."""
     channels, gate = {}, chi2.isf(model.gate_probability, 1)
     for name, number in kinds.CHANNELS.items():
@@ -166,7 +168,7 @@ def channels_of(events: Events, log: Log, model: FilterModel) -> dict[str, Chann
             width = 6 if number == kinds.STEP else 3
             innovation, variance = log.innovation[mine, :width], log.variance[mine, :width]
             nats = np.minimum(innovation**2 / variance, gate) + np.log(2 * np.pi * variance)
-            channels[name] = Channel(
+            channels[name] = InstrumentInnovations(
                 events.stamps_s[mine],
                 innovation,
                 np.sqrt(variance),

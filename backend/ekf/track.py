@@ -24,10 +24,19 @@ from backend.ekf import backward as ekf_backward
 from backend.ekf import forward as ekf_forward
 from backend.ekf import motion as at
 from backend.ekf import readings as kinds
-from backend.ekf.events import in_order
-from backend.ekf.inputs import FilterModel, Keep, Readings, Start
-from backend.ekf.records import Events, Filtered, Found, Gates, Given, Log, Tape, Written
-from backend.ekf.results import Track, channels_of, states_of
+from backend.ekf.events import sort_events
+from backend.ekf.inputs import CloneMode, FilterModel, InitialState, Readings
+from backend.ekf.records import (
+    FilterEvents,
+    FilterInputs,
+    FilterOutputs,
+    FilterState,
+    Gates,
+    InnovationLog,
+    StateRecords,
+    Tape,
+)
+from backend.ekf.results import Track, build_channels, build_states
 from backend.errors import BackendError
 
 Array = NDArray[np.float64]
@@ -39,11 +48,11 @@ _BLOCK = 256
 def track(
     readings: Readings,
     at_s: Array,
-    start: Start,
+    start: InitialState,
     model: FilterModel = FilterModel(),
     *,
     rounds: int = 2,
-    keep: Keep = "none",
+    keep: CloneMode = "none",
 ) -> Track:
     """Filter all readings in order of time; states at ``at_s`` (n,), increasing.
 
@@ -53,7 +62,7 @@ def track(
     ``BackendError``, with the time, where a figure ceases to be finite.
     """
     keep = "each" if readings.steps else keep
-    events = in_order(readings, at_s, keep)
+    events = sort_events(readings, at_s, keep)
     size = at.PLAIN if keep == "none" else at.SIZE
     filtered = smoothed = _found(len(at_s), size)
     log = _log(events)
@@ -71,9 +80,9 @@ def track(
             about = smoothed.all_x
     return Track(
         at_s,
-        states_of(filtered, keep != "none"),
-        states_of(smoothed, keep != "none") if rounds > 0 else None,
-        channels_of(events, log, model),
+        build_states(filtered, keep != "none"),
+        build_states(smoothed, keep != "none") if rounds > 0 else None,
+        build_channels(events, log, model),
     )
 
 
@@ -84,36 +93,42 @@ class _Block:
     first: int
     last: int
     now_s: float
-    state: Filtered
+    state: FilterState
 
 
 class _Passes:
     """One round over a flight's events: ahead, and back."""
 
     def __init__(
-        self, events: Events, about: Array, model: FilterModel, start: Start, log: Log, size: int
+        self,
+        events: FilterEvents,
+        about: Array,
+        model: FilterModel,
+        start: InitialState,
+        log: InnovationLog,
+        size: int,
     ) -> None:
         component, step = (float(chi2.isf(model.gate_probability, dof)) for dof in (1, 6))
         gates = Gates(component, step, float(model.patience_s))
-        self.given = Given(events, about, _vector(model), gates)
+        self.given = FilterInputs(events, about, _vector(model), gates)
         self.start = _first(start, model, size)
         self.log, self.size = log, size
 
-    def ahead(self, found: Found) -> list[_Block]:
+    def ahead(self, found: StateRecords) -> list[_Block]:
         """Filter; gives where each block began. Raises ``BackendError``."""
         events, state = self.given.events, self.start
         now_s = float(events.stamps_s[0]) if len(events.kind) else 0.0
-        written = Written(self.log, found, _tape(0, self.size))
+        written = FilterOutputs(self.log, found, _tape(0, self.size))
         blocks = []
         for first in range(0, len(events.kind), _BLOCK):
             blocks.append(_Block(first, min(first + _BLOCK, len(events.kind)), now_s, state))
             now_s, state = self._run(blocks[-1], written)
         return blocks
 
-    def back(self, blocks: list[_Block], found: Found) -> None:
+    def back(self, blocks: list[_Block], found: StateRecords) -> None:
         """Smooth: each block is filtered again, taped, and gone back through. Raises ``BackendError``."""
         y, L = np.zeros(self.size), np.zeros((self.size, self.size))
-        written = Written(self.log, _found(len(found.x), self.size), _tape(_BLOCK, self.size))
+        written = FilterOutputs(self.log, _found(len(found.x), self.size), _tape(_BLOCK, self.size))
         for block in reversed(blocks):
             self._run(block, written)
             ekf_backward.backward(y, L, block.first, block.last, self.given.events, found, written.tape)
@@ -122,9 +137,9 @@ class _Passes:
                     f"smoothed figures are not finite at {block.now_s:.3f} s; smooth a part of the flight"
                 )
 
-    def _run(self, block: _Block, written: Written) -> tuple[float, Filtered]:
+    def _run(self, block: _Block, written: FilterOutputs) -> tuple[float, FilterState]:
         """Time and state behind a block."""
-        state = Filtered(*(figures.copy() for figures in block.state))
+        state = FilterState(*(figures.copy() for figures in block.state))
         now_s, bad = ekf_forward.forward(block.first, block.last, block.now_s, state, self.given, written)
         if bad >= 0:
             self._refuse(bad)
@@ -145,10 +160,10 @@ def _rows(size: int) -> NDArray[np.int64]:
     return np.array([*range(at.POS, at.RATE), *(range(at.KEPT_POS, at.SIZE) if size == at.SIZE else ())])
 
 
-def _found(asked: int, size: int, all_events: int = 0) -> Found:
+def _found(asked: int, size: int, all_events: int = 0) -> StateRecords:
     rows = _rows(size)
     r = len(rows)
-    return Found(
+    return StateRecords(
         np.full((asked, at.STATE), np.nan),
         np.full((asked, r, r), np.nan),
         np.full((asked, size), np.nan),
@@ -157,9 +172,11 @@ def _found(asked: int, size: int, all_events: int = 0) -> Found:
     )
 
 
-def _log(events: Events) -> Log:
+def _log(events: FilterEvents) -> InnovationLog:
     count = len(events.kind)
-    return Log(np.zeros((count, 6), np.int64), np.full((count, 6), np.nan), np.full((count, 6), np.nan))
+    return InnovationLog(
+        np.zeros((count, 6), np.int64), np.full((count, 6), np.nan), np.full((count, 6), np.nan)
+    )
 
 
 def _tape(length: int, size: int) -> Tape:
@@ -185,7 +202,7 @@ def _vector(model: FilterModel) -> Array:
     return np.array(figures)
 
 
-def _first(start: Start, model: FilterModel, size: int) -> Filtered:
+def _first(start: InitialState, model: FilterModel, size: int) -> FilterState:
     """The state at the first event."""
     x, std = np.zeros(at.STATE), np.zeros(size)
     x[:3] = [*start.place_m, start.height_m]
@@ -209,4 +226,4 @@ def _first(start: Start, model: FilterModel, size: int) -> Filtered:
     R = turn.as_matrix()
     about_world = np.array([start.tilt_std_rad, start.tilt_std_rad, start.yaw_std_rad]) ** 2
     C[at.ROT : at.RATE, at.ROT : at.RATE] = R.T @ np.diag(about_world) @ R
-    return Filtered(x, np.zeros(size), C, np.full((kinds.KEEP + 1, 6), math.inf))
+    return FilterState(x, np.zeros(size), C, np.full((kinds.KEEP + 1, 6), math.inf))

@@ -26,21 +26,21 @@ from backend.measurements import GRAVITY_M_S2
 
 Array = NDArray[np.float64]
 
-STRETCH_S = (1.0, 4.0)
+SEGMENT_S = (1.0, 4.0)
 """Longer ones gain little: integrated noise is larger than the way by then."""
-_WANTED, _MOST, LEAST_STRETCHES = 12, 60, 8
+_WANTED, _MOST, MIN_SEGMENTS = 12, 60, 8
 """Stretches: short flights have shorter ones."""
-LEAST_POSES = 8
+MIN_POSES = 8
 _LONGEST_GAP_S = 0.5
-MOST_DELAY_S = 0.1
-CLOSEST_S = 0.05
+MAX_DELAY_S = 0.1
+MIN_SPACING_S = 0.05
 """Poses that follow each other more closely share their errors, and gain nothing: lengths show at 1 Hz."""
 PRIOR = np.diag(np.array([0.0, *[3.0**-2] * 3, *[0.3**-2] * 3]))
 """Of scale, offset and arm, for a vehicle that does not turn or hardly moves: m/s², m."""
 
 
 @dataclass(frozen=True)
-class Rows:
+class RegressionRows:
     """Linear system of all stretches: ``way = known @ (scale, offset, arm) + noise``.
 
     Initial position and velocity are projected out, and noise is independent from row to row.
@@ -104,7 +104,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class PathBeside:
+class PathAndReadings:
     """The path, the readings beside it, and the stretches over which they are compared."""
 
     stamps_s: Array
@@ -112,7 +112,7 @@ class PathBeside:
     readings: InertialReadings
     stretches: Sequence[slice]
     column_noise: Array
-    """As `Rows` has it."""
+    """As `RegressionRows` has it."""
 
     @cached_property
     def contrasts(self) -> list[tuple[Array, Array, Array]]:
@@ -131,7 +131,7 @@ class PathBeside:
             contrasts.append((contrast, np.maximum(growth, 0.0), lasting))
         return contrasts
 
-    def rows(self, delay_s: float) -> Rows:
+    def rows(self, delay_s: float) -> RegressionRows:
         """All stretches, the pictures' clock late by so much."""
         way, known = [], []
         for stretch, (contrast, *_) in zip(self.stretches, self.contrasts, strict=True):
@@ -140,7 +140,7 @@ class PathBeside:
             known.append(np.tensordot(contrast, one_known, axes=1))
         count = [len(growth) for _, growth, _ in self.contrasts]
         growth, lasting = (np.concatenate([one[k] for one in self.contrasts]) for k in (1, 2))
-        return Rows(
+        return RegressionRows(
             np.repeat(np.arange(len(count)), count),
             growth,
             lasting,
@@ -180,31 +180,31 @@ class PathBeside:
         return at_s, imu_s, w_R_b, readings.accel_m_s2[first:last]
 
 
-def stretches_of(stamps_s: Array, imu_s: Array) -> list[slice]:
+def find_segments(stamps_s: Array, imu_s: Array) -> list[slice]:
     """Runs of poses that last as long as a stretch, none with a gap in poses or readings."""
     gap = np.diff(imu_s) > _LONGEST_GAP_S / 5
     # As many gaps have ended before a pose as have begun until it, whatever the delay.
-    inside = np.searchsorted(imu_s[1:][gap], stamps_s - MOST_DELAY_S) == np.searchsorted(
-        imu_s[:-1][gap], stamps_s + MOST_DELAY_S
+    inside = np.searchsorted(imu_s[1:][gap], stamps_s - MAX_DELAY_S) == np.searchsorted(
+        imu_s[:-1][gap], stamps_s + MAX_DELAY_S
     )
-    inside &= (stamps_s >= imu_s[0] + MOST_DELAY_S) & (stamps_s <= imu_s[-1] - MOST_DELAY_S)
+    inside &= (stamps_s >= imu_s[0] + MAX_DELAY_S) & (stamps_s <= imu_s[-1] - MAX_DELAY_S)
     broken = (np.diff(stamps_s) > _LONGEST_GAP_S) | ~inside[1:] | ~inside[:-1]
     runs = [run[inside[run]] for run in np.split(np.arange(len(stamps_s)), np.flatnonzero(broken) + 1)]
-    runs = [run for run in runs if len(run) >= LEAST_POSES]
+    runs = [run for run in runs if len(run) >= MIN_POSES]
     lasts_s = sum(float(stamps_s[run[-1]] - stamps_s[run[0]]) for run in runs)
-    stretch_s = float(np.clip(lasts_s / _WANTED, *STRETCH_S))
+    stretch_s = float(np.clip(lasts_s / _WANTED, *SEGMENT_S))
     found = []
     for run in runs:
         count = int((stamps_s[run[-1]] - stamps_s[run[0]]) / stretch_s + 1e-9)
         ends = np.searchsorted(stamps_s[run], stamps_s[run[0]] + stretch_s * np.arange(count + 1))
         found += [slice(run[0] + a, run[0] + b) for a, b in pairwise(ends.tolist())]
-    found = [s for s in found if s.stop - s.start >= LEAST_POSES]
+    found = [s for s in found if s.stop - s.start >= MIN_POSES]
     some = np.unique(np.linspace(0, len(found) - 1, min(_MOST, len(found))).round().astype(int))
     return [found[k] for k in some.tolist()]
 
 
-def column_noise_of(covariance: Array) -> Array:
-    """(3, 7, 7) what a pose's own error makes of the seven columns in each row of `Rows.known`.
+def regressor_covariance(covariance: Array) -> Array:
+    """(3, 7, 7) what a pose's own error makes of the seven columns in each row of `RegressionRows.known`.
 
     The vehicle turns about the vertical: both level axes have the mean of the two.
     """

@@ -24,16 +24,16 @@ from scipy.optimize import least_squares, minimize, minimize_scalar
 
 from backend.inertial_scale.preintegration import InertialReadings
 from backend.inertial_scale.regression_rows import (
-    CLOSEST_S,
-    LEAST_POSES,
-    LEAST_STRETCHES,
-    MOST_DELAY_S,
+    MAX_DELAY_S,
+    MIN_POSES,
+    MIN_SEGMENTS,
+    MIN_SPACING_S,
     PRIOR,
-    STRETCH_S,
-    PathBeside,
-    Rows,
-    column_noise_of,
-    stretches_of,
+    SEGMENT_S,
+    PathAndReadings,
+    RegressionRows,
+    find_segments,
+    regressor_covariance,
 )
 
 Array = NDArray[np.float64]
@@ -105,15 +105,15 @@ def inertial_scale(
     shares; its shape counts, its size is found anew. `NoScale` where path and readings do not overlap
     for long enough, or where the accelerometer tells nothing of the scale.
     """
-    apart = np.unique(np.floor((stamps_s - stamps_s[:1]) / CLOSEST_S), return_index=True)[1]
+    apart = np.unique(np.floor((stamps_s - stamps_s[:1]) / MIN_SPACING_S), return_index=True)[1]
     stamps_s, w_T_b = stamps_s[apart], w_T_b[apart]
-    stretches = stretches_of(stamps_s, readings.stamps_s)
-    if len(stretches) < LEAST_STRETCHES:
+    stretches = find_segments(stamps_s, readings.stamps_s)
+    if len(stretches) < MIN_SEGMENTS:
         return NoScale(
-            f"{LEAST_STRETCHES} stretches of {STRETCH_S[0]:g} to {STRETCH_S[1]:g} s with {LEAST_POSES} "
+            f"{MIN_SEGMENTS} stretches of {SEGMENT_S[0]:g} to {SEGMENT_S[1]:g} s with {MIN_POSES} "
             f"pictures each are needed and {len(stretches)} found: fly longer, or with more pictures a second"
         )
-    path = PathBeside(stamps_s, w_T_b, readings, stretches, column_noise_of(covariance))
+    path = PathAndReadings(stamps_s, w_T_b, readings, stretches, regressor_covariance(covariance))
     noise, delay_s = np.log([_FORCE_NOISE, _POSE_NOISE, _LASTING_NOISE]), 0.0
     rows = path.rows(delay_s)
     sizes = _first_sizes(rows, noise)
@@ -126,19 +126,19 @@ def inertial_scale(
     return _found(rows, path.by_gains(delay_s), _best_sizes(rows, noise, sizes), noise, delay)
 
 
-def _first_sizes(rows: Rows, noise: Array) -> Array:
+def _first_sizes(rows: RegressionRows, noise: Array) -> Array:
     """Scale, offset and arm (7,) from where the search begins: the best of many scales."""
     tried = [rows.at(scale, noise) for scale in np.geomspace(1 / _RANGE, _RANGE, 49).tolist()]
     return min(tried, key=lambda sizes: float(np.sum(rows.whitened(sizes, noise) ** 2)))
 
 
-def _best_sizes(rows: Rows, noise: Array, start: Array) -> Array:
+def _best_sizes(rows: RegressionRows, noise: Array, start: Array) -> Array:
     """Total least squares: scale, offset and arm that both sides together have least to mend for."""
     left, slopes = partial(rows.whitened, noise=noise), partial(rows.slopes, noise=noise)
     return np.asarray(least_squares(left, start, slopes, x_scale="jac").x)
 
 
-def _likeliest_noise(rows: Rows, sizes: Array, start: Array) -> Array:
+def _likeliest_noise(rows: RegressionRows, sizes: Array, start: Array) -> Array:
     def cost(noise: Array) -> float:
         return float(np.sum(rows.whitened(sizes, noise) ** 2)) + rows.log_volume(sizes, noise)
 
@@ -149,27 +149,27 @@ def _likeliest_noise(rows: Rows, sizes: Array, start: Array) -> Array:
     return np.asarray(found.x)
 
 
-def _likeliest_delay(path: PathBeside, sizes: Array, noise: Array) -> float:
-    within = (-MOST_DELAY_S, MOST_DELAY_S)
+def _likeliest_delay(path: PathAndReadings, sizes: Array, noise: Array) -> float:
+    within = (-MAX_DELAY_S, MAX_DELAY_S)
     cost = partial(_cost_of_delay, path, sizes, noise)
     return float(minimize_scalar(cost, bounds=within, method="bounded", options={"xatol": 1e-3}).x)
 
 
-def _cost_of_delay(path: PathBeside, sizes: Array, noise: Array, delay_s: float) -> float:
+def _cost_of_delay(path: PathAndReadings, sizes: Array, noise: Array, delay_s: float) -> float:
     rows = path.rows(delay_s)
     return float(np.sum(rows.whitened(rows.at(float(sizes[0]), noise), noise) ** 2))
 
 
-def _delay_std(path: PathBeside, sizes: Array, noise: Array, delay_s: float) -> float:
+def _delay_std(path: PathAndReadings, sizes: Array, noise: Array, delay_s: float) -> float:
     """By how the cost, a chi-square, grows to both sides."""
-    at = np.clip(delay_s, -MOST_DELAY_S + _ASIDE_S, MOST_DELAY_S - _ASIDE_S)
+    at = np.clip(delay_s, -MAX_DELAY_S + _ASIDE_S, MAX_DELAY_S - _ASIDE_S)
     costs = [_cost_of_delay(path, sizes, noise, float(at + side)) for side in (-_ASIDE_S, 0.0, _ASIDE_S)]
     curvature = (costs[0] + costs[2] - 2 * costs[1]) / _ASIDE_S**2
     return float(np.sqrt(2.0 / curvature)) if curvature > 0 else float("inf")
 
 
 def _found(
-    rows: Rows, by_gains: Array, sizes: Array, noise: Array, delay: tuple[float, float]
+    rows: RegressionRows, by_gains: Array, sizes: Array, noise: Array, delay: tuple[float, float]
 ) -> InertialScale | NoScale:
     scale, offset, arm = float(sizes[0]), sizes[1:4], sizes[4:]
     left, w = rows.left(sizes), rows.weight(sizes, noise)

@@ -18,7 +18,7 @@ class ChiSquare:
     """Sum of the squared whitened residuals of the edges against what chance allows."""
 
     statistic: float
-    freedom: int
+    dof: int
     limit: float
 
     @property
@@ -33,14 +33,14 @@ def chi_square(problem: Problem, statistic: float) -> ChiSquare:
     ``statistic`` is the sum of the edges' squared whitened residuals. The freedom is that of the edges'
     loops, plus what absolute measurements may ask of them.
     """
-    d = problem.freedom
+    d = problem.dof
     tree = d * (problem.count - 1)
-    rows = sum(absolute.plain.dim() for absolute in problem.absolutes)
-    freedom = d * len(problem.i) - tree + min(rows, tree)
+    rows = sum(unary.plain.dim() for unary in problem.unary_factors)
+    dof = d * len(problem.i) - tree + min(rows, tree)
     # A tree of edges always fits: its residuals are rounding.
-    return ChiSquare(statistic, freedom, float(chi2.ppf(CONFIDENCE, freedom)) if freedom > 0 else np.inf)
+    return ChiSquare(statistic, dof, float(chi2.ppf(CONFIDENCE, dof)) if dof > 0 else np.inf)
 
 
 def edge_limit(problem: Problem) -> float:
     """Whitened norm that a true edge exceeds once in a thousand."""
-    return float(np.sqrt(chi2.ppf(CONFIDENCE, problem.freedom)))
+    return float(np.sqrt(chi2.ppf(CONFIDENCE, problem.dof)))

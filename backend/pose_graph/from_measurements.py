@@ -15,7 +15,7 @@ from backend.errors import BackendError
 from backend.measurements import EdgeKind, Measurements, RelativePose
 from backend.pose_graph import unary_factors
 from backend.pose_graph.problem import Problem, square_roots
-from backend.pose_graph.unary_factors import Absolute
+from backend.pose_graph.unary_factors import UnaryFactor
 
 Array = NDArray[np.float64]
 
@@ -54,10 +54,10 @@ def from_measurements(measurements: Measurements, initial: Array | None) -> tupl
         sqrt_information=_roots(edges),
         trusted=np.array([e.kind != "loop" for e in edges], dtype=bool),
         initial=np.full((n, 4, 4), np.nan) if initial is None else initial,
-        absolutes=(),
+        unary_factors=(),
     )
-    singles, warnings = _absolutes(measurements)
-    return replace(problem, absolutes=singles), warnings
+    singles, warnings = _unary_factors(measurements)
+    return replace(problem, unary_factors=singles), warnings
 
 
 def _check_fields(edges: tuple[RelativePose, ...]) -> None:
@@ -132,8 +132,8 @@ def _edge(edge: RelativePose) -> str:
     return f"the {edge.kind} edge {edge.i}-{edge.j}"
 
 
-def _absolutes(measurements: Measurements) -> tuple[tuple[Absolute, ...], list[str]]:
-    singles: list[Absolute | None] = []
+def _unary_factors(measurements: Measurements) -> tuple[tuple[UnaryFactor, ...], list[str]]:
+    singles: list[UnaryFactor | None] = []
     unusable = 0
     up: dict[int, Array] = {}
     for a in measurements.attitudes:

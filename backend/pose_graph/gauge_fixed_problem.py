@@ -20,8 +20,8 @@ from backend.pose_graph.initialize import chordal, spanning_tree
 from backend.pose_graph.minimise import (
     MOST_ITERATIONS,
     RELATIVE_TOLERANCE,
-    Minimum,
     OnStep,
+    OptimizationResult,
     gauss_newton,
     levenberg_marquardt,
 )
@@ -47,16 +47,16 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Fit:
+class GraphFit:
     """A plain solve of some edges."""
 
-    minimum: Minimum
+    minimum: OptimizationResult
     w_T: Array
     test: ChiSquare
 
 
 @dataclass(frozen=True)
-class Anchored:
+class GaugeFixedProblem:
     """A problem with what is held, and the options: everything that a plain solve of some edges needs."""
 
     problem: Problem
@@ -82,10 +82,10 @@ class Anchored:
     def rows(self) -> int:
         """Of the linear system with all edges."""
         ties = (self.ties.at(k).dim() for k in range(self.ties.size()))
-        return self.problem.freedom * len(self.problem.i) + sum(ties)
+        return self.problem.dof * len(self.problem.i) + sum(ties)
 
 
-def start_of(problem: Problem) -> Array:
+def initial_poses(problem: Problem) -> Array:
     """The given poses where all are known; else a tree from a known one, or moved to the absolute
     measurements."""
     given = np.isfinite(problem.initial).all(axis=(1, 2))
@@ -96,7 +96,7 @@ def start_of(problem: Problem) -> Array:
     R = problem.sqrt_information
     cost = 1 / np.maximum((R**2).sum(axis=(1, 2)), 1e-300) * np.where(problem.trusted, 1, _LOOP_DETOUR)
     w_T = spanning_tree(problem.count, problem.i, problem.j, problem.ij_T, cost, root, first)
-    return w_T if given.any() else aligned(w_T, problem.absolutes)
+    return w_T if given.any() else aligned(w_T, problem.unary_factors)
 
 
 def _chordal_start(problem: Problem, w_T_root: Array) -> Array | None:
@@ -108,22 +108,22 @@ def _chordal_start(problem: Problem, w_T_root: Array) -> Array | None:
         return None
     w_T = chordal(problem.i, problem.j, problem.ij_T, kappa, tau, w_T_root, problem.count, planar)
     given = np.isfinite(problem.initial).any()
-    return w_T if w_T is None or given else aligned(w_T, problem.absolutes)
+    return w_T if w_T is None or given else aligned(w_T, problem.unary_factors)
 
 
-def plain_fit(anchored: Anchored, kept: Mask, start: Array) -> Fit:
+def least_squares_fit(gauge_fixed: GaugeFixedProblem, kept: Mask, start: Array) -> GraphFit:
     """All kept edges as they are, from the better of the start and the chordal relaxation; from the other one
     where that does not end well."""
-    problem, options = anchored.problem.with_edges(kept), anchored.options
-    graph = anchored.graph(kept)
+    problem, options = gauge_fixed.problem.with_edges(kept), gauge_fixed.options
+    graph = gauge_fixed.graph(kept)
     limits = (MOST_ITERATIONS, RELATIVE_TOLERANCE, options.on_step, options.deadline)
-    attempts: list[Fit] = []
+    attempts: list[GraphFit] = []
     refused: BackendError | None = None
     for values in _starts(problem, start):
         if attempts and time.monotonic() > options.deadline:
             break
         try:
-            attempts.append(_fit(anchored, problem, gauss_newton(graph, values, *limits, problem.name)))
+            attempts.append(_fit(gauge_fixed, problem, gauss_newton(graph, values, *limits, problem.name)))
         except BackendError as error:
             refused = error
             continue
@@ -134,7 +134,7 @@ def plain_fit(anchored: Anchored, kept: Mask, start: Array) -> Fit:
     best = min(attempts, key=lambda fit: (not fit.minimum.converged, fit.minimum.error))
     if best.minimum.converged:
         return best
-    return _fit(anchored, problem, levenberg_marquardt(graph, best.minimum, *limits))
+    return _fit(gauge_fixed, problem, levenberg_marquardt(graph, best.minimum, *limits))
 
 
 def _starts(problem: Problem, start: Array) -> Iterator[gtsam.Values]:
@@ -160,6 +160,6 @@ def _edge_statistic(problem: Problem, w_T: Array) -> float:
     return float((problem.residuals(w_T) ** 2).sum())
 
 
-def _fit(anchored: Anchored, edges: Problem, minimum: Minimum) -> Fit:
-    statistic = 2 * (minimum.error - float(anchored.ties.error(minimum.values)))
-    return Fit(minimum, edges.poses(minimum.values), chi_square(edges, statistic))
+def _fit(gauge_fixed: GaugeFixedProblem, edges: Problem, minimum: OptimizationResult) -> GraphFit:
+    statistic = 2 * (minimum.error - float(gauge_fixed.ties.error(minimum.values)))
+    return GraphFit(minimum, edges.poses(minimum.values), chi_square(edges, statistic))

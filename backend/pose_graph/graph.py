@@ -48,7 +48,7 @@ class PoseGraph:
         return _finite(self.poses)
 
     @property
-    def is_blind(self) -> NDArray[np.bool_]:
+    def is_rank_deficient(self) -> NDArray[np.bool_]:
         """(m,) whether an edge tells nothing about some direction: its information is semi-definite."""
         size = np.sqrt(np.maximum(np.diagonal(self.information, axis1=1, axis2=2), 0))
         size[size == 0] = 1
@@ -57,9 +57,9 @@ class PoseGraph:
         return np.asarray(np.linalg.eigvalsh(unit)[:, 0] < _NOTHING)
 
 
-def blind_told(graph: PoseGraph) -> list[str]:
+def rank_deficient_warning(graph: PoseGraph) -> list[str]:
     """How many edges tell nothing about some direction, in one line; empty where all tell all."""
-    blind = np.flatnonzero(graph.is_blind)
+    blind = np.flatnonzero(graph.is_rank_deficient)
     if len(blind) == 0:
         return []
     i, j = graph.ids[graph.i[blind[0]]], graph.ids[graph.j[blind[0]]]

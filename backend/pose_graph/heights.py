@@ -17,7 +17,7 @@ _ROUNDS = 8
 
 
 @dataclass(frozen=True)
-class Heights:
+class HeightEstimate:
     """One height a keyframe."""
 
     height_m: Array
@@ -28,7 +28,7 @@ class Heights:
     """(n,) whether the keyframe's component has a measured height."""
 
 
-def agree_on_heights(
+def adjust_heights(
     count: int,
     i: NDArray[np.int64],
     j: NDArray[np.int64],
@@ -37,7 +37,7 @@ def agree_on_heights(
     k: NDArray[np.int64],
     log_height: Array,
     log_height_std: Array,
-) -> Heights:
+) -> HeightEstimate:
     """Robust least squares on log heights (iteratively reweighted, Cauchy).
 
     Edges: log h_j - log h_i = ``log_ratio``; measurements: log h_k = ``log_height``. All edges are linear in
@@ -71,4 +71,4 @@ def agree_on_heights(
         weight = 1.0 / (1.0 + ((A @ x - b) / (width * sigma)) ** 2)
     assert factor is not None
     variance = np.array([factor.solve(np.eye(1, count, q).ravel())[q] for q in range(count)])
-    return Heights(np.exp(x), np.sqrt(np.where(metric, variance, 0.0)), metric)
+    return HeightEstimate(np.exp(x), np.sqrt(np.where(metric, variance, 0.0)), metric)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.errors import BackendError, first_line
-from backend.gauge import hold_factor, open_directions
+from backend.gauge import gauge_prior, unobserved_directions
 from backend.measurements import Attitude, Measurements, Position, RelativePose, SlantRange
 from backend.pose_graph.from_measurements import from_measurements
 from backend.pose_graph.minimise import minimise
@@ -34,7 +34,7 @@ _MOVED = 0.05
 
 
 @dataclass(frozen=True)
-class Step:
+class IncrementalUpdate:
     """What a new keyframe brought."""
 
     w_T_b: Array
@@ -66,7 +66,7 @@ class Incremental:
         ranges: tuple[SlantRange, ...] = (),
         positions: tuple[Position, ...] = (),
         w_T_b: Array | None = None,
-    ) -> Step:
+    ) -> IncrementalUpdate:
         """The next keyframe, number ``count``, with the measurements that came with it.
 
         One of its relative poses must join it to an earlier one; the first may be given a pose (4, 4).
@@ -101,7 +101,7 @@ class Incremental:
         if self._waiting and self._rest <= 0:
             again, refused = self._take_in_loops()
             rebuilt = rebuilt or again
-        return Step(self.pose(number), len(self._waiting), refused, rebuilt)
+        return IncrementalUpdate(self.pose(number), len(self._waiting), refused, rebuilt)
 
     def pose(self, k: int) -> Array:
         """(4, 4) where keyframe ``k`` is by now."""
@@ -111,14 +111,14 @@ class Incremental:
         """(n, 4, 4) where all keyframes are by now."""
         return spatial_poses(self._isam.calculateEstimate())
 
-    def settle(self) -> Step:
+    def settle(self) -> IncrementalUpdate:
         """Take in what waits and solve all anew, at any price: the batch's answer."""
         if self.count == 0:
             raise BackendError("there is no keyframe: nothing to settle")
         rebuilt, refused = self._take_in_loops()
         self._start = self._isam.calculateEstimate()
         self._rebuild(self._log)
-        return Step(self.pose(self.count - 1), 0, refused, rebuilt)
+        return IncrementalUpdate(self.pose(self.count - 1), 0, refused, rebuilt)
 
     def error(self) -> float:
         """Half the squared whitened residuals of all that was taken in, by their robust losses."""
@@ -205,7 +205,7 @@ def _renumbered(measured: Measurements, number: int) -> tuple[Problem, list[int]
 
 def _factors(problem: Problem, keys: list[int]) -> gtsam.NonlinearFactorGraph:
     factors = problem.edge_factors()
-    factors.push_back(problem.absolute_factors())
+    factors.push_back(problem.unary_factor_graph())
     out = gtsam.NonlinearFactorGraph()
     for factor in (factors.at(k) for k in range(factors.size())):
         out.push_back(factor.rekey([keys[k] for k in list(factor.keys())]))
@@ -217,17 +217,17 @@ def _first(problem: Problem, w_T_b: Array | None) -> Array:
         if w_T_b.shape != (4, 4) or not np.isfinite(w_T_b).all():
             raise BackendError("the pose of the first keyframe is not a finite (4, 4) transform")
         return w_T_b
-    return aligned(np.eye(4)[None], problem.absolutes)[0]
+    return aligned(np.eye(4)[None], problem.unary_factors)[0]
 
 
 def _hold(problem: Problem, start: Array) -> gtsam.NonlinearFactorGraph:
     """A prior on what the first keyframe's own measurements leave open: a weak one, since later ones may tell
     it; a tight one where it measures nothing, since all is relative to it then."""
     out = gtsam.NonlinearFactorGraph()
-    if not problem.absolutes:
-        out.push_back(hold_factor(0, start, np.eye(6)))
+    if not problem.unary_factors:
+        out.push_back(gauge_prior(0, start, np.eye(6)))
         return out
-    directions = open_directions([jacobian(a, start, start[:3, 3]) for a in problem.absolutes])
+    directions = unobserved_directions([jacobian(a, start, start[:3, 3]) for a in problem.unary_factors])
     if len(directions):
-        out.push_back(hold_factor(0, start, directions, _WEAK))
+        out.push_back(gauge_prior(0, start, directions, _WEAK))
     return out

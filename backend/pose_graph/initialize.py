@@ -52,8 +52,8 @@ def elimination_cost(problem: Problem) -> float:
     place[reverse_cuthill_mckee(links, symmetric_mode=True)] = np.arange(n)
     first = np.arange(n)
     np.minimum.at(first, np.maximum(place[i], place[j]), np.minimum(place[i], place[j]))
-    width = (np.arange(n) - first) * float(problem.freedom)
-    return float((width**2).sum() * problem.freedom)
+    width = (np.arange(n) - first) * float(problem.dof)
+    return float((width**2).sum() * problem.dof)
 
 
 def _links(n: int, i: Index, j: Index, cost: Array) -> tuple[csr_array, Index, Index]:

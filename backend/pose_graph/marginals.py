@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.errors import GTSAM_ERRORS
-from backend.gauge import floating_parts
+from backend.gauge import graph_components
 from backend.pose_graph.elimination import nested_dissection
 from backend.se3 import PLANAR
 
@@ -31,14 +31,14 @@ def pose_covariances(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, ke
     """
     out = np.full((len(keys), 6, 6), np.nan)
     tree = bayes_tree(graph, values)
-    if tree is not None and not floating_parts(graph).floating:
+    if tree is not None and not graph_components(graph).floating:
         _fill(out, tree, keys, range(len(keys)))
         return out
-    for part in floating_parts(graph).parts:
+    for part in graph_components(graph).parts:
         inside = set(part)
         mine = [k for k, key in enumerate(keys) if key in inside]
         tree = bayes_tree(*_part(graph, values, inside)) if mine else None
-        if tree is not None and part not in floating_parts(graph).floating:
+        if tree is not None and part not in graph_components(graph).floating:
             _fill(out, tree, keys, mine)
     return out
 

@@ -18,7 +18,7 @@ import gtsam
 import numpy as np
 
 from backend.errors import GTSAM_ERRORS, BackendError, first_line
-from backend.gauge import floating_parts, key_name, key_runs
+from backend.gauge import format_keys, graph_components, key_name
 from backend.pose_graph.elimination import set_ordering
 from backend.pose_graph.observability import unobserved
 
@@ -37,7 +37,7 @@ must also be a hundred times closer than one step before, so that a chance agree
 
 
 @dataclass(frozen=True)
-class Minimum:
+class OptimizationResult:
     """Where the descent ended."""
 
     values: gtsam.Values
@@ -59,7 +59,7 @@ def minimise(
     on_step: OnStep | None = None,
     time_limit_s: float | None = None,
     common: int | None = None,
-) -> Minimum:
+) -> OptimizationResult:
     """Gauss-Newton while the error falls, Levenberg-Marquardt from the best point on where it rises.
 
     ``common``: a variable that next to all others share. ``on_step(iteration, error)`` is called after each
@@ -80,15 +80,15 @@ def check(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values) -> None:
     """Refuse what gtsam would not survive or silently accept. Raises ``BackendError``."""
     if graph.size() == 0 or initial.size() == 0:
         raise BackendError("the graph is empty: there is nothing to solve")
-    parts = floating_parts(graph)
+    parts = graph_components(graph)
     known = set(initial.keys())
     used = {key for part in parts.parts for key in part}
     if used - known:
-        raise BackendError(f"{key_runs(used - known)} has measurements but no initial value; give it one")
+        raise BackendError(f"{format_keys(used - known)} has measurements but no initial value; give it one")
     if known - used:
-        raise BackendError(f"{key_runs(known - used)} has a value but no measurement; leave it out")
+        raise BackendError(f"{format_keys(known - used)} has a value but no measurement; leave it out")
     if parts.floating:
-        where = "; ".join(key_runs(part) for part in parts.floating[:4])
+        where = "; ".join(format_keys(part) for part in parts.floating[:4])
         raise BackendError(f"nothing ties {where} to the world: hold one pose of each connected part")
     _check_values(initial)
 
@@ -140,7 +140,7 @@ def gauss_newton(
     deadline: float,
     name: Name = key_name,
     common: int | None = None,
-) -> Minimum:
+) -> OptimizationResult:
     """Undamped steps while the error falls; ``converged`` is False at the best point where one raised it.
 
     The graph must have passed ``check``. Raises ``BackendError`` where a direction is not observed.
@@ -190,14 +190,16 @@ def _gauss_newton(
     deadline: float,
     name: Name,
     common: int | None,
-) -> Minimum:
+) -> OptimizationResult:
     optimizer = _optimizer(graph, initial, solver, name, common)
     start = error = float(optimizer.error())
     gap = math.inf
     iteration = 0
 
-    def ended(converged: bool, reason: str) -> Minimum:
-        return Minimum(gtsam.Values(optimizer.values()), error, start, iteration, converged, reason)
+    def ended(converged: bool, reason: str) -> OptimizationResult:
+        return OptimizationResult(
+            gtsam.Values(optimizer.values()), error, start, iteration, converged, reason
+        )
 
     for iteration in range(1, max_iterations + 1):
         # A copy: gtsam hands out a view of a state that the next step frees.
@@ -208,7 +210,7 @@ def _gauss_newton(
             raise _SingularError(str(exception), best) from exception
         previous, error = error, float(optimizer.error())
         if not error <= previous * (1 + _GROWTH) + _ABSOLUTE_TOLERANCE:
-            return Minimum(best, previous, start, iteration, False, "the error rose")
+            return OptimizationResult(best, previous, start, iteration, False, "the error rose")
         if on_step is not None:
             on_step(iteration, error)
         if _settled(previous, error, relative_tolerance):
@@ -224,13 +226,13 @@ def _gauss_newton(
 
 def levenberg_marquardt(
     graph: gtsam.NonlinearFactorGraph,
-    start: Minimum,
+    start: OptimizationResult,
     max_iterations: int,
     relative_tolerance: float,
     on_step: OnStep | None,
     deadline: float,
     common: int | None = None,
-) -> Minimum:
+) -> OptimizationResult:
     """Damped steps, which never raise the error. The graph must have passed ``check``."""
     params = gtsam.LevenbergMarquardtParams()
     set_ordering(params, graph, start.values.size(), common)
@@ -238,8 +240,8 @@ def levenberg_marquardt(
     optimizer = gtsam.LevenbergMarquardtOptimizer(graph, start.values, params)
     error, iteration = float(optimizer.error()), start.iterations
 
-    def ended(converged: bool, reason: str) -> Minimum:
-        return Minimum(
+    def ended(converged: bool, reason: str) -> OptimizationResult:
+        return OptimizationResult(
             gtsam.Values(optimizer.values()), error, start.initial_error, iteration, converged, reason
         )
 

@@ -11,7 +11,7 @@ from scipy.sparse import csc_array, diags_array, eye_array
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
 
 from backend import se3
-from backend.gauge import floating_parts, key_name, key_runs
+from backend.gauge import format_keys, graph_components, key_name
 from backend.pose_graph.linear import jacobian
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ def unobserved(
     start = np.concatenate([[0], np.cumsum(width)])
     where = {key: slice(start[k], start[k + 1]) for k, key in enumerate(keys)}
     sentences = []
-    for part in floating_parts(graph).parts:
+    for part in graph_components(graph).parts:
         G = _generators(values, part, where, start[-1])
         norm = np.linalg.norm(G, axis=0)
         G = G[:, norm > 0] / norm[norm > 0]
@@ -48,7 +48,7 @@ def unobserved(
         inside = np.linalg.norm(null.T @ G, axis=0) > 0.999
         if inside.any():
             said = ", ".join(word for word, yes in zip(words, inside, strict=True) if yes)
-            sentences.append(f"{said} of {key_runs(part, name)} not observed")
+            sentences.append(f"{said} of {format_keys(part, name)} not observed")
             null = _without(null, np.linalg.qr(G[:, inside])[0])
         if "scale" in words:
             # A held pose moves the center of the scale: it is then open together with a shift.
@@ -56,13 +56,13 @@ def unobserved(
             whole = np.linalg.norm(G @ share - null, axis=0) < 1e-3
             grows = whole & (np.abs(share[words.index("scale")]) > 0.05)
             if grows.any():
-                sentences.append(f"scale of {key_runs(part, name)} not observed")
+                sentences.append(f"scale of {format_keys(part, name)} not observed")
                 null = null[:, ~grows]
     if null.shape[1]:
         share = np.array([np.linalg.norm(null[where[key]]) for key in keys])
         some = [key for key, s in zip(keys, share, strict=True) if s > 0.1 * share.max()]
         plural = "direction" if null.shape[1] == 1 else "directions"
-        sentences.append(f"{null.shape[1]} {plural} around {key_runs(some, name)} not observed")
+        sentences.append(f"{null.shape[1]} {plural} around {format_keys(some, name)} not observed")
     return sentences
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from backend import se3
 from backend.errors import BackendError
 from backend.pose_graph.graph import PoseGraph, check
-from backend.pose_graph.unary_factors import Absolute, fixed, gtsam_poses
+from backend.pose_graph.unary_factors import UnaryFactor, fixed, gtsam_poses
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -37,7 +37,7 @@ class Problem:
     """(m,) edges that are rejected only when nothing else explains the disagreement: odometry."""
     initial: Array
     """(n, 4, 4), NaN where unknown."""
-    absolutes: tuple[Absolute, ...] = ()
+    unary_factors: tuple[UnaryFactor, ...] = ()
 
     @property
     def count(self) -> int:
@@ -45,7 +45,7 @@ class Problem:
         return len(self.names)
 
     @property
-    def freedom(self) -> int:
+    def dof(self) -> int:
         """Degrees of freedom of a pose: 3 or 6."""
         return 3 if self.dimension == 2 else 6
 
@@ -69,7 +69,7 @@ class Problem:
             sqrt_information=self.sqrt_information[edge],
             trusted=self.trusted[edge],
             initial=self.initial[members],
-            absolutes=tuple(a.renumbered(int(number[a.k])) for a in self.absolutes if number[a.k] >= 0),
+            unary_factors=tuple(a.with_key(int(number[a.k])) for a in self.unary_factors if number[a.k] >= 0),
         )
 
     def with_edges(self, which: NDArray[np.bool_]) -> Problem:
@@ -109,11 +109,11 @@ class Problem:
         poses = gtsam_poses(self.ij_T, self.dimension)
         return map(make, self.i.tolist(), self.j.tolist(), poses, _models(self.sqrt_information))
 
-    def absolute_factors(self) -> gtsam.NonlinearFactorGraph:
+    def unary_factor_graph(self) -> gtsam.NonlinearFactorGraph:
         """The absolute measurements as they are solved."""
         graph = gtsam.NonlinearFactorGraph()
-        for absolute in self.absolutes:
-            graph.push_back(absolute.factor)
+        for unary in self.unary_factors:
+            graph.push_back(unary.factor)
         return graph
 
     def values(self, w_T: Array) -> gtsam.Values:
@@ -189,5 +189,5 @@ def from_pose_graph(graph: PoseGraph) -> Problem:
         sqrt_information=square_roots(graph.information),
         trusted=np.abs(graph.ids[graph.i] - graph.ids[graph.j]) == 1,
         initial=graph.poses,
-        absolutes=tuple(fixed(k, graph.poses[k], graph.dimension) for k in held),
+        unary_factors=tuple(fixed(k, graph.poses[k], graph.dimension) for k in held),
     )

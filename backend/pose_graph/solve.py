@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.errors import BackendError
-from backend.gauge import key_runs
+from backend.gauge import format_keys
 from backend.measurements import Measurements
-from backend.pose_graph.connected_part import Part, placed_alone, solve_part
+from backend.pose_graph.connected_component import SolvedComponent, placed_alone, solve_component
 from backend.pose_graph.from_measurements import components, from_measurements
 from backend.pose_graph.gauge_fixed_problem import Options
-from backend.pose_graph.graph import PoseGraph, blind_told
+from backend.pose_graph.graph import PoseGraph, rank_deficient_warning
 from backend.pose_graph.minimise import OnStep
 from backend.pose_graph.problem import Problem, from_pose_graph
 from backend.pose_graph.solution import Solution
@@ -59,7 +59,7 @@ def solve_pose_graph(
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
     options = Options(loops_robust, covariances, on_step, deadline)
     problem = from_pose_graph(graph)
-    return _solve(problem, options, blind_told(graph))
+    return _solve(problem, options, rank_deficient_warning(graph))
 
 
 def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
@@ -70,7 +70,7 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
     covariances = np.full((n, 6, 6), np.nan) if options.covariances else None
     component = np.full(n, -1, dtype=np.int64)
     kept, residual, reasons = np.zeros(m, dtype=bool), np.full(m, np.nan), [""] * m
-    parts: list[Part] = []
+    parts: list[SolvedComponent] = []
     lonely: list[int] = []
     all_solved = True
     size = np.bincount(label)
@@ -82,13 +82,13 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
             lonely += members.tolist()
             continue
         try:
-            part = solve_part(part_problem, options)
+            part = solve_component(part_problem, options)
         except BackendError as refused:
             if len(members) == n:
                 raise
             for e in edges.tolist():
                 reasons[e] = "its part of the graph could not be solved"
-            warnings.append(f"{key_runs(members.tolist(), problem.name)} could not be solved: {refused}")
+            warnings.append(f"{format_keys(members.tolist(), problem.name)} could not be solved: {refused}")
             all_solved = False
             continue
         w_T[members], component[members] = part.w_T, len(parts)
@@ -102,7 +102,7 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
     converged = all_solved and all(part.converged for part in parts)
     unobserved = [part.held for part in parts if part.held]
     if lonely:
-        unobserved.append(f"{key_runs(lonely, problem.name)} not placed: no edge and no position")
+        unobserved.append(f"{format_keys(lonely, problem.name)} not placed: no edge and no position")
     return Solution(
         w_T_b=w_T,
         covariances=covariances,
@@ -119,7 +119,7 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
     )
 
 
-def _status(parts: list[Part], lonely: list[int], converged: bool, warnings: list[str]) -> str:
+def _status(parts: list[SolvedComponent], lonely: list[int], converged: bool, warnings: list[str]) -> str:
     said = []
     if len(parts) > 1:
         said.append(f"{len(parts)} parts are not connected to each other")

@@ -65,8 +65,10 @@ class Synchronization:
     def objective(self, w_R: Array, w_t: Array) -> float:
         """F."""
         translation, rotation, _ = self.residuals(w_R, w_t)
-        squared = self.tau * (translation**2).sum(axis=1) + self.kappa * (rotation**2).sum(axis=(1, 2))
-        return float(squared.sum())
+        squared_mahalanobis = self.tau * (translation**2).sum(axis=1) + self.kappa * (rotation**2).sum(
+            axis=(1, 2)
+        )
+        return float(squared_mahalanobis.sum())
 
     def multipliers(self, w_R: Array, w_t: Array) -> Array:
         """(n, d, d) Lagrange multipliers of R' R = I, in axes of each pose. Source: equation 107 there."""

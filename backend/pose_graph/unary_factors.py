@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend import se3
-from backend.gauge import HOLD_STD
+from backend.gauge import GAUGE_STD
 from backend.measurements import Attitude, Position, SlantRange
 
 Array = NDArray[np.float64]
@@ -23,7 +23,7 @@ less than 1 % of the accuracy where all measurements are good."""
 
 
 @dataclass(frozen=True)
-class Absolute:
+class UnaryFactor:
     """One measurement of a single pose against the world."""
 
     k: int
@@ -40,7 +40,7 @@ class Absolute:
     b_p_floor_m: Array = field(default_factory=lambda: np.full(3, np.nan))
     """(3,) the point of the floor that a range has hit, in body axes."""
 
-    def renumbered(self, k: int) -> Absolute:
+    def with_key(self, k: int) -> UnaryFactor:
         """The same measurement on another key."""
         return replace(self, k=k, factor=self.factor.rekey([k]), plain=self.plain.rekey([k]))
 
@@ -53,15 +53,15 @@ def gtsam_poses(T: Array, dimension: int) -> list[Any]:
     return [gtsam.Pose3(gtsam.Rot3(*R), t) for R, t in zip(rotations, T[:, :3, 3], strict=True)]
 
 
-def fixed(k: int, w_T: Array, dimension: int) -> Absolute:
+def fixed(k: int, w_T: Array, dimension: int) -> UnaryFactor:
     """A pose (4, 4) that is held where it is."""
     make = gtsam.PriorFactorPose2 if dimension == 2 else gtsam.PriorFactorPose3
-    noise = gtsam.noiseModel.Isotropic.Sigma(3 if dimension == 2 else 6, HOLD_STD)
+    noise = gtsam.noiseModel.Isotropic.Sigma(3 if dimension == 2 else 6, GAUGE_STD)
     factor = make(k, gtsam_poses(w_T[None], dimension)[0], noise)
-    return Absolute(k, factor, factor, "fixed", w_T[:3, :3], True, w_T[:3, 3])
+    return UnaryFactor(k, factor, factor, "fixed", w_T[:3, :3], True, w_T[:3, 3])
 
 
-def attitude(measured: Attitude) -> Absolute | None:
+def attitude(measured: Attitude) -> UnaryFactor | None:
     """Roll, pitch and heading; None where no angle was measured.
 
     With the heading unknown gtsam's tilt factor takes over: a rotation's logarithm mixes the axes when the
@@ -85,10 +85,10 @@ def attitude(measured: Attitude) -> Absolute | None:
         noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
         factor = gtsam.PoseRotationPrior3D(measured.k, gtsam.Rot3(R), noise)
     level = bool(weight[:2].all())
-    return Absolute(measured.k, factor, factor, "attitude", R if level else None, bool(weight[2]))
+    return UnaryFactor(measured.k, factor, factor, "attitude", R if level else None, bool(weight[2]))
 
 
-def slant_range(measured: SlantRange, cos_tilt: float = 1.0) -> Absolute:
+def slant_range(measured: SlantRange, cos_tilt: float = 1.0) -> UnaryFactor:
     """Range along the sensor's -z to the plane z = 0: the point that it hits has height 0.
 
     gtsam's position factor with that point for a lever arm says just that when x and y weigh nothing.
@@ -99,10 +99,10 @@ def slant_range(measured: SlantRange, cos_tilt: float = 1.0) -> Absolute:
     arm = measured.b_T_s[:3] @ [0, 0, -measured.range_m, 1]
     plain = gtsam.GPSFactorArm(measured.k, np.zeros(3), arm, noise)
     factor = gtsam.GPSFactorArm(measured.k, np.zeros(3), arm, _robust(noise))
-    return Absolute(measured.k, factor, plain, "range", b_p_floor_m=arm)
+    return UnaryFactor(measured.k, factor, plain, "range", b_p_floor_m=arm)
 
 
-def position(measured: Position) -> Absolute | None:
+def position(measured: Position) -> UnaryFactor | None:
     """Position of the body; NaN or an infinite deviation leaves an axis open; None where no axis was
     measured."""
     with np.errstate(divide="ignore"):
@@ -113,37 +113,37 @@ def position(measured: Position) -> Absolute | None:
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(np.diag(weight), False)
     plain = gtsam.GPSFactor(measured.k, place, noise)
     factor = gtsam.GPSFactor(measured.k, place, _robust(noise))
-    return Absolute(measured.k, factor, plain, "position", w_p_b_m=np.where(weight > 0, place, np.nan))
+    return UnaryFactor(measured.k, factor, plain, "position", w_p_b_m=np.where(weight > 0, place, np.nan))
 
 
 def _robust(noise: gtsam.noiseModel.Base) -> gtsam.noiseModel.Robust:
     return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(OUTLIER_SIGMA), noise)
 
 
-def jacobian(absolute: Absolute, w_T: Array, origin_m: Array) -> Array:
+def jacobian(unary: UnaryFactor, w_T: Array, origin_m: Array) -> Array:
     """(r, 6) whitened derivative of a spatial measurement at the pose ``w_T`` (4, 4).
 
     With respect to a motion in world axes, rotation first, about the point ``origin_m`` (3,).
     """
-    if absolute.w_R_b is not None and not absolute.heading_known:
+    if unary.w_R_b is not None and not unary.heading_known:
         # A tilt left over would turn with the heading and feign knowledge of it: look where none is left.
-        up = w_T[:3, :3] @ absolute.w_R_b[2]
+        up = w_T[:3, :3] @ unary.w_R_b[2]
         w_T = w_T.copy()
         w_T[:3, :3] = Rotation.align_vectors([[0, 0, 1.0]], up[None])[0].as_matrix() @ w_T[:3, :3]
     values = gtsam.Values()
-    values.insert(absolute.k, gtsam.Pose3(w_T))
+    values.insert(unary.k, gtsam.Pose3(w_T))
     origin = np.eye(4)
     origin[:3, 3] = origin_m
-    J = np.asarray(absolute.plain.linearize(values).jacobian()[0])
+    J = np.asarray(unary.plain.linearize(values).jacobian()[0])
     return J @ se3.adjoint(se3.inverse(w_T) @ origin)
 
 
-def aligned(w_T: Array, absolutes: tuple[Absolute, ...]) -> Array:
+def aligned(w_T: Array, unary_factors: tuple[UnaryFactor, ...]) -> Array:
     """Move a rigid trajectory (n, 4, 4) to where its absolute measurements want it: a start, not an
     estimate."""
     w_T = w_T.copy()
-    rotations = [a for a in absolutes if a.w_R_b is not None]
-    places = [a for a in absolutes if np.isfinite(a.w_p_b_m).any()]
+    rotations = [a for a in unary_factors if a.w_R_b is not None]
+    places = [a for a in unary_factors if np.isfinite(a.w_p_b_m).any()]
     known = [a for a in places if np.isfinite(a.w_p_b_m).all()]
     if rotations:
         w_T = _turned(w_T, _mean_rotation(w_T, rotations))
@@ -155,7 +155,7 @@ def aligned(w_T: Array, absolutes: tuple[Absolute, ...]) -> Array:
     for axis in range(3):
         shift = [a.w_p_b_m[axis] - w_T[a.k, axis, 3] for a in places if np.isfinite(a.w_p_b_m[axis])]
         if axis == 2 and not shift:
-            shift = [-w_T[a.k, 2] @ [*a.b_p_floor_m, 1] for a in absolutes if a.kind == "range"]
+            shift = [-w_T[a.k, 2] @ [*a.b_p_floor_m, 1] for a in unary_factors if a.kind == "range"]
         if shift:
             w_T[:, axis, 3] += np.median(shift)
     return w_T
@@ -167,7 +167,7 @@ def _turned(w_T: Array, R: Array) -> Array:
     return turn @ w_T
 
 
-def _mean_rotation(w_T: Array, rotations: list[Absolute]) -> Array:
+def _mean_rotation(w_T: Array, rotations: list[UnaryFactor]) -> Array:
     full = [a for a in rotations if a.heading_known]
     if full:
         total = sum((a.w_R_b @ w_T[a.k, :3, :3].T for a in full if a.w_R_b is not None), np.zeros((3, 3)))
@@ -176,7 +176,7 @@ def _mean_rotation(w_T: Array, rotations: list[Absolute]) -> Array:
     return Rotation.align_vectors([[0, 0, 1.0]], [up / max(np.linalg.norm(up), 1e-12)])[0].as_matrix()
 
 
-def _procrustes(w_T: Array, places: list[Absolute], planar: bool) -> Array:
+def _procrustes(w_T: Array, places: list[UnaryFactor], planar: bool) -> Array:
     """Rotation that takes trajectory to measured positions; what is far off is left out of the second
     pass."""
     p = np.array([w_T[a.k, :3, 3] for a in places])

@@ -55,7 +55,7 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
 def graph_figures(path: Path) -> FigureTable:
     """What a g2o file holds, for ``slam info``."""
     from backend.g2o import read_g2o
-    from backend.pose_graph.graph import blind_told
+    from backend.pose_graph.graph import rank_deficient_warning
     from slam.core.figure_table import FigureTable
 
     graph = read_g2o(path)
@@ -67,7 +67,7 @@ def graph_figures(path: Path) -> FigureTable:
         ("vertices held in place", str(int(graph.fixed.sum()))),
         ("edges between neighbours", str(len(graph.i) - loops)),
         ("other edges", str(loops)),
-        *(("odd", warning) for warning in (*graph.warnings, *blind_told(graph))),
+        *(("odd", warning) for warning in (*graph.warnings, *rank_deficient_warning(graph))),
     ]
     return FigureTable(str(path), (), tuple(rows))
 
@@ -122,5 +122,5 @@ def _covariances(graph: PoseGraph) -> np.ndarray:
     """(m, 6, 6) of the edges; NaN for one that does not measure every direction, as no planar one does."""
     covariance = np.full((len(graph.i), 6, 6), np.nan)
     if graph.dimension == 3:
-        covariance[~graph.is_blind] = np.linalg.inv(graph.information[~graph.is_blind])
+        covariance[~graph.is_rank_deficient] = np.linalg.inv(graph.information[~graph.is_rank_deficient])
     return covariance

@@ -18,10 +18,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.floor_points import where_rays_meet
+from backend.bundle.floor_points import intersect_floor
 from backend.bundle.graph import BundleConfig, NoiseLevels
 from backend.bundle.information import Information, information
-from backend.bundle.noise import colour_along_tracks, huber_std, start_noise
+from backend.bundle.noise import huber_std, start_noise, track_correlation_factor
 from backend.bundle.refinement import refine
 from backend.measurements import FloorTracks, Measurements, PinholeModel
 from frontend.mosaic.quality import ground_jacobian
@@ -144,7 +144,7 @@ def at_the_truth(
         tracks = _near(tracks, off, config.drop_sigmas * max(1.0, spread))
     pixel = _on_the_floor(tracks, camera, w_T_b)
     off = (tracks.pixel - pixel) / tracks.std_px[:, None]
-    colour = colour_along_tracks(tracks, off, np.ones(len(off), dtype=bool))
+    colour = track_correlation_factor(tracks, off, np.ones(len(off), dtype=bool))
     ideal = _instruments_at_the_truth(measured, w_T_b)
     noise = replace(
         start_noise(measured, config),
@@ -168,7 +168,7 @@ def _near(tracks: FloorTracks, off: Array, limit: float) -> FloorTracks:
 def _on_the_floor(tracks: FloorTracks, camera: PinholeModel, w_T_b: Array) -> Array:
     """(m, 2) where each observation would be if its point lay where its rays meet the floor, on average."""
     w_T_c = w_T_b @ camera.b_T_c
-    point, pose = where_rays_meet(tracks, camera, w_T_c), w_T_c[tracks.keyframe]
+    point, pose = intersect_floor(tracks, camera, w_T_c), w_T_c[tracks.keyframe]
     c_p = np.einsum("mba,mb->ma", pose[:, :3, :3], point[tracks.track] - pose[:, :3, 3])
     return np.asarray(c_p[:, :2] / c_p[:, 2:] * camera.focal_px + camera.center_px)
 

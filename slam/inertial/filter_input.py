@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.ekf.inputs import FilterModel, Readings, Series, Start
+from backend.ekf.inputs import FilterModel, InitialState, Readings, Series
 from slam.core.errors import InputError, one_line
 from slam.core.rotations import rotation_of
 from slam.inertial.instruments import (
@@ -70,7 +70,7 @@ class FilterInput:
 
     readings: Readings
     model: FilterModel
-    start: Start
+    start: InitialState
     start_s: float
     end_s: float
     """Between these times the vehicle's motion was recorded."""
@@ -200,7 +200,7 @@ def _adjusted(readings: Readings, adjusted: Adjusted) -> Readings:
     return replace(readings, **changed)
 
 
-def _start(flight: Flight, readings: Readings, trust: InertialTrust, start_s: float) -> Start:
+def _start(flight: Flight, readings: Readings, trust: InertialTrust, start_s: float) -> InitialState:
     """What the first readings say of the start."""
     positions = readings.w_p_b_m
     w_R_b, tilt_std = _first_rotation(readings, start_s, trust.tilt_error_rad)
@@ -219,7 +219,7 @@ def _start(flight: Flight, readings: Readings, trust: InertialTrust, start_s: fl
         height_std = 0.3
     else:  # standing, a vehicle is lower than its rangefinder can tell
         height_std = least_m / 2 if readings.rest_m_s is not None and least_m > 0 else 1.0
-    return Start(
+    return InitialState(
         height_m=float(height[0]) if height is not None else least_m / 2,
         height_std_m=height_std,
         w_R_b=w_R_b,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend import se3
-from backend.ekf.inputs import Keep, PictureStep, Start
+from backend.ekf.inputs import CloneMode, InitialState, VisualStep
 from slam.core.progress import Progress, silent
 from slam.inertial.filter_input import FilterInput
 
@@ -24,8 +24,8 @@ def follow(
     given: FilterInput,
     at_s: Array,
     *,
-    steps: tuple[PictureStep, ...] = (),
-    keep: Keep = "none",
+    steps: tuple[VisualStep, ...] = (),
+    keep: CloneMode = "none",
     smooth: bool = True,
     progress: Progress = silent,
 ) -> Track:
@@ -41,7 +41,7 @@ def follow(
     rounds = 1 if smooth else 0
     others = _others(given)
 
-    def run(start: Start, number: int) -> Track:
+    def run(start: InitialState, number: int) -> Track:
         progress("filter", number, len(others) + 1)
         return track(readings, at_s, start, given.model, rounds=rounds, keep=keep)
 
@@ -55,7 +55,7 @@ def follow(
     return replace(found, filtered=filtered, smoothed=smoothed)
 
 
-def _others(given: FilterInput) -> list[Start]:
+def _others(given: FilterInput) -> list[InitialState]:
     """Starts with each held scale one standard deviation larger."""
     starts = []
     if given.held_range_scale > 1e-6:
@@ -77,15 +77,15 @@ def _with_shared_error(states: States, base: States, other: States) -> States:
             pose[:, :3],
         ]
     )
-    known = np.isfinite(base.kept_T_b + other.kept_T_b).all(axis=(1, 2))
-    way = np.zeros((len(base.kept_T_b), 6))
-    way[known] = se3.log(se3.inverse(base.kept_T_b[known]) @ other.kept_T_b[known])
+    known = np.isfinite(base.clone_T_b + other.clone_T_b).all(axis=(1, 2))
+    way = np.zeros((len(base.clone_T_b), 6))
+    way[known] = se3.log(se3.inverse(base.clone_T_b[known]) @ other.clone_T_b[known])
     return replace(
         states,
         covariances=states.covariances + _outer(pose),
         motion_covariances=states.motion_covariances + _outer(motion),
-        kept_covariances=states.kept_covariances + _outer(way),
-        since_kept_covariances=states.since_kept_covariances + _outer(_since_first(base, other)),
+        clone_T_b_covariances=states.clone_T_b_covariances + _outer(way),
+        fixed_clone_covariances=states.fixed_clone_covariances + _outer(_since_first(base, other)),
     )
 
 

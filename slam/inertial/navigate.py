@@ -104,7 +104,7 @@ def _since_first(states: States) -> Array:
     """Covariances (n, 6, 6) of the poses where the first one's place is certain, as it is by definition."""
     first = np.zeros((6, 6))
     first[:3, :3] = states.covariances[0, :3, :3]
-    return np.concatenate([first[None], states.since_kept_covariances[1:]])
+    return np.concatenate([first[None], states.fixed_clone_covariances[1:]])
 
 
 def _times(flight: Flight, given: FilterInput, rate_hz: float) -> Array:

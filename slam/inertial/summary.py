@@ -19,7 +19,7 @@ def summary_record(navigation: Navigation) -> dict[str, Any]:
     for name, channel in navigation.track.channels.items():
         channels[name] = {
             "readings": len(channel.stamps_s),
-            "believed": int(channel.believed.any(axis=1).sum()),
+            "believed": int(channel.accepted.any(axis=1).sum()),
             "nis": channel.mean_nis,
             "delay_s": float(adjusted.delay_s.get(name, 0.0)),
             "noise_factor": float(adjusted.wider.get(name, 1.0)),

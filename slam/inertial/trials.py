@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from backend.ekf.inputs import PictureStep, Readings, renumbered
+from backend.ekf.inputs import Readings, VisualStep, renumber_steps
 from slam.core.progress import Progress, silent
 from slam.inertial.filter_input import FIELDS, Adjusted, FilterInput, filter_input
 from slam.inertial.instruments import InertialTrust
 
 if TYPE_CHECKING:
-    from backend.ekf.results import Channel, Track
+    from backend.ekf.results import InstrumentInnovations, Track
     from slam.core.flight import Flight
 
 Array = NDArray[np.float64]
@@ -69,7 +69,7 @@ def suited(
     trust: InertialTrust = InertialTrust(),
     progress: Progress = silent,
     stamps_s: Array = _NO_STAMPS,
-    steps: tuple[PictureStep, ...] = (),
+    steps: tuple[VisualStep, ...] = (),
 ) -> FilterInput:
     """The filter's input for a flight, after trials on its first two minutes.
 
@@ -137,7 +137,7 @@ class _Trial:
     """Runs of the filter over the start of one flight."""
 
     def __init__(
-        self, flight: Flight, progress: Progress, stamps_s: Array, steps: tuple[PictureStep, ...]
+        self, flight: Flight, progress: Progress, stamps_s: Array, steps: tuple[VisualStep, ...]
     ) -> None:
         self.flight, self.progress, self.done = flight, progress, 0
         self.stamps_s, self.steps = stamps_s, steps
@@ -149,7 +149,7 @@ class _Trial:
         given = filter_input(self.flight, trust, adjusted)
         until_s = min(given.end_s, given.start_s + LONGEST_TRIAL_S)
         inside = (self.stamps_s >= given.start_s) & (self.stamps_s < until_s)
-        steps = renumbered(self.steps, inside)
+        steps = renumber_steps(self.steps, inside)
         readings = replace(given.readings.between(given.start_s, until_s), steps=steps)
         self.done += 1
         self.progress("instruments", self.done, 0)
@@ -195,13 +195,13 @@ def _widened_over(
     return replace(adjusted, wider=wider)
 
 
-def _excess(channel: Channel, over_s: tuple[float, ...]) -> float:
+def _excess(channel: InstrumentInnovations, over_s: tuple[float, ...]) -> float:
     """Factor by which summed innovations exceed their standard deviation, over the worst window length; by
     quantiles, so that the largest tenth does not count."""
     return max(_excess_of(_sums(channel, lasting_s)) for lasting_s in over_s)
 
 
-def _sums(channel: Channel, lasting_s: float) -> Array:
+def _sums(channel: InstrumentInnovations, lasting_s: float) -> Array:
     """(n,) sums of the whitened innovations of each component over windows of ``lasting_s``, divided by the
     root of their number: of unit variance where innovations are white."""
     known = np.isfinite(channel.innovation)

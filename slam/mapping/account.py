@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.pose_graph.heights import Heights
+from backend.pose_graph.heights import HeightEstimate
 from backend.pose_graph.solution import Solution
 from slam.core.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTilt
 from slam.core.flight import Flight
@@ -40,7 +40,7 @@ class Mapped:
     solution: Solution
     """The pose graph of ``edges``."""
     fused: Fused
-    heights_without_loops: Heights
+    heights_without_loops: HeightEstimate
     """By the edges between neighbours in time alone."""
     without_loops: Solution
     """The pose graph of these edges."""

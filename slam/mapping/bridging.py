@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend import se3
-from backend.ekf.inputs import PictureStep, renumbered
+from backend.ekf.inputs import VisualStep, renumber_steps
 from backend.errors import BackendError
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
@@ -39,7 +39,7 @@ _MOST_HEIGHTS = 1.0
 """A bridge uncertain by more heights than this joins nothing: the pictures could lie anywhere."""
 
 
-def picture_steps(links: Sequence[Registration | None], mapper: Mapper) -> tuple[PictureStep, ...]:
+def picture_steps(links: Sequence[Registration | None], mapper: Mapper) -> tuple[VisualStep, ...]:
     """Steps between successive keyframes whose pictures are linked, in heights of the first."""
     linked = [link for link in links if link is not None and link.j == link.i + 1]
     i = np.array([link.i for link in linked], dtype=np.int64)
@@ -51,7 +51,7 @@ def picture_steps(links: Sequence[Registration | None], mapper: Mapper) -> tuple
         mapper.sensors.roll_pitch_std_rad[i],
     )
     return tuple(
-        PictureStep(linked[m].i, linked[m].j, lifted.i_T_j[m], lifted.covariance[m])
+        VisualStep(linked[m].i, linked[m].j, lifted.i_T_j[m], lifted.covariance[m])
         for m in np.flatnonzero(lifted.usable).tolist()
     )
 
@@ -59,7 +59,7 @@ def picture_steps(links: Sequence[Registration | None], mapper: Mapper) -> tuple
 def inertial_edges(
     flight: Flight,
     stamps_s: Array,
-    steps: tuple[PictureStep, ...],
+    steps: tuple[VisualStep, ...],
     trust: InertialTrust = InertialTrust(),
     progress: Progress = silent,
 ) -> tuple[RelativePose, ...]:
@@ -77,16 +77,18 @@ def inertial_edges(
     if given.readings.range_m is None or inside.sum() < 2:
         return ()
     reached = {step.j for step in steps}
-    found = follow(given, stamps_s[inside], steps=renumbered(steps, inside), keep="each", progress=progress)
+    found = follow(
+        given, stamps_s[inside], steps=renumber_steps(steps, inside), keep="each", progress=progress
+    )
     states, numbers = found.smoothed, np.flatnonzero(inside)
     assert states is not None
     edges = []
     for k in range(1, len(numbers)):
         i, j = int(numbers[k - 1]), int(numbers[k])
-        covariance = states.kept_covariances[k]
+        covariance = states.clone_T_b_covariances[k]
         height_m = max(float(states.w_T_b[k - 1, 2, 3]), 0.0)
         if j not in reached and np.trace(covariance[3:, 3:]) < (_MOST_HEIGHTS * height_m) ** 2:
-            edges.append(RelativePose(i, j, states.kept_T_b[k], covariance, "inertial"))
+            edges.append(RelativePose(i, j, states.clone_T_b[k], covariance, "inertial"))
     return tuple(edges)
 
 

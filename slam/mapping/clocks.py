@@ -7,7 +7,7 @@ gyro and accelerometer.
 
 from __future__ import annotations
 
-from backend.inertial_scale.regression_rows import MOST_DELAY_S
+from backend.inertial_scale.regression_rows import MAX_DELAY_S
 from slam.core.flight import VEHICLE_CLOCK_STREAMS, Flight
 from slam.mapping.lengths import InertialLengths
 
@@ -33,7 +33,7 @@ def delay_to_take_out(by_inertia: InertialLengths | None) -> float:
         return 0.0
     delay_s, std_s = by_inertia.found.delay_s, by_inertia.found.delay_std_s
     sure = abs(delay_s) >= max(_NOTABLE_S, _SURE * std_s)
-    return delay_s if sure and abs(delay_s) < MOST_DELAY_S - _EDGE_S else 0.0
+    return delay_s if sure and abs(delay_s) < MAX_DELAY_S - _EDGE_S else 0.0
 
 
 def delay_warning(by_inertia: InertialLengths | None, taken_out_s: float) -> str:

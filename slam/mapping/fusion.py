@@ -144,7 +144,7 @@ class Part:
         """As `Fused` has it."""
         if self.bundle is None:
             return 0.0
-        return self.bundle.own_scale_std * float(self.bundle.w_T_b[0, 2, 3] - self.bundle.floor_z_m)
+        return self.bundle.conditional_scale_std * float(self.bundle.w_T_b[0, 2, 3] - self.bundle.floor_z_m)
 
 
 @dataclass(frozen=True)

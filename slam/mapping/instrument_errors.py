@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.bundle.noise import coloured_std
+from backend.bundle.noise import autocorrelated_std
 from slam.core.estimate import AccelerometerErrors, AttitudeErrors
 from slam.core.flight import Flight
 from slam.core.rotations import roll_pitch_yaw_of
@@ -40,7 +40,7 @@ def attitude_errors(
     headed = all(np.isfinite(a.std_rad[2]) for a in told)
     tilt = off[:, :2]
     mean = tilt.mean(axis=0)
-    std = [coloured_std(tilt[:, a : a + 1] - mean[a]) / np.sqrt(len(k)) for a in (0, 1)]
+    std = [autocorrelated_std(tilt[:, a : a + 1] - mean[a]) / np.sqrt(len(k)) for a in (0, 1)]
     return AttitudeErrors(
         (float(mean[0]), float(mean[1])),
         (float(std[0]), float(std[1])),

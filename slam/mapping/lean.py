@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from backend.bundle.noise import coloured_std
+from backend.bundle.noise import autocorrelated_std
 from slam.core.flight import Flight
 from slam.core.rotations import rotation_of
 from slam.mapping.synchronize import attitudes_at
@@ -75,7 +75,7 @@ def lean_of(flight: Flight, stamps_s: Array, w_T_b: Array) -> Lean | None:
     in_body = Rotation.from_euler("z", -heading[:, None]).apply(np.pad(in_world, ((0, 0), (0, 1))))[:, :2]
     means = [lean.mean(axis=0) for lean in (in_world, in_body)]
     stds = [
-        coloured_std(lean - mean) / np.sqrt(len(told))
+        autocorrelated_std(lean - mean) / np.sqrt(len(told))
         for lean, mean in zip((in_world, in_body), means, strict=True)
     ]
     wander = float(np.sqrt(np.mean((in_body - means[1]) ** 2)))

@@ -22,7 +22,7 @@ from backend.measurements import (
     RelativePose,
     SlantRange,
 )
-from backend.pose_graph.heights import Heights, agree_on_heights
+from backend.pose_graph.heights import HeightEstimate, adjust_heights
 from backend.pose_graph.solution import Solution
 from backend.pose_graph.solve import solve
 from frontend.camera import Camera
@@ -91,7 +91,7 @@ class Edges:
 
     registrations: tuple[Registration, ...]
     relative_poses: tuple[RelativePose, ...]
-    heights: Heights
+    heights: HeightEstimate
 
     def at_heights(self, height_m: Array) -> tuple[RelativePose, ...]:
         """The relative poses in metres of the heights (n,) that were found in the end."""
@@ -151,7 +151,7 @@ class Mapper:
 
     def _heights(
         self, i: NDArray[np.int64], j: NDArray[np.int64], lifted: LiftedPoses, good: NDArray[np.bool_]
-    ) -> Heights:
+    ) -> HeightEstimate:
         """Heights of the bodies, agreed on as heights of the cameras, whose ratios the pictures tell."""
         level_up = level_T_body(self.sensors.roll_pitch_rad)[:, 2, :3]
         b_p_c = self.camera.b_T_c[:3, 3]
@@ -161,7 +161,7 @@ class Mapper:
         camera_m = np.einsum("ma,ma->m", level_up[k], b_p_c - b_p_floor)
         std = np.array([r.std_m for r in ranges])
         above = camera_m > 0
-        agreed = agree_on_heights(
+        agreed = adjust_heights(
             len(level_up),
             i,
             j,
@@ -174,7 +174,7 @@ class Mapper:
         body_m = agreed.height_m - level_up @ b_p_c
         return replace(agreed, height_m=np.maximum(body_m, _LOWEST * agreed.height_m))
 
-    def reach(self, heights: Heights, known: Solution) -> Reach:
+    def reach(self, heights: HeightEstimate, known: Solution) -> Reach:
         """How far from where the poses known so far have it each keyframe's view may be."""
         height_m = heights.height_m
         covariances = known.covariances

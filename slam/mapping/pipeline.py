@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from backend.pose_graph.heights import Heights
+from backend.pose_graph.heights import HeightEstimate
 from backend.pose_graph.solution import Solution
 from frontend.camera import Camera
 from slam.core.arguments import check_flight
@@ -88,7 +88,7 @@ class _Chain:
     """Keyframe after keyframe, without loops."""
 
     sightings: Sightings
-    heights: Heights
+    heights: HeightEstimate
     solution: Solution
 
 

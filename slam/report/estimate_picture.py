@@ -25,7 +25,7 @@ from slam.core.plot_style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from backend.ekf.results import Channel, Track
+    from backend.ekf.results import InstrumentInnovations, Track
 
 Array = NDArray[np.float64]
 
@@ -154,7 +154,7 @@ def _between_ways(axes: Axes, estimate: Estimate) -> None:
     axes.legend(loc="upper left", fontsize="x-small", frameon=False)
 
 
-def _innovations(axes: Axes, name: str, channel: Channel, begin_s: float) -> None:
+def _innovations(axes: Axes, name: str, channel: InstrumentInnovations, begin_s: float) -> None:
     """Dots of all components in order of time, so that none lies on top of another throughout."""
     every = max(1, len(channel.stamps_s) // _MOST_DOTS)
     labels = _LABELS.get(name, ("",))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend import se3
-from backend.ekf.inputs import FilterModel, PictureStep, Readings, Series, Start
+from backend.ekf.inputs import FilterModel, InitialState, Readings, Series, VisualStep
 from backend.ekf.results import States
 
 Array = NDArray[np.float64]
@@ -140,7 +140,7 @@ def lasting(rng: np.random.Generator, model: FilterModel, t: Array, yaw_zero_rad
     return out
 
 
-def start_of(flight: MadeFlight, readings: Readings, rng: np.random.Generator) -> Start:
+def start_of(flight: MadeFlight, readings: Readings, rng: np.random.Generator) -> InitialState:
     """What is known at the first reading: the true place and heading, the rest with the error that it is
     given."""
     held = (getattr(readings, f.name) for f in fields(readings) if f.name != "steps")
@@ -148,7 +148,7 @@ def start_of(flight: MadeFlight, readings: Readings, rng: np.random.Generator) -
     place, angles = flight.position.at(at)[0], flight.angles.at(at)[0]
     height_std, tilt_std, velocity_std = 0.2, 0.05, 0.3
     tipped = Rotation.from_rotvec([*rng.normal(0, tilt_std, 2), 0.0])
-    return Start(
+    return InitialState(
         height_m=float(place[2] + rng.normal(0, height_std)),
         height_std_m=height_std,
         w_R_b=(tipped * Rotation.from_euler("ZYX", angles[::-1])).as_matrix(),
@@ -176,7 +176,7 @@ def error_of(states: States, flight: MadeFlight, t: Array, k: int) -> float:
     return float(xi @ np.linalg.solve(states.covariances[k], xi))
 
 
-def seen_steps(flight: MadeFlight, t: Array, rng: np.random.Generator) -> tuple[PictureStep, ...]:
+def seen_steps(flight: MadeFlight, t: Array, rng: np.random.Generator) -> tuple[VisualStep, ...]:
     """Steps from each time to the next as pictures tell them, in heights of the first."""
     T = flight.w_T_b(t)
     covariance = np.diag([2e-3, 2e-3, 1e-3, 3e-3, 3e-3, 2e-3]) ** 2
@@ -185,7 +185,7 @@ def seen_steps(flight: MadeFlight, t: Array, rng: np.random.Generator) -> tuple[
         i_T_j = se3.inverse(T[i : i + 1]) @ T[i + 1 : i + 2]
         i_T_j[:, :3, 3] /= T[i, 2, 3]
         noisy = i_T_j @ se3.exp(rng.multivariate_normal(np.zeros(6), covariance)[None])
-        steps.append(PictureStep(i, i + 1, noisy[0], covariance))
+        steps.append(VisualStep(i, i + 1, noisy[0], covariance))
     return tuple(steps)
 
 

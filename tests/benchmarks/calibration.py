@@ -18,7 +18,7 @@ from scipy.stats import chi2
 
 from backend import se3
 from backend.bundle.refinement import refine
-from backend.ekf.inputs import PictureStep
+from backend.ekf.inputs import VisualStep
 from backend.measurements import FloorTracks
 from slam.evaluation.association import poses_at
 from slam.mapping.bridging import inertial_edges
@@ -96,7 +96,7 @@ def judged(kind: str, nees: Array, freedom: int) -> list[Metric]:
 
 
 @dataclass(frozen=True)
-class Found:
+class SyntheticFlight:
     """Squared errors of one flight over what was told of them."""
 
     pose: float
@@ -104,7 +104,7 @@ class Found:
     scale: float
 
 
-def flight(kind: str, seed: int) -> Found:
+def flight(kind: str, seed: int) -> SyntheticFlight:
     """One keyframe of one flight, what it shows of the floor, and the lengths of the whole."""
     scene = KINDS[kind]
     # A gain is unknown by as much as it is told to be.
@@ -119,7 +119,7 @@ def flight(kind: str, seed: int) -> Found:
     # The unit of all lengths is the first keyframe's height.
     ratio = (found.w_T_b[0, 2, 3] - found.floor_z_m) / (made.w_T_b[0, 2, 3] - made.floor_z_m)
     assert found.scale_std is not None
-    return Found(
+    return SyntheticFlight(
         float(nees(hat[k : k + 1], made.w_T_b[k : k + 1], found.covariances[k : k + 1])[0]),
         mark_nees(made, found, k),
         float(np.log(ratio) / found.scale_std) ** 2,
@@ -139,7 +139,7 @@ def bridge(seed: int, with_velocity: bool, velocity_error_m_s: float = 0.0) -> f
         i_T_j = np.linalg.inv(w_T_b[k]) @ w_T_b[k + 1]
         i_T_j[:3, 3] /= w_T_b[k, 2, 3]
         noisy = i_T_j @ se3.exp(rng.normal(0, _STEP_STD, (1, 6)))[0]
-        steps.append(PictureStep(k, k + 1, noisy, np.diag(_STEP_STD**2)))
+        steps.append(VisualStep(k, k + 1, noisy, np.diag(_STEP_STD**2)))
     # The simulated speed has the scale that it is told to have.
     velocity = flown.velocity if with_velocity else None
     if velocity is not None:

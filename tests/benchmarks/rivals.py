@@ -12,12 +12,12 @@ import networkx
 import numpy as np
 
 from backend.pose_graph.chi_square import edge_limit
-from backend.pose_graph.gauge_fixed_problem import Anchored, Options, plain_fit
+from backend.pose_graph.gauge_fixed_problem import GaugeFixedProblem, Options, least_squares_fit
 from backend.pose_graph.graph import PoseGraph
 from backend.pose_graph.initialize import spanning_tree
 from backend.pose_graph.problem import Problem, from_pose_graph
-from backend.pose_graph.selection.gnc import agreeing_edges
-from backend.pose_graph.selection.prediction import draws, innovations, limit, squared
+from backend.pose_graph.selection.gnc import gnc_inliers
+from backend.pose_graph.selection.prediction import innovations, limit, sample_posterior, squared_mahalanobis
 from backend.pose_graph.unary_factors import fixed, gtsam_poses
 
 Array = np.ndarray
@@ -30,7 +30,7 @@ _EXACT = 150
 
 def kernel(graph: PoseGraph) -> tuple[Array, Array]:
     """Cauchy's kernel on every loop, nothing else: what sticks out in the end is left out."""
-    problem, odometry, anchored = _begun(graph)
+    problem, odometry, gauge_fixed = _begun(graph)
     factors = problem.with_edges(problem.trusted).edge_factors()
     loops = problem.with_edges(~problem.trusted)
     make = gtsam.BetweenFactorPose2 if problem.dimension == 2 else gtsam.BetweenFactorPose3
@@ -39,17 +39,17 @@ def kernel(graph: PoseGraph) -> tuple[Array, Array]:
     for i, j, pose, R in zip(loops.i.tolist(), loops.j.tolist(), poses, loops.sqrt_information, strict=True):
         noise = gtsam.noiseModel.Robust.Create(cauchy, gtsam.noiseModel.Gaussian.SqrtInformation(R))
         factors.add(make(i, j, pose, noise))
-    factors.push_back(anchored.ties)
+    factors.push_back(gauge_fixed.ties)
     found = gtsam.LevenbergMarquardtOptimizer(factors, problem.values(odometry)).optimize()
     w_T = problem.poses(gtsam.Values(found))
     near = np.linalg.norm(problem.residuals(w_T), axis=1) <= edge_limit(problem)
-    return _solved(anchored, problem.trusted | near, w_T)
+    return _solved(gauge_fixed, problem.trusted | near, w_T)
 
 
 def gnc(graph: PoseGraph) -> tuple[Array, Array]:
     """Graduated non-convexity with truncated least squares (Yang et al. 2020)."""
-    problem, odometry, anchored = _begun(graph)
-    return _solved(anchored, *agreeing_edges(problem, anchored.ties, odometry, ~problem.trusted))
+    problem, odometry, gauge_fixed = _begun(graph)
+    return _solved(gauge_fixed, *gnc_inliers(problem, gauge_fixed.ties, odometry, ~problem.trusted))
 
 
 def clique(graph: PoseGraph) -> tuple[Array, Array]:
@@ -58,14 +58,14 @@ def clique(graph: PoseGraph) -> tuple[Array, Array]:
     The maximum clique of up to a hundred and fifty loops; of more the best that a greedy search finds from
     each, as its authors do.
     """
-    problem, odometry, anchored = _begun(graph)
-    drawn = draws(anchored.graph(problem.trusted), problem.values(odometry), problem.freedom)
-    assert drawn is not None
+    problem, odometry, gauge_fixed = _begun(graph)
+    samples = sample_posterior(gauge_fixed.graph(problem.trusted), problem.values(odometry), problem.dof)
+    assert samples is not None
     loops = np.flatnonzero(~problem.trusted)
-    found = innovations(problem, odometry, drawn, loops)
+    found = innovations(problem, odometry, samples, loops)
     agree = np.empty((len(loops), len(loops)), dtype=bool)
     for a in range(len(loops)):
-        agree[a] = squared(*found.given(a)) <= limit(problem.freedom)
+        agree[a] = squared_mahalanobis(*found.given(a)) <= limit(problem.dof)
     agree &= agree.T
     np.fill_diagonal(agree, False)
     if len(loops) <= _EXACT:
@@ -74,7 +74,7 @@ def clique(graph: PoseGraph) -> tuple[Array, Array]:
         chosen = max((_greedy(agree, a) for a in range(len(loops))), key=len)
     kept = problem.trusted.copy()
     kept[loops[chosen]] = True
-    return _solved(anchored, kept, odometry)
+    return _solved(gauge_fixed, kept, odometry)
 
 
 def _greedy(agree: Array, first: int) -> list[int]:
@@ -87,18 +87,18 @@ def _greedy(agree: Array, first: int) -> list[int]:
     return members
 
 
-def _begun(graph: PoseGraph) -> tuple[Problem, Array, Anchored]:
+def _begun(graph: PoseGraph) -> tuple[Problem, Array, GaugeFixedProblem]:
     problem = from_pose_graph(graph)
     chain = problem.with_edges(problem.trusted)
     cost = np.ones(len(chain.i))
     odometry = spanning_tree(problem.count, chain.i, chain.j, chain.ij_T, cost, 0, np.eye(4))
     ties = gtsam.NonlinearFactorGraph()
     ties.push_back(fixed(0, odometry[0], problem.dimension).factor)
-    return problem, odometry, Anchored(problem, ties, Options(covariances=False))
+    return problem, odometry, GaugeFixedProblem(problem, ties, Options(covariances=False))
 
 
-def _solved(anchored: Anchored, kept: Array, w_T: Array) -> tuple[Array, Array]:
-    return kept, plain_fit(anchored, kept, w_T).w_T
+def _solved(gauge_fixed: GaugeFixedProblem, kept: Array, w_T: Array) -> tuple[Array, Array]:
+    return kept, least_squares_fit(gauge_fixed, kept, w_T).w_T
 
 
 RIVALS: dict[str, Rival] = {"GNC": gnc, "PCM clique": clique, "kernel alone": kernel}

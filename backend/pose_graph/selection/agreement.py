@@ -23,16 +23,16 @@ from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.null_loops import Decoys
+from backend.pose_graph.selection.null_loops import NullLoops
 from backend.pose_graph.selection.prediction import (
-    CHANCE,
-    Innovations,
+    SIGNIFICANCE,
+    LoopInnovations,
     first_scale,
     innovations,
     limit,
     log_volume,
     noise_scale,
-    squared,
+    squared_mahalanobis,
 )
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 Solve = Callable[[Mask, Array], Array]
 """Poses from some edges and a start."""
-Draw = Callable[[Mask, Array], Array | None]
+Sampler = Callable[[Mask, Array], Array | None]
 """Draws about a solution; None where it is singular or time is up."""
 
 _ROUNDS = 400
@@ -61,24 +61,24 @@ def grow_consistent_set(
     base: Mask,
     w_T: Array,
     solve: Solve,
-    draw: Draw,
+    draw: Sampler,
     on_round: Callable[[int, int], None],
 ) -> tuple[Mask, Array]:
     """Edges (m,) that agree, beginning with those of ``base`` (solved: ``w_T``), and the poses from them."""
-    growth = _Growth(problem, base, places(problem.i, problem.j), solve, draw)
+    growth = _Growth(problem, base, place_pairs(problem.i, problem.j), solve, draw)
     loops = np.flatnonzero(~base)
-    decoy = Decoys.of(problem, loops, growth.place[loops])
+    null_loops = NullLoops.of(problem, loops, growth.place[loops])
     kept, strikes = base.copy(), np.zeros(len(base), dtype=np.int64)
     for number in range(_ROUNDS):
-        drawn = draw(kept, w_T)
-        if drawn is None:
+        samples = draw(kept, w_T)
+        if samples is None:
             break
         left = np.flatnonzero(~kept & (strikes < _STRIKES))
         scale = noise_scale(problem, kept, w_T)
         if number == 0:
-            scale = first_scale(innovations(problem, w_T, drawn, left), growth.place[left])
-        pending = innovations(problem, w_T, drawn, left, scale)
-        chance = decoy.chance(w_T, drawn, scale).of(pending.log_chance())
+            scale = first_scale(innovations(problem, w_T, samples, left), growth.place[left])
+        pending = innovations(problem, w_T, samples, left, scale)
+        chance = null_loops.chance(w_T, samples, scale).of(pending.log_pass_probability())
         joined = _joining(pending, chance, growth.place[left], log_odds(kept, ~base))
         if len(joined) == 0:
             break
@@ -87,7 +87,7 @@ def grow_consistent_set(
         strikes[np.setdiff1d(joined, new)] += 1
         kept[new] = True
         off = (problem.residuals(w_T) ** 2).sum(axis=1)
-        out = kept & ~base & (off > limit(problem.freedom) * scale**2)
+        out = kept & ~base & (off > limit(problem.dof) * scale**2)
         if out.any():
             # The worst go first: those that they pulled away may agree without them.
             out &= off >= np.quantile(off[out], 0.5)
@@ -97,23 +97,23 @@ def grow_consistent_set(
     return kept, w_T
 
 
-def recheck_rejected(problem: Problem, kept: Mask, w_T: Array, drawn: Array) -> tuple[Mask, Array]:
+def recheck_rejected(problem: Problem, kept: Mask, w_T: Array, samples: Array) -> tuple[Mask, Array]:
     """Which other edges agree with a solution after all (m,), and by how many sigmas they are off (m,)."""
     edges, scale = np.flatnonzero(~kept), noise_scale(problem, kept, w_T)
     agrees, sigma = np.zeros_like(kept), np.full(len(kept), np.nan)
     if len(edges) == 0:
         return agrees, sigma
-    found = innovations(problem, w_T, drawn, edges, scale)
-    place, loops = places(problem.i, problem.j), np.flatnonzero(~problem.trusted)
-    decoy = Decoys.of(problem, loops, place[loops])
-    chance = decoy.chance(w_T, drawn, scale).of(found.log_chance())
+    found = innovations(problem, w_T, samples, edges, scale)
+    place, loops = place_pairs(problem.i, problem.j), np.flatnonzero(~problem.trusted)
+    null_loops = NullLoops.of(problem, loops, place[loops])
+    chance = null_loops.chance(w_T, samples, scale).of(found.log_pass_probability())
     sigma[edges] = found.sigma()
     # Real noise has tails: within its covariance as stated, if the prediction is sharp even for that.
     wide = float(np.clip(1 / scale, 1, _TAIL))
     agrees[edges] = _sure(chance, found.agrees(), place[edges])
     agrees[edges] |= _sure(
-        np.minimum(chance + problem.freedom * np.log(wide), 0.0),
-        sigma[edges] ** 2 <= limit(problem.freedom) * wide**2,
+        np.minimum(chance + problem.dof * np.log(wide), 0.0),
+        sigma[edges] ** 2 <= limit(problem.dof) * wide**2,
         place[edges],
     )
     return agrees, sigma
@@ -127,7 +127,7 @@ class _Growth:
     base: Mask
     place: Index
     solve: Solve
-    draw: Draw
+    draw: Sampler
 
     def crossed(self, kept: Mask, joined: Index, w_T: Array, scale: float) -> Index:
         """Two-fold cross-validation of the newly accepted loops; those that pass.
@@ -154,11 +154,11 @@ class _Growth:
             now = kept.copy()
             now[some] = True
             at = self.solve(now, w_T)
-            drawn = self.draw(now, at)
-            if drawn is None:
+            samples = self.draw(now, at)
+            if samples is None:
                 return joined[:0]
             wide = max(scale, noise_scale(self.problem, now, at))
-            found = innovations(self.problem, at, drawn, others, wide)
+            found = innovations(self.problem, at, samples, others, wide)
             good.append(found.edges[found.agrees()])
         return np.sort(np.concatenate(good))
 
@@ -173,7 +173,7 @@ class _Growth:
             now[new] = True
             at = self.solve(now, w_T)
             off = (self.problem.residuals(at) ** 2).sum(axis=1)
-            allowed = _TAIL * scale**2 * float(chi2.ppf(1 - CHANCE, self.problem.freedom * len(new)))
+            allowed = _TAIL * scale**2 * float(chi2.ppf(1 - SIGNIFICANCE, self.problem.dof * len(new)))
             if float(off[now].sum()) - before <= allowed:
                 return new, at
             new = new[off[new] < np.quantile(off[new], 0.5)]
@@ -184,11 +184,11 @@ def log_odds(kept: Mask, loops: Mask) -> float:
     """Prior log odds that a loop is true: the share of loops (m,) kept so far, with one kept and one rejected
     added (Laplace's rule of succession), lowered by `_DOUBT` so that a loop that only breaks even stays out.
     """
-    believed = float((1 + (kept & loops).sum()) / (2 + loops.sum()))
-    return float(np.log(_DOUBT * believed / (1 - believed)))
+    accepted = float((1 + (kept & loops).sum()) / (2 + loops.sum()))
+    return float(np.log(_DOUBT * accepted / (1 - accepted)))
 
 
-def _joining(pending: Innovations, chance: Array, place: Index, odds: float) -> Index:
+def _joining(pending: LoopInnovations, chance: Array, place: Index, odds: float) -> Index:
     """Loops to accept next: those of sharp predictions, else those with the most support.
 
     ``chance`` (log probability of agreeing if false) and ``place`` (k,) are those of the pending ones.
@@ -216,7 +216,7 @@ def _joining(pending: Innovations, chance: Array, place: Index, odds: float) -> 
 
 
 def _sure(chance: Array, agrees: Mask, place: Index) -> Mask:
-    """Agreeing loops, accepted in order of sharpness at a false discovery rate of `CHANCE`.
+    """Agreeing loops, accepted in order of sharpness at a false discovery rate of `SIGNIFICANCE`.
 
     Of the k sharpest loops the sum of ``chance`` is expected to agree if all are false. Loops between the
     same two places are right or wrong together, so that a place counts as one. Source: Benjamini and
@@ -225,7 +225,7 @@ def _sure(chance: Array, agrees: Mask, place: Index) -> Mask:
     order = np.argsort(chance, kind="stable")
     weight = (1 / np.maximum(np.bincount(place), 1))[place][order]
     false, true = np.cumsum(weight * np.exp(chance[order])), np.cumsum(weight * agrees[order])
-    enough = np.flatnonzero(false <= CHANCE * true)
+    enough = np.flatnonzero(false <= SIGNIFICANCE * true)
     sure = np.zeros(len(chance), dtype=bool)
     if len(enough):
         sure[order[: enough[-1] + 1]] = True
@@ -244,7 +244,7 @@ class _Votes:
     """(h, h) loops that then pass the gate."""
 
 
-def _votes(pending: Innovations, open_: Index, place: Index, chance: Array) -> _Votes:
+def _votes(pending: LoopInnovations, open_: Index, place: Index, chance: Array) -> _Votes:
     """Condition all open loops on each one in turn.
 
     Loops between the same two places (``place``) add to the support once: where the floor repeats they are
@@ -257,10 +257,10 @@ def _votes(pending: Innovations, open_: Index, place: Index, chance: Array) -> _
     volume = log_volume(some.covariance, most)
     for a in range(h):
         residual, left = some.given(a)
-        fits[a] = squared(residual, left) <= most
+        fits[a] = squared_mahalanobis(residual, left) <= most
         then = np.minimum(chance + log_volume(left, most) - volume, 0.0)
         sure = _sure(then, fits[a], place)
-        follows[a] = sure | (fits[a] & (then <= np.log(CHANCE)) & (place == place[a]))
+        follows[a] = sure | (fits[a] & (then <= np.log(SIGNIFICANCE)) & (place == place[a]))
         follows[a, a] = True
         elsewhere = sure & (place != place[a])
         surprise = np.zeros(place.max() + 1)
@@ -269,7 +269,7 @@ def _votes(pending: Innovations, open_: Index, place: Index, chance: Array) -> _
     return _Votes(support, follows, fits)
 
 
-def places(i: Index, j: Index) -> Index:
+def place_pairs(i: Index, j: Index) -> Index:
     """(k,) which loops join the same two stretches of the way: neighbours of neighbours have one number."""
     near = cKDTree(np.column_stack([np.minimum(i, j), np.maximum(i, j)])).query_pairs(_STRETCH, p=np.inf)
     pairs = np.array(sorted(near), dtype=np.int64).reshape(-1, 2)

@@ -47,7 +47,7 @@ class LinearizedSet:
         problem: Problem, graph: Graph, kept: Mask, w_T: Array, log_volumes: Array
     ) -> LinearizedSet | None:
         """Of some edges (m,) and the poses from them; None where the system is singular."""
-        m, d = len(problem.i), problem.freedom
+        m, d = len(problem.i), problem.dof
         order = elimination_order(graph(kept), d)
         J = csr_array(jacobian(graph(np.ones(m, dtype=bool)), problem.values(w_T), order))
         edges = J[: m * d]

@@ -20,7 +20,7 @@ _GROWTH = 1.4
 _STEPS = 200
 
 
-def agreeing_edges(
+def gnc_inliers(
     problem: Problem,
     anchors: gtsam.NonlinearFactorGraph,
     w_T: Array,

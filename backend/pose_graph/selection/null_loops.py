@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.prediction import Innovations, innovations
+from backend.pose_graph.selection.prediction import LoopInnovations, innovations
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -29,33 +29,35 @@ _GRID = np.meshgrid(
 
 
 @dataclass(frozen=True)
-class Chance:
+class PassProbability:
     """Log probability that a false loop passes the gate: linear in that of a loop uniform over the map."""
 
     offset: float
     slope: float
 
-    def of(self, log_chance: Array) -> Array:
+    def of(self, log_pass_probability: Array) -> Array:
         """(k,) never below that of a loop uniform over the map."""
-        return np.minimum(np.maximum(log_chance, self.offset + self.slope * log_chance), 0.0)
+        return np.minimum(
+            np.maximum(log_pass_probability, self.offset + self.slope * log_pass_probability), 0.0
+        )
 
 
 @dataclass(frozen=True)
-class Decoys:
+class NullLoops:
     """Loops that are false by construction."""
 
     problem: Problem
     """Their poses and edges."""
 
     @staticmethod
-    def of(problem: Problem, loops: Index, place: Index) -> Decoys:
+    def of(problem: Problem, loops: Index, place: Index) -> NullLoops:
         """Decoys of some loops; ``place`` (k,) numbers the two places of each."""
-        return Decoys(_drawn(problem, loops, place))
+        return NullLoops(_drawn(problem, loops, place))
 
-    def chance(self, w_T: Array, drawn: Array, scale: float) -> Chance:
+    def chance(self, w_T: Array, samples: Array, scale: float) -> PassProbability:
         """How often they agree with a solution and its draws."""
         edges = np.arange(len(self.problem.i))
-        return measured_chance(innovations(self.problem, w_T, drawn, edges, scale))
+        return estimate_pass_probability(innovations(self.problem, w_T, samples, edges, scale))
 
 
 def _drawn(problem: Problem, loops: Index, place: Index) -> Problem:
@@ -79,15 +81,15 @@ def _drawn(problem: Problem, loops: Index, place: Index) -> Problem:
     )
 
 
-def measured_chance(found: Innovations) -> Chance:
+def estimate_pass_probability(found: LoopInnovations) -> PassProbability:
     """Maximum-likelihood line for decoys, of which a share may be true by accident."""
     if len(found.edges) == 0:
-        return Chance(0.0, 1.0)
-    bin_ = np.clip(np.digitize(found.log_chance(), _BINS) - 1, 0, len(_BINS) - 2)
+        return PassProbability(0.0, 1.0)
+    bin_ = np.clip(np.digitize(found.log_pass_probability(), _BINS) - 1, 0, len(_BINS) - 2)
     count = np.bincount(bin_, minlength=len(_BINS) - 1)
     agreeing = np.bincount(bin_, found.agrees(), minlength=len(_BINS) - 1)
     right, offset, slope, middle = _GRID
     chance = right + (1 - right) * np.exp(np.minimum(offset + slope * middle, -1e-3))
     likely = np.sum(agreeing * np.log(chance) + (count - agreeing) * np.log1p(-chance), axis=-1)
     best = np.unravel_index(int(np.argmax(likely)), likely.shape)
-    return Chance(float(offset[best][0]), float(slope[best][0]))
+    return PassProbability(float(offset[best][0]), float(slope[best][0]))

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
-CHANCE = 1e-3
+SIGNIFICANCE = 1e-3
 """A false loop agrees with a sharp prediction once in a thousand."""
 
 _MIXING = 50
@@ -28,7 +28,7 @@ _SAMPLES = {3: 60, 6: 150}
 
 
 @dataclass(frozen=True)
-class Innovations:
+class LoopInnovations:
     """Innovations of edges: measured minus predicted by the rest, whitened by the edges' own noise."""
 
     edges: Index
@@ -47,7 +47,7 @@ class Innovations:
 
     def sigma(self) -> Array:
         """(k,) Mahalanobis norm of the innovation."""
-        return np.sqrt(squared(self.residual, self.covariance))
+        return np.sqrt(squared_mahalanobis(self.residual, self.covariance))
 
     def agrees(self) -> Mask:
         """(k,) whether the innovation passes the chi-square gate: a true loop fails it once in a thousand."""
@@ -60,25 +60,25 @@ class Innovations:
         gain = np.swapaxes(np.linalg.solve(covariance[one], np.swapaxes(cross, 1, 2)), 1, 2)
         return self.residual - gain @ self.residual[one], covariance - gain @ np.swapaxes(cross, 1, 2)
 
-    def only(self, which: Index) -> Innovations:
+    def only(self, which: Index) -> LoopInnovations:
         """Some of them, by number."""
-        return Innovations(
+        return LoopInnovations(
             self.edges[which], self.residual[which], self.spread[which], self.log_prior_volume[which]
         )
 
-    def log_chance(self) -> Array:
+    def log_pass_probability(self) -> Array:
         """(k,) log probability that a false loop, uniform over the map, passes the gate."""
         return log_volume(self.covariance, limit(self.residual.shape[1])) - self.log_prior_volume
 
 
-def squared(residual: Array, covariance: Array) -> Array:
+def squared_mahalanobis(residual: Array, covariance: Array) -> Array:
     """(...,) squared distance in sigmas."""
     return np.einsum("...a,...a->...", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
 
 
 def limit(d: int) -> float:
     """Squared sigmas that a true loop exceeds once in a thousand."""
-    return float(chi2.ppf(1 - CHANCE, d))
+    return float(chi2.ppf(1 - SIGNIFICANCE, d))
 
 
 def log_volume(covariance: Array, within: float) -> Array:
@@ -93,7 +93,7 @@ def white_noise(rows: int, d: int) -> Array:
     return np.random.default_rng(0).standard_normal((rows, _SAMPLES[d]))
 
 
-def draws(
+def sample_posterior(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, d: int, noise: Array | None = None
 ) -> Array | None:
     """(n, d, s) draws from the Gaussian about a solution, right perturbations; None where it is singular.
@@ -119,42 +119,44 @@ def draws(
     return found.reshape(-1, d, _SAMPLES[d])
 
 
-def innovations(problem: Problem, w_T: Array, drawn: Array, edges: Index, scale: float = 1.0) -> Innovations:
+def innovations(
+    problem: Problem, w_T: Array, samples: Array, edges: Index, scale: float = 1.0
+) -> LoopInnovations:
     """Some edges, none of which took part, against the solution ``w_T`` and its ``draws``.
 
     ``scale`` is how large noise is over what is stated.
     """
     edges = np.sort(edges)
     residual = problem.with_edges(np.isin(np.arange(len(problem.i)), edges)).residuals(w_T)
-    volume = log_prior_volume(problem, w_T)[edges] - problem.freedom * np.log(scale)
-    return Innovations(edges, residual / scale, whitened_spread(problem, w_T, drawn, edges), volume)
+    volume = log_prior_volume(problem, w_T)[edges] - problem.dof * np.log(scale)
+    return LoopInnovations(edges, residual / scale, whitened_spread(problem, w_T, samples, edges), volume)
 
 
-def whitened_spread(problem: Problem, w_T: Array, drawn: Array, edges: Index) -> Array:
+def whitened_spread(problem: Problem, w_T: Array, samples: Array, edges: Index) -> Array:
     """(k, d, s) what a solution predicts of some edges, in ``draws`` (n, d, s) about it."""
     i, j = problem.i[edges], problem.j[edges]
     turn = se3.adjoint(se3.inverse(w_T[j]) @ w_T[i])
-    if problem.freedom == 3:
+    if problem.dof == 3:
         turn = turn[:, se3.PLANAR[:, None], se3.PLANAR]
-    return np.asarray(problem.sqrt_information[edges] @ (drawn[j] - turn @ drawn[i]))
+    return np.asarray(problem.sqrt_information[edges] @ (samples[j] - turn @ samples[i]))
 
 
 def log_prior_volume(problem: Problem, w_T: Array) -> Array:
     """(m,) logarithm of the whitened volume in which a false loop might lie: the map's, and all headings."""
     extent = np.ptp(w_T[:, : problem.dimension, 3], axis=0)
     room = np.log(np.maximum(extent, 1e-3 * extent.max() + 1e-9)).sum()
-    room += np.log(2 * np.pi) if problem.freedom == 3 else np.log(8 * np.pi**2)
+    room += np.log(2 * np.pi) if problem.dof == 3 else np.log(8 * np.pi**2)
     return np.asarray(room + np.linalg.slogdet(problem.sqrt_information)[1])
 
 
-def first_scale(pending: Innovations, place: Index) -> float:
+def first_scale(pending: LoopInnovations, place: Index) -> float:
     """Factor on the stated standard deviations before any loop is accepted, from the smallest innovations.
 
     Expectation maximisation over a mixture: true loops Gaussian about the prediction, false ones uniform.
     """
     d = pending.residual.shape[1]
     covariance = pending.covariance
-    off = squared(pending.residual, covariance)
+    off = squared_mahalanobis(pending.residual, covariance)
     peak = -d / 2 * np.log(2 * np.pi) - np.linalg.slogdet(covariance)[1] / 2 + pending.log_prior_volume
     true, variance = 0.5, float(np.quantile(off, 0.1)) / d
     for _ in range(_MIXING):
@@ -163,8 +165,8 @@ def first_scale(pending: Innovations, place: Index) -> float:
         variance = max(float(share @ off) / (d * max(float(share.sum()), 1e-9)), 1e-12)
         true = float(np.clip(share.mean(), 0.01, 0.99))
     # Loops between the same places lie equally far off: they tell but once.
-    freedom = d * max(len(np.unique(place[share > 0.5])), 1)
-    return float(np.sqrt(min(variance * freedom / chi2.ppf(CHANCE, freedom), 1.0)))
+    dof = d * max(len(np.unique(place[share > 0.5])), 1)
+    return float(np.sqrt(min(variance * dof / chi2.ppf(SIGNIFICANCE, dof), 1.0)))
 
 
 def noise_scale(problem: Problem, kept: Mask, w_T: Array) -> float:
@@ -173,11 +175,11 @@ def noise_scale(problem: Problem, kept: Mask, w_T: Array) -> float:
     1 unless a chi-square test rejects that. Where stated covariances are far too wide, so that false loops
     would pass the gates, the largest factor that the test does not reject is taken.
     """
-    d = problem.freedom
-    freedom = d * (int(kept.sum()) - problem.count + 1)
-    if freedom <= 0:
+    d = problem.dof
+    dof = d * (int(kept.sum()) - problem.count + 1)
+    if dof <= 0:
         return 1.0
     statistic = float((problem.residuals(w_T)[kept] ** 2).sum())
-    if statistic > chi2.ppf(1 - CHANCE, freedom):
-        return float(np.sqrt(statistic / freedom))
-    return float(np.sqrt(min(statistic / chi2.ppf(CHANCE, freedom), 1.0)))
+    if statistic > chi2.ppf(1 - SIGNIFICANCE, dof):
+        return float(np.sqrt(statistic / dof))
+    return float(np.sqrt(min(statistic / chi2.ppf(SIGNIFICANCE, dof), 1.0)))

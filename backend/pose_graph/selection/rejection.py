@@ -10,14 +10,19 @@ from numpy.typing import NDArray
 from backend import se3
 from backend.errors import BackendError
 from backend.pose_graph.chi_square import edge_limit
-from backend.pose_graph.gauge_fixed_problem import Anchored, Fit, plain_fit, start_of
+from backend.pose_graph.gauge_fixed_problem import (
+    GaugeFixedProblem,
+    GraphFit,
+    initial_poses,
+    least_squares_fit,
+)
 from backend.pose_graph.initialize import spanning_tree, tree_edges
-from backend.pose_graph.minimise import Minimum, gauss_newton, levenberg_marquardt
+from backend.pose_graph.minimise import OptimizationResult, gauss_newton, levenberg_marquardt
 from backend.pose_graph.problem import Problem
 from backend.pose_graph.selection.agreement import Solve, grow_consistent_set, recheck_rejected
-from backend.pose_graph.selection.gnc import agreeing_edges
-from backend.pose_graph.selection.prediction import draws, noise_scale, white_noise
-from backend.pose_graph.selection.swap import exchange_loops
+from backend.pose_graph.selection.gnc import gnc_inliers
+from backend.pose_graph.selection.prediction import noise_scale, sample_posterior, white_noise
+from backend.pose_graph.selection.swap import swap_loops
 from backend.pose_graph.unary_factors import aligned
 
 Array = NDArray[np.float64]
@@ -28,24 +33,29 @@ _FEW, _COARSE = 8, 1e-3
 """Steps and tolerance of the solves on the way to which edges agree."""
 
 
-def without_disagreeing(anchored: Anchored, fit: Fit | None) -> tuple[Mask, Fit, Array]:
+def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> tuple[Mask, GraphFit, Array]:
     """Which edges agree, the solution from them, and by how many sigmas (m,) each other one disagrees.
 
     ``fit`` is that of all edges; without it there must be odometry that connects all poses.
     """
-    problem, trusted = anchored.problem, anchored.problem.trusted
+    problem, trusted = gauge_fixed.problem, gauge_fixed.problem.trusted
     found = None
     if fit is None or has_loops_on_odometry(problem):
-        found = _settled(anchored, *_grow(anchored), ~trusted)
-        found = _exchange(anchored, found)
+        found = _settled(gauge_fixed, *_grow(gauge_fixed), ~trusted)
+        found = _swap(gauge_fixed, found)
         if fit is None or found[1].test.passed or not _sticks_out(problem, found, trusted).any():
             return found
     # Odometry may be wrong too: then all edges are judged alike.
     everything = np.ones_like(trusted)
-    kept, at = agreeing_edges(
-        problem, anchored.ties, fit.w_T, everything, anchored.options.on_step, anchored.options.deadline
+    kept, at = gnc_inliers(
+        problem,
+        gauge_fixed.ties,
+        fit.w_T,
+        everything,
+        gauge_fixed.options.on_step,
+        gauge_fixed.options.deadline,
     )
-    other = _settled(anchored, _connected(problem, kept, at), at, everything)
+    other = _settled(gauge_fixed, _connected(problem, kept, at), at, everything)
     if found is None or other[0].sum() > found[0].sum():
         return other
     return found
@@ -59,19 +69,19 @@ def has_loops_on_odometry(problem: Problem) -> bool:
     return len(tree_edges(problem.count, chain.i, chain.j, np.ones(len(chain.i)))) == problem.count - 1
 
 
-def _sticks_out(problem: Problem, found: tuple[Mask, Fit, Array], among: Mask) -> Mask:
+def _sticks_out(problem: Problem, found: tuple[Mask, GraphFit, Array], among: Mask) -> Mask:
     off = np.linalg.norm(problem.residuals(found[1].w_T), axis=1)
     return np.asarray(among & (off > edge_limit(problem)))
 
 
-def _solver(anchored: Anchored) -> Solve:
+def _solver(gauge_fixed: GaugeFixedProblem) -> Solve:
     """Coarse, for the solves on the way."""
-    problem, options = anchored.problem, anchored.options
+    problem, options = gauge_fixed.problem, gauge_fixed.options
 
     def solve(kept: Mask, w_T: Array) -> Array:
         limits = (_FEW, _COARSE, None, options.deadline)
-        begin = Minimum(problem.values(w_T), 0.0, 0.0, 0, False, "")
-        graph = anchored.graph(kept)
+        begin = OptimizationResult(problem.values(w_T), 0.0, 0.0, 0, False, "")
+        graph = gauge_fixed.graph(kept)
         try:
             at = gauss_newton(graph, begin.values, *limits, problem.name)
         except BackendError:
@@ -83,37 +93,39 @@ def _solver(anchored: Anchored) -> Solve:
     return solve
 
 
-def _exchange(anchored: Anchored, found: tuple[Mask, Fit, Array]) -> tuple[Mask, Fit, Array]:
+def _swap(
+    gauge_fixed: GaugeFixedProblem, found: tuple[Mask, GraphFit, Array]
+) -> tuple[Mask, GraphFit, Array]:
     def late() -> bool:
-        return time.monotonic() > anchored.options.deadline
+        return time.monotonic() > gauge_fixed.options.deadline
 
-    kept, w_T = exchange_loops(
-        anchored.problem, anchored.graph, _solver(anchored), found[0], found[1].w_T, late
+    kept, w_T = swap_loops(
+        gauge_fixed.problem, gauge_fixed.graph, _solver(gauge_fixed), found[0], found[1].w_T, late
     )
     if np.array_equal(kept, found[0]):
         return found
-    return _settled(anchored, kept, w_T, ~anchored.problem.trusted)
+    return _settled(gauge_fixed, kept, w_T, ~gauge_fixed.problem.trusted)
 
 
-def _grow(anchored: Anchored) -> tuple[Mask, Array]:
-    problem, options = anchored.problem, anchored.options
-    solve = _solver(anchored)
-    noise = white_noise(anchored.rows, problem.freedom)
+def _grow(gauge_fixed: GaugeFixedProblem) -> tuple[Mask, Array]:
+    problem, options = gauge_fixed.problem, gauge_fixed.options
+    solve = _solver(gauge_fixed)
+    noise = white_noise(gauge_fixed.rows, problem.dof)
 
     def draw(kept: Mask, w_T: Array) -> Array | None:
         if time.monotonic() > options.deadline:
             return None
-        return draws(anchored.graph(kept), problem.values(w_T), problem.freedom, noise)
+        return sample_posterior(gauge_fixed.graph(kept), problem.values(w_T), problem.dof, noise)
 
-    def on_round(number: int, believed: int) -> None:
+    def on_round(number: int, accepted: int) -> None:
         if options.on_step is not None:
-            options.on_step(number, float(believed))
+            options.on_step(number, float(accepted))
 
     chain = problem.with_edges(problem.trusted)
     start = spanning_tree(
-        problem.count, chain.i, chain.j, chain.ij_T, np.ones(len(chain.i)), 0, start_of(problem)[0]
+        problem.count, chain.i, chain.j, chain.ij_T, np.ones(len(chain.i)), 0, initial_poses(problem)[0]
     )
-    start = start if np.isfinite(problem.initial).any() else aligned(start, problem.absolutes)
+    start = start if np.isfinite(problem.initial).any() else aligned(start, problem.unary_factors)
     return grow_consistent_set(problem, problem.trusted, solve(problem.trusted, start), solve, draw, on_round)
 
 
@@ -124,22 +136,24 @@ def _connected(problem: Problem, kept: Mask, w_T: Array) -> Mask:
     return kept | np.isin(np.arange(len(kept)), tree)
 
 
-def _settled(anchored: Anchored, kept: Mask, w_T: Array, candidate: Mask) -> tuple[Mask, Fit, Array]:
+def _settled(
+    gauge_fixed: GaugeFixedProblem, kept: Mask, w_T: Array, candidate: Mask
+) -> tuple[Mask, GraphFit, Array]:
     """Solve the kept edges plainly; take back what the prediction's uncertainty explains, drop what sticks
     out."""
-    problem, limit = anchored.problem, edge_limit(anchored.problem)
+    problem, limit = gauge_fixed.problem, edge_limit(gauge_fixed.problem)
     banned = np.zeros_like(kept)
     for remaining in reversed(range(_ROUNDS)):
-        fit = plain_fit(anchored, kept, w_T)
+        fit = least_squares_fit(gauge_fixed, kept, w_T)
         w_T = fit.w_T
         sigma = np.linalg.norm(problem.residuals(w_T), axis=1)
         sticks_out = np.zeros_like(kept)
         if not fit.test.passed:
             sticks_out = kept & candidate & (sigma > limit * max(1.0, noise_scale(problem, kept, w_T)))
-        drawn = draws(anchored.graph(kept), fit.minimum.values, problem.freedom)
+        samples = sample_posterior(gauge_fixed.graph(kept), fit.minimum.values, problem.dof)
         back = np.zeros_like(kept)
-        if drawn is not None:
-            back, innovation = recheck_rejected(problem, kept, w_T, drawn)
+        if samples is not None:
+            back, innovation = recheck_rejected(problem, kept, w_T, samples)
             back &= ~banned
             sigma = np.where(kept, sigma, innovation)
         if remaining == 0 or not (back.any() or sticks_out.any()):

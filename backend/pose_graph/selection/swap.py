@@ -19,16 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.agreement import Solve, places
+from backend.pose_graph.selection.agreement import Solve, place_pairs
 from backend.pose_graph.selection.evidence import Graph, LinearizedSet
 from backend.pose_graph.selection.prediction import (
-    Innovations,
-    draws,
+    LoopInnovations,
     innovations,
     log_prior_volume,
+    sample_posterior,
     whitened_spread,
 )
-from backend.pose_graph.selection.swap_search import ExchangeSearch
+from backend.pose_graph.selection.swap_search import SwapSearch
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -44,7 +44,7 @@ _LEAST_GAIN = 1.0
 _NONE = np.zeros(0, dtype=np.int64)
 
 
-def exchange_loops(
+def swap_loops(
     problem: Problem, graph: Graph, solve: Solve, kept: Mask, w_T: Array, late: Callable[[], bool]
 ) -> tuple[Mask, Array]:
     """Edges (m,) and the poses from them, of evidence no lower than ``kept`` and ``w_T``; odometry is kept.
@@ -52,7 +52,7 @@ def exchange_loops(
     First with one representative loop for each pair of places, so that a whole group can be flipped at once;
     then with all loops.
     """
-    place = places(problem.i, problem.j)
+    place = place_pairs(problem.i, problem.j)
     search = _LocalSearch(problem, graph, solve, place, late)
     few = _one_loop_a_place(problem, kept, w_T, place)
     chosen, at = search.run(few, solve(few, w_T), opened=False)
@@ -96,7 +96,7 @@ class _LocalSearch:
         swap.
         """
         # The volume is that of the first map: one that grows must not look better for it.
-        volumes = log_prior_volume(self.problem, w_T) - self.problem.freedom / 2 * np.log(2 * np.pi)
+        volumes = log_prior_volume(self.problem, w_T) - self.problem.dof / 2 * np.log(2 * np.pi)
         here = LinearizedSet.of(self.problem, self.graph, kept, w_T, volumes)
         for _ in range(_ROUNDS):
             if here is None or self.late():
@@ -114,12 +114,12 @@ class _LocalSearch:
 
     def _best_changes(self, here: LinearizedSet, both: bool) -> Index:
         """The loops whose flips gain most, with ``both`` some of them insertions and some removals."""
-        drawn = draws(self.graph(here.kept), self.problem.values(here.w_T), self.problem.freedom)
-        outside = None if drawn is None else self._nearest(here, drawn)
-        if drawn is None or outside is None:
+        samples = sample_posterior(self.graph(here.kept), self.problem.values(here.w_T), self.problem.dof)
+        outside = None if samples is None else self._nearest(here, samples)
+        if samples is None or outside is None:
             return _NONE
-        loops = np.sort(np.append(outside.edges, self._strained(here, drawn, outside)))
-        search = ExchangeSearch(here, loops, self.problem.residuals(here.w_T))
+        loops = np.sort(np.append(outside.edges, self._strained(here, samples, outside)))
+        search = SwapSearch(here, loops, self.problem.residuals(here.w_T))
         likely, out, in_ = search.likely(), np.flatnonzero(~search.on), np.flatnonzero(search.on)
         forced = [
             *out[np.argsort(-likely[out])[:_FORCED_IN]].tolist(),
@@ -129,7 +129,7 @@ class _LocalSearch:
         gain, sequence = max(found, key=lambda each: each[0])
         return loops[sequence] if gain > _LEAST_GAIN else _NONE
 
-    def _nearest(self, here: LinearizedSet, drawn: Array) -> Innovations | None:
+    def _nearest(self, here: LinearizedSet, samples: Array) -> LoopInnovations | None:
         """The rejected loops of highest log odds, one for each pair of places that has no accepted loop.
 
         None where all are too unlikely.
@@ -137,19 +137,19 @@ class _LocalSearch:
         left_out = np.flatnonzero(~here.kept & ~np.isin(self.place, self.place[here.kept & here.loops]))
         if len(left_out) == 0:
             return None
-        found = innovations(self.problem, here.w_T, drawn, left_out, here.scale)
-        likely = here.log_volumes[left_out] - self.problem.freedom * np.log(here.scale) + here.odds
+        found = innovations(self.problem, here.w_T, samples, left_out, here.scale)
+        likely = here.log_volumes[left_out] - self.problem.dof * np.log(here.scale) + here.odds
         likely = likely - (found.sigma() ** 2 + np.linalg.slogdet(found.covariance)[1]) / 2
         order = _first_of_each(np.argsort(-likely), self.place[left_out])[:_CANDIDATES]
         order = order[likely[order] > -_REACH]
         return found.only(order) if len(order) else None
 
-    def _strained(self, here: LinearizedSet, drawn: Array, outside: Innovations) -> Index:
+    def _strained(self, here: LinearizedSet, samples: Array, outside: LoopInnovations) -> Index:
         """Accepted loops; if many, those whose residuals inserting an ``outside`` loop would change most."""
         inside = np.flatnonzero(here.kept & here.loops)
         if len(inside) <= _KEPT:
             return inside
         pull = np.linalg.solve(outside.covariance, outside.residual[..., None])[..., 0]
-        pull = np.einsum("cds,cd->cs", outside.spread, pull) / drawn.shape[2]
-        strain = np.linalg.norm(whitened_spread(self.problem, here.w_T, drawn, inside) @ pull.T, axis=1)
+        pull = np.einsum("cds,cd->cs", outside.spread, pull) / samples.shape[2]
+        strain = np.linalg.norm(whitened_spread(self.problem, here.w_T, samples, inside) @ pull.T, axis=1)
         return inside[np.argsort(-strain.max(axis=1))[:_KEPT]]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.pose_graph.selection.evidence import LinearizedSet
-from backend.pose_graph.selection.prediction import squared
+from backend.pose_graph.selection.prediction import squared_mahalanobis
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -21,7 +21,7 @@ _BLOCK = 60
 _HELD = 1e-9
 
 
-class ExchangeSearch:
+class SwapSearch:
     """Candidate loops with their residuals and predicted covariances, updated in place by each flip."""
 
     def __init__(self, here: LinearizedSet, loops: Index, residual: Array) -> None:
@@ -62,7 +62,7 @@ class ExchangeSearch:
         """(k,) log odds (nats) of each loop being true rather than uniform over the map, given all others."""
         sign = np.where(self.on, -1.0, 1.0)
         spread = (1 + _HELD) * np.eye(self.d) + sign[:, None, None] * self.own
-        off = squared(self.residual, spread) / self.here.scale**2
+        off = squared_mahalanobis(self.residual, spread) / self.here.scale**2
         volume = sign * np.linalg.slogdet(spread)[1]
         room = self.here.log_volumes[self.loops] - self.d * np.log(self.here.scale)
         return np.asarray(np.nan_to_num(room + self.here.odds - (off + volume) / 2, nan=-LOST))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from backend.bundle.noise import STUDENT_SCALE, coloured_std, huber_std
+from backend.bundle.noise import STUDENT_SCALE, autocorrelated_std, huber_std
 from backend.bundle.refinement import refine
 from tests.backend.made_floor import Scene, aligned, make, nees
 
@@ -20,7 +20,7 @@ def markov(rng: np.random.Generator, n: int, d: int, rho: float, std: float = 1.
 def test_a_markov_series_is_worth_what_theory_says(rho, d):
     """Integrated autocorrelation (1 + rho) / (1 - rho)."""
     rng = np.random.default_rng(5)
-    found = [coloured_std(markov(rng, 600, d, rho, 0.3)) for _ in range(60)]
+    found = [autocorrelated_std(markov(rng, 600, d, rho, 0.3)) for _ in range(60)]
     assert np.mean(found) == pytest.approx(0.3 * np.sqrt((1 + rho) / (1 - rho)), rel=0.1)
 
 
@@ -29,21 +29,21 @@ def test_taken_as_independent_it_gives_the_spread_that_the_mean_has(rho):
     """The oracle is the mean itself, drawn many times."""
     rng = np.random.default_rng(6)
     draws = [markov(rng, 300, 1, rho) for _ in range(1000)]
-    claimed = np.mean([coloured_std(x) for x in draws[:100]]) / np.sqrt(300)
+    claimed = np.mean([autocorrelated_std(x) for x in draws[:100]]) / np.sqrt(300)
     assert claimed == pytest.approx(np.std([x.mean() for x in draws]), rel=0.12)
 
 
 def test_an_offset_counts_as_one_measurement():
-    assert coloured_std(np.full((100, 2), 0.4)) == pytest.approx(0.4 * np.sqrt(100), rel=0.02)
+    assert autocorrelated_std(np.full((100, 2), 0.4)) == pytest.approx(0.4 * np.sqrt(100), rel=0.02)
 
 
 def test_no_error_at_all_is_no_spread():
-    assert coloured_std(np.zeros((50, 2))) == 0.0
+    assert autocorrelated_std(np.zeros((50, 2))) == 0.0
     assert huber_std(np.zeros((50, 2)), 2.0) == 0.0
 
 
 def test_few_values_are_taken_as_they_are():
-    assert coloured_std(np.array([[3.0], [-3.0]])) == pytest.approx(3.0)
+    assert autocorrelated_std(np.array([[3.0], [-3.0]])) == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("k", [1.345, 2.0, 3.0])

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from backend.bundle.noise import alike
+from backend.bundle.noise import same_noise
 from backend.bundle.refinement import Bundle, refine
 from backend.errors import BackendError
 from backend.measurements import Measurements
@@ -220,7 +220,7 @@ def test_another_round_would_leave_the_noise_as_it_is():
         measured = misled(made, 0.005)
         found = refine(measured, made.start)
         again = refine(measured, made.start, noise=found.noise)
-        assert alike(found.noise, again.noise)
+        assert same_noise(found.noise, again.noise)
 
 
 def test_a_sonar_over_relief_knows_heights_to_within_it():

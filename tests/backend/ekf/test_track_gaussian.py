@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backend.ekf import motion as ekf_motion
-from backend.ekf.inputs import FilterModel, Readings, Series, Start
+from backend.ekf.inputs import FilterModel, InitialState, Readings, Series
 from backend.ekf.track import track
 
 STD, TAU = 1.5, 0.4
@@ -63,7 +63,7 @@ def straight():
 
 def run_straight(straight, **options):
     read_s, asked_s, values = straight
-    start = Start(0.0, 0.0, np.eye(3), tilt_std_rad=1e-9, velocity_std_m_s=0.5, accel_std_m_s2=2.0)
+    start = InitialState(0.0, 0.0, np.eye(3), tilt_std_rad=1e-9, velocity_std_m_s=0.5, accel_std_m_s2=2.0)
     start = replace(start, rate_std_rad_s=1e-9)
     readings = Readings(w_p_b_m=Series(read_s, values, np.full(3, 0.2)))
     return track(readings, asked_s, start, line_model(gate_probability=1e-300), **options)
@@ -108,14 +108,16 @@ def test_way_between_asked_times_has_the_joint_covariance(straight):
     stamps_s = np.unique(np.concatenate([read_s, asked_s]))
     at = np.searchsorted(stamps_s, read_s), np.searchsorted(stamps_s, asked_s)
     mean, covariance = dense(stamps_s, at[0], values[:, 0], 0.2, at[1])
-    assert np.isnan(smoothed.kept_T_b[0]).all()
+    assert np.isnan(smoothed.clone_T_b[0]).all()
     for k in range(1, 4):
         pick = np.zeros(12)
         pick[3 * k], pick[3 * k - 3] = 1, -1
-        np.testing.assert_allclose(smoothed.kept_T_b[k, 0, 3], pick @ mean, atol=1e-6)
-        np.testing.assert_allclose(smoothed.kept_covariances[k][3, 3], pick @ covariance @ pick, rtol=1e-5)
+        np.testing.assert_allclose(smoothed.clone_T_b[k, 0, 3], pick @ mean, atol=1e-6)
+        np.testing.assert_allclose(
+            smoothed.clone_T_b_covariances[k][3, 3], pick @ covariance @ pick, rtol=1e-5
+        )
         apart = covariance[3 * k, 3 * k] + covariance[3 * k - 3, 3 * k - 3]
-        assert smoothed.kept_covariances[k][3, 3] < 0.9 * apart
+        assert smoothed.clone_T_b_covariances[k][3, 3] < 0.9 * apart
 
 
 def test_the_first_pose_kept_gives_covariances_relative_to_it(straight):
@@ -128,5 +130,5 @@ def test_the_first_pose_kept_gives_covariances_relative_to_it(straight):
         pick = np.zeros(12)
         pick[3 * k], pick[0] = 1, -1
         np.testing.assert_allclose(
-            smoothed.since_kept_covariances[k][3, 3], pick @ covariance @ pick, rtol=1e-5
+            smoothed.fixed_clone_covariances[k][3, 3], pick @ covariance @ pick, rtol=1e-5
         )

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 from backend import se3
 from backend.ekf import records as ekf_records
-from backend.ekf.inputs import FilterModel, PictureStep, Readings, Series, Start
+from backend.ekf.inputs import FilterModel, InitialState, Readings, Series, VisualStep
 from backend.ekf.track import track
 from backend.errors import BackendError
 from tests.backend.made_motion import KNOWN, as_the_flight_moves, fly, read, start_of
@@ -43,7 +43,7 @@ def test_spikes_are_refused_and_counted(made):
     ranges = found.channels["range"]
     assert np.nanmean(ranges.nis) > 10
     assert 0.8 < ranges.mean_nis < 1.25
-    assert ranges.believed.sum() == np.isfinite(ranges.nis).sum() - len(spiked)
+    assert ranges.accepted.sum() == np.isfinite(ranges.nis).sum() - len(spiked)
     np.testing.assert_allclose(found.smoothed.w_T_b[:, :3, 3], clean.smoothed.w_T_b[:, :3, 3], atol=0.005)
 
 
@@ -63,7 +63,7 @@ def test_what_an_instrument_cannot_read_in_that_attitude_is_counted():
         velocity_m_s=always(np.zeros(2), 0.05),
         range_m=always(np.ones(1), 0.02),
     )
-    start = Start(1.0, 0.01, w_R_b, tilt_std_rad=0.01)
+    start = InitialState(1.0, 0.01, w_R_b, tilt_std_rad=0.01)
     channels = track(readings, np.array([1.0]), start, FilterModel()).channels
     unable = {name: channel.count(ekf_records.UNABLE) for name, channel in channels.items()}
     n = len(stamps_s)
@@ -126,7 +126,7 @@ def test_covariances_stay_symmetric_and_definite(made):
         np.testing.assert_array_equal(P, P.transpose(0, 2, 1))
         scale = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
         assert np.linalg.eigvalsh(P / scale[:, :, None] / scale[:, None, :]).min() > 1e-9
-        assert np.linalg.eigvalsh(states.kept_covariances[1:]).min() > 0
+        assert np.linalg.eigvalsh(states.clone_T_b_covariances[1:]).min() > 0
 
 
 def test_what_is_not_finite_is_told_by_time(made):
@@ -145,11 +145,11 @@ def test_what_is_not_finite_is_told_by_time(made):
             np.ones(1),
             "not above zero",
         ),
-        (Readings(steps=(PictureStep(0, 2, np.eye(4), np.eye(6)),)), np.arange(3.0), "neighbours"),
-        (Readings(steps=(PictureStep(0, 1, np.eye(4), -np.eye(6)),)), np.arange(2.0), "positive definite"),
+        (Readings(steps=(VisualStep(0, 2, np.eye(4), np.eye(6)),)), np.arange(3.0), "neighbours"),
+        (Readings(steps=(VisualStep(0, 1, np.eye(4), -np.eye(6)),)), np.arange(2.0), "positive definite"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(readings, at_s, said):
     with pytest.raises(BackendError, match=said) as refused:
-        track(readings, at_s, Start(1.0, 0.1, np.eye(3)))
+        track(readings, at_s, InitialState(1.0, 0.1, np.eye(3)))
     assert "\n" not in str(refused.value)

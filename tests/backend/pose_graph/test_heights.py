@@ -3,13 +3,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from backend.pose_graph.heights import agree_on_heights
+from backend.pose_graph.heights import adjust_heights
 
 NOTHING = np.empty(0)
 NOWHERE = np.empty(0, dtype=np.int64)
 
 
-def drawn(seed: int, n: int = 40, loops: int = 40) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def samples(seed: int, n: int = 40, loops: int = 40) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """True log heights, and pairs that tie them all: a chain and loops."""
     rng = np.random.default_rng(seed)
     log_height = np.cumsum(rng.normal(0, 0.1, n))
@@ -21,9 +21,9 @@ def drawn(seed: int, n: int = 40, loops: int = 40) -> tuple[np.ndarray, np.ndarr
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=30, deadline=None, derandomize=True)
 def test_exact_ratios_and_one_height_give_all_heights(seed):
-    log_height, i, j = drawn(seed)
+    log_height, i, j = samples(seed)
     k = np.array([seed % 40])
-    found = agree_on_heights(
+    found = adjust_heights(
         40, i, j, log_height[j] - log_height[i], np.full(len(i), 0.01), k, log_height[k], np.array([0.01])
     )
     assert found.height_m == pytest.approx(np.exp(log_height), rel=1e-5)
@@ -31,9 +31,9 @@ def test_exact_ratios_and_one_height_give_all_heights(seed):
 
 
 def test_without_a_measured_height_ratios_hold_and_the_mean_logarithm_is_zero():
-    log_height, i, j = drawn(1)
+    log_height, i, j = samples(1)
     ratio = log_height[j] - log_height[i]
-    found = agree_on_heights(40, i, j, ratio, np.full(len(i), 0.01), NOWHERE, NOTHING, NOTHING)
+    found = adjust_heights(40, i, j, ratio, np.full(len(i), 0.01), NOWHERE, NOTHING, NOTHING)
     assert not found.metric.any()
     assert np.log(found.height_m).mean() == pytest.approx(0.0, abs=1e-6)
     assert np.log(found.height_m[j] / found.height_m[i]) == pytest.approx(ratio, abs=1e-6)
@@ -43,7 +43,7 @@ def test_without_a_measured_height_ratios_hold_and_the_mean_logarithm_is_zero():
 def test_each_part_has_its_own_scale():
     """Two parts, only one of them with a measured height, and a keyframe by itself."""
     i, j = np.array([0, 1, 3]), np.array([1, 2, 4])
-    found = agree_on_heights(
+    found = adjust_heights(
         6, i, j, np.array([0.1, 0.1, 0.4]), np.full(3, 0.01), np.array([1]), np.log([5.0]), np.array([0.01])
     )
     assert found.metric.tolist() == [True, True, True, False, False, False]
@@ -61,16 +61,14 @@ def test_three_in_ten_wild_ratios_and_heights_does_no_harm():
 def with_wild(seed: int) -> np.ndarray:
     """(40,) errors of the logarithm."""
     rng = np.random.default_rng(seed)
-    log_height, i, j = drawn(seed, loops=120)
+    log_height, i, j = samples(seed, loops=120)
     ratio = log_height[j] - log_height[i] + rng.normal(0, 0.01, len(i))
     wild = (np.arange(len(i)) >= 39) & (rng.uniform(size=len(i)) < 0.3)
     ratio[wild] += rng.choice([-1, 1], wild.sum()) * rng.uniform(0.3, 1.5, wild.sum())
     measured = log_height + rng.normal(0, 0.02, 40)
     high = rng.uniform(size=40) < 0.3
     measured[high] += rng.uniform(0.3, 1.0, high.sum())
-    found = agree_on_heights(
-        40, i, j, ratio, np.full(len(i), 0.01), np.arange(40), measured, np.full(40, 0.02)
-    )
+    found = adjust_heights(40, i, j, ratio, np.full(len(i), 0.01), np.arange(40), measured, np.full(40, 0.02))
     return np.abs(np.log(found.height_m) - log_height)
 
 
@@ -79,9 +77,9 @@ def test_the_standard_deviation_is_that_of_the_errors():
     whitened = []
     for seed in range(300):
         rng = np.random.default_rng(seed)
-        log_height, i, j = drawn(seed, n=20, loops=10)
+        log_height, i, j = samples(seed, n=20, loops=10)
         k = np.arange(0, 20, 3)
-        found = agree_on_heights(
+        found = adjust_heights(
             20,
             i,
             j,
@@ -96,12 +94,12 @@ def test_the_standard_deviation_is_that_of_the_errors():
 
 
 def test_the_answer_does_not_hang_on_the_order():
-    log_height, i, j = drawn(7)
+    log_height, i, j = samples(7)
     rng = np.random.default_rng(7)
     ratio, k = log_height[j] - log_height[i] + rng.normal(0, 0.02, len(i)), np.arange(0, 40, 5)
     std, mixed = np.full(len(i), 0.02), rng.permutation(len(i))
     a, b = (
-        agree_on_heights(40, i[o], j[o], ratio[o], std, k, log_height[k], np.full(len(k), 0.02))
+        adjust_heights(40, i[o], j[o], ratio[o], std, k, log_height[k], np.full(len(k), 0.02))
         for o in (np.arange(len(i)), mixed)
     )
     assert a.height_m == pytest.approx(b.height_m, rel=1e-9)

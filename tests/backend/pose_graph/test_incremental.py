@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from backend.errors import BackendError
-from backend.pose_graph.incremental import Incremental, Step
+from backend.pose_graph.incremental import Incremental, IncrementalUpdate
 from backend.pose_graph.solve import solve
 from tests.backend.synthetic import Made, flight
 
 
-def _flown(made: Made, **options) -> tuple[Incremental, list[Step]]:
+def _flown(made: Made, **options) -> tuple[Incremental, list[IncrementalUpdate]]:
     live, steps = Incremental(**options), []
     m = made.measurements
     for k in range(m.count):

@@ -12,7 +12,7 @@ EMBEDDED = np.ix_([3, 4, 2], [3, 4, 2])
 def _anchored(seed: int, dimension: int) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     problem = from_pose_graph(graph(seed, dimension, n=25, noise=0.1))
     factors, values = problem.edge_factors(), problem.values(problem.initial)
-    noise = gtsam.noiseModel.Isotropic.Sigma(problem.freedom, 1e-2)
+    noise = gtsam.noiseModel.Isotropic.Sigma(problem.dof, 1e-2)
     if dimension == 2:
         factors.add(gtsam.PriorFactorPose2(0, values.atPose2(0), noise))
     else:

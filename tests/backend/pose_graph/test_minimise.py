@@ -17,10 +17,10 @@ UNIT3 = gtsam.noiseModel.Unit.Create(6)
 TIGHT = gtsam.noiseModel.Isotropic.Sigma(3, 1e-3)
 
 
-def _chain(n: int, noise=None, anchored: bool = True) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+def _chain(n: int, noise=None, gauge_fixed: bool = True) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     noise = noise or gtsam.noiseModel.Diagonal.Sigmas(np.array([0.05, 0.05, 0.01]))
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    if anchored:
+    if gauge_fixed:
         factors.add(gtsam.PriorFactorPose2(0, gtsam.Pose2(), TIGHT))
     for k in range(n):
         values.insert(k, gtsam.Pose2(float(k), 0.0, 0.0))
@@ -35,12 +35,12 @@ def _problem(seed: int, dimension: int, spread: float = 0.0):
     prior = gtsam.PriorFactorPose2 if dimension == 2 else gtsam.PriorFactorPose3
     values = made.values(made.initial)
     first = values.atPose2(0) if dimension == 2 else values.atPose3(0)
-    factors.add(prior(0, first, gtsam.noiseModel.Isotropic.Sigma(made.freedom, 1e-3)))
+    factors.add(prior(0, first, gtsam.noiseModel.Isotropic.Sigma(made.dof, 1e-3)))
     rng = np.random.default_rng(seed)
     start = gtsam.Values()
     for k in range(made.count):
         pose = values.atPose2(k) if dimension == 2 else values.atPose3(k)
-        start.insert(k, pose.retract(spread * rng.normal(size=made.freedom)))
+        start.insert(k, pose.retract(spread * rng.normal(size=made.dof)))
     return factors, start
 
 
@@ -125,7 +125,7 @@ def _sigma(value: float) -> gtsam.noiseModel.Isotropic:
     ("make", "expected"),
     [
         (lambda: (gtsam.NonlinearFactorGraph(), gtsam.Values()), "the graph is empty"),
-        (lambda: _chain(3, anchored=False), "nothing ties keyframes 0-2 to the world"),
+        (lambda: _chain(3, gauge_fixed=False), "nothing ties keyframes 0-2 to the world"),
         (lambda: _with(gtsam.BetweenFactorPose2(1, 9, gtsam.Pose2(), UNIT2)), "keyframe 9 has measurements"),
         (
             lambda: _with(gtsam.BetweenFactorPose2(1, 2, gtsam.Pose2(math.nan, 0, 0), UNIT2)),

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from backend import se3
-from backend.gauge import direction_words, key_runs, open_directions
+from backend.gauge import format_directions, format_keys, unobserved_directions
 from backend.pose_graph.observability import null_space, unobserved
 
 UNIT = gtsam.noiseModel.Unit.Create(6)
@@ -88,16 +88,16 @@ def _jacobians(T: np.ndarray, rows: list[int]) -> list[np.ndarray]:
 
 def test_open_directions_by_what_is_measured():
     T = _walk(5)
-    assert direction_words(open_directions([])) == "x, y, height, roll, pitch and heading"
-    assert len(open_directions(_jacobians(T, [0, 1, 2, 3, 4, 5]))) == 0
-    assert direction_words(open_directions(_jacobians(T[:1], [0, 1, 5]))) == "heading, x and y"
-    assert direction_words(open_directions(_jacobians(T[:1], [3, 4, 5]))) == "roll, pitch and heading"
-    assert len(open_directions(_jacobians(T[:2], [3, 4, 5]))) == 1
-    assert len(open_directions(_jacobians(T, [3, 4, 5]))) == 0
+    assert format_directions(unobserved_directions([])) == "x, y, height, roll, pitch and heading"
+    assert len(unobserved_directions(_jacobians(T, [0, 1, 2, 3, 4, 5]))) == 0
+    assert format_directions(unobserved_directions(_jacobians(T[:1], [0, 1, 5]))) == "heading, x and y"
+    assert format_directions(unobserved_directions(_jacobians(T[:1], [3, 4, 5]))) == "roll, pitch and heading"
+    assert len(unobserved_directions(_jacobians(T[:2], [3, 4, 5]))) == 1
+    assert len(unobserved_directions(_jacobians(T, [3, 4, 5]))) == 0
 
 
 def test_key_runs():
-    assert key_runs([4, 5, 6, 9]) == "keyframes 4-6, 9"
-    assert key_runs([3]) == "keyframe 3"
-    assert key_runs([gtsam.symbol("x", 2), gtsam.symbol("x", 3)]) == "keyframes 2-3"
-    assert key_runs([1, 2, 3], lambda k: f"vertex {k + 10}") == "vertices 11-13"
+    assert format_keys([4, 5, 6, 9]) == "keyframes 4-6, 9"
+    assert format_keys([3]) == "keyframe 3"
+    assert format_keys([gtsam.symbol("x", 2), gtsam.symbol("x", 3)]) == "keyframes 2-3"
+    assert format_keys([1, 2, 3], lambda k: f"vertex {k + 10}") == "vertices 11-13"

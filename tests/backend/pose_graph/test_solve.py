@@ -10,7 +10,7 @@ from backend import se3
 from backend.errors import BackendError
 from backend.measurements import Attitude, Measurements, Position, RelativePose, SlantRange
 from backend.pose_graph.from_measurements import from_measurements
-from backend.pose_graph.graph import blind_told
+from backend.pose_graph.graph import rank_deficient_warning
 from backend.pose_graph.problem import from_pose_graph
 from backend.pose_graph.solve import solve, solve_pose_graph
 from tests.backend.synthetic import falsified, flight, graph
@@ -106,12 +106,12 @@ def test_covariances_are_calibrated():
 
 def test_the_error_is_distributed_as_chi_square():
     """Twice the error over seeds against its degrees of freedom, two-sided."""
-    total, freedom = 0.0, 0
+    total, dof = 0.0, 0
     for seed in range(15):
         made = flight(seed, n=25, loops=6, attitude_std=None, range_std=None)
         total += 2 * solve(made.measurements, covariances=False).error
-        freedom += 6 * (24 + 6) - 6 * 24
-    low, high = chi2.ppf([0.0005, 0.9995], freedom)
+        dof += 6 * (24 + 6) - 6 * 24
+    low, high = chi2.ppf([0.0005, 0.9995], dof)
     assert low < total < high
 
 
@@ -276,8 +276,8 @@ def test_one_and_two_keyframes():
 def test_a_pose_graph_is_solved_with_and_without_vertices(dimension: int, poses: bool):
     made = graph(11, dimension, poses=poses)
     s = solve_pose_graph(made)
-    freedom = (3 if dimension == 2 else 6) * (len(made.i) - len(made.ids) + 1)
-    low, high = chi2.ppf([0.0005, 0.9995], freedom)
+    dof = (3 if dimension == 2 else 6) * (len(made.i) - len(made.ids) + 1)
+    low, high = chi2.ppf([0.0005, 0.9995], dof)
     assert low < 2 * s.error < high
     assert s.covariances is not None
     assert np.isfinite(s.covariances).all()
@@ -329,7 +329,7 @@ def test_the_slant_range_factor_is_its_definition():
         problem, _ = from_measurements(
             Measurements(np.zeros(1), ranges=(SlantRange(0, slant + off, 0.01 / tilt[2, 2]),)), tilt[None]
         )
-        error = problem.absolutes[0].plain.error(problem.values(tilt[None]))
+        error = problem.unary_factors[0].plain.error(problem.values(tilt[None]))
         assert np.sqrt(2 * error) == pytest.approx(expected * tilt[2, 2] ** 2, rel=1e-6, abs=1e-9)
 
 
@@ -376,7 +376,7 @@ def test_edges_that_tell_nothing_about_a_direction_are_counted():
     # Directions that are known badly, in whatever units, are known.
     fine = np.diag([1e6, 1e6, 1e-6])
     for same in (made, replace(made, information=fine @ made.information @ fine)):
-        assert not blind_told(same)
+        assert not rank_deficient_warning(same)
 
 
 def test_a_direction_that_no_edge_tells_is_in_the_status():

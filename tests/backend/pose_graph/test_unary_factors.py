@@ -4,7 +4,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from backend import se3
-from backend.gauge import hold_factor
+from backend.gauge import gauge_prior
 from backend.measurements import Attitude, Position, SlantRange
 from backend.pose_graph.solve import solve
 from backend.pose_graph.unary_factors import aligned, attitude, position, slant_range
@@ -71,7 +71,7 @@ def test_a_range_begins_at_its_sensor_and_goes_along_its_beam():
 def test_only_the_held_direction_is_held():
     """Held along the world's x at a pose that looks along y: only a step along x is told."""
     T = _pose([0.2, -0.3, np.pi / 2])
-    factor = hold_factor(0, T, np.array([[0, 0, 0, 1.0, 0, 0]]))
+    factor = gauge_prior(0, T, np.array([[0, 0, 0, 1.0, 0, 0]]))
     for step, told in (((1, 0, 0), True), ((0, 1, 0), False), ((0, 0, 1), False)):
         moved = T.copy()
         moved[:3, 3] += 1e-6 * np.array(step)
@@ -101,7 +101,7 @@ def test_a_trajectory_is_moved_to_its_measurements(known: str):
 
 def test_a_held_heading_is_held_about_the_vertical_of_the_world():
     T = _pose([0.4, -0.3, 1.0])
-    factor = hold_factor(0, T, np.array([[0, 0, 1.0, 0, 0, 0]]))
+    factor = gauge_prior(0, T, np.array([[0, 0, 1.0, 0, 0, 0]]))
     for axis, told in ((2, 1.0), (0, 0.0), (1, 0.0)):
         turned = T.copy()
         turned[:3, :3] = Rotation.from_rotvec(1e-6 * np.eye(3)[axis]).as_matrix() @ T[:3, :3]

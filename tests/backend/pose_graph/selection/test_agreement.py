@@ -7,7 +7,7 @@ import pytest
 from backend import se3
 from backend.pose_graph.from_measurements import from_measurements
 from backend.pose_graph.problem import from_pose_graph
-from backend.pose_graph.selection.prediction import draws
+from backend.pose_graph.selection.prediction import sample_posterior
 from backend.pose_graph.solve import solve, solve_pose_graph
 from tests.backend.synthetic import LOOP_STD, Made, falsified, flight, graph
 from tests.benchmarks.false_loops import KINDS, SEEDS, cases_of
@@ -24,12 +24,12 @@ def test_draws_have_the_covariance_of_the_solution(dimension: int):
     factors, values = problem.edge_factors(), problem.values(problem.initial)
     prior = gtsam.PriorFactorPose2 if dimension == 2 else gtsam.PriorFactorPose3
     first = values.atPose2(0) if dimension == 2 else values.atPose3(0)
-    factors.add(prior(0, first, gtsam.noiseModel.Isotropic.Sigma(problem.freedom, 1e-2)))
-    drawn = draws(factors, values, problem.freedom)
-    assert drawn is not None
+    factors.add(prior(0, first, gtsam.noiseModel.Isotropic.Sigma(problem.dof, 1e-2)))
+    samples = sample_posterior(factors, values, problem.dof)
+    assert samples is not None
     marginals = gtsam.Marginals(factors, values)
     for k in (3, 17, 29):
-        whitened = np.linalg.solve(np.linalg.cholesky(marginals.marginalCovariance(k)), drawn[k])
+        whitened = np.linalg.solve(np.linalg.cholesky(marginals.marginalCovariance(k)), samples[k])
         count = whitened.size
         assert abs((whitened**2).mean() - 1) < 4.5 * np.sqrt(2 / count)
 

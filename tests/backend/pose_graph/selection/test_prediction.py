@@ -8,7 +8,7 @@ import pytest
 
 from backend.pose_graph.linear import elimination_order, jacobian
 from backend.pose_graph.problem import from_pose_graph
-from backend.pose_graph.selection.prediction import draws, white_noise
+from backend.pose_graph.selection.prediction import sample_posterior, white_noise
 from backend.pose_graph.unary_factors import fixed
 from tests.backend.synthetic import graph
 
@@ -17,7 +17,7 @@ def made(dimension: int) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values, int]
     problem = from_pose_graph(graph(4, dimension, n=30))
     factors = problem.edge_factors()
     factors.push_back(fixed(0, problem.initial[0], dimension).factor)
-    return factors, problem.values(problem.initial), problem.freedom
+    return factors, problem.values(problem.initial), problem.dof
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -26,7 +26,7 @@ def test_draws_solve_the_whole_system_with_noise_on_its_right(dimension: int) ->
     J = jacobian(factors, values).toarray()
     noise = white_noise(len(J) + 50, d)
     expected = np.linalg.lstsq(J, noise[: len(J)], rcond=None)[0].reshape(30, d, -1)
-    for found in (draws(factors, values, d), draws(factors, values, d, noise)):
+    for found in (sample_posterior(factors, values, d), sample_posterior(factors, values, d, noise)):
         assert found is not None
         np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
 

@@ -13,8 +13,8 @@ from backend.pose_graph.minimise import minimise
 from backend.pose_graph.problem import Problem, from_pose_graph
 from backend.pose_graph.selection.evidence import LinearizedSet
 from backend.pose_graph.selection.prediction import log_prior_volume
-from backend.pose_graph.selection.swap import exchange_loops
-from backend.pose_graph.selection.swap_search import ExchangeSearch
+from backend.pose_graph.selection.swap import swap_loops
+from backend.pose_graph.selection.swap_search import SwapSearch
 from backend.pose_graph.unary_factors import fixed
 from tests.backend.synthetic import LOOP_STD, flight, graph
 
@@ -52,9 +52,9 @@ def with_loops(dimension: int) -> tuple[Problem, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_a_loop_that_changes_sides_moves_the_others_as_dense_algebra_says(dimension: int):
     problem, loops, w_T = with_loops(dimension)
-    d, kept = problem.freedom, np.ones(len(problem.i), dtype=bool)
+    d, kept = problem.dof, np.ones(len(problem.i), dtype=bool)
     kept[loops[:2]] = False
-    search = ExchangeSearch(linearized(problem, kept, w_T), loops, problem.residuals(w_T))
+    search = SwapSearch(linearized(problem, kept, w_T), loops, problem.residuals(w_T))
     J = jacobian(factors(problem, np.ones_like(kept)), problem.values(w_T)).toarray()
     error = np.append(problem.residuals(w_T).ravel(), np.zeros(len(J) - d * len(kept)))
     for change in (0, len(loops) - 1, 3, 1, 0):
@@ -76,7 +76,7 @@ def test_the_gain_of_a_change_is_that_of_the_evidence(dimension: int):
     kept = np.ones(len(problem.i), dtype=bool)
     kept[loops[:2]] = False
     here = linearized(problem, kept, w_T)
-    search = ExchangeSearch(here, loops, problem.residuals(w_T))
+    search = SwapSearch(here, loops, problem.residuals(w_T))
     for change in (0, 5):
         other = kept.copy()
         other[loops[change]] = ~other[loops[change]]
@@ -104,7 +104,7 @@ def test_false_loops_that_hold_each_other_up_give_way_to_more_true_ones(seed: in
     problem, _ = from_measurements(replace(made.measurements, relative_poses=tuple(edges)), made.truth)
     wrong = np.append(np.zeros(119, dtype=bool), false)
     begun = problem.trusted | wrong
-    kept, w_T = exchange_loops(
+    kept, w_T = swap_loops(
         problem,
         lambda some: factors(problem, some),
         lambda some, at: solved(problem, some, at),
@@ -120,7 +120,7 @@ def test_a_set_that_explains_all_stays_as_it_is():
     problem = with_loops(3)[0]
     kept = np.ones(len(problem.i), dtype=bool)
     w_T = solved(problem, kept, problem.initial)
-    found, at = exchange_loops(
+    found, at = swap_loops(
         problem,
         lambda some: factors(problem, some),
         lambda some, at: solved(problem, some, at),

@@ -10,13 +10,19 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from backend.gauge import direction_words, hold_factor, key_runs, open_directions
-from backend.pose_graph.gauge_fixed_problem import Anchored, Fit, Options, plain_fit, start_of
+from backend.gauge import format_directions, format_keys, gauge_prior, unobserved_directions
+from backend.pose_graph.gauge_fixed_problem import (
+    GaugeFixedProblem,
+    GraphFit,
+    Options,
+    initial_poses,
+    least_squares_fit,
+)
 from backend.pose_graph.initialize import elimination_cost
 from backend.pose_graph.marginals import pose_covariances
 from backend.pose_graph.observability import unobserved
 from backend.pose_graph.problem import Problem
-from backend.pose_graph.selection.rejection import has_loops_on_odometry, reason, without_disagreeing
+from backend.pose_graph.selection.rejection import has_loops_on_odometry, reason, reject_outliers
 from backend.pose_graph.unary_factors import OUTLIER_SIGMA, fixed, jacobian
 
 Array = NDArray[np.float64]
@@ -27,7 +33,7 @@ _DEAR = 1.5e10
 
 
 @dataclass(frozen=True)
-class Part:
+class SolvedComponent:
     """A solved part; arrays in the order of its poses and edges."""
 
     w_T: Array
@@ -44,27 +50,27 @@ class Part:
     warnings: tuple[str, ...]
 
 
-def solve_part(problem: Problem, options: Options) -> Part:
+def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     """Solve one connected part. Raises ``BackendError`` where it has no answer."""
-    start = start_of(problem)
+    start = initial_poses(problem)
     ties, held = _ties(problem, start)
-    anchored = Anchored(problem, ties, options)
+    gauge_fixed = GaugeFixedProblem(problem, ties, options)
     kept = np.ones(len(problem.i), dtype=bool)
     sigma = np.full(len(kept), np.nan)
     # Random false loops fill the elimination up: then they are looked for before all edges are solved.
     dear = elimination_cost(problem) > _DEAR and has_loops_on_odometry(problem)
-    fit = None if dear and options.loops_robust else plain_fit(anchored, kept, start)
+    fit = None if dear and options.loops_robust else least_squares_fit(gauge_fixed, kept, start)
     if fit is None or (options.loops_robust and not fit.test.passed):
-        kept, fit, sigma = without_disagreeing(anchored, fit)
+        kept, fit, sigma = reject_outliers(gauge_fixed, fit)
     minimum, w_T = fit.minimum, fit.w_T
     covariances: Array | None = None
     still_open: tuple[str, ...] = ()
     if options.covariances:
-        graph = anchored.graph(kept)
+        graph = gauge_fixed.graph(kept)
         covariances = pose_covariances(graph, minimum.values, range(problem.count))
         if np.isnan(covariances).any():
             still_open = tuple(unobserved(graph, minimum.values, problem.name))
-    return Part(
+    return SolvedComponent(
         w_T=w_T,
         covariances=covariances,
         kept=kept,
@@ -86,20 +92,20 @@ def _reasons(problem: Problem, kept: Mask, w_T: Array, sigma: Array) -> tuple[st
     return tuple(said)
 
 
-def _warnings(problem: Problem, fit: Fit) -> list[str]:
+def _warnings(problem: Problem, fit: GraphFit) -> list[str]:
     minimum, test, said = fit.minimum, fit.test, []
     if not (minimum.converged and test.passed):
-        who = key_runs(range(problem.count), problem.name)
+        who = format_keys(range(problem.count), problem.name)
     if not minimum.converged:
         said.append(f"{who}: no start converged ({minimum.reason}); the best point found is given")
     if not test.passed:
-        ratio = math.sqrt(test.statistic / test.freedom)
+        ratio = math.sqrt(test.statistic / test.dof)
         said.append(
             f"{who}: the edges disagree more than their covariances allow (chi-square {test.statistic:.4g}"
-            f" for {test.freedom} degrees of freedom): deviations are {ratio:.2g} times what is stated"
+            f" for {test.dof} degrees of freedom): deviations are {ratio:.2g} times what is stated"
         )
     for kind in ("position", "range"):
-        of_kind = [a for a in problem.absolutes if a.kind == kind]
+        of_kind = [a for a in problem.unary_factors if a.kind == kind]
         far = sum(2 * a.plain.error(minimum.values) > OUTLIER_SIGMA**2 for a in of_kind)
         if far:
             many = f"{far} of {len(of_kind)} {kind}s"
@@ -109,28 +115,28 @@ def _warnings(problem: Problem, fit: Fit) -> list[str]:
 
 def placed_alone(problem: Problem) -> bool:
     """Whether absolute measurements place the single pose of a problem."""
-    if any(a.kind == "fixed" for a in problem.absolutes):
+    if any(a.kind == "fixed" for a in problem.unary_factors):
         return True
     if problem.dimension == 2:
         return False
-    return len(_open(problem, start_of(problem))) == 0
+    return len(_open(problem, initial_poses(problem))) == 0
 
 
 def _ties(problem: Problem, start: Array) -> tuple[gtsam.NonlinearFactorGraph, str]:
     """Absolute factors plus a hold on what they leave open, and a sentence about the hold."""
-    ties = problem.absolute_factors()
-    if any(a.kind == "fixed" for a in problem.absolutes):
+    ties = problem.unary_factor_graph()
+    if any(a.kind == "fixed" for a in problem.unary_factors):
         return ties, ""
-    who, first = key_runs(range(problem.count), problem.name), problem.name(0)
-    if problem.dimension == 2 or not problem.absolutes:
+    who, first = format_keys(range(problem.count), problem.name), problem.name(0)
+    if problem.dimension == 2 or not problem.unary_factors:
         ties.push_back(fixed(0, start[0], problem.dimension).factor)
         return ties, f"position and attitude of {who}: nothing measures them, {first} is held where it starts"
     directions = _open(problem, start)
     if len(directions) == 0:
         return ties, ""
-    ties.push_back(hold_factor(0, start[0], directions))
-    return ties, f"{direction_words(directions)} of {who}: nothing measures them, held at {first}"
+    ties.push_back(gauge_prior(0, start[0], directions))
+    return ties, f"{format_directions(directions)} of {who}: nothing measures them, held at {first}"
 
 
 def _open(problem: Problem, start: Array) -> Array:
-    return open_directions([jacobian(a, start[a.k], start[0, :3, 3]) for a in problem.absolutes])
+    return unobserved_directions([jacobian(a, start[a.k], start[0, :3, 3]) for a in problem.unary_factors])
