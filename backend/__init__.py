@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
     from backend.pose_graph.incremental import Incremental
     from backend.pose_graph.solution import RangeErrors, Solution
     from backend.pose_graph.solve import solve, solve_pose_graph
+
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 _MODULES = {
     "Attitude": "backend.measurements",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from frontend.mosaic.render import render_tiles
     from frontend.picture_pair import register_pictures
     from frontend.registration import Registration, register
+
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 _MODULES = {
     "Camera": "frontend.camera",

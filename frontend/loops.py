@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -29,6 +30,8 @@ from frontend.store import FeatureStore
 
 Array = NDArray[np.float64]
 Pair = tuple[int, int]
+
+_LOG = logging.getLogger(__name__)
 
 
 def propose_loops(store: FeatureStore, config: RetrievalConfig, gate: Gate) -> Candidates:
@@ -102,7 +105,10 @@ def verify(
         i, j = pair
         return register(i, j, store[i], store[j], camera, homography, gates, expected(i, j))
 
+    held = 0
     with ThreadPoolExecutor(workers) as pool:
         for done, result in enumerate(pool.map(compare, pairs), 1):
+            held += result.ok
             on_done(done)
             yield result
+    _LOG.info("%d of %d loop candidates passed the geometric verification", held, len(pairs))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from slam.simulation import simulate
 
 __version__ = VERSION
+logging.getLogger(__name__).addHandler(logging.NullHandler())
+
 _MODULES = {
     "Criticism": "slam.criticism",
     "Estimate": "slam.core.estimate",

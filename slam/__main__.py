@@ -1,10 +1,10 @@
-"""The command ``slam``, which ``python -m slam`` is too: Ctrl-C is one line from the first moment on."""
+"""The command ``slam``, also ``python -m slam``: Ctrl-C gives one line, even while modules are loaded."""
 
 import sys
 
 
 def main() -> None:
-    """Load the commands, which takes a moment, and run one."""
+    """Load the commands and run one."""
     try:
         from slam.cli import main as run
 

@@ -6,6 +6,7 @@ Only where that test fails are edges rejected, each with its reason, and the res
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 
@@ -24,6 +25,8 @@ from backend.pose_graph.problem import Problem, from_pose_graph
 from backend.pose_graph.solution import Solution
 
 Array = NDArray[np.float64]
+
+_LOG = logging.getLogger(__name__)
 
 
 def solve(
@@ -103,6 +106,7 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
     unobserved = [part.held for part in parts if part.held]
     if lonely:
         unobserved.append(f"{format_keys(lonely, problem.name)} not placed: no edge and no position")
+    _LOG.info("%d poses in %d parts, %d of %d edges kept", n, len(parts), np.count_nonzero(kept), m)
     return Solution(
         w_T_b=w_T,
         covariances=covariances,

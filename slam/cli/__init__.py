@@ -1,4 +1,4 @@
-"""The command ``slam``: one module a command, each importing what it needs only when it runs."""
+"""The command ``slam``: one module per command; each imports what it needs only when it runs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,6 @@ from slam.core.version import VERSION
 app = typer.Typer(
     name="slam",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     help="Drift-free maps from a down-looking camera: a flight in, trajectory, graph and mosaic out.",
@@ -58,6 +57,19 @@ def _version(asked: bool) -> None:
         raise typer.Exit
 
 
+def _show_log(verbose: bool) -> None:
+    """Print the log of the three packages on standard error, or stop doing so."""
+    for package in ("slam", "frontend", "backend"):
+        logger = logging.getLogger(package)
+        logger.handlers = [handler for handler in logger.handlers if handler.name != "slam --verbose"]
+        logger.setLevel(logging.INFO if verbose else logging.NOTSET)
+        if verbose:
+            handler = logging.StreamHandler()
+            handler.name = "slam --verbose"
+            handler.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+            logger.addHandler(handler)
+
+
 @app.callback()
 def options(
     version: Annotated[
@@ -67,23 +79,25 @@ def options(
         bool,
         typer.Option("--debug", envvar="SLAM_DEBUG", help="On an error, print the traceback."),
     ] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="Print the log of all stages on standard error.")
+    ] = False,
 ) -> None:
-    """Options of every command."""
+    """Set the options that all commands share."""
     show_traceback.set(debug)
+    _show_log(verbose)
 
 
 def main() -> None:
-    """What ``slam.__main__`` runs."""
-    os.environ.setdefault(
-        "OPENCV_LOG_LEVEL", "SILENT"
-    )  # what a picture lacks is counted, not printed by OpenCV
+    """Run the command line; called by ``slam.__main__``."""
+    # Damaged pictures are counted and reported by us.
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # where a terminal has no such letter, ? stands for it
+        if isinstance(stream, io.TextIOWrapper):  # a letter that the terminal lacks is printed as ?
             stream.reconfigure(errors="replace")
-    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # that it cannot keep its cache is no fault
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a missing cache of fonts is no error
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
-    signal.signal(
-        signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM)
-    )  # lets outputs clean up after themselves
+    # SystemExit lets output folders be cleaned up.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
     app()

@@ -1,39 +1,100 @@
-"""What a person at the terminal sees while work goes on: bars, or one line a stage where output is a file.
+"""Output of a command: tables or JSON on standard output; progress, log and errors on standard error.
 
-Everything goes to standard output; standard error holds nothing but the one line of a refused input.
+Progress is drawn as bars on a terminal. Elsewhere, and with ``--verbose``, it is one line per stage.
 """
 
 from __future__ import annotations
 
+import logging
 import os
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from slam.core.progress import silent
+
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, RenderableType
     from rich.progress import Progress as RichProgress
     from rich.progress import TaskID
 
+    from slam.core.figure_table import FigureTable
     from slam.core.progress import Progress
 
 _PIPE_COLUMNS = 120
 
 
-def console() -> Console:
-    """The console on standard output as it is now; wide enough for a path where it is not a terminal."""
+def console(stderr: bool = False) -> Console:
+    """Return a console on standard output or error; wide enough for a path where it is not a terminal."""
     from rich.console import Console
 
-    plain = Console(highlight=False)
+    plain = Console(highlight=False, stderr=stderr)
     if plain.is_terminal or "COLUMNS" in os.environ:
         return plain
-    return Console(highlight=False, width=_PIPE_COLUMNS)
+    return Console(highlight=False, stderr=stderr, width=_PIPE_COLUMNS)
+
+
+class Screen:
+    """Output of one command, as its options ``--quiet`` and ``--json`` ask for it."""
+
+    def __init__(self, quiet: bool = False, as_json: bool = False) -> None:
+        self._quiet = quiet
+        self._as_json = as_json
+
+    @contextmanager
+    def progress(self) -> Iterator[Progress]:
+        """Show progress on standard error until the block ends; nothing with ``--quiet``."""
+        if self._quiet:
+            yield silent
+            return
+        with show_progress(console(stderr=True)) as progress:
+            yield progress
+
+    def print(self, renderable: RenderableType) -> None:
+        """Print a table or a text; nothing with ``--quiet`` or ``--json``."""
+        if self.shows_tables:
+            console().print(renderable)
+
+    @property
+    def shows_tables(self) -> bool:
+        """Whether tables are printed."""
+        return not self._quiet and not self._as_json
+
+    def table(self, figures: FigureTable) -> None:
+        """Print a table of figures."""
+        from slam.cli.tables import rich_table
+
+        self.print(rich_table(figures))
+
+    def line(self, text: str, style: str | None = None) -> None:
+        """Print a line of text as it is, without markup."""
+        if self.shows_tables:
+            console().print(text, markup=False, style=style)
+
+    def files(self, paths: Sequence[Path]) -> None:
+        """Print the paths of the files that a person opens first."""
+        from slam.cli.tables import path_list
+
+        if self.shows_tables:
+            console().print(path_list(paths), soft_wrap=True)
+
+    def json(self, text: str) -> None:
+        """Write JSON text to standard output; nothing without ``--json``."""
+        if self._as_json:
+            sys.stdout.write(text)
+
+    def json_file(self, path: Path) -> None:
+        """Write the content of a JSON file to standard output; nothing without ``--json``."""
+        if self._as_json:
+            self.json(path.read_text(encoding="utf-8"))
 
 
 @contextmanager
 def show_progress(out: Console) -> Iterator[Progress]:
-    """A ``Progress`` that draws on ``out`` until the block ends."""
-    if not out.is_terminal:
+    """Draw progress on ``out`` until the block ends."""
+    if not out.is_terminal or logging.getLogger("slam").isEnabledFor(logging.INFO):
         yield _Lines(out)
         return
     from rich.progress import (
@@ -57,7 +118,7 @@ def show_progress(out: Console) -> Iterator[Progress]:
 
 
 class _Lines:
-    """One line when a stage begins: what a log needs to tell where a long run is."""
+    """Prints one line when a stage begins."""
 
     def __init__(self, out: Console) -> None:
         self._out = out
@@ -70,7 +131,7 @@ class _Lines:
 
 
 class _Bars:
-    """One bar a stage; a stage without a known total shows that it lives."""
+    """Draws one bar per stage; the bar of a stage without a known total moves to show activity."""
 
     def __init__(self, bars: RichProgress) -> None:
         self._bars = bars

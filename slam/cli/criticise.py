@@ -1,4 +1,4 @@
-"""``slam criticise``: what a model gets wrong about measured flights, as a verdict and an extended model."""
+"""``slam criticise``: test a model against measured flights; write a verdict and an extended model."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slam.cli.options import OUT
+from slam.cli.options import JSON, OUT, QUIET
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -22,12 +22,12 @@ _FLIGHTS = typer.Argument(metavar="FLIGHT", help="Flights of one vehicle, with c
 _MODEL = typer.Option(
     metavar="MODEL", help="The model to criticise: a name (nominal, paper) or a .toml file."
 )
-MAPPED_UNASKED = 500
-"""Pictures: about a minute on two cores."""
+MAX_PICTURES_BY_DEFAULT = 500
+"""Flights with no more pictures are mapped without ``--map``, which takes about a minute on two cores."""
 _MAPS = typer.Option(
     "--map/--no-map",
-    help="Where instruments are at fault: map flights that have pictures and truth with and without it. "
-    f"Default: flights of {MAPPED_UNASKED} pictures together at most.",
+    help="If instruments have errors: map the flights with pictures and truth with and without them. "
+    f"Default: only if the flights have at most {MAX_PICTURES_BY_DEFAULT} pictures together.",
     show_default=False,
 )
 
@@ -37,53 +37,55 @@ def criticise(
     out: Annotated[Path, OUT],
     model: Annotated[str, _MODEL] = "nominal",
     maps: Annotated[bool | None, _MAPS] = None,
+    quiet: Annotated[bool, QUIET] = False,
+    as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Say what a simulation gets wrong about measured flights, name the cause and extend the model."""
-    from slam.cli.console import console, show_progress
+    from slam.cli.console import Screen
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
-    from slam.cli.tables import shown, written
     from slam.core.flight import with_unique_names
     from slam.core.progress import Tally
-    from slam.criticism import criticise as judge
+    from slam.criticism import criticise as run
     from slam.report.accuracy import map_gain_table
     from slam.report.criticism_report import write_criticism_report
     from slam.simulation.model import load_model
 
-    screen = console()
-    believed = load_model(model)
-    with output_folder(out) as folder, show_progress(screen) as progress:
+    screen = Screen(quiet, as_json)
+    nominal = load_model(model)
+    with output_folder(out) as folder, screen.progress() as progress:
         opened = with_unique_names([open_flight(path, progress)[0] for path in flights])
-        result = judge(opened, believed, progress)
-        most = {True: None, False: 0, None: MAPPED_UNASKED}[maps]
-        gains = gains_in_maps(opened, result, most, progress)
+        result = run(opened, nominal, progress)
+        max_pictures = {True: None, False: 0, None: MAX_PICTURES_BY_DEFAULT}[maps]
+        gains = gains_in_maps(opened, result, max_pictures, progress)
         write_criticism(result, folder, gains)
         with Tally(progress, "report", 1).part():
             write_criticism_report(folder / "report.html", result, opened, gains)
-    screen.print(result.sentence, markup=False)
+    screen.json_file(out / "summary.json")
+    screen.line(result.sentence)
     if result.causes:
         screen.print(_table(result))
     if gains:
-        screen.print(shown(map_gain_table(gains)))
+        screen.table(map_gain_table(gains))
     for line in result.dropped:
-        screen.print(line, markup=False, style="yellow")
-    screen.print(written([out / "report.html", out / "verdict.json"]), soft_wrap=True)
+        screen.line(line, "yellow")
+    screen.files([out / "report.html", out / "verdict.json"])
 
 
 def gains_in_maps(
-    flights: Sequence[Flight], result: Criticism, most: int | None, progress: Progress
+    flights: Sequence[Flight], result: Criticism, max_pictures: int | None, progress: Progress
 ) -> list[MapGain]:
-    """Where what was found changes readings and can be taken out of them; else none."""
+    """Return the gains of maps from corrected readings; none where no cause can be corrected."""
     from slam.evaluation.map_gain import map_gains
     from slam.simulation.inverse.corrected import UNDONE
 
     if result.extended is None or not any(cause.name in UNDONE for cause in result.causes):
         return []
-    return map_gains(flights, result.extended, most, progress)
+    return map_gains(flights, result.extended, max_pictures, progress)
 
 
 def write_criticism(result: Criticism, folder: Path, gains: Sequence[MapGain] = ()) -> None:
-    """Write verdict.json and summary.json, and extended.toml where there is a model."""
+    """Write verdict.json and summary.json, and extended.toml where there is an extended model."""
     import json
 
     from slam.simulation.model import save_model

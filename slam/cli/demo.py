@@ -1,4 +1,4 @@
-"""``slam demo``: the main job on the figure eight that comes with the project, simulated on the spot."""
+"""``slam demo``: simulate the figure eight that comes with the project, map it, and evaluate the map."""
 
 from __future__ import annotations
 
@@ -7,38 +7,41 @@ from typing import Annotated
 
 import typer
 
-from slam.cli.options import OUT, SEED
+from slam.cli.options import OUT, QUIET, SEED
 
-_RECIPE = typer.Option(metavar="NAME", help="A recipe that comes with slam, or a .toml file.")
+_RECIPE = typer.Option(metavar="NAME", help="A recipe that slam ships, or a .toml file.")
 
 
 def demo(
     out: Annotated[Path, OUT] = Path("out/demo"),
     seed: Annotated[int, SEED] = 0,
     recipe: Annotated[str, _RECIPE] = "figure_eight",
+    quiet: Annotated[bool, QUIET] = False,
 ) -> None:
     """Fly the paper's figure eight in simulation, map it, and compare the map with the truth."""
-    from slam.cli.console import console, show_progress
+    from slam.cli.console import Screen
     from slam.cli.evaluate import write_evaluation
     from slam.cli.output_folder import output_folder
     from slam.cli.results import MosaicOptions, write_results
-    from slam.cli.tables import outcome, shown, written
+    from slam.cli.tables import outcome_table
     from slam.evaluation import evaluate
     from slam.mapping.pipeline import optimize
     from slam.report.accuracy import accuracy_tables
     from slam.simulation import simulate
 
-    screen = console()
-    with output_folder(out) as folder, show_progress(screen) as progress:
+    screen = Screen(quiet)
+    with output_folder(out) as folder, screen.progress() as progress:
         flight = simulate(recipe, seed)
         estimate = optimize(flight, progress=progress)
         evaluation = evaluate(estimate, flight)
         tables = accuracy_tables(evaluation)
         write_evaluation(folder, evaluation)
-        results = write_results(folder, estimate, flight, MosaicOptions(earlier=out), progress, tables)
-    screen.print(outcome(results.facts, results.summary))
+        results = write_results(
+            folder, estimate, flight, MosaicOptions(previous_output=out), progress, tables
+        )
+    screen.print(outcome_table(results.facts, results.summary))
     for table in tables:
-        screen.print(shown(table))
+        screen.table(table)
     pictures = (
         "mosaic.png",
         "mosaic_chain.png",
@@ -46,4 +49,4 @@ def demo(
         "evaluation_error.png",
         "report.html",
     )
-    screen.print(written([out / name for name in pictures if (out / name).exists()]), soft_wrap=True)
+    screen.files([out / name for name in pictures if (out / name).exists()])

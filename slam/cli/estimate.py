@@ -1,4 +1,4 @@
-"""``slam estimate``: a flight's motion from its instruments alone; no camera is needed."""
+"""``slam estimate``: estimate a flight's motion from its instruments; no camera is needed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from slam.cli.options import MODEL, OUT, pipeline_config
+from slam.cli.options import JSON, MODEL, OUT, QUIET, pipeline_config
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
@@ -19,14 +19,16 @@ _SOURCE = typer.Argument(
     help="A flight folder or a EuRoC recording, with imu0, or velocity0 and attitude0.",
     show_default=False,
 )
-_RATE = typer.Option("--rate", metavar="HZ", min=0.01, max=2000, help="Poses a second.")
+_RATE = typer.Option("--rate", metavar="HZ", min=0.01, max=2000, help="Poses per second.")
 _WITHOUT = typer.Option(
-    "--without", metavar="STREAM", help="A stream to leave out, to compare with it (gps0); can be repeated."
+    "--without",
+    metavar="STREAM",
+    help="A stream to leave out, for a comparison with it (gps0); can be repeated.",
 )
 _CONFIG = typer.Option(metavar="FILE.toml", help="Settings; those of \\[inertial] count here.")
 
-_TAKEN = ("imu", "attitude", "velocity", "sonar", "gps", "barometer")
-"""Fields of ``Flight`` that the filter reads: to leave out another would change nothing."""
+_USED_STREAMS = ("imu", "attitude", "velocity", "sonar", "gps", "barometer")
+"""Fields of ``Flight`` that the filter reads; leaving out another would change nothing."""
 
 
 def estimate(
@@ -36,43 +38,45 @@ def estimate(
     without: Annotated[list[str] | None, _WITHOUT] = None,
     config: Annotated[Path | None, _CONFIG] = None,
     model: Annotated[str | None, MODEL] = None,
+    quiet: Annotated[bool, QUIET] = False,
+    as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Estimate where a vehicle was from IMU, attitude, range, velocity, GPS and barometer alone."""
-    from slam.cli.console import console, show_progress
+    from slam.cli.console import Screen
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
-    from slam.cli.tables import shown, written
     from slam.inertial.navigate import navigate
     from slam.simulation.inverse import corrected
     from slam.simulation.model import load_model
 
-    screen = console()
+    screen = Screen(quiet, as_json)
     settings = pipeline_config(config, None)
-    believed = load_model(model) if model is not None else None
-    with output_folder(out) as folder, show_progress(screen) as progress:
+    instruments = load_model(model) if model is not None else None
+    with output_folder(out) as folder, screen.progress() as progress:
         flight = _without(open_flight(source, progress)[0], without or [])
-        if believed is not None:
-            mended = corrected(flight, believed)
-            flight = mended.flight.with_warning(mended.told(believed))
+        if instruments is not None:
+            result = corrected(flight, instruments)
+            flight = result.flight.with_warning(result.told(instruments))
         navigation = navigate(flight, settings.inertial, rate, progress)
         write_navigation(folder, navigation)
-    screen.print(shown(figures(navigation)))
-    screen.print(written([out / "estimate.png", out / "trajectory.tum"]), soft_wrap=True)
+    screen.json_file(out / "summary.json")
+    screen.table(figures(navigation))
+    screen.files([out / "estimate.png", out / "trajectory.tum"])
 
 
 def _without(flight: Flight, names: list[str]) -> Flight:
-    """The flight without some streams. Raises ``InputError`` for a name that is none."""
+    """Return the flight without some streams. Raises ``InputError`` for an unknown stream."""
     from dataclasses import replace
 
     from slam.core.errors import InputError
     from slam.core.flight import FIELD_BY_FOLDER, STREAMS
 
-    folders = [STREAMS[field].folder for field in _TAKEN]
+    folders = [STREAMS[field].folder for field in _USED_STREAMS]
     for name in names:
         if name not in folders:
             near = [folder for folder in folders if folder.rstrip("0") == name.rstrip("0123456789")]
-            meant = f"did you mean {near[0]}? " if near else ""
-            raise InputError(f"--without {name}: no such stream; {meant}there are {', '.join(folders)}")
+            hint = f"did you mean {near[0]}? " if near else ""
+            raise InputError(f"--without {name}: no such stream; {hint}there are {', '.join(folders)}")
         nothing: dict[str, Any] = {FIELD_BY_FOLDER[name]: None}
         flight = replace(flight, **nothing)
     return flight
@@ -92,7 +96,7 @@ def write_navigation(folder: Path, navigation: Navigation) -> None:
 
 
 def figures(navigation: Navigation) -> FigureTable:
-    """The short table at the end."""
+    """Return the table that is printed at the end."""
     import numpy as np
 
     from slam.cli.tables import warning_rows

@@ -1,4 +1,4 @@
-"""``slam evaluate``: an optimization beside the truth, or the GPS, of its flight."""
+"""``slam evaluate``: compare an optimization with the truth, or the GPS, of its flight."""
 
 from __future__ import annotations
 
@@ -8,42 +8,47 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from slam.cli.options import JSON, QUIET
+
 if TYPE_CHECKING:
     from slam.evaluation import Evaluation
 
-
 _TRUTH = typer.Option(
-    "--truth", metavar="FLIGHT", help="The flight, with truth or GPS; once for each flight of a joint map."
+    "--truth",
+    metavar="FLIGHT",
+    help="The flight, with truth or GPS; repeat it for each flight of a joint map.",
 )
 
 
 def evaluate(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder that slam optimize wrote.")],
     truth: Annotated[list[Path], _TRUTH],
+    quiet: Annotated[bool, QUIET] = False,
+    as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Measure how far a map is from the truth; adds evaluation.json and pictures to DIR."""
-    from slam.cli.console import console
+    """Measure the errors of a map against the truth; adds evaluation.json and pictures to DIR."""
+    from slam.cli.console import Screen
     from slam.cli.mapped import mapped_flight
     from slam.cli.output_folder import EVALUATE_NAMES
-    from slam.cli.tables import shown, written
     from slam.evaluation import evaluate as compare
     from slam.io.atomic import locked
     from slam.io.estimate import read_estimate
     from slam.report.accuracy import accuracy_tables
 
-    screen = console()
+    screen = Screen(quiet, as_json)
     folder = Path(os.path.realpath(folder))
     estimate = read_estimate(folder)
     evaluation = compare(estimate, mapped_flight(folder, truth))
     with locked(folder):
         write_evaluation(folder, evaluation)
+    screen.json_file(folder / "evaluation.json")
     for table in accuracy_tables(evaluation):
-        screen.print(shown(table))
-    screen.print(written([folder / name for name in EVALUATE_NAMES]), soft_wrap=True)
+        screen.table(table)
+    screen.files([folder / name for name in EVALUATE_NAMES])
 
 
 def write_evaluation(folder: Path, evaluation: Evaluation) -> None:
-    """Write evaluation.json and its pictures, each whole. Raises ``InputError`` where the disk refuses."""
+    """Write evaluation.json and its pictures. Raises ``InputError`` where they cannot be written."""
     from slam.core.summary import json_text
     from slam.evaluation.plots import write_plots
     from slam.io.atomic import write_whole

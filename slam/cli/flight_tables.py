@@ -1,4 +1,4 @@
-"""What a flight holds, as ``slam info`` and ``slam import`` print it."""
+"""The description of a flight that ``slam info`` and ``slam import`` print."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from slam.core.flight_info import FlightInfo
 from slam.io.files import brief
 
 NOTE_LENGTH = 300
-"""Characters of a note shown; the whole stands in flight.yaml."""
+"""Number of characters of a note that are printed; flight.yaml holds all of it."""
 
 
 def print_info(info: FlightInfo, console: Console) -> None:
-    """Print as tables and lists; text that came with the flight is shown as it is, never as markup."""
+    """Print tables and lists; texts of the flight are printed as they are, never as markup."""
     title = f"{escape(brief(info.name))}, {info.duration_s:.1f} s"
     table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
-    # Names of instruments stay whole on a terminal of 80 letters.
+    # Names of instruments are not broken on a terminal of 80 columns.
     table.add_column("stream", min_width=len("attitude0"), overflow="fold")
     for heading in (
         "rows",

@@ -1,17 +1,17 @@
-"""``slam import`` and ``slam info``: recordings of others made into flights, and a look at what is in one."""
+"""``slam import`` and ``slam info``: convert recordings into flight folders, and show what a flight holds."""
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slam.cli.options import FLIGHT_OUT
+from slam.cli.options import FLIGHT_OUT, JSON, QUIET
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from slam.cli.console import Screen
     from slam.core.flight import Flight
 
 _IMPORTED = typer.Argument(
@@ -24,41 +24,50 @@ _SHOWN = typer.Argument(
 )
 
 
-def import_flight(source: Annotated[Path, _IMPORTED], out: Annotated[Path, FLIGHT_OUT]) -> None:
-    """Make a flight folder from photos or from a EuRoC recording; pictures keep their names."""
-    from slam.cli.console import console, show_progress
+def import_flight(
+    source: Annotated[Path, _IMPORTED],
+    out: Annotated[Path, FLIGHT_OUT],
+    quiet: Annotated[bool, QUIET] = False,
+) -> None:
+    """Convert photos or a EuRoC recording into a flight folder; pictures keep their names."""
+    from slam.cli.console import Screen
     from slam.cli.source import import_source
-    from slam.cli.tables import written
     from slam.io.flight_folder import write_flight
 
-    screen = console()
-    with show_progress(screen) as progress:
+    screen = Screen(quiet)
+    with screen.progress() as progress:
         flight = import_source(source, progress)
         write_flight(flight, out, progress)
     show(flight, screen)
-    screen.print(written([out]), soft_wrap=True)
+    screen.files([out])
 
 
-def info(source: Annotated[Path, _SHOWN]) -> None:
-    """Show what a flight holds: sensors, rates, gaps, what is missing and what is odd."""
-    from slam.cli.console import console
+def info(source: Annotated[Path, _SHOWN], as_json: Annotated[bool, JSON] = False) -> None:
+    """Show what a flight holds: sensors, rates, gaps, missing streams and anomalies."""
+    from slam.cli.console import Screen
     from slam.cli.source import kind_of, open_flight
+    from slam.core.flight_info import describe
     from slam.core.progress import silent
+    from slam.core.summary import json_text
 
-    screen = console()
+    screen = Screen(as_json=as_json)
     if kind_of(source) == "graph":
-        from slam.cli.graph import graph_figures
-        from slam.cli.tables import shown
+        from slam.cli.graph import graph_record, graph_table
 
-        screen.print(shown(graph_figures(source)))
+        record = graph_record(source)
+        screen.json(json_text(record))
+        screen.table(graph_table(record))
         return
     flight, _ = open_flight(source, silent)
+    screen.json(json_text(asdict(describe(flight))))
     show(flight, screen)
 
 
-def show(flight: Flight, screen: Console) -> None:
+def show(flight: Flight, screen: Screen) -> None:
     """Print what a flight holds."""
+    from slam.cli.console import console
     from slam.cli.flight_tables import print_info
     from slam.core.flight_info import describe
 
-    print_info(describe(flight), screen)
+    if screen.shows_tables:
+        print_info(describe(flight), console())

@@ -1,11 +1,12 @@
-"""A pose graph from a file, for which the back end runs alone."""
+"""Solves a pose graph from a file with the back end alone."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,9 +21,9 @@ if TYPE_CHECKING:
 
 
 def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
-    """Read and solve a g2o graph; gives back the estimate and the graph at the solution, kept edges alone.
+    """Read and solve a g2o graph; return the estimate and the solved graph with its kept edges.
 
-    Stamps are the numbers of the vertices. Raises ``BackendError``.
+    The stamps are the numbers of the vertices. Raises ``BackendError``.
     """
     from backend.g2o import read_g2o
     from backend.pose_graph.certificate import certify
@@ -52,24 +53,39 @@ def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
     return replace(estimate, certificate=certificate), solved
 
 
-def graph_figures(path: Path) -> FigureTable:
-    """What a g2o file holds, for ``slam info``."""
+def graph_record(path: Path) -> dict[str, Any]:
+    """Return the figures of a g2o file for ``slam info``."""
     from backend.g2o import read_g2o
     from backend.pose_graph.graph import rank_deficient_warning
-    from slam.core.figure_table import FigureTable
 
     graph = read_g2o(path)
     loops = int((np.abs(graph.i - graph.j) != 1).sum())
+    return {
+        "name": str(path),
+        "dimension": graph.dimension,
+        "vertices": len(graph.ids),
+        "vertices_with_pose": int(graph.has_pose.sum()),
+        "vertices_fixed": int(graph.fixed.sum()),
+        "edges_between_neighbours": len(graph.i) - loops,
+        "other_edges": loops,
+        "warnings": [*graph.warnings, *rank_deficient_warning(graph)],
+    }
+
+
+def graph_table(record: Mapping[str, Any]) -> FigureTable:
+    """Return the table of ``graph_record`` for the terminal."""
+    from slam.core.figure_table import FigureTable
+
     rows = [
-        ("pose graph", f"{graph.dimension}-D"),
-        ("vertices", str(len(graph.ids))),
-        ("vertices with a given pose", str(int(graph.has_pose.sum()))),
-        ("vertices held in place", str(int(graph.fixed.sum()))),
-        ("edges between neighbours", str(len(graph.i) - loops)),
-        ("other edges", str(loops)),
-        *(("odd", warning) for warning in (*graph.warnings, *rank_deficient_warning(graph))),
+        ("pose graph", f"{record['dimension']}-D"),
+        ("vertices", str(record["vertices"])),
+        ("vertices with a given pose", str(record["vertices_with_pose"])),
+        ("vertices held in place", str(record["vertices_fixed"])),
+        ("edges between neighbours", str(record["edges_between_neighbours"])),
+        ("other edges", str(record["other_edges"])),
+        *(("odd", warning) for warning in record["warnings"]),
     ]
-    return FigureTable(str(path), (), tuple(rows))
+    return FigureTable(record["name"], (), tuple(rows))
 
 
 def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[str, float]) -> Estimate:
@@ -119,7 +135,10 @@ def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[st
 
 
 def _covariances(graph: PoseGraph) -> np.ndarray:
-    """(m, 6, 6) of the edges; NaN for one that does not measure every direction, as no planar one does."""
+    """Return (m, 6, 6) covariances of the edges; NaN for edges that do not measure every direction.
+
+    No planar edge does.
+    """
     covariance = np.full((len(graph.i), 6, 6), np.nan)
     if graph.dimension == 3:
         covariance[~graph.is_rank_deficient] = np.linalg.inv(graph.information[~graph.is_rank_deficient])

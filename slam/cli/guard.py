@@ -1,6 +1,6 @@
-"""Between a command and the shell: every way to fail ends in one line on standard error and an exit code.
+"""Turns every failure of a command into one line on standard error and an exit code.
 
-0 done, 1 the input was refused (or a fault of our own, which says so), 2 wrong usage (typer's), 130 Ctrl-C.
+0: done. 1: the input was refused, or an internal error, which says so. 2: wrong usage. 130: Ctrl-C.
 """
 
 from __future__ import annotations
@@ -23,42 +23,42 @@ P = ParamSpec("P")
 show_traceback: ContextVar[bool] = ContextVar("show_traceback", default=False)
 """Set by ``slam --debug``."""
 LEAST_MEMORY_BYTES = 1 << 30
-"""Under a tighter limit of addresses OpenBLAS, while being loaded, ends the process or waits forever."""
+"""With a lower limit of the address space OpenBLAS ends the process or hangs when it is loaded."""
 
 
 def guarded(command: Callable[P, None]) -> Callable[P, None]:
-    """Wrap a command so that no exception gets past it; the shell sees one line and an exit code."""
+    """Wrap a command so that each exception becomes one line and an exit code."""
 
     @wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
-            _refuse_too_small_a_limit()
+            _check_memory_limit()
             command(*args, **kwargs)
         except KeyboardInterrupt:
             _leave("interrupted; nothing was written", 130)
         except (typer.Exit, BrokenPipeError):
             raise
-        except Exception as error:  # noqa: BLE001  the last place where one can be caught
+        except Exception as error:  # noqa: BLE001  the last place to catch an exception
             if show_traceback.get():
                 traceback.print_exc()
-            _leave(_told(error), 1)
+            _leave(_message(error), 1)
 
     return run
 
 
-def _refuse_too_small_a_limit() -> None:
+def _check_memory_limit() -> None:
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY_BYTES:
         raise MemoryError
 
 
-def _told(error: Exception) -> str:
+def _message(error: Exception) -> str:
     if _is_out_of_memory(error):
         return (
             "not enough memory; close other programs or raise the limit (ulimit -v), choose a coarser mosaic "
             "(a larger --gsd) or none (--no-mosaic)"
         )
-    # Looked up, not imported: where memory has run out an import would fail in turn.
+    # The module is looked up, not imported: without memory an import would fail too.
     backend = sys.modules.get("backend.errors")
     if isinstance(error, InputError) or (backend is not None and isinstance(error, backend.BackendError)):
         return str(error)
@@ -71,7 +71,7 @@ def _told(error: Exception) -> str:
 
 
 def _is_out_of_memory(error: Exception) -> bool:
-    """In the words of Python, the system, OpenCV (cv::Error::StsNoMem), and the loader of libraries."""
+    """Recognise the errors of Python, the system, OpenCV (cv::Error::StsNoMem) and the library loader."""
     if isinstance(error, OSError):
         return error.errno == errno.ENOMEM
     if isinstance(error, ImportError):

@@ -1,4 +1,4 @@
-"""``slam locate``: where further pictures were taken in a map that is already made."""
+"""``slam locate``: find where further pictures were taken in an existing map."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slam.cli.options import OUT
+from slam.cli.options import JSON, OUT, QUIET
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 
 _PICTURES = typer.Argument(metavar="PICTURE", help="Pictures of the map's camera.", show_default=False)
 _MAP = typer.Option("--map", metavar="DIR", help="The folder that slam optimize wrote.")
-_FLIGHT = typer.Option("--flight", metavar="FLIGHT", help="What the map was made of; once for each flight.")
+_FLIGHT = typer.Option(
+    "--flight", metavar="FLIGHT", help="The flight that the map was made from; repeated for each flight."
+)
 _HEADER = "picture,reason,tx,ty,tz,qx,qy,qz,qw,std_x,std_y,std_z,points,keyframe"
 
 
@@ -24,24 +26,25 @@ def locate(
     map_folder: Annotated[Path, _MAP],
     flights: Annotated[list[Path], _FLIGHT],
     out: Annotated[Path, OUT],
+    quiet: Annotated[bool, QUIET] = False,
+    as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Find where pictures were taken in a map, with the uncertainty of each."""
-    from slam.cli.console import console, show_progress
+    from slam.cli.console import Screen
     from slam.cli.mapped import mapped_flight
     from slam.cli.output_folder import output_folder
-    from slam.cli.tables import shown, written
     from slam.core.summary import json_text
     from slam.io.estimate import read_estimate
     from slam.mapping.relocation import Relocalizer
 
-    screen = console()
+    screen = Screen(quiet, as_json)
     estimate = read_estimate(map_folder)
     flight = mapped_flight(map_folder, flights)
-    with output_folder(out) as folder, show_progress(screen) as progress:
-        asked = Relocalizer(estimate, flight, progress=progress)
+    with output_folder(out) as folder, screen.progress() as progress:
+        relocalizer = Relocalizer(estimate, flight, progress=progress)
         found = []
         for done, path in enumerate(pictures, 1):
-            found.append((path, _located(asked, path)))
+            found.append((path, _located(relocalizer, path)))
             progress("locate", done, len(pictures))
         rows = [",".join([_quoted(str(path)), *_row(location)]) for path, location in found]
         (folder / "locations.csv").write_text("\n".join([_HEADER, *rows, ""]), encoding="utf-8")
@@ -53,16 +56,17 @@ def locate(
             "rejected": {reason: reasons.count(reason) for reason in dict.fromkeys(reasons)},
         }
         (folder / "summary.json").write_text(json_text(record), encoding="utf-8")
-    screen.print(shown(_table(found, estimate.metric)))
-    screen.print(written([out / "locations.csv"]), soft_wrap=True)
+    screen.json_file(out / "summary.json")
+    screen.table(_table(found, estimate.metric))
+    screen.files([out / "locations.csv"])
 
 
-def _located(asked: Relocalizer, path: Path) -> Location:
+def _located(relocalizer: Relocalizer, path: Path) -> Location:
     from slam.io.images import UnreadableImageError, read_image
     from slam.mapping.relocation import nowhere
 
     try:
-        return asked.locate(read_image(path))
+        return relocalizer.locate(read_image(path))
     except UnreadableImageError as reason:
         return nowhere(f"unreadable: {reason}")
 

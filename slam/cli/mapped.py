@@ -1,4 +1,4 @@
-"""What a map was made of: the flights that the user names, as `slam optimize` took them."""
+"""The flights that a map was made from, corrected and joined as `slam optimize` did it."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ if TYPE_CHECKING:
 
 
 def mapped_flight(folder: Path, sources: Sequence[Path]) -> Flight:
-    """The flights joined, without what the model that the map in ``folder`` was made with takes out.
+    """Return the flights joined, corrected by the model that the map in ``folder`` was made with.
 
-    Raises ``InputError``.
+    Raises ``InputError`` for a flight or a model that cannot be read.
     """
     from slam.cli.output_folder import MODEL_NAME
     from slam.cli.source import open_flight

@@ -1,4 +1,4 @@
-"""``slam optimize``: the whole post-flight job, or the back end alone where the input is a graph."""
+"""``slam optimize``: make a map of a flight, or solve a pose graph with the back end alone."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from frontend.feature_kinds import FeatureKind
-from slam.cli.options import CONFIG, FEATURES, MODEL, OUT, pipeline_config
+from slam.cli.options import CONFIG, FEATURES, JSON, MODEL, OUT, QUIET, pipeline_config
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
+    from slam.cli.console import Screen
     from slam.cli.results import MosaicOptions, Results
     from slam.core.flight import Flight
     from slam.core.progress import Progress
@@ -26,7 +25,10 @@ _SOURCE = typer.Argument(
     show_default=False,
 )
 _GSD = typer.Option(
-    metavar="M", min=1e-4, max=100.0, help="Metres a pixel of the mosaic; default: as the camera saw."
+    metavar="M",
+    min=1e-4,
+    max=100.0,
+    help="Metres per pixel of the mosaic; default: the resolution of the pictures.",
 )
 
 
@@ -34,42 +36,44 @@ def optimize(
     sources: Annotated[list[Path], _SOURCE],
     out: Annotated[Path, OUT],
     gsd: Annotated[float | None, _GSD] = None,
-    mosaic: Annotated[bool, typer.Option("--mosaic/--no-mosaic", help="Render the map.")] = True,
+    mosaic: Annotated[bool, typer.Option("--mosaic/--no-mosaic", help="Render the mosaic.")] = True,
     config: Annotated[Path | None, CONFIG] = None,
     features: Annotated[FeatureKind | None, FEATURES] = None,
     model: Annotated[str | None, MODEL] = None,
+    quiet: Annotated[bool, QUIET] = False,
+    as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Turn a flight, or several, into one consistent map: trajectory, graph, mosaic and a report."""
-    from slam.cli.console import console
+    """Make one consistent map of a flight, or of several: trajectory, graph, mosaic and a report."""
+    from slam.cli.console import Screen
     from slam.cli.results import MosaicOptions
     from slam.cli.source import kind_of
-    from slam.cli.tables import outcome, shown, written
+    from slam.cli.tables import outcome_table
     from slam.core.errors import InputError
 
-    screen = console()
+    screen = Screen(quiet, as_json)
     if len(sources) == 1 and kind_of(sources[0]) == "graph":
         if model is not None:
             raise InputError(f"--model {model}: {sources[0]} is a graph, without instruments; leave it out")
         results = _graph(sources[0], out, screen)
     else:
-        wish = MosaicOptions(mosaic, gsd, out)
-        results = _flights(sources, out, wish, pipeline_config(config, features), model, screen)
-    screen.print(outcome(results.facts, results.summary))
+        options = MosaicOptions(mosaic, gsd, out)
+        results = _flights(sources, out, options, pipeline_config(config, features), model, screen)
+    screen.json_file(out / "summary.json")
+    screen.print(outcome_table(results.facts, results.summary))
     for table in results.accuracy:
-        screen.print(shown(table))
+        screen.table(table)
     first = [out / "report.html", out / "mosaic.png"]
-    screen.print(written([path for path in first if path.exists()]), soft_wrap=True)
+    screen.files([path for path in first if path.exists()])
 
 
 def _flights(
     sources: list[Path],
     out: Path,
-    wish: MosaicOptions,
+    mosaic: MosaicOptions,
     settings: PipelineConfig,
     model: str | None,
-    screen: Console,
+    screen: Screen,
 ) -> Results:
-    from slam.cli.console import show_progress
     from slam.cli.output_folder import output_folder
     from slam.cli.results import write_results
     from slam.cli.source import open_flight
@@ -77,29 +81,29 @@ def _flights(
     from slam.mapping.pipeline import optimize as run
     from slam.simulation.model import load_model
 
-    believed = load_model(model) if model is not None else None
-    with output_folder(out) as folder, show_progress(screen) as progress:
+    instruments = load_model(model) if model is not None else None
+    with output_folder(out) as folder, screen.progress() as progress:
         flights = []
         for source in sources:
             flight, kind = open_flight(source, progress)
             flights.append(flight)
             if kind != "flight":
-                screen.print(f"{source}: {kind}, imported on the fly", markup=False)
-        if believed is not None:
-            return _without(believed, flights, folder, wish, settings, progress)
+                screen.line(f"{source}: {kind}, imported on the fly")
+        if instruments is not None:
+            return _corrected(instruments, flights, folder, mosaic, settings, progress)
         flight = join_flights(flights)
-        return write_results(folder, run(flight, settings, progress), flight, wish, progress)
+        return write_results(folder, run(flight, settings, progress), flight, mosaic, progress)
 
 
-def _without(
+def _corrected(
     model: Model,
     flights: list[Flight],
     folder: Path,
-    wish: MosaicOptions,
+    mosaic: MosaicOptions,
     settings: PipelineConfig,
     progress: Progress,
 ) -> Results:
-    """The map without what a model says of the instruments; with truth, beside the map as recorded."""
+    """Map corrected readings; with truth, compare the map with that of the recorded readings."""
     from slam.cli.output_folder import MODEL_NAME
     from slam.cli.results import write_results
     from slam.core.join_flights import join_flights
@@ -110,24 +114,23 @@ def _without(
     from slam.simulation.model import save_model
 
     save_model(model, folder / MODEL_NAME)
-    mended = [corrected(flight, model) for flight in flights]
-    flight = join_flights([each.flight.with_warning(each.told(model)) for each in mended])
+    results = [corrected(flight, model) for flight in flights]
+    flight = join_flights([each.flight.with_warning(each.told(model)) for each in results])
     estimate, recorded = run(flight, settings, progress), join_flights(flights)
-    if not any(each.taken_out for each in mended) or not can_be_compared(recorded):
-        return write_results(folder, estimate, flight, wish, progress)
+    if not any(each.taken_out for each in results) or not can_be_compared(recorded):
+        return write_results(folder, estimate, flight, mosaic, progress)
     gain = map_gain(recorded, flight, estimate, settings, progress)
-    return write_results(folder, estimate, flight, wish, progress, (map_gain_table([gain]),))
+    return write_results(folder, estimate, flight, mosaic, progress, (map_gain_table([gain]),))
 
 
-def _graph(source: Path, out: Path, screen: Console) -> Results:
+def _graph(source: Path, out: Path, screen: Screen) -> Results:
     from backend.g2o import write_g2o
-    from slam.cli.console import show_progress
     from slam.cli.graph import solve_graph
     from slam.cli.output_folder import output_folder
     from slam.cli.results import write_summary_and_report
     from slam.io.estimate import write_estimate
 
-    with output_folder(out) as folder, show_progress(screen) as progress:
+    with output_folder(out) as folder, screen.progress() as progress:
         estimate, solved = solve_graph(source, progress)
         write_estimate(estimate, folder)
         with (folder / "graph.g2o").open("w", encoding="ascii") as stream:

@@ -1,4 +1,4 @@
-"""Options that several commands have, and the settings that come of them."""
+"""Options that several commands share, and the settings that they give."""
 
 from __future__ import annotations
 
@@ -16,18 +16,22 @@ OUT = typer.Option("--out", metavar="DIR", help="Where to write; an earlier outp
 FLIGHT_OUT = typer.Option("--out", metavar="FLIGHT", help="The flight folder to write; must not exist yet.")
 CONFIG = typer.Option(metavar="FILE.toml", help="Settings of the stages; an unknown key is refused.")
 FEATURES = typer.Option(
-    help="Feature detector and descriptor; default: what --config says, else sift.", show_default=False
+    help="Feature detector and descriptor; default: that of --config, else sift.", show_default=False
 )
 MODEL = typer.Option(
     metavar="MODEL",
-    help="What is known of the instruments, as extended.toml of slam criticise tells it: taken out of what "
-    "they read before the map is made.",
+    help="Model of the instruments' errors, such as extended.toml of slam criticise; the readings are "
+    "corrected by it first.",
 )
-SEED = typer.Option(min=0, help="Seed of all that is random.")
+QUIET = typer.Option(
+    "--quiet", "-q", help="Print neither progress nor tables; errors are printed all the same."
+)
+JSON = typer.Option("--json", help="Print the summary as JSON instead of tables.")
+SEED = typer.Option(min=0, help="Seed of all random numbers.")
 
 
 def pipeline_config(path: Path | None, features: FeatureKind | None) -> PipelineConfig:
-    """Settings of a file, those of the command line over them.
+    """Return the settings of a file, overridden by those of the command line.
 
     Raises ``InputError`` where the file holds an unknown key.
     """

@@ -1,6 +1,6 @@
-"""What an output folder of ours holds, and whether a new run may replace it.
+"""The content of output folders, and the check whether a new run may replace one.
 
-``slam.io.atomic`` makes the folder appear in one step, and lets one run at a time do so.
+``slam.io.atomic`` makes a folder appear in one step, and lets only one run at a time write it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ OPTIMIZE_NAMES = (
 """Files that ``slam optimize`` writes."""
 
 MODEL_NAME = "model.toml"
-"""The model of the instruments that it was given by ``--model``: who reads the map needs it too."""
+"""Model of the instruments from ``--model``; the commands that read the map need it too."""
 
 ESTIMATE_NAMES = ("trajectory.tum", "estimate.npz", "estimate.png", "summary.json")
 """Files that ``slam estimate`` writes."""
@@ -71,7 +71,7 @@ _SIGNS = {
 }
 """Command -> a file that no other command writes."""
 
-_BYSTANDERS = (
+_VIEWER_FILES = (
     ".DS_Store",
     "Thumbs.db",
     "desktop.ini",
@@ -79,20 +79,20 @@ _BYSTANDERS = (
     "mosaic.tif.aux.xml",
     "mosaic.tif.ovr",
 )
-"""What viewers leave beside pictures; may go with them."""
+"""Files that viewers create beside pictures; they may be deleted with them."""
 
 _LEFTOVERS = tuple(partial_path(Path(name)).name for name in EVALUATE_NAMES)
-"""What ``slam evaluate`` leaves where it is killed."""
+"""Files that ``slam evaluate`` leaves if it is killed."""
 
 _MARK = "summary.json"
-"""Every finished output holds it; a folder without it is not ours to replace."""
+"""File of every finished output; a folder without it is not replaced."""
 
 
 @contextmanager
 def output_folder(target: str | Path) -> Iterator[Path]:
-    """Give an empty folder to write into; it becomes ``target`` when the block ends without an error.
+    """Provide an empty folder; it becomes ``target`` when the block ends without an error.
 
-    An earlier output of ours in ``target`` stays until the new one is complete. Raises ``InputError`` where
+    An earlier output in ``target`` stays until the new one is complete. Raises ``InputError`` where
     ``target`` is a file, holds something that slam did not write, is being written by another run, or cannot
     be written.
     """
@@ -103,12 +103,12 @@ def output_folder(target: str | Path) -> Iterator[Path]:
 
 
 def is_output(folder: Path) -> bool:
-    """Whether a folder is a finished output of a command."""
+    """Return whether a folder is a finished output of a command."""
     return (folder / _MARK).is_file()
 
 
 def writer_of(folder: Path) -> str:
-    """The command whose finished output a folder is; empty where it is none."""
+    """Return the command that wrote a finished output folder; empty for another folder."""
     if not is_output(folder):
         return ""
     return next((command for command, sign in _SIGNS.items() if (folder / sign).is_file()), "")
@@ -136,7 +136,7 @@ def _refuse_foreign(target: Path) -> None:
         raise InputError(f"{target}: {explain(error)}") from None
     ours = {
         *OPTIMIZE_NAMES, MODEL_NAME, *ESTIMATE_NAMES, *EVALUATE_NAMES, *LOCATE_NAMES, *LOOPS_NAMES,
-        *REPLAY_NAMES, *REPRODUCE_NAMES, *CRITICISE_NAMES, *_BYSTANDERS, *_LEFTOVERS,
+        *REPLAY_NAMES, *REPRODUCE_NAMES, *CRITICISE_NAMES, *_VIEWER_FILES, *_LEFTOVERS,
     }  # fmt: skip
     foreign = [
         entry.name for entry in entries if entry.name not in ours or entry.is_dir(follow_symlinks=False)

@@ -1,4 +1,4 @@
-"""``slam replay``: a measured flight's commands given to a model, both compared channel by channel."""
+"""``slam replay``: simulate a measured flight's commands and compare both channel by channel."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from slam.cli.options import OUT
+from slam.cli.options import JSON, OUT, QUIET
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
@@ -21,12 +21,13 @@ def replay(
     source: Annotated[Path, _FLIGHT],
     out: Annotated[Path, OUT],
     model: Annotated[str, _MODEL] = "nominal",
+    quiet: Annotated[bool, QUIET] = False,
+    as_json: Annotated[bool, JSON] = False,
 ) -> None:
-    """Give a measured flight's commands to a model and show where the two part."""
-    from slam.cli.console import console
+    """Simulate a measured flight's commands with a model and show where the two differ."""
+    from slam.cli.console import Screen
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
-    from slam.cli.tables import shown, written
     from slam.core.flight_info import describe
     from slam.core.progress import silent
     from slam.core.summary import json_text
@@ -34,23 +35,24 @@ def replay(
     from slam.simulation.replay import replay as run
     from slam.simulation.replay.figure import draw
 
-    screen = console()
+    screen = Screen(quiet, as_json)
     loaded = load_model(model)
     flight, _ = open_flight(source, silent)
     with output_folder(out) as folder:
         result = run(flight, loaded)
         (folder / "replay.png").write_bytes(draw(result))
-        told = (*flight.warnings, *describe(flight).anomalies, *result.warnings)
-        summary = {**record(result), "warnings": list(told)}
+        notes = (*flight.warnings, *describe(flight).anomalies, *result.warnings)
+        summary = {**record(result), "warnings": list(notes)}
         (folder / "summary.json").write_text(json_text(summary), encoding="utf-8")
-    screen.print(shown(table(result)))
-    for warning in told:
-        screen.print(f"note: {warning}", markup=False)
-    screen.print(written([out / "replay.png"]), soft_wrap=True)
+    screen.json_file(out / "summary.json")
+    screen.table(table(result))
+    for warning in notes:
+        screen.line(f"note: {warning}")
+    screen.files([out / "replay.png"])
 
 
 def record(replay: Replay) -> dict[str, Any]:
-    """What summary.json holds: RMS of measured less simulated in the channels' own units."""
+    """Return the content of summary.json: RMS of measured minus simulated, in the channels' own units."""
     return {
         "flight": replay.flight,
         "model": replay.model,
@@ -75,7 +77,7 @@ def record(replay: Replay) -> dict[str, Any]:
 
 
 def table(replay: Replay) -> FigureTable:
-    """The errors of all channels at all horizons, in the units of the picture."""
+    """Return the errors of all channels at all horizons, in the units of the picture."""
     from slam.core.figure_table import FigureTable
     from slam.simulation.replay.channels import as_read
 
@@ -83,8 +85,8 @@ def table(replay: Replay) -> FigureTable:
     rows = []
     for channel in replay.channels:
         factor, unit = as_read(channel.unit)
-        off = (*channel.rms.values(), channel.flight_rms)
-        rows.append((f"{channel.name} [{unit}]", *(f"{factor * rms:.3g}" for rms in off)))
+        errors = (*channel.rms.values(), channel.flight_rms)
+        rows.append((f"{channel.name} [{unit}]", *(f"{factor * rms:.3g}" for rms in errors)))
     return FigureTable(
         f"{replay.flight}, measured less simulated by model {replay.model}: RMS over roll-outs",
         ("channel", *horizons, "whole flight"),

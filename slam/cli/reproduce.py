@@ -1,4 +1,4 @@
-"""``slam reproduce``: the paper's experiments, its figures beside ours."""
+"""``slam reproduce``: repeat the paper's experiments and compare its figures with ours."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from slam.cli.options import OUT
+from slam.cli.options import JSON, OUT, QUIET
 
 _NAMES = typer.Argument(
     metavar="NAME",
@@ -17,8 +17,8 @@ _NAMES = typer.Argument(
     "overlap_speed, arithmetic; all without a name.",
     show_default=False,
 )
-_SEEDS = typer.Option(min=1, max=100_000, help="Flights of each experiment; a few give a quick look.")
-_JOBS = typer.Option(min=1, max=1024, help="Processes at a time.", show_default="all cores")
+_SEEDS = typer.Option(min=1, max=100_000, help="Flights of each experiment; a few give a first impression.")
+_JOBS = typer.Option(min=1, max=1024, help="Number of parallel processes.", show_default="all cores")
 
 
 def reproduce(
@@ -26,30 +26,32 @@ def reproduce(
     names: Annotated[list[str] | None, _NAMES] = None,
     seeds: Annotated[int, _SEEDS] = 20,
     jobs: Annotated[int | None, _JOBS] = None,
+    quiet: Annotated[bool, QUIET] = False,
+    as_json: Annotated[bool, JSON] = False,
 ) -> None:
     """Repeat the experiments of the paper in simulation and say which of its figures agree."""
-    from slam.cli.console import console, show_progress
+    from slam.cli.console import Screen
     from slam.cli.output_folder import output_folder
-    from slam.cli.tables import shown, written
     from slam.core.figure_table import FigureTable
     from slam.experiments.output import headline, write_all
     from slam.experiments.registry import chosen
     from slam.experiments.run import conclude, run
 
     wanted = chosen(names or ())
-    screen = console()
+    screen = Screen(quiet, as_json)
     begin_s = time.perf_counter()
     with output_folder(out) as folder:
-        with show_progress(screen) as progress:
+        with screen.progress() as progress:
             trials = run(wanted, seeds, jobs or _cores(), progress)
         conclusions = conclude(wanted, trials)
         write_all(folder, trials, conclusions, time.perf_counter() - begin_s)
+    screen.json_file(out / "summary.json")
     rows = tuple(line for name, found in conclusions.items() for line in headline(name, found))
     columns = ("experiment", "", "figure: median (95 % of seeds)", "verdict")
-    screen.print(shown(FigureTable("The paper's experiments", columns, rows)))
-    screen.print(written([out / "reproduce.html"]), soft_wrap=True)
+    screen.table(FigureTable("The paper's experiments", columns, rows))
+    screen.files([out / "reproduce.html"])
 
 
 def _cores() -> int:
-    """Those that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

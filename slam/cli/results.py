@@ -1,4 +1,4 @@
-"""All files of one optimization, written into a folder that the caller puts into place."""
+"""Writes all files of one optimization into a folder that the caller moves into place."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from slam.report.optimize_report import Mosaics, write_report
 
 @dataclass(frozen=True)
 class MosaicOptions:
-    """What the user asked for."""
+    """Options of the mosaic."""
 
     wanted: bool = True
     gsd_m: float | None = None
-    """Metres a pixel; None leaves it to the mosaic."""
-    earlier: Path | None = None
-    """An output whose tiles are taken where nothing that they show has changed."""
+    """Metres per pixel; None for the resolution of the pictures."""
+    previous_output: Path | None = None
+    """An earlier output folder whose unchanged tiles are reused."""
 
 
 @dataclass(frozen=True)
 class Results:
-    """What a command tells at its end."""
+    """The figures that a command prints at its end."""
 
     facts: Facts
     summary: Summary
@@ -43,7 +43,7 @@ def write_results(
     folder: Path,
     estimate: Estimate,
     flight: Flight,
-    wish: MosaicOptions,
+    options: MosaicOptions,
     progress: Progress,
     accuracy: tuple[FigureTable, ...] = (),
 ) -> Results:
@@ -57,8 +57,8 @@ def write_results(
         write_g2o(stream, build_pose_graph(estimate.w_T_b, estimate.relative_poses))
     write_elevation(estimate, folder)
     start = time.perf_counter()
-    mosaics, warning = _write_mosaics(folder, estimate, flight, wish, progress)
-    if wish.wanted:
+    mosaics, warning = _write_mosaics(folder, estimate, flight, options, progress)
+    if options.wanted:
         timing_s = {**estimate.timing_s, "mosaic": time.perf_counter() - start}
         estimate = replace(estimate, timing_s=timing_s, warnings=(*estimate.warnings, *warning))
     return write_summary_and_report(folder, estimate, flight, mosaics, accuracy)
@@ -80,20 +80,20 @@ def write_summary_and_report(
 
 
 def _write_mosaics(
-    folder: Path, estimate: Estimate, flight: Flight, wish: MosaicOptions, progress: Progress
+    folder: Path, estimate: Estimate, flight: Flight, options: MosaicOptions, progress: Progress
 ) -> tuple[Mosaics, tuple[str, ...]]:
-    """The map, and the chain's beside it; a map that cannot be drawn is told and costs nothing else."""
+    """Write the mosaics of the map and of the plain chain; a mosaic that cannot be drawn gives a warning."""
     from frontend.mosaic.canvas import MosaicError
     from slam.report.rasters.mosaic import write_chain_picture, write_mosaic
 
-    if not wish.wanted:
+    if not options.wanted:
         return Mosaics(), ()
     if not np.isfinite(estimate.w_T_b).all(axis=(1, 2)).any():
         return Mosaics(), ("no mosaic: no keyframe could be placed",)
-    before: Path | None = None
+    chain_picture: Path | None = None
     try:
-        earlier = wish.earlier / "mosaic.tif" if wish.earlier else None
-        made = write_mosaic(estimate, flight, folder, wish.gsd_m, progress, earlier=earlier)
+        earlier = options.previous_output / "mosaic.tif" if options.previous_output else None
+        made = write_mosaic(estimate, flight, folder, options.gsd_m, progress, earlier=earlier)
     except InputError as refusal:
         if not isinstance(refusal.__context__, MosaicError):
             raise
@@ -105,9 +105,9 @@ def _write_mosaics(
         notes.append(f"mosaic: {made.kept} of {made.tiles} tiles are those of the earlier one, unchanged")
     try:
         chain = chain_on_result(estimate)
-        before = write_chain_picture(estimate, flight, folder, chain, made.png_gsd_m, progress)
+        chain_picture = write_chain_picture(estimate, flight, folder, chain, made.png_gsd_m, progress)
     except InputError as refusal:
         if not isinstance(refusal.__context__, MosaicError):
             raise
         notes.append(f"no mosaic of the plain chain: {refusal}")
-    return Mosaics(made.png, before, made.quality.with_suffix(".png")), tuple(notes)
+    return Mosaics(made.png, chain_picture, made.quality.with_suffix(".png")), tuple(notes)

@@ -1,4 +1,4 @@
-"""``slam simulate``: a recipe flown on the spot, written as a flight folder with truth."""
+"""``slam simulate``: simulate a recipe and write a flight folder with truth."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from slam.cli.options import FLIGHT_OUT, SEED
+from slam.cli.options import FLIGHT_OUT, QUIET, SEED
 
 _RECIPE = typer.Argument(
     metavar="RECIPE",
-    help="A recipe that comes with slam (figure_eight, square, hover, ...), or a .toml file.",
+    help="A recipe that slam ships (figure_eight, square, hover, ...), or a .toml file.",
 )
 _MODEL = typer.Option(
-    "--model", metavar="MODEL", help="In place of the recipe's: nominal, paper, or a .toml file."
+    "--model", metavar="MODEL", help="Model to use instead of the recipe's: nominal, paper, or a .toml file."
 )
 
 
@@ -23,21 +23,21 @@ def simulate(
     out: Annotated[Path, FLIGHT_OUT],
     seed: Annotated[int, SEED] = 0,
     model: Annotated[str | None, _MODEL] = None,
+    quiet: Annotated[bool, QUIET] = False,
 ) -> None:
     """Simulate a flight with camera, sensors and truth.
 
-    Two flights of one seed share their noise: give each a --seed of its own where they are judged together.
+    Two flights with the same seed have the same noise: give each its own --seed if they are used together.
     """
-    from slam.cli.console import console, show_progress
+    from slam.cli.console import Screen
     from slam.cli.flights import show
-    from slam.cli.tables import written
     from slam.io.flight_folder import write_flight
     from slam.simulation import load_recipe
     from slam.simulation import simulate as fly
 
-    screen = console()
-    with show_progress(screen) as progress:
+    screen = Screen(quiet)
+    with screen.progress() as progress:
         flight = fly(load_recipe(recipe, model), seed)
         write_flight(flight, out, progress)
     show(flight, screen)
-    screen.print(written([out]), soft_wrap=True)
+    screen.files([out])

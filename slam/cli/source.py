@@ -1,4 +1,4 @@
-"""What a path on the command line is: told by what is there, not by what it is called."""
+"""Recognises the kind of a path on the command line by its content, not by its name."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ALSO = {
     "optimize": "; to slam optimize and info its graph can be given, {path}/graph.g2o",
     "criticise": "; as --model give its {path}/extended.toml",
 }
-"""What else of an output can be given."""
+"""Files of an output that other commands accept: command -> advice."""
 _NOT_READ = {
     ".bag": "a ROS 1 bag",
     ".db3": "a ROS 2 bag",
@@ -31,7 +31,7 @@ _NOT_READ = {
 
 
 def kind_of(path: Path) -> Kind:
-    """Tell a flight folder, a EuRoC folder, a folder of photos and a g2o graph apart.
+    """Return whether a path is a flight folder, a EuRoC folder, a folder of photos or a g2o graph.
 
     Raises ``InputError`` that names what was found instead.
     """
@@ -52,7 +52,7 @@ def kind_of(path: Path) -> Kind:
 
 
 def open_flight(path: Path, progress: Progress) -> tuple[Flight, Kind]:
-    """The flight at ``path``, photos and EuRoC recordings imported on the fly. Raises ``InputError``."""
+    """Read the flight at ``path``; import photos and EuRoC recordings. Raises ``InputError``."""
     kind = kind_of(path)
     if kind == "flight":
         from slam.io.flight_folder import read_flight
@@ -62,7 +62,7 @@ def open_flight(path: Path, progress: Progress) -> tuple[Flight, Kind]:
 
 
 def import_source(path: Path, progress: Progress) -> Flight:
-    """Photos or a EuRoC recording as a flight. Raises ``InputError``."""
+    """Import photos or a EuRoC recording as a flight. Raises ``InputError``."""
     kind = kind_of(path)
     if kind == "graph":
         raise InputError(f"{path}: a pose graph holds no flight; give a flight folder or a folder of photos")
@@ -78,7 +78,7 @@ def import_source(path: Path, progress: Progress) -> Flight:
 
 
 def _refuse_output(path: Path) -> None:
-    """An output holds pictures, too, but no photographs."""
+    """Raise ``InputError`` for an output folder: its pictures are not photographs."""
     from slam.cli.output_folder import writer_of
 
     if command := writer_of(path):
@@ -96,7 +96,7 @@ def _kind_of_folder(path: Path) -> Kind:
     if (root / "mav0").is_dir():
         return "euroc" if is_euroc(root) else "flight"
     holds_flights = any(True for depth in ("*", "*/*") for _ in path.glob(f"{depth}/mav0"))
-    # What is no flight and no photos, the reader of flights refuses, and names what it found.
+    # The reader of flights refuses a folder of another kind and names what it found.
     return "photos" if not holds_flights and holds_photos(path) else "flight"
 
 

@@ -1,4 +1,4 @@
-"""The short tables that a command ends with."""
+"""The short tables that a command prints at its end."""
 
 from __future__ import annotations
 
@@ -20,12 +20,11 @@ if TYPE_CHECKING:
     from slam.core.summary import Summary
 
 _MOST_WARNINGS = 8
-"""Shown on the terminal; summary.json and the report have all."""
+"""Warnings shown on the terminal; summary.json and the report hold all."""
 
 
-def shown(figures: FigureTable) -> Table:
-    """A table of the report for the terminal; names from outside and units in brackets are printed as text,
-    never as markup."""
+def rich_table(figures: FigureTable) -> Table:
+    """Return a table for the terminal; names and units in brackets are printed as text, never as markup."""
     made = Table(
         title=Text(one_line(figures.title)),
         title_justify="left",
@@ -41,8 +40,8 @@ def shown(figures: FigureTable) -> Table:
     return made
 
 
-def outcome(facts: Facts, summary: Summary) -> Table:
-    """What came out of an optimization."""
+def outcome_table(facts: Facts, summary: Summary) -> Table:
+    """Return the table of an optimization's result."""
     made = Table(box=box.SIMPLE_HEAD, pad_edge=False, show_header=False)
     made.add_column(style="bold")
     made.add_column(overflow="fold")
@@ -51,18 +50,18 @@ def outcome(facts: Facts, summary: Summary) -> Table:
     return made
 
 
-def written(paths: list[Path]) -> Text:
-    """Where the files are that a person opens first."""
+def path_list(paths: Sequence[Path]) -> Text:
+    """Return the paths of files, one per line."""
     return Text("\n".join(one_line(str(path)) for path in paths))
 
 
-def _known_to(facts: Facts) -> str:
+def _position_sigma(facts: Facts) -> str:
     if not math.isfinite(facts.sigma_median_m):
         return "not known"
-    said = f"{facts.length(facts.sigma_median_m)} median, {facts.length(facts.sigma_max_m)} largest"
+    text = f"{facts.length(facts.sigma_median_m)} median, {facts.length(facts.sigma_max_m)} largest"
     if facts.relative_to:
-        said += f", relative to {facts.relative_to}"
-    return said + (f"; mostly the common scale ({percent(facts.scale_std)})" if facts.mostly_scale else "")
+        text += f", relative to {facts.relative_to}"
+    return text + (f"; mostly the common scale ({percent(facts.scale_std)})" if facts.mostly_scale else "")
 
 
 def _outcome_rows(facts: Facts, summary: Summary) -> list[tuple[str, str]]:
@@ -77,7 +76,7 @@ def _outcome_rows(facts: Facts, summary: Summary) -> list[tuple[str, str]]:
         ("poses" if facts.is_graph else "keyframes", placed),
         ("edges", f"{summary.odometry_edges} between neighbours, {summary.loop_edges} loop closures"),
         ("left out", rejected or "nothing"),
-        ("position, 1σ", _known_to(facts)),
+        ("position, 1σ", _position_sigma(facts)),
         ("lengths from", facts.scale_source),
         ("time, memory", f"{sum(summary.timing_s.values()):.1f} s, {summary.peak_rss_mb:.0f} MB"),
     ]
@@ -89,7 +88,7 @@ def _outcome_rows(facts: Facts, summary: Summary) -> list[tuple[str, str]]:
 
 
 def warning_rows(warnings: Sequence[str]) -> list[tuple[str, str]]:
-    """The first warnings, and how many more there are."""
+    """Return the first warnings, and the number of those that are left out."""
     rows = [("warning", warning) for warning in warnings[:_MOST_WARNINGS]]
     if len(warnings) > len(rows):
         rows.append(("", f"and {len(warnings) - len(rows)} more warnings in summary.json"))

@@ -1,3 +1,3 @@
-"""The version of all three packages; the one of the distribution is the same."""
+"""The version of all three packages and of the distribution; pyproject.toml reads it from here."""
 
-VERSION = "0.1.0"
+VERSION = "0.2.0"

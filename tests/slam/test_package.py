@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import json
+import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -68,9 +70,19 @@ def test_importing_a_package_imports_nothing_else(package):
     assert foreign == {package}
 
 
-def test_the_version_is_the_project_s():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert slam.__version__ == project["version"]
+def test_the_version_is_written_in_one_place():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert "version" not in settings["project"]
+    assert settings["project"]["dynamic"] == ["version"]
+    text = (ROOT / settings["tool"]["hatch"]["version"]["path"]).read_text(encoding="utf-8")
+    found = re.search(settings["tool"]["hatch"]["version"]["pattern"], text)
+    assert found is not None
+    assert found["version"] == slam.__version__ == "0.2.0"
+
+
+def test_a_checkout_on_the_path_tells_its_version(tmp_path):
+    done = python("-m", "slam", "--version", cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)})
+    assert done.stdout == f"slam {slam.__version__}\n"
 
 
 @pytest.fixture(scope="module")

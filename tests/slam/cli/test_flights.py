@@ -43,9 +43,14 @@ def run(*arguments: object):
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
+def last_line(text: str) -> str:
+    """The line of the error, after those of the progress."""
+    return text.splitlines(keepends=True)[-1]
+
+
 def assert_refused(result, saying: str) -> None:
     assert result.exit_code == 1, result.output
-    assert re.fullmatch(rf"slam: [^\n]*{saying}[^\n]*\n", result.stderr), result.stderr
+    assert re.fullmatch(rf"slam: [^\n]*{saying}[^\n]*\n", last_line(result.stderr)), result.stderr
 
 
 def simulated(folder: Path, texture: str = "puzzle", seed: int = 3) -> Path:
@@ -271,8 +276,8 @@ def started(flight: Path, out: Path) -> subprocess.Popen:
         text=True,
         env={**os.environ, "PYTHONUNBUFFERED": "1"},
     )
-    assert process.stdout is not None
-    assert process.stdout.readline(), process.communicate()[1]
+    assert process.stderr is not None
+    assert process.stderr.readline(), process.communicate()[0]
     return process
 
 
@@ -284,7 +289,8 @@ def test_an_interrupted_run_leaves_nothing(flight, tmp_path, sent, code):
     process.send_signal(sent)
     _, stderr = process.communicate(timeout=30)
     assert process.returncode == code
-    assert stderr == ("slam: interrupted; nothing was written\n" if sent == signal.SIGINT else "")
+    assert stderr.endswith("slam: interrupted; nothing was written\n") == (sent == signal.SIGINT)
+    assert "Traceback" not in stderr
     assert os.listdir(tmp_path) == []
 
 

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from slam.cli import app
-from slam.cli.criticise import MAPPED_UNASKED, gains_in_maps
+from slam.cli.criticise import MAX_PICTURES_BY_DEFAULT, gains_in_maps
 from slam.cli.output_folder import writer_of
 from slam.core.progress import silent
 from slam.criticism.cause import Cause, Gain, Interval
@@ -86,7 +86,7 @@ def test_a_verdict_on_an_instrument_is_held_against_the_map(home):
     extended = with_certainty(load_model(home / "extended.toml"), [cause])
     assert extended.std == {"sonar_scale": {"eps": pytest.approx(0.02 / 3.92)}}
     verdict = Criticism("named", "", (cause,), model=load_model("nominal"), extended=extended)
-    (gain,) = gains_in_maps([flight, replace(flight, truth=None)], verdict, MAPPED_UNASKED, silent)
+    (gain,) = gains_in_maps([flight, replace(flight, truth=None)], verdict, MAX_PICTURES_BY_DEFAULT, silent)
     assert abs(gain.after.scale - 1) < 0.01 < 0.04 < abs(gain.before.scale - 1)
     of_vehicle = replace(verdict, causes=(replace(cause, name="quadratic_drag"),))
     assert gains_in_maps([flight], of_vehicle, None, silent) == []

@@ -20,9 +20,14 @@ def run(*arguments: object):
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
+def last_line(text: str) -> str:
+    """The line of the error, after those of the progress."""
+    return text.splitlines(keepends=True)[-1]
+
+
 def assert_refused(result, saying: str) -> None:
     assert result.exit_code == 1, result.output
-    assert re.fullmatch(rf"slam: [^\n]*{saying}[^\n]*\n", result.stderr), result.stderr
+    assert re.fullmatch(rf"slam: [^\n]*{saying}[^\n]*\n", last_line(result.stderr)), result.stderr
 
 
 @pytest.fixture(scope="module")

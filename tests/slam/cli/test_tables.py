@@ -6,7 +6,7 @@ import io
 
 from rich.console import Console
 
-from slam.cli.tables import shown
+from slam.cli.tables import rich_table
 from slam.report.accuracy import FigureTable
 
 
@@ -15,6 +15,6 @@ def test_what_stands_in_brackets_is_printed_as_it_is():
     table = FigureTable(
         "a [bold]flight[/]", ("picture", "x, y, z [m]", "turn [rad]"), (("[red]a[/]", "1", "2"),)
     )
-    Console(file=out, width=120).print(shown(table))
+    Console(file=out, width=120).print(rich_table(table))
     for text in ("a [bold]flight[/]", "x, y, z [m]", "turn [rad]", "[red]a[/]"):
         assert text in out.getvalue()

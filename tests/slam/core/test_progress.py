@@ -56,4 +56,4 @@ def test_criticism_tells_the_terminal_what_it_does(tmp_path):
     write_flight(Flight("still", imu=imu), tmp_path / "still")
     result = CliRunner().invoke(app, ["criticise", str(tmp_path / "still"), "--out", str(tmp_path / "out")])
     assert result.exit_code == 0, result.output
-    assert result.output.splitlines()[:2] == ["instruments (1)", "report (1)"]
+    assert result.stderr.splitlines()[:2] == ["instruments (1)", "report (1)"]

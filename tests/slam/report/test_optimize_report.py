@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from slam.cli.tables import outcome
+from slam.cli.tables import outcome_table
 from slam.core.estimate import LoopVerdict
 from slam.core.flight import GeoOrigin
 from slam.core.plot_style import ground_labels
@@ -206,7 +206,7 @@ def test_a_map_without_a_scale_tells_no_metres():
     assert "[heights]" in trajectory_text(estimate)
     assert ground_labels(on_earth=False, metric=False) == ("x [heights]", "y [heights]")
     told = Console(file=io.StringIO(), width=200)
-    told.print(outcome(gather(estimate, made_flight()), summarise(estimate)))
+    told.print(outcome_table(gather(estimate, made_flight()), summarise(estimate)))
     assert "heights median" in told.file.getvalue().replace("\N{NO-BREAK SPACE}", " ")
     assert not re.search(r"[0-9]\s(mm|m|km)\b", told.file.getvalue())
 
