@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 SETUP = $(VENV)/.ready
 
-.PHONY: demo test check lint types format bench blind clean
+.PHONY: demo test check lint types format bench blind docs clean
 
 demo: $(SETUP)
 	$(BIN)/slam demo --out out/demo
@@ -28,6 +28,10 @@ format: $(SETUP)
 bench: $(SETUP)
 	$(BIN)/python -m pip install -q --group bench
 	$(BIN)/python -m tests.benchmarks.run
+
+docs: $(SETUP)
+	$(BIN)/python -m pip install -q --group docs
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 blind: $(SETUP)
 	$(BIN)/python -m tests.blind.run

@@ -1,4 +1,4 @@
-"""Progress of long stages, reported through a callback."""
+"""How long work tells how far it is."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from contextlib import contextmanager
 from threading import Lock
 from typing import Protocol, TypeVar
 
-Item = TypeVar("Item")
-Input = TypeVar("Input")
-Output = TypeVar("Output")
+Part = TypeVar("Part")
+Given = TypeVar("Given")
+Made = TypeVar("Made")
 
 COMPILING = "compile for this machine: once after an installation, a minute or two"
 
 
 class Progress(Protocol):
-    """Callback of long stages; the command line draws bars, and the library's default is silent."""
+    """Called by long stages; the command line draws bars from it, the library default is silent."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Report that ``done`` of ``total`` units of ``stage`` are finished; total 0 where it is unknown."""
+        """``done`` of ``total`` units of ``stage`` are finished; total 0 where it is not known."""
 
 
 def silent(stage: str, done: int, total: int) -> None:
-    """Ignore the progress."""
+    """Show nothing."""
 
 
 @contextmanager
 def show_compilation(progress: Progress) -> Iterator[None]:
-    """Report when the block has to wait for the compilation of kernels; cached kernels need none."""
+    """Show where the block has to wait until kernels are compiled; not where they are cached."""
     from backend.numba_cache import compiling
 
     with compiling(lambda done: progress(COMPILING, int(done), 1)):
@@ -35,7 +35,7 @@ def show_compilation(progress: Progress) -> Iterator[None]:
 
 
 class Tally:
-    """Counts the finished parts of a stage; thread-safe. ``total`` is 0 where it is unknown."""
+    """Counts the finished parts of a stage, by several threads too; ``total`` 0 where only the end tells."""
 
     def __init__(self, progress: Progress, stage: str, total: int = 0) -> None:
         self._progress, self._stage, self._total = progress, stage, total
@@ -43,25 +43,25 @@ class Tally:
 
     @contextmanager
     def part(self) -> Iterator[None]:
-        """Count one part of the stage as finished when the block ends."""
+        """One part of the stage: begun here, finished with the block."""
         self._count(0)
         yield
         self._count(1)
 
-    def counting(self, job: Callable[[Input], Output]) -> Callable[[Input], Output]:
-        """Return the job with each call counted as one part."""
+    def counting(self, job: Callable[[Given], Made]) -> Callable[[Given], Made]:
+        """The job, each call of which is one part."""
 
-        def counted(value: Input) -> Output:
+        def counted(given: Given) -> Made:
             with self.part():
-                return job(value)
+                return job(given)
 
         return counted
 
-    def each(self, items: Iterable[Item]) -> Iterator[Item]:
-        """Yield the items; each counts as finished when the next one is requested."""
-        for item in items:
+    def each(self, parts: Iterable[Part]) -> Iterator[Part]:
+        """The parts, each finished when the next is asked for."""
+        for part in parts:
             with self.part():
-                yield item
+                yield part
 
     def _count(self, parts: int) -> None:
         with self._lock:

@@ -1,4 +1,4 @@
-"""The figures of one run for other programs: ``summary.json``."""
+"""What one run came to, for a program to read: ``summary.json``."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ _RSS_UNITS_IN_MB = 1 << 20 if sys.platform == "darwin" else 1 << 10
 """``ru_maxrss`` counts bytes on macOS and KiB elsewhere."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Summary:
     """The figures of one optimization."""
 
     status: str
-    """``ok``, or one sentence that says what is not observed or could not be placed."""
+    """``ok``, or in one sentence what is not observed or could not be placed."""
     frames: int
-    """Number of pictures read, or of vertices of a pose graph."""
+    """Pictures read; vertices where the input was a graph."""
     keyframes: int
     odometry_edges: int
     loop_edges: int
     rejected: dict[str, int] = field(default_factory=dict)
-    """Number of dropped frames, edges and values by reason."""
+    """Frames, edges and values dropped, counted by reason."""
     landmarks: int = 0
-    """Number of surveyed points of the flight."""
+    """Surveyed points that came with the flight."""
     timing_s: dict[str, float] = field(default_factory=dict)
     peak_rss_mb: float = 0.0
     warnings: tuple[str, ...] = ()
     error: float | None = None
-    """Half the sum of squared whitened residuals over all kept edges; for pose graphs only."""
+    """Graphs alone: half the squared whitened residuals over all kept edges."""
     iterations: int | None = None
-    """Number of iterations; for pose graphs only."""
+    """Graphs alone."""
     scale_std: float | None = None
-    """Relative standard deviation that all lengths share; None where the scale is not observed."""
+    """Relative, of all lengths together; None where nothing told the scale."""
     range_errors: RangeErrors | None = None
-    """Estimated gain and zero of the height sensor; None without one."""
+    """Flights with a height sensor: the gain and the zero of its readings, as found."""
     instruments: InstrumentErrors | None = None
-    """Errors of attitude, accelerometer and mount, as the map determines them."""
+    """Errors of attitude and accelerometer, as the map shows them."""
     certificate: Certificate | None = None
-    """Whether the solution is the global optimum; for pose graphs only."""
+    """Graphs alone: whether the solution is the global optimum."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the content of ``summary.json``."""
+        """As ``summary.json`` holds it; a figure that is not finite becomes null."""
         record: dict[str, Any] = {
             "status": self.status,
             "frames": self.frames,
@@ -80,7 +80,7 @@ class Summary:
 
 
 def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False) -> Summary:
-    """Return the figures of an estimate, and the peak memory of this process until now."""
+    """Count what an estimate holds; the peak memory is this process's until now."""
     kinds = [edge.kind for edge in estimate.relative_poses]
     return Summary(
         status=estimate.status,
@@ -103,17 +103,17 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
 
 
 def peak_rss_mb() -> float:
-    """Return the largest resident memory of this process so far, in MiB."""
+    """Largest resident memory of this process so far, MiB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _RSS_UNITS_IN_MB
 
 
 def json_text(record: object) -> str:
-    """Return a record as standard JSON: NaN and infinity become null."""
+    """A record as JSON that every reader takes: NaN and infinity, which JSON has not, become null."""
     return json.dumps(without_nan(record), indent=2, allow_nan=False) + "\n"
 
 
 def without_nan(value: Any) -> Any:
-    """Return the value with NaN and infinity, which JSON lacks, replaced by None."""
+    """The same with NaN and infinity, which JSON has not, as None."""
     if isinstance(value, dict):
         return {str(key): without_nan(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,25 +1,25 @@
-"""Lengths and shares as text for a reader."""
+"""Lengths and shares as a person reads them."""
 
 from __future__ import annotations
 
 import numpy as np
 
 SPACE = "\N{NO-BREAK SPACE}"
-"""Space between a figure and its unit."""
+"""Between a figure and its unit."""
 
 
 def percent(share: float) -> str:
-    """Return a share as percent with up to two significant figures."""
+    """A share as percent with up to two significant figures."""
     return f"{100 * share:.2g}{SPACE}%"
 
 
 def unit(metric: bool) -> str:
-    """Return the unit of lengths: metres, or the camera's mean height where the scale is not observed."""
+    """Of lengths: metres, or the camera's mean heights over the floor where nothing told the scale."""
     return "m" if metric else "heights"
 
 
 def length(metres: float, metric: bool = True) -> str:
-    """Return a length with three significant figures in mm, m or km; in heights if not ``metric``."""
+    """A length with three significant figures and the unit that reads best; not ``metric``: in heights."""
     if not np.isfinite(metres):
         return "not known"
     if not metric:

@@ -3,7 +3,7 @@
 Per scene a dozen pairs of pictures that share 35 to 95 % of the ground, the same for all. The transfer
 error is that of the registration's homography against the true poses' (``ardrone2-hybrid``: against
 motion capture), over a grid of the pixels that both show; photographs have no such truth, and tell the
-residual of their inliers. Prints the table of docs/method.md.
+residual of their inliers. Prints the table under *Features compared* in docs/figures.md.
 """
 
 from __future__ import annotations

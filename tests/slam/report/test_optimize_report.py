@@ -222,7 +222,7 @@ def test_words_of_the_reasons_are_explained_where_they_can_occur():
     assert "foretell" in page(estimate, made_flight(), accuracy=accuracy).text
     assert "mean height over the floor" in page(replace(estimate, metric=False), made_flight()).text
     assert "inlier" not in page(estimate).text
-    assert "docs/method.md" in flown
+    assert "docs/method" in flown
 
 
 def test_hundreds_of_rejected_loops_do_not_bury_the_path():

@@ -13,6 +13,7 @@ from slam.simulation import recipe as recipes
 from slam.simulation.recipe import load_recipe, recipe_from, shipped_recipes
 from slam.simulation.terms import CATALOGUE
 
+RECIPES_PAGE = Path(__file__).parents[3] / "docs" / "recipes.md"
 MINIMAL = {"name": "m", "maneuver": {"way_points": [[0, 0], [1, 0]]}}
 
 
@@ -144,7 +145,7 @@ def test_a_changed_recipe_is_checked_again():
 
 
 def test_the_readme_names_every_key_of_a_recipe_and_a_model():
-    text = (recipes.shipped_folder() / "README.md").read_text(encoding="utf-8")
+    text = RECIPES_PAGE.read_text(encoding="utf-8")
     recipe = load_recipe("square")
     parts = [recipe, *vars(recipe).values(), *vars(recipe.model).values()]
     keys = {field.name for part in parts if is_dataclass(part) for field in fields(part)}
@@ -156,7 +157,7 @@ def test_the_readme_names_every_key_of_a_recipe_and_a_model():
 
 
 def test_the_readme_s_examples_fly_as_they_stand(tmp_path):
-    text = (recipes.shipped_folder() / "README.md").read_text(encoding="utf-8")
+    text = RECIPES_PAGE.read_text(encoding="utf-8")
     examples = re.findall(r"`(\w+\.toml)`[^`]*```toml\n(.+?)```", text, re.DOTALL)
     assert [name for name, _ in examples] == ["two_rows.toml", "my_drone.toml"]
     for name, content in examples:
@@ -173,7 +174,7 @@ def test_the_readme_s_examples_fly_as_they_stand(tmp_path):
 
 @pytest.mark.parametrize("name", sorted(CATALOGUE))
 def test_the_readme_tells_of_every_term_what_the_catalogue_does(name):
-    text = (recipes.shipped_folder() / "README.md").read_text(encoding="utf-8")
+    text = RECIPES_PAGE.read_text(encoding="utf-8")
     row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
     term = CATALOGUE[name]
     assert all(f"`{parameter.name}`" in row for parameter in term.parameters)
