@@ -1,7 +1,7 @@
 """Reading and writing pose graphs in g2o's text format, planar and spatial.
 
 g2o writes the information of a spatial edge with translation before rotation; this project and gtsam put
-rotation first. The two are swapped here and nowhere else. Source of the format: g2o's ``types/slam2d`` and
+rotation first. The order is swapped here and nowhere else. Source of the format: g2o's ``types/slam2d`` and
 ``types/slam3d``; as gtsam does, rotational information is taken per radian of the rotation vector.
 """
 
@@ -18,15 +18,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from backend import se3
-from backend.errors import BackendError, runs
+from backend.errors import BackendError, format_ranges
 from backend.pose_graph.graph import PoseGraph
 
 Array = NDArray[np.float64]
 
 _ROTATION_FIRST = np.array([3, 4, 5, 0, 1, 2])
 _UNIT_TOLERANCE = 1e-3
-FARTHEST_M = 1e13
-"""Beyond, a double is no longer sure of the millimetres; squares of much more are infinite."""
+MAX_COORDINATE_M = 1e13
+"""Limit of coordinates: beyond it a double does not resolve a millimetre, and squares soon overflow."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ _TAGS = {
 
 @dataclass(frozen=True)
 class _Block:
-    """All lines of one tag."""
+    """All lines with one tag."""
 
     lines: NDArray[np.int64]
     ids: NDArray[np.int64]
@@ -56,7 +56,7 @@ class _Block:
 def read_g2o(path: str | Path) -> PoseGraph:
     """Read a planar or spatial pose graph.
 
-    Unknown tags, self edges and an unfinished last line are told in ``warnings`` and counted in ``dropped``.
+    Unknown tags, self edges and a truncated last line are listed in ``warnings`` and ``dropped``.
     Raises ``BackendError`` with file, line and what to do for everything else that is not a pose graph.
     """
     name = str(path)
@@ -113,7 +113,7 @@ def _text(path: Path) -> str:
 def _rows(
     text: str, name: str, warnings: list[str], dropped: Counter[str]
 ) -> tuple[dict[str, list[tuple[int, list[str]]]], list[tuple[int, int]]]:
-    """Lines by tag as (line number, fields), and the vertices that FIX names."""
+    """Return lines by tag as (line number, fields), and the vertices that FIX names."""
     rows: dict[str, list[tuple[int, list[str]]]] = {tag: [] for tag in _TAGS}
     fixed: list[tuple[int, int]] = []
     unknown: Counter[str] = Counter()
@@ -157,7 +157,7 @@ def _integer(field: str, name: str, line: int) -> int:
 
 
 def _block(rows: list[tuple[int, list[str]]], tag: str, name: str) -> _Block:
-    """The figures of one tag as arrays, converted at once; a bad line is looked for afterwards."""
+    """Convert all lines of one tag to arrays; raise ``BackendError`` for the first bad line."""
     shape = _TAGS[tag]
     lines = np.array([number for number, _ in rows], dtype=np.int64)
     ids = np.array(
@@ -170,11 +170,12 @@ def _block(rows: list[tuple[int, list[str]]], tag: str, name: str) -> _Block:
     figures = figures.reshape(len(rows), shape.figures)
     bad = np.flatnonzero(~np.isfinite(figures).all(axis=1))
     if len(bad):
-        raise BackendError(f"{name}:{lines[bad[0]]}: {tag} holds a field that is no finite number; mend it")
-    far = np.flatnonzero((np.abs(figures[:, :3]) > FARTHEST_M).any(axis=1))
+        raise BackendError(f"{name}:{lines[bad[0]]}: {tag} has a field that is not finite; correct it")
+    far = np.flatnonzero((np.abs(figures[:, :3]) > MAX_COORDINATE_M).any(axis=1))
     if len(far):
         raise BackendError(
-            f"{name}:{lines[far[0]]}: {tag} holds a place beyond {FARTHEST_M:.0e} m; mend or remove the line"
+            f"{name}:{lines[far[0]]}: {tag} has a coordinate beyond {MAX_COORDINATE_M:.0e} m;"
+            " correct or remove the line"
         )
     return _Block(lines, ids.reshape(len(rows), shape.ids), figures)
 
@@ -199,7 +200,7 @@ def _without_self_edges(edge: _Block, warnings: list[str], dropped: Counter[str]
 def _vertices(
     vertex: _Block, edge: _Block, dimension: int, name: str, warnings: list[str]
 ) -> tuple[NDArray[np.int64], Array]:
-    """Sorted vertex numbers and their poses, NaN throughout where the file holds edges only."""
+    """Return sorted vertex numbers and their poses; all NaN if the file has edges only."""
     used = np.unique(edge.ids)
     if len(vertex.ids) == 0:
         warnings.append(f"no vertices in the file: the {len(used)} that the edges name start from the edges")
@@ -215,7 +216,7 @@ def _vertices(
         line = edge.lines[np.isin(edge.ids, missing).any(axis=1)][0]
         raise BackendError(
             f"{name}:{line}: an edge names a vertex that the file does not hold"
-            f" (missing: {runs(missing.tolist())}); add the vertices or remove the edges"
+            f" (missing: {format_ranges(missing.tolist())}); add the vertices or remove the edges"
         )
     return ids, _transforms(vertex, dimension, name, warnings)[order]
 
@@ -242,7 +243,7 @@ def _transforms(block: _Block, dimension: int, name: str, warnings: list[str]) -
 
 
 def _information(edge: _Block, dimension: int, name: str) -> Array:
-    """(m, d, d) symmetric matrices from upper triangles, in this project's tangent order."""
+    """Return (m, d, d) symmetric matrices from upper triangles, in this project's tangent order."""
     d = 3 if dimension == 2 else 6
     upper = np.triu_indices(d)
     matrix = np.zeros((len(edge.figures), d, d))
@@ -258,7 +259,7 @@ def _information(edge: _Block, dimension: int, name: str) -> Array:
 
 
 def write_g2o(stream: TextIO, graph: PoseGraph) -> None:
-    """Write vertices that have a pose, held vertices and edges, with full precision."""
+    """Write vertices that have a pose, fixed vertices and edges, with full precision."""
     vertex, edge = [tag for tag, shape in _TAGS.items() if shape.dimension == graph.dimension]
     information = graph.information
     if graph.dimension == 3:

@@ -1,4 +1,4 @@
-"""What no measurement ties to the world: found from the structure of the graph, and held on purpose."""
+"""Gauge freedom: find the directions that no measurement fixes in the world, and fix them with a prior."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from backend.errors import runs
+from backend.errors import format_ranges
 
 Array = NDArray[np.float64]
 
 GAUGE_STD = 1e-6
-"""rad and m: how tightly a direction that nothing measures is held."""
+"""Standard deviation, in rad and m, of the prior on a direction that nothing measures."""
 
 _DIRECTIONS = ("roll", "pitch", "heading", "x", "y", "height")
 _ROTATION_STD_RAD = 1.0
@@ -26,13 +26,13 @@ _PLURAL = {"vertex": "vertices"}
 
 
 def key_name(key: int) -> str:
-    """What a key stands for: ``keyframe 7`` for 7 and for the symbol x7, else the symbol itself."""
+    """Return the name of a key: ``keyframe 7`` for 7 and for the symbol x7, else the symbol itself."""
     letter, number = key >> _SYMBOL_SHIFT, key & ((1 << _SYMBOL_SHIFT) - 1)
     return f"keyframe {number}" if letter in (0, ord("x")) else f"{chr(letter)}{number}"
 
 
 def format_keys(keys: Iterable[int], name: Callable[[int], str] = key_name) -> str:
-    """Keys as a person lists them: ``keyframe 0-57, 60``."""
+    """Format keys as a list of ranges: ``keyframes 0-57, 60``."""
     keys = sorted(keys)
     if len(keys) == 1:
         return name(keys[0])
@@ -46,24 +46,24 @@ def format_keys(keys: Iterable[int], name: Callable[[int], str] = key_name) -> s
                 groups.setdefault(word, []).append(int(number))
             else:
                 groups.setdefault(name(key), [])
-    said = [
-        f"{_PLURAL.get(word, word + 's')} {runs(numbers)}" if numbers else word
+    messages = [
+        f"{_PLURAL.get(word, word + 's')} {format_ranges(numbers)}" if numbers else word
         for word, numbers in groups.items()
     ]
-    return ", ".join(said[:6]) + (f" and {len(said) - 6} more" if len(said) > 6 else "")
+    return ", ".join(messages[:6]) + (f" and {len(messages) - 6} more" if len(messages) > 6 else "")
 
 
 @dataclass(frozen=True)
 class GraphComponents:
-    """The connected parts of a factor graph."""
+    """Connected components of a factor graph, as lists of keys."""
 
     parts: list[list[int]]
     floating: list[list[int]]
-    """Those without any factor on a single variable: nothing can tie them to the world."""
+    """Components without a unary factor: nothing fixes them in the world."""
 
 
 def graph_components(graph: gtsam.NonlinearFactorGraph) -> GraphComponents:
-    """Connected parts of a graph by its keys, and those that float."""
+    """Find the connected components of a graph, and those that no unary factor fixes."""
     touched = [list(f.keys()) for f in (graph.at(k) for k in range(graph.size())) if f is not None]
     keys, flat = np.unique(
         np.array([key for t in touched for key in t], dtype=np.uint64), return_inverse=True
@@ -83,12 +83,12 @@ def graph_components(graph: gtsam.NonlinearFactorGraph) -> GraphComponents:
 
 
 def unobserved_directions(jacobians: list[Array]) -> Array:
-    """Rigid motions of a connected part that its absolute measurements leave open.
+    """Return the rigid motions of a component that its unary factors do not observe.
 
-    ``jacobians`` are whitened (r, 6) derivatives with respect to a motion of the whole part, all about the
-    same point in world axes, rotation first. Returns orthonormal rows (d, 6) of such motions. A direction
-    counts as open where its standard deviation would exceed 1 rad or 10 km: that is no knowledge, and a
-    solver would wander along it.
+    ``jacobians`` are whitened (r, 6) derivatives by a motion of the whole component, all about the same
+    point in world axes, rotation first. Returns orthonormal rows (d, 6) of such motions. A direction
+    counts as unobserved if its standard deviation would exceed 1 rad or 10 km: a solver would drift
+    along it.
     """
     information = np.zeros((6, 6))
     for J in jacobians:
@@ -100,10 +100,10 @@ def unobserved_directions(jacobians: list[Array]) -> Array:
 
 
 def gauge_prior(key: int, pose: Array, directions: Array, std: float = GAUGE_STD) -> gtsam.NonlinearFactor:
-    """A prior that holds a pose (4, 4) in the given directions (d, 6) of motion about it, and in no other."""
+    """Return a prior on a pose (4, 4) along the directions (d, 6) of motion about it, and along no other."""
     R = pose[:3, :3]
     rows = np.zeros((6, 6))
-    # World axes to body axes: xi_w = blkdiag(R, R) xi_b. Rows of zeros leave the other directions free.
+    # World axes to body axes: xi_w = blkdiag(R, R) xi_b. Zero rows leave the other directions free.
     rows[: len(directions), :3] = directions[:, :3] @ R
     rows[: len(directions), 3:] = directions[:, 3:] @ R
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(rows / std, False)
@@ -111,7 +111,7 @@ def gauge_prior(key: int, pose: Array, directions: Array, std: float = GAUGE_STD
 
 
 def format_directions(directions: Array) -> str:
-    """``x, y and heading`` for rows of motions, rotation first."""
+    """Name the directions of motions (d, 6), rotation first: ``x, y and heading``."""
     part = np.abs(directions) > 0.3 * np.abs(directions).max(axis=1, keepdims=True)
     words = [word for word, used in zip(_DIRECTIONS, part.any(axis=0), strict=True) if used]
     words = words[3:] + words[:3] if len(words) == 6 else words

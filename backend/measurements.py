@@ -1,15 +1,15 @@
-"""The language the back end accepts: measurements as frozen dataclasses over numpy.
+"""Measurements that the back end accepts, as frozen dataclasses over numpy.
 
-Conventions, written down here once:
+Conventions, defined only here:
 
 * ``a_T_b`` is a (4, 4) rigid transform that takes coordinates in b to coordinates in a.
 * Covariances of poses are 6x6, **rotation first** (rad, then m), of a right perturbation in body
   axes: ``w_T_b = w_T_b_hat Exp(xi)`` with ``xi = (rotation, translation)``. This is gtsam's order.
-* World ``w``: z up, the mean floor at ``z = floor_z`` (0 where nothing else is known).
+* World ``w``: z up, the mean floor at ``z = floor_z`` (0 by default).
   Body ``b``: x forward, y left, z up.
 * Keyframes are numbered 0..n-1 in order of time; every measurement names them by that number.
 
-Only numpy is imported, so that the front end can speak this language without the back end.
+Only numpy is imported, so that the front end can use this module without the rest of the back end.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 GRAVITY_M_S2 = 9.80665
-"""Standard gravity."""
+"""Standard acceleration of gravity."""
 EdgeKind = Literal["odometry", "loop", "inertial"]
 
 
 @dataclass(frozen=True)
 class RelativePose:
-    """Pose of keyframe ``j`` seen from keyframe ``i``."""
+    """Pose of keyframe ``j`` relative to keyframe ``i``."""
 
     i: int
     j: int
@@ -48,7 +48,7 @@ class Attitude:
     roll_pitch_yaw_rad: Array
     """(3,)."""
     std_rad: Array
-    """(3,), one figure an axis; ``inf`` for an axis that was not measured."""
+    """(3,) standard deviation per axis; ``inf`` for an axis that was not measured."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class SlantRange:
     range_m: float
     std_m: float
     b_T_s: Array = field(default_factory=lambda: np.eye(4))
-    """(4, 4) how the rangefinder sits on the body."""
+    """(4, 4) pose of the rangefinder on the body."""
 
 
 @dataclass(frozen=True)
@@ -70,15 +70,14 @@ class Position:
     w_p_b_m: Array
     """(3,)."""
     std_m: Array
-    """(3,), one figure an axis."""
+    """(3,) standard deviation per axis."""
 
 
 @dataclass(frozen=True)
 class PinholeModel:
-    """What the back end must know of a camera: where it sits and how it projects.
+    """Mounting and projection of a pinhole camera.
 
-    Pixel coordinates are OpenCV's (the centre of the first pixel is (0, 0)) with distortion
-    already removed.
+    Pixel coordinates follow OpenCV (the centre of the first pixel is (0, 0)) and are undistorted.
     """
 
     focal_px: tuple[float, float]
@@ -86,16 +85,16 @@ class PinholeModel:
     b_T_c: Array
     """(4, 4)."""
     focal_std_ratio: float = 0.0
-    """Relative uncertainty of the focal length; 0 holds it, above 0 it is estimated."""
+    """Relative standard deviation of the focal length; 0 fixes it, above 0 it is estimated."""
     radial_std: float = 0.0
-    """Uncertainty of the first radial coefficient beyond what was removed; 0 holds it."""
+    """Standard deviation of the residual first radial coefficient; 0 fixes it."""
     mount_std_rad: float = 0.0
-    """Of the mount's tilt, about the camera's x and y; 0 holds it, above 0 it is estimated."""
+    """Standard deviation of the mount's tilt about the camera's x and y; 0 fixes the mount."""
 
 
 @dataclass(frozen=True)
 class FloorTracks:
-    """Points of the floor seen from several keyframes: one row an observation."""
+    """Floor points seen from several keyframes: one row per observation."""
 
     keyframe: NDArray[np.int64]
     """(m,) number of the keyframe that saw the point."""
@@ -104,12 +103,12 @@ class FloorTracks:
     pixel: Array
     """(m, 2) undistorted pixel coordinates."""
     std_px: Array
-    """(m,) standard deviation of one coordinate."""
+    """(m,) standard deviation of each coordinate."""
 
 
 @dataclass(frozen=True)
 class Measurements:
-    """All that is known of a flight's keyframes: the input of the back end."""
+    """All measurements of a flight's keyframes: the input of the back end."""
 
     stamps_s: Array
     """(n,) times of the keyframes on the flight's clock."""
@@ -120,11 +119,11 @@ class Measurements:
     tracks: FloorTracks | None = None
     camera: PinholeModel | None = None
     range_gain_std: float = 0.05
-    """Relative uncertainty that all ranges share: a rangefinder's own scale (temperature, calibration)."""
+    """Relative standard deviation of the scale error that all ranges share (temperature, calibration)."""
     range_datum_std_m: float = 0.02
-    """Uncertainty of what is added to all ranges: the error of a rangefinder's zero."""
+    """Standard deviation of the zero offset that all ranges share."""
     names: tuple[str, ...] = field(default=())
-    """What to call each keyframe in messages; its number where empty."""
+    """Name of each keyframe in messages; empty: its number."""
 
     @property
     def count(self) -> int:

@@ -1,7 +1,7 @@
-"""Compiled kernels on disk.
+"""Invalidation of the numba cache.
 
-numba looks at a kernel's own file to tell whether its cached machine code is still good, not at the files of
-the kernels that are compiled into it: after a change there it would go on with the old code, without a word.
+numba checks only a kernel's own file to decide whether its cached machine code is valid. It does not check
+the files of the kernels that are inlined: after a change there it would silently run the old code.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import numba
 from numba.core import event
 
 GROUPS: list[frozenset[Path]] = []
-"""Every group of files that `discard_stale` was called with so far."""
+"""Groups of files with which `discard_stale` has been called."""
 
 
 def njit(**options: Any) -> Any:
-    """numba's ``njit``; what is to be cached is compiled in every process where it can be written nowhere.
+    """Return numba's ``njit``, without the cache where no cache folder is writable.
 
-    So it is where the project is installed read-only for a user without a home, as in a container; there
-    ``NUMBA_CACHE_DIR`` may name one.
+    This happens in a container where the project is read-only and the user has no home folder. The
+    environment variable ``NUMBA_CACHE_DIR`` can then name a folder.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
@@ -35,10 +35,10 @@ def njit(**options: Any) -> Any:
 
 
 def discard_stale(sources: Iterable[Path]) -> int:
-    """Delete what is cached of some source files where any of them is newer; returns how many files went.
+    """Delete the cached code of source files if any of them is newer; return the number of deleted files.
 
-    To be called before the first kernel of the sources is used, with all files whose kernels call each other
-    and all whose constants they take.
+    Call it before the first kernel of the sources is used, with all files whose kernels call each other and
+    all files whose constants they use.
     """
     files = list(sources)
     GROUPS.append(frozenset(files))
@@ -51,31 +51,33 @@ def discard_stale(sources: Iterable[Path]) -> int:
         for each in cached:
             each.unlink(missing_ok=True)
     except OSError:
-        return 0  # another process is at it, or nothing may be written here
+        return 0  # another process deletes them, or the folder is read-only
     return len(cached)
 
 
 @contextmanager
-def compiling(tell: Callable[[bool], None]) -> Iterator[None]:
-    """Call ``tell(False)`` before a kernel is compiled within the block and ``tell(True)`` once it is, with
-    all that it calls; what is loaded from the cache is not told."""
-    with event.install_listener("numba:compile", _Outermost(tell)):
+def compiling(report: Callable[[bool], None]) -> Iterator[None]:
+    """Call ``report(False)`` before a kernel is compiled within the block and ``report(True)`` afterwards.
+
+    Kernels loaded from the cache are not reported.
+    """
+    with event.install_listener("numba:compile", _Outermost(report)):
         yield
 
 
 class _Outermost(event.Listener):
-    """A kernel that calls others has them compiled while it is: only the outer one is told."""
+    """Listener that reports only the outermost of nested compilations."""
 
-    def __init__(self, tell: Callable[[bool], None]) -> None:
-        self._tell = tell
+    def __init__(self, report: Callable[[bool], None]) -> None:
+        self._report = report
         self._depth = 0
 
     def on_start(self, event: Any) -> None:
         if self._depth == 0:
-            self._tell(False)
+            self._report(False)
         self._depth += 1
 
     def on_end(self, event: Any) -> None:
         self._depth -= 1
         if self._depth == 0:
-            self._tell(True)
+            self._report(True)

@@ -9,11 +9,11 @@ from scipy.spatial.transform import RigidTransform, Rotation
 Array = NDArray[np.float64]
 
 PLANAR = np.array([3, 4, 2])
-"""Where gtsam's planar tangent (x, y, heading) stands in the spatial one (rotation, translation)."""
+"""Indices of gtsam's planar tangent (x, y, heading) in the spatial one (rotation, translation)."""
 
 
 def inverse(T: Array) -> Array:
-    """Inverse of rigid transforms. (..., 4, 4) -> (..., 4, 4)."""
+    """Invert rigid transforms. (..., 4, 4) -> (..., 4, 4)."""
     out = np.zeros_like(T)
     Rt = np.swapaxes(T[..., :3, :3], -1, -2)
     out[..., :3, :3] = Rt
@@ -23,7 +23,7 @@ def inverse(T: Array) -> Array:
 
 
 def log(T: Array) -> Array:
-    """Tangent vectors (rotation, translation) of finite transforms. (n, 4, 4) -> (n, 6), rad and m.
+    """Return tangent vectors (rotation, translation) of finite transforms. (n, 4, 4) -> (n, 6), rad and m.
 
     Source: Barfoot 2017, State Estimation for Robotics, section 7.1.
     """
@@ -37,7 +37,7 @@ def log(T: Array) -> Array:
     w = ratio[:, None] * twice
     half_turn = angle > 3.1
     if half_turn.any():
-        # The skew part vanishes at half a turn: there the symmetric part tells the axis.
+        # The skew part vanishes at half a turn: there the symmetric part gives the axis.
         w[half_turn] = Rotation.from_matrix(R[half_turn]).as_rotvec()
     curve = np.where(small, 1 / 12 + angle**2 / 720, (1 - safe / 2 / np.tan(safe / 2)) / safe**2)
     across = np.cross(w, t)
@@ -46,12 +46,12 @@ def log(T: Array) -> Array:
 
 
 def exp(xi: Array) -> Array:
-    """Transforms of tangent vectors (rotation, translation). (n, 6) -> (n, 4, 4)."""
+    """Return the transforms of tangent vectors (rotation, translation). (n, 6) -> (n, 4, 4)."""
     return RigidTransform.from_exp_coords(xi).as_matrix() if len(xi) else np.zeros((0, 4, 4))
 
 
 def adjoint(T: Array) -> Array:
-    """``T Exp(xi) T^-1 = Exp(adjoint(T) xi)``, rotation first. (..., 4, 4) -> (..., 6, 6)."""
+    """Return the adjoint, ``T Exp(xi) T^-1 = Exp(adjoint(T) xi)``. (..., 4, 4) -> (..., 6, 6)."""
     R, t = T[..., :3, :3], T[..., :3, 3]
     out = np.zeros((*T.shape[:-2], 6, 6))
     out[..., :3, :3] = out[..., 3:, 3:] = R
@@ -60,7 +60,7 @@ def adjoint(T: Array) -> Array:
 
 
 def cross_matrix(v: Array) -> Array:
-    """``cross_matrix(v) @ u == cross(v, u)``. (..., 3) -> (..., 3, 3)."""
+    """Return the matrix with ``cross_matrix(v) @ u == cross(v, u)``. (..., 3) -> (..., 3, 3)."""
     out = np.zeros((*v.shape[:-1], 3, 3))
     out[..., 0, 1], out[..., 0, 2] = -v[..., 2], v[..., 1]
     out[..., 1, 0], out[..., 1, 2] = v[..., 2], -v[..., 0]
@@ -69,7 +69,7 @@ def cross_matrix(v: Array) -> Array:
 
 
 def from_planar(xyt: Array) -> Array:
-    """Planar poses (x, y, heading) in space. (n, 3) -> (n, 4, 4)."""
+    """Embed planar poses (x, y, heading) in space. (n, 3) -> (n, 4, 4)."""
     T = np.tile(np.eye(4), (len(xyt), 1, 1))
     c, s = np.cos(xyt[:, 2]), np.sin(xyt[:, 2])
     T[:, 0, 0], T[:, 0, 1], T[:, 1, 0], T[:, 1, 1] = c, -s, s, c
@@ -78,12 +78,12 @@ def from_planar(xyt: Array) -> Array:
 
 
 def to_planar(T: Array) -> Array:
-    """(x, y, heading) of transforms that lie in the plane. (n, 4, 4) -> (n, 3)."""
+    """Return (x, y, heading) of transforms that lie in the plane. (n, 4, 4) -> (n, 3)."""
     return np.column_stack([T[:, 0, 3], T[:, 1, 3], np.arctan2(T[:, 1, 0], T[:, 0, 0])])
 
 
 def planar_log(T: Array) -> Array:
-    """``log`` of transforms that lie in the plane: (x, y, heading). (n, 4, 4) -> (n, 3)."""
+    """Return the tangent vectors (x, y, heading) of transforms that lie in the plane. (n, 4, 4) -> (n, 3)."""
     heading = np.arctan2(T[:, 1, 0], T[:, 0, 0])
     half = heading / 2
     small = np.abs(half) < 1e-4
@@ -93,7 +93,7 @@ def planar_log(T: Array) -> Array:
 
 
 def nearest_rotations(M: Array) -> Array:
-    """Rotations nearest to matrices in the Frobenius norm. (n, d, d) -> (n, d, d)."""
+    """Return the rotations nearest to matrices in the Frobenius norm. (n, d, d) -> (n, d, d)."""
     if M.shape[-1] == 2:
         heading = np.arctan2(M[:, 1, 0] - M[:, 0, 1], M[:, 0, 0] + M[:, 1, 1])
         c, s = np.cos(heading), np.sin(heading)
@@ -104,7 +104,7 @@ def nearest_rotations(M: Array) -> Array:
 
 
 def orthonormal(T: Array) -> Array:
-    """Transforms whose rotations are mended where rounding or a file has spoilt them; NaN stays."""
+    """Make the rotations of transforms orthonormal again after rounding; NaN stays NaN."""
     R = T[:, :3, :3]
     with np.errstate(invalid="ignore"):
         off = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2)) > 1e-9

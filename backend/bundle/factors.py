@@ -1,12 +1,12 @@
-"""Factors that gtsam lacks: measurements in metres of poses that are kept over their own floor.
+"""Custom factors: metric measurements of poses that are in units of the mean height above the floor.
 
-The pictures' world has the floor at z = 0 and the mean height for its unit. One variable of eight numbers
-stands it in the measured world: (log s, f, log g, d, a, b, m, n). A camera pose (R, p) is there at
-s A p + (0, 0, f), turned by A = Exp(a, b, 0), the slope of the floor; the ranging sensor reads g times
-the range plus d, the error of its zero; and the camera sits as told, but turned by M = Exp(m, n, 0)
-about its own axes: what is fixed to the body stands in the camera's axes turned by M'.
+The frame of the pictures has the floor at z = 0 and the mean height as its unit. One variable of eight
+numbers, (log s, f, log g, d, a, b, m, n), maps it to the measured world. A camera pose (R, p) has the
+position s A p + (0, 0, f) there and is rotated by A = Exp(a, b, 0), the slope of the floor. The rangefinder
+reads g times the range plus d, its zero offset. The mount of the camera is the nominal one rotated by
+M = Exp(m, n, 0) about the camera's axes: a direction fixed to the body is rotated by M' in camera axes.
 
-gtsam crashes on a custom factor that returns no or ill-shaped Jacobians; these always return them.
+gtsam crashes on a custom factor with missing or ill-shaped Jacobians; these always return them.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from backend.se3 import cross_matrix
 Array = NDArray[np.float64]
 
 LOG_SCALE, FLOOR_Z, LOG_GAIN, DATUM, SLOPE, MOUNT = 0, 1, 2, 3, slice(4, 6), slice(6, 8)
-"""Where each number stands in the world variable, and how many there are."""
+"""Index of each number in the world variable."""
 WORLD_SIZE = 8
 
 
 def rotation_of(world: Array, which: slice) -> Array:
-    """The rotation (3, 3) by the slope or the mount of a world variable."""
+    """Return the rotation (3, 3) of the slope or the mount of a world variable."""
     return gtsam.Rot3.Rodrigues(np.array([*world[which], 0.0])).matrix()
 
 
 def rotation_jacobian(world: Array, which: slice) -> Array:
-    """(3, 2) right perturbation of that rotation by its two numbers."""
+    """Return the Jacobian (3, 2) of that rotation, as a right perturbation, by its two numbers."""
     return gtsam.Rot3.ExpmapDerivative(np.array([*world[which], 0.0]))[:, :2]
 
 
 def scaled_range_factor(
     pose_key: int, world_key: int, range_m: float, model: gtsam.noiseModel.Base, c_T_s: Array
 ) -> gtsam.CustomFactor:
-    """Slant range along the sensor's -z axis to the floor: g s z / R33 + d - range.
+    """Return the factor of a slant range along the sensor's -z axis to the floor: g s z / R33 + d - range.
 
     With ``r`` the third row of R, ``u`` the sensor's z axis and ``t`` its origin in camera axes: the
     sensor's z is s p_z + r t and R33 = r u; a right perturbation w turns r into r - w x r. Source: derived.
@@ -54,9 +54,9 @@ def scaled_range_factor(
             J[0, :3] = cross_matrix(t - height / cosine * u) @ row / cosine
             J[0, 3:] = scale * row / cosine
             jacobians[0] = gain * J
-            of_turn = J[0, :3]
+            by_rotation = J[0, :3]
             J = np.zeros((1, WORLD_SIZE))
-            J[0, MOUNT] = -gain * of_turn @ rotation_jacobian(world, MOUNT)
+            J[0, MOUNT] = -gain * by_rotation @ rotation_jacobian(world, MOUNT)
             J[0, LOG_SCALE], J[0, LOG_GAIN] = gain / cosine * scale * z, gain / cosine * height
             J[0, DATUM] = 1.0
             jacobians[1] = J
@@ -68,7 +68,7 @@ def scaled_range_factor(
 def scaled_position_factor(
     pose_key: int, world_key: int, w_p_b_m: Array, model: gtsam.noiseModel.Base, c_T_b: Array
 ) -> gtsam.CustomFactor:
-    """Position of the body's origin: A (s p + R t) + (0, 0, f) - measured; t is the body in camera axes."""
+    """Return a position factor: A (s p + R t) + (0, 0, f) - measured, t the body in the camera."""
 
     def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[Array] | None) -> Array:
         pose, world = values.atPose3(pose_key), values.atVector(world_key)
@@ -91,9 +91,9 @@ def scaled_position_factor(
 def level_factor(
     pose_key: int, world_key: int, c_up: Array, model: gtsam.noiseModel.Base
 ) -> gtsam.CustomFactor:
-    """Measured up in camera axes against the world's, M R' A' e_z: (2,) rad across the measured one.
+    """Return the factor of the measured up direction in camera axes: (2,) rad across it, of M R' A' e_z.
 
-    The pose stands over its own floor, but gravity is the world's. Source: derived.
+    The pose is relative to the sloped floor, but gravity is that of the world. Source: derived.
     """
     across = np.linalg.svd(c_up[None])[2][1:]
 
@@ -113,6 +113,6 @@ def level_factor(
 
 
 def body_up(roll_pitch_yaw_rad: Array) -> Array:
-    """(3,) the world's up direction in body axes, for R_wb = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Return the world's up direction (3,) in body axes, for R_wb = Rz(yaw) Ry(pitch) Rx(roll)."""
     roll, pitch, _ = roll_pitch_yaw_rad
     return np.array([-np.sin(pitch), np.cos(pitch) * np.sin(roll), np.cos(pitch) * np.cos(roll)])

@@ -34,28 +34,28 @@ WORLD = gtsam.symbol("w", 0)
 
 @dataclass(frozen=True)
 class BundleConfig:
-    """How the refinement goes about it."""
+    """Settings of the refinement."""
 
     rounds: int = 10
-    """Solves at most; between two of them the noise of each kind of measurement is estimated anew, until it
-    stays. A lens that is not known is free from the second on."""
+    """Maximum number of solves. The noise of each kind of measurement is estimated again between two solves,
+    until it converges. Camera calibration starts with the second solve."""
     huber_sigmas: float = 2.0
     drop_sigmas: float = 6.0
-    """Observations farther off than this are dropped between rounds, and counted."""
+    """Observations with a larger residual are dropped between rounds, and counted."""
     slope_std_rad: float = 0.05
-    """How far ground may lean; only positions tell."""
+    """Standard deviation of the slope of the ground; only positions observe it."""
     start_relief: float = 0.01
-    """Standard deviation of the floor's relief over the mean height, to start from."""
+    """Initial standard deviation of the floor's relief over the mean height."""
 
 
 @dataclass(frozen=True)
 class NoiseLevels:
-    """Standard deviations as the residuals show them."""
+    """Standard deviations estimated from the residuals."""
 
     pixel_scale: float
-    """Factor on the observations' own std_px."""
+    """Factor on the observations' std_px."""
     relief: float
-    """Of the floor, over the mean height."""
+    """Standard deviation of the floor's relief over the mean height."""
     roll_pitch_rad: float
     position_m: Array
     """(3,)."""
@@ -64,44 +64,44 @@ class NoiseLevels:
 
 @dataclass(frozen=True)
 class ScalePrior:
-    """What something else than ranges and positions tells of the scale."""
+    """Prior on the scale from another source than ranges and positions."""
 
     ratio: float
-    """True lengths over those of the start."""
+    """True lengths over those of the initial guess."""
     log_std: float
 
 
 @dataclass(frozen=True)
 class BundleProblem:
-    """Everything that stays fixed over a round."""
+    """Fixed inputs of a round."""
 
     measurements: Measurements
     tracks: FloorTracks
     camera: PinholeModel
     config: BundleConfig
-    calibrates: bool
-    lengths: ScalePrior | None = None
+    self_calibrates: bool
+    scale_prior: ScalePrior | None = None
 
     @property
-    def scaled(self) -> bool:
-        """Whether anything tells the scale."""
+    def has_scale(self) -> bool:
+        """Whether a measurement or prior observes the scale."""
         measured = self.measurements
-        return bool(measured.ranges or measured.positions) or self.lengths is not None
+        return bool(measured.ranges or measured.positions) or self.scale_prior is not None
 
     @property
     def c_T_b(self) -> Array:
-        """Body coordinates to camera coordinates, as the mount was told."""
+        """Transform from body to camera coordinates, by the nominal mount."""
         return np.asarray(np.linalg.inv(self.camera.b_T_c), dtype=float)
 
     def b_T_c(self, values: gtsam.Values) -> Array:
-        """Camera coordinates to body coordinates, as the mount is found to be."""
-        turn = np.eye(4)
-        turn[:3, :3] = rotation_of(values.atVector(WORLD), MOUNT)
-        return np.asarray(self.camera.b_T_c @ turn)
+        """Return the transform from camera to body coordinates, by the estimated mount."""
+        rotation = np.eye(4)
+        rotation[:3, :3] = rotation_of(values.atVector(WORLD), MOUNT)
+        return np.asarray(self.camera.b_T_c @ rotation)
 
 
 def start_values(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> gtsam.Values:
-    """Given poses in heights above the floor; each point where its rays meet the floor, on average."""
+    """Return initial values: poses in units of the mean height, points at the mean intersections of rays."""
     tracks, camera = problem.tracks, problem.camera
     w_T_c = w_T_b @ camera.b_T_c
     w_T_c[:, 2, 3] -= floor_z_m
@@ -119,7 +119,7 @@ def start_values(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> gtsa
 def build_graph(
     problem: BundleProblem, noise: NoiseLevels, used: NDArray[np.bool_], start: gtsam.Values
 ) -> gtsam.NonlinearFactorGraph:
-    """The factor graph at the given noise levels."""
+    """Build the factor graph at the given noise levels."""
     graph = gtsam.NonlinearFactorGraph()
     _add_observations(graph, problem, noise, used)
     flat = gtsam.noiseModel.Diagonal.Sigmas(np.array([1e4, 1e4, noise.relief]))
@@ -133,7 +133,7 @@ def build_graph(
 def _add_observations(
     graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, noise: NoiseLevels, used: NDArray[np.bool_]
 ) -> None:
-    """One projection a visible point, Huber-robust."""
+    """Add one projection factor per observation, with Huber's loss."""
     tracks, camera = problem.tracks, problem.camera
     models: dict[float, gtsam.noiseModel.Base] = {}
     kernel = gtsam.noiseModel.mEstimator.Huber.Create(problem.config.huber_sigmas)
@@ -144,17 +144,17 @@ def _add_observations(
         if sigma not in models:
             models[sigma] = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Isotropic.Sigma(2, sigma))
         keys = POSE(int(tracks.keyframe[m])), POINT(int(tracks.track[m]))
-        if problem.calibrates:
+        if problem.self_calibrates:
             factor: gtsam.NonlinearFactor = gtsam.GeneralSFMFactor2Cal3Bundler(
                 tracks.pixel[m], models[sigma], *keys, CALIBRATION(0)
             )
         else:
-            # Not to throw: a point behind the camera must cost, not vanish from the sum.
+            # No exception: a point behind the camera must have a cost.
             factor = gtsam.GenericProjectionFactorCal3_S2(
                 tracks.pixel[m], models[sigma], *keys, fixed, False, False
             )
         graph.push_back(factor)
-    if problem.calibrates:
+    if problem.self_calibrates:
         start = gtsam.Cal3Bundler(camera.focal_px[0], 0, 0, *camera.center_px)
         sigmas = np.array([camera.focal_px[0] * camera.focal_std_ratio, camera.radial_std, camera.radial_std])
         model = gtsam.noiseModel.Diagonal.Sigmas(np.maximum(sigmas, 1e-6))
@@ -162,7 +162,7 @@ def _add_observations(
 
 
 def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, noise: NoiseLevels) -> None:
-    """Attitudes, ranges and positions."""
+    """Add factors of attitudes, ranges and positions."""
     measurements, c_T_b = problem.measurements, problem.c_T_b
     if measurements.attitudes:
         model: gtsam.noiseModel.Base = gtsam.noiseModel.Isotropic.Sigma(2, noise.roll_pitch_rad)
@@ -183,10 +183,10 @@ def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, nois
 def _add_gauge(
     graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, start: gtsam.Values, relief: float
 ) -> None:
-    """Hold what nothing observes at its start.
+    """Add priors that fix unobserved quantities at their initial values.
 
-    Always the first keyframe's height in the poses' own unit (the scale is a variable of its own); without
-    positions its place and heading and the floor's height too; the scale unless something tells it.
+    The first keyframe's height in the poses' unit is always fixed (the scale is another variable). Without
+    positions its position, its heading and the floor's height are fixed too; so is an unobserved scale.
     """
     held, free = 1e-5, 1e3
     placed = bool(problem.measurements.positions)
@@ -196,24 +196,24 @@ def _add_gauge(
     heading = gtsam.noiseModel.Diagonal.Sigmas(np.array([free, free, plane]))
     graph.push_back(gtsam.PoseRotationPrior3D(POSE(0), first, heading))
     sigmas = np.full(WORLD_SIZE, held)
-    sigmas[LOG_SCALE] = free if problem.scaled else held
+    sigmas[LOG_SCALE] = free if problem.has_scale else held
     sigmas[FLOOR_Z] = 1e5 if placed else held
     sigmas[LOG_GAIN] = max(problem.measurements.range_gain_std, held)
-    # A beam hears the floor somewhere within its relief, always alike: its tops, or what lies between them.
-    heard_m = relief * float(np.exp(start.atVector(WORLD)[LOG_SCALE]))
-    sigmas[DATUM] = max(float(np.hypot(problem.measurements.range_datum_std_m, heard_m)), held)
+    # A beam measures a level within the relief with a constant bias, its tops for example.
+    relief_m = relief * float(np.exp(start.atVector(WORLD)[LOG_SCALE]))
+    sigmas[DATUM] = max(float(np.hypot(problem.measurements.range_datum_std_m, relief_m)), held)
     sigmas[SLOPE] = problem.config.slope_std_rad if placed else held
     sigmas[MOUNT] = max(problem.camera.mount_std_rad, held)
     world = start.atVector(WORLD)
-    if problem.lengths is not None:
-        sigmas[LOG_SCALE] = problem.lengths.log_std
-        world[LOG_SCALE] += np.log(problem.lengths.ratio)
+    if problem.scale_prior is not None:
+        sigmas[LOG_SCALE] = problem.scale_prior.log_std
+        world[LOG_SCALE] += np.log(problem.scale_prior.ratio)
     model = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
     graph.push_back(gtsam.PriorFactorVector(WORLD, world, model))
 
 
 def metric_poses(problem: BundleProblem, values: gtsam.Values) -> Array:
-    """Body poses (n, 4, 4) in metres in the measured world."""
+    """Return body poses (n, 4, 4) in metres in the measured world."""
     world = values.atVector(WORLD)
     w_T_f = np.eye(4)
     w_T_f[:3, :3] = rotation_of(world, SLOPE)

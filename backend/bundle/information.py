@@ -1,4 +1,4 @@
-"""What measurements tell at given poses: the Fisher information, asked for whatever depends on the poses."""
+"""Fisher information of measurements at given poses, and Cramer-Rao bounds of functions of the poses."""
 
 from __future__ import annotations
 
@@ -22,16 +22,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Information:
-    """Of measurements over a floor at z = 0, at the poses where it was taken."""
+    """Fisher information of measurements over a floor at z = 0, at given poses."""
 
     factor: SuperLU
-    """Of J'J in points (3 each), world, poses (6 each)."""
+    """Cholesky factor of J'J in points (3 each), world, poses (6 each)."""
     to_metres: Array
-    """(n, 6, 6 + w) from pose and world to body poses in metres."""
+    """(n, 6, 6 + w) Jacobian of metric body poses by pose and world."""
 
     def covariance(self, gradient: Array) -> Array:
-        """(k, k) bound on the covariance of k quantities; ``gradient`` (k, n, 6) by right perturbations of
-        the body's poses.
+        """Return the bound (k, k) on the covariance of k quantities.
+
+        ``gradient`` (k, n, 6) is by right perturbations of the body poses.
 
         Source: Kay 1993, section 3.6 (bound on functions of the parameters).
         """
@@ -44,14 +45,14 @@ class Information:
 
 
 def information(measurements: Measurements, w_T_b: Array, config: BundleConfig) -> Information:
-    """The information at poses (n, 4, 4) over the floor z = 0, by the measurements' own noise levels.
+    """Return the information at poses (n, 4, 4) over the floor z = 0, with the measurements' stated noise.
 
-    Raises ``BackendError`` where they leave a direction open.
+    Raises ``BackendError`` if a direction is unobserved.
     """
     tracks, camera = measurements.tracks, measurements.camera
     if tracks is None or camera is None:
         raise BackendError("information: no tracks of floor points, or no camera")
-    problem = BundleProblem(measurements, tracks, camera, config, calibrates=False)
+    problem = BundleProblem(measurements, tracks, camera, config, self_calibrates=False)
     values = start_values(problem, w_T_b, 0.0)
     used = np.ones(len(tracks.track), dtype=bool)
     graph = build_graph(problem, start_noise(measurements, config), used, values)
@@ -60,5 +61,5 @@ def information(measurements: Measurements, w_T_b: Array, config: BundleConfig) 
     try:
         factor = cholesky(csc_array(J.T @ J))
     except RuntimeError:
-        raise BackendError("information: the measurements leave a direction open") from None
+        raise BackendError("information: a direction is unobserved; add measurements") from None
     return Information(factor, metric_jacobians(problem, values, np.zeros(3)))

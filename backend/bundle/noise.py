@@ -1,4 +1,4 @@
-"""How much each kind of measurement is to be believed: noise levels from the refinement's own residuals."""
+"""Variance components: noise levels of each kind of measurement from the refinement's residuals."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ from backend.measurements import FloorTracks, Measurements
 
 Array = NDArray[np.float64]
 
-_TOLD_COUNT = 20
-"""What a maker tells of his instrument weighs as much as so many residuals."""
-_LAGS = 5
-"""Of the autocorrelation along a track: keyframes."""
-_LEAST_PIXEL_SCALE = 0.01
-"""Pictures without any noise would take it to nothing, round by round."""
-_ALIKE = 0.15
-"""Noise levels that differ by less are the same: a little more than the reliefs that are tried differ by."""
+_NOMINAL_COUNT = 20
+"""Weight of a nominal noise level, as a number of residuals."""
+_MAX_LAG = 5
+"""Largest lag of the autocorrelation along a track, in keyframes."""
+_MIN_PIXEL_SCALE = 0.01
+"""Lower limit of the pixel scale: pictures without noise would reduce it to zero over the rounds."""
+_TOLERANCE = 0.15
+"""Relative difference below which noise levels count as equal: slightly above the spacing of tried
+reliefs."""
 STUDENT_SCALE = 0.831
 """Scale c of Student's t with 4 degrees of freedom fitted to N(0, 1): E[5 x^2 / (4 c^2 + x^2)] = 1."""
 
 
 def start_noise(measurements: Measurements, config: BundleConfig) -> NoiseLevels:
-    """The makers' figures, the median over the keyframes; infinite where there is no such instrument."""
+    """Return nominal noise levels, the median over the keyframes; infinite for an absent instrument."""
     tilt = [a.std_rad[:2].max() for a in measurements.attitudes]
     position = [p.std_m for p in measurements.positions]
     ranges = [r.std_m for r in measurements.ranges]
@@ -44,8 +45,10 @@ def start_noise(measurements: Measurements, config: BundleConfig) -> NoiseLevels
 
 
 def same_noise(one: NoiseLevels, other: NoiseLevels) -> bool:
-    """Whether another round would leave the noise as it is."""
-    return all(np.allclose(getattr(one, f.name), getattr(other, f.name), _ALIKE) for f in fields(NoiseLevels))
+    """Return whether two sets of noise levels agree within the tolerance."""
+    return all(
+        np.allclose(getattr(one, f.name), getattr(other, f.name), _TOLERANCE) for f in fields(NoiseLevels)
+    )
 
 
 @dataclass(frozen=True)
@@ -55,28 +58,28 @@ class _Residuals:
     pixel: Array
     """(m, 2) px."""
     relief: Array
-    """(t,) the points' heights over the mean height."""
+    """(t,) heights of the points over the mean height."""
     relief_information: Array
-    """(t,) what the pictures alone say of each point's height, its place projected out."""
+    """(t,) information of the pictures alone on each point's height, with its x and y marginalised."""
 
 
 def _linearise(
     problem: BundleProblem, values: gtsam.Values, std_px: Array, used: NDArray[np.bool_]
 ) -> _Residuals:
-    """Residuals, vectorised over all observations."""
+    """Compute residuals of all observations."""
     tracks = problem.tracks
     n, points = problem.measurements.count, int(tracks.track.max()) + 1
     pose = np.array([values.atPose3(POSE(k)).matrix() for k in range(n)])[tracks.keyframe]
     point = np.array([values.atPoint3(POINT(t)) for t in range(points)])
     focal, centre, k1, k2 = np.array(problem.camera.focal_px), np.array(problem.camera.center_px), 0.0, 0.0
-    if problem.calibrates:
+    if problem.self_calibrates:
         found = values.atCal3Bundler(CALIBRATION(0))
         focal, k1, k2 = np.full(2, found.fx()), found.k1(), found.k2()
     c_p = np.einsum("mba,mb->ma", pose[:, :3, :3], point[tracks.track] - pose[:, :3, 3])
     xy = c_p[:, :2] / c_p[:, 2:]
     r2 = np.sum(xy**2, axis=1, keepdims=True)
     residual = tracks.pixel - (xy * (1 + k1 * r2 + k2 * r2**2) * focal + centre)
-    # d pixel / d point, distortion left out: it is for weights only.
+    # d pixel / d point without distortion: it is used for weights only.
     J = np.zeros((len(c_p), 2, 3))
     J[:, 0, 0] = J[:, 1, 1] = 1.0
     J[:, :, 2] = -xy
@@ -93,12 +96,12 @@ def _linearise(
 def estimate_noise(
     problem: BundleProblem, values: gtsam.Values, noise: NoiseLevels, used: NDArray[np.bool_]
 ) -> tuple[NoiseLevels, NDArray[np.bool_]]:
-    """Noise levels from the residuals, and which observations to go on with."""
+    """Return noise levels from the residuals, and the observations (m,) to keep."""
     tracks = problem.tracks
     std_px = tracks.std_px * noise.pixel_scale
     residuals = _linearise(problem, values, std_px, used)
     whitened = residuals.pixel / std_px[:, None]
-    # Far off is told by the noise found where it is larger: what was told may be several times too small.
+    # The outlier limit uses the estimated noise if it is larger: the nominal one may be far too small.
     spread = _spread(problem, residuals, whitened, noise, noise.relief, used)
     used = used & (np.linalg.norm(whitened, axis=1) < problem.config.drop_sigmas * max(1.0, spread))
     seen = np.bincount(tracks.track[used], minlength=len(residuals.relief))
@@ -106,7 +109,7 @@ def estimate_noise(
     relief = _estimate_relief(residuals, noise.relief, seen >= 2)
     spread = _spread(problem, residuals, whitened, noise, relief, used)
     spread *= np.sqrt(track_correlation_factor(tracks, whitened, used))
-    pixel_scale = max(noise.pixel_scale * float(np.clip(spread, 0.2, 5.0)), _LEAST_PIXEL_SCALE)
+    pixel_scale = max(noise.pixel_scale * float(np.clip(spread, 0.2, 5.0)), _MIN_PIXEL_SCALE)
     level = replace(noise, pixel_scale=pixel_scale, relief=relief)
     return _sensor_noise(problem, values, level), used
 
@@ -119,17 +122,17 @@ def _spread(
     relief: float,
     used: NDArray[np.bool_],
 ) -> float:
-    """Standard deviation of the whitened pixel noise, from the residuals, corrected for degrees of freedom.
+    """Return the standard deviation of the whitened pixel noise, corrected for degrees of freedom.
 
-    ``noise`` is what the residuals were fitted with; the floor has this ``relief``.
+    ``noise`` holds the levels of the fit; ``relief`` is the current estimate of the floor's relief.
     """
     track = problem.tracks.track[used]
     seen = np.bincount(track, minlength=len(residuals.relief))
-    # A point's place takes its share of each of its residuals, half of it where two pictures see the point:
-    # evened out first, for a mixture of spreads would look like one with tails.
+    # The fit of a point absorbs a share of its residuals, half with two pictures. Correct for it first: a
+    # mixture of variances would look heavy-tailed.
     evened = whitened[used] * np.sqrt(seen / np.maximum(seen - 1, 1))[track][:, None]
-    # The poses take six numbers each from what is left; a height what it could follow of the noise: all that
-    # there is where it was held to ``noise.relief``, more than that where the floor is flatter.
+    # Each pose absorbs six degrees of freedom. A height absorbs the share that its prior ``noise.relief``
+    # allows; ``relief`` gives the variance of what remains.
     held = 1.0 / (1.0 + residuals.relief_information * noise.relief**2)
     left_z = held**2 * (1.0 + residuals.relief_information * relief**2)
     left = 2 * float((seen[seen >= 2] - 1).sum())
@@ -138,7 +141,7 @@ def _spread(
 
 
 def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLevels) -> NoiseLevels:
-    """The noise levels with those of attitudes, positions and ranges as their residuals show them."""
+    """Return the noise levels with those of attitudes, positions and ranges from their residuals."""
     measurements, w_T_b = problem.measurements, metric_poses(problem, values)
     f_T_c = np.array([values.atPose3(POSE(k)).matrix() for k in range(measurements.count)])
     world = values.atVector(WORLD)
@@ -146,8 +149,8 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
         tilt = np.array(
             [np.cross(body_up(a.roll_pitch_yaw_rad), w_T_b[a.k, 2, :3])[:2] for a in measurements.attitudes]
         )
-        told = float(np.median([a.std_rad[:2].max() for a in measurements.attitudes]))
-        level = replace(level, roll_pitch_rad=_pooled(told, autocorrelated_std(tilt), len(tilt)))
+        nominal = float(np.median([a.std_rad[:2].max() for a in measurements.attitudes]))
+        level = replace(level, roll_pitch_rad=_pooled(nominal, autocorrelated_std(tilt), len(tilt)))
     if len(measurements.positions) > 3:
         off = np.array([p.w_p_b_m - w_T_b[p.k, :3, 3] for p in measurements.positions])
         horizontal, vertical = autocorrelated_std(off[:, :2]), autocorrelated_std(off[:, 2:])
@@ -159,26 +162,28 @@ def _sensor_noise(problem: BundleProblem, values: gtsam.Values, level: NoiseLeve
         f_T_s = np.array([metric[r.k] @ c_T_b @ r.b_T_s for r in measurements.ranges])
         seen = np.exp(world[LOG_GAIN]) * f_T_s[:, 2, 3] / f_T_s[:, 2, 2] + world[DATUM]
         off = seen - np.array([r.range_m for r in measurements.ranges])
-        told = float(np.median([r.std_m for r in measurements.ranges]))
-        level = replace(level, range_m=_pooled(told, autocorrelated_std(off[:, None]), len(off)))
+        nominal = float(np.median([r.std_m for r in measurements.ranges]))
+        level = replace(level, range_m=_pooled(nominal, autocorrelated_std(off[:, None]), len(off)))
     return level
 
 
-def _pooled(told: float, found: float, count: int) -> float:
-    """Standard deviation from ``count`` residuals of deviation ``found``. Where that is below the maker's
-    ``told``, this counts as `_TOLD_COUNT` more residuals, since a few may be small by chance.
+def _pooled(nominal: float, found: float, count: int) -> float:
+    """Pool a nominal standard deviation with that of ``count`` residuals, ``found``.
 
-    One degree of freedom is spent on the scale (ranges) or on the lean of the map (each axis of attitudes).
+    If the latter is smaller, the nominal one counts as `_NOMINAL_COUNT` more residuals, since a few residuals
+    may be small by chance. One degree of freedom is spent on the scale (ranges) or the tilt (attitudes).
     """
     squares, dof = count * found**2, count - 1
-    return float(np.sqrt(max(squares / dof, (_TOLD_COUNT * told**2 + squares) / (_TOLD_COUNT + dof))))
+    return float(
+        np.sqrt(max(squares / dof, (_NOMINAL_COUNT * nominal**2 + squares) / (_NOMINAL_COUNT + dof)))
+    )
 
 
 def track_correlation_factor(tracks: FloorTracks, whitened: Array, used: NDArray[np.bool_]) -> float:
-    """Observations of a point for each independent one: errors in successive pictures are correlated.
+    """Return the number of observations per independent one: errors in successive pictures are correlated.
 
-    Integrated autocorrelation of the residuals along tracks, corrected for the -1/length that fitting the
-    point induces.
+    It is the integrated autocorrelation of the residuals along tracks, corrected for the -1/length that the
+    fit of the point induces.
     """
     m = np.flatnonzero(used)
     m = m[np.lexsort((tracks.keyframe[m], tracks.track[m]))]
@@ -189,7 +194,7 @@ def track_correlation_factor(tracks: FloorTracks, whitened: Array, used: NDArray
         return 1.0
     variance = float(np.mean(residual[long] ** 2))
     excess, chance = 0.0, 0.0
-    for lag in range(1, _LAGS + 1):
+    for lag in range(1, _MAX_LAG + 1):
         pair = (track[lag:] == track[:-lag]) & long[lag:]
         if pair.sum() < 50:
             break
@@ -198,14 +203,14 @@ def track_correlation_factor(tracks: FloorTracks, whitened: Array, used: NDArray
         share = float(pair.sum()) / float(long.sum())
         excess += 2.0 * max(0.0, alike) * share
         chance += (2.0 * share) ** 2 / (2 * float(pair.sum()))
-    # Errors that are independent look a little alike by chance.
+    # Independent errors are slightly correlated by chance.
     return 1.0 + excess if excess > 2.0 * np.sqrt(chance) else 1.0
 
 
 def _estimate_relief(residuals: _Residuals, start: float, seen: NDArray[np.bool_]) -> float:
-    """Standard deviation of the floor's relief: most likely value for heights known to 1/information.
+    """Estimate the standard deviation of the floor's relief by maximum likelihood.
 
-    The height that the pictures alone would give is N(0, relief² + 1/information).
+    The height of a point from the pictures alone is N(0, relief² + 1/information).
     """
     information = residuals.relief_information
     known = seen & (information * start**2 > 1e-3)
@@ -215,17 +220,17 @@ def _estimate_relief(residuals: _Residuals, start: float, seen: NDArray[np.bool_
     z = residuals.relief[known] * (1.0 + 1.0 / (information * start**2))
     grid = start * np.geomspace(1e-2, 1e2, 81)
     variance = grid[:, None] ** 2 + 1.0 / information
-    # Student's loss: a few points on walls or wrong matches must not raise the whole floor. The scale that
-    # it gives Gaussian heights is STUDENT_SCALE of theirs: with that taken out it is theirs.
+    # Student's loss: a few points on walls or wrong matches must not raise the relief. STUDENT_SCALE makes
+    # it consistent for Gaussian heights.
     loss = np.sum(0.5 * np.log(variance) + 2.5 * np.log1p(z**2 / (4.0 * STUDENT_SCALE**2 * variance)), axis=1)
     return float(np.clip(grid[np.argmin(loss)], max(0.05 * start, 2e-4), 20 * start))
 
 
 def huber_std(x: Array, k: float) -> float:
-    """Standard deviation of one coordinate of planar residuals (m, 2), tails cut at k: Huber's proposal 2.
+    """Return the standard deviation per coordinate of planar residuals (m, 2): Huber's proposal 2, cut at k.
 
-    The median would see the core alone, and the estimates that a Huber loss gives would look better than they
-    are. Source: Huber and Ronchetti 2009, section 6.4. A Rayleigh distance has
+    The median would use the core alone, and the covariance of estimates with Huber's loss would be too small.
+    Source: Huber and Ronchetti 2009, section 6.4. A Rayleigh distance has
     E[min(d, k)^2] = 2 - 2 exp(-k^2/2).
     """
     distance = np.linalg.norm(x, axis=1)
@@ -239,10 +244,10 @@ def huber_std(x: Array, k: float) -> float:
 
 
 def autocorrelated_std(x: Array) -> float:
-    """What one value of a coloured series (n, d) may claim when all are taken as independent.
+    """Return the standard deviation to use for each value of a correlated series (n, d) as if independent.
 
-    An error that lasts over L keyframes is worth one measurement, not L: its variance is multiplied by the
-    integrated autocorrelation. Source: Sokal 1997, section 3 (self-consistent window).
+    An error that is constant over L keyframes is worth one measurement, not L: the variance is multiplied by
+    the integrated autocorrelation. Source: Sokal 1997, section 3 (self-consistent window).
     """
     x = np.asarray(x, dtype=float)
     n = len(x)
@@ -254,7 +259,7 @@ def autocorrelated_std(x: Array) -> float:
         total += 2 * float(np.mean(np.sum(x[lag:] * x[:-lag], axis=1))) / (x.shape[1] * variance)
         if lag > 5 * total:
             break
-    # Values that are independent look a little alike by chance.
+    # Independent values are slightly correlated by chance.
     if total - 1 < 2 * np.sqrt(4 * lag / x.size):
         return float(np.sqrt(variance))
     return float(np.sqrt(variance * total))

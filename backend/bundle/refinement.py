@@ -1,13 +1,13 @@
-"""Planar bundle adjustment: the refinement on the measurements themselves.
+"""Planar bundle adjustment on the image observations.
 
-A pose graph takes its edges for independent and its attitudes for right. Here each floor point is a variable
-seen from all its keyframes, so that nothing is counted twice, and what perspective says about tilt is used.
-How much each kind of measurement is to be believed is estimated from its own residuals: attitudes that are
-degrees off, a coarse GPS and a floor with relief are found to be so.
+A pose graph assumes independent edges and correct attitudes. Here each floor point is a variable that all its
+keyframes observe, so that nothing is counted twice, and perspective contributes to the tilt. The noise of
+each kind of measurement is estimated from its residuals, so that attitudes with errors of degrees, a coarse
+GPS and a floor with relief get their correct weights.
 
-Pictures know everything but the scale. So the poses are kept in units of the mean height, the floor at z = 0,
-and one variable (`backend.bundle.factors`) makes metres of them where a range or a position is compared. Were
-the poses in metres, the assumption of a flat floor would pull the whole map to be small.
+Pictures observe everything except the scale. The poses are in units of the mean height, with the floor at
+z = 0, and one variable (`backend.bundle.factors`) converts them to metres for ranges and positions. With
+poses in metres, the assumption of a flat floor would bias the whole map towards a smaller scale.
 
 Source: Triggs et al. 2000 (bundle adjustment); Förstner and Wrobel 2016, section 4.2.4 (variance components).
 """
@@ -64,25 +64,25 @@ class Bundle:
     covariances: Array
     """(n, 6, 6), rotation first, right perturbation."""
     over_floor_covariances: Array
-    """(n, 6, 6) of where they stand over the floor: what the floor's own height and slope are off moves
-    pictures and ground together."""
+    """(n, 6, 6) covariance relative to the floor: errors of the floor's height and slope move poses and
+    ground together."""
     floor_z_m: float
-    """Of the floor under the origin."""
+    """Height of the floor under the origin."""
     floor_slope_rad: tuple[float, float]
-    """Rotation vector (x, y) that takes the level to the floor."""
+    """Rotation vector (x, y) from the horizontal plane to the floor."""
     focal_px: tuple[float, float]
     radial: tuple[float, float]
-    """Radial coefficients (k1, k2) that go with ``focal_px``; zero where they were held."""
+    """Radial coefficients (k1, k2) for ``focal_px``; zero if they were fixed."""
     b_T_c: Array
-    """(4, 4) how the camera sits on the body, as found."""
+    """(4, 4) estimated mount of the camera."""
     mount_std_rad: float
-    """Of its tilt, about the less certain axis; 0 where it was held."""
+    """Standard deviation of its tilt about the less certain axis; 0 if it was fixed."""
     range_errors: RangeErrors | None
-    """None where nothing was ranged."""
+    """None without ranges."""
     scale_std: float | None
-    """Relative; None where nothing told the scale."""
+    """Relative standard deviation of the scale; None if it is unobserved."""
     conditional_scale_std: float
-    """The same, conditioned on the gain and zero that all ranges share; 0 where nothing told it."""
+    """The same, conditioned on gain and zero offset of the ranges; 0 if the scale is unobserved."""
     noise: NoiseLevels
     dropped_observations: int
     error: float
@@ -95,14 +95,14 @@ def refine(
     floor_z_m: float = 0.0,
     config: BundleConfig = BundleConfig(),
     on_step: Callable[[int, float], None] | None = None,
-    lengths: ScalePrior | None = None,
+    scale_prior: ScalePrior | None = None,
     noise: NoiseLevels | None = None,
 ) -> Bundle:
     """Refine one connected set of keyframes, all of them in ``measurements.tracks``.
 
-    ``w_T_b`` (n, 4, 4): a start within the basin of the optimum, such as the pose graph's; ``lengths`` tells
-    of its scale; ``noise`` to start from is what the makers say, unless it is known better.
-    Raises ``BackendError`` where the problem cannot be solved.
+    ``w_T_b`` (n, 4, 4) is an initial guess within the basin of the optimum, such as the pose graph's.
+    ``scale_prior`` refers to its scale. The default initial ``noise`` is that of the measurements.
+    Raises ``BackendError`` if the problem cannot be solved.
     """
     tracks, camera = measurements.tracks, measurements.camera
     if tracks is None or camera is None:
@@ -110,12 +110,14 @@ def refine(
             "bundle adjustment: no tracks of floor points, or no camera; solve the pose graph alone"
         )
     below = np.flatnonzero((w_T_b @ camera.b_T_c)[:, 2, 3] <= floor_z_m)
-    if len(below):  # from there the descent may end anywhere
+    if len(below):  # from there the solve may end anywhere
         raise BackendError(
             f"bundle adjustment: the camera of keyframe {below[0]} starts below the floor; "
             "the pose graph's result stands"
         )
-    problem = BundleProblem(measurements, tracks, camera, config, calibrates=False, lengths=lengths)
+    problem = BundleProblem(
+        measurements, tracks, camera, config, self_calibrates=False, scale_prior=scale_prior
+    )
     noise = noise or start_noise(measurements, config)
     values = start_values(problem, w_T_b, floor_z_m)
     start = values
@@ -124,9 +126,9 @@ def refine(
     settled = False
     for number in range(config.rounds):
         if number == 1 and camera.focal_std_ratio > 0:
-            # Only now: gtsam's factors with a free calibration forgive points behind the camera, which a
-            # start far off would make use of.
-            problem = replace(problem, calibrates=True)
+            # Only now: gtsam's factors with a free calibration accept points behind the camera, which a poor
+            # initial guess would exploit.
+            problem = replace(problem, self_calibrates=True)
             values.insert(CALIBRATION(0), gtsam.Cal3Bundler(camera.focal_px[0], 0, 0, *camera.center_px))
         graph = build_graph(problem, noise, used, start)
         last = settled or number + 1 == config.rounds
@@ -144,13 +146,13 @@ def refine(
 
 
 def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array) -> Array:
-    """(n, 6, 6 + w) from perturbations of a pose and the world to those of the body's pose in metres.
+    """Return the Jacobian (n, 6, 6 + w) of metric body poses by perturbations of pose and world.
 
-    ``origin`` (3,), in mean heights, stays where it is when the scale changes.
+    ``origin`` (3,), in mean heights, is the fixed point of a change of scale.
     """
     n, world = problem.measurements.count, values.atVector(WORLD)
     scale = float(np.exp(world[LOG_SCALE]))
-    A, turn, mount_turn = (
+    A, rotation, mount_rotation = (
         rotation_of(world, SLOPE),
         rotation_jacobian(world, SLOPE),
         rotation_jacobian(world, MOUNT),
@@ -164,28 +166,30 @@ def metric_jacobians(problem: BundleProblem, values: gtsam.Values, origin: Array
         R, p = pose[:3, :3], pose[:3, 3] - origin
         of_world[3:, LOG_SCALE] = scale * R.T @ p
         of_world[3:, FLOOR_Z] = (A @ R)[2]
-        # A right perturbation of the slope turns the whole map about the floor under the origin.
-        of_world[:3, SLOPE] = R.T @ turn
-        of_world[3:, SLOPE] = -scale * R.T @ cross_matrix(p) @ turn
-        # The camera stays where it is; the body turns about it the other way.
-        of_world[:3, MOUNT] = -mount_turn
+        # A right perturbation of the slope rotates the whole map about the floor under the origin.
+        of_world[:3, SLOPE] = R.T @ rotation
+        of_world[3:, SLOPE] = -scale * R.T @ cross_matrix(p) @ rotation
+        # The camera stays in place; the body rotates about it in the opposite sense.
+        of_world[:3, MOUNT] = -mount_rotation
     return np.asarray(gtsam.Pose3(problem.b_T_c(values)).AdjointMap() @ jacobians)
 
 
 def _metric_covariances(problem: BundleProblem, joint: Array, values: gtsam.Values) -> tuple[Array, Array]:
-    """(n, 6, 6) of body poses in metres, in the world and over the floor, from those of pose and world
-    together (n, 6 + w, 6 + w)."""
+    """Return covariances (n, 6, 6) of metric body poses, in the world and relative to the floor.
+
+    ``joint`` (n, 6 + w, 6 + w) holds the joint covariances of pose and world.
+    """
     # Without positions the first keyframe is the origin by definition, its height above the floor included.
     first = np.zeros(3) if problem.measurements.positions else values.atPose3(POSE(0)).translation()
     in_world = metric_jacobians(problem, values, first)
-    # Over the floor the origin is the point under it.
+    # Relative to the floor the origin is the point below it.
     over_floor = metric_jacobians(problem, values, first * [1.0, 1.0, 0.0])
     over_floor[:, :, 6 + FLOOR_Z] = 0.0
     over_floor[:, :, 6:][:, :, SLOPE] = 0.0
-    return _carried(in_world, joint), _carried(over_floor, joint)
+    return _propagate(in_world, joint), _propagate(over_floor, joint)
 
 
-def _carried(J: Array, covariances: Array) -> Array:
+def _propagate(J: Array, covariances: Array) -> Array:
     return np.asarray(J @ covariances @ np.swapaxes(J, 1, 2))
 
 
@@ -202,7 +206,7 @@ def _result(
     if not (np.isfinite(heights).all() and (heights > 0).all()):
         raise BackendError("bundle adjustment: a camera went below the floor; the pose graph's result stands")
     focal, radial = problem.camera.focal_px, (0.0, 0.0)
-    if problem.calibrates:
+    if problem.self_calibrates:
         found = values.atCal3Bundler(CALIBRATION(0))
         focal, radial = (found.fx(), found.fx()), (found.k1(), found.k2())
     world = values.atVector(WORLD)
@@ -219,8 +223,8 @@ def _result(
         problem.b_T_c(values),
         mount_std if problem.camera.mount_std_rad > 0 else 0.0,
         _range_errors(world, joint[0, 6:, 6:]) if problem.measurements.ranges else None,
-        float(np.sqrt(joint[0, 6 + LOG_SCALE, 6 + LOG_SCALE])) if problem.scaled else None,
-        _own_scale_std(joint[0, 6:, 6:]) if problem.scaled else 0.0,
+        float(np.sqrt(joint[0, 6 + LOG_SCALE, 6 + LOG_SCALE])) if problem.has_scale else None,
+        _own_scale_std(joint[0, 6:, 6:]) if problem.has_scale else 0.0,
         noise,
         int((~used).sum()),
         error,
@@ -229,12 +233,11 @@ def _result(
 
 
 def _own_scale_std(covariance: Array) -> float:
-    """Standard deviation of the scale, conditioned on gain and zero of the ranges, which all parts of a
-    flight share."""
+    """Return the standard deviation of the scale, given gain and zero offset of the ranges."""
     shared, scale = [LOG_GAIN, DATUM], LOG_SCALE
     along = covariance[scale, shared]
-    told = along @ np.linalg.solve(covariance[np.ix_(shared, shared)], along)
-    return float(np.sqrt(max(covariance[scale, scale] - told, 0.0)))
+    nominal = along @ np.linalg.solve(covariance[np.ix_(shared, shared)], along)
+    return float(np.sqrt(max(covariance[scale, scale] - nominal, 0.0)))
 
 
 def _range_errors(world: Array, covariance: Array) -> RangeErrors:

@@ -1,8 +1,8 @@
-"""The smoother's pass back over the events that the filter has gone through: kernels.
+"""Backward pass of the smoother over the events of the forward pass: numba kernels.
 
-The modified Bryson-Frazier form carries an adjoint (y, L) back through the same events: smoothed error ``e
-- C y``, covariance ``C - C L C``. It inverts no covariance of the state, which is singular where a pose has
-just been kept.
+The modified Bryson-Frazier form propagates an adjoint (y, L) backward: the smoothed error is ``e - C y`` and
+its covariance ``C - C L C``. It does not invert the covariance of the state, which is singular just after a
+pose was cloned.
 
 Source: Bierman 1973, "Fixed interval smoothing with discrete measurements".
 """
@@ -11,17 +11,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from backend.ekf.forward import note
+from backend.ekf.forward import record_state
 from backend.ekf.motion import (
-    KEPT_POS,
+    CLONE_POS,
     POS,
     ROT,
     Array,
-    both_sides,
-    pull,
+    apply_transposed_transition,
     retract,
+    transform_covariance,
 )
-from backend.ekf.readings import ASK, KEEP
+from backend.ekf.readings import CLONE, OUTPUT
 from backend.ekf.records import FilterEvents, StateRecords, Tape
 from backend.numba_cache import njit
 
@@ -36,9 +36,9 @@ def backward(
     found: StateRecords,
     tape: Tape,
 ) -> None:
-    """Carry the adjoint y (n,), L (n, n) back over the block that ``forward`` has taped, in place.
+    """Propagate the adjoint y (n,), L (n, n) back over the block that ``forward`` has recorded, in place.
 
-    Notes smoothed states at the asked times.
+    Smoothed states at the requested times go to ``found``.
     """
     for k in range(last - 1, first - 1, -1):
         b = k - first
@@ -46,23 +46,23 @@ def backward(
         C = tape.C[b]
         if len(found.all_x) > 0:
             found.all_x[k] = retract(tape.x[b], -(C @ y))
-        if kind == ASK:
+        if kind == OUTPUT:
             smooth = C - C @ (L @ C)
-            note(found, events.row[k], retract(tape.x[b], -(C @ y)), (smooth + smooth.T) / 2)
-        if kind == KEEP:
-            _let_go(y, L)
+            record_state(found, events.row[k], retract(tape.x[b], -(C @ y)), (smooth + smooth.T) / 2)
+        if kind == CLONE:
+            _pull_back_clone(y, L)
         elif tape.dof[b] > 0:
-            _give_back(y, L, tape, b)
+            _pull_back_update(y, L, tape, b)
         if tape.F[b, 0, 0] > 0:
-            both_sides(L, tape.F[b], True)
-            pull(y, tape.F[b])
+            transform_covariance(L, tape.F[b], True)
+            apply_transposed_transition(y, tape.F[b])
 
 
 @njit(cache=True)
-def _let_go(y: Array, L: Array) -> None:
-    """The adjoint of cloning the pose: what the adjoint holds of the clone is added to the original."""
+def _pull_back_clone(y: Array, L: Array) -> None:
+    """Apply the adjoint of cloning: the clone's part of the adjoint is added to that of the original."""
     for k in range(6):
-        copy, of = KEPT_POS + k, (POS if k < 3 else ROT - 3) + k
+        copy, of = CLONE_POS + k, (POS if k < 3 else ROT - 3) + k
         L[of] += L[copy]
         L[:, of] += L[:, copy]
         y[of] += y[copy]
@@ -72,10 +72,10 @@ def _let_go(y: Array, L: Array) -> None:
 
 
 @njit(cache=True)
-def _give_back(y: Array, L: Array, tape: Tape, b: int) -> None:
-    """The adjoint of one event's updates, last first: ``L <- h h' / S + (1 - K h)' L (1 - K h)``.
+def _pull_back_update(y: Array, L: Array, tape: Tape, b: int) -> None:
+    """Apply the adjoint of one event's updates, last first: ``L <- h h' / S + (1 - K h)' L (1 - K h)``.
 
-    L stays symmetric to the last bit: rounding that is not grows without bound on the way back.
+    L stays exactly symmetric: asymmetric rounding errors would grow without bound.
     """
     n = len(L)
     for m in range(tape.dof[b] - 1, -1, -1):

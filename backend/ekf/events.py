@@ -1,4 +1,4 @@
-"""All readings of a flight and all times that are asked for, in one order."""
+"""All readings of a flight and all requested times, sorted by time."""
 
 from __future__ import annotations
 
@@ -12,29 +12,31 @@ from backend.errors import BackendError
 
 Array = NDArray[np.float64]
 
-_LONGEST_STEP_S = 0.05
-"""Gaps are gone through in steps of at most this."""
+_MAX_STEP_S = 0.05
+"""Largest time step of the propagation through gaps."""
 _WIDTH = 3
-"""Components of the widest reading."""
+"""Number of components of the widest reading."""
 
 
-def sort_events(readings: Readings, at_s: Array, keep: CloneMode) -> FilterEvents:
-    """Readings that hold a figure, asked times, and steps through gaps, sorted by time.
+def sort_events(readings: Readings, at_s: Array, clone: CloneMode) -> FilterEvents:
+    """Sort finite readings, requested times, and propagation steps through gaps by time.
 
-    At one instant readings come first, then the pose is noted, then (``keep``) kept. Raises ``BackendError``
-    for times that do not increase or a step that does not join neighbours.
+    At one instant readings come first, then the pose is recorded, then cloned (``clone``). Raises
+    ``BackendError`` for times that do not increase or a step that does not join neighbours.
     """
     if not np.isfinite(at_s).all() or (np.diff(at_s) <= 0).any():
-        raise BackendError("the times asked of the filter do not increase")
+        raise BackendError("the requested times do not increase; sort them")
     for step in readings.steps:
         if step.j != step.i + 1 or not 0 <= step.i < len(at_s) - 1:
             raise BackendError(f"a step joins {step.i} and {step.j} of {len(at_s)}; steps join neighbours")
-    parts = [_of_series(number, held) for number, held in _series(readings) if held is not None]
+    parts = [_from_series(number, held) for number, held in _series(readings) if held is not None]
     reached_s = at_s[[step.j for step in readings.steps]] if readings.steps else np.zeros(0)
-    parts += [_bare(kinds.STEP, reached_s), _bare(kinds.ASK, at_s)]
-    kept_s = {"none": at_s[:0], "first": at_s[:1], "each": at_s}[keep]
-    parts.append(_bare(kinds.KEEP, kept_s))
-    parts.append(_bare(kinds.TICK, _through_gaps(np.concatenate([stamps for stamps, *_ in parts]))))
+    parts += [_without_values(kinds.STEP, reached_s), _without_values(kinds.OUTPUT, at_s)]
+    clone_s = {"none": at_s[:0], "first": at_s[:1], "each": at_s}[clone]
+    parts.append(_without_values(kinds.CLONE, clone_s))
+    parts.append(
+        _without_values(kinds.PROPAGATE, _gap_times(np.concatenate([stamps for stamps, *_ in parts])))
+    )
     stamps_s, kind, value, std, row = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.lexsort((kind, stamps_s))
     return FilterEvents(
@@ -66,36 +68,36 @@ _Part = tuple[Array, NDArray[np.int64], Array, Array, NDArray[np.int64]]
 """Stamps, kinds, values, stds, rows."""
 
 
-def _of_series(kind: int, held: Series) -> _Part:
+def _from_series(kind: int, held: Series) -> _Part:
     usable = np.isfinite(held.stamps_s) & np.isfinite(held.values).any(axis=1)
-    stamps_s, kinds_, value, std, row = _bare(kind, held.stamps_s[usable])
+    stamps_s, kinds_, value, std, row = _without_values(kind, held.stamps_s[usable])
     width = held.values.shape[1]
     value[:, :width] = held.values[usable]
     std[:, :width] = np.broadcast_to(held.std, held.values.shape)[usable]
     if not (std[:, :width] > 0).all():
-        raise BackendError("a reading has a standard deviation that is not above zero; mend the noise given")
+        raise BackendError("a reading has a standard deviation that is not above zero; correct the noise")
     return stamps_s, kinds_, value, std, row
 
 
-def _bare(kind: int, stamps_s: Array) -> _Part:
+def _without_values(kind: int, stamps_s: Array) -> _Part:
     count = len(stamps_s)
     nothing = np.full((2, count, _WIDTH), np.nan)
     return stamps_s, np.full(count, kind), nothing[0], nothing[1], np.arange(count)
 
 
-def _through_gaps(stamps_s: Array) -> Array:
-    """Times between stamps that lie far apart, none farther from the next than the longest step."""
+def _gap_times(stamps_s: Array) -> Array:
+    """Return times inside gaps between stamps, at most the largest step apart."""
     known = np.unique(stamps_s)
-    gaps = np.flatnonzero(np.diff(known) > _LONGEST_STEP_S)
+    gaps = np.flatnonzero(np.diff(known) > _MAX_STEP_S)
     between = [
-        np.linspace(known[g], known[g + 1], int(np.ceil((known[g + 1] - known[g]) / _LONGEST_STEP_S)) + 1)
+        np.linspace(known[g], known[g + 1], int(np.ceil((known[g + 1] - known[g]) / _MAX_STEP_S)) + 1)
         for g in gaps.tolist()
     ]
     return np.concatenate([inner[1:-1] for inner in between]) if between else np.zeros(0)
 
 
 def _whiteners(steps: tuple[VisualStep, ...]) -> Array:
-    """(s, 6, 6) inverse Cholesky factors of the steps' covariances. Raises ``BackendError``."""
+    """Return (s, 6, 6) inverse Cholesky factors of the steps' covariances. Raises ``BackendError``."""
     covariance = np.array([step.covariance for step in steps], dtype=float).reshape(-1, 6, 6)
     try:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)), dtype=float)

@@ -1,4 +1,4 @@
-"""What the filter is given: readings of instruments, what is assumed of them, and the start."""
+"""Inputs of the filter: readings of instruments, the noise model, and the initial state."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 CloneMode = Literal["none", "first", "each"]
-"""Whose pose the filter keeps: nobody's, that of the first asked time, that of each until the next."""
+"""Pose that the filter clones: none, that of the first requested time, or of each one until the next."""
 
 
 @dataclass(frozen=True)
@@ -22,29 +22,29 @@ class Series:
     values: Array
     """(n, d); NaN where missing."""
     std: Array
-    """(d,) white noise of one reading."""
+    """(d,) standard deviation of the white noise of one reading."""
 
     def between(self, start_s: float, end_s: float) -> Series | None:
-        """What was read from ``start_s`` to ``end_s``; None where nothing was."""
+        """Return the readings from ``start_s`` to ``end_s``; None if there are none."""
         inside = (self.stamps_s >= start_s) & (self.stamps_s <= end_s)
         return Series(self.stamps_s[inside], self.values[inside], self.std) if inside.any() else None
 
 
 @dataclass(frozen=True)
 class VisualStep:
-    """Where the camera went between two of the asked times, as pictures of the floor tell it."""
+    """Motion of the camera between two requested times, estimated from pictures of the floor."""
 
     i: int
     j: int
-    """Numbers of the asked times, j = i + 1."""
+    """Indices of the requested times, j = i + 1."""
     i_T_j: Array
-    """(4, 4) of body axes at the camera, translation in heights of camera i above the floor."""
+    """(4, 4) motion of body axes at the camera; translation in units of the height of camera i."""
     covariance: Array
     """(6, 6), rotation first, right perturbation."""
 
 
 def renumber_steps(steps: tuple[VisualStep, ...], inside: NDArray[np.bool_]) -> tuple[VisualStep, ...]:
-    """Steps whose ends are both among the chosen times (n,), which form one run, with their new numbers."""
+    """Return steps whose ends are both among the chosen times (n,), a contiguous run, renumbered from 0."""
     number = np.cumsum(inside) - 1
     return tuple(
         replace(step, i=int(number[step.i]), j=int(number[step.j]))
@@ -55,28 +55,28 @@ def renumber_steps(steps: tuple[VisualStep, ...], inside: NDArray[np.bool_]) -> 
 
 @dataclass(frozen=True)
 class Readings:
-    """All that a flight's instruments have read, in body axes; what it has not is None."""
+    """All readings of a flight's instruments, in body axes; None for an absent instrument."""
 
     gyro_rad_s: Series | None = None
     accel_m_s2: Series | None = None
     """Specific force."""
     roll_pitch_yaw_rad: Series | None = None
     range_m: Series | None = None
-    """Along the beam; see `FilterModel`."""
+    """Range along the beam; see `FilterModel`."""
     velocity_m_s: Series | None = None
-    """Forward and left, level, yaw taken out."""
+    """Horizontal velocity, forward and left, in axes that turn with yaw only."""
     w_p_b_m: Series | None = None
-    """World positions (GPS); their height is above a zero of its own."""
+    """World positions (GPS); their height has an unknown zero."""
     barometer_m: Series | None = None
-    """Height above a zero of its own."""
+    """Height above an unknown zero."""
     rest_m_s: Series | None = None
-    """Zeros (n, 3) where the vehicle is known to stand."""
+    """Zeros (n, 3) at times when the vehicle is known to have zero velocity."""
     still_rad_s: Series | None = None
-    """Zeros (n, 3) where it is known not to turn."""
+    """Zeros (n, 3) at times when it is known not to rotate."""
     steps: tuple[VisualStep, ...] = ()
 
     def between(self, start_s: float, end_s: float) -> Readings:
-        """What was read from ``start_s`` to ``end_s``, without steps."""
+        """Return the readings from ``start_s`` to ``end_s``, without steps."""
         held = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "steps"}
         inside = {name: series.between(start_s, end_s) for name, series in held.items() if series is not None}
         return Readings(**inside)
@@ -84,48 +84,48 @@ class Readings:
 
 @dataclass(frozen=True)
 class FilterModel:
-    """What is assumed of vehicle and instruments beyond the white noise of each reading; stds."""
+    """Model of vehicle and instruments beyond white noise; values are standard deviations."""
 
     accel_m_s2: float = 6.0
     accel_time_s: float = 0.1
-    """The vehicle's acceleration, an exponentially correlated signal: rules where no accelerometer does."""
+    """Time constant of the acceleration, an exponentially correlated signal."""
     rate_rad_s: float = 2.0
     rate_time_s: float = 0.1
-    """Its body rate, likewise."""
+    """Time constant of the body rate, likewise."""
     gyro_offset_rad_s: float = 0.02
     gyro_walk_rad_s2: float = 1e-5
-    """Per root Hz."""
+    """Random walk, per root Hz."""
     accel_offset_m_s2: float = 0.3
     accel_walk_m_s3: float = 1e-4
-    """Per root Hz."""
+    """Random walk, per root Hz."""
     tilt_error_rad: float = 0.05
     tilt_error_time_s: float = 20.0
-    """Error of the vehicle's own roll and pitch that lasts: wind and long accelerations mislead it."""
+    """Time constant of the correlated error of the reported roll and pitch (wind, long accelerations)."""
     yaw_walk_rad: float = 0.01
-    """Per root second: wandering of its own yaw."""
+    """Random walk of the reported yaw, per root second."""
     range_scale: float = 0.05
     range_offset_m: float = 0.05
     velocity_scale: float = 0.1
     velocity_error_m_s: float = 0.0
     velocity_error_time_s: float = 1.0
-    """Error of the velocity that lasts."""
+    """Time constant of the correlated error of the velocity."""
     barometer_walk_m: float = 0.1
-    """Per root second."""
+    """Random walk of the zero, per root second."""
     b_beam: tuple[float, float, float] = (0.0, 0.0, -1.0)
-    """Direction of the range's beam, of length one, body axes."""
+    """Unit vector of the range's beam in body axes."""
     b_p_range_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     b_p_camera_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gate_probability: float = 1e-5
-    """A component less likely than this is down-weighted to its gate; one beyond four times its squared gate
-    is refused."""
+    """Tail probability of the gate. A component beyond it is down-weighted to the gate; one beyond four times
+    the squared gate is rejected."""
     patience_s: float = 1.0
-    """After so many seconds without a reading inside its gate, the instrument's own offset is taken to have
-    stepped; a component without one is from then on down-weighted instead of refused."""
+    """Time without a reading inside the gate after which a step of the instrument's bias is assumed.
+    A component without a bias is from then on down-weighted instead of rejected."""
 
 
 @dataclass(frozen=True)
 class InitialState:
-    """What is known of the vehicle at the first event; stds."""
+    """Prior on the vehicle's state at the first event; standard deviations."""
 
     height_m: float
     height_std_m: float
@@ -133,20 +133,20 @@ class InitialState:
     """(3, 3)."""
     tilt_std_rad: float = 0.3
     yaw_std_rad: float = 0.0
-    """0 where the first heading defines the world's."""
+    """0 if the first heading defines that of the world."""
     place_m: tuple[float, float] = (0.0, 0.0)
     place_std_m: float = 0.0
-    """0 where the first place defines the world's."""
+    """0 if the first position defines the world's origin."""
     w_v_m_s: Array = field(default_factory=lambda: np.zeros(3))
     velocity_std_m_s: float = 1.0
     accel_std_m_s2: float = 5.0
     rate_std_rad_s: float = 2.0
     tilt_error_rad: float | None = None
-    """Of the vehicle's own attitude at the start; None: as at any time."""
+    """Standard deviation of the initial error of the reported tilt; None: the stationary value."""
     yaw_zero_std_rad: float = 1.0
-    """How far the zero of the vehicle's own yaw may be from the world's."""
+    """Standard deviation of the zero of the reported yaw in the world."""
     barometer_zero_std_m: float = 100.0
     range_scale: float = 0.0
     velocity_scale: tuple[float, float] = (0.0, 0.0)
     position_zero_std_m: float = 0.0
-    """How far the zero of the positions' height may be from the floor's."""
+    """Standard deviation of the zero of the positions' height above the floor."""

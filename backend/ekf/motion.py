@@ -1,12 +1,12 @@
-"""The filter's state, and how it and its uncertainty move in time: kernels at compiled speed.
+"""State of the filter, and its propagation in time with covariance: numba kernels.
 
 The state holds the paper's four (position, velocity, acceleration, attitude; equation 3), the body rate, and
-what the instruments add: offsets, scales, errors that last. Errors are those of the nominal state: additive,
-but for attitudes, whose error is a right perturbation in body axes, ``R = R_hat Exp(theta)``.
+instrument errors: offsets, scales, correlated errors. The error state is additive, except for attitudes,
+whose error is a right perturbation in body axes, ``R = R_hat Exp(theta)``.
 
 Acceleration and body rate are exponentially correlated (Singer 1970, "Estimating optimal tracking filter
-performance for manned maneuvering targets"): readings determine them where there are some, and across a gap
-they fade while the uncertainty of a vehicle that may do anything takes their place.
+performance for manned maneuvering targets"): readings determine them, and across a gap they
+decay to zero while their variance returns to the stationary one.
 """
 
 from __future__ import annotations
@@ -26,31 +26,30 @@ discard_stale([*_EKF.glob("*.py"), _EKF.parent / "measurements.py"])
 
 (
     POS, VEL, ACC, ROT, RATE, GYRO_BIAS, ACCEL_BIAS, ATTITUDE_ERROR, RANGE_SCALE, RANGE_BIAS, VEL_SCALE,
-    VEL_ERROR, BARO_ZERO, GPS_ZERO, KEPT_POS, KEPT_ROT,
+    VEL_ERROR, BARO_ZERO, GPS_ZERO, CLONE_POS, CLONE_ROT,
 ) = (0, 3, 6, 9, 12, 15, 18, 21, 24, 25, 26, 28, 30, 31, 32, 35)  # fmt: skip
-"""Where each part stands in the error: position, velocity, acceleration (world), attitude, body rate, gyro
-and accelerometer offset, error of the vehicle's own attitude, scale and offset of the range, scale and
-lasting error of the velocity, offset of the barometer, offset of the positions' height; a pose kept from
-earlier."""
-PLAIN, SIZE = 32, 38
-"""Length of the error without and with the kept pose."""
+"""Index of each part of the error state: position, velocity, acceleration (world), attitude, body rate, gyro
+and accelerometer offset, error of the reported attitude, scale and offset of the range, scale and correlated
+error of the velocity, zero of the barometer, zero of the positions' height; the cloned pose."""
+SIZE_WITHOUT_CLONE, SIZE = 32, 38
+"""Dimension of the error state without and with the cloned pose."""
 (
     X_ROT, X_RATE, X_GYRO_BIAS, X_ACCEL_BIAS, X_ATTITUDE_ERROR, X_RANGE_SCALE, X_RANGE_BIAS, X_VEL_SCALE,
-    X_VEL_ERROR, X_BARO_ZERO, X_GPS_ZERO, X_KEPT_POS, X_KEPT_ROT, STATE,
+    X_VEL_ERROR, X_BARO_ZERO, X_GPS_ZERO, X_CLONE_POS, X_CLONE_ROT, STATE,
 ) = (9, 13, 16, 19, 22, 25, 26, 27, 29, 31, 32, 33, 36, 40)  # fmt: skip
-"""The same in the nominal state, in which attitudes are quaternions (w, x, y, z), and its length; position,
-velocity and acceleration stand where they do in the error."""
+"""Indices in the nominal state, where attitudes are quaternions (w, x, y, z), and its length; position,
+velocity and acceleration have the same indices as in the error state."""
 
 (
     ACCEL_STD, ACCEL_TAU, RATE_STD, RATE_TAU, GYRO_WALK, BIAS_WALK, TILT_STD, TILT_TAU, YAW_WALK,
     FLOW_STD, FLOW_TAU, BARO_WALK, MOTION,
 ) = range(13)  # fmt: skip
-"""Where each figure stands in the flat vector of the motion model."""
+"""Index of each parameter in the flat vector of the motion model."""
 
 
 @njit(cache=True)
 def rotation(q: Array) -> Array:
-    """(3, 3) of a unit quaternion (w, x, y, z)."""
+    """Return the rotation matrix (3, 3) of a unit quaternion (w, x, y, z)."""
     w, x, y, z = q
     R = np.empty((3, 3))
     R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
@@ -60,8 +59,8 @@ def rotation(q: Array) -> Array:
 
 
 @njit(cache=True)
-def turned(q: Array, v: Array) -> Array:
-    """Quaternion of ``R Exp(v)``, of unit length."""
+def rotated(q: Array, v: Array) -> Array:
+    """Return the unit quaternion of ``R Exp(v)``."""
     angle = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     s = math.sin(angle / 2) / angle if angle > 1e-8 else 0.5
     a, (b, c, d) = math.cos(angle / 2), v * s
@@ -76,7 +75,7 @@ def turned(q: Array, v: Array) -> Array:
 
 @njit(cache=True)
 def hat(v: Array) -> Array:
-    """``hat(v) @ u == cross(v, u)``."""
+    """Return the matrix with ``hat(v) @ u == cross(v, u)``."""
     out = np.zeros((3, 3))
     out[0, 1], out[0, 2], out[1, 2] = -v[2], v[1], -v[0]
     out[1, 0], out[2, 0], out[2, 1] = v[2], -v[1], v[0]
@@ -85,7 +84,7 @@ def hat(v: Array) -> Array:
 
 @njit(cache=True)
 def left_jacobian(v: Array) -> Array:
-    """(3, 3): ``Exp(v + dv) = Exp(left_jacobian(v) dv) Exp(v)`` for small dv."""
+    """Return the left Jacobian (3, 3): ``Exp(v + dv) = Exp(left_jacobian(v) dv) Exp(v)`` for small dv."""
     angle, across = math.sqrt((v * v).sum()), hat(v)
     if angle < 1e-4:  # the closed form cancels
         return np.eye(3) + across / 2
@@ -95,20 +94,20 @@ def left_jacobian(v: Array) -> Array:
 
 @njit(cache=True)
 def retract(x: Array, e: Array) -> Array:
-    """The nominal state (STATE,) moved by an error (SIZE,) or (PLAIN,)."""
+    """Return the nominal state (STATE,) moved by an error (SIZE,) or (PLAIN,)."""
     out = x.copy()
     out[:X_ROT] += e[:ROT]
-    out[X_ROT:X_RATE] = turned(x[X_ROT:X_RATE], e[ROT:RATE])
-    out[X_RATE:X_KEPT_POS] += e[RATE:KEPT_POS]
+    out[X_ROT:X_RATE] = rotated(x[X_ROT:X_RATE], e[ROT:RATE])
+    out[X_RATE:X_CLONE_POS] += e[RATE:CLONE_POS]
     if len(e) == SIZE:
-        out[X_KEPT_POS:X_KEPT_ROT] += e[KEPT_POS:KEPT_ROT]
-        out[X_KEPT_ROT:STATE] = turned(x[X_KEPT_ROT:STATE], e[KEPT_ROT:SIZE])
+        out[X_CLONE_POS:X_CLONE_ROT] += e[CLONE_POS:CLONE_ROT]
+        out[X_CLONE_ROT:STATE] = rotated(x[X_CLONE_ROT:STATE], e[CLONE_ROT:SIZE])
     return out
 
 
 @njit(cache=True)
 def rotation_vector(R: Array) -> Array:
-    """(3,) of a rotation by less than half a turn."""
+    """Return the rotation vector (3,) of a rotation by less than half a turn."""
     out = np.empty(3)
     out[0], out[1], out[2] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
     sine = math.sqrt((out * out).sum()) / 2
@@ -118,31 +117,31 @@ def rotation_vector(R: Array) -> Array:
 
 @njit(cache=True)
 def difference(y: Array, x: Array, n: int) -> Array:
-    """The error (n,) that takes the nominal state x to y."""
+    """Return the error (n,) that moves the nominal state x to y."""
     out = np.empty(n)
     out[:ROT] = y[:X_ROT] - x[:X_ROT]
     back = np.ascontiguousarray(rotation(x[X_ROT:X_RATE]).T)
     out[ROT:RATE] = rotation_vector(back @ rotation(y[X_ROT:X_RATE]))
-    out[RATE:KEPT_POS] = y[X_RATE:X_KEPT_POS] - x[X_RATE:X_KEPT_POS]
+    out[RATE:CLONE_POS] = y[X_RATE:X_CLONE_POS] - x[X_RATE:X_CLONE_POS]
     if n == SIZE:
-        out[KEPT_POS:KEPT_ROT] = y[X_KEPT_POS:X_KEPT_ROT] - x[X_KEPT_POS:X_KEPT_ROT]
-        kept = np.ascontiguousarray(rotation(x[X_KEPT_ROT:STATE]).T)
-        out[KEPT_ROT:SIZE] = rotation_vector(kept @ rotation(y[X_KEPT_ROT:STATE]))
+        out[CLONE_POS:CLONE_ROT] = y[X_CLONE_POS:X_CLONE_ROT] - x[X_CLONE_POS:X_CLONE_ROT]
+        clone = np.ascontiguousarray(rotation(x[X_CLONE_ROT:STATE]).T)
+        out[CLONE_ROT:SIZE] = rotation_vector(clone @ rotation(y[X_CLONE_ROT:STATE]))
     return out
 
 
 @njit(cache=True)
-def correlated(dt: float, std: float, tau: float) -> tuple[Array, Array]:
-    """An exponentially correlated signal s and its two integrals over dt.
+def integrate_correlated(dt: float, std: float, tau: float) -> tuple[Array, Array]:
+    """Propagate an exponentially correlated signal s and its two integrals over dt.
 
-    Gives the factors (of the double integral on s, of the integral on s, of s on s) and the covariance (3, 3)
-    of (double integral, integral, s) that dt adds. Source: Singer 1970, equations 9 to 11.
+    Return the transition factors from s to (double integral, integral, s), and the covariance (3, 3) of
+    these three that dt adds. Source: Singer 1970, equations 9 to 11.
     """
     b = dt / tau
     e = math.exp(-b)
     q = np.empty((3, 3))
     step = np.empty(3)
-    if b < 0.02:  # the closed form cancels; of the series the leading terms are exact enough
+    if b < 0.02:  # the closed form cancels; the leading terms of the series are accurate enough
         step[0], step[1] = dt * dt / 2 * (1 - b / 3), dt * (1 - b / 2)
         density = 2 * std * std / tau
         q[0, 0], q[0, 1], q[0, 2] = dt**5 / 20, dt**4 / 8, dt**3 / 6
@@ -165,26 +164,25 @@ def correlated(dt: float, std: float, tau: float) -> tuple[Array, Array]:
 
 @njit(cache=True)
 def propagate(x: Array, C: Array, dt: float, model: Array, F: Array) -> None:
-    """Move state and covariance C by dt, in place; the transition's figures go to F (9, 3), for
-    `pull_back`."""
-    a, qa = correlated(dt, model[ACCEL_STD], model[ACCEL_TAU])
-    w, qw = correlated(dt, model[RATE_STD], model[RATE_TAU])
+    """Propagate state and covariance C by dt, in place; F (9, 3) receives the transition's coefficients."""
+    a, qa = integrate_correlated(dt, model[ACCEL_STD], model[ACCEL_TAU])
+    w, qw = integrate_correlated(dt, model[RATE_STD], model[RATE_TAU])
     v = w[1] * x[X_RATE : X_RATE + 3]
     F[0, 0], F[0, 1], F[0, 2] = dt, a[0], a[1]
     F[1, 0], F[1, 1] = a[2], w[2]
     F[1, 2] = math.exp(-dt / model[TILT_TAU])
-    F[2:5] = rotation(turned(np.array([1.0, 0.0, 0.0, 0.0]), -v))
+    F[2:5] = rotation(rotated(np.array([1.0, 0.0, 0.0, 0.0]), -v))
     F[5:8] = w[1] * (np.eye(3) - 0.5 * hat(v))
     F[8, 0] = math.exp(-dt / model[FLOW_TAU])
     for k in range(3):
         x[k] += dt * x[VEL + k] + a[0] * x[ACC + k]
         x[VEL + k] += a[1] * x[ACC + k]
         x[ACC + k] *= a[2]
-    x[X_ROT:X_RATE] = turned(x[X_ROT:X_RATE], v)
+    x[X_ROT:X_RATE] = rotated(x[X_ROT:X_RATE], v)
     x[X_RATE : X_RATE + 3] *= w[2]
     x[X_ATTITUDE_ERROR : X_ATTITUDE_ERROR + 2] *= F[1, 2]
     x[X_VEL_ERROR : X_VEL_ERROR + 2] *= F[8, 0]
-    both_sides(C, F, False)
+    transform_covariance(C, F, False)
     for k in range(3):
         for i in range(3):
             for j in range(3):
@@ -203,9 +201,8 @@ def propagate(x: Array, C: Array, dt: float, model: Array, F: Array) -> None:
 
 
 @njit(cache=True)
-def push(v: Array, F: Array) -> None:
-    """The transition times an error v (n,), in place: position takes from velocity and acceleration, and so
-    on."""
+def apply_transition(v: Array, F: Array) -> None:
+    """Multiply an error v (n,) by the transition matrix, in place."""
     for k in range(3):
         v[POS + k] += F[0, 0] * v[VEL + k] + F[0, 1] * v[ACC + k]
         v[VEL + k] += F[0, 2] * v[ACC + k]
@@ -221,8 +218,8 @@ def push(v: Array, F: Array) -> None:
 
 
 @njit(cache=True)
-def pull(v: Array, F: Array) -> None:
-    """The transposed transition times v (n,), in place."""
+def apply_transposed_transition(v: Array, F: Array) -> None:
+    """Multiply v (n,) by the transposed transition matrix, in place."""
     for k in range(3):
         v[ACC + k] = F[0, 1] * v[POS + k] + F[0, 2] * v[VEL + k] + F[1, 0] * v[ACC + k]
         v[VEL + k] += F[0, 0] * v[POS + k]
@@ -237,15 +234,15 @@ def pull(v: Array, F: Array) -> None:
 
 
 @njit(cache=True)
-def both_sides(C: Array, F: Array, back: bool) -> None:
-    """``F C F'`` (or, ``back``, ``F' C F``) of a symmetric C, in place; symmetric to the last bit."""
+def transform_covariance(C: Array, F: Array, back: bool) -> None:
+    """Replace a symmetric C by ``F C F'`` (``F' C F`` if ``back``); the result is exactly symmetric."""
     n = len(C)
     for _ in range(2):
         for r in range(n):
             if back:
-                pull(C[r], F)
+                apply_transposed_transition(C[r], F)
             else:
-                push(C[r], F)
+                apply_transition(C[r], F)
         for r in range(n):
             for j in range(r):
                 C[r, j], C[j, r] = C[j, r], C[r, j]

@@ -1,7 +1,7 @@
-"""Measurement models of the instruments: predicted reading and its Jacobian in the error state; kernels.
+"""Measurement models of the instruments: predicted reading and its Jacobian; numba kernels.
 
-Every function fills H (6, n), the Jacobian, and gives back the predicted reading; the caller forms the
-innovation and leaves out components that were not read.
+Every function fills the Jacobian H (6, n) by the error state and returns the predicted reading. The caller
+forms the innovation and skips missing components.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from backend.ekf.motion import (
     ACCEL_BIAS,
     ATTITUDE_ERROR,
     BARO_ZERO,
+    CLONE_POS,
+    CLONE_ROT,
     GPS_ZERO,
     GYRO_BIAS,
-    KEPT_POS,
-    KEPT_ROT,
     MOTION,
     POS,
     RANGE_BIAS,
@@ -32,10 +32,10 @@ from backend.ekf.motion import (
     X_ACCEL_BIAS,
     X_ATTITUDE_ERROR,
     X_BARO_ZERO,
+    X_CLONE_POS,
+    X_CLONE_ROT,
     X_GPS_ZERO,
     X_GYRO_BIAS,
-    X_KEPT_POS,
-    X_KEPT_ROT,
     X_RANGE_BIAS,
     X_RANGE_SCALE,
     X_RATE,
@@ -45,17 +45,18 @@ from backend.ekf.motion import (
     Array,
     hat,
     left_jacobian,
+    rotated,
     rotation,
     rotation_vector,
-    turned,
 )
 from backend.measurements import GRAVITY_M_S2
 from backend.numba_cache import njit
 
-(TICK, GYRO, ACCEL, ATTITUDE, RANGE, VELOCITY, POSITION, BAROMETER, REST, STILL, STEP, ASK, KEEP) = range(13)
-"""What an event can be, in the order in which those of one instant are taken: nothing (a long gap is gone
-through in short steps), a reading, knowing that the vehicle stands and does not turn, a step seen in
-pictures, a pose asked for, a pose to keep."""
+(PROPAGATE, GYRO, ACCEL, ATTITUDE, RANGE, VELOCITY, POSITION, BAROMETER, REST, STILL, STEP, OUTPUT, CLONE) = (
+    range(13)
+)
+"""Kinds of events, in the order of processing at one instant: a mere propagation (a long gap takes short
+steps), a reading, zero velocity and zero rotation, a visual step, the output of a pose, its cloning."""
 CHANNELS = {
     "gyro": GYRO,
     "accelerometer": ACCEL,
@@ -68,19 +69,19 @@ CHANNELS = {
     "still": STILL,
     "pictures": STEP,
 }
-"""The readings by name."""
+"""Kinds of readings by name."""
 
-_LEAST_HEIGHT_M = 1e-3
-_LEAST_COSINE = 0.2
-"""A beam or a pitch nearer to the horizon or the zenith tells nothing."""
+_MIN_HEIGHT_M = 1e-3
+_MIN_COSINE = 0.2
+"""Smallest usable cosine of a beam or a pitch: beyond it the prediction is singular."""
 
 
 @njit(cache=True)
 def predict(kind: int, x: Array, value: Array, model: Array, H: Array) -> tuple[Array, bool]:
-    """The reading (6,) that is expected of an instrument, and whether it can read in this state."""
+    """Return the predicted reading (6,) of an instrument, and whether it is valid in this state."""
     H[:] = 0.0
     z = np.zeros(6)
-    able = True
+    valid = True
     if kind == GYRO:
         z[:3] = x[X_RATE : X_RATE + 3] + x[X_GYRO_BIAS : X_GYRO_BIAS + 3]
         for k in range(3):
@@ -88,11 +89,11 @@ def predict(kind: int, x: Array, value: Array, model: Array, H: Array) -> tuple[
     elif kind == ACCEL:
         _specific_force(x, z, H)
     elif kind == ATTITUDE:
-        able = _attitude(x, value, z, H)
+        valid = _attitude(x, value, z, H)
     elif kind == RANGE:
-        able = _range(x, model, z, H)
+        valid = _range(x, model, z, H)
     elif kind == VELOCITY:
-        able = _heading_velocity(x, z, H)
+        valid = _heading_velocity(x, z, H)
     elif kind == POSITION:
         for k in range(3):
             z[k] = x[k]
@@ -110,12 +111,12 @@ def predict(kind: int, x: Array, value: Array, model: Array, H: Array) -> tuple[
         for k in range(3):
             z[k] = x[X_RATE + k]
             H[k, RATE + k] = 1.0
-    return z, able
+    return z, valid
 
 
 @njit(cache=True)
 def _specific_force(x: Array, z: Array, H: Array) -> None:
-    """``R' (a + g) + offset``."""
+    """Predict the specific force: ``R' (a + g) + offset``."""
     R = rotation(x[X_ROT:X_RATE])
     up = x[ACC : ACC + 3].copy()
     up[2] += GRAVITY_M_S2
@@ -129,7 +130,7 @@ def _specific_force(x: Array, z: Array, H: Array) -> None:
 
 @njit(cache=True)
 def angles(R: Array) -> Array:
-    """Roll, pitch, yaw (3,) of ``Rz(yaw) Ry(pitch) Rx(roll)``."""
+    """Return roll, pitch, yaw (3,) of ``R = Rz(yaw) Ry(pitch) Rx(roll)``."""
     out = np.empty(3)
     out[0] = math.atan2(R[2, 1], R[2, 2])
     out[1] = math.asin(min(max(-R[2, 0], -1.0), 1.0))
@@ -139,7 +140,7 @@ def angles(R: Array) -> Array:
 
 @njit(cache=True)
 def angle_rates(R: Array) -> Array:
-    """(3, 3) derivatives of roll, pitch, yaw by a right perturbation of R."""
+    """Return the derivatives (3, 3) of roll, pitch, yaw by a right perturbation of R."""
     roll, pitch = math.atan2(R[2, 1], R[2, 2]), math.asin(min(max(-R[2, 0], -1.0), 1.0))
     s, c, cp = math.sin(roll), math.cos(roll), math.cos(pitch)
     t = math.sin(pitch) / cp
@@ -152,16 +153,16 @@ def angle_rates(R: Array) -> Array:
 
 @njit(cache=True)
 def _attitude(x: Array, value: Array, z: Array, H: Array) -> bool:
-    """Roll, pitch, yaw of ``Rz(yaw error) Exp(tilt error) R``; yaw within half a turn of what was read.
+    """Predict roll, pitch, yaw of ``Rz(yaw error) Exp(tilt error) R``, yaw within half a turn of the reading.
 
-    The error of an attitude that is integrated from body rates is constant in world axes, not in body axes:
-    observable as the vehicle turns under it, and where a wrong tilt turns body rate into yaw rate.
+    The error of an attitude that is integrated from body rates is constant in world axes, not in body axes.
+    It is observable when the vehicle turns, and when a wrong tilt converts body rate to yaw rate.
     """
     R = rotation(x[X_ROT:X_RATE])
-    if math.sqrt(R[2, 1] ** 2 + R[2, 2] ** 2) < _LEAST_COSINE:
+    if math.sqrt(R[2, 1] ** 2 + R[2, 2] ** 2) < _MIN_COSINE:
         return False
     tilt = np.array([x[X_ATTITUDE_ERROR], x[X_ATTITUDE_ERROR + 1], 0.0])
-    own = rotation(turned(np.array([1.0, 0.0, 0.0, 0.0]), tilt)) @ R
+    own = rotation(rotated(np.array([1.0, 0.0, 0.0, 0.0]), tilt)) @ R
     z[:3] = angles(own)
     z[2] += x[X_ATTITUDE_ERROR + 2]
     for k in (0, 2):
@@ -177,15 +178,15 @@ def _attitude(x: Array, value: Array, z: Array, H: Array) -> bool:
 
 @njit(cache=True)
 def _range(x: Array, model: Array, z: Array, H: Array) -> bool:
-    """``scale * height / cosine + offset`` along the beam, from where the sensor sits on the body.
+    """Predict the range along the beam from the sensor: ``scale * height / cosine + offset``.
 
-    The beam's direction and the sensor's place (body axes) stand in the model.
+    The model holds the beam's direction and the sensor's position in body axes.
     """
     beam, lever = model[MOTION : MOTION + 3], model[MOTION + 3 : MOTION + 6]
     R = rotation(x[X_ROT:X_RATE])
     cosine = -(R[2] * beam).sum()
     height = x[2] + (R[2] * lever).sum()
-    if cosine < _LEAST_COSINE:
+    if cosine < _MIN_COSINE:
         return False
     slant, scale = height / cosine, 1 + x[X_RANGE_SCALE]
     z[0] = scale * slant + x[X_RANGE_BIAS]
@@ -198,10 +199,10 @@ def _range(x: Array, model: Array, z: Array, H: Array) -> bool:
 
 @njit(cache=True)
 def _heading_velocity(x: Array, z: Array, H: Array) -> bool:
-    """Level velocity with yaw taken out, forward and left, each with its scale and lasting error."""
+    """Predict horizontal velocity in yaw axes, forward and left, each with scale and correlated error."""
     R = rotation(x[X_ROT:X_RATE])
     cosine = math.sqrt(R[0, 0] ** 2 + R[1, 0] ** 2)
-    if cosine < _LEAST_COSINE or math.sqrt(R[2, 1] ** 2 + R[2, 2] ** 2) < _LEAST_COSINE:
+    if cosine < _MIN_COSINE or math.sqrt(R[2, 1] ** 2 + R[2, 2] ** 2) < _MIN_COSINE:
         return False
     c, s = R[0, 0] / cosine, R[1, 0] / cosine
     forward, left = c * x[VEL] + s * x[VEL + 1], -s * x[VEL] + c * x[VEL + 1]
@@ -219,36 +220,36 @@ def _heading_velocity(x: Array, z: Array, H: Array) -> bool:
 
 @njit(cache=True)
 def step_residual(x: Array, seen: Array, model: Array, H: Array) -> tuple[Array, bool]:
-    """What a step seen in pictures, pose ``seen`` (4, 4) from the kept pose on, adds to the predicted one.
+    """Return the residual of a visual step ``seen`` (4, 4), the pose relative to the cloned one.
 
-    The step is that of body axes at the camera, whose place stands in the model, its translation in heights
-    of the kept camera above the floor. Gives the residual (6,), rotation first, as a right perturbation of
-    the predicted step, and whether the kept pose has a height.
+    The step is that of body axes at the camera, whose position the model holds; its translation is in heights
+    of the cloned camera above the floor. The residual (6,), rotation first, is a right perturbation of the
+    predicted step. The second result is False if the clone has no height.
     """
     H[:] = 0.0
     out = np.zeros(6)
     lever = model[MOTION + 6 : MOTION + 9]
-    kept, now = rotation(x[X_KEPT_ROT:STATE]), rotation(x[X_ROT:X_RATE])
-    height = x[X_KEPT_POS + 2] + (kept[2] * lever).sum()
-    if height < _LEAST_HEIGHT_M:
+    clone, now = rotation(x[X_CLONE_ROT:STATE]), rotation(x[X_ROT:X_RATE])
+    height = x[X_CLONE_POS + 2] + (clone[2] * lever).sum()
+    if height < _MIN_HEIGHT_M:
         return out, False
-    to_kept = np.ascontiguousarray(kept.T)
+    to_kept = np.ascontiguousarray(clone.T)
     turn = to_kept @ now
     back = np.ascontiguousarray(turn.T)
-    seen_from_body = to_kept @ (x[:3] - x[X_KEPT_POS:X_KEPT_ROT] + now @ lever)
+    seen_from_body = to_kept @ (x[:3] - x[X_CLONE_POS:X_CLONE_ROT] + now @ lever)
     moved = (seen_from_body - lever) / height
     out[:3] = rotation_vector(back @ np.ascontiguousarray(seen[:3, :3]))
     out[3:] = back @ (seen[:3, 3] - moved)
     H[:3, ROT : ROT + 3] = np.eye(3)
-    H[:3, KEPT_ROT : KEPT_ROT + 3] = -back
+    H[:3, CLONE_ROT : CLONE_ROT + 3] = -back
     to_now = np.ascontiguousarray(now.T) / height
     H[3:, POS : POS + 3] = to_now
-    H[3:, KEPT_POS : KEPT_POS + 3] = -to_now
+    H[3:, CLONE_POS : CLONE_POS + 3] = -to_now
     H[3:, ROT : ROT + 3] = -hat(lever) / height
-    H[3:, KEPT_ROT : KEPT_ROT + 3] = back @ hat(seen_from_body) / height
+    H[3:, CLONE_ROT : CLONE_ROT + 3] = back @ hat(seen_from_body) / height
     shorter = back @ moved / height
-    tipped = kept[2] @ hat(lever)
+    tipped = clone[2] @ hat(lever)
     for k in range(3):
-        H[3 + k, KEPT_POS + 2] -= shorter[k]
-        H[3 + k, KEPT_ROT : KEPT_ROT + 3] += shorter[k] * tipped
+        H[3 + k, CLONE_POS + 2] -= shorter[k]
+        H[3 + k, CLONE_ROT : CLONE_ROT + 3] += shorter[k] * tipped
     return out, True

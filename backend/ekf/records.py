@@ -1,4 +1,4 @@
-"""What the filter's passes read and write: flat arrays, so that compiled code can."""
+"""Inputs and outputs of the filter's passes, as flat arrays for compiled code."""
 
 from __future__ import annotations
 
@@ -10,113 +10,112 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-USED, REFUSED, STEPPED, SOFTENED, UNABLE = 1, 2, 3, 4, 5
-"""What became of a component of a reading: taken; rejected by the gate; taken as a step of the instrument's
-own bias, after all readings failed the gate for too long; taken with inflated noise; not predictable in this
-state."""
+USED, REJECTED, BIAS_STEPPED, INFLATED, UNPREDICTABLE = 1, 2, 3, 4, 5
+"""Status of a component of a reading: used; rejected by the gate; used as a step of the instrument's bias,
+after all readings failed the gate for too long; used with inflated noise; unpredictable in this state."""
 
 
 class FilterEvents(NamedTuple):
-    """All that happens in a flight, in order of time."""
+    """All events of a flight, in order of time."""
 
     stamps_s: Array
     """(e,)."""
     kind: NDArray[np.int64]
-    """(e,) see `backend.ekf.readings`."""
+    """(e,) kind of event; see `backend.ekf.readings`."""
     value: Array
-    """(e, 3) the reading; NaN where a component is not there."""
+    """(e, 3) reading; NaN for a missing component."""
     std: Array
     """(e, 3)."""
     row: NDArray[np.int64]
-    """(e,) which step of the pictures, or which asked pose."""
+    """(e,) index of the visual step or of the requested time."""
     step: Array
-    """(s, 4, 4) steps seen in pictures."""
+    """(s, 4, 4) visual steps."""
     step_whitener: Array
-    """(s, 6, 6) times the error of a step: unit covariance."""
+    """(s, 6, 6) matrices that whiten the error of a step."""
 
 
 class Gates(NamedTuple):
-    """When a reading is not taken as it is."""
+    """Thresholds of the innovation gates."""
 
     component: float
     """Largest squared whitened innovation of a component."""
     step: float
-    """The same of a step seen in pictures, as a whole."""
+    """Largest squared Mahalanobis norm of a visual step."""
     patience_s: float
-    """Seconds for which readings may fail the gate."""
+    """Time, in seconds, for which readings may fail the gate."""
 
 
 class FilterInputs(NamedTuple):
-    """A flight, and all that it is filtered under."""
+    """Inputs of the filter: a flight's events and the model."""
 
     events: FilterEvents
-    about: Array
-    """(e, STATE) states to linearise about; of no length in the first round."""
+    linearization: Array
+    """(e, STATE) linearisation points; empty in the first round."""
     model: Array
-    """(MOTION + 9,) see `backend.ekf.motion`; then the beam, the places of rangefinder and camera."""
+    """(MOTION + 9,) see `backend.ekf.motion`; then beam direction, rangefinder and camera position."""
     gates: Gates
 
 
 class FilterState(NamedTuple):
-    """What the filter carries on from event to event; changed in place."""
+    """State of the filter between events; updated in place."""
 
     x: Array
     """(STATE,) nominal state."""
     e: Array
-    """(n,) mean of its error: not zero where the linearisation point is given."""
+    """(n,) mean of the error state: nonzero if the linearisation point is an input."""
     C: Array
     """(n, n) covariance of the error."""
-    refused_since: Array
-    """(kinds, 6) since when each component is beyond its gate; infinite where it is not."""
+    failing_since: Array
+    """(kinds, 6) time since which each component fails its gate; infinite if it passes."""
 
 
 class LinearizedReading(NamedTuple):
-    """One reading as the update takes it."""
+    """One reading, linearised for the update."""
 
     event: int
-    taped: int
-    """Its event's number within the block."""
+    tape_row: int
+    """Index of the event within the block."""
     kind: int
     now_s: float
     innovation: Array
-    """(6,) reading minus prediction at the linearisation point; NaN where nothing was read."""
+    """(6,) reading minus prediction at the linearisation point; NaN for a missing component."""
     H: Array
-    """(6, n) its derivatives by the error."""
+    """(6, n) Jacobian by the error state."""
     variance: Array
-    """(6,) of the white noise."""
+    """(6,) variance of the white noise."""
 
 
 class InnovationLog(NamedTuple):
-    """What became of each component of each reading."""
+    """Status and innovation of each component of each reading."""
 
     status: NDArray[np.int64]
-    """(e, 6) see above; 0 where there was none."""
+    """(e, 6) status, see above; 0 for a missing component."""
     innovation: Array
-    """(e, 6) innovations, conditioned on the components before; of a step whitened."""
+    """(e, 6) innovations, conditioned on the previous components; those of a step are whitened."""
     variance: Array
     """(e, 6) their predicted variances."""
 
 
 class StateRecords(NamedTuple):
-    """State and covariance at the asked times, and the states that a next round is linearised about."""
+    """States and covariances at the requested times, and linearisation points for the next round."""
 
     x: Array
     """(q, STATE)."""
     C: Array
-    """(q, r, r) of the error, ``rows`` alone."""
+    """(q, r, r) covariance of the error state, only its ``rows``."""
     std: Array
-    """(q, n) of every part of the state."""
+    """(q, n) standard deviation of each element of the error state."""
     all_x: Array
-    """(e, STATE) behind every event; of no length where nobody needs them."""
+    """(e, STATE) state after each event; empty if not needed."""
     rows: NDArray[np.int64]
-    """(r,) which parts of the error are told with their covariance."""
+    """(r,) indices of the error state whose covariance is recorded."""
 
 
 class Tape(NamedTuple):
-    """What the backward pass needs of each event of a block; of no length where none follows."""
+    """Inputs of the backward pass from each event of a block; empty if no such pass follows."""
 
     F: Array
-    """(b, 9, 3) figures of the transition to it; zero where no time passed."""
+    """(b, 9, 3) coefficients of the transition to the event; zero if no time passed."""
     H: Array
     """(b, 6, n)."""
     K: Array
@@ -126,15 +125,15 @@ class Tape(NamedTuple):
     innovation: Array
     """(b, 6)."""
     dof: NDArray[np.int64]
-    """(b,) components that were taken."""
+    """(b,) number of components that were used."""
     x: Array
-    """(b, STATE) state behind it."""
+    """(b, STATE) state after the event."""
     C: Array
     """(b, n, n)."""
 
 
 class FilterOutputs(NamedTuple):
-    """What the pass forward leaves behind."""
+    """Outputs of the forward pass."""
 
     log: InnovationLog
     found: StateRecords

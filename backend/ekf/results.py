@@ -1,4 +1,4 @@
-"""What the filter gives back: states at the asked times, and what became of each reading."""
+"""Results of the filter: states at the requested times, and innovations of each reading."""
 
 from __future__ import annotations
 
@@ -20,43 +20,43 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class InstrumentInnovations:
-    """What became of the readings of one kind, component by component."""
+    """Innovations and status of the readings of one instrument, per component."""
 
     stamps_s: Array
-    """(m,) of all readings."""
+    """(m,) times of all readings."""
     innovation: Array
-    """(m, d) reading minus what was expected, each component given those before it; NaN where there is none.
-    d is 3; 6 for steps seen in pictures, which are whitened."""
+    """(m, d) reading minus prediction, each component conditioned on the previous ones; NaN if missing.
+    d is 3; 6 for visual steps, which are whitened."""
     std: Array
-    """(m, d) what innovations should scatter."""
+    """(m, d) predicted standard deviation of the innovations."""
     status: NDArray[np.int64]
-    """(m, d) see `backend.ekf.records`; 0 where there is none."""
+    """(m, d) see `backend.ekf.records`; 0 for a missing component."""
     log_likelihood: float
-    """Of all readings given those before; one beyond its gate counts as if it were at the gate."""
+    """Log likelihood of all readings, each given the previous ones; innovations are clipped at the gate."""
 
     def count(self, status: int) -> int:
-        """Components with that status."""
+        """Return the number of components with a status."""
         return int((self.status == status).sum())
 
     @property
     def nis(self) -> Array:
-        """(m, d) squared whitened innovations: 1 on average where the filter's model is right."""
+        """(m, d) squared whitened innovations: 1 on average if the filter's model is correct."""
         return (self.innovation / self.std) ** 2
 
     @property
     def accepted(self) -> NDArray[np.bool_]:
-        """(m, d) which components were taken at their full weight."""
+        """(m, d) True for components that were used with their full weight."""
         return self.status == USED
 
     @property
     def mean_nis(self) -> float | None:
-        """Of the components at full weight; those that were refused say nothing of the model's noise."""
+        """Mean NIS of the components with full weight; the others say nothing about the noise model."""
         return float(self.nis[self.accepted].mean()) if self.accepted.any() else None
 
 
 @dataclass(frozen=True)
 class States:
-    """Filtered or smoothed states at the asked times."""
+    """Filtered or smoothed states at the requested times."""
 
     w_T_b: Array
     """(n, 4, 4)."""
@@ -67,29 +67,29 @@ class States:
     w_a_m_s2: Array
     """(n, 3)."""
     errors: dict[str, Array]
-    """Of the instruments, by name: (n, 3) gyro_offset, accel_offset, own_attitude; (n, 1) range_scale,
+    """Instrument errors by name: (n, 3) gyro_offset, accel_offset, own_attitude; (n, 1) range_scale,
     range_offset, barometer_zero, position_zero; (n, 2) velocity_scale, velocity_error."""
     errors_std: dict[str, Array]
     motion_covariances: Array
-    """(n, 12, 12) of world position, velocity, acceleration, and attitude (right perturbation)."""
+    """(n, 12, 12) covariance of world position, velocity, acceleration, and attitude (right perturbation)."""
     clone_T_b: Array
-    """(n, 4, 4) from the pose that was kept to this one; NaN where none was."""
+    """(n, 4, 4) pose relative to the cloned pose; NaN if there is none."""
     clone_T_b_covariances: Array
-    """(n, 6, 6) of it, from the joint covariance of the two; rotation first, right perturbation."""
+    """(n, 6, 6) its covariance, from the joint one of both poses; rotation first, right perturbation."""
     fixed_clone_covariances: Array
-    """(n, 6, 6) of the pose where the kept pose's position is taken for certain; NaN where none was kept."""
+    """(n, 6, 6) covariance of the pose if the cloned position were exact; NaN if there is no clone."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """What the filter makes of a flight."""
+    """Result of the filter and smoother."""
 
     stamps_s: Array
-    """(n,) the asked times."""
+    """(n,) requested times."""
     filtered: States
-    """Each from the readings until then."""
+    """Each state uses the readings until its time."""
     smoothed: States | None
-    """Each from all readings."""
+    """Each state uses all readings."""
     channels: dict[str, InstrumentInnovations]
 
 
@@ -104,11 +104,11 @@ _ERRORS = {
     "barometer_zero": (at.X_BARO_ZERO, at.BARO_ZERO, 1),
     "position_zero": (at.X_GPS_ZERO, at.GPS_ZERO, 1),
 }
-"""Name -> where it stands in the state, where in the error, and how many numbers it is."""
+"""Name -> index in the nominal state, index in the error state, and dimension."""
 
 
-def build_states(found: StateRecords, keep: bool) -> States:
-    """Poses and their covariances from nominal states and errors."""
+def build_states(found: StateRecords, clone: bool) -> States:
+    """Convert nominal states and error covariances to poses and their covariances."""
     x, C = found.x, found.C
     R = _rotations(x[:, at.X_ROT : at.X_RATE])
     w_T_b = _poses(R, x[:, :3])
@@ -117,8 +117,8 @@ def build_states(found: StateRecords, keep: bool) -> States:
     to_body[:, 3:, :3] = R.transpose(0, 2, 1)
     motion = C[:, :12, :12]
     clone_T_b, clone_T_b_covariances, since = np.full_like(w_T_b, np.nan), *np.full((2, len(x), 6, 6), np.nan)
-    if keep:
-        clone_T_b[1:], clone_T_b_covariances[1:], since[1:] = _from_kept(x[1:], C[1:], R[1:])
+    if clone:
+        clone_T_b[1:], clone_T_b_covariances[1:], since[1:] = _from_clone(x[1:], C[1:], R[1:])
     return States(
         w_T_b,
         to_body @ motion @ to_body.transpose(0, 2, 1),
@@ -133,17 +133,17 @@ def build_states(found: StateRecords, keep: bool) -> States:
     )
 
 
-def _from_kept(x: Array, C: Array, w_R_b: Array) -> tuple[Array, Array, Array]:
-    """The way from the kept pose to the present one, its covariance, and that with the kept place certain."""
-    kept = _rotations(x[:, at.X_KEPT_ROT : at.STATE]).transpose(0, 2, 1)
-    R, moved = kept @ w_R_b, np.einsum("nab,nb->na", kept, x[:, :3] - x[:, at.X_KEPT_POS : at.X_KEPT_ROT])
+def _from_clone(x: Array, C: Array, w_R_b: Array) -> tuple[Array, Array, Array]:
+    """Return the pose relative to the clone, its covariance, and that with an exact clone position."""
+    clone = _rotations(x[:, at.X_CLONE_ROT : at.STATE]).transpose(0, 2, 1)
+    R, moved = clone @ w_R_b, np.einsum("nab,nb->na", clone, x[:, :3] - x[:, at.X_CLONE_POS : at.X_CLONE_ROT])
     back, to_body = R.transpose(0, 2, 1), w_R_b.transpose(0, 2, 1)
     J = np.zeros((len(x), 6, 18))
     J[:, :3, 9:12], J[:, :3, 15:] = np.eye(3), -back
     J[:, 3:, :3], J[:, 3:, 12:15] = to_body, -to_body
     J[:, 3:, 15:] = back @ se3.cross_matrix(moved)
     since = J.copy()
-    since[:, :, 15:] = 0.0  # the kept attitude turns the way, not the place
+    since[:, :, 15:] = 0.0  # the cloned attitude rotates the relative position, not the absolute one
     return _poses(R, moved), J @ C @ J.transpose(0, 2, 1), since @ C @ since.transpose(0, 2, 1)
 
 
@@ -160,7 +160,7 @@ def _poses(R: Array, t: Array) -> Array:
 def build_channels(
     events: FilterEvents, log: InnovationLog, model: FilterModel
 ) -> dict[str, InstrumentInnovations]:
-    """The log by instrument; those that read nothing are left out."""
+    """Split the log by instrument, without instruments that have no reading."""
     channels, gate = {}, chi2.isf(model.gate_probability, 1)
     for name, number in kinds.CHANNELS.items():
         mine = np.flatnonzero(events.kind == number)

@@ -1,13 +1,13 @@
-"""An extended Kalman filter over everything that a flight's instruments read, and its smoother.
+"""Extended Kalman filter over all readings of a flight's instruments, and its smoother.
 
 The paper's filter (section 3.1.2, equation 3: position, velocity, acceleration, attitude) in error-state
-form, with the instruments' own errors beside it (`backend.ekf.motion`). Every stream is optional and may
-have gaps: all of them, gyro and accelerometer included, are readings of the state (`backend.ekf.readings`).
-Steps between pictures can be taken as readings too, from a pose that the filter keeps; the joint covariance
-of the kept and the present pose is then that of the way between them.
+form, extended by instrument errors (`backend.ekf.motion`). Every stream is optional and may have gaps: all of
+them, gyro and accelerometer included, are readings of the state (`backend.ekf.readings`). Visual steps are
+readings relative to a cloned pose; the joint covariance of clone and current pose gives that of their
+relative pose.
 
-World: z up, the floor z = 0. The first pose is above the origin and its heading is exact: what is estimated
-is relative to it, unless positions are read, which make it absolute.
+World: z up, the floor z = 0. The first pose is above the origin and its heading is exact. The estimate is
+relative to it, unless position readings make it absolute.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from backend.errors import BackendError
 Array = NDArray[np.float64]
 
 _BLOCK = 256
-"""Events between two states that the smoother starts from again: memory grows with their number alone."""
+"""Number of events between two checkpoints of the smoother, which limit its memory."""
 
 
 def track(
@@ -52,43 +52,45 @@ def track(
     model: FilterModel = FilterModel(),
     *,
     rounds: int = 2,
-    keep: CloneMode = "none",
+    clone: CloneMode = "none",
 ) -> Track:
-    """Filter all readings in order of time; states at ``at_s`` (n,), increasing.
+    """Filter all readings in order of time; return states at ``at_s`` (n,), increasing.
 
-    ``rounds`` of smoothing follow the filter, none with 0; each after the first takes the smoothed states of
-    the one before as its linearisation point. ``keep`` clones the pose of the first asked time, or of each
-    until the next, for the relative pose since then; steps seen in pictures imply the latter. Raises
-    ``BackendError``, with the time, where a figure ceases to be finite.
+    ``rounds`` is the number of smoothing rounds, 0 for the filter alone; each round after the first is
+    linearised at the smoothed states of the previous one. ``clone`` selects the cloned pose: that of the
+    first requested time, or of each one until the next; visual steps imply the latter. Raises
+    ``BackendError``, with the time, if a value is not finite.
     """
-    keep = "each" if readings.steps else keep
-    events = sort_events(readings, at_s, keep)
-    size = at.PLAIN if keep == "none" else at.SIZE
-    filtered = smoothed = _found(len(at_s), size)
-    log = _log(events)
-    about = np.zeros((0, at.STATE))
+    clone = "each" if readings.steps else clone
+    events = sort_events(readings, at_s, clone)
+    size = at.SIZE_WITHOUT_CLONE if clone == "none" else at.SIZE
+    filtered = smoothed = _empty_records(len(at_s), size)
+    log = _empty_log(events)
+    linearization = np.zeros((0, at.STATE))
     for number in range(max(rounds, 1)):
-        passes_ = _Passes(events, about, model, start, log if number == 0 else _log(events), size)
-        ahead = _found(len(at_s), size)
-        blocks = passes_.ahead(ahead)
+        smoother = _SmootherRound(
+            events, linearization, model, start, log if number == 0 else _empty_log(events), size
+        )
+        ahead = _empty_records(len(at_s), size)
+        blocks = smoother.ahead(ahead)
         if number == 0:
             filtered = ahead
         if rounds > 0:
             last = number == rounds - 1
-            smoothed = _found(len(at_s), size, 0 if last else len(events.kind))
-            passes_.back(blocks, smoothed)
-            about = smoothed.all_x
+            smoothed = _empty_records(len(at_s), size, 0 if last else len(events.kind))
+            smoother.back(blocks, smoothed)
+            linearization = smoothed.all_x
     return Track(
         at_s,
-        build_states(filtered, keep != "none"),
-        build_states(smoothed, keep != "none") if rounds > 0 else None,
+        build_states(filtered, clone != "none"),
+        build_states(smoothed, clone != "none") if rounds > 0 else None,
         build_channels(events, log, model),
     )
 
 
 @dataclass(frozen=True)
 class _Block:
-    """Where the filter stood before a block of events."""
+    """Checkpoint: the filter's state before a block of events."""
 
     first: int
     last: int
@@ -96,13 +98,13 @@ class _Block:
     state: FilterState
 
 
-class _Passes:
-    """One round over a flight's events: ahead, and back."""
+class _SmootherRound:
+    """One round over a flight's events: a forward and a backward pass."""
 
     def __init__(
         self,
         events: FilterEvents,
-        about: Array,
+        linearization: Array,
         model: FilterModel,
         start: InitialState,
         log: InnovationLog,
@@ -110,57 +112,59 @@ class _Passes:
     ) -> None:
         component, step = (float(chi2.isf(model.gate_probability, dof)) for dof in (1, 6))
         gates = Gates(component, step, float(model.patience_s))
-        self.given = FilterInputs(events, about, _vector(model), gates)
-        self.start = _first(start, model, size)
+        self.inputs = FilterInputs(events, linearization, _model_vector(model), gates)
+        self.start = _initial_state(start, model, size)
         self.log, self.size = log, size
 
     def ahead(self, found: StateRecords) -> list[_Block]:
-        """Filter; gives where each block began. Raises ``BackendError``."""
-        events, state = self.given.events, self.start
+        """Run the filter; return the checkpoint of each block. Raises ``BackendError``."""
+        events, state = self.inputs.events, self.start
         now_s = float(events.stamps_s[0]) if len(events.kind) else 0.0
-        written = FilterOutputs(self.log, found, _tape(0, self.size))
+        outputs = FilterOutputs(self.log, found, _empty_tape(0, self.size))
         blocks = []
         for first in range(0, len(events.kind), _BLOCK):
             blocks.append(_Block(first, min(first + _BLOCK, len(events.kind)), now_s, state))
-            now_s, state = self._run(blocks[-1], written)
+            now_s, state = self._run(blocks[-1], outputs)
         return blocks
 
     def back(self, blocks: list[_Block], found: StateRecords) -> None:
-        """Smooth: each block is filtered again, taped, and gone back through. Raises ``BackendError``."""
+        """Run the filter again per block, then the backward pass. Raises ``BackendError``."""
         y, L = np.zeros(self.size), np.zeros((self.size, self.size))
-        written = FilterOutputs(self.log, _found(len(found.x), self.size), _tape(_BLOCK, self.size))
+        outputs = FilterOutputs(
+            self.log, _empty_records(len(found.x), self.size), _empty_tape(_BLOCK, self.size)
+        )
         for block in reversed(blocks):
-            self._run(block, written)
-            ekf_backward.backward(y, L, block.first, block.last, self.given.events, found, written.tape)
+            self._run(block, outputs)
+            ekf_backward.backward(y, L, block.first, block.last, self.inputs.events, found, outputs.tape)
             if not (np.isfinite(y).all() and np.isfinite(L).all()):
                 raise BackendError(
-                    f"smoothed figures are not finite at {block.now_s:.3f} s; smooth a part of the flight"
+                    f"smoothed values are not finite at {block.now_s:.3f} s; smooth a part of the flight"
                 )
 
-    def _run(self, block: _Block, written: FilterOutputs) -> tuple[float, FilterState]:
-        """Time and state behind a block."""
+    def _run(self, block: _Block, outputs: FilterOutputs) -> tuple[float, FilterState]:
+        """Return time and state after a block."""
         state = FilterState(*(figures.copy() for figures in block.state))
-        now_s, bad = ekf_forward.forward(block.first, block.last, block.now_s, state, self.given, written)
+        now_s, bad = ekf_forward.forward(block.first, block.last, block.now_s, state, self.inputs, outputs)
         if bad >= 0:
-            self._refuse(bad)
+            self._raise_not_finite(bad)
         return now_s, state
 
-    def _refuse(self, event: int) -> None:
-        events = self.given.events
+    def _raise_not_finite(self, event: int) -> None:
+        events = self.inputs.events
         kind = int(events.kind[event])
         name = next((name for name, number in kinds.CHANNELS.items() if number == kind), "nothing")
         raise BackendError(
-            f"the filter's figures are not finite at {events.stamps_s[event]:.3f} s, after a reading of "
+            f"the filter's values are not finite at {events.stamps_s[event]:.3f} s, after a reading of "
             f"{name}: {events.value[event]}; check that stream there"
         )
 
 
 def _rows(size: int) -> NDArray[np.int64]:
-    """Rows of the covariance that are given out: the motion, and the kept pose."""
-    return np.array([*range(at.POS, at.RATE), *(range(at.KEPT_POS, at.SIZE) if size == at.SIZE else ())])
+    """Return the recorded rows of the covariance: the motion, and the cloned pose."""
+    return np.array([*range(at.POS, at.RATE), *(range(at.CLONE_POS, at.SIZE) if size == at.SIZE else ())])
 
 
-def _found(asked: int, size: int, all_events: int = 0) -> StateRecords:
+def _empty_records(asked: int, size: int, all_events: int = 0) -> StateRecords:
     rows = _rows(size)
     r = len(rows)
     return StateRecords(
@@ -172,14 +176,14 @@ def _found(asked: int, size: int, all_events: int = 0) -> StateRecords:
     )
 
 
-def _log(events: FilterEvents) -> InnovationLog:
+def _empty_log(events: FilterEvents) -> InnovationLog:
     count = len(events.kind)
     return InnovationLog(
         np.zeros((count, 6), np.int64), np.full((count, 6), np.nan), np.full((count, 6), np.nan)
     )
 
 
-def _tape(length: int, size: int) -> Tape:
+def _empty_tape(length: int, size: int) -> Tape:
     return Tape(
         np.zeros((length, 9, 3)),
         np.zeros((length, 6, size)),
@@ -192,7 +196,7 @@ def _tape(length: int, size: int) -> Tape:
     )
 
 
-def _vector(model: FilterModel) -> Array:
+def _model_vector(model: FilterModel) -> Array:
     figures = [
         model.accel_m_s2, model.accel_time_s, model.rate_rad_s, model.rate_time_s, model.gyro_walk_rad_s2,
         model.accel_walk_m_s3, model.tilt_error_rad, model.tilt_error_time_s, model.yaw_walk_rad,
@@ -202,14 +206,14 @@ def _vector(model: FilterModel) -> Array:
     return np.array(figures)
 
 
-def _first(start: InitialState, model: FilterModel, size: int) -> FilterState:
-    """The state at the first event."""
+def _initial_state(start: InitialState, model: FilterModel, size: int) -> FilterState:
+    """Return the filter's state at the first event."""
     x, std = np.zeros(at.STATE), np.zeros(size)
     x[:3] = [*start.place_m, start.height_m]
     x[at.VEL : at.ACC] = start.w_v_m_s
     turn = Rotation.from_matrix(start.w_R_b)
     x[at.X_ROT : at.X_RATE] = turn.as_quat(scalar_first=True)
-    x[at.X_KEPT_ROT] = 1.0
+    x[at.X_CLONE_ROT] = 1.0
     std[:3] = [start.place_std_m, start.place_std_m, start.height_std_m]
     std[at.VEL : at.ACC] = start.velocity_std_m_s
     std[at.ACC : at.ROT], std[at.RATE : at.GYRO_BIAS] = start.accel_std_m_s2, start.rate_std_rad_s
@@ -226,4 +230,4 @@ def _first(start: InitialState, model: FilterModel, size: int) -> FilterState:
     R = turn.as_matrix()
     about_world = np.array([start.tilt_std_rad, start.tilt_std_rad, start.yaw_std_rad]) ** 2
     C[at.ROT : at.RATE, at.ROT : at.RATE] = R.T @ np.diag(about_world) @ R
-    return FilterState(x, np.zeros(size), C, np.full((kinds.KEEP + 1, 6), math.inf))
+    return FilterState(x, np.zeros(size), C, np.full((kinds.CLONE + 1, 6), math.inf))

@@ -1,4 +1,4 @@
-"""Gyro and accelerometer between poses that are known: how the body turned meanwhile, where force takes it.
+"""Integration of gyro and accelerometer between known poses.
 
 Source: Forster et al. 2017 (T-RO 33), equation 33, for the integrals.
 """
@@ -27,9 +27,9 @@ class InertialReadings:
     """(k, 3)."""
 
 
-def attitudes_between(at_s: Array, w_R_b: Array, imu_s: Array, gyro_rad_s: Array) -> Array:
-    """(k, 3, 3) at the readings: between poses the gyro's shape, so turned that it meets both."""
-    turned = integrated(imu_s, gyro_rad_s)
+def interpolate_attitudes(at_s: Array, w_R_b: Array, imu_s: Array, gyro_rad_s: Array) -> Array:
+    """Return attitudes (k, 3, 3) at the readings: integrated gyro, corrected linearly to meet both poses."""
+    turned = integrate(imu_s, gyro_rad_s)
     at_poses = np.column_stack([np.interp(at_s, imu_s, turned[:, a]) for a in range(3)])
     piece = np.clip(np.searchsorted(at_s, imu_s, side="right") - 1, 0, len(at_s) - 2)
     share = (imu_s - at_s[piece]) / (at_s[piece + 1] - at_s[piece])
@@ -40,14 +40,14 @@ def attitudes_between(at_s: Array, w_R_b: Array, imu_s: Array, gyro_rad_s: Array
     return np.asarray(found.as_matrix())
 
 
-def integrated(stamps_s: Array, values: Array) -> Array:
-    """Of readings (k, ...) at (k,), from the first one on: (k, ...), by trapezia."""
+def integrate(stamps_s: Array, values: Array) -> Array:
+    """Integrate readings (k, ...) at times (k,) from the first one on, by the trapezoidal rule: (k, ...)."""
     dt = np.diff(stamps_s).reshape(-1, *[1] * (values.ndim - 1))
     steps = 0.5 * (values[1:] + values[:-1]) * dt
     return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(steps, axis=0)])
 
 
-def integrated_twice(stamps_s: Array, values: Array, at_s: Array) -> Array:
-    """Of readings (k, ...), at other times (m,) within theirs: (m, ...)."""
-    once = integrated(stamps_s, values)
-    return np.asarray(CubicHermiteSpline(stamps_s, integrated(stamps_s, once), once)(at_s))
+def integrate_twice(stamps_s: Array, values: Array, at_s: Array) -> Array:
+    """Integrate readings (k, ...) twice; return (m, ...) at other times (m,) within theirs."""
+    once = integrate(stamps_s, values)
+    return np.asarray(CubicHermiteSpline(stamps_s, integrate(stamps_s, once), once)(at_s))

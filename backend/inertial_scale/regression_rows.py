@@ -1,10 +1,10 @@
-"""A path that pictures know up to its scale beside the accelerometer's way, in rows of independent noise.
+"""Linear regression of the accelerometer's displacement on a visual path, in rows of independent noise.
 
-Over a stretch of a few seconds the specific force, turned into the world, less gravity and integrated twice,
-is the way of the accelerometer, but for a start and a speed that nobody knows. It is the scale times the path
-of the body, plus the arm from the body's origin to the accelerometer, turned along, plus what the
-accelerometer's offset makes of it: linear in seven sizes. An arm of five centimetres matters: a vehicle
-that sways once a second turns its tilt into a fifth of the acceleration.
+Over a segment of a few seconds the specific force, rotated to the world, less gravity and integrated twice,
+is the displacement of the accelerometer, up to an unknown initial position and velocity. It equals the scale
+times the path of the body, plus the rotated lever arm from the body's origin to the accelerometer, plus the
+effect of the accelerometer's offset: it is linear in seven parameters. A lever arm of five centimetres
+matters: if a vehicle sways once a second, it causes a fifth of the acceleration.
 
 Source: Martinelli 2014 (IJCV 106), sections 3 and 4, for the linear system; Fuller 1987, Measurement Error
 Models, section 2.3, for regressors that err together.
@@ -21,192 +21,189 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh, null_space
 
-from backend.inertial_scale.preintegration import InertialReadings, attitudes_between, integrated_twice
+from backend.inertial_scale.preintegration import InertialReadings, integrate_twice, interpolate_attitudes
 from backend.measurements import GRAVITY_M_S2
 
 Array = NDArray[np.float64]
 
 SEGMENT_S = (1.0, 4.0)
-"""Longer ones gain little: integrated noise is larger than the way by then."""
-_WANTED, _MOST, MIN_SEGMENTS = 12, 60, 8
-"""Stretches: short flights have shorter ones."""
+"""Limits of a segment's duration; in longer ones the integrated noise exceeds the displacement."""
+_TARGET_SEGMENTS, _MAX_SEGMENTS, MIN_SEGMENTS = 12, 60, 8
+"""Numbers of segments; short flights have shorter segments."""
 MIN_POSES = 8
-_LONGEST_GAP_S = 0.5
+_MAX_GAP_S = 0.5
 MAX_DELAY_S = 0.1
 MIN_SPACING_S = 0.05
-"""Poses that follow each other more closely share their errors, and gain nothing: lengths show at 1 Hz."""
+"""Smallest spacing of poses: closer ones share their errors and add no information at 1 Hz."""
 PRIOR = np.diag(np.array([0.0, *[3.0**-2] * 3, *[0.3**-2] * 3]))
-"""Of scale, offset and arm, for a vehicle that does not turn or hardly moves: m/s², m."""
+"""Prior information of scale, offset [m/s²] and arm [m], for a vehicle that hardly rotates or moves."""
 
 
 @dataclass(frozen=True)
 class RegressionRows:
-    """Linear system of all stretches: ``way = known @ (scale, offset, arm) + noise``.
+    """Linear system of all segments: ``displacement = regressors @ (scale, offset, arm) + noise``.
 
-    Initial position and velocity are projected out, and noise is independent from row to row.
+    Initial position and velocity are projected out, and the noise is independent between rows.
     """
 
-    stretch: NDArray[np.int64]
-    """(r,) number of the stretch."""
-    growth: Array
+    segment: NDArray[np.int64]
+    """(r,) number of the segment."""
+    white_noise: Array
     """(r,) variance of unit white noise integrated twice."""
-    lasting: Array
-    """(r,) variance of a unit random walk: an error that lasts over several poses."""
-    way: Array
+    random_walk: Array
+    """(r,) variance of a unit random walk of the pose error."""
+    displacement: Array
     """(r, 3)."""
-    known: Array
+    regressors: Array
     """(r, 3, 7)."""
-    column_noise: Array
-    """(3, 7, 7) covariance of the columns' own noise in each axis, as told."""
+    regressor_noise: Array
+    """(3, 7, 7) nominal covariance of the regressors' noise in each axis."""
 
-    def of_poses(self, noise: Array) -> Array:
-        """(r,) variance of the poses' errors over what was told: each pose's own, and what lasts."""
-        alone, lasting = np.exp(2 * noise[1:])
-        return np.asarray(alone + lasting * self.lasting)
+    def pose_variance(self, noise: Array) -> Array:
+        """Return the variance (r,) of pose errors over the nominal one: white noise plus random walk."""
+        alone, random_walk = np.exp(2 * noise[1:])
+        return np.asarray(alone + random_walk * self.random_walk)
 
-    def weight(self, sizes: Array, noise: Array) -> Array:
-        """(r, 3) of noise (3,), as logarithms: of force [m/s²/sqrt(Hz)], of poses over what was told, each
-        one's own and what they wander in a root second."""
-        force = np.exp(2 * noise[0]) * self.growth
-        poses = self.of_poses(noise)[:, None] * (self.column_noise @ sizes @ sizes)
+    def weight(self, parameters: Array, noise: Array) -> Array:
+        """Return weights (r, 3) for ``noise`` (3,): logarithms of force noise [m/s²/sqrt(Hz)], of white pose
+        noise over the nominal one, and of its random walk per root second."""
+        force = np.exp(2 * noise[0]) * self.white_noise
+        poses = self.pose_variance(noise)[:, None] * (self.regressor_noise @ parameters @ parameters)
         return np.asarray(1 / (force[:, None] + poses))
 
-    def left(self, sizes: Array) -> Array:
-        """(r, 3) what scale, offset and arm leave of the way."""
-        return np.asarray(self.way - self.known @ sizes)
+    def residuals(self, parameters: Array) -> Array:
+        """Return residuals (r, 3) for scale, offset and arm."""
+        return np.asarray(self.displacement - self.regressors @ parameters)
 
-    def whitened(self, sizes: Array, noise: Array) -> Array:
-        """(3r + 7,) what is left over unit noise, and the sizes over what is thought of them beforehand."""
-        left = np.sqrt(self.weight(sizes, noise)) * self.left(sizes)
-        return np.concatenate([left.ravel(), np.sqrt(np.diag(PRIOR)) * sizes])
+    def whitened(self, parameters: Array, noise: Array) -> Array:
+        """Return whitened residuals (3r + 7,): those of the rows and those of the prior."""
+        residuals = np.sqrt(self.weight(parameters, noise)) * self.residuals(parameters)
+        return np.concatenate([residuals.ravel(), np.sqrt(np.diag(PRIOR)) * parameters])
 
-    def slopes(self, sizes: Array, noise: Array) -> Array:
-        """(3r + 7, 7) of ``whitened``: with the sizes the noise grows, too."""
-        root = np.sqrt(self.weight(sizes, noise))[..., None]
-        growing = self.of_poses(noise)[:, None, None] * (self.column_noise @ sizes)
-        slopes = -root * self.known - root**3 * self.left(sizes)[..., None] * growing
-        return np.concatenate([slopes.reshape(-1, 7), np.sqrt(PRIOR)])
+    def jacobian(self, parameters: Array, noise: Array) -> Array:
+        """Return the Jacobian (3r + 7, 7) of ``whitened``: the noise grows with the parameters, too."""
+        root = np.sqrt(self.weight(parameters, noise))[..., None]
+        growing = self.pose_variance(noise)[:, None, None] * (self.regressor_noise @ parameters)
+        jacobian = -root * self.regressors - root**3 * self.residuals(parameters)[..., None] * growing
+        return np.concatenate([jacobian.reshape(-1, 7), np.sqrt(PRIOR)])
 
-    def at(self, scale: float, noise: Array) -> Array:
-        """Sizes (7,) of a scale, with the offset and arm that fit it if the arm is short."""
+    def fit_at_scale(self, scale: float, noise: Array) -> Array:
+        """Return parameters (7,) for a scale, with the best offset and arm for the noise of a short arm."""
         short = np.array([scale, *[0.0] * 6])
-        weight, others = self.weight(short, noise), self.known[..., 1:]
+        weight, others = self.weight(short, noise), self.regressors[..., 1:]
         weighted = (weight[..., None] * others).reshape(-1, 6).T
         information = weighted @ others.reshape(-1, 6) + PRIOR[1:, 1:]
-        short[1:] = np.linalg.solve(information, weighted @ self.left(short).ravel())
+        short[1:] = np.linalg.solve(information, weighted @ self.residuals(short).ravel())
         return short
 
-    def log_volume(self, sizes: Array, noise: Array) -> float:
-        """Log-determinant term of the likelihood of the noise, offset and arm marginalised."""
-        weight, others = self.weight(sizes, noise), self.known[..., 1:]
+    def log_determinant(self, parameters: Array, noise: Array) -> float:
+        """Return the log-determinant term of the noise likelihood, offset and arm marginalised."""
+        weight, others = self.weight(parameters, noise), self.regressors[..., 1:]
         H = np.einsum("rak,ra,ral->kl", others, weight, others, optimize=True) + PRIOR[1:, 1:]
         return float(np.linalg.slogdet(H)[1] - np.log(weight).sum())
 
 
 @dataclass(frozen=True)
 class PathAndReadings:
-    """The path, the readings beside it, and the stretches over which they are compared."""
+    """Visual path, inertial readings, and the segments over which they are compared."""
 
     stamps_s: Array
     w_T_b: Array
     readings: InertialReadings
-    stretches: Sequence[slice]
-    column_noise: Array
+    segments: Sequence[slice]
+    regressor_noise: Array
     """As `RegressionRows` has it."""
 
     @cached_property
     def contrasts(self) -> list[tuple[Array, Array, Array]]:
-        """Of each stretch: combinations of its moments (r, m) that cancel initial position and velocity.
+        """Contrasts (r, m) of each segment's poses that cancel initial position and velocity.
 
-        And the variance (r,) of each under unit white noise integrated twice, and integrated once.
+        With each come its variances (r,) under unit white noise integrated twice, and integrated once.
         """
         contrasts = []
-        for stretch in self.stretches:
-            t = self.stamps_s[stretch] - self.stamps_s[stretch.start]
+        for segment in self.segments:
+            t = self.stamps_s[segment] - self.stamps_s[segment.start]
             early, late = np.minimum.outer(t, t), np.maximum.outer(t, t)
             free = null_space(np.column_stack([np.ones_like(t), t]).T)
-            growth, axes = eigh(free.T @ (early**2 * (3 * late - early) / 6) @ free)
+            white_noise, axes = eigh(free.T @ (early**2 * (3 * late - early) / 6) @ free)
             contrast = (free @ axes).T
-            lasting = np.einsum("rm,mn,rn->r", contrast, early, contrast)
-            contrasts.append((contrast, np.maximum(growth, 0.0), lasting))
+            random_walk = np.einsum("rm,mn,rn->r", contrast, early, contrast)
+            contrasts.append((contrast, np.maximum(white_noise, 0.0), random_walk))
         return contrasts
 
     def rows(self, delay_s: float) -> RegressionRows:
-        """All stretches, the pictures' clock late by so much."""
-        way, known = [], []
-        for stretch, (contrast, *_) in zip(self.stretches, self.contrasts, strict=True):
-            one_way, one_known = self._stretch(stretch, delay_s)
-            way.append(contrast @ one_way)
-            known.append(np.tensordot(contrast, one_known, axes=1))
-        count = [len(growth) for _, growth, _ in self.contrasts]
-        growth, lasting = (np.concatenate([one[k] for one in self.contrasts]) for k in (1, 2))
+        """Return the rows of all segments for a delay of the pictures' clock."""
+        displacement, regressors = [], []
+        for segment, (contrast, *_) in zip(self.segments, self.contrasts, strict=True):
+            one_displacement, one_regressors = self._segment_rows(segment, delay_s)
+            displacement.append(contrast @ one_displacement)
+            regressors.append(np.tensordot(contrast, one_regressors, axes=1))
+        count = [len(white_noise) for _, white_noise, _ in self.contrasts]
+        white_noise, random_walk = (np.concatenate([one[k] for one in self.contrasts]) for k in (1, 2))
         return RegressionRows(
             np.repeat(np.arange(len(count)), count),
-            growth,
-            lasting,
-            np.concatenate(way),
-            np.concatenate(known),
-            self.column_noise,
+            white_noise,
+            random_walk,
+            np.concatenate(displacement),
+            np.concatenate(regressors),
+            self.regressor_noise,
         )
 
-    def by_gains(self, delay_s: float) -> Array:
-        """(r, 3, 3) what the reading along each of the accelerometer's axes makes of the way: so much more is
-        read where its gain is twice as large."""
+    def gain_sensitivity(self, delay_s: float) -> Array:
+        """Return (r, 3, 3) derivatives of the displacement by the gain of each axis of the accelerometer."""
         added = []
-        for stretch, (contrast, *_) in zip(self.stretches, self.contrasts, strict=True):
-            at_s, imu_s, w_R_b, force = self._between(stretch, delay_s)
-            added.append(
-                np.tensordot(contrast, integrated_twice(imu_s, w_R_b * force[:, None], at_s), axes=1)
-            )
+        for segment, (contrast, *_) in zip(self.segments, self.contrasts, strict=True):
+            at_s, imu_s, w_R_b, force = self._readings_between(segment, delay_s)
+            added.append(np.tensordot(contrast, integrate_twice(imu_s, w_R_b * force[:, None], at_s), axes=1))
         return np.concatenate(added)
 
-    def _stretch(self, stretch: slice, delay_s: float) -> tuple[Array, Array]:
-        """Way (m, 3), and what it is made of (m, 3, 7)."""
-        at_s, imu_s, w_R_b, b_force = self._between(stretch, delay_s)
+    def _segment_rows(self, segment: slice, delay_s: float) -> tuple[Array, Array]:
+        """Return displacement (m, 3) and regressors (m, 3, 7) of a segment."""
+        at_s, imu_s, w_R_b, b_force = self._readings_between(segment, delay_s)
         force = np.einsum("kab,kb->ka", w_R_b, b_force) - [0, 0, GRAVITY_M_S2]
-        twice = integrated_twice(imu_s, np.concatenate([force[..., None], w_R_b], axis=-1), at_s)
-        w_T_b = self.w_T_b[stretch]
+        twice = integrate_twice(imu_s, np.concatenate([force[..., None], w_R_b], axis=-1), at_s)
+        w_T_b = self.w_T_b[segment]
         path = w_T_b[:, :3, 3:] - w_T_b[0, :3, 3:]
         return twice[..., 0], np.concatenate([path, twice[..., 1:], w_T_b[:, :3, :3]], axis=-1)
 
-    def _between(self, stretch: slice, delay_s: float) -> tuple[Array, Array, Array, Array]:
-        """Times of the poses (m,) by the readings' clock; times (k,), attitudes (k, 3, 3) and specific force
-        (k, 3) of the readings about them."""
-        at_s, readings = self.stamps_s[stretch] - delay_s, self.readings
+    def _readings_between(self, segment: slice, delay_s: float) -> tuple[Array, Array, Array, Array]:
+        """Return pose times (m,) on the readings' clock, and times (k,), attitudes (k, 3, 3) and specific
+        force (k, 3) of the readings around them."""
+        at_s, readings = self.stamps_s[segment] - delay_s, self.readings
         first, last = np.searchsorted(readings.stamps_s, at_s[[0, -1]]) + [-1, 1]
         imu_s = readings.stamps_s[first:last]
-        turned = self.w_T_b[stretch, :3, :3]
-        w_R_b = attitudes_between(at_s, turned, imu_s, readings.gyro_rad_s[first:last])
+        turned = self.w_T_b[segment, :3, :3]
+        w_R_b = interpolate_attitudes(at_s, turned, imu_s, readings.gyro_rad_s[first:last])
         return at_s, imu_s, w_R_b, readings.accel_m_s2[first:last]
 
 
 def find_segments(stamps_s: Array, imu_s: Array) -> list[slice]:
-    """Runs of poses that last as long as a stretch, none with a gap in poses or readings."""
-    gap = np.diff(imu_s) > _LONGEST_GAP_S / 5
+    """Find segments of poses without a gap in poses or readings."""
+    gap = np.diff(imu_s) > _MAX_GAP_S / 5
     # As many gaps have ended before a pose as have begun until it, whatever the delay.
     inside = np.searchsorted(imu_s[1:][gap], stamps_s - MAX_DELAY_S) == np.searchsorted(
         imu_s[:-1][gap], stamps_s + MAX_DELAY_S
     )
     inside &= (stamps_s >= imu_s[0] + MAX_DELAY_S) & (stamps_s <= imu_s[-1] - MAX_DELAY_S)
-    broken = (np.diff(stamps_s) > _LONGEST_GAP_S) | ~inside[1:] | ~inside[:-1]
+    broken = (np.diff(stamps_s) > _MAX_GAP_S) | ~inside[1:] | ~inside[:-1]
     runs = [run[inside[run]] for run in np.split(np.arange(len(stamps_s)), np.flatnonzero(broken) + 1)]
     runs = [run for run in runs if len(run) >= MIN_POSES]
     lasts_s = sum(float(stamps_s[run[-1]] - stamps_s[run[0]]) for run in runs)
-    stretch_s = float(np.clip(lasts_s / _WANTED, *SEGMENT_S))
+    stretch_s = float(np.clip(lasts_s / _TARGET_SEGMENTS, *SEGMENT_S))
     found = []
     for run in runs:
         count = int((stamps_s[run[-1]] - stamps_s[run[0]]) / stretch_s + 1e-9)
         ends = np.searchsorted(stamps_s[run], stamps_s[run[0]] + stretch_s * np.arange(count + 1))
         found += [slice(run[0] + a, run[0] + b) for a, b in pairwise(ends.tolist())]
     found = [s for s in found if s.stop - s.start >= MIN_POSES]
-    some = np.unique(np.linspace(0, len(found) - 1, min(_MOST, len(found))).round().astype(int))
+    some = np.unique(np.linspace(0, len(found) - 1, min(_MAX_SEGMENTS, len(found))).round().astype(int))
     return [found[k] for k in some.tolist()]
 
 
 def regressor_covariance(covariance: Array) -> Array:
-    """(3, 7, 7) what a pose's own error makes of the seven columns in each row of `RegressionRows.known`.
+    """Return the covariance (3, 7, 7) of the seven regressors of one row, per axis, from that of a pose.
 
-    The vehicle turns about the vertical: both level axes have the mean of the two.
+    The vehicle turns about the vertical: both horizontal axes get the mean of the two.
     """
     columns = np.zeros((3, 7, 6))
     columns[:, 0, 3:] = np.eye(3)

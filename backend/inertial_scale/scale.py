@@ -1,13 +1,13 @@
 """Metric scale of a visual path, known up to scale from the pictures, from the accelerometer.
 
-An errors-in-variables problem: the specific force integrated twice carries white noise integrated twice, the
-poses carry white noise and a random walk that neighbouring poses share, because they are registered to the
-same keyframe over the same uneven floor. Least squares that took either side for exact would bias the scale
-down or up; here it is total least squares over both. The random walk has to be modelled: attributed to the
-force, it would make the path look exact. Position and tilt errors of a pose are almost fully correlated (a
-tilt error displaces the camera by the height times that), so their joint covariance is used: else a lever arm
-as long as the height would explain both, and most of the path with them. The levels of all noises and the
-delay of the pictures' clock are maximum-likelihood estimates.
+This is an errors-in-variables problem. The double integral of specific force has white noise integrated
+twice. The poses have white noise and a random walk that neighbouring poses share, because they are registered
+to the same keyframe over the same uneven floor. Least squares with either side exact would bias the scale
+down or up; this is total least squares over both. The random walk must be modelled: attributed to the force,
+it would make the path look exact. Position and tilt errors of a pose are almost fully correlated (a tilt
+error displaces the camera by the height times that), so their joint covariance is used: otherwise a lever arm
+as long as the height would explain both, and most of the path. The levels of all noises and the delay of the
+pictures' clock are maximum-likelihood estimates.
 
 Source: Fuller 1987, Measurement Error Models, section 2.3, for regressors that err together; Harville 1977
 (JASA 72) for the likelihood of the noise.
@@ -38,109 +38,114 @@ from backend.inertial_scale.regression_rows import (
 
 Array = NDArray[np.float64]
 
-_FORCE_NOISE, _POSE_NOISE, _LASTING_NOISE = 0.02, 4.0, 1.0
-"""Where the search begins: of the force, m/s²/sqrt(Hz); white noise and random walk (per root second) of the
-poses, as factors on their told noise. Starting with large pose noise avoids the local optimum in which poses
-are taken for exact and the scale shrinks to fit that."""
-_SURE = 5.0
-"""Standard deviations by which the scale must differ from 0."""
-_MOST_OFFSET_M_S2 = 3.0
-"""An accelerometer that is farther off has its signs or its unit wrong."""
+_FORCE_NOISE, _POSE_NOISE, _RANDOM_WALK_NOISE = 0.02, 4.0, 1.0
+"""Initial noise: of the force, m/s²/sqrt(Hz); white noise and random walk (per root second) of the poses, as
+factors on their nominal noise. Large initial pose noise avoids the local optimum in which poses count as
+exact and the scale is too small."""
+_MIN_SIGNIFICANCE = 5.0
+"""Smallest ratio of the scale to its standard deviation."""
+_MAX_OFFSET_M_S2 = 3.0
+"""A larger offset means that the accelerometer has wrong signs or units."""
 _ROUNDS = 3
-_ASIDE_S = 0.005
+_DELAY_STEP_S = 0.005
 """Step of the finite difference that gives the delay's standard deviation from the cost's curvature."""
-_RANGE = 10.0
-"""By how much the scale may differ from its first guess."""
+_MAX_SCALE_RATIO = 10.0
+"""Largest ratio of the scale to its initial guess."""
 
 
 @dataclass(frozen=True)
 class InertialScale:
-    """What the accelerometer tells of a path."""
+    """Estimate of the scale and the accelerometer's parameters."""
 
     scale: float
-    """True lengths over those of the path."""
+    """Ratio of true lengths to those of the path."""
     scale_std: float
-    """Of the noise alone."""
+    """Standard deviation from noise alone, without gain errors."""
     offset_m_s2: tuple[float, float, float]
-    """The accelerometer reads so much more, in body axes."""
+    """Offset of the accelerometer in body axes."""
     offset_std_m_s2: tuple[float, float, float]
     arm_m: tuple[float, float, float]
-    """From the body's origin to the accelerometer, in body axes."""
+    """Lever arm from the body's origin to the accelerometer, in body axes."""
     arm_std_m: tuple[float, float, float]
     delay_s: float
-    """The pictures' stamps are so much later than the accelerometer's for the same moment."""
+    """Delay of the pictures' stamps relative to the accelerometer's."""
     delay_std_s: float
-    """Infinite where paths late and early are as likely."""
+    """Standard deviation of the delay; infinite if the likelihood has no curvature."""
     gain_slopes: tuple[float, float, float]
     """d log(scale) / d log(gain) for the accelerometer's gain along each body axis. The rotors' thrust is
-    almost constant along one axis, where a gain error acts like an offset; the scale then comes from how that
-    force is turned. They add up to 1 for a vehicle that accelerates without leaning."""
+    almost constant along one axis, where a gain error acts like an offset; the scale then comes from the
+    rotation of that force. They add up to 1 for a vehicle that accelerates without tilting."""
 
     def log_std(self, gain_std: float) -> float:
-        """Relative deviation of the scale, gains as uncertain as ``gain_std``: they may err together."""
-        by_gains = gain_std * float(np.abs(self.gain_slopes).sum())
-        return float(np.hypot(self.scale_std / self.scale, by_gains))
+        """Return the relative standard deviation of the scale; gain errors ``gain_std`` may be correlated."""
+        gain_sensitivity = gain_std * float(np.abs(self.gain_slopes).sum())
+        return float(np.hypot(self.scale_std / self.scale, gain_sensitivity))
 
 
 @dataclass(frozen=True)
 class NoScale:
-    """The accelerometer tells no scale."""
+    """The accelerometer does not determine the scale."""
 
     reason: str
-    """In words."""
+    """Reason, in words."""
 
 
-_HARDLY_MOVED = NoScale("the flight hardly speeds up or brakes, so that its way is lost in the noise")
-_UNLIKE = NoScale(
-    "what it reads does not fit the way that the pictures show (its signs, unit, T_BS or clock may be wrong)"
+_TOO_LITTLE_MOTION = NoScale("the flight hardly accelerates, so that its displacement is lost in the noise")
+_INCONSISTENT = NoScale(
+    "its readings do not fit the path from the pictures (its signs, unit, T_BS or clock may be wrong)"
 )
 
 
 def inertial_scale(
     stamps_s: Array, w_T_b: Array, readings: InertialReadings, covariance: Array
 ) -> InertialScale | NoScale:
-    """Scale of a path (n, 4, 4) over a level floor at z = 0, at ``stamps_s`` (n,) in order of time.
+    """Estimate the scale of a path (n, 4, 4) over a horizontal floor at z = 0, at ``stamps_s`` (n,), sorted.
 
-    ``covariance`` (6, 6), rotation first, right perturbation, is that of a pose's own error, which no other
-    shares; its shape counts, its size is found anew. `NoScale` where path and readings do not overlap
-    for long enough, or where the accelerometer tells nothing of the scale.
+    ``covariance`` (6, 6), rotation first, right perturbation, is that of the independent error of a pose;
+    only its shape matters, its size is estimated. Returns `NoScale` if path and readings overlap too little,
+    or if the accelerometer does not determine the scale.
     """
     apart = np.unique(np.floor((stamps_s - stamps_s[:1]) / MIN_SPACING_S), return_index=True)[1]
     stamps_s, w_T_b = stamps_s[apart], w_T_b[apart]
-    stretches = find_segments(stamps_s, readings.stamps_s)
-    if len(stretches) < MIN_SEGMENTS:
+    segments = find_segments(stamps_s, readings.stamps_s)
+    if len(segments) < MIN_SEGMENTS:
         return NoScale(
-            f"{MIN_SEGMENTS} stretches of {SEGMENT_S[0]:g} to {SEGMENT_S[1]:g} s with {MIN_POSES} "
-            f"pictures each are needed and {len(stretches)} found: fly longer, or with more pictures a second"
+            f"{MIN_SEGMENTS} segments of {SEGMENT_S[0]:g} to {SEGMENT_S[1]:g} s with {MIN_POSES} "
+            f"pictures each are needed and {len(segments)} found: fly longer, or with more pictures a second"
         )
-    path = PathAndReadings(stamps_s, w_T_b, readings, stretches, regressor_covariance(covariance))
-    noise, delay_s = np.log([_FORCE_NOISE, _POSE_NOISE, _LASTING_NOISE]), 0.0
+    path = PathAndReadings(stamps_s, w_T_b, readings, segments, regressor_covariance(covariance))
+    noise, delay_s = np.log([_FORCE_NOISE, _POSE_NOISE, _RANDOM_WALK_NOISE]), 0.0
     rows = path.rows(delay_s)
-    sizes = _first_sizes(rows, noise)
+    parameters = _initial_parameters(rows, noise)
     for _ in range(_ROUNDS):
-        sizes = _best_sizes(rows, noise, sizes)
-        noise = _likeliest_noise(rows, sizes, noise)
-        delay_s = _likeliest_delay(path, sizes, noise)
+        parameters = _total_least_squares(rows, noise, parameters)
+        noise = _maximum_likelihood_noise(rows, parameters, noise)
+        delay_s = _maximum_likelihood_delay(path, parameters, noise)
         rows = path.rows(delay_s)
-    delay = delay_s, _delay_std(path, sizes, noise, delay_s)
-    return _found(rows, path.by_gains(delay_s), _best_sizes(rows, noise, sizes), noise, delay)
+    delay = delay_s, _delay_std(path, parameters, noise, delay_s)
+    return _result(
+        rows, path.gain_sensitivity(delay_s), _total_least_squares(rows, noise, parameters), noise, delay
+    )
 
 
-def _first_sizes(rows: RegressionRows, noise: Array) -> Array:
-    """Scale, offset and arm (7,) from where the search begins: the best of many scales."""
-    tried = [rows.at(scale, noise) for scale in np.geomspace(1 / _RANGE, _RANGE, 49).tolist()]
-    return min(tried, key=lambda sizes: float(np.sum(rows.whitened(sizes, noise) ** 2)))
+def _initial_parameters(rows: RegressionRows, noise: Array) -> Array:
+    """Return initial parameters (7,): scale, offset and arm, the best of many scales."""
+    tried = [
+        rows.fit_at_scale(scale, noise)
+        for scale in np.geomspace(1 / _MAX_SCALE_RATIO, _MAX_SCALE_RATIO, 49).tolist()
+    ]
+    return min(tried, key=lambda parameters: float(np.sum(rows.whitened(parameters, noise) ** 2)))
 
 
-def _best_sizes(rows: RegressionRows, noise: Array, start: Array) -> Array:
-    """Total least squares: scale, offset and arm that both sides together have least to mend for."""
-    left, slopes = partial(rows.whitened, noise=noise), partial(rows.slopes, noise=noise)
-    return np.asarray(least_squares(left, start, slopes, x_scale="jac").x)
+def _total_least_squares(rows: RegressionRows, noise: Array, start: Array) -> Array:
+    """Estimate scale, offset and arm by total least squares."""
+    residuals, jacobian = partial(rows.whitened, noise=noise), partial(rows.jacobian, noise=noise)
+    return np.asarray(least_squares(residuals, start, jacobian, x_scale="jac").x)
 
 
-def _likeliest_noise(rows: RegressionRows, sizes: Array, start: Array) -> Array:
+def _maximum_likelihood_noise(rows: RegressionRows, parameters: Array, start: Array) -> Array:
     def cost(noise: Array) -> float:
-        return float(np.sum(rows.whitened(sizes, noise) ** 2)) + rows.log_volume(sizes, noise)
+        return float(np.sum(rows.whitened(parameters, noise) ** 2)) + rows.log_determinant(parameters, noise)
 
     first = start + np.vstack([np.zeros(3), np.eye(3)])
     found = minimize(
@@ -149,51 +154,56 @@ def _likeliest_noise(rows: RegressionRows, sizes: Array, start: Array) -> Array:
     return np.asarray(found.x)
 
 
-def _likeliest_delay(path: PathAndReadings, sizes: Array, noise: Array) -> float:
+def _maximum_likelihood_delay(path: PathAndReadings, parameters: Array, noise: Array) -> float:
     within = (-MAX_DELAY_S, MAX_DELAY_S)
-    cost = partial(_cost_of_delay, path, sizes, noise)
+    cost = partial(_delay_cost, path, parameters, noise)
     return float(minimize_scalar(cost, bounds=within, method="bounded", options={"xatol": 1e-3}).x)
 
 
-def _cost_of_delay(path: PathAndReadings, sizes: Array, noise: Array, delay_s: float) -> float:
+def _delay_cost(path: PathAndReadings, parameters: Array, noise: Array, delay_s: float) -> float:
     rows = path.rows(delay_s)
-    return float(np.sum(rows.whitened(rows.at(float(sizes[0]), noise), noise) ** 2))
+    return float(np.sum(rows.whitened(rows.fit_at_scale(float(parameters[0]), noise), noise) ** 2))
 
 
-def _delay_std(path: PathAndReadings, sizes: Array, noise: Array, delay_s: float) -> float:
-    """By how the cost, a chi-square, grows to both sides."""
-    at = np.clip(delay_s, -MAX_DELAY_S + _ASIDE_S, MAX_DELAY_S - _ASIDE_S)
-    costs = [_cost_of_delay(path, sizes, noise, float(at + side)) for side in (-_ASIDE_S, 0.0, _ASIDE_S)]
-    curvature = (costs[0] + costs[2] - 2 * costs[1]) / _ASIDE_S**2
+def _delay_std(path: PathAndReadings, parameters: Array, noise: Array, delay_s: float) -> float:
+    """Return the standard deviation of the delay from the curvature of the cost, a chi-square."""
+    center_s = np.clip(delay_s, -MAX_DELAY_S + _DELAY_STEP_S, MAX_DELAY_S - _DELAY_STEP_S)
+    costs = [
+        _delay_cost(path, parameters, noise, float(center_s + side))
+        for side in (-_DELAY_STEP_S, 0.0, _DELAY_STEP_S)
+    ]
+    curvature = (costs[0] + costs[2] - 2 * costs[1]) / _DELAY_STEP_S**2
     return float(np.sqrt(2.0 / curvature)) if curvature > 0 else float("inf")
 
 
-def _found(
-    rows: RegressionRows, by_gains: Array, sizes: Array, noise: Array, delay: tuple[float, float]
+def _result(
+    rows: RegressionRows, gain_sensitivity: Array, parameters: Array, noise: Array, delay: tuple[float, float]
 ) -> InertialScale | NoScale:
-    scale, offset, arm = float(sizes[0]), sizes[1:4], sizes[4:]
-    left, w = rows.left(sizes), rows.weight(sizes, noise)
-    spread = rows.of_poses(noise)[:, None, None, None] * rows.column_noise
-    information = np.einsum("rak,ra,ral->kl", rows.known, w, rows.known, optimize=True) + PRIOR
-    # The poses' own noise looks like a way, too; where chance explains all of it, nothing moved.
+    scale, offset, arm = float(parameters[0]), parameters[1:4], parameters[4:]
+    residuals, w = rows.residuals(parameters), rows.weight(parameters, noise)
+    spread = rows.pose_variance(noise)[:, None, None, None] * rows.regressor_noise
+    information = np.einsum("rak,ra,ral->kl", rows.regressors, w, rows.regressors, optimize=True) + PRIOR
+    # Pose noise looks like displacement, too; if chance explains all of it, there was too little motion.
     information -= np.einsum("ra,rakl->kl", w, spread)
     chance = float(np.sqrt(2 * np.sum((w * spread[:, :, 0, 0]) ** 2)))
-    if information[0, 0] <= _SURE * chance or np.linalg.eigvalsh(information)[0] <= 0:
-        return _HARDLY_MOVED
-    score = np.einsum("ra,ra,rak->rk", w, left, rows.known)
-    score += np.einsum("ra,rak->rk", (w * left) ** 2, spread @ sizes)
-    count = int(rows.stretch.max()) + 1
-    by_stretch = np.zeros((count, 7))
-    np.add.at(by_stretch, rows.stretch, score)
+    if information[0, 0] <= _MIN_SIGNIFICANCE * chance or np.linalg.eigvalsh(information)[0] <= 0:
+        return _TOO_LITTLE_MOTION
+    score = np.einsum("ra,ra,rak->rk", w, residuals, rows.regressors)
+    score += np.einsum("ra,rak->rk", (w * residuals) ** 2, spread @ parameters)
+    count = int(rows.segment.max()) + 1
+    by_segment = np.zeros((count, 7))
+    np.add.at(by_segment, rows.segment, score)
     inverse = np.linalg.inv(information)
-    # Stretches may differ by more than white noise has them.
-    between = inverse @ (by_stretch.T @ by_stretch) @ inverse * count / (count - 1)
+    # Segments may differ by more than the white noise implies: cluster-robust covariance.
+    between = inverse @ (by_segment.T @ by_segment) @ inverse * count / (count - 1)
     std = np.sqrt(np.maximum(np.diag(inverse), np.diag(between)))
-    moved = inverse[0] @ np.einsum("rak,ra,rag->kg", rows.known, w, by_gains, optimize=True)
-    if np.linalg.norm(offset) > _MOST_OFFSET_M_S2:
-        return _UNLIKE
-    if not scale > _SURE * std[0]:
-        return _HARDLY_MOVED
+    gain_effect = inverse[0] @ np.einsum(
+        "rak,ra,rag->kg", rows.regressors, w, gain_sensitivity, optimize=True
+    )
+    if np.linalg.norm(offset) > _MAX_OFFSET_M_S2:
+        return _INCONSISTENT
+    if not scale > _MIN_SIGNIFICANCE * std[0]:
+        return _TOO_LITTLE_MOTION
     return InertialScale(
         scale,
         float(std[0]),
@@ -202,7 +212,7 @@ def _found(
         _triple(arm),
         _triple(std[4:7]),
         *delay,
-        _triple(moved / scale),
+        _triple(gain_effect / scale),
     )
 
 

@@ -32,14 +32,14 @@ from backend.pose_graph.synchronization import (
 
 Array = NDArray[np.float64]
 
-MOST_POSES = 10_000
+MAX_POSES = 10_000
 GAP = 1e-6
 """Relative gap up to which a solution is called the optimum."""
 
-_CLOSE = 1e-3
+_TIGHT_BOUND = 1e-3
 """A bound this close to the error says that the graph's own covariances are isotropic."""
-_LANCZOS = 1e-4
-_LEAST_PER_EDGE = 1e-3
+_LANCZOS_TOLERANCE = 1e-4
+_MIN_OBJECTIVE_PER_EDGE = 1e-3
 """Of chi-square: where an edge's share of F is below this, the gap is taken relative to this."""
 
 
@@ -68,7 +68,7 @@ class Certificate:
         """For a person; ``error`` is the solution's own."""
         if not self.certified:
             return f"not certified as the global optimum: {self.reason}"
-        if self.error_bound >= (1 - _CLOSE) * error:
+        if self.error_bound >= (1 - _TIGHT_BOUND) * error:
             return f"certified: no poses have an error below {self.error_bound:.6g}"
         return (
             f"certified with each covariance made isotropic (gap {self.gap:.1g});"
@@ -87,7 +87,7 @@ def certify(graph: PoseGraph, solution: Solution) -> Certificate:
     kept = solution.edge_kept & placed[graph.i] & placed[graph.j]
     try:
         parts = [
-            _of_part(graph, solution.w_T_b, np.flatnonzero(solution.component == c), kept)
+            _certify_component(graph, solution.w_T_b, np.flatnonzero(solution.component == c), kept)
             for c in range(int(solution.component.max(initial=-1)) + 1)
         ]
     except (BackendError, MemoryError) as refused:
@@ -107,7 +107,7 @@ def certify(graph: PoseGraph, solution: Solution) -> Certificate:
     )
 
 
-def _of_part(
+def _certify_component(
     graph: PoseGraph, w_T: Array, members: NDArray[np.int64], kept: NDArray[np.bool_]
 ) -> Certificate | None:
     """A connected part; None where it has no loop: a tree fits exactly."""
@@ -116,8 +116,8 @@ def _of_part(
     edges = np.flatnonzero(kept & (number[graph.i] >= 0))
     if len(edges) < len(members):
         return None
-    if len(members) > MOST_POSES:
-        raise BackendError(f"{len(members)} poses are more than {MOST_POSES}")
+    if len(members) > MAX_POSES:
+        raise BackendError(f"{len(members)} poses are more than {MAX_POSES}")
     if graph.fixed[members].sum() > 1:
         raise BackendError("more than one vertex is held in place")
     information, d = graph.information[edges], graph.dimension
@@ -132,7 +132,7 @@ def _of_part(
     order = elimination_order(problem)
     w_R, w_t = descend(problem, w_T[:, :d, :d], w_T[:, :d, 3], order)
     objective, bound = problem.objective(w_R, w_t), lower_bound(problem, w_R, w_t, order)
-    gap = (objective - bound) / max(objective, _LEAST_PER_EDGE * len(edges))
+    gap = (objective - bound) / max(objective, _MIN_OBJECTIVE_PER_EDGE * len(edges))
     cosine = (np.einsum("nab,nab->n", w_R, w_T[:, :d, :d]) - (d - 2)) / 2
     return Certificate(
         certified=gap <= GAP,
@@ -142,11 +142,11 @@ def _of_part(
         gap=gap,
         moved_m=float(np.linalg.norm(w_t - w_T[:, :d, 3], axis=1).max()),
         moved_rad=float(np.arccos(np.clip(cosine, -1, 1)).max()),
-        error_bound=_share(information, kappa, tau) * bound / 2,
+        error_bound=_isotropy_ratio(information, kappa, tau) * bound / 2,
     )
 
 
-def _share(information: Array, kappa: Array, tau: Array) -> float:
+def _isotropy_ratio(information: Array, kappa: Array, tau: Array) -> float:
     """Largest c for which no edge's cost falls below c times its isotropic stand-in's.
 
     A rotation's angle is at least its chord, and the logarithm's translation at least the distance.
@@ -173,16 +173,16 @@ def lower_bound(problem: Synchronization, w_R: Array, w_t: Array, order: NDArray
     # Pose by pose (t, R') as columns; the first position is held, which the Schur complement does not feel.
     matrix = csc_array(_connection_laplacian(problem) - block_diagonal(blocks))[1:, 1:]
     rotational = np.tile(np.r_[0.0, np.ones(d)], n)[1:]
-    scale = max(total, _LEAST_PER_EDGE * len(problem.i)) / (n * d)
+    scale = max(total, _MIN_OBJECTIVE_PER_EDGE * len(problem.i)) / (n * d)
     for relative in (GAP, 1e2 * GAP, 1e4 * GAP, 1.0):
         shift = relative * scale
         factor = Factor(csc_array(matrix + diags_array(shift * rotational)), order)
         if factor.negative == 0:
-            return max(total + n * d * min(0.0, _least(factor.solve, rotational > 0, shift)), 0.0)
+            return max(total + n * d * min(0.0, _min_eigenvalue(factor.solve, rotational > 0, shift)), 0.0)
     return 0.0
 
 
-def _least(solve: Callable[[Array], Array], rotational: NDArray[np.bool_], shift: float) -> float:
+def _min_eigenvalue(solve: Callable[[Array], Array], rotational: NDArray[np.bool_], shift: float) -> float:
     """Least eigenvalue of Q - Lambda, which ``shift`` makes positive: at least minus ``shift``."""
     size = int(rotational.sum())
 
@@ -195,11 +195,17 @@ def _least(solve: Callable[[Array], Array], rotational: NDArray[np.bool_], shift
     start = np.random.default_rng(0).normal(size=size)
     try:
         largest = eigsh(
-            operator, k=1, which="LA", v0=start, tol=_LANCZOS, maxiter=300, return_eigenvectors=False
+            operator,
+            k=1,
+            which="LA",
+            v0=start,
+            tol=_LANCZOS_TOLERANCE,
+            maxiter=300,
+            return_eigenvectors=False,
         )
     except ArpackError:
         return -shift
-    return max(1 / (float(largest[0]) * (1 + 10 * _LANCZOS)) - shift, -shift)
+    return max(1 / (float(largest[0]) * (1 + 10 * _LANCZOS_TOLERANCE)) - shift, -shift)
 
 
 def _connection_laplacian(problem: Synchronization) -> csc_array:
@@ -210,5 +216,5 @@ def _connection_laplacian(problem: Synchronization) -> csc_array:
     step[:, 0, 1:] = problem.ij_t_m
     step[:, 1:, 1:] = np.swapaxes(problem.ij_R, 1, 2)
     weight = np.repeat(np.column_stack([problem.tau, problem.kappa]), [1, d], axis=1)
-    pull = np.swapaxes(step, 1, 2) * weight[:, None, :]
-    return assembled(problem, pull @ step, weight[:, :, None] * np.eye(d + 1), -pull)
+    coupling = np.swapaxes(step, 1, 2) * weight[:, None, :]
+    return assembled(problem, coupling @ step, weight[:, :, None] * np.eye(d + 1), -coupling)

@@ -1,4 +1,4 @@
-"""Do all edges fit together, and how far off may one of them be: chi-square tests."""
+"""Chi-square tests: global consistency of all edges, and the gate of a single edge."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from scipy.stats import chi2
 from backend.pose_graph.problem import Problem
 
 CONFIDENCE = 0.999
-"""Of the global test, and of the limit for one edge."""
+"""Confidence level of the global test and of the gate of one edge."""
 
 
 @dataclass(frozen=True)
 class ChiSquare:
-    """Sum of the squared whitened residuals of the edges against what chance allows."""
+    """Result of a chi-square test on the edges' squared whitened residuals."""
 
     statistic: float
     dof: int
@@ -23,24 +23,24 @@ class ChiSquare:
 
     @property
     def passed(self) -> bool:
-        """Whether chance explains the sum."""
+        """Whether noise explains the statistic."""
         return self.statistic <= self.limit
 
 
 def chi_square(problem: Problem, statistic: float) -> ChiSquare:
-    """Test whether the edges agree with each other and with the absolute measurements.
+    """Test whether the edges agree with each other and with the unary factors.
 
-    ``statistic`` is the sum of the edges' squared whitened residuals. The freedom is that of the edges'
-    loops, plus what absolute measurements may ask of them.
+    ``statistic`` is the sum of the edges' squared whitened residuals. The degrees of freedom are those of
+    the cycles, plus the rows of the unary factors up to the size of a spanning tree.
     """
     d = problem.dof
     tree = d * (problem.count - 1)
-    rows = sum(unary.plain.dim() for unary in problem.unary_factors)
+    rows = sum(unary.gaussian.dim() for unary in problem.unary_factors)
     dof = d * len(problem.i) - tree + min(rows, tree)
-    # A tree of edges always fits: its residuals are rounding.
+    # A tree of edges always fits: its residuals are rounding errors.
     return ChiSquare(statistic, dof, float(chi2.ppf(CONFIDENCE, dof)) if dof > 0 else np.inf)
 
 
 def edge_limit(problem: Problem) -> float:
-    """Whitened norm that a true edge exceeds once in a thousand."""
+    """Return the whitened norm that a true edge exceeds with probability 0.001."""
     return float(np.sqrt(chi2.ppf(CONFIDENCE, problem.dof)))

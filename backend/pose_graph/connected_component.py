@@ -1,5 +1,4 @@
-"""One connected part of a graph: anchor it, start it, solve it plainly, and reject edges only where it
-must."""
+"""Solve one connected component: fix its gauge, initialise, solve, and reject edges only if necessary."""
 
 from __future__ import annotations
 
@@ -28,13 +27,13 @@ from backend.pose_graph.unary_factors import OUTLIER_SIGMA, fixed, jacobian
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_DEAR = 1.5e10
-"""Operations of an elimination, some seconds."""
+_EXPENSIVE = 1.5e10
+"""Floating-point operations of an elimination that takes some seconds."""
 
 
 @dataclass(frozen=True)
 class SolvedComponent:
-    """A solved part; arrays in the order of its poses and edges."""
+    """Solution of one component; arrays are in the order of its poses and edges."""
 
     w_T: Array
     covariances: Array | None
@@ -46,20 +45,20 @@ class SolvedComponent:
     converged: bool
     held: str
     open: tuple[str, ...]
-    """Directions that nothing measures and nothing holds, in words."""
+    """Directions that neither a measurement nor the gauge fixes, as sentences."""
     warnings: tuple[str, ...]
 
 
 def solve_component(problem: Problem, options: Options) -> SolvedComponent:
-    """Solve one connected part. Raises ``BackendError`` where it has no answer."""
+    """Solve one connected component. Raises ``BackendError`` if it has no solution."""
     start = initial_poses(problem)
-    ties, held = _ties(problem, start)
-    gauge_fixed = GaugeFixedProblem(problem, ties, options)
+    priors, held = _gauge_priors(problem, start)
+    gauge_fixed = GaugeFixedProblem(problem, priors, options)
     kept = np.ones(len(problem.i), dtype=bool)
     sigma = np.full(len(kept), np.nan)
-    # Random false loops fill the elimination up: then they are looked for before all edges are solved.
-    dear = elimination_cost(problem) > _DEAR and has_loops_on_odometry(problem)
-    fit = None if dear and options.loops_robust else least_squares_fit(gauge_fixed, kept, start)
+    # Random false loops cause large fill-in: then they are rejected before any solve with all edges.
+    expensive = elimination_cost(problem) > _EXPENSIVE and has_loops_on_odometry(problem)
+    fit = None if expensive and options.loops_robust else least_squares_fit(gauge_fixed, kept, start)
     if fit is None or (options.loops_robust and not fit.test.passed):
         kept, fit, sigma = reject_outliers(gauge_fixed, fit)
     minimum, w_T = fit.minimum, fit.w_T
@@ -86,57 +85,60 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
 
 
 def _reasons(problem: Problem, kept: Mask, w_T: Array, sigma: Array) -> tuple[str, ...]:
-    said = [""] * len(kept)
+    messages = [""] * len(kept)
     for e in np.flatnonzero(~kept).tolist():
-        said[e] = reason(problem, e, w_T, sigma[e])
-    return tuple(said)
+        messages[e] = reason(problem, e, w_T, sigma[e])
+    return tuple(messages)
 
 
 def _warnings(problem: Problem, fit: GraphFit) -> list[str]:
-    minimum, test, said = fit.minimum, fit.test, []
+    minimum, test, messages = fit.minimum, fit.test, []
     if not (minimum.converged and test.passed):
         who = format_keys(range(problem.count), problem.name)
     if not minimum.converged:
-        said.append(f"{who}: no start converged ({minimum.reason}); the best point found is given")
+        messages.append(f"{who}: no start converged ({minimum.reason}); the best point found is given")
     if not test.passed:
         ratio = math.sqrt(test.statistic / test.dof)
-        said.append(
+        messages.append(
             f"{who}: the edges disagree more than their covariances allow (chi-square {test.statistic:.4g}"
             f" for {test.dof} degrees of freedom): deviations are {ratio:.2g} times what is stated"
         )
     for kind in ("position", "range"):
         of_kind = [a for a in problem.unary_factors if a.kind == kind]
-        far = sum(2 * a.plain.error(minimum.values) > OUTLIER_SIGMA**2 for a in of_kind)
+        far = sum(2 * a.gaussian.error(minimum.values) > OUTLIER_SIGMA**2 for a in of_kind)
         if far:
             many = f"{far} of {len(of_kind)} {kind}s"
-            said.append(f"{many} lie beyond {OUTLIER_SIGMA:.0f} sigma: down-weighted")
-    return said
+            messages.append(f"{many} lie beyond {OUTLIER_SIGMA:.0f} sigma: down-weighted")
+    return messages
 
 
-def placed_alone(problem: Problem) -> bool:
-    """Whether absolute measurements place the single pose of a problem."""
+def is_placed_alone(problem: Problem) -> bool:
+    """Return whether unary factors place the single pose of a problem."""
     if any(a.kind == "fixed" for a in problem.unary_factors):
         return True
     if problem.dimension == 2:
         return False
-    return len(_open(problem, initial_poses(problem))) == 0
+    return len(_unobserved(problem, initial_poses(problem))) == 0
 
 
-def _ties(problem: Problem, start: Array) -> tuple[gtsam.NonlinearFactorGraph, str]:
-    """Absolute factors plus a hold on what they leave open, and a sentence about the hold."""
-    ties = problem.unary_factor_graph()
+def _gauge_priors(problem: Problem, start: Array) -> tuple[gtsam.NonlinearFactorGraph, str]:
+    """Return unary factors plus a gauge prior on unobserved directions, and a sentence about that prior."""
+    priors = problem.unary_factor_graph()
     if any(a.kind == "fixed" for a in problem.unary_factors):
-        return ties, ""
+        return priors, ""
     who, first = format_keys(range(problem.count), problem.name), problem.name(0)
     if problem.dimension == 2 or not problem.unary_factors:
-        ties.push_back(fixed(0, start[0], problem.dimension).factor)
-        return ties, f"position and attitude of {who}: nothing measures them, {first} is held where it starts"
-    directions = _open(problem, start)
+        priors.push_back(fixed(0, start[0], problem.dimension).factor)
+        return (
+            priors,
+            f"position and attitude of {who}: nothing measures them, {first} is held where it starts",
+        )
+    directions = _unobserved(problem, start)
     if len(directions) == 0:
-        return ties, ""
-    ties.push_back(gauge_prior(0, start[0], directions))
-    return ties, f"{format_directions(directions)} of {who}: nothing measures them, held at {first}"
+        return priors, ""
+    priors.push_back(gauge_prior(0, start[0], directions))
+    return priors, f"{format_directions(directions)} of {who}: nothing measures them, held at {first}"
 
 
-def _open(problem: Problem, start: Array) -> Array:
+def _unobserved(problem: Problem, start: Array) -> Array:
     return unobserved_directions([jacobian(a, start[a.k], start[0, :3, 3]) for a in problem.unary_factors])

@@ -1,4 +1,4 @@
-"""In which order the variables of a graph are eliminated: it decides on time, memory and depth."""
+"""Elimination order of a graph's variables: it determines time, memory and recursion depth."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from typing import Any
 import gtsam
 
 DEEP_GRAPH = 10_000
-"""Keys from which nested dissection orders the elimination: COLAMD's tree of a long chain is as deep as the
-chain, and gtsam recurses down it (a thread with a stack of 512 KB dies at 10 000 poses, one of 8 MB at
-100 000)."""
+"""Number of keys above which nested dissection is used: COLAMD's tree of a long chain is as deep as the
+chain, and gtsam recurses down it (a stack of 512 KB overflows at 10 000 poses, one of 8 MB at 100 000)."""
 
 Graph = gtsam.NonlinearFactorGraph | gtsam.GaussianFactorGraph
 
@@ -20,9 +19,9 @@ def set_ordering(
     keys: int,
     common: int | None = None,
 ) -> None:
-    """Tell an optimizer how to eliminate a graph of so many variables.
+    """Set an optimizer's elimination order for a graph of ``keys`` variables.
 
-    Where next to all of them share a ``common`` one COLAMD fills in three times as much.
+    With a ``common`` variable in almost all factors COLAMD has three times the fill-in of nested dissection.
     """
     if common is not None or keys > DEEP_GRAPH:
         params.setOrdering(nested_dissection(graph, common))
@@ -31,10 +30,10 @@ def set_ordering(
 
 
 def nested_dissection(graph: Graph, last: int | None = None) -> gtsam.Ordering:
-    """METIS' ordering, a shallow tree; one variable can be put ``last``.
+    """Return METIS' ordering, a shallow tree; ``last`` is eliminated last.
 
-    A variable without neighbours, such as a floor point that nobody sees any more, comes first: METIS itself
-    would write past its memory and end the interpreter.
+    A variable without neighbours, such as a floor point without observations, comes first: METIS itself would
+    write out of bounds and abort the interpreter.
     """
     linear = isinstance(graph, gtsam.GaussianFactorGraph)
     tied: Any = gtsam.GaussianFactorGraph() if linear else gtsam.NonlinearFactorGraph()

@@ -1,4 +1,4 @@
-"""Turn a flight's measurements into a problem: every figure is checked here, before gtsam sees it."""
+"""Convert a flight's measurements to a problem, and validate every value before gtsam gets it."""
 
 from __future__ import annotations
 
@@ -23,12 +23,14 @@ _BODY_UP = np.array([0.0, 0.0, 1.0])
 _NOT_RIGID = 1e-3
 _KINDS = get_args(EdgeKind)
 _AT_ONCE = 1_000
-"""Edges."""
+"""Number of edges per block."""
 
 
 def from_measurements(measurements: Measurements, initial: Array | None) -> tuple[Problem, list[str]]:
-    """The problem of a flight and warnings about what was dropped. Raises ``BackendError`` for bad
-    figures."""
+    """Return the problem of a flight and warnings about dropped measurements.
+
+    Raises ``BackendError`` for invalid values.
+    """
     n = measurements.count
     if n == 0:
         raise BackendError("there is no keyframe: nothing to solve")
@@ -96,7 +98,7 @@ def _rigid(edges: tuple[RelativePose, ...], n: int) -> Array:
 
 def _roots(edges: tuple[RelativePose, ...]) -> Array:
     covariance = np.array([e.covariance for e in edges], dtype=np.float64).reshape(-1, 6, 6)
-    # One takes ten times as much memory while it is worked on.
+    # Validation needs ten times the memory of its input.
     blocks = [covariance[k : k + _AT_ONCE] for k in range(0, max(1, len(edges)), _AT_ONCE)]
     bad = np.flatnonzero(np.concatenate([_not_positive(block) for block in blocks]))
     if len(bad):
@@ -122,8 +124,7 @@ def _root(covariance: Array) -> Array:
 
 
 def _scaled(covariance: Array) -> tuple[Array, Array]:
-    """Radians and metres differ in size: (m, 6) deviations, and the matrices with their diagonals brought to
-    one."""
+    """Return (m, 6) standard deviations and the correlation matrices: radians and metres differ in size."""
     scale = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), 1e-300))
     return scale, covariance / (scale[:, :, None] * scale[:, None, :])
 
@@ -154,8 +155,8 @@ def _unary_factors(measurements: Measurements) -> tuple[tuple[UnaryFactor, ...],
         _check_std(p.std_m, "position", p.k)
         singles.append(unary_factors.position(p))
     unusable += sum(single is None for single in singles)
-    said = [f"{unusable} attitudes, ranges or positions without a usable figure were left out"]
-    return tuple(single for single in singles if single is not None), said if unusable else []
+    messages = [f"{unusable} attitudes, ranges or positions without a usable figure were left out"]
+    return tuple(single for single in singles if single is not None), messages if unusable else []
 
 
 def _check_std(std: Array, kind: str, k: int) -> None:
@@ -166,7 +167,7 @@ def _check_std(std: Array, kind: str, k: int) -> None:
 
 
 def components(problem: Problem) -> NDArray[np.int64]:
-    """(n,) connected part of each pose by its edges, 0 the largest, ties in order of the first pose."""
+    """Return (n,) component numbers of the poses: 0 is the largest; equal sizes in order of first pose."""
     n = problem.count
     links = coo_array((np.ones(len(problem.i)), (problem.i, problem.j)), shape=(n, n))
     count, label = connected_components(links, directed=False)

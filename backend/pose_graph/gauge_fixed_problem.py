@@ -1,4 +1,4 @@
-"""A problem with what is held, and the plain solve of some of its edges."""
+"""A problem with a fixed gauge, and the least-squares fit of a subset of its edges."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from backend.errors import BackendError
 from backend.pose_graph.chi_square import ChiSquare, chi_square
 from backend.pose_graph.initialize import chordal, spanning_tree
 from backend.pose_graph.minimise import (
-    MOST_ITERATIONS,
+    MAX_ITERATIONS,
     RELATIVE_TOLERANCE,
     OnStep,
     OptimizationResult,
@@ -31,24 +31,24 @@ from backend.pose_graph.unary_factors import aligned
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_LOOP_DETOUR = 1e6
-"""Factor on the cost of a loop in the spanning tree: one false loop spoils all poses behind it."""
+_LOOP_COST_FACTOR = 1e6
+"""Factor on the cost of a loop in the spanning tree: one false loop corrupts all poses behind it."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """How to solve."""
+    """Options of the solver."""
 
     loops_robust: bool = True
     covariances: bool = True
     on_step: OnStep | None = None
     deadline: float = math.inf
-    """On ``time.monotonic``'s clock."""
+    """Time limit on the clock of ``time.monotonic``."""
 
 
 @dataclass(frozen=True)
 class GraphFit:
-    """A plain solve of some edges."""
+    """Least-squares fit of a subset of the edges."""
 
     minimum: OptimizationResult
     w_T: Array
@@ -57,46 +57,48 @@ class GraphFit:
 
 @dataclass(frozen=True)
 class GaugeFixedProblem:
-    """A problem with what is held, and the options: everything that a plain solve of some edges needs."""
+    """A problem with a fixed gauge and solver options."""
 
     problem: Problem
-    ties: gtsam.NonlinearFactorGraph
-    """Absolute measurements and what is held."""
+    priors: gtsam.NonlinearFactorGraph
+    """Unary factors and gauge priors."""
     options: Options
 
     def graph(self, kept: Mask) -> gtsam.NonlinearFactorGraph:
-        """Some of the edges with all that ties them to the world."""
+        """Build the graph of the kept edges (m,) with all unary factors and priors."""
         graph = gtsam.NonlinearFactorGraph()
         add = graph.add
         for factor in compress(self.edges, kept.tolist()):
             add(factor)
-        graph.push_back(self.ties)
+        graph.push_back(self.priors)
         return graph
 
     @cached_property
     def edges(self) -> list[gtsam.NonlinearFactor]:
-        """(m,) the factor of each edge: most of the time of a graph goes into making them."""
+        """(m,) factor of each edge, cached: their construction dominates the time to build a graph."""
         return list(self.problem.single_factors())
 
     @property
     def rows(self) -> int:
-        """Of the linear system with all edges."""
-        ties = (self.ties.at(k).dim() for k in range(self.ties.size()))
-        return self.problem.dof * len(self.problem.i) + sum(ties)
+        """Number of rows of the linear system with all edges."""
+        priors = (self.priors.at(k).dim() for k in range(self.priors.size()))
+        return self.problem.dof * len(self.problem.i) + sum(priors)
 
 
 def initial_poses(problem: Problem) -> Array:
-    """The given poses where all are known; else a tree from a known one, or moved to the absolute
-    measurements."""
-    given = np.isfinite(problem.initial).all(axis=(1, 2))
-    if given.all():
+    """Return initial poses (n, 4, 4): the given ones, or a spanning tree if some are unknown.
+
+    The tree begins at a known pose; without one it is aligned to the unary factors.
+    """
+    known = np.isfinite(problem.initial).all(axis=(1, 2))
+    if known.all():
         return se3.orthonormal(problem.initial)
-    root = int(np.argmax(given))
-    first = problem.initial[root] if given.any() else np.eye(4)
+    root = int(np.argmax(known))
+    first = problem.initial[root] if known.any() else np.eye(4)
     R = problem.sqrt_information
-    cost = 1 / np.maximum((R**2).sum(axis=(1, 2)), 1e-300) * np.where(problem.trusted, 1, _LOOP_DETOUR)
+    cost = 1 / np.maximum((R**2).sum(axis=(1, 2)), 1e-300) * np.where(problem.trusted, 1, _LOOP_COST_FACTOR)
     w_T = spanning_tree(problem.count, problem.i, problem.j, problem.ij_T, cost, root, first)
-    return w_T if given.any() else aligned(w_T, problem.unary_factors)
+    return w_T if known.any() else aligned(w_T, problem.unary_factors)
 
 
 def _chordal_start(problem: Problem, w_T_root: Array) -> Array | None:
@@ -107,30 +109,33 @@ def _chordal_start(problem: Problem, w_T_root: Array) -> Array | None:
     if not ((kappa > 0) & (tau > 0)).all():
         return None
     w_T = chordal(problem.i, problem.j, problem.ij_T, kappa, tau, w_T_root, problem.count, planar)
-    given = np.isfinite(problem.initial).any()
-    return w_T if w_T is None or given else aligned(w_T, problem.unary_factors)
+    known = np.isfinite(problem.initial).any()
+    return w_T if w_T is None or known else aligned(w_T, problem.unary_factors)
 
 
 def least_squares_fit(gauge_fixed: GaugeFixedProblem, kept: Mask, start: Array) -> GraphFit:
-    """All kept edges as they are, from the better of the start and the chordal relaxation; from the other one
-    where that does not end well."""
+    """Fit all kept edges without rejection.
+
+    Start from the better of the initial guess and the chordal relaxation; if that fails, from the other.
+    Raises ``BackendError`` if neither can be solved.
+    """
     problem, options = gauge_fixed.problem.with_edges(kept), gauge_fixed.options
     graph = gauge_fixed.graph(kept)
-    limits = (MOST_ITERATIONS, RELATIVE_TOLERANCE, options.on_step, options.deadline)
+    limits = (MAX_ITERATIONS, RELATIVE_TOLERANCE, options.on_step, options.deadline)
     attempts: list[GraphFit] = []
-    refused: BackendError | None = None
+    failure: BackendError | None = None
     for values in _starts(problem, start):
         if attempts and time.monotonic() > options.deadline:
             break
         try:
             attempts.append(_fit(gauge_fixed, problem, gauss_newton(graph, values, *limits, problem.name)))
         except BackendError as error:
-            refused = error
+            failure = error
             continue
         if attempts[-1].minimum.converged and attempts[-1].test.passed:
             return attempts[-1]
     if not attempts:
-        raise refused or BackendError("no start was found")
+        raise failure or BackendError("no start was found")
     best = min(attempts, key=lambda fit: (not fit.minimum.converged, fit.minimum.error))
     if best.minimum.converged:
         return best
@@ -138,11 +143,11 @@ def least_squares_fit(gauge_fixed: GaugeFixedProblem, kept: Mask, start: Array) 
 
 
 def _starts(problem: Problem, start: Array) -> Iterator[gtsam.Values]:
-    """The given start and the chordal one, the one of lower error first."""
+    """Yield the initial guess and the chordal relaxation, the one of lower error first."""
     if not np.isfinite(start).all():
         bad = int(np.argmin(np.isfinite(start).all(axis=(1, 2))))
         raise BackendError(f"the start of {problem.name(bad)} is not finite; give it a pose or none at all")
-    # Edges that agree with the start to within their noise need no better one; a tree has none.
+    # If the edges agree with the guess to within their noise, or form a tree, no relaxation is needed.
     before = _edge_statistic(problem, start)
     looped = len(problem.i) >= problem.count
     relaxed = _chordal_start(problem, start[0]) if looped and not chi_square(problem, before).passed else None
@@ -161,5 +166,5 @@ def _edge_statistic(problem: Problem, w_T: Array) -> float:
 
 
 def _fit(gauge_fixed: GaugeFixedProblem, edges: Problem, minimum: OptimizationResult) -> GraphFit:
-    statistic = 2 * (minimum.error - float(gauge_fixed.ties.error(minimum.values)))
+    statistic = 2 * (minimum.error - float(gauge_fixed.priors.error(minimum.values)))
     return GraphFit(minimum, edges.poses(minimum.values), chi_square(edges, statistic))

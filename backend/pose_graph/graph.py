@@ -1,4 +1,4 @@
-"""A pose graph as plain arrays: what a g2o file holds."""
+"""Pose graph as plain arrays: the content of a g2o file."""
 
 from __future__ import annotations
 
@@ -14,51 +14,51 @@ from backend.measurements import RelativePose
 Array = NDArray[np.float64]
 
 _NOT_RIGID = 1e-3
-_NOTHING = 1e-9
-"""Below this an eigenvalue of the information, its diagonal brought to one, is zero: files round."""
+_ZERO_EIGENVALUE = 1e-9
+"""Eigenvalue of the information (scaled to unit diagonal) below which it counts as zero: files round."""
 
 
 @dataclass(frozen=True)
 class PoseGraph:
-    """Vertices and edges; edges name vertices by their position in ``ids``."""
+    """Vertices and edges; edges refer to vertices by their index in ``ids``."""
 
     dimension: Literal[2, 3]
     ids: NDArray[np.int64]
     """(n,) number of each vertex in the file, increasing."""
     poses: Array
-    """(n, 4, 4) given poses, NaN where the file gives none."""
+    """(n, 4, 4) initial poses, NaN where the file has none."""
     i: NDArray[np.int64]
     """(m,)."""
     j: NDArray[np.int64]
     """(m,)."""
     ij_T: Array
-    """(m, 4, 4) pose of vertex j seen from vertex i."""
+    """(m, 4, 4) pose of vertex j relative to vertex i."""
     information: Array
     """(m, d, d) in gtsam's tangent order: (x, y, heading) for d = 3, rotation first for d = 6."""
     fixed: NDArray[np.bool_]
-    """(n,) vertices that the file holds in place."""
+    """(n,) vertices that the file declares fixed."""
     warnings: tuple[str, ...] = ()
-    """What was skipped, repaired or dropped when the file was read."""
+    """Messages about lines that were skipped, repaired or dropped when the file was read."""
     dropped: dict[str, int] = field(default_factory=dict)
     """Lines of the file that are not in the graph, counted by reason."""
 
     @property
     def has_pose(self) -> NDArray[np.bool_]:
-        """(n,) whether the file gives the vertex a pose."""
+        """(n,) True if the vertex has an initial pose."""
         return _finite(self.poses)
 
     @property
     def is_rank_deficient(self) -> NDArray[np.bool_]:
-        """(m,) whether an edge tells nothing about some direction: its information is semi-definite."""
+        """(m,) True if the information of an edge is only positive semi-definite."""
         size = np.sqrt(np.maximum(np.diagonal(self.information, axis1=1, axis2=2), 0))
         size[size == 0] = 1
         # Radians and metres differ in size.
         unit = self.information / size[:, :, None] / size[:, None]
-        return np.asarray(np.linalg.eigvalsh(unit)[:, 0] < _NOTHING)
+        return np.asarray(np.linalg.eigvalsh(unit)[:, 0] < _ZERO_EIGENVALUE)
 
 
 def rank_deficient_warning(graph: PoseGraph) -> list[str]:
-    """How many edges tell nothing about some direction, in one line; empty where all tell all."""
+    """Return one warning about edges with singular information; an empty list if there is none."""
     blind = np.flatnonzero(graph.is_rank_deficient)
     if len(blind) == 0:
         return []
@@ -70,9 +70,9 @@ def rank_deficient_warning(graph: PoseGraph) -> list[str]:
 
 
 def check(graph: PoseGraph) -> None:
-    """Refuse arrays that no pose graph has. Raises ``BackendError`` with the first vertex or edge at fault.
+    """Validate the arrays of a pose graph. Raises ``BackendError`` with the first invalid vertex or edge.
 
-    Information that is not positive shows when its root is taken.
+    `square_roots` detects information that is not positive.
     """
     n, m, d = len(graph.ids), len(graph.i), 3 if graph.dimension == 2 else 6
     shapes = {
@@ -124,7 +124,7 @@ def _finite(T: Array) -> NDArray[np.bool_]:
 
 
 def build_pose_graph(w_T_b: Array, relative_poses: tuple[RelativePose, ...]) -> PoseGraph:
-    """A spatial graph of placed keyframes and their relative poses.
+    """Build a spatial graph from placed keyframes and their relative poses.
 
     ``w_T_b`` is (n, 4, 4); a keyframe without a finite pose is left out together with its edges.
     """

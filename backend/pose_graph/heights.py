@@ -13,19 +13,19 @@ from scipy.sparse.linalg import splu
 Array = NDArray[np.float64]
 
 _ROUNDS = 8
-"""The kernel's width halves with each, from 32 to 2 standard deviations; the last rounds converge."""
+"""Iterations; each halves the width of the robust kernel, from 32 to 2 standard deviations."""
 
 
 @dataclass(frozen=True)
 class HeightEstimate:
-    """One height a keyframe."""
+    """Heights of all keyframes."""
 
     height_m: Array
-    """(n,); in units of the component's mean height where nothing metric was measured."""
+    """(n,) heights; in units of the component's mean height if it has no metric measurement."""
     log_std: Array
-    """(n,) standard deviation of log(height); the common scale is left out where it is not known."""
+    """(n,) standard deviation of log(height); without the common scale if that is unknown."""
     metric: NDArray[np.bool_]
-    """(n,) whether the keyframe's component has a measured height."""
+    """(n,) True if the keyframe's component has a measured height."""
 
 
 def adjust_heights(
@@ -38,11 +38,11 @@ def adjust_heights(
     log_height: Array,
     log_height_std: Array,
 ) -> HeightEstimate:
-    """Robust least squares on log heights (iteratively reweighted, Cauchy).
+    """Estimate log heights by robust least squares (iteratively reweighted, Cauchy).
 
-    Edges: log h_j - log h_i = ``log_ratio``; measurements: log h_k = ``log_height``. All edges are linear in
-    the logarithm, so that no start is needed. Source: Zhang 1997, section 9 (Cauchy weights); Blake and
-    Zisserman 1987, chapter 7 (graduated non-convexity).
+    Edges: log h_j - log h_i = ``log_ratio``; measurements: log h_k = ``log_height``. They are linear
+    in the logarithm, so that no initial guess is needed. Source: Zhang 1997, section 9 (Cauchy weights);
+    Blake and Zisserman 1987, chapter 7 (graduated non-convexity).
     """
     edges, measured = len(i), len(k)
     row = np.concatenate([np.repeat(np.arange(edges), 2), edges + np.arange(measured)])
@@ -55,7 +55,7 @@ def adjust_heights(
     graph = coo_matrix((np.ones(edges), (i, j)), shape=(count, count))
     _, label = connected_components(graph, directed=False)
     metric = np.isin(label, label[k])
-    # A component without a measured height is held at a mean logarithm of about 0 by a very weak pull.
+    # A weak prior fixes a component without a measured height at a mean logarithm of about 0.
     weak = csc_matrix((np.full(count, 1e-6), (np.arange(count), np.arange(count))), shape=(count, count))
 
     weight = np.ones(len(b))
@@ -65,8 +65,8 @@ def adjust_heights(
         W = weight / sigma**2
         factor = splu(csc_matrix(A.T @ A.multiply(W[:, None]) + weak))
         x = factor.solve(A.T @ (W * b))
-        # The kernel starts wide and narrows: outliers first pull their neighbours away, and those must not be
-        # rejected for it.
+        # The kernel starts wide and narrows: outliers first bias their neighbours, which must not be rejected
+        # for that.
         width = max(2.0, 32.0 * 0.5**number)
         weight = 1.0 / (1.0 + ((A @ x - b) / (width * sigma)) ** 2)
     assert factor is not None

@@ -1,8 +1,8 @@
-"""A trajectory that grows keyframe by keyframe, for use in flight: gtsam's ISAM2 with its log kept.
+"""Incremental estimation of a trajectory, keyframe by keyframe, with gtsam's ISAM2 and a log of all factors.
 
-Odometry is taken in at once, at a price that does not grow. A loop makes ISAM2 solve all that lies between
-its ends again: loops wait, and are taken in together, so seldom that the time for a keyframe is within the
-budget in 99 of 100 cases. After an exception ISAM2 is of no use any more; it is built anew from the log.
+Odometry is added at once, at constant cost. A loop makes ISAM2 solve everything between its ends again. Loops
+are therefore queued and added together, so rarely that 99 of 100 keyframes stay within the time budget. After
+an exception ISAM2 is unusable; it is rebuilt from the log.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ from backend.pose_graph.unary_factors import aligned, jacobian
 Array = NDArray[np.float64]
 
 BUDGET_S = 0.02
-_REST = 100
-"""Keyframes between two updates that break the budget: one in a hundred may."""
-_WEAK = 30.0
-"""rad and m: a hold that gives way to any measurement."""
-_MOVED = 0.05
-"""rad and m: what has moved by more is linearised anew."""
+_COOLDOWN_KEYFRAMES = 100
+"""Number of keyframes between two updates that exceed the budget: one in a hundred may."""
+_WEAK_STD = 30.0
+"""Standard deviation, in rad and m, of a gauge prior that yields to any measurement."""
+_RELINEARIZE_THRESHOLD = 0.05
+"""Change, in rad and m, above which a variable is relinearised."""
 
 
 @dataclass(frozen=True)
 class IncrementalUpdate:
-    """What a new keyframe brought."""
+    """Result of adding a keyframe."""
 
     w_T_b: Array
-    """(4, 4) where the new keyframe is."""
-    waiting: int
-    """Loops that were not taken in yet."""
-    refused: tuple[str, ...] = ()
-    """Loops that could not be taken in, with the reason."""
-    rebuilt: str = ""
-    """Why everything was built anew; empty where it was not."""
+    """(4, 4) pose of the new keyframe."""
+    pending: int
+    """Number of queued loops."""
+    rejected: tuple[str, ...] = ()
+    """Messages about loops that could not be added, with the reason."""
+    rebuild_reason: str = ""
+    """Reason for a rebuild of ISAM2; empty if there was none."""
 
 
 class Incremental:
-    """Keyframes 0, 1, 2, ... as they come; what the first one does not measure is held where it starts."""
+    """Estimator for keyframes 0, 1, 2, ...; a gauge prior fixes what the first one does not measure."""
 
     def __init__(self, budget_s: float = BUDGET_S) -> None:
         self.budget_s = budget_s
@@ -56,8 +56,8 @@ class Incremental:
         self._log = gtsam.NonlinearFactorGraph()
         self._start = gtsam.Values()
         self._isam = _isam("CHOLESKY")
-        self._waiting: list[RelativePose] = []
-        self._rest = 0
+        self._pending: list[RelativePose] = []
+        self._cooldown = 0
 
     def add(
         self,
@@ -67,10 +67,10 @@ class Incremental:
         positions: tuple[Position, ...] = (),
         w_T_b: Array | None = None,
     ) -> IncrementalUpdate:
-        """The next keyframe, number ``count``, with the measurements that came with it.
+        """Add the next keyframe, number ``count``, with its measurements.
 
-        One of its relative poses must join it to an earlier one; the first may be given a pose (4, 4).
-        Raises ``BackendError`` for bad figures: then nothing was taken in.
+        One of its relative poses must connect it to an earlier one; ``w_T_b`` (4, 4) initialises the first.
+        Raises ``BackendError`` for invalid values; the estimate is then unchanged.
         """
         number = self.count
         here = [e for e in relative_poses if number in (e.i, e.j)]
@@ -83,45 +83,45 @@ class Incremental:
         now = tuple(e for e in relative_poses if e.kind != "loop" or e is anchor)
         measured = Measurements(np.zeros(0), now, attitudes, ranges, positions)
         problem, keys = _renumbered(measured, number)
-        _renumbered(Measurements(np.zeros(0), tuple(loops)), number)  # refused before it waits
+        _renumbered(Measurements(np.zeros(0), tuple(loops)), number)  # invalid loops are rejected now
         factors = _factors(problem, keys)
         if anchor is None:
-            start = _first(problem, w_T_b)
-            factors.push_back(_hold(problem, start))
+            start = _first_pose(problem, w_T_b)
+            factors.push_back(_gauge_prior(problem, start))
         else:
             start = self._predicted(anchor, number)
         values = gtsam.Values()
         values.insert(number, gtsam.Pose3(start))
         self._start.insert(number, gtsam.Pose3(start))
-        rebuilt, _ = self._take_in(factors, values)
+        rebuild_reason, _ = self._update(factors, values)
         self.count += 1
-        self._waiting += loops
-        refused: tuple[str, ...] = ()
-        self._rest -= 1
-        if self._waiting and self._rest <= 0:
-            again, refused = self._take_in_loops()
-            rebuilt = rebuilt or again
-        return IncrementalUpdate(self.pose(number), len(self._waiting), refused, rebuilt)
+        self._pending += loops
+        rejected: tuple[str, ...] = ()
+        self._cooldown -= 1
+        if self._pending and self._cooldown <= 0:
+            again, rejected = self._update_with_loops()
+            rebuild_reason = rebuild_reason or again
+        return IncrementalUpdate(self.pose(number), len(self._pending), rejected, rebuild_reason)
 
     def pose(self, k: int) -> Array:
-        """(4, 4) where keyframe ``k`` is by now."""
+        """Return the current pose (4, 4) of keyframe ``k``."""
         return np.asarray(self._isam.calculateEstimatePose3(k).matrix(), dtype=np.float64)
 
     def trajectory(self) -> Array:
-        """(n, 4, 4) where all keyframes are by now."""
+        """Return the current poses (n, 4, 4) of all keyframes."""
         return spatial_poses(self._isam.calculateEstimate())
 
     def settle(self) -> IncrementalUpdate:
-        """Take in what waits and solve all anew, at any price: the batch's answer."""
+        """Add all queued loops and solve the batch problem, without a time budget."""
         if self.count == 0:
             raise BackendError("there is no keyframe: nothing to settle")
-        rebuilt, refused = self._take_in_loops()
+        rebuild_reason, rejected = self._update_with_loops()
         self._start = self._isam.calculateEstimate()
         self._rebuild(self._log)
-        return IncrementalUpdate(self.pose(self.count - 1), 0, refused, rebuilt)
+        return IncrementalUpdate(self.pose(self.count - 1), 0, rejected, rebuild_reason)
 
     def error(self) -> float:
-        """Half the squared whitened residuals of all that was taken in, by their robust losses."""
+        """Return half the sum of squared whitened residuals of all added factors, with robust losses."""
         return float(self._log.error(self._isam.calculateEstimate()))
 
     def _predicted(self, anchor: RelativePose, number: int) -> Array:
@@ -129,19 +129,19 @@ class Incremental:
             return self.pose(anchor.i) @ anchor.i_T_j
         return self.pose(anchor.j) @ np.linalg.inv(anchor.i_T_j)
 
-    def _take_in_loops(self) -> tuple[str, tuple[str, ...]]:
-        loops, self._waiting = tuple(self._waiting), []
+    def _update_with_loops(self) -> tuple[str, tuple[str, ...]]:
+        loops, self._pending = tuple(self._pending), []
         begin = time.perf_counter()
         problem, keys = _renumbered(Measurements(np.zeros(0), loops), self.count)
-        rebuilt, refused = self._take_in(_factors(problem, keys), gtsam.Values(), loops)
+        rebuild_reason, rejected = self._update(_factors(problem, keys), gtsam.Values(), loops)
         if time.perf_counter() - begin > self.budget_s:
-            self._rest = _REST
-        return rebuilt, refused
+            self._cooldown = _COOLDOWN_KEYFRAMES
+        return rebuild_reason, rejected
 
-    def _take_in(
+    def _update(
         self, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, loops: tuple[RelativePose, ...] = ()
     ) -> tuple[str, tuple[str, ...]]:
-        """Why ISAM2 was built anew, and loops that had to be left out."""
+        """Return the reason for a rebuild of ISAM2, and messages about omitted loops."""
         try:
             self._isam.update(factors, values, force_relinearize=bool(loops))
             self._log.push_back(factors)
@@ -163,7 +163,7 @@ class Incremental:
 
     def _rebuild(self, log: gtsam.NonlinearFactorGraph) -> None:
         at = minimise(log, self._start).values
-        # Cholesky squares the condition number, and a long chain may be what it failed at.
+        # Cholesky squares the condition number and may have failed on a long chain.
         fresh = _isam("QR")
         try:
             fresh.update(log, at)
@@ -175,14 +175,14 @@ class Incremental:
 def _isam(factorization: str) -> gtsam.ISAM2:
     params = gtsam.ISAM2Params()
     params.setFactorization(factorization)
-    params.setRelinearizeThreshold(_MOVED)
-    # Only when loops come, or on request: it costs as much as they do.
+    params.setRelinearizeThreshold(_RELINEARIZE_THRESHOLD)
+    # Relinearise only with loops or on request: it costs as much as a loop.
     params.enableRelinearization = False
     return gtsam.ISAM2(params)
 
 
 def _renumbered(measured: Measurements, number: int) -> tuple[Problem, list[int]]:
-    """The new measurements as a problem of few poses, and their true keys. Raises ``BackendError``."""
+    """Return the new measurements as a problem of few poses, and their keys. Raises ``BackendError``."""
     owners = [
         single.k for kind in (measured.attitudes, measured.ranges, measured.positions) for single in kind
     ]
@@ -212,7 +212,7 @@ def _factors(problem: Problem, keys: list[int]) -> gtsam.NonlinearFactorGraph:
     return out
 
 
-def _first(problem: Problem, w_T_b: Array | None) -> Array:
+def _first_pose(problem: Problem, w_T_b: Array | None) -> Array:
     if w_T_b is not None:
         if w_T_b.shape != (4, 4) or not np.isfinite(w_T_b).all():
             raise BackendError("the pose of the first keyframe is not a finite (4, 4) transform")
@@ -220,14 +220,17 @@ def _first(problem: Problem, w_T_b: Array | None) -> Array:
     return aligned(np.eye(4)[None], problem.unary_factors)[0]
 
 
-def _hold(problem: Problem, start: Array) -> gtsam.NonlinearFactorGraph:
-    """A prior on what the first keyframe's own measurements leave open: a weak one, since later ones may tell
-    it; a tight one where it measures nothing, since all is relative to it then."""
+def _gauge_prior(problem: Problem, start: Array) -> gtsam.NonlinearFactorGraph:
+    """Return a prior on the directions that the first keyframe's measurements do not observe.
+
+    The prior is weak, since later measurements may observe them; it is tight if the first keyframe measures
+    nothing, since the trajectory is then relative to it.
+    """
     out = gtsam.NonlinearFactorGraph()
     if not problem.unary_factors:
         out.push_back(gauge_prior(0, start, np.eye(6)))
         return out
     directions = unobserved_directions([jacobian(a, start, start[:3, 3]) for a in problem.unary_factors])
     if len(directions):
-        out.push_back(gauge_prior(0, start, directions, _WEAK))
+        out.push_back(gauge_prior(0, start, directions, _WEAK_STD))
     return out

@@ -1,4 +1,4 @@
-"""Where a solve starts: along a tree of the surest edges, or from the chordal relaxation of all of them."""
+"""Initial guesses: a spanning tree of the most certain edges, or the chordal relaxation of all edges."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ Index = NDArray[np.int64]
 
 
 def spanning_tree(n: int, i: Index, j: Index, ij_T: Array, cost: Array, root: int, w_T_root: Array) -> Array:
-    """Poses composed from the root outwards along the paths of least cost. Returns (n, 4, 4).
+    """Compose poses from the root along the shortest paths. Returns (n, 4, 4); unreachable poses are NaN.
 
-    ``cost`` (m,) > 0 is an edge's variance; poses that no edge reaches stay NaN. Among all spanning trees
-    the one of shortest paths gives each pose the least accumulated variance.
+    ``cost`` (m,) > 0 is an edge's variance: the shortest-path tree gives each pose the least accumulated
+    variance.
     """
     w_T = np.full((n, 4, 4), np.nan)
     w_T[root] = w_T_root
@@ -37,7 +37,7 @@ def spanning_tree(n: int, i: Index, j: Index, ij_T: Array, cost: Array, root: in
 
 
 def tree_edges(n: int, i: Index, j: Index, cost: Array) -> Index:
-    """Edges of the spanning tree (forest) of least total ``cost`` (m,) > 0."""
+    """Return the edges of the minimum spanning tree (forest) for ``cost`` (m,) > 0."""
     links, code, order = _links(n, i, j, cost)
     tree = minimum_spanning_tree(links).tocoo()
     used = np.minimum(tree.row, tree.col).astype(np.int64) * n + np.maximum(tree.row, tree.col)
@@ -45,7 +45,7 @@ def tree_edges(n: int, i: Index, j: Index, cost: Array) -> Index:
 
 
 def elimination_cost(problem: Problem) -> float:
-    """Operations of an elimination in the order of Cuthill and McKee: a bound that costs little."""
+    """Estimate the operations of an elimination in Cuthill-McKee order: a cheap upper bound."""
     n, i, j = problem.count, problem.i, problem.j
     links = csr_array((np.ones(2 * len(i)), (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(n, n))
     place = np.empty(n, dtype=np.int64)
@@ -57,12 +57,12 @@ def elimination_cost(problem: Problem) -> float:
 
 
 def _links(n: int, i: Index, j: Index, cost: Array) -> tuple[csr_array, Index, Index]:
-    """Costs as a sparse matrix, the sorted codes of its entries, and the edge behind each."""
+    """Return costs as a sparse matrix, the sorted codes of its entries, and the edge of each entry."""
     low, high = np.minimum(i, j), np.maximum(i, j)
     order = np.lexsort((cost, high, low))
     code = low[order] * n + high[order]
     if len(order):
-        # Of parallel edges the surest: a sparse matrix would add them up.
+        # Keep the cheapest of parallel edges: a sparse matrix would add them.
         first = np.concatenate([[True], code[1:] != code[:-1]])
         order, code = order[first], code[first]
     return csr_array((cost[order], (low[order], high[order])), shape=(n, n)), code, order
@@ -71,10 +71,10 @@ def _links(n: int, i: Index, j: Index, cost: Array) -> tuple[csr_array, Index, I
 def chordal(
     i: Index, j: Index, ij_T: Array, kappa: Array, tau: Array, w_T_root: Array, n: int, planar: bool
 ) -> Array | None:
-    """Rotations by linear least squares, then positions by another; pose 0 stands at ``w_T_root``.
+    """Solve for rotations, then for positions, by linear least squares; pose 0 is ``w_T_root``.
 
-    ``kappa`` and ``tau`` (m,) weigh rotation and translation. The graph must be connected. Returns (n, 4,
-    4), or None where the linear system has no answer.
+    ``kappa`` and ``tau`` (m,) are the weights of rotation and translation. The graph must be connected.
+    Returns (n, 4, 4), or None if the linear system is singular.
     Source: Martinec and Pajdla 2007, section 3; Carlone et al. 2015 (ICRA), section III-B.
     """
     d = 2 if planar else 3

@@ -1,4 +1,4 @@
-"""A graph's linear system as a sparse matrix, and its factor."""
+"""Sparse Jacobian of a graph, elimination order, and Cholesky factor."""
 
 from __future__ import annotations
 
@@ -16,8 +16,10 @@ Index = NDArray[np.int64]
 def jacobian(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, order: Index | None = None
 ) -> csc_array:
-    """(rows, dimensions) whitened Jacobian at ``values``; gtsam sorts the columns by key, or they stand in an
-    ``order`` (dimensions,)."""
+    """Return the whitened Jacobian (rows, dimensions) at ``values``.
+
+    Columns are sorted by key, or permuted to ``order`` (dimensions,).
+    """
     row, column, value = np.asarray(graph.linearize(values).sparseJacobian_())
     size = values.dim()
     left = column <= size  # the last column is the right-hand side
@@ -30,10 +32,9 @@ def jacobian(
 
 
 def elimination_order(graph: gtsam.NonlinearFactorGraph, d: int) -> Index:
-    """(n d,) columns of variables 0..n-1 of ``d`` dimensions each, so that an elimination fills in little.
+    """Return (n d,) columns of variables 0..n-1 of ``d`` dimensions in a fill-reducing order.
 
-    A variable stays in one piece: on a pose graph a factor takes half the time that it takes in an order of
-    single columns.
+    The columns of a variable stay together: on a pose graph this halves the time of a factorisation.
     """
     found = gtsam.Ordering.ColamdNonlinearFactorGraph(graph)
     keys = np.array([found.at(k) for k in range(found.size())], dtype=np.int64)
@@ -43,7 +44,7 @@ def elimination_order(graph: gtsam.NonlinearFactorGraph, d: int) -> Index:
 def cholesky(
     matrix: csc_array, permutation: Literal["NATURAL", "MMD_AT_PLUS_A"] = "MMD_AT_PLUS_A"
 ) -> SuperLU:
-    """Factor of a symmetric matrix. Raises ``RuntimeError`` where it is singular.
+    """Factorise a symmetric matrix. Raises ``RuntimeError`` if it is singular.
 
     Pivots stay on the diagonal, so that U's diagonal is that of L D L'.
     """

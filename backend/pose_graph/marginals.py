@@ -1,4 +1,4 @@
-"""Covariances of poses at a solution, never an exception for a part that is not determined."""
+"""Marginal covariances of poses at a solution; NaN instead of an exception for an undetermined pose."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from backend.se3 import PLANAR
 Array = NDArray[np.float64]
 
 _DEEP = 5_000
-"""Keys from which nested dissection orders: shortcuts recurse down the tree, and COLAMD's is as deep as a
-chain."""
+"""Number of keys above which nested dissection is used: gtsam recurses down the tree, and COLAMD's tree is as
+deep as a chain."""
 
-_NO_KNOWLEDGE = 1e10
-"""Variance (rad^2, m^2) above which rounding, not measurement, speaks."""
+_MAX_VARIANCE = 1e10
+"""Variance (rad^2, m^2) above which the result is dominated by rounding."""
 
 
 def pose_covariances(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> Array:
-    """Marginal covariances of poses. Returns (n, 6, 6), rotation first, right perturbation, rad and m.
+    """Return marginal covariances of poses: (n, 6, 6), rotation first, right perturbation, rad and m.
 
-    Planar poses are embedded with zeros for what cannot move. NaN where a pose is not determined: the parts
-    of the graph that are, are still answered.
+    Planar poses are embedded with zeros for the other directions. An undetermined pose is NaN; components
+    that are determined still get their covariances.
     """
     out = np.full((len(keys), 6, 6), np.nan)
     tree = bayes_tree(graph, values)
@@ -44,7 +44,7 @@ def pose_covariances(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, ke
 
 
 def bayes_tree(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.GaussianBayesTree | None:
-    """The linear system at ``values``, eliminated; None where it is singular."""
+    """Eliminate the linear system at ``values``; None if it is singular."""
     try:
         linear = graph.linearize(values)
         deep = values.size() > _DEEP
@@ -78,7 +78,7 @@ def _fill(out: Array, tree: gtsam.GaussianBayesTree, keys: Sequence[int], which:
         except GTSAM_ERRORS:
             continue
         variance = np.diag(covariance)
-        if not (np.isfinite(covariance).all() and (variance >= 0).all() and (variance < _NO_KNOWLEDGE).all()):
+        if not (np.isfinite(covariance).all() and (variance >= 0).all() and (variance < _MAX_VARIANCE).all()):
             continue
         if len(covariance) == 6:
             out[k] = covariance
@@ -90,15 +90,15 @@ def _fill(out: Array, tree: gtsam.GaussianBayesTree, keys: Sequence[int], which:
 def joint_covariances(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int], common: int
 ) -> Array:
-    """Joint marginals of each pose with one common variable, (n, 6 + d, 6 + d), pose first; NaN: singular.
+    """Return joint marginals of each pose with one common variable, (n, 6 + d, 6 + d), pose first.
 
-    gtsam would walk through its tree for each of them, and keep what it met there: of a long flight more than
-    it takes to solve it. Here one walk goes from the root, the common variable, down to all of them.
+    Singular ones are NaN. gtsam would traverse and cache its tree for each pose, at a higher cost than the
+    solve of a long flight. Here one traversal goes from the root, the common variable, to all poses.
     """
     d = len(values.atVector(common))
     out = np.full((len(keys), 6 + d, 6 + d), np.nan)
     if common not in graph.keys():  # noqa: SIM118
-        return out  # gtsam ends the interpreter where an ordering names what no factor does
+        return out  # gtsam aborts the interpreter if an ordering has a key without a factor
     linear, row = graph.linearize(values), {key: k for k, key in enumerate(keys)}
     ordering = nested_dissection(linear, common)
     for eliminate in ((), (gtsam.EliminateQR,)):  # Cholesky by default
@@ -113,25 +113,25 @@ def joint_covariances(
 
 
 def _joints(net: gtsam.GaussianBayesNet, asked: Container[int]) -> Iterator[tuple[int, Array]]:
-    """Of each variable asked for: its key, and its joint covariance with the one eliminated last.
+    """Yield the key of each requested variable and its joint covariance with the one eliminated last.
 
-    An eliminated variable is a function of those that it was tied to then, x = B s, plus what is uncertain
-    while they are held: cov(x) = (R'R)^-1 + B cov(s) B', cov(x, s) = B cov(s). The first of them that is
-    eliminated next was tied to all the others, so that cov(s) is a part of what was found for it.
+    An eliminated variable is x = B s + noise, with s its separator: cov(x) = (R'R)^-1 + B cov(s) B' and
+    cov(x, s) = B cov(s). The variable of s that is eliminated first has all others in its own separator, so
+    that cov(s) is a part of its joint covariance.
     Source: Takahashi, Fagan and Chen 1973.
     """
     conditionals = [net.at(k) for k in range(net.size())]
-    below, last = _below(conditionals), len(conditionals) - 1
+    children, last = _children(conditionals), len(conditionals) - 1
     common = conditionals[last].firstFrontalKey()
     root = np.linalg.inv(conditionals[last].jacobian()[0])
     size = {common: len(root)}
-    waiting = [(k, {common: 0}, root @ root.T) for k in below[last]]
+    waiting = [(k, {common: 0}, root @ root.T) for k in children[last]]
     while waiting:
         k, start, covariance = waiting.pop()
         key, *tied = conditionals[k].keys()
-        if not below[k] and key not in asked:
+        if not children[k] and key not in asked:
             continue
-        # The common one comes last, and is carried along where it is not among them.
+        # The common variable comes last, and is appended if it is not in the separator.
         others = [*(other for other in tied if other != common), common]
         A = conditionals[k].jacobian()[0]
         n = size[key] = A.shape[1] - sum(size[other] for other in tied)
@@ -151,15 +151,15 @@ def _joints(net: gtsam.GaussianBayesNet, asked: Container[int]) -> Iterator[tupl
             yield key, joint[np.ix_(both, both)]
         begins = np.cumsum([0, n, *(size[other] for other in others[:-1])]).tolist()
         start = dict(zip((key, *others), begins, strict=True))
-        waiting += [(child, start, joint) for child in below[k]]
+        waiting += [(child, start, joint) for child in children[k]]
 
 
-def _below(conditionals: Sequence[gtsam.GaussianConditional]) -> list[list[int]]:
-    """Of each variable, in order of elimination: those that hang on it, the first that they were tied to."""
+def _children(conditionals: Sequence[gtsam.GaussianConditional]) -> list[list[int]]:
+    """Return the children of each variable in the elimination tree, in order of elimination."""
     place = {conditional.firstFrontalKey(): k for k, conditional in enumerate(conditionals)}
     last = len(conditionals) - 1
-    below: list[list[int]] = [[] for _ in conditionals]
+    children: list[list[int]] = [[] for _ in conditionals]
     for k, conditional in enumerate(conditionals[:last]):
         _, *tied = conditional.keys()
-        below[min((place[key] for key in tied), default=last)].append(k)
-    return below
+        children[min((place[key] for key in tied), default=last)].append(k)
+    return children

@@ -1,9 +1,9 @@
-"""Minimise a nonlinear factor graph one step at a time, so that it can be watched, stopped and trusted.
+"""Minimise a nonlinear factor graph step by step, with checks, progress reports and a time limit.
 
-gtsam answers a bad graph with the initial guess, with NaN, or by ending the interpreter. Here what can be
-known is checked before and after, each step is taken from Python (Ctrl-C works between steps), Gauss-Newton
-hands over to Levenberg-Marquardt where the error rises, and Cholesky to QR where it calls a long chain
-singular.
+gtsam answers an invalid graph with the initial guess, with NaN, or by aborting the interpreter. This module
+checks the graph before and after, and takes each step from Python (Ctrl-C works between steps). It falls back
+from Gauss-Newton to Levenberg-Marquardt if the error rises, and from Cholesky to QR for a long chain that
+Cholesky finds singular.
 """
 
 from __future__ import annotations
@@ -25,47 +25,46 @@ from backend.pose_graph.observability import unobserved
 OnStep = Callable[[int, float], None]
 Name = Callable[[int], str]
 
-MOST_ITERATIONS = 100
+MAX_ITERATIONS = 100
 RELATIVE_TOLERANCE = 1e-5
-"""A step that lowers the error by a smaller share is the last."""
+"""The solver stops after a step whose relative decrease of the error is smaller."""
 _ABSOLUTE_TOLERANCE = 1e-7
 _GROWTH = 1e-6
 _MODEL_SHARE = 0.2
-"""A step ends at the minimum of a linear model. Where the error there is what the model promised, to within
-this share of the tolerance, what curvature is left cannot lower it by more: the confirming step is saved. It
-must also be a hundred times closer than one step before, so that a chance agreement is not taken for one."""
+"""Tolerance, as a fraction of the relative tolerance, between the error and its linear prediction.
+Within it the remaining nonlinearity cannot lower the error further, and the confirming step is skipped. The
+difference must also be a hundred times smaller than one step before, to exclude a coincidence."""
 
 
 @dataclass(frozen=True)
 class OptimizationResult:
-    """Where the descent ended."""
+    """Result of a minimisation."""
 
     values: gtsam.Values
     error: float
-    """Half the squared whitened residuals (robust losses where the graph has them)."""
+    """Half the sum of squared whitened residuals (with the graph's robust losses)."""
     initial_error: float
     iterations: int
     converged: bool
     reason: str
-    """Why it ended, in words."""
+    """Reason for the end of the iterations, in words."""
 
 
 def minimise(
     graph: gtsam.NonlinearFactorGraph,
     initial: gtsam.Values,
     *,
-    max_iterations: int = MOST_ITERATIONS,
+    max_iterations: int = MAX_ITERATIONS,
     relative_tolerance: float = RELATIVE_TOLERANCE,
     on_step: OnStep | None = None,
     time_limit_s: float | None = None,
     common: int | None = None,
 ) -> OptimizationResult:
-    """Gauss-Newton while the error falls, Levenberg-Marquardt from the best point on where it rises.
+    """Minimise with Gauss-Newton; if the error rises, continue from the best point with Levenberg-Marquardt.
 
-    ``common``: a variable that next to all others share. ``on_step(iteration, error)`` is called after each
-    step; what it raises passes through. Raises
-    ``BackendError`` where the graph or the start is not finite, a part of the graph is tied to nothing, or a
-    direction is not observed (named).
+    ``common`` is a variable that almost all factors share. ``on_step(iteration, error)`` is called after each
+    step; its exceptions propagate. Raises ``BackendError`` if the graph or the initial guess is not finite, a
+    component has no unary factor, or a direction is unobserved (the message names it).
     """
     check(graph, initial)
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
@@ -77,7 +76,7 @@ def minimise(
 
 
 def check(graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values) -> None:
-    """Refuse what gtsam would not survive or silently accept. Raises ``BackendError``."""
+    """Reject a graph that would crash gtsam or that it would silently accept. Raises ``BackendError``."""
     if graph.size() == 0 or initial.size() == 0:
         raise BackendError("the graph is empty: there is nothing to solve")
     parts = graph_components(graph)
@@ -107,7 +106,7 @@ def _check_values(values: gtsam.Values) -> None:
 def _optimizer(
     graph: gtsam.NonlinearFactorGraph, initial: gtsam.Values, solver: str, name: Name, common: int | None
 ) -> gtsam.GaussNewtonOptimizer:
-    """gtsam's optimizer, which evaluates the graph once: refused where that is not finite."""
+    """Create gtsam's optimizer. Raises ``BackendError`` if the initial error is not finite."""
     params = gtsam.GaussNewtonParams()
     params.setLinearSolverType(solver)
     set_ordering(params, graph, initial.size(), common)
@@ -141,9 +140,9 @@ def gauss_newton(
     name: Name = key_name,
     common: int | None = None,
 ) -> OptimizationResult:
-    """Undamped steps while the error falls; ``converged`` is False at the best point where one raised it.
+    """Take undamped steps while the error falls; if a step raises it, return the best point, not converged.
 
-    The graph must have passed ``check``. Raises ``BackendError`` where a direction is not observed.
+    The graph must have passed ``check``. Raises ``BackendError`` if a direction is unobserved.
     """
     limits = (max_iterations, relative_tolerance, on_step, deadline, name, common)
     try:
@@ -158,7 +157,7 @@ def gauss_newton(
 
 
 class _SingularError(Exception):
-    """The linear system has no unique answer at ``values``."""
+    """The linear system at ``values`` has no unique solution."""
 
     def __init__(self, message: str, values: gtsam.Values) -> None:
         super().__init__(message)
@@ -173,7 +172,7 @@ def _singular_message(graph: gtsam.NonlinearFactorGraph, singular: _SingularErro
 
 
 def translated(message: str, name: Name = key_name) -> str:
-    """gtsam's account of a singular system in the words of the flight."""
+    """Translate gtsam's message about a singular system to names of keyframes."""
     found = re.search(r"near variable\s+(\d+)", message)
     if not found:
         return first_line(RuntimeError(message))
@@ -202,7 +201,7 @@ def _gauss_newton(
         )
 
     for iteration in range(1, max_iterations + 1):
-        # A copy: gtsam hands out a view of a state that the next step frees.
+        # A copy: gtsam returns a view of a state that the next step frees.
         best = gtsam.Values(optimizer.values())
         try:
             linear = optimizer.iterate()
@@ -213,10 +212,10 @@ def _gauss_newton(
             return OptimizationResult(best, previous, start, iteration, False, "the error rose")
         if on_step is not None:
             on_step(iteration, error)
-        if _settled(previous, error, relative_tolerance):
+        if _is_converged(previous, error, relative_tolerance):
             return ended(True, "converged")
         before, gap = gap, abs(error - float(linear.error(best.localCoordinates(optimizer.values()))))
-        del linear  # larger than the graph: not beside the next one
+        del linear  # It is larger than the graph: free it before the next one.
         if gap <= _MODEL_SHARE * relative_tolerance * error and gap <= 0.01 * before < math.inf:
             return ended(True, "converged")
         if time.monotonic() >= deadline:
@@ -233,7 +232,7 @@ def levenberg_marquardt(
     deadline: float,
     common: int | None = None,
 ) -> OptimizationResult:
-    """Damped steps, which never raise the error. The graph must have passed ``check``."""
+    """Take damped steps, which never raise the error. The graph must have passed ``check``."""
     params = gtsam.LevenbergMarquardtParams()
     set_ordering(params, graph, start.values.size(), common)
     params.setlambdaUpperBound(1e10)
@@ -258,13 +257,13 @@ def levenberg_marquardt(
             on_step(iteration, error)
         if optimizer.lambda_() >= 1e10:
             return ended(False, "no step lowers the error further")
-        if _settled(previous, error, relative_tolerance):
+        if _is_converged(previous, error, relative_tolerance):
             return ended(True, "converged")
         if time.monotonic() >= deadline:
             return ended(False, "the time limit was reached")
     return ended(False, f"{max_iterations} iterations done")
 
 
-def _settled(previous: float, error: float, relative_tolerance: float) -> bool:
+def _is_converged(previous: float, error: float, relative_tolerance: float) -> bool:
     decrease = previous - error
     return decrease <= _ABSOLUTE_TOLERANCE or decrease <= relative_tolerance * previous

@@ -1,4 +1,4 @@
-"""Name what a set of measurements does not observe: the null space of the linearised system, in sentences."""
+"""Observability: the null space of the linearised system, described in sentences."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from backend.pose_graph.linear import jacobian
 
 Array = NDArray[np.float64]
 
-_DENSE = 1200
-_OPEN = 1e-10
-"""Eigenvalue of the normal matrix with unit diagonal below which a direction counts as open."""
-_MOST = 14
+_MAX_DENSE_SIZE = 1200
+_ZERO_EIGENVALUE = 1e-10
+"""Eigenvalue of the normal matrix with unit diagonal below which a direction counts as unobserved."""
+_MAX_DIRECTIONS = 14
 _GENERATORS = ("roll", "pitch", "heading", "x", "y", "height", "scale")
 
 
 def unobserved(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, name: Callable[[int], str] = key_name
 ) -> list[str]:
-    """Sentences about the directions that no measurement fixes at ``values``; empty where all are fixed.
+    """Return sentences about the directions that no measurement observes at ``values``.
 
-    Rigid motions in world axes about the mean position, and the scale, are recognised per connected part of
-    the graph; what remains is told by the variables that take part.
+    Rigid motions in world axes about the mean position, and the scale, are recognised per connected
+    component; remaining directions are described by the variables that take part.
     """
     keys = sorted(values.keys())
     dims = values.dims()
@@ -47,11 +47,11 @@ def unobserved(
         words = [w for w, n in zip(_GENERATORS, norm, strict=True) if n > 0]
         inside = np.linalg.norm(null.T @ G, axis=0) > 0.999
         if inside.any():
-            said = ", ".join(word for word, yes in zip(words, inside, strict=True) if yes)
-            sentences.append(f"{said} of {format_keys(part, name)} not observed")
+            names = ", ".join(word for word, yes in zip(words, inside, strict=True) if yes)
+            sentences.append(f"{names} of {format_keys(part, name)} not observed")
             null = _without(null, np.linalg.qr(G[:, inside])[0])
         if "scale" in words:
-            # A held pose moves the center of the scale: it is then open together with a shift.
+            # A fixed pose moves the centre of the scale: its null vector then includes a translation.
             share = np.linalg.lstsq(G, null, rcond=None)[0]
             whole = np.linalg.norm(G @ share - null, axis=0) < 1e-3
             grows = whole & (np.abs(share[words.index("scale")]) > 0.05)
@@ -67,7 +67,7 @@ def unobserved(
 
 
 def null_space(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, width: NDArray[np.int64]) -> Array:
-    """(dim, k) orthonormal directions that leave all linearised residuals as they are; at most 14 of them.
+    """Return orthonormal directions (dim, k) that do not change the linearised residuals; at most 14.
 
     Columns of the system are first brought to unit length, so that radians and metres compare. Dense below
     1200 unknowns, shift-invert Lanczos above.
@@ -77,11 +77,11 @@ def null_space(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, width: N
     length[length == 0] = 1
     scaled = J @ diags_array(1 / length)
     H = csc_array(scaled.T @ scaled)
-    if dim <= _DENSE:
+    if dim <= _MAX_DENSE_SIZE:
         eigenvalues, vectors = np.linalg.eigh(H.toarray())
     else:
         eigenvalues, vectors = _smallest(H)
-    open_ = eigenvalues < _OPEN
+    open_ = eigenvalues < _ZERO_EIGENVALUE
     null = vectors[:, open_] / length[:, None]
     return _orthonormal(np.linalg.qr(null)[0])
 
@@ -91,8 +91,8 @@ def _smallest(H: csc_array) -> tuple[Array, Array]:
     factor = splu(csc_array(H + 1e-9 * eye_array(dim)))
     operator = LinearOperator((dim, dim), matvec=factor.solve, dtype=np.float64)
     try:
-        # A system that is open everywhere has no few smallest values to converge to: then nothing is named.
-        inverse, vectors = eigsh(operator, k=_MOST, which="LM", v0=np.ones(dim), maxiter=20)
+        # Without isolated small eigenvalues Lanczos does not converge: then nothing is named.
+        inverse, vectors = eigsh(operator, k=_MAX_DIRECTIONS, which="LM", v0=np.ones(dim), maxiter=20)
     except ArpackError:
         return np.zeros(0), np.zeros((dim, 0))
     return 1 / inverse - 1e-9, vectors
@@ -103,17 +103,17 @@ def _without(null: Array, basis: Array) -> Array:
 
 
 def _orthonormal(A: Array) -> Array:
-    """Basis of the column space; columns that are rounding beside unit length are dropped."""
+    """Return a basis of the column space without directions that are rounding errors."""
     U, s, _ = np.linalg.svd(A, full_matrices=False)
     return U[:, s > 1e-3]
 
 
 def _generators(values: gtsam.Values, part: list[int], where: dict[int, slice], dim: int) -> Array:
-    """(dim, 7) what a rigid motion or a change of scale of one part does to its tangent vectors."""
+    """Return tangent vectors (dim, 7) of the rigid motions and the scale change of one component."""
     G = np.zeros((dim, 7))
-    poses = {key: values.atPose3(key).matrix() for key in part if _is(values.atPose3, key)}
-    flat = {key: values.atPose2(key) for key in part if key not in poses and _is(values.atPose2, key)}
-    points = {key: np.asarray(values.atPoint3(key)) for key in part if _is(values.atPoint3, key)}
+    poses = {key: values.atPose3(key).matrix() for key in part if _has_type(values.atPose3, key)}
+    flat = {key: values.atPose2(key) for key in part if key not in poses and _has_type(values.atPose2, key)}
+    points = {key: np.asarray(values.atPoint3(key)) for key in part if _has_type(values.atPoint3, key)}
     places = [T[:3, 3] for T in poses.values()] + [np.array([p.x(), p.y(), 0]) for p in flat.values()]
     places += list(points.values())
     if not places:
@@ -135,7 +135,7 @@ def _generators(values: gtsam.Values, part: list[int], where: dict[int, slice], 
     return G
 
 
-def _is(read: Callable[[int], object], key: int) -> bool:
+def _has_type(read: Callable[[int], object], key: int) -> bool:
     try:
         read(key)
     except (RuntimeError, ValueError, IndexError):

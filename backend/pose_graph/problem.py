@@ -1,5 +1,4 @@
-"""What is to be solved, the same for a flight's measurements and a g2o file: arrays of edges, and single
-factors."""
+"""The estimation problem, the same for a flight's measurements and a g2o file: edges and unary factors."""
 
 from __future__ import annotations
 
@@ -21,11 +20,11 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Problem:
-    """Poses 0..n-1, edges between them, and absolute measurements of single poses."""
+    """Poses 0..n-1, edges between them, and unary factors on single poses."""
 
     dimension: int
     names: tuple[str, ...]
-    """(n,) what to call each pose in messages: ``keyframe 7``, ``vertex 12``."""
+    """(n,) name of each pose in messages: ``keyframe 7``, ``vertex 12``."""
     i: Index
     j: Index
     """(m,)."""
@@ -34,7 +33,7 @@ class Problem:
     sqrt_information: Array
     """(m, d, d) R with R^T R the information, in gtsam's tangent order."""
     trusted: NDArray[np.bool_]
-    """(m,) edges that are rejected only when nothing else explains the disagreement: odometry."""
+    """(m,) edges that are rejected only if nothing else explains the inconsistency: odometry."""
     initial: Array
     """(n, 4, 4), NaN where unknown."""
     unary_factors: tuple[UnaryFactor, ...] = ()
@@ -46,15 +45,15 @@ class Problem:
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom of a pose: 3 or 6."""
+        """Number of degrees of freedom of a pose: 3 or 6."""
         return 3 if self.dimension == 2 else 6
 
     def name(self, key: int) -> str:
-        """What to call a key in messages."""
+        """Return the name of a key in messages."""
         return self.names[key]
 
     def restricted(self, members: Index) -> Problem:
-        """The part of the problem that lives on some poses (sorted), renumbered from 0."""
+        """Return the subproblem on some poses (sorted), renumbered from 0."""
         if len(members) == self.count:
             return self
         number = np.full(self.count, -1, dtype=np.int64)
@@ -73,7 +72,7 @@ class Problem:
         )
 
     def with_edges(self, which: NDArray[np.bool_]) -> Problem:
-        """The same poses with some of the edges."""
+        """Return the problem with the same poses and only some edges (m,)."""
         if which.all():
             return self
         return replace(
@@ -86,13 +85,13 @@ class Problem:
         )
 
     def residuals(self, w_T: Array) -> Array:
-        """(m, d) whitened residuals of the edges, gtsam's own: the logarithm of what is left over."""
+        """Return (m, d) whitened residuals of the edges as gtsam defines them: the log of the pose error."""
         error = se3.inverse(self.ij_T) @ se3.inverse(w_T[self.i]) @ w_T[self.j]
         tangent = se3.planar_log(error) if self.dimension == 2 else se3.log(error)
         return np.einsum("mab,mb->ma", self.sqrt_information, tangent)
 
     def edge_factors(self, weight: Array | None = None) -> gtsam.NonlinearFactorGraph:
-        """One between factor an edge; ``weight`` (m,) multiplies the information, 0 leaves the edge out."""
+        """Return the between factors; ``weight`` (m,) multiplies the information, 0 omits the edge."""
         if weight is not None:
             used = weight > 0
             scaled = replace(self, sqrt_information=np.sqrt(weight)[:, None, None] * self.sqrt_information)
@@ -104,22 +103,22 @@ class Problem:
         return graph
 
     def single_factors(self) -> Iterator[gtsam.NonlinearFactor]:
-        """The same one by one."""
+        """Yield the between factors one by one."""
         make = gtsam.BetweenFactorPose2 if self.dimension == 2 else gtsam.BetweenFactorPose3
         poses = gtsam_poses(self.ij_T, self.dimension)
         return map(make, self.i.tolist(), self.j.tolist(), poses, _models(self.sqrt_information))
 
     def unary_factor_graph(self) -> gtsam.NonlinearFactorGraph:
-        """The absolute measurements as they are solved."""
+        """Return the unary factors with their robust losses."""
         graph = gtsam.NonlinearFactorGraph()
         for unary in self.unary_factors:
             graph.push_back(unary.factor)
         return graph
 
     def values(self, w_T: Array) -> gtsam.Values:
-        """Poses (n, 4, 4) as gtsam's values under the keys 0..n-1."""
+        """Convert poses (n, 4, 4) to gtsam values with keys 0..n-1."""
         values, poses = gtsam.Values(), gtsam_poses(w_T, self.dimension)
-        # By name: the type is found at once, not after trying a dozen others.
+        # A keyword selects the overload at once instead of trying a dozen others.
         if self.dimension == 2:
             for k, pose in enumerate(poses):
                 values.insert(k, pose2=pose)
@@ -129,14 +128,14 @@ class Problem:
         return values
 
     def poses(self, values: gtsam.Values) -> Array:
-        """The inverse of ``values``."""
+        """Convert gtsam values back to poses (n, 4, 4)."""
         if self.dimension == 2:
             return se3.from_planar(np.asarray(gtsam.utilities.extractPose2(values)).reshape(-1, 3))
         return spatial_poses(values)
 
 
 def spatial_poses(values: gtsam.Values) -> Array:
-    """(n, 4, 4) all poses in space, in the order of their keys."""
+    """Return all spatial poses (n, 4, 4) in order of their keys."""
     rows = np.asarray(gtsam.utilities.extractPose3(values)).reshape(-1, 12)
     w_T = np.tile(np.eye(4), (len(rows), 1, 1))
     w_T[:, :3, :3], w_T[:, :3, 3] = rows[:, :9].reshape(-1, 3, 3), rows[:, 9:]
@@ -144,8 +143,8 @@ def spatial_poses(values: gtsam.Values) -> Array:
 
 
 def _models(R: Array) -> list[gtsam.noiseModel.Gaussian]:
-    """The noise model of each root information matrix (m, d, d), one for all where all are equal."""
-    # A zero on the diagonal leaves a direction open; gtsam's diagonal model would make it infinite.
+    """Return the noise model of each square-root information (m, d, d); one shared model if all are equal."""
+    # A zero on the diagonal means no information; gtsam's diagonal model would make it infinite.
     positive = (np.diagonal(R, axis1=1, axis2=2) > 0).all(axis=1)
     smart = positive & (np.count_nonzero(R, axis=(1, 2)) == R.shape[1])
     make = gtsam.noiseModel.Gaussian.SqrtInformation
@@ -155,9 +154,9 @@ def _models(R: Array) -> list[gtsam.noiseModel.Gaussian]:
 
 
 def square_roots(information: Array) -> Array:
-    """R (m, d, d) with R^T R = information, upper triangular where it is positive definite.
+    """Return R (m, d, d) with R^T R = information, upper triangular if it is positive definite.
 
-    Raises ``BackendError`` where it is not positive at all.
+    Raises ``BackendError`` if it has a negative eigenvalue or none above zero.
     """
     try:
         return np.swapaxes(np.linalg.cholesky(information), 1, 2).copy()
@@ -174,9 +173,9 @@ def square_roots(information: Array) -> Array:
 
 
 def from_pose_graph(graph: PoseGraph) -> Problem:
-    """The problem of a g2o graph: edges between neighbours in number are odometry.
+    """Build the problem of a g2o graph; edges between consecutive vertex numbers count as odometry.
 
-    Raises ``BackendError`` for arrays that no pose graph has.
+    Raises ``BackendError`` for invalid arrays.
     """
     check(graph)
     held = np.flatnonzero(graph.fixed & graph.has_pose).tolist()

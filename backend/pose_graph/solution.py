@@ -1,4 +1,4 @@
-"""What the back end gives back: one trajectory, its covariance, and what became of each edge."""
+"""Result of the back end: one trajectory, its covariance, and the fate of each edge."""
 
 from __future__ import annotations
 
@@ -12,38 +12,38 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Solution:
-    """The most likely trajectory, with everything a person must know to trust it."""
+    """Maximum-likelihood trajectory, with its uncertainty and diagnostics."""
 
     w_T_b: Array
-    """(n, 4, 4) poses; NaN where nothing places a keyframe."""
+    """(n, 4, 4) poses; NaN for a keyframe that nothing places."""
     covariances: Array | None
-    """(n, 6, 6), rotation first, right perturbation, given what was held; NaN where unknown; None: not
-    asked."""
+    """(n, 6, 6), rotation first, right perturbation, conditioned on the gauge; NaN where unknown; None if not
+    requested."""
     component: NDArray[np.int64]
-    """(n,) connected part of the graph; 0 is the largest, -1 not placed."""
+    """(n,) number of the connected component; 0 is the largest, -1 means not placed."""
     edge_kept: NDArray[np.bool_]
     """(m,) whether each relative pose took part in the final solve."""
     edge_reason: tuple[str, ...]
-    """(m,) why a relative pose was rejected, in words with figures; empty for one that was kept."""
+    """(m,) reason for the rejection of a relative pose, with figures; empty if it was kept."""
     edge_residual: Array
     """(m,) norm of the whitened residual of each relative pose at the solution, in sigmas."""
     error: float
-    """Half the squared whitened residuals over all kept factors; positions and ranges by their robust
-    loss."""
+    """Half the sum of squared whitened residuals over all kept factors; positions and ranges enter with their
+    robust loss."""
     iterations: int
     converged: bool
     status: str
-    """``ok``, or in one sentence what is wrong."""
+    """``ok``, or one sentence that describes the problem."""
     unobserved: tuple[str, ...] = ()
-    """Which directions of which keyframes nothing measures, and what was held in their place."""
+    """Directions that nothing measures, by keyframes, and the pose that was fixed instead."""
     warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class RangeErrors:
-    """What all readings of a rangefinder have in common: gain times the range, plus the error of its zero.
+    """Common errors of a rangefinder: reading = gain * range + zero offset.
 
-    Standard deviations no smaller than those that were assumed say that nothing else told.
+    Standard deviations equal to the assumed ones mean that no measurement observed these errors.
     """
 
     gain: float

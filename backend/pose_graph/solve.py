@@ -1,7 +1,7 @@
-"""From measurements or a pose graph to one consistent trajectory.
+"""Estimate one consistent trajectory from measurements or a pose graph.
 
-Each connected part is anchored where nothing observes it, started, solved plainly, and tested as a whole.
-Only where that test fails are edges rejected, each with its reason, and the rest solved again.
+Each connected component gets a gauge, an initial guess and a least-squares solve, followed by a global
+chi-square test. Only if that test fails, edges are rejected, each with a reason, and the rest is refitted.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from backend.errors import BackendError
 from backend.gauge import format_keys
 from backend.measurements import Measurements
-from backend.pose_graph.connected_component import SolvedComponent, placed_alone, solve_component
+from backend.pose_graph.connected_component import SolvedComponent, is_placed_alone, solve_component
 from backend.pose_graph.from_measurements import components, from_measurements
 from backend.pose_graph.gauge_fixed_problem import Options
 from backend.pose_graph.graph import PoseGraph, rank_deficient_warning
@@ -38,11 +38,11 @@ def solve(
     on_step: OnStep | None = None,
     time_limit_s: float | None = None,
 ) -> Solution:
-    """The most likely trajectory of a flight's keyframes.
+    """Estimate the most likely trajectory of a flight's keyframes.
 
-    ``initial`` (n, 4, 4), NaN where unknown, starts the descent; without it the odometry does.
-    ``loops_robust`` allows the rejection of edges where the whole does not fit. Raises ``BackendError`` for
-    bad figures.
+    ``initial`` (n, 4, 4), NaN where unknown, is the initial guess; without it odometry provides one.
+    ``loops_robust`` allows the rejection of edges if the global test fails. Raises ``BackendError`` for
+    invalid values.
     """
     problem, warnings = from_measurements(measurements, initial)
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
@@ -58,7 +58,7 @@ def solve_pose_graph(
     on_step: OnStep | None = None,
     time_limit_s: float | None = None,
 ) -> Solution:
-    """The same for a g2o graph, planar or spatial. Fixed vertices are held; else the first of each part."""
+    """Solve a g2o graph, planar or spatial. Without fixed vertices the first of each component is fixed."""
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
     options = Options(loops_robust, covariances, on_step, deadline)
     problem = from_pose_graph(graph)
@@ -66,7 +66,7 @@ def solve_pose_graph(
 
 
 def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
-    """Solve each connected part and put the parts together."""
+    """Solve each connected component and assemble the solution."""
     n, m = problem.count, len(problem.i)
     label = components(problem)
     w_T = np.full((n, 4, 4), np.nan)
@@ -74,15 +74,15 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
     component = np.full(n, -1, dtype=np.int64)
     kept, residual, reasons = np.zeros(m, dtype=bool), np.full(m, np.nan), [""] * m
     parts: list[SolvedComponent] = []
-    lonely: list[int] = []
+    unplaced: list[int] = []
     all_solved = True
     size = np.bincount(label)
     for number in range(len(size)):
         members = np.flatnonzero(label == number)
         edges = np.flatnonzero(label[problem.i] == number) if m else np.zeros(0, dtype=np.int64)
         part_problem = problem.restricted(members)
-        if len(members) == 1 and n > 1 and not placed_alone(part_problem):
-            lonely += members.tolist()
+        if len(members) == 1 and n > 1 and not is_placed_alone(part_problem):
+            unplaced += members.tolist()
             continue
         try:
             part = solve_component(part_problem, options)
@@ -104,8 +104,8 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
         parts.append(part)
     converged = all_solved and all(part.converged for part in parts)
     unobserved = [part.held for part in parts if part.held]
-    if lonely:
-        unobserved.append(f"{format_keys(lonely, problem.name)} not placed: no edge and no position")
+    if unplaced:
+        unobserved.append(f"{format_keys(unplaced, problem.name)} not placed: no edge and no position")
     _LOG.info("%d poses in %d parts, %d of %d edges kept", n, len(parts), np.count_nonzero(kept), m)
     return Solution(
         w_T_b=w_T,
@@ -117,21 +117,21 @@ def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
         error=sum((part.error for part in parts), 0.0),
         iterations=max((part.iterations for part in parts), default=0),
         converged=converged,
-        status=_status(parts, lonely, converged, warnings),
+        status=_status(parts, unplaced, converged, warnings),
         unobserved=tuple(unobserved),
         warnings=tuple(warnings),
     )
 
 
-def _status(parts: list[SolvedComponent], lonely: list[int], converged: bool, warnings: list[str]) -> str:
-    said = []
+def _status(parts: list[SolvedComponent], unplaced: list[int], converged: bool, warnings: list[str]) -> str:
+    messages = []
     if len(parts) > 1:
-        said.append(f"{len(parts)} parts are not connected to each other")
-    if lonely:
-        said.append(f"{len(lonely)} poses could not be placed")
-    said += [direction for part in parts for direction in part.open]
+        messages.append(f"{len(parts)} parts are not connected to each other")
+    if unplaced:
+        messages.append(f"{len(unplaced)} poses could not be placed")
+    messages += [direction for part in parts for direction in part.open]
     if not converged:
-        said.append(
+        messages.append(
             next((w for w in warnings if "solved" in w or "converge" in w), "the solve did not converge")
         )
-    return "; ".join(said) or "ok"
+    return "; ".join(messages) or "ok"

@@ -23,15 +23,15 @@ from backend.pose_graph.linear import cholesky
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-MOST_FILL = 6_000_000
+MAX_FILL = 6_000_000
 """Entries of a triangular factor: about a second, in which Ctrl-C waits."""
 
-_STEPS = 30
-_SETTLED = 1e-17
+_MAX_STEPS = 30
+_MIN_RELATIVE_GAIN = 1e-17
 """Share of the objective that the next step could still win: what a bound asks for, not a value."""
 _ROUNDING = 1e-12
 _FORCING = 1e-2
-_EFFORT = 15
+_MAX_CG_ITERATIONS = 15
 """Iterations after which a new factor is worth its price."""
 
 
@@ -65,16 +65,14 @@ class Synchronization:
     def objective(self, w_R: Array, w_t: Array) -> float:
         """F."""
         translation, rotation, _ = self.residuals(w_R, w_t)
-        squared_mahalanobis = self.tau * (translation**2).sum(axis=1) + self.kappa * (rotation**2).sum(
-            axis=(1, 2)
-        )
-        return float(squared_mahalanobis.sum())
+        squares = self.tau * (translation**2).sum(axis=1) + self.kappa * (rotation**2).sum(axis=(1, 2))
+        return float(squares.sum())
 
     def multipliers(self, w_R: Array, w_t: Array) -> Array:
         """(n, d, d) Lagrange multipliers of R' R = I, in axes of each pose. Source: equation 107 there."""
         translation, rotation, relative = self.residuals(w_R, w_t)
-        pull = self.tau[:, None, None] * translation[:, :, None] * self.ij_t_m[:, None, :]
-        at_i = -self.kappa[:, None, None] * (rotation @ np.swapaxes(self.ij_R, 1, 2)) - pull
+        coupling = self.tau[:, None, None] * translation[:, :, None] * self.ij_t_m[:, None, :]
+        at_i = -self.kappa[:, None, None] * (rotation @ np.swapaxes(self.ij_R, 1, 2)) - coupling
         at_j = self.kappa[:, None, None] * (np.swapaxes(relative, 1, 2) @ rotation)
         out = np.zeros((self.count, self.dimension, self.dimension))
         np.add.at(out, self.i, at_i)
@@ -107,20 +105,20 @@ def descend(problem: Synchronization, w_R: Array, w_t: Array, order: Index) -> t
     """
     value = problem.objective(w_R, w_t)
     factor: Factor | None = None
-    for _ in range(_STEPS):
-        gradient, steep, flat = _model(problem, w_R, w_t)
+    for _ in range(_MAX_STEPS):
+        gradient, hessian, gauss_newton = _model(problem, w_R, w_t)
         if factor is None:
-            factor = Factor(steep, order)
+            factor = Factor(hessian, order)
             if factor.negative:
                 # Without the curvature of the rotations the model is convex wherever it stands.
-                factor = Factor(flat, order)
-        step, effort = _newton_step(steep, gradient, factor)
-        win = -float(gradient @ step)
-        if win <= _SETTLED * max(value, 1e-6 * len(problem.i)):
+                factor = Factor(gauss_newton, order)
+        step, iterations = _newton_step(hessian, gradient, factor)
+        predicted_decrease = -float(gradient @ step)
+        if predicted_decrease <= _MIN_RELATIVE_GAIN * max(value, 1e-6 * len(problem.i)):
             return w_R, w_t
         length = 1.0
         for _ in range(20):
-            moved = _moved(w_R, w_t, length * step)
+            moved = _retract(w_R, w_t, length * step)
             lower = problem.objective(*moved)
             if lower <= value * (1 + _ROUNDING):
                 break
@@ -128,7 +126,7 @@ def descend(problem: Synchronization, w_R: Array, w_t: Array, order: Index) -> t
         else:
             return w_R, w_t
         (w_R, w_t), value = moved, lower
-        factor = factor if effort <= _EFFORT else None
+        factor = factor if iterations <= _MAX_CG_ITERATIONS else None
     return w_R, w_t
 
 
@@ -144,7 +142,7 @@ def _newton_step(hessian: csc_array, gradient: Array, factor: Factor) -> tuple[A
     return -factor.solve(gradient), len(done)
 
 
-def _moved(w_R: Array, w_t: Array, step: Array) -> tuple[Array, Array]:
+def _retract(w_R: Array, w_t: Array, step: Array) -> tuple[Array, Array]:
     n, d = w_t.shape
     xi = np.concatenate([np.zeros(_width(d)), step]).reshape(n, -1)
     turn = (
@@ -179,14 +177,14 @@ def _model(problem: Synchronization, w_R: Array, w_t: Array) -> tuple[Array, csc
     gradient = np.zeros((problem.count, p))
     np.add.at(gradient, problem.i, g[:, :p])
     np.add.at(gradient, problem.j, g[:, p:])
-    flat = assembled(problem, H[:, :p, :p], H[:, p:, p:], H[:, :p, p:])
+    gauss_newton = assembled(problem, H[:, :p, :p], H[:, p:, p:], H[:, :p, p:])
     curve = np.zeros((problem.count, p, p))
     multipliers = problem.multipliers(w_R, w_t)
     for a, E in enumerate(skew):
         for b, D in enumerate(skew):
             curve[:, a, b] = -np.einsum("xa,nxy,ya->n", E, multipliers, D)
-    steep = csc_array(flat + block_diagonal(curve))
-    return gradient.ravel()[p:], csc_array(steep[p:, p:]), csc_array(flat[p:, p:])
+    hessian = csc_array(gauss_newton + block_diagonal(curve))
+    return gradient.ravel()[p:], csc_array(hessian[p:, p:]), csc_array(gauss_newton[p:, p:])
 
 
 def _skew_basis(d: int) -> Array:
@@ -220,7 +218,7 @@ def elimination_order(problem: Synchronization) -> Index:
     n = problem.count
     ones = np.ones((len(problem.i), 1, 1))
     factor = cholesky(csc_array(assembled(problem, ones, ones, -ones) + block_diagonal(np.ones((n, 1, 1)))))
-    if factor.L.nnz * _width(problem.dimension) ** 2 > MOST_FILL:
+    if factor.L.nnz * _width(problem.dimension) ** 2 > MAX_FILL:
         raise BackendError("its loops are too many to factorise")
     return np.argsort(factor.perm_c)
 

@@ -1,5 +1,4 @@
-"""Measurements of a single pose against the world, as gtsam's own factors, and what they say of where it
-stands."""
+"""Unary factors: measurements of a single pose in the world, as gtsam factors, and alignment to them."""
 
 from __future__ import annotations
 
@@ -18,35 +17,35 @@ from backend.measurements import Attitude, Position, SlantRange
 Array = NDArray[np.float64]
 
 OUTLIER_SIGMA = 3.0
-"""Whitened residual from which positions and ranges pull with constant force: Huber's loss; at 3 it costs
-less than 1 % of the accuracy where all measurements are good."""
+"""Threshold of Huber's loss on positions and ranges, in sigmas: at 3 it costs less than 1 % of the accuracy
+without outliers."""
 
 
 @dataclass(frozen=True)
 class UnaryFactor:
-    """One measurement of a single pose against the world."""
+    """One measurement of a single pose in the world."""
 
     k: int
     factor: gtsam.NonlinearFactor
-    """As solved, with its robust loss where it has one."""
-    plain: gtsam.NonlinearFactor
-    """The same with Gaussian noise."""
+    """Factor with its robust loss, if it has one."""
+    gaussian: gtsam.NonlinearFactor
+    """The same factor with Gaussian noise."""
     kind: Literal["attitude", "range", "position", "fixed"]
     w_R_b: Array | None = None
-    """(3, 3) where roll and pitch are measured."""
+    """(3, 3) attitude, if roll and pitch are measured."""
     heading_known: bool = False
     w_p_b_m: Array = field(default_factory=lambda: np.full(3, np.nan))
-    """(3,), NaN where not measured."""
+    """(3,) position, NaN for an axis that was not measured."""
     b_p_floor_m: Array = field(default_factory=lambda: np.full(3, np.nan))
-    """(3,) the point of the floor that a range has hit, in body axes."""
+    """(3,) floor point that a range measured, in body axes."""
 
     def with_key(self, k: int) -> UnaryFactor:
-        """The same measurement on another key."""
-        return replace(self, k=k, factor=self.factor.rekey([k]), plain=self.plain.rekey([k]))
+        """Return the same measurement on another key."""
+        return replace(self, k=k, factor=self.factor.rekey([k]), gaussian=self.gaussian.rekey([k]))
 
 
 def gtsam_poses(T: Array, dimension: int) -> list[Any]:
-    """Transforms (n, 4, 4) as gtsam's poses."""
+    """Convert transforms (n, 4, 4) to gtsam poses."""
     if dimension == 2:
         return [gtsam.Pose2(*row) for row in se3.to_planar(T).tolist()]
     rotations = T[:, :3, :3].reshape(-1, 9).tolist()
@@ -54,7 +53,7 @@ def gtsam_poses(T: Array, dimension: int) -> list[Any]:
 
 
 def fixed(k: int, w_T: Array, dimension: int) -> UnaryFactor:
-    """A pose (4, 4) that is held where it is."""
+    """Return a tight prior that fixes a pose (4, 4)."""
     make = gtsam.PriorFactorPose2 if dimension == 2 else gtsam.PriorFactorPose3
     noise = gtsam.noiseModel.Isotropic.Sigma(3 if dimension == 2 else 6, GAUGE_STD)
     factor = make(k, gtsam_poses(w_T[None], dimension)[0], noise)
@@ -62,10 +61,10 @@ def fixed(k: int, w_T: Array, dimension: int) -> UnaryFactor:
 
 
 def attitude(measured: Attitude) -> UnaryFactor | None:
-    """Roll, pitch and heading; None where no angle was measured.
+    """Return the factor of roll, pitch and heading; None if no angle was measured.
 
-    With the heading unknown gtsam's tilt factor takes over: a rotation's logarithm mixes the axes when the
-    heading is far off. It knows no heading, so the larger of the two tilt deviations stands for both.
+    With an unknown heading gtsam's tilt factor is used: a rotation's logarithm mixes the axes when the
+    heading is far off. It has one noise for both axes, so the larger tilt deviation is taken.
     """
     angle = measured.roll_pitch_yaw_rad
     with np.errstate(divide="ignore"):
@@ -89,31 +88,33 @@ def attitude(measured: Attitude) -> UnaryFactor | None:
 
 
 def slant_range(measured: SlantRange, cos_tilt: float = 1.0) -> UnaryFactor:
-    """Range along the sensor's -z to the plane z = 0: the point that it hits has height 0.
+    """Return the factor of a range along the sensor's -z to the plane z = 0: the measured point has height 0.
 
-    gtsam's position factor with that point for a lever arm says just that when x and y weigh nothing.
-    ``cos_tilt``, of the beam, takes the deviation along it to the one in height.
+    This is gtsam's position factor with that point as lever arm and zero weight on x and y. ``cos_tilt`` of
+    the beam converts the standard deviation along it to that of the height.
     """
     root = np.diag([0, 0, 1 / (measured.std_m * cos_tilt)])
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
     arm = measured.b_T_s[:3] @ [0, 0, -measured.range_m, 1]
-    plain = gtsam.GPSFactorArm(measured.k, np.zeros(3), arm, noise)
+    gaussian = gtsam.GPSFactorArm(measured.k, np.zeros(3), arm, noise)
     factor = gtsam.GPSFactorArm(measured.k, np.zeros(3), arm, _robust(noise))
-    return UnaryFactor(measured.k, factor, plain, "range", b_p_floor_m=arm)
+    return UnaryFactor(measured.k, factor, gaussian, "range", b_p_floor_m=arm)
 
 
 def position(measured: Position) -> UnaryFactor | None:
-    """Position of the body; NaN or an infinite deviation leaves an axis open; None where no axis was
-    measured."""
+    """Return the factor of a body position; None if no axis was measured.
+
+    NaN or an infinite standard deviation marks an axis that was not measured.
+    """
     with np.errstate(divide="ignore"):
         weight = np.where(np.isfinite(measured.w_p_b_m), 1 / measured.std_m, 0)
     if not weight.any():
         return None
     place = np.where(weight > 0, measured.w_p_b_m, 0)
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(np.diag(weight), False)
-    plain = gtsam.GPSFactor(measured.k, place, noise)
+    gaussian = gtsam.GPSFactor(measured.k, place, noise)
     factor = gtsam.GPSFactor(measured.k, place, _robust(noise))
-    return UnaryFactor(measured.k, factor, plain, "position", w_p_b_m=np.where(weight > 0, place, np.nan))
+    return UnaryFactor(measured.k, factor, gaussian, "position", w_p_b_m=np.where(weight > 0, place, np.nan))
 
 
 def _robust(noise: gtsam.noiseModel.Base) -> gtsam.noiseModel.Robust:
@@ -121,12 +122,12 @@ def _robust(noise: gtsam.noiseModel.Base) -> gtsam.noiseModel.Robust:
 
 
 def jacobian(unary: UnaryFactor, w_T: Array, origin_m: Array) -> Array:
-    """(r, 6) whitened derivative of a spatial measurement at the pose ``w_T`` (4, 4).
+    """Return the whitened Jacobian (r, 6) of a spatial unary factor at the pose ``w_T`` (4, 4).
 
-    With respect to a motion in world axes, rotation first, about the point ``origin_m`` (3,).
+    The derivative is by a motion in world axes, rotation first, about the point ``origin_m`` (3,).
     """
     if unary.w_R_b is not None and not unary.heading_known:
-        # A tilt left over would turn with the heading and feign knowledge of it: look where none is left.
+        # A residual tilt would turn with the heading and imply information on it: linearise without residual.
         up = w_T[:3, :3] @ unary.w_R_b[2]
         w_T = w_T.copy()
         w_T[:3, :3] = Rotation.align_vectors([[0, 0, 1.0]], up[None])[0].as_matrix() @ w_T[:3, :3]
@@ -134,24 +135,23 @@ def jacobian(unary: UnaryFactor, w_T: Array, origin_m: Array) -> Array:
     values.insert(unary.k, gtsam.Pose3(w_T))
     origin = np.eye(4)
     origin[:3, 3] = origin_m
-    J = np.asarray(unary.plain.linearize(values).jacobian()[0])
+    J = np.asarray(unary.gaussian.linearize(values).jacobian()[0])
     return J @ se3.adjoint(se3.inverse(w_T) @ origin)
 
 
 def aligned(w_T: Array, unary_factors: tuple[UnaryFactor, ...]) -> Array:
-    """Move a rigid trajectory (n, 4, 4) to where its absolute measurements want it: a start, not an
-    estimate."""
+    """Align a rigid trajectory (n, 4, 4) to unary factors: an initial guess, not an estimate."""
     w_T = w_T.copy()
     rotations = [a for a in unary_factors if a.w_R_b is not None]
     places = [a for a in unary_factors if np.isfinite(a.w_p_b_m).any()]
     known = [a for a in places if np.isfinite(a.w_p_b_m).all()]
     if rotations:
-        w_T = _turned(w_T, _mean_rotation(w_T, rotations))
+        w_T = _rotated(w_T, _mean_rotation(w_T, rotations))
     elif len(known) >= 3:
-        w_T = _turned(w_T, _procrustes(w_T, known, planar=False))
+        w_T = _rotated(w_T, _procrustes(w_T, known, planar=False))
     flat = [a for a in places if np.isfinite(a.w_p_b_m[:2]).all()]
     if not any(a.heading_known for a in rotations) and len(flat) >= 2:
-        w_T = _turned(w_T, _procrustes(w_T, flat, planar=True))
+        w_T = _rotated(w_T, _procrustes(w_T, flat, planar=True))
     for axis in range(3):
         shift = [a.w_p_b_m[axis] - w_T[a.k, axis, 3] for a in places if np.isfinite(a.w_p_b_m[axis])]
         if axis == 2 and not shift:
@@ -161,7 +161,7 @@ def aligned(w_T: Array, unary_factors: tuple[UnaryFactor, ...]) -> Array:
     return w_T
 
 
-def _turned(w_T: Array, R: Array) -> Array:
+def _rotated(w_T: Array, R: Array) -> Array:
     turn = np.eye(4)
     turn[:3, :3] = R
     return turn @ w_T
@@ -177,8 +177,7 @@ def _mean_rotation(w_T: Array, rotations: list[UnaryFactor]) -> Array:
 
 
 def _procrustes(w_T: Array, places: list[UnaryFactor], planar: bool) -> Array:
-    """Rotation that takes trajectory to measured positions; what is far off is left out of the second
-    pass."""
+    """Return the rotation from trajectory to measured positions; later passes exclude outliers."""
     p = np.array([w_T[a.k, :3, 3] for a in places])
     q = np.array([a.w_p_b_m for a in places])
     if planar:

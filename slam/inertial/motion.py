@@ -43,7 +43,7 @@ def follow(
 
     def run(start: InitialState, number: int) -> Track:
         progress("filter", number, len(others) + 1)
-        return track(readings, at_s, start, given.model, rounds=rounds, keep=keep)
+        return track(readings, at_s, start, given.model, rounds=rounds, clone=keep)
 
     found = run(given.start, 0)
     filtered, smoothed = found.filtered, found.smoothed

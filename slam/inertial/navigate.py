@@ -194,13 +194,16 @@ def _unobserved(given: FilterInput, known_to_m: float) -> list[str]:
 
 def refused(track: Track) -> dict[str, int]:
     """Components of readings that were left out, by reason."""
-    reasons = {status.REFUSED: "far from what was foreseen", status.UNABLE: "impossible in that attitude"}
+    reasons = {
+        status.REJECTED: "far from what was foreseen",
+        status.UNPREDICTABLE: "impossible in that attitude",
+    }
     return _counted(track, reasons)
 
 
 def softened(track: Track) -> dict[str, int]:
     """Components of readings that count for less than their noise says, by reason."""
-    return _counted(track, {status.SOFTENED: "off, taken with less weight"})
+    return _counted(track, {status.INFLATED: "off, taken with less weight"})
 
 
 def _counted(track: Track, reasons: Mapping[int, str]) -> dict[str, int]:
@@ -235,7 +238,7 @@ def _found_odd(given: FilterInput, track: Track) -> list[str]:
         if factor < CONTRADICTED
     ]
     for name, channel in track.channels.items():
-        if steps := channel.count(status.STEPPED):
+        if steps := channel.count(status.BIAS_STEPPED):
             times = "once" if steps == 1 else f"{steps} times"
             said.append(f"{name} jumped {times}: taken for an error of the sensor, not for motion")
     assert track.smoothed is not None

@@ -141,8 +141,8 @@ def _tracks(scene: Scene, f_T_b: np.ndarray, rng: np.random.Generator) -> FloorT
     track = table[:, 1].astype(int)
     table = table[np.bincount(track)[track] >= 2]
     _, track = np.unique(table[:, 1], return_inverse=True)
-    told = np.full(len(table), scene.told_pixel_std)
-    return FloorTracks(table[:, 0].astype(int), track, table[:, 2:], told)
+    nominal = np.full(len(table), scene.told_pixel_std)
+    return FloorTracks(table[:, 0].astype(int), track, table[:, 2:], nominal)
 
 
 def _attitudes(scene: Scene, w_T_b: np.ndarray, rng: np.random.Generator) -> tuple[Attitude, ...]:
@@ -171,10 +171,10 @@ def _positions(scene: Scene, w_T_b: np.ndarray, rng: np.random.Generator) -> tup
 def aligned(hat: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Poses with the first one's position and heading on the truth's."""
     yaw = [np.arctan2(T[1, 0], T[0, 0]) for T in (hat[0], truth[0])]
-    turn = Rotation.from_euler("z", yaw[1] - yaw[0]).as_matrix()
+    rotation = Rotation.from_euler("z", yaw[1] - yaw[0]).as_matrix()
     out = hat.copy()
-    out[:, :3, :3] = turn @ hat[:, :3, :3]
-    out[:, :3, 3] = (hat[:, :3, 3] - hat[0, :3, 3]) @ turn.T + truth[0, :3, 3]
+    out[:, :3, :3] = rotation @ hat[:, :3, :3]
+    out[:, :3, 3] = (hat[:, :3, 3] - hat[0, :3, 3]) @ rotation.T + truth[0, :3, 3]
     return out
 
 

@@ -114,7 +114,7 @@ def read(
     gyro = flight.body_rate(imu) + white(model.gyro_offset_rad_s, (1, 3)) + white(noise.gyro, (len(imu), 3))
     accel = flight.force(imu) + white(model.accel_offset_m_s2, (1, 3)) + white(noise.accel, (len(imu), 3))
     angles = (
-        flight.angles.at(att) + lasting(rng, model, att, yaw_zero_rad) + white(noise.angle, (len(att), 3))
+        flight.angles.at(att) + persistent(rng, model, att, yaw_zero_rad) + white(noise.angle, (len(att), 3))
     )
     slant = (1 + white(model.range_scale, (1,))) * flight.slant(son) + white(model.range_offset_m, (1,))
     speed = flight.heading_velocity(vel) * (1 + white(model.velocity_scale, (1, 2)))
@@ -127,7 +127,7 @@ def read(
     )
 
 
-def lasting(rng: np.random.Generator, model: FilterModel, t: Array, yaw_zero_rad: float) -> Array:
+def persistent(rng: np.random.Generator, model: FilterModel, t: Array, yaw_zero_rad: float) -> Array:
     """Errors of roll and pitch that fade slowly, and a yaw that wanders from an unknown zero."""
     out = np.zeros((len(t), 3))
     dt = np.diff(t, prepend=t[0])

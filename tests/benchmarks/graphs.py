@@ -230,7 +230,7 @@ def raw_build(graph: PoseGraph) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Value
 def compare(path: Path, optimum: float) -> GraphResult:
     """Both ways on one graph, in turns, the best of several each."""
     from_chordal = path.stem == "torus3D"
-    read, raw, built, solved, plain = [], [], [], [], []
+    read, raw, built, solved, gaussian = [], [], [], [], []
     began = time.perf_counter()
     for turn in range(MOST):
         if turn >= FEWEST and time.perf_counter() - began > BUDGET_S:
@@ -238,7 +238,7 @@ def compare(path: Path, optimum: float) -> GraphResult:
         seconds, pair = _timed(lambda: raw_read(path))
         raw.append(seconds)
         seconds, (_, raw_error) = _timed(lambda: raw_solve(*pair, from_chordal))  # noqa: B023
-        plain.append(seconds)
+        gaussian.append(seconds)
         seconds, graph = _timed(lambda: read_g2o(path))
         read.append(seconds)
         seconds, _ = _timed(lambda: raw_build(graph))  # noqa: B023
@@ -251,10 +251,10 @@ def compare(path: Path, optimum: float) -> GraphResult:
         error=solution.error,
         raw_error=raw_error,
         solve_s=min(solved),
-        raw_solve_s=min(plain),
+        raw_solve_s=min(gaussian),
         raw_build_s=min(built),
         total_s=min(read) + min(solved),
-        raw_total_s=min(raw) + min(plain),
+        raw_total_s=min(raw) + min(gaussian),
     )
 
 
@@ -277,14 +277,14 @@ def false_loops(data: Path) -> FalseLoopResult:
     off[e] = np.linalg.norm(error[:, :3, 3], axis=1)
     false = judged & (off > FALSE_LOOP_M)
     rejected = judged & ~solution.edge_kept
-    plain = solve_pose_graph(graph, covariances=False, loops_robust=False)
+    gaussian = solve_pose_graph(graph, covariances=False, loops_robust=False)
     return FalseLoopResult(
         loops=int(judged.sum()),
         false_loops=int(false.sum()),
         rejected=int(rejected.sum()),
         precision=float((rejected & false).sum() / max(rejected.sum(), 1)),
         recall=float((rejected & false).sum() / max(false.sum(), 1)),
-        ate_before_m=_ate(plain, truth, known),
+        ate_before_m=_ate(gaussian, truth, known),
         ate_after_m=_ate(solution, truth, known),
         ate_odometry_m=aligned_rmse(graph.poses[known, :2, 3], truth[known, :2, 3]),
         solve_s=seconds,

@@ -24,7 +24,7 @@ class Run:
     """(n,) for each keyframe."""
     waited: int
     """Most loops that waited at a time."""
-    rebuilt: int
+    rebuild_reason: int
     off: float
     """Relative difference of the final error to the batch's."""
     moved_m: float
@@ -42,7 +42,7 @@ def measure() -> list[Metric]:
         told(
             "in flight against the final answer, RMS", run.moved_m, "m", f"{run.waited} loops waited at most"
         ),
-        told("built anew", run.rebuilt, ""),
+        told("built anew", run.rebuild_reason, ""),
     ]
 
 
@@ -63,8 +63,8 @@ def flown(keyframes: int, loops: int, seed: int) -> Run:
     moved = live.trajectory()[:, :3, 3] - before
     return Run(
         seconds=np.array(seconds),
-        waited=max(step.waiting for step in steps),
-        rebuilt=sum(step.rebuilt != "" for step in steps),
+        waited=max(step.pending for step in steps),
+        rebuild_reason=sum(step.rebuild_reason != "" for step in steps),
         off=abs(live.error() - batch.error) / batch.error,
         moved_m=float(np.sqrt((moved**2).sum(axis=1).mean())),
     )

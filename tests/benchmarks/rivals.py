@@ -17,7 +17,12 @@ from backend.pose_graph.graph import PoseGraph
 from backend.pose_graph.initialize import spanning_tree
 from backend.pose_graph.problem import Problem, from_pose_graph
 from backend.pose_graph.selection.gnc import gnc_inliers
-from backend.pose_graph.selection.prediction import innovations, limit, sample_posterior, squared_mahalanobis
+from backend.pose_graph.selection.prediction import (
+    chi_square_gate,
+    innovations,
+    sample_posterior,
+    squared_mahalanobis,
+)
 from backend.pose_graph.unary_factors import fixed, gtsam_poses
 
 Array = np.ndarray
@@ -39,7 +44,7 @@ def kernel(graph: PoseGraph) -> tuple[Array, Array]:
     for i, j, pose, R in zip(loops.i.tolist(), loops.j.tolist(), poses, loops.sqrt_information, strict=True):
         noise = gtsam.noiseModel.Robust.Create(cauchy, gtsam.noiseModel.Gaussian.SqrtInformation(R))
         factors.add(make(i, j, pose, noise))
-    factors.push_back(gauge_fixed.ties)
+    factors.push_back(gauge_fixed.priors)
     found = gtsam.LevenbergMarquardtOptimizer(factors, problem.values(odometry)).optimize()
     w_T = problem.poses(gtsam.Values(found))
     near = np.linalg.norm(problem.residuals(w_T), axis=1) <= edge_limit(problem)
@@ -49,7 +54,7 @@ def kernel(graph: PoseGraph) -> tuple[Array, Array]:
 def gnc(graph: PoseGraph) -> tuple[Array, Array]:
     """Graduated non-convexity with truncated least squares (Yang et al. 2020)."""
     problem, odometry, gauge_fixed = _begun(graph)
-    return _solved(gauge_fixed, *gnc_inliers(problem, gauge_fixed.ties, odometry, ~problem.trusted))
+    return _solved(gauge_fixed, *gnc_inliers(problem, gauge_fixed.priors, odometry, ~problem.trusted))
 
 
 def clique(graph: PoseGraph) -> tuple[Array, Array]:
@@ -65,7 +70,7 @@ def clique(graph: PoseGraph) -> tuple[Array, Array]:
     found = innovations(problem, odometry, samples, loops)
     agree = np.empty((len(loops), len(loops)), dtype=bool)
     for a in range(len(loops)):
-        agree[a] = squared_mahalanobis(*found.given(a)) <= limit(problem.dof)
+        agree[a] = squared_mahalanobis(*found.conditioned_on(a)) <= chi_square_gate(problem.dof)
     agree &= agree.T
     np.fill_diagonal(agree, False)
     if len(loops) <= _EXACT:
@@ -92,9 +97,9 @@ def _begun(graph: PoseGraph) -> tuple[Problem, Array, GaugeFixedProblem]:
     chain = problem.with_edges(problem.trusted)
     cost = np.ones(len(chain.i))
     odometry = spanning_tree(problem.count, chain.i, chain.j, chain.ij_T, cost, 0, np.eye(4))
-    ties = gtsam.NonlinearFactorGraph()
-    ties.push_back(fixed(0, odometry[0], problem.dimension).factor)
-    return problem, odometry, GaugeFixedProblem(problem, ties, Options(covariances=False))
+    priors = gtsam.NonlinearFactorGraph()
+    priors.push_back(fixed(0, odometry[0], problem.dimension).factor)
+    return problem, odometry, GaugeFixedProblem(problem, priors, Options(covariances=False))
 
 
 def _solved(gauge_fixed: GaugeFixedProblem, kept: Array, w_T: Array) -> tuple[Array, Array]:

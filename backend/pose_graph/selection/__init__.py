@@ -1,1 +1,1 @@
-"""Which edges to believe where they contradict each other: see `backend.pose_graph.selection.rejection`."""
+"""Selection of consistent edges among contradictory ones: see `backend.pose_graph.selection.rejection`."""

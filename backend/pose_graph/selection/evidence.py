@@ -1,4 +1,4 @@
-"""Evidence (marginal likelihood) of a set of accepted loops; rejected ones are uniform over the map.
+"""Evidence (marginal likelihood) of a set of accepted loops; rejected loops are uniform over the map.
 
 Source: MacKay 1992 (Neural Computation 4), section 3.
 """
@@ -22,12 +22,12 @@ from backend.pose_graph.selection.prediction import noise_scale
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Graph = Callable[[Mask], gtsam.NonlinearFactorGraph]
-"""The factors of some edges, with all that holds them."""
+"""Function from kept edges (m,) to their factor graph, with all priors."""
 
 
 @dataclass(frozen=True)
 class LinearizedSet:
-    """A set of edges, its solution, and the linear system about it."""
+    """A set of edges, its solution, and the linear system at it."""
 
     kept: Mask
     w_T: Array
@@ -35,18 +35,18 @@ class LinearizedSet:
     J: csr_array
     """(m d, size) of all edges, columns in the order in which they are eliminated."""
     factor: SuperLU
-    """Of the information of those that are kept."""
-    squares: float
+    """Cholesky factor of the information of the kept edges."""
+    chi_square: float
     log_volumes: Array
     """(m,) log of the whitened volume over which a false loop is uniform, over that of a unit Gaussian."""
     scale: float
-    """Factor on the stated standard deviations."""
+    """Estimated factor on the stated standard deviations."""
 
     @staticmethod
     def of(
         problem: Problem, graph: Graph, kept: Mask, w_T: Array, log_volumes: Array
     ) -> LinearizedSet | None:
-        """Of some edges (m,) and the poses from them; None where the system is singular."""
+        """Linearise the kept edges (m,) at their poses; None if the system is singular."""
         m, d = len(problem.i), problem.dof
         order = elimination_order(graph(kept), d)
         J = csr_array(jacobian(graph(np.ones(m, dtype=bool)), problem.values(w_T), order))
@@ -56,19 +56,19 @@ class LinearizedSet:
             factor = cholesky(csc_array(used.T @ used), "NATURAL")
         except RuntimeError:
             return None
-        squares = float((problem.residuals(w_T)[kept] ** 2).sum())
+        chi_square = float((problem.residuals(w_T)[kept] ** 2).sum())
         scale = noise_scale(problem, kept, w_T)
-        return LinearizedSet(kept, w_T, ~problem.trusted, edges, factor, squares, log_volumes, scale)
+        return LinearizedSet(kept, w_T, ~problem.trusted, edges, factor, chi_square, log_volumes, scale)
 
     @property
     def odds(self) -> float:
-        """Prior log odds that a loop is true."""
+        """Prior log odds that a loop is true, from the share of kept ones."""
         return log_odds(self.kept, self.loops)
 
     def evidence(self, scale: float, odds: float) -> float:
-        """Log evidence by Laplace's approximation, up to a constant that all sets share."""
+        """Return the log evidence by Laplace's approximation, up to a constant common to all sets."""
         d = self.J.shape[0] // len(self.kept)
-        taken = self.kept & self.loops
+        accepted = self.kept & self.loops
         volume = float(np.log(np.abs(self.factor.U.diagonal())).sum())
-        gained = float((self.log_volumes[taken] - d * np.log(scale) + odds).sum())
-        return gained - self.squares / scale**2 / 2 - volume / 2
+        gained = float((self.log_volumes[accepted] - d * np.log(scale) + odds).sum())
+        return gained - self.chi_square / scale**2 / 2 - volume / 2

@@ -1,4 +1,4 @@
-"""Graduated non-convexity: which edges do not fit with the others, where none is trusted above another."""
+"""Graduated non-convexity: robust selection of inliers where all edges are trusted alike."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from backend.pose_graph.problem import Problem
 
 Array = NDArray[np.float64]
 
-_GROWTH = 1.4
-_STEPS = 200
+_MU_GROWTH = 1.4
+_MAX_STEPS = 200
 
 
 def gnc_inliers(
@@ -28,30 +28,30 @@ def gnc_inliers(
     on_step: OnStep | None = None,
     deadline: float = math.inf,
 ) -> tuple[NDArray[np.bool_], Array]:
-    """Graduated non-convexity with truncated least squares over the candidate edges.
+    """Select inliers among the candidate edges by graduated non-convexity with truncated least squares.
 
-    Starts from the convex problem in which all count and lets the loss become truncated step by step; one
-    damped step a stage suffices since each starts where the last ended. Returns (m,) kept and the poses it
-    ended at. Source: Yang, Antonante, Tzoumas, Carlone 2020 (RA-L), equations 12 to 14.
+    The loss starts convex, with all edges, and becomes truncated in stages. Two damped steps per stage
+    suffice since each starts from the last result. Returns (m,) kept and the final poses.
+    Source: Yang, Antonante, Tzoumas, Carlone 2020 (RA-L), equations 12 to 14.
     """
     c2 = edge_limit(problem) ** 2
-    sure = problem.with_edges(~candidate).edge_factors()
-    sure.push_back(anchors)
+    trusted_factors = problem.with_edges(~candidate).edge_factors()
+    trusted_factors.push_back(anchors)
     loops = problem.with_edges(candidate)
     r2 = (loops.residuals(w_T) ** 2).sum(axis=1)
     if len(r2) == 0 or r2.max() <= c2:
         return np.ones(len(problem.i), dtype=bool), w_T
     mu = c2 / (2 * r2.max() - c2)
     weight = np.ones(len(r2))
-    for step in range(_STEPS):
-        w_T = _step(problem, sure, loops, weight, w_T)
+    for step in range(_MAX_STEPS):
+        w_T = _step(problem, trusted_factors, loops, weight, w_T)
         r2 = (loops.residuals(w_T) ** 2).sum(axis=1)
         weight = _weights(r2, c2, mu)
         if on_step is not None:
             on_step(step, float(np.minimum(r2, c2).sum() / 2))
         if (((weight == 0) | (weight == 1)).all() and mu > 1) or time.monotonic() > deadline:
             break
-        mu *= _GROWTH
+        mu *= _MU_GROWTH
     kept = ~candidate
     kept[candidate] = weight > 0.5
     return kept, w_T
@@ -65,10 +65,10 @@ def _weights(r2: Array, c2: float, mu: float) -> Array:
 
 
 def _step(
-    problem: Problem, sure: gtsam.NonlinearFactorGraph, loops: Problem, weight: Array, w_T: Array
+    problem: Problem, trusted_factors: gtsam.NonlinearFactorGraph, loops: Problem, weight: Array, w_T: Array
 ) -> Array:
     graph = loops.edge_factors(np.where(weight > 1e-8, weight, 0))
-    graph.push_back(sure)
+    graph.push_back(trusted_factors)
     params = gtsam.LevenbergMarquardtParams()
     set_ordering(params, graph, problem.count)
     optimizer = gtsam.LevenbergMarquardtOptimizer(graph, problem.values(w_T), params)

@@ -1,10 +1,10 @@
-"""How likely a false loop agrees by chance, measured on loops that are false by construction.
+"""Probability that a false loop agrees by chance, measured on loops that are false by construction.
 
-A loop that may lie anywhere in the map's room agrees with a prediction as often as the prediction's ellipsoid
-fills that room. Real ones do not lie anywhere: poses stand on a surface, in corridors, at four headings, and
-false loops tell as short a way as true ones. On sphere2500 they agree a hundred times as often, and a
-prediction of odometry far away is none. Decoys show how often: one loop's first end, another's second end
-and a third one's measurement. Source: target and decoy of Elias and Gygi 2007 (Nature Methods).
+A loop that is uniform over the map's volume agrees with a prediction in proportion to the volume of the
+prediction's ellipsoid. Real false loops are not uniform: poses lie on a surface, in corridors, at four
+headings, and false loops report distances as short as true ones. On sphere2500 they agree a hundred times as
+often. Null loops show how often: each has one loop's first end, another's second end and a third one's
+measurement. Source: target and decoy of Elias and Gygi 2007 (Nature Methods).
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from backend.pose_graph.selection.prediction import LoopInnovations, innovations
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-_COUNT = 5000
+_NULL_LOOP_COUNT = 5000
 _BINS = np.linspace(-40.0, 0.0, 81)
 _GRID = np.meshgrid(
     (0.0, 3e-4, 1e-3), np.arange(0.0, 8.1), np.arange(1.0, 0.05, -0.1), _BINS[:-1] + 0.25, indexing="ij"
 )
-"""Share of decoys that are true by accident; offset; slope; log probability for a uniform loop."""
+"""Grid of: share of null loops that are true by accident; offset; slope; log probability if uniform."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class PassProbability:
     slope: float
 
     def of(self, log_pass_probability: Array) -> Array:
-        """(k,) never below that of a loop uniform over the map."""
+        """Return (k,) log probabilities, never below those of a loop uniform over the map."""
         return np.minimum(
             np.maximum(log_pass_probability, self.offset + self.slope * log_pass_probability), 0.0
         )
@@ -47,23 +47,23 @@ class NullLoops:
     """Loops that are false by construction."""
 
     problem: Problem
-    """Their poses and edges."""
+    """Problem whose edges are the null loops."""
 
     @staticmethod
     def of(problem: Problem, loops: Index, place: Index) -> NullLoops:
-        """Decoys of some loops; ``place`` (k,) numbers the two places of each."""
-        return NullLoops(_drawn(problem, loops, place))
+        """Draw null loops from some loops; ``place`` (k,) labels the two places of each."""
+        return NullLoops(_draw_null_loops(problem, loops, place))
 
     def chance(self, w_T: Array, samples: Array, scale: float) -> PassProbability:
-        """How often they agree with a solution and its draws."""
+        """Estimate how often they agree with a solution and its posterior samples."""
         edges = np.arange(len(self.problem.i))
         return estimate_pass_probability(innovations(self.problem, w_T, samples, edges, scale))
 
 
-def _drawn(problem: Problem, loops: Index, place: Index) -> Problem:
-    # Always the same: the answer must not depend on the call.
+def _draw_null_loops(problem: Problem, loops: Index, place: Index) -> Problem:
+    # A fixed seed: the result must not depend on the call.
     rng = np.random.default_rng(0)
-    times = min(max(1, _COUNT // max(len(loops), 1)), len(loops))
+    times = min(max(1, _NULL_LOOP_COUNT // max(len(loops), 1)), len(loops))
     first = np.tile(np.arange(len(loops)), times)
     second, measured = (
         np.concatenate([first[:0], *(rng.permutation(len(loops)) for _ in range(times))]) for _ in range(2)
@@ -82,7 +82,7 @@ def _drawn(problem: Problem, loops: Index, place: Index) -> Problem:
 
 
 def estimate_pass_probability(found: LoopInnovations) -> PassProbability:
-    """Maximum-likelihood line for decoys, of which a share may be true by accident."""
+    """Fit a line by maximum likelihood; a share of the null loops may be true by accident."""
     if len(found.edges) == 0:
         return PassProbability(0.0, 1.0)
     bin_ = np.clip(np.digitize(found.log_pass_probability(), _BINS) - 1, 0, len(_BINS) - 2)
@@ -90,6 +90,6 @@ def estimate_pass_probability(found: LoopInnovations) -> PassProbability:
     agreeing = np.bincount(bin_, found.agrees(), minlength=len(_BINS) - 1)
     right, offset, slope, middle = _GRID
     chance = right + (1 - right) * np.exp(np.minimum(offset + slope * middle, -1e-3))
-    likely = np.sum(agreeing * np.log(chance) + (count - agreeing) * np.log1p(-chance), axis=-1)
-    best = np.unravel_index(int(np.argmax(likely)), likely.shape)
+    log_odds = np.sum(agreeing * np.log(chance) + (count - agreeing) * np.log1p(-chance), axis=-1)
+    best = np.unravel_index(int(np.argmax(log_odds)), log_odds.shape)
     return PassProbability(float(offset[best][0]), float(slope[best][0]))

@@ -1,4 +1,4 @@
-"""What some edges predict of others: by how much each one is off, and how much room that leaves to chance."""
+"""Prediction of edges from other edges: innovations, covariances, and volumes of their gates."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 SIGNIFICANCE = 1e-3
-"""A false loop agrees with a sharp prediction once in a thousand."""
+"""Significance level of all gates, and limit of the false discovery rate."""
 
-_MIXING = 50
-_SAMPLES = {3: 60, 6: 150}
+_EM_ITERATIONS = 50
+_SAMPLE_COUNTS = {3: 60, 6: 150}
 
 
 @dataclass(frozen=True)
@@ -35,68 +35,68 @@ class LoopInnovations:
     residual: Array
     """(k, d)."""
     spread: Array
-    """(k, d, s) of the prediction, in draws."""
+    """(k, d, s) whitened samples of the prediction error."""
     log_prior_volume: Array
-    """(k,) logarithm of the whitened volume in which a false loop might lie."""
+    """(k,) logarithm of the whitened volume in which a false loop may lie."""
 
     @cached_property
     def covariance(self) -> Array:
-        """(k, d, d) of edge and prediction together."""
+        """(k, d, d) covariance of edge and prediction together."""
         d = self.residual.shape[1]
         return np.eye(d) + self.spread @ np.swapaxes(self.spread, 1, 2) / self.spread.shape[2]
 
     def sigma(self) -> Array:
-        """(k,) Mahalanobis norm of the innovation."""
+        """Return (k,) Mahalanobis norms of the innovations."""
         return np.sqrt(squared_mahalanobis(self.residual, self.covariance))
 
     def agrees(self) -> Mask:
-        """(k,) whether the innovation passes the chi-square gate: a true loop fails it once in a thousand."""
-        return np.asarray(self.sigma() ** 2 <= limit(self.residual.shape[1]))
+        """Return (k,) which innovations pass the chi-square gate: a true loop fails once in a thousand."""
+        return np.asarray(self.sigma() ** 2 <= chi_square_gate(self.residual.shape[1]))
 
-    def given(self, one: int) -> tuple[Array, Array]:
-        """Innovations (k, d) and their covariances (k, d, d), conditioned on edge number ``one``."""
+    def conditioned_on(self, one: int) -> tuple[Array, Array]:
+        """Return innovations (k, d) and covariances (k, d, d), conditioned on edge number ``one``."""
         covariance = self.covariance
         cross = self.spread @ self.spread[one].T / self.spread.shape[2]
         gain = np.swapaxes(np.linalg.solve(covariance[one], np.swapaxes(cross, 1, 2)), 1, 2)
         return self.residual - gain @ self.residual[one], covariance - gain @ np.swapaxes(cross, 1, 2)
 
-    def only(self, which: Index) -> LoopInnovations:
-        """Some of them, by number."""
+    def subset(self, which: Index) -> LoopInnovations:
+        """Return some of the innovations, by index."""
         return LoopInnovations(
             self.edges[which], self.residual[which], self.spread[which], self.log_prior_volume[which]
         )
 
     def log_pass_probability(self) -> Array:
-        """(k,) log probability that a false loop, uniform over the map, passes the gate."""
-        return log_volume(self.covariance, limit(self.residual.shape[1])) - self.log_prior_volume
+        """Return (k,) log probabilities that a false loop, uniform over the map, passes the gate."""
+        return log_volume(self.covariance, chi_square_gate(self.residual.shape[1])) - self.log_prior_volume
 
 
 def squared_mahalanobis(residual: Array, covariance: Array) -> Array:
-    """(...,) squared distance in sigmas."""
+    """Return squared Mahalanobis distances (...,)."""
     return np.einsum("...a,...a->...", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
 
 
-def limit(d: int) -> float:
-    """Squared sigmas that a true loop exceeds once in a thousand."""
+def chi_square_gate(d: int) -> float:
+    """Return the squared Mahalanobis distance that a true loop exceeds once in a thousand."""
     return float(chi2.ppf(1 - SIGNIFICANCE, d))
 
 
 def log_volume(covariance: Array, within: float) -> Array:
-    """Logarithm of the volume of the ellipsoid at a squared distance in sigmas."""
+    """Return the log volume of the ellipsoid within a squared Mahalanobis distance."""
     d = covariance.shape[-1]
     ball = d / 2 * np.log(np.pi * within) - gammaln(d / 2 + 1)
     return np.asarray(ball + np.linalg.slogdet(covariance)[1] / 2)
 
 
 def white_noise(rows: int, d: int) -> Array:
-    """(rows, s) for `draws`; always the same, since the answer must not depend on the call."""
-    return np.random.default_rng(0).standard_normal((rows, _SAMPLES[d]))
+    """Return white noise (rows, s) from a fixed seed: the result must not depend on the call."""
+    return np.random.default_rng(0).standard_normal((rows, _SAMPLE_COUNTS[d]))
 
 
 def sample_posterior(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, d: int, noise: Array | None = None
 ) -> Array | None:
-    """(n, d, s) draws from the Gaussian about a solution, right perturbations; None where it is singular.
+    """Draw (n, d, s) samples from the posterior at a solution, right perturbations; None if singular.
 
     ``noise`` is `white_noise` of at least as many rows as the graph has.
 
@@ -116,15 +116,15 @@ def sample_posterior(
         return None
     found = np.empty_like(solved)
     found[order] = solved
-    return found.reshape(-1, d, _SAMPLES[d])
+    return found.reshape(-1, d, _SAMPLE_COUNTS[d])
 
 
 def innovations(
     problem: Problem, w_T: Array, samples: Array, edges: Index, scale: float = 1.0
 ) -> LoopInnovations:
-    """Some edges, none of which took part, against the solution ``w_T`` and its ``draws``.
+    """Return the innovations of edges that took no part in the solution ``w_T`` and its ``samples``.
 
-    ``scale`` is how large noise is over what is stated.
+    ``scale`` is the factor of the noise over the stated one.
     """
     edges = np.sort(edges)
     residual = problem.with_edges(np.isin(np.arange(len(problem.i)), edges)).residuals(w_T)
@@ -133,7 +133,7 @@ def innovations(
 
 
 def whitened_spread(problem: Problem, w_T: Array, samples: Array, edges: Index) -> Array:
-    """(k, d, s) what a solution predicts of some edges, in ``draws`` (n, d, s) about it."""
+    """Return whitened prediction errors (k, d, s) of edges from posterior samples (n, d, s)."""
     i, j = problem.i[edges], problem.j[edges]
     turn = se3.adjoint(se3.inverse(w_T[j]) @ w_T[i])
     if problem.dof == 3:
@@ -142,38 +142,38 @@ def whitened_spread(problem: Problem, w_T: Array, samples: Array, edges: Index) 
 
 
 def log_prior_volume(problem: Problem, w_T: Array) -> Array:
-    """(m,) logarithm of the whitened volume in which a false loop might lie: the map's, and all headings."""
+    """Return (m,) log whitened volumes in which a false loop may lie: the map times all rotations."""
     extent = np.ptp(w_T[:, : problem.dimension, 3], axis=0)
-    room = np.log(np.maximum(extent, 1e-3 * extent.max() + 1e-9)).sum()
-    room += np.log(2 * np.pi) if problem.dof == 3 else np.log(8 * np.pi**2)
-    return np.asarray(room + np.linalg.slogdet(problem.sqrt_information)[1])
+    log_volume_ = np.log(np.maximum(extent, 1e-3 * extent.max() + 1e-9)).sum()
+    log_volume_ += np.log(2 * np.pi) if problem.dof == 3 else np.log(8 * np.pi**2)
+    return np.asarray(log_volume_ + np.linalg.slogdet(problem.sqrt_information)[1])
 
 
 def first_scale(pending: LoopInnovations, place: Index) -> float:
-    """Factor on the stated standard deviations before any loop is accepted, from the smallest innovations.
+    """Estimate the factor on the stated standard deviations before any loop is accepted.
 
-    Expectation maximisation over a mixture: true loops Gaussian about the prediction, false ones uniform.
+    Expectation maximisation of a mixture: true loops Gaussian about the prediction, false ones uniform.
     """
     d = pending.residual.shape[1]
     covariance = pending.covariance
     off = squared_mahalanobis(pending.residual, covariance)
     peak = -d / 2 * np.log(2 * np.pi) - np.linalg.slogdet(covariance)[1] / 2 + pending.log_prior_volume
     true, variance = 0.5, float(np.quantile(off, 0.1)) / d
-    for _ in range(_MIXING):
+    for _ in range(_EM_ITERATIONS):
         odds = peak - off / variance / 2 - d / 2 * np.log(variance) + np.log(true / (1 - true))
         share = 1 / (1 + np.exp(-np.clip(odds, -50, 50)))
         variance = max(float(share @ off) / (d * max(float(share.sum()), 1e-9)), 1e-12)
         true = float(np.clip(share.mean(), 0.01, 0.99))
-    # Loops between the same places lie equally far off: they tell but once.
+    # Loops between the same places have a common error: they count once.
     dof = d * max(len(np.unique(place[share > 0.5])), 1)
     return float(np.sqrt(min(variance * dof / chi2.ppf(SIGNIFICANCE, dof), 1.0)))
 
 
 def noise_scale(problem: Problem, kept: Mask, w_T: Array) -> float:
-    """Factor on the stated standard deviations, from the chi-square of the kept edges.
+    """Estimate the factor on the stated standard deviations from the chi-square of the kept edges.
 
-    1 unless a chi-square test rejects that. Where stated covariances are far too wide, so that false loops
-    would pass the gates, the largest factor that the test does not reject is taken.
+    It is 1 unless a chi-square test rejects that. If stated covariances are far too large, so that false
+    loops would pass the gates, it is the largest factor that the test does not reject.
     """
     d = problem.dof
     dof = d * (int(kept.sum()) - problem.count + 1)

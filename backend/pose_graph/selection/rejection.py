@@ -1,4 +1,4 @@
-"""Which edges to believe where not all of them fit together, and the solution from those."""
+"""Rejection of edges that contradict the others, and the solution from the rest."""
 
 from __future__ import annotations
 
@@ -30,52 +30,52 @@ Mask = NDArray[np.bool_]
 
 _ROUNDS = 4
 _FEW, _COARSE = 8, 1e-3
-"""Steps and tolerance of the solves on the way to which edges agree."""
+"""Steps and tolerance of the intermediate solves."""
 
 
 def reject_outliers(gauge_fixed: GaugeFixedProblem, fit: GraphFit | None) -> tuple[Mask, GraphFit, Array]:
-    """Which edges agree, the solution from them, and by how many sigmas (m,) each other one disagrees.
+    """Return consistent edges (m,), their fit, and the innovations of the rejected ones in sigmas (m,).
 
-    ``fit`` is that of all edges; without it there must be odometry that connects all poses.
+    ``fit`` is that of all edges; without it odometry must connect all poses.
     """
     problem, trusted = gauge_fixed.problem, gauge_fixed.problem.trusted
     found = None
     if fit is None or has_loops_on_odometry(problem):
-        found = _settled(gauge_fixed, *_grow(gauge_fixed), ~trusted)
+        found = _refit(gauge_fixed, *_grow_set(gauge_fixed), ~trusted)
         found = _swap(gauge_fixed, found)
-        if fit is None or found[1].test.passed or not _sticks_out(problem, found, trusted).any():
+        if fit is None or found[1].test.passed or not _outliers(problem, found, trusted).any():
             return found
-    # Odometry may be wrong too: then all edges are judged alike.
+    # Odometry may be wrong too: then all edges are trusted alike.
     everything = np.ones_like(trusted)
     kept, at = gnc_inliers(
         problem,
-        gauge_fixed.ties,
+        gauge_fixed.priors,
         fit.w_T,
         everything,
         gauge_fixed.options.on_step,
         gauge_fixed.options.deadline,
     )
-    other = _settled(gauge_fixed, _connected(problem, kept, at), at, everything)
+    other = _refit(gauge_fixed, _connected(problem, kept, at), at, everything)
     if found is None or other[0].sum() > found[0].sum():
         return other
     return found
 
 
 def has_loops_on_odometry(problem: Problem) -> bool:
-    """Whether trusted edges alone connect all poses, and there are others."""
+    """Return whether trusted edges alone connect all poses, and other edges exist."""
     if problem.trusted.all():
         return False
     chain = problem.with_edges(problem.trusted)
     return len(tree_edges(problem.count, chain.i, chain.j, np.ones(len(chain.i)))) == problem.count - 1
 
 
-def _sticks_out(problem: Problem, found: tuple[Mask, GraphFit, Array], among: Mask) -> Mask:
+def _outliers(problem: Problem, found: tuple[Mask, GraphFit, Array], among: Mask) -> Mask:
     off = np.linalg.norm(problem.residuals(found[1].w_T), axis=1)
     return np.asarray(among & (off > edge_limit(problem)))
 
 
 def _solver(gauge_fixed: GaugeFixedProblem) -> Solve:
-    """Coarse, for the solves on the way."""
+    """Return a coarse solver for intermediate solves."""
     problem, options = gauge_fixed.problem, gauge_fixed.options
 
     def solve(kept: Mask, w_T: Array) -> Array:
@@ -96,18 +96,18 @@ def _solver(gauge_fixed: GaugeFixedProblem) -> Solve:
 def _swap(
     gauge_fixed: GaugeFixedProblem, found: tuple[Mask, GraphFit, Array]
 ) -> tuple[Mask, GraphFit, Array]:
-    def late() -> bool:
+    def out_of_time() -> bool:
         return time.monotonic() > gauge_fixed.options.deadline
 
     kept, w_T = swap_loops(
-        gauge_fixed.problem, gauge_fixed.graph, _solver(gauge_fixed), found[0], found[1].w_T, late
+        gauge_fixed.problem, gauge_fixed.graph, _solver(gauge_fixed), found[0], found[1].w_T, out_of_time
     )
     if np.array_equal(kept, found[0]):
         return found
-    return _settled(gauge_fixed, kept, w_T, ~gauge_fixed.problem.trusted)
+    return _refit(gauge_fixed, kept, w_T, ~gauge_fixed.problem.trusted)
 
 
-def _grow(gauge_fixed: GaugeFixedProblem) -> tuple[Mask, Array]:
+def _grow_set(gauge_fixed: GaugeFixedProblem) -> tuple[Mask, Array]:
     problem, options = gauge_fixed.problem, gauge_fixed.options
     solve = _solver(gauge_fixed)
     noise = white_noise(gauge_fixed.rows, problem.dof)
@@ -130,41 +130,40 @@ def _grow(gauge_fixed: GaugeFixedProblem) -> tuple[Mask, Array]:
 
 
 def _connected(problem: Problem, kept: Mask, w_T: Array) -> Mask:
-    """Kept edges, and of the others those that agree best where the graph would fall apart without them."""
+    """Return kept edges, plus the best of the others that are needed to keep the graph connected."""
     cost = np.where(kept, 1e-9, 1) * (1 + (problem.residuals(w_T) ** 2).sum(axis=1))
     tree = tree_edges(problem.count, problem.i, problem.j, cost)
     return kept | np.isin(np.arange(len(kept)), tree)
 
 
-def _settled(
+def _refit(
     gauge_fixed: GaugeFixedProblem, kept: Mask, w_T: Array, candidate: Mask
 ) -> tuple[Mask, GraphFit, Array]:
-    """Solve the kept edges plainly; take back what the prediction's uncertainty explains, drop what sticks
-    out."""
+    """Fit the kept edges; restore edges that the prediction's uncertainty explains, and drop outliers."""
     problem, limit = gauge_fixed.problem, edge_limit(gauge_fixed.problem)
     banned = np.zeros_like(kept)
     for remaining in reversed(range(_ROUNDS)):
         fit = least_squares_fit(gauge_fixed, kept, w_T)
         w_T = fit.w_T
         sigma = np.linalg.norm(problem.residuals(w_T), axis=1)
-        sticks_out = np.zeros_like(kept)
+        outliers = np.zeros_like(kept)
         if not fit.test.passed:
-            sticks_out = kept & candidate & (sigma > limit * max(1.0, noise_scale(problem, kept, w_T)))
+            outliers = kept & candidate & (sigma > limit * max(1.0, noise_scale(problem, kept, w_T)))
         samples = sample_posterior(gauge_fixed.graph(kept), fit.minimum.values, problem.dof)
         back = np.zeros_like(kept)
         if samples is not None:
             back, innovation = recheck_rejected(problem, kept, w_T, samples)
             back &= ~banned
             sigma = np.where(kept, sigma, innovation)
-        if remaining == 0 or not (back.any() or sticks_out.any()):
+        if remaining == 0 or not (back.any() or outliers.any()):
             break
-        banned |= sticks_out
-        kept = _connected(problem, (kept | back) & ~sticks_out, w_T)
+        banned |= outliers
+        kept = _connected(problem, (kept | back) & ~outliers, w_T)
     return kept, fit, sigma
 
 
 def reason(problem: Problem, edge: int, w_T: Array, sigma: float) -> str:
-    """Why an edge was rejected: ``disagrees by 7.3 sigma (limit 4.1): 1.2 m, 14 deg``."""
+    """Return why an edge was rejected: ``disagrees by 7.3 sigma (limit 4.1): 1.2 m, 14 deg``."""
     i, j = problem.i[edge], problem.j[edge]
     off = se3.log((se3.inverse(problem.ij_T[edge]) @ se3.inverse(w_T[i]) @ w_T[j])[None])[0]
     meters, degrees = np.linalg.norm(off[3:]), np.degrees(np.linalg.norm(off[:3]))

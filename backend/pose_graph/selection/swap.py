@@ -35,38 +35,38 @@ Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 _ROUNDS = 10
-_CANDIDATES, _KEPT = 150, 300
+_MAX_REJECTED, _MAX_ACCEPTED = 150, 300
 """Rejected loops, and accepted ones, that may be flipped in one round."""
 _FORCED_IN, _FORCED_OUT = 40, 20
-_REACH = 120.0
-"""Rejected loops with log odds (nats) below minus this are not tried."""
-_LEAST_GAIN = 1.0
+_MAX_LOG_ODDS_DEFICIT = 120.0
+"""Rejected loops with log odds below minus this number of nats are not tried."""
+_MIN_GAIN = 1.0
 _NONE = np.zeros(0, dtype=np.int64)
 
 
 def swap_loops(
-    problem: Problem, graph: Graph, solve: Solve, kept: Mask, w_T: Array, late: Callable[[], bool]
+    problem: Problem, graph: Graph, solve: Solve, kept: Mask, w_T: Array, out_of_time: Callable[[], bool]
 ) -> tuple[Mask, Array]:
-    """Edges (m,) and the poses from them, of evidence no lower than ``kept`` and ``w_T``; odometry is kept.
+    """Return edges (m,) and their poses, with evidence no lower than ``kept`` and ``w_T``.
 
-    First with one representative loop for each pair of places, so that a whole group can be flipped at once;
-    then with all loops.
+    Odometry is kept. The first search has one representative loop per pair of places, so that a whole group
+    can be flipped at once; the second has all loops.
     """
     place = place_pairs(problem.i, problem.j)
-    search = _LocalSearch(problem, graph, solve, place, late)
+    search = _LocalSearch(problem, graph, solve, place, out_of_time)
     few = _one_loop_a_place(problem, kept, w_T, place)
-    chosen, at = search.run(few, solve(few, w_T), opened=False)
-    opened = not np.array_equal(chosen, few)
-    if opened:
+    chosen, at = search.run(few, solve(few, w_T), allow_single_flips=False)
+    allow_single_flips = not np.array_equal(chosen, few)
+    if allow_single_flips:
         kept = chosen | (kept & np.isin(place, place[chosen & ~problem.trusted]))
         w_T = solve(kept, at)
-    return search.run(kept, w_T, opened)
+    return search.run(kept, w_T, allow_single_flips)
 
 
 def _one_loop_a_place(problem: Problem, kept: Mask, w_T: Array, place: Index) -> Mask:
-    """Odometry, and for each pair of places the accepted loop of the smallest residual.
+    """Return odometry, and for each pair of places the accepted loop of the smallest residual.
 
-    Where the floor repeats, loops between the same places are false together and are no independent evidence.
+    On a repetitive floor loops between the same places are false together: they are not independent.
     """
     chosen, loops = kept & problem.trusted, np.flatnonzero(kept & ~problem.trusted)
     off = (problem.residuals(w_T)[loops] ** 2).sum(axis=1)
@@ -86,70 +86,81 @@ class _LocalSearch:
     graph: Graph
     solve: Solve
     place: Index
-    """(m,) which edges join the same two places."""
-    late: Callable[[], bool]
+    """(m,) label of the two places of each edge."""
+    out_of_time: Callable[[], bool]
 
-    def run(self, kept: Mask, w_T: Array, opened: bool) -> tuple[Mask, Array]:
-        """Edges (m,) kept in the end, and the poses from them.
+    def run(self, kept: Mask, w_T: Array, allow_single_flips: bool) -> tuple[Mask, Array]:
+        """Return the finally kept edges (m,) and their poses.
 
-        Pure insertions or removals were decided earlier; they are allowed again (``opened``) only after a
-        swap.
+        Pure insertions or removals were decided earlier; ``allow_single_flips`` or a swap permits them.
         """
-        # The volume is that of the first map: one that grows must not look better for it.
+        # The volume is that of the first map: a growing map must not raise the evidence.
         volumes = log_prior_volume(self.problem, w_T) - self.problem.dof / 2 * np.log(2 * np.pi)
-        here = LinearizedSet.of(self.problem, self.graph, kept, w_T, volumes)
+        current = LinearizedSet.of(self.problem, self.graph, kept, w_T, volumes)
         for _ in range(_ROUNDS):
-            if here is None or self.late():
+            if current is None or self.out_of_time():
                 break
-            changes = self._best_changes(here, both=not opened)
-            if len(changes) == 0:
+            flips = self._best_flips(current, both=not allow_single_flips)
+            if len(flips) == 0:
                 break
-            other = here.kept.copy()
-            other[changes] = ~other[changes]
-            there = LinearizedSet.of(self.problem, self.graph, other, self.solve(other, here.w_T), volumes)
-            if there is None or there.evidence(here.scale, here.odds) <= here.evidence(here.scale, here.odds):
+            other = current.kept.copy()
+            other[flips] = ~other[flips]
+            proposal = LinearizedSet.of(
+                self.problem, self.graph, other, self.solve(other, current.w_T), volumes
+            )
+            if proposal is None or proposal.evidence(current.scale, current.odds) <= current.evidence(
+                current.scale, current.odds
+            ):
                 break
-            here, opened = there, True
-        return (kept, w_T) if here is None else (here.kept, here.w_T)
+            current, allow_single_flips = proposal, True
+        return (kept, w_T) if current is None else (current.kept, current.w_T)
 
-    def _best_changes(self, here: LinearizedSet, both: bool) -> Index:
-        """The loops whose flips gain most, with ``both`` some of them insertions and some removals."""
-        samples = sample_posterior(self.graph(here.kept), self.problem.values(here.w_T), self.problem.dof)
-        outside = None if samples is None else self._nearest(here, samples)
+    def _best_flips(self, current: LinearizedSet, both: bool) -> Index:
+        """Return the loops of the best flip sequence; ``both`` demands an insertion and a removal."""
+        samples = sample_posterior(
+            self.graph(current.kept), self.problem.values(current.w_T), self.problem.dof
+        )
+        outside = None if samples is None else self._likeliest_rejected(current, samples)
         if samples is None or outside is None:
             return _NONE
-        loops = np.sort(np.append(outside.edges, self._strained(here, samples, outside)))
-        search = SwapSearch(here, loops, self.problem.residuals(here.w_T))
-        likely, out, in_ = search.likely(), np.flatnonzero(~search.on), np.flatnonzero(search.on)
+        loops = np.sort(np.append(outside.edges, self._most_affected(current, samples, outside)))
+        search = SwapSearch(current, loops, self.problem.residuals(current.w_T))
+        log_odds, out, in_ = (
+            search.log_odds(),
+            np.flatnonzero(~search.accepted),
+            np.flatnonzero(search.accepted),
+        )
         forced = [
-            *out[np.argsort(-likely[out])[:_FORCED_IN]].tolist(),
-            *in_[np.argsort(likely[in_])[:_FORCED_OUT]].tolist(),
+            *out[np.argsort(-log_odds[out])[:_FORCED_IN]].tolist(),
+            *in_[np.argsort(log_odds[in_])[:_FORCED_OUT]].tolist(),
         ]
         found = (search.best_sequence(first, both) for first in [None, *forced])
         gain, sequence = max(found, key=lambda each: each[0])
-        return loops[sequence] if gain > _LEAST_GAIN else _NONE
+        return loops[sequence] if gain > _MIN_GAIN else _NONE
 
-    def _nearest(self, here: LinearizedSet, samples: Array) -> LoopInnovations | None:
-        """The rejected loops of highest log odds, one for each pair of places that has no accepted loop.
+    def _likeliest_rejected(self, current: LinearizedSet, samples: Array) -> LoopInnovations | None:
+        """Return the rejected loops of highest log odds, one per pair of places without an accepted loop.
 
-        None where all are too unlikely.
+        The result is None if all are too unlikely.
         """
-        left_out = np.flatnonzero(~here.kept & ~np.isin(self.place, self.place[here.kept & here.loops]))
+        left_out = np.flatnonzero(
+            ~current.kept & ~np.isin(self.place, self.place[current.kept & current.loops])
+        )
         if len(left_out) == 0:
             return None
-        found = innovations(self.problem, here.w_T, samples, left_out, here.scale)
-        likely = here.log_volumes[left_out] - self.problem.dof * np.log(here.scale) + here.odds
-        likely = likely - (found.sigma() ** 2 + np.linalg.slogdet(found.covariance)[1]) / 2
-        order = _first_of_each(np.argsort(-likely), self.place[left_out])[:_CANDIDATES]
-        order = order[likely[order] > -_REACH]
-        return found.only(order) if len(order) else None
+        found = innovations(self.problem, current.w_T, samples, left_out, current.scale)
+        log_odds = current.log_volumes[left_out] - self.problem.dof * np.log(current.scale) + current.odds
+        log_odds = log_odds - (found.sigma() ** 2 + np.linalg.slogdet(found.covariance)[1]) / 2
+        order = _first_of_each(np.argsort(-log_odds), self.place[left_out])[:_MAX_REJECTED]
+        order = order[log_odds[order] > -_MAX_LOG_ODDS_DEFICIT]
+        return found.subset(order) if len(order) else None
 
-    def _strained(self, here: LinearizedSet, samples: Array, outside: LoopInnovations) -> Index:
-        """Accepted loops; if many, those whose residuals inserting an ``outside`` loop would change most."""
-        inside = np.flatnonzero(here.kept & here.loops)
-        if len(inside) <= _KEPT:
+    def _most_affected(self, current: LinearizedSet, samples: Array, outside: LoopInnovations) -> Index:
+        """Return accepted loops; if many, those whose residuals an ``outside`` loop would change most."""
+        inside = np.flatnonzero(current.kept & current.loops)
+        if len(inside) <= _MAX_ACCEPTED:
             return inside
         pull = np.linalg.solve(outside.covariance, outside.residual[..., None])[..., 0]
         pull = np.einsum("cds,cd->cs", outside.spread, pull) / samples.shape[2]
-        strain = np.linalg.norm(whitened_spread(self.problem, here.w_T, samples, inside) @ pull.T, axis=1)
-        return inside[np.argsort(-strain.max(axis=1))[:_KEPT]]
+        strain = np.linalg.norm(whitened_spread(self.problem, current.w_T, samples, inside) @ pull.T, axis=1)
+        return inside[np.argsort(-strain.max(axis=1))[:_MAX_ACCEPTED]]

@@ -123,9 +123,9 @@ def test_a_range_is_where_the_ray_along_the_body_meets_the_floor(seed):
 @settings(max_examples=60, deadline=None, derandomize=True)
 def test_a_position_is_that_of_the_body_in_the_measured_world(seed):
     f_T_c, world, c_T_b = draw(seed)
-    told = np.array([3.0, -1.0, 12.0])
-    factor = scaled_position_factor(POSE, WORLD, told, model(3), c_T_b)
-    expected = metric_world_pose(f_T_c, world, c_T_b)[:3, 3] - told
+    nominal = np.array([3.0, -1.0, 12.0])
+    factor = scaled_position_factor(POSE, WORLD, nominal, model(3), c_T_b)
+    expected = metric_world_pose(f_T_c, world, c_T_b)[:3, 3] - nominal
     assert factor.unwhitenedError(values_of(f_T_c, world)) == pytest.approx(expected, abs=1e-9)
 
 

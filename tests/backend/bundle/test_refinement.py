@@ -132,12 +132,12 @@ def test_sensors_noisier_than_told_are_found_out():
     scene, found = replace(SONAR, attitude_std_rad=0.03, range_std_m=0.03, keyframes=24), []
     for seed in SEEDS:
         made = make(scene, seed)
-        told = replace(
+        nominal = replace(
             made.measurements,
             attitudes=tuple(replace(a, std_rad=a.std_rad / 3) for a in made.measurements.attitudes),
             ranges=tuple(replace(r, std_m=r.std_m / 3) for r in made.measurements.ranges),
         )
-        found.append(refine(told, made.start).noise)
+        found.append(refine(nominal, made.start).noise)
     assert np.mean([level.roll_pitch_rad for level in found]) == pytest.approx(0.03, rel=0.2)
     assert np.mean([level.range_m for level in found]) == pytest.approx(0.03, rel=0.2)
 

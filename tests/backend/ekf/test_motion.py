@@ -14,7 +14,7 @@ MODEL = np.concatenate([[1.5, 0.4, 0.8, 0.3, 1e-3, 2e-3, 0.05, 20.0, 0.01, 0.1, 
 
 def drawn_state(rng):
     x = rng.normal(0, 1, at.STATE)
-    for first in (at.X_ROT, at.X_KEPT_ROT):
+    for first in (at.X_ROT, at.X_CLONE_ROT):
         x[first : first + 4] = Rotation.random(rng=rng).as_quat(scalar_first=True)
     return x
 
@@ -22,9 +22,9 @@ def drawn_state(rng):
 def difference(y, x):
     """The error that takes state x to state y."""
     e = np.zeros(at.SIZE)
-    e[: at.ROT], e[at.RATE : at.KEPT_POS] = (y - x)[: at.X_ROT], (y - x)[at.X_RATE : at.X_KEPT_POS]
-    e[at.KEPT_POS : at.KEPT_ROT] = (y - x)[at.X_KEPT_POS : at.X_KEPT_ROT]
-    for error, first in ((at.ROT, at.X_ROT), (at.KEPT_ROT, at.X_KEPT_ROT)):
+    e[: at.ROT], e[at.RATE : at.CLONE_POS] = (y - x)[: at.X_ROT], (y - x)[at.X_RATE : at.X_CLONE_POS]
+    e[at.CLONE_POS : at.CLONE_ROT] = (y - x)[at.X_CLONE_POS : at.X_CLONE_ROT]
+    for error, first in ((at.ROT, at.X_ROT), (at.CLONE_ROT, at.X_CLONE_ROT)):
         a, b = (Rotation.from_quat(s[first : first + 4], scalar_first=True) for s in (x, y))
         e[error : error + 3] = (a.inv() * b).as_rotvec()
     return e
@@ -34,7 +34,7 @@ def matrix(F):
     """The transition as a matrix: its columns are what it makes of unit errors."""
     columns = np.eye(at.SIZE)
     for column in columns:
-        at.push(column, F)
+        at.apply_transition(column, F)
     return columns.T
 
 
@@ -67,8 +67,8 @@ def test_pulling_back_is_the_transpose():
     L, y = rng.normal(0, 1, (at.SIZE, at.SIZE)), rng.normal(0, 1, at.SIZE)
     L = L + L.T
     expected = transition.T @ L @ transition, transition.T @ y
-    at.both_sides(L, F, True)
-    at.pull(y, F)
+    at.transform_covariance(L, F, True)
+    at.apply_transposed_transition(y, F)
     np.testing.assert_allclose(L, expected[0], atol=1e-12)
     np.testing.assert_allclose(y, expected[1], atol=1e-12)
 
@@ -83,7 +83,7 @@ def test_correlated_signal_against_the_matrix_exponential(dt):
     big = expm(np.block([[-A, noise], [np.zeros((3, 3)), A.T]]) * dt)
     transition = big[3:, 3:].T
     expected = transition @ big[:3, 3:]
-    step, q = at.correlated(dt, std, tau)
+    step, q = at.integrate_correlated(dt, std, tau)
     np.testing.assert_allclose(step, transition[:, 2], rtol=1e-4)
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     np.testing.assert_allclose(q / scale, expected / scale, atol=0.02)

@@ -19,8 +19,8 @@ MODEL = np.concatenate([np.ones(at.MOTION), BEAM / np.linalg.norm(BEAM), RANGE_A
 
 def drawn_state(rng):
     x = rng.normal(0, 1, at.STATE)
-    x[2], x[at.X_KEPT_POS + 2] = 1.5, 1.2
-    for first in (at.X_ROT, at.X_KEPT_ROT):
+    x[2], x[at.X_CLONE_POS + 2] = 1.5, 1.2
+    for first in (at.X_ROT, at.X_CLONE_ROT):
         tilted = Rotation.from_euler("ZYX", rng.uniform([-3, -0.6, -0.6], [3, 0.6, 0.6]))
         x[first : first + 4] = tilted.as_quat(scalar_first=True)
     x[at.X_RANGE_SCALE] *= 0.1
@@ -44,8 +44,8 @@ READINGS = [n for name, n in kinds.CHANNELS.items() if name != "pictures"]
 @pytest.mark.parametrize("seed", range(5))
 def test_derivatives(kind, seed):
     x, H = drawn_state(np.random.default_rng(seed)), np.empty((6, at.SIZE))
-    z, able = kinds.predict(kind, x, np.zeros(3), MODEL, H)
-    assert able
+    z, valid = kinds.predict(kind, x, np.zeros(3), MODEL, H)
+    assert valid
     H = H.copy()
     scratch = np.empty((6, at.SIZE))
     # Angles are read within half a turn of what was read: give them what is expected.
@@ -57,15 +57,17 @@ def test_derivatives(kind, seed):
 def test_derivatives_of_a_step(seed):
     rng = np.random.default_rng(seed)
     x, H = drawn_state(rng), np.empty((6, at.SIZE))
-    kept, now = (
-        Rotation.from_quat(x[k : k + 4], scalar_first=True).as_matrix() for k in (at.X_KEPT_ROT, at.X_ROT)
+    clone, now = (
+        Rotation.from_quat(x[k : k + 4], scalar_first=True).as_matrix() for k in (at.X_CLONE_ROT, at.X_ROT)
     )
-    height = x[at.X_KEPT_POS + 2] + (kept @ CAMERA_AT)[2]
+    height = x[at.X_CLONE_POS + 2] + (clone @ CAMERA_AT)[2]
     seen = np.eye(4)
-    seen[:3, :3] = kept.T @ now
-    seen[:3, 3] = (kept.T @ (x[:3] + now @ CAMERA_AT - x[at.X_KEPT_POS : at.X_KEPT_ROT]) - CAMERA_AT) / height
-    residual, able = kinds.step_residual(x, seen, MODEL, H)
-    assert able
+    seen[:3, :3] = clone.T @ now
+    seen[:3, 3] = (
+        clone.T @ (x[:3] + now @ CAMERA_AT - x[at.X_CLONE_POS : at.X_CLONE_ROT]) - CAMERA_AT
+    ) / height
+    residual, valid = kinds.step_residual(x, seen, MODEL, H)
+    assert valid
     np.testing.assert_allclose(residual, 0, atol=1e-12)
     H = H.copy()
     scratch = np.empty((6, at.SIZE))
@@ -81,10 +83,10 @@ def test_an_error_of_the_own_attitude_stays_in_the_world():
     for yaw in (0.0, 1.0, 2.5):
         body = Rotation.from_euler("ZYX", [yaw, 0.2, -0.1])
         x = np.zeros(at.STATE)
-        x[at.X_ROT : at.X_RATE], x[at.X_KEPT_ROT] = body.as_quat(scalar_first=True), 1.0
+        x[at.X_ROT : at.X_RATE], x[at.X_CLONE_ROT] = body.as_quat(scalar_first=True), 1.0
         x[at.X_ATTITUDE_ERROR : at.X_ATTITUDE_ERROR + 3] = [*lean[:2], 0.4]
-        said, able = kinds.predict(kinds.ATTITUDE, x, np.full(3, np.nan), MODEL, scratch)
-        assert able
+        said, valid = kinds.predict(kinds.ATTITUDE, x, np.full(3, np.nan), MODEL, scratch)
+        assert valid
         own = Rotation.from_euler("z", 0.4) * Rotation.from_rotvec(lean) * body
         read = Rotation.from_euler("ZYX", said[:3][::-1])
         assert (own.inv() * read).magnitude() < 1e-12

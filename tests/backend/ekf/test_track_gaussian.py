@@ -28,7 +28,7 @@ def dense(stamps_s, readings_at, readings, std, asked):
     first = np.diag([0.0, 0.5, 2.0]) ** 2
     transitions, noises = [np.eye(3)], [first]
     for dt in np.diff(stamps_s):
-        step, q = ekf_motion.correlated(dt, STD, TAU)
+        step, q = ekf_motion.integrate_correlated(dt, STD, TAU)
         transitions.append(np.array([[1, dt, step[0]], [0, 1, step[1]], [0, 0, step[2]]]))
         noises.append(q)
     n = len(stamps_s)
@@ -69,10 +69,10 @@ def run_straight(straight, **options):
     return track(readings, asked_s, start, line_model(gate_probability=1e-300), **options)
 
 
-@pytest.mark.parametrize("keep", ["none", "first", "each"])
-def test_smoother_is_the_gaussian_given_all_readings(straight, keep):
+@pytest.mark.parametrize("clone", ["none", "first", "each"])
+def test_smoother_is_the_gaussian_given_all_readings(straight, clone):
     read_s, asked_s, values = straight
-    smoothed = run_straight(straight, keep=keep).smoothed
+    smoothed = run_straight(straight, clone=clone).smoothed
     stamps_s = np.unique(np.concatenate([read_s, asked_s]))
     at = np.searchsorted(stamps_s, read_s), np.searchsorted(stamps_s, asked_s)
     for axis in range(3):
@@ -104,7 +104,7 @@ def test_filter_is_the_gaussian_given_the_readings_until_then(straight):
 def test_way_between_asked_times_has_the_joint_covariance(straight):
     """Not the sum of the two poses' own: their errors are nearly one."""
     read_s, asked_s, values = straight
-    smoothed = run_straight(straight, keep="each").smoothed
+    smoothed = run_straight(straight, clone="each").smoothed
     stamps_s = np.unique(np.concatenate([read_s, asked_s]))
     at = np.searchsorted(stamps_s, read_s), np.searchsorted(stamps_s, asked_s)
     mean, covariance = dense(stamps_s, at[0], values[:, 0], 0.2, at[1])
@@ -122,7 +122,7 @@ def test_way_between_asked_times_has_the_joint_covariance(straight):
 
 def test_the_first_pose_kept_gives_covariances_relative_to_it(straight):
     read_s, asked_s, values = straight
-    smoothed = run_straight(straight, keep="first").smoothed
+    smoothed = run_straight(straight, clone="first").smoothed
     stamps_s = np.unique(np.concatenate([read_s, asked_s]))
     at = np.searchsorted(stamps_s, read_s), np.searchsorted(stamps_s, asked_s)
     _, covariance = dense(stamps_s, at[0], values[:, 0], 0.2, at[1])

@@ -47,8 +47,8 @@ def test_steps_of_pictures_are_foreseen_as_well_as_told_and_a_wrong_one_counts()
     off = np.array([0.0, 0.0, 0.0, 0.5, 0.0, 0.0])
     steps[9] = replace(steps[9], i_T_j=steps[9].i_T_j @ se3.exp(off[None])[0])
     wrong = track(replace(readings, steps=tuple(steps)), AT_S, start, model).channels["pictures"]
-    assert (wrong.status[9] == ekf_records.REFUSED).all()
-    assert wrong.count(ekf_records.REFUSED) == 6
+    assert (wrong.status[9] == ekf_records.REJECTED).all()
+    assert wrong.count(ekf_records.REJECTED) == 6
     assert wrong.log_likelihood < found.log_likelihood - 5.0
 
 

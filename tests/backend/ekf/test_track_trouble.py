@@ -37,8 +37,8 @@ def test_spikes_are_refused_and_counted(made):
     clean = track(readings, AT_S, start, model)
     found = track(replace(readings, range_m=replace(readings.range_m, values=values)), AT_S, start, model)
     status = found.channels["range"].status[:, 0]
-    assert np.flatnonzero(status == ekf_records.REFUSED).tolist() == spiked.tolist()
-    assert found.channels["range"].count(ekf_records.REFUSED) == len(spiked)
+    assert np.flatnonzero(status == ekf_records.REJECTED).tolist() == spiked.tolist()
+    assert found.channels["range"].count(ekf_records.REJECTED) == len(spiked)
     # What was refused says nothing of the noise of the others: the mean stays where the model has it.
     ranges = found.channels["range"]
     assert np.nanmean(ranges.nis) > 10
@@ -65,7 +65,7 @@ def test_what_an_instrument_cannot_read_in_that_attitude_is_counted():
     )
     start = InitialState(1.0, 0.01, w_R_b, tilt_std_rad=0.01)
     channels = track(readings, np.array([1.0]), start, FilterModel()).channels
-    unable = {name: channel.count(ekf_records.UNABLE) for name, channel in channels.items()}
+    unable = {name: channel.count(ekf_records.UNPREDICTABLE) for name, channel in channels.items()}
     n = len(stamps_s)
     assert unable == {"gyro": 0, "accelerometer": 0, "attitude": 2 * n, "velocity": 2 * n, "range": n}
 
@@ -76,7 +76,7 @@ def test_a_step_becomes_the_instruments_own_error(made):
     values = readings.range_m.values.copy()
     values[150:] -= 0.4
     found = track(replace(readings, range_m=replace(readings.range_m, values=values)), AT_S, start, model)
-    assert found.channels["range"].count(ekf_records.STEPPED) == 1
+    assert found.channels["range"].count(ekf_records.BIAS_STEPPED) == 1
     height = found.smoothed.w_T_b[:, 2, 3]
     np.testing.assert_allclose(height, flight.position.at(AT_S)[:, 2], atol=0.15)
     assert found.smoothed.errors["range_offset"][-1, 0] == pytest.approx(-0.4, abs=0.15)
@@ -86,8 +86,8 @@ def test_a_gap_widens_the_uncertainty_and_nothing_breaks(made):
     flight, model, readings, start = made
 
     def holed(series):
-        kept = (series.stamps_s < 5.0) | (series.stamps_s > 7.0)
-        return replace(series, stamps_s=series.stamps_s[kept], values=series.values[kept])
+        clone = (series.stamps_s < 5.0) | (series.stamps_s > 7.0)
+        return replace(series, stamps_s=series.stamps_s[clone], values=series.values[clone])
 
     streams = ("gyro_rad_s", "accel_m_s2", "roll_pitch_yaw_rad", "range_m", "velocity_m_s")
     gone = Readings(**{name: holed(getattr(readings, name)) for name in streams})
@@ -120,7 +120,7 @@ def test_missing_values_and_absent_streams(made):
 
 def test_covariances_stay_symmetric_and_definite(made):
     _, model, readings, start = made
-    found = track(readings, AT_S, start, model, keep="each")
+    found = track(readings, AT_S, start, model, clone="each")
     for states in (found.filtered, found.smoothed):
         P = states.motion_covariances
         np.testing.assert_array_equal(P, P.transpose(0, 2, 1))

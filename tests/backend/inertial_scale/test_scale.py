@@ -187,7 +187,7 @@ def test_the_told_size_of_the_poses_error_does_not_matter():
 
 @pytest.mark.parametrize(
     ("flight", "why"),
-    [(made(3, sway=1e-3), "hardly speeds up"), (made(3, lasts_s=4.0), "fly longer")],
+    [(made(3, sway=1e-3), "hardly accelerates"), (made(3, lasts_s=4.0), "fly longer")],
     ids=["hovers", "too short"],
 )
 def test_what_the_flight_does_not_tell_is_not_told(flight: Made, why: str):

@@ -34,7 +34,7 @@ def test_the_same_answer_as_the_batch(kind: str):
     relative = np.linalg.inv(w_T[0]) @ w_T
     expected = np.linalg.inv(batch.w_T_b[0]) @ batch.w_T_b
     np.testing.assert_allclose(relative, expected, atol=3e-3)
-    assert all(step.rebuilt == "" for step in steps)
+    assert all(step.rebuild_reason == "" for step in steps)
 
 
 def test_each_step_tells_where_the_newest_keyframe_is():
@@ -50,13 +50,13 @@ def test_each_step_tells_where_the_newest_keyframe_is():
 def test_loops_wait_where_the_budget_is_spent_and_are_taken_in_at_the_end():
     made = flight(3, n=80, loops=20)
     live, steps = _flown(made, budget_s=0.0)
-    waiting = [step.waiting for step in steps]
-    assert max(waiting) > 5
-    assert live.settle().waiting == 0
+    pending = [step.pending for step in steps]
+    assert max(pending) > 5
+    assert live.settle().pending == 0
     batch = solve(made.measurements, covariances=False, loops_robust=False)
     assert live.error() == pytest.approx(batch.error, rel=1e-3)
     _, free = _flown(made, budget_s=np.inf)
-    assert max(step.waiting for step in free) == 0
+    assert max(step.pending for step in free) == 0
 
 
 class _Poisoned:
@@ -76,18 +76,18 @@ def test_an_exception_is_survived_by_building_anew():
     made = flight(4)
     m = made.measurements
     live = Incremental()
-    rebuilt = []
+    rebuild_reason = []
     for k in range(m.count):
         if k in (20, 45):
             live._isam = _Poisoned(live._isam)
         edges = tuple(e for e in m.relative_poses if max(e.i, e.j) == k)
         own = [tuple(s for s in kind if s.k == k) for kind in (m.attitudes, m.ranges, m.positions)]
         step = live.add(edges, *own)
-        if step.rebuilt:
-            rebuilt.append(k)
-            assert "Indeterminate" in step.rebuilt
-            assert "\n" not in step.rebuilt
-    assert rebuilt == [20, 45]
+        if step.rebuild_reason:
+            rebuild_reason.append(k)
+            assert "Indeterminate" in step.rebuild_reason
+            assert "\n" not in step.rebuild_reason
+    assert rebuild_reason == [20, 45]
     live.settle()
     batch = solve(m, covariances=False, loops_robust=False)
     assert live.error() == pytest.approx(batch.error, rel=1e-3)

@@ -69,10 +69,10 @@ def test_holding_costs_nothing():
     """A gauge that is held adds no error: a rigid motion of the start leaves the error."""
     made = flight(3)
     move = se3.from_planar(np.array([[5.0, -3.0, 2.0]]))[0]
-    plain = solve(made.measurements, initial=made.truth)
+    gaussian = solve(made.measurements, initial=made.truth)
     moved = solve(made.measurements, initial=move @ made.truth)
-    assert moved.error == pytest.approx(plain.error, rel=1e-5)
-    np.testing.assert_allclose(moved.w_T_b, move @ plain.w_T_b, atol=2e-3)
+    assert moved.error == pytest.approx(gaussian.error, rel=1e-5)
+    np.testing.assert_allclose(moved.w_T_b, move @ gaussian.w_T_b, atol=2e-3)
 
 
 def test_without_a_start_the_same_optimum_as_from_the_truth():
@@ -196,7 +196,7 @@ def test_names_are_used():
     named = replace(made.measurements, names=("a.png", "b.png", "c.png", "d.png"))
     edges = tuple(e for e in named.relative_poses if 3 not in (e.i, e.j))
     s = solve(replace(named, relative_poses=edges))
-    assert any("d.png" in said for said in s.unobserved)
+    assert any("d.png" in messages for messages in s.unobserved)
 
 
 def test_interrupt_leaves_cleanly():
@@ -329,7 +329,7 @@ def test_the_slant_range_factor_is_its_definition():
         problem, _ = from_measurements(
             Measurements(np.zeros(1), ranges=(SlantRange(0, slant + off, 0.01 / tilt[2, 2]),)), tilt[None]
         )
-        error = problem.unary_factors[0].plain.error(problem.values(tilt[None]))
+        error = problem.unary_factors[0].gaussian.error(problem.values(tilt[None]))
         assert np.sqrt(2 * error) == pytest.approx(expected * tilt[2, 2] ** 2, rel=1e-6, abs=1e-9)
 
 

@@ -56,7 +56,7 @@ def test_an_angle_that_was_not_measured_weighs_nothing():
 def test_a_range_does_not_care_where_it_is_taken():
     single = slant_range(SlantRange(0, 1.0, 0.01))
     for place in ((0, 0, 1), (50, -20, 1)):
-        assert _sigmas(single.plain, _pose([0, 0, 0.7], place)) == pytest.approx(0, abs=1e-9)
+        assert _sigmas(single.gaussian, _pose([0, 0, 0.7], place)) == pytest.approx(0, abs=1e-9)
 
 
 def test_a_range_begins_at_its_sensor_and_goes_along_its_beam():
@@ -64,7 +64,7 @@ def test_a_range_begins_at_its_sensor_and_goes_along_its_beam():
     w_T_b = _pose([0.05, 0.1, 1.0], (3, 4, 1.2))
     w_T_s = w_T_b @ b_T_s
     single = slant_range(SlantRange(0, w_T_s[2, 3] / w_T_s[2, 2], 0.01, b_T_s))
-    assert _sigmas(single.plain, w_T_b) == pytest.approx(0, abs=1e-9)
+    assert _sigmas(single.gaussian, w_T_b) == pytest.approx(0, abs=1e-9)
     assert aligned(w_T_b[None], (single,))[0] == pytest.approx(w_T_b)
 
 

@@ -176,7 +176,7 @@ def test_command_writes_all_and_evaluate_reads_it(flight, tmp_path):
 def test_what_only_weighs_less_is_not_said_to_be_left_out(flight, navigation):
     heard = navigation.track.channels["range"]
     marked = heard.status.copy()
-    marked[:5, 0], marked[5:7, 0] = status.SOFTENED, status.REFUSED
+    marked[:5, 0], marked[5:7, 0] = status.INFLATED, status.REJECTED
     channels = {**navigation.track.channels, "range": replace(heard, status=marked)}
     rows = dict(figures(replace(navigation, track=replace(navigation.track, channels=channels))).rows)
     assert "5 x range: off, taken with less weight" in rows["weighed less"]

@@ -7,7 +7,7 @@ import pytest
 
 from backend.pose_graph.from_measurements import from_measurements
 from backend.pose_graph.selection.null_loops import NullLoops, estimate_pass_probability
-from backend.pose_graph.selection.prediction import LoopInnovations, limit
+from backend.pose_graph.selection.prediction import LoopInnovations, chi_square_gate
 from tests.backend.synthetic import flight
 
 
@@ -45,7 +45,7 @@ def test_without_decoys_a_loop_may_lie_anywhere():
 def _innovations(log_pass_probability: np.ndarray, agrees: np.ndarray) -> LoopInnovations:
     k = len(log_pass_probability)
     residual = np.zeros((k, 3))
-    residual[~agrees, 0] = 2 * np.sqrt(limit(3))
+    residual[~agrees, 0] = 2 * np.sqrt(chi_square_gate(3))
     found = LoopInnovations(np.arange(k), residual, np.zeros((k, 3, 1)), np.zeros(k))
     return LoopInnovations(
         found.edges, residual, found.spread, found.log_pass_probability() - log_pass_probability

@@ -57,16 +57,16 @@ def test_a_loop_that_changes_sides_moves_the_others_as_dense_algebra_says(dimens
     search = SwapSearch(linearized(problem, kept, w_T), loops, problem.residuals(w_T))
     J = jacobian(factors(problem, np.ones_like(kept)), problem.values(w_T)).toarray()
     error = np.append(problem.residuals(w_T).ravel(), np.zeros(len(J) - d * len(kept)))
-    for change in (0, len(loops) - 1, 3, 1, 0):
-        search.change(change)
-        kept[loops[change]] = ~kept[loops[change]]
+    for flip in (0, len(loops) - 1, 3, 1, 0):
+        search.flip(flip)
+        kept[loops[flip]] = ~kept[loops[flip]]
         used = np.append(np.repeat(kept, d), np.ones(len(J) - d * len(kept), dtype=bool))
         covariance = np.linalg.inv(J[used].T @ J[used])
         moved = error - J @ covariance @ J[used].T @ error[used]
         for k, loop in enumerate(loops):
             rows = slice(d * loop, d * loop + d)
             np.testing.assert_allclose(search.residual[k], moved[rows], atol=1e-6)
-            np.testing.assert_allclose(search.own[k], J[rows] @ covariance @ J[rows].T, atol=1e-6)
+            np.testing.assert_allclose(search.covariances[k], J[rows] @ covariance @ J[rows].T, atol=1e-6)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
@@ -75,15 +75,17 @@ def test_the_gain_of_a_change_is_that_of_the_evidence(dimension: int):
     problem, loops, w_T = with_loops(dimension)
     kept = np.ones(len(problem.i), dtype=bool)
     kept[loops[:2]] = False
-    here = linearized(problem, kept, w_T)
-    search = SwapSearch(here, loops, problem.residuals(w_T))
-    for change in (0, 5):
+    current = linearized(problem, kept, w_T)
+    search = SwapSearch(current, loops, problem.residuals(w_T))
+    for flip in (0, 5):
         other = kept.copy()
-        other[loops[change]] = ~other[loops[change]]
-        there = linearized(problem, other, solved(problem, other, w_T))
-        gained = there.evidence(here.scale, here.odds) - here.evidence(here.scale, here.odds)
-        sign = 1 if other[loops[change]] else -1
-        assert sign * search.likely()[change] == pytest.approx(gained, abs=0.3)
+        other[loops[flip]] = ~other[loops[flip]]
+        proposal = linearized(problem, other, solved(problem, other, w_T))
+        gained = proposal.evidence(current.scale, current.odds) - current.evidence(
+            current.scale, current.odds
+        )
+        sign = 1 if other[loops[flip]] else -1
+        assert sign * search.log_odds()[flip] == pytest.approx(gained, abs=0.3)
 
 
 @pytest.mark.parametrize("seed", range(3))
