@@ -1,4 +1,4 @@
-"""The documentation pages: sentences are short, named files exist, and the examples of docs/library.md run."""
+"""Documentation pages: sentences are short, named files exist, and the examples of docs/library.md run."""
 
 from __future__ import annotations
 
