@@ -116,8 +116,8 @@ def figures(navigation: Navigation) -> FigureTable:
     ]
     for name, channel in track.channels.items():
         mean = "–" if channel.mean_nis is None else f"{channel.mean_nis:.2f}"
-        taken = f"{channel.accepted.any(axis=1).sum()} of {len(channel.stamps_s)} readings"
-        rows.append((f"{name}, mean NIS (1 is right)", f"{mean} over {taken}"))
+        used = f"{channel.accepted.any(axis=1).sum()} of {len(channel.stamps_s)} readings"
+        rows.append((f"{name}, mean NIS (1 is right)", f"{mean} over {used}"))
     for name, counted in (("left out", refused(track)), ("weighed less", softened(track))):
         rows.append((name, ", ".join(f"{n} x {why}" for why, n in counted.items()) or "nothing"))
     rows.append(("time", f"{sum(found.timing_s.values()):.1f} s"))

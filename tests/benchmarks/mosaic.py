@@ -131,9 +131,24 @@ def run(scene: str, count: int) -> MosaicRun:
     stamps, names = np.arange(count) * 1.0, tuple(map(str, range(count)))
     unknown = np.full((count, 6, 6), np.nan)
     estimate = Estimate(
-        scene, "ok", 0, stamps, names, np.arange(count), w_T_b, unknown, unknown,
-        np.zeros(count, np.int64), CAMERA, 0.0, None, (), (), w_T_b, w_T_b,
-    )  # fmt: skip
+        name=scene,
+        status="ok",
+        epoch_ns=0,
+        stamps_s=stamps,
+        frame_names=names,
+        frame_index=np.arange(count),
+        w_T_b=w_T_b,
+        covariances=unknown,
+        over_floor_covariances=unknown,
+        component=np.zeros(count, np.int64),
+        camera=CAMERA,
+        floor_z_m=0.0,
+        origin=None,
+        relative_poses=(),
+        loops=(),
+        chain_w_T_b=w_T_b,
+        odometry_w_T_b=w_T_b,
+    )
     flight = Flight(scene, camera=CAMERA, frames=Frames(stamps, names, load))
     began = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:

@@ -32,9 +32,24 @@ def scene(seed: int = 1) -> tuple[Estimate, Flight, list[np.ndarray | None]]:
     unknown = np.full((n, 6, 6), np.nan)
     names = tuple(f"{k}.png" for k in index)
     estimate = Estimate(
-        "made", "ok", 0, np.arange(n) * 1.0, names, index, poses, unknown, unknown,
-        np.zeros(n, np.int64), CAMERA, FLOOR_Z_M, None, (), (), poses, poses,
-    )  # fmt: skip
+        name="made",
+        status="ok",
+        epoch_ns=0,
+        stamps_s=np.arange(n) * 1.0,
+        frame_names=names,
+        frame_index=index,
+        w_T_b=poses,
+        covariances=unknown,
+        over_floor_covariances=unknown,
+        component=np.zeros(n, np.int64),
+        camera=CAMERA,
+        floor_z_m=FLOOR_Z_M,
+        origin=None,
+        relative_poses=(),
+        loops=(),
+        chain_w_T_b=poses,
+        odometry_w_T_b=poses,
+    )
     names = tuple(f"{k}.png" for k in range(2 * n))
     return (
         estimate,
