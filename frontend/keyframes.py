@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.cells import cells
-from frontend.continuity import Trail
+from frontend.corner_track import CornerTrack
 from frontend.features import Extractor, Features
 from frontend.gates import GateConfig, relative_change
 from frontend.homography import HomographyConfig, transfer
@@ -50,7 +50,7 @@ class Keyframe:
 
 
 @dataclass(frozen=True)
-class Passed:
+class IntermediateFrame:
     """A frame that did not become a keyframe, as the keyframe before it sees it."""
 
     frame: int
@@ -71,7 +71,7 @@ class _Tracked:
     link: Registration | None
     on_floor: NDArray[np.bool_]
     """(n,) features that the map gets."""
-    trail: Trail
+    trail: CornerTrack
     """This frame's place, and that of the one before, as the last keyframe sees them."""
 
     def as_last(self) -> _Tracked:
@@ -93,10 +93,10 @@ class _Tracked:
         on_floor = features[self.on_floor]
         return Keyframe(self.frame, on_floor, link)
 
-    def passed(self) -> Passed:
+    def passed(self) -> IntermediateFrame:
         """The frame as one that does not stay."""
         assert self.link is not None
-        return Passed(self.frame, self.link.i, self.link.i_H_j, self.link.corner_covariance)
+        return IntermediateFrame(self.frame, self.link.i, self.link.i_H_j, self.link.corner_covariance)
 
 
 class Tracker:
@@ -119,7 +119,7 @@ class Tracker:
         self.frames = 0
         self.moving: set[int] = set()
         """Frames in which something moves otherwise than the floor."""
-        self.passed: list[Passed] = []
+        self.passed: list[IntermediateFrame] = []
 
     def keyframes(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
         """Keyframes in order of time."""
@@ -211,7 +211,7 @@ class Tracker:
         return features
 
     def _track(
-        self, number: int, frame: int, last: _Tracked, features: Features, trail: Trail
+        self, number: int, frame: int, last: _Tracked, features: Features, trail: CornerTrack
     ) -> tuple[_Tracked | None, str]:
         """The frame as the last keyframe sees it, or why not."""
         link = register(
@@ -231,7 +231,7 @@ class Tracker:
 
     def _first(self, frame: int, features: Features) -> _Tracked:
         every = np.ones(len(features), dtype=bool)
-        return _Tracked(frame, features, None, every, Trail.begin(frame, self._corners))
+        return _Tracked(frame, features, None, every, CornerTrack.begin(frame, self._corners))
 
 
 def _on_floor(features: Features, link: Registration, camera: Camera) -> NDArray[np.bool_]:

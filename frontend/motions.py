@@ -28,7 +28,7 @@ ELSEWHERE = 0.4
 cell of those that agree."""
 _LEAST, _ITERATIONS = 15, 300
 
-AWAY = 0.05
+DISTINCT_MOTION_WIDTHS = 0.05
 """A motion whose corners lie this many picture widths from where they are expected may not be the floor's."""
 MOST_LEAD = 2.0
 """No floor leads by more than so many pictures that it alone fills."""
@@ -94,7 +94,7 @@ def floor_motion(
     most = _one_motion(points_i, points_j, corners_px, config)
     if most is None:
         return None
-    cell, away_px = cells(points_j.pixel, size_px), AWAY * size_px[0]
+    cell, away_px = cells(points_j.pixel, size_px), DISTINCT_MOTION_WIDTHS * size_px[0]
     chosen = ~most.inlier
     off_px = expected.off_px(most.i_H_j, corners_px) if expected else 0.0
     if expected and off_px > away_px:

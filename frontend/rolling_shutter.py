@@ -21,15 +21,15 @@ from frontend.camera import Camera
 from frontend.homography import transfer
 
 Array = NDArray[np.float64]
-Turned = Callable[[Array], Array]
+RotationSinceMiddleRow = Callable[[Array], Array]
 """(m,) seconds after the middle row's -> (m, 3) rotation vector of the camera since then, in its axes."""
 
 
 @dataclass(frozen=True)
-class Beside:
+class NeighbourView:
     """Another picture of the floor, a little before or after."""
 
-    after_s: float
+    offset_s: float
     """Negative: before."""
     other_H_this: Array
     """(3, 3) undistorted pixels of this picture to pixels of the other."""
@@ -40,17 +40,19 @@ class RowMotion:
     """How a picture moves while its rows are read."""
 
     camera: Camera
-    turned: Turned
+    turned: RotationSinceMiddleRow
     plane: Array
     """(8,) numbers of what is left of the motion once turning is taken out, in focal lengths a second."""
 
     @staticmethod
-    def of(camera: Camera, beside: Sequence[Beside], turned: Turned) -> RowMotion:
+    def estimate(
+        camera: Camera, neighbours: Sequence[NeighbourView], turned: RotationSinceMiddleRow
+    ) -> RowMotion:
         """From the nearest picture before and after, one of them, or turning alone."""
         corners = _units(camera, camera.undistort(camera.corners_px))
-        before = max((b for b in beside if b.after_s < 0), key=lambda b: b.after_s, default=None)
-        after = min((b for b in beside if b.after_s > 0), key=lambda b: b.after_s, default=None)
-        speeds = [(b.after_s, _speed(camera, b, turned)) for b in (before, after) if b is not None]
+        before = max((b for b in neighbours if b.offset_s < 0), key=lambda b: b.offset_s, default=None)
+        after = min((b for b in neighbours if b.offset_s > 0), key=lambda b: b.offset_s, default=None)
+        speeds = [(b.offset_s, _speed(camera, b, turned)) for b in (before, after) if b is not None]
         if not speeds:
             return RowMotion(camera, turned, np.zeros(8))
         if len(speeds) == 1:
@@ -59,11 +61,11 @@ class RowMotion:
         # Each is the mean up to the other picture: that of the time half-way.
         return RowMotion(camera, turned, _plane(corners, (t * early - s * late) / (t - s)))
 
-    def unrolled(self, pixel: Array) -> Array:
+    def to_global_shutter(self, pixel: Array) -> Array:
         """Undistorted pixels (n, 2) where they would lie had every row been exposed with the middle one."""
         return pixel - self._moved(pixel, pixel)
 
-    def rolled(self, pixel: Array) -> Array:
+    def to_rolling_shutter(self, pixel: Array) -> Array:
         """The inverse: where pixels (n, 2) of one moment are found among rows of many."""
         seen = pixel
         for _ in range(3):
@@ -77,10 +79,10 @@ class RowMotion:
         return np.asarray(moved * self.camera.focal_px)
 
 
-def unrolled_homography(i_H_j: Array, i: RowMotion, j: RowMotion) -> Array:
+def global_shutter_homography(i_H_j: Array, i: RowMotion, j: RowMotion) -> Array:
     """(3, 3) of two pictures had each been exposed at once, from that of the pictures as they are."""
     corners = i.camera.undistort(i.camera.corners_px)
-    there = i.unrolled(transfer(i_H_j, j.rolled(corners)))
+    there = i.to_global_shutter(transfer(i_H_j, j.to_rolling_shutter(corners)))
     return np.asarray(cv2.getPerspectiveTransform(corners.astype(np.float32), there.astype(np.float32)))
 
 
@@ -95,15 +97,15 @@ def _units(camera: Camera, pixel: Array) -> Array:
     return np.asarray(camera.rays(pixel)[:, :2])
 
 
-def _speed(camera: Camera, beside: Beside, turned: Turned) -> Array:
+def _speed(camera: Camera, neighbour: NeighbourView, turned: RotationSinceMiddleRow) -> Array:
     """(4, 2) mean speed of the corners up to the other picture, turning taken out, in focal lengths per s."""
     here = camera.undistort(camera.corners_px)
-    there = transfer(beside.other_H_this, here)
+    there = transfer(neighbour.other_H_this, here)
     # What moves down the picture is read later in the other one than in this.
     rows = _since_middle(camera, there) - _since_middle(camera, here)
-    took_s = beside.after_s + rows
+    took_s = neighbour.offset_s + rows
     a, b = _units(camera, here), _units(camera, there)
-    turning = turned(np.array([beside.after_s])).repeat(4, axis=0) / beside.after_s
+    turning = turned(np.array([neighbour.offset_s])).repeat(4, axis=0) / neighbour.offset_s
     return np.asarray((b - a) / took_s[:, None] - _turning(0.5 * (a + b), turning))
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.mosaic.view import Lattice, View
+from frontend.mosaic.view import Lattice, MosaicView
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class Squares:
 
 
 @dataclass(frozen=True)
-class Canvas:
+class MosaicGrid:
     """The rectangle of the grid that the mosaic fills.
 
     Pixel (r, c) has its centre at x = (first_col + c + 1/2) gsd_m, y = -(first_row + r + 1/2) gsd_m.
@@ -98,11 +98,11 @@ class Canvas:
         y = -(self.first_row + row + pitch_px / 2) * self.gsd_m
         return Lattice(x, y, self.gsd_m * pitch_px, rows, cols)
 
-    def cells_under(self, view: View) -> tuple[tuple[slice, slice], Lattice]:
+    def cells_under(self, view: MosaicView) -> tuple[tuple[slice, slice], Lattice]:
         """The cells under a picture, and their middles."""
         return self.squares_under(view, Squares(CELL_PX, 0, 0, *self.cell_shape))
 
-    def squares_under(self, view: View, squares: Squares) -> tuple[tuple[slice, slice], Lattice]:
+    def squares_under(self, view: MosaicView, squares: Squares) -> tuple[tuple[slice, slice], Lattice]:
         """Rows and columns of the squares under a picture, and their middles."""
         pitch = squares.pitch_px
         west, south, east, north = view.bounds_m / (pitch * self.gsd_m)
@@ -114,7 +114,7 @@ class Canvas:
         return (slice(r0, r1), slice(c0, c1)), lattice
 
 
-def canvas_over(views: Sequence[View], gsd_m: float | None, max_pixels: int) -> tuple[Canvas, str]:
+def grid_over(views: Sequence[MosaicView], gsd_m: float | None, max_pixels: int) -> tuple[MosaicGrid, str]:
     """The canvas that holds all views, and what to say about its resolution.
 
     Where no ``gsd_m`` is given it is the median of what the pictures have, coarser where that would be too
@@ -149,12 +149,12 @@ def canvas_over(views: Sequence[View], gsd_m: float | None, max_pixels: int) -> 
     return canvas, note
 
 
-def _canvas(extent_m: Array, gsd_m: float) -> Canvas:
+def _canvas(extent_m: Array, gsd_m: float) -> MosaicGrid:
     """Whole cells to the west and north, whole pixels to the east and south."""
     west, south, east, north = extent_m / gsd_m
     col, row = (int(np.floor(at / CELL_PX)) * CELL_PX for at in (west, -north))
     width, height = max(int(np.ceil(east)) - col, 1), max(int(np.ceil(-south)) - row, 1)
-    return Canvas(gsd_m, row, col, width, height)
+    return MosaicGrid(gsd_m, row, col, width, height)
 
 
 def _two_digits(value: float) -> float:

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.mosaic.canvas import CELL_PX, Canvas, MosaicError, Squares, canvas_over
-from frontend.mosaic.view import Lattice, View, pixel_maps, view_of, visible
+from frontend.mosaic.canvas import CELL_PX, MosaicError, MosaicGrid, Squares, grid_over
+from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, pixel_maps, visible
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -34,11 +34,11 @@ CANVAS_RATIO = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class MosaicPlan(Canvas):
+class MosaicPlan(MosaicGrid):
     """The mosaic before a single picture is read."""
 
     camera: Camera
-    views: tuple[View, ...]
+    views: tuple[MosaicView, ...]
     """The pictures that are needed, in the order of their poses."""
     owner: NDArray[np.int32]
     """(rows, cols) of cells: which of ``views`` owns each; -1 where none sees the ground."""
@@ -68,7 +68,7 @@ def plan_mosaic(
     max_pixels: int = 60_000_000,
     leave_out: Mapping[int, str] | None = None,
 ) -> MosaicPlan:
-    """Canvas, pictures and owners for poses (n, 4, 4) over the floor z = floor_z_m.
+    """Plan the grid, the pictures and the owners for poses (n, 4, 4) over the floor z = floor_z_m.
 
     ``gsd_m`` is the ground resolution in m/pixel; where none is given it is the median of what the pictures
     have, made coarser until the mosaic has at most ``max_pixels``. ``leave_out`` names pictures not to use,
@@ -77,11 +77,11 @@ def plan_mosaic(
     Raises ``MosaicError`` where no picture sees the floor or a given ``gsd_m`` asks for too many pixels.
     """
     left_out = dict(leave_out or {})
-    views: list[View] = []
+    views: list[MosaicView] = []
     for k, pose in enumerate(np.asarray(w_T_b, dtype=float)):
         if k in left_out:
             continue
-        view = view_of(camera, k, pose, floor_z_m)
+        view = mosaic_view(camera, k, pose, floor_z_m)
         if isinstance(view, str):
             left_out[k] = view
         else:
@@ -91,7 +91,7 @@ def plan_mosaic(
     if not views:
         reasons = ", ".join(sorted(set(left_out.values()))) or "there are none"
         raise MosaicError(f"no picture can be put into a mosaic: {reasons}")
-    canvas, note = canvas_over(views, gsd_m, max_pixels)
+    canvas, note = grid_over(views, gsd_m, max_pixels)
     kept, owner = _owners(camera, views, canvas)
     return MosaicPlan(
         **vars(canvas), camera=camera, views=kept, owner=owner, redundant=len(views) - len(kept),
@@ -99,7 +99,7 @@ def plan_mosaic(
     )  # fmt: skip
 
 
-def _weights(camera: Camera, view: View, lattice: Lattice, gsd_m: float) -> Float32:
+def _weights(camera: Camera, view: MosaicView, lattice: Lattice, gsd_m: float) -> Float32:
     """How well a picture sees each cell, 0 not at all.
 
     A dome over the picture (1 in the middle, 0 at the border), times the cosine off nadir, times the
@@ -116,14 +116,16 @@ def _weights(camera: Camera, view: View, lattice: Lattice, gsd_m: float) -> Floa
     return np.where(touches, inside * nadir * np.minimum(1, gsd_m * resolution), 0).astype(np.float32)
 
 
-def _owners(camera: Camera, views: list[View], canvas: Canvas) -> tuple[tuple[View, ...], NDArray[np.int32]]:
+def _owners(
+    camera: Camera, views: list[MosaicView], canvas: MosaicGrid
+) -> tuple[tuple[MosaicView, ...], NDArray[np.int32]]:
     """The pictures to keep, and for each cell which of them owns it.
 
     A greedy cover: pictures are tried in the order of the ground that they see best.
     """
     shape = canvas.cell_shape
 
-    def look(view: View) -> tuple[tuple[slice, slice], Float32]:
+    def look(view: MosaicView) -> tuple[tuple[slice, slice], Float32]:
         where, lattice = canvas.cells_under(view)
         return where, _weights(camera, view, lattice, canvas.gsd_m)
 
@@ -154,7 +156,7 @@ def _owners(camera: Camera, views: list[View], canvas: Canvas) -> tuple[tuple[Vi
     return tuple(views[i] for i in kept), number[owner]
 
 
-def _without_strays(views: list[View]) -> tuple[list[View], dict[int, str]]:
+def _without_strays(views: list[MosaicView]) -> tuple[list[MosaicView], dict[int, str]]:
     """Leave out groups of pictures so far from the others that the canvas would be mostly empty."""
     if len(views) < 2:
         return views, {}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from frontend.mosaic.canvas import CELL_PX
 from frontend.mosaic.exposure import Exposure
 from frontend.mosaic.plan import MosaicPlan
-from frontend.mosaic.view import Lattice, View, pixel_maps, view_of, visible
+from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, pixel_maps, visible
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -38,8 +38,8 @@ def mosaic_quality(
     empty = plan.owner < 0
     pictures, std = np.zeros(plan.owner.shape, np.float32), np.full(plan.owner.shape, np.nan, np.float32)
     for k, pose in enumerate(np.asarray(w_T_b, dtype=float)):
-        view = None if k in plan.left_out else view_of(plan.camera, k, pose, floor_z_m)
-        if isinstance(view, View):
+        view = None if k in plan.left_out else mosaic_view(plan.camera, k, pose, floor_z_m)
+        if isinstance(view, MosaicView):
             where, lattice = plan.cells_under(view)
             pictures[where] += _inside(plan, view, lattice)
     for index, view in enumerate(plan.views):
@@ -52,14 +52,16 @@ def mosaic_quality(
     return MosaicQuality(CELL_PX * plan.gsd_m, pictures, std, _seams(plan, exposure))
 
 
-def _inside(plan: MosaicPlan, view: View, lattice: Lattice) -> NDArray[np.bool_]:
+def _inside(plan: MosaicPlan, view: MosaicView, lattice: Lattice) -> NDArray[np.bool_]:
     seen, _, _ = visible(view, lattice)
     u, v = pixel_maps(plan.camera, view, lattice)
     w, h = plan.camera.size_px
     return seen & (u >= 0) & (u <= w - 1) & (v >= 0) & (v <= h - 1)
 
 
-def ground_std(view: View, w_T_b: Array, covariance: Array, lattice: Lattice, floor_z_m: float) -> Float32:
+def ground_std(
+    view: MosaicView, w_T_b: Array, covariance: Array, lattice: Lattice, floor_z_m: float
+) -> Float32:
     """(rows, cols): how uncertain the place of what a picture shows at each node is, in metres.
 
     First order, as in Haralick 1996, Propagating covariance in computer vision.

@@ -21,7 +21,7 @@ MAX_OFF_NADIR = np.radians(70.0)
 
 
 @dataclass(frozen=True)
-class View:
+class MosaicView:
     """One picture that looks at the floor."""
 
     k: int
@@ -52,7 +52,7 @@ class Lattice:
     cols: int
 
 
-def view_of(camera: Camera, k: int, w_T_b: Array, floor_z_m: float) -> View | str:
+def mosaic_view(camera: Camera, k: int, w_T_b: Array, floor_z_m: float) -> MosaicView | str:
     """How picture k sees the floor, or the reason why it is of no use."""
     if not np.isfinite(w_T_b).all():
         return "not placed"
@@ -74,7 +74,7 @@ def view_of(camera: Camera, k: int, w_T_b: Array, floor_z_m: float) -> View | st
     depth = height / -w_T_c[2, 2]
     gsd = float(np.sqrt(depth**3 / abs(np.linalg.det(pixel_H_floor))))
     bounds: Array = np.concatenate([edge.min(axis=0), edge.max(axis=0)])
-    return View(
+    return MosaicView(
         k, np.asarray(pixel_H_floor, float), w_T_c[:3, 3], height, bounds, gsd, float(off_axis_cos.min())
     )
 
@@ -87,7 +87,7 @@ def _border(camera: Camera) -> Array:
     return np.concatenate(sides)
 
 
-def pixel_maps(camera: Camera, view: View, lattice: Lattice) -> tuple[Float32, Float32]:
+def pixel_maps(camera: Camera, view: MosaicView, lattice: Lattice) -> tuple[Float32, Float32]:
     """Distorted pixel (u, v) of each node of the lattice; without meaning behind the camera."""
     floor_H_node = np.array(
         [[lattice.step_m, 0, lattice.x0_m], [0, -lattice.step_m, lattice.y0_m], [0, 0, 1.0]]
@@ -108,7 +108,7 @@ def pixel_maps(camera: Camera, view: View, lattice: Lattice) -> tuple[Float32, F
     return np.clip(u, -w, 2 * w, out=u), np.clip(v, -h, 2 * h, out=v)
 
 
-def visible(view: View, lattice: Lattice) -> tuple[Mask, Float32, Float32]:
+def visible(view: MosaicView, lattice: Lattice) -> tuple[Mask, Float32, Float32]:
     """Which nodes the lens sees, and not too flat; their cosine off nadir; the picture's pixels per metre."""
     x = lattice.x0_m + lattice.step_m * np.arange(lattice.cols)
     y = lattice.y0_m - lattice.step_m * np.arange(lattice.rows)

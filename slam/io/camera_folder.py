@@ -10,7 +10,7 @@ import numpy as np
 
 from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.flight import Frames
-from slam.io.csv_stream import Table
+from slam.io.csv_stream import CsvTable
 from slam.io.files import brief, check_inside, refusal
 from slam.io.images import PictureFiles, UnreadableImageError, brightest, depth_of, image_size
 from slam.io.sensor_yaml import YamlFile
@@ -123,7 +123,7 @@ def _seen_share(distortion: tuple[float, ...], corner: float) -> float:
     return 1.0 if not len(falls) else min(1.0, float(bent[falls[0]]) / corner)
 
 
-def frames_of(table: Table, camera: Camera, epoch_ns: int, root: Path, notes: list[str]) -> Frames | None:
+def frames_of(table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes: list[str]) -> Frames | None:
     """The pictures that ``data.csv`` lists; None where it lists none. Raises ``InputError``."""
     folder = table.path.parent / "data"
     if not len(table.stamps_ns):

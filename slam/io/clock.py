@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.io.csv_stream import Table
+from slam.io.csv_stream import CsvTable
 
 JUMP_NS = 600 * 10**9
 """A step ahead longer than this is the clock's, not a pause of the sensor."""
@@ -30,7 +30,9 @@ class _Jump:
     ahead_ns: int
 
 
-def in_order(tables: dict[str, Table], trust_clock: bool = False) -> tuple[dict[str, Table], list[str]]:
+def sort_by_time(
+    tables: dict[str, CsvTable], trust_clock: bool = False
+) -> tuple[dict[str, CsvTable], list[str]]:
     """Tables with strictly increasing stamps on one clock, and what was done to them, one line each.
 
     ``trust_clock`` sorts only: long steps are then pauses, as between photographs.
@@ -47,7 +49,7 @@ def in_order(tables: dict[str, Table], trust_clock: bool = False) -> tuple[dict[
     }, remarks
 
 
-def _without_twins(name: str, table: Table, remarks: list[str]) -> Table:
+def _without_twins(name: str, table: CsvTable, remarks: list[str]) -> CsvTable:
     """Drop rows that repeat another row's stamp and content."""
     if not len(table.stamps_ns) or len(np.unique(table.stamps_ns)) == len(table.stamps_ns):
         return table
@@ -100,7 +102,7 @@ def _rows_per_expected(ordered_ns: NDArray[np.int64], first: int, last: int, int
     return max(inside - MIN_ROWS, 0) / max((last - first) / interval_ns, 1.0)
 
 
-def _find_jumps(name: str, table: Table, remarks: list[str]) -> tuple[Table, list[_Jump]]:
+def _find_jumps(name: str, table: CsvTable, remarks: list[str]) -> tuple[CsvTable, list[_Jump]]:
     """Lasting jumps of one stream; rows whose stamps stand alone are dropped on the way."""
     starts = _breaks(table.stamps_ns)
     if not len(starts):
@@ -134,7 +136,7 @@ def _without_strays(stamps_ns: NDArray[np.int64], pieces: list[NDArray[np.int64]
     return kept
 
 
-def _agree(tables: dict[str, Table], jumps: dict[str, list[_Jump]]) -> None:
+def _agree(tables: dict[str, CsvTable], jumps: dict[str, list[_Jump]]) -> None:
     """One amount for a jump that several streams show: that of the stream with the shortest interval.
 
     Each stream knows a jump only to within its own interval; apart, they would lose their alignment.
@@ -150,7 +152,7 @@ def _agree(tables: dict[str, Table], jumps: dict[str, list[_Jump]]) -> None:
                 done.append((jump.ahead_ns, interval[name]))
 
 
-def _unjumped(name: str, table: Table, jumps: list[_Jump], remarks: list[str]) -> Table:
+def _unjumped(name: str, table: CsvTable, jumps: list[_Jump], remarks: list[str]) -> CsvTable:
     if not jumps:
         return table
     stamps = table.stamps_ns.copy()
@@ -164,7 +166,7 @@ def _unjumped(name: str, table: Table, jumps: list[_Jump], remarks: list[str]) -
     return table.rows(np.arange(len(stamps)), stamps)
 
 
-def _sorted(name: str, table: Table, remarks: list[str]) -> Table:
+def _sorted(name: str, table: CsvTable, remarks: list[str]) -> CsvTable:
     """Strictly increasing stamps: out-of-order rows sorted in, of equal stamps the first kept."""
     stamps = table.stamps_ns
     late = int((np.diff(stamps) < 0).sum())

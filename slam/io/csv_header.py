@@ -22,7 +22,7 @@ _SPELLINGS = {"rad/s": "rad s^-1", "m/s": "m s^-1", "m/s^2": "m s^-2", "m/s2": "
 
 
 @dataclass(frozen=True)
-class Column:
+class CsvColumn:
     """One column of numbers, found by its name."""
 
     name: str
@@ -47,7 +47,7 @@ class Column:
         return "plain numbers, 1 for the whole" if self.unit == "1" else f"[{self.unit}]"
 
 
-def header_of(columns: tuple[Column, ...]) -> str:
+def header_of(columns: tuple[CsvColumn, ...]) -> str:
     """The header line that a stream of these columns has."""
     return ",".join(["#timestamp [ns]", *(c.title for c in columns)])
 
@@ -78,7 +78,7 @@ def _split(title: str) -> tuple[str, str | None]:
     return (found[1].strip(), found[2].strip()) if found else (title.strip(), None)
 
 
-def column_places(path: Path, header: list[str], columns: tuple[Column, ...]) -> list[int | None]:
+def column_places(path: Path, header: list[str], columns: tuple[CsvColumn, ...]) -> list[int | None]:
     """Where each column stands in a row; None for an optional one that is absent."""
     titles = [_split(t) for t in header[1:]]
     names = [name for name, _ in titles]
@@ -101,7 +101,7 @@ def column_places(path: Path, header: list[str], columns: tuple[Column, ...]) ->
     return found
 
 
-def extra_columns(header: list[str], columns: tuple[Column, ...]) -> list[str]:
+def extra_columns(header: list[str], columns: tuple[CsvColumn, ...]) -> list[str]:
     """Titles beside the stamp that were not asked for."""
     known = {c.name for c in columns}
     return [t for t in header[1:] if _split(t)[0] not in known]

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.io.csv_header import Column, column_places, extra_columns, header_of, parse_header
+from slam.io.csv_header import CsvColumn, column_places, extra_columns, header_of, parse_header
 from slam.io.files import brief, read_bytes, refusal
 
 Array = NDArray[np.float64]
@@ -29,14 +29,14 @@ BLOCK_ROWS = 5000
 
 
 @dataclass(frozen=True)
-class Table:
+class CsvTable:
     """The rows of one ``data.csv``, in the order of the file."""
 
     path: Path
     stamps_ns: Stamps
     """(n,)."""
     values: Array
-    """(n, c), one column each ``Column`` asked for; NaN where missing."""
+    """(n, c), one column each ``CsvColumn`` asked for; NaN where missing."""
     names: tuple[str, ...]
     """(n,) second column as text where it was asked for instead of numbers; else empty."""
     lines: NDArray[np.int64]
@@ -46,10 +46,10 @@ class Table:
     cut_short: bool = False
     """The file ends as a recorder without power leaves it."""
 
-    def rows(self, keep: NDArray[np.int64], stamps_ns: Stamps) -> Table:
+    def rows(self, keep: NDArray[np.int64], stamps_ns: Stamps) -> CsvTable:
         """Rows ``keep`` in that order, with these stamps."""
         names = tuple(self.names[k] for k in keep) if self.names else ()
-        return Table(
+        return CsvTable(
             self.path, stamps_ns, self.values[keep], names, self.lines[keep], self.notes, self.cut_short
         )
 
@@ -66,7 +66,7 @@ class _Text:
     unterminated: bool
 
 
-def read_numbers(path: Path, root: Path, columns: tuple[Column, ...]) -> Table:
+def read_numbers(path: Path, root: Path, columns: tuple[CsvColumn, ...]) -> CsvTable:
     """A csv of numbers. Raises ``InputError`` naming file and line where its meaning cannot be known."""
     text = _read_text(path, root, header_of(columns))
     places = column_places(path, text.header, columns)
@@ -78,7 +78,7 @@ def read_numbers(path: Path, root: Path, columns: tuple[Column, ...]) -> Table:
         cut = True
     if not text.lines:
         empty = np.empty((0, len(columns)))
-        return Table(path, np.empty(0, np.int64), empty, (), np.empty(0, np.int64), tuple(notes), cut)
+        return CsvTable(path, np.empty(0, np.int64), empty, (), np.empty(0, np.int64), tuple(notes), cut)
     try:
         stamps, values = _bulk(text.lines, width, places)
         lines = np.array(text.numbers)
@@ -87,10 +87,10 @@ def read_numbers(path: Path, root: Path, columns: tuple[Column, ...]) -> Table:
         notes += [f"{count} {what}" for what, count in found.items()]
     if extra := extra_columns(text.header, columns):
         notes.append(f"columns not of this stream ignored: {brief(', '.join(extra), 120)}")
-    return _plausible(Table(path, stamps, values, (), lines, tuple(notes), cut), columns)
+    return _plausible(CsvTable(path, stamps, values, (), lines, tuple(notes), cut), columns)
 
 
-def read_names(path: Path, root: Path, title: str) -> Table:
+def read_names(path: Path, root: Path, title: str) -> CsvTable:
     """A csv of stamps and one text each (the camera's). Raises ``InputError`` as ``read_numbers`` does."""
     text = _read_text(path, root, f"#timestamp [ns],{title}")
     names_at = [c.split("[")[0].strip().lower() for c in text.header]
@@ -126,7 +126,9 @@ def read_names(path: Path, root: Path, title: str) -> Table:
         lines.append(number)
     notes = (*text.notes, *(f"{n} {what}" for what, n in lost.items()))
     none = np.empty((len(stamps), 0))
-    return Table(path, np.array(stamps, np.int64), none, tuple(names), np.array(lines, np.int64), notes, cut)
+    return CsvTable(
+        path, np.array(stamps, np.int64), none, tuple(names), np.array(lines, np.int64), notes, cut
+    )
 
 
 def _read_text(path: Path, root: Path, expected: str) -> _Text:
@@ -197,7 +199,7 @@ def _block(lines: list[bytes], width: int, places: list[int | None]) -> tuple[St
 
 
 def _careful(
-    text: _Text, places: list[int | None], columns: tuple[Column, ...]
+    text: _Text, places: list[int | None], columns: tuple[CsvColumn, ...]
 ) -> tuple[Stamps, Array, NDArray[np.int64], Counter[str]]:
     """Line by line: refuse the first that has no meaning, leave out and count what can be spared."""
     width = len(text.header)
@@ -247,7 +249,7 @@ def _stamp(field: str, path: Path, line: int) -> int | None:
     return int(field)
 
 
-def _number(field: str, column: Column, path: Path, line: int) -> float:
+def _number(field: str, column: CsvColumn, path: Path, line: int) -> float:
     try:
         if "_" in field:
             raise ValueError
@@ -257,7 +259,7 @@ def _number(field: str, column: Column, path: Path, line: int) -> float:
         raise refusal(path, what, "write a number, or nothing where it is missing", line) from None
 
 
-def _plausible(table: Table, columns: tuple[Column, ...]) -> Table:
+def _plausible(table: CsvTable, columns: tuple[CsvColumn, ...]) -> CsvTable:
     """Take values that no such sensor gives as missing; refuse where they are the rule."""
     notes = list(table.notes)
     for k, column in enumerate(columns):
@@ -273,4 +275,4 @@ def _plausible(table: Table, columns: tuple[Column, ...]) -> Table:
         table.values[beyond, k] = np.nan
         beyond_what = f"{column.name} beyond {column.most}"
         notes.append(f"{count} values of {beyond_what} taken as missing (first: line {line})")
-    return Table(table.path, table.stamps_ns, table.values, (), table.lines, tuple(notes), table.cut_short)
+    return CsvTable(table.path, table.stamps_ns, table.values, (), table.lines, tuple(notes), table.cut_short)

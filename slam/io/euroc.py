@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from slam.core.flight import Flight, Truth
-from slam.io.clock import in_order
-from slam.io.csv_stream import Table, read_numbers
+from slam.io.clock import sort_by_time
+from slam.io.csv_stream import CsvTable, read_numbers
 from slam.io.files import refusal
 from slam.io.flight_folder import read_flight
 from slam.io.sensor_yaml import read_yaml
@@ -78,8 +78,8 @@ def import_euroc(folder: str | Path) -> Flight:
 
 def _vicon(folder: Path, root: Path, epoch_ns: int) -> tuple[Truth | None, list[str]]:
     """The tracked body's poses, carried from the tracker's markers to the body by ``T_BS``."""
-    table: Table = read_numbers(folder / "data.csv", root, COLUMNS["state_groundtruth_estimate0"][:7])
-    ordered, notes = in_order({"vicon0": table})
+    table: CsvTable = read_numbers(folder / "data.csv", root, COLUMNS["state_groundtruth_estimate0"][:7])
+    ordered, notes = sort_by_time({"vicon0": table})
     table = ordered["vicon0"]
     notes = [*table.notes, *(note.removeprefix("vicon0: ") for note in notes)]
     length = np.linalg.norm(table.values[:, 3:7], axis=1)

@@ -13,8 +13,8 @@ from typing import Any
 from frontend.camera import Camera
 from slam.core.flight import FIELD_BY_FOLDER, Flight
 from slam.io.camera_folder import camera_of, frames_of
-from slam.io.clock import in_order
-from slam.io.csv_stream import Table, read_names, read_numbers
+from slam.io.clock import sort_by_time
+from slam.io.csv_stream import CsvTable, read_names, read_numbers
 from slam.io.files import brief, check_inside, refusal
 from slam.io.flight_writer import write_flight
 from slam.io.landmarks import check_pairs, read_landmarks
@@ -36,7 +36,7 @@ class _Recording:
 
     root: Path
     about: YamlFile
-    tables: dict[str, Table] = field(default_factory=dict)
+    tables: dict[str, CsvTable] = field(default_factory=dict)
     sensors: dict[str, YamlFile] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
 
@@ -63,7 +63,7 @@ def read_flight(path: Path | str) -> Flight:
     check_stamps_agree(recording.tables)
     cut_short = [name for name, table in recording.tables.items() if table.cut_short]
     # Photographs are taken one by one, hours apart if need be: their pauses are no fault of a clock.
-    recording.tables, remarks = in_order(recording.tables, trust_clock=all_keyframes)
+    recording.tables, remarks = sort_by_time(recording.tables, trust_clock=all_keyframes)
     recording.warnings += remarks
     firsts = [int(t.stamps_ns[0]) for t in recording.tables.values() if len(t.stamps_ns)]
     epoch_ns = min(firsts, default=0)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import AttitudeSeries, Imu
-from slam.io.csv_stream import Table
+from slam.io.csv_stream import CsvTable
 from slam.io.files import refusal
 from slam.io.sensor_yaml import YamlFile
 
@@ -23,7 +23,7 @@ GYRO_LIMIT_RAD_S = 70.0
 _TIME_UNITS = {1e3: "microseconds", 1e6: "milliseconds", 1e9: "seconds"}
 
 
-def check_stamp_unit(table: Table, sensor: YamlFile, notes: list[str]) -> None:
+def check_stamp_unit(table: CsvTable, sensor: YamlFile, notes: list[str]) -> None:
     """Refuse stamps that are no nanoseconds; tell a rate far from ``rate_hz``. Raises ``InputError``."""
     steps = np.diff(np.sort(table.stamps_ns))
     steps = steps[steps > 0]
@@ -46,7 +46,7 @@ def check_stamp_unit(table: Table, sensor: YamlFile, notes: list[str]) -> None:
         notes.append(f"its rate is {rate_hz:.3g} Hz where sensor.yaml says {nominal_hz:g} Hz")
 
 
-def check_stamps_agree(tables: dict[str, Table]) -> None:
+def check_stamps_agree(tables: dict[str, CsvTable]) -> None:
     """Refuse one stream whose stamps are those of the others in another unit. Raises ``InputError``."""
     first = {name: float(t.stamps_ns[0]) for name, t in tables.items() if len(t.stamps_ns)}
     if not first:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from slam.core.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
-from slam.io.csv_header import Column
-from slam.io.csv_stream import Table
+from slam.io.csv_header import CsvColumn
+from slam.io.csv_stream import CsvTable
 from slam.io.files import refusal
 from slam.io.sensor_yaml import YamlFile
 
@@ -27,20 +27,24 @@ METRES_PER_DEGREE = 111_319.49
 """Of latitude, WGS 84 equatorial: good to 1 % anywhere, enough for a standard deviation."""
 
 
-def _axes(name: str, axes: str, unit: str, limit: float, optional: bool = False) -> tuple[Column, ...]:
-    return tuple(Column(f"{name}_{axis}", unit, limit, optional) for axis in axes)
+def _axes(name: str, axes: str, unit: str, limit: float, optional: bool = False) -> tuple[CsvColumn, ...]:
+    return tuple(CsvColumn(f"{name}_{axis}", unit, limit, optional) for axis in axes)
 
 
-COLUMNS: dict[str, tuple[Column, ...]] = {
+COLUMNS: dict[str, tuple[CsvColumn, ...]] = {
     "imu0": _axes("w_RS_S", "xyz", "rad s^-1", 1e4) + _axes("a_RS_S", "xyz", "m s^-2", 1e5),
-    "sonar0": (Column("range", "m", 1e6),),
-    "attitude0": tuple(Column(name, "rad", 1e5) for name in ("roll", "pitch", "yaw")),
+    "sonar0": (CsvColumn("range", "m", 1e6),),
+    "attitude0": tuple(CsvColumn(name, "rad", 1e5) for name in ("roll", "pitch", "yaw")),
     "velocity0": _axes("v", "xy", "m s^-1", 300.0),
-    "command0": tuple(Column(name, "1", 1e6) for name in ("forward", "left", "up", "yaw")),
-    "battery0": (Column("voltage", "V", 1e3),),
-    "gps0": (Column("latitude", "deg", 1e10), Column("longitude", "deg", 1e10), Column("altitude", "m", 5e4)),
-    "barometer0": (Column("altitude", "m", 5e4),),
-    "motor0": tuple(Column(f"m{k}", "1", 1e6) for k in range(1, 5)),
+    "command0": tuple(CsvColumn(name, "1", 1e6) for name in ("forward", "left", "up", "yaw")),
+    "battery0": (CsvColumn("voltage", "V", 1e3),),
+    "gps0": (
+        CsvColumn("latitude", "deg", 1e10),
+        CsvColumn("longitude", "deg", 1e10),
+        CsvColumn("altitude", "m", 5e4),
+    ),
+    "barometer0": (CsvColumn("altitude", "m", 5e4),),
+    "motor0": tuple(CsvColumn(f"m{k}", "1", 1e6) for k in range(1, 5)),
     "state_groundtruth_estimate0": (
         *_axes("p_RS_R", "xyz", "m", 1e8),
         *_axes("q_RS", "wxyz", "", 1e3),
@@ -70,7 +74,7 @@ KNOWN_KEYS = (
 class Source:
     """What a series is built from: ordered rows, nominal figures, and where to tell what was done."""
 
-    table: Table
+    table: CsvTable
     sensor: YamlFile
     epoch_ns: int
     notes: list[str]

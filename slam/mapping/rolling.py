@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.features import Features
-from frontend.keyframes import Passed
+from frontend.keyframes import IntermediateFrame
 from frontend.motions import Expectation
 from frontend.points import Points
 from frontend.registration import Registration
-from frontend.rolling_shutter import Beside, RowMotion, unrolled_homography
+from frontend.rolling_shutter import NeighbourView, RowMotion, global_shutter_homography
 from frontend.store import FeatureStore
 from slam.core.flight import Imu
 from slam.mapping.sightings import Sightings
@@ -39,26 +39,26 @@ def unrolled(sightings: Sightings, camera: Camera, imu: Imu | None, register: Re
     turned = turning(imu, camera)
 
     def motion_of(frame: int) -> RowMotion:
-        return RowMotion.of(camera, beside[frame], lambda since_s: turned(stamps_s[frame], since_s))
+        return RowMotion.estimate(camera, beside[frame], lambda since_s: turned(stamps_s[frame], since_s))
 
     motions = [motion_of(int(frame)) for frame in sightings.frame_index]
     store = FeatureStore()
     for k, motion in enumerate(motions):
         features = sightings.store[k]
-        points = Points(motion.unrolled(features.pixel), features.points.spread)
+        points = Points(motion.to_global_shutter(features.pixel), features.points.spread)
         store.append(replace(features, points=points))
     corners_px = camera.undistort(camera.corners_px)
 
     def again(link: Registration | None) -> Registration | None:
         if link is None:
             return None
-        i_H_j = unrolled_homography(link.i_H_j, motions[link.i], motions[link.j])
+        i_H_j = global_shutter_homography(link.i_H_j, motions[link.i], motions[link.j])
         expected = Expectation.at(i_H_j, corners_px)
         found = register(link.i, link.j, store[link.i], store[link.j], expected)
         return found if found.ok else link
 
-    def straight(passed: Passed) -> Passed:
-        i_H_j = unrolled_homography(passed.i_H_j, motions[passed.keyframe], motion_of(passed.frame))
+    def straight(passed: IntermediateFrame) -> IntermediateFrame:
+        i_H_j = global_shutter_homography(passed.i_H_j, motions[passed.keyframe], motion_of(passed.frame))
         return replace(passed, i_H_j=i_H_j)
 
     links = tuple(again(link) for link in sightings.links)
@@ -93,14 +93,14 @@ def turning(imu: Imu | None, camera: Camera) -> Callable[[float, Array], Array]:
     return turned
 
 
-def _beside(sightings: Sightings) -> dict[int, list[Beside]]:
+def _beside(sightings: Sightings) -> dict[int, list[NeighbourView]]:
     """Of each frame: the frames next to it that were registered to the same keyframe."""
-    beside: dict[int, list[Beside]] = defaultdict(list)
+    beside: dict[int, list[NeighbourView]] = defaultdict(list)
     for frames in sightings.registered():
         for (a, i_H_a), (b, i_H_b) in pairwise(frames):
             apart_s = float(sightings.frame_stamps_s[b] - sightings.frame_stamps_s[a])
             if 0 < apart_s <= NEAR_S:
                 b_H_a = np.asarray(np.linalg.solve(i_H_b, i_H_a), dtype=float)
-                beside[a].append(Beside(apart_s, b_H_a))
-                beside[b].append(Beside(-apart_s, np.asarray(np.linalg.inv(b_H_a), dtype=float)))
+                beside[a].append(NeighbourView(apart_s, b_H_a))
+                beside[b].append(NeighbourView(-apart_s, np.asarray(np.linalg.inv(b_H_a), dtype=float)))
     return beside

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.features import Extractor, Features, FeatureUnavailableError
-from frontend.keyframes import Passed, Tracker
+from frontend.keyframes import IntermediateFrame, Tracker
 from frontend.loops import overlapping, propose_loops, verify
-from frontend.motions import AWAY, Expectation
+from frontend.motions import DISTINCT_MOTION_WIDTHS, Expectation
 from frontend.registration import Registration, overlap, refused, register
 from frontend.store import FeatureStore
 from slam.core.errors import InputError
@@ -51,7 +51,7 @@ class Sightings:
     """Frames in which something moves otherwise than the floor."""
     frame_stamps_s: Array = field(default_factory=lambda: np.empty(0))
     """(f,) of all frames."""
-    passed: tuple[Passed, ...] = ()
+    passed: tuple[IntermediateFrame, ...] = ()
     """Frames between keyframes."""
 
     def registered(self) -> list[list[tuple[int, Array]]]:
@@ -154,11 +154,11 @@ class Sighter:
                 off[r.i, r.j] = by_chain.off_px(r.i_H_j, corners_px) / width_px
         agree = np.full(len(sightings.links), LINK)
         for (i, j), widths in off.items():
-            agree[i + 1 : j + 1] += 1 if widths <= AWAY else -1
+            agree[i + 1 : j + 1] += 1 if widths <= DISTINCT_MOTION_WIDTHS else -1
         return {
             (i, j): f"elsewhere than the pictures between: {widths:.2f} picture widths off"
             for (i, j), widths in off.items()
-            if widths > AWAY and (agree[i + 1 : j + 1] > 0).all()
+            if widths > DISTINCT_MOTION_WIDTHS and (agree[i + 1 : j + 1] > 0).all()
         }
 
     def retrieve(self, sightings: Sightings, reach: Reach) -> Sightings:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from frontend.homography import transfer
-from frontend.motions import AWAY, Expectation, FloorMotion, floor_motion
+from frontend.motions import DISTINCT_MOTION_WIDTHS, Expectation, FloorMotion, floor_motion
 from frontend.points import Points
 
 SIZE = (320, 240)
@@ -118,7 +118,7 @@ def test_a_jump_is_believed_where_nothing_lies_as_expected():
         j,
         CORNERS,
         SIZE,
-        expected=expecting(shifted(-3 * AWAY * SIZE[0], 0), 2.0),
+        expected=expecting(shifted(-3 * DISTINCT_MOTION_WIDTHS * SIZE[0], 0), 2.0),
     )
     assert found is not None
     assert transfer(found.fit.i_H_j, CORNERS) == pytest.approx(transfer(FLOOR, CORNERS), abs=1.0)

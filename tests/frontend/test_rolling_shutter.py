@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
 from frontend.homography import transfer
-from frontend.rolling_shutter import Beside, RowMotion, unrolled_homography
+from frontend.rolling_shutter import NeighbourView, RowMotion, global_shutter_homography
 
 CAMERA = Camera((180.0, 182.0), (87.5, 71.5), (176, 144), readout_s=0.03)
 BENT = replace(CAMERA, distortion=(-0.2, 0.05, 0.001, -0.001))
@@ -80,12 +80,12 @@ def test_points_come_to_where_the_middle_row_has_them(camera: Camera, with_gyro:
         flown = Flown(camera, rng)
         floor = rng.uniform(-0.35, 0.35, (30, 2))
         seen, true = flown.in_rows(floor, 0.0), flown.at_once(floor, 0.0)
-        beside = [Beside(s, flown.H(s, 0.0)) for s in (-EVERY_S, EVERY_S)]
+        beside = [NeighbourView(s, flown.H(s, 0.0)) for s in (-EVERY_S, EVERY_S)]
         gyro = partial(flown.turned, 0.0) if with_gyro else (lambda s: np.zeros((len(s), 3)))
-        motion = RowMotion.of(camera, beside, gyro)
+        motion = RowMotion.estimate(camera, beside, gyro)
         before.append(np.linalg.norm(seen - true, axis=1).max())
-        after.append(np.linalg.norm(motion.unrolled(seen) - true, axis=1).max())
-        np.testing.assert_allclose(motion.rolled(motion.unrolled(seen)), seen, atol=0.05)
+        after.append(np.linalg.norm(motion.to_global_shutter(seen) - true, axis=1).max())
+        np.testing.assert_allclose(motion.to_rolling_shutter(motion.to_global_shutter(seen)), seen, atol=0.05)
     assert np.median(before) > 2.0
     assert np.median(after) < 0.1 * np.median(before)
 
@@ -97,12 +97,12 @@ def test_one_picture_beside_is_enough_where_nothing_jerks_and_none_leaves_the_tu
     seen, true = flown.in_rows(floor, 0.0), flown.at_once(floor, 0.0)
 
     def off(motion: RowMotion) -> float:
-        return float(np.linalg.norm(motion.unrolled(seen) - true, axis=1).max())
+        return float(np.linalg.norm(motion.to_global_shutter(seen) - true, axis=1).max())
 
     turned = partial(flown.turned, 0.0)
-    nothing = off(RowMotion.of(replace(CAMERA, readout_s=0.0), [], turned))
-    turning = off(RowMotion.of(CAMERA, [], turned))
-    one = off(RowMotion.of(CAMERA, [Beside(-EVERY_S, flown.H(-EVERY_S, 0.0))], turned))
+    nothing = off(RowMotion.estimate(replace(CAMERA, readout_s=0.0), [], turned))
+    turning = off(RowMotion.estimate(CAMERA, [], turned))
+    one = off(RowMotion.estimate(CAMERA, [NeighbourView(-EVERY_S, flown.H(-EVERY_S, 0.0))], turned))
     assert one < 0.15 * nothing
     assert one < turning < nothing
 
@@ -113,9 +113,9 @@ def test_homographies_lose_what_the_rows_did() -> None:
         flown = Flown(CAMERA, rng)
         times = (0.0, 2 * EVERY_S)
         motions = [
-            RowMotion.of(
+            RowMotion.estimate(
                 CAMERA,
-                [Beside(s, flown.H(t + s, t)) for s in (-EVERY_S, EVERY_S)],
+                [NeighbourView(s, flown.H(t + s, t)) for s in (-EVERY_S, EVERY_S)],
                 partial(flown.turned, t),
             )
             for t in times
@@ -126,7 +126,7 @@ def test_homographies_lose_what_the_rows_did() -> None:
         rolled = [flown.in_rows(there, t) for t in times]
         as_seen = cv2.getPerspectiveTransform(rolled[1].astype(np.float32), rolled[0].astype(np.float32))
         true = flown.H(*times)
-        straight = unrolled_homography(as_seen, *motions)
+        straight = global_shutter_homography(as_seen, *motions)
         wrong = np.linalg.norm(transfer(as_seen, corners) - transfer(true, corners), axis=1).max()
         left = np.linalg.norm(transfer(straight, corners) - transfer(true, corners), axis=1).max()
         assert left < 0.35 * wrong

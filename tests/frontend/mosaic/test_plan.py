@@ -1,4 +1,4 @@
-"""Canvas, picture choice and owners, before a picture is read."""
+"""Grid, picture choice and owners, before a picture is read."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from frontend.camera import Camera
 from frontend.mosaic.canvas import CELL_PX, MosaicError
 from frontend.mosaic.plan import GOOD_ENOUGH, MosaicPlan, plan_mosaic
-from frontend.mosaic.view import Lattice, View, pixel_maps, view_of
+from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, pixel_maps
 from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, pose, survey
 
 WIDE = Camera((90.0, 95.0), (101.0, 73.0), (200, 150), (-0.2, 0.05, 0.003, -0.002))
@@ -31,8 +31,8 @@ def hover(seed: int, count: int) -> np.ndarray:
 @pytest.mark.parametrize("camera", [CAMERA, WIDE])
 def test_pixel_maps_agree_with_projecting_the_floor_point_by_point(camera: Camera) -> None:
     T = pose(0.3, -0.2, 1.7, 0.8, 0.25, -0.3)
-    view = view_of(camera, 0, T, FLOOR_Z_M)
-    assert isinstance(view, View)
+    view = mosaic_view(camera, 0, T, FLOOR_Z_M)
+    assert isinstance(view, MosaicView)
     lattice = Lattice(-0.4, 0.5, 0.07, 20, 15)
     u, v = pixel_maps(camera, view, lattice)
     r, c = np.mgrid[:20, :15]
@@ -46,8 +46,8 @@ def test_pixel_maps_agree_with_projecting_the_floor_point_by_point(camera: Camer
 
 def test_ground_sample_distance_is_that_of_two_neighbouring_pixels() -> None:
     T = pose(0, 0, 3.0, 0.3, 0.4, 0.1)
-    view = view_of(CAMERA, 0, T, FLOOR_Z_M)
-    assert isinstance(view, View)
+    view = mosaic_view(CAMERA, 0, T, FLOOR_Z_M)
+    assert isinstance(view, MosaicView)
     middle = np.array(CAMERA.center_px)
     p, right, down = CAMERA.floor_points(T, middle + [[0, 0], [1e-3, 0], [0, 1e-3]], FLOOR_Z_M)
     area = abs(np.linalg.det(np.array([right - p, down - p]) / 1e-3))
@@ -223,8 +223,8 @@ def test_owners_do_not_depend_on_pictures_elsewhere() -> None:
 
 def test_footprint_bounds_hold_a_bulging_lens() -> None:
     T = pose(0, 0, 2.0, 0.4, 0.1, 0.1)
-    view = view_of(WIDE, 0, T, FLOOR_Z_M)
-    assert isinstance(view, View)
+    view = mosaic_view(WIDE, 0, T, FLOOR_Z_M)
+    assert isinstance(view, MosaicView)
     t = np.linspace(0, 1, 200)
     edge = np.concatenate([np.column_stack([t * 199, np.full(200, b)]) for b in (0, 149)])
     ideal = cv2.undistortPoints(edge[:, None], WIDE.matrix, np.array(WIDE.distortion), P=WIDE.matrix)

@@ -11,7 +11,7 @@ from frontend.mosaic.canvas import CELL_PX
 from frontend.mosaic.plan import plan_mosaic
 from frontend.mosaic.quality import ground_std, mosaic_quality
 from frontend.mosaic.render import Pictures, measure_exposure
-from frontend.mosaic.view import Lattice, View, view_of
+from frontend.mosaic.view import Lattice, MosaicView, mosaic_view
 from tests.frontend.mosaic.scene import FLOOR_Z_M, pose
 
 CAMERA = Camera((180.0, 180.0), (79.5, 59.5), (160, 120))
@@ -27,8 +27,8 @@ def test_the_standard_deviation_is_that_of_drawn_poses():
     w_T_b = pose(0.4, -0.2, 1.1, yaw=0.7, pitch=0.15, roll=-0.1)
     A = rng.normal(0, 1, (6, 6)) * [[1], [1], [1], [2], [2], [2]]
     covariance = 1e-6 * A @ A.T
-    view = view_of(CAMERA, 0, w_T_b, FLOOR_Z_M)
-    assert isinstance(view, View)
+    view = mosaic_view(CAMERA, 0, w_T_b, FLOOR_Z_M)
+    assert isinstance(view, MosaicView)
     lattice = Lattice(0.1, 0.2, 0.25, 3, 4)
     found = ground_std(view, w_T_b, covariance, lattice, FLOOR_Z_M)
     drawn = w_T_b @ se3.exp(rng.multivariate_normal(np.zeros(6), covariance, 20_000))

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slam.io.clock import in_order
-from slam.io.csv_stream import Table
+from slam.io.clock import sort_by_time
+from slam.io.csv_stream import CsvTable
 
 START = 1_600_000_000 * 10**9
 HOUR = 3600 * 10**9
@@ -16,7 +16,7 @@ def table(stamps_ns, values=None):
     stamps_ns = np.asarray(stamps_ns, dtype=np.int64)
     n = len(stamps_ns)
     values = np.arange(n, dtype=float) if values is None else values
-    return Table(Path("data.csv"), stamps_ns, np.asarray(values, float)[:, None], (), np.arange(2, n + 2))
+    return CsvTable(Path("data.csv"), stamps_ns, np.asarray(values, float)[:, None], (), np.arange(2, n + 2))
 
 
 def regular(rate_hz, seconds=60, seed=0, jitter=0.2):
@@ -26,7 +26,7 @@ def regular(rate_hz, seconds=60, seed=0, jitter=0.2):
 
 
 def one(stamps_ns, **options):
-    tables, remarks = in_order({"s": table(stamps_ns)}, **options)
+    tables, remarks = sort_by_time({"s": table(stamps_ns)}, **options)
     return tables["s"], remarks
 
 
@@ -66,7 +66,7 @@ def test_repeated_rows_and_equal_stamps_are_counted():
     stamps = regular(50)
     values = np.arange(len(stamps), dtype=float)
     again = np.r_[0 : len(stamps), 300:400]
-    tables, remarks = in_order({"s": table(stamps[again], values[again])})
+    tables, remarks = sort_by_time({"s": table(stamps[again], values[again])})
     np.testing.assert_array_equal(tables["s"].stamps_ns, stamps)
     assert remarks == ["s: 100 repeated rows dropped"]
     stamps[10] = stamps[9]
@@ -96,7 +96,7 @@ def test_streams_keep_their_alignment_over_a_jump(jump_ns):
     true = {name: regular(rate, seed=k) for k, (name, rate) in enumerate(rates.items())}
     moment = START + 33 * 10**9
     jumped = {n: table(np.where(t < moment, t, t + jump_ns)) for n, t in true.items()}
-    tables, remarks = in_order(jumped)
+    tables, remarks = sort_by_time(jumped)
     assert len(remarks) == len(rates)
     off = {name: tables[name].stamps_ns - true[name] for name in rates}
     for name in rates:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import slam.io.csv_stream
-from slam.io.csv_header import Column
-from slam.io.csv_stream import Table, read_numbers
+from slam.io.csv_header import CsvColumn
+from slam.io.csv_stream import CsvTable, read_numbers
 
-COLUMNS = (Column("height", "m", 1e3), Column("speed", "m s^-1", 1e3))
+COLUMNS = (CsvColumn("height", "m", 1e3), CsvColumn("speed", "m s^-1", 1e3))
 
 
 def written(folder: Path, rows: list[str]) -> Path:
@@ -20,7 +20,7 @@ def written(folder: Path, rows: list[str]) -> Path:
     return path
 
 
-def read(path: Path) -> Table:
+def read(path: Path) -> CsvTable:
     return read_numbers(path, path.parent, COLUMNS)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from backend.measurements import RelativePose
-from frontend.keyframes import Passed
+from frontend.keyframes import IntermediateFrame
 from frontend.registration import Registration
 from frontend.store import FeatureStore
 from slam.core.flight import Flight
@@ -59,9 +59,9 @@ def sightings(break_s: float, rate_hz: float = 10.0, passed_s: float | None = No
         None,
         *(Registration(k, k + 1, "", matches, np.eye(3), np.eye(8), 0.2, 0.5) for k in range(2)),
     )
-    between = [Passed(k, 0, np.eye(3), np.eye(8)) for k in range(1, 10)]
+    between = [IntermediateFrame(k, 0, np.eye(3), np.eye(8)) for k in range(1, 10)]
     if passed_s is not None:
-        between.append(Passed(third - round(passed_s * rate_hz), 1, np.eye(3), np.eye(8)))
+        between.append(IntermediateFrame(third - round(passed_s * rate_hz), 1, np.eye(3), np.eye(8)))
     return Sightings(
         FeatureStore(), index, stamps_s[index], links, links[1:], (), 100, Counter(),
         frame_stamps_s=stamps_s, passed=tuple(between),

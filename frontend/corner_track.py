@@ -19,7 +19,7 @@ ALONE = 0.1
 
 
 @dataclass(frozen=True)
-class Trail:
+class CornerTrack:
     """The last two pictures' places in the picture of a keyframe."""
 
     frames: tuple[int, ...]
@@ -29,11 +29,11 @@ class Trail:
     """As `frontend.motions.Expectation` has it."""
 
     @staticmethod
-    def begin(frame: int, corners_px: Array) -> Trail:
+    def begin(frame: int, corners_px: Array) -> CornerTrack:
         """At a keyframe of which nothing is known before."""
-        return Trail((frame,), (corners_px,), 0.0)
+        return CornerTrack((frame,), (corners_px,), 0.0)
 
-    def then(self, frame: int, corners_px: Array, lead: float, alone: bool, width_px: int) -> Trail:
+    def then(self, frame: int, corners_px: Array, lead: float, alone: bool, width_px: int) -> CornerTrack:
         """One picture later; ``alone``: no other motion was found in it.
 
         What moves all over a picture is the floor; where nothing moves, it may stand beside a landing gear.
@@ -41,12 +41,12 @@ class Trail:
         before = self.corners_px[-1]
         if alone and np.linalg.norm(corners_px - before, axis=1).mean() > MOVES * width_px:
             lead = min(MOST_LEAD, lead + ALONE)
-        return Trail((self.frames[-1], frame), (before, corners_px), lead)
+        return CornerTrack((self.frames[-1], frame), (before, corners_px), lead)
 
-    def seen_from(self, i_H_j: Array) -> Trail:
+    def seen_from(self, i_H_j: Array) -> CornerTrack:
         """The same in the picture of another keyframe j."""
         j_H_i: Array = np.asarray(np.linalg.inv(i_H_j), dtype=float)
-        return Trail(self.frames, tuple(transfer(j_H_i, c) for c in self.corners_px), self.lead)
+        return CornerTrack(self.frames, tuple(transfer(j_H_i, c) for c in self.corners_px), self.lead)
 
     def expected(self, frame: int) -> Expectation | None:
         """Of a later frame, if corners go on as fast as between the last two; None after a single one."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from frontend.continuity import ALONE, Trail
+from frontend.corner_track import ALONE, CornerTrack
 from frontend.homography import transfer
 from frontend.motions import MOST_LEAD
 
@@ -14,7 +14,7 @@ STEP = np.array([8.0, -3.0])
 
 
 def test_corners_go_on_as_fast_as_they_went_over_frames_that_were_lost_too() -> None:
-    trail = Trail.begin(4, CORNERS)
+    trail = CornerTrack.begin(4, CORNERS)
     assert trail.expected(5) is None
     trail = trail.then(6, CORNERS + 2 * STEP, 0.5, False, 320)
     expected = trail.expected(9)
@@ -25,7 +25,7 @@ def test_corners_go_on_as_fast_as_they_went_over_frames_that_were_lost_too() -> 
 
 def test_another_keyframe_sees_the_same_places() -> None:
     i_H_j = np.array([[0.9, 0.1, 12.0], [-0.1, 0.95, 4.0], [1e-4, -5e-5, 1.0]])
-    trail = Trail.begin(0, CORNERS).then(1, CORNERS + STEP, 0.0, True, 320)
+    trail = CornerTrack.begin(0, CORNERS).then(1, CORNERS + STEP, 0.0, True, 320)
     seen = trail.seen_from(i_H_j).expected(1)
     assert seen is not None
     assert transfer(i_H_j, seen.corners_px) == pytest.approx(CORNERS + STEP)
@@ -38,7 +38,7 @@ def test_what_moves_alone_all_over_the_picture_leads_more_and_more(
     step: np.ndarray, alone: bool, gains: bool
 ) -> None:
     """A hovering vehicle's floor stands still like what is fixed to its camera."""
-    trail = Trail.begin(0, CORNERS).then(1, CORNERS + step, 0.0, alone, 320)
+    trail = CornerTrack.begin(0, CORNERS).then(1, CORNERS + step, 0.0, alone, 320)
     assert trail.lead == pytest.approx(ALONE if gains else 0.0)
     for k in range(2, 60):
         trail = trail.then(k, CORNERS + k * step, trail.lead, alone, 320)
