@@ -1,4 +1,4 @@
-"""Whether covariances tell the truth: NEES over hundreds of made flights of each kind.
+"""Calibration of covariances: NEES over hundreds of synthetic flights of each kind.
 
 Made are the measurements (`tests.backend.made_floor`: followed floor points, attitudes, ranges, fixes, each
 with its own Gaussian noise); the refinement is the real one. Of each flight one keyframe counts, the one that
@@ -61,7 +61,7 @@ Array = np.ndarray
 
 
 def measure() -> list[Metric]:
-    """Each kind of flight."""
+    """Measure each kind of flight."""
     metrics = []
     for kind in KINDS:
         found = [flight(kind, seed) for seed in range(FLIGHTS)]
@@ -82,32 +82,30 @@ def _wrong_speed() -> Metric:
     return told(what, float(np.mean(scores)), "", "6 expected; the maker names no such error")
 
 
-def judged(kind: str, nees: Array, freedom: int) -> list[Metric]:
-    """Independent ones (n,) against what a chi-square allows their mean."""
+def judged(kind: str, nees: Array, dof: int) -> list[Metric]:
+    """Compare the mean of independent NEES values (n,) with its chi-square limits."""
     n = len(nees)
-    low, high = (float(chi2.ppf(q, freedom * n)) / n for q in (CHANCE / 2, 1 - CHANCE / 2))
-    beyond = float(np.mean(nees > chi2.ppf(1 - CHANCE, freedom)))
+    low, high = (float(chi2.ppf(q, dof * n)) / n for q in (CHANCE / 2, 1 - CHANCE / 2))
+    beyond = float(np.mean(nees > chi2.ppf(1 - CHANCE, dof)))
     return [
-        within(
-            f"{kind}: mean NEES of {n} flights", float(nees.mean()), "", (low, high), f"{freedom} expected"
-        ),
+        within(f"{kind}: mean NEES of {n} flights", float(nees.mean()), "", (low, high), f"{dof} expected"),
         told(f"{kind}: share of flights beyond 95 %", beyond, "", "0.05 expected"),
     ]
 
 
 @dataclass(frozen=True)
-class SyntheticFlight:
-    """Squared errors of one flight over what was told of them."""
+class FlightNees:
+    """Normalised estimation errors squared (NEES) of one flight."""
 
     pose: float
     landmark: float
     scale: float
 
 
-def flight(kind: str, seed: int) -> SyntheticFlight:
-    """One keyframe of one flight, what it shows of the floor, and the lengths of the whole."""
+def flight(kind: str, seed: int) -> FlightNees:
+    """Run one flight; return the NEES of a keyframe, of its floor footprint, and of the scale."""
     scene = KINDS[kind]
-    # A gain is unknown by as much as it is told to be.
+    # The gain is drawn from its stated uncertainty.
     gain = 1 + scene.range_gain_std * np.random.default_rng([seed, 1]).standard_normal()
     made = make(replace(scene, range_gain=float(gain)), seed)
     turn = (scene.keyframes + 1) // 2
@@ -116,10 +114,10 @@ def flight(kind: str, seed: int) -> SyntheticFlight:
     found = refine(made.measurements, made.start, made.floor_z_m)
     hat = found.w_T_b if scene.position_std_m is not None else aligned(found.w_T_b, made.w_T_b)
     k = turn - 1
-    # The unit of all lengths is the first keyframe's height.
+    # The unit of length is the first keyframe's height.
     ratio = (found.w_T_b[0, 2, 3] - found.floor_z_m) / (made.w_T_b[0, 2, 3] - made.floor_z_m)
     assert found.scale_std is not None
-    return SyntheticFlight(
+    return FlightNees(
         float(nees(hat[k : k + 1], made.w_T_b[k : k + 1], found.covariances[k : k + 1])[0]),
         mark_nees(made, found, k),
         float(np.log(ratio) / found.scale_std) ** 2,
@@ -127,8 +125,10 @@ def flight(kind: str, seed: int) -> SyntheticFlight:
 
 
 def bridge(seed: int, with_velocity: bool, velocity_error_m_s: float = 0.0) -> float:
-    """The edge across two seconds of a straight flight of four metres; speed is always read too large by
-    ``velocity_error_m_s``."""
+    """Return the NEES of the edge across two seconds of a straight flight of four metres.
+
+    The velocity readings have the constant error ``velocity_error_m_s``.
+    """
     flown = simulate(_STRAIGHT, seed)
     assert flown.truth is not None
     stamps_s = np.arange(flown.truth.stamps_s[0] + 0.5, flown.truth.stamps_s[-1] - 0.5, 0.3)
@@ -151,7 +151,7 @@ def bridge(seed: int, with_velocity: bool, velocity_error_m_s: float = 0.0) -> f
 
 
 def _first(made: Made, count: int) -> Made:
-    """The way out alone: nothing is seen twice."""
+    """Build a one-way flight without revisits."""
     measured, tracks = made.measurements, made.measurements.tracks
     assert tracks is not None
     out = tracks.keyframe < count

@@ -1,4 +1,4 @@
-"""Standard graphs with a share of their loops made false by seed: error over that of the true ones alone.
+"""Standard graphs with a share of their loops made false: error over that of the true loops alone.
 
 A false loop looks like a true one (its measurement is another loop's) and joins two places that lie farther
 apart than a tenth of the map. ``alone``: each for itself; ``groups``: ten in a row, consistent with each
@@ -26,9 +26,9 @@ from tests.benchmarks.rivals import RIVALS, Rival
 
 NAMES = ("CSAIL", "intel", "manhattan", "parking-garage", "sphere2500", "torus3D", "city10000")
 COMPARED = ("CSAIL", "intel", "manhattan")
-"""Graphs that the other methods solve in a minute."""
+"""Graphs that the other methods solve within a minute."""
 SHARES, KINDS, SEEDS = (0.5, 0.9), {"alone": 1, "groups": 10}, (1,)
-"""Seed 0 was looked at while the selection was built."""
+"""Seed 0 was used in the development of the selection."""
 HALF_WITHIN, MOST_WITHIN, MOST = 1.2, 2.0, 0.9
 
 Array = np.ndarray
@@ -36,26 +36,26 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Case:
-    """One graph with some loops made false."""
+    """Result of one graph with some loops made false."""
 
     name: str
     share: float
     kind: str
     seed: int
     ratio: float
-    """Position error over that of the true loops alone."""
+    """Ratio of the position error to that of the true loops alone."""
     false: int
     kept: int
-    """False loops kept."""
+    """Number of false loops that were kept."""
 
     @property
     def label(self) -> str:
-        """Which case it is."""
+        """Name of the case."""
         return f"{self.name} {100 * self.share:.0f} % {self.kind}, seed {self.seed}"
 
 
 def measure() -> list[Metric]:
-    """Every graph, share and kind."""
+    """Measure every graph, share and kind."""
     data = folder("graphs")
     cases = [case for name in NAMES for case in cases_of(data / f"{name}.g2o")]
     metrics = []
@@ -78,7 +78,7 @@ def measure() -> list[Metric]:
 
 
 def _by_others(path: Path) -> Iterator[tuple[str, float, str]]:
-    """The worse of alone and in groups, by other methods, with half of the loops false."""
+    """Measure other methods with half of the loops false: the worse of single ones and groups."""
     graph = read_g2o(path)
     whole = solve_pose_graph(graph, covariances=False).w_T_b
     for method, rival in RIVALS.items():
@@ -87,7 +87,7 @@ def _by_others(path: Path) -> Iterator[tuple[str, float, str]]:
 
 
 def ours(graph: PoseGraph) -> tuple[Array, Array]:
-    """What `backend.pose_graph.solve` keeps, and the poses."""
+    """Return the edges that `backend.pose_graph.solve` keeps, and the poses."""
     found = solve_pose_graph(graph, covariances=False)
     return found.edge_kept, found.w_T_b
 
@@ -97,7 +97,7 @@ def _said(cases: list[Case]) -> str:
 
 
 def cases_of(path: Path, shares: tuple[float, ...] = SHARES) -> list[Case]:
-    """All shares, kinds and seeds of one graph."""
+    """Run all shares, kinds and seeds of one graph."""
     graph = read_g2o(path)
     whole = solve_pose_graph(graph, covariances=False).w_T_b
     return [
@@ -121,7 +121,7 @@ def case(
 
 
 def edges_of(graph: PoseGraph, which: Array) -> PoseGraph:
-    """The graph with some of its edges."""
+    """Return the graph with some of its edges."""
     return replace(
         graph,
         i=graph.i[which],
@@ -132,7 +132,7 @@ def edges_of(graph: PoseGraph, which: Array) -> PoseGraph:
 
 
 def falsified(graph: PoseGraph, whole: Array, share: float, group: int, seed: int) -> tuple[PoseGraph, Array]:
-    """Make a share of the loops false; also gives (m,) which ones."""
+    """Make a share of the loops false; also return which ones (m,)."""
     rng = np.random.default_rng([seed, round(100 * share), group])
     n, loops = len(graph.ids), np.flatnonzero(np.abs(graph.i - graph.j) != 1)
     bad = rng.permutation(loops)[: round(share * len(loops))]

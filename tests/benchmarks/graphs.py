@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 ERROR_TOLERANCE, MAX_RATIO, MAX_ARRAY_RATIO = 1e-4, 1.3, 1.1
 BUDGET_S, FEWEST, MOST = 12.0, 3, 40
-"""Small graphs are solved many times: a few milliseconds are noise."""
+"""Small graphs are solved several times, since a few milliseconds are noise."""
 FALSE_LOOP_M = 1.0
 PUBLISHED_DIGITS = 5e-4
 """Half a unit of the fourth digit at its coarsest."""
@@ -41,41 +41,41 @@ PUBLISHED_DIGITS = 5e-4
 
 @dataclass(frozen=True)
 class GraphResult:
-    """One graph, solved both ways."""
+    """Result of one graph, solved by the back end and by raw gtsam."""
 
     name: str
     published: float
     error: float
     raw_error: float
     solve_s: float
-    """Solving alone: graph building, start, descent, tests."""
+    """Time of the solve: graph construction, initial guess, iterations, tests."""
     raw_solve_s: float
-    """The raw descent alone, with its chordal start where the given one diverges."""
+    """Time of raw gtsam's iterations, with a chordal initial guess if the given one diverges."""
     raw_build_s: float
-    """Building gtsam's graph and start from arrays, one factor at a time."""
+    """Time to build gtsam's graph and values from arrays, one factor at a time."""
     total_s: float
-    """From the file to the poses."""
+    """Time from the file to the poses."""
     raw_total_s: float
 
     @property
     def ratio(self) -> float:
-        """Time of the solve over raw gtsam's."""
+        """Ratio of the time of the solve to raw gtsam's."""
         return self.solve_s / self.raw_solve_s
 
     @property
     def array_ratio(self) -> float:
-        """Time of the solve over raw gtsam's, both from arrays."""
+        """Ratio of the time of the solve to raw gtsam's, both from arrays."""
         return self.solve_s / (self.raw_solve_s + self.raw_build_s)
 
     @property
     def total_ratio(self) -> float:
-        """Time from the file to the poses over raw gtsam's."""
+        """Ratio of the time from the file to the poses to raw gtsam's."""
         return self.total_s / self.raw_total_s
 
 
 @dataclass(frozen=True)
 class FalseLoopResult:
-    """Rejection on a graph with false loops and truth."""
+    """Result of the rejection on a graph with false loops and ground truth."""
 
     loops: int
     false_loops: int
@@ -91,7 +91,7 @@ class FalseLoopResult:
 
 
 def measure() -> list[Metric]:
-    """Every graph with a published optimum, then the rejection of false loops."""
+    """Measure every graph with a published optimum, then the rejection of false loops."""
     data = folder("graphs")
     results = [compare(data / f"{name}.g2o", optimum) for name, optimum in published(data).items()]
     figures = [metric for result in results for metric in _metrics(result)]
@@ -152,7 +152,7 @@ def _rejection(f: FalseLoopResult) -> list[Metric]:
 
 
 def graph_folder() -> Path | None:
-    """The folder of standard graphs; None where SLAM_DATA does not name one."""
+    """Return the folder of standard graphs; None if SLAM_DATA does not name one."""
     try:
         return folder("graphs")
     except Skipped:
@@ -160,7 +160,7 @@ def graph_folder() -> Path | None:
 
 
 def published(data: Path) -> dict[str, float]:
-    """gtsam's error at the optimum, by graph."""
+    """Return gtsam's error at the optimum, by graph."""
     with (data / "optima.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     errors = {row["name"]: row["gtsam_gauss_newton_error"] for row in rows}
@@ -168,14 +168,14 @@ def published(data: Path) -> dict[str, float]:
 
 
 def se_sync_optima(data: Path) -> dict[str, float]:
-    """SE-Sync's published optimum, by graph: four digits."""
+    """Return SE-Sync's published optimum, by graph, with four digits."""
     with (data / "optima.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     return {row["name"]: float(row["se_sync_f_star"]) for row in rows if row["se_sync_f_star"]}
 
 
 def se_sync_optimum(graph: PoseGraph, solution: Solution) -> tuple[float, float]:
-    """SE-Sync's objective at its minimum next to a solution, and what no poses can be below.
+    """Return SE-Sync's objective at its minimum near a solution, and its lower bound.
 
     With its reader's weights: in the plane those of a rotation count twice.
     """
@@ -189,7 +189,7 @@ def se_sync_optimum(graph: PoseGraph, solution: Solution) -> tuple[float, float]
 
 
 def raw_read(path: Path) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-    """gtsam's own reading, with the first vertex held."""
+    """Read a graph with gtsam, with the first vertex fixed."""
     spatial = b"SE3" in path.read_bytes()[:100_000]
     graph, values = gtsam.readG2o(str(path), spatial)
     first = min(values.keys())
@@ -205,7 +205,7 @@ def raw_read(path: Path) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
 def raw_solve(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, from_chordal: bool
 ) -> tuple[gtsam.Values, float]:
-    """Plain Gauss-Newton."""
+    """Solve with plain Gauss-Newton."""
     if from_chordal:
         values = gtsam.InitializePose3.initialize(graph)
     optimizer = gtsam.GaussNewtonOptimizer(graph, values, gtsam.GaussNewtonParams())
@@ -213,7 +213,7 @@ def raw_solve(
 
 
 def raw_build(graph: PoseGraph) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-    """gtsam's graph and start from arrays, without any check."""
+    """Build gtsam's graph and values from arrays, without checks."""
     built, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     pose, between = (
         (lambda T: gtsam.Pose2(T[0, 3], T[1, 3], np.arctan2(T[1, 0], T[0, 0])), gtsam.BetweenFactorPose2)
@@ -228,7 +228,7 @@ def raw_build(graph: PoseGraph) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Value
 
 
 def compare(path: Path, optimum: float) -> GraphResult:
-    """Both ways on one graph, in turns, the best of several each."""
+    """Time both solvers on one graph, in alternation; the best of several runs each."""
     from_chordal = path.stem == "torus3D"
     read, raw, built, solved, gaussian = [], [], [], [], []
     began = time.perf_counter()
@@ -265,7 +265,7 @@ def _timed(call: Callable[[], T]) -> tuple[float, T]:
 
 
 def false_loops(data: Path) -> FalseLoopResult:
-    """Bicocca 25b with its real false loops: a loop is false where it is off by more than 1 m from truth."""
+    """Measure Bicocca 25b with real false loops: a loop is false if its error exceeds 1 m."""
     graph = read_g2o(data / "bicocca25b_0.300.g2o")
     truth, known = _truth(data)
     seconds, solution = _timed(lambda: solve_pose_graph(graph, covariances=False))
@@ -292,7 +292,7 @@ def false_loops(data: Path) -> FalseLoopResult:
 
 
 def _truth(data: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Poses at the vertices' stamps (n, 4, 4), and where the truth has a sample within 0.25 s."""
+    """Return true poses at the vertices' stamps (n, 4, 4), and which have a sample within 0.25 s."""
     rows = np.loadtxt(data / "bicocca25b_truth.csv", delimiter=",")
     stamps = np.loadtxt(data / "bicocca25b_timestamps.txt")
     planar = [
@@ -308,7 +308,7 @@ def _ate(solution: Solution, truth: np.ndarray, known: np.ndarray) -> float:
 
 
 def aligned_rmse(p: np.ndarray, q: np.ndarray) -> float:
-    """RMSE in metres after the best planar rigid motion (Umeyama 1991 without scale)."""
+    """Return the RMSE in metres after the best planar rigid motion (Umeyama 1991 without scale)."""
     a, b = p - p.mean(axis=0), q - q.mean(axis=0)
     R = se3.nearest_rotations((b.T @ a)[None])[0]
     return float(np.sqrt(((b - a @ R.T) ** 2).sum(axis=1).mean()))

@@ -1,4 +1,4 @@
-"""The growing trajectory over 5000 keyframes with 250 loops: time for each, and the batch's answer."""
+"""Incremental estimation over 5000 keyframes with 250 loops: time per keyframe, and the batch's result."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ MAX_OFF = 0.01
 
 @dataclass(frozen=True)
 class Run:
-    """One flight, keyframe by keyframe."""
+    """Result of one flight, added keyframe by keyframe."""
 
     seconds: np.ndarray
-    """(n,) for each keyframe."""
+    """(n,) time for each keyframe."""
     waited: int
-    """Most loops that waited at a time."""
-    rebuild_reason: int
+    """Largest number of queued loops."""
+    rebuilds: int
     off: float
     """Relative difference of the final error to the batch's."""
     moved_m: float
-    """RMS of what settling moved: how far the answer in flight was from the final one."""
+    """RMS change of positions by the final solve: the error of the incremental estimate."""
 
 
 def measure() -> list[Metric]:
-    """Time and error."""
+    """Measure time and error."""
     run = flown(KEYFRAMES, LOOPS, SEED)
     slowest = f"median {1e3 * np.median(run.seconds):.2f} ms, longest {1e3 * run.seconds.max():.0f} ms"
     percentile = float(np.percentile(run.seconds, 99))
@@ -42,12 +42,12 @@ def measure() -> list[Metric]:
         told(
             "in flight against the final answer, RMS", run.moved_m, "m", f"{run.waited} loops waited at most"
         ),
-        told("built anew", run.rebuild_reason, ""),
+        told("built anew", run.rebuilds, ""),
     ]
 
 
 def flown(keyframes: int, loops: int, seed: int) -> Run:
-    """Two rounds of a figure eight; all loops lie in the second."""
+    """Run two rounds of a figure eight; all loops are in the second."""
     measured = flight(seed, n=keyframes, loops=loops).measurements
     edges: list[list] = [[] for _ in range(keyframes)]
     for edge in measured.relative_poses:
@@ -64,7 +64,7 @@ def flown(keyframes: int, loops: int, seed: int) -> Run:
     return Run(
         seconds=np.array(seconds),
         waited=max(step.pending for step in steps),
-        rebuild_reason=sum(step.rebuild_reason != "" for step in steps),
+        rebuilds=sum(step.rebuild_reason != "" for step in steps),
         off=abs(live.error() - batch.error) / batch.error,
         moved_m=float(np.sqrt((moved**2).sum(axis=1).mean())),
     )

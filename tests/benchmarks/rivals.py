@@ -1,6 +1,6 @@
-"""Other ways to tell false loops, on the same graphs: what `backend.pose_graph.selection` is held against.
+"""Other methods to reject false loops, for comparison with `backend.pose_graph.selection` on the same graphs.
 
-Each begins at the odometry and takes it for right, as ours does, and ends with a plain solve of what it kept.
+Each starts from odometry and trusts it, as ours does, and ends with a least-squares fit of the kept edges.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from backend.pose_graph.unary_factors import fixed, gtsam_poses
 
 Array = np.ndarray
 Rival = Callable[[PoseGraph], tuple[Array, Array]]
-"""Which edges are kept (m,), and the poses from them (n, 4, 4)."""
+"""Function from a graph to kept edges (m,) and their poses (n, 4, 4)."""
 
 _EXACT = 150
-"""A maximum clique of more loops takes too long."""
+"""Number of loops above which a maximum clique takes too long."""
 
 
 def kernel(graph: PoseGraph) -> tuple[Array, Array]:
-    """Cauchy's kernel on every loop, nothing else: what sticks out in the end is left out."""
+    """Reject loops that are outliers after a solve with Cauchy's kernel on every loop."""
     problem, odometry, gauge_fixed = _begun(graph)
     factors = problem.with_edges(problem.trusted).edge_factors()
     loops = problem.with_edges(~problem.trusted)
@@ -52,16 +52,16 @@ def kernel(graph: PoseGraph) -> tuple[Array, Array]:
 
 
 def gnc(graph: PoseGraph) -> tuple[Array, Array]:
-    """Graduated non-convexity with truncated least squares (Yang et al. 2020)."""
+    """Select loops by graduated non-convexity with truncated least squares (Yang et al. 2020)."""
     problem, odometry, gauge_fixed = _begun(graph)
     return _solved(gauge_fixed, *gnc_inliers(problem, gauge_fixed.priors, odometry, ~problem.trusted))
 
 
 def clique(graph: PoseGraph) -> tuple[Array, Array]:
-    """The largest set of loops of which every two agree by the odometry between them (Mangelson et al. 2018).
+    """Find the largest set of pairwise consistent loops (Mangelson et al. 2018).
 
-    The maximum clique of up to a hundred and fifty loops; of more the best that a greedy search finds from
-    each, as its authors do.
+    It is the maximum clique of up to 150 loops; for more, the best of greedy searches from each loop, as its
+    authors do.
     """
     problem, odometry, gauge_fixed = _begun(graph)
     samples = sample_posterior(gauge_fixed.graph(problem.trusted), problem.values(odometry), problem.dof)
@@ -83,7 +83,7 @@ def clique(graph: PoseGraph) -> tuple[Array, Array]:
 
 
 def _greedy(agree: Array, first: int) -> list[int]:
-    """A clique grown from one loop by the one that most others agree with (Pattabiraman et al. 2015)."""
+    """Grow a clique from one loop, each time by the loop of highest degree (Pattabiraman et al. 2015)."""
     degree, members, open_ = agree.sum(axis=1), [first], agree[first].copy()
     while open_.any():
         best = int(np.argmax(np.where(open_, degree, -1)))
