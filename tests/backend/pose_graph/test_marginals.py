@@ -4,6 +4,7 @@ import pytest
 
 from backend.pose_graph.marginals import bayes_tree, joint_covariances, pose_covariances
 from backend.pose_graph.problem import from_pose_graph
+from backend.pose_graph.unary_factors import fixed
 from tests.backend.synthetic import graph
 
 EMBEDDED = np.ix_([3, 4, 2], [3, 4, 2])
@@ -100,3 +101,16 @@ def test_a_message_that_cannot_be_decoded_is_an_error_like_any_other(monkeypatch
     factors.add(gtsam.PriorFactorPose3(0, gtsam.Pose3(), gtsam.noiseModel.Unit.Create(6)))
     monkeypatch.setattr(gtsam.GaussianFactorGraph, "eliminateMultifrontal", raised)
     assert bayes_tree(factors, values) is None
+
+
+@pytest.mark.parametrize(("std", "known"), [(1e4, True), (1e6, False)])
+def test_a_variance_beyond_the_limit_is_nan(std: float, known: bool):
+    factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    factors.push_back(fixed(0, np.eye(4), 3).factor)
+    noise = gtsam.noiseModel.Isotropic.Sigma(6, std)
+    factors.push_back(gtsam.BetweenFactorPose3(0, 1, gtsam.Pose3(), noise))
+    for k in range(2):
+        values.insert(k, gtsam.Pose3())
+    found = pose_covariances(factors, values, range(2))
+    assert np.isfinite(found[0]).all()
+    assert np.isfinite(found[1]).all() == known

@@ -106,3 +106,24 @@ def test_a_held_heading_is_held_about_the_vertical_of_the_world():
         turned = T.copy()
         turned[:3, :3] = Rotation.from_rotvec(1e-6 * np.eye(3)[axis]).as_matrix() @ T[:3, :3]
         assert _sigmas(factor, turned) == pytest.approx(told, abs=1e-3)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.6, 1.0])
+def test_one_sigma_of_a_range_is_one_sigma_at_any_tilt(tilt: float):
+    range_m, std_m = 2.0, 0.03
+    w_T = np.eye(4)
+    w_T[:3, :3] = Rotation.from_euler("x", tilt).as_matrix()
+    w_T[2, 3] = range_m * np.cos(tilt)
+    values = gtsam.Values()
+    values.insert(0, gtsam.Pose3(w_T))
+    unary = slant_range(SlantRange(0, range_m + std_m, std_m), float(np.cos(tilt)))
+    assert unary.gaussian.error(values) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("std", [(0.01, 0.02), (0.02, 0.01)])
+def test_the_larger_tilt_deviation_holds_without_a_heading(std: tuple[float, float]):
+    level = attitude(Attitude(0, np.array([0.0, 0.0, np.nan]), np.array([*std, np.inf])))
+    assert level is not None
+    values = gtsam.Values()
+    values.insert(0, gtsam.Pose3(gtsam.Rot3.Rx(0.02), np.zeros(3)))
+    assert level.gaussian.error(values) == pytest.approx(0.5, rel=1e-3)

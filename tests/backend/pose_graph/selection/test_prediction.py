@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
 
 from backend.pose_graph.linear import elimination_order, jacobian
 from backend.pose_graph.problem import from_pose_graph
-from backend.pose_graph.selection.prediction import sample_posterior, white_noise
+from backend.pose_graph.selection.prediction import log_volume, noise_scale, sample_posterior, white_noise
 from backend.pose_graph.unary_factors import fixed
 from tests.backend.synthetic import graph
 
@@ -40,3 +42,22 @@ def test_a_variable_is_eliminated_in_one_piece(dimension: int) -> None:
     np.testing.assert_array_equal(
         jacobian(factors, values, order).toarray(), jacobian(factors, values).toarray()[:, order]
     )
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_noise_beyond_the_stated_one_is_its_chi_square_per_degree_of_freedom(dimension: int) -> None:
+    problem = from_pose_graph(graph(4, dimension, n=30))
+    kept = np.ones(len(problem.i), dtype=bool)
+    kept[-3:] = False
+    statistic = float((problem.residuals(problem.initial)[kept] ** 2).sum())
+    dof = problem.dof * (int(kept.sum()) - 30 + 1)
+    larger = replace(problem, sqrt_information=problem.sqrt_information * np.sqrt(16 * dof / statistic))
+    assert noise_scale(larger, kept, problem.initial) == pytest.approx(4.0)
+
+
+def test_the_volume_of_an_ellipsoid_is_that_of_the_unit_ball_times_its_axes() -> None:
+    """The unit balls have the volumes 4 pi / 3 and pi^3 / 6 (3 and 6 dimensions)."""
+    for d, ball in ((3, 4 * np.pi / 3), (6, np.pi**3 / 6)):
+        axes = np.arange(1.0, d + 1)
+        found = log_volume(np.diag(axes**2), 4.0)
+        assert found == pytest.approx(np.log(ball * axes.prod() * 2.0**d))
