@@ -1,4 +1,4 @@
-"""The layers of the house, checked on the imports that the source holds and on those that really happen."""
+"""The layers of the code, checked on the imports in the source and on those at run time."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ HEAVY = ("gtsam", "cv2", "scipy.optimize", "matplotlib", "rasterio", "numba")
 
 
 def imported(source: str, package: str) -> Iterator[tuple[int, str]]:
-    """Line and full dotted name of every module that a source file of ``package`` imports anywhere.
+    """Yield line and dotted name of every module that a source file of ``package`` imports.
 
     ``from a import b`` counts as ``a.b``: b may be a module. ``import_module`` and ``__import__`` count too,
     as ``<lazy>`` where they import a module of the table ``_MODULES``.
@@ -45,7 +45,7 @@ def imported(source: str, package: str) -> Iterator[tuple[int, str]]:
 
 
 def violations(layer: str, source: str, package: str) -> list[tuple[int, str]]:
-    """What a file imports beyond the standard library and what its layer may."""
+    """Return the imports of a file that are neither standard library nor allowed to its layer."""
     return [
         (line, name)
         for line, name in imported(source, package)
@@ -110,7 +110,7 @@ def test_the_walker_sees_a_planted_violation(layer, planted):
         ("frontend", "from backend import measurements\nimport networkx"),
     ],
 )
-def test_the_walker_lets_pass_what_is_allowed(layer, allowed):
+def test_the_walker_passes_allowed_imports(layer, allowed):
     assert violations(layer, allowed, layer) == []
 
 
@@ -183,10 +183,10 @@ PACKAGES = {
 """Parts of a package from the bottom up. A part imports only parts of the rows above it in this table."""
 
 
-def upward(package: str, sources: Iterable[tuple[str, str]]) -> set[tuple[str, str]]:
-    """Imports (part, part) of ``package`` that do not point downwards; ``sources`` holds (part, source).
+def upward_imports(package: str, sources: Iterable[tuple[str, str]]) -> set[tuple[str, str]]:
+    """Return imports (part, part) of ``package`` that do not point downwards, from (part, source).
 
-    An import for a type annotation counts too: a reader has to follow it all the same.
+    An import for a type annotation counts too, because a reader has to follow it.
     """
     height = {part: level for level, parts in enumerate(PACKAGES[package]) for part in parts}
     pairs = {
@@ -199,7 +199,7 @@ def upward(package: str, sources: Iterable[tuple[str, str]]) -> set[tuple[str, s
 
 
 def parts_of(package: str) -> list[tuple[str, str]]:
-    """(part, source) of every file in ``package`` except its own ``__init__`` and ``__main__``."""
+    """Return (part, source) of every file in ``package`` except its own ``__init__`` and ``__main__``."""
     files = [path for path in sorted((ROOT / package).rglob("*.py")) if not path.stem.startswith("__m")]
     return [
         (path.relative_to(ROOT / package).with_suffix("").parts[0], path.read_text(encoding="utf-8"))
@@ -212,19 +212,19 @@ def parts_of(package: str) -> list[tuple[str, str]]:
 def test_parts_import_only_parts_below_them(package):
     sources = parts_of(package)
     assert {part for part, _ in sources} == {part for parts in PACKAGES[package] for part in parts}
-    assert upward(package, sources) == set()
+    assert upward_imports(package, sources) == set()
 
 
 def test_a_planted_upward_import_is_seen():
-    assert upward("slam", [("io", "from slam.core.flight import Flight")]) == set()
+    assert upward_imports("slam", [("io", "from slam.core.flight import Flight")]) == set()
     reader = ("core", "def read():\n    from slam.io.flight_folder import read_flight")
-    assert upward("slam", [reader]) == {("core", "io")}
+    assert upward_imports("slam", [reader]) == {("core", "io")}
     sideways = ("inertial", "from slam.simulation import simulate")
-    assert upward("slam", [sideways]) == {("inertial", "simulation")}
+    assert upward_imports("slam", [sideways]) == {("inertial", "simulation")}
 
 
-def circles(sources: Iterable[tuple[str, str]]) -> list[set[str]]:
-    """Modules that import each other all the way round; ``sources`` holds (module, source)."""
+def import_circles(sources: Iterable[tuple[str, str]]) -> list[set[str]]:
+    """Return groups of modules that import each other in a circle, from (module, source)."""
     texts = dict(sources)
     graph = nx.DiGraph()
     for module, source in texts.items():
@@ -238,18 +238,18 @@ def circles(sources: Iterable[tuple[str, str]]) -> list[set[str]]:
 
 def test_no_modules_import_each_other_in_a_circle():
     files = [path for package in ("slam", "frontend", "backend") for path in (ROOT / package).rglob("*.py")]
-    # Packages hand names on lazily: what they name is imported by whoever asks for it.
+    # Packages import their public names lazily, which makes no circle.
     modules = [path for path in files if path.stem != "__init__"]
     assert len(modules) > 300
     names = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in modules]
     texts = [path.read_text(encoding="utf-8") for path in modules]
-    assert circles(zip(names, texts, strict=True)) == []
+    assert import_circles(zip(names, texts, strict=True)) == []
 
 
 def test_a_planted_circle_is_seen():
     reader = ("slam.io.csv", "from slam.core.flight import Flight")
-    assert circles([reader, ("slam.core.flight", "import math")]) == []
-    assert circles([reader, ("slam.core.flight", "def read():\n    from slam.io import csv")]) == [
+    assert import_circles([reader, ("slam.core.flight", "import math")]) == []
+    assert import_circles([reader, ("slam.core.flight", "def read():\n    from slam.io import csv")]) == [
         {"slam.io.csv", "slam.core.flight"}
     ]
 
@@ -278,7 +278,7 @@ except SystemExit as left:
     "program",
     ["import slam", "import backend", "import frontend", "import slam.cli", HELP],
 )
-def test_light_entries_stay_light(program):
+def test_importing_the_packages_loads_nothing_heavy(program):
     """``slam --help`` answers at once only while nothing heavy is imported for it."""
     check = f"loaded = [name for name in {HEAVY!r} if name in sys.modules]\nassert not loaded, loaded"
     done = subprocess.run(

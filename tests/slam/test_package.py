@@ -1,4 +1,4 @@
-"""The package as others get it: light to import, whole in a wheel, at home in an empty folder."""
+"""The package as users install it: light to import, complete in a wheel, usable in an empty folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A recipe that flies a script, ``pulse.csv`` beside it, without a camera."""
+"""A recipe without a camera that flies the script ``pulse.csv``."""
 
 RECIPE = """name = "pulse"
 camera = "none"

@@ -59,11 +59,11 @@ def graph(tmp_path) -> Path:
     return path
 
 
-def test_info_and_optimize_tell_of_edges_that_tell_nothing_about_a_direction(graph, tmp_path):
+def test_info_and_optimize_report_rank_deficient_edges(graph, tmp_path):
     graph.write_text(SQUARE.replace("1 2 1 0 1.5707963 100", "1 2 1 0 1.5707963 0"))
     for command in (("info", graph), ("optimize", graph, "--out", tmp_path / "out")):
-        told = " ".join(run(*command).stdout.split())
-        assert "1 of 4 edges tell nothing about some direction" in told
+        printed = " ".join(run(*command).stdout.split())
+        assert "1 of 4 edges tell nothing about some direction" in printed
 
 
 def test_version_and_help():
@@ -115,7 +115,7 @@ def test_an_interrupt_while_the_commands_are_loaded_is_one_line(monkeypatch, cap
     assert capsys.readouterr().err == "slam: interrupted; nothing was written\n"
 
 
-def test_a_terminal_without_the_letters_is_no_fault(graph, tmp_path):
+def test_a_terminal_without_unicode_is_supported(graph, tmp_path):
     """In the C locale a table's sigma cannot be printed; the work is done all the same."""
     plain = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     out = tmp_path / "M\u00fcnchen"
@@ -159,8 +159,8 @@ def test_the_written_graph_is_at_its_minimum(graph, tmp_path):
 def test_lines_of_a_graph_that_are_not_used_are_counted(graph, tmp_path):
     with graph.open("a") as stream:
         stream.write("EDGE_SE2 1 1 0 0 0 1 0 0 1 0 1\nLANDMARK 3\nLANDMARK 4\n")
-    told = " ".join(run("optimize", graph, "--out", tmp_path / "o").stdout.split())
-    assert "left out 2 x line of another kind, 1 x edge from a vertex to itself" in told
+    printed = " ".join(run("optimize", graph, "--out", tmp_path / "o").stdout.split())
+    assert "left out 2 x line of another kind, 1 x edge from a vertex to itself" in printed
     rejected = json.loads((tmp_path / "o" / "summary.json").read_text())["edges"]["rejected"]
     assert rejected == {"line of another kind": 2, "edge from a vertex to itself": 1}
 
@@ -173,7 +173,7 @@ def test_a_graph_without_vertices_starts_from_the_edges(graph, tmp_path):
     np.testing.assert_allclose(trajectory[:, 1:3], [[0, 0], [1, 0], [1, 1], [0, 1]], atol=1e-6)
 
 
-def test_two_parts_are_told(graph, tmp_path):
+def test_two_components_are_reported(graph, tmp_path):
     other = re.sub(r"(VERTEX_SE2|EDGE_SE2) (\d)( \d(?= ))?", _shifted, SQUARE)
     graph.write_text(SQUARE + other)
     assert run("optimize", graph, "--out", tmp_path / "out").exit_code == 0
@@ -209,7 +209,7 @@ def test_a_bad_graph_is_refused_and_nothing_is_written(graph, tmp_path, content,
 
 
 @pytest.mark.parametrize("command", ["optimize", "import"])
-def test_what_is_no_flight_is_refused(command, tmp_path):
+def test_a_path_without_a_flight_is_refused(command, tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "others").mkdir()
     (tmp_path / "others" / "thesis.tex").write_text("mine")
@@ -236,7 +236,7 @@ def test_info_of_a_graph_counts(graph):
     assert re.search(r"other edges\s+1\b", result.stdout)
 
 
-def test_evaluate_needs_an_output_of_ours(tmp_path):
+def test_evaluate_needs_an_output_of_slam(tmp_path):
     assert_refused(run("evaluate", tmp_path, "--truth", tmp_path), "slam optimize")
     assert os.listdir(tmp_path) == []
 
@@ -244,7 +244,7 @@ def test_evaluate_needs_an_output_of_ours(tmp_path):
 # ---- outputs
 
 
-def test_a_limit_in_which_the_libraries_hang_is_refused(graph, tmp_path, monkeypatch):
+def test_a_low_memory_limit_is_refused(graph, tmp_path, monkeypatch):
     monkeypatch.setattr("resource.getrlimit", lambda _: (300 << 20, -1))
     assert_refused(run("optimize", graph, "--out", tmp_path / "out"), "ulimit")
     assert not (tmp_path / "out").exists()
@@ -283,7 +283,7 @@ def test_a_failure_in_the_middle_leaves_the_old_output(graph, tmp_path, monkeypa
     assert sorted(os.listdir(tmp_path)) == ["out", "square.g2o"]
 
 
-def test_debug_shows_where_it_arose(graph, tmp_path, monkeypatch):
+def test_debug_prints_the_traceback(graph, tmp_path, monkeypatch):
     monkeypatch.setattr(slam.cli.graph, "_estimate", lambda *_: 1 / 0)
     result = run("--debug", "optimize", graph, "--out", tmp_path / "out")
     assert result.exit_code == 1

@@ -1,4 +1,4 @@
-"""``slam criticise`` on one flight: held out by segments, and its model flies and explains elsewhere."""
+"""``slam criticise`` on one flight: held out by segments; its model simulates and replays."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def verdict(home) -> dict:
     return json.loads((home / "said" / "verdict.json").read_text())
 
 
-def test_one_flight_is_held_out_by_segments_and_told_so(home, verdict):
+def test_one_flight_is_held_out_by_segments(home, verdict):
     assert [cause["name"] for cause in verdict["causes"]] == ["quadratic_drag"], verdict["sentence"]
     gain = verdict["causes"][0]["gain"]
     assert gain["held_out_by"] == "segment"
@@ -77,7 +77,7 @@ def test_the_model_that_criticism_writes_simulates_and_replays(home, verdict, tm
         ("[terms.quadratic_drag]\nk = 0.1\n", "terms.quadratic_drag.k"),
     ],
 )
-def test_a_term_that_there_is_not_is_refused_in_one_line(text, saying, home, tmp_path):
+def test_an_unknown_term_is_refused_in_one_line(text, saying, home, tmp_path):
     (tmp_path / "mine.toml").write_text(text)
     done = run("criticise", home / "flight", "--model", tmp_path / "mine.toml", "--out", tmp_path / "out")
     assert done.exit_code == 1

@@ -103,7 +103,7 @@ def test_an_unknown_recipe_is_refused(tmp_path):
 
 
 def test_info_shows_the_streams(flight, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "80")  # as a terminal's width is told
+    monkeypatch.setenv("COLUMNS", "80")  # as terminals set it
     result = run("info", flight)
     assert result.exit_code == 0
     for stream in ("cam0", "imu0", "sonar0", "attitude0"):
@@ -144,9 +144,9 @@ def test_a_second_run_renders_no_tile_that_the_first_one_has(flight, done, tmp_p
     again = shutil.copytree(done, tmp_path / "out")
     assert run("optimize", flight, "--out", again).exit_code == 0
     assert (again / "mosaic.tif").read_bytes() == (done / "mosaic.tif").read_bytes()
-    told = [w for w in json.loads((again / "summary.json").read_text())["warnings"] if "tiles" in w]
-    assert len(told) == 1
-    kept, tiles = re.match(r"mosaic: (\d+) of (\d+) tiles are those of the earlier one", told[0]).groups()
+    notes = [w for w in json.loads((again / "summary.json").read_text())["warnings"] if "tiles" in w]
+    assert len(notes) == 1
+    kept, tiles = re.match(r"mosaic: (\d+) of (\d+) tiles are those of the earlier one", notes[0]).groups()
     assert kept == tiles
 
 
@@ -218,7 +218,7 @@ def edit(path: Path, change) -> None:
         (lambda f: (f / "mav0" / "cam0" / "data.csv").unlink(), "data.csv"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_used_is_refused_and_nothing_written(own, tmp_path, damage, saying):
+def test_an_unusable_flight_is_refused_and_nothing_is_written(own, tmp_path, damage, saying):
     damage(own)
     assert_refused(run("optimize", own, "--out", tmp_path / "new" / "out"), saying)
     assert os.listdir(tmp_path) == ["own"]
@@ -244,7 +244,7 @@ def test_a_featureless_flight_is_refused(tmp_path):
     ],
     ids=["half a picture", "infinity in the sonar", "IMU unsorted", "attitude twice"],
 )  # fmt: skip
-def test_damage_is_counted_and_told(own, tmp_path, damage, said):
+def test_damage_is_counted_and_reported(own, tmp_path, damage, said):
     damage(own)
     result = run("optimize", own, "--out", tmp_path / "out", "--no-mosaic")
     if result.exit_code == 0:

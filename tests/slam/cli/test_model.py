@@ -1,4 +1,4 @@
-"""``--model`` on the command line: from a verdict's file into the map, and what is told of it."""
+"""``--model`` on the command line: from a verdict's file into the map, and its warning."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ def home(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_the_map_is_made_without_what_the_model_knows(home):
+def test_the_map_is_corrected_by_the_model(home):
     model = home / "extended.toml"
     result = run("optimize", home / "flight", "--out", home / "out", "--no-mosaic", "--model", model)
     assert result.exit_code == 0, result.output
     assert "What the model gains in the map" in result.output
-    told = next(w for w in json.loads((home / "out/summary.json").read_text())["warnings"] if "found" in w)
-    assert "sonar_scale (eps 0.08)" in told
-    assert "left as it is: sonar_spikes" in told
+    warning = next(w for w in json.loads((home / "out/summary.json").read_text())["warnings"] if "found" in w)
+    assert "sonar_scale (eps 0.08)" in warning
+    assert "left as it is: sonar_spikes" in warning
     assert "as recorded" in (home / "out/report.html").read_text()
     assert run("evaluate", home / "out", "--truth", home / "flight").exit_code == 0
     evaluation = json.loads((home / "out/evaluation.json").read_text())
@@ -54,7 +54,7 @@ def test_the_map_is_made_without_what_the_model_knows(home):
     assert writer_of(home / "out") == "optimize"
 
 
-def test_motion_without_pictures_takes_a_model_too(home):
+def test_estimate_is_corrected_by_the_model(home):
     height_m = []
     for options in ((), ("--model", home / "extended.toml")):
         out = home / f"estimate{len(options)}"
@@ -65,7 +65,7 @@ def test_motion_without_pictures_takes_a_model_too(home):
 
 
 @pytest.mark.parametrize("command", ["optimize", "estimate"])
-def test_a_model_that_is_not_there_is_refused_before_any_work(command, home, tmp_path):
+def test_a_missing_model_is_refused_before_any_work(command, home, tmp_path):
     result = run(command, home / "flight", "--out", tmp_path / "out", "--model", tmp_path / "none.toml")
     assert result.exit_code == 1
     assert "none.toml: does not exist" in result.stderr
@@ -79,7 +79,7 @@ def test_a_graph_has_no_instruments(home, tmp_path):
     assert "is a graph, without instruments" in result.stderr
 
 
-def test_a_verdict_on_an_instrument_is_held_against_the_map(home):
+def test_the_gain_of_an_instrument_s_correction_is_measured_in_the_map(home):
     flight = read_flight(home / "flight")
     interval = Interval(0.08, "1", 0.07, 0.09)
     cause = Cause("sonar_scale", 1.0, {"eps": interval}, Gain(9.0, (1.0, 20.0), "flight", (), ()), 9.0, 9.0)

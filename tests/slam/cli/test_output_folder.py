@@ -71,7 +71,7 @@ def test_a_new_output_replaces_the_old_one_whole(target):
         lambda d: (d / ".git").mkdir(),
     ],
 )
-def test_what_we_did_not_write_is_not_replaced(target, plant):
+def test_foreign_content_is_not_replaced(target, plant):
     write_output(target, "old")
     plant(target)
     before = sorted(os.listdir(target))
@@ -81,14 +81,14 @@ def test_what_we_did_not_write_is_not_replaced(target, plant):
     assert sorted(os.listdir(target)) == before
 
 
-def test_files_of_our_names_without_a_summary_are_not_ours(target):
+def test_files_without_a_summary_are_not_replaced(target):
     target.mkdir(parents=True)
     (target / "mosaic.png").write_text("a picture of theirs")
     with pytest.raises(InputError, match="did not write"), output_folder(target):
         pytest.fail("the block must not run")
 
 
-def test_an_empty_folder_is_taken(target):
+def test_an_empty_folder_is_accepted(target):
     target.mkdir(parents=True)
     write_output(target, "new")
     assert is_output(target)
@@ -151,7 +151,7 @@ def test_after_a_kill_the_next_run_gets_the_lock_and_loses_nothing(target, momen
     assert os.listdir(target.parent) == ["out"]
 
 
-def test_a_disk_that_fills_up_is_told_in_one_line(target):
+def test_a_full_disk_is_reported_in_one_line(target):
     write_output(target, "old")
     with pytest.raises(InputError, match="disk is full"), output_folder(target) as folder:  # noqa: PT012
         (folder / "summary.json").write_text("half")
@@ -180,7 +180,7 @@ def test_files_can_be_added_to_an_output_by_one_run_at_a_time(target):
     assert "evaluation.json" not in contents(target), "it spoke of the output before"
 
 
-def test_what_a_killed_run_left_locks_nothing(target):
+def test_leftovers_of_a_killed_run_lock_nothing(target):
     write_output(target, "old")
     left = partial_path(target)
     left.mkdir()
@@ -190,7 +190,7 @@ def test_what_a_killed_run_left_locks_nothing(target):
     assert os.listdir(target.parent) == ["out"]
 
 
-def test_leftovers_of_a_killed_evaluation_are_ours(target):
+def test_leftovers_of_a_killed_evaluation_are_replaced(target):
     write_output(target, "old")
     for name in EVALUATE_NAMES:
         partial_path(target / name).write_text("half")
@@ -208,15 +208,15 @@ def test_leftovers_of_a_killed_evaluation_are_ours(target):
         (errno.EIO, "disk"),
     ],
 )
-def test_what_the_system_refuses_is_told(code, said):
+def test_system_errors_are_explained(code, said):
     assert said in explain(OSError(code, os.strerror(code), "/some/place"))
 
 
-def test_the_unforeseen_is_told_in_the_systems_words():
+def test_unknown_system_errors_keep_the_system_s_words():
     assert explain(OSError(errno.ENXIO, os.strerror(errno.ENXIO))).startswith(os.strerror(errno.ENXIO))
 
 
-def test_names_are_those_of_the_contract():
+def test_the_names_of_the_output_files():
     contract = (
         "trajectory.tum graph.g2o mosaic.tif mosaic.png report.html summary.json estimate.npz loops.csv"
     )

@@ -56,7 +56,7 @@ def test_a_replay_writes_a_picture_and_a_summary_and_may_be_repeated(folder, tmp
     assert summary["rollouts"]["2"] >= 3
 
 
-def test_a_model_of_ones_own_flies_and_explains(folder, tmp_path):
+def test_a_model_from_a_file_is_simulated_and_replayed(folder, tmp_path):
     def off(flight: str, model: object) -> float:
         out = tmp_path / f"{flight}-{Path(str(model)).stem}"
         result = run("replay", folder / flight, "--model", model, "--out", out)
@@ -68,7 +68,7 @@ def test_a_model_of_ones_own_flies_and_explains(folder, tmp_path):
     assert off("flight", "nominal") < 0.12
 
 
-def test_what_cannot_be_replayed_is_refused_in_one_line(folder, tmp_path):
+def test_a_flight_without_commands_is_refused_in_one_line(folder, tmp_path):
     out = tmp_path / "out"
     assert_refused(
         run("replay", folder / "flight", "--model", "nomnal", "--out", out), "did you mean 'nominal'"
@@ -86,7 +86,7 @@ def test_what_cannot_be_replayed_is_refused_in_one_line(folder, tmp_path):
     assert_refused(run("replay", folder / "flight", "--out", full), "mine.txt")
 
 
-def test_a_model_that_is_not_there_flies_nothing(folder, tmp_path):
+def test_a_missing_model_is_refused(folder, tmp_path):
     assert_refused(
         run("simulate", folder / "pulse.toml", "--out", tmp_path / "f", "--model", "papre"),
         "did you mean 'paper'",

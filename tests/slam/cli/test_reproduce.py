@@ -35,7 +35,7 @@ def out(tmp_path_factory):
     return folder
 
 
-def test_the_files_are_those_that_are_told(out):
+def test_the_files_are_those_of_the_list(out):
     names = {path.name for path in out.iterdir()}
     assert names == {"reproduce.html", "summary.json", *(f"{n}.{k}" for n in NAMES for k in ("json", "png"))}
     assert names <= set(REPRODUCE_NAMES)
@@ -44,7 +44,7 @@ def test_the_files_are_those_that_are_told(out):
             assert np.asarray(picture.convert("L")).std() > 10
 
 
-def test_a_record_holds_both_sides_the_spread_and_every_seed(out):
+def test_a_record_holds_both_figures_the_spread_and_every_seed(out):
     record = json.loads((out / "squares.json").read_text())
     assert [trial["seed"] for trial in record["trials"]] == [0, 1]
     row = record["rows"][0]
@@ -63,10 +63,10 @@ def test_the_summary_has_verdicts_and_sentences(out):
     assert list(summary["experiments"]) == list(NAMES)
     for name in NAMES:
         record = json.loads((out / f"{name}.json").read_text())
-        told = summary["experiments"][name]
-        assert told["sentence"] == record["sentence"]
-        assert told["sentence"].lower().startswith(told["verdict"])
-        assert told["headline"] == record["rows"][0]
+        short = summary["experiments"][name]
+        assert short["sentence"] == record["sentence"]
+        assert short["sentence"].lower().startswith(short["verdict"])
+        assert short["headline"] == record["rows"][0]
 
 
 def test_the_page_stands_alone_and_has_every_row(out):
@@ -99,7 +99,7 @@ def test_jobs_do_not_change_figures(tmp_path):
         (("hover", "--jobs", "0"), 2, "--jobs"),
     ],
 )
-def test_what_is_refused(tmp_path, arguments, code, words):
+def test_wrong_arguments_are_refused(tmp_path, arguments, code, words):
     result = run(*arguments, "--out", tmp_path / "out")
     assert result.exit_code == code
     assert words in result.output
@@ -110,7 +110,7 @@ def test_what_is_refused(tmp_path, arguments, code, words):
 @pytest.mark.parametrize(
     ("what", "code", "words"), [("interrupt", 130, "interrupted"), ("kill", 1, "--jobs")]
 )
-def test_interrupted_or_robbed_of_a_worker_it_leaves_one_line_and_nothing_else(tmp_path, what, code, words):
+def test_an_interrupt_or_a_killed_worker_leaves_one_line_and_no_files(tmp_path, what, code, words):
     out = tmp_path / "out"
     command = ["reproduce", "table5", "--seeds", "200", "--jobs", "2", "--out", str(out)]
     main = [sys.executable, "-m", "slam"]
@@ -125,10 +125,10 @@ def test_interrupted_or_robbed_of_a_worker_it_leaves_one_line_and_nothing_else(t
         os.killpg(running.pid, signal.SIGINT)
     else:
         os.kill(workers[0], signal.SIGKILL)
-    _, told = running.communicate(timeout=60)
-    assert running.returncode == code, told
-    assert len([line for line in told.splitlines() if line.startswith("slam: ")]) == 1
-    assert words in told
+    _, errors = running.communicate(timeout=60)
+    assert running.returncode == code, errors
+    assert len([line for line in errors.splitlines() if line.startswith("slam: ")]) == 1
+    assert words in errors
     assert not out.exists()
     assert not list(tmp_path.iterdir())
     assert not any(Path(f"/proc/{worker}").exists() for worker in workers)

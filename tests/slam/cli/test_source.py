@@ -1,4 +1,4 @@
-"""What a path is, told by what it holds."""
+"""The kind of a path follows from its content."""
 
 from __future__ import annotations
 
@@ -55,22 +55,22 @@ def made(root, *entries):
         (("day/one/mav0/cam0/data/1.png",), "flight"),
     ],
 )
-def test_a_folder_is_told_by_what_it_holds(tmp_path, entries, kind):
+def test_the_kind_of_a_folder_follows_from_its_content(tmp_path, entries, kind):
     assert kind_of(made(tmp_path / "in", *entries)) == kind
 
 
-def test_the_inner_folder_is_told_by_the_outer(tmp_path):
+def test_the_kind_of_an_inner_folder_is_that_of_the_outer(tmp_path):
     assert kind_of(made(tmp_path / "a", *EUROC) / "mav0") == "euroc"
     assert kind_of(made(tmp_path / "b", *EUROC, "flight.yaml") / "mav0") == "flight"
 
 
-def test_a_graph_is_told_by_its_first_line(tmp_path):
+def test_a_graph_is_recognised_by_its_first_line(tmp_path):
     path = tmp_path / "graph.txt"
     path.write_text("\n EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n")
     assert kind_of(path) == "graph"
 
 
-def test_a_flight_whose_yaml_was_lost_is_read_as_it_is(tmp_path):
+def test_a_flight_without_flight_yaml_is_read(tmp_path):
     """Camera, IMU and truth alone look like EuRoC's; where z is up, nothing is renamed."""
     nothing = dict.fromkeys(
         ("sonar", "attitude", "velocity", "command", "battery", "gps", "barometer", "motor")
@@ -109,7 +109,7 @@ def test_an_output_is_no_folder_of_photographs(tmp_path, command, names):
             ask(root)
 
 
-def test_of_an_output_that_holds_a_graph_the_graph_can_be_given(tmp_path):
+def test_the_refusal_of_an_output_names_its_graph(tmp_path):
     root = made(tmp_path / "out", *OPTIMIZE_NAMES, *EVALUATE_NAMES)
     with pytest.raises(InputError, match=f"its graph can be given, {root}/graph.g2o"):
         kind_of(root)

@@ -10,7 +10,7 @@ from slam.cli.tables import rich_table
 from slam.report.accuracy import FigureTable
 
 
-def test_what_stands_in_brackets_is_printed_as_it_is():
+def test_text_in_brackets_is_printed_without_markup():
     out = io.StringIO()
     table = FigureTable(
         "a [bold]flight[/]", ("picture", "x, y, z [m]", "turn [rad]"), (("[red]a[/]", "1", "2"),)

@@ -1,4 +1,4 @@
-"""One recording given twice is one recording."""
+"""A recording that is given twice is used once."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ def one() -> Flight:
     return simulate(recipe(), seed=1)
 
 
-def test_a_copy_is_known_whatever_it_is_called_and_what_it_lost(one: Flight):
+def test_a_copy_is_detected_under_another_name_and_without_some_streams(one: Flight):
     copy = replace(one, name="copy", sonar=None, velocity=None)
     assert same_recording(one, copy)
-    kept, told = without_duplicates([one, copy])
+    kept, notes = without_duplicates([one, copy])
     assert kept == [one]
-    assert told == [f"copy: the same recording as {one.name}; it was left out"]
+    assert notes == [f"copy: the same recording as {one.name}; it was left out"]
 
 
-def test_other_flights_are_other_flights(one: Flight):
+def test_different_flights_are_no_copies(one: Flight):
     other = simulate(recipe(), seed=2)
     assert not same_recording(one, other)
     assert without_duplicates([one, other]) == ([one, other], [])
 
 
-def test_what_holds_nothing_or_next_to_nothing_is_no_repeat():
+def test_a_flight_with_few_readings_is_no_copy():
     def flight(values: list[float]) -> Flight:
         return Flight("f", sonar=Sonar(np.arange(len(values), dtype=float), np.array(values)))
 
@@ -47,12 +47,12 @@ def test_what_holds_nothing_or_next_to_nothing_is_no_repeat():
     assert same_recording(flight([1.0, np.nan] * 10), flight([1.0, np.nan] * 10))
 
 
-def test_a_map_of_one_recording_given_twice_is_refused(one: Flight):
+def test_joining_a_recording_with_its_copy_is_refused(one: Flight):
     with pytest.raises(InputError, match=r"the same recording as .*; give it once"):
         join_flights([one, replace(one, name="again")])
 
 
-def test_criticism_judges_it_once_and_says_so():
+def test_criticism_uses_a_copied_recording_once():
     flight = flown(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), 1)
     verdict = criticise([flight, replace(flight, name="again")])
     assert verdict.flights == (flight.name,)

@@ -1,4 +1,4 @@
-"""What a flight holds, what it lacks and what is odd about it."""
+"""The description of a flight: streams, missing streams and anomalies."""
 
 import dataclasses
 import io
@@ -19,7 +19,7 @@ from tests.slam.io.made_flight import made_flight
 DATA = os.environ.get("SLAM_DATA")
 
 
-def odd(flight, *words):
+def anomalies(flight, *words):
     return [line for line in describe(flight).anomalies if all(w in line for w in words)]
 
 
@@ -32,7 +32,7 @@ def sonar(ranges, rate_hz=25.0):
     return Flight("s", sonar=Sonar(np.arange(len(ranges)) / rate_hz, ranges))
 
 
-def test_a_sound_flight_is_not_odd():
+def test_a_sound_flight_has_no_anomalies():
     info = describe(made_flight(seconds=20))
     assert info.anomalies == ()
     assert info.missing == ()
@@ -47,7 +47,7 @@ def test_a_sound_flight_is_not_odd():
 
 
 @pytest.mark.parametrize(("pause_s", "gaps"), [(0.02, 0), (0.09, 0), (0.11, 1), (3.0, 1)])
-def test_gaps_are_long_by_both_measures(pause_s, gaps):
+def test_a_gap_exceeds_both_limits(pause_s, gaps):
     flight = made_flight()
     stamps = flight.imu.stamps_s.copy()
     stamps[300:] += pause_s - 0.01
@@ -55,59 +55,61 @@ def test_gaps_are_long_by_both_measures(pause_s, gaps):
     imu = describe(flight).streams[1]
     assert imu.gaps == gaps
     assert abs(imu.largest_gap_s - pause_s) < 1e-9
-    assert len(odd(flight, "imu0", "gap")) == gaps
+    assert len(anomalies(flight, "imu0", "gap")) == gaps
 
 
-def test_sonar_stuck_saturated_negative_and_dead():
+def test_sonar_anomalies_are_reported():
     rng = np.random.default_rng(0)
     live = 1.0 + rng.normal(0, 0.01, 500)
-    assert odd(sonar(live), "sonar0") == []
+    assert anomalies(sonar(live), "sonar0") == []
     stuck = live.copy()
     stuck[100:300] = 1.5
-    assert odd(sonar(stuck), "exactly 1.5 m for 8.0 s from 4.0 s")
-    assert not odd(sonar(np.where(np.arange(500) % 40 < 39, 1.5, 1.6)), "exactly")
-    assert odd(sonar(np.r_[live, np.full(60, 6.0)]), "saturated")
-    assert odd(sonar(np.r_[live, -1.0, 0.0]), "2 ranges are zero or negative")
-    assert odd(sonar(np.full(50, np.nan)), "no range at all")
-    assert odd(sonar(np.r_[live, np.full(60, 0.1)]), "below its 0.25 m")
+    assert anomalies(sonar(stuck), "exactly 1.5 m for 8.0 s from 4.0 s")
+    assert not anomalies(sonar(np.where(np.arange(500) % 40 < 39, 1.5, 1.6)), "exactly")
+    assert anomalies(sonar(np.r_[live, np.full(60, 6.0)]), "saturated")
+    assert anomalies(sonar(np.r_[live, -1.0, 0.0]), "2 ranges are zero or negative")
+    assert anomalies(sonar(np.full(50, np.nan)), "no range at all")
+    assert anomalies(sonar(np.r_[live, np.full(60, 0.1)]), "below its 0.25 m")
 
 
-def test_attitude():
+def test_attitude_anomalies_are_reported():
     flight = made_flight()
     angles = flight.attitude.roll_pitch_yaw_rad.copy()
     angles[:, 2] += 4
-    assert odd(part(flight, "attitude", roll_pitch_yaw_rad=angles), "yaw is unwrapped")
+    assert anomalies(part(flight, "attitude", roll_pitch_yaw_rad=angles), "yaw is unwrapped")
     angles[:, 0] = np.nan
-    assert odd(part(flight, "attitude", roll_pitch_yaw_rad=angles), "roll was not recorded")
+    assert anomalies(part(flight, "attitude", roll_pitch_yaw_rad=angles), "roll was not recorded")
 
 
-def test_imu_at_rest():
+def test_imu_anomalies_at_rest_are_reported():
     flight = made_flight()
     n = len(flight.imu.stamps_s)
     rng = np.random.default_rng(0)
     still = part(flight, "imu", gyro_rad_s=rng.normal(0, 1e-3, (n, 3)))
-    assert odd(still, "imu0") == []
+    assert anomalies(still, "imu0") == []
     low = part(still, "imu", accel_m_s2=still.imu.accel_m_s2 * 0.92)
-    assert odd(low, "accelerometer reads 9.0", "m/s^2 at rest")
-    assert odd(part(still, "imu", gyro_rad_s=still.imu.gyro_rad_s + 0.1), "gyro reads 0.173 rad/s at rest")
+    assert anomalies(low, "accelerometer reads 9.0", "m/s^2 at rest")
+    assert anomalies(
+        part(still, "imu", gyro_rad_s=still.imu.gyro_rad_s + 0.1), "gyro reads 0.173 rad/s at rest"
+    )
     moving = part(flight, "imu", accel_m_s2=flight.imu.accel_m_s2 * 0.9)
-    assert odd(moving, "on average")
+    assert anomalies(moving, "on average")
 
 
-def test_streams_apart_in_time():
+def test_streams_that_do_not_overlap_are_reported():
     flight = made_flight()
     late = part(flight, "sonar", stamps_s=flight.sonar.stamps_s + 100)
-    assert odd(late, "sonar0", "does not overlap in time with cam0")
+    assert anomalies(late, "sonar0", "does not overlap in time with cam0")
     half = part(flight, "sonar", stamps_s=flight.sonar.stamps_s + 4)
-    assert odd(half, "sonar0", "covers only")
+    assert anomalies(half, "sonar0", "covers only")
 
 
-def test_noise_of_zero():
+def test_a_noise_of_zero_is_reported():
     flight = part(made_flight(), "sonar", noise_std_m=0.0)
-    assert odd(flight, "sonar0", "noise is given as zero")
+    assert anomalies(flight, "sonar0", "noise is given as zero")
 
 
-def test_missing_says_what_it_means():
+def test_missing_streams_are_reported_with_their_consequence():
     def missing(**changes):
         return " | ".join(describe(dataclasses.replace(made_flight(), **changes)).missing)
 
@@ -130,7 +132,7 @@ def test_an_empty_flight_is_described():
     print_info(info, Console(file=io.StringIO()))
 
 
-def test_reads_no_picture():
+def test_describe_reads_no_picture():
     def load(k):
         raise AssertionError
 
@@ -138,7 +140,7 @@ def test_reads_no_picture():
     assert describe(flight).streams[0].count == 30
 
 
-def test_printed_text_is_shown_as_it_is():
+def test_texts_are_printed_without_markup():
     screen = io.StringIO()
     flight = dataclasses.replace(
         made_flight(),

@@ -1,4 +1,4 @@
-"""Several flights, one map."""
+"""Several flights are joined and give one map."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_two_flights_over_the_same_ground_make_one_map_as_good_as_its_covariance
 
 
 @pytest.mark.slow
-def test_flights_over_different_ground_stay_two_maps_and_say_so(two):
+def test_flights_over_different_ground_give_two_maps(two):
     estimate = optimize(join_flights([two[0], replace(elsewhere(), name="elsewhere")]))
     assert set(estimate.component.tolist()) == {0, 1}
     assert "2 parts" in estimate.status
@@ -47,11 +47,11 @@ def test_flights_over_different_ground_stay_two_maps_and_say_so(two):
     assert len(set(estimate.component[first].tolist())) == 1
 
 
-def test_one_flight_is_itself(two):
+def test_a_single_flight_is_returned_unchanged(two):
     assert join_flights(two[:1]) is two[0]
 
 
-def test_clocks_that_follow_each_other_are_kept_and_others_are_moved_by_whole_seconds(two):
+def test_consecutive_clocks_are_kept_and_others_are_shifted_by_whole_seconds(two):
     a, b = two
     later = replace(b, epoch_ns=a.epoch_ns + 3_600_000_000_000)
     kept = join_flights([a, later])
@@ -66,7 +66,7 @@ def test_clocks_that_follow_each_other_are_kept_and_others_are_moved_by_whole_se
         assert (np.diff(series.stamps_s) > 0).all()
 
 
-def test_pictures_and_why_they_fail_are_those_of_the_flights(two):
+def test_pictures_and_read_errors_are_those_of_the_flights(two):
     a, b = two
     broken = seeing(b, lambda k: None)
     broken.frames.failures[3] = "cut short"  # a loader's own dictionary
@@ -77,7 +77,7 @@ def test_pictures_and_why_they_fail_are_those_of_the_flights(two):
     assert joint.frames.names[len(a.frames)] == f"second/{b.frames.names[0]}"
 
 
-def test_truth_of_some_is_no_truth_of_all_and_gps_of_some_is(two):
+def test_truth_is_kept_only_if_all_have_it_and_gps_if_some_have_it(two):
     a, b = two
     joint = join_flights([replace(a, gps=gps_of(a, 0.1)), replace(b, truth=None)])
     assert joint.truth is None
@@ -85,12 +85,12 @@ def test_truth_of_some_is_no_truth_of_all_and_gps_of_some_is(two):
     assert len(joint.gps.stamps_s) == len(gps_of(a, 0.1).stamps_s)
 
 
-def test_flights_of_one_name_are_told_apart(two):
+def test_equal_names_are_numbered(two):
     assert join_flights([two[0], replace(two[1], name=two[0].name)]).name == "small.1 + small.2"
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         (lambda f: replace(f, camera=None, frames=None), "no camera"),
         (lambda f: replace(f, camera=replace(f.camera, size_px=(320, 240))), "320x240"),
@@ -100,8 +100,8 @@ def test_flights_of_one_name_are_told_apart(two):
         (lambda f: photographs([(f, 0), (f, 9)]), "photographs"),
     ],
 )
-def test_what_cannot_be_joined_is_refused_in_one_line(two, change, told):
-    with pytest.raises(InputError, match=told) as refused:
+def test_flights_that_cannot_be_joined_are_refused_in_one_line(two, change, message):
+    with pytest.raises(InputError, match=message) as refused:
         join_flights([two[0], change(two[1])])
     assert "\n" not in str(refused.value)
 

@@ -1,4 +1,4 @@
-"""How far work is, told by what does it and shown to who waits."""
+"""Progress: counted by the library, shown by the command line."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from slam.core.progress import Tally
 from slam.io.flight_writer import write_flight
 
 
-def test_parts_are_counted_as_they_end_by_several_threads_too():
-    told = []
-    tally = Tally(lambda *step: told.append(step), "look", 40)
+def test_parts_of_several_threads_are_counted_when_they_end():
+    steps = []
+    tally = Tally(lambda *step: steps.append(step), "look", 40)
 
     def one(_):
         with tally.part():
@@ -26,18 +26,18 @@ def test_parts_are_counted_as_they_end_by_several_threads_too():
 
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(one, range(40)))
-    done = [step[1] for step in told]
+    done = [step[1] for step in steps]
     assert done == sorted(done)
-    assert (told[0], told[-1]) == (("look", 0, 40), ("look", 40, 40))
+    assert (steps[0], steps[-1]) == (("look", 0, 40), ("look", 40, 40))
 
 
-def test_each_part_ends_when_the_next_is_asked_for():
-    told = []
-    parts = Tally(lambda *step: told.append(step), "try").each("ab")
-    assert [next(parts), told[-1]] == ["a", ("try", 0, 0)]
-    assert [next(parts), told[-1]] == ["b", ("try", 1, 0)]
+def test_an_item_is_finished_when_the_next_is_requested():
+    steps = []
+    parts = Tally(lambda *step: steps.append(step), "try").each("ab")
+    assert [next(parts), steps[-1]] == ["a", ("try", 0, 0)]
+    assert [next(parts), steps[-1]] == ["b", ("try", 1, 0)]
     assert next(parts, None) is None
-    assert told[-1] == ("try", 2, 0)
+    assert steps[-1] == ("try", 2, 0)
 
 
 def test_a_log_has_one_line_for_each_stage():
@@ -48,7 +48,7 @@ def test_a_log_has_one_line_for_each_stage():
     assert out.getvalue().splitlines() == ["look", "pictures (3)"]
 
 
-def test_criticism_tells_the_terminal_what_it_does(tmp_path):
+def test_criticism_shows_its_progress(tmp_path):
     stamps_s = np.arange(0.0, 10.0, 0.01)
     rng = np.random.default_rng(1)
     noise = rng.normal(0.0, 0.01, (2, len(stamps_s), 3))

@@ -1,4 +1,4 @@
-"""A sonar that sits anywhere and looks aslant gives what one at the body's origin would have given."""
+"""Ranges of a displaced and tilted sonar are converted to those of a sonar at the body's origin."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def flown(b_T_s: np.ndarray, attitude: bool = True) -> tuple[Flight, np.ndarray]
 
 
 @pytest.mark.parametrize("attitude", [True, False])
-def test_the_mount_is_taken_out(attitude):
+def test_the_lever_arm_is_removed(attitude):
     b_T_s = np.eye(4)
     b_T_s[:3, :3] = Rotation.from_euler("xy", [0.1, -0.05]).as_matrix()
     b_T_s[:3, 3] = (0.1, -0.05, -0.08)
@@ -37,7 +37,7 @@ def test_the_mount_is_taken_out(attitude):
     assert moved.max_range_m == pytest.approx(flight.sonar.max_range_m + 0.08)
 
 
-def test_what_was_not_heard_stays_unheard_and_a_usual_mount_changes_nothing():
+def test_missing_ranges_stay_missing_and_an_identity_mount_changes_nothing():
     flight, _ = flown(np.eye(4))
     assert ranges_at_body(flight) is flight
     b_T_s = np.eye(4)

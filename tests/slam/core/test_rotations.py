@@ -1,4 +1,4 @@
-"""Roll, pitch and yaw: beside scipy's axis by axis, and there and back."""
+"""Roll, pitch and yaw against scipy's rotations about single axes, and the round trip."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_the_rotation_is_roll_first_then_pitch_then_yaw_about_the_axes_of_the_wo
     np.testing.assert_allclose(rotation_of(angles), (yaw * pitch * roll).as_matrix(), atol=1e-14)
 
 
-def test_there_and_back():
+def test_angles_survive_the_round_trip():
     angles = drawn()
     np.testing.assert_allclose(roll_pitch_yaw_of(rotation_of(angles)), angles, atol=1e-12)
     turned = Rotation.random(500, rng=np.random.default_rng(1)).as_matrix()
@@ -34,7 +34,7 @@ def test_there_and_back():
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (7,), (2, 3), (0,)])
-def test_any_number_of_them_at_once(shape):
+def test_rotations_are_vectorised(shape):
     angles = drawn(6).reshape(-1)[: 3 * int(np.prod(shape))] if 0 not in shape else np.zeros(0)
     angles = np.resize(angles, (*shape, 3)) if angles.size else np.zeros((*shape, 3))
     turned = rotation_of(angles)
@@ -42,7 +42,7 @@ def test_any_number_of_them_at_once(shape):
     np.testing.assert_allclose(roll_pitch_yaw_of(turned), angles, atol=1e-12)
 
 
-def test_up_leans_to_the_other_side_and_a_gap_is_bridged():
+def test_up_tilts_against_the_body_and_gaps_are_interpolated():
     rolls = AttitudeSeries(STAMPS_S, np.array([[0.0, 0.0, 3.0], [np.nan] * 3, [0.4, 0.0, -3.0]]))
     up = up_at(rolls, np.array([0.0, 1.0, 5.0]))
     expected = [[0.0, np.sin(a), np.cos(a)] for a in (0.0, 0.2, 0.4)]

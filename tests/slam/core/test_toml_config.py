@@ -58,7 +58,7 @@ def test_a_full_mapping_becomes_the_dataclass():
     )  # fmt: skip
 
 
-def test_what_is_left_out_has_its_default():
+def test_an_absent_key_has_its_default():
     assert load_config(Rig, {"name": "r"}, "") == Rig("r")
 
 
@@ -109,7 +109,7 @@ def test_a_wrong_value_is_one_line_with_its_place(mapping, place):
         ),
     )
 )  # fmt: skip
-def test_any_mapping_is_taken_or_refused_in_one_line(mapping):
+def test_any_mapping_is_accepted_or_refused_in_one_line(mapping):
     try:
         taken, message = load_config(Rig, mapping, "x"), ""
     except InputError as error:
@@ -127,7 +127,7 @@ def test_any_mapping_is_taken_or_refused_in_one_line(mapping):
         (None, "does not exist"),
     ],
 )
-def test_a_file_that_is_no_toml_is_one_line(tmp_path, content, said):
+def test_a_file_that_is_no_toml_is_refused_in_one_line(tmp_path, content, said):
     path = tmp_path / "x.toml"
     if content is not None:
         path.write_bytes(content)
