@@ -54,7 +54,7 @@ class AttitudeErrors:
     """Range of the heading's error, largest minus smallest; None where no heading was measured."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class AccelerometerErrors:
     """Errors of the accelerometer against the map's trajectory (`backend.inertial_scale`).
 

@@ -1,4 +1,4 @@
-"""What is in a flight: its streams with their rates and gaps, what is missing and what is odd."""
+"""Description of a flight: streams with rates and gaps, missing streams, and anomalies."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from slam.core.flight import STREAMS, AttitudeSeries, Flight, Imu, Sonar
 Array = NDArray[np.float64]
 
 GAP_FACTOR, GAP_MIN_S = 3.0, 0.1
-"""An interval is a gap beyond this many median intervals and this many seconds."""
+"""An interval is a gap if it exceeds this many median intervals and this many seconds."""
 ECHO_RATIO = 1.5
-"""A single range so many times its neighbours' is an echo by a detour, or a box under the way."""
+"""A single range that exceeds its neighbours by this factor is a multipath echo or an obstacle's edge."""
 STUCK_S, STUCK_COUNT = 5.0, 20
-"""A range the same to the last digit for so long and so many readings is stuck, or on the ground."""
+"""A range that repeats for so long and so many readings is stuck, or the vehicle is on the ground."""
 REST_WINDOW_S, REST_GYRO_STD, REST_ACCEL_STD = 1.0, 0.02, 0.2
-"""The vehicle rests where gyro (rad/s) and accelerometer (m/s^2) spread less than this within a window."""
+"""The vehicle rests if the deviations of gyro (rad/s) and accelerometer (m/s^2) in a window are smaller."""
 ACCEL_OFF_M_S2, GYRO_OFF_RAD_S = 0.3, 0.05
-"""How far from gravity and from zero a sensor at rest may read before it is called odd."""
+"""Largest deviation of a sensor at rest from gravity and from zero that is no anomaly."""
 SATURATED_SHARE = ECHO_SHARE = 0.01
 
 _MAY_MISS = {
@@ -37,24 +37,24 @@ _MAY_MISS = {
     "motor": "drive",
     "truth": "w_v_m_s",
 }
-"""Field of ``Flight`` -> the array in which values may be missing; other streams drop such a row."""
+"""Field of ``Flight`` -> array that may hold missing values; other streams drop such rows."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StreamInfo:
-    """One stream in figures."""
+    """Figures of one stream."""
 
     name: str
-    """Its folder's name."""
+    """Name of its folder."""
     count: int
     rate_hz: float
     """One over the median interval; NaN with fewer than two stamps."""
     start_s: float
     duration_s: float
     largest_gap_s: float
-    """The longest interval between neighbours; 0 with fewer than two stamps."""
+    """Longest interval between consecutive stamps; 0 with fewer than two stamps."""
     gaps: int
-    """Intervals beyond three median intervals and 0.1 s."""
+    """Number of intervals that exceed three median intervals and 0.1 s."""
     missing_values: int
 
     @property
@@ -63,43 +63,43 @@ class StreamInfo:
         return self.start_s + self.duration_s
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class FlightInfo:
-    """A flight described for a person."""
+    """Description of a flight for a reader."""
 
     name: str
     notes: dict[str, str]
     duration_s: float
-    """From the first stamp of any stream to the last."""
+    """Time from the first stamp of any stream to the last."""
     streams: tuple[StreamInfo, ...]
     landmarks: int
     missing: tuple[str, ...]
-    """What was not recorded, and what that means for the map."""
+    """Streams that were not recorded, and the consequence for the map; one line each."""
     anomalies: tuple[str, ...]
-    """What looks wrong, in plain words."""
+    """Anomalies of the readings, one line each."""
     warnings: tuple[str, ...]
-    """What was dropped, repaired or assumed on reading."""
+    """One line for everything that was dropped, repaired or assumed on reading."""
 
 
 def describe(flight: Flight) -> FlightInfo:
-    """Streams, gaps, what is missing and what is odd. Reads no picture."""
+    """Describe streams, gaps, missing streams and anomalies. Reads no picture."""
     streams = []
     for field, stream in STREAMS.items():
         series = getattr(flight, field)
         if series is not None and len(series.stamps_s):
-            held = getattr(series, _MAY_MISS[field]) if field in _MAY_MISS else None
-            streams.append(_stream(stream.folder, series.stamps_s, held))
+            values = getattr(series, _MAY_MISS[field]) if field in _MAY_MISS else None
+            streams.append(_stream(stream.folder, series.stamps_s, values))
     start = min((s.start_s for s in streams), default=0.0)
     end = max((s.end_s for s in streams), default=0.0)
     return FlightInfo(
-        flight.name,
-        dict(flight.notes),
-        end - start,
-        tuple(streams),
-        len(flight.landmarks),
-        tuple(_missing(flight)),
-        tuple(_anomalies(flight, streams)),
-        flight.warnings,
+        name=flight.name,
+        notes=dict(flight.notes),
+        duration_s=end - start,
+        streams=tuple(streams),
+        landmarks=len(flight.landmarks),
+        missing=tuple(_missing(flight)),
+        anomalies=tuple(_anomalies(flight, streams)),
+        warnings=flight.warnings,
     )
 
 
@@ -108,28 +108,31 @@ def _stream(name: str, stamps_s: Array, values: Array | None) -> StreamInfo:
     median = float(np.median(steps)) if len(steps) else math.nan
     gaps = int((steps > max(GAP_FACTOR * median, GAP_MIN_S)).sum()) if len(steps) else 0
     return StreamInfo(
-        name,
-        len(stamps_s),
-        1 / median if median > 0 else math.nan,
-        float(stamps_s[0]),
-        float(stamps_s[-1] - stamps_s[0]),
-        float(steps.max()) if len(steps) else 0.0,
-        gaps,
-        0 if values is None else int((~np.isfinite(values)).sum()),
+        name=name,
+        count=len(stamps_s),
+        rate_hz=1 / median if median > 0 else math.nan,
+        start_s=float(stamps_s[0]),
+        duration_s=float(stamps_s[-1] - stamps_s[0]),
+        largest_gap_s=float(steps.max()) if len(steps) else 0.0,
+        gaps=gaps,
+        missing_values=0 if values is None else int((~np.isfinite(values)).sum()),
     )
 
 
 def missing_for_map(flight: Flight) -> tuple[str, ...]:
-    """What was not recorded, and what the map does without it; its scale is told with the map."""
+    """Return the streams that were not recorded, and what the map does without them.
+
+    The scale is not among them: it is reported with the map.
+    """
     if flight.all_keyframes:
-        return ()  # photographs: what is assumed was told on import
+        return ()  # photographs: the import has reported the assumptions
     if flight.parts:
         return tuple(f"{part.name}: {line}" for part in flight.parts for line in missing_for_map(part))
     lines = []
     if flight.attitude is None:
-        lines.append("no attitude: tilt is not measured, the camera is taken as looking straight down")
+        lines.append("no attitude: tilt is not measured, the camera is assumed to look straight down")
     if flight.imu is None:
-        lines.append("no IMU: stretches where pictures do not match cannot be bridged")
+        lines.append("no IMU: segments where pictures do not match cannot be bridged")
     return tuple(lines)
 
 
@@ -146,7 +149,7 @@ def _missing(flight: Flight) -> list[str]:
 
 
 def _missing_for_scale(flight: Flight) -> list[str]:
-    """What a map cannot tell of its lengths and its place on Earth."""
+    """Return what is missing for the scale of a map and its place on Earth."""
     lines = []
     ranged = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
     if not ranged and flight.gps is None and flight.imu is not None:
@@ -156,7 +159,7 @@ def _missing_for_scale(flight: Flight) -> list[str]:
     elif not ranged and flight.gps is None:
         lines.append("no sonar and no GPS: no metric scale; distances in the map are relative")
     elif not ranged:
-        lines.append("no sonar: the scale comes from GPS alone and is as coarse as that")
+        lines.append("no sonar: the scale comes from GPS alone and is only as accurate as GPS")
     if flight.gps is None:
         lines.append("no GPS: the map is not placed on Earth")
     return lines
@@ -170,7 +173,7 @@ def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
         for s in streams
         if s.gaps and not (flight.all_keyframes and s.name in ("cam0", "gps0"))
     ]
-    lines += _apart(streams)
+    lines += _not_overlapping(streams)
     if flight.sonar is not None:
         lines += _sonar_anomalies(flight.sonar)
     if flight.attitude is not None:
@@ -181,8 +184,8 @@ def _anomalies(flight: Flight, streams: list[StreamInfo]) -> list[str]:
     return lines
 
 
-def _apart(streams: list[StreamInfo]) -> list[str]:
-    """Streams that share no time with the reference: the pictures, or else the longest stream."""
+def _not_overlapping(streams: list[StreamInfo]) -> list[str]:
+    """Return streams that share little or no time with the pictures, or else with the longest stream."""
     if not streams:
         return []
     reference = next((s for s in streams if s.name == "cam0"), max(streams, key=lambda s: s.duration_s))
@@ -244,7 +247,7 @@ def _attitude_anomalies(attitude: AttitudeSeries) -> list[str]:
 
 
 def _imu_anomalies(imu: Imu) -> list[str]:
-    """What the sensor reads at rest; over the whole flight where it never rests."""
+    """Check the readings at rest; of the whole flight where it never rests."""
     window = np.floor(imu.stamps_s / REST_WINDOW_S).astype(np.int64)
     starts = np.flatnonzero(np.diff(window, prepend=window[:1] - 1))
     at_rest = []
@@ -271,16 +274,16 @@ def _imu_anomalies(imu: Imu) -> list[str]:
 
 
 def _noiseless(flight: Flight) -> list[str]:
-    given: dict[str, tuple[float, ...]] = {}
+    noise_std: dict[str, tuple[float, ...]] = {}
     if flight.imu is not None:
-        given["imu0"] = (flight.imu.gyro_noise_density, flight.imu.accel_noise_density)
+        noise_std["imu0"] = (flight.imu.gyro_noise_density, flight.imu.accel_noise_density)
     if flight.sonar is not None:
-        given["sonar0"] = (flight.sonar.noise_std_m,)
+        noise_std["sonar0"] = (flight.sonar.noise_std_m,)
     if flight.attitude is not None:
-        given["attitude0"] = flight.attitude.noise_std_rad
+        noise_std["attitude0"] = flight.attitude.noise_std_rad
     if flight.velocity is not None:
-        given["velocity0"] = flight.velocity.noise_std_m_s
+        noise_std["velocity0"] = flight.velocity.noise_std_m_s
     if flight.gps is not None:
         height = flight.gps.noise_std_m[2:] if np.isfinite(flight.gps.altitude_m).any() else ()
-        given["gps0"] = (*flight.gps.noise_std_m[:2], *height)
-    return [name for name, noise in given.items() if min(noise) <= 0]
+        noise_std["gps0"] = (*flight.gps.noise_std_m[:2], *height)
+    return [name for name, noise in noise_std.items() if min(noise) <= 0]

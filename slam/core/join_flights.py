@@ -1,8 +1,8 @@
-"""Several flights over the same ground as one, so that one map is made of all.
+"""Joins several flights over the same ground into one, so that one map is made of all.
 
-Their pictures are put one flight after the other; retrieval then finds where flights cross as it finds where
-one flight crosses itself. Only what a map uses is carried over: no inertial stream reaches from a landing to
-the next take-off, and stretches without features are not bridged.
+The pictures follow each other flight by flight. Retrieval then finds loops between flights as it finds loops
+within one. Only the streams that a map uses are kept: no inertial stream reaches from a landing to the next
+take-off, so segments without features are not bridged.
 """
 
 from __future__ import annotations
@@ -21,19 +21,18 @@ from slam.core.flight import AttitudeSeries, Flight, Frames, Gps, Image, Sonar, 
 
 Array = NDArray[np.float64]
 
-CARRIED = ("frames", "sonar", "attitude", "gps", "truth")
-"""Fields of ``Flight`` that a map of several flights uses, and no others: see above."""
+JOINED_STREAMS = ("frames", "sonar", "attitude", "gps", "truth")
+"""Fields of ``Flight`` that a map of several flights uses."""
 
 PAUSE_S = 20.0
-"""Between the end of a flight and the begin of the next where their clocks say less: more than the 10 s from
-which two sights of a place count as a loop."""
+"""Least pause between two flights. It is longer than the 10 s after which a second visit counts as a loop."""
 
 
 def join_flights(flights: Iterable[Flight]) -> Flight:
-    """All flights on the clock of the first, pictures as ``A/000001.png`` and so on; a single one as it is.
+    """Join flights on the clock of the first; pictures are named ``A/000001.png``. A single one is returned.
 
-    A flight that does not begin after the last one's end is shifted behind it by whole seconds, and a warning
-    says so. Truth is kept where all have it; they must have it in the same world.
+    ``flights`` may be any iterable. A flight that begins before the previous one ends is shifted behind it by
+    whole seconds, with a warning. Truth is kept where all flights have it; it must be in the same world.
     Raises ``InputError`` where there is no flight, one has no pictures, cameras differ, or one recording is
     given twice.
     """
@@ -43,25 +42,25 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
     if len(flights) == 1:
         return flights[0]
     for flight in flights:
-        _refuse_unless_alike(flights[0], flight)
+        _check_same_camera(flights[0], flight)
     parts = with_unique_names(flights)
-    _, repeated = without_duplicates(parts)
-    if repeated:
-        raise InputError(f"{repeated[0].removesuffix('it was left out')}give it once")
+    _, copies = without_duplicates(parts)
+    if copies:
+        raise InputError(f"{copies[0].removesuffix('it was left out')}give it once")
     shifts_s, warnings = _shifts(parts)
-    known = [flight.name for flight in parts if flight.truth is not None]
-    if 0 < len(known) < len(parts):
-        warnings.append(f"truth of {', '.join(known)} left out: the other flights have none")
-    moved = [_moved(flight, shift_s) for flight, shift_s in zip(parts, shifts_s, strict=True)]
-    truths = [flight.truth for flight in moved if flight.truth is not None]
+    with_truth = [flight.name for flight in parts if flight.truth is not None]
+    if 0 < len(with_truth) < len(parts):
+        warnings.append(f"truth of {', '.join(with_truth)} left out: the other flights have none")
+    shifted = [_shifted(flight, shift_s) for flight, shift_s in zip(parts, shifts_s, strict=True)]
+    truths = [flight.truth for flight in shifted if flight.truth is not None]
     return Flight(
         name=" + ".join(flight.name for flight in parts),
         epoch_ns=parts[0].epoch_ns,
         camera=parts[0].camera,
-        frames=_frames(moved),
-        sonar=_sonar([flight.sonar for flight in moved if flight.sonar is not None]),
-        attitude=_attitude([flight.attitude for flight in moved if flight.attitude is not None]),
-        gps=_gps([flight.gps for flight in moved if flight.gps is not None]),
+        frames=_frames(shifted),
+        sonar=_sonar([flight.sonar for flight in shifted if flight.sonar is not None]),
+        attitude=_attitude([flight.attitude for flight in shifted if flight.attitude is not None]),
+        gps=_gps([flight.gps for flight in shifted if flight.gps is not None]),
         truth=_truth(truths) if len(truths) == len(parts) else None,
         landmarks={name: place for flight in reversed(parts) for name, place in flight.landmarks.items()},
         landmark_pairs=tuple(dict.fromkeys(pair for flight in parts for pair in flight.landmark_pairs)),
@@ -72,7 +71,7 @@ def join_flights(flights: Iterable[Flight]) -> Flight:
     )
 
 
-def _refuse_unless_alike(first: Flight, other: Flight) -> None:
+def _check_same_camera(first: Flight, other: Flight) -> None:
     a, b = first.camera, other.camera
     if a is None or b is None or other.frames is None or len(other.frames) == 0:
         raise InputError(f"{other.name}: no camera in this flight, so it adds no map; leave it out")
@@ -91,14 +90,14 @@ def _difference(a: Camera, b: Camera) -> str | None:
     if not np.allclose(inner_a, inner_b, rtol=1e-3):
         return f"intrinsics {inner_b.round(2).tolist()}, not {inner_a.round(2).tolist()}"
     widest = max(len(a.distortion), len(b.distortion))
-    bent_a, bent_b = (np.pad(c.distortion, (0, widest - len(c.distortion))) for c in (a, b))
-    if not np.allclose(bent_a, bent_b, atol=1e-3):
+    distortion_a, distortion_b = (np.pad(c.distortion, (0, widest - len(c.distortion))) for c in (a, b))
+    if not np.allclose(distortion_a, distortion_b, atol=1e-3):
         return f"distortion {list(b.distortion)}, not {list(a.distortion)}"
     return None if np.allclose(a.b_T_c, b.b_T_c, atol=1e-3) else "mounted in another way"
 
 
 def _shifts(parts: Sequence[Flight]) -> tuple[list[float], list[str]]:
-    """Seconds to add to each flight's stamps, and what to say of those that were moved."""
+    """Return the seconds to add to each flight's stamps, and a warning for each flight that is shifted."""
     shifts, warnings = [0.0], []
     end_s = _span_s(parts[0])[1]
     for flight in parts[1:]:
@@ -117,14 +116,14 @@ def _shifts(parts: Sequence[Flight]) -> tuple[list[float], list[str]]:
 
 
 def _span_s(flight: Flight) -> tuple[float, float]:
-    """First and last stamp of what a map uses, on the flight's own clock."""
-    series = [getattr(flight, name) for name in CARRIED]
+    """Return the first and last stamp of the joined streams, on the flight's own clock."""
+    series = [getattr(flight, name) for name in JOINED_STREAMS]
     stamps = [s.stamps_s for s in series if s is not None and len(s.stamps_s)]
     return min(float(s[0]) for s in stamps), max(float(s[-1]) for s in stamps)
 
 
-def _moved(flight: Flight, shift_s: float) -> Flight:
-    return flight.restamped(CARRIED, lambda stamps_s: stamps_s + shift_s)
+def _shifted(flight: Flight, shift_s: float) -> Flight:
+    return flight.restamped(JOINED_STREAMS, lambda stamps_s: stamps_s + shift_s)
 
 
 def _frames(parts: Sequence[Flight]) -> Frames:
@@ -134,10 +133,10 @@ def _frames(parts: Sequence[Flight]) -> Frames:
 
     def load(k: int) -> Image | None:
         which = int(np.searchsorted(start, k, side="right")) - 1
-        mine = k - int(start[which])
-        picture = pictures[which].load(mine)
-        if picture is None and mine in pictures[which].failures:
-            failures[k] = pictures[which].failures[mine]
+        local = k - int(start[which])
+        picture = pictures[which].load(local)
+        if picture is None and local in pictures[which].failures:
+            failures[k] = pictures[which].failures[local]
         return picture
 
     return Frames(
@@ -153,8 +152,8 @@ def _sonar(parts: list[Sonar]) -> Sonar | None:
         return None
     return replace(
         parts[0],
-        stamps_s=_end_to_end(parts, "stamps_s"),
-        range_m=_end_to_end(parts, "range_m"),
+        stamps_s=_concatenated(parts, "stamps_s"),
+        range_m=_concatenated(parts, "range_m"),
         noise_std_m=max(part.noise_std_m for part in parts),
         scale_std=max(part.scale_std for part in parts),
         datum_std_m=max(part.datum_std_m for part in parts),
@@ -164,8 +163,8 @@ def _sonar(parts: list[Sonar]) -> Sonar | None:
 def _attitude(parts: list[AttitudeSeries]) -> AttitudeSeries | None:
     if not parts:
         return None
-    angles = _end_to_end(parts, "roll_pitch_yaw_rad")
-    return replace(parts[0], stamps_s=_end_to_end(parts, "stamps_s"), roll_pitch_yaw_rad=angles)
+    angles = _concatenated(parts, "roll_pitch_yaw_rad")
+    return replace(parts[0], stamps_s=_concatenated(parts, "stamps_s"), roll_pitch_yaw_rad=angles)
 
 
 def _gps(parts: list[Gps]) -> Gps | None:
@@ -173,16 +172,16 @@ def _gps(parts: list[Gps]) -> Gps | None:
         return None
     return replace(
         parts[0],
-        stamps_s=_end_to_end(parts, "stamps_s"),
-        latitude_deg=_end_to_end(parts, "latitude_deg"),
-        longitude_deg=_end_to_end(parts, "longitude_deg"),
-        altitude_m=_end_to_end(parts, "altitude_m"),
+        stamps_s=_concatenated(parts, "stamps_s"),
+        latitude_deg=_concatenated(parts, "latitude_deg"),
+        longitude_deg=_concatenated(parts, "longitude_deg"),
+        altitude_m=_concatenated(parts, "altitude_m"),
     )
 
 
 def _truth(parts: list[Truth]) -> Truth:
-    return Truth(_end_to_end(parts, "stamps_s"), _end_to_end(parts, "w_T_b"))
+    return Truth(_concatenated(parts, "stamps_s"), _concatenated(parts, "w_T_b"))
 
 
-def _end_to_end(parts: Sequence[Sonar | AttitudeSeries | Gps | Truth], name: str) -> Array:
+def _concatenated(parts: Sequence[Sonar | AttitudeSeries | Gps | Truth], name: str) -> Array:
     return np.concatenate([getattr(part, name) for part in parts])

@@ -1,4 +1,4 @@
-"""How long work tells how far it is."""
+"""Progress of long stages, reported through a callback."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from contextlib import contextmanager
 from threading import Lock
 from typing import Protocol, TypeVar
 
-Part = TypeVar("Part")
-Given = TypeVar("Given")
-Made = TypeVar("Made")
+Item = TypeVar("Item")
+Input = TypeVar("Input")
+Output = TypeVar("Output")
 
 COMPILING = "compile for this machine: once after an installation, a minute or two"
 
 
 class Progress(Protocol):
-    """Called by long stages; the command line draws bars from it, the library default is silent."""
+    """Callback of long stages; the command line draws bars, and the library's default is silent."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """``done`` of ``total`` units of ``stage`` are finished; total 0 where it is not known."""
+        """Report that ``done`` of ``total`` units of ``stage`` are finished; total 0 where it is unknown."""
 
 
 def silent(stage: str, done: int, total: int) -> None:
-    """Show nothing."""
+    """Ignore the progress."""
 
 
 @contextmanager
 def show_compilation(progress: Progress) -> Iterator[None]:
-    """Show where the block has to wait until kernels are compiled; not where they are cached."""
+    """Report when the block has to wait for the compilation of kernels; cached kernels need none."""
     from backend.numba_cache import compiling
 
     with compiling(lambda done: progress(COMPILING, int(done), 1)):
@@ -35,7 +35,7 @@ def show_compilation(progress: Progress) -> Iterator[None]:
 
 
 class Tally:
-    """Counts the finished parts of a stage, by several threads too; ``total`` 0 where only the end tells."""
+    """Counts the finished parts of a stage; thread-safe. ``total`` is 0 where it is unknown."""
 
     def __init__(self, progress: Progress, stage: str, total: int = 0) -> None:
         self._progress, self._stage, self._total = progress, stage, total
@@ -43,25 +43,25 @@ class Tally:
 
     @contextmanager
     def part(self) -> Iterator[None]:
-        """One part of the stage: begun here, finished with the block."""
+        """Count one part of the stage as finished when the block ends."""
         self._count(0)
         yield
         self._count(1)
 
-    def counting(self, job: Callable[[Given], Made]) -> Callable[[Given], Made]:
-        """The job, each call of which is one part."""
+    def counting(self, job: Callable[[Input], Output]) -> Callable[[Input], Output]:
+        """Return the job with each call counted as one part."""
 
-        def counted(given: Given) -> Made:
+        def counted(value: Input) -> Output:
             with self.part():
-                return job(given)
+                return job(value)
 
         return counted
 
-    def each(self, parts: Iterable[Part]) -> Iterator[Part]:
-        """The parts, each finished when the next is asked for."""
-        for part in parts:
+    def each(self, items: Iterable[Item]) -> Iterator[Item]:
+        """Yield the items; each counts as finished when the next one is requested."""
+        for item in items:
             with self.part():
-                yield part
+                yield item
 
     def _count(self, parts: int) -> None:
         with self._lock:

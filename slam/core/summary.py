@@ -1,4 +1,4 @@
-"""What one run came to, for a program to read: ``summary.json``."""
+"""The figures of one run for other programs: ``summary.json``."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ _RSS_UNITS_IN_MB = 1 << 20 if sys.platform == "darwin" else 1 << 10
 """``ru_maxrss`` counts bytes on macOS and KiB elsewhere."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Summary:
     """The figures of one optimization."""
 
     status: str
-    """``ok``, or in one sentence what is not observed or could not be placed."""
+    """``ok``, or one sentence that says what is not observed or could not be placed."""
     frames: int
-    """Pictures read; vertices where the input was a graph."""
+    """Number of pictures read, or of vertices of a pose graph."""
     keyframes: int
     odometry_edges: int
     loop_edges: int
     rejected: dict[str, int] = field(default_factory=dict)
-    """Frames, edges and values dropped, counted by reason."""
+    """Number of dropped frames, edges and values by reason."""
     landmarks: int = 0
-    """Surveyed points that came with the flight."""
+    """Number of surveyed points of the flight."""
     timing_s: dict[str, float] = field(default_factory=dict)
     peak_rss_mb: float = 0.0
     warnings: tuple[str, ...] = ()
     error: float | None = None
-    """Graphs alone: half the squared whitened residuals over all kept edges."""
+    """Half the sum of squared whitened residuals over all kept edges; for pose graphs only."""
     iterations: int | None = None
-    """Graphs alone."""
+    """Number of iterations; for pose graphs only."""
     scale_std: float | None = None
-    """Relative, of all lengths together; None where nothing told the scale."""
+    """Relative standard deviation that all lengths share; None where the scale is not observed."""
     range_errors: RangeErrors | None = None
-    """Flights with a height sensor: the gain and the zero of its readings, as found."""
+    """Estimated gain and zero of the height sensor; None without one."""
     instruments: InstrumentErrors | None = None
-    """Errors of attitude and accelerometer, as the map shows them."""
+    """Errors of attitude, accelerometer and mount, as the map determines them."""
     certificate: Certificate | None = None
-    """Graphs alone: whether the solution is the global optimum."""
+    """Whether the solution is the global optimum; for pose graphs only."""
 
     def to_json(self) -> dict[str, Any]:
-        """As ``summary.json`` holds it; a figure that is not finite becomes null."""
+        """Return the content of ``summary.json``."""
         record: dict[str, Any] = {
             "status": self.status,
             "frames": self.frames,
@@ -80,7 +80,7 @@ class Summary:
 
 
 def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False) -> Summary:
-    """Count what an estimate holds; the peak memory is this process's until now."""
+    """Return the figures of an estimate, and the peak memory of this process until now."""
     kinds = [edge.kind for edge in estimate.relative_poses]
     return Summary(
         status=estimate.status,
@@ -103,17 +103,17 @@ def summarise(estimate: Estimate, landmarks: int = 0, graph_alone: bool = False)
 
 
 def peak_rss_mb() -> float:
-    """Largest resident memory of this process so far, MiB."""
+    """Return the largest resident memory of this process so far, in MiB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _RSS_UNITS_IN_MB
 
 
 def json_text(record: object) -> str:
-    """A record as JSON that every reader takes: NaN and infinity, which JSON has not, become null."""
+    """Return a record as standard JSON: NaN and infinity become null."""
     return json.dumps(without_nan(record), indent=2, allow_nan=False) + "\n"
 
 
 def without_nan(value: Any) -> Any:
-    """The same with NaN and infinity, which JSON has not, as None."""
+    """Return the value with NaN and infinity, which JSON lacks, replaced by None."""
     if isinstance(value, dict):
         return {str(key): without_nan(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,7 +1,7 @@
 """Settings: a TOML table or mapping becomes a frozen dataclass, or is refused in one line.
 
-A settings dataclass is plain: its fields' types say what is allowed, and pydantic's ``Field`` in an
-``Annotated`` type says the range. An unknown key is an error that names the nearest known one.
+The types of the dataclass's fields say what is allowed, and pydantic's ``Field`` in an ``Annotated`` type
+gives the range. An unknown key is an error that names the most similar known one.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from slam.core.errors import InputError
 T = TypeVar("T")
 
 MAX_FILE_BYTES = 1_000_000
-"""A settings file written by a person is far smaller."""
+"""Limit of a settings file; one that a person writes is far smaller."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file. Raises ``InputError`` where it is missing, too large or not TOML."""
+    """Return the tables of a TOML file. Raises ``InputError`` where it is missing, too large or not TOML."""
     try:
         if not path.is_file():
             what = "not a file" if path.exists() else "does not exist"
@@ -34,7 +34,7 @@ def read_toml(path: Path) -> dict[str, Any]:
             raise InputError(f"{path}: larger than {MAX_FILE_BYTES // 1000} kB; this is no settings file")
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}; mend that line") from None
+        raise InputError(f"{path}: not valid TOML: {error}; correct that line") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: not a text file in UTF-8; give a .toml file") from None
     except ValueError:  # Python's own limit on digits, which tomllib lets through
@@ -46,18 +46,20 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def load_config(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
-    """An instance of the dataclass ``cls`` from ``mapping``, keys and types strict, absent keys at default.
+    """Return an instance of the dataclass ``cls`` from ``mapping``; absent keys keep their defaults.
+
+    Unknown keys and other types are refused.
 
     ``where`` names the file in messages. A list fills a tuple and a table a nested dataclass; nothing else
     is converted. Raises ``InputError``, one line: file, key, what is wrong.
     """
     _refuse_unknown_keys(cls, mapping, where, ())
-    # JSON is the notation in which pydantic's strict mode still lets an array fill a tuple.
+    # In JSON, pydantic's strict mode accepts an array for a tuple.
     text = json.dumps(mapping, default=str)
     try:
         return TypeAdapter(cls).validate_json(text, strict=True)
     except ValidationError as error:
-        raise InputError(f"{where}: {_first_complaint(error, mapping)}") from None
+        raise InputError(f"{where}: {_first_fault(error, mapping)}") from None
 
 
 def _refuse_unknown_keys(cls: type, mapping: Mapping[str, Any], where: str, path: tuple[str, ...]) -> None:
@@ -66,8 +68,8 @@ def _refuse_unknown_keys(cls: type, mapping: Mapping[str, Any], where: str, path
     for key, value in mapping.items():
         if key not in known:
             near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)
-            meant = f"; did you mean {_dotted((*path, near[0]))!r}?" if near else ""
-            raise InputError(f"{where}: unknown key {_dotted((*path, str(key)))!r}{meant}")
+            hint = f"; did you mean {_dotted((*path, near[0]))!r}?" if near else ""
+            raise InputError(f"{where}: unknown key {_dotted((*path, str(key)))!r}{hint}")
         inner = _dataclass_in(types[key])
         tables = value if isinstance(value, Sequence) and not isinstance(value, str) else [value]
         for table in tables:
@@ -76,14 +78,14 @@ def _refuse_unknown_keys(cls: type, mapping: Mapping[str, Any], where: str, path
 
 
 def _dataclass_in(annotation: Any) -> type | None:
-    """The dataclass that a field holds, by itself, optionally, or in a tuple."""
+    """Return the dataclass in a field's type: alone, optional, or in a tuple."""
     if isinstance(annotation, type) and is_dataclass(annotation):
         return annotation
     return next((found for arg in get_args(annotation) if (found := _dataclass_in(arg))), None)
 
 
-def _first_complaint(error: ValidationError, mapping: Mapping[str, Any]) -> str:
-    """The first fault as ``key: what is wrong, got value``; the branches of a union stand in one line."""
+def _first_fault(error: ValidationError, mapping: Mapping[str, Any]) -> str:
+    """Return the first fault as ``key: what is wrong, got value``; branches of a union are joined."""
     faults = error.errors(include_url=False, include_context=False)
     places = [_place(fault["loc"], mapping, missing=fault["type"] == "missing") for fault in faults]
     same = [fault for fault, place in zip(faults, places, strict=True) if place == places[0]]
@@ -101,7 +103,7 @@ def _first_complaint(error: ValidationError, mapping: Mapping[str, Any]) -> str:
 
 
 def _place(loc: tuple[int | str, ...], mapping: Any, missing: bool) -> tuple[int | str, ...]:
-    """``loc`` as far as the mapping goes: behind that pydantic names branches of types, not keys."""
+    """Return the part of ``loc`` that names keys; behind it pydantic names branches of types."""
     place: list[int | str] = []
     for part in loc:
         try:
@@ -113,6 +115,6 @@ def _place(loc: tuple[int | str, ...], mapping: Any, missing: bool) -> tuple[int
 
 
 def _dotted(place: Sequence[int | str]) -> str:
-    """``camera.rate_hz``, ``way_points[2]``; printable, whatever the file held."""
+    """Return ``camera.rate_hz`` or ``way_points[2]``, printable whatever the file holds."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).removeprefix(".")
     return text if text.isprintable() else ascii(text)

@@ -1,25 +1,25 @@
-"""Lengths and shares as a person reads them."""
+"""Lengths and shares as text for a reader."""
 
 from __future__ import annotations
 
 import numpy as np
 
 SPACE = "\N{NO-BREAK SPACE}"
-"""Between a figure and its unit."""
+"""Space between a figure and its unit."""
 
 
 def percent(share: float) -> str:
-    """A share as percent with up to two significant figures."""
+    """Return a share as percent with up to two significant figures."""
     return f"{100 * share:.2g}{SPACE}%"
 
 
 def unit(metric: bool) -> str:
-    """Of lengths: metres, or the camera's mean heights over the floor where nothing told the scale."""
+    """Return the unit of lengths: metres, or the camera's mean height where the scale is not observed."""
     return "m" if metric else "heights"
 
 
 def length(metres: float, metric: bool = True) -> str:
-    """A length with three significant figures and the unit that reads best; not ``metric``: in heights."""
+    """Return a length with three significant figures in mm, m or km; in heights if not ``metric``."""
     if not np.isfinite(metres):
         return "not known"
     if not metric:

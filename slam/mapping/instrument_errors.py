@@ -59,14 +59,14 @@ def accelerometer_errors(
         return None
     found, lengths = by_inertia.found, by_inertia.lengths
     return AccelerometerErrors(
-        found.offset_m_s2,
-        found.offset_std_m_s2,
-        found.arm_m,
-        found.arm_std_m,
-        found.delay_s + taken_out_s,
-        lengths.ratio,
-        lengths.ratio * lengths.log_std,
-        by_inertia.helps,
-        found.delay_std_s,
-        taken_out_s,
+        offset_m_s2=found.offset_m_s2,
+        offset_std_m_s2=found.offset_std_m_s2,
+        arm_m=found.arm_m,
+        arm_std_m=found.arm_std_m,
+        delay_s=found.delay_s + taken_out_s,
+        scale=lengths.ratio,
+        scale_std=lengths.ratio * lengths.log_std,
+        used=by_inertia.helps,
+        delay_std_s=found.delay_std_s,
+        delay_taken_out_s=taken_out_s,
     )
