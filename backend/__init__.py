@@ -7,6 +7,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from backend.ekf.inputs import FilterModel, InitialState, Readings, Series
+    from backend.ekf.results import Track
+    from backend.ekf.track import track
     from backend.errors import BackendError
     from backend.g2o import read_g2o, write_g2o
     from backend.measurements import (
@@ -30,21 +33,27 @@ _MODULES = {
     "Attitude": "backend.measurements",
     "BackendError": "backend.errors",
     "Certificate": "backend.pose_graph.certificate",
+    "FilterModel": "backend.ekf.inputs",
     "FloorTracks": "backend.measurements",
     "Incremental": "backend.pose_graph.incremental",
+    "InitialState": "backend.ekf.inputs",
     "Measurements": "backend.measurements",
     "PinholeModel": "backend.measurements",
     "PoseGraph": "backend.pose_graph.graph",
     "Position": "backend.measurements",
     "RangeErrors": "backend.pose_graph.solution",
+    "Readings": "backend.ekf.inputs",
     "RelativePose": "backend.measurements",
+    "Series": "backend.ekf.inputs",
     "SlantRange": "backend.measurements",
     "Solution": "backend.pose_graph.solution",
+    "Track": "backend.ekf.results",
     "build_pose_graph": "backend.pose_graph.graph",
     "certify": "backend.pose_graph.certificate",
     "read_g2o": "backend.g2o",
     "solve": "backend.pose_graph.solve",
     "solve_pose_graph": "backend.pose_graph.solve",
+    "track": "backend.ekf.track",
     "write_g2o": "backend.g2o",
 }
 """Public name -> the module that defines it."""
@@ -53,21 +62,27 @@ __all__ = [
     "Attitude",
     "BackendError",
     "Certificate",
+    "FilterModel",
     "FloorTracks",
     "Incremental",
+    "InitialState",
     "Measurements",
     "PinholeModel",
     "PoseGraph",
     "Position",
     "RangeErrors",
+    "Readings",
     "RelativePose",
+    "Series",
     "SlantRange",
     "Solution",
+    "Track",
     "build_pose_graph",
     "certify",
     "read_g2o",
     "solve",
     "solve_pose_graph",
+    "track",
     "write_g2o",
 ]
 

@@ -44,7 +44,11 @@ def print_info(info: FlightInfo, console: Console) -> None:
         console.print(f"[bold]{escape(brief(key, 40))}[/bold]: {escape(shown)}", highlight=False)
     if info.landmarks:
         console.print(f"{info.landmarks} surveyed landmarks", highlight=False)
-    for title, lines in (("missing", info.missing), ("odd", info.anomalies), ("on reading", info.warnings)):
+    for title, lines in (
+        ("missing", info.missing),
+        ("anomalies", info.anomalies),
+        ("warnings", info.warnings),
+    ):
         if lines:
             console.print(f"[bold]{title}[/bold]")
         for line in lines:

@@ -83,7 +83,7 @@ def graph_table(record: Mapping[str, Any]) -> FigureTable:
         ("vertices held in place", str(record["vertices_fixed"])),
         ("edges between neighbours", str(record["edges_between_neighbours"])),
         ("other edges", str(record["other_edges"])),
-        *(("odd", warning) for warning in record["warnings"]),
+        *(("warning", warning) for warning in record["warnings"]),
     ]
     return FigureTable(record["name"], (), tuple(rows))
 

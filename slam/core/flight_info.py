@@ -267,7 +267,7 @@ def _imu_anomalies(imu: Imu) -> list[str]:
         lines.append(f"imu0: the accelerometer reads {accel:.2f} m/s^2 {where}, gravity is 9.81")
     up = float((np.median(imu.accel_m_s2[rows], axis=0) @ imu.b_T_s[:3, :3].T)[2])
     if up < -0.5 * GRAVITY_M_S2:
-        lines.append("imu0: the accelerometer feels gravity upside down; check its signs and T_BS")
+        lines.append("imu0: the accelerometer measures gravity upside down; check its signs and T_BS")
     if at_rest and gyro > GYRO_OFF_RAD_S:
         lines.append(f"imu0: the gyro reads {gyro:.3f} rad/s at rest")
     return lines
