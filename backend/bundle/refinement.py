@@ -213,31 +213,33 @@ def _result(
     poses = [POSE(k) for k in range(problem.measurements.count)]
     joint = joint_covariances(graph, values, poses, WORLD)
     mount_std = float(np.sqrt(np.diag(joint[0, 6:, 6:])[MOUNT].max()))
+    in_world, over_floor = _metric_covariances(problem, joint, values)
     return Bundle(
-        metric_poses(problem, values),
-        *_metric_covariances(problem, joint, values),
-        float(world[FLOOR_Z]),
-        (float(world[SLOPE][0]), float(world[SLOPE][1])),
-        focal,
-        radial,
-        problem.b_T_c(values),
-        mount_std if problem.camera.mount_std_rad > 0 else 0.0,
-        _range_errors(world, joint[0, 6:, 6:]) if problem.measurements.ranges else None,
-        float(np.sqrt(joint[0, 6 + LOG_SCALE, 6 + LOG_SCALE])) if problem.has_scale else None,
-        _own_scale_std(joint[0, 6:, 6:]) if problem.has_scale else 0.0,
-        noise,
-        int((~used).sum()),
-        error,
-        iterations,
+        w_T_b=metric_poses(problem, values),
+        covariances=in_world,
+        over_floor_covariances=over_floor,
+        floor_z_m=float(world[FLOOR_Z]),
+        floor_slope_rad=(float(world[SLOPE][0]), float(world[SLOPE][1])),
+        focal_px=focal,
+        radial=radial,
+        b_T_c=problem.b_T_c(values),
+        mount_std_rad=mount_std if problem.camera.mount_std_rad > 0 else 0.0,
+        range_errors=_range_errors(world, joint[0, 6:, 6:]) if problem.measurements.ranges else None,
+        scale_std=float(np.sqrt(joint[0, 6 + LOG_SCALE, 6 + LOG_SCALE])) if problem.has_scale else None,
+        conditional_scale_std=_conditional_scale_std(joint[0, 6:, 6:]) if problem.has_scale else 0.0,
+        noise=noise,
+        dropped_observations=int((~used).sum()),
+        error=error,
+        iterations=iterations,
     )
 
 
-def _own_scale_std(covariance: Array) -> float:
+def _conditional_scale_std(covariance: Array) -> float:
     """Return the standard deviation of the scale, given gain and zero offset of the ranges."""
     shared, scale = [LOG_GAIN, DATUM], LOG_SCALE
     along = covariance[scale, shared]
-    nominal = along @ np.linalg.solve(covariance[np.ix_(shared, shared)], along)
-    return float(np.sqrt(max(covariance[scale, scale] - nominal, 0.0)))
+    explained = along @ np.linalg.solve(covariance[np.ix_(shared, shared)], along)
+    return float(np.sqrt(max(covariance[scale, scale] - explained, 0.0)))
 
 
 def _range_errors(world: Array, covariance: Array) -> RangeErrors:

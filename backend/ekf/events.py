@@ -40,13 +40,13 @@ def sort_events(readings: Readings, at_s: Array, clone: CloneMode) -> FilterEven
     stamps_s, kind, value, std, row = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.lexsort((kind, stamps_s))
     return FilterEvents(
-        stamps_s[order],
-        kind[order],
-        value[order],
-        std[order],
-        row[order],
-        np.array([step.i_T_j for step in readings.steps], dtype=float).reshape(-1, 4, 4),
-        _whiteners(readings.steps),
+        stamps_s=stamps_s[order],
+        kind=kind[order],
+        value=value[order],
+        std=std[order],
+        row=row[order],
+        step=np.array([step.i_T_j for step in readings.steps], dtype=float).reshape(-1, 4, 4),
+        step_whitener=_whiteners(readings.steps),
     )
 
 

@@ -120,16 +120,16 @@ def build_states(found: StateRecords, clone: bool) -> States:
     if clone:
         clone_T_b[1:], clone_T_b_covariances[1:], since[1:] = _from_clone(x[1:], C[1:], R[1:])
     return States(
-        w_T_b,
-        to_body @ motion @ to_body.transpose(0, 2, 1),
-        x[:, at.VEL : at.ACC],
-        x[:, at.ACC : at.ROT],
-        {name: x[:, k : k + d] for name, (k, _, d) in _ERRORS.items()},
-        {name: found.std[:, k : k + d] for name, (_, k, d) in _ERRORS.items()},
-        motion,
-        clone_T_b,
-        clone_T_b_covariances,
-        since,
+        w_T_b=w_T_b,
+        covariances=to_body @ motion @ to_body.transpose(0, 2, 1),
+        w_v_m_s=x[:, at.VEL : at.ACC],
+        w_a_m_s2=x[:, at.ACC : at.ROT],
+        errors={name: x[:, k : k + d] for name, (k, _, d) in _ERRORS.items()},
+        errors_std={name: found.std[:, k : k + d] for name, (_, k, d) in _ERRORS.items()},
+        motion_covariances=motion,
+        clone_T_b=clone_T_b,
+        clone_T_b_covariances=clone_T_b_covariances,
+        fixed_clone_covariances=since,
     )
 
 

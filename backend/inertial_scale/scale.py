@@ -205,14 +205,15 @@ def _result(
     if not scale > _MIN_SIGNIFICANCE * std[0]:
         return _TOO_LITTLE_MOTION
     return InertialScale(
-        scale,
-        float(std[0]),
-        _triple(offset),
-        _triple(std[1:4]),
-        _triple(arm),
-        _triple(std[4:7]),
-        *delay,
-        _triple(gain_effect / scale),
+        scale=scale,
+        scale_std=float(std[0]),
+        offset_m_s2=_triple(offset),
+        offset_std_m_s2=_triple(std[1:4]),
+        arm_m=_triple(arm),
+        arm_std_m=_triple(std[4:7]),
+        delay_s=delay[0],
+        delay_std_s=delay[1],
+        gain_slopes=_triple(gain_effect / scale),
     )
 
 

@@ -1,7 +1,7 @@
-"""Is a pose graph's solution the best there is? A certificate from the dual of its isotropic stand-in.
+"""Certificate of global optimality of a pose graph's solution, from the dual of its isotropic approximation.
 
-Whatever the poses are, F >= trace(Lambda) + d n min(0, lambda), with Lambda any symmetric blocks and lambda
-the least eigenvalue of the certificate matrix Q - Lambda. At a global optimum (of moderate noise) the
+For all poses F >= trace(Lambda) + d n min(0, lambda), with any symmetric blocks Lambda and the least
+eigenvalue lambda of the certificate matrix Q - Lambda. At a global optimum (with moderate noise) the
 multipliers of the rotations make the two sides equal. Source: Rosen, Carlone, Bandeira, Leonard 2019 (IJRR),
 theorem 7.
 """
@@ -34,38 +34,38 @@ Array = NDArray[np.float64]
 
 MAX_POSES = 10_000
 GAP = 1e-6
-"""Relative gap up to which a solution is called the optimum."""
+"""Relative gap up to which a solution counts as the optimum."""
 
 _TIGHT_BOUND = 1e-3
-"""A bound this close to the error says that the graph's own covariances are isotropic."""
+"""Relative difference of bound and error below which the graph's own covariances count as isotropic."""
 _LANCZOS_TOLERANCE = 1e-4
 _MIN_OBJECTIVE_PER_EDGE = 1e-3
-"""Of chi-square: where an edge's share of F is below this, the gap is taken relative to this."""
+"""Smallest F per edge to which the gap is relative."""
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """What is known of a solution's optimality. F is twice a Gaussian error: a chi-square."""
+    """Optimality of a solution. F is twice a Gaussian error: a chi-square."""
 
     certified: bool
-    """The isotropic stand-in's minimum at the solution is its global one."""
+    """Whether the minimum of the isotropic approximation near the solution is its global one."""
     reason: str
-    """Why it is not certified; empty where it is."""
+    """Reason for a missing certificate; empty if certified."""
     objective: float = math.nan
-    """F at the stand-in's minimum next to the solution."""
+    """F at the approximation's minimum near the solution."""
     lower_bound: float = math.nan
-    """No poses have a lower F, as far as the least eigenvalue is right (see `lower_bound`)."""
+    """Lower bound of F for all poses, if the least eigenvalue is correct (see `lower_bound`)."""
     gap: float = math.nan
     """(objective - lower_bound) / max(objective, 0.001 an edge); 0 at the global optimum."""
     moved_m: float = math.nan
-    """Largest distance between a solution's pose and the stand-in's."""
+    """Largest distance between poses of the solution and of the approximation."""
     moved_rad: float = math.nan
     error_bound: float = math.nan
-    """No poses have a lower error of the graph itself, with its own covariances (half a chi-square); as
-    surely as ``lower_bound``."""
+    """Lower bound of the graph's own error (half a chi-square) for all poses, under the same condition as
+    ``lower_bound``."""
 
     def sentence(self, error: float) -> str:
-        """For a person; ``error`` is the solution's own."""
+        """Return the result as a sentence; ``error`` is that of the solution."""
         if not self.certified:
             return f"not certified as the global optimum: {self.reason}"
         if self.error_bound >= (1 - _TIGHT_BOUND) * error:
@@ -77,11 +77,11 @@ class Certificate:
 
 
 def certify(graph: PoseGraph, solution: Solution) -> Certificate:
-    """Whether the kept edges admit no better solution: each connected part by itself, figures added up.
+    """Certify that the kept edges have no better solution, each component by itself; bounds are summed.
 
-    Certified is the graph with each covariance made isotropic (the mean variance of rotation and of
-    translation), after a descent from the solution. ``error_bound`` holds for the graph as it is; it is
-    close to the solution's error where covariances are isotropic already.
+    The certificate is for the graph with isotropic covariances (the mean variance of rotation and of
+    translation), after a descent from the solution. ``error_bound`` is for the original graph; it is close
+    to the solution's error if covariances are isotropic already.
     """
     placed = solution.component >= 0
     kept = solution.edge_kept & placed[graph.i] & placed[graph.j]
@@ -110,7 +110,7 @@ def certify(graph: PoseGraph, solution: Solution) -> Certificate:
 def _certify_component(
     graph: PoseGraph, w_T: Array, members: NDArray[np.int64], kept: NDArray[np.bool_]
 ) -> Certificate | None:
-    """A connected part; None where it has no loop: a tree fits exactly."""
+    """Certify a connected component; None if it has no cycle: a tree fits exactly."""
     number = np.full(len(graph.ids), -1, dtype=np.int64)
     number[members] = np.arange(len(members))
     edges = np.flatnonzero(kept & (number[graph.i] >= 0))
@@ -126,7 +126,13 @@ def _certify_component(
         raise BackendError("an edge leaves a direction open")
     T = graph.ij_T[edges]
     problem = Synchronization(
-        len(members), number[graph.i[edges]], number[graph.j[edges]], T[:, :d, :d], T[:, :d, 3], kappa, tau
+        count=len(members),
+        i=number[graph.i[edges]],
+        j=number[graph.j[edges]],
+        ij_R=T[:, :d, :d],
+        ij_t_m=T[:, :d, 3],
+        kappa=kappa,
+        tau=tau,
     )
     w_T = w_T[members]
     order = elimination_order(problem)
@@ -147,7 +153,7 @@ def _certify_component(
 
 
 def _isotropy_ratio(information: Array, kappa: Array, tau: Array) -> float:
-    """Largest c for which no edge's cost falls below c times its isotropic stand-in's.
+    """Return the largest c for which every edge's cost is at least c times its isotropic approximation.
 
     A rotation's angle is at least its chord, and the logarithm's translation at least the distance.
     """
@@ -159,18 +165,18 @@ def _isotropy_ratio(information: Array, kappa: Array, tau: Array) -> float:
 
 
 def lower_bound(problem: Synchronization, w_R: Array, w_t: Array, order: NDArray[np.int64]) -> float:
-    """What no poses can have less of F than, from the multipliers at a critical point; at least 0.
+    """Return a lower bound of F from the multipliers at a critical point; at least 0.
 
-    The signs of a factor prove that no eigenvalue lies below minus the shift, which costs the bound GAP of F
-    where the first shift will do. What the bound claims beyond that rests on the eigenvalue: Lanczos'
-    iteration comes from above, and a margin of ten times its tolerance is taken off.
+    The signs of a factor prove that no eigenvalue is below minus the shift; with the first shift the bound
+    loses GAP of F. A tighter bound depends on the least eigenvalue: Lanczos' iteration converges from above,
+    and a margin of ten times its tolerance is subtracted.
     """
     n, d = w_t.shape
     multipliers = problem.multipliers(w_R, w_t)
     total = float(np.trace(multipliers, axis1=1, axis2=2).sum())
     blocks = np.zeros((n, d + 1, d + 1))
     blocks[:, 1:, 1:] = multipliers
-    # Pose by pose (t, R') as columns; the first position is held, which the Schur complement does not feel.
+    # Columns are (t, R') of each pose; the first position is fixed, without effect on the Schur complement.
     matrix = csc_array(_connection_laplacian(problem) - block_diagonal(blocks))[1:, 1:]
     rotational = np.tile(np.r_[0.0, np.ones(d)], n)[1:]
     scale = max(total, _MIN_OBJECTIVE_PER_EDGE * len(problem.i)) / (n * d)
@@ -183,7 +189,7 @@ def lower_bound(problem: Synchronization, w_R: Array, w_t: Array, order: NDArray
 
 
 def _min_eigenvalue(solve: Callable[[Array], Array], rotational: NDArray[np.bool_], shift: float) -> float:
-    """Least eigenvalue of Q - Lambda, which ``shift`` makes positive: at least minus ``shift``."""
+    """Return the least eigenvalue of Q - Lambda, at least minus ``shift``, which makes it positive."""
     size = int(rotational.sum())
 
     def inverse(x: Array) -> Array:
@@ -209,7 +215,7 @@ def _min_eigenvalue(solve: Callable[[Array], Array], rotational: NDArray[np.bool
 
 
 def _connection_laplacian(problem: Synchronization) -> csc_array:
-    """M with F = trace(X' M X), X stacking (t, R') of each pose. Source: equation 13."""
+    """Return M with F = trace(X' M X), X stacking (t, R') of each pose. Source: equation 13."""
     d, m = problem.dimension, len(problem.i)
     step = np.zeros((m, d + 1, d + 1))
     step[:, 0, 0] = 1

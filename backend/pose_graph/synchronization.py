@@ -1,8 +1,8 @@
-"""The isotropic stand-in of a pose graph: synchronisation over SE(d) with chordal distances.
+"""Isotropic approximation of a pose graph: synchronisation over SE(d) with chordal distances.
 
     F(R, t) = sum kappa |R_j - R_i R_ij|^2 + tau |t_j - t_i - R_i t_ij|^2
 
-It is quadratic but for R_i being rotations, and that is what lets its global optimum be recognised.
+It is quadratic except for the constraint that R_i are rotations, so that its global optimum can be certified.
 Source: Rosen, Carlone, Bandeira, Leonard 2019 (IJRR), "SE-Sync", equation 12.
 """
 
@@ -24,21 +24,20 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MAX_FILL = 6_000_000
-"""Entries of a triangular factor: about a second, in which Ctrl-C waits."""
+"""Maximum number of entries of a triangular factor: about a second, in which Ctrl-C waits."""
 
 _MAX_STEPS = 30
 _MIN_RELATIVE_GAIN = 1e-17
-"""Share of the objective that the next step could still win: what a bound asks for, not a value."""
+"""Predicted relative decrease at which the descent ends; the lower bound needs this accuracy."""
 _ROUNDING = 1e-12
 _FORCING = 1e-2
 _MAX_CG_ITERATIONS = 15
-"""Iterations after which a new factor is worth its price."""
+"""Number of iterations above which a new factor is computed."""
 
 
 @dataclass(frozen=True)
 class Synchronization:
-    """A connected isotropic problem; edges are rotations ``ij_R`` (m, d, d) and translations ``ij_t_m`` (m,
-    d)."""
+    """Connected isotropic problem with rotations ``ij_R`` (m, d, d) and translations ``ij_t_m`` (m, d)."""
 
     count: int
     i: Index
@@ -56,20 +55,20 @@ class Synchronization:
         return int(self.ij_R.shape[-1])
 
     def residuals(self, w_R: Array, w_t: Array) -> tuple[Array, Array, Array]:
-        """Translations (m, d) and rotations (m, d, d) left over, in axes of i, and R_i' R_j (m, d, d)."""
+        """Return residual translations (m, d) and rotations (m, d, d) in axes of i, and R_i' R_j."""
         turn = np.swapaxes(w_R[self.i], 1, 2)
         relative = turn @ w_R[self.j]
         step = np.einsum("mab,mb->ma", turn, w_t[self.j] - w_t[self.i])
         return step - self.ij_t_m, relative - self.ij_R, relative
 
     def objective(self, w_R: Array, w_t: Array) -> float:
-        """F."""
+        """Return F."""
         translation, rotation, _ = self.residuals(w_R, w_t)
         squares = self.tau * (translation**2).sum(axis=1) + self.kappa * (rotation**2).sum(axis=(1, 2))
         return float(squares.sum())
 
     def multipliers(self, w_R: Array, w_t: Array) -> Array:
-        """(n, d, d) Lagrange multipliers of R' R = I, in axes of each pose. Source: equation 107 there."""
+        """Return the multipliers (n, d, d) of R' R = I, in axes of each pose. Source: equation 107 there."""
         translation, rotation, relative = self.residuals(w_R, w_t)
         coupling = self.tau[:, None, None] * translation[:, :, None] * self.ij_t_m[:, None, :]
         at_i = -self.kappa[:, None, None] * (rotation @ np.swapaxes(self.ij_R, 1, 2)) - coupling
@@ -81,10 +80,10 @@ class Synchronization:
 
 
 def isotropic(information: Array) -> tuple[Array, Array]:
-    """kappa and tau (m,) of information matrices (m, 3, 3) or (m, 6, 6): those of the mean variances.
+    """Return kappa and tau (m,) for the mean variances of information matrices (m, 3, 3) or (m, 6, 6).
 
-    0 where a direction is open. Source: SE-Sync's own reader of g2o files, which in the plane takes twice
-    this kappa.
+    They are 0 for a singular matrix. Source: SE-Sync's own reader of g2o files, which in the plane takes
+    twice this kappa.
     """
     if information.shape[-1] == 3:
         return information[:, 2, 2] / 2, _harmonic_mean(information[:, :2, :2])
@@ -98,10 +97,10 @@ def _harmonic_mean(information: Array) -> Array:
 
 
 def descend(problem: Synchronization, w_R: Array, w_t: Array, order: Index) -> tuple[Array, Array]:
-    """The minimum of F below a start: rotations (n, d, d) and positions (n, d); pose 0 stays.
+    """Descend to a minimum of F: rotations (n, d, d) and positions (n, d); pose 0 is fixed.
 
-    Newton steps by conjugate gradients, preconditioned by a factor in the ``elimination_order`` that serves
-    for several steps. Raises ``BackendError`` where a linear system is singular.
+    Newton steps by conjugate gradients are preconditioned by a factor in the ``elimination_order``, which is
+    reused for several steps. Raises ``BackendError`` if a linear system is singular.
     """
     value = problem.objective(w_R, w_t)
     factor: Factor | None = None
@@ -110,7 +109,7 @@ def descend(problem: Synchronization, w_R: Array, w_t: Array, order: Index) -> t
         if factor is None:
             factor = Factor(hessian, order)
             if factor.negative:
-                # Without the curvature of the rotations the model is convex wherever it stands.
+                # The Gauss-Newton model, without the curvature of the rotations, is always convex.
                 factor = Factor(gauss_newton, order)
         step, iterations = _newton_step(hessian, gradient, factor)
         predicted_decrease = -float(gradient @ step)
@@ -131,7 +130,7 @@ def descend(problem: Synchronization, w_R: Array, w_t: Array, order: Index) -> t
 
 
 def _newton_step(hessian: csc_array, gradient: Array, factor: Factor) -> tuple[Array, int]:
-    """A step and how many iterations it took."""
+    """Return a step and its number of iterations."""
     operator = LinearOperator(hessian.shape, matvec=factor.solve, dtype=np.float64)
     done: list[None] = []
     step, _ = cg(
@@ -158,8 +157,10 @@ def _width(d: int) -> int:
 
 
 def _model(problem: Synchronization, w_R: Array, w_t: Array) -> tuple[Array, csc_array, csc_array]:
-    """Half gradient, half Hessian, and its Gauss-Newton part, of right perturbations (rotation,
-    translation) of all poses but the first."""
+    """Return half of gradient, Hessian and Gauss-Newton matrix, without the first pose.
+
+    They are by right perturbations (rotation, translation).
+    """
     d, p = problem.dimension, _width(problem.dimension)
     m, skew = len(problem.i), _skew_basis(problem.dimension)
     translation, rotation, relative = problem.residuals(w_R, w_t)
@@ -192,7 +193,7 @@ def _skew_basis(d: int) -> Array:
 
 
 def assembled(problem: Synchronization, ii: Array, jj: Array, ij: Array) -> csc_array:
-    """(n q, n q) symmetric matrix from the blocks (m, q, q) of each edge."""
+    """Assemble a symmetric matrix (n q, n q) from the blocks (m, q, q) of each edge."""
     q = ii.shape[-1]
     rows, columns, values = [], [], []
     pairs = ((problem.i, problem.i, ii), (problem.j, problem.j, jj), (problem.i, problem.j, ij))
@@ -206,7 +207,7 @@ def assembled(problem: Synchronization, ii: Array, jj: Array, ij: Array) -> csc_
 
 
 def block_diagonal(blocks: Array) -> csc_array:
-    """(n q, n q) from (n, q, q)."""
+    """Build a block-diagonal matrix (n q, n q) from blocks (n, q, q)."""
     n, q = blocks.shape[:2]
     row = np.broadcast_to(np.arange(n)[:, None, None] * q + np.arange(q)[:, None], blocks.shape)
     column = np.swapaxes(row, 1, 2)
@@ -214,7 +215,7 @@ def block_diagonal(blocks: Array) -> csc_array:
 
 
 def elimination_order(problem: Synchronization) -> Index:
-    """Poses in an order of little fill. Raises ``BackendError`` where any would fill up."""
+    """Return poses in a fill-reducing order. Raises ``BackendError`` if the fill-in is too large."""
     n = problem.count
     ones = np.ones((len(problem.i), 1, 1))
     factor = cholesky(csc_array(assembled(problem, ones, ones, -ones) + block_diagonal(np.ones((n, 1, 1)))))
@@ -224,9 +225,9 @@ def elimination_order(problem: Synchronization) -> Index:
 
 
 class Factor:
-    """L D L' of a symmetric matrix of equal blocks, of which the first pose's may lack some rows.
+    """Factor L D L' of a symmetric matrix of equal blocks; the first pose's may lack some rows.
 
-    ``order`` is that of the poses. Raises ``BackendError`` for a singular matrix.
+    ``order`` is the elimination order of the poses. Raises ``BackendError`` for a singular matrix.
     """
 
     def __init__(self, matrix: csc_array, order: Index) -> None:
@@ -242,11 +243,11 @@ class Factor:
 
     @property
     def negative(self) -> int:
-        """Number of negative pivots: of negative eigenvalues (Sylvester)."""
+        """Number of negative pivots, which equals that of negative eigenvalues (Sylvester)."""
         return int((self._factor.U.diagonal() <= 0).sum())
 
     def solve(self, rhs: Array) -> Array:
-        """The linear system's answer."""
+        """Solve the linear system."""
         out = np.empty_like(rhs)
         out[self._rows] = self._factor.solve(rhs[self._rows])
         return out
