@@ -387,3 +387,20 @@ def test_without_tracks_or_camera_it_says_so(missing: str):
     made = make(SONAR, 0)
     with pytest.raises(BackendError, match="no tracks of floor points, or no camera"):
         refine(replace(made.measurements, **{missing: None}), made.start)
+
+
+def test_the_scale_given_the_gain_of_the_ranges_is_more_certain():
+    """The gain that all ranges share has a standard deviation of several per cent."""
+    made = make(replace(SONAR, range_gain_std=0.05), 0)
+    bundle = refine(made.measurements, made.start)
+    assert bundle.scale_std > 0.5 * made.measurements.range_gain_std
+    assert 0 < bundle.conditional_scale_std < 0.5 * bundle.scale_std
+
+
+def test_the_slope_of_the_floor_is_no_error_over_the_floor():
+    """Without positions the slope is fixed, and tilt errors are the same in the world and over the floor."""
+    for scene, same in ((SONAR, True), (SCENES["gps over a slope"], False)):
+        made = make(scene, 0)
+        bundle = refine(made.measurements, made.start, made.floor_z_m)
+        tilt, over_floor = bundle.covariances[:, :2, :2], bundle.over_floor_covariances[:, :2, :2]
+        assert np.allclose(tilt, over_floor, rtol=1e-3, atol=1e-12) == same

@@ -212,3 +212,13 @@ def test_a_path_that_stands_while_the_accelerometer_moves_tells_nothing():
     flight = made(6, lasts_s=15.0)
     standing = np.tile(flight.w_T_b[:1], (len(flight.w_T_b), 1, 1))
     assert isinstance(inertial_scale(flight.stamps_s, standing, flight.readings, flight.covariance), NoScale)
+
+
+def test_segments_that_disagree_widen_the_scale():
+    """The force varies 15 % too little in one half and too much in the other."""
+    flight = made(0)
+    readings = flight.readings
+    mean, late = readings.accel_m_s2.mean(axis=0), readings.stamps_s > np.median(readings.stamps_s)
+    accel = mean + (readings.accel_m_s2 - mean) * np.where(late, 1.15, 0.85)[:, None]
+    found = replace(flight, readings=replace(readings, accel_m_s2=accel)).found
+    assert 0.02 < found.scale_std / found.scale < 0.15
