@@ -1,4 +1,4 @@
-"""When a homography is not to be believed: the paper's two gates, and those that experience asks for."""
+"""Gates that reject unreliable homographies: the two gates of the paper and five more."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GateConfig:
-    """Limits that a registration must keep."""
+    """Limits of an acceptable registration."""
 
     max_outlier_share: float = 0.8
     """gamma_1 of the paper (section 3.1)."""
@@ -24,21 +24,21 @@ class GateConfig:
     """gamma_2 of the paper (section 3.1, equation 2); 1 is no change, half a turn comes to 1.6."""
     min_inliers: int = 15
     min_spread: float = 0.03
-    """Share of the picture that the hull of the inliers covers."""
+    """Least share of the picture inside the convex hull of the inliers."""
     max_corner_std: float = 0.03
-    """Largest standard deviation of a carried corner, in picture widths."""
+    """Largest standard deviation of a transferred corner, in picture widths."""
     max_scale: float = 3.5
     """Largest ratio of heights."""
     min_overlap: float = 0.1
-    """Of the pictures; of the lower one where heights differ much."""
+    """Least overlap of the pictures; measured in the lower picture where heights differ much."""
 
 
 def reject_reason(
     fit: HomographyFit, pixel_j: Array, camera: Camera, overlap: float, gates: GateConfig
 ) -> str:
-    """Why the fit is refused; empty where it is not.
+    """Return the reason for rejecting the fit; empty where it is accepted.
 
-    ``pixel_j`` (m, 2): all matches, inliers or not; ``overlap``: what the pictures share.
+    ``pixel_j`` (m, 2): all matches, inliers or not; ``overlap``: overlap of the pictures as a share.
     """
     inliers = int(fit.inlier.sum())
     if inliers < gates.min_inliers:
@@ -61,7 +61,7 @@ def reject_reason(
 
 
 def local_scale(i_H_j: Array, camera: Camera) -> float:
-    """How much larger the centre of picture j appears in picture i."""
+    """Return the scale of the centre of picture j in picture i."""
     w, h = camera.size_px
     c = np.array([(w - 1) / 2, (h - 1) / 2])
     p = transfer(i_H_j, np.array([c, c + [1.0, 0], c + [0, 1.0]]))
@@ -70,12 +70,13 @@ def local_scale(i_H_j: Array, camera: Camera) -> float:
 
 
 def relative_change(i_H_j: Array, camera: Camera) -> float:
-    """Mean |delta H| of equation 2: by how much a new local transformation changes the global one.
+    """Return the mean |delta H| of equation 2: the change of the global transformation by a new local one.
 
-    As printed, the old homography over the new element by element, it is unbounded wherever an element passes
-    through zero: any translation does, and all elements do where a long flight crosses the horizon of a first
-    picture that was not level. So the old picture is the canvas, elements are in picture widths, where 1 is
-    the natural size of each, and 1 + |old - new| stands for the ratio. An unchanged homography gives 1.
+    The printed formula divides the old homography by the new one element by element. It is unbounded wherever
+    an element passes through zero: every translation does, and all elements do where a long flight crosses
+    the horizon of a tilted first picture. Here the old picture is the canvas, elements are in picture widths,
+    where 1 is the natural size of each, and 1 + |old - new| replaces the ratio. An unchanged homography gives
+    1.
     """
     size = np.array([camera.size_px[0], camera.size_px[0], 1.0])
     local = i_H_j * size / size[:, None]

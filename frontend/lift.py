@@ -1,10 +1,10 @@
 """From homographies in pixels to relative poses in metres.
 
 A homography fixes the pose of camera j relative to the floor once the floor is known in camera i: its
-distance (height) and its normal (roll and pitch). It has two figures more than a pose, and these correct
-roll and pitch as far as their sensor's uncertainty allows. Heights are left at 1 here: ``scale`` makes
-metres of them when the heights of all keyframes have been agreed upon. Until then the body's axes are taken
-to stand at the camera, for a lever arm is known in metres only. All functions work on m pairs at once.
+distance (height) and its normal (roll and pitch). It has two degrees of freedom more than a pose. These
+correct roll and pitch as far as the sensor's uncertainty allows. The height is 1 here: ``scale`` converts the
+result to metres once the heights of all keyframes are estimated. Until then the origin of the body axes is
+placed at the camera, because the lever arm is known in metres only. All functions work on m pairs at once.
 
 Source: Hartley and Zisserman 2004, sections 8.1 (plane to picture) and 5.2 (propagation of covariance);
 Steder et al. 2008 for the down-looking case.
@@ -23,52 +23,53 @@ from frontend.camera import Camera
 Array = NDArray[np.float64]
 
 _ITERATIONS = 10
-"""Gauss-Newton steps: all pairs take as many."""
+"""Number of Gauss-Newton steps, the same for all pairs."""
 _AT_ONCE = 1_000
-"""Pairs: one takes a hundred times as much memory while it is worked on as what is found takes."""
+"""Pairs in a block: the working memory of a pair is a hundred times as large as its result."""
 
 
 @dataclass(frozen=True)
 class LiftedPoses:
-    """m relative poses of body axes at the camera, in units of the height of camera i above the floor."""
+    """Relative poses of m pairs, body axes at the camera, in units of the height of camera i above the
+    floor."""
 
     i_T_j: Array
-    """(m, 4, 4), translation in heights of i."""
+    """(m, 4, 4) poses; translation in units of the height of camera i."""
     covariance: Array
-    """(m, 6, 6), rotation first, right perturbation; of homography and attitude, not of the height."""
+    """(m, 6, 6), rotation first, right perturbation; from homography and attitude, without the height."""
     height_ratio: Array
     """(m,) height of camera j over height of camera i."""
     log_ratio_std: Array
     """(m,) standard deviation of log(height_ratio)."""
     misfit: Array
     """(m,) squared whitened distance of homography and attitude from the best pose, 2 degrees of freedom;
-    infinite where camera j would look up."""
+    infinite where camera j would face upwards."""
     b_p_c_m: Array
-    """(3,) where the camera sits on the body."""
+    """(3,) position of the camera on the body."""
     camera_above_body_m: Array
-    """(m,) how much higher than the body's origin camera i is."""
+    """(m,) height of camera i above the body's origin."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """(m,) whether the pose looks at the floor from above and its covariance is positive definite."""
+        """Return (m,) whether camera j is above the floor and the covariance is positive definite."""
         finite = np.isfinite(self.covariance).all(axis=(1, 2)) & np.isfinite(self.i_T_j).all(axis=(1, 2))
         safe = np.where(np.asarray(finite)[:, None, None], self.covariance, np.eye(6))
         variances = np.linalg.eigvalsh(safe)
         definite = variances[:, 0] > 1e-12 * variances[:, -1]
-        told = np.isfinite(self.log_ratio_std) & np.isfinite(self.misfit)
-        return finite & definite & told & (self.height_ratio > 0)
+        known = np.isfinite(self.log_ratio_std) & np.isfinite(self.misfit)
+        return finite & definite & known & (self.height_ratio > 0)
 
     def scale(self, height_m: Array, height_std_m: Array) -> tuple[Array, Array]:
-        """Poses (m, 4, 4) and covariances (m, 6, 6) of the bodies in metres.
+        """Return relative poses (m, 4, 4) and covariances (m, 6, 6) of the bodies in metres.
 
-        ``height_m`` and its uncertainty (m,) are those of body i above the floor.
+        ``height_m`` and ``height_std_m`` (m,) are the height of body i above the floor and its std.
         """
         camera_m = height_m + self.camera_above_body_m
         R, t = self.i_T_j[:, :3, :3], self.i_T_j[:, :3, 3]
         i_T_j = self.i_T_j.copy()
         i_T_j[:, :3, 3] = t * camera_m[:, None] + self.b_p_c_m - R @ self.b_p_c_m
         J = np.tile(np.eye(6), (len(t), 1, 1))
-        J[:, 3:, :3] = _cross_matrix(self.b_p_c_m)  # a turn about the camera moves the body's origin
+        J[:, 3:, :3] = _cross_matrix(self.b_p_c_m)  # rotation about the camera moves the body's origin
         J[:, 3:, 3:] *= camera_m[:, None, None]
         covariance = J @ self.covariance @ J.transpose(0, 2, 1)
         t_in_j = np.einsum("mba,mb->ma", R, t)
@@ -83,10 +84,10 @@ def lift(
     roll_pitch_rad: Array,
     roll_pitch_std_rad: Array,
 ) -> LiftedPoses:
-    """Relative poses of m pairs from their homographies and the attitude of keyframe i.
+    """Compute relative poses of m pairs from their homographies and the attitude of keyframe i.
 
     ``i_H_j`` (m, 3, 3); ``corner_covariance`` (m, 8, 8) px² as in `frontend.homography`;
-    ``roll_pitch_rad`` and its std (m, 2), of body i over the floor.
+    ``roll_pitch_rad`` and ``roll_pitch_std_rad`` (m, 2): attitude of body i relative to the floor.
     """
     m = len(i_H_j)
     lever = camera.b_T_c[:3, 3]
@@ -106,7 +107,7 @@ def lift(
 def _lift_some(
     i_H_j: Array, corner_covariance: Array, camera: Camera, roll_pitch_rad: Array, roll_pitch_std_rad: Array
 ) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Of some pairs what `LiftedPoses` has of each, in its order."""
+    """Return the per-pair fields of `LiftedPoses` for a block of pairs, in the order of its fields."""
     lever = camera.b_T_c[:3, 3]
     mount = camera.b_T_c.copy()
     mount[:3, 3] = 0.0
@@ -114,7 +115,7 @@ def _lift_some(
     corners = camera.undistort(camera.corners_px)
     u = np.einsum("mab,kb->mka", i_H_j, np.column_stack([corners, np.ones(4)]))
     pixel_i = u[..., :2] / u[..., 2:]
-    # The covariance stands in picture i; corner by corner it is carried back into j.
+    # The covariance is expressed in picture i; it is transformed to picture j corner by corner.
     local = (i_H_j[:, None, :2, :2] - pixel_i[..., :, None] * i_H_j[:, None, 2:, :2]) / u[..., 2, None, None]
     back = np.zeros((len(i_H_j), 8, 8))
     for k in range(4):
@@ -124,7 +125,7 @@ def _lift_some(
 
     fit = _solve(pixel_i, corners, weight, camera, roll_pitch_rad, roll_pitch_std_rad, i_H_j)
     i_T_j = np.linalg.inv(level_T_body(fit.roll_pitch_rad)) @ fit.level_T_j
-    carry = _carry_to_relative(fit.roll_pitch_rad, i_T_j)
+    carry = _relative_pose_jacobian(fit.roll_pitch_rad, i_T_j)
     covariance = carry @ fit.covariance @ carry.transpose(0, 2, 1)
     ratio = fit.level_T_j[:, 2, 3]
     along = fit.level_T_j[:, 2, :3]  # d ratio / d translation of j
@@ -135,7 +136,7 @@ def _lift_some(
 
 
 def level_T_body(roll_pitch_rad: Array) -> Array:
-    """(m, 4, 4) bodies at height 1 above the origin with yaw 0."""
+    """Return poses (m, 4, 4) of bodies at height 1 above the origin with yaw 0."""
     pose = np.tile(np.eye(4), (len(roll_pitch_rad), 1, 1))
     pose[:, :3, :3] = Rotation.from_euler(
         "ZYX", np.column_stack([0 * roll_pitch_rad[:, 0], roll_pitch_rad[:, ::-1]])
@@ -148,14 +149,14 @@ def level_T_body(roll_pitch_rad: Array) -> Array:
 class _Fit:
     level_T_j: Array
     roll_pitch_rad: Array
-    """(m, 2) attitude of i as the homography and the sensor agree on it."""
+    """(m, 2) attitude of i estimated from the homography and the sensor."""
     covariance: Array
-    """(m, 8, 8) of pose j (right perturbation) and of roll and pitch of i."""
+    """(m, 8, 8) joint covariance of pose j (right perturbation) and roll and pitch of i."""
     misfit: Array
 
 
-def _carry_to_relative(roll_pitch_rad: Array, i_T_j: Array) -> Array:
-    """(m, 6, 8): what pose j in the level frame, and roll and pitch of i, do to i_T_j."""
+def _relative_pose_jacobian(roll_pitch_rad: Array, i_T_j: Array) -> Array:
+    """Return the Jacobian (m, 6, 8) of i_T_j by pose j in the level frame and by roll and pitch of i."""
     R, t = i_T_j[:, :3, :3], i_T_j[:, :3, 3]
     turn = _attitude_axes_in_body(roll_pitch_rad)
     carry = np.zeros((len(i_T_j), 6, 8))
@@ -166,7 +167,7 @@ def _carry_to_relative(roll_pitch_rad: Array, i_T_j: Array) -> Array:
 
 
 def _attitude_axes_in_body(roll_pitch_rad: Array) -> Array:
-    """(m, 3, 2) axes that roll and pitch turn about, in body axes."""
+    """Return the rotation axes (m, 3, 2) of roll and pitch in body axes."""
     roll = roll_pitch_rad[:, 0]
     zero = np.zeros_like(roll)
     return np.stack(
@@ -175,7 +176,8 @@ def _attitude_axes_in_body(roll_pitch_rad: Array) -> Array:
 
 
 def _start(i_H_j: Array, camera: Camera, roll_pitch_rad: Array) -> Array:
-    """Pose of j in closed form: the homography from floor to picture j holds two axes and the origin.
+    """Compute the pose of j in closed form: the homography from floor to picture j holds two axes and the
+    origin.
 
     Source: Hartley and Zisserman 2004, example 8.1: P = K [r1 r2 t] for a plane.
     """
@@ -183,13 +185,15 @@ def _start(i_H_j: Array, camera: Camera, roll_pitch_rad: Array) -> Array:
     c_from_level = level_T_c[:, :3, :3].transpose(0, 2, 1)
     i_plane = np.concatenate([c_from_level[..., :2], -c_from_level @ level_T_c[:, :3, 3:]], axis=-1)
     K = camera.matrix
-    plane = np.linalg.inv(i_H_j @ K) @ K @ i_plane  # columns: x, y and origin of the floor as j sees them
+    plane = (
+        np.linalg.inv(i_H_j @ K) @ K @ i_plane
+    )  # columns: x axis, y axis and origin of the floor in camera j
     with np.errstate(divide="ignore", invalid="ignore"):
         length = np.linalg.norm(plane[..., :2], axis=1)
         # The sign that puts camera j above the floor.
         plane *= (-np.sign(np.linalg.det(plane)) / np.sqrt(length.prod(axis=1)))[:, None, None]
         x, y = np.moveaxis(plane[..., :2] / np.linalg.norm(plane[..., :2], axis=1, keepdims=True), -1, 0)
-        # The right angle nearest to what noise has made of it.
+        # Nearest orthogonal pair of axes.
         middle, across = _unit(x + y), _unit(x - y)
     x, y = (middle + across) / np.sqrt(2), (middle - across) / np.sqrt(2)
     pose = np.tile(np.eye(4), (len(i_H_j), 1, 1))
@@ -203,7 +207,8 @@ def _unit(v: Array) -> Array:
 
 
 def _floor(pixel: Array, camera: Camera, roll_pitch_rad: Array) -> tuple[Array, Array]:
-    """Floor points (m, k, 3) under (m, k, 2) pixels of i, and (m, k, 3, 2) what roll and pitch do to them."""
+    """Return floor points (m, k, 3) of pixels (m, k, 2) of i and their derivatives (m, k, 3, 2) by roll and
+    pitch."""
     level_T_b = level_T_body(roll_pitch_rad)
     level_R_c = level_T_b[:, :3, :3] @ camera.b_T_c[:3, :3]
     xy = (pixel - np.array(camera.center_px)) / np.array(camera.focal_px)
@@ -224,9 +229,9 @@ def _solve(
     roll_pitch_std_rad: Array,
     i_H_j: Array,
 ) -> _Fit:
-    """Gauss-Newton for the poses of j and the attitudes of i.
+    """Estimate the poses of j and the attitudes of i by Gauss-Newton.
 
-    A homography has two figures more than a pose: they tell of the attitude of i what its sensor does not.
+    The two extra degrees of freedom of a homography inform the attitude of i beyond its sensor.
     """
     c_T_b: Array = np.asarray(np.linalg.inv(camera.b_T_c), dtype=float)
     pose, tilt = _start(i_H_j, camera, roll_pitch_rad), roll_pitch_rad.copy()
@@ -248,19 +253,20 @@ def _solve(
         gradient[:, 6:] += trust * (roll_pitch_rad - tilt)
         damping = 1e-9 * np.einsum("maa->m", information[:, :6, :6])[:, None, None] * np.eye(8)
         step = np.linalg.solve(information + damping, gradient[..., None])[..., 0]
-        # A wild homography must not throw the others' arithmetic off: steps are bounded.
+        # Bounded steps keep the arithmetic of a wild homography finite.
         step *= np.minimum(1.0, 0.5 / (np.abs(step).max(axis=1, keepdims=True) + 1e-12))
         pose, tilt = pose @ _exp_small(step[:, :6]), tilt + step[:, 6:]
     misfit = np.einsum("ma,mab,mb->m", residual, weight, residual)
     misfit += (trust * (roll_pitch_rad - tilt) ** 2).sum(axis=1)
     looks_down = pose[:, 2, :3] @ camera.b_T_c[:3, 2] < 0
-    misfit = np.where(looks_down, misfit, np.inf)  # a mirrored picture has a pose too, with the floor behind
+    misfit = np.where(looks_down, misfit, np.inf)  # a mirrored picture gives a pose with the floor behind
     covariance = np.linalg.inv(information)
     return _Fit(pose, tilt, 0.5 * (covariance + covariance.transpose(0, 2, 1)), misfit)
 
 
 def _projection_jacobian(b_p: Array, c_p: Array, R_cb: Array, focal: Array, b_swing: Array) -> Array:
-    """(m, 8, 8) of projected pixels: right perturbation of the body, roll and pitch that move the points."""
+    """Return the Jacobian (m, 8, 8) of projected pixels by the body pose (right perturbation), roll and
+    pitch."""
     m, k = b_p.shape[:2]
     d_pixel = np.zeros((m, k, 2, 3))
     z = c_p[..., 2]
@@ -275,7 +281,8 @@ def _projection_jacobian(b_p: Array, c_p: Array, R_cb: Array, focal: Array, b_sw
 def _cross_matrix(v: Array) -> Array:
     """``_cross_matrix(v) @ u == cross(v, u)``. (..., 3) -> (..., 3, 3).
 
-    Written out: six times as fast as numpy's ``cross``. The back end's own is out of the front end's reach.
+    It is written out because that is six times as fast as numpy's ``cross``. The front end may not import the
+    back end's function.
     """
     out = np.zeros((*v.shape, 3))
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
@@ -284,7 +291,8 @@ def _cross_matrix(v: Array) -> Array:
 
 
 def _exp_small(xi: Array) -> Array:
-    """Rigid transforms of small Gauss-Newton steps: rotation exact, translation to first order on purpose."""
+    """Return rigid transforms of small Gauss-Newton steps: rotation exact, translation to first order on
+    purpose."""
     T = np.tile(np.eye(4), (len(xi), 1, 1))
     T[:, :3, :3] = Rotation.from_rotvec(xi[:, :3]).as_matrix()
     T[:, :3, 3] = xi[:, 3:]

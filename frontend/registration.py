@@ -1,4 +1,4 @@
-"""Two pictures registered: match, robust homography, gates. The unit of all front-end work."""
+"""Registration of two pictures: match features, fit a robust homography, apply the gates."""
 
 from __future__ import annotations
 
@@ -18,36 +18,37 @@ from frontend.motions import Expectation, floor_motion
 Array = NDArray[np.float64]
 
 HIGHER = 1.5
-"""A picture from this many times as high is much the larger one."""
+"""Ratio of heights above which the overlap is measured in the lower picture."""
 
 
 @dataclass(frozen=True)
 class Registration:
-    """Picture j registered to picture i, or the reason why not."""
+    """Registration of picture j to picture i, or the reason for its rejection."""
 
     i: int
     j: int
     reason: str
-    """Empty where the registration holds."""
+    """Reason for the rejection; empty where the registration is accepted."""
     matches: NDArray[np.integer]
-    """(m, 2) inlier matches: feature of i, feature of j. A long flight has millions: in few bytes each."""
+    """(m, 2) inlier matches: feature of i, feature of j. Small integers save memory: a long flight has
+    millions."""
     i_H_j: Array
     """(3, 3) undistorted pixels of j to pixels of i; NaN where there is none."""
     corner_covariance: Array
-    """(8, 8) px², corners of j carried into i."""
+    """(8, 8) px², covariance of the corners of j transferred into i."""
     noise_px: float
     overlap: float
-    """Share of picture j that picture i shows too."""
+    """Share of picture j that is also visible in picture i."""
     elsewhere: NDArray[np.integer] = field(default_factory=lambda: np.empty(0, np.int32))
-    """(k,) features of j that move together by themselves: on something else than the floor."""
+    """(k,) features of j with a common motion other than that of the floor."""
     least_overlap: float = 1.0
-    """``overlap``, or that of what moves by itself where it is less."""
+    """Smaller one of ``overlap`` and the overlap by the other motion."""
     lead: float = 0.0
-    """By how much the floor is told from other motions, as `frontend.motions.Expectation` has it."""
+    """Confidence in the floor's motion over other motions, defined in `frontend.motions.Expectation`."""
 
     @property
     def ok(self) -> bool:
-        """Whether the registration holds."""
+        """Return whether the registration is accepted."""
         return not self.reason
 
 
@@ -61,7 +62,7 @@ def register(
     gates: GateConfig,
     expected: Expectation | None = None,
 ) -> Registration:
-    """Register picture j to picture i from their features, and from where the floor is expected."""
+    """Register picture j to picture i from their features and the predicted motion of the floor."""
     pairs = match(a, b).astype(np.min_scalar_type(max(len(a), len(b))))
     if len(pairs) < gates.min_inliers:
         return refused(i, j, "too few matches")
@@ -73,29 +74,22 @@ def register(
     fit = found.fit
     covered = overlap(fit.i_H_j, camera)
     reason = reject_reason(fit, points_j.pixel, camera, _shared(fit.i_H_j, covered, camera, gates), gates)
+    other = covered if found.other_i_H_j is None else overlap(found.other_i_H_j, camera)
     return Registration(
-        i,
-        j,
-        reason,
-        pairs[fit.inlier],
-        fit.i_H_j,
-        fit.corner_covariance,
-        fit.noise_px,
-        covered,
-        pairs[found.elsewhere, 1],
-        covered if found.other_i_H_j is None else min(covered, overlap(found.other_i_H_j, camera)),
-        found.lead,
-    )
+        i=i, j=j, reason=reason, matches=pairs[fit.inlier], i_H_j=fit.i_H_j,
+        corner_covariance=fit.corner_covariance, noise_px=fit.noise_px, overlap=covered,
+        elsewhere=pairs[found.elsewhere, 1], least_overlap=min(covered, other), lead=found.lead,
+    )  # fmt: skip
 
 
 def overlap(i_H_j: Array, camera: Camera) -> float:
-    """Share of picture j that lies inside picture i after transfer; 0 where the transfer folds."""
+    """Return the share of picture j that lies inside picture i after transfer; 0 where the transfer folds."""
     corners = camera.corners_px
     w = corners @ i_H_j[2, :2] + i_H_j[2, 2]
     if (w <= 0).any():
         return 0.0
     quad = transfer(i_H_j, corners).astype(np.float32)
-    area = cv2.contourArea(quad, oriented=True)  # negative: mirrored, as no floor is seen
+    area = cv2.contourArea(quad, oriented=True)  # negative: mirrored, impossible for a floor
     if not np.isfinite(quad).all() or area < 1.0 or not cv2.isContourConvex(quad):
         return 0.0
     shared, _ = cv2.intersectConvexConvex(quad, corners.astype(np.float32))
@@ -103,9 +97,9 @@ def overlap(i_H_j: Array, camera: Camera) -> float:
 
 
 def _shared(i_H_j: Array, covered: float, camera: Camera, gates: GateConfig) -> float:
-    """Share of picture j, ``covered``; of picture i where j is from much higher.
+    """Return ``covered``, the share of picture j, or the share of picture i where j is from much higher.
 
-    Of a picture from three times as high no other shows more than a ninth.
+    At three times the height, at most a ninth of picture j can be visible in picture i.
     """
     if covered == 0.0 or covered >= gates.min_overlap or local_scale(i_H_j, camera) < HIGHER:
         return covered
@@ -114,8 +108,9 @@ def _shared(i_H_j: Array, covered: float, camera: Camera, gates: GateConfig) -> 
 
 
 def refused(i: int, j: int, reason: str) -> Registration:
-    """A pair without a registration, and why."""
+    """Return the registration of a rejected pair with its reason."""
     nothing = np.full((3, 3), np.nan)
     return Registration(
-        i, j, reason, np.empty((0, 2), np.int32), nothing, np.full((8, 8), np.nan), np.nan, 0.0
-    )
+        i=i, j=j, reason=reason, matches=np.empty((0, 2), np.int32), i_H_j=nothing,
+        corner_covariance=np.full((8, 8), np.nan), noise_px=np.nan, overlap=0.0,
+    )  # fmt: skip

@@ -1,11 +1,11 @@
-"""Pictures whose rows are exposed one after the other: where things would lie had all been exposed at once.
+"""Rolling-shutter correction: pixel positions as if all rows had been exposed at the same time.
 
-While the camera reads out its rows, it moves on: what each row shows is off by the picture's own motion since
-the middle row. That motion is what a gyro says of the turning, and for the rest what lies between this
-picture and the ones just before and after it.
+The camera moves while it reads out its rows. Each row is displaced by the motion of the picture since the
+middle row. The gyroscope measures the rotational part of that motion. The homographies to the previous and
+the next picture give the rest.
 
 Source: Forssen and Ringaby 2010 (rows rectified by the camera's own rotation); Longuet-Higgins and Prazdny
-1980 (motion of a picture by turning); the rest is that of a plane, eight numbers.
+1980 (motion of a picture under rotation); the rest is the motion of a plane, which has eight parameters.
 """
 
 from __future__ import annotations
@@ -22,33 +22,34 @@ from frontend.homography import transfer
 
 Array = NDArray[np.float64]
 RotationSinceMiddleRow = Callable[[Array], Array]
-"""(m,) seconds after the middle row's -> (m, 3) rotation vector of the camera since then, in its axes."""
+"""Map (m,) seconds after the middle row to (m, 3) rotation vectors of the camera since then, camera axes."""
 
 
 @dataclass(frozen=True)
 class NeighbourView:
-    """Another picture of the floor, a little before or after."""
+    """A picture of the floor taken shortly before or after another one."""
 
     offset_s: float
-    """Negative: before."""
+    """Time after this picture in seconds; negative for an earlier picture."""
     other_H_this: Array
-    """(3, 3) undistorted pixels of this picture to pixels of the other."""
+    """(3, 3) homography from undistorted pixels of this picture to pixels of the other."""
 
 
 @dataclass(frozen=True)
 class RowMotion:
-    """How a picture moves while its rows are read."""
+    """Motion of a picture while its rows are read."""
 
     camera: Camera
     turned: RotationSinceMiddleRow
     plane: Array
-    """(8,) numbers of what is left of the motion once turning is taken out, in focal lengths a second."""
+    """(8,) parameters of the motion without the rotation, in focal lengths per second."""
 
     @staticmethod
     def estimate(
         camera: Camera, neighbours: Sequence[NeighbourView], turned: RotationSinceMiddleRow
     ) -> RowMotion:
-        """From the nearest picture before and after, one of them, or turning alone."""
+        """Estimate it from the nearest picture before and after, from one of them, or from the rotation
+        alone."""
         corners = _units(camera, camera.undistort(camera.corners_px))
         before = max((b for b in neighbours if b.offset_s < 0), key=lambda b: b.offset_s, default=None)
         after = min((b for b in neighbours if b.offset_s > 0), key=lambda b: b.offset_s, default=None)
@@ -58,15 +59,15 @@ class RowMotion:
         if len(speeds) == 1:
             return RowMotion(camera, turned, _plane(corners, speeds[0][1]))
         (s, early), (t, late) = speeds
-        # Each is the mean up to the other picture: that of the time half-way.
+        # Each speed is the mean up to the other picture, so it holds half-way in time.
         return RowMotion(camera, turned, _plane(corners, (t * early - s * late) / (t - s)))
 
     def to_global_shutter(self, pixel: Array) -> Array:
-        """Undistorted pixels (n, 2) where they would lie had every row been exposed with the middle one."""
+        """Return where undistorted pixels (n, 2) would lie if all rows were exposed with the middle row."""
         return pixel - self._moved(pixel, pixel)
 
     def to_rolling_shutter(self, pixel: Array) -> Array:
-        """The inverse: where pixels (n, 2) of one moment are found among rows of many."""
+        """Return where pixels (n, 2) of a simultaneous exposure lie in the rolling-shutter picture."""
         seen = pixel
         for _ in range(3):
             seen = pixel + self._moved(seen, seen)
@@ -80,28 +81,29 @@ class RowMotion:
 
 
 def global_shutter_homography(i_H_j: Array, i: RowMotion, j: RowMotion) -> Array:
-    """(3, 3) of two pictures had each been exposed at once, from that of the pictures as they are."""
+    """Return the homography (3, 3) between global-shutter pictures from that of the recorded pictures."""
     corners = i.camera.undistort(i.camera.corners_px)
     there = i.to_global_shutter(transfer(i_H_j, j.to_rolling_shutter(corners)))
     return np.asarray(cv2.getPerspectiveTransform(corners.astype(np.float32), there.astype(np.float32)))
 
 
 def _since_middle(camera: Camera, pixel: Array) -> Array:
-    """(n,) seconds after the middle row at which undistorted pixels were exposed."""
+    """Return the exposure times (n,) of undistorted pixels, in seconds after the middle row."""
     row = camera.project(camera.rays(pixel))[:, 1] if camera.is_distorted else pixel[:, 1]
     return np.asarray(camera.readout_s * (row / (camera.size_px[1] - 1) - 0.5))
 
 
 def _units(camera: Camera, pixel: Array) -> Array:
-    """(n, 2) in focal lengths from the optical axis."""
+    """Return positions (n, 2) in focal lengths from the optical axis."""
     return np.asarray(camera.rays(pixel)[:, :2])
 
 
 def _speed(camera: Camera, neighbour: NeighbourView, turned: RotationSinceMiddleRow) -> Array:
-    """(4, 2) mean speed of the corners up to the other picture, turning taken out, in focal lengths per s."""
+    """Return the mean speed (4, 2) of the corners up to the other picture, without rotation, in focal
+    lengths/s."""
     here = camera.undistort(camera.corners_px)
     there = transfer(neighbour.other_H_this, here)
-    # What moves down the picture is read later in the other one than in this.
+    # A point that moves down the picture is read later in the other picture than in this one.
     rows = _since_middle(camera, there) - _since_middle(camera, here)
     took_s = neighbour.offset_s + rows
     a, b = _units(camera, here), _units(camera, there)
@@ -110,13 +112,13 @@ def _speed(camera: Camera, neighbour: NeighbourView, turned: RotationSinceMiddle
 
 
 def _turning(x: Array, turn: Array) -> Array:
-    """(n, 2) by how much points (n, 2) of a picture move where the camera turns by small vectors (n, 3)."""
+    """Return the displacements (n, 2) of points (n, 2) under small rotation vectors (n, 3) of the camera."""
     (u, v), (p, q, r) = x.T, turn.T
     return np.column_stack([u * v * p - (1 + u * u) * q + v * r, (1 + v * v) * p - u * v * q - u * r])
 
 
 def _of_plane(x: Array, plane: Array) -> Array:
-    """(n, 2) speed of points by the motion of a plane."""
+    """Return the speeds (n, 2) of points under the motion of a plane."""
     u, v = x.T
     a, b, c, d, e, f, g, h = plane
     fold = g * u + h * v
@@ -124,6 +126,6 @@ def _of_plane(x: Array, plane: Array) -> Array:
 
 
 def _plane(corners: Array, speed: Array) -> Array:
-    """(8,) the motion that gives four points (4, 2) their speeds (4, 2)."""
+    """Return the parameters (8,) of the motion that gives four points (4, 2) their speeds (4, 2)."""
     columns = [_of_plane(corners, unit).ravel() for unit in np.eye(8)]
     return np.asarray(np.linalg.solve(np.column_stack(columns), speed.ravel()))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from frontend.camera import Camera
@@ -252,3 +253,43 @@ def test_no_pairs_give_no_poses() -> None:
     i_T_j, covariance = nothing.scale(np.empty(0), np.empty(0))
     assert i_T_j.shape == (0, 4, 4)
     assert covariance.shape == (0, 6, 6)
+
+
+def test_covariance_contains_the_uncertainty_of_roll_and_pitch_separately() -> None:
+    """Sample and reported covariance agree where the uncertainty of one tilt angle dominates."""
+    count, noise_px = 2000, 0.1
+    rng = np.random.default_rng(11)
+    one = true_pairs(rng, CAMERA, 1, 1.0, 0.1)
+    corners = transfer(one.i_H_j[0], CAMERA.corners_px)
+    stds = np.where(np.arange(count)[:, None] % 2 == 0, [0.05, 0.0005], [0.0005, 0.05])
+    H = np.array(
+        [homography_of(CAMERA.corners_px, corners + rng.normal(0, noise_px, (4, 2))) for _ in range(count)]
+    )
+    lifted = lift(
+        H,
+        np.tile(noise_px**2 * np.eye(8), (count, 1, 1)),
+        CAMERA,
+        one.roll_pitch_rad + rng.normal(0, stds),
+        stds,
+    )
+    certain = lift(
+        one.i_H_j, noise_px**2 * np.eye(8)[None], CAMERA, one.roll_pitch_rad, np.full((1, 2), 1e-6)
+    )
+    i_T_j, covariance = lifted.scale(np.repeat(one.height_m, count), np.zeros(count))
+    _, without_tilt = certain.scale(one.height_m, np.zeros(1))
+    error = difference(i_T_j, np.repeat(one.i_T_j, count, axis=0))
+    for chosen in (slice(0, None, 2), slice(1, None, 2)):
+        sample = error[chosen].T @ error[chosen] / len(error[chosen])
+        ratios = eigh(sample, covariance[chosen].mean(axis=0), eigvals_only=True)
+        assert ratios[0] > 0.8
+        assert ratios[-1] < 1.25
+        assert eigh(sample, without_tilt[0], eigvals_only=True)[-1] > 2
+
+
+def test_pairs_are_lifted_in_blocks_without_loss(monkeypatch: pytest.MonkeyPatch) -> None:
+    pairs = true_pairs(np.random.default_rng(12), CAMERA, 9, 1.0, 0.05)
+    whole = lift(pairs.i_H_j, tight(9), CAMERA, pairs.roll_pitch_rad, np.full((9, 2), 0.01))
+    monkeypatch.setattr("frontend.lift._AT_ONCE", 4)
+    blocks = lift(pairs.i_H_j, tight(9), CAMERA, pairs.roll_pitch_rad, np.full((9, 2), 0.01))
+    np.testing.assert_allclose(blocks.i_T_j, whole.i_T_j, atol=1e-12)
+    np.testing.assert_allclose(blocks.covariance, whole.covariance, rtol=1e-6, atol=1e-15)

@@ -64,3 +64,17 @@ def test_without_a_box_in_view_above_gamma_or_a_pose_there_is_no_mask():
     assert ObstacleMask(box_map(), CAMERA, 0.0, 0.31)(body(0.2, 0.1, 1.0)) is None
     raised = ObstacleMask(box_map(), CAMERA, 5.0, 0.06)
     np.testing.assert_array_equal(raised(body(0.2, 0.1, 6.0)), mask(body(0.2, 0.1, 1.0)))
+
+
+def test_the_mask_reaches_beyond_the_edge_of_the_obstacle():
+    w_T_b = body(0.2, 0.1, 1.0)
+    mask = ObstacleMask(box_map(), CAMERA, 0.0, 0.06)(w_T_b)
+    y = np.linspace(-0.15, 0.15, 200)
+    top = np.column_stack([np.full(200, 0.5), y, np.full(200, HIGH_M)])
+    w_T_c = w_T_b @ CAMERA.b_T_c
+    pixel = CAMERA.project((top - w_T_c[:3, 3]) @ w_T_c[:3, :3])
+    middle = CAMERA.project((np.array([[0.3, 0.0, HIGH_M]]) - w_T_c[:3, 3]) @ w_T_c[:3, :3])
+    outwards = np.sign(pixel[:, 1].mean() - middle[0, 1])
+    column, row = np.rint(pixel + [0, 2 * outwards]).astype(int).T
+    assert ((row >= 0) & (row < 240)).all()
+    assert (mask[row, column] == 0).all()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from frontend.homography import transfer
-from frontend.motions import DISTINCT_MOTION_WIDTHS, Expectation, FloorMotion, floor_motion
+from frontend.motions import DISTINCT_MOTION_WIDTHS, MOST_LEAD, Expectation, FloorMotion, floor_motion
 from frontend.points import Points
 
 SIZE = (320, 240)
@@ -133,3 +133,11 @@ def test_two_motions_a_little_apart_are_not_blended(apart_px):
     assert found is not None
     assert found.fit.noise_px < 0.2
     assert transfer(found.fit.i_H_j, CORNERS) == pytest.approx(transfer(FLOOR, CORNERS), abs=1.0)
+
+
+def test_the_lead_does_not_grow_beyond_its_limit():
+    i, j = matches(np.random.default_rng(3), 100, 200, shifted(-30.0, 12.0))
+    found = floor_of(i, j, expecting(FLOOR, MOST_LEAD))
+    assert found is not None
+    assert found.other_i_H_j is not None
+    assert found.lead == MOST_LEAD

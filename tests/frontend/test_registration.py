@@ -166,3 +166,16 @@ def test_overlap_agrees_with_counting_pixels() -> None:
         inside = ((seen >= 0) & (seen <= [319, 239])).all(axis=1)
         assert overlap(H, CAMERA) == pytest.approx((weight * inside).sum() / weight.sum(), abs=0.015)
         assert cv2.isContourConvex(quad)
+
+
+def test_least_overlap_is_that_of_the_motion_that_overlaps_less() -> None:
+    rng = np.random.default_rng(6)
+    pixel_j = rng.uniform([0, 0], [319, 239], (500, 2))
+    other = pixel_j[:, 0] > 190
+    pixel_i = pixel_j + np.where(other[:, None], [0.0, 60.0], [20.0, 0.0]) + rng.normal(0, 0.2, (500, 2))
+    descriptor = rng.normal(size=(500, 32))
+    descriptor = (descriptor / np.linalg.norm(descriptor, axis=1, keepdims=True)).astype(np.float32)
+    link = compare(Features(Points.alike(pixel_i), descriptor), Features(Points.alike(pixel_j), descriptor))
+    assert link.ok, link.reason
+    assert link.overlap == pytest.approx(1 - 20 / 319, abs=0.01)
+    assert link.least_overlap == pytest.approx(1 - 60 / 239, abs=0.03)

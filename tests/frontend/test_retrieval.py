@@ -142,3 +142,12 @@ def test_flights_of_one_keyframe_or_of_one_view_are_no_trouble() -> None:
         store.append(features_of("sift", STEP)[0])
     pairs = look_alikes(store, RetrievalConfig(neighbours=3))
     assert set(pairs) == {(i, j) for j in range(4) for i in range(j)}
+
+
+def test_pairs_held_back_by_the_gate_begin_with_the_most_alike() -> None:
+    angle = np.array([0.0, 0.1, 0.3, 0.6, 1.0])
+    x = np.column_stack([np.cos(angle), np.sin(angle)]).astype(np.float32)
+    found = propose(x, 4, lambda j, rows: np.zeros(len(rows), bool))
+    assert found.pairs == ()
+    assert len(found.gated) == 10
+    assert np.all(np.diff([float(x[i] @ x[j]) for i, j in found.gated]) <= 1e-6)

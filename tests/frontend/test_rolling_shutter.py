@@ -130,3 +130,17 @@ def test_homographies_lose_what_the_rows_did() -> None:
         wrong = np.linalg.norm(transfer(as_seen, corners) - transfer(true, corners), axis=1).max()
         left = np.linalg.norm(transfer(straight, corners) - transfer(true, corners), axis=1).max()
         assert left < 0.35 * wrong
+
+
+def test_neighbour_with_the_same_readout_gives_the_true_speed_of_a_vertical_motion() -> None:
+    """The time between two views of a point is not that between the middle rows."""
+    flown = Flown(CAMERA, np.random.default_rng(9))
+    flown.speed = np.array([0.0, 1.5, 0.0])
+    flown.accel, flown.rate, flown.rate_grows, flown.lean = np.zeros((4, 3))
+    floor = 0.35 * np.array([[-1.0, -1], [1, -1], [1, 1], [-1, 1]])
+    before, here = (flown.in_rows(floor, t).astype(np.float32) for t in (-EVERY_S, 0.0))
+    neighbour = NeighbourView(-EVERY_S, cv2.getPerspectiveTransform(here, before))
+    motion = RowMotion.estimate(CAMERA, [neighbour], lambda s: np.zeros((len(s), 3)))
+    seen, true = flown.in_rows(floor, 0.0), flown.at_once(floor, 0.0)
+    assert np.abs(seen - true).max() > 1.0
+    np.testing.assert_allclose(motion.to_global_shutter(seen), true, atol=0.02)
