@@ -222,3 +222,9 @@ def test_segments_that_disagree_widen_the_scale():
     accel = mean + (readings.accel_m_s2 - mean) * np.where(late, 1.15, 0.85)[:, None]
     found = replace(flight, readings=replace(readings, accel_m_s2=accel)).found
     assert 0.02 < found.scale_std / found.scale < 0.15
+
+
+def test_gain_errors_add_to_the_deviation_of_the_scale():
+    found = replace(made(0).found, scale=2.0, scale_std=0.06, gain_slopes=(0.5, -1.0, 0.5))
+    assert found.log_std(0.0) == pytest.approx(0.03)
+    assert found.log_std(0.02) == pytest.approx(np.hypot(0.03, 0.04))
