@@ -94,7 +94,7 @@ def test_keyframes_without_a_pose_are_left_out():
         (SPATIAL.replace("0 0 0 0 0 0 0 1\n", "0 0 0 0 0 0 0 2\n", 1), "1 quaternions not of length 1"),
     ],
 )
-def test_what_is_dropped_or_mended_is_counted(tmp_path: Path, text: str, expected: str):
+def test_dropped_and_repaired_lines_are_counted(tmp_path: Path, text: str, expected: str):
     read = _read(tmp_path, text)
     assert len(read.warnings) == 1
     assert expected in read.warnings[0]
@@ -146,7 +146,7 @@ def test_non_unit_quaternion_becomes_a_rotation(tmp_path: Path):
         (PLANAR + "FIX 9\n", ":4: FIX names vertex 9"),
     ],
 )
-def test_bad_files_are_refused_in_one_line_that_names_the_place(tmp_path: Path, text: str, expected: str):
+def test_invalid_files_raise_one_line_that_names_the_position(tmp_path: Path, text: str, expected: str):
     with pytest.raises(BackendError) as refused:
         _read(tmp_path, text)
     assert expected in str(refused.value)

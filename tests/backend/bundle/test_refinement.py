@@ -74,7 +74,7 @@ def errors_squared(made: Made, bundle: Bundle) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["height of the floor by a coarse gps", "scale by a coarse sonar"])
-def test_the_place_of_what_a_picture_shows_is_known_as_well_as_told(name: str):
+def test_landmark_covariances_are_consistent(name: str):
     """A floor of unknown height misplaces no mark; a wrong scale moves marks from the floor's origin."""
     scene = {
         "height of the floor by a coarse gps": Scene(position_std_m=(0.02, 0.5), slope_rad=(0.04, -0.03)),
@@ -96,7 +96,7 @@ def position_rms(made: Made, w_T_b: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_covariances_tell_the_truth(name: str):
+def test_pose_covariances_are_consistent(name: str):
     """One pose a draw is independent of other draws: its sum is chi-square. All poses: a closer look."""
     drawn = np.array([errors_squared(made, bundle) for made, bundle in solved(name)])
     lower, upper = chi2.ppf([0.001, 0.999], 6 * len(SEEDS)) / len(SEEDS)
@@ -106,7 +106,7 @@ def test_the_covariances_tell_the_truth(name: str):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_noise_put_in_is_the_noise_found(name: str):
+def test_noise_levels_are_recovered(name: str):
     scene, found = SCENES[name], [bundle.noise for _, bundle in solved(name)]
     expected = {"pixel_scale": scene.pixel_std / scene.told_pixel_std}
     if scene.relief:
@@ -127,7 +127,7 @@ def test_the_noise_put_in_is_the_noise_found(name: str):
         assert np.mean([level.relief for level in found]) < 0.004
 
 
-def test_sensors_noisier_than_told_are_found_out():
+def test_sensor_noise_above_the_nominal_one_is_estimated():
     """Attitudes and ranges with three times the noise that their makers tell."""
     scene, found = replace(SONAR, attitude_std_rad=0.03, range_std_m=0.03, keyframes=24), []
     for seed in SEEDS:
@@ -189,7 +189,7 @@ def test_a_lens_that_is_known_is_held():
     assert all(b.focal_px == CAMERA.focal_px and b.radial == (0.0, 0.0) for _, b in solved("gps"))
 
 
-def test_attitudes_tell_how_the_ground_leans():
+def test_attitudes_observe_the_slope_of_the_ground():
     """Gravity is the world's, not the floor's: with attitudes the slope is found several times as well."""
     off = {
         name: np.std([np.subtract(b.floor_slope_rad, (0.04, -0.03)) for _, b in solved(name)])
@@ -212,7 +212,7 @@ def misled(made: Made, told_rad: float) -> Measurements:
     return replace(made.measurements, attitudes=wrong)
 
 
-def test_another_round_would_leave_the_noise_as_it_is():
+def test_noise_levels_converge():
     """Attitudes that are degrees off look like relief until they are believed less, which takes rounds."""
     scene = replace(SONAR, attitude_std_rad=0.005)
     for seed in range(3):
@@ -223,7 +223,7 @@ def test_another_round_would_leave_the_noise_as_it_is():
         assert same_noise(found.noise, again.noise)
 
 
-def test_a_sonar_over_relief_knows_heights_to_within_it():
+def test_height_uncertainty_of_a_sonar_includes_the_relief():
     """Whether it hears tops or what lies between them nobody knows, however exact it is told to be."""
     level, rough = (refine((m := make(scene, 0)).measurements, m.start) for scene in (SONAR, ROUGH))
     assert level.range_errors.zero_std_m < 0.003
@@ -232,7 +232,7 @@ def test_a_sonar_over_relief_knows_heights_to_within_it():
 
 
 @pytest.mark.slow
-def test_attitudes_degrees_off_do_not_bend_the_map():
+def test_attitude_errors_of_degrees_do_not_distort_the_map():
     scene, outcome = replace(SONAR, attitude_std_rad=0.005), []
     for seed in SEEDS:
         made = make(scene, seed)
@@ -291,7 +291,7 @@ def test_a_sonar_that_reads_short_is_inside_the_covariance():
 
 
 @pytest.mark.slow
-def test_two_heights_tell_the_zero_of_a_sonar_from_its_scale():
+def test_two_heights_separate_zero_and_scale_of_a_sonar():
     """Zero 3 cm off at 0.5 and 1.1 m: found, with an honest standard deviation; the map keeps its size."""
     scene = replace(
         SONAR, height_swing=0.4, range_gain_std=0.05, range_datum_m=0.03, range_datum_std_m=0.05, keyframes=20
@@ -310,7 +310,7 @@ def test_two_heights_tell_the_zero_of_a_sonar_from_its_scale():
     assert np.abs(length).mean() < 0.02
 
 
-def test_one_height_cannot_tell_the_zero_of_a_sonar_and_says_so():
+def test_one_height_leaves_the_zero_of_a_sonar_at_its_prior():
     scene = replace(SONAR, height_swing=0.0, range_gain_std=0.05, range_datum_m=0.03, range_datum_std_m=0.05)
     made = make(scene, 0)
     found = refine(made.measurements, made.start).range_errors
@@ -319,7 +319,7 @@ def test_one_height_cannot_tell_the_zero_of_a_sonar_and_says_so():
     assert found.gain_std > 0.04
 
 
-def test_without_a_measured_length_the_start_s_scale_is_kept():
+def test_without_a_metric_measurement_the_initial_scale_is_kept():
     made = make(replace(SONAR, range_std_m=None), 0)
     bundle = refine(made.measurements, made.start)
     assert bundle.w_T_b[:, 2, 3].mean() == pytest.approx(made.start[:, 2, 3].mean(), rel=1e-4)
@@ -330,7 +330,7 @@ def test_without_a_measured_length_the_start_s_scale_is_kept():
     assert np.isfinite(bundle.covariances).all()
 
 
-def test_wild_observations_are_dropped_and_counted():
+def test_outlier_observations_are_dropped_and_counted():
     found = []
     for seed in SEEDS:
         made, rng = make(SONAR, seed), np.random.default_rng(seed)
@@ -359,7 +359,7 @@ def test_wild_observations_are_dropped_and_counted():
     assert pixel_scale == pytest.approx(1.0, rel=0.1)
 
 
-def test_walls_do_not_raise_the_floor():
+def test_points_on_walls_do_not_bias_the_relief():
     """Points in the air (5 %, at a quarter of the height) are not taken for relief everywhere."""
     scene = replace(SONAR, relief=0.02, walls=0.05)
     found = [refine(m.measurements, m.start).noise.relief for m in (make(scene, seed) for seed in SEEDS)]
@@ -374,7 +374,7 @@ def test_the_same_input_gives_the_same_bits():
     assert one.noise.pixel_scale == again.noise.pixel_scale
 
 
-def test_a_camera_below_the_floor_is_refused():
+def test_a_camera_below_the_floor_raises():
     made = make(SONAR, 0)
     start = made.start.copy()
     start[5, 2, 3] *= -1
@@ -383,7 +383,7 @@ def test_a_camera_below_the_floor_is_refused():
 
 
 @pytest.mark.parametrize("missing", ["tracks", "camera"])
-def test_without_tracks_or_camera_it_says_so(missing: str):
+def test_missing_tracks_or_camera_raise(missing: str):
     made = make(SONAR, 0)
     with pytest.raises(BackendError, match="no tracks of floor points, or no camera"):
         refine(replace(made.measurements, **{missing: None}), made.start)

@@ -85,7 +85,7 @@ def made(
 
 
 @pytest.mark.slow
-def test_what_was_put_in_is_found_to_within_what_is_told():
+def test_parameters_are_recovered_within_their_deviations():
     found = [made(seed).found for seed in range(8)]
     off = np.array(
         [np.append((np.array(f.arm_m) - ARM_M) / f.arm_std_m, (f.scale - SCALE) / f.scale_std) for f in found]
@@ -102,7 +102,7 @@ def test_what_was_put_in_is_found_to_within_what_is_told():
 
 
 @pytest.mark.parametrize("leans", [pytest.param(False, marks=pytest.mark.slow), True])
-def test_what_a_wrong_gain_does_to_lengths_is_told(leans: bool):
+def test_gain_slopes_predict_the_effect_of_a_gain_error(leans: bool):
     """Rotors push along one axis and about as hard: a gain is an offset, and lengths come from the lean."""
     flight = made(0, arm_m=np.zeros(3), leans=leans)
     found, readings = flight.found, flight.readings
@@ -120,7 +120,7 @@ def test_what_a_wrong_gain_does_to_lengths_is_told(leans: bool):
         assert found.log_std(0.02) == pytest.approx(0.02, abs=0.001)
 
 
-def test_a_long_arm_is_told_from_the_scale():
+def test_a_long_arm_is_separated_from_the_scale():
     flight = made(0, arm_m=np.array([0.0, 0.0, 0.3]))
     assert flight.found.scale == pytest.approx(SCALE, rel=0.03)
     assert flight.found.arm_m[2] == pytest.approx(0.3, abs=0.02)
@@ -152,7 +152,7 @@ def test_gaps_in_pictures_and_readings_do_no_harm():
 
 
 @pytest.mark.slow
-def test_a_slow_flight_is_not_taken_for_larger_or_smaller_than_it_is():
+def test_the_scale_of_a_slow_flight_is_unbiased():
     """Where noise is no longer small beside the way, least squares on either side would bend the scale."""
     found = [made(seed, sway=0.03).found for seed in range(6)]
     off = np.array([(f.scale - SCALE) / f.scale_std for f in found])
@@ -179,7 +179,7 @@ def test_errors_that_neighbours_share_move_no_length():
     assert abs(off.mean()) < 4 / np.sqrt(len(off))
 
 
-def test_the_told_size_of_the_poses_error_does_not_matter():
+def test_the_size_of_the_stated_pose_covariance_does_not_matter():
     flight = made(7, 25.0, 0.3, tilt_std=2e-3, height_m=0.8)
     quarter = replace(flight, covariance=flight.covariance / 16)
     assert quarter.found.scale == pytest.approx(flight.found.scale, rel=1e-3)
@@ -190,25 +190,25 @@ def test_the_told_size_of_the_poses_error_does_not_matter():
     [(made(3, sway=1e-3), "hardly accelerates"), (made(3, lasts_s=4.0), "fly longer")],
     ids=["hovers", "too short"],
 )
-def test_what_the_flight_does_not_tell_is_not_told(flight: Made, why: str):
+def test_an_uninformative_flight_gives_no_scale(flight: Made, why: str):
     assert isinstance(flight.found, NoScale)
     assert why in flight.found.reason
 
 
-def test_readings_from_another_time_tell_nothing():
+def test_readings_from_another_time_give_no_scale():
     flight = made(4, lasts_s=15.0)
     late = replace(flight.readings, stamps_s=flight.readings.stamps_s + 1000)
     assert isinstance(inertial_scale(flight.stamps_s, flight.w_T_b, late, flight.covariance), NoScale)
 
 
-def test_an_accelerometer_of_wrong_signs_or_unit_is_not_heard():
+def test_an_accelerometer_with_wrong_signs_or_unit_gives_no_scale():
     flight = made(5, lasts_s=15.0)
     for factor in (-1.0, 1 / GRAVITY_M_S2):
         wrong = replace(flight.readings, accel_m_s2=factor * flight.readings.accel_m_s2)
         assert isinstance(inertial_scale(flight.stamps_s, flight.w_T_b, wrong, flight.covariance), NoScale)
 
 
-def test_a_path_that_stands_while_the_accelerometer_moves_tells_nothing():
+def test_a_static_path_with_a_moving_accelerometer_gives_no_scale():
     flight = made(6, lasts_s=15.0)
     standing = np.tile(flight.w_T_b[:1], (len(flight.w_T_b), 1, 1))
     assert isinstance(inertial_scale(flight.stamps_s, standing, flight.readings, flight.covariance), NoScale)

@@ -51,7 +51,7 @@ def test_each_part_has_its_own_scale():
     assert found.height_m[3:] == pytest.approx(np.exp([-0.2, 0.2, 0.0]), rel=1e-6)
 
 
-def test_three_in_ten_wild_ratios_and_heights_does_no_harm():
+def test_thirty_percent_outliers_do_no_harm():
     """Chain sound, three in ten loops and heights wild. An end of the chain may have no majority."""
     off = np.array([with_wild(seed) for seed in range(30)])
     assert np.mean(off[:, 1:-1] > 0.05) < 0.005

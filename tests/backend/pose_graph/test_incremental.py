@@ -37,7 +37,7 @@ def test_the_same_answer_as_the_batch(kind: str):
     assert all(step.rebuild_reason == "" for step in steps)
 
 
-def test_each_step_tells_where_the_newest_keyframe_is():
+def test_each_update_returns_the_newest_pose():
     made = flight(2)
     live, steps = _flown(made)
     for k, step in enumerate(steps):
@@ -47,7 +47,7 @@ def test_each_step_tells_where_the_newest_keyframe_is():
     np.testing.assert_array_equal(steps[-1].w_T_b, live.pose(59))
 
 
-def test_loops_wait_where_the_budget_is_spent_and_are_taken_in_at_the_end():
+def test_loops_are_queued_beyond_the_budget_and_added_at_the_end():
     made = flight(3, n=80, loops=20)
     live, steps = _flown(made, budget_s=0.0)
     pending = [step.pending for step in steps]
@@ -72,7 +72,7 @@ class _Poisoned:
         return getattr(self._healthy, name)
 
 
-def test_an_exception_is_survived_by_building_anew():
+def test_an_exception_leads_to_a_rebuild():
     made = flight(4)
     m = made.measurements
     live = Incremental()
@@ -105,7 +105,7 @@ def test_an_exception_is_survived_by_building_anew():
         (lambda _: (), "no relative pose joins keyframe 5"),
     ],
 )
-def test_bad_figures_are_refused_and_change_nothing(change, expected: str):
+def test_invalid_values_raise_and_change_nothing(change, expected: str):
     made = flight(5)
     edges = made.measurements.relative_poses
     live = Incremental()
@@ -120,7 +120,7 @@ def test_bad_figures_are_refused_and_change_nothing(change, expected: str):
     assert live.count == 6
 
 
-def test_nothing_can_be_settled_before_the_first():
+def test_settle_raises_before_the_first_keyframe():
     with pytest.raises(BackendError, match="no keyframe"):
         Incremental().settle()
 

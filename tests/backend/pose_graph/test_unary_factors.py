@@ -43,7 +43,7 @@ def test_an_unknown_heading_is_free_all_around(heading: float):
     assert _sigmas(single.factor, _pose([0.31, -0.2, heading])) == pytest.approx(1, rel=0.05)
 
 
-def test_an_angle_that_was_not_measured_weighs_nothing():
+def test_an_unmeasured_angle_has_no_weight():
     single = attitude(Attitude(0, np.array([np.nan, 0.1, 0.2]), np.array([0.01, 0.01, 0.01])))
     assert single is not None
     assert _sigmas(single.factor, _pose([0.4, 0.1, 0.2])) < 0.1 * _sigmas(
@@ -53,7 +53,7 @@ def test_an_angle_that_was_not_measured_weighs_nothing():
     assert position(Position(0, np.full(3, np.nan), np.ones(3))) is None
 
 
-def test_a_range_does_not_care_where_it_is_taken():
+def test_a_range_does_not_depend_on_the_horizontal_position():
     single = slant_range(SlantRange(0, 1.0, 0.01))
     for place in ((0, 0, 1), (50, -20, 1)):
         assert _sigmas(single.gaussian, _pose([0, 0, 0.7], place)) == pytest.approx(0, abs=1e-9)
@@ -68,7 +68,7 @@ def test_a_range_begins_at_its_sensor_and_goes_along_its_beam():
     assert aligned(w_T_b[None], (single,))[0] == pytest.approx(w_T_b)
 
 
-def test_only_the_held_direction_is_held():
+def test_a_gauge_prior_fixes_only_its_direction():
     """Held along the world's x at a pose that looks along y: only a step along x is told."""
     T = _pose([0.2, -0.3, np.pi / 2])
     factor = gauge_prior(0, T, np.array([[0, 0, 0, 1.0, 0, 0]]))
@@ -78,7 +78,7 @@ def test_only_the_held_direction_is_held():
         assert _sigmas(factor, moved) == pytest.approx(1.0 if told else 0.0, abs=1e-3)
 
 
-def test_what_is_held_has_no_variance_and_the_rest_has():
+def test_fixed_directions_have_no_variance_and_others_have():
     s = solve(flight(1, attitude_std=(0.01, 0.01, 0.02)).measurements)
     assert s.covariances is not None
     R = s.w_T_b[0, :3, :3]
@@ -99,7 +99,7 @@ def test_a_trajectory_is_moved_to_its_measurements(known: str):
     np.testing.assert_allclose(moved, made.truth, atol=1e-3)
 
 
-def test_a_held_heading_is_held_about_the_vertical_of_the_world():
+def test_a_fixed_heading_is_about_the_vertical_of_the_world():
     T = _pose([0.4, -0.3, 1.0])
     factor = gauge_prior(0, T, np.array([[0, 0, 1.0, 0, 0, 0]]))
     for axis, told in ((2, 1.0), (0, 0.0), (1, 0.0)):

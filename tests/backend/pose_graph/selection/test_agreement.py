@@ -18,7 +18,7 @@ FOLDER = graph_folder()
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_draws_have_the_covariance_of_the_solution(dimension: int):
+def test_posterior_samples_have_the_covariance_of_the_solution(dimension: int):
     """Against gtsam's marginals: each whitened draw has unit variance, within chance for their number."""
     problem = from_pose_graph(graph(1, dimension, n=30))
     factors, values = problem.edge_factors(), problem.values(problem.initial)
@@ -55,7 +55,7 @@ def _repeating(made: Made, rows: int, seed: int) -> tuple[Made, np.ndarray]:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_false_loops_that_agree_with_each_other_are_outvoted(seed: int):
+def test_mutually_consistent_false_loops_are_rejected(seed: int):
     made, false = _repeating(flight(seed, n=80, loops=30), 2, seed)
     s = solve(made.measurements, covariances=False)
     np.testing.assert_array_equal(s.edge_kept, ~false)
@@ -69,7 +69,7 @@ def test_the_few_true_loops_among_many_false_are_found(share: float):
     assert (~s.edge_kept & ~false).sum() <= 1
 
 
-def test_covariances_that_are_too_wide_let_no_false_loop_through():
+def test_overestimated_covariances_admit_no_false_loop():
     made, false = falsified(flight(4, n=80, loops=30), 15, seed=1)
     wide = tuple(replace(e, covariance=100 * e.covariance) for e in made.measurements.relative_poses)
     s = solve(replace(made.measurements, relative_poses=wide, attitudes=(), ranges=()), covariances=False)
