@@ -1,4 +1,4 @@
-"""Cells of a picture: whether features or matches lie all over it or in one place."""
+"""Grid cells of a picture, to measure how features or matches are distributed over it."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ COUNT = GRID[0] * GRID[1]
 
 
 def cells(pixel: NDArray[np.float64], size_px: tuple[int, int], grid: tuple[int, int] = GRID) -> Ints:
-    """(n,) number of the cell, row by row, in which each pixel (n, 2) of a picture (width, height) lies."""
+    """Return the cell number (n,), row by row, of each pixel (n, 2) of a picture (width, height)."""
     (across, down), (w, h) = grid, size_px
     column = np.clip(pixel[:, 0] * across / w, 0, across - 1).astype(np.int64)
     row = np.clip(pixel[:, 1] * down / h, 0, down - 1).astype(np.int64)
     return row * across + column
 
 
-def held(cell: Ints) -> NDArray[np.bool_]:
-    """(COUNT,) which cells of ``GRID`` are among some."""
+def occupied(cell: Ints) -> NDArray[np.bool_]:
+    """Return (COUNT,) whether each cell of ``GRID`` occurs in ``cell``."""
     return np.bincount(cell, minlength=COUNT) > 0
 
 
 def place_in_run(group: Ints) -> Ints:
-    """Place of each entry in its run of equal ones: 0, 1, 2, ..."""
+    """Return the position of each entry in its run of equal entries: 0, 1, 2, ..."""
     begin = np.flatnonzero(np.diff(group, prepend=-1))
     return np.arange(len(group)) - np.repeat(begin, np.diff(begin, append=len(group)))

@@ -1,4 +1,4 @@
-"""Constant-velocity prediction of where the next picture lies, from the floor's motion over the last two."""
+"""Constant-velocity prediction of the next picture's corners from the floor's motion over the last two."""
 
 from __future__ import annotations
 
@@ -13,30 +13,31 @@ from frontend.motions import MOST_LEAD, Expectation
 Array = NDArray[np.float64]
 
 MOVES = 0.02
-"""A picture moves where its corners go farther than this in picture widths."""
+"""Least corner motion, in picture widths, of a moving picture."""
 ALONE = 0.1
-"""What a picture in which nothing else moves adds to the floor's lead."""
+"""Increment of the floor's lead by a picture without another motion."""
 
 
 @dataclass(frozen=True)
 class CornerTrack:
-    """The last two pictures' places in the picture of a keyframe."""
+    """Corners of the last two pictures in the picture of a keyframe."""
 
     frames: tuple[int, ...]
     corners_px: tuple[Array, ...]
     """(4, 2) of each frame's corners in the keyframe's picture."""
     lead: float
-    """As `frontend.motions.Expectation` has it."""
+    """Confidence in the floor's motion, defined in `frontend.motions.Expectation`."""
 
     @staticmethod
     def begin(frame: int, corners_px: Array) -> CornerTrack:
-        """At a keyframe of which nothing is known before."""
+        """Start at a keyframe without a history."""
         return CornerTrack((frame,), (corners_px,), 0.0)
 
     def then(self, frame: int, corners_px: Array, lead: float, alone: bool, width_px: int) -> CornerTrack:
-        """One picture later; ``alone``: no other motion was found in it.
+        """Append a picture; ``alone``: no other motion was found in it.
 
-        What moves all over a picture is the floor; where nothing moves, it may stand beside a landing gear.
+        A motion that fills the picture is the floor's. Without motion, the floor may be confused with a
+        landing gear.
         """
         before = self.corners_px[-1]
         if alone and np.linalg.norm(corners_px - before, axis=1).mean() > MOVES * width_px:
@@ -44,12 +45,12 @@ class CornerTrack:
         return CornerTrack((self.frames[-1], frame), (before, corners_px), lead)
 
     def seen_from(self, i_H_j: Array) -> CornerTrack:
-        """The same in the picture of another keyframe j."""
+        """Return the track in the picture of another keyframe j."""
         j_H_i: Array = np.asarray(np.linalg.inv(i_H_j), dtype=float)
         return CornerTrack(self.frames, tuple(transfer(j_H_i, c) for c in self.corners_px), self.lead)
 
     def expected(self, frame: int) -> Expectation | None:
-        """Of a later frame, if corners go on as fast as between the last two; None after a single one."""
+        """Predict the corners of a later frame at constant velocity; None after a single frame."""
         if len(self.frames) < 2:
             return None
         (before, last), (a, b) = self.frames, self.corners_px

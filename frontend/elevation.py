@@ -1,9 +1,9 @@
-"""The elevation map: how high the ground stands where the sonar's beam has been, beside the visual map.
+"""Elevation map: height of the ground measured by the sonar, in addition to the visual map.
 
 Source: IMAV 2011 paper, section 3.1.1 (an elevation map grown from the sonar together with the visual map).
-A sonar tells one height for the whole footprint of its beam. Each cell takes the median of the echoes whose
-beams reach it and fell nearest to it: that neither wipes an obstacle out, as keeping the lowest would where
-the beam is narrower than its maker says, nor makes it much larger, as keeping the highest would.
+A sonar measures one height for the whole footprint of its beam. Each cell takes the median of the nearest
+echoes whose beams reach it. The lowest echo would erase an obstacle where the beam is narrower than
+specified; the highest would enlarge it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 Array = NDArray[np.float64]
 
 NEAREST = 5
-"""Echoes that a cell listens to."""
+"""Number of nearest echoes used by a cell."""
 CELLS_A_RADIUS = 8
 MOST_CELLS = 1_000_000
 
@@ -31,10 +31,10 @@ class Elevation:
     north_m: float
     gsd_m: float
     height_m: NDArray[np.float32]
-    """(rows, cols); NaN where no beam has been."""
+    """(rows, cols); NaN where nothing was measured."""
 
     def at(self, x_m: Array, y_m: Array) -> NDArray[np.float32]:
-        """Heights at places of one shape; NaN beyond the map and where no beam has been."""
+        """Return heights at positions of one shape; NaN outside the map and where nothing was measured."""
         with np.errstate(invalid="ignore"):
             r = np.floor((self.north_m - y_m) / self.gsd_m)
             c = np.floor((x_m - self.west_m) / self.gsd_m)
@@ -46,7 +46,7 @@ class Elevation:
 
 
 def elevation_map(w_p_echo_m: Array, height_m: Array, radius_m: Array) -> Elevation | None:
-    """The map of echoes whose beams met the ground about (x, y) within a radius, at a height over the floor.
+    """Build the map from echoes at (x, y) with beam radius and height above the floor.
 
     ``w_p_echo_m`` (m, 2), ``height_m`` (m,), ``radius_m`` (m,). None where there is no echo.
     """
@@ -65,8 +65,8 @@ def elevation_map(w_p_echo_m: Array, height_m: Array, radius_m: Array) -> Elevat
     reach = float(radius.max())
     distance, echo = cKDTree(place).query(cell, range(1, nearest + 1), distance_upper_bound=reach)
     within = np.isfinite(distance) & (distance <= np.append(radius, 0.0)[echo])
-    heard = np.where(within, np.append(height, np.nan)[echo], np.nan)
+    reaching = np.where(within, np.append(height, np.nan)[echo], np.nan)
     heights = np.full(len(cell), np.nan)
     some = within.any(axis=1)
-    heights[some] = np.nanmedian(heard[some], axis=1)
+    heights[some] = np.nanmedian(reaching[some], axis=1)
     return Elevation(float(low[0]), float(high[1]), gsd, heights.reshape(rows, cols).astype(np.float32))

@@ -1,4 +1,4 @@
-"""Tracking: each frame registered to the last keyframe, a new one when too little of that is left in view."""
+"""Tracking: register each frame to the last keyframe; create a keyframe when their overlap becomes small."""
 
 from __future__ import annotations
 
@@ -22,65 +22,65 @@ from frontend.registration import Registration, register
 Image = NDArray[np.uint8]
 
 SEARCHED_AT_ONCE, MOST_PX = 2, 500_000
-"""Pictures of up to so many pixels are searched two at a time: OpenCV splits a small one badly among cores.
-Larger ones it splits well, and each takes a lot of memory."""
+"""Features of pictures of up to ``MOST_PX`` are extracted two pictures at a time, because OpenCV splits small
+pictures badly among cores. It splits larger ones well, and each needs much memory."""
 
 
 @dataclass(frozen=True)
 class KeyframeConfig:
-    """When a frame becomes a keyframe."""
+    """Parameters of keyframe selection."""
 
     min_overlap: float = 0.75
-    """A frame that shares less than this with the last keyframe makes a new one."""
+    """A new keyframe is created where the overlap with the last one is less than this."""
     patience: int = 5
-    """Frames in a row that may fail before tracking starts anew without a link."""
+    """Consecutive frames that may fail before tracking restarts without a link."""
 
 
 @dataclass(frozen=True)
 class Keyframe:
-    """A frame that stays in the map."""
+    """A frame that is kept in the map."""
 
     frame: int
     """Number of the frame in the flight."""
     features: Features
     link: Registration | None
-    """Registration to the previous keyframe (i = previous, j = this); None where tracking started anew."""
+    """Registration to the previous keyframe (i = previous, j = this); None where tracking restarted."""
     refused: Registration | None = None
-    """A registration to the previous keyframe that did not hold."""
+    """A rejected registration to the previous keyframe."""
 
 
 @dataclass(frozen=True)
 class IntermediateFrame:
-    """A frame that did not become a keyframe, as the keyframe before it sees it."""
+    """A frame between keyframes, registered to the keyframe before it."""
 
     frame: int
     keyframe: int
     i_H_j: NDArray[np.float64]
-    """(3, 3), j being the frame."""
+    """(3, 3) homography; i is the keyframe, j the frame."""
     corner_covariance: NDArray[np.float64]
     """(8, 8) px², as in `frontend.registration`."""
 
 
 @dataclass(frozen=True)
 class _Tracked:
-    """A tracked frame with all its features, also those on moving things: the next frame needs them to tell
-    these from the floor."""
+    """A tracked frame with all its features, including those on moving objects: the next frame needs them to
+    separate the objects from the floor."""
 
     frame: int
     features: Features
     link: Registration | None
     on_floor: NDArray[np.bool_]
-    """(n,) features that the map gets."""
-    trail: CornerTrack
-    """This frame's place, and that of the one before, as the last keyframe sees them."""
+    """(n,) whether each feature belongs to the floor and enters the map."""
+    corner_track: CornerTrack
+    """Corners of this frame and of the previous one in the picture of the last keyframe."""
 
     def as_last(self) -> _Tracked:
-        """As the keyframe that later frames are registered to."""
+        """Return the frame as the keyframe that later frames are registered to."""
         assert self.link is not None
-        return replace(self, trail=self.trail.seen_from(self.link.i_H_j))
+        return replace(self, corner_track=self.corner_track.seen_from(self.link.i_H_j))
 
     def keyframe(self, last: _Tracked | None) -> Keyframe:
-        """The frame as one that stays, with the features on the floor alone."""
+        """Return the frame as a keyframe with the features on the floor only."""
         features, link = self.features, self.link
         if self.on_floor.all() and (last is None or last.on_floor.all()):
             return Keyframe(self.frame, features, link)
@@ -94,13 +94,13 @@ class _Tracked:
         return Keyframe(self.frame, on_floor, link)
 
     def passed(self) -> IntermediateFrame:
-        """The frame as one that does not stay."""
+        """Return the frame as an intermediate frame."""
         assert self.link is not None
         return IntermediateFrame(self.frame, self.link.i, self.link.i_H_j, self.link.corner_covariance)
 
 
 class Tracker:
-    """Goes through the frames once; ``rejected`` counts what was dropped, by reason."""
+    """Select keyframes in one pass over the frames; ``rejected`` counts dropped frames by reason."""
 
     def __init__(
         self,
@@ -111,18 +111,18 @@ class Tracker:
         config: KeyframeConfig,
         masks: Callable[[int], Image | None] = lambda frame: None,
     ) -> None:
-        """``masks``: of each frame by its number, 0 where to look away."""
+        """``masks`` returns the mask of a frame number; 0 marks pixels to ignore."""
         self.camera, self.extractor = camera, extractor
         self.homography, self.gates, self.config, self.masks = homography, gates, config, masks
         self._corners = camera.undistort(camera.corners_px)
         self.rejected: Counter[str] = Counter()
         self.frames = 0
         self.moving: set[int] = set()
-        """Frames in which something moves otherwise than the floor."""
+        """Frames with a motion other than that of the floor."""
         self.passed: list[IntermediateFrame] = []
 
     def keyframes(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
-        """Keyframes in order of time."""
+        """Yield keyframes in order of time."""
         number = -1
         last: _Tracked | None = None
         best: _Tracked | None = None
@@ -132,12 +132,12 @@ class Tracker:
                 last, number = self._first(frame, features), number + 1
                 yield last.keyframe(None)
                 continue
-            tracked, reason = self._track(number, frame, last, features, (best or last).trail)
-            if best is not None and (tracked is None or self._leaves(tracked)):
-                # The frame before was still well in view: it becomes the keyframe.
+            tracked, reason = self._track(number, frame, last, features, (best or last).corner_track)
+            if best is not None and (tracked is None or self._overlap_is_small(tracked)):
+                # The previous frame still overlapped enough: it becomes the keyframe.
                 yield best.keyframe(last)
                 last, number, best = best.as_last(), number + 1, None
-                tracked, reason = self._track(number, frame, last, features, last.trail)
+                tracked, reason = self._track(number, frame, last, features, last.corner_track)
             elif best is not None:
                 self.passed.append(best.passed())
             if tracked is None:
@@ -152,13 +152,13 @@ class Tracker:
         if best is not None and last is not None:
             yield best.keyframe(last)
 
-    def _leaves(self, tracked: _Tracked) -> bool:
+    def _overlap_is_small(self, tracked: _Tracked) -> bool:
         assert tracked.link is not None
-        # Which of two motions is the floor's is sure only while most of it is in view: so both count.
+        # The floor's motion is identified surely only while most of the floor is in view: both motions count.
         return tracked.link.least_overlap < self.config.min_overlap
 
     def every(self, images: Iterable[Image | None]) -> Iterator[Keyframe]:
-        """Each readable picture as a keyframe, linked to the one before where the two overlap."""
+        """Yield each readable picture as a keyframe, linked to the previous one where the two overlap."""
         number = -1
         before: Features | None = None
         for frame, features in self._seen(images):
@@ -174,7 +174,7 @@ class Tracker:
                 yield Keyframe(frame, features, None, refused=link)
 
     def _seen(self, images: Iterable[Image | None]) -> Iterator[tuple[int, Features]]:
-        """Frames with enough features, and their numbers; the others are counted."""
+        """Yield numbers and features of frames with enough features; count the others."""
         for frame, features in enumerate(self._extracted(images)):
             self.frames += 1
             if isinstance(features, str):
@@ -185,7 +185,7 @@ class Tracker:
                 yield frame, features
 
     def _extracted(self, images: Iterable[Image | None]) -> Iterator[Features | str]:
-        """Features of each frame, or why there are none; the next ones are found while these are matched."""
+        """Yield features of each frame, or the reason for having none; extraction runs ahead of matching."""
         coming: deque[Future[Features | str]] = deque()
         before: Image | None = None
         width, height = self.camera.size_px
@@ -206,17 +206,17 @@ class Tracker:
             return reason
         features = self.extractor(image, self.camera, self.masks(frame))
         if len(features) >= self.gates.min_inliers and before is not None and np.array_equal(image, before):
-            # A camera that hangs: its stamp goes on, and the place with it.
+            # A frozen camera: time and position advance, the picture does not.
             return "same picture as the one before"
         return features
 
     def _track(
-        self, number: int, frame: int, last: _Tracked, features: Features, trail: CornerTrack
+        self, number: int, frame: int, last: _Tracked, features: Features, corner_track: CornerTrack
     ) -> tuple[_Tracked | None, str]:
-        """The frame as the last keyframe sees it, or why not."""
+        """Register the frame to the last keyframe; return the reason where that fails."""
         link = register(
             number, number + 1, last.features, features, self.camera, self.homography, self.gates,
-            trail.expected(frame),
+            corner_track.expected(frame),
         )  # fmt: skip
         if not link.ok:
             return None, link.reason
@@ -226,8 +226,10 @@ class Tracker:
         if not on_floor.all():
             self.moving.add(frame)
         alone, width_px = len(link.elsewhere) == 0, self.camera.size_px[0]
-        trail = trail.then(frame, transfer(link.i_H_j, self._corners), link.lead, alone, width_px)
-        return _Tracked(frame, features, link, on_floor, trail), ""
+        corner_track = corner_track.then(
+            frame, transfer(link.i_H_j, self._corners), link.lead, alone, width_px
+        )
+        return _Tracked(frame, features, link, on_floor, corner_track), ""
 
     def _first(self, frame: int, features: Features) -> _Tracked:
         every = np.ones(len(features), dtype=bool)
@@ -235,7 +237,7 @@ class Tracker:
 
 
 def _on_floor(features: Features, link: Registration, camera: Camera) -> NDArray[np.bool_]:
-    """All features but those where only what moves by itself was matched."""
+    """Return (n,) whether a feature is on the floor: not in a cell where only another motion was matched."""
     if len(link.elsewhere) == 0:
         return np.ones(len(features), dtype=bool)
     cell = cells(features.pixel, camera.size_px)

@@ -1,4 +1,4 @@
-"""Loop closure: which keyframes to compare, and what comparing them gave."""
+"""Loop closure: proposal of keyframe pairs and their geometric verification."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ _LOG = logging.getLogger(__name__)
 
 
 def propose_loops(store: FeatureStore, config: RetrievalConfig, gate: Gate) -> Candidates:
-    """Keyframes that look alike, and those among them that a gate holds back."""
+    """Propose keyframe pairs of similar appearance; separate those that the gate rejects."""
     if len(store) < 2:
         return Candidates((), ())
     return propose(signatures(store, config), config.neighbours, gate)
 
 
 def appearance(store: FeatureStore, config: RetrievalConfig) -> Appearance:
-    """What a flight's pictures look like, learnt from a sample of them that is read twice and not held."""
+    """Learn the appearance model from a sample of the pictures, which is read twice to save memory."""
     sample = range(0, len(store), max(1, len(store) // 200))
     counts = [store.count(k) for k in sample]
     centres = vocabulary((store[k].descriptor for k in sample), counts, config)
@@ -51,7 +51,7 @@ def appearance(store: FeatureStore, config: RetrievalConfig) -> Appearance:
 
 
 def signatures(store: FeatureStore, config: RetrievalConfig) -> NDArray[np.float32]:
-    """(n, d) one unit vector a keyframe; the inner product of two says how alike they look."""
+    """Return (n, d) one unit vector per keyframe; the inner product of two is their similarity."""
     learnt = appearance(store, config)
     return np.array([learnt.of(store[k].descriptor) for k in range(len(store))])
 
@@ -59,7 +59,7 @@ def signatures(store: FeatureStore, config: RetrievalConfig) -> NDArray[np.float
 def overlapping(
     camera: Camera, w_T_b: Array, floor_z: float, min_overlap: float, neighbours: int
 ) -> list[Pair]:
-    """Pairs i < j whose footprints overlap by the poses (n, 4, 4), each keyframe's largest overlaps."""
+    """Return pairs i < j with the largest footprint overlaps of each keyframe, by the poses (n, 4, 4)."""
     placed = np.flatnonzero(np.isfinite(w_T_b).all(axis=(1, 2)))
     quads = {int(k): camera.footprint(w_T_b[k], floor_z) for k in placed}
     quads = {k: q.astype(np.float32) for k, q in quads.items() if np.isfinite(q).all()}
@@ -72,7 +72,7 @@ def overlapping(
     share: dict[int, list[tuple[float, int]]] = {int(k): [] for k in keys}
     tree = cKDTree(centre)
     for a, k in enumerate(keys.tolist()):
-        # Reaches every footprint that overlaps and is no larger; larger ones reach this one themselves.
+        # The radius reaches every overlapping footprint that is no larger; larger ones reach this one.
         for b in tree.query_ball_point(centre[a], 2 * size[a]):
             if (size[b], b) < (size[a], a):
                 i, j = sorted((k, int(keys[b])))
@@ -96,9 +96,9 @@ def verify(
     on_done: Callable[[int], None] = lambda done: None,
     expected: Callable[[int, int], Expectation | None] = lambda i, j: None,
 ) -> Iterable[Registration]:
-    """Geometric verification of candidates, in their order; each result holds or tells why not.
+    """Verify candidates geometrically, in their order; a rejected result has a reason.
 
-    ``expected``: where the later picture of a pair should lie in the earlier, where that is known.
+    ``expected``: predicted place of the later picture of a pair in the earlier one, or None.
     """
 
     def compare(pair: Pair) -> Registration:

@@ -1,4 +1,4 @@
-"""Obstacle masking: pixels that show what stands above the floor are not searched for features.
+"""Obstacle masking: no features are extracted from pixels that show obstacles above the floor.
 
 Source: IMAV 2011 paper, section 3.1.1: the piece of the elevation map under picture i is extracted with the
 inverse of H_i0, and pixels above gamma_3 are masked.
@@ -17,16 +17,16 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 STEP_PX = 4
-"""The mask is made on every so many pixels."""
+"""Pixel spacing at which the mask is computed."""
 LEVELS = 5
-"""Heights at which obstacles are looked up: foot and top of one stand at different pixels."""
+"""Number of heights at which obstacles are looked up: foot and top project to different pixels."""
 
 
 class ObstacleMask:
-    """Masks of one camera's pictures over one elevation map."""
+    """Masks for the pictures of one camera over one elevation map."""
 
     def __init__(self, elevation: Elevation, camera: Camera, floor_z_m: float, gamma_3_m: float) -> None:
-        """``gamma_3_m``: what stands higher than this is masked."""
+        """``gamma_3_m``: ground higher than this is masked."""
         self.elevation, self.camera, self.floor_z_m, self.gamma_3_m = elevation, camera, floor_z_m, gamma_3_m
         w, h = camera.size_px
         u, v = np.meshgrid(np.arange(STEP_PX // 2, w, STEP_PX), np.arange(STEP_PX // 2, h, STEP_PX))
@@ -37,7 +37,7 @@ class ObstacleMask:
         self._half_step = 0.5 * highest / (LEVELS - 1)
 
     def __call__(self, w_T_b: Array) -> Image | None:
-        """(h, w), 0 where the picture from a pose (4, 4) shows an obstacle, else 255; None without any."""
+        """Return the mask (h, w) for a pose (4, 4): 0 on obstacles, else 255; None without obstacles."""
         if not np.isfinite(w_T_b).all():
             return None
         high = np.zeros(len(self._pixel), dtype=bool)
@@ -47,6 +47,6 @@ class ObstacleMask:
                 high |= self.elevation.at(x, y) > max(self.gamma_3_m, float(level) - self._half_step)
         if not high.any():
             return None
-        # One step wider: the map knows an edge to a cell, and features look around themselves.
+        # One step wider: edges are known to a cell, and features have a support region.
         wide = cv2.dilate(high.reshape(self._shape).astype(np.uint8), np.ones((3, 3), np.uint8))
         return cv2.resize(255 * (1 - wide), self.camera.size_px, interpolation=cv2.INTER_NEAREST)

@@ -1,11 +1,10 @@
-"""Which motion in a pair of pictures is the floor's, where something else moves in them too.
+"""Identification of the floor's motion in a pair of pictures with more than one motion.
 
 A landing gear, a shadow's edge or a vehicle that drives through may carry more features than the floor, so
-that the largest number of matches is not the floor's. The floor is what fills most of the picture: of two
-motions the one whose matches cover more of it is taken. One pair of pictures may be wrong about that; so
-where the floor's motion is known from the pictures before, the motion that continues it is the floor's until
-the other has covered more over many of them. The same tells the right piece of a floor that repeats within
-a picture from its neighbours.
+that the largest number of matches is not the floor's. The floor fills most of the picture: of two motions the
+one whose matches cover more of it is selected. A single pair of pictures may mislead. Where the floor's
+motion is known from earlier pictures, its continuation is selected until the other motion has covered more
+over many pictures. The same rule resolves repetitive floors.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.cells import cells, held
+from frontend.cells import cells, occupied
 from frontend.homography import HomographyConfig, HomographyFit, fit_homography, transfer
 from frontend.points import Points
 
@@ -24,14 +23,14 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 ELSEWHERE = 0.4
-"""A second motion is looked for where matches that do not agree fill cells of their own, this many for each
-cell of those that agree."""
+"""A second motion is searched where outliers occupy separate cells, at least this many for each cell of the
+inliers."""
 _LEAST, _ITERATIONS = 15, 300
 
 DISTINCT_MOTION_WIDTHS = 0.05
 """A motion whose corners lie this many picture widths from where they are expected may not be the floor's."""
 MOST_LEAD = 2.0
-"""No floor leads by more than so many pictures that it alone fills."""
+"""Upper limit of the lead, in pictures filled by the floor alone."""
 MIXED, SHARP, SHARPER = 0.1, 0.25, 3.0
 """Where the noise of a fit is more than this share of its threshold, two motions may be mixed in it: the fit
 with this share of the threshold is one of them if its noise is so many times less."""
@@ -39,26 +38,26 @@ with this share of the threshold is one of them if its noise is so many times le
 
 @dataclass(frozen=True)
 class Expectation:
-    """What the pictures before say of the next."""
+    """Prediction of the next picture from the previous ones."""
 
     corners_px: Array
-    """(4, 2) where the corners of picture j should lie in picture i."""
+    """(4, 2) predicted corners of picture j in picture i."""
     lead: float
-    """Share of pictures by which the floor explained more of them than other motions, summed over all."""
+    """Sum over pictures of the share of cells that the floor explained beyond other motions."""
 
     @staticmethod
     def at(i_H_j: Array, corners_px: Array) -> Expectation | None:
-        """Of a picture whose place is known; None where it lies beyond the horizon."""
+        """Predict from a known homography; None where a corner lies beyond the horizon."""
         if (corners_px @ i_H_j[2, :2] + i_H_j[2, 2] <= 0).any() or not np.isfinite(i_H_j).all():
             return None
         return Expectation(transfer(i_H_j, corners_px), MOST_LEAD)
 
     def off_px(self, i_H_j: Array, corners_px: Array) -> float:
-        """Mean distance of the corners from where they are expected."""
+        """Return the mean distance of the corners from their prediction."""
         return float(np.linalg.norm(transfer(i_H_j, corners_px) - self.corners_px, axis=1).mean())
 
     def nearer(self, pixel_i: Array, pixel_j: Array, corners_px: Array, reach_px: float) -> Mask:
-        """(m,) matches that lie less than this from where they are expected."""
+        """Return (m,) whether each match lies within ``reach_px`` of its prediction."""
         here, there = corners_px.astype(np.float32), self.corners_px.astype(np.float32)
         i_H_j = cv2.getPerspectiveTransform(here, there)
         with np.errstate(divide="ignore", invalid="ignore"):  # expected corners may lie in one place
@@ -71,9 +70,9 @@ class FloorMotion:
 
     fit: HomographyFit
     elsewhere: Mask
-    """(m,) matches that agree on another motion."""
+    """(m,) whether each match is an inlier of another motion."""
     other_i_H_j: Array | None
-    """(3, 3) that motion; None where there is no other."""
+    """(3, 3) homography of the other motion; None without one."""
     lead: float
     """As in `Expectation`, this pair of pictures included."""
 
@@ -87,7 +86,7 @@ def floor_motion(
     config: HomographyConfig = HomographyConfig(),
     expected: Expectation | None = None,
 ) -> FloorMotion | None:
-    """As `fit_homography`, of m matched points; None where no plane explains them.
+    """Fit the floor's homography to m matched points, as `fit_homography`; None where no plane fits.
 
     ``seen_j`` (n, 2): all features of picture j.
     """
@@ -100,8 +99,8 @@ def floor_motion(
     if expected and off_px > away_px:
         chosen &= expected.nearer(points_i.pixel, points_j.pixel, corners_px, off_px)
     else:
-        filled = held(cell[most.inlier])
-        if (held(cell[chosen]) & ~filled).sum() <= ELSEWHERE * filled.sum():
+        filled = occupied(cell[most.inlier])
+        if (occupied(cell[chosen]) & ~filled).sum() <= ELSEWHERE * filled.sum():
             chosen[:] = False
     other = _agreeing(points_i, points_j, np.flatnonzero(chosen), corners_px, config)
     lead = expected.lead if expected else 0.0
@@ -111,7 +110,7 @@ def floor_motion(
     first, second = (most, other) if off_px <= other_off_px else (other, most)
     more = _explained(first, cell, seen_j, size_px) - _explained(second, cell, seen_j, size_px)
     if abs(off_px - other_off_px) <= away_px:
-        # Both may continue the floor's motion: what was before does not tell them apart.
+        # Both may continue the floor's motion: the prediction does not separate them.
         first_is_floor = more >= 0
     else:
         lead = min(MOST_LEAD, lead + more)
@@ -123,7 +122,7 @@ def floor_motion(
 def _one_motion(
     points_i: Points, points_j: Points, corners_px: Array, config: HomographyConfig
 ) -> HomographyFit | None:
-    """The homography of most inliers; where it is a blend of two similar motions, one of the two."""
+    """Fit the homography with most inliers; where it blends two similar motions, return one of the two."""
     most = fit_homography(points_i, points_j, corners_px, config)
     if most is None or most.noise_px < MIXED * config.threshold_px:
         return most
@@ -133,11 +132,11 @@ def _one_motion(
 
 
 def _explained(fit: HomographyFit, cell: NDArray[np.int64], seen_j: Array, size_px: tuple[int, int]) -> float:
-    """Share of cells with inliers among the cells of picture j whose features should be visible in i."""
+    """Return the share of cells with inliers among the cells of j whose features should be visible in i."""
     there = transfer(fit.i_H_j, seen_j)
     common = ((there >= 0) & (there < size_px)).all(axis=1)
-    filled = held(cell[fit.inlier])
-    return float(filled.sum() / max(1, (filled | held(cells(seen_j[common], size_px))).sum()))
+    filled = occupied(cell[fit.inlier])
+    return float(filled.sum() / max(1, (filled | occupied(cells(seen_j[common], size_px))).sum()))
 
 
 def _agreeing(
@@ -147,7 +146,7 @@ def _agreeing(
     corners_px: Array,
     config: HomographyConfig,
 ) -> HomographyFit | None:
-    """A motion that enough of the chosen matches agree on; its inliers are told among all."""
+    """Fit a motion to the chosen matches; its inlier mask covers all matches. None with too few inliers."""
     if len(chosen) < _LEAST:
         return None
     quick = replace(config, max_iterations=min(config.max_iterations, _ITERATIONS))

@@ -1,4 +1,4 @@
-"""Where the features of one picture lie, and how surely."""
+"""Feature positions of one picture and their relative uncertainty."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class Points:
     pixel: Array
     """(n, 2) undistorted pixel positions at full size."""
     spread: Array
-    """(n,) standard deviation of a position over that of the picture's usual feature."""
+    """(n,) standard deviation of a position relative to that of a typical feature of the picture."""
 
     @staticmethod
     def alike(pixel: Array) -> Points:
-        """All as surely known as each other."""
+        """Return points of equal uncertainty."""
         return Points(pixel, np.ones(len(pixel)))
 
     def __len__(self) -> int:
@@ -34,6 +34,6 @@ class Points:
 
     @cached_property
     def spot(self) -> NDArray[np.int64]:
-        """(n,) the first point at the same place: SIFT has one for each orientation of a spot."""
+        """Return (n,) the first point at the same place: SIFT has one for each orientation of a spot."""
         _, first, of = np.unique(self.pixel @ [1.0, 1.0j], return_index=True, return_inverse=True)
         return first[of]

@@ -1,4 +1,4 @@
-"""Which keyframes look alike: aggregated local descriptors (VLAD) and their nearest neighbours.
+"""Image retrieval: aggregated local descriptors (VLAD) and their nearest neighbours.
 
 Source: Jégou et al. 2010 (VLAD); Arandjelovic and Zisserman 2013 (intra-normalisation).
 """
@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 from frontend.nearest import InvertedFile
 
 Gate = Callable[[int, NDArray[np.int64]], NDArray[np.bool_]]
-"""Which of some keyframes (m,) a keyframe may be compared with."""
+"""Return for a keyframe and others (m,) whether each pair may be compared."""
 Float = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class RetrievalConfig:
-    """Size of the vocabulary and of the answer."""
+    """Size of the vocabulary, the signatures and the answer."""
 
     words: int = 64
     sample: int = 30_000
     """Descriptors that the vocabulary is built from."""
     neighbours: int = 10
-    """Candidates a keyframe."""
+    """Candidates per keyframe."""
     dimensions: int = 128
     """Principal components of the signatures that are kept."""
 
@@ -35,9 +35,9 @@ class RetrievalConfig:
 def vocabulary(
     descriptors: Iterable[NDArray], counts: Sequence[int], config: RetrievalConfig, seed: int = 0
 ) -> Float:
-    """(words, d) cluster centres of a sample of the flight's own descriptors.
+    """Return (words, d) cluster centres of a sample of the flight's own descriptors.
 
-    ``counts``: how many each picture has; so no more than the sample is ever held.
+    ``counts``: number of descriptors of each picture; only the sample is kept in memory.
     """
     total = int(sum(counts))
     chosen = np.arange(total)
@@ -46,10 +46,10 @@ def vocabulary(
     order, at, pool = np.argsort(chosen), 0, np.empty((0, 0), np.float32)
     ends = np.searchsorted(chosen[order], np.cumsum([0, *counts]))
     for picture, begin, end in zip(descriptors, ends[:-1], ends[1:], strict=True):
-        taken = as_float(picture[chosen[order[begin:end]] - at])
+        sampled = as_float(picture[chosen[order[begin:end]] - at])
         if pool.size == 0:
-            pool = np.empty((len(chosen), taken.shape[1]), np.float32)
-        pool[order[begin:end]] = taken
+            pool = np.empty((len(chosen), sampled.shape[1]), np.float32)
+        pool[order[begin:end]] = sampled
         at += len(picture)
     words = min(config.words, max(1, len(pool) // 8))
     cv2.setRNGSeed(seed)
@@ -59,7 +59,7 @@ def vocabulary(
 
 
 def signature(descriptor: NDArray, centres: Float) -> Float:
-    """(words * d,) VLAD of one picture, unit length; zeros for a picture without features."""
+    """Return the VLAD (words * d,) of one picture, unit length; zeros for a picture without features."""
     words, d = centres.shape
     out = np.zeros((words, d), np.float32)
     if len(descriptor):
@@ -72,9 +72,9 @@ def signature(descriptor: NDArray, centres: Float) -> Float:
 
 
 def principal_components(signatures: Float, dimensions: int) -> Float:
-    """(d, w) directions in which a sample of signatures (n, w) differs most; d <= dimensions.
+    """Return the directions (d, w) of largest variance of signatures (n, w); d <= dimensions.
 
-    Source: Jégou and Chum 2012. What all pictures of one floor share lies outside and drops out.
+    Source: Jégou and Chum 2012. The component common to all pictures of one floor is removed.
     """
     centred = signatures - signatures.mean(axis=0)
     _, strength, directions = np.linalg.svd(centred, full_matrices=False)
@@ -83,7 +83,7 @@ def principal_components(signatures: Float, dimensions: int) -> Float:
 
 
 def compressed(vlad: Float, components: Float) -> Float:
-    """(d,) unit vector of one signature on the principal components."""
+    """Return the unit vector (d,) of one signature on the principal components."""
     x = components @ vlad
     norm = float(np.linalg.norm(x))
     return x / norm if norm > 0 else x
@@ -91,40 +91,40 @@ def compressed(vlad: Float, components: Float) -> Float:
 
 @dataclass(frozen=True)
 class Appearance:
-    """How pictures of one place are described in short: learnt from a sample of them, the same for each."""
+    """Appearance model that maps descriptors to short signatures, learnt from a sample of pictures."""
 
     centres: Float
     components: Float
 
     def of(self, descriptor: NDArray) -> Float:
-        """(w,) unit vector of one picture; the inner product of two says how alike they look."""
+        """Return the unit vector (w,) of one picture; the inner product of two is their similarity."""
         return compressed(signature(descriptor, self.centres), self.components)
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Pairs i < j that look alike, the most alike first."""
+    """Pairs i < j of similar appearance, the most similar first."""
 
     pairs: tuple[tuple[int, int], ...]
-    """Worth comparing: each keyframe's nearest of those that the gate lets pass."""
+    """Nearest pairs of each keyframe among those that pass the gate."""
     gated: tuple[tuple[int, int], ...]
-    """Among the nearest, but held back by the gate."""
+    """Nearest pairs that the gate rejects."""
 
 
 def propose(signatures: Float, neighbours: int, gate: Gate) -> Candidates:
-    """Each keyframe's most alike, with and without a gate. ``signatures`` (n, w)."""
+    """Propose the most similar keyframes of each one. ``signatures`` (n, w)."""
     index = InvertedFile(signatures)
     found: dict[tuple[int, int], float] = {}
     held: dict[tuple[int, int], float] = {}
     for j in range(len(signatures)):
-        rows, likeness = index.likely(signatures[j])
+        rows, similarity = index.likely(signatures[j])
         open_to = gate(j, rows) & (rows != j)
-        for k in _highest(likeness, neighbours + 1):
+        for k in _highest(similarity, neighbours + 1):
             if not open_to[k] and rows[k] != j:
-                held[_sorted(int(rows[k]), j)] = float(likeness[k])
-        rows, likeness = rows[open_to], likeness[open_to]
-        for k in _highest(likeness, neighbours):
-            found[_sorted(int(rows[k]), j)] = float(likeness[k])
+                held[_sorted(int(rows[k]), j)] = float(similarity[k])
+        rows, similarity = rows[open_to], similarity[open_to]
+        for k in _highest(similarity, neighbours):
+            found[_sorted(int(rows[k]), j)] = float(similarity[k])
     return Candidates(
         tuple(sorted(found, key=lambda pair: -found[pair])),
         tuple(sorted(held.keys() - found.keys(), key=lambda pair: -held[pair])),
@@ -136,13 +136,13 @@ def _sorted(i: int, j: int) -> tuple[int, int]:
 
 
 def _highest(values: Float, count: int) -> NDArray[np.int64]:
-    """Places of the highest values, the highest first."""
+    """Return the indices of the highest values, the highest first."""
     few = np.argpartition(-values, count - 1)[:count] if len(values) > count else np.arange(len(values))
     return few[np.argsort(-values[few], kind="stable")]
 
 
 def as_float(descriptor: NDArray) -> Float:
-    """Descriptors as vectors: bit strings are unpacked to one value a bit."""
+    """Return descriptors as vectors; bit strings are unpacked to one value per bit."""
     if descriptor.dtype == np.uint8:
         return np.unpackbits(descriptor, axis=1).astype(np.float32)
     return descriptor.astype(np.float32, copy=False)

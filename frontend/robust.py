@@ -1,4 +1,4 @@
-"""Statistics that a few values far off do not move."""
+"""Robust statistics."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 NORMAL = 1.4826
-"""Standard deviation of normal draws over the median of their sizes."""
+"""Standard deviation of a normal distribution over its median absolute value."""
 
 
 def median(values: NDArray[np.float64]) -> float:
-    """Of (n,) finite ones, n > 0; as numpy's, which takes longer to look for NaN than to find it."""
+    """Return the median of (n,) finite values, n > 0; faster than numpy's, which checks for NaN."""
     middle = len(values) // 2
     if len(values) % 2:
         return float(np.partition(values, middle)[middle])
@@ -21,5 +21,5 @@ def median(values: NDArray[np.float64]) -> float:
 
 
 def robust_std(values: NDArray[Any]) -> float:
-    """Standard deviation of what most of (n,) values about 0 do; NaN where one is."""
+    """Return the robust standard deviation (MAD about 0) of (n,) values; NaN where one is NaN."""
     return NORMAL * float(np.median(np.abs(values)))

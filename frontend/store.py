@@ -18,7 +18,7 @@ _POINT_BYTES = 24
 
 
 class FeatureStore:
-    """Append-only; each keyframe's points, then its descriptors, in a temporary file."""
+    """Append-only temporary file with the points, then the descriptors, of each keyframe."""
 
     def __init__(self) -> None:
         self._file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  it lives as long as the store
@@ -30,7 +30,7 @@ class FeatureStore:
 
     @property
     def points(self) -> Sequence[Points]:
-        """Where each keyframe's features lie; read when asked for."""
+        """Return the points of each keyframe, read on access."""
         return _StoredPoints(self)
 
     def append(self, features: Features) -> None:
@@ -39,7 +39,7 @@ class FeatureStore:
         self._dtype = descriptor.dtype
         self._offset.append(self._end)
         written, raw = 0, memoryview(points.pixel.tobytes() + points.spread.tobytes() + descriptor.tobytes())
-        while written < len(raw):  # the system may take a part of it
+        while written < len(raw):  # the system may write only a part
             written += os.pwrite(self._file.fileno(), raw[written:], self._end + written)
         self._shape.append((descriptor.shape[0], descriptor.shape[1]))
         self._end += len(raw)
@@ -48,7 +48,7 @@ class FeatureStore:
         return len(self._shape)
 
     def count(self, k: int) -> int:
-        """How many features a keyframe has."""
+        """Return the number of features of a keyframe."""
         return self._shape[k][0]
 
     def __getitem__(self, k: int) -> Features:
@@ -58,7 +58,7 @@ class FeatureStore:
         return Features(_points(data, rows), descriptor.reshape(rows, width))
 
     def points_of(self, k: int) -> Points:
-        """Where the features of one keyframe lie."""
+        """Return the points of one keyframe."""
         return _points(self._read(k, self.count(k) * _POINT_BYTES), self.count(k))
 
     def _read(self, k: int, size: int) -> bytes:
@@ -79,4 +79,4 @@ class _StoredPoints(Sequence[Points]):
         return len(self._store)
 
     def __getitem__(self, k: Any) -> Any:
-        return self._store.points_of(k)  # one at a time: nobody asks for slices
+        return self._store.points_of(k)  # slices are not supported

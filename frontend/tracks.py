@@ -1,4 +1,4 @@
-"""Floor points followed through all keyframes: pairwise matches joined into tracks."""
+"""Tracks of floor points through all keyframes, joined from pairwise matches."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TrackConfig:
-    """How many points are enough: the longest tracks, spread over each picture."""
+    """Selection of tracks: the longest ones, spread over each picture."""
 
     grids: tuple[tuple[int, int], ...] = ((8, 6), (6, 4), (4, 3))
-    """Cells across and down a picture, one track a cell and picture; coarser where there are too many."""
+    """Grids (columns, rows) with one track per cell and picture, from fine to coarse."""
     max_observations: int = 30_000
-    """What the refinement is given at most, so that memory does not grow with the length of the flight."""
+    """Largest number of observations, so that memory does not grow with the length of the flight."""
     least_a_keyframe: int = 12
-    """Observations that each keyframe keeps all the same."""
+    """Least number of observations that each keyframe keeps."""
 
 
 _JOINED_AT_ONCE = 1_000
-"""Registrations."""
+"""Registrations joined in one batch."""
 
 
 @dataclass(frozen=True)
 class _Observations:
-    """Features that show the same point as some other, sorted by track and keyframe.
+    """Features with a match, sorted by track and keyframe.
 
-    A long flight has a million of them: their numbers are kept small.
+    A long flight has a million of them: small integers save memory.
     """
 
     feature: NDArray[np.int32]
-    """Its number, counted through all keyframes."""
+    """Feature number, counted through all keyframes."""
     keyframe: NDArray[np.int32]
     track: NDArray[np.int32]
 
@@ -55,17 +55,17 @@ class _Observations:
 
     @property
     def length(self) -> NDArray[np.int64]:
-        """(m,) how many observations each one's track has."""
+        """Return (m,) the number of observations of each one's track."""
         return np.bincount(self.track)[self.track]
 
 
 def join_tracks(
     points: Sequence[Points], registrations: Sequence[Registration], camera: Camera, config: TrackConfig
 ) -> FloorTracks:
-    """Tracks from the inliers of all kept registrations.
+    """Join tracks from the inliers of all accepted registrations.
 
-    ``points``: those of each keyframe. A component that holds two features
-    of one keyframe joins two different points: it is left out whole.
+    ``points``: points of each keyframe. A component with two features of one keyframe joins two different
+    points and is dropped.
     """
     noise = _noise_of_keyframes(len(points), registrations)
     start = np.cumsum([0, *(len(p) for p in points)])
@@ -76,7 +76,7 @@ def join_tracks(
         if len(chosen) <= config.max_observations:
             break
     else:
-        # Laps over the same ground: a point is seen from everywhere. Each keyframe keeps some of its points.
+        # Repeated laps over the same ground make long tracks: each keyframe keeps a quota of its points.
         quota = max(config.least_a_keyframe, config.max_observations // max(1, len(points)))
         chosen = _first_of_each(chosen, cell, quota)
         chosen = chosen[chosen.length >= 2]
@@ -91,9 +91,9 @@ def join_tracks(
 
 
 def _joined(start: NDArray[np.int64], registrations: Sequence[Registration]) -> _Observations:
-    """All tracks whole, but those that hold two features of one keyframe."""
+    """Return all complete tracks except those with two features of one keyframe."""
     keyframe = np.repeat(np.arange(len(start) - 1, dtype=np.int32), np.diff(start))
-    part = _parts(start, registrations)
+    part = _components(start, registrations)
     feature = np.flatnonzero(np.bincount(part)[part] >= 2).astype(np.int32)
     feature = feature[np.argsort(part[feature], kind="stable")]
     seen = _Observations(feature, keyframe[feature], part[feature])
@@ -101,10 +101,10 @@ def _joined(start: NDArray[np.int64], registrations: Sequence[Registration]) -> 
     return seen[~np.isin(seen.track, seen.track[1:][twice])]
 
 
-def _parts(start: NDArray[np.int64], registrations: Sequence[Registration]) -> NDArray[np.int32]:
-    """The connected part of each feature, numbered by the first; ``start``: where each keyframe's begin.
+def _components(start: NDArray[np.int64], registrations: Sequence[Registration]) -> NDArray[np.int32]:
+    """Return the connected component of each feature; ``start``: first feature number of each keyframe.
 
-    A long flight has millions of matches, and scipy holds a graph several times over: they are joined in
+    A long flight has millions of matches, and scipy copies a graph several times: matches are joined in
     batches.
     """
     part = np.arange(start[-1], dtype=np.int32)
@@ -119,14 +119,14 @@ def _parts(start: NDArray[np.int64], registrations: Sequence[Registration]) -> N
 
 
 def _cells(points: Sequence[Points], camera: Camera, grid: tuple[int, int]) -> NDArray[np.int32]:
-    """Number of the cell of its picture that each feature lies in; no two pictures share one."""
+    """Return the cell number of each feature; cell numbers differ between pictures."""
     none, count = np.empty(0, np.int32), grid[0] * grid[1]
     each = (cells(p.pixel, camera.size_px, grid) + k * count for k, p in enumerate(points))
     return np.concatenate([none, *(cell.astype(np.int32) for cell in each)])
 
 
 def _longest_of_cells(seen: _Observations, cell: NDArray[np.int32]) -> NDArray[np.int64]:
-    """The longest track of each cell of each picture, the first of equally long ones."""
+    """Return the longest track of each cell of each picture, the first of equally long ones."""
     if len(seen) == 0:
         return np.empty(0, np.int64)
     tracks = int(seen.track.max()) + 1
@@ -136,7 +136,7 @@ def _longest_of_cells(seen: _Observations, cell: NDArray[np.int32]) -> NDArray[n
 
 
 def _first_of_each(seen: _Observations, cell: NDArray[np.int32], quota: int) -> _Observations:
-    """What each keyframe keeps: the longest track of each cell, then the second longest."""
+    """Select ``quota`` observations per keyframe: the longest track of each cell, then the second longest."""
     cell_of, keyframe, length = (
         cell[seen.feature].astype(np.int64),
         seen.keyframe.astype(np.int64),
@@ -148,10 +148,10 @@ def _first_of_each(seen: _Observations, cell: NDArray[np.int32], quota: int) -> 
 
 
 def _noise_of_keyframes(count: int, registrations: Sequence[Registration]) -> Array:
-    """(n,) px: median noise of the registrations that each keyframe takes part in."""
-    told: list[list[float]] = [[] for _ in range(count)]
+    """Return (n,) the median noise in px of the registrations of each keyframe."""
+    noise: list[list[float]] = [[] for _ in range(count)]
     for r in registrations:
-        told[r.i].append(r.noise_px)
-        told[r.j].append(r.noise_px)
+        noise[r.i].append(r.noise_px)
+        noise[r.j].append(r.noise_px)
     overall = float(np.median([r.noise_px for r in registrations])) if registrations else 1.0
-    return np.array([float(np.median(t)) if t else overall for t in told])
+    return np.array([float(np.median(t)) if t else overall for t in noise])
