@@ -1,8 +1,8 @@
-"""Putting the rows of all streams in order of one clock.
+"""Sorting of the rows of all streams by time on one clock.
 
-A recorder's clock may be set while it runs, rows may be written out of order or twice, a bit may flip in a
-stamp. Each leaves its mark in the stamps as the file has them: a row or two far from all others are dropped,
-a lasting jump is taken back, by the same amount in every stream that shows it, and the rest is sorted.
+A recorder's clock may be set while it runs, rows may be written out of order or twice, and a bit may flip in
+a stamp. One or two rows far from all others are dropped. A lasting jump is removed, by the same amount in
+every stream that shows it. The remaining rows are sorted.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from slam.io.csv_stream import CsvTable
 
 JUMP_NS = 600 * 10**9
-"""A step ahead longer than this is the clock's, not a pause of the sensor."""
+"""A longer forward step is a clock jump, not a pause of the sensor."""
 MIN_ROWS = 3
-"""Fewer rows than this on their own stretch of time are damage, not a stretch."""
+"""Least number of rows of a valid time segment; fewer rows are damage."""
 UNSORTED_SHARE = 0.05
-"""Where more of the steps go back than this, the file is unsorted, its clock sound."""
+"""Share of backward steps above which the file is unsorted and the clock is correct."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class _Jump:
 def sort_by_time(
     tables: dict[str, CsvTable], trust_clock: bool = False
 ) -> tuple[dict[str, CsvTable], list[str]]:
-    """Tables with strictly increasing stamps on one clock, and what was done to them, one line each.
+    """Return tables with strictly increasing stamps on one clock, and remarks on the repairs, one line each.
 
     ``trust_clock`` sorts only: long steps are then pauses, as between photographs.
     """
@@ -73,10 +73,10 @@ def _interval_ns(stamps_ns: NDArray[np.int64]) -> float:
 
 
 def _breaks(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """File rows where the clock, not the sensor, made the step.
+    """Return the file rows at which the clock jumped.
 
-    A step back is the clock's where the runs before and after it share a stretch of time (rows stand denser
-    there than the sensor gives them), or where it is long and almost empty; else rows are out of order.
+    A backward step is a clock jump where the runs before and after it overlap in time (rows are denser than
+    the sensor's rate), or where it is long and almost empty. Otherwise rows are out of order.
     """
     steps = np.diff(stamps_ns)
     back = np.flatnonzero(steps < 0) + 1
@@ -97,13 +97,13 @@ def _breaks(stamps_ns: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _rows_per_expected(ordered_ns: NDArray[np.int64], first: int, last: int, interval_ns: float) -> float:
-    """How much denser rows stand between two stamps than the sensor gives them; 0 where too few to tell."""
+    """Return the row count between two stamps over the expected count; 0 with too few rows to decide."""
     inside = int(np.searchsorted(ordered_ns, last, "right") - np.searchsorted(ordered_ns, first))
     return max(inside - MIN_ROWS, 0) / max((last - first) / interval_ns, 1.0)
 
 
 def _find_jumps(name: str, table: CsvTable, remarks: list[str]) -> tuple[CsvTable, list[_Jump]]:
-    """Lasting jumps of one stream; rows whose stamps stand alone are dropped on the way."""
+    """Find lasting jumps of one stream and drop rows with isolated stamps."""
     starts = _breaks(table.stamps_ns)
     if not len(starts):
         return table, []
@@ -123,7 +123,7 @@ def _find_jumps(name: str, table: CsvTable, remarks: list[str]) -> tuple[CsvTabl
 
 
 def _without_strays(stamps_ns: NDArray[np.int64], pieces: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
-    """Pieces of some rows, and tiny ones that fit in between; all where every one is tiny."""
+    """Return the long pieces and tiny ones that fit between them; all where every piece is tiny."""
     long = [k for k, piece in enumerate(pieces) if len(piece) >= MIN_ROWS]
     kept = []
     for k, piece in enumerate(pieces):
@@ -137,9 +137,10 @@ def _without_strays(stamps_ns: NDArray[np.int64], pieces: list[NDArray[np.int64]
 
 
 def _agree(tables: dict[str, CsvTable], jumps: dict[str, list[_Jump]]) -> None:
-    """One amount for a jump that several streams show: that of the stream with the shortest interval.
+    """Set one amount for a jump seen in several streams: that of the stream with the shortest interval.
 
-    Each stream knows a jump only to within its own interval; apart, they would lose their alignment.
+    Each stream determines a jump to within its own interval only; different amounts would break the
+    alignment.
     """
     interval = {name: _interval_ns(t.stamps_ns) for name, t in tables.items()}
     done: list[tuple[int, float]] = []
@@ -167,7 +168,7 @@ def _unjumped(name: str, table: CsvTable, jumps: list[_Jump], remarks: list[str]
 
 
 def _sorted(name: str, table: CsvTable, remarks: list[str]) -> CsvTable:
-    """Strictly increasing stamps: out-of-order rows sorted in, of equal stamps the first kept."""
+    """Make stamps strictly increasing: sort the rows and keep the first of equal stamps."""
     stamps = table.stamps_ns
     late = int((np.diff(stamps) < 0).sum())
     if late:

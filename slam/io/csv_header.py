@@ -28,32 +28,32 @@ class CsvColumn:
     name: str
     unit: str
     limit: float
-    """A magnitude no such sensor can give: values beyond are missing, and many of them mean a wrong unit."""
+    """Largest possible magnitude: larger values count as missing, and many of them mean a wrong unit."""
     optional: bool = False
 
     @property
     def title(self) -> str:
-        """As the header has it."""
+        """Return the title in the header."""
         return f"{self.name} [{self.unit}]"
 
     @property
     def most(self) -> str:
-        """The limit with its unit, in words."""
+        """Return the limit with its unit as text."""
         return f"{self.limit:g}" if self.unit == "1" else f"{self.limit:g} {self.unit}"
 
     @property
     def in_unit(self) -> str:
-        """The unit in words."""
+        """Return the unit as text."""
         return "plain numbers, 1 for the whole" if self.unit == "1" else f"[{self.unit}]"
 
 
 def header_of(columns: tuple[CsvColumn, ...]) -> str:
-    """The header line that a stream of these columns has."""
+    """Return the header line of a stream with these columns."""
     return ",".join(["#timestamp [ns]", *(c.title for c in columns)])
 
 
 def parse_header(path: Path, first: bytes, expected: str) -> list[str]:
-    """Titles of the columns; the first is checked to be a stamp in nanoseconds."""
+    """Return the titles of the columns; check that the first is a stamp in nanoseconds."""
     try:
         line = first.decode("utf-8").strip().lstrip("#").strip()
     except UnicodeDecodeError:
@@ -79,7 +79,7 @@ def _split(title: str) -> tuple[str, str | None]:
 
 
 def column_places(path: Path, header: list[str], columns: tuple[CsvColumn, ...]) -> list[int | None]:
-    """Where each column stands in a row; None for an optional one that is absent."""
+    """Return the index of each column in a row; None for an absent optional one."""
     titles = [_split(t) for t in header[1:]]
     names = [name for name, _ in titles]
     found: list[int | None] = []
@@ -102,6 +102,6 @@ def column_places(path: Path, header: list[str], columns: tuple[CsvColumn, ...])
 
 
 def extra_columns(header: list[str], columns: tuple[CsvColumn, ...]) -> list[str]:
-    """Titles beside the stamp that were not asked for."""
+    """Return the titles of unknown columns, the stamp excepted."""
     known = {c.name for c in columns}
     return [t for t in header[1:] if _split(t)[0] not in known]

@@ -1,4 +1,4 @@
-"""Opening what a stranger gave us: a regular file, inside the folder, of bounded size; else one line."""
+"""Safe reading of untrusted files: regular, inside the folder and of bounded size, else a one-line error."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from slam.core.errors import InputError, one_line
 
 
 def brief(text: object, limit: int = 200) -> str:
-    """Text from outside made fit for a message: on one line, at most ``limit`` characters."""
+    """Return external text for a message: on one line, at most ``limit`` characters."""
     shown = one_line(str(text))
     return shown if len(shown) <= limit else shown[: limit - 3] + "..."
 
 
 def refusal(path: Path | str, what: str, do: str, line: int | None = None) -> InputError:
-    """The error to raise: where (file and line), what is wrong, what to do."""
+    """Return the error to raise: where (file and line), what is wrong, what to do."""
     where = brief(path, 400) + ("" if line is None else f", line {line}")
     return InputError(f"{where}: {brief(what, 600)}; {brief(do, 400)}")
 
@@ -28,7 +28,7 @@ def check_inside(path: Path, root: Path) -> None:
 
 
 def read_bytes(path: Path, root: Path, limit_bytes: int) -> bytes:
-    """The content of a regular file inside ``root``.
+    """Return the content of a regular file inside ``root``.
 
     Raises ``InputError`` where it is missing, not a regular file, too large, unreadable or outside.
     """

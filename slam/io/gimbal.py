@@ -1,8 +1,8 @@
-"""From the angles that drone makers write to the attitude of a down-looking camera's body.
+"""Conversion of manufacturers' gimbal angles to the attitude of a body with a down-looking camera.
 
 The makers' frame ``n`` is north-east-down, their angles are ``Rz(yaw) Ry(pitch) Rx(roll)`` in it: yaw
 clockwise from north, pitch positive upwards, roll positive to the right. The flight's world ``w`` is
-east-north-up, its body ``b`` forward-left-up, and the camera hangs in the body as ``NADIR_B_T_C`` says: the
+east-north-up, its body ``b`` forward-left-up, and the camera is mounted as ``NADIR_B_T_C`` defines: the
 top of a straight-down picture is the body's forward. A picture straight down with its top to north therefore
 has roll = pitch = 0 and yaw = +90 degrees, whatever the maker.
 """
@@ -26,18 +26,19 @@ _FRD_R_FLU = np.diag([1.0, -1, -1])
 
 
 def body_from_gimbal(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:
-    """(3, 3) w_R_b from gimbal angles, where pitch 0 looks at the horizon and -90 straight down (DJI)."""
+    """Return w_R_b (3, 3) from gimbal angles, where pitch 0 looks at the horizon and -90 straight down
+    (DJI)."""
     w_R_c = _W_R_N @ _n_R(yaw_deg, pitch_deg, roll_deg) @ _GIMBAL_R_C
     return w_R_c @ NADIR_B_T_C[:3, :3].T
 
 
 def body_from_mount(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:
-    """(3, 3) w_R_b from the attitude of a vehicle whose camera looks straight down at 0, 0 (Pix4D)."""
+    """Return w_R_b (3, 3) from the attitude of a vehicle whose camera looks straight down at 0, 0 (Pix4D)."""
     return _W_R_N @ _n_R(yaw_deg, pitch_deg, roll_deg) @ _FRD_R_FLU
 
 
 def tilt_deg(w_R_b: Array) -> float:
-    """Angle between the optical axis and straight down."""
+    """Return the angle between the optical axis and straight down."""
     return float(np.degrees(np.arccos(np.clip(w_R_b[2, 2], -1, 1))))
 
 

@@ -68,7 +68,7 @@ def check_pairs(about: YamlFile, key: str, landmarks: dict[str, Array]) -> tuple
 
 
 def _place(titles: list[str], title: str) -> int | None:
-    """Where a column stands, its unit left out or as it must be."""
+    """Return the index of a column, without a unit or with the correct one."""
     for k, found in enumerate(titles):
         if found == title or found == title.split(" ")[0]:
             return k
