@@ -14,7 +14,7 @@ NADIR_B_T_C: Array = np.array([[0.0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, -1, 0], [0
 """Down-looking camera at the body origin with the nose at the top of the picture."""
 
 _FOLDED = 0.01
-"""Of its area: what a lens draws together more than that lies in the fold of its distortion's polynomial."""
+"""Least area ratio: a smaller one lies in the fold of the distortion polynomial."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Camera:
     radial_std: float = 0.0
     """Uncertainty of the first radial coefficient; above 0 it may be estimated from the flight."""
     mount_std_rad: float = 0.0
-    """Uncertainty of how the mount leans; above 0 it may be estimated from the flight."""
+    """Uncertainty of the tilt of the mount; above 0 it may be estimated from the flight."""
     readout_s: float = 0.0
     """Row i of n is exposed readout i / (n - 1) after the stamp; 0 where all are exposed at once."""
 
@@ -67,9 +67,9 @@ class Camera:
         ).reshape(-1, 2)
 
     def magnification(self, pixel: Array) -> Array:
-        """How many **undistorted** pixels (n, 2) a recorded one takes there, a side: (n,) by area.
+        """Return (n,) the side of a recorded pixel in undistorted pixels at **undistorted** pixels (n, 2).
 
-        What a feature's position errs by was recorded; where a lens draws together it is that much more.
+        Position errors arise in recorded pixels; undistortion multiplies them by this factor.
         """
         pixel = np.asarray(pixel, dtype=float).reshape(-1, 2)
         if not self.is_distorted or len(pixel) == 0:
@@ -120,5 +120,5 @@ class Camera:
         return w_T_c[:2, 3] + s[:, None] * direction[:, :2]
 
     def footprint(self, w_T_b: Array, floor_z: float = 0.0) -> Array:
-        """(4, 2) world corners of the piece of floor that the picture shows."""
+        """Return the world corners (4, 2) of the visible floor."""
         return self.floor_points(w_T_b, self.undistort(self.corners_px), floor_z)

@@ -1,4 +1,4 @@
-"""How a picture sees the floor: from a lattice over the floor to pixels, and how good the view is there."""
+"""Projection of a floor lattice into a picture, with visibility and resolution."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Lattice:
 
 
 def mosaic_view(camera: Camera, k: int, w_T_b: Array, floor_z_m: float) -> MosaicView | str:
-    """How picture k sees the floor, or the reason why it is of no use."""
+    """Return the view of picture k, or the reason why it is unusable."""
     if not np.isfinite(w_T_b).all():
         return "not placed"
     w_T_c = w_T_b @ camera.b_T_c
