@@ -25,6 +25,7 @@ from backend.bundle.noise import huber_std, start_noise, track_correlation_facto
 from backend.bundle.refinement import refine
 from backend.measurements import FloorTracks, Measurements, PinholeModel
 from frontend.mosaic.quality import ground_jacobian
+from frontend.tracks import join_tracks
 from slam.core.errors import InputError
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
@@ -32,8 +33,10 @@ from slam.core.rotations import roll_pitch_yaw_of
 from slam.evaluation.association import poses_at
 from slam.evaluation.landmarks import seen_at
 from slam.mapping.config import PipelineConfig
-from slam.mapping.mapper import Mapper, Sensors
-from slam.mapping.sightings import Sightings
+from slam.mapping.front_end import Observations
+from slam.mapping.keyframe_readings import KeyframeReadings
+from slam.mapping.refine_part import part_measurements
+from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]
 
@@ -104,23 +107,23 @@ class Bound:
 
 
 def cramer_rao(
-    flight: Flight, estimate: Estimate, sightings: Sightings, config: PipelineConfig = PipelineConfig()
+    flight: Flight, estimate: Estimate, observations: Observations, config: PipelineConfig = PipelineConfig()
 ) -> Bound:
-    """The bound of a flight over a level floor with truth, from what ``optimize_with_sightings`` gives.
+    """The bound of a flight over a level floor with truth, from what ``optimize_with_observations`` gives.
 
     Raises ``InputError`` where the flight has no truth or camera, and ``BackendError`` where keyframes share
     too few floor points.
     """
     if flight.truth is None or flight.camera is None:
         raise InputError(f"{flight.name}: the bound of a flight needs its truth and a camera; simulate one")
-    mapper = Mapper(
-        flight.camera, Sensors.at(flight, sightings.stamps_s, flight.geo_origin(), config), config
-    )
+    readings = KeyframeReadings.at(flight, observations.stamps_s, flight.geo_origin(), config)
+    setup = Setup(flight.camera, readings, config)
     pairs = {(edge.i, edge.j) for edge in estimate.relative_poses}
-    kept = [r for r in sightings.registrations if (r.i, r.j) in pairs]
+    kept = [r for r in observations.registrations if (r.i, r.j) in pairs]
     members = np.flatnonzero(estimate.component == 0)
-    measured = mapper.measured(members, mapper.tracks(sightings.store.points, kept))
-    w_T_b = poses_at(flight.truth, sightings.stamps_s[members])
+    tracks = join_tracks(observations.store.points, kept, flight.camera, config.tracks)
+    measured = part_measurements(setup, members, tracks)
+    w_T_b = poses_at(flight.truth, observations.stamps_s[members])
     ideal, as_measured, noise = at_the_truth(measured, w_T_b, config.bundle)
     there = replace(config.bundle, rounds=1, start_relief=noise.relief)
     found = refine(ideal, w_T_b, 0.0, there)

@@ -21,9 +21,9 @@ from slam.evaluation.association import associate
 from slam.evaluation.landmarks import landmark_places, landmark_table
 from slam.evaluation.maps import maps_of
 from slam.inertial.filter_chain import filter_chain
-from slam.mapping.chain import chain
 from slam.mapping.config import PipelineConfig
-from slam.mapping.sightings import Sighter
+from slam.mapping.front_end import FrontEnd
+from slam.mapping.homography_chain import chain
 
 Array = NDArray[np.float64]
 
@@ -54,20 +54,20 @@ def consecutive(flight: Flight, estimate: Estimate) -> Estimate:
     """
     assert flight.camera is not None
     taken = at_pace(flight, PICTURE_S)
-    sightings = Sighter(taken, flight.camera, _EVERY_PICTURE, silent).watch()
-    n = len(sightings.stamps_s)
+    observations = FrontEnd(taken, flight.camera, _EVERY_PICTURE, silent).track()
+    n = len(observations.stamps_s)
     roll_pitch = roll_pitch_yaw_of(estimate.over_floor_T_b[0, :3, :3])[:2]
     height_m = estimate.over_floor_T_b[0, 2, 3] - estimate.floor_z_m
     tilt = np.tile(roll_pitch, (n, 1))
-    poses = chain(sightings.links, flight.camera, tilt, np.full(n, height_m))
+    poses = chain(observations.links, flight.camera, tilt, np.full(n, height_m))
     assert taken.frames is not None
-    names = tuple(taken.frames.names[k] for k in sightings.frame_index)
+    names = tuple(taken.frames.names[k] for k in observations.frame_index)
     return placed(
         replace(
             estimate,
-            stamps_s=sightings.stamps_s,
+            stamps_s=observations.stamps_s,
             frame_names=names,
-            frame_index=_numbers(flight, taken)[sightings.frame_index],
+            frame_index=_numbers(flight, taken)[observations.frame_index],
             floor_z_m=0.0,
         ),
         poses,

@@ -13,9 +13,9 @@ from backend.bundle.noise import autocorrelated_std
 from slam.core.estimate import AccelerometerErrors, AttitudeErrors
 from slam.core.flight import Flight
 from slam.core.rotations import roll_pitch_yaw_of
-from slam.mapping.lean import LEAST_KEYFRAMES
-from slam.mapping.lengths import InertialLengths
-from slam.mapping.synchronize import attitudes_at
+from slam.mapping.attitude_floor_tilt import LEAST_KEYFRAMES
+from slam.mapping.inertial_scale import AccelerometerScale
+from slam.mapping.keyframe_readings import attitudes_at
 
 Array = NDArray[np.float64]
 
@@ -51,7 +51,7 @@ def attitude_errors(
 
 
 def accelerometer_errors(
-    by_inertia: InertialLengths | None, taken_out_s: float
+    by_inertia: AccelerometerScale | None, taken_out_s: float
 ) -> AccelerometerErrors | None:
     """What the accelerometer was found to be off by, and what it says of lengths; of the delay of the
     pictures ``taken_out_s`` was taken out before."""

@@ -182,7 +182,7 @@ class Obstacles:
         return bool(np.percentile(off, 95) > 0.5 * self.radius_m)
 
     @property
-    def torn(self) -> str:
+    def unusable_masks_warning(self) -> str:
         """One line for the user, where there is no map without what shows them."""
         return f"{self.told.split(';')[0]}; masking them would leave no map, so nothing is masked"
 

@@ -18,7 +18,7 @@ from slam.evaluation import evaluate
 from slam.evaluation.bound import Bound, cramer_rao
 from slam.evaluation.trajectory import gauge
 from slam.mapping.config import PipelineConfig
-from slam.mapping.pipeline import optimize_with_sightings
+from slam.mapping.pipeline import optimize_with_observations
 from slam.simulation import simulate
 from tests.benchmarks.metric import Metric, told, within
 
@@ -83,8 +83,8 @@ def measure() -> list[Metric]:
 def run(seed: int) -> Run:
     """Fly, map, and compare with the truth and the bound."""
     flight, config = simulate("figure_eight", seed), PipelineConfig()
-    estimate, sightings = optimize_with_sightings(flight, config)
-    bound = cramer_rao(flight, estimate, sightings, config)
+    estimate, observations = optimize_with_observations(flight, config)
+    bound = cramer_rao(flight, estimate, observations, config)
     there = replace(config.bundle, rounds=1, start_relief=bound.noise.relief)
     own = np.trace(estimate.covariances[:, 3:, 3:], axis1=1, axis2=2)
     landmarks = evaluate(estimate, flight).landmarks

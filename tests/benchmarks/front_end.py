@@ -27,7 +27,7 @@ from frontend.features import Features
 from slam.core.flight import Flight, Frames
 from slam.core.progress import silent
 from slam.mapping.config import PipelineConfig
-from slam.mapping.sightings import Sighter
+from slam.mapping.front_end import FrontEnd
 from slam.simulation import simulate
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.metric import Metric, at_least, at_most, told
@@ -85,20 +85,20 @@ def in_memory(flight: Flight) -> list[Flight]:
 def best_of(piece: Flight) -> tuple[float, float, float]:
     """Least seconds of the front end, of its OpenCV calls, and of OpenCV's matcher, taken in turns."""
     with recorded() as record:
-        watch(piece)
+        track(piece)
     turns = [
-        (timed(lambda: watch(piece)), timed(lambda: again(record.calls)), timed(lambda: matched(record)))
+        (timed(lambda: track(piece)), timed(lambda: again(record.calls)), timed(lambda: matched(record)))
         for _ in range(TURNS)
     ]
     ours, bare, matching = (min(column) for column in zip(*turns, strict=True))
     return ours, bare, matching
 
 
-def watch(flight: Flight) -> None:
+def track(flight: Flight) -> None:
     """Track, gate, keyframe: the front end's pass over all frames."""
     assert flight.camera is not None
     with threadpool_limits(1, "blas"):  # as the pipeline has it
-        Sighter(flight, flight.camera, PipelineConfig(), silent).watch()
+        FrontEnd(flight, flight.camera, PipelineConfig(), silent).track()
 
 
 def timed(work: Callable[[], object]) -> float:

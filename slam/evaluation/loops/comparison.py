@@ -27,7 +27,7 @@ from slam.evaluation.loops.curve import Curve, precision_recall
 from slam.evaluation.loops.methods import bags_of_words, colour_histogram
 from slam.evaluation.loops.reference import FALSE, TRUE, UNDECIDED, Pair, Reference, reference_of
 from slam.mapping.config import PipelineConfig
-from slam.mapping.pipeline import optimize_with_sightings
+from slam.mapping.pipeline import optimize_with_observations
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
@@ -123,18 +123,18 @@ def evaluate_loops(
         )
     clock = Stopwatch()
     with clock("map"):
-        estimate, sightings = optimize_with_sightings(flight, config, progress)
+        estimate, observations = optimize_with_observations(flight, config, progress)
     reference = reference_of(estimate, flight)
     known = np.flatnonzero(reference.known)
     chosen = known[np.unique(np.linspace(0, len(known) - 1, min(len(known), MOST_KEYFRAMES)).astype(int))]
     pairs = reference.eligible(chosen)
     labels = reference.labels(pairs)
     with clock("exhaustive"), threadpool_limits(1, "blas"):
-        inliers = _registered(pairs, sightings.store, flight.camera, config, progress)
+        inliers = _registered(pairs, observations.store, flight.camera, config, progress)
     likeness = {}
     for name in (OURS, HISTOGRAM, WORDS):
         with clock(name), threadpool_limits(1, "blas"):
-            vectors = _vectors(name, sightings.store, chosen, flight, estimate, config, progress)
+            vectors = _vectors(name, observations.store, chosen, flight, estimate, config, progress)
             likeness[name] = _inner(vectors, chosen, pairs)
     neighbours = config.retrieval.neighbours
     methods = [

@@ -15,7 +15,7 @@ from backend.bundle.information import information
 from backend.bundle.refinement import refine
 from slam.core.errors import InputError
 from slam.evaluation.bound import Bound, at_the_truth, cramer_rao
-from slam.mapping.pipeline import optimize_with_sightings
+from slam.mapping.pipeline import optimize_with_observations
 from tests.backend.made_floor import Made, Scene, aligned, make
 from tests.slam.small_flight import flown
 
@@ -116,8 +116,8 @@ def test_a_landmarks_place_moves_as_its_gradient_says():
 
 def test_of_a_flight():
     flight = flown()
-    estimate, sightings = optimize_with_sightings(flight)
-    bound = cramer_rao(flight, estimate, sightings)
+    estimate, observations = optimize_with_observations(flight)
+    bound = cramer_rao(flight, estimate, observations)
     own = np.sqrt(np.trace(estimate.covariances[:, 3:, 3:], axis1=1, axis2=2).mean())
     assert bound.position_rmse_m == pytest.approx(own, rel=0.4)
     assert (np.diff(bound.keyframes) > 0).all()
@@ -126,4 +126,4 @@ def test_of_a_flight():
     assert 1 < bound.effective_freedom < 6
     assert 0.3 < bound.distance_std_m(flight, "A", "B") / bound.position_rmse_m < 3
     with pytest.raises(InputError, match="needs its truth"):
-        cramer_rao(replace(flight, truth=None), estimate, sightings)
+        cramer_rao(replace(flight, truth=None), estimate, observations)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from slam.evaluation import evaluate
-from slam.mapping.mapper import Mapper
 from slam.mapping.pipeline import optimize
+from slam.mapping.setup import Setup
 from slam.simulation import simulate
 from tests.slam.small_flight import flown, gps_of, only, recipe
 from tests.slam.whole_job import assert_whole, normal, refusal
@@ -91,17 +91,17 @@ def test_progress_is_told_and_what_it_raises_passes_through():
         optimize(flight, progress=interrupted)
 
 
-def test_pictures_are_lifted_by_how_they_lean_against_the_floor_and_not_on_earth(monkeypatch):
-    """How the ground slopes no GPS tells well; all pictures of it share that."""
+def test_edges_are_lifted_with_tilts_relative_to_the_floor(monkeypatch):
+    """GPS hardly determines the slope of the ground, and all pictures share its error."""
     tilt_std_rad: list[float] = []
-    knowing = Mapper.knowing
+    with_tilts = Setup.with_tilts
 
     def spy(self, w_T_b, covariances):
-        found = knowing(self, w_T_b, covariances)
-        tilt_std_rad.append(float(np.median(found.sensors.roll_pitch_std_rad)))
+        found = with_tilts(self, w_T_b, covariances)
+        tilt_std_rad.append(float(np.median(found.readings.roll_pitch_std_rad)))
         return found
 
-    monkeypatch.setattr(Mapper, "knowing", spy)
+    monkeypatch.setattr(Setup, "with_tilts", spy)
     flight = flown(1)
     estimate = optimize(replace(flight, attitude=None, gps=gps_of(flight, 0.3)))
     on_earth_rad = np.sqrt(np.median(estimate.covariances[:, [0, 1], [0, 1]]))

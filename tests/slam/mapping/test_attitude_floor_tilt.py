@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from slam import optimize
 from slam.core.flight import AttitudeSeries, Flight
 from slam.evaluation import evaluate
-from slam.mapping.lean import lean_of, lean_warning
+from slam.mapping.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
 from tests.slam.small_flight import flown
 
 ASKEW_RAD = np.array([0.05, -0.035])
@@ -102,7 +102,9 @@ def leaning(of_ground_rad: float, of_mount_rad: float, turns_rad: float) -> str:
     angles = upright.as_euler("ZYX")[:, ::-1] + [of_mount_rad, 0, 0] + rng.normal(0, 0.005, (201, 3))
     poses = np.tile(np.eye(4), (201, 1, 1))
     poses[:, :3, :3] = over_floor.as_matrix()
-    return lean_warning(lean_of(Flight("made", attitude=AttitudeSeries(stamps_s, angles)), stamps_s, poses))
+    return attitude_floor_tilt_warning(
+        attitude_floor_tilt(Flight("made", attitude=AttitudeSeries(stamps_s, angles)), stamps_s, poses)
+    )
 
 
 def test_ground_that_slopes_is_told_and_from_what():

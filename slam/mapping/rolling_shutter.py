@@ -19,7 +19,7 @@ from frontend.registration import Registration
 from frontend.rolling_shutter import NeighbourView, RowMotion, global_shutter_homography
 from frontend.store import FeatureStore
 from slam.core.flight import Imu
-from slam.mapping.sightings import Sightings
+from slam.mapping.front_end import Observations
 
 Array = NDArray[np.float64]
 
@@ -29,22 +29,24 @@ NEAR_S = 0.3
 Register = Callable[[int, int, Features, Features, Expectation | None], Registration]
 
 
-def unrolled(sightings: Sightings, camera: Camera, imu: Imu | None, register: Register) -> Sightings:
+def correct_rolling_shutter(
+    observations: Observations, camera: Camera, imu: Imu | None, register: Register
+) -> Observations:
     """What was seen, with features where they would lie had all rows been exposed with the middle one.
 
     Links are registered anew; one that does not hold then stays as it was.
     """
-    beside = _beside(sightings)
-    stamps_s = sightings.frame_stamps_s
+    beside = _beside(observations)
+    stamps_s = observations.frame_stamps_s
     turned = turning(imu, camera)
 
     def motion_of(frame: int) -> RowMotion:
         return RowMotion.estimate(camera, beside[frame], lambda since_s: turned(stamps_s[frame], since_s))
 
-    motions = [motion_of(int(frame)) for frame in sightings.frame_index]
+    motions = [motion_of(int(frame)) for frame in observations.frame_index]
     store = FeatureStore()
     for k, motion in enumerate(motions):
-        features = sightings.store[k]
+        features = observations.store[k]
         points = Points(motion.to_global_shutter(features.pixel), features.points.spread)
         store.append(replace(features, points=points))
     corners_px = camera.undistort(camera.corners_px)
@@ -61,13 +63,13 @@ def unrolled(sightings: Sightings, camera: Camera, imu: Imu | None, register: Re
         i_H_j = global_shutter_homography(passed.i_H_j, motions[passed.keyframe], motion_of(passed.frame))
         return replace(passed, i_H_j=i_H_j)
 
-    links = tuple(again(link) for link in sightings.links)
+    links = tuple(again(link) for link in observations.links)
     return replace(
-        sightings,
+        observations,
         store=store,
         links=links,
         registrations=tuple(link for link in links if link is not None),
-        passed=tuple(straight(passed) for passed in sightings.passed),
+        passed=tuple(straight(passed) for passed in observations.passed),
     )
 
 
@@ -93,12 +95,12 @@ def turning(imu: Imu | None, camera: Camera) -> Callable[[float, Array], Array]:
     return turned
 
 
-def _beside(sightings: Sightings) -> dict[int, list[NeighbourView]]:
+def _beside(observations: Observations) -> dict[int, list[NeighbourView]]:
     """Of each frame: the frames next to it that were registered to the same keyframe."""
     beside: dict[int, list[NeighbourView]] = defaultdict(list)
-    for frames in sightings.registered():
+    for frames in observations.registered():
         for (a, i_H_a), (b, i_H_b) in pairwise(frames):
-            apart_s = float(sightings.frame_stamps_s[b] - sightings.frame_stamps_s[a])
+            apart_s = float(observations.frame_stamps_s[b] - observations.frame_stamps_s[a])
             if 0 < apart_s <= NEAR_S:
                 b_H_a = np.asarray(np.linalg.solve(i_H_b, i_H_a), dtype=float)
                 beside[a].append(NeighbourView(apart_s, b_H_a))

@@ -18,23 +18,23 @@ from slam.core.errors import InputError
 from slam.core.flight import Flight, Frames
 from slam.core.progress import silent
 from slam.mapping.config import PipelineConfig
-from slam.mapping.reach import Reach
-from slam.mapping.sightings import Sighter, Sightings, read_ahead
+from slam.mapping.front_end import FrontEnd, Observations, read_ahead
+from slam.mapping.search_radius import SearchRadius
 from tests.slam.small_flight import flown, seeing
 
 CONFIG = PipelineConfig()
 
 
 @lru_cache
-def watched() -> tuple[Flight, Sighter, Sightings]:
+def watched() -> tuple[Flight, FrontEnd, Observations]:
     flight = flown(0)
-    sighter = Sighter(flight, flight.camera, CONFIG, silent)
-    return flight, sighter, sighter.watch()
+    front_end = FrontEnd(flight, flight.camera, CONFIG, silent)
+    return flight, front_end, front_end.track()
 
 
-def unknown_reach(n: int) -> Reach:
+def unknown_reach(n: int) -> SearchRadius:
     """Of n keyframes of which nothing is known yet: any two may have seen the same ground."""
-    return Reach(np.full((n, 3), np.nan), np.full(n, np.nan), np.zeros(n, dtype=np.int64))
+    return SearchRadius(np.full((n, 3), np.nan), np.full(n, np.nan), np.zeros(n, dtype=np.int64))
 
 
 def pose(flight: Flight, stamp_s: float) -> np.ndarray:
@@ -42,9 +42,9 @@ def pose(flight: Flight, stamp_s: float) -> np.ndarray:
     return flight.truth.w_T_b[np.abs(flight.truth.stamps_s - stamp_s).argmin()]
 
 
-def off_px(flight: Flight, camera: Camera, sightings: Sightings, r: Registration) -> float:
+def off_px(flight: Flight, camera: Camera, observations: Observations, r: Registration) -> float:
     """Largest corner error of a registration against the truth."""
-    floor_H = [camera.floor_H_image(pose(flight, sightings.stamps_s[k])) for k in (r.i, r.j)]
+    floor_H = [camera.floor_H_image(pose(flight, observations.stamps_s[k])) for k in (r.i, r.j)]
     expected = np.linalg.inv(floor_H[0]) @ floor_H[1]
     corner = np.column_stack([camera.corners_px, np.ones(4)])
     a, b = corner @ expected.T, corner @ r.i_H_j.T
@@ -52,20 +52,22 @@ def off_px(flight: Flight, camera: Camera, sightings: Sightings, r: Registration
 
 
 def test_keyframes_are_linked_to_the_one_before():
-    _, _, sightings = watched()
-    assert sightings.links[0] is None
-    assert [(r.i, r.j) for r in sightings.links[1:]] == [(k, k + 1) for k in range(len(sightings.links) - 1)]
-    assert sightings.registrations == sightings.links[1:]
-    assert len(sightings.store) == len(sightings.links) == len(sightings.stamps_s)
-    assert sightings.frames == 98
-    assert sightings.refused == ()
+    _, _, observations = watched()
+    assert observations.links[0] is None
+    assert [(r.i, r.j) for r in observations.links[1:]] == [
+        (k, k + 1) for k in range(len(observations.links) - 1)
+    ]
+    assert observations.registrations == observations.links[1:]
+    assert len(observations.store) == len(observations.links) == len(observations.stamps_s)
+    assert observations.frames == 98
+    assert observations.refused == ()
 
 
 def test_neighbours_tie_the_chain_crosswise():
     """Two to four keyframes back, where enough is shared; each pair once."""
-    _, sighter, sightings = watched()
-    tied = sighter.neighbours(sightings)
-    added = [(r.i, r.j) for r in tied.registrations[len(sightings.registrations) :]]
+    _, front_end, observations = watched()
+    tied = front_end.neighbours(observations)
+    added = [(r.i, r.j) for r in tied.registrations[len(observations.registrations) :]]
     assert len(added) >= 10
     assert {j - i for i, j in added} == {2, 3, 4}
     pairs = Counter((r.i, r.j) for r in (*tied.registrations, *tied.refused))
@@ -75,7 +77,7 @@ def test_neighbours_tie_the_chain_crosswise():
 @pytest.mark.parametrize("all_that_cross", [False, True])
 def test_a_neighbour_off_the_chain_is_refused_unless_most_contradict_it(monkeypatch, all_that_cross):
     """One pair a tile off is a look-alike; where all that cross the link from 5 to 6 are, the link may be."""
-    _, sighter, sightings = watched()
+    _, front_end, observations = watched()
 
     def astray(r: Registration) -> bool:
         return r.i <= 5 < r.j if all_that_cross else (r.i, r.j) == (5, 7)
@@ -86,64 +88,64 @@ def test_a_neighbour_off_the_chain_is_refused_unless_most_contradict_it(monkeypa
             off[0, 2] = 60.0 if astray(r) else 0.0
             yield replace(r, i_H_j=off @ r.i_H_j)
 
-    monkeypatch.setattr("slam.mapping.sightings.verify", slipped)
-    tied = sighter.neighbours(sightings)
+    monkeypatch.setattr("slam.mapping.front_end.verify", slipped)
+    tied = front_end.neighbours(observations)
     assert (5, 7) in {(r.i, r.j) for r in (*tied.registrations, *tied.refused)}
     told = [(r.i, r.j) for r in tied.refused if "elsewhere than the pictures between" in r.reason]
     assert told == ([] if all_that_cross else [(5, 7)])
 
 
 def test_neighbours_do_not_reach_across_a_break():
-    _, sighter, sightings = watched()
-    links = list(sightings.links)
+    _, front_end, observations = watched()
+    links = list(observations.links)
     links[6] = None
-    broken = Sightings(
-        sightings.store,
-        sightings.frame_index,
-        sightings.stamps_s,
+    broken = Observations(
+        observations.store,
+        observations.frame_index,
+        observations.stamps_s,
         tuple(links),
         tuple(r for r in links if r is not None),
         (),
-        sightings.frames,
+        observations.frames,
         Counter(),
     )
-    tied = sighter.neighbours(broken)
+    tied = front_end.neighbours(broken)
     assert not [r for r in (*tied.registrations, *tied.refused) if r.i < 6 <= r.j]
 
 
 def test_retrieval_finds_the_loops_and_they_hold():
-    flight, sighter, sightings = watched()
-    found = sighter.retrieve(sightings, unknown_reach(len(sightings.store)))
-    loops = [r for r in found.registrations if sightings.stamps_s[r.j] - sightings.stamps_s[r.i] > 5.0]
+    flight, front_end, observations = watched()
+    found = front_end.close_loops(observations, unknown_reach(len(observations.store)))
+    loops = [r for r in found.registrations if observations.stamps_s[r.j] - observations.stamps_s[r.i] > 5.0]
     assert len(loops) >= 5
     # Corners lie far outside the common part: a few pixels are an excellent fit.
-    assert max(off_px(flight, flight.camera, sightings, r) for r in loops) < 8.0
+    assert max(off_px(flight, flight.camera, observations, r) for r in loops) < 8.0
     assert all(r.reason for r in found.refused)
     assert all(r.ok for r in found.registrations)
 
 
 def test_a_revisit_adds_what_the_poses_say_and_compares_no_pair_twice():
-    flight, sighter, sightings = watched()
-    retrieved = sighter.retrieve(sightings, unknown_reach(len(sightings.store)))
-    w_T_b = np.array([pose(flight, t) for t in sightings.stamps_s])
-    seen = sighter.revisit(retrieved, w_T_b, 0.0)
+    flight, front_end, observations = watched()
+    retrieved = front_end.close_loops(observations, unknown_reach(len(observations.store)))
+    w_T_b = np.array([pose(flight, t) for t in observations.stamps_s])
+    seen = front_end.match_overlaps(retrieved, w_T_b, 0.0)
     assert seen.registrations[: len(retrieved.registrations)] == retrieved.registrations
     pairs = Counter((r.i, r.j) for r in (*seen.registrations, *seen.refused))
     assert max(pairs.values()) == 1
     assert len(seen.registrations) > len(retrieved.registrations)
-    again = sighter.revisit(seen, w_T_b, 0.0)
+    again = front_end.match_overlaps(seen, w_T_b, 0.0)
     assert len(again.registrations) == len(seen.registrations)
     assert len(again.refused) == len(seen.refused)
-    lost = sighter.revisit(sightings, np.full_like(w_T_b, np.nan), 0.0)
-    assert lost.registrations == sightings.registrations
+    lost = front_end.match_overlaps(observations, np.full_like(w_T_b, np.nan), 0.0)
+    assert lost.registrations == observations.registrations
 
 
 def test_refused_afterwards_is_refused_with_its_reason():
-    _, _, sightings = watched()
-    fewer = sightings.without({(2, 3): "implausible: because"})
+    _, _, observations = watched()
+    fewer = observations.without({(2, 3): "implausible: because"})
     assert (2, 3) not in {(r.i, r.j) for r in fewer.registrations}
     assert [(r.i, r.j, r.reason) for r in fewer.refused] == [(2, 3, "implausible: because")]
-    assert len(fewer.registrations) + 1 == len(sightings.registrations)
+    assert len(fewer.registrations) + 1 == len(observations.registrations)
 
 
 def counted(count: int) -> tuple[Flight, list[int], list[threading.Thread]]:
@@ -192,19 +194,21 @@ def test_what_reading_raises_comes_through():
 def test_a_detector_that_the_build_lacks_is_an_error_of_the_input() -> None:
     flight = flown(0)
     with pytest.raises(InputError, match="SURF out") as refused:
-        Sighter(flight, flight.camera, replace(CONFIG, features=FeatureConfig("surf")), silent)
+        FrontEnd(flight, flight.camera, replace(CONFIG, features=FeatureConfig("surf")), silent)
     assert "\n" not in str(refused.value)
 
 
 def test_what_looks_alike_out_of_reach_is_not_compared_and_says_why():
-    _, sighter, sightings = watched()
-    everywhere = sighter.retrieve(sightings, unknown_reach(len(sightings.store)))
-    n = len(sightings.store)
-    apart = Reach(10.0 * np.arange(n)[:, None] * [1.0, 0, 0], np.full(n, 4.0), np.zeros(n, dtype=np.int64))
-    nowhere = sighter.retrieve(sightings, apart)
-    assert len(everywhere.registrations) > len(sightings.registrations)
-    assert len(nowhere.registrations) == len(sightings.registrations)
-    told = nowhere.refused[len(sightings.refused) :]
+    _, front_end, observations = watched()
+    everywhere = front_end.close_loops(observations, unknown_reach(len(observations.store)))
+    n = len(observations.store)
+    apart = SearchRadius(
+        10.0 * np.arange(n)[:, None] * [1.0, 0, 0], np.full(n, 4.0), np.zeros(n, dtype=np.int64)
+    )
+    nowhere = front_end.close_loops(observations, apart)
+    assert len(everywhere.registrations) > len(observations.registrations)
+    assert len(nowhere.registrations) == len(observations.registrations)
+    told = nowhere.refused[len(observations.refused) :]
     assert len(told) >= n
     assert all(r.reason.startswith("out of reach: ") and len(r.matches) == 0 for r in told)
     pairs = [(r.i, r.j) for r in (*nowhere.registrations, *nowhere.refused)]

@@ -4,7 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from frontend.camera import NADIR_B_T_C, Camera
 from frontend.registration import Registration
-from slam.mapping.chain import chain
+from slam.mapping.homography_chain import chain
 
 MOUNT = NADIR_B_T_C.copy()
 MOUNT[:3, :3] = Rotation.from_euler("y", -8, degrees=True).as_matrix() @ NADIR_B_T_C[:3, :3]

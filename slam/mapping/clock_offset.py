@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from backend.inertial_scale.regression_rows import MAX_DELAY_S
 from slam.core.flight import VEHICLE_CLOCK_STREAMS, Flight
-from slam.mapping.lengths import InertialLengths
+from slam.mapping.inertial_scale import AccelerometerScale
 
 _NOTABLE_S = 0.025
 """What exposure, transfer and the jitter of cheap cameras' stamps make of one clock."""
@@ -22,12 +22,12 @@ _VAGUE_S = _NOTABLE_S / 2
 """Known no better than this, a delay that matters could hide."""
 
 
-def stamped_later(flight: Flight, late_s: float) -> Flight:
+def shift_instrument_stamps(flight: Flight, late_s: float) -> Flight:
     """The flight with its instruments' stamps on the clock of its pictures, ``late_s`` after theirs."""
     return flight.restamped(VEHICLE_CLOCK_STREAMS, lambda stamps_s: stamps_s + late_s)
 
 
-def delay_to_take_out(by_inertia: InertialLengths | None) -> float:
+def correctable_delay(by_inertia: AccelerometerScale | None) -> float:
     """Seconds by which the pictures are stamped late; 0 where that is too little or too vague."""
     if by_inertia is None:
         return 0.0
@@ -36,7 +36,7 @@ def delay_to_take_out(by_inertia: InertialLengths | None) -> float:
     return delay_s if sure and abs(delay_s) < MAX_DELAY_S - _EDGE_S else 0.0
 
 
-def delay_warning(by_inertia: InertialLengths | None, taken_out_s: float) -> str:
+def delay_warning(by_inertia: AccelerometerScale | None, taken_out_s: float) -> str:
     """In words, where pictures and accelerometer are stamped by clocks that differ, or may; else empty."""
     if by_inertia is None:
         return ""

@@ -1,5 +1,4 @@
-"""What the poses known so far and their uncertainty allow: which keyframes can have seen the same ground, and
-which edges cannot be true."""
+"""Limits by the known poses and covariances: where to search for loops, and which edges are implausible."""
 
 from __future__ import annotations
 
@@ -10,13 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.measurements import RelativePose
+from backend.pose_graph.heights import HeightEstimate
+from backend.pose_graph.solution import Solution
 from slam.mapping.config import LoopConfig
+from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]
 
+WIDENED_BY_TILT = 1.5
+"""A tilted picture sees farther: the factor of a wide lens tilted by 15 degrees."""
+
 
 @dataclass(frozen=True)
-class Reach:
+class SearchRadius:
     """Around each keyframe the circle that holds all that it may have seen."""
 
     w_p_b: Array
@@ -42,8 +47,8 @@ class Reach:
 
 
 @dataclass(frozen=True)
-class Known:
-    """Poses known so far, in any unit of length."""
+class KnownPoses:
+    """Known poses of the keyframes, in any unit of length."""
 
     w_T_b: Array
     covariances: Array | None
@@ -55,7 +60,7 @@ class Known:
 
 
 def implausible_edges(
-    edges: Sequence[RelativePose], known: Known, trust: LoopConfig
+    edges: Sequence[RelativePose], known: KnownPoses, trust: LoopConfig
 ) -> dict[tuple[int, int], str]:
     """Edges that lie where the poses known so far cannot have them: (i, j) -> reason.
 
@@ -82,3 +87,17 @@ def implausible_edges(
         )
         for m in beyond
     }
+
+
+def search_radius(setup: Setup, heights: HeightEstimate, known: Solution) -> SearchRadius:
+    """Compute the circle around each keyframe that holds all that it may have seen."""
+    height_m = heights.height_m
+    covariances = known.covariances
+    if covariances is None:
+        covariances = np.full((len(height_m), 6, 6), np.nan)
+    corner = setup.camera.rays(setup.camera.undistort(setup.camera.corners_px))
+    view_m = WIDENED_BY_TILT * float(np.linalg.norm(corner[:, :2], axis=1).max()) * height_m
+    std_m = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
+    return SearchRadius(
+        known.w_T_b[:, :3, 3], view_m + setup.config.loops.plausible_sigmas * std_m, known.component
+    )

@@ -8,16 +8,16 @@ import pytest
 from backend.bundle.graph import ScalePrior
 from backend.inertial_scale.scale import InertialScale
 from slam.core.flight import Flight
-from slam.mapping.clocks import delay_to_take_out, delay_warning, stamped_later
-from slam.mapping.lengths import InertialLengths
+from slam.mapping.clock_offset import correctable_delay, delay_warning, shift_instrument_stamps
+from slam.mapping.inertial_scale import AccelerometerScale
 from tests.slam.io.made_flight import made_flight
 
 NONE = (0.0, 0.0, 0.0)
 
 
-def shown(delay_s: float, std_s: float) -> InertialLengths:
+def shown(delay_s: float, std_s: float) -> AccelerometerScale:
     found = InertialScale(1.0, 0.01, NONE, NONE, NONE, NONE, delay_s, std_s, NONE)
-    return InertialLengths(found, ScalePrior(1.0, 0.02), 0.05)
+    return AccelerometerScale(found, ScalePrior(1.0, 0.02), 0.05)
 
 
 @pytest.mark.parametrize(
@@ -32,8 +32,8 @@ def shown(delay_s: float, std_s: float) -> InertialLengths:
     ],
 )
 def test_a_delay_is_taken_out_where_it_is_sure(delay_s, std_s, taken_out_s):
-    assert delay_to_take_out(shown(delay_s, std_s)) == taken_out_s
-    assert delay_to_take_out(None) == 0.0
+    assert correctable_delay(shown(delay_s, std_s)) == taken_out_s
+    assert correctable_delay(None) == 0.0
 
 
 def test_what_is_told_names_what_was_done():
@@ -47,7 +47,7 @@ def test_what_is_told_names_what_was_done():
 
 def test_only_the_instruments_stamps_move():
     flight = made_flight()
-    later = stamped_later(flight, 0.03)
+    later = shift_instrument_stamps(flight, 0.03)
     for name in ("imu", "sonar", "attitude", "velocity", "battery", "motor", "gps", "barometer"):
         moved = getattr(later, name).stamps_s - getattr(flight, name).stamps_s
         np.testing.assert_allclose(moved, 0.03, atol=1e-12)
@@ -57,4 +57,4 @@ def test_only_the_instruments_stamps_move():
 
 
 def test_a_stream_that_was_not_recorded_has_no_stamps_to_move():
-    assert stamped_later(Flight("nothing"), 0.03) == Flight("nothing")
+    assert shift_instrument_stamps(Flight("nothing"), 0.03) == Flight("nothing")

@@ -19,15 +19,14 @@ from backend import se3
 from backend.ekf.inputs import VisualStep, renumber_steps
 from backend.errors import BackendError
 from backend.measurements import RelativePose
-from backend.pose_graph.solution import Solution
 from frontend.lift import lift
 from frontend.registration import Registration
 from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.progress import Progress, show_compilation, silent
 from slam.inertial.instruments import InertialTrust
-from slam.mapping.fusion import Fused, largest_first
-from slam.mapping.mapper import Mapper
+from slam.mapping.map import Map, largest_first
+from slam.mapping.setup import Setup
 
 Array = NDArray[np.float64]
 
@@ -39,16 +38,16 @@ _MOST_HEIGHTS = 1.0
 """A bridge uncertain by more heights than this joins nothing: the pictures could lie anywhere."""
 
 
-def picture_steps(links: Sequence[Registration | None], mapper: Mapper) -> tuple[VisualStep, ...]:
+def picture_steps(links: Sequence[Registration | None], setup: Setup) -> tuple[VisualStep, ...]:
     """Steps between successive keyframes whose pictures are linked, in heights of the first."""
     linked = [link for link in links if link is not None and link.j == link.i + 1]
     i = np.array([link.i for link in linked], dtype=np.int64)
     lifted = lift(
         np.array([link.i_H_j for link in linked]).reshape(-1, 3, 3),
         np.array([link.corner_covariance for link in linked]).reshape(-1, 8, 8),
-        mapper.camera,
-        mapper.sensors.roll_pitch_rad[i],
-        mapper.sensors.roll_pitch_std_rad[i],
+        setup.camera,
+        setup.readings.roll_pitch_rad[i],
+        setup.readings.roll_pitch_std_rad[i],
     )
     return tuple(
         VisualStep(linked[m].i, linked[m].j, lifted.i_T_j[m], lifted.covariance[m])
@@ -92,54 +91,42 @@ def inertial_edges(
     return tuple(edges)
 
 
-class Bridges:
+class InertialBridges:
     """Ways across the breaks in one flight's chain of keyframes; worked out when a map first needs them."""
 
     def __init__(
         self,
         flight: Flight,
-        mapper: Mapper,
+        setup: Setup,
         links: Sequence[Registration | None],
         trust: InertialTrust = InertialTrust(),
         progress: Progress = silent,
     ) -> None:
-        self.flight, self.mapper, self.links = flight, mapper, links
+        self.flight, self.setup, self.links = flight, setup, links
         self.trust, self.progress = trust, progress
         self._edges: tuple[RelativePose, ...] | None = None
 
-    def join(self, fused: Fused) -> Fused:
+    def join(self, map_: Map) -> Map:
         """The map with its parts in one world, as far as bridges reach; as it is where nothing is broken.
 
         Each part keeps its shape; where a way leads to it from an earlier part, heading and place are that
         way's, and their uncertainty enters its covariances.
         """
-        if fused.component.max(initial=-1) < 1 or fused.georeferenced:
-            return fused
-        return joined(fused, self.edges())
+        if map_.component.max(initial=-1) < 1 or map_.georeferenced:
+            return map_
+        return joined(map_, self.edges())
 
-    def chained(self, chain: Solution) -> Fused:
-        """A chain with its parts in one world: a floor that repeats must not join them elsewhere."""
-        n = len(chain.w_T_b)
-        covariances = np.full((n, 6, 6), np.nan) if chain.covariances is None else chain.covariances
-        component = largest_first(chain.component)
-        own_heights = (0.0,) * (int(component.max(initial=-1)) + 1)
-        parts = Fused(
-            chain.w_T_b, covariances, covariances, component, 0.0,
-            self.mapper.camera, None, self.flight.gps is not None, (), own_heights,
-        )  # fmt: skip
-        return parts if chain.covariances is None else self.join(parts)
-
-    def without(self, pairs: Collection[tuple[int, int]]) -> Bridges:
+    def without(self, pairs: Collection[tuple[int, int]]) -> InertialBridges:
         """Those of a chain in which the links of some pairs are not believed."""
         kept = [link for link in self.links if link is not None and (link.i, link.j) not in pairs]
-        return Bridges(self.flight, self.mapper, kept, self.trust, self.progress)
+        return InertialBridges(self.flight, self.setup, kept, self.trust, self.progress)
 
     def edges(self) -> tuple[RelativePose, ...]:
         """One for each break; none where the instruments tell too little."""
         if self._edges is None:
-            steps = picture_steps(self.links, self.mapper)
+            steps = picture_steps(self.links, self.setup)
             try:
-                stamps_s = self.mapper.sensors.stamps_s
+                stamps_s = self.setup.readings.stamps_s
                 with show_compilation(self.progress):
                     self._edges = inertial_edges(self.flight, stamps_s, steps, self.trust, self.progress)
             except (InputError, BackendError):
@@ -163,68 +150,66 @@ class _Placed:
         return _Placed(self.root_T_part, covariance)
 
 
-def joined(fused: Fused, edges: Sequence[RelativePose]) -> Fused:
+def joined(map_: Map, edges: Sequence[RelativePose]) -> Map:
     """Lay parts of a map together along the surest edges between them; the others stay as they are."""
     ways = nx.Graph()
-    ways.add_nodes_from(range(int(fused.component.max(initial=-1)) + 1))
+    ways.add_nodes_from(range(int(map_.component.max(initial=-1)) + 1))
     for edge in edges:
-        a, b = int(fused.component[edge.i]), int(fused.component[edge.j])
+        a, b = int(map_.component[edge.i]), int(map_.component[edge.j])
         if a < 0 or b < 0 or a == b:
             continue
         weight = float(np.trace(edge.covariance[3:, 3:]))
         if not ways.has_edge(a, b) or weight < ways[a][b]["weight"]:
             ways.add_edge(a, b, weight=weight, edge=edge)
     surest = nx.minimum_spanning_tree(ways)
-    w_T_b, covariances = fused.w_T_b.copy(), fused.covariances.copy()
-    over_floor_covariances = fused.over_floor_covariances.copy()
-    component, used = fused.component.copy(), []
+    w_T_b, covariances = map_.w_T_b.copy(), map_.covariances.copy()
+    over_floor_covariances = map_.over_floor_covariances.copy()
+    component, used = map_.component.copy(), []
     first = {part: int(np.argmax(component == part)) for part in ways}
     # The first keyframe of all is what the world of a map stands on, however small its part.
     for root in [min(nodes, key=first.__getitem__) for nodes in nx.connected_components(surest)]:
         placed = {root: _Placed(np.eye(4), np.zeros((6, 6)))}
         for parent, part in nx.bfs_edges(surest, root):
             edge = surest[parent][part]["edge"]
-            placed[part] = _onto(placed[parent], _way(fused, edge, part)).with_height_std(
-                float(np.hypot(fused.height_std_m[root], fused.height_std_m[part]))
+            placed[part] = _onto(placed[parent], _way(map_, edge, part)).with_height_std(
+                float(np.hypot(map_.height_std_m[root], map_.height_std_m[part]))
             )
             used.append(edge)
-            members = fused.component == part
-            w_T_b[members] = placed[part].root_T_part @ fused.w_T_b[members]
-            carry = se3.adjoint(se3.inverse(fused.w_T_b[members]))
+            members = map_.component == part
+            w_T_b[members] = placed[part].root_T_part @ map_.w_T_b[members]
+            carry = se3.adjoint(se3.inverse(map_.w_T_b[members]))
             covariances[members] += carry @ placed[part].covariance @ carry.transpose(0, 2, 1)
             # How high over the floor is in those of the part itself.
             in_plane = placed[part].with_height_std(0.0).covariance
             over_floor_covariances[members] += carry @ in_plane @ carry.transpose(0, 2, 1)
             component[members] = root
     if not used:
-        return fused
+        return map_
     return replace(
-        fused,
+        map_,
         w_T_b=w_T_b,
         covariances=covariances,
         over_floor_covariances=over_floor_covariances,
         component=largest_first(component),
         bridges=tuple(used),
-        warnings=(*fused.warnings, *(_told(edge) for edge in used)),
+        warnings=(*map_.warnings, *(_told(edge) for edge in used)),
     )
 
 
-def _way(fused: Fused, edge: RelativePose, part: int) -> _Placed:
+def _way(map_: Map, edge: RelativePose, part: int) -> _Placed:
     """From the other part's world to that of ``part``, in the plane, along an edge between the two."""
     i, j, i_T_j, covariance = edge.i, edge.j, edge.i_T_j, edge.covariance
-    if fused.component[i] == part:
+    if map_.component[i] == part:
         i, j = j, i
         turn = se3.adjoint(i_T_j[None])[0]
         i_T_j, covariance = se3.inverse(i_T_j[None])[0], turn @ covariance @ turn.T
     back = se3.adjoint(se3.inverse(i_T_j[None]))[0]
     # A part that the refinement left without covariances passes none on: unknown is not certain.
-    own = [fused.covariances[k] for k in (i, j)]
+    own = [map_.covariances[k] for k in (i, j)]
     total = covariance + own[1] + back @ own[0] @ back.T
-    carry = se3.adjoint(fused.w_T_b[j][None])[0]
+    carry = se3.adjoint(map_.w_T_b[j][None])[0]
     total = carry @ total @ carry.T
-    flat = se3.from_planar(
-        se3.to_planar((fused.w_T_b[i] @ i_T_j @ se3.inverse(fused.w_T_b[j][None])[0])[None])
-    )
+    flat = se3.from_planar(se3.to_planar((map_.w_T_b[i] @ i_T_j @ se3.inverse(map_.w_T_b[j][None])[0])[None]))
     level = np.zeros((6, 6))
     level[np.ix_(_LEVEL, _LEVEL)] = total[np.ix_(_LEVEL, _LEVEL)]
     return _Placed(flat[0], level)

@@ -14,8 +14,9 @@ from scipy.stats import chi2
 
 from backend import se3
 from backend.measurements import RelativePose
-from slam.mapping.bridging import Bridges
-from slam.mapping.sightings import Sightings
+from slam.mapping.front_end import Observations
+from slam.mapping.inertial_bridges import InertialBridges
+from slam.mapping.lift_edges import lift_edges
 
 _LEAST_S = 0.5
 """Without a picture for so long a vehicle of 1 m/s has gone on by half of what it sees from 0.8 m."""
@@ -26,7 +27,7 @@ _SURE = 1 - 1e-4
 
 
 @dataclass(frozen=True)
-class Break:
+class TrackingGap:
     """A long time without a picture of use between two linked keyframes."""
 
     pair: tuple[int, int]
@@ -35,26 +36,28 @@ class Break:
     """The last frame before it."""
 
 
-def breaks_of(sightings: Sightings) -> tuple[Break, ...]:
+def tracking_gaps(observations: Observations) -> tuple[TrackingGap, ...]:
     """Where the chain of links goes on over a break; frames behind it may hang on the keyframe before it."""
-    stamps_s = sightings.frame_stamps_s
+    stamps_s = observations.frame_stamps_s
     if len(stamps_s) < 2:
         return ()
     least_s = max(_LEAST_S, _INTERVALS * float(np.median(np.diff(stamps_s))))
-    registered = sightings.registered()
+    registered = observations.registered()
     found = []
-    for link in sightings.links:
+    for link in observations.links:
         if link is not None:
             frames = np.array([frame for frame, _ in registered[link.i]])
             steps_s = np.diff(stamps_s[frames])
             longest = int(np.argmax(steps_s))
-            found += [Break((link.i, link.j), int(frames[longest]))] if steps_s[longest] > least_s else []
+            found += (
+                [TrackingGap((link.i, link.j), int(frames[longest]))] if steps_s[longest] > least_s else []
+            )
     return tuple(found)
 
 
 def contradicted(
-    breaks: Sequence[Break], lifted: Sequence[RelativePose], ways: Sequence[RelativePose]
-) -> dict[Break, str]:
+    breaks: Sequence[TrackingGap], lifted: Sequence[RelativePose], ways: Sequence[RelativePose]
+) -> dict[TrackingGap, str]:
     """Which links over ``breaks``, ``lifted`` to metres, contradict ``ways`` by the instruments, and why."""
     way_of = {(way.i, way.j): way for way in ways}
     pose_of = {(pose.i, pose.j): pose for pose in lifted}
@@ -72,21 +75,23 @@ def contradicted(
     return reasons
 
 
-def without_false_links(sightings: Sightings, bridges: Bridges) -> Sightings:
+def without_false_links(observations: Observations, bridges: InertialBridges) -> Observations:
     """Sightings whose links over breaks are not refuted by the instruments; as they are without a break."""
-    breaks = breaks_of(sightings)
+    breaks = tracking_gaps(observations)
     if not breaks:
-        return sightings
-    lifted = bridges.mapper.edges([link for link in sightings.links if link is not None]).relative_poses
+        return observations
+    lifted = lift_edges(
+        [link for link in observations.links if link is not None], bridges.setup
+    ).relative_poses
     ways = bridges.without([broken.pair for broken in breaks]).edges()
-    return torn(sightings, contradicted(breaks, lifted, ways))
+    return remove_links(observations, contradicted(breaks, lifted, ways))
 
 
-def torn(sightings: Sightings, reasons: Mapping[Break, str]) -> Sightings:
+def remove_links(observations: Observations, reasons: Mapping[TrackingGap, str]) -> Observations:
     """Without the links over some breaks, each refused for its reason: behind them tracking starts anew, and
     where the frames behind them stand is not known."""
     pairs = {broken.pair: reason for broken, reason in reasons.items()}
     before = {broken.pair[0]: broken.before for broken in reasons}
-    links = tuple(None if link and (link.i, link.j) in pairs else link for link in sightings.links)
-    passed = tuple(p for p in sightings.passed if p.frame <= before.get(p.keyframe, p.frame))
-    return replace(sightings.without(pairs), links=links, passed=passed)
+    links = tuple(None if link and (link.i, link.j) in pairs else link for link in observations.links)
+    passed = tuple(p for p in observations.passed if p.frame <= before.get(p.keyframe, p.frame))
+    return replace(observations.without(pairs), links=links, passed=passed)

@@ -14,9 +14,9 @@ from frontend.registration import Registration
 from frontend.store import FeatureStore
 from slam.core.flight import Flight
 from slam.evaluation import evaluate
-from slam.mapping.breaks import breaks_of, contradicted, torn
+from slam.mapping.front_end import Observations
 from slam.mapping.pipeline import optimize
-from slam.mapping.sightings import Sightings
+from slam.mapping.tracking_gaps import contradicted, remove_links, tracking_gaps
 from tests.slam.small_flight import flown, seeing
 
 GREY = np.full((144, 176, 3), 120, np.uint8)
@@ -48,7 +48,7 @@ def test_a_floor_that_repeats_does_not_shorten_the_way_over_a_break(tiles: float
     assert [edge.kind for edge in estimate.relative_poses].count("inertial") == 1
 
 
-def sightings(break_s: float, rate_hz: float = 10.0, passed_s: float | None = None) -> Sightings:
+def observations(break_s: float, rate_hz: float = 10.0, passed_s: float | None = None) -> Observations:
     """Three keyframes, a second apart and ``break_s`` later; a picture between the last two at ``passed_s``
     before the third."""
     stamps_s = np.arange(100) / rate_hz
@@ -62,7 +62,7 @@ def sightings(break_s: float, rate_hz: float = 10.0, passed_s: float | None = No
     between = [IntermediateFrame(k, 0, np.eye(3), np.eye(8)) for k in range(1, 10)]
     if passed_s is not None:
         between.append(IntermediateFrame(third - round(passed_s * rate_hz), 1, np.eye(3), np.eye(8)))
-    return Sightings(
+    return Observations(
         FeatureStore(), index, stamps_s[index], links, links[1:], (), 100, Counter(),
         frame_stamps_s=stamps_s, passed=tuple(between),
     )  # fmt: skip
@@ -71,23 +71,23 @@ def sightings(break_s: float, rate_hz: float = 10.0, passed_s: float | None = No
 @pytest.mark.parametrize(
     ("given", "before"),
     [
-        (sightings(2.0), [10]),
-        (sightings(0.4), []),
-        (sightings(2.0, passed_s=0.3), [10]),
-        (sightings(2.0, passed_s=1.6), [14]),
-        (sightings(0.9, passed_s=0.45), []),
-        (sightings(2.0, rate_hz=1.0), []),
+        (observations(2.0), [10]),
+        (observations(0.4), []),
+        (observations(2.0, passed_s=0.3), [10]),
+        (observations(2.0, passed_s=1.6), [14]),
+        (observations(0.9, passed_s=0.45), []),
+        (observations(2.0, rate_hz=1.0), []),
     ],
     ids=["blind", "a moment", "seen behind it", "seen before it", "seen within", "one picture a second"],
 )
-def test_a_break_is_a_long_time_without_a_picture(given: Sightings, before: list[int]):
-    found = breaks_of(given)
+def test_a_break_is_a_long_time_without_a_picture(given: Observations, before: list[int]):
+    found = tracking_gaps(given)
     assert [broken.before for broken in found] == before
     assert all(broken.pair == (1, 2) for broken in found)
 
 
 def test_a_link_is_refuted_by_more_than_both_are_uncertain_by():
-    (broken,) = breaks_of(sightings(2.0))
+    (broken,) = tracking_gaps(observations(2.0))
     way = RelativePose(1, 2, np.eye(4), 0.1**2 * np.eye(6), "inertial")
     near, far = (replace(way, i_T_j=np.eye(4), kind="odometry") for _ in range(2))
     near.i_T_j[0, 3], far.i_T_j[0, 3] = 0.3, 0.9
@@ -98,11 +98,11 @@ def test_a_link_is_refuted_by_more_than_both_are_uncertain_by():
 
 
 def test_behind_a_refuted_link_tracking_starts_anew():
-    given = sightings(2.0, passed_s=0.3)
-    (broken,) = breaks_of(given)
-    without = torn(given, {broken: "why"})
+    given = observations(2.0, passed_s=0.3)
+    (broken,) = tracking_gaps(given)
+    without = remove_links(given, {broken: "why"})
     assert without.links == (None, given.links[1], None)
     assert without.registrations == given.links[1:2]
     assert [refused.reason for refused in without.refused] == ["why"]
     assert without.passed == given.passed[:-1]
-    assert torn(given, {}) == given
+    assert remove_links(given, {}) == given

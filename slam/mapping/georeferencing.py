@@ -13,7 +13,9 @@ from backend.measurements import Position
 Array = NDArray[np.float64]
 
 
-def lay_onto(w_T_b: Array, positions: Sequence[Position], metric: bool) -> tuple[Array, float] | None:
+def align_with_positions(
+    w_T_b: Array, positions: Sequence[Position], metric: bool
+) -> tuple[Array, float] | None:
     """Turn, shift and (unless ``metric``) scale level poses (n, 4, 4), the floor at z = 0, onto positions.
 
     Robust similarity in the plane, the floor's height from the median; the map stays level. Returns the

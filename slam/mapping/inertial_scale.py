@@ -20,7 +20,7 @@ from frontend.camera import Camera
 from frontend.lift import lift
 from slam.core.estimate import over_floor
 from slam.core.rotations import roll_pitch_yaw_of
-from slam.mapping.sightings import Sightings
+from slam.mapping.front_end import Observations
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ _HELPFUL = 3.0
 
 
 @dataclass(frozen=True)
-class InertialLengths:
+class AccelerometerScale:
     """What the accelerometer tells of a refined part of a map."""
 
     found: InertialScale
@@ -61,19 +61,19 @@ class InertialLengths:
         return believed and (self.map_std is None or self.lengths.log_std < _HELPFUL * self.map_std)
 
 
-def inertial_lengths(
+def accelerometer_scale(
     readings: InertialReadings,
-    sightings: Sightings,
+    observations: Observations,
     members: NDArray[np.int64],
     bundle: Bundle,
     camera: Camera,
     gain_std: float,
-) -> InertialLengths | NoScale:
+) -> AccelerometerScale | NoScale:
     """Hold the refined keyframes ``members`` against the accelerometer; `NoScale` where it tells nothing."""
-    w_T_b = np.full((len(sightings.stamps_s), 4, 4), np.nan)
+    w_T_b = np.full((len(observations.stamps_s), 4, 4), np.nan)
     w_T_b[members] = over_floor(bundle.w_T_b, bundle.floor_slope_rad, bundle.floor_z_m)
     w_T_b[members, 2, 3] -= bundle.floor_z_m
-    stamps_s, path, covariances = path_at_frames(sightings, w_T_b, camera)
+    stamps_s, path, covariances = path_at_frames(observations, w_T_b, camera)
     if len(covariances) == 0:
         return NoScale("no picture shows motion relative to its neighbours")
     lean = np.eye(4)
@@ -81,19 +81,19 @@ def inertial_lengths(
     found = inertial_scale(stamps_s, lean @ path, readings, _typical(covariances))
     if isinstance(found, NoScale):
         return found
-    return InertialLengths(found, ScalePrior(found.scale, found.log_std(gain_std)), bundle.scale_std)
+    return AccelerometerScale(found, ScalePrior(found.scale, found.log_std(gain_std)), bundle.scale_std)
 
 
-def path_at_frames(sightings: Sightings, w_T_b: Array, camera: Camera) -> tuple[Array, Array, Array]:
+def path_at_frames(observations: Observations, w_T_b: Array, camera: Camera) -> tuple[Array, Array, Array]:
     """Times (m,) in order and poses (m, 4, 4) of keyframes and of the frames between them, and covariances
     (l, 6, 6) of what single pictures err by: those between, or the keyframes themselves where none is.
 
     ``w_T_b`` (n, 4, 4): of the keyframes, over a floor at z = 0; NaN where not placed.
     """
     placed = np.asarray(np.isfinite(w_T_b).all(axis=(1, 2)))
-    frames, path = sightings.frame_index[placed], w_T_b[placed]
-    between = [p for p in sightings.passed if placed[p.keyframe]]
-    links = [link for link in sightings.links if link is not None and placed[link.i]]
+    frames, path = observations.frame_index[placed], w_T_b[placed]
+    between = [p for p in observations.passed if placed[p.keyframe]]
+    links = [link for link in observations.links if link is not None and placed[link.i]]
     k = np.array([p.keyframe for p in between] or [link.i for link in links], dtype=np.int64)
     seen = between or links
     lifted = lift(
@@ -108,7 +108,7 @@ def path_at_frames(sightings: Sightings, w_T_b: Array, camera: Camera) -> tuple[
     if between:
         frames = np.concatenate([frames, np.array([p.frame for p in between])[good]])
         path = np.concatenate([path, (w_T_b[k] @ i_T_j)[good]])
-    stamps_s, first = np.unique(sightings.frame_stamps_s[frames], return_index=True)
+    stamps_s, first = np.unique(observations.frame_stamps_s[frames], return_index=True)
     return stamps_s, path[first], covariances[good]
 
 

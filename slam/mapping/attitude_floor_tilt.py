@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from backend.bundle.noise import autocorrelated_std
 from slam.core.flight import Flight
 from slam.core.rotations import rotation_of
-from slam.mapping.synchronize import attitudes_at
+from slam.mapping.keyframe_readings import attitudes_at
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ the attitude wanders about it."""
 
 
 @dataclass(frozen=True)
-class Lean:
+class AttitudeFloorTilt:
     """What the attitude has for upwards, less what the floor has; rad, the level parts of it."""
 
     in_world: Array
@@ -59,7 +59,7 @@ class Lean:
         return float(np.linalg.norm(mean)), min(self.world_std, self.body_std)
 
 
-def lean_of(flight: Flight, stamps_s: Array, w_T_b: Array) -> Lean | None:
+def attitude_floor_tilt(flight: Flight, stamps_s: Array, w_T_b: Array) -> AttitudeFloorTilt | None:
     """The lean over a level floor; None where too few of the keyframes (n, 4, 4), NaN where not placed, have
     an attitude."""
     placed = np.isfinite(w_T_b).all(axis=(1, 2))
@@ -79,10 +79,10 @@ def lean_of(flight: Flight, stamps_s: Array, w_T_b: Array) -> Lean | None:
         for lean, mean in zip((in_world, in_body), means, strict=True)
     ]
     wander = float(np.sqrt(np.mean((in_body - means[1]) ** 2)))
-    return Lean(means[0], means[1], stds[0], stds[1], wander)
+    return AttitudeFloorTilt(means[0], means[1], stds[0], stds[1], wander)
 
 
-def lean_warning(lean: Lean | None) -> str:
+def attitude_floor_tilt_warning(lean: AttitudeFloorTilt | None) -> str:
     """In words, where that is notable: a map without positions takes the ground for level. Else empty."""
     if lean is None:
         return ""

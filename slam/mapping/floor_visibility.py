@@ -14,7 +14,7 @@ LEAST_FALL = 0.17
 says anything of it."""
 
 
-def seeing_floor(flight: Flight, camera: Camera) -> Flight:
+def without_horizon_frames(flight: Flight, camera: Camera) -> Flight:
     """The flight without the attitudes by which the camera does not look at the floor; they are counted.
 
     A tumbling vehicle's pictures match no floor, so that a flight loses nothing with them. What is left out

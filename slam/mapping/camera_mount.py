@@ -15,14 +15,16 @@ from backend.bundle.refinement import Bundle
 from backend.measurements import GRAVITY_M_S2
 from frontend.camera import Camera
 from slam.core.estimate import MountTilt
-from slam.mapping.lean import CLEARLY, SURE, Lean
-from slam.mapping.lengths import InertialLengths
+from slam.mapping.attitude_floor_tilt import CLEARLY, SURE, AttitudeFloorTilt
+from slam.mapping.inertial_scale import AccelerometerScale
 
 _FREE_RAD = 0.1
 """Uncertainty of a mount that was told wrong."""
 
 
-def remounted(camera: Camera, lean: Lean | None, by_inertia: InertialLengths | None) -> Camera | None:
+def estimated_mount(
+    camera: Camera, lean: AttitudeFloorTilt | None, by_inertia: AccelerometerScale | None
+) -> Camera | None:
     """The camera with its mount turned by the lean and free, where attitude and accelerometer agree that it
     is the mount that leans; else None."""
     if lean is None or by_inertia is None or not lean.turns_with_body:

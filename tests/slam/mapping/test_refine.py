@@ -13,36 +13,46 @@ from frontend.points import Points
 from frontend.registration import Registration
 from frontend.store import FeatureStore
 from slam.core.progress import silent
-from slam.mapping.fusion import Fused, fuse
-from slam.mapping.mapper import Mapper
-from slam.mapping.sightings import Sightings
-from tests.slam.mapping.test_mapper import mapper_of, registration, seen, truth
+from slam.mapping.front_end import Observations
+from slam.mapping.lift_edges import lift_edges
+from slam.mapping.map import Map
+from slam.mapping.refine import refine_map
+from slam.mapping.setup import Setup
+from slam.mapping.solve_pose_graph import solve_pose_graph
+from tests.slam.mapping.made_map import made_map
+from tests.slam.mapping.test_lift_edges import registration, seen, setup_of, truth
 
 PARTS = [(0, 1), (1, 2), (3, 4), (4, 5), (5, 6), (6, 7), (3, 5), (8, 9), (9, 10), (10, 11)]
 """Three keyframes, five, four."""
 
 
-def sightings(w_T_b: np.ndarray, registrations: tuple[Registration, ...]) -> Sightings:
+def observations(w_T_b: np.ndarray, registrations: tuple[Registration, ...]) -> Observations:
     store = FeatureStore()
     for pose in w_T_b:
         pixel = seen(pose)[1]
         store.append(Features(Points.alike(pixel), np.zeros((len(pixel), 4), np.float32)))
     n = len(w_T_b)
-    return Sightings(store, np.arange(n), 3.0 * np.arange(n), (None,) * n, registrations, (), n, Counter())
+    return Observations(store, np.arange(n), 3.0 * np.arange(n), (None,) * n, registrations, (), n, Counter())
 
 
-def fused(mapper: Mapper, w_T_b: np.ndarray, rejected: tuple[tuple[int, int], ...] = ()) -> Fused:
+def refined(setup: Setup, w_T_b: np.ndarray, rejected: tuple[tuple[int, int], ...] = ()) -> Map:
     """All parts, with some of the graph's edges rejected."""
     registrations = tuple(registration(w_T_b, *pair) for pair in PARTS)
-    edges = mapper.edges(registrations)
-    solution = mapper.solve(edges)
+    edges = lift_edges(registrations, setup)
+    solution = solve_pose_graph(edges, setup)
     kept = np.array([pair not in rejected for pair in PARTS])
-    return fuse(mapper, sightings(w_T_b, registrations), edges, replace(solution, edge_kept=kept), silent)
+    solved = replace(
+        made_map(solution.w_T_b, solution.component),
+        observations=observations(w_T_b, registrations),
+        edges=edges,
+        graph=replace(solution, edge_kept=kept),
+    )
+    return refine_map(solved, setup, silent)
 
 
 def test_the_largest_part_comes_first_and_each_is_right_by_itself():
     w_T_b = truth()
-    found = fused(mapper_of(w_T_b), w_T_b)
+    found = refined(setup_of(w_T_b), w_T_b)
     assert found.component.tolist() == [2, 2, 2, 0, 0, 0, 0, 0, 1, 1, 1, 1]
     assert np.isfinite(found.covariances).all()
     for part in range(3):
@@ -57,7 +67,7 @@ def test_the_largest_part_comes_first_and_each_is_right_by_itself():
 
 def test_a_part_whose_edges_were_all_rejected_leaves_no_empty_number():
     w_T_b = truth()
-    found = fused(mapper_of(w_T_b), w_T_b, rejected=((3, 4), (4, 5), (5, 6), (6, 7), (3, 5)))
+    found = refined(setup_of(w_T_b), w_T_b, rejected=((3, 4), (4, 5), (5, 6), (6, 7), (3, 5)))
     assert found.component.tolist() == [1, 1, 1, -1, -1, -1, -1, -1, 0, 0, 0, 0]
     assert np.isnan(found.w_T_b[3:8]).all()
     assert np.isnan(found.covariances[3:8]).all()
@@ -67,12 +77,18 @@ def test_a_part_whose_edges_were_all_rejected_leaves_no_empty_number():
 def test_a_part_that_cannot_be_refined_keeps_its_place_and_says_so():
     """Too few points in common: the pose graph's answer, without a covariance."""
     w_T_b = truth()
-    mapper = mapper_of(w_T_b)
+    setup = setup_of(w_T_b)
     registrations = tuple(registration(w_T_b, *pair) for pair in PARTS)
-    edges = mapper.edges(registrations)
-    solution = mapper.solve(edges)
+    edges = lift_edges(registrations, setup)
+    solution = solve_pose_graph(edges, setup)
     poor = tuple(replace(r, matches=r.matches[:0]) if r.i >= 8 else r for r in registrations)
-    found = fuse(mapper, sightings(w_T_b, poor), replace(edges, registrations=poor), solution, silent)
+    solved = replace(
+        made_map(solution.w_T_b, solution.component),
+        observations=observations(w_T_b, poor),
+        edges=replace(edges, registrations=poor),
+        graph=solution,
+    )
+    found = refine_map(solved, setup, silent)
     assert (found.component >= 0).all()
     assert np.isfinite(found.w_T_b).all()
     assert np.isnan(found.covariances[8:]).all()

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from backend.measurements import Position
-from slam.mapping.placement import lay_onto
+from slam.mapping.georeferencing import align_with_positions
 
 STD = np.array([5.0, 5.0, 10.0])
 
@@ -43,14 +43,14 @@ def test_the_similarity_is_recovered_although_some_positions_are_wild(seed, scal
     for k in rng.choice(30, 8, replace=False):
         wrong = told[k].w_p_b_m + scale * rng.normal(0, 30, 3)
         told[k] = Position(int(k), wrong, STD)
-    placed, floor_z = lay_onto(here, told, metric)
+    placed, floor_z = align_with_positions(here, told, metric)
     assert placed == pytest.approx(truth, abs=1e-3 * scale)
     assert floor_z == pytest.approx(shift[2], abs=1e-3 * scale)
 
 
 def test_a_metric_map_keeps_its_size():
     here = made_map(np.random.default_rng(1))
-    placed, _ = lay_onto(here, positions(moved(here, 1.3, 0.5, np.zeros(3))), metric=True)
+    placed, _ = align_with_positions(here, positions(moved(here, 1.3, 0.5, np.zeros(3))), metric=True)
     assert np.ptp(placed[:, 2, 3]) == pytest.approx(np.ptp(here[:, 2, 3]))
     assert np.linalg.norm(placed[3, :3, 3] - placed[9, :3, 3]) == pytest.approx(
         np.linalg.norm(here[3, :3, 3] - here[9, :3, 3])
@@ -62,7 +62,7 @@ def test_level_stays_level():
     rng = np.random.default_rng(2)
     here = made_map(rng)
     told = [Position(p.k, p.w_p_b_m + rng.normal(0, 0.5, 3), STD) for p in positions(here)]
-    placed, floor_z = lay_onto(here, told, metric=False)
+    placed, floor_z = align_with_positions(here, told, metric=False)
     assert placed[:, 2, :3] == pytest.approx(here[:, 2, :3], abs=1e-12)
     height = (placed[:, 2, 3] - floor_z) / here[:, 2, 3]
     assert np.ptp(height) < 1e-9
@@ -74,7 +74,7 @@ def test_keyframes_without_a_pose_or_a_position_do_not_matter():
     truth = moved(here, 40.0, 1.0, np.array([1.0, 2.0, 3.0]))
     here[4] = np.nan
     told = [p for p in positions(truth) if p.k % 3]
-    placed, _ = lay_onto(here, told, metric=False)
+    placed, _ = align_with_positions(here, told, metric=False)
     rest = np.arange(30) != 4
     assert placed[rest] == pytest.approx(truth[rest], abs=1e-6)
     assert np.isnan(placed[4]).all()
@@ -83,16 +83,16 @@ def test_keyframes_without_a_pose_or_a_position_do_not_matter():
 def test_the_given_map_is_left_as_it_was():
     here = made_map(np.random.default_rng(4))
     before = here.copy()
-    lay_onto(here, positions(moved(here, 2.0, 1.0, np.ones(3))), metric=False)
+    align_with_positions(here, positions(moved(here, 2.0, 1.0, np.ones(3))), metric=False)
     assert np.array_equal(here, before)
 
 
 @pytest.mark.parametrize("metric", [True, False])
 def test_fewer_than_two_places_place_nothing(metric):
     here = made_map(np.random.default_rng(5))
-    assert lay_onto(here, [], metric) is None
-    assert lay_onto(here, positions(here)[:1], metric) is None
+    assert align_with_positions(here, [], metric) is None
+    assert align_with_positions(here, positions(here)[:1], metric) is None
     standing = [Position(k, np.array([5.0, 6.0, 7.0]), STD) for k in range(30)]
-    assert lay_onto(here, standing, metric) is None
+    assert align_with_positions(here, standing, metric) is None
     lost = np.full_like(here, np.nan)
-    assert lay_onto(lost, positions(here), metric) is None
+    assert align_with_positions(lost, positions(here), metric) is None

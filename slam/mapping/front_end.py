@@ -1,4 +1,4 @@
-"""From pictures to registrations: track, gate, keyframe, retrieve, verify."""
+"""From pictures to registrations: track, gate, keyframe, close_loops, verify."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from slam.core.flight import Flight, Image
 from slam.core.progress import Progress
 from slam.mapping.config import PipelineConfig
 from slam.mapping.obstacles import Masks, no_masks
-from slam.mapping.reach import Reach
+from slam.mapping.search_radius import SearchRadius
 
 Array = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ LINK = 2
 
 
 @dataclass(frozen=True)
-class Sightings:
+class Observations:
     """What the pictures say."""
 
     store: FeatureStore
@@ -65,7 +65,7 @@ class Sightings:
                 seen[link.i].append((int(self.frame_index[link.j]), link.i_H_j))
         return [sorted(frames, key=lambda row: row[0]) for frames in seen]
 
-    def without(self, reasons: dict[tuple[int, int], str]) -> Sightings:
+    def without(self, reasons: dict[tuple[int, int], str]) -> Observations:
         """The same with some pairs (i, j) refused, each for its reason."""
         taken = tuple(
             replace(r, reason=reasons[r.i, r.j]) for r in self.registrations if (r.i, r.j) in reasons
@@ -74,7 +74,7 @@ class Sightings:
         return replace(self, registrations=kept, refused=(*self.refused, *taken))
 
 
-class Sighter:
+class FrontEnd:
     """The front end with its settings for one flight."""
 
     def __init__(self, flight: Flight, camera: Camera, config: PipelineConfig, progress: Progress) -> None:
@@ -86,7 +86,7 @@ class Sighter:
         except FeatureUnavailableError as error:
             raise InputError(str(error)) from None
 
-    def watch(self, masks: Masks = no_masks) -> Sightings:
+    def track(self, masks: Masks = no_masks) -> Observations:
         """Go through the frames once: mask, track, gate, keyframe."""
         flight = self.flight
         assert flight.frames is not None
@@ -107,7 +107,7 @@ class Sighter:
         frame_stamps_s = flight.frames.stamps_s + 0.5 * self.camera.readout_s
         stamps_s = frame_stamps_s[index] if len(index) else np.empty(0)
         rejected = _with_reasons(tracker.rejected, flight.frames.failures)
-        return Sightings(
+        return Observations(
             store,
             index,
             stamps_s,
@@ -127,20 +127,20 @@ class Sighter:
         """Keyframe j registered to i, where the floor is expected."""
         return register(i, j, a, b, self.camera, self.homography, self.config.gates, expected)
 
-    def neighbours(self, sightings: Sightings) -> Sightings:
+    def neighbours(self, observations: Observations) -> Observations:
         """Compare each keyframe with the ones just before the last: a chain alone is weak."""
         composed: dict[tuple[int, int], Array] = {}
-        for k in range(2, len(sightings.links)):
+        for k in range(2, len(observations.links)):
             i_H_k, i = np.eye(3), k
-            while i > 0 and k - i < 4 and (link := sightings.links[i]) is not None:
+            while i > 0 and k - i < 4 and (link := observations.links[i]) is not None:
                 i_H_k, i = link.i_H_j @ i_H_k, i - 1
                 if k - i > 1 and overlap(i_H_k, self.camera) >= self.config.loops.min_overlap:
                     composed[i, k] = i_H_k
-        compared = self._compare(sightings, list(composed), "neighbours", lambda i, j: composed[i, j])
+        compared = self._compare(observations, list(composed), "neighbours", lambda i, j: composed[i, j])
         return compared.without(self._against_chain(compared, composed))
 
     def _against_chain(
-        self, sightings: Sightings, composed: Mapping[tuple[int, int], Array]
+        self, observations: Observations, composed: Mapping[tuple[int, int], Array]
     ) -> dict[tuple[int, int], str]:
         """Neighbours that lie elsewhere than the links between them have it: (i, j) -> reason.
 
@@ -148,11 +148,11 @@ class Sighter:
         """
         corners_px, width_px = self.camera.undistort(self.camera.corners_px), self.camera.size_px[0]
         off: dict[tuple[int, int], float] = {}
-        for r in sightings.registrations:
+        for r in observations.registrations:
             by_chain = Expectation.at(composed[r.i, r.j], corners_px) if (r.i, r.j) in composed else None
             if by_chain is not None:
                 off[r.i, r.j] = by_chain.off_px(r.i_H_j, corners_px) / width_px
-        agree = np.full(len(sightings.links), LINK)
+        agree = np.full(len(observations.links), LINK)
         for (i, j), widths in off.items():
             agree[i + 1 : j + 1] += 1 if widths <= DISTINCT_MOTION_WIDTHS else -1
         return {
@@ -161,25 +161,27 @@ class Sighter:
             if widths > DISTINCT_MOTION_WIDTHS and (agree[i + 1 : j + 1] > 0).all()
         }
 
-    def retrieve(self, sightings: Sightings, reach: Reach) -> Sightings:
+    def close_loops(self, observations: Observations, reach: SearchRadius) -> Observations:
         """Compare keyframes that look alike, were not compared yet, and lie within reach of each other."""
         retrieval = self.config.retrieval
-        fewer = max(3, self.config.loops.max_pairs // max(1, len(sightings.store)))
+        fewer = max(3, self.config.loops.max_pairs // max(1, len(observations.store)))
         retrieval = replace(retrieval, neighbours=min(retrieval.neighbours, fewer))
         met: dict[int, list[int]] = {}
-        for r in (*sightings.registrations, *sightings.refused):
+        for r in (*observations.registrations, *observations.refused):
             met.setdefault(r.i, []).append(r.j)
             met.setdefault(r.j, []).append(r.i)
 
         def gate(j: int, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
             return reach.holds(j, rows) & ~np.isin(rows, met.get(j, []))
 
-        found = propose_loops(sightings.store, retrieval, gate)
-        known = {(r.i, r.j) for r in (*sightings.registrations, *sightings.refused)}
+        found = propose_loops(observations.store, retrieval, gate)
+        known = {(r.i, r.j) for r in (*observations.registrations, *observations.refused)}
         beyond = tuple(refused(i, j, reach.reason(i, j)) for i, j in found.gated if (i, j) not in known)
-        return self._compare(replace(sightings, refused=(*sightings.refused, *beyond)), found.pairs, "loops")
+        return self._compare(
+            replace(observations, refused=(*observations.refused, *beyond)), found.pairs, "loops"
+        )
 
-    def revisit(self, sightings: Sightings, w_T_b: Array, floor_z_m: float) -> Sightings:
+    def match_overlaps(self, observations: Observations, w_T_b: Array, floor_z_m: float) -> Observations:
         """Compare keyframes that the poses say overlap."""
         loops = self.config.loops
         neighbours = int(np.clip(2 * loops.max_pairs / max(1, len(w_T_b)), 4, 80))
@@ -189,27 +191,27 @@ class Sighter:
             floor_H_i, floor_H_j = (self.camera.floor_H_image(w_T_b[k], floor_z_m) for k in (i, j))
             return np.asarray(np.linalg.inv(floor_H_i) @ floor_H_j, dtype=float)
 
-        return self._compare(sightings, pairs, "overlaps", known)
+        return self._compare(observations, pairs, "overlaps", known)
 
     def _compare(
         self,
-        sightings: Sightings,
+        observations: Observations,
         pairs: Sequence[tuple[int, int]],
         stage: str,
         i_H_j: Callable[[int, int], Array] | None = None,
-    ) -> Sightings:
+    ) -> Observations:
         """``i_H_j``: where the pictures of a pair are known to lie, unless the floor repeats there."""
         corners_px = self.camera.undistort(self.camera.corners_px)
 
         def expected(i: int, j: int) -> Expectation | None:
             return None if i_H_j is None else Expectation.at(i_H_j(i, j), corners_px)
 
-        known = {(r.i, r.j) for r in (*sightings.registrations, *sightings.refused)}
+        known = {(r.i, r.j) for r in (*observations.registrations, *observations.refused)}
         pairs = [pair for pair in dict.fromkeys(pairs) if pair not in known]
-        held, refused = list(sightings.registrations), list(sightings.refused)
+        held, refused = list(observations.registrations), list(observations.refused)
         verdicts = verify(
             pairs,
-            sightings.store,
+            observations.store,
             self.camera,
             self.homography,
             self.config.gates,
@@ -218,7 +220,7 @@ class Sighter:
         )
         for registration in verdicts:
             (held if registration.ok else refused).append(registration)
-        return replace(sightings, registrations=tuple(held), refused=tuple(refused))
+        return replace(observations, registrations=tuple(held), refused=tuple(refused))
 
 
 def _with_reasons(rejected: Counter[str], failures: Mapping[int, str]) -> Counter[str]:

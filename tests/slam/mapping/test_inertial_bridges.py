@@ -15,10 +15,10 @@ from backend.measurements import RelativePose
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
 from slam.evaluation import evaluate
-from slam.mapping.bridging import joined
-from slam.mapping.fusion import Fused
+from slam.mapping.inertial_bridges import joined
 from slam.mapping.pipeline import optimize
 from tests.benchmarks.calibration import bridge
+from tests.slam.mapping.made_map import made_map
 from tests.slam.small_flight import flown, seeing
 
 GREY = np.full((144, 176, 3), 120, np.uint8)
@@ -122,16 +122,15 @@ def made_parts(rng):
     apart = np.where((component == 1)[:, None, None], moved @ w_T_b, w_T_b)
     std = np.array([0.002, 0.002, 0.01, 0.05, 0.03, 0.01])
     edge = RelativePose(4, 5, np.linalg.inv(w_T_b[4]) @ w_T_b[5], np.diag(std**2), "inertial")
-    fused = Fused(apart, *np.zeros((2, n, 6, 6)), component, 0.0, None, None, False, (), (0.0,) * n)
-    return w_T_b, fused, edge
+    return w_T_b, made_map(apart, component), edge
 
 
 @pytest.mark.parametrize("backwards", [False, True])
 def test_parts_are_laid_together_exactly(backwards):
-    w_T_b, fused, edge = made_parts(np.random.default_rng(0))
+    w_T_b, parts, edge = made_parts(np.random.default_rng(0))
     if backwards:
         edge = replace(edge, i=5, j=4, i_T_j=np.linalg.inv(edge.i_T_j))
-    found = joined(fused, [edge])
+    found = joined(parts, [edge])
     np.testing.assert_allclose(found.w_T_b, w_T_b, atol=1e-12)
     assert found.component.tolist() == [0] * 8
     assert found.bridges == (edge,)
@@ -139,47 +138,47 @@ def test_parts_are_laid_together_exactly(backwards):
 
 def test_covariance_behind_a_bridge_is_that_of_many_draws():
     rng = np.random.default_rng(1)
-    _, fused, edge = made_parts(rng)
-    told = joined(fused, [edge])
+    _, parts, edge = made_parts(rng)
+    found = joined(parts, [edge])
     draws = []
     for xi in rng.multivariate_normal(np.zeros(6), edge.covariance, 3000):
         noisy = replace(edge, i_T_j=edge.i_T_j @ se3.exp(xi[None])[0])
-        draws.append(joined(fused, [noisy]).w_T_b[7])
-    errors = se3.log(np.linalg.inv(told.w_T_b[7])[None] @ np.array(draws))
-    np.testing.assert_allclose(np.cov(errors.T), told.covariances[7], rtol=0.15, atol=3e-5)
-    np.testing.assert_array_equal(told.over_floor_covariances, told.covariances)
+        draws.append(joined(parts, [noisy]).w_T_b[7])
+    errors = se3.log(np.linalg.inv(found.w_T_b[7])[None] @ np.array(draws))
+    np.testing.assert_allclose(np.cov(errors.T), found.covariances[7], rtol=0.15, atol=3e-5)
+    np.testing.assert_array_equal(found.over_floor_covariances, found.covariances)
 
 
 def test_behind_a_part_without_covariances_nothing_is_certain():
     """The refinement may leave a part without them: that is no part known exactly."""
-    _, fused, edge = made_parts(np.random.default_rng(3))
-    unknown = fused.covariances.copy()
+    _, parts, edge = made_parts(np.random.default_rng(3))
+    unknown = parts.covariances.copy()
     unknown[:5] = np.nan
-    found = joined(replace(fused, covariances=unknown), [edge])
+    found = joined(replace(parts, covariances=unknown), [edge])
     assert np.isfinite(found.w_T_b).all()
     assert np.isnan(found.covariances).any(axis=(1, 2)).all()
 
 
 def test_the_world_is_the_first_keyframes_however_small_its_part():
     """What is certain is where the flight began; laid onto the larger part, all of it seemed to be."""
-    w_T_b, fused, edge = made_parts(np.random.default_rng(4))
-    swapped = replace(fused, component=1 - fused.component)
+    w_T_b, parts, edge = made_parts(np.random.default_rng(4))
+    swapped = replace(parts, component=1 - parts.component)
     found = joined(swapped, [edge])
     np.testing.assert_allclose(found.w_T_b, w_T_b, atol=1e-12)
     assert found.component.tolist() == [0] * 8
     assert not found.covariances[:5].any()
-    np.testing.assert_array_equal(found.covariances, joined(fused, [edge]).covariances)
+    np.testing.assert_array_equal(found.covariances, joined(parts, [edge]).covariances)
 
 
 def test_an_edge_within_a_part_or_to_an_unplaced_keyframe_changes_nothing():
-    _, fused, edge = made_parts(np.random.default_rng(2))
-    assert joined(fused, [replace(edge, i=0, j=1), replace(edge, i=6, j=7)]) is fused
-    lost = replace(fused, component=np.where(fused.component == 1, -1, 0))
+    _, parts, edge = made_parts(np.random.default_rng(2))
+    assert joined(parts, [replace(edge, i=0, j=1), replace(edge, i=6, j=7)]) is parts
+    lost = replace(parts, component=np.where(parts.component == 1, -1, 0))
     assert joined(lost, [edge]) is lost
 
 
 def test_a_middle_part_carries_the_last_one_along():
-    w_T_b, fused, _ = made_parts(np.random.default_rng(3))
+    w_T_b, parts, _ = made_parts(np.random.default_rng(3))
     component = np.array([0, 0, 0, 0, 1, 1, 2, 2])
     apart = w_T_b.copy()
     for part, shift in ((1, [1.0, 2.0, 0.3]), (2, [-4.0, 0.5, -2.0])):
@@ -188,7 +187,26 @@ def test_a_middle_part_carries_the_last_one_along():
         RelativePose(i, i + 1, np.linalg.inv(w_T_b[i]) @ w_T_b[i + 1], 1e-4 * np.eye(6), "inertial")
         for i in (3, 5)
     ]
-    found = joined(replace(fused, w_T_b=apart, component=component), edges)
+    found = joined(replace(parts, w_T_b=apart, component=component), edges)
     np.testing.assert_allclose(found.w_T_b, w_T_b, atol=1e-12)
     grown = np.trace(found.covariances[:, 3:, 3:], axis1=1, axis2=2)
     assert grown[3] == 0 < grown[4] < grown[6]
+
+
+def test_parts_are_joined_along_the_surest_edges():
+    """Of three parts with an edge between any two, the two surest edges carry the map."""
+    w_T_b = np.tile(np.eye(4), (6, 1, 1))
+    w_T_b[:, 0, 3], w_T_b[:, 2, 3] = np.arange(6.0), 1.0
+    parts = made_map(w_T_b, np.array([0, 0, 1, 1, 2, 2]))
+    sure, unsure = np.eye(6) * 0.01**2, np.eye(6) * 0.5**2
+    edges = [
+        RelativePose(i, j, np.linalg.inv(w_T_b[i]) @ w_T_b[j], covariance, "inertial")
+        for i, j, covariance in ((1, 2, sure), (3, 4, sure), (0, 5, unsure))
+    ]
+    for order in (edges, edges[::-1]):
+        found = joined(parts, order)
+        assert {(edge.i, edge.j) for edge in found.bridges} == {(1, 2), (3, 4)}
+        std_m = np.sqrt(np.diagonal(found.covariances[5])[3:5])
+        # Each bridge errs by 0.01 m and, through its tilt, by 0.01 rad times the height of 1 m. The heading
+        # of the first bridge acts over 3 m, that of the second over 1 m.
+        assert std_m == pytest.approx([0.01 * np.sqrt(4), 0.01 * np.sqrt(4 + 3**2 + 1**2)], rel=1e-6)

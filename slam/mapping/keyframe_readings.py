@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from backend.inertial_scale.preintegration import InertialReadings
 from backend.measurements import Attitude, Position, SlantRange
 from slam.core.flight import AttitudeSeries, Flight, GeoOrigin, Imu, Sonar
 from slam.io.geodesy import enu_from_geodetic
+from slam.mapping.config import PipelineConfig
 
 Array = NDArray[np.float64]
 
@@ -121,3 +124,42 @@ def inertial_readings(imu: Imu | None) -> InertialReadings | None:
     if len(stamps_s) < 2:
         return None
     return InertialReadings(stamps_s, imu.gyro_rad_s[good][first] @ turn, imu.accel_m_s2[good][first] @ turn)
+
+
+@dataclass(frozen=True)
+class KeyframeReadings:
+    """Readings of all instruments at the times of the keyframes."""
+
+    stamps_s: Array
+    attitudes: tuple[Attitude, ...]
+    ranges: tuple[SlantRange, ...]
+    positions: tuple[Position, ...]
+    range_gain_std: float
+    range_datum_std_m: float
+    roll_pitch_rad: Array
+    """(n, 2); zero where no attitude was measured."""
+    roll_pitch_std_rad: Array
+    """(n, 2) standard deviations for the pose graph."""
+
+    @staticmethod
+    def at(
+        flight: Flight, stamps_s: Array, origin: GeoOrigin | None, config: PipelineConfig
+    ) -> KeyframeReadings:
+        """Interpolate all streams at the times of the keyframes ``stamps_s`` (n,)."""
+        trust = config.trust
+        attitudes = attitudes_at(flight.attitude, stamps_s, trust.attitude_floor_rad)
+        roll_pitch = np.zeros((len(stamps_s), 2))
+        std = np.full((len(stamps_s), 2), trust.level_std_rad)
+        for a in attitudes:
+            roll_pitch[a.k] = a.roll_pitch_yaw_rad[:2]
+            std[a.k] = np.hypot(a.std_rad[:2], trust.attitude_graph_rad)
+        return KeyframeReadings(
+            stamps_s,
+            attitudes,
+            ranges_at(flight.sonar, stamps_s, trust.range_floor_m),
+            positions_at(flight, stamps_s, origin),
+            flight.sonar.scale_std if flight.sonar else 0.0,
+            flight.sonar.datum_std_m if flight.sonar else 0.0,
+            roll_pitch,
+            std,
+        )

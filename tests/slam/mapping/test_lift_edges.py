@@ -1,4 +1,4 @@
-"""From exact homographies and sensors to edges, a pose graph and a refinement."""
+"""From exact homographies and readings to edges, a pose graph and a refinement."""
 
 from __future__ import annotations
 
@@ -14,10 +14,15 @@ from backend.measurements import FloorTracks, RelativePose
 from frontend.camera import Camera
 from frontend.points import Points
 from frontend.registration import Registration
+from frontend.tracks import join_tracks
 from slam.core.flight import AttitudeSeries, Flight, Sonar, Truth
 from slam.mapping.config import PipelineConfig
-from slam.mapping.mapper import Edges, Mapper, Sensors
-from slam.mapping.reach import Known, implausible_edges
+from slam.mapping.keyframe_readings import KeyframeReadings
+from slam.mapping.lift_edges import Edges, lift_edges
+from slam.mapping.refine_part import refine_part
+from slam.mapping.search_radius import KnownPoses, implausible_edges
+from slam.mapping.setup import Setup
+from slam.mapping.solve_pose_graph import solve_pose_graph
 from tests.slam.small_flight import ORIGIN, gps_of
 
 CAMERA = Camera((256.0, 250.0), (160.0, 118.0), (320, 240))
@@ -59,9 +64,9 @@ def flight(
     )
 
 
-def mapper_of(w_T_b: np.ndarray, **streams: bool) -> Mapper:
+def setup_of(w_T_b: np.ndarray, **streams: bool) -> Setup:
     stamps_s = 3.0 * np.arange(len(w_T_b))
-    return Mapper(CAMERA, Sensors.at(flight(w_T_b, **streams), stamps_s, None, CONFIG), CONFIG)
+    return Setup(CAMERA, KeyframeReadings.at(flight(w_T_b, **streams), stamps_s, None, CONFIG), CONFIG)
 
 
 def registration(
@@ -84,8 +89,8 @@ def seen(pose: np.ndarray, camera: Camera = CAMERA) -> tuple[np.ndarray, np.ndar
     return np.flatnonzero(inside), pixel[inside]
 
 
-def edges_of(mapper: Mapper, w_T_b: np.ndarray, pairs: list[tuple[int, int]] = PAIRS) -> Edges:
-    return mapper.edges([registration(w_T_b, i, j, camera=mapper.camera) for i, j in pairs])
+def edges_of(setup: Setup, w_T_b: np.ndarray, pairs: list[tuple[int, int]] = PAIRS) -> Edges:
+    return lift_edges([registration(w_T_b, i, j, camera=setup.camera) for i, j in pairs], setup)
 
 
 def assert_relative(edge: RelativePose, w_T_b: np.ndarray, scale: float = 1.0) -> None:
@@ -96,7 +101,7 @@ def assert_relative(edge: RelativePose, w_T_b: np.ndarray, scale: float = 1.0) -
 
 def test_exact_homographies_become_metric_edges():
     w_T_b = truth()
-    edges = edges_of(mapper_of(w_T_b), w_T_b)
+    edges = edges_of(setup_of(w_T_b), w_T_b)
     assert [(e.i, e.j) for e in edges.relative_poses] == PAIRS
     for edge in edges.relative_poses:
         assert_relative(edge, w_T_b)
@@ -106,7 +111,7 @@ def test_exact_homographies_become_metric_edges():
 
 
 def test_apart_in_time_is_a_loop():
-    edges = edges_of(mapper_of(truth()), truth())
+    edges = edges_of(setup_of(truth()), truth())
     apart = {(e.i, e.j): 3.0 * (e.j - e.i) >= CONFIG.loops.min_separation_s for e in edges.relative_poses}
     assert {
         pair: kind == "loop" for pair, kind in zip(apart, (e.kind for e in edges.relative_poses), strict=True)
@@ -119,14 +124,14 @@ def test_a_slant_range_of_a_leaning_drone_is_not_its_height():
     w_T_b = truth()
     lean = Rotation.from_euler("ZYX", np.column_stack([np.zeros(12), np.full(12, 0.35), np.full(12, -0.35)]))
     w_T_b[:, :3, :3] = lean.as_matrix()
-    edges = edges_of(mapper_of(w_T_b), w_T_b)
+    edges = edges_of(setup_of(w_T_b), w_T_b)
     assert w_T_b[:, 2, 2].max() < 0.9
     assert edges.heights.height_m == pytest.approx(w_T_b[:, 2, 3], rel=2e-3)
 
 
 def test_without_sonar_lengths_are_in_mean_heights():
     w_T_b = truth()
-    edges = edges_of(mapper_of(w_T_b, sonar=False), w_T_b)
+    edges = edges_of(setup_of(w_T_b, sonar=False), w_T_b)
     mean_height = np.exp(np.log(w_T_b[:, 2, 3]).mean())
     assert not edges.heights.metric.any()
     assert edges.heights.height_m == pytest.approx(w_T_b[:, 2, 3] / mean_height, rel=2e-3)
@@ -138,15 +143,15 @@ def test_homographies_that_no_pose_explains_are_left_out():
     w_T_b = truth()
     good = [registration(w_T_b, *pair) for pair in PAIRS]
     mad = replace(registration(w_T_b, 3, 7), i_H_j=np.array([[1.0, 0, 0], [0, 1, 0], [np.nan, 0, 1]]))
-    edges = mapper_of(w_T_b).edges([*good, mad])
+    edges = lift_edges([*good, mad], setup_of(w_T_b))
     assert [(r.i, r.j) for r in edges.registrations] == PAIRS
     assert len(edges.relative_poses) == len(PAIRS)
 
 
 def test_the_pose_graph_gives_back_the_way():
     w_T_b = truth()
-    mapper = mapper_of(w_T_b)
-    solution = mapper.solve(edges_of(mapper, w_T_b))
+    setup = setup_of(w_T_b)
+    solution = solve_pose_graph(edges_of(setup, w_T_b), setup)
     turn = np.eye(4)
     turn[:2, :2] = (w_T_b[0] @ np.linalg.inv(solution.w_T_b[0]))[:2, :2]
     found = turn @ solution.w_T_b
@@ -161,12 +166,12 @@ def implausible(known, edges):
 
 def test_a_false_loop_is_refused_and_named():
     w_T_b = truth()
-    mapper, elsewhere = mapper_of(w_T_b), w_T_b.copy()
+    setup, elsewhere = setup_of(w_T_b), w_T_b.copy()
     elsewhere[8, 0, 3] -= 1.5
     false = replace(registration(elsewhere, 3, 8), matches=np.empty((0, 2), np.int64))
-    edges = mapper.edges([*(registration(w_T_b, *pair) for pair in PAIRS), false])
-    without = mapper.solve(edges_of(mapper, w_T_b, PAIRS[:11]), covariances=True)
-    known = Known(without.w_T_b, without.covariances, without.component, edges.heights.height_m)
+    edges = lift_edges([*(registration(w_T_b, *pair) for pair in PAIRS), false], setup)
+    without = solve_pose_graph(edges_of(setup, w_T_b, PAIRS[:11]), setup, covariances=True)
+    known = KnownPoses(without.w_T_b, without.covariances, without.component, edges.heights.height_m)
     refused = implausible(known, edges)
     assert list(refused) == [(3, 8)]
     assert "1.5" in refused[3, 8]
@@ -178,22 +183,22 @@ def test_a_false_loop_is_refused_and_named():
     )
     larger.w_T_b[:, :3, 3] *= 10
     assert list(implausible(larger, edges)) == [(3, 8)]
-    solution = mapper.solve(edges)
+    solution = solve_pose_graph(edges, setup)
     assert solution.edge_kept.tolist() == [True] * len(PAIRS) + [False]
 
 
 def test_nothing_to_join_is_a_graph_without_poses():
-    mapper = mapper_of(truth())
-    edges = mapper.edges([])
+    setup = setup_of(truth())
+    edges = lift_edges([], setup)
     assert edges.relative_poses == ()
-    solution = mapper.solve(edges)
+    solution = solve_pose_graph(edges, setup)
     assert (solution.component == -1).all()
     assert np.isnan(solution.w_T_b).all()
 
 
 def test_edges_at_other_heights_are_the_same_edges_in_other_metres():
     w_T_b = truth()
-    edges = edges_of(mapper_of(w_T_b), w_T_b)
+    edges = edges_of(setup_of(w_T_b), w_T_b)
     for edge, tall in zip(edges.relative_poses, edges.at_heights(3 * edges.heights.height_m), strict=True):
         assert tall.i_T_j[:3, 3] == pytest.approx(3 * edge.i_T_j[:3, 3])
         assert tall.i_T_j[:3, :3] == pytest.approx(edge.i_T_j[:3, :3])
@@ -205,17 +210,17 @@ def test_edges_at_other_heights_are_the_same_edges_in_other_metres():
 
 def test_tilts_that_were_found_replace_those_that_were_told():
     w_T_b = truth()
-    told = mapper_of(w_T_b, attitude=False)
+    told = setup_of(w_T_b, attitude=False)
     covariances = np.tile(np.diag([1e-6, 4e-6, 1, 1, 1, 1.0]), (12, 1, 1))
     covariances[4] = np.nan
-    known = told.knowing(w_T_b, covariances).sensors
+    known = told.with_tilts(w_T_b, covariances).readings
     rest = np.arange(12) != 4
     assert known.roll_pitch_rad[rest] == pytest.approx(angles_of(w_T_b)[rest, :2], abs=1e-9)
     floor = CONFIG.trust.attitude_floor_rad
     assert known.roll_pitch_std_rad[0] == pytest.approx([np.hypot(1e-3, floor), np.hypot(2e-3, floor)])
     assert known.roll_pitch_rad[4] == pytest.approx([0, 0])
     assert known.roll_pitch_std_rad[4] == pytest.approx([CONFIG.trust.level_std_rad] * 2)
-    assert (told.sensors.roll_pitch_rad == 0).all()
+    assert (told.readings.roll_pitch_rad == 0).all()
 
 
 def test_sensors_are_read_at_the_keyframes():
@@ -224,32 +229,37 @@ def test_sensors_are_read_at_the_keyframes():
     made = replace(flight(w_T_b), truth=None)
     made.attitude.roll_pitch_yaw_rad[15:18] = np.nan  # keyframe 5
     made.sonar.range_m[21:24] = np.nan  # keyframe 7
-    sensors = Sensors.at(made, stamps_s, ORIGIN, CONFIG)
-    assert [a.k for a in sensors.attitudes] == [k for k in range(12) if k != 5]
-    assert [r.k for r in sensors.ranges] == [k for k in range(12) if k != 7]
-    assert sensors.positions == ()
-    assert sensors.range_gain_std == 0.02
-    assert sensors.roll_pitch_rad[5] == pytest.approx([0, 0])
-    assert sensors.roll_pitch_std_rad[5] == pytest.approx([CONFIG.trust.level_std_rad] * 2)
-    assert sensors.roll_pitch_rad[6] == pytest.approx(angles_of(w_T_b)[6, :2])
+    readings = KeyframeReadings.at(made, stamps_s, ORIGIN, CONFIG)
+    assert [a.k for a in readings.attitudes] == [k for k in range(12) if k != 5]
+    assert [r.k for r in readings.ranges] == [k for k in range(12) if k != 7]
+    assert readings.positions == ()
+    assert readings.range_gain_std == 0.02
+    assert readings.roll_pitch_rad[5] == pytest.approx([0, 0])
+    assert readings.roll_pitch_std_rad[5] == pytest.approx([CONFIG.trust.level_std_rad] * 2)
+    assert readings.roll_pitch_rad[6] == pytest.approx(angles_of(w_T_b)[6, :2])
 
 
-def refined(mapper: Mapper, w_T_b: np.ndarray, members: np.ndarray, start: np.ndarray) -> Bundle:
-    points = [Points.alike(seen(pose, mapper.camera)[1]) for pose in w_T_b]
-    tracks = mapper.tracks(points, [registration(w_T_b, *pair, camera=mapper.camera) for pair in PAIRS])
-    return mapper.refine(members, start, 0.0, tracks)
+def refined(setup: Setup, w_T_b: np.ndarray, members: np.ndarray, start: np.ndarray) -> Bundle:
+    points = [Points.alike(seen(pose, setup.camera)[1]) for pose in w_T_b]
+    tracks = join_tracks(
+        points,
+        [registration(w_T_b, *pair, camera=setup.camera) for pair in PAIRS],
+        setup.camera,
+        CONFIG.tracks,
+    )
+    return refine_part(setup, members, start, 0.0, tracks)
 
 
 @pytest.mark.parametrize("members", [np.arange(12), np.array([2, 3, 4, 5, 8, 9])])
 def test_the_refinement_of_a_part_uses_its_own_keyframes_alone(members):
     """Other keyframes have no pose at all; numbers inside are not those outside."""
     w_T_b = truth()
-    mapper = mapper_of(w_T_b)
+    setup = setup_of(w_T_b)
     start = np.full_like(w_T_b, np.nan)
     start[members] = w_T_b[members]
     start[:, :2, 3] -= w_T_b[members[0], :2, 3]
     start[members[1:], :3, 3] += np.random.default_rng(1).normal(0, 0.01, (len(members) - 1, 3))
-    bundle = refined(mapper, w_T_b, members, start)
+    bundle = refined(setup, w_T_b, members, start)
     expected = w_T_b[members].copy()
     expected[:, :2, 3] -= expected[0, :2, 3]
     assert bundle.w_T_b == pytest.approx(expected, abs=5e-3)
@@ -264,8 +274,8 @@ def test_camera_and_sonar_may_sit_anywhere_on_the_body():
     b_T_s[:3, :3] = Rotation.from_euler("xy", [0.05, -0.08]).as_matrix()
     b_T_s[:3, 3], b_T_c[:3, 3] = (0.10, 0.0, -0.06), (-0.08, 0.03, 0.07)
     camera, stamps_s = replace(CAMERA, b_T_c=b_T_c), 3.0 * np.arange(12)
-    mapper = Mapper(camera, Sensors.at(flight(w_T_b, b_T_s=b_T_s), stamps_s, None, CONFIG), CONFIG)
-    edges = edges_of(mapper, w_T_b)
+    setup = Setup(camera, KeyframeReadings.at(flight(w_T_b, b_T_s=b_T_s), stamps_s, None, CONFIG), CONFIG)
+    edges = edges_of(setup, w_T_b)
     assert edges.heights.height_m == pytest.approx(w_T_b[:, 2, 3], rel=2e-3)
     for edge in edges.relative_poses:
         assert_relative(edge, w_T_b)
@@ -273,7 +283,7 @@ def test_camera_and_sonar_may_sit_anywhere_on_the_body():
     expected[:, :2, 3] -= expected[0, :2, 3]
     start = expected.copy()
     start[:, :3, 3] *= 1.05
-    bundle = refined(mapper, w_T_b, np.arange(12), start)
+    bundle = refined(setup, w_T_b, np.arange(12), start)
     found = bundle.w_T_b.copy()
     found[:, :2, 3] -= found[0, :2, 3]
     assert found == pytest.approx(expected, abs=1e-3)
@@ -281,8 +291,8 @@ def test_camera_and_sonar_may_sit_anywhere_on_the_body():
 
 def test_the_lens_is_only_estimated_where_it_may_be():
     w_T_b = truth()
-    made = mapper_of(w_T_b)
-    free = Mapper(replace(CAMERA, focal_px=(253.0, 253.0), focal_std_ratio=0.02), made.sensors, CONFIG)
+    made = setup_of(w_T_b)
+    free = Setup(replace(CAMERA, focal_px=(253.0, 253.0), focal_std_ratio=0.02), made.readings, CONFIG)
     assert refined(made, w_T_b, np.arange(12), w_T_b).focal_px == CAMERA.focal_px
     assert refined(free, w_T_b, np.arange(12), w_T_b).focal_px != (253.0, 253.0)
 
@@ -291,23 +301,24 @@ def test_a_part_without_common_floor_points_is_refused():
     w_T_b = truth()
     few = FloorTracks(np.array([0, 1]), np.array([0, 0]), np.zeros((2, 2)), np.ones(2))
     with pytest.raises(BackendError, match="too few floor points"):
-        mapper_of(w_T_b).refine(np.array([0, 1]), w_T_b, 0.0, few)
+        refine_part(setup_of(w_T_b), np.array([0, 1]), w_T_b, 0.0, few)
 
 
-def placed(w_T_b: np.ndarray) -> Mapper:
+def placed(w_T_b: np.ndarray) -> Setup:
     """GPS alone, exact, along the way."""
     stamps_s = 3.0 * np.arange(len(w_T_b))
     made = replace(flight(w_T_b, sonar=False), truth=Truth(stamps_s, w_T_b))
     fixes = gps_of(replace(made, truth=Truth(np.repeat(stamps_s, 20), np.repeat(w_T_b, 20, axis=0))), 0.0)
-    sensors = Sensors.at(replace(made, gps=replace(fixes, noise_std_m=(0.01,) * 3)), stamps_s, ORIGIN, CONFIG)
-    return Mapper(CAMERA, sensors, CONFIG)
+    located = replace(made, gps=replace(fixes, noise_std_m=(0.01,) * 3))
+    readings = KeyframeReadings.at(located, stamps_s, ORIGIN, CONFIG)
+    return Setup(CAMERA, readings, CONFIG)
 
 
 def test_positions_can_be_left_out():
-    mapper = placed(truth())
-    assert len(mapper.sensors.positions) == 12
-    assert mapper.without_positions().sensors.positions == ()
-    assert len(mapper.sensors.positions) == 12
+    setup = placed(truth())
+    assert len(setup.readings.positions) == 12
+    assert setup.without_positions().readings.positions == ()
+    assert len(setup.readings.positions) == 12
 
 
 def test_positions_go_to_their_own_keyframes_of_a_part():

@@ -1,0 +1,176 @@
+"""The `Estimate` of a finished map: poses, verdicts of loops, counts and warnings."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.pose_graph.solution import Solution
+from slam.core.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTilt
+from slam.core.flight import Flight
+from slam.core.flight_info import describe, missing_for_map
+from slam.mapping.attitude_floor_tilt import attitude_floor_tilt, attitude_floor_tilt_warning
+from slam.mapping.camera_mount import mount_tilt, mount_warning
+from slam.mapping.clock_offset import delay_warning
+from slam.mapping.config import PipelineConfig
+from slam.mapping.context import Context
+from slam.mapping.contradictions import contradictions
+from slam.mapping.front_end import Observations
+from slam.mapping.homography_chain import chain
+from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors
+from slam.mapping.lift_edges import Edges
+from slam.mapping.map import Map
+from slam.mapping.refine import comparable
+
+Array = NDArray[np.float64]
+
+
+MOVING_SHARE = 0.02
+"""Of the pictures: fewer in which something seems to move by itself are chance."""
+
+
+def _loop_verdicts(
+    config: PipelineConfig, observations: Observations, edges: Edges, solution: Solution
+) -> tuple[LoopVerdict, ...]:
+    """What became of each pair of keyframes that lies far enough apart in time to be a loop."""
+    t, apart = observations.stamps_s, config.loops.min_separation_s
+    verdicts = [
+        LoopVerdict(r.i, r.j, "rejected", r.reason)
+        for r in observations.refused
+        if abs(t[r.j] - t[r.i]) >= apart
+    ]
+    for r, ok, reason in zip(edges.registrations, solution.edge_kept, solution.edge_reason, strict=True):
+        if abs(t[r.j] - t[r.i]) >= apart:
+            verdicts.append(LoopVerdict(r.i, r.j, "kept" if ok else "rejected", reason))
+    return tuple(sorted(verdicts, key=lambda v: (v.i, v.j)))
+
+
+def _status(flight: Flight, stamps_s: Array, map_: Map, metric: bool) -> tuple[str, list[str]]:
+    by_metres = metric or map_.georeferenced
+    main = map_.of_main(map_.w_T_b)
+    warnings = [*map_.warnings, *contradictions(flight, stamps_s, main, by_metres)]
+    parts = int(map_.component.max(initial=-1)) + 1
+    lost = int((map_.component < 0).sum())
+    if parts > 1:
+        sizes = ", ".join(str(int((map_.component == k).sum())) for k in range(parts))
+        warnings.append(
+            f"the map is in {parts} parts ({sizes} keyframes) that no overlapping pictures connect"
+        )
+    if lost:
+        who = f"{lost} keyframes overlap" if lost > 1 else "1 keyframe overlaps"
+        warnings.append(f"{who} too little with any other: not on the map")
+    vague = int(((map_.component >= 0) & ~np.isfinite(map_.covariances).all(axis=(1, 2))).sum())
+    if vague:
+        warnings.append(
+            f"no uncertainty is known for {vague} keyframes: they could not be refined, or the measurements "
+            "do not determine them"
+        )
+    if not by_metres:
+        warnings.append(_scale_told(flight, map_))
+    status = "ok" if not warnings else "; ".join(warnings)
+    return status, warnings
+
+
+def _scale_told(flight: Flight, map_: Map) -> str:
+    heard = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
+    lacking = "no sonar range that fits the pictures, and no GPS" if heard else "no sonar and no GPS"
+    if map_.bundle is None or map_.bundle.scale_std is None:
+        return f"{lacking}: no metric scale; lengths are in units of the camera's mean height over the floor"
+    std = 100 * map_.bundle.scale_std
+    return f"{lacking}: lengths come from the accelerometer and are known to {std:.2g} %"
+
+
+def build_estimate(context: Context, map_: Map) -> Estimate:
+    """Collect poses, verdicts, counts and warnings of a finished map."""
+    flight, setup = context.flight, context.setup
+    observations, edges, solution = map_.observations, map_.edges, map_.graph
+    odometry = map_.odometry or map_
+    assert flight.frames is not None
+    metric = bool(edges.heights.metric[map_.component >= 0].all())
+    status, warnings = _status(flight, observations.stamps_s, map_, metric)
+    loops = _loop_verdicts(setup.config, observations, edges, solution)
+    rejected = Counter(observations.rejected)
+    rejected.update(Counter(f"loop: {reason_kind(v.reason)}" for v in loops if v.verdict == "rejected"))
+    if map_.bundle is not None and map_.bundle.dropped_observations:
+        rejected["view of a floor point far off"] = map_.bundle.dropped_observations
+    kept = tuple(
+        r
+        for r, ok in zip(edges.at_heights(map_.height_m), solution.edge_kept, strict=True)
+        if ok and np.isfinite(map_.w_T_b[[r.i, r.j]]).all()
+    )
+    kept += map_.bridges
+    mount = mount_tilt(flight.camera, map_.bundle)
+    chained = chain(
+        observations.links,
+        setup.camera,
+        setup.readings.roll_pitch_rad,
+        odometry.edges.heights.height_m,
+    )
+    return Estimate(
+        name=flight.name,
+        status=status,
+        epoch_ns=flight.epoch_ns,
+        stamps_s=observations.stamps_s - context.picture_delay_s,
+        frame_names=tuple(flight.frames.names[k] for k in observations.frame_index),
+        frame_index=observations.frame_index,
+        w_T_b=map_.w_T_b,
+        covariances=map_.covariances,
+        over_floor_covariances=map_.over_floor_covariances,
+        component=map_.component,
+        camera=map_.camera,
+        floor_z_m=map_.floor_z_m,
+        origin=flight.geo_origin() if map_.georeferenced else None,
+        relative_poses=kept,
+        loops=loops,
+        chain_w_T_b=comparable(chained, setup.readings, map_),
+        odometry_w_T_b=comparable(odometry.graph.w_T_b, setup.readings, map_),
+        frames=observations.frames,
+        rejected=dict(rejected),
+        timing_s=context.timer.seconds,
+        warnings=(
+            *flight.warnings,
+            *describe(flight).anomalies,
+            *missing_for_map(flight),
+            *_moving(observations),
+            *_instrument_warnings(context, map_, mount),
+            *warnings,
+            *solution.warnings,
+        ),
+        floor_slope_rad=map_.slope_rad,
+        instruments=InstrumentErrors(
+            attitude_errors(flight, observations.stamps_s, map_.of_main(map_.w_T_b), not flight.parts),
+            accelerometer_errors(map_.inertial, context.picture_delay_s),
+            mount,
+        ),
+        scale_std=map_.bundle.scale_std if map_.bundle else None,
+        range_errors=map_.bundle.range_errors if map_.bundle else None,
+        graph_error=map_.bundle.error if map_.bundle else solution.error,
+        iterations=solution.iterations + (map_.bundle.iterations if map_.bundle else 0),
+    )
+
+
+def _moving(observations: Observations) -> list[str]:
+    """What else than the floor moves in the pictures, if it is more than a chance find."""
+    if observations.moving <= MOVING_SHARE * observations.frames:
+        return []
+    return [
+        f"in {observations.moving} of {observations.frames} pictures something moves by itself, or the "
+        "pattern of the floor repeats; features on it are left out of the map"
+    ]
+
+
+def _instrument_warnings(context: Context, map_: Map, mount: MountTilt | None) -> list[str]:
+    lines = [mount_warning(mount), delay_warning(map_.inertial, context.picture_delay_s)]
+    if not map_.georeferenced and not context.flight.parts:
+        # Positions would have determined the slope of the ground.
+        poses = map_.of_main(map_.w_T_b)
+        tilt = attitude_floor_tilt(context.flight, map_.observations.stamps_s, poses)
+        lines.insert(0, attitude_floor_tilt_warning(tilt))
+    return [line for line in lines if line]
+
+
+def reason_kind(reason: str) -> str:
+    """The reason without its figures, for counting."""
+    return reason.split(":")[0].split(" by ")[0]

@@ -1,0 +1,66 @@
+"""Inputs and tools of one map that stay the same from odometry to the final refinement."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from frontend.camera import Camera
+from slam.core.flight import Flight
+from slam.core.progress import Progress
+from slam.core.stage_timer import Stopwatch
+from slam.mapping.clock_offset import shift_instrument_stamps
+from slam.mapping.config import PipelineConfig
+from slam.mapping.front_end import FrontEnd, Observations
+from slam.mapping.inertial_bridges import InertialBridges
+from slam.mapping.keyframe_readings import KeyframeReadings
+from slam.mapping.setup import Setup
+
+
+@dataclass(frozen=True)
+class Job:
+    """Camera and settings of a flight, and what reports progress and time."""
+
+    camera: Camera
+    config: PipelineConfig
+    progress: Progress
+    timer: Stopwatch
+
+
+@dataclass(frozen=True)
+class Context:
+    """The flight with its keyframes, as the stages of the back end need it."""
+
+    flight: Flight
+    job: Job
+    front_end: FrontEnd
+    setup: Setup
+    bridges: InertialBridges
+    picture_delay_s: float = 0.0
+    """Delay of the pictures' stamps that was added to the instruments' stamps."""
+
+    @staticmethod
+    def of(flight: Flight, job: Job, front_end: FrontEnd, observations: Observations) -> Context:
+        """Read the instruments at the keyframes."""
+        readings = KeyframeReadings.at(flight, observations.stamps_s, flight.geo_origin(), job.config)
+        setup = Setup(job.camera, readings, job.config)
+        bridges = InertialBridges(flight, setup, observations.links, job.config.inertial, job.progress)
+        return Context(flight, job, front_end, setup, bridges)
+
+    @property
+    def timer(self) -> Stopwatch:
+        """Timer of the stages."""
+        return self.job.timer
+
+    def calibrated(self, delay_s: float, camera: Camera, observations: Observations) -> Context:
+        """Return the context with the instruments' stamps shifted by ``delay_s`` and another camera."""
+        flight = shift_instrument_stamps(self.flight, delay_s)
+        job = replace(self.job, camera=camera)
+        return replace(Context.of(flight, job, self.front_end, observations), picture_delay_s=delay_s)
+
+    def with_warning(self, line: str) -> Context:
+        """Return the context with one more warning for the user."""
+        return replace(self, flight=self.flight.with_warning(line))
+
+    def on_step(self, iteration: int, _: float) -> None:
+        """Report an iteration of the pose graph."""
+        self.job.progress("graph", iteration, 0)

@@ -1,0 +1,91 @@
+"""Registrations as metric edges of the pose graph."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.measurements import EdgeKind, RelativePose
+from backend.pose_graph.heights import HeightEstimate, adjust_heights
+from frontend.lift import LiftedPoses, level_T_body, lift
+from frontend.registration import Registration
+from slam.mapping.floor_visibility import LEAST_FALL
+from slam.mapping.setup import Setup
+
+Array = NDArray[np.float64]
+
+_LOWEST = 0.05
+"""Minimum body height as a fraction of the camera height: lengths scale with the body height."""
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Relative poses lifted from registrations, and the heights that scale them."""
+
+    registrations: tuple[Registration, ...]
+    relative_poses: tuple[RelativePose, ...]
+    heights: HeightEstimate
+
+    def at_heights(self, height_m: Array) -> tuple[RelativePose, ...]:
+        """Rescale the relative poses to the final heights (n,)."""
+        return tuple(
+            _scaled(r, float(height_m[r.i] / self.heights.height_m[r.i])) for r in self.relative_poses
+        )
+
+
+def _scaled(edge: RelativePose, factor: float) -> RelativePose:
+    """Return the edge with lengths multiplied by ``factor``."""
+    unit = np.array([1.0] * 3 + [factor] * 3)
+    i_T_j = edge.i_T_j.copy()
+    i_T_j[:3, 3] *= factor
+    return replace(edge, i_T_j=i_T_j, covariance=edge.covariance * np.outer(unit, unit))
+
+
+def lift_edges(registrations: Sequence[Registration], setup: Setup) -> Edges:
+    """Lift homographies to relative poses in metres, or in mean heights where no range was measured."""
+    i = np.array([r.i for r in registrations], dtype=np.int64)
+    j = np.array([r.j for r in registrations], dtype=np.int64)
+    H = np.array([r.i_H_j for r in registrations]).reshape(-1, 3, 3)
+    covariance = np.array([r.corner_covariance for r in registrations]).reshape(-1, 8, 8)
+    readings = setup.readings
+    lifted = lift(H, covariance, setup.camera, readings.roll_pitch_rad[i], readings.roll_pitch_std_rad[i])
+    good = lifted.usable
+    heights = _heights(i[good], j[good], lifted, good, setup)
+    i_T_j, covariance = lifted.scale(heights.height_m[i], heights.height_m[i] * heights.log_std[i])
+    apart = np.abs(readings.stamps_s[j] - readings.stamps_s[i]) >= setup.config.loops.min_separation_s
+    kept = np.flatnonzero(good).tolist()
+    kind: list[EdgeKind] = ["loop" if apart[m] else "odometry" for m in kept]
+    poses = tuple(
+        RelativePose(int(i[m]), int(j[m]), i_T_j[m], covariance[m], k)
+        for m, k in zip(kept, kind, strict=True)
+    )
+    return Edges(tuple(registrations[m] for m in kept), poses, heights)
+
+
+def _heights(
+    i: NDArray[np.int64], j: NDArray[np.int64], lifted: LiftedPoses, good: NDArray[np.bool_], setup: Setup
+) -> HeightEstimate:
+    """Estimate the body heights from the camera heights, whose ratios the pictures determine."""
+    level_up = level_T_body(setup.readings.roll_pitch_rad)[:, 2, :3]
+    b_p_c = setup.camera.b_T_c[:3, 3]
+    ranges = [r for r in setup.readings.ranges if level_up[r.k] @ r.b_T_s[:3, 2] > LEAST_FALL]
+    k = np.array([r.k for r in ranges], dtype=np.int64)
+    b_p_floor = np.array([r.b_T_s[:3] @ [0, 0, -r.range_m, 1] for r in ranges]).reshape(-1, 3)
+    camera_m = np.einsum("ma,ma->m", level_up[k], b_p_c - b_p_floor)
+    std = np.array([r.std_m for r in ranges])
+    above = camera_m > 0
+    agreed = adjust_heights(
+        len(level_up),
+        i,
+        j,
+        np.log(lifted.height_ratio[good]),
+        np.maximum(lifted.log_ratio_std[good], 1e-3),
+        k[above],
+        np.log(camera_m[above]),
+        np.maximum(std[above] / camera_m[above], 0.01),
+    )
+    body_m = agreed.height_m - level_up @ b_p_c
+    return replace(agreed, height_m=np.maximum(body_m, _LOWEST * agreed.height_m))

@@ -1,0 +1,70 @@
+"""Planar bundle adjustment of one connected part of a map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from backend.bundle.graph import NoiseLevels, ScalePrior
+from backend.bundle.refinement import Bundle, refine
+from backend.errors import BackendError
+from backend.measurements import Attitude, FloorTracks, Measurements, PinholeModel
+from slam.mapping.setup import Setup
+
+Array = NDArray[np.float64]
+
+LEAST_SEEN = 4
+"""Floor points that a keyframe must share with others to be refined: they determine a homography."""
+
+
+def refine_part(
+    setup: Setup,
+    members: NDArray[np.int64],
+    w_T_b: Array,
+    floor_z_m: float,
+    tracks: FloorTracks,
+    on_step: Callable[[int, float], None] | None = None,
+    lengths: ScalePrior | None = None,
+    noise: NoiseLevels | None = None,
+) -> Bundle:
+    """Refine one connected set of keyframes ``members`` (m,), sorted, from the poses ``w_T_b`` (n, 4, 4)."""
+    measured = part_measurements(setup, members, tracks)
+    return refine(measured, w_T_b[members], floor_z_m, setup.config.bundle, on_step, lengths, noise)
+
+
+def part_measurements(setup: Setup, members: NDArray[np.int64], tracks: FloorTracks) -> Measurements:
+    """Collect the measurements of one connected set of keyframes, renumbered from 0.
+
+    Raises ``BackendError`` if a keyframe shares too few floor points with others.
+    """
+    number = np.full(len(setup.readings.stamps_s), -1, dtype=np.int64)
+    number[members] = np.arange(len(members))
+    mine = number[tracks.keyframe] >= 0
+    _, track = np.unique(tracks.track[mine], return_inverse=True)
+    tracks = FloorTracks(number[tracks.keyframe[mine]], track, tracks.pixel[mine], tracks.std_px[mine])
+    seen = np.bincount(tracks.keyframe, minlength=len(members))
+    if len(members) < 2 or (seen < LEAST_SEEN).any():
+        raise BackendError("some keyframes share too few floor points with others")
+    readings, camera = setup.readings, setup.camera
+    level = np.array([setup.config.trust.level_std_rad] * 2 + [np.inf])
+    attitudes = readings.attitudes or tuple(Attitude(k, np.zeros(3), level) for k in members.tolist())
+    return Measurements(
+        readings.stamps_s[members],
+        attitudes=tuple(replace(a, k=int(number[a.k])) for a in attitudes if number[a.k] >= 0),
+        ranges=tuple(replace(r, k=int(number[r.k])) for r in readings.ranges if number[r.k] >= 0),
+        positions=tuple(replace(p, k=int(number[p.k])) for p in readings.positions if number[p.k] >= 0),
+        tracks=tracks,
+        range_gain_std=readings.range_gain_std,
+        range_datum_std_m=readings.range_datum_std_m,
+        camera=PinholeModel(
+            camera.focal_px,
+            camera.center_px,
+            camera.b_T_c,
+            camera.focal_std_ratio,
+            0.0 if camera.is_distorted else camera.radial_std,
+            camera.mount_std_rad,
+        ),
+    )

@@ -1,0 +1,39 @@
+"""The inputs that every stage of the back end shares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from slam.core.rotations import roll_pitch_yaw_of
+from slam.mapping.config import PipelineConfig
+from slam.mapping.keyframe_readings import KeyframeReadings
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Camera, instrument readings at the keyframes, and settings."""
+
+    camera: Camera
+    readings: KeyframeReadings
+    config: PipelineConfig
+
+    def with_tilts(self, w_T_b: Array, covariances: Array) -> Setup:
+        """Replace roll and pitch by those of refined poses (n, 4, 4), where their covariances are known."""
+        known = np.isfinite(covariances).all(axis=(1, 2)) & np.isfinite(w_T_b).all(axis=(1, 2))
+        roll_pitch, std = self.readings.roll_pitch_rad.copy(), self.readings.roll_pitch_std_rad.copy()
+        if known.any():
+            roll_pitch[known] = roll_pitch_yaw_of(w_T_b[known, :3, :3])[:, :2]
+            variance = np.maximum(covariances[known][:, [0, 1], [0, 1]], 0.0)
+            std[known] = np.hypot(np.sqrt(variance), self.config.trust.attitude_floor_rad)
+        readings = replace(self.readings, roll_pitch_rad=roll_pitch, roll_pitch_std_rad=std)
+        return replace(self, readings=readings)
+
+    def without_positions(self) -> Setup:
+        """Return the same setup without GPS."""
+        return replace(self, readings=replace(self.readings, positions=()))

@@ -1,0 +1,46 @@
+"""The pose graph of one flight: relative poses, attitudes and heights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from backend.measurements import Attitude, Measurements, SlantRange
+from backend.pose_graph.solution import Solution
+from backend.pose_graph.solve import solve
+from slam.core.heap import trim_heap
+from slam.mapping.floor_visibility import LEAST_FALL
+from slam.mapping.lift_edges import Edges
+from slam.mapping.setup import Setup
+
+
+def solve_pose_graph(
+    edges: Edges,
+    setup: Setup,
+    on_step: Callable[[int, float], None] | None = None,
+    covariances: bool = False,
+) -> Solution:
+    """Solve for all keyframes that edges connect. Raises ``BackendError`` for a graph that is not finite."""
+    trim_heap()  # what lifting all pairs has left
+    readings, heights = setup.readings, edges.heights
+    tied = sorted({k for r in edges.relative_poses for k in (r.i, r.j)})
+    attitudes, ranges = [], []
+    for k in tied:
+        std = np.append(readings.roll_pitch_std_rad[k], np.inf)
+        attitudes.append(Attitude(k, np.append(readings.roll_pitch_rad[k], 0.0), std))
+        fall = max(LEAST_FALL, float(np.cos(readings.roll_pitch_rad[k]).prod()))
+        height = float(heights.height_m[k])
+        ranges.append(SlantRange(k, height / fall, height * max(0.01, float(heights.log_std[k]))))
+    measurements = Measurements(readings.stamps_s, edges.relative_poses, tuple(attitudes), tuple(ranges))
+    plain = solve(measurements, loops_robust=False, covariances=False, on_step=on_step)
+    if not edges.relative_poses:
+        return plain
+    # Attitudes that lean together make all edges disagree a little: that is no reason to reject any.
+    typical = float(np.median(plain.edge_residual**2)) / float(chi2.median(6))
+    if typical > 1.0:
+        widened = (replace(r, covariance=typical * r.covariance) for r in edges.relative_poses)
+        measurements = replace(measurements, relative_poses=tuple(widened))
+    return solve(measurements, initial=plain.w_T_b, covariances=covariances, on_step=on_step)

@@ -1,0 +1,177 @@
+"""The stages of a map in their order. Each takes the context and a map, and returns a new map."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from frontend.camera import Camera
+from slam.core.errors import InputError
+from slam.core.flight import Flight
+from slam.mapping.attitude_floor_tilt import attitude_floor_tilt
+from slam.mapping.build_estimate import reason_kind
+from slam.mapping.camera_mount import estimated_mount
+from slam.mapping.clock_offset import correctable_delay
+from slam.mapping.context import Context, Job
+from slam.mapping.front_end import FrontEnd, Observations
+from slam.mapping.keyframe_readings import inertial_readings
+from slam.mapping.lift_edges import lift_edges
+from slam.mapping.map import Map, largest_first
+from slam.mapping.obstacles import Masks
+from slam.mapping.refine import refine_map
+from slam.mapping.rolling_shutter import correct_rolling_shutter
+from slam.mapping.search_radius import KnownPoses, implausible_edges, search_radius
+from slam.mapping.setup import Setup
+from slam.mapping.solve_pose_graph import solve_pose_graph
+from slam.mapping.tracking_gaps import without_false_links
+
+
+def track(job: Job, flight: Flight, masks: Masks) -> tuple[Context, Observations]:
+    """Track the pictures, select keyframes, and register each to its neighbours.
+
+    Raises ``InputError`` where fewer than two pictures are usable.
+    """
+    front_end = FrontEnd(flight, job.camera, job.config, job.progress)
+    with job.timer("track"):
+        observations = front_end.track(masks)
+        if job.camera.readout_s > 0:
+            observations = correct_rolling_shutter(observations, job.camera, flight.imu, front_end.register)
+        _refuse_unless(len(observations.stamps_s) >= 2, flight, observations)
+        context = Context.of(flight, job, front_end, observations)
+        checked = without_false_links(observations, context.bridges)
+        if checked is not observations:
+            context = Context.of(flight, job, front_end, checked)
+        return context, front_end.neighbours(checked)
+
+
+def odometry(context: Context, observations: Observations) -> Map:
+    """Solve the graph of neighbouring keyframes."""
+    with context.timer("graph"):
+        return _solved(observations, context.setup, context.on_step, covariances=True)
+
+
+def close_loops(context: Context, chain: Map) -> Map:
+    """Register keyframes that look alike and lie within reach, and solve the graph with the plausible ones.
+
+    Raises ``InputError`` where no two pictures match.
+    """
+    setup, heights = context.setup, chain.edges.heights
+    with context.timer("loops"):
+        radius = search_radius(setup, heights, chain.graph)
+        observations = context.front_end.close_loops(chain.observations, radius)
+        _refuse_unless(len(observations.registrations) > 0, context.flight, observations)
+        bridged = chain if context.flight.gps is not None else context.bridges.join(chain)
+        known = KnownPoses(bridged.w_T_b, bridged.covariances, bridged.component, heights.height_m)
+        observations = _plausible(observations, setup, known)
+    with context.timer("graph"):
+        return replace(_solved(observations, setup, context.on_step), odometry=chain)
+
+
+def refine(context: Context, solved: Map, with_inertia: bool = False) -> Map:
+    """Refine all parts on their floor points, and join them by inertial bridges.
+
+    Raises ``InputError`` where no pose of a camera above a floor explains the matches.
+    """
+    inertial = inertial_readings(context.flight.imu) if with_inertia else None
+    with context.timer("refine"):
+        refined = context.bridges.join(refine_map(solved, context.setup, context.job.progress, inertial))
+    if (refined.component < 0).all() and not with_inertia:
+        raise InputError(
+            f"{context.flight.name}: the pictures match, but no pose of a camera above a floor explains how; "
+            "check T_BS (which way it looks) and intrinsics in cam0/sensor.yaml, and the attitude"
+        )
+    return refined
+
+
+def match_overlaps(context: Context, refined: Map) -> Map:
+    """Register all keyframes whose footprints overlap according to the refined poses."""
+    with context.timer("loops"):
+        observations = context.front_end.match_overlaps(
+            refined.observations, refined.over_floor_T_b, refined.floor_z_m
+        )
+    return replace(refined, observations=observations)
+
+
+def solve_again(context: Context, matched: Map) -> Map:
+    """Solve the graph with the refined tilts, without edges that the refined poses contradict."""
+    known = matched.known_poses()
+    with context.timer("loops"):
+        tilted = context.setup.with_tilts(known.w_T_b, matched.over_floor_covariances)
+        # Overlapping footprints may match a look-alike piece of floor beside the common one.
+        observations = _plausible(matched.observations, tilted, known)
+    with context.timer("graph"):
+        return replace(_solved(observations, tilted, context.on_step), odometry=matched.odometry)
+
+
+def self_calibrate(context: Context, matched: Map, refined: Map) -> tuple[Context, Map]:
+    """Correct clock offset and camera mount where the flight determines them, and refine once more."""
+    delay_s = correctable_delay(refined.inertial)
+    camera = _estimated_mount(context, refined)
+    if delay_s == 0.0 and camera is None:
+        return context, refined
+    observations, chain = matched.observations, matched.odometry or matched
+    context = context.calibrated(delay_s, camera or context.job.camera, observations)
+    chain = odometry(context, chain.observations)
+    again = solve_again(context, replace(refined, observations=observations, odometry=chain))
+    return context, refine(context, again, with_inertia=True)
+
+
+def _estimated_mount(context: Context, refined: Map) -> Camera | None:
+    if context.flight.parts:  # each has a level of its own
+        return None
+    poses = refined.of_main(refined.w_T_b)
+    tilt = attitude_floor_tilt(context.flight, refined.observations.stamps_s, poses)
+    return estimated_mount(context.job.camera, tilt, refined.inertial)
+
+
+def _solved(
+    observations: Observations,
+    setup: Setup,
+    on_step: Callable[[int, float], None],
+    covariances: bool = False,
+) -> Map:
+    edges = lift_edges(observations.registrations, setup)
+    graph = solve_pose_graph(edges, setup, on_step, covariances)
+    component = largest_first(graph.component)
+    n = len(graph.w_T_b)
+    known = np.full((n, 6, 6), np.nan) if graph.covariances is None else graph.covariances
+    return Map(
+        observations=observations,
+        edges=edges,
+        graph=graph,
+        w_T_b=graph.w_T_b,
+        covariances=known,
+        over_floor_covariances=known,
+        component=component,
+        camera=setup.camera,
+        height_std_m=(0.0,) * (int(component.max(initial=-1)) + 1),
+    )
+
+
+def _plausible(observations: Observations, setup: Setup, known: KnownPoses) -> Observations:
+    """Drop the pairs that lie where the known poses exclude them."""
+    edges = lift_edges(observations.registrations, setup).at_heights(known.height_m)
+    return observations.without(implausible_edges(edges, known, setup.config.loops))
+
+
+def _refuse_unless(joined: bool, flight: Flight, observations: Observations) -> None:
+    if joined:
+        return
+    dropped = observations.rejected + Counter(reason_kind(r.reason) for r in observations.refused)
+    reasons = ", ".join(f"{count} x {reason}" for reason, count in dropped.most_common(3))
+    usable, frames = len(observations.stamps_s), observations.frames
+    what = (
+        f"no two of {frames} pictures could be joined"
+        if usable > 1
+        else f"{usable} of {frames} pictures usable"
+    )
+    on_reading = next((line for line in flight.warnings if line.startswith("cam0:")), "nothing to compare")
+    if frames == 1:
+        on_reading = f"there is one alone; {on_reading}"
+    raise InputError(
+        f"{flight.name}: {what} ({reasons or on_reading}); a map needs two pictures that overlap, "
+        "of a floor with texture and light"
+    )
