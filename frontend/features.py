@@ -80,7 +80,7 @@ class Features:
 
 @dataclass(frozen=True)
 class _Detected:
-    """What a detector found."""
+    """Keypoints and descriptors of a detector."""
 
     points: list[cv2.KeyPoint]
     descriptor: NDArray[Any]
@@ -192,11 +192,9 @@ class Extractor:
         return found[_by_strength(found.points)[:most]] if len(points) > most else found
 
     def _left_bare(self, found: _Detected, size: NDArray[np.int64]) -> Image | None:
-        """Where (h, w) to look once more, since the strongest features crowd in a part of the picture.
-
-        Something rich in texture, a landing gear or a passer-by, would else leave nothing to the floor. None
-        where they don't.
-        """
+        """Return a mask (h, w) of the area to search once more, if the strongest features crowd in one part.
+        Otherwise a textured object, such as a landing gear, would leave no features to the floor. Return
+        None if they do not crowd."""
         if len(found.points) < USED_UP * self.config.max_features:
             return None
         held = np.bincount(found.cells(size), minlength=CELLS)

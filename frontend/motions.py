@@ -32,8 +32,8 @@ DISTINCT_MOTION_WIDTHS = 0.05
 MOST_LEAD = 2.0
 """Upper limit of the lead, in pictures filled by the floor alone."""
 MIXED, SHARP, SHARPER = 0.1, 0.25, 3.0
-"""Where the noise of a fit is more than this share of its threshold, two motions may be mixed in it: the fit
-with this share of the threshold is one of them if its noise is so many times less."""
+"""If the noise of a fit exceeds this share of its threshold, two motions may be mixed. The fit with this
+share of the threshold is one of them if its noise is so many times smaller."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,8 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 _BEYOND = 0.5
-"""Of the picture's size: how far beyond its border ideal pixels are drawn, on each side."""
+"""Margin beyond the border in which ideal pixels are drawn, as a share of the picture's size, on each side.
+"""
 _FOLD_PX = 0.05
 """A pixel whose ray the lens does not send back to it, by so much, was not seen."""
 _FAR_PX = 1e6
@@ -30,7 +31,7 @@ _COARSE = 8
 
 @dataclass(frozen=True)
 class Rectifier:
-    """Where the pixels of a rectified picture (h, w) are found in the recorded one."""
+    """Positions of the pixels of a rectified picture (h, w) in the recorded one."""
 
     x: NDArray[np.float32]
     y: NDArray[np.float32]
@@ -46,7 +47,7 @@ class Rectifier:
         return np.asarray(drawn, dtype=np.uint8)
 
     def mask(self, recorded: Image | None) -> Image:
-        """Where to look: 0 where nothing was recorded, or where ``recorded`` (a mask) is."""
+        """Return the mask to search: 0 where nothing was recorded, or where ``recorded`` (a mask) is 0."""
         if recorded is None:
             return self.seen
         drawn = cv2.remap(recorded, self.x, self.y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REFLECT_101)

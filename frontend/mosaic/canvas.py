@@ -1,4 +1,4 @@
-"""Where a mosaic lies on the floor: whole pixels of a grid that covers the whole plane.
+"""Position of a mosaic on the floor: whole pixels of a grid that covers the whole plane.
 
 Column 0 of that grid begins at x = 0 and row 0 at y = 0, columns count to the east and rows to the south.
 Cells, tiles and sampling points are cut out of it too, so that a mosaic that grows keeps those it has.
@@ -50,7 +50,7 @@ class Squares:
     """Pixel where the first one begins; it may lie before the mosaic's first."""
     rows: int
     cols: int
-    """Of squares."""
+    """Number of columns, in squares."""
 
 
 @dataclass(frozen=True)

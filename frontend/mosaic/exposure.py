@@ -23,7 +23,8 @@ from scipy.sparse.linalg import spsolve
 Array = NDArray[np.float64]
 
 SAMPLE_STD = 0.1
-"""Of one log brightness: patches are small, off by a pixel, and their neighbours err alike."""
+"""Standard deviation of one log brightness: patches are small, shifted by a pixel, and correlated with their
+neighbours."""
 GAIN_STD = 0.2
 VIGNETTE_STD = 0.3
 HUBER = 0.1
@@ -50,7 +51,7 @@ class Samples:
 
 @dataclass(frozen=True)
 class Exposure:
-    """What to multiply pictures by."""
+    """Factors that the pictures are multiplied by."""
 
     gain: Array
     """(views, 3), blue, green, red."""

@@ -1,4 +1,4 @@
-"""Where a mosaic lies on the floor, which pictures it needs, and which of them owns which piece of ground.
+"""Position of a mosaic on the floor, the pictures that it needs, and the owner of each piece of ground.
 
 The owner of a piece of ground is the picture that sees it best: far from the picture's border, from
 above, at the resolution of the mosaic. Owners are found once for the whole mosaic on a coarse lattice of
@@ -47,7 +47,7 @@ class MosaicPlan(MosaicGrid):
     left_out: dict[int, str] = field(default_factory=dict)
     """Pose number -> why its picture cannot be used."""
     note: str = ""
-    """What was decided for the user, in one sentence; empty where nothing was."""
+    """One sentence about a choice made for the user; empty if there was none."""
 
     @property
     def sampling(self) -> Squares:

@@ -44,7 +44,7 @@ class RenderedTile:
     rgba: Image
     """(rows, cols, 4); alpha is 255 where a picture shows the floor and 0 elsewhere."""
     fingerprint: str
-    """What it was made of: `frontend.mosaic.window`."""
+    """Digest of the tile's inputs: `frontend.mosaic.window`."""
     kept: bool = False
     """Taken from an earlier mosaic."""
 
@@ -88,7 +88,8 @@ class Pictures:
         return picture
 
     def digest(self, index: int) -> bytes:
-        """Of the picture of ``plan.views[index]``, its size included; of nothing where it is unusable."""
+        """Return the digest of the picture of ``plan.views[index]`` with its size; of nothing if it is
+        unusable."""
         if index not in self._digests and self[index] is None:
             return b""
         return self._digests[index]

@@ -1,4 +1,4 @@
-"""What a tile is made of, and nothing else: the owners of the ground around it, their views and pictures.
+"""Inputs of a tile: the owners of the ground around it, their views and pictures.
 
 All of it goes into the tile's fingerprint. Where that is the same, so are the pixels: a tile that was
 rendered before need not be rendered again.
@@ -63,7 +63,7 @@ def fingerprint(plan: MosaicPlan, tile: Tile, digest: Callable[[int], bytes], ex
 
 @cache
 def _renderer() -> bytes:
-    """Of the code that draws, of OpenCV and of the processor: another one may draw otherwise."""
+    """Return a digest of the drawing code, of OpenCV and of the processor: others may draw differently."""
     made = blake2b(repr((cv2.__version__, cv2.getCPUFeaturesLine(), np.__version__)).encode())
     folder = Path(__file__).parent
     for path in (*sorted(folder.glob("*.py")), folder.parent / "camera.py"):

@@ -20,7 +20,7 @@ from slam.io.files import refusal
 
 
 def partial_path(target: Path) -> Path:
-    """Where ``target`` is built: beside it, hidden, with its suffix."""
+    """Return the hidden path beside ``target`` where it is built; it keeps the suffix."""
     return target.with_name(f".{target.stem}.partial{target.suffix}")
 
 

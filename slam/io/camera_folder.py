@@ -24,7 +24,7 @@ _FOCAL_PER_WIDTH = (0.02, 250.0)
 SIZES_CHECKED = 32
 """Headers looked at on reading; every picture is checked again when it is loaded."""
 DEPTHS_CHECKED = 8
-"""Of 16-bit pictures, so many are decoded on reading: one with a bright spot is enough."""
+"""Number of 16-bit pictures that are decoded on reading: one with a bright spot is enough."""
 
 
 def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
@@ -195,7 +195,7 @@ def _check_sizes(paths: tuple[Path, ...], camera: Camera, notes: list[str]) -> N
 
 
 def _depth_bits(paths: tuple[Path, ...], notes: list[str]) -> int | None:
-    """Of 16-bit pictures, how many bits the camera fills; None where those looked at have 8."""
+    """Return how many bits the camera fills in its 16-bit pictures; None for 8-bit pictures."""
     values = []
     for k in np.unique(np.linspace(0, len(paths) - 1, DEPTHS_CHECKED).astype(int)):
         try:

@@ -42,7 +42,7 @@ class CsvTable:
     lines: NDArray[np.int64]
     """(n,) line in the file."""
     notes: tuple[str, ...] = ()
-    """What was dropped, one line each, without the file's name."""
+    """One line for each loss of data, without the file's name."""
     cut_short: bool = False
     """The file ends as a recorder without power leaves it."""
 

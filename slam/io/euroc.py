@@ -27,9 +27,9 @@ from slam.io.streams import COLUMNS
 Array = NDArray[np.float64]
 
 _FOREIGN = ("body.yaml", "cam1", "leica0", "vicon0")
-"""What EuRoC's recordings hold beside the streams of a flight."""
+"""Names in EuRoC's recordings that a flight folder does not have."""
 _SHARED = ("cam0", "imu0", "state_groundtruth_estimate0")
-"""What both hold."""
+"""Names that both have."""
 _ARCHIVES = (".zip", ".gz", ".tgz", ".tar", ".7z", ".bag")
 _DOWN_LOOKING_DEG = 30.0
 

@@ -32,7 +32,7 @@ _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
 
 @dataclass(frozen=True)
 class PhotoTags:
-    """What one photograph says of itself."""
+    """Tags of one photograph."""
 
     size_px: tuple[int, int]
     """(width, height) of the stored pixels."""
@@ -54,7 +54,7 @@ class PhotoTags:
     camera_time_ns: int | None = None
     """The camera's calendar clock read as if it were UTC, since 1970."""
     utc_offset_ns: int | None = None
-    """What to take from it for UTC."""
+    """Offset to subtract from the time for UTC."""
     gps_time_ns: int | None = None
     """UTC since 1970."""
     latitude_deg: float | None = None

@@ -32,7 +32,7 @@ _SCENES = 8
 
 @dataclass
 class _Recording:
-    """What was found on disk, before it is put in order."""
+    """Content of the folder, before it is put in order."""
 
     root: Path
     about: YamlFile
@@ -195,7 +195,7 @@ def _flag(about: YamlFile, key: str) -> bool:
 
 
 def _assumed(about: YamlFile) -> list[str]:
-    """What was dropped, repaired or assumed when the flight was made from something else."""
+    """Read the notes on losses, repairs and assumptions from an earlier conversion of the flight."""
     lines = about.fields.get("assumed", [])
     if not isinstance(lines, list) or not all(isinstance(line, str) for line in lines):
         raise about.refuse("assumed", "is not a list of lines", "write one `- line` for each")

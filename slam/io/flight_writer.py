@@ -51,7 +51,8 @@ _PNG = [
     *(cv2.IMWRITE_PNG_COMPRESSION, 1),
     *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
 ]
-"""Of a camera's noise nothing is left to be found by a search for repeats: twice as fast, and smaller."""
+"""Compression without a search for repeats: in camera noise there are none. It is twice as fast, and files
+are smaller."""
 _SUFFIXES = {"png": (".png",), "jpg": (".jpg", ".jpeg")}
 
 
@@ -151,7 +152,7 @@ def _values(series: Series, width: int) -> Array:
 
 
 def _nominal(series: Series) -> dict[str, object]:
-    """What the series' ``sensor.yaml`` says beside mount and rate."""
+    """Return the nominal figures of the series' ``sensor.yaml`` besides mount and rate."""
     match series:
         case Imu():
             return {key: getattr(series, name) for key, name in IMU_DENSITIES.items()}

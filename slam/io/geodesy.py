@@ -1,4 +1,4 @@
-"""Where on Earth: WGS 84 geodetic, Earth-centred (ECEF) and local east-north-up coordinates.
+"""Coordinates on Earth: WGS 84 geodetic, Earth-centred (ECEF) and local east-north-up.
 
 The conversions are exact on the ellipsoid (no flat-Earth approximation), so distances between points
 survive. Altitude is height above the ellipsoid; a height above sea level may stand in for it, as the two

@@ -45,7 +45,7 @@ _RGBA = {
 
 @dataclass(frozen=True)
 class Grid:
-    """Where the pixels of a north-up raster lie in the world."""
+    """Position of the pixels of a north-up raster in the world."""
 
     west_m: float
     north_m: float
@@ -54,7 +54,7 @@ class Grid:
     width: int
     height: int
     origin: GeoOrigin | None = None
-    """Where x = y = 0 stands on Earth, x to the east and y to the north; None for a local plane."""
+    """Position of x = y = 0 on Earth, x to the east and y to the north; None for a local plane."""
     metric: bool = True
     """Whether lengths are metres; else they are of a unit of the map's own."""
 

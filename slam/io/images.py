@@ -28,7 +28,7 @@ HEADER_BYTES = 1 << 18
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG_SIZE_MARKERS = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _TAG_BLOCKS = re.compile(rb"(\xff[\xe1\xe2]..)(Exif|MPF\0)", re.DOTALL)
-"""Where a JPEG's Exif and multi-picture blocks begin."""
+"""Start of a JPEG's Exif and multi-picture blocks."""
 _FOREIGN = {b"II*\0": "a TIFF", b"MM\0*": "a TIFF", b"GIF8": "a GIF", b"RIFF": "a WebP", b"BM": "a BMP"}
 
 
@@ -48,7 +48,8 @@ class PictureFiles:
     size_px: tuple[int, int] | None
     """(width, height) that every picture must have; None takes any."""
     depth_bits: int | None = None
-    """Of 16-bit files, one for all, lest one be brighter than its neighbours; None: as each has it."""
+    """Common bit depth of 16-bit files, so that none is brighter than its neighbours; None: each file has
+    its own."""
     failures: dict[int, str] = field(default_factory=dict)
     """Why picture k could not be read, for those that were asked for and could not."""
 

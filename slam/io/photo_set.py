@@ -56,7 +56,7 @@ class PhotoSet:
     photos: tuple[Photo, ...]
     attitude: AttitudeSource | None
     remarks: tuple[str, ...]
-    """What was left out or assumed, one line each."""
+    """One line for each photograph left out and each assumption."""
 
 
 def holds_photos(folder: Path) -> bool:

@@ -20,11 +20,12 @@ Array = NDArray[np.float64]
 Series = Imu | Sonar | AttitudeSeries | Velocity | Command | Scalar | Motor | Gps | Truth
 
 MAX_NOISE_STD, MAX_SCALE_STD = 1e9, 1.0
-"""Beyond, a reading says nothing and its covariance cannot be calculated with."""
+"""Larger deviations carry no information, and their covariance cannot be computed with."""
 SATURATED = 0.999
 """Share of max_range from which a range is what sonars give where they heard nothing."""
 METRES_PER_DEGREE = 111_319.49
-"""Of latitude, WGS 84 equatorial: good to 1 % anywhere, enough for a standard deviation."""
+"""Metres per degree of latitude (WGS 84, equatorial): good to 1 % anywhere, enough for a standard deviation.
+"""
 
 
 def _axes(name: str, axes: str, unit: str, limit: float, optional: bool = False) -> tuple[CsvColumn, ...]:
@@ -72,7 +73,7 @@ KNOWN_KEYS = (
 
 @dataclass(frozen=True)
 class Source:
-    """What a series is built from: ordered rows, nominal figures, and where to tell what was done."""
+    """Inputs of a series: ordered rows, nominal figures, and the list that collects notes."""
 
     table: CsvTable
     sensor: YamlFile

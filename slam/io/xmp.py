@@ -1,4 +1,4 @@
-"""What drone makers write into a picture's XMP packet: names and values of two families.
+"""Values that drone makers write into a picture's XMP packet: two families of names.
 
 ``drone``: DJI's names (``drone-dji:GimbalYawDegree``) and those of makers that copy them under a namespace of
 their own. ``camera``: Pix4D's names (``Camera:Yaw``), used by Parrot, senseFly, Autel, MicaSense and others.

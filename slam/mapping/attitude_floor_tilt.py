@@ -31,7 +31,7 @@ the attitude wanders about it."""
 
 @dataclass(frozen=True)
 class AttitudeFloorTilt:
-    """What the attitude has for upwards, less what the floor has; rad, the level parts of it."""
+    """Upward direction of the attitude minus that of the floor: the level components, in rad."""
 
     in_world: Array
     """(2,) on average, in the map's axes."""

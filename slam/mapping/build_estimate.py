@@ -28,13 +28,13 @@ Array = NDArray[np.float64]
 
 
 MOVING_SHARE = 0.02
-"""Of the pictures: fewer in which something seems to move by itself are chance."""
+"""Smallest share of pictures with a moving object that is reported; fewer are chance."""
 
 
 def _loop_verdicts(
     config: PipelineConfig, observations: Observations, edges: Edges, solution: Solution
 ) -> tuple[LoopVerdict, ...]:
-    """What became of each pair of keyframes that lies far enough apart in time to be a loop."""
+    """List the verdict on each pair of keyframes that lies far enough apart in time to be a loop."""
     t, apart = observations.stamps_s, config.loops.min_separation_s
     verdicts = [
         LoopVerdict(r.i, r.j, "rejected", r.reason)
@@ -152,7 +152,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
 
 
 def _moving(observations: Observations) -> list[str]:
-    """What else than the floor moves in the pictures, if it is more than a chance find."""
+    """Report objects that move by themselves, if there are more than by chance."""
     if observations.moving <= MOVING_SHARE * observations.frames:
         return []
     return [

@@ -12,7 +12,7 @@ from slam.core.flight import VEHICLE_CLOCK_STREAMS, Flight
 from slam.mapping.inertial_scale import AccelerometerScale
 
 _NOTABLE_S = 0.025
-"""What exposure, transfer and the jitter of cheap cameras' stamps make of one clock."""
+"""Largest offset that exposure, transfer and the jitter of cheap cameras' stamps cause on one clock."""
 _SURE = 6.0
 """Standard deviations by which a delay must differ from none: its own is of white noise alone."""
 _EDGE_S = 0.002

@@ -16,7 +16,7 @@ from slam.inertial.instruments import InertialTrust
 
 @dataclass(frozen=True)
 class SensorTrust:
-    """What is assumed of sensors beyond what their makers say."""
+    """Assumptions about sensors beyond their nominal figures."""
 
     attitude_floor_rad: float = 0.005
     """No attitude is believed better than this."""
@@ -58,7 +58,7 @@ class MaskingConfig:
     gamma_3_m: float = 0.06
     """Nothing that stands less high over the floor is masked."""
     least_share: float = 0.01
-    """Of the echoes must stand out for a flight to have obstacles at all; a flat floor is left alone."""
+    """Smallest share of the echoes that must be obstacles; below it the floor is flat and is left alone."""
 
 
 _MOST = 1e6

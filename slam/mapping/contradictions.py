@@ -22,7 +22,7 @@ LEAST_STEPS = 15
 LEAST_TURN_RAD, LEAST_WAY_M = np.radians(1.0), 0.05
 """Root mean square of what the map does in a step: of less, noise hides what an instrument says."""
 ABOVE_NOISE = 2.0
-"""Times the noise that an attitude is told to have, so that one three times as noisy still looks alike."""
+"""Multiple of an attitude's nominal noise: an attitude three times as noisy still correlates."""
 ALIKE, AGAINST = 0.5, -0.5
 """Correlations of one motion, and of one with its sign turned."""
 FAR = 1.5
@@ -67,7 +67,7 @@ def contradictions(flight: Flight, stamps_s: Array, w_T_b: Array, metric: bool) 
 
 
 def _told(who: str, read: Array, made: Array, least: float, by_length: bool = False) -> Iterator[str]:
-    """What is read of each step against what the map makes of it, both (n, c)."""
+    """Compare the readings of each step with the map's, both (n, c), and describe a contradiction."""
     known = np.isfinite(read).all(axis=1)
     read, made = read[known], made[known]
     if len(read) < LEAST_STEPS or np.sqrt(np.mean((made**2).sum(axis=1))) < least:

@@ -10,8 +10,8 @@ from frontend.camera import Camera
 from slam.core.flight import Flight
 
 LEAST_FALL = 0.17
-"""Of a unit vector that still meets the floor: within 10 degrees of the horizon neither a picture nor an echo
-says anything of it."""
+"""Smallest downward component of a unit vector that still meets the floor. Within 10 degrees of the horizon
+neither a picture nor an echo gives information about it."""
 
 
 def without_horizon_frames(flight: Flight, camera: Camera) -> Flight:

@@ -32,7 +32,7 @@ LINK = 2
 
 @dataclass(frozen=True)
 class Observations:
-    """What the pictures say."""
+    """Results of the front end for one flight."""
 
     store: FeatureStore
     frame_index: NDArray[np.int64]
@@ -55,8 +55,9 @@ class Observations:
     """Frames between keyframes."""
 
     def registered(self) -> list[list[tuple[int, Array]]]:
-        """Of each keyframe: the frames that were registered to it in tracking, in order, and their (3, 3)
-        homographies into its picture. Itself first; last the next keyframe, where that is linked to it."""
+        """Return, for each keyframe, the frames registered to it in tracking, in order, with their (3, 3)
+        homographies into its picture. The keyframe itself comes first; the next keyframe comes last, if it
+        is linked."""
         seen: list[list[tuple[int, Array]]] = [[(int(frame), np.eye(3))] for frame in self.frame_index]
         for passed in self.passed:
             seen[passed.keyframe].append((passed.frame, passed.i_H_j))

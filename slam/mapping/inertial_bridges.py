@@ -137,7 +137,7 @@ class InertialBridges:
 
 @dataclass(frozen=True)
 class _Placed:
-    """Where a part stands in the world of the part it is joined to, and how well that is known."""
+    """Pose of a part in the world of the part it is joined to, with its covariance."""
 
     root_T_part: Array
     covariance: Array

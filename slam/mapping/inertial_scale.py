@@ -29,12 +29,13 @@ _REFINED_RAD = 1e-3
 _CONTRADICTED = 4.0
 """Standard deviations by which two instruments may differ on lengths."""
 _HELPFUL = 3.0
-"""What is known so many times worse than the map's scale would sharpen it by a twentieth."""
+"""Largest ratio to the map's own scale deviation at which the accelerometer is used: at this ratio it
+sharpens the scale by a twentieth."""
 
 
 @dataclass(frozen=True)
 class AccelerometerScale:
-    """What the accelerometer tells of a refined part of a map."""
+    """Scale, bias and delay from the accelerometer for a refined part of a map."""
 
     found: InertialScale
     lengths: ScalePrior
@@ -85,8 +86,9 @@ def accelerometer_scale(
 
 
 def path_at_frames(observations: Observations, w_T_b: Array, camera: Camera) -> tuple[Array, Array, Array]:
-    """Times (m,) in order and poses (m, 4, 4) of keyframes and of the frames between them, and covariances
-    (l, 6, 6) of what single pictures err by: those between, or the keyframes themselves where none is.
+    """Return times (m,) in order and poses (m, 4, 4) of keyframes and of the frames between them. Return
+    also the covariances (l, 6, 6) of single pictures: of the frames between, or of the keyframes if there
+    are none.
 
     ``w_T_b`` (n, 4, 4): of the keyframes, over a floor at z = 0; NaN where not placed.
     """

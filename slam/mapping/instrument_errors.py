@@ -53,8 +53,8 @@ def attitude_errors(
 def accelerometer_errors(
     by_inertia: AccelerometerScale | None, taken_out_s: float
 ) -> AccelerometerErrors | None:
-    """What the accelerometer was found to be off by, and what it says of lengths; of the delay of the
-    pictures ``taken_out_s`` was taken out before."""
+    """Summarise bias, lever arm, delay and scale of the accelerometer; ``taken_out_s`` of the delay was
+    corrected before."""
     if by_inertia is None:
         return None
     found, lengths = by_inertia.found, by_inertia.lengths

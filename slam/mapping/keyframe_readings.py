@@ -1,4 +1,4 @@
-"""What each sensor says at the times of the keyframes."""
+"""Readings of each sensor at the times of the keyframes."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from slam.mapping.config import MaskingConfig
 Array = NDArray[np.float64]
 
 BANDWIDTH = 0.012
-"""Of the density of log(range / height)."""
+"""Bandwidth of the density of log(range / height)."""
 PEAK_SHARE = 0.35
 """The floor is the farthest peak at least this high beside the highest."""
 RELATIVE_GAMMA = 0.04
@@ -40,7 +40,8 @@ LONG_S, CLIMBED = 0.5, 0.5 * RELATIVE_GAMMA
 """Between keyframes so far apart in time, and in height by so much of it, the height is anyone's guess."""
 
 Masks = Callable[[int], Image | None]
-"""Of a frame's number: where to look for features, 0 where not; None where everywhere."""
+"""Function of a frame's number: the mask of pixels to search for features (0: not searched); None for all
+pixels."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class Echoes:
     """Median height of flight."""
 
     def gamma_m(self, config: MaskingConfig) -> float:
-        """What stands out from the floor stands higher than this."""
+        """Smallest height of an object above the floor."""
         return max(config.gamma_3_m, 5 * self.floor_std_m, RELATIVE_GAMMA * self.flying_m)
 
     def standing(self, config: MaskingConfig) -> NDArray[np.bool_]:
@@ -158,7 +159,7 @@ def no_masks(frame: int) -> Image | None:
 
 @dataclass(frozen=True)
 class Obstacles:
-    """What stands out from the floor of a flight."""
+    """Objects that stand on the floor of a flight."""
 
     sonar: Sonar
     """Without the readings that hear obstacles: they are no heights over the floor."""
@@ -169,7 +170,7 @@ class Obstacles:
     w_p_m: Array
     """(m, 2) where the map that they were found in has each reading of the sonar."""
     radius_m: float
-    """Of the beam on the floor, median."""
+    """Median radius of the beam on the floor."""
 
     def moved_from(self, before: Obstacles) -> bool:
         """Whether the map ``before`` had the readings elsewhere by half a beam, but for a similarity."""
@@ -199,10 +200,8 @@ def find_obstacles(
     floor_z_m: float,
     config: MaskingConfig,
 ) -> Obstacles | None:
-    """What stands out from the floor under a map's keyframes; None where nothing does, or without a sonar.
-
-    Of a sonar that hardly ever hears the floor nothing is taken for an obstacle, and that is told.
-    """
+    """Find objects on the floor under a map's keyframes; return None without any, or without a sonar. If a
+    sonar hardly ever measures the floor, no echo counts as an obstacle, and a warning says so."""
     sonar, frames = flight.sonar, flight.frames
     echoes = (
         echoes_in_map(sonar, stamps_s, over_floor_T_b, floor_z_m) if config.pixels or config.echoes else None

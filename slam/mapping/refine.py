@@ -114,7 +114,7 @@ class MapPart:
 
 @dataclass(frozen=True)
 class _Evidence:
-    """What parts are placed and refined by."""
+    """Inputs of the refinement that all parts share."""
 
     setup: Setup
     observations: Observations
@@ -178,7 +178,7 @@ class _Evidence:
 
 
 def _scale_warnings(by_inertia: AccelerometerScale | NoScale | None, bundle: Bundle) -> list[str]:
-    """What a person must know of it: where it contradicts, and where it was wanted for lengths in vain."""
+    """Report a contradiction of the scale, and a scale that was needed but not found."""
     if isinstance(by_inertia, NoScale):
         wanted = bundle.scale_std is None
         return [f"imu0 could not determine the metric scale: {by_inertia.reason}"] if wanted else []

@@ -1,4 +1,4 @@
-"""Where one more picture was taken in a map that is already made.
+"""Position of one more picture in a map that exists already.
 
 The map's keyframes that look most like the picture are registered to it; their features are points of the
 floor, and the camera is resected from those.
@@ -35,7 +35,7 @@ _FAR_SIGMAS = 4.0
 
 @dataclass(frozen=True)
 class Location:
-    """Where a picture was taken, or why that is not known."""
+    """Pose of a picture in the map, or the reason why it is unknown."""
 
     w_T_b: Array
     """(4, 4) in the map's world; NaN where not found."""
@@ -103,7 +103,7 @@ class Relocalizer:
         self._signatures = np.array(looks)
 
     def locate(self, image: Image) -> Location:
-        """Where the picture, of the map's camera, was taken."""
+        """Locate a picture of the map's camera."""
         if image.shape[1::-1] != tuple(self.camera.size_px):
             w, h = self.camera.size_px
             return nowhere(f"the picture has {image.shape[1]}x{image.shape[0]} px, the map's camera {w}x{h}")
@@ -156,7 +156,7 @@ class Relocalizer:
 def relocalize(
     image: Image, estimate: Estimate, flight: Flight, config: PipelineConfig = PipelineConfig()
 ) -> Location:
-    """Where one picture was taken in the map of a flight; for many pictures keep a `Relocalizer`.
+    """Locate one picture in the map of a flight; for many pictures keep a `Relocalizer`.
 
     Raises ``InputError`` where the map was not made of this flight.
     """

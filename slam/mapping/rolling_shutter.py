@@ -32,10 +32,8 @@ Register = Callable[[int, int, Features, Features, Expectation | None], Registra
 def correct_rolling_shutter(
     observations: Observations, camera: Camera, imu: Imu | None, register: Register
 ) -> Observations:
-    """What was seen, with features where they would lie had all rows been exposed with the middle one.
-
-    Links are registered anew; one that does not hold then stays as it was.
-    """
+    """Move features to where they would lie if all rows had been exposed with the middle one. Links are
+    registered again; a link that then fails stays as it was."""
     beside = _beside(observations)
     stamps_s = observations.frame_stamps_s
     turned = turning(imu, camera)
@@ -96,7 +94,7 @@ def turning(imu: Imu | None, camera: Camera) -> Callable[[float, Array], Array]:
 
 
 def _beside(observations: Observations) -> dict[int, list[NeighbourView]]:
-    """Of each frame: the frames next to it that were registered to the same keyframe."""
+    """Return, for each frame, the adjacent frames that were registered to the same keyframe."""
     beside: dict[int, list[NeighbourView]] = defaultdict(list)
     for frames in observations.registered():
         for (a, i_H_a), (b, i_H_b) in pairwise(frames):

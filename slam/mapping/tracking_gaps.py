@@ -37,7 +37,8 @@ class TrackingGap:
 
 
 def tracking_gaps(observations: Observations) -> tuple[TrackingGap, ...]:
-    """Where the chain of links goes on over a break; frames behind it may hang on the keyframe before it."""
+    """Find links across a gap in the pictures; frames behind the gap may be registered to the keyframe
+    before it."""
     stamps_s = observations.frame_stamps_s
     if len(stamps_s) < 2:
         return ()
