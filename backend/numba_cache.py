@@ -9,27 +9,29 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numba
 from numba.core import event
+
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 GROUPS: list[frozenset[Path]] = []
 """Groups of files with which `discard_stale` has been called."""
 
 
-def njit(**options: Any) -> Any:
+def njit(**options: Any) -> Callable[[Function], Function]:
     """Return numba's ``njit``, without the cache where no cache folder is writable.
 
     This happens in a container where the project is read-only and the user has no home folder. The
     environment variable ``NUMBA_CACHE_DIR`` can then name a folder.
     """
 
-    def compiled(function: Callable[..., Any]) -> Any:
+    def compiled(function: Function) -> Function:
         try:
-            return numba.njit(**options)(function)
+            return cast(Function, numba.njit(**options)(function))
         except RuntimeError:  # "no locator available"
-            return numba.njit(**{**options, "cache": False})(function)
+            return cast(Function, numba.njit(**{**options, "cache": False})(function))
 
     return compiled
 
@@ -65,7 +67,7 @@ def compiling(report: Callable[[bool], None]) -> Iterator[None]:
         yield
 
 
-class _Outermost(event.Listener):
+class _Outermost(event.Listener):  # type: ignore[misc]  # numba has no types
     """Listener that reports only the outermost of nested compilations."""
 
     def __init__(self, report: Callable[[bool], None]) -> None:

@@ -100,7 +100,7 @@ def nearest_rotations(M: Array) -> Array:
         return np.stack([c, -s, s, c], axis=1).reshape(-1, 2, 2)
     U, _, Vt = np.linalg.svd(M)
     U[..., -1] *= np.sign(np.linalg.det(U @ Vt))[:, None]
-    return U @ Vt
+    return np.asarray(U @ Vt)
 
 
 def orthonormal(T: Array) -> Array:

@@ -62,9 +62,11 @@ class Camera:
             return pixel
         # OpenCV's own five iterations leave 0.15 px in the corners of a wide lens.
         stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-6)
-        return cv2.undistortPoints(
-            pixel[:, None], self.matrix, np.array(self.distortion), P=self.matrix, criteria=stop
-        ).reshape(-1, 2)
+        return np.asarray(
+            cv2.undistortPoints(
+                pixel[:, None], self.matrix, np.array(self.distortion), P=self.matrix, criteria=stop
+            ).reshape(-1, 2)
+        )
 
     def magnification(self, pixel: Array) -> Array:
         """Return (n,) the side of a recorded pixel in undistorted pixels at **undistorted** pixels (n, 2).

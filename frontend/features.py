@@ -279,7 +279,7 @@ def _positions(kind: FeatureKind, points: Sequence[cv2.KeyPoint], size_px: NDArr
     if kind in ("orb", "orb-teblid"):
         nominal = np.float32(ORB_SCALE) ** level
         return (pixel / nominal + 0.5) * size_px / np.rint(size_px / nominal) - 0.5
-    return (pixel + 0.5) * size_px / (size_px // 2**level * 2**level) - 0.5
+    return np.asarray((pixel + 0.5) * size_px / (size_px // 2**level * 2**level) - 0.5)
 
 
 def _spread(kind: FeatureKind, points: Sequence[cv2.KeyPoint]) -> Array:

@@ -203,7 +203,7 @@ def _start(i_H_j: Array, camera: Camera, roll_pitch_rad: Array) -> Array:
 
 
 def _unit(v: Array) -> Array:
-    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+    return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
 
 
 def _floor(pixel: Array, camera: Camera, roll_pitch_rad: Array) -> tuple[Array, Array]:
@@ -275,7 +275,7 @@ def _projection_jacobian(b_p: Array, c_p: Array, R_cb: Array, focal: Array, b_sw
     d_pixel[..., 0, 2] = -focal[0] * c_p[..., 0] / z**2
     d_pixel[..., 1, 2] = -focal[1] * c_p[..., 1] / z**2
     d_body = np.concatenate([_cross_matrix(b_p), np.broadcast_to(-np.eye(3), (m, k, 3, 3)), b_swing], axis=-1)
-    return (d_pixel @ R_cb @ d_body).reshape(m, 2 * k, 8)
+    return np.asarray((d_pixel @ R_cb @ d_body).reshape(m, 2 * k, 8))
 
 
 def _cross_matrix(v: Array) -> Array:

@@ -49,4 +49,4 @@ class ObstacleMask:
             return None
         # One step wider: edges are known to a cell, and features have a support region.
         wide = cv2.dilate(high.reshape(self._shape).astype(np.uint8), np.ones((3, 3), np.uint8))
-        return cv2.resize(255 * (1 - wide), self.camera.size_px, interpolation=cv2.INTER_NEAREST)
+        return np.asarray(cv2.resize(255 * (1 - wide), self.camera.size_px, interpolation=cv2.INTER_NEAREST))

@@ -57,4 +57,4 @@ def _euclidean(
 
 
 def _distance(cosine: NDArray[np.float32]) -> NDArray[np.float32]:
-    return np.sqrt(np.maximum(2.0 - 2.0 * cosine, 0.0))
+    return np.asarray(np.sqrt(np.maximum(2.0 - 2.0 * cosine, 0.0)))

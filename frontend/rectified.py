@@ -101,7 +101,7 @@ def _recorded(camera: Camera, scale: Array, first: Array, step: int, count: NDAr
     lens, size = np.array(camera.distortion), (int(count[0]), int(count[1]))
     maps = cv2.initUndistortRectifyMap(camera.matrix, lens, None, matrix, size, cv2.CV_32FC1)
     # What no lens does may end anywhere.
-    return np.clip(np.nan_to_num(np.stack(maps, axis=-1), nan=-_FAR_PX), -_FAR_PX, _FAR_PX)
+    return np.asarray(np.clip(np.nan_to_num(np.stack(maps, axis=-1), nan=-_FAR_PX), -_FAR_PX, _FAR_PX))
 
 
 def _inside(recorded: Array, size_px: tuple[int, int]) -> NDArray[np.bool_]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -33,7 +34,7 @@ class RetrievalConfig:
 
 
 def vocabulary(
-    descriptors: Iterable[NDArray], counts: Sequence[int], config: RetrievalConfig, seed: int = 0
+    descriptors: Iterable[NDArray[Any]], counts: Sequence[int], config: RetrievalConfig, seed: int = 0
 ) -> Float:
     """Return (words, d) cluster centres of a sample of the flight's own descriptors.
 
@@ -58,7 +59,7 @@ def vocabulary(
     return np.ascontiguousarray(centres, dtype=np.float32)
 
 
-def signature(descriptor: NDArray, centres: Float) -> Float:
+def signature(descriptor: NDArray[Any], centres: Float) -> Float:
     """Return the VLAD (words * d,) of one picture, unit length; zeros for a picture without features."""
     words, d = centres.shape
     out = np.zeros((words, d), np.float32)
@@ -96,7 +97,7 @@ class Appearance:
     centres: Float
     components: Float
 
-    def of(self, descriptor: NDArray) -> Float:
+    def of(self, descriptor: NDArray[Any]) -> Float:
         """Return the unit vector (w,) of one picture; the inner product of two is their similarity."""
         return compressed(signature(descriptor, self.centres), self.components)
 
@@ -141,7 +142,7 @@ def _highest(values: Float, count: int) -> NDArray[np.int64]:
     return few[np.argsort(-values[few], kind="stable")]
 
 
-def as_float(descriptor: NDArray) -> Float:
+def as_float(descriptor: NDArray[Any]) -> Float:
     """Return descriptors as vectors; bit strings are unpacked to one value per bit."""
     if descriptor.dtype == np.uint8:
         return np.unpackbits(descriptor, axis=1).astype(np.float32)

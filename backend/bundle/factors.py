@@ -83,7 +83,7 @@ def scaled_position_factor(
             J[:, SLOPE] = -A @ cross_matrix(over_floor) @ rotation_jacobian(world, SLOPE)
             J[:, MOUNT] = A @ R @ t_hat @ rotation_jacobian(world, MOUNT)
             jacobians[1] = J
-        return A @ over_floor + np.array([0.0, 0.0, world[FLOOR_Z]]) - w_p_b_m
+        return np.asarray(A @ over_floor + np.array([0.0, 0.0, world[FLOOR_Z]]) - w_p_b_m)
 
     return gtsam.CustomFactor(model, [pose_key, world_key], error)
 

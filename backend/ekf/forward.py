@@ -173,7 +173,7 @@ def _gate_visual_step(
     reading.variance[:] *= nis / gates.step
     inflated = now - failing_since[STEP, 0] >= gates.patience_s
     log.status[k, :] = INFLATED if inflated else REJECTED
-    return inflated
+    return bool(inflated)
 
 
 @njit(cache=True)

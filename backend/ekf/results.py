@@ -46,7 +46,7 @@ class InstrumentInnovations:
     @property
     def accepted(self) -> NDArray[np.bool_]:
         """(m, d) True for components that were used with their full weight."""
-        return self.status == USED
+        return np.asarray(self.status == USED)
 
     @property
     def mean_nis(self) -> float | None:

@@ -184,7 +184,9 @@ def lower_bound(problem: Synchronization, w_R: Array, w_t: Array, order: NDArray
         shift = relative * scale
         factor = Factor(csc_array(matrix + diags_array(shift * rotational)), order)
         if factor.negative == 0:
-            return max(total + n * d * min(0.0, _min_eigenvalue(factor.solve, rotational > 0, shift)), 0.0)
+            return float(
+                max(total + n * d * min(0.0, _min_eigenvalue(factor.solve, rotational > 0, shift)), 0.0)
+            )
     return 0.0
 
 

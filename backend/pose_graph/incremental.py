@@ -217,7 +217,7 @@ def _first_pose(problem: Problem, w_T_b: Array | None) -> Array:
         if w_T_b.shape != (4, 4) or not np.isfinite(w_T_b).all():
             raise BackendError("the pose of the first keyframe is not a finite (4, 4) transform")
         return w_T_b
-    return aligned(np.eye(4)[None], problem.unary_factors)[0]
+    return np.asarray(aligned(np.eye(4)[None], problem.unary_factors)[0])
 
 
 def _gauge_prior(problem: Problem, start: Array) -> gtsam.NonlinearFactorGraph:

@@ -88,7 +88,7 @@ class Problem:
         """Return (m, d) whitened residuals of the edges as gtsam defines them: the log of the pose error."""
         error = se3.inverse(self.ij_T) @ se3.inverse(w_T[self.i]) @ w_T[self.j]
         tangent = se3.planar_log(error) if self.dimension == 2 else se3.log(error)
-        return np.einsum("mab,mb->ma", self.sqrt_information, tangent)
+        return np.asarray(np.einsum("mab,mb->ma", self.sqrt_information, tangent))
 
     def edge_factors(self, weight: Array | None = None) -> gtsam.NonlinearFactorGraph:
         """Return the between factors; ``weight`` (m,) multiplies the information, 0 omits the edge."""
@@ -169,7 +169,7 @@ def square_roots(information: Array) -> Array:
                 f"the information matrix of edge {e} is not positive (smallest eigenvalue {values[e, 0]:.3g};"
                 f" {bad.sum()} such edges); drop it"
             ) from None
-        return np.sqrt(np.maximum(values, 0))[:, :, None] * np.swapaxes(vectors, 1, 2)
+        return np.asarray(np.sqrt(np.maximum(values, 0))[:, :, None] * np.swapaxes(vectors, 1, 2))
 
 
 def from_pose_graph(graph: PoseGraph) -> Problem:

@@ -171,7 +171,7 @@ def _mean_rotation(w_T: Array, rotations: list[UnaryFactor]) -> Array:
     full = [a for a in rotations if a.heading_known]
     if full:
         total = sum((a.w_R_b @ w_T[a.k, :3, :3].T for a in full if a.w_R_b is not None), np.zeros((3, 3)))
-        return se3.nearest_rotations(total[None])[0]
+        return np.asarray(se3.nearest_rotations(total[None])[0])
     up = np.sum([w_T[a.k, :3, :3] @ a.w_R_b[2] for a in rotations if a.w_R_b is not None], axis=0)
     return Rotation.align_vectors([[0, 0, 1.0]], [up / max(np.linalg.norm(up), 1e-12)])[0].as_matrix()
 

@@ -110,7 +110,7 @@ def estimate_exposure(samples: Samples, views: int) -> Exposure:
 def _residual(y: Array, B: sparse.csr_matrix, weight: Array) -> Array:
     """Difference of each observation from the weighted mean over its point."""
     mean = (B.T @ (weight[:, None] * y)) / (B.T @ weight)[:, None]
-    return y - B @ mean
+    return np.asarray(y - B @ mean)
 
 
 def _spread_of_points(y: Array, B: sparse.csr_matrix) -> Array:

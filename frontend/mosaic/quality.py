@@ -72,7 +72,7 @@ def ground_std(
     turned = np.kron(np.eye(2), w_T_b[:3, :3])
     C = turned @ covariance @ turned.T
     J = ground_jacobian(p, view.w_p_c_m, w_T_b[:3, 3])
-    return np.sqrt(np.einsum("rcai,ij,rcaj->rc", J, C, J)).astype(np.float32)
+    return np.asarray(np.sqrt(np.einsum("rcai,ij,rcaj->rc", J, C, J)).astype(np.float32))
 
 
 def ground_jacobian(w_p: Array, w_p_c: Array, w_p_b: Array) -> Array:

@@ -164,7 +164,7 @@ def _rho2(plan: MosaicPlan, u: Float32, v: Float32) -> Float32:
     """Squared distance from the principal point over that of the farthest corner."""
     (cu, cv), corners = plan.camera.center_px, plan.camera.corners_px
     farthest = ((corners - (cu, cv)) ** 2).sum(axis=1).max()
-    return (((u - cu) ** 2 + (v - cv) ** 2) / farthest).astype(np.float32)
+    return np.asarray((((u - cu) ** 2 + (v - cv) ** 2) / farthest).astype(np.float32))
 
 
 def render_tiles(
@@ -280,5 +280,5 @@ def _warp(plan: MosaicPlan, index: int, part: Tile, pictures: Pictures, exposure
     warped = cv2.remap(picture, *at, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101).astype(np.float32)
     if vignette.any():
         inside = np.minimum(rho2, 1)[..., None]
-        return warped * (gain * np.exp(inside * vignette[0] + inside**2 * vignette[1]))
-    return warped * gain
+        return np.asarray(warped * (gain * np.exp(inside * vignette[0] + inside**2 * vignette[1])))
+    return np.asarray(warped * gain)

@@ -203,7 +203,9 @@ def _missed_between_rows(
     # Of the rows at both ends of an interval; the first and the last row have none of their own.
     at_row = np.vstack([bent[:1], bent, bent[-1:]])
     share, span_s = _share(times_s, at_s, left, right), times_s[right] - times_s[left]
-    return (0.5 * share * (1 - share) * span_s**2)[:, None] * np.maximum(at_row[left], at_row[right])
+    return np.asarray(
+        (0.5 * share * (1 - share) * span_s**2)[:, None] * np.maximum(at_row[left], at_row[right])
+    )
 
 
 def _with_gps(

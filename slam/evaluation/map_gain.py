@@ -55,12 +55,14 @@ class MapGain:
 
     def to_json(self) -> dict[str, Any]:
         """As verdict.json and summary.json hold it; what is not finite becomes null."""
-        return without_nan(
-            {
-                "flight": self.flight,
-                "before": dict(vars(self.before)),
-                "after": dict(vars(self.after)),
-            }
+        return dict(
+            without_nan(
+                {
+                    "flight": self.flight,
+                    "before": dict(vars(self.before)),
+                    "after": dict(vars(self.after)),
+                }
+            )
         )
 
 

@@ -101,7 +101,7 @@ class Evaluation:
             "loop_gap_m": {gap.name: _gap(gap) for gap in self.loop_gaps},
             "loops": None if self.loops is None else dict(vars(self.loops)),
         }
-        return without_nan(record)
+        return dict(without_nan(record))
 
 
 def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:

@@ -245,7 +245,7 @@ def _early(series: Series | None, start_s: float) -> Array | None:
     rows = np.flatnonzero(np.isfinite(series.values).all(axis=1))
     if len(rows) == 0 or series.stamps_s[rows[0]] - start_s > _NEAR_S:
         return None
-    return series.values[rows[0]]
+    return np.asarray(series.values[rows[0]])
 
 
 def _first_rotation(readings: Readings, start_s: float, tilt_error_rad: float) -> tuple[Array, float]:

@@ -94,7 +94,7 @@ def _levelled(flight: Flight, gyro: Array, accel: Array) -> Array:
         steps_s = np.diff(imu.stamps_s, prepend=imu.stamps_s[0])
         roll, pitch = np.cumsum(gyro[:, :2] * steps_s[:, None], axis=0).T
     level = rotation_of(np.column_stack([roll, pitch, 0 * roll]))
-    return np.einsum("nij,nj->ni", level, accel)
+    return np.asarray(np.einsum("nij,nj->ni", level, accel))
 
 
 def attitude_of(flight: Flight, trust: InertialTrust) -> Series | None:

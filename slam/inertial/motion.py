@@ -97,4 +97,4 @@ def _since_first(base: States, other: States) -> Array:
 
 
 def _outer(e: Array) -> Array:
-    return np.einsum("na,nb->nab", e, e)
+    return np.asarray(np.einsum("na,nb->nab", e, e))

@@ -134,7 +134,7 @@ def dead_reckoning(flight: Flight, w_T_b: Array, at_s: Array) -> Array:
     yaw_rad = np.unwrap(attitude.roll_pitch_yaw_rad[headed, 2])
 
     def yaw_at(t: Array) -> Array:
-        return np.interp(t, attitude.stamps_s[headed], yaw_rad)
+        return np.asarray(np.interp(t, attitude.stamps_s[headed], yaw_rad))
 
     along = (v[:, 0] + 1j * v[:, 1]) * np.exp(1j * yaw_at(stamps_s))
     way = np.concatenate([[0.0], np.cumsum((along[1:] + along[:-1]) / 2 * np.diff(stamps_s))])

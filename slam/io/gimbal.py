@@ -29,7 +29,7 @@ def body_from_gimbal(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array
     """Return w_R_b (3, 3) from gimbal angles, where pitch 0 looks at the horizon and -90 straight down
     (DJI)."""
     w_R_c = _W_R_N @ _n_R(yaw_deg, pitch_deg, roll_deg) @ _GIMBAL_R_C
-    return w_R_c @ NADIR_B_T_C[:3, :3].T
+    return np.asarray(w_R_c @ NADIR_B_T_C[:3, :3].T)
 
 
 def body_from_mount(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:

@@ -206,7 +206,7 @@ def _covariance(w_T_b: Array, w_p: Array, std_px: Array, camera: Camera) -> Arra
 
     def shown(pose: Array) -> Array:
         c_p = (np.column_stack([w_p, np.ones(len(w_p))]) @ se3.inverse(pose @ camera.b_T_c).T)[:, :3]
-        return c_p[:, :2] / c_p[:, 2:] * np.array(camera.focal_px)
+        return np.asarray(c_p[:, :2] / c_p[:, 2:] * np.array(camera.focal_px))
 
     nudge = 1e-6
     ends = [(shown(w_T_b @ se3.exp(step)), shown(w_T_b @ se3.exp(-step))) for step in nudge * np.eye(6)]

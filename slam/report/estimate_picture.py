@@ -92,7 +92,7 @@ def _ways(estimate: Estimate) -> Iterator[tuple[Array, str, float, str]]:
 def _size(estimate: Estimate) -> Array:
     """(2,) metres that all ways together reach along x and y, never nothing."""
     placed = np.concatenate([position[:, :2] for position, *_ in _ways(estimate)])
-    return np.maximum(np.nanmax(placed, axis=0) - np.nanmin(placed, axis=0), 0.01)
+    return np.asarray(np.maximum(np.nanmax(placed, axis=0) - np.nanmin(placed, axis=0), 0.01))
 
 
 def _top_view(axes: Axes, estimate: Estimate, across_m: float) -> None:

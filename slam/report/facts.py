@@ -98,13 +98,13 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
 
 def is_placed(estimate: Estimate) -> NDArray[np.bool_]:
     """(n,) whether a keyframe has a pose."""
-    return np.isfinite(estimate.w_T_b.sum(axis=(1, 2)))
+    return np.asarray(np.isfinite(estimate.w_T_b.sum(axis=(1, 2))))
 
 
 def position_sigma_m(covariances: Array) -> Array:
     """Standard deviation of a position over its three axes together, where known. (n, 6, 6) -> (m,)."""
     variance = np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2)
-    return np.sqrt(variance[np.isfinite(variance) & (variance >= 0)])
+    return np.asarray(np.sqrt(variance[np.isfinite(variance) & (variance >= 0)]))
 
 
 def sentence(facts: Facts) -> str:

@@ -117,7 +117,7 @@ def _stick(s: float, parameters: Array) -> float:
 @njit(cache=True)
 def noise_share(z: float, parameters: Array) -> float:
     """Share of the hold noise that is left at height z: 1 in the air, 0 on the floor."""
-    return min(max((z - parameters[GEAR]) / parameters[FADE], 0.0), 1.0)
+    return float(min(max((z - parameters[GEAR]) / parameters[FADE], 0.0), 1.0))
 
 
 @njit(cache=True)

@@ -64,7 +64,7 @@ class State:
     @property
     def b_specific_force_m_s2(self) -> Array:
         """(n, 3) R_wb^T (a + (0, 0, g)): what an accelerometer reads."""
-        return np.einsum("nij,ni->nj", self.w_R_b, self.w_a_m_s2 + [0.0, 0.0, GRAVITY_M_S2])
+        return np.asarray(np.einsum("nij,ni->nj", self.w_R_b, self.w_a_m_s2 + [0.0, 0.0, GRAVITY_M_S2]))
 
     @property
     def h_v_m_s(self) -> Array:

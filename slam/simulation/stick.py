@@ -70,4 +70,4 @@ def stick_of(command: Command, duration_s: float, begin_s: float = 0.0) -> Stick
 
 
 def _centred(values: Array) -> Array:
-    return ((values[:, 0] == 0) & (values[:, 1] == 0)).astype(float)
+    return np.asarray(((values[:, 0] == 0) & (values[:, 1] == 0)).astype(float))

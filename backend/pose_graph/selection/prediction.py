@@ -43,7 +43,7 @@ class LoopInnovations:
     def covariance(self) -> Array:
         """(k, d, d) covariance of edge and prediction together."""
         d = self.residual.shape[1]
-        return np.eye(d) + self.spread @ np.swapaxes(self.spread, 1, 2) / self.spread.shape[2]
+        return np.asarray(np.eye(d) + self.spread @ np.swapaxes(self.spread, 1, 2) / self.spread.shape[2])
 
     def sigma(self) -> Array:
         """Return (k,) Mahalanobis norms of the innovations."""
@@ -73,7 +73,9 @@ class LoopInnovations:
 
 def squared_mahalanobis(residual: Array, covariance: Array) -> Array:
     """Return squared Mahalanobis distances (...,)."""
-    return np.einsum("...a,...a->...", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
+    return np.asarray(
+        np.einsum("...a,...a->...", residual, np.linalg.solve(covariance, residual[..., None])[..., 0])
+    )
 
 
 def chi_square_gate(d: int) -> float:

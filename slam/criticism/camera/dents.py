@@ -56,7 +56,7 @@ class Dents:
     def foretold(self, pixel: Array, earlier: Ints) -> Array:
         """(m, 2) px that points of pairs are off by, as pictures not near the ``earlier`` ones say."""
         weights, side = hats(self.camera, pixel), _block(earlier, self.pictures)[:, None] % 2
-        return np.where(side == 0, weights @ self.halves[1], weights @ self.halves[0])
+        return np.asarray(np.where(side == 0, weights @ self.halves[1], weights @ self.halves[0]))
 
 
 @dataclass(frozen=True)

@@ -101,7 +101,7 @@ def spots(dim_i: Image, dim_j: Image, i_H_j: Array, camera: Camera) -> Spots:
 def _excess(laid: Overlaid, dim_i: Image) -> Array:
     """(h, w) how much brighter i is than what lies over it, 0 where nothing does."""
     over = np.where(laid.seen, dim_i.astype(np.float32) - laid.other, np.float32(0.0))
-    return cv2.blur(over, (SMOOTH_PX, SMOOTH_PX)).astype(np.float64)
+    return np.asarray(cv2.blur(over, (SMOOTH_PX, SMOOTH_PX)).astype(np.float64))
 
 
 def _blobs(excess: Array, threshold: float, seen: NDArray[np.bool_]) -> list[tuple[int, float]]:

@@ -47,7 +47,7 @@ def moves(small_i: Image, laid: Overlaid, camera: Camera) -> bool:
     odd &= (before - after > LEVELS) & (after < LEFT * before)
     there_and_back = ahead + _taken(_flow(other, own), ahead)
     odd &= np.linalg.norm(there_and_back, axis=2) < BACK * small_i.shape[1]
-    return _largest(odd) >= LEAST_AREA * odd.size
+    return bool(_largest(odd) >= LEAST_AREA * odd.size)
 
 
 def _flow(a: Light, b: Light) -> Light:

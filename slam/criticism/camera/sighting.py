@@ -321,7 +321,7 @@ class _Scene:
             step = np.zeros(len(CAMERA))
             step[k] = NUDGE[k]
             change[:, :, k] = self.carried(self.camera + step) - self.carried(self.camera - step)
-        return change / (2 * NUDGE)
+        return np.asarray(change / (2 * NUDGE))
 
     def by_warp(self) -> Array:
         """(m, 2, warps): where i shows the point, less where j says that it is."""

@@ -146,7 +146,7 @@ def _range(state: Array, rate: Array, sensor: Array, elapsed: float) -> float:
     echo = height + sensor[SLANT] * (pencil - height)
     warm = ASSUMED_SOUND_M_S + SOUND_M_S_K * sensor[WARMING] * elapsed
     echo *= ASSUMED_SOUND_M_S / warm * (1.0 + sensor[RANGE_SCALE])
-    return echo + sensor[RANGE_BIAS] + sensor[DATUM]
+    return float(echo + sensor[RANGE_BIAS] + sensor[DATUM])
 
 
 @kernel

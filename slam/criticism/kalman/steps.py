@@ -227,7 +227,7 @@ def miss_of(kind: int, c: int, value: float, expected: Expected) -> float:
         miss -= expected.rows[c, i] * expected.done[i]
     if kind == ATTITUDE and c == 2:
         miss -= 2.0 * math.pi * math.floor(miss / (2.0 * math.pi) + 0.5)
-    return miss
+    return float(miss)
 
 
 @kernel

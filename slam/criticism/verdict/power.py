@@ -52,7 +52,7 @@ def detectable(look: Look, threshold: float) -> dict[str, tuple[float, str]]:
 def _far(look: Look, effect: Effect) -> float:
     """How far an effect of one column would stand out at the size that it is tried at."""
     _, covariance = look.parabola.answer([effect]).of(look.parabola.index(effect.columns))
-    return float(covariance[0, 0]) ** -0.5
+    return float(float(covariance[0, 0]) ** -0.5)
 
 
 def confusable(look: Look) -> tuple[tuple[str, str, float], ...]:

@@ -68,4 +68,4 @@ def _misses(
         own = part == one
         for name, size in of.items():
             explained[own] += size * apart[own, averages.column(name)] if averages.knows(name) else 0.0
-    return np.column_stack([apart[:, 0], apart[:, 0] - explained])[kept]
+    return np.asarray(np.column_stack([apart[:, 0], apart[:, 0] - explained])[kept])

@@ -258,7 +258,7 @@ def _inner(vectors: Float32, chosen: NDArray[np.int64], pairs: NDArray[np.int64]
     """(m,) inner products of the pairs' vectors."""
     table = vectors[chosen] @ vectors[chosen].T
     a, b = (np.searchsorted(chosen, side) for side in pairs.T)
-    return table[a, b].astype(float)
+    return np.asarray(table[a, b].astype(float))
 
 
 def _stages(estimate: Estimate, reference: Reference) -> tuple[Stage, ...]:

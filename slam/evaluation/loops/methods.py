@@ -31,7 +31,7 @@ def colour_histogram(image: Image) -> Float32:
     """
     channels, bins = ([0], [256]) if image.ndim == 2 else ([0, 1, 2], [BINS] * 3)
     counts = cv2.calcHist([image], channels, None, bins, [0.0, 256.0] * len(channels)).ravel()
-    return np.sqrt(counts / max(float(counts.sum()), 1.0)).astype(np.float32)
+    return np.asarray(np.sqrt(counts / max(float(counts.sum()), 1.0)).astype(np.float32))
 
 
 def bags_of_words(store: FeatureStore, seed: int = 0) -> Float32:
@@ -55,7 +55,9 @@ def bags_of_words(store: FeatureStore, seed: int = 0) -> Float32:
     seen_in = np.maximum((counts > 0).sum(axis=0), 1)
     weighted = counts * np.log(len(counts) / seen_in)
     size = np.linalg.norm(weighted, axis=1, keepdims=True)
-    return np.divide(weighted, size, out=np.zeros_like(weighted), where=size > 0).astype(np.float32)
+    return np.asarray(
+        np.divide(weighted, size, out=np.zeros_like(weighted), where=size > 0).astype(np.float32)
+    )
 
 
 def _spread(n: int, most: int) -> range:

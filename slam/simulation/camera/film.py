@@ -91,10 +91,10 @@ class Film:
 def _pixels(samples: Image, size_px: tuple[int, int], down_sampling: float) -> Image:
     """Means of the samples; with ``down_sampling``, of fewer and larger pixels, scaled up again."""
     if down_sampling == 1:
-        return cv2.resize(samples, size_px, interpolation=cv2.INTER_AREA)
+        return np.asarray(cv2.resize(samples, size_px, interpolation=cv2.INTER_AREA))
     coarse = (max(1, round(size_px[0] / down_sampling)), max(1, round(size_px[1] / down_sampling)))
     fewer = cv2.resize(samples, coarse, interpolation=cv2.INTER_AREA)
-    return cv2.resize(fewer, size_px, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(cv2.resize(fewer, size_px, interpolation=cv2.INTER_LINEAR))
 
 
 def shoot(

@@ -74,7 +74,7 @@ def expose(scene: Scene, camera: Camera, w_T_b: Array, time_s: float = 0.0) -> I
     """
     w_T_c = w_T_b @ camera.b_T_c
     samples = sample(scene, camera, w_T_c[None, :3, :3], w_T_c[None, :3, 3], scene.prisms(time_s))
-    return cv2.resize(samples, camera.size_px, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(samples, camera.size_px, interpolation=cv2.INTER_AREA))
 
 
 def sample(scene: Scene, camera: Camera, w_R_c: Array, w_t_c: Array, prisms: Array) -> Image:
@@ -100,7 +100,7 @@ def sample(scene: Scene, camera: Camera, w_R_c: Array, w_t_c: Array, prisms: Arr
         _draw_obstacles(samples, scene, camera, grid, w_R_c, w_t_c, prisms)
     if grid.dark is not None:
         samples[grid.dark] = 0
-    return samples
+    return np.asarray(samples)
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ def falloff(size_px: tuple[int, int], center_px: tuple[float, float], strength: 
     width, height = size_px
     x, y = np.arange(width) - center_px[0], np.arange(height) - center_px[1]
     r2 = x[None] ** 2 + y[:, None] ** 2
-    return np.maximum(1 - strength * r2 / r2.max(), 0).astype(np.float32)
+    return np.asarray(np.maximum(1 - strength * r2 / r2.max(), 0).astype(np.float32))
 
 
 def process(light: Light, saturation: float, brightness: float) -> Light:
@@ -55,7 +55,7 @@ def process(light: Light, saturation: float, brightness: float) -> Light:
     if saturation == 1 and brightness == 1:
         return light
     mix = brightness * (saturation * np.eye(3) + (1 - saturation) * np.array(LUMA_BGR))
-    return np.clip(cv2.transform(light, mix), 0, WHITE)
+    return np.asarray(np.clip(cv2.transform(light, mix), 0, WHITE))
 
 
 def toned(light: Light, tone: Array) -> Light:
@@ -67,11 +67,11 @@ def toned(light: Light, tone: Array) -> Light:
 def digitise(light: Light | Image, noise_std: float, rng: np.random.Generator) -> Image:
     """Grey levels of 8 bit, with noise that is independent in each pixel and channel."""
     if noise_std == 0:
-        return cv2.add(light, 0.0, dtype=cv2.CV_8U)
+        return np.asarray(cv2.add(light, 0.0, dtype=cv2.CV_8U))
     draws = np.frombuffer(rng.bytes(2 * light.size), "<u2").reshape(light.shape)
     noise = (np.float32(noise_std) * _normal_quantiles())[draws]
     # Rounded and clipped as it is stored.
-    return cv2.add(light, noise, dtype=cv2.CV_8U)
+    return np.asarray(cv2.add(light, noise, dtype=cv2.CV_8U))
 
 
 @lru_cache(maxsize=1)

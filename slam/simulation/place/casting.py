@@ -99,11 +99,11 @@ def _around(prism: Array, along: float, aside: float) -> float:
     """Place on the side face as a share of the way round, counter-clockwise from the right rear edge."""
     a, b = prism[HALF_LENGTH], prism[HALF_WIDTH]
     if prism[ROUND] != 0.0:
-        return (np.arctan2(aside, along) / (2 * np.pi)) % 1.0
+        return float((np.arctan2(aside, along) / (2 * np.pi)) % 1.0)
     way = 4 * (a + b)
     if abs(along) / a > abs(aside) / b:
-        return ((b + aside) if along > 0 else 2 * (a + b) + (b - aside)) / way
-    return (2 * b + (a - along) if aside > 0 else 4 * b + 2 * a + (a + along)) / way
+        return float(((b + aside) if along > 0 else 2 * (a + b) + (b - aside)) / way)
+    return float((2 * b + (a - along) if aside > 0 else 4 * b + 2 * a + (a + along)) / way)
 
 
 @njit(cache=True, nogil=True)

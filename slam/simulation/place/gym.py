@@ -44,7 +44,9 @@ def _planks(width: int, height: int, metres_per_px: float, rng: np.random.Genera
     brightness = by_row.astype(np.float32)[row] + grain
     seam = np.arange(height) % breadth < max(1.0, 0.002 / metres_per_px)
     brightness[seam] *= 0.55
-    return np.clip(brightness[..., None] * np.array(WOOD_BGR, np.float32), 0, 255).astype(np.uint8)
+    return np.asarray(
+        np.clip(brightness[..., None] * np.array(WOOD_BGR, np.float32), 0, 255).astype(np.uint8)
+    )
 
 
 def _lines(texture: Image, metres_per_px: float, rng: np.random.Generator) -> None:

@@ -76,8 +76,8 @@ def covers(prism: Array, x: Array, y: Array) -> NDArray[np.bool_]:
     along = prism[COS] * east + prism[SIN] * north
     aside = prism[COS] * north - prism[SIN] * east
     if prism[ROUND]:
-        return np.hypot(along, aside) <= prism[HALF_LENGTH]
-    return (np.abs(along) <= prism[HALF_LENGTH]) & (np.abs(aside) <= prism[HALF_WIDTH])
+        return np.asarray(np.hypot(along, aside) <= prism[HALF_LENGTH])
+    return np.asarray((np.abs(along) <= prism[HALF_LENGTH]) & (np.abs(aside) <= prism[HALF_WIDTH]))
 
 
 def steps(

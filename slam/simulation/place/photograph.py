@@ -47,4 +47,4 @@ def photographed_floor(path: Path, width: int, height: int) -> Image:
         raise InputError(f"world.texture: {str(path)!r}: damaged or not a picture; give a JPEG or PNG")
     photograph = photograph[-height:, :width]
     h, w = photograph.shape[:2]
-    return cv2.copyMakeBorder(photograph, height - h, 0, 0, width - w, cv2.BORDER_REFLECT)
+    return np.asarray(cv2.copyMakeBorder(photograph, height - h, 0, 0, width - w, cv2.BORDER_REFLECT))

@@ -46,7 +46,7 @@ def puzzle_tile(size_px: int, rng: np.random.Generator) -> Image:
         _lay_loose_piece(tile, 0.42 * piece, rng)
     # One piece was drawn beyond each border: cutting it off leaves a tile that wraps around.
     inner = slice(round(piece), round(piece) + size_px * fine)
-    return cv2.resize(tile[inner, inner], (size_px, size_px), interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(tile[inner, inner], (size_px, size_px), interpolation=cv2.INTER_AREA))
 
 
 def _interlocked(piece: float, rng: np.random.Generator) -> NDArray[np.int32]:

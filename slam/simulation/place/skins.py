@@ -98,7 +98,7 @@ def _bands(around_m: float, height_m: float, rng: np.random.Generator) -> Image:
     band = (np.arange(rows) * height_m / rows // BANDS_M).astype(int) % 2
     picture *= np.array(BAND_BGR, np.float32)[band][:, None]
     light = 0.66 + 0.16 * np.cos(2 * np.pi * np.arange(cols) / cols - 1.2)
-    return np.clip(picture * light[None, :, None], 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(picture * light[None, :, None], 0, 255).astype(np.uint8))
 
 
 def _disc(radius_m: float, rng: np.random.Generator) -> Image:
