@@ -210,3 +210,13 @@ def test_parts_are_joined_along_the_surest_edges():
         # Each bridge errs by 0.01 m and, through its tilt, by 0.01 rad times the height of 1 m. The heading
         # of the first bridge acts over 3 m, that of the second over 1 m.
         assert std_m == pytest.approx([0.01 * np.sqrt(4), 0.01 * np.sqrt(4 + 3**2 + 1**2)], rel=1e-6)
+
+
+def test_of_two_edges_between_the_same_parts_the_surer_one_joins_them():
+    w_T_b, parts, edge = made_parts(np.random.default_rng(5))
+    unsure = RelativePose(3, 6, np.linalg.inv(w_T_b[3]) @ w_T_b[6], 100 * edge.covariance, "inertial")
+    alone = joined(parts, [edge])
+    for order in ([edge, unsure], [unsure, edge]):
+        found = joined(parts, order)
+        assert found.bridges == (edge,)
+        np.testing.assert_array_equal(found.covariances, alone.covariances)
