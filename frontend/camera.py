@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 NADIR_B_T_C: Array = np.array([[0.0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]])
-"""Down-looking camera at the body origin with the nose at the top of the picture."""
+"""Mount of a down-looking camera at the body origin. The nose points to the top of the picture."""
 
-_FOLDED = 0.01
-"""Least area ratio: a smaller one lies in the fold of the distortion polynomial."""
+_MIN_AREA_RATIO = 0.01
+"""Lower limit of the area ratio. Smaller values occur where the distortion polynomial is not monotonic."""
 
 
 @dataclass(frozen=True)
@@ -28,15 +28,15 @@ class Camera:
     distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     """OpenCV's (k1, k2, p1, p2[, k3])."""
     b_T_c: Array = field(default_factory=lambda: NADIR_B_T_C.copy())
-    """(4, 4), camera coordinates to body coordinates."""
+    """(4, 4) transform from camera to body coordinates."""
     focal_std_ratio: float = 0.0
-    """Relative uncertainty of the focal length; above 0 it may be estimated from the flight."""
+    """Relative standard deviation of the focal length. If above 0, it may be estimated from the flight."""
     radial_std: float = 0.0
-    """Uncertainty of the first radial coefficient; above 0 it may be estimated from the flight."""
+    """Standard deviation of k1. If above 0, k1 may be estimated from the flight."""
     mount_std_rad: float = 0.0
-    """Uncertainty of the tilt of the mount; above 0 it may be estimated from the flight."""
+    """Standard deviation of the tilt of the mount. If above 0, it may be estimated from the flight."""
     readout_s: float = 0.0
-    """Row i of n is exposed readout i / (n - 1) after the stamp; 0 where all are exposed at once."""
+    """Readout time. Row i of n is exposed readout_s i / (n - 1) after the stamp; 0 for a global shutter."""
 
     @property
     def matrix(self) -> Array:
@@ -56,11 +56,11 @@ class Camera:
         return np.array([[0, 0], [w - 1, 0], [w - 1, h - 1], [0, h - 1]], dtype=float)
 
     def undistort(self, pixel: Array) -> Array:
-        """Pixels as an ideal pinhole with the same K would have them. (n, 2) -> (n, 2)."""
+        """Return the pixels (n, 2) that an ideal pinhole with the same K records for pixels (n, 2)."""
         pixel = np.asarray(pixel, dtype=float).reshape(-1, 2)
         if not self.is_distorted or len(pixel) == 0:
             return pixel
-        # OpenCV's own five iterations leave 0.15 px in the corners of a wide lens.
+        # OpenCV's default of five iterations leaves 0.15 px in the corners of a wide lens.
         stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-6)
         return np.asarray(
             cv2.undistortPoints(
@@ -81,16 +81,16 @@ class Camera:
             for step in 0.5 * np.eye(2)
         )
         area = np.abs(right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0])
-        return np.asarray(1 / np.sqrt(np.maximum(area, _FOLDED)))
+        return np.asarray(1 / np.sqrt(np.maximum(area, _MIN_AREA_RATIO)))
 
     def rays(self, pixel: Array) -> Array:
-        """Directions in camera axes with z = 1 of **undistorted** pixels. (n, 2) -> (n, 3)."""
+        """Return directions (n, 3) in camera axes, with z = 1, of **undistorted** pixels (n, 2)."""
         pixel = np.asarray(pixel, dtype=float).reshape(-1, 2)
         xy = (pixel - self.center_px) / self.focal_px
         return np.column_stack([xy, np.ones(len(xy))])
 
     def project(self, c_p: Array) -> Array:
-        """Distorted pixels of points in camera coordinates. (n, 3) -> (n, 2); NaN behind the camera."""
+        """Return distorted pixels (n, 2) of points (n, 3) in camera coordinates; NaN behind the camera."""
         c_p = np.asarray(c_p, dtype=float).reshape(-1, 3)
         pixel = np.full((len(c_p), 2), np.nan)
         front = c_p[:, 2] > 1e-9
@@ -101,7 +101,7 @@ class Camera:
         return pixel
 
     def floor_H_image(self, w_T_b: Array, floor_z: float = 0.0) -> Array:
-        """Homography from undistorted pixels to world (x, y) on the plane z = floor_z. (4, 4) -> (3, 3).
+        """Return the homography (3, 3) from undistorted pixels to world (x, y) on the plane z = floor_z.
 
         Source: IMAV 2011 paper, section 3.1 (the map is a plane); Hartley and Zisserman 2004, section 8.1.
         """
@@ -113,7 +113,7 @@ class Camera:
         return np.linalg.inv(image_H_floor)
 
     def floor_points(self, w_T_b: Array, pixel: Array, floor_z: float = 0.0) -> Array:
-        """World (x, y) where the rays of undistorted pixels meet the floor; NaN above the horizon."""
+        """Return world (x, y) where the rays of undistorted pixels hit the floor; NaN above the horizon."""
         w_T_c = w_T_b @ self.b_T_c
         direction = self.rays(pixel) @ w_T_c[:3, :3].T
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""Which features there are: apart from what finds them, so that a command line lists them without OpenCV."""
+"""Kinds of features. They are apart from the detectors, so that a command line lists them without OpenCV."""
 
 from typing import Literal
 

@@ -1,4 +1,4 @@
-"""Point features behind one interface: where they are, and what they look like."""
+"""Detection and description of point features behind one interface."""
 
 from __future__ import annotations
 
@@ -17,43 +17,43 @@ from frontend.cells import COUNT as CELLS
 from frontend.cells import GRID, cells, place_in_run
 from frontend.feature_kinds import FeatureKind
 from frontend.points import Points
-from frontend.rectified import rectifier
+from frontend.rectification import rectifier
 from frontend.robust import median
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 ORB_SCALE = 1.2
-"""From one level of ORB's pyramid to the next."""
-CROWDED = 0.68
-"""Features crowd where the fullest third of the picture holds more than this share of them. On floors it
-holds half to two thirds; then cells with less than half their even share are searched once more, and fuller
-ones keep just that share."""
-BARE_SHARE, USED_UP = 0.5, 0.9
+"""Scale factor from one level of ORB's pyramid to the next."""
+CROWDING_SHARE = 0.68
+"""Features are crowded if the fullest third of the cells holds more than this share of them. On floors it
+holds half to two thirds. In crowded pictures, cells with less than half of an even share are searched again,
+and fuller cells keep only an even share."""
+SPARSE_CELL_RATIO, LIMIT_REACHED_RATIO = 0.5, 0.9
 COARSE_PX = 8.0
-"""A spot of this diameter is known half as well, by variance, as a fine one of the same contrast."""
+"""A feature of this diameter has twice the position variance of a fine one of the same contrast."""
 ALL_FEATURES = 100_000
-"""More than any picture has."""
+"""Feature limit above the number in any picture."""
 SMALLEST_PX = 16
-"""Narrower pictures have no features: some pyramids would have empty levels."""
+"""Smallest side of a picture. Smaller pictures give no features, as some pyramids would have empty levels."""
 
 
 class FeatureUnavailableError(ValueError):
-    """The OpenCV build at hand does not hold the detector that was asked for."""
+    """The installed OpenCV build does not contain the requested detector."""
 
 
 @dataclass(frozen=True)
 class FeatureConfig:
-    """Which features, how many, and on how large a picture."""
+    """Kind of the features, their largest number, and the picture size for detection."""
 
     kind: FeatureKind = "sift"
     max_features: int = 500
-    """The strongest are kept. For pictures of up to 500 px; in wider ones the number grows with the width."""
+    """Number of features kept, strongest first, in a picture up to 500 px wide. `for_width` scales it."""
     max_side_px: int = 1400
-    """Larger pictures are reduced to this before detection; positions are given at full size."""
+    """Larger pictures are reduced to this side before detection. Positions refer to the full size."""
 
     def for_width(self, width_px: int) -> FeatureConfig:
-        """The same for pictures of a given width."""
+        """Return the configuration with the feature limit scaled to the picture width."""
         width = min(width_px, self.max_side_px)
         return replace(self, max_features=int(self.max_features * max(1.0, width / 500)))
 
@@ -71,7 +71,7 @@ class Features:
 
     @property
     def pixel(self) -> Array:
-        """(n, 2) where they lie, as in `Points`."""
+        """(n, 2) pixel positions, as in `Points`."""
         return self.points.pixel
 
     def __getitem__(self, which: NDArray[Any]) -> Features:
@@ -79,77 +79,78 @@ class Features:
 
 
 @dataclass(frozen=True)
-class _Detected:
-    """Keypoints and descriptors of a detector."""
+class _Detections:
+    """Key points of one detector with their descriptors."""
 
     points: list[cv2.KeyPoint]
     descriptor: NDArray[Any]
 
-    def __getitem__(self, which: NDArray[np.int64]) -> _Detected:
-        return _Detected([self.points[k] for k in which], self.descriptor[which])
+    def __getitem__(self, which: NDArray[np.int64]) -> _Detections:
+        return _Detections([self.points[k] for k in which], self.descriptor[which])
 
     def cells(self, size_px: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The cell of the picture (width, height) in which each lies."""
+        """Return (n,) the cell of each point in a picture of (width, height) ``size_px``."""
         pixel = np.asarray(cv2.KeyPoint.convert(self.points), dtype=float).reshape(-1, 2)
         return cells(pixel, (int(size_px[0]), int(size_px[1])))
 
-    def spread(self, size_px: NDArray[np.int64], quota: int, bare: Image) -> _Detected:
-        """The strongest of each cell, at most ``quota``, without those where ``bare`` (h, w) is not 0."""
+    def limit_per_cell(self, size_px: NDArray[np.int64], quota: int, sparse: Image) -> _Detections:
+        """Return the ``quota`` strongest points of each cell, none where ``sparse`` (h, w) is set."""
         order = _by_strength(self.points)
         cell = self.cells(size_px)[order]
         by_cell = np.argsort(cell, kind="stable")
         first = np.zeros(len(order), dtype=bool)
         first[by_cell[place_in_run(cell[by_cell]) < quota]] = True
         column, row = np.asarray(cv2.KeyPoint.convert(self.points)).reshape(-1, 2).astype(int).T
-        return self[order[first & (bare[row, column][order] == 0)]]
+        return self[order[first & (sparse[row, column][order] == 0)]]
 
-    def with_others(self, others: _Detected, most: int) -> _Detected:
-        """These, and the strongest of others until there are ``most``."""
-        more = others[_by_strength(others.points)[: max(0, most - len(self.points))]]
-        return _Detected(self.points + more.points, np.concatenate([self.descriptor, more.descriptor]))
+    def fill_up(self, others: _Detections, limit: int) -> _Detections:
+        """Return these points and the strongest of the others, up to ``limit`` points in total."""
+        more = others[_by_strength(others.points)[: max(0, limit - len(self.points))]]
+        return _Detections(self.points + more.points, np.concatenate([self.descriptor, more.descriptor]))
 
 
 @dataclass(frozen=True)
-class _Tools:
-    """OpenCV's objects."""
+class _OpenCVDetectors:
+    """OpenCV objects of one thread."""
 
     detector: Any
     descriptor: Any
-    """None where the detector describes too."""
-    searcher: Any
-    """A detector without a limit."""
+    """None if the detector also computes descriptors."""
+    unlimited: Any
+    """Detector without a limit on the number of features."""
 
 
 class Extractor:
-    """Detects and describes features; one object serves a whole flight, and several threads.
+    """Detector and descriptor of features. One object may serve a whole flight and several threads.
 
-    Raises ``FeatureUnavailableError`` where the OpenCV build lacks the detector.
+    Raises ``FeatureUnavailableError`` if the OpenCV build lacks the detector.
     """
 
     def __init__(self, config: FeatureConfig = FeatureConfig()) -> None:
         self.config = config
-        self._own = threading.local()
-        self._tools()
+        self._thread_local = threading.local()
+        self._detectors()
 
-    def _tools(self) -> _Tools:
-        """This thread's: OpenCV does not say which of its detectors two may share."""
-        if not hasattr(self._own, "tools"):
-            searcher, _ = _create(replace(self.config, max_features=ALL_FEATURES))
-            self._own.tools = _Tools(*_create(self.config), searcher)
-        tools: _Tools = self._own.tools
-        return tools
+    def _detectors(self) -> _OpenCVDetectors:
+        """Return the OpenCV objects of this thread, as OpenCV does not document which are thread-safe."""
+        if not hasattr(self._thread_local, "detectors"):
+            unlimited, _ = _create(replace(self.config, max_features=ALL_FEATURES))
+            self._thread_local.detectors = _OpenCVDetectors(*_create(self.config), unlimited)
+        detectors: _OpenCVDetectors = self._thread_local.detectors
+        return detectors
 
     def __call__(self, image: Image, camera: Camera, mask: Image | None = None) -> Features:
-        """Features of one picture, (h, w) grey or (h, w, 3) BGR uint8; ``mask`` is 0 where to look away.
+        """Return the features of one picture, (h, w) grey or (h, w, 3) BGR uint8.
 
-        Raises ``TypeError`` or ``ValueError`` for an array that is no such picture.
+        Pixels where ``mask`` (h, w) is 0 are ignored. Raises ``TypeError`` or ``ValueError`` for any other
+        array.
         """
         _check_picture(image)
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
         full = np.array(grey.shape[::-1])
         size = np.rint(full * min(1.0, self.config.max_side_px / full.max())).astype(int)
         if size.min() < SMALLEST_PX:
-            return self._nothing()
+            return self._no_features()
         if (size < full).any():
             grey = cv2.resize(grey, size.tolist(), interpolation=cv2.INTER_AREA)
             if mask is not None:
@@ -159,57 +160,59 @@ class Extractor:
             grey, mask, first_px = ideal.picture(grey), ideal.mask(mask), ideal.first_px
             size = np.array(grey.shape[::-1])
             if size.min() < SMALLEST_PX:
-                return self._nothing()
+                return self._no_features()
         found = self._strongest(grey, mask)
-        if (bare := self._left_bare(found, size)) is not None:
-            elsewhere = self._strongest(grey, bare if mask is None else np.minimum(bare, mask))
-            crowd = found.spread(size, round(self.config.max_features / CELLS), bare)
-            found = crowd.with_others(elsewhere, self.config.max_features)
+        if (sparse := self._sparse_area(found, size)) is not None:
+            others = self._strongest(grey, sparse if mask is None else np.minimum(sparse, mask))
+            crowded = found.limit_per_cell(size, round(self.config.max_features / CELLS), sparse)
+            found = crowded.fill_up(others, self.config.max_features)
         if len(found.points) == 0:
-            return self._nothing()
+            return self._no_features()
         pixel = _positions(self.config.kind, found.points, size)
-        # A reduced picture's pixel x covers full-size pixels around (x + 1/2) full / size - 1/2.
+        # Pixel x of a reduced picture has its centre at full-size pixel (x + 1/2) full / size - 1/2.
         pixel = (pixel + first_px + 0.5) * scale - 0.5
-        spread = _spread(self.config.kind, found.points) * camera.magnification(pixel)
-        return Features(Points(pixel, spread), _normalise(found.descriptor))
+        relative_std = _relative_std(self.config.kind, found.points) * camera.magnification(pixel)
+        return Features(Points(pixel, relative_std), _normalise(found.descriptor))
 
-    def _strongest(self, grey: Image, mask: Image | None) -> _Detected:
-        """At most ``max_features``, the strongest where the detector found more."""
-        most, tools = self.config.max_features, self._tools()
-        if tools.descriptor is None:
-            points, descriptor = tools.detector.detectAndCompute(grey, mask)
+    def _strongest(self, grey: Image, mask: Image | None) -> _Detections:
+        """Return the strongest features, at most ``max_features``."""
+        limit, cv = self.config.max_features, self._detectors()
+        if cv.descriptor is None:
+            points, descriptor = cv.detector.detectAndCompute(grey, mask)
         else:
-            points, descriptor = tools.descriptor.compute(grey, tools.detector.detect(grey, mask))
-        if mask is not None and len(points) < most // 2:
-            # Detectors keep their strongest before they look at a mask: what it hides may have used them up.
-            every = tools.searcher.detect(grey, mask)
-            points = [every[k] for k in _by_strength(every)[:most]]
-            points, descriptor = (tools.descriptor or tools.detector).compute(grey, points)
+            points, descriptor = cv.descriptor.compute(grey, cv.detector.detect(grey, mask))
+        if mask is not None and len(points) < limit // 2:
+            # Detectors apply their limit before the mask, so masked features may have used up the limit.
+            all_points = cv.unlimited.detect(grey, mask)
+            points = [all_points[k] for k in _by_strength(all_points)[:limit]]
+            points, descriptor = (cv.descriptor or cv.detector).compute(grey, points)
         if descriptor is None or len(points) == 0:
-            return _Detected([], np.empty((0, self._width), self._dtype))
-        found = _Detected(list(points), descriptor.reshape(len(points), -1))
-        # Detectors treat their own limit loosely.
-        return found[_by_strength(found.points)[:most]] if len(points) > most else found
+            return _Detections([], np.empty((0, self._width), self._dtype))
+        found = _Detections(list(points), descriptor.reshape(len(points), -1))
+        # Detectors may exceed their own limit.
+        return found[_by_strength(found.points)[:limit]] if len(points) > limit else found
 
-    def _left_bare(self, found: _Detected, size: NDArray[np.int64]) -> Image | None:
-        """Return a mask (h, w) of the area to search once more, if the strongest features crowd in one part.
-        Otherwise a textured object, such as a landing gear, would leave no features to the floor. Return
-        None if they do not crowd."""
-        if len(found.points) < USED_UP * self.config.max_features:
-            return None
-        held = np.bincount(found.cells(size), minlength=CELLS)
-        if np.sort(held)[-CELLS // 3 :].sum() <= CROWDED * held.sum():
-            return None
-        bare = held < BARE_SHARE * self.config.max_features / CELLS
-        cell_of = np.where(bare, 255, 0).astype(np.uint8).reshape(GRID[::-1])
-        return np.asarray(cv2.resize(cell_of, size.tolist(), interpolation=cv2.INTER_NEAREST), np.uint8)
+    def _sparse_area(self, found: _Detections, size: NDArray[np.int64]) -> Image | None:
+        """Return the mask (h, w) of sparse cells to search again, or None if features are not crowded.
 
-    def _nothing(self) -> Features:
+        A textured object, such as a landing gear or a passer-by, could otherwise use up the limit and leave
+        no features for the floor.
+        """
+        if len(found.points) < LIMIT_REACHED_RATIO * self.config.max_features:
+            return None
+        count = np.bincount(found.cells(size), minlength=CELLS)
+        if np.sort(count)[-CELLS // 3 :].sum() <= CROWDING_SHARE * count.sum():
+            return None
+        sparse = count < SPARSE_CELL_RATIO * self.config.max_features / CELLS
+        cell_mask = np.where(sparse, 255, 0).astype(np.uint8).reshape(GRID[::-1])
+        return np.asarray(cv2.resize(cell_mask, size.tolist(), interpolation=cv2.INTER_NEAREST), np.uint8)
+
+    def _no_features(self) -> Features:
         return Features(Points.alike(np.empty((0, 2))), np.empty((0, self._width), self._dtype))
 
     @property
     def _width(self) -> int:
-        return int((self._tools().descriptor or self._tools().detector).descriptorSize())
+        return int((self._detectors().descriptor or self._detectors().detector).descriptorSize())
 
     @property
     def _dtype(self) -> type:
@@ -227,21 +230,21 @@ def _check_picture(image: Any) -> None:
 
 
 def _by_strength(points: Sequence[cv2.KeyPoint]) -> NDArray[np.int64]:
-    """Places of all, the strongest first."""
-    return np.argsort(-_each("response", points), kind="stable")
+    """Return (n,) the indices of the points, strongest first."""
+    return np.argsort(-_attribute("response", points), kind="stable")
 
 
-def _each(what: str, points: Sequence[cv2.KeyPoint]) -> Array:
-    """(n,) one attribute of all."""
-    return np.fromiter(map(attrgetter(what), points), float, len(points))
+def _attribute(name: str, points: Sequence[cv2.KeyPoint]) -> Array:
+    """Return (n,) one attribute of all points."""
+    return np.fromiter(map(attrgetter(name), points), float, len(points))
 
 
 def _create(config: FeatureConfig) -> tuple[Any, Any]:
-    """Detector, and descriptor where it is another object."""
-    api: Any = cv2  # the stubs lack several creators
+    """Return the detector, and the descriptor if it is a separate object, else None."""
+    api: Any = cv2  # the type stubs lack several creators
     n = config.max_features
     if config.kind == "sift":
-        # Low contrast threshold: dark floors; precise upscale: without it positions are biased by 1/4 px.
+        # Dark floors need a low contrast threshold. Without precise upscaling positions are off by 1/4 px.
         return api.SIFT_create(
             nfeatures=n, contrastThreshold=0.01, edgeThreshold=12, enable_precise_upscale=True
         ), None
@@ -257,7 +260,7 @@ def _create(config: FeatureConfig) -> tuple[Any, Any]:
             return api.xfeatures2d.SURF_create(hessianThreshold=100), None
         except (AttributeError, cv2.error) as error:
             raise FeatureUnavailableError(
-                "features 'surf': this OpenCV build leaves SURF out (it was patented); use --features sift, "
+                "features 'surf': this OpenCV build lacks SURF (it was patented); use --features sift, "
                 "or install an OpenCV built with OPENCV_ENABLE_NONFREE"
             ) from error
     raise FeatureUnavailableError(
@@ -266,11 +269,11 @@ def _create(config: FeatureConfig) -> tuple[Any, Any]:
 
 
 def _positions(kind: FeatureKind, points: Sequence[cv2.KeyPoint], size_px: NDArray[np.int64]) -> Array:
-    """(n, 2) positions in a picture of size (w, h), corrected for how OpenCV leaves its pyramids.
+    """Return (n, 2) positions in a picture of size (w, h), corrected for the scales of OpenCV's pyramids.
 
-    A level's size is a whole number of pixels, so its true scale is w / w_level, and pixel centres, not
-    corners, lie on each other. OpenCV multiplies by the nominal scale instead: ORB was off by 0.35 px on
-    average and up to 2 px, AKAZE by 0.5 px an octave on pictures of odd size; SIFT is right.
+    A level has a whole number of pixels, so its true scale is w / w_level, and pixel edges coincide, not
+    centres. OpenCV multiplies by the nominal scale instead. ORB was off by 0.35 px on average and up to 2 px,
+    AKAZE by 0.5 px per octave on pictures of odd size. SIFT is correct.
     """
     pixel = np.asarray(cv2.KeyPoint.convert(points), dtype=float).reshape(-1, 2)
     if kind not in ("orb", "orb-teblid", "akaze"):
@@ -282,20 +285,24 @@ def _positions(kind: FeatureKind, points: Sequence[cv2.KeyPoint], size_px: NDArr
     return np.asarray((pixel + 0.5) * size_px / (size_px // 2**level * 2**level) - 0.5)
 
 
-def _spread(kind: FeatureKind, points: Sequence[cv2.KeyPoint]) -> Array:
-    """(n,) standard deviation of each position over the median one of the picture.
+def _relative_std(kind: FeatureKind, points: Sequence[cv2.KeyPoint]) -> Array:
+    """Return (n,) the standard deviation of each position as a ratio to the median of the picture.
 
-    Noise moves a faint spot farther, and shading, or a neighbour, a coarse one. For SIFT the law was found
-    from rendered pairs (`tests/benchmarks/registration.py`); of the others it is not known.
+    Noise displaces faint features more. Shading and neighbouring features displace coarse features more. The
+    law for SIFT was fitted to rendered pairs (`tests/benchmarks/registration.py`). It is unknown for the
+    other kinds, which have the ratio 1.
     """
     if kind != "sift":
         return np.ones(len(points))
-    variance = (1.0 + (_each("size", points) / COARSE_PX) ** 2) / _each("response", points)
+    variance = (1.0 + (_attribute("size", points) / COARSE_PX) ** 2) / _attribute("response", points)
     return np.sqrt(variance / median(variance))
 
 
 def _normalise(descriptor: NDArray[Any]) -> NDArray[Any]:
-    """RootSIFT for float descriptors (Arandjelovic and Zisserman 2012): Hellinger distance by L2."""
+    """Return RootSIFT of float descriptors, whose L2 distance is the Hellinger distance.
+
+    Bit strings are returned unchanged. Source: Arandjelovic and Zisserman 2012.
+    """
     if descriptor.dtype == np.uint8:
         return descriptor
     root: NDArray[np.float32] = np.abs(descriptor)

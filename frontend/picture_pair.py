@@ -1,4 +1,4 @@
-"""Two pictures registered in one call: features, matches, robust homography and gates."""
+"""Registration of two pictures in one call: features, matches, robust homography and gates."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def register_pictures(
     homography: HomographyConfig = HomographyConfig(),
     gates: GateConfig = GateConfig(),
 ) -> Registration:
-    """Register the second picture to the first one: ``i_H_j`` takes its pixels to those of the first.
+    """Register the second picture to the first. ``i_H_j`` maps its pixels to those of the first.
 
-    The pictures are (h, w) grey or (h, w, 3) BGR uint8 of ``camera``. Limits in pixels grow with the width
-    of the pictures. Raises ``TypeError`` or ``ValueError`` for an array that is no picture of the camera.
+    Both pictures are (h, w) grey or (h, w, 3) BGR uint8 of ``camera``. Limits in pixels scale with the width
+    of the pictures. Raises ``TypeError`` or ``ValueError`` if an array is not a picture of the camera.
     """
     width, height = camera.size_px
     for name, picture in (("first", first), ("second", second)):
@@ -35,5 +35,5 @@ def register_pictures(
                 f"got an array of shape {np.shape(picture)}"
             )
     extractor = Extractor(features.for_width(width))
-    found_first, found_second = extractor(first, camera), extractor(second, camera)
-    return register(0, 1, found_first, found_second, camera, homography.for_width(width), gates)
+    features_first, features_second = extractor(first, camera), extractor(second, camera)
+    return register(0, 1, features_first, features_second, camera, homography.for_width(width), gates)

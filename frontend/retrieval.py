@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from frontend.nearest import InvertedFile
+from frontend.inverted_file import InvertedFile
 
 Gate = Callable[[int, NDArray[np.int64]], NDArray[np.bool_]]
 """Return for a keyframe and others (m,) whether each pair may be compared."""
@@ -118,7 +118,7 @@ def propose(signatures: Float, neighbours: int, gate: Gate) -> Candidates:
     found: dict[tuple[int, int], float] = {}
     held: dict[tuple[int, int], float] = {}
     for j in range(len(signatures)):
-        rows, similarity = index.likely(signatures[j])
+        rows, similarity = index.candidates(signatures[j])
         open_to = gate(j, rows) & (rows != j)
         for k in _highest(similarity, neighbours + 1):
             if not open_to[k] and rows[k] != j:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from frontend.nearest import InvertedFile
+from frontend.inverted_file import InvertedFile
 from tests.benchmarks.metric import Metric, at_least, at_most, told
 
 Float = NDArray[np.float32]
@@ -82,7 +82,7 @@ def timed(
 
 def ours(index: InvertedFile, vector: Float) -> NDArray[np.int64]:
     """The most alike of the likely ones."""
-    rows, likeness = index.likely(vector)
+    rows, likeness = index.candidates(vector)
     return rows[highest(likeness)]
 
 

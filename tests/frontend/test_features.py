@@ -1,4 +1,4 @@
-"""Features: every kind finds, stands where the picture says, and respects mask and limit."""
+"""Features of each kind: positions, masks and limits."""
 
 from __future__ import annotations
 
@@ -60,10 +60,10 @@ def test_picture_turned_by_half_maps_features_onto_themselves(
     ("kind", "std_px"),
     [("sift", (0.02, 0.15)), ("orb", (0.4, 0.9)), ("orb-teblid", (0.4, 0.9)), ("akaze", (0.15, 0.6))],
 )
-def test_positions_are_where_a_coarser_picture_of_the_same_floor_shows_them(
+def test_positions_agree_with_a_coarser_picture_of_the_same_floor(
     kind: FeatureKind, std_px: tuple[float, float]
 ) -> None:
-    """Both pictures are area means of one fine texture: no resampling of ours decides where a pixel is."""
+    """Both pictures are area means of one fine texture: no interpolation decides where a pixel is."""
     errors = []
     for seed in range(2):
         fine = cv2.resize(
@@ -84,7 +84,7 @@ def test_positions_are_where_a_coarser_picture_of_the_same_floor_shows_them(
     assert std_px[0] < error.std() < std_px[1]
 
 
-def test_sift_tells_which_of_its_positions_are_good() -> None:
+def test_sift_predicts_its_position_errors() -> None:
     """Noise of 6 grey levels, twice, over a floor whose contrast grows from left to right."""
     rng = np.random.default_rng(4)
     floor = 128 + (texture(rng, 480, 360) - 128.0) * np.linspace(0.3, 1.0, 480)
@@ -95,21 +95,21 @@ def test_sift_tells_which_of_its_positions_are_good() -> None:
     )
     pairs = match(a, b)
     off = np.linalg.norm(a.pixel[pairs[:, 0]] - b.pixel[pairs[:, 1]], axis=1)
-    told = np.hypot(a.points.spread[pairs[:, 0]], b.points.spread[pairs[:, 1]])
+    predicted = np.hypot(a.points.spread[pairs[:, 0]], b.points.spread[pairs[:, 1]])
     assert np.median(a.points.spread) == pytest.approx(1.0)
-    low, high = np.quantile(told, [0.25, 0.75])
-    assert np.median(off[told > high]) > 1.4 * np.median(off[told < low])
+    low, high = np.quantile(predicted, [0.25, 0.75])
+    assert np.median(off[predicted > high]) > 1.4 * np.median(off[predicted < low])
 
 
-def test_where_a_lens_draws_together_positions_are_known_less_well() -> None:
+def test_relative_std_grows_with_the_magnification_of_the_lens() -> None:
     picture = texture(np.random.default_rng(5), *FISHY.size_px)
-    bent = Extractor()(picture, FISHY)
-    away = np.linalg.norm(bent.pixel - np.array(FISHY.center_px), axis=1)
+    distorted = Extractor()(picture, FISHY)
+    radius = np.linalg.norm(distorted.pixel - np.array(FISHY.center_px), axis=1)
     out, middle = (
-        bent.points.spread[away > np.quantile(away, 0.8)],
-        bent.points.spread[away < np.median(away)],
+        distorted.points.spread[radius > np.quantile(radius, 0.8)],
+        distorted.points.spread[radius < np.median(radius)],
     )
-    grown = FISHY.magnification(bent.pixel)[away > np.quantile(away, 0.8)]
+    grown = FISHY.magnification(distorted.pixel)[radius > np.quantile(radius, 0.8)]
     assert np.median(out) / np.median(middle) == pytest.approx(np.median(grown), rel=0.15)
 
 
@@ -149,7 +149,7 @@ def faded(contrast: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 @pytest.mark.parametrize("kind", ["sift", "akaze"])
 def test_limit_keeps_the_strongest(kind: FeatureKind) -> None:
-    """Contrast fades a little from left to right: the strongest stand at the left."""
+    """Contrast fades a little from left to right: the strongest are on the left."""
     picture = faded(np.linspace(1.0, 0.8, 320))
     many = Extractor(FeatureConfig(kind, 2000))(picture, CAMERA)
     few = Extractor(FeatureConfig(kind, 400))(picture, CAMERA)
@@ -157,7 +157,7 @@ def test_limit_keeps_the_strongest(kind: FeatureKind) -> None:
     assert few.pixel[:, 0].mean() < many.pixel[:, 0].mean() - 5
 
 
-def test_something_rich_in_texture_leaves_features_to_the_rest() -> None:
+def test_a_textured_object_leaves_features_for_the_floor() -> None:
     """A third of the picture has five times the contrast; it holds no more than half of the features."""
     picture = faded(np.where(np.arange(320) < 107, 1.0, 0.2))
     found = Extractor(FeatureConfig("sift", 200))(picture, CAMERA)
@@ -168,8 +168,8 @@ def test_something_rich_in_texture_leaves_features_to_the_rest() -> None:
 
 
 @pytest.mark.parametrize("kind", ["sift", "orb", "orb-teblid"])
-def test_what_is_masked_does_not_use_up_the_limit(kind: FeatureKind) -> None:
-    """Detectors keep their strongest and look at the mask then: the rest would get what is left over."""
+def test_masked_features_do_not_use_up_the_limit(kind: FeatureKind) -> None:
+    """Detectors apply their limit before the mask."""
     picture = faded(np.where(np.arange(320) < 160, 1.0, 0.3))
     mask = np.full((240, 320), 255, np.uint8)
     mask[:, :160] = 0
@@ -191,7 +191,7 @@ def test_featureless_and_tiny_pictures_give_none(kind: FeatureKind, shape: tuple
     assert len(match(nothing, full)) == len(match(full, nothing)) == 0
 
 
-def test_lens_distortion_is_taken_out_of_the_positions() -> None:
+def test_positions_are_undistorted() -> None:
     picture = texture(np.random.default_rng(5), 320, 240)
     plain, lens = (Extractor()(picture, camera) for camera in (CAMERA, FISHY))
     off = np.linalg.norm(lens.pixel[:, None] - FISHY.undistort(plain.pixel), axis=2).min(axis=1)
@@ -199,7 +199,7 @@ def test_lens_distortion_is_taken_out_of_the_positions() -> None:
     assert np.abs(FISHY.undistort(plain.pixel) - plain.pixel).max() > 3
 
 
-def test_surf_says_what_is_missing_and_what_to_do() -> None:
+def test_surf_error_names_the_cause_and_a_remedy() -> None:
     with pytest.raises(FeatureUnavailableError, match=r"surf.*OpenCV build.*sift"):
         Extractor(FeatureConfig("surf"))
     with pytest.raises(FeatureUnavailableError, match="choose sift, orb"):

@@ -1,4 +1,4 @@
-"""Two pictures registered in one call, and what is refused as a picture."""
+"""Registration of two pictures in one call, and its errors."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_the_homography_takes_the_second_picture_to_the_first():
         ("floor.png", TypeError, "expected an array of uint8, .*, got str"),
     ],
 )
-def test_what_is_no_picture_is_refused(second, error, message):
+def test_other_arrays_are_refused(second, error, message):
     picture = np.zeros((HEIGHT, WIDTH), np.uint8)
     with pytest.raises(error, match=message):
         register_pictures(picture, second, CAMERA)
