@@ -77,9 +77,9 @@ def gains_in_maps(
 ) -> list[MapGain]:
     """Return the gains of maps from corrected readings; none where no cause can be corrected."""
     from slam.evaluation.map_gain import map_gains
-    from slam.simulation.inverse.corrected import UNDONE
+    from slam.simulation.inverse.correct import INVERSES
 
-    if result.extended is None or not any(cause.name in UNDONE for cause in result.causes):
+    if result.extended is None or not any(cause.name in INVERSES for cause in result.causes):
         return []
     return map_gains(flights, result.extended, max_pictures, progress)
 

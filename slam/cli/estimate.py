@@ -46,7 +46,7 @@ def estimate(
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
     from slam.inertial.navigate import navigate
-    from slam.simulation.inverse import corrected
+    from slam.simulation.inverse import correct_flight
     from slam.simulation.model import load_model
 
     screen = Screen(quiet, as_json)
@@ -55,8 +55,8 @@ def estimate(
     with output_folder(out) as folder, screen.progress() as progress:
         flight = _without(open_flight(source, progress)[0], without or [])
         if instruments is not None:
-            result = corrected(flight, instruments)
-            flight = result.flight.with_warning(result.told(instruments))
+            result = correct_flight(flight, instruments)
+            flight = result.flight.with_warning(result.summary(instruments))
         navigation = navigate(flight, settings.inertial, rate, progress)
         write_navigation(folder, navigation)
     screen.json_file(out / "summary.json")
@@ -102,7 +102,7 @@ def figures(navigation: Navigation) -> FigureTable:
     from slam.cli.tables import warning_rows
     from slam.core.figure_table import FigureTable
     from slam.core.units import length
-    from slam.inertial.navigate import refused, softened
+    from slam.inertial.navigate import downweight_counts, rejection_counts
     from slam.report.facts import position_sigma_m
 
     found, track = navigation.estimate, navigation.track
@@ -118,7 +118,7 @@ def figures(navigation: Navigation) -> FigureTable:
         mean = "–" if channel.mean_nis is None else f"{channel.mean_nis:.2f}"
         used = f"{channel.accepted.any(axis=1).sum()} of {len(channel.stamps_s)} readings"
         rows.append((f"{name}, mean NIS (1 is right)", f"{mean} over {used}"))
-    for name, counted in (("left out", refused(track)), ("weighed less", softened(track))):
+    for name, counted in (("left out", rejection_counts(track)), ("weighed less", downweight_counts(track))):
         rows.append((name, ", ".join(f"{n} x {why}" for why, n in counted.items()) or "nothing"))
     rows.append(("time", f"{sum(found.timing_s.values()):.1f} s"))
     rows += warning_rows(found.warnings)

@@ -19,11 +19,11 @@ def mapped_flight(folder: Path, sources: Sequence[Path]) -> Flight:
     from slam.cli.source import open_flight
     from slam.core.join_flights import join_flights
     from slam.core.progress import silent
-    from slam.simulation.inverse import corrected
+    from slam.simulation.inverse import correct_flight
     from slam.simulation.model import load_model
 
     flights = [open_flight(path, silent)[0] for path in sources]
     if (folder / MODEL_NAME).exists():
         model = load_model(folder / MODEL_NAME)
-        flights = [corrected(flight, model).flight for flight in flights]
+        flights = [correct_flight(flight, model).flight for flight in flights]
     return join_flights(flights)

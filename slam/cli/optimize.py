@@ -110,14 +110,14 @@ def _corrected(
     from slam.evaluation.map_gain import can_be_compared, map_gain
     from slam.mapping.pipeline import optimize as run
     from slam.report.accuracy import map_gain_table
-    from slam.simulation.inverse import corrected
+    from slam.simulation.inverse import correct_flight
     from slam.simulation.model import save_model
 
     save_model(model, folder / MODEL_NAME)
-    results = [corrected(flight, model) for flight in flights]
-    flight = join_flights([each.flight.with_warning(each.told(model)) for each in results])
+    results = [correct_flight(flight, model) for flight in flights]
+    flight = join_flights([each.flight.with_warning(each.summary(model)) for each in results])
     estimate, recorded = run(flight, settings, progress), join_flights(flights)
-    if not any(each.taken_out for each in results) or not can_be_compared(recorded):
+    if not any(each.corrected_terms for each in results) or not can_be_compared(recorded):
         return write_results(folder, estimate, flight, mosaic, progress)
     gain = map_gain(recorded, flight, estimate, settings, progress)
     return write_results(folder, estimate, flight, mosaic, progress, (map_gain_table([gain]),))

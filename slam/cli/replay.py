@@ -79,12 +79,12 @@ def record(replay: Replay) -> dict[str, Any]:
 def table(replay: Replay) -> FigureTable:
     """Return the errors of all channels at all horizons, in the units of the picture."""
     from slam.core.figure_table import FigureTable
-    from slam.simulation.replay.channels import as_read
+    from slam.simulation.replay.channels import display_unit
 
     horizons = [f"{horizon:g} s" for horizon in replay.rollouts]
     rows = []
     for channel in replay.channels:
-        factor, unit = as_read(channel.unit)
+        factor, unit = display_unit(channel.unit)
         errors = (*channel.rms.values(), channel.flight_rms)
         rows.append((f"{channel.name} [{unit}]", *(f"{factor * rms:.3g}" for rms in errors)))
     return FigureTable(

@@ -16,10 +16,10 @@ from slam.core.flight import Flight, Frames
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.simulation import sensors
 from slam.simulation.camera.effects import camera_effects
-from slam.simulation.camera.film import shoot
+from slam.simulation.camera.film import film_flight
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import Model
-from slam.simulation.motion import Motion, Moving, at_rest, draw_for, obey, steps_of
+from slam.simulation.motion import Motion, Trajectory, at_rest, draw_model_noise, simulate_motion, step_count
 from slam.simulation.place.world import World
 from slam.simulation.stick import Stick
 
@@ -102,15 +102,15 @@ def flown(
     """One flight of a vehicle, described by the nominal figures of ``told`` as a maker would."""
     rng = np.random.default_rng((seed, 7))
     start = at_rest(0.0, 0.0, float(rng.uniform(*START_M)), float(rng.uniform(-np.pi, np.pi)))
-    noise = draw_for(model, steps_of(stick.duration_s), (rng, np.random.default_rng((seed, 8))))
-    motion = obey(stick, model, start, noise)
+    noise = draw_model_noise(model, step_count(stick.duration_s), (rng, np.random.default_rng((seed, 8))))
+    motion = simulate_motion(stick, model, start, noise)
     flight = read_by(model, told or model, motion, student, seed, rng)
     flight = replace(flight, command=sensors.log_command(stick, model))
     return flight if camera is None else _filmed(flight, motion, camera, seed)
 
 
 def read_by(
-    model: Model, maker: Model, motion: Moving, student: bool, seed: int, rng: np.random.Generator
+    model: Model, maker: Model, motion: Trajectory, student: bool, seed: int, rng: np.random.Generator
 ) -> Flight:
     """What the instruments read of a motion, with the vehicle's noise and its maker's word for it."""
     slope = model.vector("floor_slope")
@@ -128,7 +128,7 @@ def read_by(
             drawn = rng.standard_t(STUDENT_DEGREES, clean.shape) / np.sqrt(2.0)
         else:
             drawn = rng.standard_normal(clean.shape)
-        return clean + std * sensors.in_colour(drawn, correlation)
+        return clean + std * sensors.autoregressive(drawn, correlation)
 
     root = np.sqrt(model.imu.rate_hz)
     gyro_std, accel_std = model.imu.gyro_noise_density * root, model.imu.accel_noise_density * root
@@ -170,11 +170,11 @@ def _filmed(flight: Flight, motion: Motion, camera: CameraModel, seed: int) -> F
         seed=int(rng.integers(2**31)),
     )  # fmt: skip
     stamps_s = sensors.stamps(camera.rate_hz, motion.duration_s, rng)
-    film = shoot(
+    film = film_flight(
         world, (), camera, camera_effects({}), stamps_s, lambda t: motion.at(t).w_T_b, motion.duration_s, seed
     )
     names = tuple(f"{k}.png" for k in range(len(film.stamps_s)))
-    return replace(flight, camera=film.told, frames=Frames(film.stamps_s, names, film))
+    return replace(flight, camera=film.nominal_camera, frames=Frames(film.stamps_s, names, film))
 
 
 def healthy_case(

@@ -15,7 +15,7 @@ from slam.core.summary import without_nan
 from slam.evaluation import Evaluation, evaluate
 from slam.mapping.config import PipelineConfig
 from slam.mapping.pipeline import optimize
-from slam.simulation.inverse.corrected import corrected
+from slam.simulation.inverse.correct import correct_flight
 from slam.simulation.model import Model
 
 
@@ -96,7 +96,7 @@ def map_gains(
     judged = sorted(filter(can_be_compared, flights), key=lambda flight: len(flight.frames or ()))
     total = accumulate(len(flight.frames or ()) for flight in judged)
     return [
-        map_gain(flight, corrected(flight, model).flight, progress=progress)
+        map_gain(flight, correct_flight(flight, model).flight, progress=progress)
         for flight, pictures in zip(judged, total, strict=True)
         if most is None or pictures <= most
     ]

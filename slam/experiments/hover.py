@@ -28,7 +28,7 @@ from slam.experiments.experiment import (
     verdict,
 )
 from slam.simulation import load_recipe
-from slam.simulation.recording import flown
+from slam.simulation.recording import fly_recipe
 from slam.simulation.sensors import read_velocity
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def _trial(seed: int, draw: bool) -> Trial:
     variance, distances = [], []
     tracks = []
     for k in range(HOVERS):
-        motion = flown(recipe, HOVERS * seed + k)
+        motion = fly_recipe(recipe, HOVERS * seed + k)
         velocity = read_velocity(motion, recipe.model, recipe.world, HOVERS * seed + k)
         state = motion.at(velocity.stamps_s)
         place = state.w_p_m[:, :2] - state.w_p_m[0, :2]

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Flight
-from slam.inertial.motion import follow
-from slam.inertial.trials import suited
+from slam.inertial.motion import filter_motion
+from slam.inertial.noise_identification import identify_noise
 
 Array = NDArray[np.float64]
 
@@ -19,8 +19,8 @@ def filter_chain(flight: Flight, stamps_s: Array) -> Array:
     input for the map stitching algorithm"). NaN outside the time in which motion was recorded. Raises
     ``InputError`` where too little was.
     """
-    given = suited(flight)
-    inside = (stamps_s >= given.start_s) & (stamps_s <= given.end_s)
+    inputs = identify_noise(flight)
+    inside = (stamps_s >= inputs.start_s) & (stamps_s <= inputs.end_s)
     poses = np.full((len(stamps_s), 4, 4), np.nan)
-    poses[inside] = follow(given, stamps_s[inside], smooth=False).filtered.w_T_b
+    poses[inside] = filter_motion(inputs, stamps_s[inside], smooth=False).filtered.w_T_b
     return poses

@@ -1,7 +1,7 @@
 """What a flight's instruments give the filter: readings in body axes with honest noise, and a start.
 
 Makers' figures are where this begins. Where the record itself shows more, the record is believed
-(`slam.inertial.variogram`, `slam.inertial.trials`).
+(`slam.inertial.variogram`, `slam.inertial.noise_identification`).
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from slam.inertial.instruments import (
     velocity_of,
     zeros_at,
 )
-from slam.inertial.standing import standing
 from slam.inertial.variogram import Wander
+from slam.inertial.zero_velocity import zero_velocity_times
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight
@@ -55,10 +55,10 @@ _STANDING_STD = 0.01, 0.003
 
 
 @dataclass(frozen=True)
-class Adjusted:
+class Adjustments:
     """What trials have shown of instruments, by channel."""
 
-    wider: Mapping[str, float] = field(default_factory=dict)
+    noise_factor: Mapping[str, float] = field(default_factory=dict)
     """White noise in units of the maker's or the floor."""
     delay_s: Mapping[str, float] = field(default_factory=dict)
     """How long after its moment a reading is stamped."""
@@ -74,14 +74,14 @@ class FilterInput:
     start_s: float
     end_s: float
     """Between these times the vehicle's motion was recorded."""
-    held_range_scale: float
-    held_velocity_scale: float
+    range_scale_std: float
+    velocity_scale_std: float
     """Standard deviations of scales: they are held, and counted in the covariances."""
-    adjusted: Adjusted
+    adjustments: Adjustments
 
 
 def filter_input(
-    flight: Flight, trust: InertialTrust = InertialTrust(), adjusted: Adjusted = Adjusted()
+    flight: Flight, trust: InertialTrust = InertialTrust(), adjustments: Adjustments = Adjustments()
 ) -> FilterInput:
     """Readings, model and start of a flight; readings before its motion was recorded are left out.
 
@@ -89,7 +89,7 @@ def filter_input(
     """
     start_s, end_s = _span(flight)
     gyro, accel, rate, acceleration = inertial_of(flight)
-    standing_s = standing(flight)
+    standing_s = zero_velocity_times(flight)
     made = Readings(
         gyro_rad_s=gyro,
         accel_m_s2=accel,
@@ -101,7 +101,7 @@ def filter_input(
         rest_m_s=zeros_at(standing_s, _STANDING_STD[0]),
         still_rad_s=zeros_at(standing_s, _STANDING_STD[1]),
     )
-    readings = _adjusted(made, adjusted).between(start_s, end_s)
+    readings = _adjusted(made, adjustments).between(start_s, end_s)
     scale = flight.sonar.scale_std if flight.sonar and readings.range_m else 0.0
     velocity_scale = flight.velocity.scale_std if flight.velocity and readings.velocity_m_s else 0.0
     return FilterInput(
@@ -112,7 +112,7 @@ def filter_input(
         end_s,
         scale,
         velocity_scale,
-        adjusted,
+        adjustments,
     )
 
 
@@ -190,13 +190,13 @@ def _held(flight: Flight) -> str:
     return "; there is ".join(part for part in (", ".join(missing), ", ".join(there)) if part)
 
 
-def _adjusted(readings: Readings, adjusted: Adjusted) -> Readings:
+def _adjusted(readings: Readings, adjustments: Adjustments) -> Readings:
     changed: dict[str, Any] = {}
     for name, kept in FIELDS.items():
         held = getattr(readings, kept)
-        if held is not None and (name in adjusted.wider or name in adjusted.delay_s):
-            late_s, wider = adjusted.delay_s.get(name, 0.0), adjusted.wider.get(name, 1.0)
-            changed[kept] = Series(held.stamps_s - late_s, held.values, wider * held.std)
+        if held is not None and (name in adjustments.noise_factor or name in adjustments.delay_s):
+            late_s, noise_factor = adjustments.delay_s.get(name, 0.0), adjustments.noise_factor.get(name, 1.0)
+            changed[kept] = Series(held.stamps_s - late_s, held.values, noise_factor * held.std)
     return replace(readings, **changed)
 
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 
-def follow(
-    given: FilterInput,
+def filter_motion(
+    inputs: FilterInput,
     at_s: Array,
     *,
     steps: tuple[VisualStep, ...] = (),
@@ -37,15 +37,15 @@ def follow(
     """
     from backend.ekf.track import track
 
-    readings = replace(given.readings, steps=steps)
+    readings = replace(inputs.readings, steps=steps)
     rounds = 1 if smooth else 0
-    others = _others(given)
+    others = _others(inputs)
 
     def run(start: InitialState, number: int) -> Track:
         progress("filter", number, len(others) + 1)
-        return track(readings, at_s, start, given.model, rounds=rounds, clone=keep)
+        return track(readings, at_s, start, inputs.model, rounds=rounds, clone=keep)
 
-    found = run(given.start, 0)
+    found = run(inputs.start, 0)
     filtered, smoothed = found.filtered, found.smoothed
     for number, start in enumerate(others, start=1):
         other = run(start, number)
@@ -55,14 +55,14 @@ def follow(
     return replace(found, filtered=filtered, smoothed=smoothed)
 
 
-def _others(given: FilterInput) -> list[InitialState]:
+def _others(inputs: FilterInput) -> list[InitialState]:
     """Starts with each held scale one standard deviation larger."""
     starts = []
-    if given.held_range_scale > 1e-6:
-        starts.append(replace(given.start, range_scale=given.held_range_scale))
-    if given.held_velocity_scale > 1e-6:
-        off = given.held_velocity_scale
-        starts += [replace(given.start, velocity_scale=scale) for scale in ((off, 0.0), (0.0, off))]
+    if inputs.range_scale_std > 1e-6:
+        starts.append(replace(inputs.start, range_scale=inputs.range_scale_std))
+    if inputs.velocity_scale_std > 1e-6:
+        off = inputs.velocity_scale_std
+        starts += [replace(inputs.start, velocity_scale=scale) for scale in ((off, 0.0), (0.0, off))]
     return starts
 
 

@@ -20,8 +20,8 @@ from slam.core.rotations import roll_pitch_yaw_of, rotation_of
 from slam.core.stage_timer import Stopwatch
 from slam.inertial.filter_input import FilterInput
 from slam.inertial.instruments import InertialTrust
-from slam.inertial.motion import follow
-from slam.inertial.trials import suited
+from slam.inertial.motion import filter_motion
+from slam.inertial.noise_identification import identify_noise
 
 if TYPE_CHECKING:
     from backend.ekf.results import States, Track
@@ -44,7 +44,7 @@ class Navigation:
 
     estimate: Estimate
     track: Track
-    given: FilterInput
+    inputs: FilterInput
 
 
 def navigate(
@@ -61,18 +61,18 @@ def navigate(
     clock = Stopwatch()
     with show_compilation(progress):
         with clock("instruments"):
-            given = suited(flight, trust, progress)
-        at_s = _times(flight, given, rate_hz)
-        absolute = given.readings.w_p_b_m is not None
+            inputs = identify_noise(flight, trust, progress)
+        at_s = _times(flight, inputs, rate_hz)
+        absolute = inputs.readings.w_p_b_m is not None
         with clock("filter"):
-            track = follow(given, at_s, keep="none" if absolute else "first", progress=progress)
+            track = filter_motion(inputs, at_s, keep="none" if absolute else "first", progress=progress)
     assert track.smoothed is not None
-    turn = _heading(given, track.smoothed)
+    turn = _heading(inputs, track.smoothed)
     track = replace(track, filtered=_turned(track.filtered, turn), smoothed=_turned(track.smoothed, turn))
     assert track.smoothed is not None
     covariances = track.smoothed.covariances if absolute else _since_first(track.smoothed)
     known_to = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
-    said = [*_unobserved(given, float(known_to[-1])), *_contradicted(given)]
+    said = [*_unobserved(inputs, float(known_to[-1])), *_contradicted(inputs)]
     stamps_ns = flight.epoch_ns + np.round(at_s * 1e9).astype(np.int64)
     estimate = Estimate(
         name=flight.name,
@@ -92,12 +92,12 @@ def navigate(
         loops=(),
         chain_w_T_b=dead_reckoning(flight, track.smoothed.w_T_b, at_s),
         odometry_w_T_b=track.filtered.w_T_b,
-        rejected=refused(track) | softened(track),
+        rejected=rejection_counts(track) | downweight_counts(track),
         timing_s=clock.seconds,
-        warnings=(*flight.warnings, *describe(flight).anomalies, *said, *_found_odd(given, track)),
+        warnings=(*flight.warnings, *describe(flight).anomalies, *said, *_found_odd(inputs, track)),
         trajectory_names=WAYS,
     )
-    return Navigation(estimate, track, given)
+    return Navigation(estimate, track, inputs)
 
 
 def _since_first(states: States) -> Array:
@@ -107,14 +107,14 @@ def _since_first(states: States) -> Array:
     return np.concatenate([first[None], states.fixed_clone_covariances[1:]])
 
 
-def _times(flight: Flight, given: FilterInput, rate_hz: float) -> Array:
-    count = (given.end_s - given.start_s) * rate_hz
+def _times(flight: Flight, inputs: FilterInput, rate_hz: float) -> Array:
+    count = (inputs.end_s - inputs.start_s) * rate_hz
     if count > MOST_POSES:
         raise InputError(
-            f"{flight.name}: {given.end_s - given.start_s:.0f} s at {rate_hz:g} Hz are more than "
+            f"{flight.name}: {inputs.end_s - inputs.start_s:.0f} s at {rate_hz:g} Hz are more than "
             f"{MOST_POSES} poses; lower --rate"
         )
-    return given.start_s + np.arange(int(count) + 1) / rate_hz
+    return inputs.start_s + np.arange(int(count) + 1) / rate_hz
 
 
 def dead_reckoning(flight: Flight, w_T_b: Array, at_s: Array) -> Array:
@@ -148,11 +148,11 @@ def dead_reckoning(flight: Flight, w_T_b: Array, at_s: Array) -> Array:
     return poses
 
 
-def _heading(given: FilterInput, states: States) -> float:
+def _heading(inputs: FilterInput, states: States) -> float:
     """By how much to turn the world so that the vehicle's own yaw is right in the middle; 0 where GPS
     tells."""
-    own = given.readings.roll_pitch_yaw_rad
-    if given.readings.w_p_b_m is not None or own is None or not np.isfinite(own.values[:, 2]).any():
+    own = inputs.readings.roll_pitch_yaw_rad
+    if inputs.readings.w_p_b_m is not None or own is None or not np.isfinite(own.values[:, 2]).any():
         return 0.0
     return float(np.median(states.errors["own_attitude"][:, 2]))
 
@@ -178,9 +178,9 @@ def _turned(states: States, yaw_rad: float) -> States:
     )
 
 
-def _unobserved(given: FilterInput, known_to_m: float) -> list[str]:
+def _unobserved(inputs: FilterInput, known_to_m: float) -> list[str]:
     """What nothing measures, in words."""
-    readings, said = given.readings, []
+    readings, said = inputs.readings, []
     if readings.velocity_m_s is None and readings.w_p_b_m is None:
         said.append(
             "neither velocity nor position was measured: the position drifts, "
@@ -192,7 +192,7 @@ def _unobserved(given: FilterInput, known_to_m: float) -> list[str]:
     return said
 
 
-def refused(track: Track) -> dict[str, int]:
+def rejection_counts(track: Track) -> dict[str, int]:
     """Components of readings that were left out, by reason."""
     reasons = {
         status.REJECTED: "far from what was foreseen",
@@ -201,7 +201,7 @@ def refused(track: Track) -> dict[str, int]:
     return _counted(track, reasons)
 
 
-def softened(track: Track) -> dict[str, int]:
+def downweight_counts(track: Track) -> dict[str, int]:
     """Components of readings that count for less than their noise says, by reason."""
     return _counted(track, {status.INFLATED: "off, taken with less weight"})
 
@@ -215,26 +215,26 @@ def _counted(track: Track, reasons: Mapping[int, str]) -> dict[str, int]:
     }
 
 
-def _contradicted(given: FilterInput) -> list[str]:
+def _contradicted(inputs: FilterInput) -> list[str]:
     """Instruments that are so far from what the others foretell that noise is no word for it."""
     return [
         f"{name} and the other instruments contradict each other (off by {factor:.0f} times its noise); "
         "check its unit and stamps, and whether another instrument has failed"
-        for name, factor in given.adjusted.wider.items()
+        for name, factor in inputs.adjustments.noise_factor.items()
         if factor >= CONTRADICTED
     ]
 
 
-def _found_odd(given: FilterInput, track: Track) -> list[str]:
+def _found_odd(inputs: FilterInput, track: Track) -> list[str]:
     """What the filter has found of the instruments, one line each."""
-    wider = given.adjusted.wider
-    wild = any(factor >= CONTRADICTED for factor in wider.values())
+    noise_factor = inputs.adjustments.noise_factor
+    wild = any(factor >= CONTRADICTED for factor in noise_factor.values())
     # Where instruments contradict each other grossly, so does what makes them agree best.
-    late = {} if wild else given.adjusted.delay_s
+    late = {} if wild else inputs.adjustments.delay_s
     said = [f"{name} lags by {delay_s:g} s, which is corrected" for name, delay_s in late.items()]
     said += [
         f"{name} is {factor:.1f} times as noisy as specified"
-        for name, factor in wider.items()
+        for name, factor in noise_factor.items()
         if factor < CONTRADICTED
     ]
     for name, channel in track.channels.items():
@@ -251,9 +251,9 @@ def _found_odd(given: FilterInput, track: Track) -> list[str]:
         if (np.abs(last) > 5 * known).any() and (known > 1e-6).any():
             said.append(f"{words} is off by {', '.join(f'{v:.3g}' for v in last)} {unit}")
     tilt = np.degrees(np.abs(errors["own_attitude"][:, :2]).max())
-    if given.model.tilt_error_rad > 0 and tilt > _TOLD_TILT_DEG:
+    if inputs.model.tilt_error_rad > 0 and tilt > _TOLD_TILT_DEG:
         said.append(f"the vehicle's own roll and pitch are off by up to {tilt:.1f} deg")
-    for scale, words in ((given.held_velocity_scale, "velocities"), (given.held_range_scale, "ranges")):
+    for scale, words in ((inputs.velocity_scale_std, "velocities"), (inputs.range_scale_std, "ranges")):
         if scale > _TOLD_SCALE:
             said.append(
                 f"the scale of {words} cannot be determined from this flight: it is known to "

@@ -14,14 +14,14 @@ def summary_record(navigation: Navigation) -> dict[str, Any]:
     A channel has ``readings``, of these ``believed`` at their full weight with the mean squared whitened
     innovation ``nis`` (1 expected), and ``delay_s`` and ``noise_factor`` as trials found them.
     """
-    adjusted = navigation.given.adjusted
+    adjustments = navigation.inputs.adjustments
     channels = {}
     for name, channel in navigation.track.channels.items():
         channels[name] = {
             "readings": len(channel.stamps_s),
             "believed": int(channel.accepted.any(axis=1).sum()),
             "nis": channel.mean_nis,
-            "delay_s": float(adjusted.delay_s.get(name, 0.0)),
-            "noise_factor": float(adjusted.wider.get(name, 1.0)),
+            "delay_s": float(adjustments.delay_s.get(name, 0.0)),
+            "noise_factor": float(adjustments.noise_factor.get(name, 1.0)),
         }
     return {**summarise(navigation.estimate).to_json(), "channels": channels}

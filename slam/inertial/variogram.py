@@ -22,7 +22,7 @@ _LONGEST_LAG_S, _LAGS = 1.0, 12
 _FAR_MORE = 3.0
 """The start of a variogram is noise where it is this many times what the maker says."""
 _LEAST_POWER = 1e-3
-"""However still a vehicle was held: a filter that expects no motion at all would not follow any. In
+"""However still a vehicle was held: a filter that expects no motion at all would not filter_motion any. In
 variances of the noise a reading."""
 
 

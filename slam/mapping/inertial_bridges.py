@@ -68,16 +68,16 @@ def inertial_edges(
 
     Raises ``InputError`` where too little was recorded, ``BackendError`` where the filter fails.
     """
-    from slam.inertial.motion import follow
-    from slam.inertial.trials import suited
+    from slam.inertial.motion import filter_motion
+    from slam.inertial.noise_identification import identify_noise
 
-    given = suited(flight, trust, progress, stamps_s, steps)
-    inside = (stamps_s >= given.start_s) & (stamps_s <= given.end_s)
-    if given.readings.range_m is None or inside.sum() < 2:
+    inputs = identify_noise(flight, trust, progress, stamps_s, steps)
+    inside = (stamps_s >= inputs.start_s) & (stamps_s <= inputs.end_s)
+    if inputs.readings.range_m is None or inside.sum() < 2:
         return ()
     reached = {step.j for step in steps}
-    found = follow(
-        given, stamps_s[inside], steps=renumber_steps(steps, inside), keep="each", progress=progress
+    found = filter_motion(
+        inputs, stamps_s[inside], steps=renumber_steps(steps, inside), keep="each", progress=progress
     )
     states, numbers = found.smoothed, np.flatnonzero(inside)
     assert states is not None

@@ -11,7 +11,7 @@ from slam.simulation.dynamics import COMMAND
 from slam.simulation.instruments import BatteryModel
 from slam.simulation.model import Model
 from slam.simulation.motion import Motion
-from slam.simulation.sensors import stamped, stamps
+from slam.simulation.sensors import clock_stamps, stamps
 
 Array = NDArray[np.float64]
 
@@ -45,4 +45,4 @@ def read_battery(motion: Motion, model: Model, seed: int) -> Scalar:
     voltage = open_circuit_v(np.interp(times, grid, left))
     voltage -= battery.resistance_ohm * current_a(motion.stick.at(times), battery)
     voltage += rng.normal(0.0, battery.noise_std_v, len(times))
-    return Scalar(stamped(times, model, generator(seed, "battery clock")), voltage, battery.noise_std_v)
+    return Scalar(clock_stamps(times, model, generator(seed, "battery clock")), voltage, battery.noise_std_v)

@@ -65,7 +65,7 @@ class Manoeuvre:
 
 
 @dataclass(frozen=True)
-class Path:
+class FlightPath:
     """(x, y, z, yaw) as a function of time from 0 to ``duration_s``, continuous to the third derivative."""
 
     derivatives: tuple[BPoly, BPoly, BPoly, BPoly]
@@ -75,7 +75,7 @@ class Path:
 
 def plan(
     manoeuvre: Manoeuvre, landmarks: dict[str, tuple[float, float]], extent_m: tuple[float, ...]
-) -> Path:
+) -> FlightPath:
     """The path through the way points, on the floor ``extent_m`` = (x0, y0, x1, y1).
 
     Raises ``InputError`` for a way point that is unknown, below ground or beyond the floor, for laps of an
@@ -105,7 +105,7 @@ def plan(
             "fly faster or fewer laps"
         )
     velocity = np.vstack([np.zeros(3), np.diff(points, axis=0) / leg_s[:, None], np.zeros(3)])
-    return Path(_corners(points, velocity, yaws, center_s, corner_s, manoeuvre.rest_s), duration_s)
+    return FlightPath(_corners(points, velocity, yaws, center_s, corner_s, manoeuvre.rest_s), duration_s)
 
 
 def _corners(

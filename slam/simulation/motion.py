@@ -74,7 +74,7 @@ class State:
         return np.column_stack([c * vx + s * vy, c * vy - s * vx])
 
 
-class Moving(Protocol):
+class Trajectory(Protocol):
     """What instruments can be read along: a flight, or a vehicle that is carried."""
 
     @property
@@ -137,23 +137,25 @@ def at_rest(x: float, y: float, z: float, yaw_rad: float) -> Array:
     return state
 
 
-def steps_of(duration_s: float) -> int:
+def step_count(duration_s: float) -> int:
     """How many steps cover a duration."""
     return max(int(np.ceil(duration_s / STEP_S - 1e-9)), 1)
 
 
-def draw_for(model: Model, steps: int, rngs: tuple[np.random.Generator, np.random.Generator]) -> NoisePath:
+def draw_model_noise(
+    model: Model, steps: int, rngs: tuple[np.random.Generator, np.random.Generator]
+) -> NoisePath:
     """The hold noise and, from the second generator, the gusts of a model."""
     sigma, tau = model.vector("gusts", "sigma", "tau")
     return draw_noise(model.hold_noise, steps, STEP_S, rngs[0], (sigma, tau), rngs[1])
 
 
-def still(steps: int) -> NoisePath:
+def no_noise(steps: int) -> NoisePath:
     """No noise at all."""
     return NoisePath(np.zeros((steps + 1, len(NOISE))), np.zeros((steps + 1, 3)))
 
 
-def obey(
+def simulate_motion(
     stick: Stick,
     model: Model,
     start: Array,
@@ -164,11 +166,11 @@ def obey(
     """The motion of a model's vehicle under a stick that was given beforehand.
 
     ``start`` (``dynamics.STATE``,) at ``begin_s``, by default the stick's whole duration is flown; ``noise``
-    covers ``steps_of`` that many seconds, none by default.
+    covers ``step_count`` that many seconds, none by default.
     """
     duration_s = (stick.duration_s if end_s is None else end_s) - begin_s
-    steps = steps_of(duration_s)
-    noise = still(steps) if noise is None else noise
+    steps = step_count(duration_s)
+    noise = no_noise(steps) if noise is None else noise
     nodes = begin_s + np.arange(steps + 1, dtype=np.float64) * STEP_S
     latency = model.value("control_latency", "T")
     command = stick.mean(nodes[:-1], nodes[1:], latency)

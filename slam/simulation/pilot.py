@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from backend.measurements import GRAVITY_M_S2
 from slam.simulation.dynamics import DISCHARGE, STEP_S, VX, VZ, YAW, YAW_RATE, X, Z, integrate
 from slam.simulation.hold_noise import NoisePath
-from slam.simulation.manoeuvre import Path
+from slam.simulation.manoeuvre import FlightPath
 from slam.simulation.model import Model, Vehicle
-from slam.simulation.motion import Motion, at_rest, steps_of
+from slam.simulation.motion import Motion, at_rest, step_count
 from slam.simulation.stick import Stick
 
 Array = NDArray[np.float64]
@@ -80,9 +80,9 @@ def lean(push_m_s2: list[float], yaw: float) -> tuple[float, float]:
     return -math.atan(aside * math.cos(pitch)), pitch
 
 
-def fly(path: Path, model: Model, noise: NoisePath) -> Motion:
-    """Follow ``path`` from rest at its first point; ``noise`` covers ``steps_of(path.duration_s)`` steps."""
-    steps = steps_of(path.duration_s)
+def fly(path: FlightPath, model: Model, noise: NoisePath) -> Motion:
+    """Follow ``path`` from rest at its first point; ``noise`` has ``step_count(path.duration_s)`` steps."""
+    steps = step_count(path.duration_s)
     ticks = -(-steps // TICK_STEPS)
     stamps = np.arange(ticks, dtype=np.float64) * TICK_S
     ahead = np.minimum(stamps + TICK_S / 2, path.duration_s)

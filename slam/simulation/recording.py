@@ -10,10 +10,10 @@ from slam.core.flight import Flight, Frames, Truth
 from slam.simulation import sensors
 from slam.simulation.battery import read_battery
 from slam.simulation.camera.effects import camera_effects
-from slam.simulation.camera.film import Film, shoot
+from slam.simulation.camera.film import Film, film_flight
 from slam.simulation.chance import generator
 from slam.simulation.manoeuvre import MAX_HEIGHT_M, plan
-from slam.simulation.motion import Motion, at_rest, draw_for, obey, steps_of
+from slam.simulation.motion import Motion, at_rest, draw_model_noise, simulate_motion, step_count
 from slam.simulation.pilot import fly
 from slam.simulation.place.terrain import elevation
 from slam.simulation.place.world import World, with_place_terms
@@ -35,14 +35,14 @@ def record(recipe: Recipe, seed: int) -> Flight:
     it."""
     model, world = recipe.model, _place(recipe)
     try:
-        motion = flown(recipe, seed)
+        motion = fly_recipe(recipe, seed)
     except InputError as error:
         raise InputError(f"recipe {recipe.name}: {error}") from None
     film = _film(recipe, world, motion, seed) if recipe.camera is not None else None
     return Flight(
         name=f"{recipe.name}-seed-{seed}",
         epoch_ns=EPOCH_NS,
-        camera=None if film is None else film.told,
+        camera=None if film is None else film.nominal_camera,
         frames=None if film is None else Frames(film.stamps_s, _names(film.stamps_s), film),
         imu=sensors.read_imu(motion, model, seed),
         sonar=sensors.read_sonar(motion, model, world, seed),
@@ -61,18 +61,20 @@ def record(recipe: Recipe, seed: int) -> Flight:
     )
 
 
-def flown(recipe: Recipe, seed: int) -> Motion:
+def fly_recipe(recipe: Recipe, seed: int) -> Motion:
     """The true motion of a recipe's flight. Raises ``InputError`` where it leaves the floor or hits it."""
     manoeuvre, model = recipe.maneuver, recipe.model
     rngs = (generator(seed, "hold noise"), generator(seed, "gusts"))
     if manoeuvre.script:
         stick = stick_from(manoeuvre)
         start = at_rest(*manoeuvre.start_m, manoeuvre.height_m, float(np.radians(manoeuvre.heading_deg)))
-        motion = obey(stick, model, start, draw_for(model, steps_of(stick.duration_s), rngs))
+        motion = simulate_motion(
+            stick, model, start, draw_model_noise(model, step_count(stick.duration_s), rngs)
+        )
         _refuse_beyond(motion, recipe.world, 0.0)
     else:
         path = plan(manoeuvre, recipe.landmarks, recipe.world.extent_m)
-        motion = fly(path, model, draw_for(model, steps_of(path.duration_s), rngs))
+        motion = fly(path, model, draw_model_noise(model, step_count(path.duration_s), rngs))
         # Way points may lie on the border, and a pilot is blown about; beyond the margin there is nothing to
         # see.
         _refuse_beyond(motion, recipe.world, max(recipe.world.margin_m, PILOTS_ROOM_M))
@@ -123,7 +125,7 @@ def _film(recipe: Recipe, world: World, motion: Motion, seed: int) -> Film:
         return motion.at(times_s).w_T_b
 
     effects = camera_effects(terms)
-    return shoot(world, marks, recipe.camera, effects, stamps_s, pose_at, motion.duration_s, seed)
+    return film_flight(world, marks, recipe.camera, effects, stamps_s, pose_at, motion.duration_s, seed)
 
 
 def _names(stamps_s: Array) -> tuple[str, ...]:

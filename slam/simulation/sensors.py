@@ -16,7 +16,7 @@ from slam.core.flight import AttitudeSeries, Command, Imu, Sonar, Velocity
 from slam.simulation.chance import generator
 from slam.simulation.instruments import Rate
 from slam.simulation.model import Model
-from slam.simulation.motion import Moving, State
+from slam.simulation.motion import State, Trajectory
 from slam.simulation.place.terrain import first_echo
 from slam.simulation.place.world import World
 from slam.simulation.stick import Stick
@@ -42,7 +42,7 @@ def stamps(rate_hz: float, duration_s: float, rng: np.random.Generator) -> Array
     return np.round(first + np.arange(count) / rate_hz, 9)
 
 
-def in_colour(white: Array, correlation: float) -> Array:
+def autoregressive(white: Array, correlation: float) -> Array:
     """(n, ...) noise of the same spread of which each sample keeps so much of the one before."""
     if correlation == 0.0:
         return white
@@ -50,8 +50,8 @@ def in_colour(white: Array, correlation: float) -> Array:
     return np.asarray(lfilter([1.0], [1.0, -correlation], white, axis=0))
 
 
-def stamped(times_s: Array, model: Model, rng: np.random.Generator) -> Array:
-    """(n,) what the vehicle's clock says of readings taken at ``times_s``: ``clock_drift``,
+def clock_stamps(times_s: Array, model: Model, rng: np.random.Generator) -> Array:
+    """(n,) what the vehicle's clock says of readings sampling_times at ``times_s``: ``clock_drift``,
     ``timestamp_jitter``."""
     late = times_s * model.value("clock_drift", "ppm") * 1e-6
     late = late + rng.normal(0.0, model.value("timestamp_jitter", "sigma"), len(times_s))
@@ -60,7 +60,7 @@ def stamped(times_s: Array, model: Model, rng: np.random.Generator) -> Array:
     return np.asarray(np.maximum.accumulate(np.round(times_s + late, 9) - apart) + apart)
 
 
-def taken(stamps_s: Array, model: Model) -> Array:
+def sampling_times(stamps_s: Array, model: Model) -> Array:
     """(n,) when readings were taken that the vehicle's clock, which may drift, stamps ``stamps_s``."""
     return stamps_s / (1 + model.value("clock_drift", "ppm") * 1e-6)
 
@@ -113,7 +113,7 @@ def in_limits(range_m: Array, model: Model) -> Array:
     return np.where(range_m < dead, dead, np.where(out, np.nan, range_m))
 
 
-def read_imu(motion: Moving, model: Model, seed: int) -> Imu:
+def read_imu(motion: Trajectory, model: Model, seed: int) -> Imu:
     """Gyro and accelerometer with noise, and with biases that walk."""
     imu, rng = model.imu, generator(seed, "imu")
     times = stamps(imu.rate_hz, motion.duration_s, rng)
@@ -121,11 +121,11 @@ def read_imu(motion: Moving, model: Model, seed: int) -> Imu:
     per_sample = np.sqrt(imu.rate_hz)
     gyro_noise = rng.normal(0.0, imu.gyro_noise_density * per_sample, gyro.shape)
     accel_noise = rng.normal(0.0, imu.accel_noise_density * per_sample, accel.shape)
-    gyro = gyro + in_colour(gyro_noise, imu.gyro_noise_correlation)
-    accel = accel + in_colour(accel_noise, imu.accel_noise_correlation)
+    gyro = gyro + autoregressive(gyro_noise, imu.gyro_noise_correlation)
+    accel = accel + autoregressive(accel_noise, imu.accel_noise_correlation)
     walks = generator(seed, "imu bias").standard_normal((2, *gyro.shape)).cumsum(axis=1) / per_sample
     return Imu(
-        stamped(times, model, generator(seed, "imu clock")),
+        clock_stamps(times, model, generator(seed, "imu clock")),
         gyro + imu.gyro_random_walk * walks[0],
         accel + imu.accel_random_walk * walks[1],
         imu.gyro_noise_density,
@@ -135,42 +135,42 @@ def read_imu(motion: Moving, model: Model, seed: int) -> Imu:
     )
 
 
-def read_attitude(motion: Moving, model: Model, seed: int) -> AttitudeSeries:
+def read_attitude(motion: Trajectory, model: Model, seed: int) -> AttitudeSeries:
     """True roll, pitch and yaw with noise."""
     rng = generator(seed, "attitude")
     times = stamps(model.attitude.rate_hz, motion.duration_s, rng)
     std = float(np.radians(model.attitude.noise_std_deg))
     angles = motion.at(times).roll_pitch_yaw_rad
-    told = stamped(times, model, generator(seed, "attitude clock"))
-    noise = in_colour(rng.normal(0.0, std, angles.shape), model.attitude.noise_correlation)
+    told = clock_stamps(times, model, generator(seed, "attitude clock"))
+    noise = autoregressive(rng.normal(0.0, std, angles.shape), model.attitude.noise_correlation)
     return AttitudeSeries(told, angles + noise, (std, std, std))
 
 
-def read_velocity(motion: Moving, model: Model, world: World, seed: int) -> Velocity:
+def read_velocity(motion: Trajectory, model: Model, world: World, seed: int) -> Velocity:
     """Speed of the on-board optical flow with noise."""
     rng, std = generator(seed, "velocity"), model.velocity.noise_std_m_s
     times = stamps(model.velocity.rate_hz, motion.duration_s, rng)
     speed = flow_speed(motion.at(times), model, world)
-    told = stamped(times, model, generator(seed, "velocity clock"))
-    noise = in_colour(rng.normal(0.0, std, speed.shape), model.velocity.noise_correlation)
+    told = clock_stamps(times, model, generator(seed, "velocity clock"))
+    noise = autoregressive(rng.normal(0.0, std, speed.shape), model.velocity.noise_correlation)
     # Its scale is exact too.
     return Velocity(told, speed + noise, (std, std), scale_std=0.0)
 
 
-def read_sonar(motion: Moving, model: Model, world: World, seed: int) -> Sonar:
+def read_sonar(motion: Trajectory, model: Model, world: World, seed: int) -> Sonar:
     """Range to the first surface in the beam, with noise; NaN where that is out of range."""
     sonar, rng = model.sonar, generator(seed, "sonar")
     times = stamps(sonar.rate_hz, motion.duration_s, rng)
     pose = motion.at(times - model.value("sonar_lag", "T")).w_T_b
     range_m = slant_range(pose, model, world, times / motion.duration_s)
     noise = rng.normal(0.0, sonar.noise_std_m, range_m.shape)
-    range_m = range_m + in_colour(noise, sonar.noise_correlation)
+    range_m = range_m + autoregressive(noise, sonar.noise_correlation)
     spikes = generator(seed, "sonar spikes")
     twice = spikes.uniform(size=len(times)) < model.value("sonar_spikes", "share")
     range_m = np.where(twice, range_m * (2 + SECOND_ECHO_STD * spikes.standard_normal(len(times))), range_m)
     # Its scale is exact, and it says so.
     return Sonar(
-        stamped(times, model, generator(seed, "sonar clock")),
+        clock_stamps(times, model, generator(seed, "sonar clock")),
         in_limits(range_m, model),
         sonar.noise_std_m,
         sonar.min_range_m,

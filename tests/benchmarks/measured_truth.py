@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slam.core.flight import AttitudeSeries, Flight, Sonar, Velocity
-from slam.simulation.replay.channels import angles_of
+from slam.simulation.replay.channels import truth_angles
 
 EARTH_RADIUS_M = 6371000.0
 APART_S = 2.0
@@ -33,7 +33,7 @@ def with_truth_for_instruments(flight: Flight) -> Flight:
     assert flight.truth is not None
     assert flight.truth.w_v_m_s is not None
     stamps, pose = flight.truth.stamps_s, flight.truth.w_T_b
-    angles = angles_of(flight.truth)
+    angles = truth_angles(flight.truth)
     cos, sin = np.cos(angles[:, 2]), np.sin(angles[:, 2])
     v_x, v_y = flight.truth.w_v_m_s[:, :2].T
     ahead_left = np.column_stack([cos * v_x + sin * v_y, cos * v_y - sin * v_x])

@@ -10,7 +10,7 @@ from dataclasses import replace
 from slam.criticism import criticise
 from slam.evaluation.map_gain import MapGain, map_gain
 from slam.simulation import simulate
-from slam.simulation.inverse import corrected
+from slam.simulation.inverse import correct_flight
 from slam.simulation.recipe import load_recipe
 from tests.benchmarks.metric import Metric, at_most, told
 
@@ -38,7 +38,7 @@ def of(term: str) -> list[Metric]:
     flight = simulate(replace(eight, camera=camera, model=model), SEED)
     verdict = criticise([replace(flight, truth=None)], eight.model)
     named = ", ".join(cause.name for cause in verdict.causes) or verdict.verdict
-    mended = corrected(flight, verdict.extended).flight if verdict.extended else flight
+    mended = correct_flight(flight, verdict.extended).flight if verdict.extended else flight
     return figures(term, size, named, map_gain(flight, mended))
 
 

@@ -25,9 +25,9 @@ from frontend.registration import Registration, overlap, register
 from slam.core.flight import Image
 from slam.mapping.config import PipelineConfig
 from slam.simulation.camera.effects import camera_effects
-from slam.simulation.camera.film import Film, shoot
+from slam.simulation.camera.film import Film, film_flight
 from slam.simulation.camera.photometry import falloff
-from slam.simulation.inverse.camera import evenly_lit
+from slam.simulation.inverse.camera import vignetting_correction
 from slam.simulation.recipe import Recipe, load_recipe
 from slam.simulation.terms import CATALOGUE
 from tests.benchmarks.metric import Metric, at_least, told, within
@@ -119,7 +119,7 @@ def outcome(kind: Kind, pairs: int, seed: int) -> Outcome:
     film = filmed(kind, recipe, poses, seed)
     extract = Extractor(PipelineConfig().features.for_width(camera.size_px[0]))
     homography = HomographyConfig().for_width(camera.size_px[0])
-    even = evenly_lit(falloff(camera.size_px, camera.center_px, VIGNETTING))
+    even = vignetting_correction(falloff(camera.size_px, camera.center_px, VIGNETTING))
 
     def picture(k: int) -> Image:
         return even(film(k)) if kind.taken_out else film(k)
@@ -177,7 +177,7 @@ def filmed(kind: Kind, recipe: Recipe, poses: Array, seed: int) -> Film:
 
     stamps_s = 1.0 + np.arange(len(poses))
     model = replace(recipe.camera, noise_std=kind.noise_std)
-    return shoot(world, (), model, camera_effects(terms), stamps_s, pose_at, stamps_s[-1] + 1, seed)
+    return film_flight(world, (), model, camera_effects(terms), stamps_s, pose_at, stamps_s[-1] + 1, seed)
 
 
 def nees(

@@ -12,9 +12,9 @@ from backend import se3
 from slam.core.flight import Flight
 from slam.evaluation.association import poses_at
 from slam.evaluation.trajectory import gauge
-from slam.inertial.motion import follow
+from slam.inertial.motion import filter_motion
 from slam.inertial.navigate import navigate
-from slam.inertial.trials import suited
+from slam.inertial.noise_identification import identify_noise
 from slam.simulation import simulate
 from slam.simulation.recipe import Recipe, load_recipe
 from tests.benchmarks.metric import Metric, at_least, at_most, within
@@ -68,11 +68,11 @@ def filter_speed(recipe: Recipe) -> Metric:
     """Filter alone on all instruments, the IMU at its 100 or 200 Hz."""
     flight = simulate(recipe, 0)
     assert flight.imu is not None
-    given = suited(flight)
+    given = identify_noise(flight)
     at_s = np.arange(given.start_s, given.end_s, 0.05)
-    follow(given, at_s, smooth=False)
+    filter_motion(given, at_s, smooth=False)
     began = time.perf_counter()
-    follow(given, at_s, smooth=False)
+    filter_motion(given, at_s, smooth=False)
     ratio = lasts_s(flight) / (time.perf_counter() - began)
     rate = 1 / np.median(np.diff(flight.imu.stamps_s))
     return at_least("Kalman filter over real time", ratio, "x", 100.0, f"IMU at {rate:.0f} Hz")

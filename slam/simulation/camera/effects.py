@@ -37,9 +37,9 @@ class CameraEffects:
     """Every effect on pictures; the defaults do nothing."""
 
     focal_eps: float = 0.0
-    """``focal_length``: the lens has (1 + eps) times the focal length that is told."""
+    """``focal_length``: the lens has (1 + eps) times the nominal focal length."""
     radial_k1: float = 0.0
-    """``radial_distortion``: added to the first coefficient that is told."""
+    """``radial_distortion``: added to the first nominal coefficient."""
     tilt_x_rad: float = 0.0
     """``camera_tilt``: the camera is turned about the body's x against its mount, ..."""
     tilt_y_rad: float = 0.0
@@ -83,14 +83,14 @@ def camera_effects(terms: Mapping[str, Mapping[str, float]]) -> CameraEffects:
     return CameraEffects(**given, moving_objects=count)
 
 
-def true_camera(told: Camera, effects: CameraEffects) -> Camera:
-    """The camera that takes the pictures where ``told`` is what the flight says."""
-    distortion = list(told.distortion)
+def true_camera(nominal: Camera, effects: CameraEffects) -> Camera:
+    """Return the camera that takes the pictures, given the ``nominal`` one of the flight's files."""
+    distortion = list(nominal.distortion)
     distortion[0] += effects.radial_k1
     b_R_b = np.eye(4)
     b_R_b[:3, :3] = Rotation.from_rotvec([effects.tilt_x_rad, effects.tilt_y_rad, 0.0]).as_matrix()
-    fu, fv = told.focal_px
+    fu, fv = nominal.focal_px
     grown = 1.0 + effects.focal_eps
     return replace(
-        told, focal_px=(fu * grown, fv * grown), distortion=tuple(distortion), b_T_c=b_R_b @ told.b_T_c
+        nominal, focal_px=(fu * grown, fv * grown), distortion=tuple(distortion), b_T_c=b_R_b @ nominal.b_T_c
     )

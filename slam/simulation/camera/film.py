@@ -14,7 +14,7 @@ from slam.simulation.camera import photometry, shutter
 from slam.simulation.camera.effects import CameraEffects, true_camera
 from slam.simulation.camera.optics import SUPERSAMPLING, CameraModel, sample
 from slam.simulation.chance import generator
-from slam.simulation.place.reflections import shine
+from slam.simulation.place.reflections import add_reflection
 from slam.simulation.place.scene import build_scene
 from slam.simulation.place.world import Marks, World
 
@@ -41,13 +41,13 @@ class Film:
     seed: int
 
     @property
-    def told(self) -> Camera:
+    def nominal_camera(self) -> Camera:
         """The camera as the flight describes it."""
         return self.model.camera()
 
     def __call__(self, k: int) -> Image:
         """Picture k as (h, w, 3) BGR."""
-        camera = true_camera(self.told, self.effects)
+        camera = true_camera(self.nominal_camera, self.effects)
         light = self._light(k, camera)
         model, effects = self.model, self.effects
         if effects.vignetting > 0:
@@ -58,7 +58,7 @@ class Film:
                 light.astype(np.float32, copy=False), model.saturation, model.brightness
             )
         if effects.gain_std > 0 or effects.gamma_std > 0:
-            light = photometry.toned(light.astype(np.float32, copy=False), self.tones[k])
+            light = photometry.apply_tone(light.astype(np.float32, copy=False), self.tones[k])
         return photometry.digitise(
             light, model.noise_std, generator(self.seed, "camera", int(self.numbers[k]))
         )
@@ -78,7 +78,9 @@ class Film:
             samples = sample(scene, camera, w_R_c, w_t_c, prisms)
             if effects.highlight > 0:
                 middle = len(w_t_c) // 2
-                shine(samples, camera, SUPERSAMPLING, w_R_c[middle], w_t_c[middle], effects.highlight)
+                add_reflection(
+                    samples, camera, SUPERSAMPLING, w_R_c[middle], w_t_c[middle], effects.highlight
+                )
             picture = _pixels(samples, camera.size_px, self.model.down_sampling)
             if count == 1:
                 return picture
@@ -97,7 +99,7 @@ def _pixels(samples: Image, size_px: tuple[int, int], down_sampling: float) -> I
     return np.asarray(cv2.resize(fewer, size_px, interpolation=cv2.INTER_LINEAR))
 
 
-def shoot(
+def film_flight(
     world: World,
     marks: Marks,
     model: CameraModel,

@@ -168,15 +168,18 @@ def _draw_obstacles(
     if not seen.any():
         return
     # Compiled on import: a scene without obstacles needs none of it.
-    from slam.simulation.place import casting, skins
+    from slam.simulation.place import casting, textures
 
     spacing = 1 / camera.focal_px[0] / SUPERSAMPLING
-    view = casting.View(grid.rays, np.ascontiguousarray(w_R_c), np.ascontiguousarray(w_t_c), spacing)
-    skin = scene.skins
-    standing = casting.Standing(
-        prisms[seen], bounds[seen], skin.texels, skin.levels[seen], skins.METRES_PER_TEXEL
+    view = casting.SampleRays(grid.rays, np.ascontiguousarray(w_R_c), np.ascontiguousarray(w_t_c), spacing)
+    visible = casting.VisiblePrisms(
+        prisms[seen],
+        bounds[seen],
+        scene.textures.texels,
+        scene.textures.levels[seen],
+        textures.METRES_PER_TEXEL,
     )
-    casting.draw(samples, view, np.array(scene.slope), standing)
+    casting.draw(samples, view, np.array(scene.slope), visible)
 
 
 def _bounds(prisms: Array, camera: Camera, grid: _Grid, w_R_c: Array, w_t_c: Array) -> NDArray[np.int64]:

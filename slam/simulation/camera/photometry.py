@@ -58,7 +58,7 @@ def process(light: Light, saturation: float, brightness: float) -> Light:
     return np.asarray(np.clip(cv2.transform(light, mix), 0, WHITE))
 
 
-def toned(light: Light, tone: Array) -> Light:
+def apply_tone(light: Light, tone: Array) -> Light:
     """The white-balance filter with gains and gamma ``tone`` (4,)."""
     light = cv2.pow(np.maximum(light, 0) / np.float32(WHITE), float(tone[3]))
     return light * (WHITE * tone[:3]).astype(np.float32)

@@ -1,5 +1,5 @@
 """What a model says of the instruments, taken out of a recorded flight."""
 
-from slam.simulation.inverse.corrected import Corrected, changes_readings, corrected
+from slam.simulation.inverse.correct import CorrectedFlight, changes_readings, correct_flight
 
-__all__ = ["Corrected", "changes_readings", "corrected"]
+__all__ = ["CorrectedFlight", "changes_readings", "correct_flight"]

@@ -55,7 +55,7 @@ def vignetting(flight: Flight, model: Model) -> Flight:
     """Corners darker than the middle: pictures are lit evenly when they are read."""
     camera, frames = _camera(flight), flight.frames
     assert frames is not None
-    even = evenly_lit(falloff(camera.size_px, camera.center_px, model.value("vignetting", "a")))
+    even = vignetting_correction(falloff(camera.size_px, camera.center_px, model.value("vignetting", "a")))
 
     def load(k: int) -> Image | None:
         picture = frames.load(k)
@@ -64,7 +64,7 @@ def vignetting(flight: Flight, model: Model) -> Flight:
     return replace(flight, frames=replace(frames, load=load))
 
 
-def evenly_lit(light: Light) -> Callable[[Image], Image]:
+def vignetting_correction(light: Light) -> Callable[[Image], Image]:
     """What divides pictures (h, w) or (h, w, 3) by the share of ``light`` (h, w) that reaches them; those of
     another size stay as they are."""
     gain = 1.0 / np.maximum(light, LEAST_LIGHT)

@@ -21,7 +21,7 @@ GRAZING = 0.15
 """Least cosine that a pixel's footprint is stretched by."""
 
 
-class View(NamedTuple):
+class SampleRays(NamedTuple):
     """A camera's picture, by the directions of its samples."""
 
     rays: NDArray[np.float32]
@@ -34,7 +34,7 @@ class View(NamedTuple):
     """Angle between samples."""
 
 
-class Standing(NamedTuple):
+class VisiblePrisms(NamedTuple):
     """Prisms that a picture may show, and what they look like."""
 
     prisms: Array
@@ -153,10 +153,10 @@ def _in_prism_axes(prism: Array, w_R_c: Array, w_t_c: Array) -> tuple[Array, Arr
 
 
 @njit(cache=True, nogil=True)
-def draw(samples: Image, view: View, slope: Array, standing: Standing) -> None:
+def draw(samples: Image, view: SampleRays, slope: Array, visible: VisiblePrisms) -> None:
     """Draw prisms over the floor z = slope . (x, y) in ``samples`` (h, w, 3), in place."""
     rays, w_R_c, w_t_c, spacing = view
-    prisms, bounds, texels, levels, metres_per_texel = standing
+    prisms, bounds, texels, levels, metres_per_texel = visible
     width = samples.shape[1]
     depth = np.empty(width)
     for r in range(bounds[:, 0].min(), bounds[:, 1].max() + 1):

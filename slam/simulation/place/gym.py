@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.simulation.place.wear import draw_wear, wear_down
+from slam.simulation.place.weathering import apply_weathering, draw_weathering
 
 Image = NDArray[np.uint8]
 
@@ -24,7 +24,7 @@ def gym_floor(width: int, height: int, metres_per_px: float, rng: np.random.Gene
     """(height, width, 3) BGR."""
     texture = _planks(width, height, metres_per_px, rng)
     _lines(texture, metres_per_px, rng)
-    wear_down(texture, draw_wear(height, width, metres_per_px, rng))
+    apply_weathering(texture, draw_weathering(height, width, metres_per_px, rng))
     return texture
 
 

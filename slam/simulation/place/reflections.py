@@ -34,7 +34,9 @@ def mirrored_lamps(w_p: Array) -> Array:
     return np.column_stack([at, np.full(len(at), -LAMP_HEIGHT_M)])
 
 
-def shine(samples: Image, camera: Camera, fineness: int, w_R_c: Array, w_t_c: Array, strength: float) -> None:
+def add_reflection(
+    samples: Image, camera: Camera, fineness: int, w_R_c: Array, w_t_c: Array, strength: float
+) -> None:
     """Add the spots, as seen from one pose, to ``samples`` (h, w, 3), ``fineness`` of them along a pixel."""
     c_p = (mirrored_lamps(w_t_c) - w_t_c) @ w_R_c
     spread_px = SPREAD_RAD * camera.focal_px[0]

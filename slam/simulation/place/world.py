@@ -2,7 +2,7 @@
 
 A floor is one picture, row 0 at the largest y, and its halvings: mip levels for cameras that see it from
 higher up. The puzzle floor is the paper's: a tile of foam puzzle pieces, repeated. What tells one tile from
-the next is wear (stains, grain, specks, scratches), which does not repeat unless the recipe asks for it.
+the next is weathering (stains, grain, specks, scratches), which repeats only where the recipe asks for it.
 Boxes and pylons stand on it (``slam.simulation.place.obstacles``;
 ``slam.simulation.place.terrain`` knows their height).
 """
@@ -26,7 +26,7 @@ from slam.simulation.place.marks import draw_mark
 from slam.simulation.place.obstacles import Box, Pylon, corners, covers, prisms, steps
 from slam.simulation.place.photograph import MAX_TEXELS, check_photograph, photographed_floor
 from slam.simulation.place.puzzle import puzzle_tile
-from slam.simulation.place.wear import NEUTRAL, draw_wear, wear_down
+from slam.simulation.place.weathering import NEUTRAL, apply_weathering, draw_weathering
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -60,7 +60,7 @@ class World:
     tile_m: Annotated[float, Field(ge=0.2, le=50)] = 1.6
     """Side of the puzzle tile that is repeated."""
     repeat: bool = False
-    """The wear repeats with the tile too: places look alike but for the marks."""
+    """The weathering repeats with the tile too: places look alike but for the marks."""
     mark_diameter_m: Annotated[float, Field(ge=0, le=1)] = 0.12
     """Size of a landmark's mark; 0 draws none."""
     seed: Annotated[int, Field(ge=0)] = 0
@@ -194,7 +194,7 @@ def _size_px(world: World) -> tuple[int, int]:
 
 
 def _puzzle_floor(world: World, width: int, height: int, rng: np.random.Generator) -> Image:
-    """Puzzle tiles inside the extent, the bare surround outside, and wear over both."""
+    """Puzzle tiles inside the extent, the bare surround outside, and weathering over both."""
     tile = puzzle_tile(round(world.tile_m / world.metres_per_px), rng)
     n = len(tile)
     margin = round(world.margin_m / world.metres_per_px)
@@ -206,10 +206,10 @@ def _puzzle_floor(world: World, width: int, height: int, rng: np.random.Generato
     texture = np.full((height, width, 3), SURROUND_BGR, np.uint8)
     texture[np.ix_(*inside)] = tile[np.ix_(rows[inside[0]] % n, cols[inside[1]] % n)]
     if world.repeat:
-        wear = draw_wear(n, n, world.metres_per_px, rng)[np.ix_(rows % n, cols % n)]
+        weathering = draw_weathering(n, n, world.metres_per_px, rng)[np.ix_(rows % n, cols % n)]
     else:
-        wear = draw_wear(height, width, world.metres_per_px, rng)
-    wear_down(texture, wear)
+        weathering = draw_weathering(height, width, world.metres_per_px, rng)
+    apply_weathering(texture, weathering)
     return texture
 
 

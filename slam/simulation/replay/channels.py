@@ -25,7 +25,7 @@ predicted closer to a change than this."""
 
 
 @dataclass(frozen=True)
-class Channel:
+class ReplayChannel:
     """A column of a stream."""
 
     name: str
@@ -36,19 +36,19 @@ class Channel:
     """Whole turns do not count."""
 
 
-def as_read(unit: str) -> tuple[float, str]:
+def display_unit(unit: str) -> tuple[float, str]:
     """By what a channel's figures are multiplied for a person, and their unit then: angles in degrees."""
     return (float(np.degrees(1.0)), unit.replace("rad", "deg")) if unit in ("rad", "rad/s") else (1.0, unit)
 
 
 @dataclass(frozen=True)
-class Stream:
+class ReplayStream:
     """Readings of one instrument, at the times at which the model says they were taken."""
 
     times_s: Array
     values: Array
     """(n, len(channels)); NaN where missing."""
-    channels: tuple[Channel, ...]
+    channels: tuple[ReplayChannel, ...]
     predict: Predict
     """Motion and times (m,) to what the instrument would read, (m, len(channels)); NaN where it reads
     nothing."""
@@ -67,15 +67,15 @@ class Stream:
         return off
 
 
-def place_of(model: Model) -> World:
+def level_ground(model: Model) -> World:
     """The ground that a model's instruments see: level, but for the model's own terms."""
     terms = {name: values for name, values in model.terms.items() if name == "floor_slope"}
     return with_place_terms(World(extent_m=EVERYWHERE), (), terms)
 
 
-def streams_of(flight: Flight, model: Model, begin_s: float, end_s: float) -> tuple[Stream, ...]:
+def replay_streams(flight: Flight, model: Model, begin_s: float, end_s: float) -> tuple[ReplayStream, ...]:
     """The streams that a model can predict, less columns that hold nothing."""
-    world, span_s = place_of(model), end_s - begin_s
+    world, span_s = level_ground(model), end_s - begin_s
     made = [
         _attitude(flight, model),
         _velocity(flight, model, world),
@@ -86,7 +86,7 @@ def streams_of(flight: Flight, model: Model, begin_s: float, end_s: float) -> tu
     return tuple(filled for stream in made if stream and (filled := _filled(stream)).channels)
 
 
-def _filled(stream: Stream) -> Stream:
+def _filled(stream: ReplayStream) -> ReplayStream:
     """The stream without columns in which no value was recorded, and angles without jumps of a turn."""
     some = np.flatnonzero(np.isfinite(stream.values).any(axis=0))
     whole = stream.predict
@@ -99,62 +99,66 @@ def _filled(stream: Stream) -> Stream:
         known = np.isfinite(values[:, k])
         if channel.angle:
             values[known, k] = np.unwrap(values[known, k])
-    return Stream(stream.times_s, values, channels, predict)
+    return ReplayStream(stream.times_s, values, channels, predict)
 
 
-def _attitude(flight: Flight, model: Model) -> Stream | None:
+def _attitude(flight: Flight, model: Model) -> ReplayStream | None:
     if flight.attitude is None:
         return None
     stds = flight.attitude.noise_std_rad
     names = ("roll", "pitch", "yaw")
     channels = tuple(
-        Channel(f"attitude.{n}", "rad", std, angle=True) for n, std in zip(names, stds, strict=True)
+        ReplayChannel(f"attitude.{n}", "rad", std, angle=True) for n, std in zip(names, stds, strict=True)
     )
 
     def predict(motion: Motion, times_s: Array) -> Array:
         return motion.at(times_s).roll_pitch_yaw_rad
 
-    times = sensors.taken(flight.attitude.stamps_s, model)
-    return Stream(times, flight.attitude.roll_pitch_yaw_rad, channels, predict)
+    times = sensors.sampling_times(flight.attitude.stamps_s, model)
+    return ReplayStream(times, flight.attitude.roll_pitch_yaw_rad, channels, predict)
 
 
-def _velocity(flight: Flight, model: Model, world: World) -> Stream | None:
+def _velocity(flight: Flight, model: Model, world: World) -> ReplayStream | None:
     if flight.velocity is None:
         return None
     stds = flight.velocity.noise_std_m_s
     channels = tuple(
-        Channel(f"velocity.{n}", "m/s", std) for n, std in zip(("v_x", "v_y"), stds, strict=True)
+        ReplayChannel(f"velocity.{n}", "m/s", std) for n, std in zip(("v_x", "v_y"), stds, strict=True)
     )
 
     def predict(motion: Motion, times_s: Array) -> Array:
         return sensors.flow_speed(motion.at(times_s), model, world)
 
-    return Stream(sensors.taken(flight.velocity.stamps_s, model), flight.velocity.v_m_s, channels, predict)
+    return ReplayStream(
+        sensors.sampling_times(flight.velocity.stamps_s, model), flight.velocity.v_m_s, channels, predict
+    )
 
 
-def _sonar(flight: Flight, model: Model, world: World, progress: Callable[[Array], Array]) -> Stream | None:
+def _sonar(
+    flight: Flight, model: Model, world: World, progress: Callable[[Array], Array]
+) -> ReplayStream | None:
     if flight.sonar is None:
         return None
-    channels = (Channel("sonar.range", "m", flight.sonar.noise_std_m),)
+    channels = (ReplayChannel("sonar.range", "m", flight.sonar.noise_std_m),)
 
     def predict(motion: Motion, times_s: Array) -> Array:
         pose = motion.at(times_s - model.value("sonar_lag", "T")).w_T_b
         range_m = sensors.slant_range(pose, model, world, progress(times_s))
         return sensors.in_limits(range_m, model)[:, None]
 
-    return Stream(
-        sensors.taken(flight.sonar.stamps_s, model), flight.sonar.range_m[:, None], channels, predict
+    return ReplayStream(
+        sensors.sampling_times(flight.sonar.stamps_s, model), flight.sonar.range_m[:, None], channels, predict
     )
 
 
-def _imu(flight: Flight, model: Model) -> Stream | None:
+def _imu(flight: Flight, model: Model) -> ReplayStream | None:
     imu = flight.imu
     if imu is None or len(imu.stamps_s) < 2:
         return None
     per_sample = float(1 / np.sqrt(max(np.median(np.diff(imu.stamps_s)), 1e-6)))
     b_R_s = imu.b_T_s[:3, :3]
     channels = tuple(
-        Channel(f"imu.{kind}_{axis}", unit, density * per_sample)
+        ReplayChannel(f"imu.{kind}_{axis}", unit, density * per_sample)
         for kind, unit, density in (
             ("gyro", "rad/s", imu.gyro_noise_density),
             ("accel", "m/s^2", imu.accel_noise_density),
@@ -170,7 +174,7 @@ def _imu(flight: Flight, model: Model) -> Stream | None:
 
     # What the flight tells of the unit's mount is not the model's to predict.
     values = np.hstack([imu.gyro_rad_s @ b_R_s.T, imu.accel_m_s2 @ b_R_s.T])
-    return Stream(sensors.taken(imu.stamps_s, model), values, channels, predict)
+    return ReplayStream(sensors.sampling_times(imu.stamps_s, model), values, channels, predict)
 
 
 def _near(times_s: Array, changes_s: Array) -> NDArray[np.bool_]:
@@ -182,23 +186,25 @@ def _near(times_s: Array, changes_s: Array) -> NDArray[np.bool_]:
     return nearest <= LOG_S
 
 
-def _truth(truth: Truth | None) -> Stream | None:
+def _truth(truth: Truth | None) -> ReplayStream | None:
     if truth is None:
         return None
-    place = tuple(Channel(f"truth.{axis}", "m", 0.0) for axis in "xyz")
-    speed = tuple(Channel(f"truth.v_{axis}", "m/s", 0.0) for axis in "xyz")
-    angles = tuple(Channel(f"truth.{name}", "rad", 0.0, angle=True) for name in ("roll", "pitch", "yaw"))
+    place = tuple(ReplayChannel(f"truth.{axis}", "m", 0.0) for axis in "xyz")
+    speed = tuple(ReplayChannel(f"truth.v_{axis}", "m/s", 0.0) for axis in "xyz")
+    angles = tuple(
+        ReplayChannel(f"truth.{name}", "rad", 0.0, angle=True) for name in ("roll", "pitch", "yaw")
+    )
     velocity = truth.w_v_m_s if truth.w_v_m_s is not None else np.full((len(truth.stamps_s), 3), np.nan)
 
     def predict(motion: Motion, times_s: Array) -> Array:
         state = motion.at(times_s)
         return np.hstack([state.w_p_m, state.w_v_m_s, state.roll_pitch_yaw_rad])
 
-    values = np.hstack([truth.w_T_b[:, :3, 3], velocity, angles_of(truth)])
-    return Stream(truth.stamps_s, values, place + speed + angles, predict)
+    values = np.hstack([truth.w_T_b[:, :3, 3], velocity, truth_angles(truth)])
+    return ReplayStream(truth.stamps_s, values, place + speed + angles, predict)
 
 
-def angles_of(truth: Truth) -> Array:
+def truth_angles(truth: Truth) -> Array:
     """(n, 3) roll, pitch and unwrapped yaw of reference poses."""
     R = truth.w_T_b[:, :3, :3]
     pitch = -np.arcsin(np.clip(R[:, 2, 0], -1, 1))

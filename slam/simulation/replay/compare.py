@@ -12,8 +12,8 @@ from slam.core.errors import InputError
 from slam.core.flight import Flight
 from slam.core.ranges_at_body import ranges_at_body
 from slam.simulation.model import Model
-from slam.simulation.motion import obey
-from slam.simulation.replay.channels import Stream, angles_of, streams_of
+from slam.simulation.motion import simulate_motion
+from slam.simulation.replay.channels import ReplayStream, replay_streams, truth_angles
 from slam.simulation.replay.start import StartEstimator
 from slam.simulation.stick import Stick, stick_of
 
@@ -95,7 +95,7 @@ def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_
             *notes,
             f"full stick asks for {tilt:.4g} rad as the model has it; the flight says {told:.4g}",
         )
-    streams = streams_of(flight, model, begin_s, end_s)
+    streams = replay_streams(flight, model, begin_s, end_s)
     starts = StartEstimator(flight, model, (begin_s, end_s))
     whole = _first(streams, starts, stick, model, end_s)
     if whole is None:
@@ -166,7 +166,7 @@ def _with_one_yaw(flight: Flight) -> tuple[Flight, tuple[str, ...]]:
     attitude, truth = flight.attitude, flight.truth
     if attitude is None or truth is None or flight.velocity is not None:
         return flight, ()
-    yaw = np.interp(attitude.stamps_s, truth.stamps_s, angles_of(truth)[:, 2])
+    yaw = np.interp(attitude.stamps_s, truth.stamps_s, truth_angles(truth)[:, 2])
     off = attitude.roll_pitch_yaw_rad[:, 2] - yaw
     if not np.isfinite(off).any():
         return flight, ()
@@ -183,7 +183,7 @@ def _begins(begin_s: float, end_s: float, horizon_s: float) -> Array:
 
 
 def _first(
-    streams: Sequence[Stream], starts: StartEstimator, stick: Stick, model: Model, end_s: float
+    streams: Sequence[ReplayStream], starts: StartEstimator, stick: Stick, model: Model, end_s: float
 ) -> _RollOut | None:
     """The roll-out to the flight's end, from the first moment at which all that is needed was read."""
     begin_s = max(stream.times_s[0] for stream in streams if len(stream.times_s))
@@ -195,7 +195,7 @@ def _first(
 
 
 def _many(
-    streams: Sequence[Stream],
+    streams: Sequence[ReplayStream],
     starts: StartEstimator,
     stick: Stick,
     model: Model,
@@ -210,7 +210,7 @@ def _many(
         start = starts.at(begin_s)
         if start is None or end_s <= begin_s:
             continue
-        motion = obey(stick, model, start, begin_s=begin_s, end_s=end_s)
+        motion = simulate_motion(stick, model, start, begin_s=begin_s, end_s=end_s)
         rows = [stream.within(begin_s, end_s) for stream in streams]
         simulated = [s.predict(motion, s.times_s[row]) for s, row in zip(streams, rows, strict=True)]
         off = [s.off(row, found) for s, row, found in zip(streams, rows, simulated, strict=True)]

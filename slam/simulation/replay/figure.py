@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.core.plot_style import BLUE, GREY, ORANGE, escape_math, png
-from slam.simulation.replay.channels import as_read
+from slam.simulation.replay.channels import display_unit
 from slam.simulation.replay.compare import Comparison, Replay
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def figure(replay: Replay) -> Figure:
 
 
 def _panel(axes: Axes, channel: Comparison, replay: Replay) -> None:
-    factor, unit = as_read(channel.unit)
+    factor, unit = display_unit(channel.unit)
     every = max(1, len(channel.stamps_s) // MOST_POINTS)
     t = channel.stamps_s[::every]
     axes.plot(t, factor * channel.measured[::every], ".", color=GREY, ms=2, label="measured")

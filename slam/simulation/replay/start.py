@@ -16,7 +16,7 @@ from slam.core.flight import Flight
 from slam.simulation import sensors
 from slam.simulation.model import Model
 from slam.simulation.motion import State, at_rest
-from slam.simulation.replay.channels import angles_of, place_of
+from slam.simulation.replay.channels import level_ground, truth_angles
 
 Array = NDArray[np.float64]
 Source = Literal["instruments", "truth"]
@@ -37,8 +37,8 @@ class StartEstimator:
 
     def __init__(self, flight: Flight, model: Model, span_s: tuple[float, float]) -> None:
         self._flight, self._model, self._span_s = flight, model, span_s
-        self._world = place_of(model)
-        self._truth_angles = angles_of(flight.truth) if flight.truth is not None else np.empty((0, 3))
+        self._world = level_ground(model)
+        self._truth_angles = truth_angles(flight.truth) if flight.truth is not None else np.empty((0, 3))
         speed, sonar = flight.velocity, flight.sonar
         self._has_speed = speed is not None and bool(np.isfinite(speed.v_m_s).any())
         self._has_range = sonar is not None and bool(np.isfinite(sonar.range_m).any())
@@ -81,7 +81,7 @@ class StartEstimator:
         p, v_up = self._place(time_s)
         speed = np.zeros(2)
         if self._flight.velocity is not None and self._has_speed:
-            stamps = sensors.taken(self._flight.velocity.stamps_s, self._model)
+            stamps = sensors.sampling_times(self._flight.velocity.stamps_s, self._model)
             speed, _ = line(stamps, self._flight.velocity.v_m_s, time_s, SPEED_S)
         state = _state(p, np.array([0.0, 0.0, v_up]), angles, yaw_rate)
         return self._turned_back(state, np.nan_to_num(rates), speed, time_s)
@@ -91,7 +91,10 @@ class StartEstimator:
         series = self._flight.attitude
         if series is None:
             return np.zeros(3), 0.0
-        stamps, values = sensors.taken(series.stamps_s, self._model), _unwrapped(series.roll_pitch_yaw_rad)
+        stamps, values = (
+            sensors.sampling_times(series.stamps_s, self._model),
+            _unwrapped(series.roll_pitch_yaw_rad),
+        )
         angles, _ = line(stamps, values, time_s, ANGLES_S)
         _, turn = line(stamps, values, time_s, TURN_S)
         return angles, float(turn[2])
@@ -101,7 +104,7 @@ class StartEstimator:
         imu, model = self._flight.imu, self._model
         if imu is None:
             return np.full(3, np.nan)
-        gyro, _ = line(sensors.taken(imu.stamps_s, model), imu.gyro_rad_s, time_s, RATES_S)
+        gyro, _ = line(sensors.sampling_times(imu.stamps_s, model), imu.gyro_rad_s, time_s, RATES_S)
         felt = (imu.b_T_s[:3, :3] @ gyro - model.vector("gyro_bias")) / (1 + model.value("gyro_scale", "eps"))
         return np.asarray(Rotation.from_rotvec(model.vector("imu_misalignment")).apply(felt))
 
@@ -115,7 +118,7 @@ class StartEstimator:
         if self._flight.sonar is not None and self._has_range:
             sonar = self._flight.sonar
             late = time_s + self._model.value("sonar_lag", "T")
-            stamps = sensors.taken(sonar.stamps_s, self._model)
+            stamps = sensors.sampling_times(sonar.stamps_s, self._model)
             height, rise = line(stamps, sonar.range_m[:, None], late, HEIGHT_S)
             p[2], climb = height[0], float(rise[0])
         return p, climb

@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from slam.core.errors import InputError
 from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Velocity
-from slam.inertial.filter_input import Adjusted, filter_input
-from slam.inertial.standing import standing
+from slam.inertial.filter_input import Adjustments, filter_input
 from slam.inertial.variogram import MARGIN, noise_and_power, wander
+from slam.inertial.zero_velocity import zero_velocity_times
 from tests.slam.inertial.made_navigation import made_flight, without
 
 NAN = np.nan
@@ -67,7 +67,7 @@ def test_adjustments_shift_and_widen():
     flight = made_flight(0)
     plain = filter_input(flight).readings.velocity_m_s
     changed = filter_input(
-        flight, adjusted=Adjusted({"velocity": 3.0}, {"velocity": 0.1})
+        flight, adjustments=Adjustments({"velocity": 3.0}, {"velocity": 0.1})
     ).readings.velocity_m_s
     assert plain is not None
     assert changed is not None
@@ -107,7 +107,7 @@ def test_positions_make_it_absolute_and_scales_are_held():
     rough = replace(flight, velocity=replace(flight.velocity, scale_std=0.1))
     relative, absolute = filter_input(rough), filter_input(replace(rough, gps=gps))
     for given in (relative, absolute):
-        assert (given.held_velocity_scale, given.model.velocity_scale) == (0.1, 0.0)
+        assert (given.velocity_scale_std, given.model.velocity_scale) == (0.1, 0.0)
     assert relative.start.place_std_m == relative.start.yaw_std_rad == 0
     assert absolute.start.place_std_m > 0
     assert absolute.start.yaw_std_rad > 0
@@ -119,11 +119,11 @@ def test_standing_is_told_from_flying():
     gyro, accel = rng.normal(0, 1e-3, (600, 3)), rng.normal(0, 0.01, (600, 3)) + [0, 0, 9.8]
     gyro[300:] += rng.normal(0, 0.1, (300, 3))
     accel[300:] += rng.normal(0, 0.5, (300, 3))
-    times = standing(Flight("f", imu=Imu(t, gyro, accel)))
+    times = zero_velocity_times(Flight("f", imu=Imu(t, gyro, accel)))
     assert times[-1] == pytest.approx(1.5, abs=0.3)
-    assert len(standing(Flight("f", imu=Imu(t[:300], gyro[300:], accel[300:])))) == 0
+    assert len(zero_velocity_times(Flight("f", imu=Imu(t[:300], gyro[300:], accel[300:])))) == 0
     moving = Velocity(t, np.full((600, 2), 0.4))
-    assert len(standing(Flight("f", imu=Imu(t, gyro, accel), velocity=moving))) == 0
+    assert len(zero_velocity_times(Flight("f", imu=Imu(t, gyro, accel), velocity=moving))) == 0
 
 
 @pytest.mark.parametrize("seed", range(3))

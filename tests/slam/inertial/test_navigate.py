@@ -19,7 +19,7 @@ from slam.core.progress import COMPILING
 from slam.evaluation import evaluate
 from slam.evaluation.trajectory import gauge
 from slam.inertial.navigate import dead_reckoning, navigate
-from slam.inertial.trials import suited
+from slam.inertial.noise_identification import identify_noise
 from slam.io.estimate import read_estimate
 from slam.io.flight_folder import write_flight
 from slam.simulation import simulate
@@ -42,7 +42,7 @@ def test_where_the_filter_has_to_be_compiled_first_the_wait_is_shown(flight, mon
         raise InputError("far enough")
 
     shown: list[tuple[str, int, int]] = []
-    monkeypatch.setattr("slam.inertial.navigate.suited", compiles)
+    monkeypatch.setattr("slam.inertial.navigate.identify_noise", compiles)
     with pytest.raises(InputError, match="far enough"):
         navigate(flight, progress=lambda *told: shown.append(told))
     assert shown == [(COMPILING, 0, 1), (COMPILING, 1, 1)]
@@ -101,22 +101,24 @@ def interpolated(flight, t):
 
 
 def test_a_delay_is_found():
-    late = suited(made_flight(2, late_s=0.1)).adjusted.delay_s
+    late = identify_noise(made_flight(2, late_s=0.1)).adjustments.delay_s
     assert late["velocity"] == pytest.approx(0.1, abs=0.031)
-    assert set(suited(made_flight(2)).adjusted.delay_s) == set()
+    assert set(identify_noise(made_flight(2)).adjustments.delay_s) == set()
 
 
 def test_instruments_without_lasting_errors_are_taken_as_made():
-    given = suited(made_flight(3))
-    assert given.model.tilt_error_rad == 0
-    assert given.model.velocity_error_m_s == 0
+    inputs = identify_noise(made_flight(3))
+    assert inputs.model.tilt_error_rad == 0
+    assert inputs.model.velocity_error_m_s == 0
     wandering = replace(made_flight(3).attitude, noise_std_rad=(1e-5,) * 3)
-    assert suited(replace(made_flight(3), attitude=wandering)).model.tilt_error_rad > 0, "no credible noise"
+    assert identify_noise(replace(made_flight(3), attitude=wandering)).model.tilt_error_rad > 0, (
+        "no credible noise"
+    )
 
 
 def test_noise_beyond_what_is_told_is_found(flight):
     told = replace(flight.sonar, noise_std_m=0.001)
-    factor = suited(replace(flight, sonar=told)).adjusted.wider["range"]
+    factor = identify_noise(replace(flight, sonar=told)).adjustments.noise_factor["range"]
     assert factor * 0.005 == pytest.approx(0.01, rel=0.3), "the floor, widened to the true noise"
 
 
@@ -223,7 +225,7 @@ def test_consistent_over_fifty_simulated_flights():
 
 
 def test_an_error_that_lasts_is_found_where_single_readings_do_not_show_it(flight):
-    assert suited(flight).adjusted.wider.get("range", 1.0) < 1.5
+    assert identify_noise(flight).adjustments.noise_factor.get("range", 1.0) < 1.5
     rng = np.random.default_rng(0)
     sonar = flight.sonar
     # Half a second long the same few centimetres, in steps of less than the noise of one reading.
@@ -232,4 +234,4 @@ def test_an_error_that_lasts_is_found_where_single_readings_do_not_show_it(fligh
         rng.normal(size=len(sonar.stamps_s) + steps - 1), np.ones(steps) / np.sqrt(steps), "valid"
     )
     off = replace(sonar, range_m=sonar.range_m + 2 * sonar.noise_std_m * lasting)
-    assert suited(replace(flight, sonar=off)).adjusted.wider["range"] > 3
+    assert identify_noise(replace(flight, sonar=off)).adjustments.noise_factor["range"] > 3

@@ -43,7 +43,7 @@ def test_a_drone_in_the_wind_against_motion_capture():
     assert np.degrees(np.abs(own[(tracks > 36) & (tracks < 58), 0])).mean() > 4
     assert evaluation.rpe[0].rotation_deg.rmse < 1
     # The rangefinder is 65 ms late, the accelerometer about 0.7 low.
-    assert found.given.adjusted.delay_s["range"] == pytest.approx(0.065, abs=0.04)
+    assert found.inputs.adjustments.delay_s["range"] == pytest.approx(0.065, abs=0.04)
     assert found.track.smoothed.errors["accel_offset"][-1, 2] == pytest.approx(-0.65, abs=0.15)
     assert any("own roll and pitch are off" in warning for warning in found.estimate.warnings)
 

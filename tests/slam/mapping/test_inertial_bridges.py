@@ -105,7 +105,7 @@ def test_a_chain_that_holds_is_left_alone(monkeypatch):
     def never(*_):
         raise AssertionError("the filter was run")
 
-    monkeypatch.setattr("slam.inertial.trials.suited", never)
+    monkeypatch.setattr("slam.inertial.noise_identification.identify_noise", never)
     estimate = optimize(flown(0))
     assert (estimate.component == 0).all()
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from backend.measurements import GRAVITY_M_S2
 from slam.simulation.dynamics import STEP_S, integrate
 from slam.simulation.model import Model
-from slam.simulation.motion import Motion, at_rest, draw_for, obey, steps_of
+from slam.simulation.motion import Motion, at_rest, draw_model_noise, simulate_motion, step_count
 from slam.simulation.stick import Stick
 
 MODEL = Model()
@@ -23,7 +23,9 @@ def drawn_stick(seed, duration_s=12.0):
 def flown(seed=0, model=MODEL, stick=None):
     stick = stick or drawn_stick(seed)
     rngs = np.random.default_rng((seed, 2)), np.random.default_rng((seed, 3))
-    return obey(stick, model, at_rest(1, 2, 3, 0.7), draw_for(model, steps_of(stick.duration_s), rngs))
+    return simulate_motion(
+        stick, model, at_rest(1, 2, 3, 0.7), draw_model_noise(model, step_count(stick.duration_s), rngs)
+    )
 
 
 def strapdown(motion, steps):
@@ -75,7 +77,7 @@ def test_velocity_and_acceleration_are_the_derivatives_of_position():
 
 def test_the_readings_are_continuous_across_the_nodes():
     motion = flown(3)
-    nodes = np.arange(1, steps_of(motion.duration_s) - 1) * STEP_S
+    nodes = np.arange(1, step_count(motion.duration_s) - 1) * STEP_S
     nodes = nodes[np.abs(nodes[:, None] - motion.stick.stamps_s).min(1) > STEP_S]
     before, after = motion.at(nodes - 1e-9), motion.at(nodes)
     for name in ("w_p_m", "w_v_m_s", "roll_pitch_yaw_rad", "b_rate_rad_s", "w_a_m_s2"):
@@ -146,8 +148,8 @@ def test_halving_the_step_changes_no_reading_by_a_noticeable_share_of_its_noise(
 
 def test_a_part_of_a_flight_is_the_flight_from_there_on():
     model = MODEL.with_term("control_latency", T=0.05).with_term("battery_sag", loss=0.2)
-    whole = obey(drawn_stick(6), model, at_rest(0, 0, 2, 0))
-    part = obey(whole.stick, model, whole.states[2000], begin_s=4.0, end_s=9.0)
+    whole = simulate_motion(drawn_stick(6), model, at_rest(0, 0, 2, 0))
+    part = simulate_motion(whole.stick, model, whole.states[2000], begin_s=4.0, end_s=9.0)
     assert np.abs(part.states - whole.states[2000:4501]).max() < 1e-9
     t = np.linspace(4.0, 9.0, 77)
     assert np.abs(part.at(t).w_T_b - whole.at(t).w_T_b).max() < 1e-9
@@ -156,8 +158,8 @@ def test_a_part_of_a_flight_is_the_flight_from_there_on():
 
 def test_a_late_vehicle_flies_the_same_later():
     stick = drawn_stick(4)
-    late = obey(stick, MODEL.with_term("control_latency", T=0.137), at_rest(0, 0, 2, 0))
-    plain = obey(stick, MODEL, at_rest(0, 0, 2, 0))
+    late = simulate_motion(stick, MODEL.with_term("control_latency", T=0.137), at_rest(0, 0, 2, 0))
+    plain = simulate_motion(stick, MODEL, at_rest(0, 0, 2, 0))
     t = np.linspace(0.5, 11.5, 60)
     assert np.abs(late.at(t + 0.137).w_T_b - plain.at(t).w_T_b).max() < 1e-5
 
@@ -175,7 +177,7 @@ def test_hover_jitters_as_much_as_the_healthy_vehicle():
 
 
 def test_without_noise_the_vehicle_hovers_perfectly():
-    motion = obey(Stick(np.zeros(1), np.zeros((1, 4)), 35.0), MODEL, at_rest(1, 2, 0.8, 0.4))
+    motion = simulate_motion(Stick(np.zeros(1), np.zeros((1, 4)), 35.0), MODEL, at_rest(1, 2, 0.8, 0.4))
     assert np.all(motion.states == motion.states[0])
     state = motion.at(np.linspace(0, 35, 40))
     assert np.allclose(state.b_specific_force_m_s2, [0, 0, GRAVITY_M_S2], atol=1e-12)

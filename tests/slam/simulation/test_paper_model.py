@@ -8,7 +8,7 @@ import pytest
 from slam.simulation.dynamics import STATE
 from slam.simulation.hold_noise import HoldNoise
 from slam.simulation.model import load_model
-from slam.simulation.motion import at_rest, draw_for, obey, steps_of
+from slam.simulation.motion import at_rest, draw_model_noise, simulate_motion, step_count
 from slam.simulation.stick import Stick
 
 PAPER = load_model("paper")
@@ -25,7 +25,9 @@ TABLE_5 = {
 
 def held(forward, duration_s, model=CALM, **stick):
     values = [forward, stick.get("left", 0), stick.get("up", 0), stick.get("yaw", 0)]
-    return obey(Stick(np.zeros(1), np.array([values], dtype=float), duration_s), model, at_rest(0, 0, 1, 0))
+    return simulate_motion(
+        Stick(np.zeros(1), np.array([values], dtype=float), duration_s), model, at_rest(0, 0, 1, 0)
+    )
 
 
 @pytest.mark.parametrize("s", TABLE_5)
@@ -50,7 +52,7 @@ def test_s_of_a_tenth_is_the_odd_one_of_table_5():
 
 def test_yaw_is_left_twenty_times_faster_than_speed():
     stick = Stick(np.array([0.0, 2.0]), np.array([[0, 0, 0, 0.5], [0, 0, 0, 0]]), 3.0)
-    motion = obey(stick, CALM, at_rest(0, 0, 1, 0))
+    motion = simulate_motion(stick, CALM, at_rest(0, 0, 1, 0))
     rate = motion.states[:, STATE.index("yaw_rate")]
     begin, later = rate[1000], rate[1000 + 40]
     assert begin == pytest.approx(0.75, rel=1e-3)
@@ -68,7 +70,9 @@ def test_it_hovers_like_the_papers_drone():
     speed, drift = [], []
     for seed in range(40):
         rngs = np.random.default_rng((seed, 1)), np.random.default_rng((seed, 2))
-        motion = obey(stick, PAPER, at_rest(0, 0, 0.8, 0), draw_for(PAPER, steps_of(35.0), rngs))
+        motion = simulate_motion(
+            stick, PAPER, at_rest(0, 0, 0.8, 0), draw_model_noise(PAPER, step_count(35.0), rngs)
+        )
         state = motion.at(np.arange(0, 35, 0.02))
         speed.append(np.hypot(*state.w_v_m_s[:, :2].T).mean())
         drift.append(np.hypot(*state.w_p_m[:, :2].T).mean())
@@ -81,7 +85,7 @@ def test_the_hold_lets_go_of_a_vehicle_that_is_flown_and_takes_over_where_it_slo
     flown, free = held(0.2, 3.0), held(0.2, 3.0, plain)
     assert np.array_equal(flown.states[:, :10], free.states[:, :10])
     stick = Stick(np.array([0.0, 2.0]), np.array([[0.2, 0, 0, 0], [0, 0, 0, 0]], dtype=float), 30.0)
-    motion = obey(stick, CALM, at_rest(0, 0, 1, 0))
+    motion = simulate_motion(stick, CALM, at_rest(0, 0, 1, 0))
     assert abs(motion.states[-1, 3]) < 2e-3
     # It is held where it came to rest, not where it began.
     assert motion.states[-1, 0] > 1.5

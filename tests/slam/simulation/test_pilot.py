@@ -4,7 +4,7 @@ import pytest
 from slam.simulation.dynamics import STEP_S
 from slam.simulation.manoeuvre import Manoeuvre, plan
 from slam.simulation.model import Model
-from slam.simulation.motion import at_rest, draw_for, obey, steps_of, still
+from slam.simulation.motion import at_rest, draw_model_noise, no_noise, simulate_motion, step_count
 from slam.simulation.pilot import TICK_S, fly
 
 EXTENT = (-5.0, -5.0, 5.0, 5.0)
@@ -13,9 +13,9 @@ SQUARE = Manoeuvre(((0.0, 0.0), (2.0, 0.0), (2.0, 2.0, 1.3), (0.0, 2.0), (0.0, 0
 
 def flown(maneuver=SQUARE, model=Model(), seed=None):
     path = plan(maneuver, {}, EXTENT)
-    steps = steps_of(path.duration_s)
+    steps = step_count(path.duration_s)
     rngs = np.random.default_rng((seed or 0, 1)), np.random.default_rng((seed or 0, 2))
-    return path, fly(path, model, still(steps) if seed is None else draw_for(model, steps, rngs))
+    return path, fly(path, model, no_noise(steps) if seed is None else draw_model_noise(model, steps, rngs))
 
 
 def off(path, motion):
@@ -59,7 +59,7 @@ def test_the_stick_that_was_logged_flies_the_same_flight_again():
     """The pilot's motion is one that the vehicle makes of the pilot's commands alone."""
     for model in (Model(), Model().with_term("control_latency", T=0.0731)):
         _, motion = flown(model=model, seed=4)
-        again = obey(motion.stick, model, motion.states[0], motion.noise)
+        again = simulate_motion(motion.stick, model, motion.states[0], motion.noise)
         assert np.abs(again.states - motion.states).max() < 1e-8
 
 

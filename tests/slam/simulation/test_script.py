@@ -10,7 +10,7 @@ from slam.core.errors import InputError
 from slam.simulation.manoeuvre import Manoeuvre
 from slam.simulation.model import load_model
 from slam.simulation.recipe import load_recipe, recipe_from
-from slam.simulation.recording import flown
+from slam.simulation.recording import fly_recipe
 from slam.simulation.script import read_script, stick_from
 
 
@@ -98,7 +98,7 @@ SHIPPED = ["hover", *(f"pulses_{k:03}" for k in (5, 10, 15, 20, 25)), "horizonta
 @pytest.mark.parametrize("name", SHIPPED)
 def test_a_shipped_script_is_flown_with_either_model(name):
     for model in ("nominal", "paper"):
-        motion = flown(load_recipe(name, model), 3)
+        motion = fly_recipe(load_recipe(name, model), 3)
         assert np.isfinite(motion.states).all()
 
 
@@ -120,7 +120,7 @@ def test_squares_come_back_to_where_they_began(name, axes):
             calm.hold_noise, tilt_std_deg=0, yaw_rate_std_deg_s=0, velocity_std_m_s=0, velocity_up_std_m_s=0
         ),
     )
-    motion = flown(replace(load_recipe(name), model=calm), 0)
+    motion = fly_recipe(replace(load_recipe(name), model=calm), 0)
     place = motion.states[:, :3] - motion.states[0, :3]
     assert np.linalg.norm(place[-1]) < 0.3
     sides = place[:, axes].max(0) - place[:, axes].min(0)

@@ -18,7 +18,7 @@ from slam.simulation.instruments import (
     VelocityModel,
 )
 from slam.simulation.model import Model
-from slam.simulation.motion import at_rest, draw_for, obey, steps_of
+from slam.simulation.motion import at_rest, draw_model_noise, simulate_motion, step_count
 from slam.simulation.place.obstacles import Box
 from slam.simulation.place.world import World
 from slam.simulation.stick import Stick
@@ -41,7 +41,9 @@ def motion():
         stamps, np.random.default_rng(0).uniform(-0.3, 0.3, (len(stamps), 4)) * [1, 1, 0.4, 1], 20.0
     )
     rngs = np.random.default_rng(1), np.random.default_rng(2)
-    return obey(stick, Model(), at_rest(0, 0, 1.2, 0.3), draw_for(Model(), steps_of(20.0), rngs))
+    return simulate_motion(
+        stick, Model(), at_rest(0, 0, 1.2, 0.3), draw_model_noise(Model(), step_count(20.0), rngs)
+    )
 
 
 def clean(kind, motion, model=CLEAN, seed=0, world=WORLD):
@@ -104,13 +106,13 @@ def test_noise_has_its_size_at_any_rate_and_no_mean(motion, kind, rate_hz):
 @pytest.mark.parametrize("correlation", [0.3, 0.8])
 def test_coloured_noise_keeps_its_spread_and_resembles_the_sample_before(correlation):
     white = np.random.default_rng(3).normal(0.0, 0.2, (40_000, 2))
-    noise = sensors.in_colour(white, correlation)
+    noise = sensors.autoregressive(white, correlation)
     chance = 5 / np.sqrt(len(noise) * (1 - correlation) / (1 + correlation))
     assert np.allclose(noise.std(axis=0) / 0.2, 1.0, atol=chance)
     for apart in (1, 3):
         alike = [np.corrcoef(column[apart:], column[:-apart])[0, 1] for column in noise.T]
         assert np.allclose(alike, correlation**apart, atol=chance)
-    assert sensors.in_colour(white, 0.0) is white
+    assert sensors.autoregressive(white, 0.0) is white
 
 
 @pytest.mark.parametrize("kind", ["imu", "attitude", "velocity", "sonar"])
@@ -157,8 +159,8 @@ def test_imu_terms_do_what_their_equations_say(motion):
     turned, _ = imu_pair(motion, "imu_misalignment", y=0.05)
     # A unit turned nose down feels a part of gravity along its -x, as a vehicle that pitches does.
     expected = Rotation.from_rotvec([0, 0.05, 0]).as_matrix().T @ [0, 0, GRAVITY_M_S2]
-    hover = clean("imu", obey(Stick(np.zeros(1), np.zeros((1, 4)), 1.0), CLEAN, at_rest(0, 0, 1, 0)),
-                  CLEAN.with_term("imu_misalignment", y=0.05))  # fmt: skip
+    still = simulate_motion(Stick(np.zeros(1), np.zeros((1, 4)), 1.0), CLEAN, at_rest(0, 0, 1, 0))
+    hover = clean("imu", still, CLEAN.with_term("imu_misalignment", y=0.05))
     assert np.allclose(hover.accel_m_s2, expected)
     assert expected[0] < 0
     assert np.allclose(np.linalg.norm(turned.gyro_rad_s, axis=1), np.linalg.norm(plain.gyro_rad_s, axis=1))
@@ -205,7 +207,7 @@ def test_sonar_terms_do_what_their_equations_say(motion):
 
 
 def test_a_blind_zone_is_reported_as_its_limit():
-    low = obey(Stick(np.zeros(1), np.array([[0, 0, -0.2, 0]]), 4.0), CLEAN, at_rest(0, 0, 0.8, 0))
+    low = simulate_motion(Stick(np.zeros(1), np.array([[0, 0, -0.2, 0]]), 4.0), CLEAN, at_rest(0, 0, 0.8, 0))
     blind = clean("sonar", low, CLEAN.with_term("sonar_dead_zone", limit=0.3)).range_m
     open_ = clean("sonar", low).range_m
     assert np.isnan(open_).any()
@@ -280,7 +282,7 @@ def test_a_sensor_term_changes_readings_and_its_neutral_value_nothing(motion, na
 
 def test_the_battery_falls_and_dips_with_the_current():
     stick = Stick(np.array([0.0, 5.0, 5.5]), np.array([[0, 0, 0, 0], [0.5, 0, 0.5, 0], [0, 0, 0, 0.0]]), 60.0)
-    motion = obey(stick, CLEAN, at_rest(0, 0, 5, 0))
+    motion = simulate_motion(stick, CLEAN, at_rest(0, 0, 5, 0))
     model = replace(CLEAN, battery=replace(CLEAN.battery, rate_hz=50.0))
     battery = read_battery(motion, model, 0)
     t, v = battery.stamps_s, battery.value

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from slam.simulation.camera.effects import CameraEffects, camera_effects, true_camera
-from slam.simulation.camera.film import shoot
+from slam.simulation.camera.film import film_flight
 from slam.simulation.camera.optics import CameraModel, expose
-from slam.simulation.place.movers import Movers
+from slam.simulation.place.moving_objects import MovingObjects
 from slam.simulation.place.obstacles import HALF_LENGTH, X, Y
 from slam.simulation.place.reflections import LAMP_HEIGHT_M, LAMP_SPACING_M
 from slam.simulation.place.scene import build_scene
@@ -34,7 +34,7 @@ def pose_at(times_s):
 
 
 def film_of(effects=CameraEffects(), world=PUZZLE, marks=(), model=MODEL, seed=0):
-    return shoot(world, marks, model, effects, STAMPS_S, pose_at, 10.0, seed)
+    return film_flight(world, marks, model, effects, STAMPS_S, pose_at, 10.0, seed)
 
 
 @pytest.mark.parametrize(
@@ -52,15 +52,15 @@ def test_marks_are_seen_where_the_true_camera_projects_them(effects):
     """To a tenth of a pixel; the told camera would have them elsewhere."""
     model = CameraModel((704, 576), noise_std=0.0, distortion=(0.02, -0.01, 0.001, 0.002))
     film = film_of(effects, PLAIN, MARKS, model)
-    assert film.told.distortion == model.distortion
-    picture, camera = film(0).astype(float).mean(2), true_camera(film.told, effects)
+    assert film.nominal_camera.distortion == model.distortion
+    picture, camera = film(0).astype(float).mean(2), true_camera(film.nominal_camera, effects)
     off_told = []
     for _, x, y in MARKS:
         turn = np.linspace(0, 2 * np.pi, 360)
         rim = np.column_stack([x + 0.06 * np.cos(turn), y + 0.06 * np.sin(turn), 0 * turn])
         seen = [
             cam.project((rim - w_T_c[:3, 3]) @ w_T_c[:3, :3])
-            for cam in (camera, film.told)
+            for cam in (camera, film.nominal_camera)
             for w_T_c in (film.w_T_b[0, 0] @ cam.b_T_c,)
         ]
         if seen[0].min() < 3 or (seen[0] > np.array(camera.size_px) - 4).any():
@@ -131,7 +131,11 @@ def test_dropped_pictures_leave_the_others_as_they_were():
         assert np.array_equal(thinned(k), whole(at))
     assert len(film_of(CameraEffects(dropped_share=1.0)).stamps_s) == 1
     shares = [
-        len(shoot(PLAIN, (), MODEL, CameraEffects(dropped_share=0.1), STAMPS_S, pose_at, 10.0, s).stamps_s)
+        len(
+            film_flight(
+                PLAIN, (), MODEL, CameraEffects(dropped_share=0.1), STAMPS_S, pose_at, 10.0, s
+            ).stamps_s
+        )
         for s in range(100)
     ]
     assert 1 - np.mean(shares) / len(STAMPS_S) == pytest.approx(0.1, abs=0.01)
@@ -182,7 +186,7 @@ def test_a_reflection_travels_with_the_camera():
             w_T_b[:, :3, 3] = at, 1.9, 0.8
             return w_T_b
 
-        film = shoot(PLAIN, (), MODEL, CameraEffects(highlight=0.45), STAMPS_S[:1], still, 10.0, 0)
+        film = film_flight(PLAIN, (), MODEL, CameraEffects(highlight=0.45), STAMPS_S[:1], still, 10.0, 0)
         light = film(0)[..., 0].astype(float) - 128
         here, lamp = np.array([1.6 + dx, 1.9]), np.array([LAMP_SPACING_M, LAMP_SPACING_M])
         expected = here + 0.8 / (0.8 + LAMP_HEIGHT_M) * (lamp - here)
@@ -199,7 +203,7 @@ def test_a_reflection_travels_with_the_camera():
 
 def test_things_move_straight_and_stay_on_the_floor():
     extent = (-1.0, 0.0, 2.0, 4.0)
-    movers = Movers(20, extent, np.random.default_rng(0))
+    movers = MovingObjects(20, extent, np.random.default_rng(0))
     times = np.linspace(0, 120, 4001)
     tracks = np.array([movers.at(t)[:, [X, Y]] for t in times])
     assert (tracks >= extent[:2]).all()
@@ -220,5 +224,5 @@ def test_things_that_move_are_seen_to():
     assert min(changed) > 0.05
     assert not np.array_equal(film(0), film(20))
     scene = build_scene(world, (), 3, 0)
-    later = expose(scene, film.told, film.w_T_b[20, 0], float(film.stamps_s[20]))
+    later = expose(scene, film.nominal_camera, film.w_T_b[20, 0], float(film.stamps_s[20]))
     assert np.array_equal(film(20), later)

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from slam.simulation.camera.effects import CameraEffects
-from slam.simulation.camera.film import shoot
+from slam.simulation.camera.film import film_flight
 from slam.simulation.camera.optics import CameraModel, expose
 from slam.simulation.place.scene import build_scene
 from slam.simulation.place.world import World, build_floor
@@ -38,7 +38,7 @@ def film_of(world, marks, poses, noise_std, seed):
     def pose_at(times_s):
         return poses[np.rint(times_s).astype(int)]
 
-    return shoot(world, marks, model, CameraEffects(), stamps_s, pose_at, float(len(poses)), seed)
+    return film_flight(world, marks, model, CameraEffects(), stamps_s, pose_at, float(len(poses)), seed)
 
 
 def seen(camera, w_T_b, w_p):

@@ -31,9 +31,9 @@ def test_without_memory_each_picture_is_toned_anew():
 
 def test_toning_is_gain_times_power():
     light = np.array([[[51.0, 102.0, 255.0]]], np.float32)
-    out = photometry.toned(light, np.array([0.9, 1.1, 1.0, 1.4]))
+    out = photometry.apply_tone(light, np.array([0.9, 1.1, 1.0, 1.4]))
     assert out[0, 0] == pytest.approx([255 * 0.9 * 0.2**1.4, 255 * 1.1 * 0.4**1.4, 255.0], rel=1e-5)
-    assert photometry.toned(light, np.ones(4)) == pytest.approx(light, rel=1e-5)
+    assert photometry.apply_tone(light, np.ones(4)) == pytest.approx(light, rel=1e-5)
 
 
 def test_vignetting_falls_with_the_square_to_the_corner():

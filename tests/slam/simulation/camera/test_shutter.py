@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from slam.simulation.camera import shutter
 from slam.simulation.camera.effects import CameraEffects, camera_effects, true_camera
-from slam.simulation.camera.film import shoot
+from slam.simulation.camera.film import film_flight
 from slam.simulation.camera.optics import CameraModel, expose
 from slam.simulation.place.obstacles import Box, Pylon
 from slam.simulation.place.scene import build_scene
@@ -46,7 +46,7 @@ def restless(seed):
 
 
 def film_of(effects, pose_at, world=PUZZLE, marks=(), model=MODEL):
-    return shoot(world, marks, model, effects, np.arange(0.2, 1.8, 0.1), pose_at, DURATION_S, 0)
+    return film_flight(world, marks, model, effects, np.arange(0.2, 1.8, 0.1), pose_at, DURATION_S, 0)
 
 
 @pytest.mark.parametrize("readout_s", [0.01, 0.03, 0.05, 0.2])
@@ -129,7 +129,7 @@ def test_a_smear_has_the_length_of_the_catalogue(tmp_path):
         w_T_b[:, 0, 3], w_T_b[:, 1, 3], w_T_b[:, 2, 3] = 0.9 + 1.2 * t, 1.5, 0.8
         return w_T_b
 
-    film = shoot(world, (), MODEL, effects, np.array([0.5]), pose_at, 1.0, 0)
+    film = film_flight(world, (), MODEL, effects, np.array([0.5]), pose_at, 1.0, 0)
     # Forward is up in the picture: the edge is a row, and columns run across it.
     column = film(0)[:, 88, 0].astype(float)
     share = np.clip((column - 40) / 160, 0, 1)
@@ -150,7 +150,7 @@ def test_a_time_offset_shows_what_was():
     past = expose(scene, MODEL.camera(), pose_at(film.stamps_s[3:4] - 0.06)[0])
     assert np.array_equal(film(3), past)
     # Before the first moment of the flight there is nothing to be seen but that moment.
-    early = shoot(
+    early = film_flight(
         PUZZLE, (), MODEL, CameraEffects(time_offset_s=0.5), np.array([0.1]), pose_at, DURATION_S, 0
     )
     assert np.array_equal(early(0), expose(scene, MODEL.camera(), pose_at(np.zeros(1))[0]))

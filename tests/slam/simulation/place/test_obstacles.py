@@ -12,8 +12,8 @@ from slam.core.errors import InputError
 from slam.simulation.camera.optics import CameraModel, expose
 from slam.simulation.place.obstacles import Box, Pylon, steps
 from slam.simulation.place.scene import build_scene
-from slam.simulation.place.skins import METRES_PER_TEXEL, paint
 from slam.simulation.place.terrain import elevation, first_echo
+from slam.simulation.place.textures import METRES_PER_TEXEL, draw_textures
 from slam.simulation.place.world import World, check_world, with_place_terms
 from slam.simulation.recipe import recipe_from
 
@@ -79,12 +79,12 @@ def colours(count):
 
 def plainly_painted(scene):
     """The scene with one colour a face."""
-    texels = scene.skins.texels.copy()
-    for k, faces in enumerate(scene.skins.levels):
+    texels = scene.textures.texels.copy()
+    for k, faces in enumerate(scene.textures.levels):
         for face, levels in enumerate(faces):
             for first, height, width in levels:
-                texels[first : first + height * width] = colours(len(scene.standing))[k, face]
-    return replace(scene, skins=replace(scene.skins, texels=texels))
+                texels[first : first + height * width] = colours(len(scene.fixed_prisms))[k, face]
+    return replace(scene, textures=replace(scene.textures, texels=texels))
 
 
 def label(world, origin, ray):
@@ -130,12 +130,12 @@ def test_a_skin_lies_on_its_obstacle_like_paper(k):
     obstacle = (*OBSTACLES, *PYLONS)[k]
     world = replace(FLAT, boxes=(obstacle,) if k < 3 else (), pylons=(obstacle,) if k >= 3 else ())
     scene = build_scene(world, ())
-    skins, texels = scene.skins, scene.skins.texels.copy()
-    for levels in skins.levels[0]:
+    textures, texels = scene.textures, scene.textures.texels.copy()
+    for levels in textures.levels[0]:
         for first, height, width in levels:
             x, y = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)
             texels[first : first + height * width] = np.stack([250 * x, 250 * y, 0 * x], -1).reshape(-1, 3)
-    scene = replace(scene, skins=replace(skins, texels=texels))
+    scene = replace(scene, textures=replace(textures, texels=texels))
     camera = CameraModel((1056, 864), 90.0).camera()
     x, y = obstacle.center_m
     checked = []
@@ -181,14 +181,17 @@ def place_on_skin(obstacle, plane, w_p):
 
 def test_skins_are_as_fine_as_they_say_and_differ():
     scene = build_scene(GYM, ())
-    _, height, width = scene.skins.levels[0, 0, 0]
+    _, height, width = scene.textures.levels[0, 0, 0]
     assert (width, height) == (round(0.30 / METRES_PER_TEXEL), round(0.20 / METRES_PER_TEXEL))
-    again, other = paint(scene.standing, GYM.seed), paint(scene.standing, GYM.seed + 1)
-    assert np.array_equal(scene.skins.texels, again.texels)
-    assert not np.array_equal(scene.skins.texels, other.texels)
+    again, other = (
+        draw_textures(scene.fixed_prisms, GYM.seed),
+        draw_textures(scene.fixed_prisms, GYM.seed + 1),
+    )
+    assert np.array_equal(scene.textures.texels, again.texels)
+    assert not np.array_equal(scene.textures.texels, other.texels)
     # Rich enough that features are found on it.
-    first, height, width = scene.skins.levels[0, 0, 0]
-    top = scene.skins.texels[first : first + height * width].reshape(height, width, 3)
+    first, height, width = scene.textures.levels[0, 0, 0]
+    top = scene.textures.texels[first : first + height * width].reshape(height, width, 3)
     assert len(cv2.SIFT_create().detect(cv2.cvtColor(top, cv2.COLOR_BGR2GRAY), None)) > 15
 
 

@@ -14,7 +14,7 @@ from slam.io.flight_folder import read_flight
 from slam.simulation import sensors
 from slam.simulation.chance import generator
 from slam.simulation.model import Model, load_model
-from slam.simulation.motion import at_rest, draw_for, obey, steps_of
+from slam.simulation.motion import at_rest, draw_model_noise, simulate_motion, step_count
 from slam.simulation.place.world import World
 from slam.simulation.replay import replay
 from slam.simulation.stick import Stick
@@ -102,7 +102,9 @@ def like(flight: Flight, model: Model, seed: int) -> Flight:
     stick = Stick(flight.command.stamps_s - first, flight.command.stick, duration_s)
     height = float(np.nanmedian(flight.sonar.range_m[:20])) - model.sonar.datum_m
     rngs = generator(seed, "hold noise"), generator(seed, "gusts")
-    motion = obey(stick, model, at_rest(0, 0, height, 0), draw_for(model, steps_of(duration_s), rngs))
+    motion = simulate_motion(
+        stick, model, at_rest(0, 0, height, 0), draw_model_noise(model, step_count(duration_s), rngs)
+    )
     return Flight(
         "simulated",
         imu=sensors.read_imu(motion, model, seed),

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from backend.ekf.inputs import Readings, VisualStep, renumber_steps
 from slam.core.progress import Progress, silent
-from slam.inertial.filter_input import FIELDS, Adjusted, FilterInput, filter_input
+from slam.inertial.filter_input import FIELDS, Adjustments, FilterInput, filter_input
 from slam.inertial.instruments import InertialTrust
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ AS_MADE: dict[str, dict[str, float]] = {
 does not tell them."""
 
 
-def suited(
+def identify_noise(
     flight: Flight,
     trust: InertialTrust = InertialTrust(),
     progress: Progress = silent,
@@ -83,14 +83,14 @@ def suited(
     Raises ``InputError``.
     """
     trial = _Trial(flight, progress, stamps_s, steps)
-    found = _widened(trial, trust, Adjusted())
+    found = _widened(trial, trust, Adjustments())
     for name in _DELAYED:
         found = _climbed(trial, trust, found, name, "delay_s", _DELAYS_S)
-    found = _widened(trial, trust, Adjusted(delay_s=found.delay_s))
+    found = _widened(trial, trust, Adjustments(delay_s=found.delay_s))
     lasting = _widened_over(trial, trust, found, _SUMMED_S, _ROUNDS_SUMMED, trial.spread)
     for name in _INERTIAL:
-        found = _climbed(trial, trust, found, name, "wider", _NOISIER)
-    found = replace(found, wider={**found.wider, **lasting.wider})
+        found = _climbed(trial, trust, found, name, "noise_factor", _NOISIER)
+    found = replace(found, noise_factor={**found.noise_factor, **lasting.noise_factor})
     best = trial.likelihood(trust, found)
     for figures in _credible(flight, trust):
         plain = replace(trust, **figures)
@@ -103,11 +103,11 @@ def suited(
 def _climbed(
     trial: _Trial,
     trust: InertialTrust,
-    found: Adjusted,
+    found: Adjustments,
     name: str,
-    kind: Literal["delay_s", "wider"],
+    kind: Literal["delay_s", "noise_factor"],
     ladder: tuple[float, ...],
-) -> Adjusted:
+) -> Adjustments:
     """``found`` with the figure of one channel that makes the readings most likely, if clearly."""
     if getattr(trial.held, FIELDS[name]) is None:
         return found
@@ -143,56 +143,58 @@ class _Trial:
         self.stamps_s, self.steps = stamps_s, steps
         self.held: Readings = filter_input(flight).readings
 
-    def run(self, trust: InertialTrust, adjusted: Adjusted) -> Track:
+    def run(self, trust: InertialTrust, adjustments: Adjustments) -> Track:
         from backend.ekf.track import track
 
-        given = filter_input(self.flight, trust, adjusted)
-        until_s = min(given.end_s, given.start_s + LONGEST_TRIAL_S)
-        inside = (self.stamps_s >= given.start_s) & (self.stamps_s < until_s)
+        inputs = filter_input(self.flight, trust, adjustments)
+        until_s = min(inputs.end_s, inputs.start_s + LONGEST_TRIAL_S)
+        inside = (self.stamps_s >= inputs.start_s) & (self.stamps_s < until_s)
         steps = renumber_steps(self.steps, inside)
-        readings = replace(given.readings.between(given.start_s, until_s), steps=steps)
+        readings = replace(inputs.readings.between(inputs.start_s, until_s), steps=steps)
         self.done += 1
         self.progress("instruments", self.done, 0)
-        return track(readings, np.append(self.stamps_s[inside], until_s), given.start, given.model, rounds=0)
+        return track(
+            readings, np.append(self.stamps_s[inside], until_s), inputs.start, inputs.model, rounds=0
+        )
 
     def spread(self, name: str) -> float:
         """All that the readings of a channel vary, in units of their noise: no error of theirs is larger."""
         held = getattr(self.held, FIELDS[name])
         return float(np.nanmax(np.nanstd(held.values, axis=0) / held.std))
 
-    def likelihood(self, trust: InertialTrust, adjusted: Adjusted) -> float:
-        channels = self.run(trust, adjusted).channels
+    def likelihood(self, trust: InertialTrust, adjustments: Adjustments) -> float:
+        channels = self.run(trust, adjustments).channels
         return sum(channels[name].log_likelihood for name in _SPEAKING if name in channels)
 
 
-def _widened(trial: _Trial, trust: InertialTrust, adjusted: Adjusted) -> Adjusted:
+def _widened(trial: _Trial, trust: InertialTrust, adjustments: Adjustments) -> Adjustments:
     """White noise inflated until single innovations are consistent."""
-    return _widened_over(trial, trust, adjusted, (0.0,), _ROUNDS, lambda _: np.inf)
+    return _widened_over(trial, trust, adjustments, (0.0,), _ROUNDS, lambda _: np.inf)
 
 
 def _widened_over(
     trial: _Trial,
     trust: InertialTrust,
-    adjusted: Adjusted,
+    adjustments: Adjustments,
     over_s: tuple[float, ...],
     rounds: int,
     most: Callable[[str], float],
-) -> Adjusted:
+) -> Adjustments:
     """White noise inflated until innovations, summed over windows of each length ``over_s``, are consistent.
 
     At most by the factor ``most`` of a channel, unless it was larger before.
     """
-    wider = dict(adjusted.wider)
+    noise_factor = dict(adjustments.noise_factor)
     for _ in range(rounds):
-        channels = trial.run(trust, replace(adjusted, wider=wider)).channels
-        before = dict(wider)
+        channels = trial.run(trust, replace(adjustments, noise_factor=noise_factor)).channels
+        before = dict(noise_factor)
         for name in _FORESEEN:
             if name in channels and (excess := _excess(channels[name], over_s)) > _WIDEN_FROM:
-                now = wider.get(name, 1.0)
-                wider[name] = max(now, min(now * excess, most(name)))
-        if wider == before:
+                now = noise_factor.get(name, 1.0)
+                noise_factor[name] = max(now, min(now * excess, most(name)))
+        if noise_factor == before:
             break
-    return replace(adjusted, wider=wider)
+    return replace(adjustments, noise_factor=noise_factor)
 
 
 def _excess(channel: InstrumentInnovations, over_s: tuple[float, ...]) -> float:

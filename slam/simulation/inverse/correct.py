@@ -19,7 +19,7 @@ from slam.simulation.terms import CATALOGUE
 CHANGES_READINGS = ("sensor", "image", "clock")
 """What such terms act on; others change how the vehicle moves, or where."""
 
-UNDONE: dict[str, tuple[str, Callable[[Flight, Model], Flight]]] = {
+INVERSES: dict[str, tuple[str, Callable[[Flight, Model], Flight]]] = {
     "clock_drift": ("", clocks.clock_drift),
     "camera_time_offset": ("frames", clocks.camera_time_offset),
     "focal_length": ("camera", camera.focal_length),
@@ -47,31 +47,33 @@ UNDONE: dict[str, tuple[str, Callable[[Flight, Model], Flight]]] = {
 
 
 @dataclass(frozen=True)
-class Corrected:
+class CorrectedFlight:
     """A flight, and what became of each term of the model that changes readings."""
 
     flight: Flight
-    taken_out: tuple[str, ...]
+    corrected_terms: tuple[str, ...]
     """Terms with their sizes, in words."""
-    left: tuple[str, ...]
+    uncorrected: tuple[str, ...]
     """Names of terms that readings cannot be freed of: what is lost, or random."""
 
-    def told(self, model: Model) -> str:
+    def summary(self, model: Model) -> str:
         """One line."""
-        out = ", ".join(self.taken_out) or "nothing that changes a reading of this flight"
-        left = f"; left as it is: {', '.join(self.left)}" if self.left else ""
-        return f"model {model.name!r} taken out of the readings: {out}{left}"
+        done = ", ".join(self.corrected_terms) or "nothing that changes a reading of this flight"
+        rest = f"; left as it is: {', '.join(self.uncorrected)}" if self.uncorrected else ""
+        return f"model {model.name!r} taken out of the readings: {done}{rest}"
 
 
-def corrected(flight: Flight, model: Model) -> Corrected:
+def correct_flight(flight: Flight, model: Model) -> CorrectedFlight:
     """The flight as healthy instruments would have recorded it, as far as the model knows theirs."""
-    taken_out = []
-    for name, (stream, undo) in UNDONE.items():
+    corrected_terms = []
+    for name, (stream, undo) in INVERSES.items():
         if model.holds(name) and (not stream or getattr(flight, stream) is not None):
             flight = undo(flight, model)
-            taken_out.append(f"{name} ({_sizes(model, name)})")
-    left = tuple(n for n in model.terms if changes_readings(n) and n not in UNDONE and model.holds(n))
-    return Corrected(flight, tuple(taken_out), left)
+            corrected_terms.append(f"{name} ({_sizes(model, name)})")
+    uncorrected = tuple(
+        n for n in model.terms if changes_readings(n) and n not in INVERSES and model.holds(n)
+    )
+    return CorrectedFlight(flight, tuple(corrected_terms), uncorrected)
 
 
 def changes_readings(term: str) -> bool:

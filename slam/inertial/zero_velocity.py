@@ -18,7 +18,7 @@ _GYRO_STD_RAD_S, _ACCEL_STD_M_S2 = 0.01, 0.1
 _SPEED_M_S = 0.05
 
 
-def standing(flight: Flight) -> Array:
+def zero_velocity_times(flight: Flight) -> Array:
     """Times at the start at which the vehicle stands; none where it does not.
 
     It stands while gyro and accelerometer hardly spread and no velocity is read: on the floor with the motors

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.simulation.place.obstacles import BASE, HALF_LENGTH, HALF_WIDTH, ROUND, TOP
-from slam.simulation.place.wear import draw_wear, wear_down
+from slam.simulation.place.weathering import apply_weathering, draw_weathering
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -27,7 +27,7 @@ SIDE_LIGHT = (0.62, 0.80, 0.72, 0.50)
 
 
 @dataclass(frozen=True)
-class Skins:
+class ObstacleTextures:
     """The pictures on all obstacles."""
 
     texels: Image
@@ -36,8 +36,8 @@ class Skins:
     """(obstacles, 2, ``LEVELS``, 3): first texel, height, width; top and side."""
 
 
-def paint(prisms: Array, seed: int) -> Skins:
-    """Skins of prisms, none like another; the same for the same seed."""
+def draw_textures(prisms: Array, seed: int) -> ObstacleTextures:
+    """ObstacleTextures of prisms, none like another; the same for the same seed."""
     texels: list[Image] = []
     levels = np.empty((len(prisms), 2, LEVELS, 3), np.int64)
     first = 0
@@ -49,7 +49,7 @@ def paint(prisms: Array, seed: int) -> Skins:
                 first += len(texels[-1])
                 half = (max(1, picture.shape[1] // 2), max(1, picture.shape[0] // 2))
                 picture = cv2.resize(picture, half, interpolation=cv2.INTER_AREA)
-    return Skins(np.concatenate(texels) if texels else np.empty((0, 3), np.uint8), levels)
+    return ObstacleTextures(np.concatenate(texels) if texels else np.empty((0, 3), np.uint8), levels)
 
 
 def _pictures(prism: Array, rng: np.random.Generator) -> tuple[Image, Image]:
@@ -117,5 +117,5 @@ def _worn(width_m: float, height_m: float, paint_bgr: Image, rng: np.random.Gene
     w, h = (int(np.clip(np.ceil(s / METRES_PER_TEXEL), 4, MAX_SIDE_PX)) for s in (width_m, height_m))
     picture = np.empty((h, w, 3), np.uint8)
     picture[:] = paint_bgr
-    wear_down(picture, draw_wear(h, w, METRES_PER_TEXEL, rng))
+    apply_weathering(picture, draw_weathering(h, w, METRES_PER_TEXEL, rng))
     return picture

@@ -15,7 +15,7 @@ HEIGHT_M = (0.05, 0.15)
 SPEED_M_S = (0.1, 0.6)
 
 
-class Movers:
+class MovingObjects:
     """Drums and their tracks, drawn from ``rng``."""
 
     def __init__(

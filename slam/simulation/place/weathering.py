@@ -1,4 +1,4 @@
-"""Wear: what use leaves on a floor or on the skin of an obstacle, and what tells one place from the next."""
+"""Traces of use on a floor or an obstacle, which distinguish one place from the next."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 Image = NDArray[np.uint8]
 
 NEUTRAL = 128
-"""The wear that changes nothing."""
-WEAR_CONTRAST = 0.16
-"""Standard deviation of the wear, as a share of the brightness."""
+"""The weathering that changes nothing."""
+WEATHERING_CONTRAST = 0.16
+"""Standard deviation of the weathering, as a share of the brightness."""
 SPECKS_PER_M2 = 200
 SCRATCHES_PER_M2 = 7
 
 
-def wear_down(texture: Image, wear: Image) -> None:
-    """Darken and brighten ``texture`` (h, w, 3) in place by ``wear`` (h, w)."""
+def apply_weathering(texture: Image, weathering: Image) -> None:
+    """Darken and brighten ``texture`` (h, w, 3) in place by ``weathering`` (h, w)."""
     for channel in range(3):
-        texture[..., channel] = cv2.multiply(texture[..., channel], wear, scale=1 / NEUTRAL)
+        texture[..., channel] = cv2.multiply(texture[..., channel], weathering, scale=1 / NEUTRAL)
 
 
-def draw_wear(height: int, width: int, metres_per_px: float, rng: np.random.Generator) -> Image:
+def draw_weathering(height: int, width: int, metres_per_px: float, rng: np.random.Generator) -> Image:
     """Brightness that a floor's use leaves, ``NEUTRAL`` where none: stains and grain, specks, scratches.
 
     Stains and grain have the spectrum of natural pictures (amplitude falls with frequency, equal power in
@@ -35,21 +35,21 @@ def draw_wear(height: int, width: int, metres_per_px: float, rng: np.random.Gene
     spectrum /= np.hypot(np.hypot(fx, fy), np.float32(1 / 1.2))
     spectrum[0, 0] = 0
     stains = scipy.fft.irfft2(spectrum, (height, width), overwrite_x=True)
-    stains *= NEUTRAL * WEAR_CONTRAST / stains.std()
-    wear = np.clip(stains + NEUTRAL, 30, 225).astype(np.uint8)
+    stains *= NEUTRAL * WEATHERING_CONTRAST / stains.std()
+    weathering = np.clip(stains + NEUTRAL, 30, 225).astype(np.uint8)
     area_m2 = height * width * metres_per_px**2
     for _ in range(int(SPECKS_PER_M2 * area_m2)):
         x, y = rng.uniform(0, [width, height])
         radius = rng.uniform(0.0015, 0.006) / metres_per_px
-        _disc(wear, (x, y), radius, int(rng.choice([rng.integers(40, 90), rng.integers(165, 215)])))
+        _disc(weathering, (x, y), radius, int(rng.choice([rng.integers(40, 90), rng.integers(165, 215)])))
     for _ in range(int(SCRATCHES_PER_M2 * area_m2)):
-        _scratch(wear, metres_per_px, rng)
-    return wear
+        _scratch(weathering, metres_per_px, rng)
+    return weathering
 
 
-def _scratch(wear: Image, metres_per_px: float, rng: np.random.Generator) -> None:
+def _scratch(weathering: Image, metres_per_px: float, rng: np.random.Generator) -> None:
     """A bent line of some centimetres, clipped at the border."""
-    height, width = wear.shape
+    height, width = weathering.shape
     turn = rng.uniform(0, 2 * np.pi) + np.linspace(0, rng.normal(0, 0.7), 12)
     step = rng.uniform(0.03, 0.30) / 12 / metres_per_px
     points = rng.uniform(0, [width, height]) + np.cumsum(
@@ -59,7 +59,7 @@ def _scratch(wear: Image, metres_per_px: float, rng: np.random.Generator) -> Non
         int(rng.choice([60, 85, 175, 200])),
         max(1, round(rng.uniform(0.001, 0.004) / metres_per_px)),
     )
-    cv2.polylines(wear, [np.int32(points * 16)], False, shade, thickness, cv2.LINE_AA, 4)
+    cv2.polylines(weathering, [np.int32(points * 16)], False, shade, thickness, cv2.LINE_AA, 4)
 
 
 def _disc(image: Image, center: tuple[float, float], radius: float, shade: int | tuple[int, ...]) -> None:

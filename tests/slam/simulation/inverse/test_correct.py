@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from slam.evaluation.map_gain import can_be_compared, map_gain
-from slam.simulation.inverse import changes_readings, corrected
-from slam.simulation.inverse.corrected import UNDONE
+from slam.simulation.inverse.correct import INVERSES, changes_readings, correct_flight
 from slam.simulation.recipe import recipe_from
 from slam.simulation.terms import CATALOGUE
 from tests.slam.io.made_flight import made_flight
@@ -74,9 +73,9 @@ def healthy():
 @pytest.mark.parametrize("term", TERMS)
 def test_readings_are_those_of_healthy_instruments(term, healthy):
     sick = flown(2, terms={term: TERMS[term]}, **MOVED)
-    mended = corrected(sick, recipe(terms={term: TERMS[term]}, **MOVED).model)
-    assert [line.split()[0] for line in mended.taken_out] == [term]
-    assert mended.left == ()
+    mended = correct_flight(sick, recipe(terms={term: TERMS[term]}, **MOVED).model)
+    assert [line.split()[0] for line in mended.corrected_terms] == [term]
+    assert mended.uncorrected == ()
     if term in ("clock_drift", "sonar_lag"):
         stream = "imu" if term == "clock_drift" else "sonar"
         late_s = TERMS[term].get("T", 0.0)
@@ -88,7 +87,7 @@ def test_readings_are_those_of_healthy_instruments(term, healthy):
 
 def test_a_drift_of_the_vehicles_clock_leaves_no_stream_of_its_own_behind():
     flight, model = made_flight(), recipe(terms={"clock_drift": {"ppm": 500.0}}).model
-    mended = corrected(flight, model).flight
+    mended = correct_flight(flight, model).flight
     for name in ("imu", "attitude", "velocity", "sonar", "battery", "motor", "gps", "barometer"):
         as_stamped = getattr(mended, name).stamps_s * (1 + 500e-6)
         np.testing.assert_allclose(as_stamped, getattr(flight, name).stamps_s, rtol=1e-12)
@@ -102,7 +101,7 @@ def test_what_a_sonar_reads_in_its_dead_zone_is_no_range(healthy):
     sick = flown(2, terms=terms, **MOVED)
     stuck = sick.sonar.range_m == limit
     assert 0.3 < stuck.mean() < 0.5
-    range_m = corrected(sick, recipe(terms=terms, **MOVED).model).flight.sonar.range_m
+    range_m = correct_flight(sick, recipe(terms=terms, **MOVED).model).flight.sonar.range_m
     assert np.isnan(range_m[stuck]).all()
     far = healthy.sonar.range_m > limit + 1e-3
     np.testing.assert_array_equal(range_m[far], healthy.sonar.range_m[far])
@@ -110,7 +109,7 @@ def test_what_a_sonar_reads_in_its_dead_zone_is_no_range(healthy):
 
 def test_rounding_counts_as_noise(healthy):
     model = recipe(terms={"sonar_quantisation": {"step": 0.06}}).model
-    noise_std_m = corrected(healthy, model).flight.sonar.noise_std_m
+    noise_std_m = correct_flight(healthy, model).flight.sonar.noise_std_m
     assert noise_std_m == pytest.approx(0.06 / np.sqrt(12), rel=1e-3)
 
 
@@ -126,7 +125,7 @@ def test_rounding_counts_as_noise(healthy):
 def test_pictures_are_those_of_the_camera_that_is_told_then(term, told):
     quiet = {"rate_hz": 2.0, "noise_std": 0.0}
     sick = flown(2, terms=term, camera=quiet)
-    mended = corrected(sick, recipe(terms=term).model).flight
+    mended = correct_flight(sick, recipe(terms=term).model).flight
     if told == "clock":
         np.testing.assert_allclose(mended.frames.stamps_s, sick.frames.stamps_s - 0.06, atol=1e-12)
         return
@@ -150,28 +149,30 @@ def test_every_term_of_an_instrument_is_undone_or_told_as_left():
     }
     model = recipe_from({**_plain(), "terms": every}, "test").model
     flight = flown(2, camera={"rate_hz": 1.0})
-    mended = corrected(flight, model)
+    mended = correct_flight(flight, model)
     of_instruments = {name for name in CATALOGUE if changes_readings(name)}
-    assert {line.split()[0] for line in mended.taken_out} | set(mended.left) == of_instruments
-    assert set(UNDONE) <= of_instruments
-    assert "motion_blur" in mended.left
-    alone = corrected(replace(flight, sonar=None, imu=None, velocity=None, camera=None, frames=None), model)
-    assert [line.split()[0] for line in alone.taken_out] == ["clock_drift"]
+    assert {line.split()[0] for line in mended.corrected_terms} | set(mended.uncorrected) == of_instruments
+    assert set(INVERSES) <= of_instruments
+    assert "motion_blur" in mended.uncorrected
+    alone = correct_flight(
+        replace(flight, sonar=None, imu=None, velocity=None, camera=None, frames=None), model
+    )
+    assert [line.split()[0] for line in alone.corrected_terms] == ["clock_drift"]
 
 
 def test_a_healthy_model_changes_nothing():
     flight = flown(2, camera={"rate_hz": 1.0})
-    assert corrected(flight, recipe().model).flight is flight
+    assert correct_flight(flight, recipe().model).flight is flight
 
 
 def test_the_back_end_is_told_how_surely_the_model_knows():
     terms = {"sonar_scale": {"eps": 0.05}, "focal_length": {"eps": 0.01}, "sonar_bias": {"b": 0.01}}
     model = recipe(terms=terms).model
     flight = flown(2, camera={"rate_hz": 1.0})
-    plain = corrected(flight, model).flight
+    plain = correct_flight(flight, model).flight
     assert (plain.sonar.scale_std, plain.camera.focal_std_ratio) == (0.0, 0.0)
     sure = model.with_std("sonar_scale", eps=0.004).with_std("focal_length", eps=0.002)
-    told = corrected(flight, sure.with_std("sonar_bias", b=0.003)).flight
+    told = correct_flight(flight, sure.with_std("sonar_bias", b=0.003)).flight
     assert (told.sonar.scale_std, told.sonar.datum_std_m) == (0.004, 0.003)
     assert told.camera.focal_std_ratio == 0.002
 
@@ -181,7 +182,7 @@ def test_the_map_of_askew_instruments_is_as_good_as_that_of_healthy_ones():
     terms = {"sonar_scale": {"eps": 0.08}, "focal_length": {"eps": -0.03}, "camera_tilt": {"x": 0.05}}
     sick = flown(2, terms=terms)
     assert can_be_compared(sick)
-    mended = corrected(sick, recipe(terms=terms).model).flight
+    mended = correct_flight(sick, recipe(terms=terms).model).flight
     gain = map_gain(sick, mended)
     assert gain.after.position_m < 0.1 * gain.before.position_m
     assert abs(gain.after.scale - 1) < 0.005 < abs(gain.before.scale - 1)
@@ -194,7 +195,7 @@ def test_the_map_of_askew_instruments_is_as_good_as_that_of_healthy_ones():
 def test_a_shutter_that_rolls_is_put_right():
     terms = {"rolling_shutter": {"readout": 0.04}}
     sick = flown(2, terms=terms, maneuver={"cruise_m_s": 0.8})
-    gain = map_gain(sick, corrected(sick, recipe(terms=terms).model).flight)
+    gain = map_gain(sick, correct_flight(sick, recipe(terms=terms).model).flight)
     assert gain.after.position_m < 0.25 * gain.before.position_m
     assert gain.after.position_m < 0.004
 
