@@ -93,7 +93,15 @@ def lift(
     lever = camera.b_T_c[:3, 3]
     if m == 0:
         empty = np.empty(0)
-        return LiftedPoses(np.empty((0, 4, 4)), np.empty((0, 6, 6)), empty, empty, empty, lever, empty)
+        return LiftedPoses(
+            i_T_j=np.empty((0, 4, 4)),
+            covariance=np.empty((0, 6, 6)),
+            height_ratio=empty,
+            log_ratio_std=empty,
+            misfit=empty,
+            b_p_c_m=lever,
+            camera_above_body_m=empty,
+        )
     blocks = [
         _lift_some(
             i_H_j[some], corner_covariance[some], camera, roll_pitch_rad[some], roll_pitch_std_rad[some]
@@ -101,7 +109,15 @@ def lift(
         for some in (slice(k, k + _AT_ONCE) for k in range(0, m, _AT_ONCE))
     ]
     i_T_j, covariance, ratio, log_std, misfit, above = (np.concatenate(b) for b in zip(*blocks, strict=True))
-    return LiftedPoses(i_T_j, covariance, ratio, log_std, misfit, lever, above)
+    return LiftedPoses(
+        i_T_j=i_T_j,
+        covariance=covariance,
+        height_ratio=ratio,
+        log_ratio_std=log_std,
+        misfit=misfit,
+        b_p_c_m=lever,
+        camera_above_body_m=above,
+    )
 
 
 def _lift_some(

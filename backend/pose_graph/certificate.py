@@ -94,7 +94,16 @@ def certify(graph: PoseGraph, solution: Solution) -> Certificate:
         return Certificate(False, str(refused) or "there is not enough memory")
     looped = [part for part in parts if part is not None]
     if not looped:
-        return Certificate(True, "", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return Certificate(
+            certified=True,
+            reason="",
+            objective=0.0,
+            lower_bound=0.0,
+            gap=0.0,
+            moved_m=0.0,
+            moved_rad=0.0,
+            error_bound=0.0,
+        )
     return Certificate(
         certified=all(part.certified for part in looped),
         reason=next((part.reason for part in looped if part.reason), ""),

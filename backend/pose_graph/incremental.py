@@ -81,7 +81,9 @@ class Incremental:
         anchor = min(here, key=lambda e: e.kind == "loop") if here else None
         loops = [e for e in relative_poses if e.kind == "loop" and e is not anchor]
         now = tuple(e for e in relative_poses if e.kind != "loop" or e is anchor)
-        measured = Measurements(np.zeros(0), now, attitudes, ranges, positions)
+        measured = Measurements(
+            stamps_s=np.zeros(0), relative_poses=now, attitudes=attitudes, ranges=ranges, positions=positions
+        )
         problem, keys = _renumbered(measured, number)
         _renumbered(Measurements(np.zeros(0), tuple(loops)), number)  # invalid loops are rejected now
         factors = _factors(problem, keys)
@@ -193,11 +195,11 @@ def _renumbered(measured: Measurements, number: int) -> tuple[Problem, list[int]
         raise BackendError(f"a relative pose names keyframe {keys[0]}")
     place = {key: k for k, key in enumerate(keys)}
     local = Measurements(
-        np.zeros(len(keys)),
-        tuple(replace(e, i=place[e.i], j=place[e.j]) for e in measured.relative_poses),
-        tuple(replace(a, k=place[a.k]) for a in measured.attitudes),
-        tuple(replace(r, k=place[r.k]) for r in measured.ranges),
-        tuple(replace(p, k=place[p.k]) for p in measured.positions),
+        stamps_s=np.zeros(len(keys)),
+        relative_poses=tuple(replace(e, i=place[e.i], j=place[e.j]) for e in measured.relative_poses),
+        attitudes=tuple(replace(a, k=place[a.k]) for a in measured.attitudes),
+        ranges=tuple(replace(r, k=place[r.k]) for r in measured.ranges),
+        positions=tuple(replace(p, k=place[p.k]) for p in measured.positions),
         names=tuple(str(key) for key in keys),
     )
     return from_measurements(local, None)[0], keys

@@ -57,7 +57,15 @@ def fixed(k: int, w_T: Array, dimension: int) -> UnaryFactor:
     make = gtsam.PriorFactorPose2 if dimension == 2 else gtsam.PriorFactorPose3
     noise = gtsam.noiseModel.Isotropic.Sigma(3 if dimension == 2 else 6, GAUGE_STD)
     factor = make(k, gtsam_poses(w_T[None], dimension)[0], noise)
-    return UnaryFactor(k, factor, factor, "fixed", w_T[:3, :3], True, w_T[:3, 3])
+    return UnaryFactor(
+        k=k,
+        factor=factor,
+        gaussian=factor,
+        kind="fixed",
+        w_R_b=w_T[:3, :3],
+        heading_known=True,
+        w_p_b_m=w_T[:3, 3],
+    )
 
 
 def attitude(measured: Attitude) -> UnaryFactor | None:
@@ -84,7 +92,14 @@ def attitude(measured: Attitude) -> UnaryFactor | None:
         noise = gtsam.noiseModel.Gaussian.SqrtInformation(root, False)
         factor = gtsam.PoseRotationPrior3D(measured.k, gtsam.Rot3(R), noise)
     level = bool(weight[:2].all())
-    return UnaryFactor(measured.k, factor, factor, "attitude", R if level else None, bool(weight[2]))
+    return UnaryFactor(
+        k=measured.k,
+        factor=factor,
+        gaussian=factor,
+        kind="attitude",
+        w_R_b=R if level else None,
+        heading_known=bool(weight[2]),
+    )
 
 
 def slant_range(measured: SlantRange, cos_tilt: float = 1.0) -> UnaryFactor:
@@ -98,7 +113,7 @@ def slant_range(measured: SlantRange, cos_tilt: float = 1.0) -> UnaryFactor:
     arm = measured.b_T_s[:3] @ [0, 0, -measured.range_m, 1]
     gaussian = gtsam.GPSFactorArm(measured.k, np.zeros(3), arm, noise)
     factor = gtsam.GPSFactorArm(measured.k, np.zeros(3), arm, _robust(noise))
-    return UnaryFactor(measured.k, factor, gaussian, "range", b_p_floor_m=arm)
+    return UnaryFactor(k=measured.k, factor=factor, gaussian=gaussian, kind="range", b_p_floor_m=arm)
 
 
 def position(measured: Position) -> UnaryFactor | None:
@@ -114,7 +129,13 @@ def position(measured: Position) -> UnaryFactor | None:
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(np.diag(weight), False)
     gaussian = gtsam.GPSFactor(measured.k, place, noise)
     factor = gtsam.GPSFactor(measured.k, place, _robust(noise))
-    return UnaryFactor(measured.k, factor, gaussian, "position", w_p_b_m=np.where(weight > 0, place, np.nan))
+    return UnaryFactor(
+        k=measured.k,
+        factor=factor,
+        gaussian=gaussian,
+        kind="position",
+        w_p_b_m=np.where(weight > 0, place, np.nan),
+    )
 
 
 def _robust(noise: gtsam.noiseModel.Base) -> gtsam.noiseModel.Robust:

@@ -109,17 +109,17 @@ class FrontEnd:
         stamps_s = frame_stamps_s[index] if len(index) else np.empty(0)
         rejected = _with_reasons(tracker.rejected, flight.frames.failures)
         return Observations(
-            store,
-            index,
-            stamps_s,
-            tuple(links),
-            kept,
-            tuple(refused),
-            tracker.frames,
-            rejected,
-            len(tracker.moving),
-            frame_stamps_s,
-            tuple(tracker.passed),
+            store=store,
+            frame_index=index,
+            stamps_s=stamps_s,
+            links=tuple(links),
+            registrations=kept,
+            refused=tuple(refused),
+            frames=tracker.frames,
+            rejected=rejected,
+            moving=len(tracker.moving),
+            frame_stamps_s=frame_stamps_s,
+            passed=tuple(tracker.passed),
         )
 
     def register(

@@ -154,12 +154,12 @@ class KeyframeReadings:
             roll_pitch[a.k] = a.roll_pitch_yaw_rad[:2]
             std[a.k] = np.hypot(a.std_rad[:2], trust.attitude_graph_rad)
         return KeyframeReadings(
-            stamps_s,
-            attitudes,
-            ranges_at(flight.sonar, stamps_s, trust.range_floor_m),
-            positions_at(flight, stamps_s, origin),
-            flight.sonar.scale_std if flight.sonar else 0.0,
-            flight.sonar.datum_std_m if flight.sonar else 0.0,
-            roll_pitch,
-            std,
+            stamps_s=stamps_s,
+            attitudes=attitudes,
+            ranges=ranges_at(flight.sonar, stamps_s, trust.range_floor_m),
+            positions=positions_at(flight, stamps_s, origin),
+            range_gain_std=flight.sonar.scale_std if flight.sonar else 0.0,
+            range_datum_std_m=flight.sonar.datum_std_m if flight.sonar else 0.0,
+            roll_pitch_rad=roll_pitch,
+            roll_pitch_std_rad=std,
         )

@@ -137,7 +137,9 @@ class _Evidence:
             )
         # Positions that could not place the part must not act on its shape either.
         usable = self.setup if laid is not None else self.setup.without_positions()
-        placed = MapPart(members, start, floor_z_m, laid is not None, ranged)
+        placed = MapPart(
+            members=members, w_T_b=start, floor_z_m=floor_z_m, georeferenced=laid is not None, ranged=ranged
+        )
         try:
             bundle, by_inertia = self._refined(usable, placed)
         except BackendError as error:

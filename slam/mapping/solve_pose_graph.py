@@ -34,7 +34,12 @@ def solve_pose_graph(
         fall = max(LEAST_FALL, float(np.cos(readings.roll_pitch_rad[k]).prod()))
         height = float(heights.height_m[k])
         ranges.append(SlantRange(k, height / fall, height * max(0.01, float(heights.log_std[k]))))
-    measurements = Measurements(readings.stamps_s, edges.relative_poses, tuple(attitudes), tuple(ranges))
+    measurements = Measurements(
+        stamps_s=readings.stamps_s,
+        relative_poses=edges.relative_poses,
+        attitudes=tuple(attitudes),
+        ranges=tuple(ranges),
+    )
     plain = solve(measurements, loops_robust=False, covariances=False, on_step=on_step)
     if not edges.relative_poses:
         return plain

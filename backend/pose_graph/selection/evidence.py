@@ -58,7 +58,16 @@ class LinearizedSet:
             return None
         chi_square = float((problem.residuals(w_T)[kept] ** 2).sum())
         scale = noise_scale(problem, kept, w_T)
-        return LinearizedSet(kept, w_T, ~problem.trusted, edges, factor, chi_square, log_volumes, scale)
+        return LinearizedSet(
+            kept=kept,
+            w_T=w_T,
+            loops=~problem.trusted,
+            J=edges,
+            factor=factor,
+            chi_square=chi_square,
+            log_volumes=log_volumes,
+            scale=scale,
+        )
 
     @property
     def odds(self) -> float:
