@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 
 LEAST_KEYFRAMES = 8
 _NOTABLE_RAD = np.radians(2.0)
-"""A lean that is worth a word: an attitude's zero is seldom better than a degree."""
+"""Smallest tilt that is reported: the zero of an attitude is seldom better than a degree."""
 SURE = 4.0
-"""Standard deviations by which a lean must differ from none."""
+"""Significance of a reported tilt, in standard deviations."""
 CLEARLY = 2.0
 """So many times steadier in the world's axes than in the body's, or the other way round; larger than what
 the attitude wanders about it."""
@@ -60,41 +60,43 @@ class AttitudeFloorTilt:
 
 
 def attitude_floor_tilt(flight: Flight, stamps_s: Array, w_T_b: Array) -> AttitudeFloorTilt | None:
-    """The lean over a level floor; None where too few of the keyframes (n, 4, 4), NaN where not placed, have
-    an attitude."""
+    """Estimate the tilt over a level floor from poses (n, 4, 4), NaN where not placed.
+
+    Return None where too few keyframes have an attitude.
+    """
     placed = np.isfinite(w_T_b).all(axis=(1, 2))
-    told = attitudes_at(flight.attitude, stamps_s[placed], 0.0) if flight.attitude is not None else ()
-    if len(told) < LEAST_KEYFRAMES:
+    readings = attitudes_at(flight.attitude, stamps_s[placed], 0.0) if flight.attitude is not None else ()
+    if len(readings) < LEAST_KEYFRAMES:
         return None
-    w_R_b = w_T_b[placed][[a.k for a in told], :3, :3]
-    roll_pitch = np.array([[*a.roll_pitch_yaw_rad[:2], 0.0] for a in told])
+    w_R_b = w_T_b[placed][[a.k for a in readings], :3, :3]
+    roll_pitch = np.array([[*a.roll_pitch_yaw_rad[:2], 0.0] for a in readings])
     b_up = rotation_of(roll_pitch)[:, 2]
-    # What the attitude has for upwards leans uphill where the ground slopes.
+    # Over a slope the upward direction of the attitude points uphill.
     in_world = np.einsum("nab,nb->na", w_R_b, b_up)[:, :2]
     heading = np.arctan2(w_R_b[:, 1, 0], w_R_b[:, 0, 0])
     in_body = Rotation.from_euler("z", -heading[:, None]).apply(np.pad(in_world, ((0, 0), (0, 1))))[:, :2]
-    means = [lean.mean(axis=0) for lean in (in_world, in_body)]
+    means = [tilt.mean(axis=0) for tilt in (in_world, in_body)]
     stds = [
-        autocorrelated_std(lean - mean) / np.sqrt(len(told))
-        for lean, mean in zip((in_world, in_body), means, strict=True)
+        autocorrelated_std(tilt - mean) / np.sqrt(len(readings))
+        for tilt, mean in zip((in_world, in_body), means, strict=True)
     ]
     wander = float(np.sqrt(np.mean((in_body - means[1]) ** 2)))
     return AttitudeFloorTilt(means[0], means[1], stds[0], stds[1], wander)
 
 
-def attitude_floor_tilt_warning(lean: AttitudeFloorTilt | None) -> str:
+def attitude_floor_tilt_warning(tilt: AttitudeFloorTilt | None) -> str:
     """In words, where that is notable: a map without positions takes the ground for level. Else empty."""
-    if lean is None:
+    if tilt is None:
         return ""
-    size, std = lean.steadier
+    size, std = tilt.steadier
     if size < max(_NOTABLE_RAD, SURE * std):
         return ""
     where, cause = "", "the ground slopes, or the camera's mounting (T_BS) or the attitude is off"
-    if lean.stays_in_world:
-        uphill = np.degrees(np.arctan2(lean.in_world[1], lean.in_world[0]))
+    if tilt.stays_in_world:
+        uphill = np.degrees(np.arctan2(tilt.in_world[1], tilt.in_world[0]))
         where = f" towards {uphill:+.0f}° in the map whatever the heading"
         cause = "the ground slopes, or wind disturbs it"
-    elif lean.turns_with_body:
+    elif tilt.turns_with_body:
         where = " towards one side of the body whatever the heading"
         cause = "its zero or the camera's mounting (T_BS) is off"
     return (

@@ -74,8 +74,8 @@ def _status(flight: Flight, stamps_s: Array, map_: Map, metric: bool) -> tuple[s
 
 
 def _scale_told(flight: Flight, map_: Map) -> str:
-    heard = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
-    lacking = "no sonar range that fits the pictures, and no GPS" if heard else "no sonar and no GPS"
+    measured = flight.sonar is not None and bool(np.isfinite(flight.sonar.range_m).any())
+    lacking = "no sonar range that fits the pictures, and no GPS" if measured else "no sonar and no GPS"
     if map_.bundle is None or map_.bundle.scale_std is None:
         return f"{lacking}: no metric scale; lengths are in units of the camera's mean height over the floor"
     std = 100 * map_.bundle.scale_std

@@ -49,17 +49,17 @@ def delay_warning(by_inertia: AccelerometerScale | None, taken_out_s: float) -> 
         )
     if abs(delay_s) < max(_NOTABLE_S, _SURE * std_s):
         return ""
-    told = (
+    offset = (
         f"pictures are stamped {1e3 * abs(delay_s):.0f} ± {1e3 * max(std_s, 5e-4):.0f} ms "
         f"{'after' if delay_s > 0 else 'before'} the imu's readings of the same moment"
     )
     if taken_out_s != 0.0:
         return (
-            f"{told}: corrected in the map, whose poses are stamped by the imu's clock; "
+            f"{offset}: corrected in the map, whose poses are stamped by the imu's clock; "
             "for other programs shift the stamps in cam0/data.csv by "
             f"{-1e3 * delay_s:+.0f} ms"
         )
     return (
-        f"{told}, or more, too much to correct: attitude and ranges are read at wrong times; shift the "
+        f"{offset}, or more, too much to correct: attitude and ranges are read at wrong times; shift the "
         f"stamps in cam0/data.csv by {-1e3 * delay_s:+.0f} ms and run again"
     )

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 LONGEST_STEP_S = 2.0
 LEAST_STEPS = 15
 LEAST_TURN_RAD, LEAST_WAY_M = np.radians(1.0), 0.05
-"""Root mean square of what the map does in a step: of less, noise hides what an instrument says."""
+"""Root mean square of what the map does in a step: below it, noise hides the instrument's motion."""
 ABOVE_NOISE = 2.0
 """Multiple of an attitude's nominal noise: an attitude three times as noisy still correlates."""
 ALIKE, AGAINST = 0.5, -0.5
@@ -30,7 +30,7 @@ FAR = 1.5
 
 
 def contradictions(flight: Flight, stamps_s: Array, w_T_b: Array, metric: bool) -> list[str]:
-    """A line for each instrument that tells of another motion than the map.
+    """Return a line for each instrument whose motion differs from the map's.
 
     ``w_T_b`` (n, 4, 4) at ``stamps_s`` (n,), NaN where a keyframe is not in the map; ``metric``: whether its
     lengths are metres.
@@ -48,25 +48,27 @@ def contradictions(flight: Flight, stamps_s: Array, w_T_b: Array, metric: bool) 
     lines: list[str] = []
     if flight.imu is not None:
         read = _mean(flight.imu.stamps_s, flight.imu.gyro_rad_s, begin_s, end_s) * span_s
-        lines += _told("imu0 (gyro)", read, turned, LEAST_TURN_RAD)
+        lines += _contradiction("imu0 (gyro)", read, turned, LEAST_TURN_RAD)
     if flight.attitude is not None:
         angles = np.unwrap(flight.attitude.roll_pitch_yaw_rad, axis=0)
         read = np.subtract(*(_at(flight.attitude.stamps_s, angles, at) for at in (end_s, begin_s)))
         made = np.diff(np.unwrap(roll_pitch_yaw_of(poses[:, :3, :3]), axis=0), axis=0)[near]
         noise_rad = np.sqrt(2.0) * max(flight.attitude.noise_std_rad)
         least = max(LEAST_TURN_RAD, ABOVE_NOISE * noise_rad)
-        lines += _told("attitude0 (roll, pitch)", read[:, :2], made[:, :2], least)
-        lines += _told("attitude0 (yaw)", read[:, 2:], made[:, 2:], least)
+        lines += _contradiction("attitude0 (roll, pitch)", read[:, :2], made[:, :2], least)
+        lines += _contradiction("attitude0 (yaw)", read[:, 2:], made[:, 2:], least)
     if flight.velocity is not None:
         read = _mean(flight.velocity.stamps_s, flight.velocity.v_m_s, begin_s, end_s) * span_s
         half_way = first * Rotation.from_rotvec(0.5 * turned)
         level_R_w = Rotation.from_euler("z", -roll_pitch_yaw_of(half_way.as_matrix())[:, 2:])
         made = level_R_w.apply(np.diff(poses[:, :3, 3], axis=0)[near])[:, :2]
-        lines += _told("velocity0", read, made, LEAST_WAY_M, metric)
+        lines += _contradiction("velocity0", read, made, LEAST_WAY_M, metric)
     return lines
 
 
-def _told(who: str, read: Array, made: Array, least: float, by_length: bool = False) -> Iterator[str]:
+def _contradiction(
+    who: str, read: Array, made: Array, least: float, by_length: bool = False
+) -> Iterator[str]:
     """Compare the readings of each step with the map's, both (n, c), and describe a contradiction."""
     known = np.isfinite(read).all(axis=1)
     read, made = read[known], made[known]

@@ -28,10 +28,10 @@ def without_horizon_frames(flight: Flight, camera: Camera) -> Flight:
     away = up @ camera.b_T_c[:3, 2] > -LEAST_FALL  # not where an angle is missing
     if not away.any():
         return flight
-    told = (
+    warning = (
         f"attitude0: according to {away.sum()} of {len(away)} readings the camera looks at the horizon or "
         "the sky; they are left out; check its angles, and T_BS in cam0/sensor.yaml"
     )
     left = np.where(away[:, None], np.nan, angles)
     attitude = None if away.all() else replace(flight.attitude, roll_pitch_yaw_rad=left)
-    return replace(flight, attitude=attitude).with_warning(told)
+    return replace(flight, attitude=attitude).with_warning(warning)

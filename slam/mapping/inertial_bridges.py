@@ -1,6 +1,6 @@
 """Gaps in the chain of pictures are bridged by the instruments, so that all parts of the map share one world.
 
-The filter takes the steps between keyframes that pictures do tell as readings, so that it knows speed and
+The filter uses the steps between linked keyframes as readings, so that it knows the velocity and the
 offsets at both ends of a stretch without features. It keeps the pose of each keyframe until the next: the
 way across the stretch then has the covariance of the two ends together, not the sum of two nearly equal
 errors.
@@ -117,12 +117,12 @@ class InertialBridges:
         return joined(map_, self.edges())
 
     def without(self, pairs: Collection[tuple[int, int]]) -> InertialBridges:
-        """Those of a chain in which the links of some pairs are not believed."""
+        """Return the bridges of the chain without the links of some pairs."""
         kept = [link for link in self.links if link is not None and (link.i, link.j) not in pairs]
         return InertialBridges(self.flight, self.setup, kept, self.trust, self.progress)
 
     def edges(self) -> tuple[RelativePose, ...]:
-        """One for each break; none where the instruments tell too little."""
+        """Return one edge for each break; none if the instruments determine it too poorly."""
         if self._edges is None:
             steps = picture_steps(self.links, self.setup)
             try:
@@ -130,7 +130,7 @@ class InertialBridges:
                 with show_compilation(self.progress):
                     self._edges = inertial_edges(self.flight, stamps_s, steps, self.trust, self.progress)
             except (InputError, BackendError):
-                # The map stays in parts, and says so.
+                # The map stays in parts, and its status says so.
                 self._edges = ()
         return self._edges
 
@@ -192,7 +192,7 @@ def joined(map_: Map, edges: Sequence[RelativePose]) -> Map:
         over_floor_covariances=over_floor_covariances,
         component=largest_first(component),
         bridges=tuple(used),
-        warnings=(*map_.warnings, *(_told(edge) for edge in used)),
+        warnings=(*map_.warnings, *(_bridge_warning(edge) for edge in used)),
     )
 
 
@@ -220,7 +220,7 @@ def _onto(parent: _Placed, way: _Placed) -> _Placed:
     return _Placed(parent.root_T_part @ way.root_T_part, back @ parent.covariance @ back.T + way.covariance)
 
 
-def _told(edge: RelativePose) -> str:
+def _bridge_warning(edge: RelativePose) -> str:
     std_m = float(np.sqrt(np.trace(edge.covariance[3:, 3:])))
     return (
         f"no overlapping pictures connect keyframes {edge.i} and {edge.j}: the instruments bridge the gap, "

@@ -41,7 +41,7 @@ class AccelerometerScale:
     lengths: ScalePrior
     """True ones over the map's, the accelerometer's own gains as uncertain as they are taken to be."""
     map_std: float | None
-    """Relative, of the map's scale; None where nothing else tells it."""
+    """Relative deviation of the map's own scale; None if nothing else determines it."""
 
     @property
     def contradiction(self) -> str:
@@ -58,8 +58,9 @@ class AccelerometerScale:
     @property
     def helps(self) -> bool:
         """Whether the map's scale would be known better with it."""
-        believed = not self.contradiction
-        return believed and (self.map_std is None or self.lengths.log_std < _HELPFUL * self.map_std)
+        return not self.contradiction and (
+            self.map_std is None or self.lengths.log_std < _HELPFUL * self.map_std
+        )
 
 
 def accelerometer_scale(
@@ -70,16 +71,16 @@ def accelerometer_scale(
     camera: Camera,
     gain_std: float,
 ) -> AccelerometerScale | NoScale:
-    """Hold the refined keyframes ``members`` against the accelerometer; `NoScale` where it tells nothing."""
+    """Compare refined keyframes ``members`` with the accelerometer; `NoScale` if it determines nothing."""
     w_T_b = np.full((len(observations.stamps_s), 4, 4), np.nan)
     w_T_b[members] = over_floor(bundle.w_T_b, bundle.floor_slope_rad, bundle.floor_z_m)
     w_T_b[members, 2, 3] -= bundle.floor_z_m
     stamps_s, path, covariances = path_at_frames(observations, w_T_b, camera)
     if len(covariances) == 0:
         return NoScale("no picture shows motion relative to its neighbours")
-    lean = np.eye(4)
-    lean[:3, :3] = Rotation.from_rotvec([*bundle.floor_slope_rad, 0.0]).as_matrix()
-    found = inertial_scale(stamps_s, lean @ path, readings, _typical(covariances))
+    level_T = np.eye(4)
+    level_T[:3, :3] = Rotation.from_rotvec([*bundle.floor_slope_rad, 0.0]).as_matrix()
+    found = inertial_scale(stamps_s, level_T @ path, readings, _typical(covariances))
     if isinstance(found, NoScale):
         return found
     return AccelerometerScale(found, ScalePrior(found.scale, found.log_std(gain_std)), bundle.scale_std)

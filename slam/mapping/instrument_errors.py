@@ -31,13 +31,13 @@ def attitude_errors(
     stamps_s, w_T_b = stamps_s[placed], w_T_b[placed]
     if flight.attitude is None or not level or len(stamps_s) < LEAST_KEYFRAMES:
         return None
-    told = attitudes_at(flight.attitude, stamps_s, 0.0)
-    if len(told) < LEAST_KEYFRAMES:
+    readings = attitudes_at(flight.attitude, stamps_s, 0.0)
+    if len(readings) < LEAST_KEYFRAMES:
         return None
-    k = np.array([a.k for a in told])
-    off = np.array([a.roll_pitch_yaw_rad for a in told]) - roll_pitch_yaw_of(w_T_b[k, :3, :3])
+    k = np.array([a.k for a in readings])
+    off = np.array([a.roll_pitch_yaw_rad for a in readings]) - roll_pitch_yaw_of(w_T_b[k, :3, :3])
     off = np.unwrap(off, axis=0)
-    headed = all(np.isfinite(a.std_rad[2]) for a in told)
+    headed = all(np.isfinite(a.std_rad[2]) for a in readings)
     tilt = off[:, :2]
     mean = tilt.mean(axis=0)
     std = [autocorrelated_std(tilt[:, a : a + 1] - mean[a]) / np.sqrt(len(k)) for a in (0, 1)]

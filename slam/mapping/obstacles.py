@@ -32,7 +32,7 @@ RELATIVE_GAMMA = 0.04
 SPIKE_READINGS = 5
 """Shorter runs of echoes are no obstacle."""
 NEAR_MARGIN, LOW_RANGES = 1.2, 3.0
-"""Between so many of the sensor's least ranges the floor is heard, and what is silent may stand too near."""
+"""Factors on the minimum range between which a missing echo may be an object that is too close."""
 FEWEST = 10
 MOST_STANDING = 0.5
 """Share of the echoes: the floor is what most of them hear, else sonar or heights of the map are at fault."""
@@ -55,7 +55,7 @@ class Echoes:
     radius_m: Array
     """(m,) of the beam on the floor."""
     too_near: NDArray[np.bool_]
-    """(m,) no echo where the floor would be heard, low enough for an obstacle below the sensor's least range;
+    """(m,) no echo although the floor is in range, low enough for an obstacle below the sensor's least range;
     ``height_m`` is what it has at least. The floor may be silent too: alone these prove nothing."""
     floor_std_m: float
     """Scatter of the echoes from the floor."""
@@ -68,14 +68,14 @@ class Echoes:
 
     def standing(self, config: MaskingConfig) -> NDArray[np.bool_]:
         """(m,) which readings hear an obstacle; single spikes are none."""
-        heard = np.flatnonzero(np.isfinite(self.height_m) & ~self.too_near)
+        measured = np.flatnonzero(np.isfinite(self.height_m) & ~self.too_near)
         out = np.zeros(len(self.height_m), dtype=bool)
-        out[heard] = median_filter(self.height_m[heard], SPIKE_READINGS) > self.gamma_m(config)
+        out[measured] = median_filter(self.height_m[measured], SPIKE_READINGS) > self.gamma_m(config)
         return out
 
     @property
     def map(self) -> Elevation | None:
-        """The elevation map; None where nothing was heard."""
+        """Return the elevation map; None without any echo."""
         return elevation_map(self.w_p_m, self.height_m, self.radius_m)
 
 
@@ -96,20 +96,20 @@ def echoes_in_map(sonar: Sonar | None, stamps_s: Array, w_T_b: Array, floor_z_m:
         if np.isfinite(ratio).sum() < FEWEST:
             return None
         scale = _floor_ratio(ratio[np.isfinite(ratio)])
-        heard = height - fall / scale
+        measured = height - fall / scale
         to_floor = height / -axis[:, 2]
-        heard_floor = (to_floor * scale > NEAR_MARGIN * sonar.min_range_m) & (
+        floor_in_range = (to_floor * scale > NEAR_MARGIN * sonar.min_range_m) & (
             to_floor * scale < sonar.max_range_m
         )
         low = height * scale < LOW_RANGES * sonar.min_range_m
     silent = median_filter((~in_limits).astype(np.uint8), SPIKE_READINGS) > 0
-    too_near = silent & ~in_limits & heard_floor & low
-    heard = np.where(too_near, height - sonar.min_range_m / scale, heard)
+    too_near = silent & ~in_limits & floor_in_range & low
+    measured = np.where(too_near, height - sonar.min_range_m / scale, measured)
     on_floor = np.abs(ratio / scale - 1) < 3 * BANDWIDTH
-    floor_std = robust_std(heard[on_floor]) if on_floor.any() else 0.0
+    floor_std = robust_std(measured[on_floor]) if on_floor.any() else 0.0
     return Echoes(
         origin[:, :2] + to_floor[:, None] * axis[:, :2],
-        heard,
+        measured,
         to_floor * np.tan(sonar.beam_width_rad / 2),
         too_near,
         floor_std,
@@ -165,7 +165,7 @@ class Obstacles:
     """Without the readings that hear obstacles: they are no heights over the floor."""
     masks: Masks
     """Mask of each frame by its number."""
-    told: str
+    warning: str
     """One line for the user."""
     w_p_m: Array
     """(m, 2) where the map that they were found in has each reading of the sonar."""
@@ -185,11 +185,11 @@ class Obstacles:
     @property
     def unusable_masks_warning(self) -> str:
         """One line for the user, where there is no map without what shows them."""
-        return f"{self.told.split(';')[0]}; masking them would leave no map, so nothing is masked"
+        return f"{self.warning.split(';')[0]}; masking them would leave no map, so nothing is masked"
 
     def cleared(self, flight: Flight) -> Flight:
         """The flight with heights over the floor alone."""
-        return replace(flight, sonar=self.sonar).with_warning(self.told)
+        return replace(flight, sonar=self.sonar).with_warning(self.warning)
 
 
 def find_obstacles(
@@ -209,17 +209,17 @@ def find_obstacles(
     if echoes is None or sonar is None or frames is None:
         return None
     standing = echoes.standing(config)
-    heard = int((np.isfinite(echoes.height_m) & ~echoes.too_near).sum())
+    measured = int((np.isfinite(echoes.height_m) & ~echoes.too_near).sum())
     elevation = echoes.map
-    if elevation is None or standing.sum() < max(FEWEST, config.least_share * heard):
+    if elevation is None or standing.sum() < max(FEWEST, config.least_share * measured):
         return None
     radius_m = float(np.nanmedian(echoes.radius_m))
-    if standing.sum() > MOST_STANDING * heard:
-        told = (
-            f"sonar0: {standing.sum()} of {heard} ranges do not fit the map's heights over the floor; check "
-            "the sensor, and the camera's shutter and calibration"
+    if standing.sum() > MOST_STANDING * measured:
+        warning = (
+            f"sonar0: {standing.sum()} of {measured} ranges do not fit the map's heights over the floor; "
+            "check the sensor, and the camera's shutter and calibration"
         )
-        return Obstacles(sonar, no_masks, told, echoes.w_p_m, radius_m)
+        return Obstacles(sonar, no_masks, warning, echoes.w_p_m, radius_m)
     gamma = echoes.gamma_m(config)
     mask = ObstacleMask(elevation, camera, floor_z_m, gamma)
     placed = np.flatnonzero(np.isfinite(over_floor_T_b).all(axis=(1, 2)))
@@ -228,15 +228,15 @@ def find_obstacles(
         *(["they are not used as flying heights"] if config.echoes else []),
         *(["pixels that show them are masked"] if config.pixels else []),
     ]
-    told = (
-        f"obstacles: {standing.sum()} of {heard} sonar echoes come from {gamma:.2f} to "
+    warning = (
+        f"obstacles: {standing.sum()} of {measured} sonar echoes come from {gamma:.2f} to "
         f"{np.nanmax(echoes.height_m[standing]):.2f} m above the floor; {', and '.join(done)}"
     )
     cleared = replace(sonar, range_m=np.where(standing & config.echoes, np.nan, sonar.range_m))
     return Obstacles(
         cleared,
         (lambda frame: mask(poses[frame])) if config.pixels else no_masks,
-        told,
+        warning,
         echoes.w_p_m,
         radius_m,
     )

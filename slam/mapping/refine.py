@@ -128,17 +128,23 @@ class _Evidence:
         """Keyframes ``members`` (m,), placed and refined from the pose graph's ``w_T_b`` (m, 4, 4)."""
         warnings = []
         ranged = bool(self.metric[members].all())
-        laid = align_with_positions(w_T_b, _renumbered(self.setup, members), ranged)
-        start, floor_z_m = laid if laid is not None else (_headed(w_T_b, self.setup.readings, members), 0.0)
-        if laid is None and self.setup.readings.positions:
+        aligned = align_with_positions(w_T_b, _renumbered(self.setup, members), ranged)
+        start, floor_z_m = (
+            aligned if aligned is not None else (_headed(w_T_b, self.setup.readings, members), 0.0)
+        )
+        if aligned is None and self.setup.readings.positions:
             warnings.append(
                 f"{len(members)} keyframes have no usable GPS position: they are in coordinates of their "
                 "own, not on Earth"
             )
         # Positions that could not place the part must not act on its shape either.
-        usable = self.setup if laid is not None else self.setup.without_positions()
+        usable = self.setup if aligned is not None else self.setup.without_positions()
         placed = MapPart(
-            members=members, w_T_b=start, floor_z_m=floor_z_m, georeferenced=laid is not None, ranged=ranged
+            members=members,
+            w_T_b=start,
+            floor_z_m=floor_z_m,
+            georeferenced=aligned is not None,
+            ranged=ranged,
         )
         try:
             bundle, by_inertia = self._refined(usable, placed)
@@ -158,8 +164,7 @@ class _Evidence:
         )
 
     def _refined(self, setup: Setup, part: MapPart) -> tuple[Bundle, AccelerometerScale | NoScale | None]:
-        """The part refined, and what the accelerometer tells of it: used where ranges and positions tell
-        less."""
+        """Refine the part, with the accelerometer's scale where other sensors determine it less well."""
 
         def step(iteration: int, _: float) -> None:
             self.progress("refine", iteration, 0)
@@ -202,8 +207,12 @@ def _renumbered(setup: Setup, members: NDArray[np.int64]) -> list[Position]:
 def comparable(w_T_b: Array, readings: KeyframeReadings, map_: Map) -> Array:
     """Poses of a lesser method where the result stands, so that the two can be compared."""
     if map_.georeferenced:
-        laid = align_with_positions(w_T_b, readings.positions, metric=False)
-        return np.full_like(w_T_b, np.nan) if laid is None else laid[0] + _lift(map_.floor_z_m - laid[1])
+        aligned = align_with_positions(w_T_b, readings.positions, metric=False)
+        return (
+            np.full_like(w_T_b, np.nan)
+            if aligned is None
+            else aligned[0] + _lift(map_.floor_z_m - aligned[1])
+        )
     placed = np.flatnonzero(np.isfinite(w_T_b).all(axis=(1, 2)))
     comparable = w_T_b.copy()
     if len(placed):

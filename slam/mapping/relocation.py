@@ -40,7 +40,7 @@ class Location:
     w_T_b: Array
     """(4, 4) in the map's world; NaN where not found."""
     covariance: Array
-    """(6, 6), rotation first, right perturbation: of the resection and of the keyframe that it leans on."""
+    """(6, 6), rotation first, right perturbation: sum of the resection's and of the keyframe's."""
     keyframes: tuple[int, ...]
     """Keyframes that the picture was registered to, the one with the most matches first."""
     points: int

@@ -24,7 +24,7 @@ from slam.mapping.front_end import Observations
 Array = NDArray[np.float64]
 
 NEAR_S = 0.3
-"""A picture farther away in time says little of how fast things move now."""
+"""Largest time to a neighbouring picture that still determines the current speed."""
 
 Register = Callable[[int, int, Features, Features, Expectation | None], Registration]
 

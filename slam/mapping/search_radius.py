@@ -65,8 +65,8 @@ def implausible_edges(
     """Edges that lie where the poses known so far cannot have them: (i, j) -> reason.
 
     ``edges`` in the unit of ``known``. The distance between measured and known place of j in i is held
-    against the uncertainty of both. It is what tells a look-alike floor from a place seen before. Parts that
-    nothing joins yet say nothing.
+    against the uncertainty of both. This separates a look-alike floor from a
+    place that was visited before. Pairs of separate parts are not checked.
     """
     if known.covariances is None or not edges:
         return {}

@@ -43,7 +43,7 @@ def solve_pose_graph(
     plain = solve(measurements, loops_robust=False, covariances=False, on_step=on_step)
     if not edges.relative_poses:
         return plain
-    # Attitudes that lean together make all edges disagree a little: that is no reason to reject any.
+    # A common tilt error makes all edges disagree slightly. That is no reason to reject an edge.
     typical = float(np.median(plain.edge_residual**2)) / float(chi2.median(6))
     if typical > 1.0:
         widened = (replace(r, covariance=typical * r.covariance) for r in edges.relative_poses)

@@ -59,7 +59,7 @@ def test_echoes_from_boxes_are_told_from_the_floor_whatever_the_scale_of_the_map
     # At its edge a box is met by a ray that is tilted a little: only few readings.
     assert (left_out & on_box).sum() > 0.9 * on_box.sum()
     assert (left_out & ~on_box).sum() < 0.1 * on_box.sum()
-    assert "obstacles" in found.told
+    assert "obstacles" in found.warning
     masks = [found.masks(k) for k in range(len(over.frames))]
     shown = [mask for mask in masks if mask is not None]
     assert 0.3 * len(masks) < len(shown)
@@ -107,7 +107,7 @@ def test_a_sonar_that_reads_at_random_has_found_no_obstacles():
     range_m = np.random.default_rng(0).uniform(0.3, 5.3, len(over.sonar.range_m))
     broken = replace(over, sonar=replace(over.sonar, range_m=range_m))
     found = find_obstacles(broken, over.camera, *some_poses(over), 0.0, MaskingConfig())
-    assert "do not fit the map's heights over the floor" in found.told
+    assert "do not fit the map's heights over the floor" in found.warning
     assert all(found.masks(k) is None for k in range(len(over.frames)))
     assert found.sonar is broken.sonar
 
@@ -164,8 +164,8 @@ def test_pixels_and_echoes_are_switched_one_by_one():
     frames = range(len(over.frames))
     assert any(pixels.masks(k) is not None for k in frames)
     assert all(echoes.masks(k) is None for k in frames)
-    assert "pixels" in pixels.told
-    assert "pixels" not in echoes.told
+    assert "pixels" in pixels.warning
+    assert "pixels" not in echoes.warning
 
 
 def test_what_stands_below_the_least_range_is_masked_where_others_are_heard():
