@@ -1,1 +1,1 @@
-"""The mosaic of placed pictures: who shows which ground, evened out, blended, and how far to trust it."""
+"""Mosaic of placed pictures: choice of pictures, exposure compensation, blending and quality rasters."""

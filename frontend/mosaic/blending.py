@@ -1,7 +1,7 @@
-"""Multi-band blending: each band of detail crosses a seam over its own width.
+"""Multi-band blending. Each frequency band is blended over a width that matches its scale.
 
-Source: Burt and Adelson 1983, A multiresolution spline with application to image mosaics, section 3. Sums are
-divided by the sum of the masks in every band, so that the rim of a hole does not turn dark.
+Each band is divided by the sum of its masks, so that the border of a hole does not become dark.
+Source: Burt and Adelson 1983, A multiresolution spline with application to image mosaics, section 3.
 """
 
 from __future__ import annotations
@@ -14,22 +14,24 @@ Float32 = NDArray[np.float32]
 
 BANDS = 5
 REACH_PX = 64
-"""A pixel depends on nothing farther away: 2 (2^4 - 1) px down the pyramid and as much up, in whole cells."""
+"""Largest distance over which a pixel has influence: 2 (2^4 - 1) px down the pyramid and the same up, rounded
+up to whole cells."""
 
 
 class MultiBand:
-    """A rectangle that pictures are blended into, one after the other."""
+    """Accumulator of a rectangle, into which pictures are blended one after the other."""
 
     def __init__(self, rows: int, cols: int) -> None:
-        """``rows`` and ``cols`` are multiples of 2^(BANDS - 1)."""
+        """Make it empty. ``rows`` and ``cols`` are multiples of 2^(BANDS - 1)."""
         shapes = [(rows >> band, cols >> band) for band in range(BANDS)]
         self._sum = [np.zeros((*shape, 3), np.float32) for shape in shapes]
         self._weight = [np.zeros(shape, np.float32) for shape in shapes]
 
     def add(self, picture: Float32, mask: Float32, row: int, col: int) -> None:
-        """Blend (h, w, 3) in where the mask (h, w) is 1; all four numbers are multiples of 2^(BANDS - 1).
+        """Add a picture (h, w, 3) where its mask (h, w) is 1, with its first pixel at (row, col).
 
-        The picture has content (mirrored, if need be) up to ``REACH_PX`` around its mask.
+        h, w, ``row`` and ``col`` are multiples of 2^(BANDS - 1). The picture must have content up to
+        ``REACH_PX`` around its mask, mirrored if necessary.
         """
         for band in range(BANDS):
             if band + 1 < BANDS:
@@ -39,13 +41,13 @@ class MultiBand:
             else:
                 below, detail, mask_below = picture, picture, mask
             r, c = row >> band, col >> band
-            where = (slice(r, r + mask.shape[0]), slice(c, c + mask.shape[1]))
-            self._sum[band][where] += detail * mask[..., None]
-            self._weight[band][where] += mask
+            area = (slice(r, r + mask.shape[0]), slice(c, c + mask.shape[1]))
+            self._sum[band][area] += detail * mask[..., None]
+            self._weight[band][area] += mask
             picture, mask = below, mask_below
 
     def blend(self) -> Float32:
-        """(rows, cols, 3); without meaning where no mask was set."""
+        """Return the blended picture (rows, cols, 3), undefined where no mask was set."""
         out: Float32 | None = None
         for total, weight in zip(reversed(self._sum), reversed(self._weight), strict=True):
             detail = np.divide(total, np.maximum(weight, 1e-20)[..., None], dtype=np.float32)

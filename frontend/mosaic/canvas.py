@@ -1,7 +1,7 @@
-"""Position of a mosaic on the floor: whole pixels of a grid that covers the whole plane.
+"""Position of a mosaic on the floor, in whole pixels of a grid over the plane.
 
-Column 0 of that grid begins at x = 0 and row 0 at y = 0, columns count to the east and rows to the south.
-Cells, tiles and sampling points are cut out of it too, so that a mosaic that grows keeps those it has.
+Column 0 of the grid begins at x = 0 and row 0 at y = 0. Columns count to the east and rows to the south.
+Cells, tiles and sampling points are aligned to the same grid, so they stay the same if a mosaic grows.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from frontend.mosaic.view import Lattice, MosaicView
 Array = NDArray[np.float64]
 
 CELL_PX = 16
-"""Side of the cells in which owners are found; a power of two, as the blending pyramid wants it."""
+"""Side of the cells to which owners are assigned. The blending pyramid requires a power of two."""
 TILE_PX = 1024
-"""A multiple of the cell's side."""
+"""Side of a tile, a multiple of the cell's side."""
 MAX_PIXELS = 4e9
 MIN_BUDGET_PX = 4 * CELL_PX**2
-"""Whole cells on two sides may need as many."""
+"""Smallest pixel budget, since rounding to whole cells on two sides may need as many pixels."""
 
 
 class MosaicError(ValueError):
-    """No mosaic can be made of this: one line that says why."""
+    """No mosaic can be made. The message gives the reason in one line."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,13 @@ class Tile:
 
 
 @dataclass(frozen=True)
-class Squares:
-    """Equal squares of mosaic pixels, side by side."""
+class SquareGrid:
+    """Grid of equal squares of mosaic pixels."""
 
     pitch_px: int
     row: int
     col: int
-    """Pixel where the first one begins; it may lie before the mosaic's first."""
+    """First pixel of the first square. It may lie outside the mosaic."""
     rows: int
     cols: int
     """Number of columns, in squares."""
@@ -63,47 +63,47 @@ class MosaicGrid:
     gsd_m: float
     first_row: int
     first_col: int
-    """Place in the grid, in pixels; multiples of ``CELL_PX``."""
+    """Position in the grid, in pixels; multiples of ``CELL_PX``."""
     width: int
     height: int
-    """Pixels."""
+    """Size in pixels."""
     tile_px: int = TILE_PX
 
     @property
     def west_m(self) -> float:
-        """Outer corner of the first pixel."""
+        """Western edge of the first pixel, in metres."""
         return self.first_col * self.gsd_m
 
     @property
     def north_m(self) -> float:
-        """Outer corner of the first pixel."""
+        """Northern edge of the first pixel, in metres."""
         return -self.first_row * self.gsd_m
 
     @property
     def tiles(self) -> Iterator[Tile]:
-        """All tiles, row by row; the first and last of a row may be cut off."""
-        for row, rows in _cut(self.first_row, self.height, self.tile_px):
-            for col, cols in _cut(self.first_col, self.width, self.tile_px):
+        """All tiles, row by row. Tiles at the border of the mosaic may be smaller."""
+        for row, rows in _pieces(self.first_row, self.height, self.tile_px):
+            for col, cols in _pieces(self.first_col, self.width, self.tile_px):
                 yield Tile(row, col, rows, cols)
 
     @property
     def cell_shape(self) -> tuple[int, int]:
-        """Rows and columns of cells; the last ones may be cut off."""
+        """Numbers of rows and columns of cells. The last ones may extend beyond the mosaic."""
         return -(-self.height // CELL_PX), -(-self.width // CELL_PX)
 
     def lattice(self, row: int, col: int, rows: int, cols: int, pitch_px: int = 1) -> Lattice:
-        """Middles of squares of ``pitch_px`` from a pixel on; the rectangle may reach beyond the mosaic."""
-        # Of whole numbers: the same to the last bit whatever canvas the pixel is a part of.
+        """Return the centres of squares of ``pitch_px``, from a pixel on, also outside the mosaic."""
+        # Computed from integers, so that the result is bitwise equal for every mosaic with this pixel.
         x = (self.first_col + col + pitch_px / 2) * self.gsd_m
         y = -(self.first_row + row + pitch_px / 2) * self.gsd_m
         return Lattice(x, y, self.gsd_m * pitch_px, rows, cols)
 
     def cells_under(self, view: MosaicView) -> tuple[tuple[slice, slice], Lattice]:
-        """The cells under a picture, and their middles."""
-        return self.squares_under(view, Squares(CELL_PX, 0, 0, *self.cell_shape))
+        """Return the rows and columns of the cells under a picture, and their centres."""
+        return self.squares_under(view, SquareGrid(CELL_PX, 0, 0, *self.cell_shape))
 
-    def squares_under(self, view: MosaicView, squares: Squares) -> tuple[tuple[slice, slice], Lattice]:
-        """Rows and columns of the squares under a picture, and their middles."""
+    def squares_under(self, view: MosaicView, squares: SquareGrid) -> tuple[tuple[slice, slice], Lattice]:
+        """Return the rows and columns of the squares under a picture, and their centres."""
         pitch = squares.pitch_px
         west, south, east, north = view.bounds_m / (pitch * self.gsd_m)
         left = (self.first_col + squares.col) / pitch
@@ -115,12 +115,12 @@ class MosaicGrid:
 
 
 def grid_over(views: Sequence[MosaicView], gsd_m: float | None, max_pixels: int) -> tuple[MosaicGrid, str]:
-    """The canvas that holds all views, and what to say about its resolution.
+    """Return the grid that contains all views, and a note about its resolution.
 
-    Where no ``gsd_m`` is given it is the median of what the pictures have, coarser where that would be too
-    many pixels, in two digits: a picture more or less changes nothing.
+    If ``gsd_m`` is None, the resolution is the median of the pictures', coarser if the mosaic would exceed
+    ``max_pixels``. It is rounded to two digits, so that one more picture rarely changes it.
 
-    Raises ``MosaicError`` where a given one asks for over ``MAX_PIXELS``.
+    Raises ``MosaicError`` if the given ``gsd_m`` needs more than ``MAX_PIXELS``.
     """
     bounds = np.array([v.bounds_m for v in views])
     extent = np.concatenate([bounds[:, :2].min(axis=0), bounds[:, 2:].max(axis=0)])
@@ -135,8 +135,8 @@ def grid_over(views: Sequence[MosaicView], gsd_m: float | None, max_pixels: int)
     native = _two_digits(float(np.median([v.gsd_m for v in views])))
     canvas = _canvas(extent, native)
     budget = max(max_pixels, MIN_BUDGET_PX)
-    while (times := canvas.width * canvas.height / budget) > 1:
-        coarser = _two_digits(canvas.gsd_m * float(np.sqrt(times)))
+    while (excess := canvas.width * canvas.height / budget) > 1:
+        coarser = _two_digits(canvas.gsd_m * float(np.sqrt(excess)))
         if coarser <= canvas.gsd_m:
             coarser = _two_digits(1.1 * canvas.gsd_m)
         canvas = _canvas(extent, coarser)
@@ -150,7 +150,7 @@ def grid_over(views: Sequence[MosaicView], gsd_m: float | None, max_pixels: int)
 
 
 def _canvas(extent_m: Array, gsd_m: float) -> MosaicGrid:
-    """Whole cells to the west and north, whole pixels to the east and south."""
+    """Return the grid over an extent, rounded out to whole cells west and north, whole pixels east and south."""
     west, south, east, north = extent_m / gsd_m
     col, row = (int(np.floor(at / CELL_PX)) * CELL_PX for at in (west, -north))
     width, height = max(int(np.ceil(east)) - col, 1), max(int(np.ceil(-south)) - row, 1)
@@ -161,8 +161,8 @@ def _two_digits(value: float) -> float:
     return float(f"{value:.1e}")
 
 
-def _cut(first: int, size: int, step: int) -> Iterator[tuple[int, int]]:
-    """Begin and length of the pieces of ``size`` pixels, cut at the grid's multiples of ``step``."""
+def _pieces(first: int, size: int, step: int) -> Iterator[tuple[int, int]]:
+    """Yield start and length of the pieces of ``size`` pixels, divided at multiples of ``step``."""
     begin = 0
     while begin < size:
         end = min((first + begin) // step * step + step - first, size)

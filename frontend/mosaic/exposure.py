@@ -1,10 +1,10 @@
-"""Exposure of each picture and vignetting of the lens, jointly from all overlaps.
+"""Joint estimation of the exposure gain of each picture and the vignetting of the lens from all overlaps.
 
-Every picture i that sees floor point p reads log I_ip = m_p - g_i - a1 rho^2 - a2 rho^4 + noise, a
-channel at a time: m_p is the floor's own brightness, g_i the log gain that the picture needs, rho the
-distance from the principal point over that of the farthest corner. Least squares over all points at once
-(m_p eliminated: it is a weighted mean), Huber weights, priors g ~ 0 and a ~ 0 that hold what the overlaps
-don't tell.
+The model for floor point p in picture i is log I_ip = m_p - g_i - a1 rho^2 - a2 rho^4 + noise, for each
+channel. m_p is the log brightness of the floor, g_i the log gain that compensates the picture, and rho the
+distance from the principal point, 1 at the farthest corner. Least squares with Huber weights solves for all
+points at once; m_p is eliminated, as it is a weighted mean. Priors g ~ 0 and a ~ 0 constrain what the
+overlaps do not determine.
 
 Source: Brown and Lowe 2007, Automatic panoramic image stitching using invariant features, section 6
 (gains over overlaps with a prior towards 1), here in logs so that the system is linear; Goldman 2010,
@@ -30,14 +30,14 @@ VIGNETTE_STD = 0.3
 HUBER = 0.1
 GAIN_LIMIT = 2.5
 GAIN_STEP, VIGNETTE_STEP = 1 / 256, 1 / 128
-"""Logarithms are rounded to these, a grey level at most: a change elsewhere leaves them as they are, to the
-last bit."""
+"""Steps to which the logarithms are rounded, at most one grey level. A change elsewhere in the mosaic then
+leaves them bitwise equal."""
 ROUNDS = 5
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Brightness of floor points in the pictures that see them, one row an observation."""
+    """Brightness of floor points in the pictures that see them, one row per observation."""
 
     point: NDArray[np.int64]
     """(m,) number of the floor point."""
@@ -54,7 +54,7 @@ class Exposure:
     """Factors that the pictures are multiplied by."""
 
     gain: Array
-    """(views, 3), blue, green, red."""
+    """(views, 3) gains of blue, green, red."""
     vignette: Array
     """(2, 3): corrected = read * gain * exp(vignette[0] rho^2 + vignette[1] rho^4)."""
     seam_before: float
@@ -63,16 +63,16 @@ class Exposure:
     point: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
     """(p,) numbers of the floor points that two or more pictures see."""
     point_seam: Array = field(default_factory=lambda: np.empty(0))
-    """(p,) ``seam_after`` of each alone."""
+    """(p,) ``seam_after`` of each point."""
 
     @staticmethod
     def neutral(views: int) -> Exposure:
-        """Leave every picture as it is."""
+        """Return gains of 1 and no vignetting."""
         return Exposure(np.ones((views, 3)), np.zeros((2, 3)), float("nan"), float("nan"))
 
 
 def estimate_exposure(samples: Samples, views: int) -> Exposure:
-    """Gains of ``views`` pictures and the vignetting that they share."""
+    """Estimate the gains of ``views`` pictures and their common vignetting."""
     count = np.bincount(samples.point)
     shared = count[samples.point] > 1
     if not shared.any():
@@ -87,7 +87,7 @@ def estimate_exposure(samples: Samples, views: int) -> Exposure:
     prior[views:] = (SAMPLE_STD / VIGNETTE_STD) ** 2
     theta = np.zeros((views + 2, 3))
     weight = np.ones(m)
-    before = _spread(y, B, np.ones(m))
+    before = _rms_difference(y, B, np.ones(m))
     for _ in range(ROUNDS):
         W = sparse.diags_array(weight)
         mean = sparse.diags_array(1 / np.asarray(B.T @ weight))
@@ -103,24 +103,24 @@ def estimate_exposure(samples: Samples, views: int) -> Exposure:
     theta = np.round(theta / step) * step
     gain = np.clip(np.exp(theta[:views]), 1 / GAIN_LIMIT, GAIN_LIMIT)
     corrected = y + X @ theta
-    after = _spread(corrected, B, np.ones(m))
-    return Exposure(gain, theta[views:], before, after, number, _spread_of_points(corrected, B))
+    after = _rms_difference(corrected, B, np.ones(m))
+    return Exposure(gain, theta[views:], before, after, number, _rms_difference_of_points(corrected, B))
 
 
 def _residual(y: Array, B: sparse.csr_matrix, weight: Array) -> Array:
-    """Difference of each observation from the weighted mean over its point."""
+    """Return the difference of each observation from the weighted mean of its point."""
     mean = (B.T @ (weight[:, None] * y)) / (B.T @ weight)[:, None]
     return np.asarray(y - B @ mean)
 
 
-def _spread_of_points(y: Array, B: sparse.csr_matrix) -> Array:
-    """Root mean square difference of two observations, each point for itself."""
+def _rms_difference_of_points(y: Array, B: sparse.csr_matrix) -> Array:
+    """Return the root mean square difference of two observations for each point."""
     residual = _residual(y.mean(axis=1, keepdims=True), B, np.ones(len(y)))[:, 0]
     return np.asarray(np.sqrt(2 * (B.T @ residual**2) / (B.T @ np.ones(len(y)) - 1)), dtype=float)
 
 
-def _spread(y: Array, B: sparse.csr_matrix, weight: Array) -> float:
-    """Root mean square difference of the grey brightness of two observations of one point."""
+def _rms_difference(y: Array, B: sparse.csr_matrix, weight: Array) -> float:
+    """Return the root mean square difference of the grey brightness of two observations of one point."""
     residual = _residual(y.mean(axis=1, keepdims=True), B, weight)
-    free = len(y) - B.shape[1]
-    return float(np.sqrt(2 * (residual**2).sum() / max(free, 1)))
+    dof = len(y) - B.shape[1]
+    return float(np.sqrt(2 * (residual**2).sum() / max(dof, 1)))

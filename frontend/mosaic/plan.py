@@ -1,10 +1,9 @@
-"""Position of a mosaic on the floor, the pictures that it needs, and the owner of each piece of ground.
+"""Plan of a mosaic: its grid on the floor, the pictures that it needs, and the owner of each cell.
 
-The owner of a piece of ground is the picture that sees it best: far from the picture's border, from
-above, at the resolution of the mosaic. Owners are found once for the whole mosaic on a coarse lattice of
-cells, so that a tile can be rendered alone and still equals the same tile of the whole. Of many pictures
-of one spot (a hovering drone) only those are kept that see some ground clearly better than the ones kept
-before (greedy cover), so that the work grows with the ground and not with the flight.
+The owner of a cell is the picture that sees it best: far from the picture's border, from above, at the
+resolution of the mosaic. Owners are assigned once for the whole mosaic, so that a tile rendered alone equals
+the same tile of the whole. A greedy cover selects pictures: one is kept only if it sees some ground clearly
+better than those kept before. The work then depends on the area, not on the length of the flight.
 """
 
 from __future__ import annotations
@@ -17,47 +16,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from frontend.mosaic.canvas import CELL_PX, MosaicError, MosaicGrid, Squares, grid_over
+from frontend.mosaic.canvas import CELL_PX, MosaicError, MosaicGrid, SquareGrid, grid_over
 from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, pixel_maps, visible
 
 Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
-POINTS_A_SIDE = 20
-"""Exposure is sampled on about this many points along the side of a picture."""
-GOOD_ENOUGH = 0.6
-"""A picture need not be kept for ground that a kept one sees at least this well, as a share of the best."""
-WORTH_KEEPING = 0.02
-"""Share of its own ground for which a picture must be needed to be kept."""
+POINTS_PER_SIDE = 20
+"""Approximate number of exposure samples along the side of a picture."""
+SUFFICIENT_RATIO = 0.6
+"""Ground is covered once a kept picture has at least this share of the best weight there."""
+MIN_NEEDED_SHARE = 0.02
+"""A picture is kept if it is needed for more than this share of the cells it sees."""
 CANVAS_RATIO = 4.0
-"""Pictures apart from the rest are left out where the canvas would grow beyond this many times its parts."""
+"""Largest ratio of the canvas to the area of its groups. Distant groups that exceed it are left out."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MosaicPlan(MosaicGrid):
-    """The mosaic before a single picture is read."""
+    """Plan of a mosaic, made before any picture is read."""
 
     camera: Camera
     views: tuple[MosaicView, ...]
-    """The pictures that are needed, in the order of their poses."""
+    """Pictures that are needed, in the order of their poses."""
     owner: NDArray[np.int32]
-    """(rows, cols) of cells: which of ``views`` owns each; -1 where none sees the ground."""
+    """(rows, cols) index in ``views`` of the owner of each cell; -1 where no picture sees the ground."""
     redundant: int = 0
-    """Pictures that could be used and show nothing that the kept ones don't show as well."""
+    """Number of usable pictures that are not needed."""
     left_out: dict[int, str] = field(default_factory=dict)
     """Pose number -> why its picture cannot be used."""
     note: str = ""
     """One sentence about a choice made for the user; empty if there was none."""
 
     @property
-    def sampling(self) -> Squares:
-        """In whose middles pictures are compared for their exposure: about ``POINTS_A_SIDE`` along the side
-        of a picture; doubled or halved, never shifted."""
+    def sampling(self) -> SquareGrid:
+        """Squares in whose centres the exposure is sampled, about ``POINTS_PER_SIDE`` along a picture's side.
+
+        Their pitch is ``CELL_PX`` times a power of two, and they are aligned to the grid.
+        """
         sides = [np.sqrt(np.prod(v.bounds_m[2:] - v.bounds_m[:2])) for v in self.views]
-        cells = float(np.median(sides)) / self.gsd_m / POINTS_A_SIDE / CELL_PX
+        cells = float(np.median(sides)) / self.gsd_m / POINTS_PER_SIDE / CELL_PX
         pitch = CELL_PX * 2 ** max(0, round(np.log2(cells)))
         row, col = -(self.first_row % pitch), -(self.first_col % pitch)
-        return Squares(pitch, row, col, -(-(self.height - row) // pitch), -(-(self.width - col) // pitch))
+        return SquareGrid(pitch, row, col, -(-(self.height - row) // pitch), -(-(self.width - col) // pitch))
 
 
 def plan_mosaic(
@@ -70,11 +71,11 @@ def plan_mosaic(
 ) -> MosaicPlan:
     """Plan the grid, the pictures and the owners for poses (n, 4, 4) over the floor z = floor_z_m.
 
-    ``gsd_m`` is the ground resolution in m/pixel; where none is given it is the median of what the pictures
-    have, made coarser until the mosaic has at most ``max_pixels``. ``leave_out`` names pictures not to use,
-    with reasons.
+    ``gsd_m`` is the ground sample distance in m/pixel. If it is None, it is the median of the pictures', made
+    coarser until the mosaic has at most ``max_pixels``. ``leave_out`` maps pose numbers of pictures that must
+    not be used to the reasons.
 
-    Raises ``MosaicError`` where no picture sees the floor or a given ``gsd_m`` asks for too many pixels.
+    Raises ``MosaicError`` if no picture sees the floor or the given ``gsd_m`` needs too many pixels.
     """
     left_out = dict(leave_out or {})
     views: list[MosaicView] = []
@@ -86,8 +87,8 @@ def plan_mosaic(
             left_out[k] = view
         else:
             views.append(view)
-    views, apart = _without_strays(views)
-    left_out |= apart
+    views, distant = _without_distant_groups(views)
+    left_out |= distant
     if not views:
         reasons = ", ".join(sorted(set(left_out.values()))) or "there are none"
         raise MosaicError(f"no picture can be put into a mosaic: {reasons}")
@@ -100,16 +101,16 @@ def plan_mosaic(
 
 
 def _weights(camera: Camera, view: MosaicView, lattice: Lattice, gsd_m: float) -> Float32:
-    """How well a picture sees each cell, 0 not at all.
+    """Return the weight (rows, cols) of a picture in each cell, 0 where it does not see the cell.
 
-    A dome over the picture (1 in the middle, 0 at the border), times the cosine off nadir, times the
-    resolution as a share of the mosaic's, at most 1.
+    The weight is the product of a dome over the picture (1 in the centre, 0 at the border), the cosine of the
+    angle off nadir, and the resolution relative to the mosaic's, at most 1.
     """
     seen, nadir, resolution = visible(view, lattice)
     u, v = pixel_maps(camera, view, lattice)
     w, h = camera.size_px
     border = np.minimum(np.minimum(u, w - 1 - u), np.minimum(v, h - 1 - v))
-    # A cell whose middle lies just outside may still have pixels inside.
+    # A cell whose centre lies just outside may still have pixels inside.
     touches = seen & (border > -0.75 * lattice.step_m * resolution)
     dome = (4 / w * u * (1 - u / (w - 1))) * (4 / h * v * (1 - v / (h - 1)))
     inside = np.where(border > 1, dome, 1e-6 * np.exp(np.minimum(border - 1, 0)))
@@ -119,45 +120,45 @@ def _weights(camera: Camera, view: MosaicView, lattice: Lattice, gsd_m: float) -
 def _owners(
     camera: Camera, views: list[MosaicView], canvas: MosaicGrid
 ) -> tuple[tuple[MosaicView, ...], NDArray[np.int32]]:
-    """The pictures to keep, and for each cell which of them owns it.
+    """Return the pictures to keep, and the index of the owner of each cell.
 
-    A greedy cover: pictures are tried in the order of the ground that they see best.
+    A greedy cover tries pictures by the number of cells where they have the best weight, largest first.
     """
     shape = canvas.cell_shape
 
-    def look(view: MosaicView) -> tuple[tuple[slice, slice], Float32]:
+    def weights_under(view: MosaicView) -> tuple[tuple[slice, slice], Float32]:
         where, lattice = canvas.cells_under(view)
         return where, _weights(camera, view, lattice, canvas.gsd_m)
 
     best = np.zeros(shape, np.float32)
     first = np.full(shape, -1, np.int32)
     for i, view in enumerate(views):
-        where, weight = look(view)
+        where, weight = weights_under(view)
         better = weight > best[where]
         best[where][better], first[where][better] = weight[better], i
     owned = np.bincount(first[first >= 0], minlength=len(views))
 
     kept: list[int] = []
-    reached = np.zeros(shape, np.float32)
+    covered = np.zeros(shape, np.float32)
     owner = np.full(shape, -1, np.int32)
     for i in np.argsort(-owned, kind="stable")[: np.count_nonzero(owned)]:
-        where, weight = look(views[i])
-        now = reached[where]
-        needed = (weight >= GOOD_ENOUGH * best[where]) & (now < GOOD_ENOUGH * best[where])
+        where, weight = weights_under(views[i])
+        now = covered[where]
+        needed = (weight >= SUFFICIENT_RATIO * best[where]) & (now < SUFFICIENT_RATIO * best[where])
         only = (weight > 0) & (now == 0)
-        if only.any() or needed.sum() > WORTH_KEEPING * np.count_nonzero(weight):
+        if only.any() or needed.sum() > MIN_NEEDED_SHARE * np.count_nonzero(weight):
             better = weight > now
             now[better], owner[where][better] = weight[better], i
             kept.append(int(i))
-    # By pose, not by rank: a picture whose rank changes shall not change how others overlap.
+    # Sorted by pose: a change of rank must not change how other pictures overlap.
     kept.sort()
     number = np.full(len(views) + 1, -1, np.int32)
     number[kept] = np.arange(len(kept))
     return tuple(views[i] for i in kept), number[owner]
 
 
-def _without_strays(views: list[MosaicView]) -> tuple[list[MosaicView], dict[int, str]]:
-    """Leave out groups of pictures so far from the others that the canvas would be mostly empty."""
+def _without_distant_groups(views: list[MosaicView]) -> tuple[list[MosaicView], dict[int, str]]:
+    """Leave out groups of pictures so far from the others that the mosaic would be mostly empty."""
     if len(views) < 2:
         return views, {}
     bounds = np.array([v.bounds_m for v in views])
@@ -171,17 +172,17 @@ def _without_strays(views: list[MosaicView]) -> tuple[list[MosaicView], dict[int
     group = {node: g for g, nodes in enumerate(nx.connected_components(graph)) for node in nodes}
     of = np.array([group[c] for c in key])
     canvas, parts = np.array([np.inf, np.inf, -np.inf, -np.inf]), 0.0
-    taken: set[int] = set()
+    included: set[int] = set()
     for g in np.argsort(-np.bincount(of), kind="stable"):
         box = _union(bounds[of == g])
         grown, area = _union(np.array([canvas, box])), _area(box)
-        if not taken or _area(grown) <= CANVAS_RATIO * (parts + area):
+        if not included or _area(grown) <= CANVAS_RATIO * (parts + area):
             canvas, parts = grown, parts + area
-            taken.add(int(g))
+            included.add(int(g))
     reason = "lies far from the rest"
     return (
-        [v for v, g in zip(views, of, strict=True) if int(g) in taken],
-        {v.k: reason for v, g in zip(views, of, strict=True) if int(g) not in taken},
+        [v for v, g in zip(views, of, strict=True) if int(g) in included],
+        {v.k: reason for v, g in zip(views, of, strict=True) if int(g) not in included},
     )
 
 

@@ -1,5 +1,7 @@
-"""How far each piece of a mosaic is to be trusted: how often it was seen, how well it is placed, how well
-the pictures agree there. On the plan's cells, so that it costs little beside the mosaic itself."""
+"""Quality rasters of a mosaic: number of pictures, position uncertainty and brightness difference.
+
+They have one value per cell of the plan, so that they cost little compared with the mosaic itself.
+"""
 
 from __future__ import annotations
 
@@ -23,18 +25,21 @@ class MosaicQuality:
 
     cell_m: float
     pictures: Float32
-    """How many placed pictures see the middle of the cell."""
+    """Number of placed pictures that see the centre of the cell."""
     position_std_m: Float32
-    """Standard deviation of where the ground drawn there lies: root of the summed variances in x and y."""
+    """Standard deviation of the position of the ground: root of the summed variances in x and y."""
     seam_share: Float32
-    """Root mean square difference in brightness between two pictures of one point of the cell, exposure
-    compensated, as a share of the brightness; NaN where no two were compared."""
+    """Root mean square brightness difference between two pictures of one point of the cell, after exposure
+    compensation, as a share of the brightness; NaN where no two were compared."""
 
 
 def mosaic_quality(
     plan: MosaicPlan, exposure: Exposure, w_T_b: Array, covariances: Array, floor_z_m: float
 ) -> MosaicQuality:
-    """For poses (n, 4, 4) with covariances (n, 6, 6), rotation first, right perturbation in body axes."""
+    """Return the quality for poses (n, 4, 4) with covariances (n, 6, 6).
+
+    Covariances have the rotation first and are those of a right perturbation in body axes.
+    """
     empty = plan.owner < 0
     pictures, std = np.zeros(plan.owner.shape, np.float32), np.full(plan.owner.shape, np.nan, np.float32)
     for k, pose in enumerate(np.asarray(w_T_b, dtype=float)):
@@ -44,12 +49,12 @@ def mosaic_quality(
             pictures[where] += _inside(plan, view, lattice)
     for index, view in enumerate(plan.views):
         where, lattice = plan.cells_under(view)
-        mine = plan.owner[where] == index
-        if mine.any():
-            std[where][mine] = ground_std(view, w_T_b[view.k], covariances[view.k], lattice, floor_z_m)[mine]
-    # Who owns a cell shows some of it, even where its middle lies just outside.
+        own = plan.owner[where] == index
+        if own.any():
+            std[where][own] = ground_std(view, w_T_b[view.k], covariances[view.k], lattice, floor_z_m)[own]
+    # The owner of a cell shows a part of it, even if the centre lies just outside the picture.
     pictures = np.where(empty, np.nan, np.maximum(pictures, 1)).astype(np.float32)
-    return MosaicQuality(CELL_PX * plan.gsd_m, pictures, std, _seams(plan, exposure))
+    return MosaicQuality(CELL_PX * plan.gsd_m, pictures, std, _seam_raster(plan, exposure))
 
 
 def _inside(plan: MosaicPlan, view: MosaicView, lattice: Lattice) -> NDArray[np.bool_]:
@@ -62,24 +67,25 @@ def _inside(plan: MosaicPlan, view: MosaicView, lattice: Lattice) -> NDArray[np.
 def ground_std(
     view: MosaicView, w_T_b: Array, covariance: Array, lattice: Lattice, floor_z_m: float
 ) -> Float32:
-    """(rows, cols): how uncertain the place of what a picture shows at each node is, in metres.
+    """Return (rows, cols) the standard deviation in metres of the ground position at each node of a picture.
 
-    First order, as in Haralick 1996, Propagating covariance in computer vision.
+    It is propagated to first order, as in Haralick 1996, Propagating covariance in computer vision.
     """
     x = lattice.x0_m + lattice.step_m * np.arange(lattice.cols)
     y = lattice.y0_m - lattice.step_m * np.arange(lattice.rows)
     p = np.stack(np.broadcast_arrays(x[None], y[:, None], floor_z_m), axis=-1)
-    turned = np.kron(np.eye(2), w_T_b[:3, :3])
-    C = turned @ covariance @ turned.T
+    rotation = np.kron(np.eye(2), w_T_b[:3, :3])
+    C = rotation @ covariance @ rotation.T
     J = ground_jacobian(p, view.w_p_c_m, w_T_b[:3, 3])
     return np.asarray(np.sqrt(np.einsum("rcai,ij,rcaj->rc", J, C, J)).astype(np.float32))
 
 
 def ground_jacobian(w_p: Array, w_p_c: Array, w_p_b: Array) -> Array:
-    """(..., 2, 6) of where a camera at ``w_p_c`` (3,) shows floor points ``w_p`` (..., 3), by the pose of the
-    body at ``w_p_b`` (3,): its turn and its step, both in world axes. Source: derived.
+    """Return the Jacobian (..., 2, 6) of seen floor positions with respect to rotation and translation.
 
-    The end of the ray moves with the body; along the ray it slides back to the floor.
+    A camera at ``w_p_c`` (3,) on a body at ``w_p_b`` (3,) sees the floor points ``w_p`` (..., 3). Both
+    perturbations of the body are in world axes. The end of each ray moves with the body, and then along the
+    ray back to the floor. Source: derived.
     """
     ray, arm = w_p - w_p_c, w_p - w_p_b
     slide = -ray[..., :2] / ray[..., 2:]
@@ -91,8 +97,8 @@ def ground_jacobian(w_p: Array, w_p_c: Array, w_p_b: Array) -> Array:
     return J
 
 
-def _seams(plan: MosaicPlan, exposure: Exposure) -> Float32:
-    """The compared points' disagreement on the cells: each cell has that of the point nearest to it."""
+def _seam_raster(plan: MosaicPlan, exposure: Exposure) -> Float32:
+    """Return (rows, cols) the brightness difference of the sampling point nearest to each cell."""
     rows, cols = plan.owner.shape
     out = np.full((rows, cols), np.nan, np.float32)
     if len(exposure.point):

@@ -1,8 +1,8 @@
-"""Renders a planned mosaic, tile by tile, with memory that does not grow with the number of pictures.
+"""Rendering of a planned mosaic, tile by tile, in memory that does not grow with the number of pictures.
 
-A tile is rendered from the plan alone: each of its pictures is warped from the floor in one step (reduced
-first where the mosaic is coarser, lens distortion included), owners are refined from cells to pixels, and
-the pictures are blended in bands over a margin wide enough that the tile's border does not show.
+A tile depends on the plan alone. Each picture is reduced if the mosaic is coarser, and then warped to the
+floor in one step that includes the lens distortion. Owners are refined from cells to pixels. Multi-band
+blending covers a margin wide enough that the border of the tile is not visible.
 """
 
 from __future__ import annotations
@@ -29,47 +29,47 @@ Float32 = NDArray[np.float32]
 Image = NDArray[np.uint8]
 Load = Callable[[int], "Image | None"]
 Report = Callable[[str, int, int], None]
-Earlier = Callable[[Tile, str], "Image | None"]
-"""The pixels that a tile with some fingerprint had in an earlier mosaic; None where it was in none."""
+FindEarlierTile = Callable[[Tile, str], "Image | None"]
+"""Returns the pixels of the tile with this fingerprint in an earlier mosaic, or None if there is none."""
 
 DARK, BRIGHT = 3, 252
-"""Grey levels beyond which a pixel tells nothing of the exposure."""
+"""Limits of the grey levels that are used to estimate the exposure."""
 
 
 @dataclass(frozen=True)
 class RenderedTile:
-    """One finished piece of the mosaic."""
+    """One rendered tile of the mosaic."""
 
     tile: Tile
     rgba: Image
     """(rows, cols, 4); alpha is 255 where a picture shows the floor and 0 elsewhere."""
     fingerprint: str
     """Digest of the tile's inputs: `frontend.mosaic.window`."""
-    kept: bool = False
-    """Taken from an earlier mosaic."""
+    reused: bool = False
+    """Whether the tile was taken from an earlier mosaic."""
 
 
 class Pictures:
-    """The plan's pictures, at no more than the mosaic's resolution, the last used ones kept in memory."""
+    """Pictures of the plan, at most at the mosaic's resolution, in a least-recently-used cache."""
 
     def __init__(self, plan: MosaicPlan, load: Load, max_mb: float = 256) -> None:
         self._plan, self._load, self._max_bytes = plan, load, max_mb * 1e6
-        self._kept: OrderedDict[int, Image] = OrderedDict()
+        self._cache: OrderedDict[int, Image] = OrderedDict()
         self._bytes = 0
         self._digests: dict[int, bytes] = {}
         self.unusable: dict[int, str] = {}
-        """Pose number -> why its picture could not be used."""
+        """Pose number -> reason why its picture cannot be used."""
 
     def __getitem__(self, index: int) -> Image | None:
-        """Picture of ``plan.views[index]`` as (h, w, 3) BGR; None where it is unusable."""
-        if index in self._kept:
-            self._kept.move_to_end(index)
-            return self._kept[index]
+        """Return the picture of ``plan.views[index]`` as (h, w, 3) BGR, or None if it is unusable."""
+        if index in self._cache:
+            self._cache.move_to_end(index)
+            return self._cache[index]
         view = self._plan.views[index]
         if view.k in self.unusable:
             return None
         picture = self._load(view.k)
-        reason = _reason_against(picture, self._plan.camera.size_px)
+        reason = _unusable_reason(picture, self._plan.camera.size_px)
         if picture is None or reason:
             self.unusable[view.k] = reason
             return None
@@ -81,27 +81,26 @@ class Pictures:
             size = (max(2, round(w / ratio)), max(2, round(h / ratio)))
             picture = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
         self._digests[index] = _digest(picture)
-        self._kept[index] = picture
+        self._cache[index] = picture
         self._bytes += picture.nbytes
-        while self._bytes > self._max_bytes and len(self._kept) > 1:
-            self._bytes -= self._kept.popitem(last=False)[1].nbytes
+        while self._bytes > self._max_bytes and len(self._cache) > 1:
+            self._bytes -= self._cache.popitem(last=False)[1].nbytes
         return picture
 
     def digest(self, index: int) -> bytes:
-        """Return the digest of the picture of ``plan.views[index]`` with its size; of nothing if it is
-        unusable."""
+        """Return the digest of the picture of ``plan.views[index]``, or b"" if it is unusable."""
         if index not in self._digests and self[index] is None:
             return b""
         return self._digests[index]
 
 
 def _digest(picture: Image) -> bytes:
-    made = blake2b(repr(picture.shape).encode(), digest_size=16)
-    made.update(picture.tobytes())
-    return made.digest()
+    digest = blake2b(repr(picture.shape).encode(), digest_size=16)
+    digest.update(picture.tobytes())
+    return digest.digest()
 
 
-def _reason_against(picture: Image | None, size_px: tuple[int, int]) -> str:
+def _unusable_reason(picture: Image | None, size_px: tuple[int, int]) -> str:
     if picture is None:
         return "cannot be read"
     if reason := unusable_reason(picture, size_px):
@@ -111,9 +110,9 @@ def _reason_against(picture: Image | None, size_px: tuple[int, int]) -> str:
 
 
 def measure_exposure(plan: MosaicPlan, pictures: Pictures, report: Report | None = None) -> Exposure:
-    """Gains and vignetting from all points that two or more of the plan's pictures see.
+    """Estimate gains and vignetting from all points that two or more of the plan's pictures see.
 
-    Reads each picture once; those that cannot be used stand in ``pictures.unusable`` afterwards.
+    Each picture is read once. Pictures that cannot be used are listed in ``pictures.unusable`` afterwards.
     """
     parts: list[tuple[Array, ...]] = []
     for index in range(len(plan.views)):
@@ -132,7 +131,7 @@ def measure_exposure(plan: MosaicPlan, pictures: Pictures, report: Report | None
 
 
 def _brightness(plan: MosaicPlan, index: int, picture: Image) -> tuple[Array, ...]:
-    """Point, view, rho^2 and log brightness of one picture on the mosaic's lattice of sampling points."""
+    """Return point, view, rho^2 and log brightness of one picture at the sampling points of the mosaic."""
     camera, view = plan.camera, plan.views[index]
     squares = plan.sampling
     (rows, cols), lattice = plan.squares_under(view, squares)
@@ -161,7 +160,7 @@ def _brightness(plan: MosaicPlan, index: int, picture: Image) -> tuple[Array, ..
 
 
 def _rho2(plan: MosaicPlan, u: Float32, v: Float32) -> Float32:
-    """Squared distance from the principal point over that of the farthest corner."""
+    """Return the squared distance from the principal point; 1 at the farthest corner."""
     (cu, cv), corners = plan.camera.center_px, plan.camera.corners_px
     farthest = ((corners - (cu, cv)) ** 2).sum(axis=1).max()
     return np.asarray((((u - cu) ** 2 + (v - cv) ** 2) / farthest).astype(np.float32))
@@ -172,9 +171,9 @@ def render_tiles(
     pictures: Pictures,
     exposure: Exposure,
     report: Report | None = None,
-    earlier: Earlier | None = None,
+    earlier: FindEarlierTile | None = None,
 ) -> Iterator[RenderedTile]:
-    """All tiles of the plan, row by row; those whose fingerprint ``earlier`` knows are not rendered."""
+    """Yield all tiles of the plan, row by row. Tiles that ``earlier`` returns are not rendered again."""
     tiles = list(plan.tiles)
     for done, tile in enumerate(tiles):
         if report:
@@ -182,7 +181,7 @@ def render_tiles(
         mark = fingerprint(plan, tile, pictures.digest, exposure)
         old = earlier(tile, mark) if earlier else None
         if old is not None:
-            yield RenderedTile(tile, old, mark, kept=True)
+            yield RenderedTile(tile, old, mark, reused=True)
         else:
             yield RenderedTile(tile, render_tile(plan, tile, pictures, exposure), mark)
     if report:
@@ -190,7 +189,7 @@ def render_tiles(
 
 
 def render_tile(plan: MosaicPlan, tile: Tile, pictures: Pictures, exposure: Exposure) -> Image:
-    """(rows, cols, 4) of one tile; the same pixels whichever other tiles are rendered."""
+    """Return one tile (rows, cols, 4). Its pixels do not depend on which other tiles are rendered."""
     window = window_of(tile)
     owner = _pixel_owners(plan, window, pictures)
     inner = (slice(REACH_PX, REACH_PX + tile.rows), slice(REACH_PX, REACH_PX + tile.cols))
@@ -200,7 +199,7 @@ def render_tile(plan: MosaicPlan, tile: Tile, pictures: Pictures, exposure: Expo
         band = MultiBand(window.rows, window.cols)
         for index in present:
             mask = owner == index
-            r0, r1, c0, c1 = _reach(mask)
+            r0, r1, c0, c1 = _blending_bounds(mask)
             part = Tile(window.row + r0, window.col + c0, r1 - r0, c1 - c0)
             band.add(
                 _warp(plan, int(index), part, pictures, exposure),
@@ -216,9 +215,10 @@ def render_tile(plan: MosaicPlan, tile: Tile, pictures: Pictures, exposure: Expo
 
 
 def _pixel_owners(plan: MosaicPlan, window: Tile, pictures: Pictures) -> NDArray[np.int32]:
-    """Which view each pixel of the window takes its content from; -1 where none sees the floor.
+    """Return (rows, cols) the index of the view that each pixel is taken from; -1 where none sees the floor.
 
-    Cell owners are smoothed to soft memberships; the strongest among the views that truly see the pixel wins.
+    The cell owners are smoothed to soft memberships. The view with the largest membership wins among those
+    that see the pixel.
     """
     cells = owners_around(plan, window)
     pad = SOFT_CELLS + 1
@@ -231,7 +231,7 @@ def _pixel_owners(plan: MosaicPlan, window: Tile, pictures: Pictures) -> NDArray
             continue
         soft = cv2.GaussianBlur((cells == index).astype(np.float32), (side, side), 1.0)
         r, c = np.nonzero(soft)
-        # One cell more on each side, as far as linear interpolation carries.
+        # One more cell on each side is needed for linear interpolation.
         r0, r1 = max(r.min() - 1, 0), min(r.max() + 2, soft.shape[0])
         c0, c1 = max(c.min() - 1, 0), min(c.max() + 2, soft.shape[1])
         size = ((c1 - c0) * CELL_PX, (r1 - r0) * CELL_PX)
@@ -253,8 +253,8 @@ def _pixel_owners(plan: MosaicPlan, window: Tile, pictures: Pictures) -> NDArray
     return owner
 
 
-def _reach(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
-    """First and last+1 row and column of the mask and what it blends with, in whole cells."""
+def _blending_bounds(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
+    """Return first and last+1 row and column of the mask with its blending margin, in whole cells."""
     ends = []
     for axis in (1, 0):
         hit = np.flatnonzero(mask.any(axis=axis))
@@ -265,7 +265,7 @@ def _reach(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
 
 
 def _warp(plan: MosaicPlan, index: int, part: Tile, pictures: Pictures, exposure: Exposure) -> Float32:
-    """(rows, cols, 3) BGR: a picture on the mosaic's pixels, exposure corrected, mirrored beyond its end."""
+    """Return a picture (rows, cols, 3) BGR on the mosaic's pixels, exposure corrected, mirrored beyond it."""
     picture = pictures[index]
     assert picture is not None
     u, v = pixel_maps(plan.camera, plan.views[index], plan.lattice(part.row, part.col, part.rows, part.cols))

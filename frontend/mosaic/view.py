@@ -15,9 +15,9 @@ Float32 = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 MAX_AXIS_OFF_NADIR = np.radians(60.0)
-"""Pictures tilted more are not used."""
+"""Largest tilt of the optical axis. Pictures with a larger tilt are not used."""
 MAX_OFF_NADIR = np.radians(70.0)
-"""Floor seen flatter than this is not used."""
+"""Largest angle of a ray off nadir. Floor seen at a larger angle is not used."""
 
 
 @dataclass(frozen=True)
@@ -25,19 +25,19 @@ class MosaicView:
     """One picture that looks at the floor."""
 
     k: int
-    """Number of the pose it came with."""
+    """Number of its pose."""
     pixel_H_floor: Array
-    """(3, 3), floor (x, y, 1) in metres to undistorted pixels times the depth along the optical axis."""
+    """(3, 3) map from floor (x, y, 1) in metres to undistorted pixels times the depth on the optical axis."""
     w_p_c_m: Array
     """(3,) camera position."""
     height_m: float
-    """Above the floor."""
+    """Height of the camera above the floor."""
     bounds_m: Array
-    """(4,) west, south, east, north end of the ground that it shows."""
+    """(4,) west, south, east and north bounds of the visible ground."""
     gsd_m: float
-    """Ground sample distance in the middle of the picture."""
+    """Ground sample distance in the centre of the picture."""
     max_off_axis_cos: float
-    """Cosine of the largest angle off the optical axis: beyond it the distortion model means nothing."""
+    """Cosine of the largest angle off the optical axis. The distortion model is invalid beyond it."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def mosaic_view(camera: Camera, k: int, w_T_b: Array, floor_z_m: float) -> Mosai
     pixel_H_floor = np.linalg.inv(camera.floor_H_image(w_T_b, floor_z_m))
     rays = camera.rays(camera.undistort(_border(camera)))
     off_axis_cos = 1.0 / np.linalg.norm(rays, axis=1)
-    # Rays above the limit are drawn in to it, so that a picture that sees the horizon keeps its near part.
+    # Rays are clipped at the limit, so that the near part of a picture with the horizon is kept.
     direction = rays @ w_T_c[:3, :3].T
     level = np.linalg.norm(direction[:, :2], axis=1)
     slope = np.divide(level, -direction[:, 2], out=np.full(len(level), np.inf), where=direction[:, 2] < 0)
@@ -88,12 +88,12 @@ def _border(camera: Camera) -> Array:
 
 
 def pixel_maps(camera: Camera, view: MosaicView, lattice: Lattice) -> tuple[Float32, Float32]:
-    """Distorted pixel (u, v) of each node of the lattice; without meaning behind the camera."""
+    """Return the distorted pixel (u, v) of each node of the lattice, undefined behind the camera."""
     floor_H_node = np.array(
         [[lattice.step_m, 0, lattice.x0_m], [0, -lattice.step_m, lattice.y0_m], [0, 0, 1.0]]
     )
     ray_H_node = np.linalg.inv(camera.matrix) @ view.pixel_H_floor @ floor_H_node
-    # OpenCV inverts its "new camera matrix" to go from a node to a ray: any homography will do.
+    # OpenCV inverts its "new camera matrix" to map a node to a ray, and accepts any homography.
     u, v = cv2.initUndistortRectifyMap(
         camera.matrix,
         np.array(camera.distortion),
@@ -102,14 +102,17 @@ def pixel_maps(camera: Camera, view: MosaicView, lattice: Lattice) -> tuple[Floa
         (lattice.cols, lattice.rows),
         cv2.CV_32FC1,
     )
-    # Bounds keep numbers finite at the horizon; far outside only mirrored content is read anyway.
+    # Clipping keeps the values finite at the horizon. Far outside, only mirrored content is read.
     w, h = camera.size_px
     np.nan_to_num(u, copy=False, nan=-w), np.nan_to_num(v, copy=False, nan=-h)
     return np.clip(u, -w, 2 * w, out=u), np.clip(v, -h, 2 * h, out=v)
 
 
 def visible(view: MosaicView, lattice: Lattice) -> tuple[Mask, Float32, Float32]:
-    """Which nodes the lens sees, and not too flat; their cosine off nadir; the picture's pixels per metre."""
+    """Return (rows, cols) whether the lens sees each node, its cosine off nadir, and the pixels per metre.
+
+    Nodes at more than ``MAX_OFF_NADIR`` count as not seen.
+    """
     x = lattice.x0_m + lattice.step_m * np.arange(lattice.cols)
     y = lattice.y0_m - lattice.step_m * np.arange(lattice.rows)
     a, b, c = view.pixel_H_floor[2]

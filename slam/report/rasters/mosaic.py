@@ -222,7 +222,7 @@ class _Tiles:
 
         made = self.made
         for done in render_tiles(made.plan, made.pictures, made.exposure, made.progress, earlier):
-            self.kept, self.drawn = self.kept + done.kept, self.drawn + (not done.kept)
+            self.kept, self.drawn = self.kept + done.reused, self.drawn + (not done.reused)
             yield Block(done.tile.row, done.tile.col, done.rgba, done.fingerprint)
 
 

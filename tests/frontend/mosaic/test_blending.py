@@ -8,7 +8,7 @@ import numpy as np
 from frontend.mosaic.blending import MultiBand
 
 
-def test_one_picture_with_a_ragged_mask_comes_out_as_it_went_in() -> None:
+def test_one_picture_with_an_irregular_mask_is_unchanged() -> None:
     rng = np.random.default_rng(1)
     picture = rng.uniform(0, 255, (160, 192, 3)).astype(np.float32)
     mask = (cv2.GaussianBlur(rng.normal(size=(160, 192)), (0, 0), 4) > 0).astype(np.float32)
@@ -17,7 +17,7 @@ def test_one_picture_with_a_ragged_mask_comes_out_as_it_went_in() -> None:
     np.testing.assert_allclose(band.blend()[mask > 0], picture[mask > 0], atol=1e-3)
 
 
-def test_partition_of_one_picture_gives_it_back() -> None:
+def test_partition_of_one_picture_reproduces_it() -> None:
     rng = np.random.default_rng(2)
     picture = rng.uniform(0, 255, (160, 192, 3)).astype(np.float32)
     part = rng.integers(0, 3, (10, 12)).repeat(16, 0).repeat(16, 1)
@@ -44,7 +44,7 @@ def test_step_of_brightness_becomes_a_ramp_and_detail_stays_sharp() -> None:
     assert ramp.min() > -1.0, "no halo"
 
 
-def test_band_of_a_part_of_the_rectangle_lands_in_its_place() -> None:
+def test_part_of_the_rectangle_is_blended_at_its_position() -> None:
     picture = np.full((96, 96, 3), 50, np.float32)
     mask = np.zeros((96, 96), np.float32)
     mask[32:64, 32:64] = 1

@@ -1,4 +1,4 @@
-"""Gains and vignetting found from overlaps, on made observations."""
+"""Gains and vignetting estimated from synthetic overlaps."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def strip(
     return Samples(point, view, rho2, np.repeat(y[:, None], 3, axis=1)), gain
 
 
-def test_gains_are_found_and_seams_fall() -> None:
+def test_gains_are_estimated_and_seams_decrease() -> None:
     samples, gain = strip(1)
     found = estimate_exposure(samples, 30)
     error = np.log(found.gain[:, 0]) - gain
@@ -39,14 +39,14 @@ def test_gains_are_found_and_seams_fall() -> None:
     assert found.seam_after == pytest.approx(0.03 * np.sqrt(2), rel=0.15)
 
 
-def test_equal_pictures_stay_as_they_are() -> None:
+def test_equal_pictures_are_not_changed() -> None:
     samples, _ = strip(2, gain_std=0.0)
     found = estimate_exposure(samples, 30)
     assert np.abs(np.log(found.gain)).max() < 0.02
     assert np.abs(found.vignette).max() < 0.03
 
 
-def test_vignetting_is_told_apart_from_gains() -> None:
+def test_vignetting_is_separated_from_gains() -> None:
     samples, gain = strip(3, a=(0.25, 0.15))
     found = estimate_exposure(samples, 30)
     rho2 = np.linspace(0, 1, 20)

@@ -1,4 +1,4 @@
-"""Grid, picture choice and owners, before a picture is read."""
+"""Plan of a mosaic: grid, choice of pictures and owners."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 
 from frontend.camera import Camera
 from frontend.mosaic.canvas import CELL_PX, MosaicError
-from frontend.mosaic.plan import GOOD_ENOUGH, MosaicPlan, plan_mosaic
+from frontend.mosaic.plan import SUFFICIENT_RATIO, MosaicPlan, plan_mosaic
 from frontend.mosaic.view import Lattice, MosaicView, mosaic_view, pixel_maps
 from tests.frontend.mosaic.scene import CAMERA, FLOOR_Z_M, pose, survey
 
@@ -77,7 +77,7 @@ def test_unusable_poses_are_counted_with_their_reason() -> None:
     assert plan.width * plan.height < 1.1 * 200 * 150
 
 
-def test_no_usable_picture_is_an_error_that_says_why() -> None:
+def test_no_usable_picture_is_an_error_with_the_reason() -> None:
     with pytest.raises(MosaicError, match="camera below the floor"):
         plan_mosaic(CAMERA, np.array([pose(0, 0, -1)]))
     with pytest.raises(MosaicError, match="there are none"):
@@ -90,7 +90,7 @@ def test_picture_that_sees_the_horizon_keeps_its_near_part() -> None:
     assert (plan.owner >= 0).any()
 
 
-def test_two_distant_parts_that_fill_their_canvas_both_stay() -> None:
+def test_two_distant_groups_that_fill_their_canvas_are_both_kept() -> None:
     poses = np.array([pose(x, 0, 2) for x in (0, 0.5, 1, 9, 9.5, 10)])
     plan = plan_mosaic(CAMERA, poses, FLOOR_Z_M)
     assert not plan.left_out
@@ -138,13 +138,13 @@ def test_a_canvas_that_grows_keeps_its_tiles_and_points() -> None:
     assert plan.lattice(7, 9, 2, 2) == grown.lattice(7 + down, 9 + right, 2, 2)
 
 
-def test_default_resolution_does_not_follow_every_picture() -> None:
+def test_default_resolution_is_stable_for_one_more_picture() -> None:
     few = {plan_mosaic(CAMERA, survey(seed), FLOOR_Z_M).gsd_m for seed in range(12)}
     assert len(few) <= 4
     assert all(gsd_m == float(f"{gsd_m:.1e}") for gsd_m in few)
 
 
-def test_default_resolution_gives_way_to_the_pixel_budget_and_says_so() -> None:
+def test_default_resolution_respects_the_pixel_budget_and_notes_it() -> None:
     poses = survey(2)
     free = plan_mosaic(CAMERA, poses, FLOOR_Z_M)
     assert free.note == ""
@@ -166,7 +166,7 @@ def test_hovering_needs_few_pictures_and_little_time() -> None:
     assert len(many.views) + many.redundant == 1000
 
 
-def test_no_slit_stays_open_between_two_pictures_where_a_third_sees_it() -> None:
+def test_no_gap_remains_between_two_pictures_where_a_third_sees_it() -> None:
     # At 2 m 1.5 m are seen along x: 5 cm between the outer two; the third shows nothing else that is new.
     poses = np.array([pose(-0.77, 0, 2), pose(0.78, 0, 2), pose(0, 0, 2)])
     for gsd_m in (0.01, 0.003):
@@ -208,7 +208,7 @@ def test_kept_pictures_see_all_ground_nearly_as_well_as_all_pictures_together() 
     best = everyone.max(axis=0)[owned]
     assert (own[best > 20] > 0).all()
     # Distance to the border is one of three parts of the quality, so the bound holds for most cells only.
-    assert (own[best > 20] >= 0.5 * GOOD_ENOUGH * best[best > 20]).mean() > 0.95
+    assert (own[best > 20] >= 0.5 * SUFFICIENT_RATIO * best[best > 20]).mean() > 0.95
 
 
 def test_owners_do_not_depend_on_pictures_elsewhere() -> None:
@@ -221,7 +221,7 @@ def test_owners_do_not_depend_on_pictures_elsewhere() -> None:
     assert kept | {len(poses)} == {v.k for v in both.views}
 
 
-def test_footprint_bounds_hold_a_bulging_lens() -> None:
+def test_bounds_contain_the_footprint_of_a_distorted_lens() -> None:
     T = pose(0, 0, 2.0, 0.4, 0.1, 0.1)
     view = mosaic_view(WIDE, 0, T, FLOOR_Z_M)
     assert isinstance(view, MosaicView)

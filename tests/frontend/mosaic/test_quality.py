@@ -1,4 +1,4 @@
-"""Bands beside the mosaic, against drawn poses, brute force and pictures of known brightness."""
+"""Quality rasters, compared with sampled poses, brute force and pictures of known brightness."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def grid_of_poses(tilt: float = 0.0) -> np.ndarray:
     return np.array([pose(0.5 * k % 2, 0.4 * (k // 4), 1.0, yaw=0.3 * k, pitch=tilt) for k in range(12)])
 
 
-def test_the_standard_deviation_is_that_of_drawn_poses():
-    """Poses drawn with the covariance, each pixel's ray met with the floor."""
+def test_standard_deviation_agrees_with_sampled_poses():
+    """Sample poses with the covariance and intersect the ray of each pixel with the floor."""
     rng = np.random.default_rng(3)
     w_T_b = pose(0.4, -0.2, 1.1, yaw=0.7, pitch=0.15, roll=-0.1)
     A = rng.normal(0, 1, (6, 6)) * [[1], [1], [1], [2], [2], [2]]
@@ -41,7 +41,7 @@ def test_the_standard_deviation_is_that_of_drawn_poses():
         assert found[r, c] == pytest.approx(expected, rel=0.03)
 
 
-def test_each_cell_counts_the_pictures_whose_frame_holds_its_middle():
+def test_each_cell_counts_the_pictures_that_contain_its_centre():
     w_T_b = grid_of_poses(tilt=0.1)
     plan = plan_mosaic(CAMERA, w_T_b, FLOOR_Z_M, gsd_m=0.01)
     black = np.zeros((120, 160, 3), np.uint8)
@@ -66,7 +66,7 @@ def test_each_cell_counts_the_pictures_whose_frame_holds_its_middle():
             assert quality.pictures[r, c] == max(inside, 1)
 
 
-def test_pictures_that_disagree_in_one_place_show_there():
+def test_seam_band_shows_where_pictures_disagree():
     """One of three pictures of a grey floor has a bright patch: the seam band has it, and only there."""
     w_T_b = np.array([pose(0.0, 0.0, 1.0), pose(0.1, 0.0, 1.0), pose(-0.1, 0.05, 1.0)])
     plan = plan_mosaic(CAMERA, w_T_b, FLOOR_Z_M, gsd_m=0.004)

@@ -1,4 +1,4 @@
-"""Rendered mosaics against the floor that the pictures were made of."""
+"""Rendered mosaics compared with the true floor."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_clean_pictures_give_the_floor_to_a_grey_level() -> None:
 
 @pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])
 @pytest.mark.parametrize("gsd_m", [0.01, 0.0173, 0.006])
-def test_landmark_lies_where_the_affine_says(camera: Camera, gsd_m: float) -> None:
+def test_landmark_lies_at_the_position_of_the_affine(camera: Camera, gsd_m: float) -> None:
     floor, spot = smooth_floor(5), np.array([0.337, -0.281])
     c, r = floor.texel(*spot)
     yy, xx = np.mgrid[:1000, :1000]
@@ -102,7 +102,7 @@ def test_coverage_is_the_union_of_the_footprints() -> None:
     assert missing.mean() < 2e-4
 
 
-def test_tile_alone_equals_the_whole_and_borders_of_tiles_do_not_show() -> None:
+def test_tile_alone_equals_the_whole_without_visible_borders() -> None:
     floor, poses, rng = smooth_floor(1), survey(7), np.random.default_rng(8)
     # Exposure differs by a factor of two, so that bands cross seams with all their width.
     views = [
@@ -124,7 +124,7 @@ def test_tile_alone_equals_the_whole_and_borders_of_tiles_do_not_show() -> None:
     np.testing.assert_array_equal(alone, again.rgba)
 
 
-def test_strong_reduction_averages_instead_of_picking() -> None:
+def test_strong_reduction_averages_pixels() -> None:
     rng = np.random.default_rng(9)
     floor = Floor(rng.integers(0, 256, (1000, 1000, 1), np.uint8).repeat(3, axis=2), 0.01)
     poses = np.array([pose(0, 0, 2.0), pose(0.8, 0.1, 2.0, 1.0)])
@@ -136,7 +136,7 @@ def test_strong_reduction_averages_instead_of_picking() -> None:
     assert 4 < spread < 14
 
 
-def test_unequal_exposure_is_evened_out_over_the_seams() -> None:
+def test_unequal_exposure_is_compensated() -> None:
     floor, poses, rng = smooth_floor(1), survey(10, 3, 5), np.random.default_rng(11)
     factor = rng.uniform(0.8, 1.2, len(poses))
     views = [
@@ -160,7 +160,7 @@ def test_unequal_exposure_is_evened_out_over_the_seams() -> None:
     assert unevenness(exposure) < 0.5 * unevenness(None)
 
 
-def test_vignetting_is_taken_out_of_the_picture() -> None:
+def test_vignetting_is_compensated() -> None:
     floor, poses = smooth_floor(1), survey(14, 4, 5, spacing_m=0.6)
     v, u = np.mgrid[:150, :200]
     rho2 = ((u - 99.5) ** 2 + (v - 74.5) ** 2) / (99.5**2 + 74.5**2)
@@ -177,7 +177,7 @@ def test_vignetting_is_taken_out_of_the_picture() -> None:
     assert unevenness(measure_exposure(plan, pictures)) < 0.3 * unevenness(None)
 
 
-def test_pictures_that_cannot_be_used_are_named_and_their_ground_left_to_others() -> None:
+def test_unusable_pictures_are_listed_and_replaced_by_others() -> None:
     floor, poses = smooth_floor(1), survey(12)
     views: list[np.ndarray | None] = [photograph(floor, CAMERA, T, 1) for T in poses]
     views[1] = None

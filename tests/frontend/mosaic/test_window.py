@@ -1,4 +1,4 @@
-"""Tiles that a change does not touch are known by their fingerprint."""
+"""Fingerprints identify tiles that a change does not affect."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def planned(poses: np.ndarray = POSES, gsd_m: float = 0.01, tile_px: int = 64) -
 
 
 def drawn(plan: MosaicPlan, views=VIEWS, exposure: Exposure | None = None, old: Drawn | None = None) -> Drawn:
-    """All tiles by their place in the grid; those of ``old`` with the same fingerprint are kept."""
+    """Return all tiles by their position in the grid; those of ``old`` with the same fingerprint are kept."""
     known = {done.fingerprint: done.rgba for done in (old or {}).values()}
     done = render_tiles(
         plan, Pictures(plan, views.__getitem__), exposure or Exposure.neutral(len(plan.views)),
@@ -33,25 +33,25 @@ def drawn(plan: MosaicPlan, views=VIEWS, exposure: Exposure | None = None, old: 
     return {(plan.first_row + d.tile.row, plan.first_col + d.tile.col): d for d in done}
 
 
-def test_nothing_changed_nothing_rendered() -> None:
+def test_unchanged_mosaic_renders_no_tile() -> None:
     first = drawn(planned())
     assert len(first) > 20
-    assert not any(done.kept for done in first.values())
+    assert not any(done.reused for done in first.values())
     again = drawn(planned(), old=first)
-    assert all(done.kept for done in again.values())
+    assert all(done.reused for done in again.values())
 
 
 @pytest.mark.parametrize(
     "moved", [pytest.param(0, marks=pytest.mark.slow), 8, pytest.param(17, marks=pytest.mark.slow)]
 )
-def test_a_moved_picture_has_the_tiles_that_it_touches_rendered_and_no_others(moved: int) -> None:
+def test_a_moved_picture_renders_only_the_tiles_that_it_affects(moved: int) -> None:
     poses = POSES.copy()
     poses[moved, 0, 3] += 0.02
     first, plan = drawn(planned()), planned(poses)
     again, whole = drawn(plan, old=first), drawn(plan)
     for place, done in again.items():
         np.testing.assert_array_equal(done.rgba, whole[place].rgba)
-        if done.kept:
+        if done.reused:
             np.testing.assert_array_equal(done.rgba, first[place].rgba)
     # Footprints before and after, wider by a margin that blending and the owners' smoothing reach.
     touched = np.concatenate([CAMERA.footprint(T[moved], FLOOR_Z_M) for T in (POSES, poses)])
@@ -62,23 +62,23 @@ def test_a_moved_picture_has_the_tiles_that_it_touches_rendered_and_no_others(mo
         x0, x1 = ((plan.first_col + w.col + d) * plan.gsd_m for d in (-margin, w.cols + margin))
         y1, y0 = (-(plan.first_row + w.row + d) * plan.gsd_m for d in (-margin, w.rows + margin))
         if x1 < west or x0 > east or y1 < south or y0 > north:
-            assert done.kept
-    kept = sum(done.kept for done in again.values())
+            assert done.reused
+    kept = sum(done.reused for done in again.values())
     assert 0.2 * len(again) < kept < len(again)
 
 
-def test_a_picture_more_keeps_what_it_does_not_touch() -> None:
+def test_an_added_picture_keeps_the_tiles_that_it_does_not_affect() -> None:
     poses = np.concatenate([POSES, [pose(5.5, 0.0, 2.0)]])
     views = [*VIEWS, photograph(smooth_floor(1), CAMERA, poses[-1], 1)]
     first, plan = drawn(planned()), planned(poses)
     again, whole = drawn(plan, views, old=first), drawn(plan, views)
-    assert sum(done.kept for done in again.values()) > 0.5 * len(first)
+    assert sum(done.reused for done in again.values()) > 0.5 * len(first)
     for place, done in again.items():
         np.testing.assert_array_equal(done.rgba, whole[place].rgba)
 
 
 @pytest.mark.slow
-def test_what_all_tiles_share_has_all_rendered() -> None:
+def test_a_change_of_shared_inputs_renders_all_tiles() -> None:
     plan = planned()
     first = drawn(plan)
     neutral = Exposure.neutral(len(plan.views))
@@ -92,10 +92,10 @@ def test_what_all_tiles_share_has_all_rendered() -> None:
         drawn(planned(tile_px=96), old=first),
     ):
         shown = [done for done in again.values() if done.rgba.any()]
-        assert not any(done.kept for done in shown)
+        assert not any(done.reused for done in shown)
 
 
-def test_gain_and_content_of_one_picture_touch_its_tiles_alone() -> None:
+def test_gain_and_content_of_one_picture_affect_only_its_tiles() -> None:
     plan = planned()
     first = drawn(plan)
     gain = np.ones((len(plan.views), 3))
@@ -105,7 +105,7 @@ def test_gain_and_content_of_one_picture_touch_its_tiles_alone() -> None:
     views = [np.where(n == k, 255 - view, view) for n, view in enumerate(VIEWS)]
     for again in (drawn(plan, exposure=brighter, old=first), drawn(plan, views, old=first)):
         changed = {place for place, done in again.items() if (done.rgba != first[place].rgba).any()}
-        rendered = {place for place, done in again.items() if not done.kept}
+        rendered = {place for place, done in again.items() if not done.reused}
         assert changed <= rendered
         assert 0 < len(rendered) < len(first)
 
