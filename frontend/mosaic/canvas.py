@@ -150,7 +150,7 @@ def grid_over(views: Sequence[MosaicView], gsd_m: float | None, max_pixels: int)
 
 
 def _canvas(extent_m: Array, gsd_m: float) -> MosaicGrid:
-    """Return the grid over an extent, rounded out to whole cells west and north, whole pixels east and south."""
+    """Return the grid over an extent, rounded out to whole cells (west, north) or pixels."""
     west, south, east, north = extent_m / gsd_m
     col, row = (int(np.floor(at / CELL_PX)) * CELL_PX for at in (west, -north))
     width, height = max(int(np.ceil(east)) - col, 1), max(int(np.ceil(-south)) - row, 1)

@@ -31,7 +31,7 @@ def window_of(tile: Tile) -> Tile:
 
 
 def owners_around(plan: MosaicPlan, window: Tile) -> NDArray[np.int32]:
-    """Return the owners of the cells under the window and ``SOFT_CELLS`` + 1 around; -1 outside the mosaic."""
+    """Return the owners of cells under the window and ``SOFT_CELLS`` + 1 around; -1 outside the mosaic."""
     pad = SOFT_CELLS + 1
     r0, c0 = window.row // CELL_PX - pad, window.col // CELL_PX - pad
     rows, cols = window.rows // CELL_PX + 2 * pad, window.cols // CELL_PX + 2 * pad
