@@ -13,15 +13,15 @@ import json
 import numpy as np
 
 from slam.criticism.camera.strays import without_strays
-from slam.criticism.healthy import at_lower_rates, healthy_case
+from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import setting_of
+from slam.criticism.search.expansion import expand
 from slam.criticism.search.fitting import fit_nuisances
-from slam.criticism.search.look import look_at
-from slam.criticism.search.pairs import pairs_beside
-from slam.criticism.usable import usable_records
-from slam.criticism.without_commands.held import held
+from slam.criticism.search.pairs import ranked_pairs
+from slam.criticism.simulated_flights import at_lower_rates, healthy_case
 from slam.criticism.without_commands.regression import regression_of
+from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.criticism.without_commands.verdict import is_plausible
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import load_model
@@ -37,12 +37,12 @@ def greatest(seed: int, camera: CameraModel | None = None) -> tuple[float, str, 
     records, _ = usable_records(healthy_case(slower, seed, student=seed % 3 == 2, camera=camera))
     nominal = setting_of(slower)
     records = [without_strays(referred(record, nominal), nominal)[0] for record in records]
-    look = look_at(records, nominal, fit_nuisances(records, nominal))
-    terms = max(look.standing([], look.effects), key=lambda s: s.z)
-    shapes = max(look.standing([], look.shapes), key=lambda s: s.z)
-    pair = max(pairs_beside(look, []), key=lambda p: p.z)
+    expansion = expand(records, nominal, fit_nuisances(records, nominal))
+    terms = max(expansion.score_tests([], expansion.effects), key=lambda s: s.z)
+    patterns = max(expansion.score_tests([], expansion.patterns), key=lambda s: s.z)
+    pair = max(ranked_pairs(expansion, []), key=lambda p: p.z)
     both = " and ".join(e.label for e in pair.terms)
-    return terms.z, terms.effect.label, shapes.z, shapes.effect.name, pair.z, both
+    return terms.z, terms.effect.label, patterns.z, patterns.effect.name, pair.z, both
 
 
 def greatest_without_commands(seed: int, camera: CameraModel | None = None) -> tuple[float, str]:
@@ -50,7 +50,7 @@ def greatest_without_commands(seed: int, camera: CameraModel | None = None) -> t
     other."""
     model = load_model("nominal")
     flights = healthy_case(model, seed, student=seed % 3 == 0, camera=camera)
-    data = regression_of(held(flights, model).rows({}))
+    data = regression_of(compare_sensors(flights, model).rows({}))
     z = {e: data.z([], e) for e in data.effects() if is_plausible(data, [], e)}
     name = max(z, key=lambda effect: z[effect])
     return z[name], name

@@ -92,7 +92,7 @@ class Cause:
     """The other term that is likeliest in its place; empty where there is none."""
 
 
-def drawn_again(nats: Array) -> tuple[float, float]:
+def bootstrap_interval(nats: Array) -> tuple[float, float]:
     """95 % interval of a sum over parts, by drawing parts with replacement."""
     rng = np.random.default_rng(0)
     drawn = rng.choice(nats, size=(DRAWS, len(nats))).sum(axis=1)

@@ -34,7 +34,7 @@ _EXTENDED = " extended"
 """Behind the name of the model that was extended; a name has at most 80 letters."""
 
 
-def extended_by(
+def extended_with_causes(
     causes: Sequence[Cause], odd: Sequence[Oddity], model: Model, belief: Setting, records: Sequence[Record]
 ) -> Model:
     """The model with the causes that are told, those that single readings show (``odd``) among them: what may
@@ -111,7 +111,7 @@ def _noise(model: Model, setting: Setting, records: Sequence[Record]) -> dict[st
         "velocity": model.velocity.noise_std_m_s,
         "sonar": model.sonar.noise_std_m,
     }
-    if setting.foreign:
+    if setting.out_of_model:
         return own
     for name, channels in zip(INSTRUMENTS, INSTRUMENT_CHANNELS, strict=True):
         kind, _ = place_of(channels[0])

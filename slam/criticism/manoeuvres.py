@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from slam.simulation.stick import Stick
 
 Array = NDArray[np.float64]
-Held = tuple[float, float, float, float, float]
+StickSegment = tuple[float, float, float, float, float]
 
-REST: Held = (1.0, 0.0, 0.0, 0.0, 0.0)
+REST: StickSegment = (1.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def _pulse(size: float, time: float, coast: float, axis: int = 1) -> tuple[Held, ...]:
+def _pulse(size: float, time: float, coast: float, axis: int = 1) -> tuple[StickSegment, ...]:
     out, back = [0.0] * 5, [0.0] * 5
     out[0], out[axis] = time, size
     back[0], back[axis] = time, -size
@@ -26,12 +26,12 @@ def _pulse(size: float, time: float, coast: float, axis: int = 1) -> tuple[Held,
     return ((*out,), rest, (*back,), rest)  # type: ignore[return-value]
 
 
-def _turned(legs: Sequence[Held], turn_s: float) -> tuple[Held, ...]:
+def _turned(legs: Sequence[StickSegment], turn_s: float) -> tuple[StickSegment, ...]:
     """The legs, a turn on the spot at half stick, and the legs again."""
     return (*legs, (turn_s, 0.0, 0.0, 0.0, 0.5), REST, *legs)
 
 
-MANOEUVRES: dict[str, tuple[Held, ...]] = {
+MANOEUVRES: dict[str, tuple[StickSegment, ...]] = {
     "hover for 8 s": ((8.0, 0.0, 0.0, 0.0, 0.0),),
     "short pulses of 0.2 s forward at half stick": _pulse(0.5, 0.2, 1.0) * 3,
     "short pulses of 0.2 s to the side at half stick": _pulse(0.5, 0.2, 1.0, 2) * 3,

@@ -15,7 +15,6 @@ from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.camera.planned import planned
 from slam.criticism.camera.sighting import sighted
-from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.innovations import stretches
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import Record, record_of
@@ -23,11 +22,12 @@ from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.nuisances import MEAN, direction_of, prior_precision, value_of
+from slam.criticism.search.nuisances import MEAN_NUISANCES, direction_of, prior_precision, value_of
 from slam.criticism.search.screening import project
-from slam.criticism.search.search import Search
+from slam.criticism.search.search import SearchResult
+from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.criticism.threads import in_threads
-from slam.criticism.verdict.posterior import Posterior, named
+from slam.criticism.verdict.posterior import Posterior, is_term
 from slam.simulation.model import Model
 
 _STREAMS = {IMU: "imu", ATTITUDE: "attitude", VELOCITY: "velocity", SONAR: "sonar"}
@@ -37,7 +37,7 @@ MOST_TIMES = 200
 
 
 def next_flight(
-    records: Sequence[Record], model: Model, found: Search, posterior: Posterior, progress: Progress
+    records: Sequence[Record], model: Model, found: SearchResult, posterior: Posterior, progress: Progress
 ) -> str:
     """What to fly next, in a sentence, for the first chosen term that another may stand in for; empty where
     there is none."""
@@ -45,9 +45,9 @@ def next_flight(
     if not known:
         return ""
     effect, names = known[0]
-    other = next(e for e in found.last.effects if e.name == names[1] and named(e))
-    look = found.last
-    step, _ = look.parabola.answer(found.chosen).of(look.parabola.index(effect.columns))
+    other = next(e for e in found.last.effects if e.name == names[1] and is_term(e))
+    expansion = found.last
+    step, _ = expansion.quadratic.maximise(found.chosen).of(expansion.quadratic.index(effect.columns))
     held = np.array([_held(found, column) for column in effect.columns])
     kinds = {int(kind) for record in records for kind in np.unique(record.kinds)}
     seen = next((record.sights for record in records if record.sights is not None), None)
@@ -69,8 +69,8 @@ def telling_flight(
     Best for the time that it takes, with these ``kinds`` of instruments on board, and a camera as in what it
     has ``seen``.
     """
-    every = [direction_of(n) for n in MEAN] + [*first.directions, *second.directions]
-    names = [n.name for n in MEAN] + [d.name for d in every[len(MEAN) :]]
+    every = [direction_of(n) for n in MEAN_NUISANCES] + [*first.directions, *second.directions]
+    names = [n.name for n in MEAN_NUISANCES] + [d.name for d in every[len(MEAN_NUISANCES) :]]
     own = np.array([names.index(column) for column in first.columns if column in names], dtype=np.int64)
     if len(own) == 0:
         return ""
@@ -81,7 +81,7 @@ def telling_flight(
     size = np.array([x for x, column in zip(sizes, first.columns, strict=True) if column in names])
 
     def separation(name: str) -> float:
-        flight = flown(slower, stick_for([name]), 1)
+        flight = simulate_flight(slower, stick_for([name]), 1)
         missing = {stream: None for kind, stream in _STREAMS.items() if kind not in kinds}
         record = referred(record_of(replace(flight, **missing)), setting)  # type: ignore[arg-type]
         information = np.zeros((len(every), len(every)))
@@ -111,15 +111,15 @@ def advice(first: str, second: str, motion: str, sigma: float) -> str:
 
 def _precision(name: str, other: Effect, setting: Setting) -> float:
     """Of a column's prior: next to none of the other term's own, the nuisances that it frees among them."""
-    nuisance = {n.name: n for n in MEAN}.get(name)
+    nuisance = {n.name: n for n in MEAN_NUISANCES}.get(name)
     if nuisance is None or name in other.relaxes:
         return 1e-9
     return prior_precision(nuisance, setting)
 
 
-def _held(found: Search, column: str) -> float:
+def _held(found: SearchResult, column: str) -> float:
     """What the last belief holds of a column; of a nuisance, beyond the healthy vehicle's own."""
-    nuisance = next((n for n in MEAN if n.name == column), None)
+    nuisance = next((n for n in MEAN_NUISANCES if n.name == column), None)
     if nuisance is None:
-        return found.last.parabola.held.get(column, 0.0)
+        return found.last.quadratic.current.get(column, 0.0)
     return value_of(nuisance, found.last.setting) - value_of(nuisance, found.model)

@@ -13,7 +13,14 @@ from slam.core.progress import Progress, Tally, show_compilation, silent
 from slam.core.ranges_at_body import ranges_at_body
 from slam.criticism.camera.strays import without_strays
 from slam.criticism.cause import Cause
-from slam.criticism.extended import extended_by, with_certainty
+from slam.criticism.extended import extended_with_causes, with_certainty
+from slam.criticism.flight_checks import (
+    is_out_of_model,
+    untested_reason,
+    usable_records,
+    with_coarser_noise,
+    without_dead_streams,
+)
 from slam.criticism.kalman.readings import INSTRUMENTS
 from slam.criticism.kalman.record import Record, any_holds_heading, has_commands
 from slam.criticism.kalman.reference import referred
@@ -27,30 +34,35 @@ from slam.criticism.residuals.smallest import smallest_in_readings
 from slam.criticism.residuals.stamps import without_jitter
 from slam.criticism.residuals.uneven import uneven_of
 from slam.criticism.residuals.vibration import vibration_of
-from slam.criticism.search.inclusion import is_wall
-from slam.criticism.search.search import Search, exchanged, search
-from slam.criticism.search.thresholds import Thresholds, beside, load_thresholds
+from slam.criticism.search.inclusion import is_saturation
+from slam.criticism.search.search import SearchResult, search, with_term_replaced
+from slam.criticism.search.thresholds import Thresholds, load_thresholds, with_misfit
 from slam.criticism.threads import in_threads
-from slam.criticism.usable import coarsened, is_foreign, untested, usable_records, without_dead_streams
-from slam.criticism.verdict.agreement import contradictions
+from slam.criticism.verdict.consistency import contradictions
 from slam.criticism.verdict.covariate import Covariate, covariate
 from slam.criticism.verdict.criticism import Criticism
-from slam.criticism.verdict.decision import causes_of, confirmed, decide, in_order, weighed
-from slam.criticism.verdict.flown import Flown, flown
-from slam.criticism.verdict.heldout import HeldOut, held_out, taken
-from slam.criticism.verdict.posterior import Posterior, likelier, likelier_pairs, named, posterior_of
+from slam.criticism.verdict.decision import (
+    by_importance,
+    causes_of,
+    confirmed_terms,
+    decide,
+    split_by_probability,
+)
+from slam.criticism.verdict.held_out import HeldOut, held_out, with_step
+from slam.criticism.verdict.posterior import Posterior, is_term, likelier_pairs, likelier_term, posterior_of
 from slam.criticism.verdict.power import confusable, detectable, within_reach
+from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
 from slam.criticism.verdict.sentence import sentence_of
-from slam.criticism.verdict.tables import checks, nuisances_told, ranking
-from slam.criticism.without_commands.verdict import NOTHING_TO_HOLD, judged_without_commands
+from slam.criticism.verdict.tables import checks, fitted_nuisances, ranking
+from slam.criticism.without_commands.verdict import NOTHING_TO_HOLD, criticise_without_commands
 from slam.simulation.model import Model, load_model
 
-SHOWN_SHAPES = 8
+SHOWN_PATTERNS = 8
 FEWEST_SHOWN = 5
 """A tenth of the catalogue: of flights that would show fewer effects nobody can say that nothing is wrong."""
-STEERED = 1.5
+CLOSED_LOOP = 1.5
 """Times the thresholds where a controller flies: its sticks tell what it knows beyond the instruments."""
-FOREIGN = 2.0
+OUT_OF_MODEL = 2.0
 """Times the thresholds: the equations of another vehicle are not held to the last sigma."""
 
 
@@ -90,7 +102,7 @@ def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) 
 def _without_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
     """The verdict without any command log."""
     clean, dropped = without_dead_streams(flights)
-    found = judged_without_commands(clean, model, dropped, progress)
+    found = criticise_without_commands(clean, model, dropped, progress)
     if found is None:
         reason = "; ".join([NOTHING_TO_HOLD, *dropped])
         return Criticism("unusable", f"These data cannot be judged: {reason}.", dropped=tuple(dropped))
@@ -114,39 +126,39 @@ class _Prepared:
 class _Explained:
     """What the search came to."""
 
-    found: Search
+    found: SearchResult
     belief: Setting
     """With the chosen causes in it."""
     posterior: Posterior
     doubts: dict[str, str]
     """Cause -> what speaks against it."""
-    best: Flown | None
+    best: RolloutFit | None
     """Of a foreign vehicle: the sizes by roll-outs."""
 
 
 def _prepared(records: Sequence[Record], model: Model, progress: Progress) -> _Prepared:
     limits = load_thresholds(pictures=any(record.sights is not None for record in records))
-    setting = replace(setting_of(model), foreign=is_foreign(records, model))
-    if setting.foreign:
-        records = [coarsened(record, model) for record in records]
-        limits = limits.times(FOREIGN, "this vehicle's equations are another's")
+    setting = replace(setting_of(model), out_of_model=is_out_of_model(records, model))
+    if setting.out_of_model:
+        records = [with_coarser_noise(record, model) for record in records]
+        limits = limits.times(OUT_OF_MODEL, "this vehicle's equations are another's")
     elif any_holds_heading(records):
-        limits = limits.times(STEERED, "a controller's sticks tell more than its instruments")
+        limits = limits.times(CLOSED_LOOP, "a controller's sticks tell more than its instruments")
     records, strays = _filtered(records, setting, progress)
-    records, late = without_jitter(records, setting) if not setting.foreign else (records, [])
+    records, late = without_jitter(records, setting) if not setting.out_of_model else (records, [])
     records, odd = without_dead_zone(records)
     odd = [*late, *odd]
-    if not setting.foreign and comb_of(records) is None:
+    if not setting.out_of_model and comb_of(records) is None:
         records, steps = without_boxes(records, setting)
         odd = [*odd, *steps]
     return _Prepared(list(records), setting, limits, strays, odd)
 
 
-def _explained(given: _Prepared, progress: Progress) -> _Explained:
-    setting = given.setting
-    found = search(given.records, setting, given.limits, progress)
+def _explained(prepared: _Prepared, progress: Progress) -> _Explained:
+    setting = prepared.setting
+    found = search(prepared.records, setting, prepared.limits, progress)
     records = found.records
-    found = confirmed(records, found, setting)
+    found = confirmed_terms(records, found, setting)
     posterior = posterior_of(found)
     likeliest = _likeliest(records, found, posterior)
     belief = _belief(likeliest)
@@ -156,42 +168,42 @@ def _explained(given: _Prepared, progress: Progress) -> _Explained:
         told = replace(told, chosen=tuple(e for e in told.chosen if e.name not in refuted))
         belief = _belief(told)
     best = None
-    if setting.foreign and told.chosen and len(records) > 1:
-        best = flown(records, belief, told.first.setting, told, progress)
+    if setting.out_of_model and told.chosen and len(records) > 1:
+        best = fit_rollouts(records, belief, told.first.setting, told, progress)
         told, belief = replace(told, chosen=best.chosen), best.setting
     return _Explained(told, belief, posterior if told is found else posterior_of(told), doubts, best)
 
 
 def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Criticism:
-    given = _prepared(records, model, progress)
-    explained = _explained(given, progress)
-    records, limits = explained.found.records, given.limits
+    prepared = _prepared(records, model, progress)
+    explained = _explained(prepared, progress)
+    records, limits = explained.found.records, prepared.limits
     found, belief, doubts, best = explained.found, explained.belief, explained.doubts, explained.best
     posterior = explained.posterior
-    odd = [*given.odd, *oddities(records, found.last.sums.passes)]
+    odd = [*prepared.odd, *oddities(records, found.last.fisher.passes)]
     rolled_out = Tally(progress, "roll out", 2)
     with rolled_out.part():
-        together = held_out(records, found, given.setting) if any(map(named, found.chosen)) else None
-        fitted = causes_of(records, given.setting, found, posterior, together, best) if together else ()
-    left = found.last.standing(found.chosen, found.last.shapes)
+        together = held_out(records, found, prepared.setting) if any(map(is_term, found.chosen)) else None
+        fitted = causes_of(records, prepared.setting, found, posterior, together, best) if together else ()
+    left = found.last.score_tests(found.chosen, found.last.patterns)
     left = sorted(left, key=lambda s: -s.z)
-    shape_z = beside(limits.shapes, max((c.z for c in fitted), default=0.0))
-    left_z = max((s.z for s in left[:1] if s.z > shape_z), default=0.0)
-    likely, faint = weighed(fitted, found, posterior, doubts, left_z)
+    pattern_z = with_misfit(limits.patterns, max((c.z for c in fitted), default=0.0))
+    left_z = max((s.z for s in left[:1] if s.z > pattern_z), default=0.0)
+    likely, faint = split_by_probability(fitted, found, posterior, doubts, left_z)
     # What an oddity leaves of its term in streams that it cannot mend is the same cause.
     likely = tuple(cause for cause in likely if cause.name not in {o.name for o in odd})
-    causes = in_order([*likely, *(o.cause() for o in odd)])
-    shape_z = beside(limits.shapes, max((c.z for c in causes), default=0.0))
+    causes = by_importance([*likely, *(o.cause() for o in odd)])
+    pattern_z = with_misfit(limits.patterns, max((c.z for c in causes), default=0.0))
     verdict, equivalents, remainder = decide(
-        causes, found, posterior, left, _left_over(records, explained, (causes, faint)), shape_z,
+        causes, found, posterior, left, _left_over(records, explained, (causes, faint)), pattern_z,
         [name for o in odd for name in ENTAILS.get(o.name, ())],
     )  # fmt: skip
     seen = detectable(found.first, limits.effects)
     everything = seen | smallest_in_readings(records)
     if verdict == "nothing_wrong" and len(within_reach(seen)) < FEWEST_SHOWN:
-        reason = untested(records, list(within_reach(seen)))
+        reason = untested_reason(records, list(within_reach(seen)))
         return Criticism(
-            "unusable", reason, dropped=tuple(given.strays), detectable=seen, threshold=limits.effects,
+            "unusable", reason, dropped=tuple(prepared.strays), detectable=seen, threshold=limits.effects,
             threshold_means=limits.meaning, model=model,
         )  # fmt: skip
     if verdict == "unknown" and not causes:
@@ -211,22 +223,22 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
             found, posterior.probability | {c.name: c.probability for c in causes}, [o.cause() for o in odd]
         ),
         confusable=confusable(found.first),
-        shapes=tuple((s.effect.name, s.z) for s in left[:SHOWN_SHAPES]),
-        nuisances=nuisances_told(found, best),
+        patterns=tuple((s.effect.name, s.z) for s in left[:SHOWN_PATTERNS]),
+        nuisances=fitted_nuisances(found, best),
         noise_correlation=colour,
         checks=checks(records, found.last),
         covariate=drawn,
-        dropped=tuple(given.strays),
+        dropped=tuple(prepared.strays),
         threshold=limits.effects,
         threshold_means=limits.meaning,
         model=model,
-        extended=extended_by(causes, odd, model, belief, records),
+        extended=extended_with_causes(causes, odd, model, belief, records),
         unseen={} if together is None else _unseen(records, model, together, best, causes, odd),
     )
 
 
 def _covariate(
-    records: Sequence[Record], belief: Setting, found: Search, causes: Sequence[Cause]
+    records: Sequence[Record], belief: Setting, found: SearchResult, causes: Sequence[Cause]
 ) -> Covariate | None:
     """Of the leading cause and its rival."""
     if not causes:
@@ -240,41 +252,49 @@ def _filtered(
     """The records beside a healthy run of each, and what pictures were left out as none of that run's."""
     flights = Tally(progress, "filter", len(records))
 
-    def beside(record: Record) -> tuple[Record, str]:
+    def prepared(record: Record) -> tuple[Record, str]:
         return without_strays(referred(record, setting), setting)
 
-    found = in_threads(flights.counting(beside), records)
+    found = in_threads(flights.counting(prepared), records)
     return [record for record, _ in found], [told for _, told in found if told]
 
 
-def _likeliest(records: Sequence[Record], found: Search, posterior: Posterior) -> Search:
+def _likeliest(records: Sequence[Record], found: SearchResult, posterior: Posterior) -> SearchResult:
     """The search with what is likelier in place of a chosen term, if any is: another term, or two."""
-    other = likelier(found, posterior)
+    other = likelier_term(found, posterior)
     if other is not None:
         place, name = other
-        found = exchanged(records, found, place, [(e,) for e in found.last.effects if e.name == name])
+        found = with_term_replaced(
+            records, found, place, [(e,) for e in found.last.effects if e.name == name]
+        )
     for place in found.chosen:
         if pairs := likelier_pairs(found, place):
-            found = exchanged(records, found, place, pairs)
+            found = with_term_replaced(records, found, place, pairs)
         if place not in found.chosen:
             break
     return found
 
 
 def _left_over(
-    records: Sequence[Record], explained: _Explained, weighed: tuple[Sequence[Cause], Sequence[Cause]]
+    records: Sequence[Record],
+    explained: _Explained,
+    judged: tuple[Sequence[Cause], Sequence[Cause]],
 ) -> list[str]:
     """What no cause explains, in words, but for shapes.
 
-    ``weighed``: the causes that are told, and those that are too faint.
+    ``judged``: the causes that are told, and those that are too faint.
     """
     found, doubts, best = explained.found, explained.doubts, explained.best
-    told, faint = ({c.name for c in causes} for causes in weighed)
-    passes = found.last.sums.passes
+    told, faint = ({c.name for c in causes} for causes in judged)
+    passes = found.last.fisher.passes
     shaking, uneven = vibration_of(records, passes), uneven_of(records)
-    walls = [e.name for e in found.chosen if is_wall(e) and found.rivals.get(e.name) and found.model.foreign]
+    saturations = [
+        e.name
+        for e in found.chosen
+        if is_saturation(e) and found.rivals.get(e.name) and found.model.out_of_model
+    ]
     return [
-        *(f"{name} may be {' or '.join(found.rivals[name])}" for name in walls),
+        *(f"{name} may be {' or '.join(found.rivals[name])}" for name in saturations),
         *(f"{n if n in told else f'what looks like {n}'} {doubt}" for n, doubt in doubts.items()),
         *(best.odd if best is not None else ()),
         *([str(shaking)] if shaking else []),
@@ -284,26 +304,26 @@ def _left_over(
     ]
 
 
-def _nearest(found: Search, threshold: float) -> list[str]:
+def _nearest(found: SearchResult, threshold: float) -> list[str]:
     """The term that stands out most on the healthy vehicle, where it is half of what is asked for."""
-    known = [s for s in found.first.standing([], found.first.effects) if named(s.effect)]
+    known = [s for s in found.first.score_tests([], found.first.effects) if is_term(s.effect)]
     best = max(known, key=lambda s: s.z, default=None)
     if best is None or best.z < 0.5 * threshold:
         return []
     return [f"nearest is {best.effect.name}, by {best.z:.1f} sigma where {threshold:.1f} are asked for"]
 
 
-def _belief(found: Search) -> Setting:
-    return taken(found.last, found.last.parabola.answer(found.chosen).whole, found.chosen)
+def _belief(found: SearchResult) -> Setting:
+    return with_step(found.last, found.last.quadratic.maximise(found.chosen).whole, found.chosen)
 
 
 def _unseen(
-    records: Sequence[Record], model: Model, together: HeldOut, best: Flown | None,
+    records: Sequence[Record], model: Model, together: HeldOut, best: RolloutFit | None,
     causes: Sequence[Cause], odd: Sequence[Oddity],
 ) -> dict[str, Model]:  # fmt: skip
     """For each flight the model that all others make; none where stretches were held out, of all flights."""
     if together.by != "flight":
         return {}
     after = together.after if best is None else best.left_out
-    made = (extended_by(causes, odd, model, belief, records) for belief in after)
+    made = (extended_with_causes(causes, odd, model, belief, records) for belief in after)
     return {record.name: extended for record, extended in zip(records, made, strict=True)}

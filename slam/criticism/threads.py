@@ -7,11 +7,11 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 WORKERS = 2
-Given = TypeVar("Given")
-Made = TypeVar("Made")
+Input = TypeVar("Input")
+Output = TypeVar("Output")
 
 
-def in_threads(job: Callable[[Given], Made], given: Sequence[Given]) -> list[Made]:
+def in_threads(job: Callable[[Input], Output], inputs: Sequence[Input]) -> list[Output]:
     """The jobs' results in order."""
     with ThreadPoolExecutor(WORKERS) as pool:
-        return list(pool.map(job, given))
+        return list(pool.map(job, inputs))

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from slam.criticism.cause import Gain
-    from slam.criticism.verdict.covariate import Covariate, Misses
+    from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
     from slam.criticism.verdict.criticism import ChannelCheck, Criticism
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ def covariate_picture(found: Covariate) -> bytes:
     return png(figure)
 
 
-def _draw_misses(axes: Axes, misses: Misses, found: Covariate) -> None:
+def _draw_misses(axes: Axes, misses: ChannelResiduals, found: Covariate) -> None:
     x, plain = misses.explained, misses.missed[""]
     some = np.unique(np.linspace(0, len(x) - 1, MOST_DOTS).astype(np.int64))
     axes.plot(x[some], plain[some], ".", color=GREY, markersize=3, alpha=0.5)

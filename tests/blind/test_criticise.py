@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import slam
-from slam.criticism.search import look
+from slam.criticism.search import expansion
 from slam.criticism.search.effects import effects_for
 from slam.io.flight_folder import read_flight
 from tests.blind.cases import Case, make
@@ -151,7 +151,7 @@ def test_a_term_that_is_taken_out_of_the_catalogue_is_unknown_and_not_misnamed(
     def without(records: Any, setting: Any) -> list[Any]:
         return [effect for effect in effects_for(records, setting) if effect.name != fault]
 
-    monkeypatch.setattr(look, "effects_for", without)
+    monkeypatch.setattr(expansion, "effects_for", without)
     found = slam.criticise([read_flight(f) for f in case.flights])
     assert fault not in {cause.name for cause in found.causes}
     assert found.verdict in FLAGS, found.sentence

@@ -39,7 +39,7 @@ class Setting:
     """Standard deviation of the stamps."""
     colour: Array = field(default_factory=lambda: np.zeros(len(INSTRUMENTS)))
     """(``readings.INSTRUMENTS``,) correlation of the noise of one sample with that of the next; 0: white."""
-    foreign: bool = False
+    out_of_model: bool = False
     """The vehicle is of another make: how restless it and its instruments are is not known beforehand."""
     camera: Array = field(default_factory=lambda: np.zeros(len(CAMERA)))
     """(``optics.CAMERA``,)."""

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.highlights import are_lamps
-from slam.criticism.cause import Cause, Gain, Interval, drawn_again
+from slam.criticism.cause import Cause, Gain, Interval, bootstrap_interval
 from slam.criticism.kalman.filter import OUTLIER, USED
 from slam.criticism.kalman.innovations import Pass
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import Record
 from slam.criticism.residuals.comb import STEP_STD_M, comb_of, nats_by_others, ranges_of
-from slam.criticism.search.occam import ONE_OF_ALL, occam
+from slam.criticism.search.evidence import ONE_OF_ALL, parameter_cost
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
@@ -64,9 +64,9 @@ class Oddity:
     def cause(self) -> Cause:
         """As the verdict tells it."""
         total = sum(self.nats)
-        lead = total - occam(1) - ONE_OF_ALL
+        lead = total - parameter_cost(1) - ONE_OF_ALL
         parts, by = (self.foretold, "flight") if self.foretold else (self.nats, None)
-        gain = Gain(sum(parts), drawn_again(np.array(parts)), by, parts, ())
+        gain = Gain(sum(parts), bootstrap_interval(np.array(parts)), by, parts, ())
         probability = float(1.0 / (1.0 + np.exp(-min(lead, 700.0))))
         return Cause(
             self.name, probability, self.parameters, gain, float(np.sqrt(2 * max(total, 0.0))), float(lead)

@@ -11,9 +11,9 @@ from slam.criticism.kalman.optics import CAMERA
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
+from slam.criticism.search.evidence import VERY_SIMILAR_NATS
+from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest
 from slam.criticism.search.fitting import refit
-from slam.criticism.search.look import Look, Standing
-from slam.criticism.search.occam import VERY_SIMILAR_NATS
 from slam.simulation.terms import CATALOGUE
 
 CANDIDATES = 5
@@ -28,7 +28,7 @@ class _Fit(NamedTuple):
     setting: Setting
 
 
-class Tried(NamedTuple):
+class BestCandidate(NamedTuple):
     """The candidate that explains most once each is fitted with the filter run anew."""
 
     effect: Effect
@@ -40,29 +40,29 @@ class Tried(NamedTuple):
     """As ``Search.leads``."""
 
 
-def tried(
+def best_candidate(
     records: Sequence[Record],
     model: Setting,
-    look: Look,
+    expansion: LikelihoodExpansion,
     chosen: Sequence[Effect],
-    ranked: Sequence[Standing],
+    ranked: Sequence[ScoreTest],
     tries: Tally,
-) -> Tried:
+) -> BestCandidate:
     """Fit each of the best of ``ranked`` beside the chosen terms, and choose the one that explains most.
 
     Of two that explain the same it is the one with fewer numbers.
     """
-    named: dict[str, Standing] = {}
-    for standing in ranked:
-        named.setdefault(standing.effect.name + str(len(standing.effect.columns)), standing)
+    named: dict[str, ScoreTest] = {}
+    for test in ranked:
+        named.setdefault(test.effect.name + str(len(test.effect.columns)), test)
     if ranked[0].effect.columns[0] in CAMERA:
         # Pictures are nearly linear: what explains little beside the best in one look is none.
         named = {k: v for k, v in named.items() if v.nats > WORTH_A_FIT * ranked[0].nats}
-    base, _ = refit(records, model, look.setting, chosen)
+    base, _ = refit(records, model, expansion.setting, chosen)
     fits = []
-    for standing in tries.each(list(named.values())[:CANDIDATES]):
-        nats, setting = refit(records, model, look.setting, [*chosen, standing.effect])
-        fits.append(_Fit(replace(standing, nats=nats - base).worth, standing.effect, setting))
+    for test in tries.each(list(named.values())[:CANDIDATES]):
+        nats, setting = refit(records, model, expansion.setting, [*chosen, test.effect])
+        fits.append(_Fit(replace(test, nats=nats - base).worth, test.effect, setting))
     alike = max(fit.worth for fit in fits) - VERY_SIMILAR_NATS
     best = min((f for f in fits if f.worth > alike), key=lambda f: (len(f.effect.columns), -f.worth))
     known = [fit for fit in fits if fit.effect.name in CATALOGUE]
@@ -70,4 +70,4 @@ def tried(
     leads = {(best.effect.label, f.effect.label): best.worth - f.worth for f in known if f is not best}
     if best.effect.name not in CATALOGUE:
         leads = {}
-    return Tried(best.effect, best.setting, tuple(sorted(rivals)), leads)
+    return BestCandidate(best.effect, best.setting, tuple(sorted(rivals)), leads)

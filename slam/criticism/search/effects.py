@@ -18,8 +18,8 @@ from slam.criticism.kalman.record import Record, any_holds_heading, any_turns
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
-from slam.criticism.search.columns import column_of
-from slam.criticism.search.information import Change
+from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.criticism.search.information import NoiseChange
 from slam.criticism.search.nuisances import NUISANCES
 from slam.simulation.dynamics import GAIN, MAX_TILT, PARAMETERS, TILT_LIMIT
 from slam.simulation.terms import CATALOGUE
@@ -31,7 +31,7 @@ class Effect:
 
     name: str
     directions: tuple[Direction, ...] = ()
-    changes: tuple[Change, ...] = ()
+    changes: tuple[NoiseChange, ...] = ()
     parameters: tuple[str, ...] = ()
     """Of the term, one for each column."""
     positive: bool = False
@@ -111,15 +111,15 @@ def effects_for(records: Sequence[Record], setting: Setting) -> list[Effect]:
         found += _of_camera()
     found.append(_plain("active_braking", (("lean", 1e-2),)))
     found += _tilt_limits(records, setting)
-    if not setting.foreign:
+    if not setting.out_of_model:
         found += [_gusts(tau) for tau in GUST_TIMES_S]
-        found += late_readings(records)
-        jitter = Change("timestamp_jitter.var", _jittered, 1.0)
+        found += delayed_readings(records)
+        jitter = NoiseChange("timestamp_jitter.var", _jittered, 1.0)
         found.append(Effect("timestamp_jitter", (), (jitter,), ("sigma",), True))
     return found
 
 
-def late_readings(records: Sequence[Record]) -> list[Effect]:
+def delayed_readings(records: Sequence[Record]) -> list[Effect]:
     """Instruments that read what was a moment ago, where no term of the catalogue stands for that."""
     return [
         Effect(name, (parameter_direction(parameter, DELAY_STEP_S),))
@@ -128,7 +128,7 @@ def late_readings(records: Sequence[Record]) -> list[Effect]:
     ]
 
 
-def relaxations(foreign: bool = False) -> list[Effect]:
+def relaxed_nuisances(out_of_model: bool = False) -> list[Effect]:
     """Nuisances beyond their healthy range, where no term of the catalogue stands for that.
 
     A foreign vehicle's restlessness is not known, and not free either: unrest explains any flight.
@@ -136,11 +136,11 @@ def relaxations(foreign: bool = False) -> list[Effect]:
     return [
         Effect(f"{n.name} out of range", relaxes=(n.name,))
         for n in NUISANCES
-        if n.name != "vehicle.attitude_time_s" and (n.kind == "mean" or not foreign)
+        if n.name != "vehicle.attitude_time_s" and (n.kind == "mean" or not out_of_model)
     ]
 
 
-def plausible(name: str, parameter: str) -> tuple[float, float]:
+def plausible_range(name: str, parameter: str) -> tuple[float, float]:
     """Values that a term may have at all: three times what is usual about its neutral value."""
     limits = CATALOGUE[name].parameter(parameter)
     reach = PLAUSIBLE * max(abs(limits.high - limits.neutral), abs(limits.low - limits.neutral))
@@ -149,7 +149,7 @@ def plausible(name: str, parameter: str) -> tuple[float, float]:
 
 def catalogue_value(effect: Effect, column: int, step: float, setting: Setting, held: float) -> float:
     """A column's number in the catalogue's units: what the belief holds of it and a step on top."""
-    return column_of(effect.columns[column]).in_catalogue(held + step, setting)
+    return fitted_parameter(effect.columns[column]).in_catalogue_units(held + step, setting)
 
 
 def _plain(name: str, steps: tuple[tuple[str, float], ...]) -> Effect:
@@ -210,7 +210,7 @@ def _gusts(tau: float) -> Effect:
         hold[GUST_STD], hold[GUST_TIME] = np.sqrt(hold[GUST_STD] ** 2 + step), tau
         return replace(s, hold=hold)
 
-    return Effect("gusts", (), (Change(f"gusts@{tau:g}", blown, step),), ("sigma",), True)
+    return Effect("gusts", (), (NoiseChange(f"gusts@{tau:g}", blown, step),), ("sigma",), True)
 
 
 def _jittered(s: Setting) -> Setting:

@@ -7,12 +7,12 @@ from math import pi
 
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction
-from slam.criticism.search.columns import AT, column_of
 from slam.criticism.search.effects import LATENCY_STEP_S, Effect
+from slam.criticism.search.fitted_parameters import AT, fitted_parameter
 from slam.simulation.dynamics import TILT_LIMIT
 
 
-def settled(effect: Effect) -> Effect:
+def with_free_value(effect: Effect) -> Effect:
     """The effect as it is tried about a belief that holds it: a value on a grid becomes free."""
     if effect.name == "control_latency":
         return replace(effect, directions=(Direction("control_latency.T", "latency", 0, LATENCY_STEP_S),))
@@ -21,36 +21,36 @@ def settled(effect: Effect) -> Effect:
     return effect
 
 
-def on_grid(effect: Effect) -> bool:
+def is_profiled(effect: Effect) -> bool:
     """Whether an effect is tried at fixed values: it has a size only once it is fitted."""
     return AT in effect.columns[0] and not effect.changes
 
 
-def entered(effect: Effect, setting: Setting) -> Setting:
+def at_profiled_value(effect: Effect, setting: Setting) -> Setting:
     """The belief that takes an effect at the value of the grid that it was tried at."""
-    if on_grid(effect):
-        return column_of(effect.columns[0]).moved(setting, 1.0)
+    if is_profiled(effect):
+        return fitted_parameter(effect.columns[0]).stepped(setting, 1.0)
     return setting
 
 
-def is_wall(effect: Effect) -> bool:
+def is_saturation(effect: Effect) -> bool:
     """Whether an effect saturates: its derivative at the limit does not tell what removing the limit does."""
     return effect.name == "tilt_limit"
 
 
-def taken_down(wall: Effect, setting: Setting) -> Setting:
+def without_saturation(saturation: Effect, setting: Setting) -> Setting:
     """The belief without a wall."""
-    assert is_wall(wall)
+    assert is_saturation(saturation)
     parameters = setting.parameters.copy()
     parameters[TILT_LIMIT] = pi / 2
     return replace(setting, parameters=parameters)
 
 
-def taken_out(effect: Effect, setting: Setting) -> Setting:
+def without_effect(effect: Effect, setting: Setting) -> Setting:
     """The belief without a term; a nuisance beyond its range stays where it is."""
-    if is_wall(effect):
-        return taken_down(effect, setting)
+    if is_saturation(effect):
+        return without_saturation(effect, setting)
     for name in (*(d.name for d in effect.directions), *(c.name for c in effect.changes)):
-        column = column_of(name)
-        setting = column.moved(setting, -column.held(setting))
+        column = fitted_parameter(name)
+        setting = column.stepped(setting, -column.value_in(setting))
     return setting

@@ -36,7 +36,7 @@ PARTED = 0.1
 
 
 @dataclass(frozen=True)
-class Change:
+class NoiseChange:
     """A change of the restlessness, by a difference of two runs of the filter."""
 
     name: str
@@ -46,13 +46,13 @@ class Change:
     """Or else only in the first flights, of ``ENOUGH_S`` together: it shows in all alike."""
 
 
-def weight_of(name: str) -> str:
+def gain_column(name: str) -> str:
     """Column of what a change of the restlessness does to the mean alone: how much the filter believes."""
     return f"weight of {name}"
 
 
 @dataclass(frozen=True)
-class Sums:
+class FisherInformation:
     """Per stretch of the flights: score and information of all columns."""
 
     columns: tuple[str, ...]
@@ -86,15 +86,15 @@ class _VarianceWeight(NamedTuple):
     """Mean of e^2 of a Gaussian that is cut likewise, so that outliers do not count as noise."""
 
 
-def sums_of(
+def fisher_information(
     records: Sequence[Record],
     setting: Setting,
     directions: Sequence[Direction],
-    changes: Sequence[Change],
+    changes: Sequence[NoiseChange],
     signals: Sequence[dict[str, Signal]] | None = None,
     plain: Sequence[Pass] = (),
     weighed: Sequence[str] = (),
-) -> Sums:
+) -> FisherInformation:
     """Run the filter over the flights, once with all directions and once for each change.
 
     ``plain`` are runs under ``setting`` itself, where they are known already. Of the changes ``weighed``
@@ -121,8 +121,8 @@ def sums_of(
 
     parts, passes = zip(*in_threads(one, range(len(records))), strict=True)
     flat = [part for flight in parts for part in flight]
-    return Sums(
-        (*(d.name for d in directions), *(c.name for c in changes), *map(weight_of, weighed)),
+    return FisherInformation(
+        (*(d.name for d in directions), *(c.name for c in changes), *map(gain_column, weighed)),
         np.repeat(np.arange(len(records)), [len(flight) for flight in parts]),
         np.array([information for information, _, _ in flat]),
         np.array([score for _, score, _ in flat]),

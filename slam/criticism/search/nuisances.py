@@ -17,7 +17,7 @@ from slam.criticism.kalman.readings import INSTRUMENT_CHANNELS, INSTRUMENTS
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.kalman.transition import HOLD
-from slam.criticism.search.information import weight_of
+from slam.criticism.search.information import gain_column
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class Nuisance:
 
 FIFTH = 0.225
 """20 % either way: a logarithm reaches further down than up."""
-MOST_COLOUR = 0.95
+MAX_AR1 = 0.95
 NUISANCES = (
     Nuisance("vehicle.gain", "1", "mean", (), 0.05, True, 1e-3),
     Nuisance("vehicle.drag_1_s", "1/s", "mean", (), 0.10, True, 1e-3),
@@ -59,17 +59,17 @@ NUISANCES = (
         for name, channels in zip(INSTRUMENTS, INSTRUMENT_CHANNELS, strict=True)
     ),
 )
-COLOURS = tuple(
-    Nuisance(f"{name}_colour", "1", "colour", (k,), MOST_COLOUR) for k, name in enumerate(INSTRUMENTS)
+AR1_COEFFICIENTS = tuple(
+    Nuisance(f"{name}_colour", "1", "colour", (k,), MAX_AR1) for k, name in enumerate(INSTRUMENTS)
 )
 """Correlations of successive samples: fitted where noise is not white, not always."""
 TAILS = 0.16
-FOREIGN_NOISE = 4.0
+OUT_OF_MODEL_NOISE = 4.0
 """Reach of the logarithms upwards where a vehicle's instruments are not the model's: a factor of 50."""
-MEAN = tuple(n for n in NUISANCES if n.kind == "mean")
-RESTLESS = tuple(n for n in NUISANCES if n.kind != "mean")
-WEIGHED = tuple(n.name for n in RESTLESS)
-WEIGHTS = tuple(Nuisance(weight_of(name), "1", "weight", (), TAILS) for name in WEIGHED)
+MEAN_NUISANCES = tuple(n for n in NUISANCES if n.kind == "mean")
+NOISE_NUISANCES = tuple(n for n in NUISANCES if n.kind != "mean")
+GAIN_CORRECTED = tuple(n.name for n in NOISE_NUISANCES)
+GAIN_NUISANCES = tuple(Nuisance(gain_column(name), "1", "weight", (), TAILS) for name in GAIN_CORRECTED)
 """How far the filter's gains are off by themselves: one Gaussian size cannot give both the scatter and the
 best gain of noise with heavy tails, and what a wrong gain leaves looks like a target that goes with tilt."""
 
@@ -101,7 +101,7 @@ def with_value(nuisance: Nuisance, setting: Setting, x: float) -> Setting:
         entries: list[int] = [direction.entry]
         size = x
     elif nuisance.kind == "colour":
-        where, entries, size = "colour", list(nuisance.entry), min(max(x, 0.0), MOST_COLOUR)
+        where, entries, size = "colour", list(nuisance.entry), min(max(x, 0.0), MAX_AR1)
     else:
         where = "hold" if nuisance.kind == "hold" else "noise_factor"
         entries, size = list(nuisance.entry), float(np.exp(x))
@@ -116,9 +116,9 @@ def limits_of(nuisance: Nuisance, model: Setting) -> tuple[float, float]:
     reach = nuisance.reach * abs(centre) if nuisance.relative else nuisance.reach
     # Noise with heavy tails looks smaller than it is once its outliers are cut.
     tails = TAILS if nuisance.kind == "noise" else 0.0
-    if model.foreign and nuisance.kind == "noise":
+    if model.out_of_model and nuisance.kind == "noise":
         # No reading of a foreign vehicle is judged finer than the model's own instruments.
-        return centre - reach - tails, centre + FOREIGN_NOISE
+        return centre - reach - tails, centre + OUT_OF_MODEL_NOISE
     return centre - reach - tails, centre + reach
 
 

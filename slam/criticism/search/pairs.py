@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.inclusion import on_grid
-from slam.criticism.search.look import Look, Standing, backwards
-from slam.criticism.search.occam import occam
+from slam.criticism.search.evidence import parameter_cost
+from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest, backwards
+from slam.criticism.search.inclusion import is_profiled
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.thresholds import Thresholds
 from slam.simulation.terms import CATALOGUE
@@ -34,39 +34,47 @@ class Pair(NamedTuple):
     @property
     def worth(self) -> float:
         """Nats less what the numbers cost."""
-        return self.nats - sum(occam(len(e.columns)) for e in self.terms)
+        return self.nats - sum(parameter_cost(len(e.columns)) for e in self.terms)
 
 
-def pairs_beside(look: Look, rest: Sequence[Effect], without: Effect | None = None) -> list[Pair]:
+def ranked_pairs(
+    expansion: LikelihoodExpansion, rest: Sequence[Effect], without: Effect | None = None
+) -> list[Pair]:
     """All pairs of terms that move the mean of readings and have a slope, best first; ``without`` in none."""
     taken = [*rest, without] if without is not None else rest
     known = [
-        e for e in look.effects
-        if e.name in CATALOGUE and e.directions and not on_grid(e) and not any(e.repeats(t) for t in taken)
+        e for e in expansion.effects
+        if e.name in CATALOGUE and e.directions and not is_profiled(e) and not any(map(e.repeats, taken))
     ]  # fmt: skip
-    base = look.parabola.answer(rest).nats
+    base = expansion.quadratic.maximise(rest).nats
     found = []
     for one, other in combinations(known, 2):
-        answer = look.parabola.answer([*rest, one, other])
-        if not (one.repeats(other) or backwards(one, look, answer) or backwards(other, look, answer)):
-            found.append(_pair((one, other), answer.nats - base))
+        maximum = expansion.quadratic.maximise([*rest, one, other])
+        if not (
+            one.repeats(other) or backwards(one, expansion, maximum) or backwards(other, expansion, maximum)
+        ):
+            found.append(_pair((one, other), maximum.nats - base))
     return sorted(found, key=lambda pair: -pair.worth)
 
 
-def hidden_pair(look: Look, limits: Thresholds, alone: Sequence[Standing] = ()) -> Two | None:
+def masked_pair(
+    expansion: LikelihoodExpansion, limits: Thresholds, alone: Sequence[ScoreTest] = ()
+) -> Two | None:
     """The best pair of which one term does not stand out without the other, and which explains more than what
     stands out ``alone``, best first; None where there is none."""
     least = max((s.worth for s in alone), default=-np.inf) + np.log(len(CATALOGUE))
-    worthy = (pair for pair in pairs_beside(look, []) if pair.worth > least and pair.z >= limits.pairs)
-    return next((pair.terms for pair in worthy if hide_each_other(look, pair.terms, limits)), None)
+    worthy = (pair for pair in ranked_pairs(expansion, []) if pair.worth > least and pair.z >= limits.pairs)
+    return next((pair.terms for pair in worthy if mask_each_other(expansion, pair.terms, limits)), None)
 
 
-def hide_each_other(look: Look, two: Sequence[Effect], limits: Thresholds) -> bool:
+def mask_each_other(expansion: LikelihoodExpansion, two: Sequence[Effect], limits: Thresholds) -> bool:
     """Whether two terms stand out together, each beside the other, and one of them not alone."""
     one, other = two
-    together = _pair((one, other), look.parabola.answer(two).nats - look.parabola.answer([]).nats)
-    alone = min(look.standing([], [e])[0].z for e in two)
-    beside = min(look.standing([one], [other])[0].z, look.standing([other], [one])[0].z)
+    together = _pair(
+        (one, other), expansion.quadratic.maximise(two).nats - expansion.quadratic.maximise([]).nats
+    )
+    alone = min(expansion.score_tests([], [e])[0].z for e in two)
+    beside = min(expansion.score_tests([one], [other])[0].z, expansion.score_tests([other], [one])[0].z)
     return alone < limits.effects <= beside and together.z >= limits.pairs
 
 
@@ -75,4 +83,4 @@ def _pair(terms: Two, nats: float) -> Pair:
     return Pair(terms, nats, deviate(2 * nats, sum(len(e.columns) for e in terms)))
 
 
-__all__ = ["Pair", "hidden_pair", "hide_each_other", "pairs_beside"]
+__all__ = ["Pair", "mask_each_other", "masked_pair", "ranked_pairs"]

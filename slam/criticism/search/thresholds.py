@@ -17,7 +17,7 @@ class Thresholds:
 
     effects: float
     """For the greatest of all terms."""
-    shapes: float
+    patterns: float
     """For the greatest of the dictionary."""
     second: float
     """For one more term beside one that was found."""
@@ -29,7 +29,7 @@ class Thresholds:
     def times(self, factor: float, why: str) -> Thresholds:
         """All of them higher, and ``why``."""
         return Thresholds(
-            factor * self.effects, factor * self.shapes, factor * self.second, factor * self.pairs,
+            factor * self.effects, factor * self.patterns, factor * self.second, factor * self.pairs,
             f"{factor:g} times {self.meaning}, as {why}",
         )  # fmt: skip
 
@@ -50,7 +50,7 @@ MISFIT = 0.05
 """No equation of the catalogue tells what a real effect does to a smaller share of it."""
 
 
-def beside(threshold: float, greatest: float) -> float:
+def with_misfit(threshold: float, greatest: float) -> float:
     """What must be exceeded beside a cause that stands out by ``greatest``: what its own misfit makes
     included."""
     return float(np.hypot(threshold, MISFIT * greatest))

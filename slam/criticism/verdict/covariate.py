@@ -18,11 +18,11 @@ from slam.criticism.kalman.readings import BEYOND_IMU, CHANNEL_UNITS, CHANNELS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.fitting import cut, refit
-from slam.criticism.search.inclusion import is_wall, taken_out
-from slam.criticism.search.search import LINEAR_Z, SHORT_S, Search
+from slam.criticism.search.fitting import first_seconds, refit
+from slam.criticism.search.inclusion import is_saturation, without_effect
+from slam.criticism.search.search import LINEAR_Z, SHORT_S, SearchResult
 from slam.criticism.threads import in_threads
-from slam.criticism.verdict.heldout import taken
+from slam.criticism.verdict.held_out import with_step
 from slam.criticism.verdict.rollouts import misses_of
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ AHEAD_S = 2.0
 
 
 @dataclass(frozen=True)
-class Misses:
+class ChannelResiduals:
     """One channel over two seconds ahead, against what one cause makes of it."""
 
     cause: str
@@ -51,12 +51,12 @@ class Covariate:
     cause: str
     rival: str
     """Empty where there is none, or roll-outs cannot have it."""
-    against: tuple[Misses, ...]
+    against: tuple[ChannelResiduals, ...]
     """The leading cause's covariate, and the rival's."""
 
 
 def covariate(
-    records: Sequence[Record], belief: Setting, found: Search, cause: str, rival: str, z: float
+    records: Sequence[Record], belief: Setting, found: SearchResult, cause: str, rival: str, z: float
 ) -> Covariate | None:
     """The covariates of ``cause``, one of the chosen, which stands out by ``z``, and of its ``rival``; None
     where roll-outs do not show the cause.
@@ -67,13 +67,13 @@ def covariate(
     if effect is None or not (effect.directions or effect.relaxes):
         return None
     rest = [e for e in found.chosen if e is not effect]
-    short = [cut(record, SHORT_S / len(records)) for record in records]
+    short = [first_seconds(record, SHORT_S / len(records)) for record in records]
     other = _as_effect(rival, found, effect, rest)
 
     def believed(effects: list[Effect]) -> Setting:
-        if z < LINEAR_Z and not is_wall(effect):
-            return taken(found.last, found.last.parabola.answer(effects).whole, effects)
-        return refit(short, found.model, taken_out(effect, belief), effects)[1]
+        if z < LINEAR_Z and not is_saturation(effect):
+            return with_step(found.last, found.last.quadratic.maximise(effects).whole, effects)
+        return refit(short, found.model, without_effect(effect, belief), effects)[1]
 
     settings = {"": believed(rest), cause: belief}
     if other is not None:
@@ -93,16 +93,16 @@ def covariate(
     return Covariate(cause, rival if other is not None else "", against)
 
 
-def _as_effect(rival: str, found: Search, effect: Effect, rest: Sequence[Effect]) -> Effect | None:
+def _as_effect(rival: str, found: SearchResult, effect: Effect, rest: Sequence[Effect]) -> Effect | None:
     """Of the ways in which a rival may act that which explains most in a cause's place; how it is without a
     wall only the first look knows. None where roll-outs cannot have it."""
-    look, beside = (found.first, []) if is_wall(effect) else (found.last, list(rest))
-    ways = [e for e in look.effects if e.name == rival and (e.directions or e.relaxes)]
-    best = next(iter(look.standing(beside, ways)), None)
+    expansion, beside = (found.first, []) if is_saturation(effect) else (found.last, list(rest))
+    ways = [e for e in expansion.effects if e.name == rival and (e.directions or e.relaxes)]
+    best = next(iter(expansion.score_tests(beside, ways)), None)
     return best.effect if best is not None else None
 
 
-def _against(pooled: dict[str, dict[int, Array]], cause: str) -> Misses | None:
+def _against(pooled: dict[str, dict[int, Array]], cause: str) -> ChannelResiduals | None:
     """Of the channel of which the cause takes away the greatest share of what is missed without it."""
     shares = {}
     for channel, plain in pooled[""].items():
@@ -112,7 +112,7 @@ def _against(pooled: dict[str, dict[int, Array]], cause: str) -> Misses | None:
     if not shares:
         return None
     best = max(shares, key=lambda c: shares[c])
-    return Misses(
+    return ChannelResiduals(
         cause, CHANNELS[best], CHANNEL_UNITS[best], pooled[""][best] - pooled[cause][best],
         {name: of[best] for name, of in pooled.items()},
     )  # fmt: skip

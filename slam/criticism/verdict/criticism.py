@@ -55,7 +55,7 @@ class Criticism:
     ranking: tuple[Rank, ...] = ()
     confusable: tuple[tuple[str, str, float], ...] = ()
     """Pairs of terms whose traces in these flights correlate by more than 0.9, and by how much."""
-    shapes: tuple[tuple[str, float], ...] = ()
+    patterns: tuple[tuple[str, float], ...] = ()
     """Strongest shapes of the dictionary beside the causes, and their z."""
     nuisances: dict[str, Interval] = field(default_factory=dict)
     noise_correlation: dict[str, float] = field(default_factory=dict)
@@ -98,7 +98,7 @@ class Criticism:
             ],
             "noise_correlation": {n: _short(x) for n, x in self.noise_correlation.items()},
             "confusable": [{"names": [a, b], "cosine": round(c, 4)} for a, b, c in self.confusable],
-            "shapes": [{"name": name, "z": round(z, 2)} for name, z in self.shapes],
+            "shapes": [{"name": name, "z": round(z, 2)} for name, z in self.patterns],
             "nuisances": {n: _interval(x) for n, x in self.nuisances.items()},
             "checks": {
                 c.channel: {

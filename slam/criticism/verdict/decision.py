@@ -8,21 +8,21 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.cause import SURE, Cause, Gain, Interval, drawn_again
+from slam.criticism.cause import SURE, Cause, Gain, Interval, bootstrap_interval
 from slam.criticism.kalman.optics import POINTS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.search.columns import column_of
 from slam.criticism.search.effects import LATE, Effect, catalogue_value
-from slam.criticism.search.inclusion import is_wall
-from slam.criticism.search.look import Look, Standing
-from slam.criticism.search.search import Search
+from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest
+from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.criticism.search.inclusion import is_saturation
+from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.criticism import Verdict
-from slam.criticism.verdict.flown import FREE, Flown
-from slam.criticism.verdict.heldout import HeldOut, held_out
-from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, named, price
+from slam.criticism.verdict.held_out import HeldOut, held_out
+from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, is_term, required_nats
 from slam.criticism.verdict.reprojection import reprojection_errors
+from slam.criticism.verdict.rollout_fit import FREE, RolloutFit
 from slam.criticism.verdict.rollouts import roll_out_errors
 from slam.simulation.terms import CATALOGUE
 
@@ -45,18 +45,18 @@ chosen, and no noise is quite as it is taken to be. From 18 singles of
 ``python -m tests.blind.run --kinds single --seed 3 --flights 3 --seconds 30 --cases 33``."""
 
 
-def confirmed(records: Sequence[Record], found: Search, model: Setting) -> Search:
+def confirmed_terms(records: Sequence[Record], found: SearchResult, model: Setting) -> SearchResult:
     """The search without terms that held-out flights do not confirm: weakest first, each beside the others.
 
     A term that stands out by far stays, confirmed or not: something is there. Without any the flights are
     what they were to the healthy vehicle.
     """
     chosen = list(found.chosen)
-    while any(named(e) for e in chosen):
+    while any(is_term(e) for e in chosen):
         gains = []
         for effect in chosen:
             rest = [e for e in chosen if e is not effect]
-            if named(effect) and _standing_z(found, effect, rest) < PLAIN_Z:
+            if is_term(effect) and _standing_z(found, effect, rest) < PLAIN_Z:
                 tried = replace(found, chosen=tuple(chosen))
                 gains.append((held_out(records, tried, model, rest).total, effect))
         least = min(gains, key=lambda g: g[0], default=(np.inf, None))
@@ -66,28 +66,28 @@ def confirmed(records: Sequence[Record], found: Search, model: Setting) -> Searc
     return replace(found, last=found.last if chosen else found.first, chosen=tuple(chosen))
 
 
-def _standing_z(found: Search, effect: Effect, rest: Sequence[Effect]) -> float:
+def _standing_z(found: SearchResult, effect: Effect, rest: Sequence[Effect]) -> float:
     """How far a chosen term stands out beside the others; a wall by itself as from the healthy vehicle, and
     beside others by far: no look that has it in its belief tells."""
-    if not is_wall(effect):
-        return found.last.standing(rest, [effect])[0].z
+    if not is_saturation(effect):
+        return found.last.score_tests(rest, [effect])[0].z
     known = [e for e in found.first.effects if e.name == effect.name]
-    return np.inf if rest else max(s.z for s in found.first.standing([], known))
+    return np.inf if rest else max(s.z for s in found.first.score_tests([], known))
 
 
 def causes_of(
     records: Sequence[Record],
     model: Setting,
-    found: Search,
+    found: SearchResult,
     posterior: Posterior,
     all_together: HeldOut,
-    best: Flown | None = None,
+    best: RolloutFit | None = None,
 ) -> tuple[Cause, ...]:
     """The chosen terms of the catalogue, at the sizes that fly best where these are given.
 
     ``all_together``: what they gain on flights that were held out, over none of them.
     """
-    known = [e for e in found.chosen if named(e)]
+    known = [e for e in found.chosen if is_term(e)]
     after = all_together.after if best is None else best.left_out
     beliefs = (all_together.before, after)
     channels = roll_out_errors(records, *beliefs)
@@ -97,15 +97,18 @@ def causes_of(
     for effect in known:
         rest = [e for e in found.chosen if e is not effect]
         # How it is without a wall only the first look knows.
-        own = held_out(records, found, model, rest) if rest and not is_wall(effect) else all_together
+        own = held_out(records, found, model, rest) if rest and not is_saturation(effect) else all_together
         place = list(found.chosen).index(effect)
-        look, beside = (found.first, []) if is_wall(effect) else (found.last, rest)
-        z = max(s.z for s in look.standing(beside, [e for e in look.effects if e.name == effect.name]))
+        expansion, beside = (found.first, []) if is_saturation(effect) else (found.last, rest)
+        z = max(
+            s.z
+            for s in expansion.score_tests(beside, [e for e in expansion.effects if e.name == effect.name])
+        )
         causes.append(
             Cause(
                 effect.name,
                 posterior.probability.get(effect.name, 0.0),
-                sizes(found.last, effect, found.chosen),
+                fitted_sizes(found.last, effect, found.chosen),
                 Gain(own.total, own.ci95, own.by, tuple(own.nats.tolist()), channels),
                 z,
                 posterior.lead_nats[place],
@@ -118,22 +121,24 @@ def causes_of(
     return tuple(_as_flown(cause, effect, best) for cause, effect in zip(causes, known, strict=True))
 
 
-def _as_flown(cause: Cause, effect: Effect, best: Flown) -> Cause:
+def _as_flown(cause: Cause, effect: Effect, best: RolloutFit) -> Cause:
     """The cause at the size that flies best; and as probable as flights predicted from the others have it,
     where they are surer of it than the next readings."""
     found = replace(cause, parameters=_flown_sizes(best, effect))
     parts = np.array(best.nats.get(effect.name, ()))
-    odds = float(parts.sum()) - price(effect)
+    odds = float(parts.sum()) - required_nats(effect)
     probability = float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0))))
     if probability <= cause.probability:
         return found
-    gain = replace(cause.gain, nats=float(parts.sum()), ci95=drawn_again(parts), parts=tuple(parts.tolist()))
+    gain = replace(
+        cause.gain, nats=float(parts.sum()), ci95=bootstrap_interval(parts), parts=tuple(parts.tolist())
+    )
     return replace(found, gain=gain, probability=probability)
 
 
-def weighed(
+def split_by_probability(
     causes: Sequence[Cause],
-    found: Search,
+    found: SearchResult,
     posterior: Posterior,
     doubted: Container[str],
     left_z: float = 0.0,
@@ -146,7 +151,7 @@ def weighed(
     What stands out by less than what is left beside it may be a part of that as well. Of a foreign vehicle
     some shape is always likelier than any equation: there odds are not shared with it.
     """
-    if posterior.probability[SOMETHING_ELSE] > SURE and not found.model.foreign:
+    if posterior.probability[SOMETHING_ELSE] > SURE and not found.model.out_of_model:
         restless = {e.name for e in found.chosen if not e.directions}
         causes = [
             replace(c, probability=0.5 * c.probability)
@@ -163,34 +168,39 @@ def _with_alternatives(cause: Cause, posterior: Posterior) -> float:
     return cause.probability + sum(posterior.probability.get(n, 0.0) for n in cause.alternatives[1:])
 
 
-def in_order(causes: Sequence[Cause]) -> tuple[Cause, ...]:
+def by_importance(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     """The leading cause first: of the likely ones that which explains most."""
     return tuple(sorted(causes, key=lambda c: (c.probability < LIKELY, -c.gain.nats)))
 
 
-def sizes(look: Look, effect: Effect, chosen: Sequence[Effect]) -> dict[str, Interval]:
+def fitted_sizes(
+    expansion: LikelihoodExpansion, effect: Effect, chosen: Sequence[Effect]
+) -> dict[str, Interval]:
     """Fitted parameters of a term in the catalogue's units, with 95 % intervals.
 
     These hold chance, as much wider as sizes of simulated singles scatter, and the equation's own misfit.
     """
-    columns = look.parabola.index(effect.columns)
-    step, covariance = look.parabola.answer(chosen).of(columns)
+    columns = expansion.quadratic.index(effect.columns)
+    step, covariance = expansion.quadratic.maximise(chosen).of(columns)
     found = {}
     for k, name in enumerate(effect.parameters):
         std = float(np.sqrt(covariance[k, k]))
         found[name] = _interval(
             effect,
             name,
-            [_value(look, effect, k, float(step[k]) + side * WIDE * SCATTER * std) for side in (0, -1, 1)],
+            [
+                _value(expansion, effect, k, float(step[k]) + side * WIDE * SCATTER * std)
+                for side in (0, -1, 1)
+            ],
         )
     return found
 
 
-def _flown_sizes(best: Flown, effect: Effect) -> dict[str, Interval]:
+def _flown_sizes(best: RolloutFit, effect: Effect) -> dict[str, Interval]:
     """The same of sizes that fly best; of a term that roll-outs do not fit, what the belief holds."""
     found = {}
     for k, (name, column) in enumerate(zip(effect.parameters, effect.columns, strict=True)):
-        held = 0.0 if column in FREE else column_of(column).held(best.setting)
+        held = 0.0 if column in FREE else fitted_parameter(column).value_in(best.setting)
         reach = WIDE * best.std.get(column, 0.0)
         found[name] = _interval(
             effect,
@@ -213,17 +223,19 @@ def _interval(effect: Effect, name: str, values: Sequence[float]) -> Interval:
     )  # fmt: skip
 
 
-def _value(look: Look, effect: Effect, k: int, step: float) -> float:
-    return catalogue_value(effect, k, step, look.setting, look.parabola.held.get(effect.columns[k], 0.0))
+def _value(expansion: LikelihoodExpansion, effect: Effect, k: int, step: float) -> float:
+    return catalogue_value(
+        effect, k, step, expansion.setting, expansion.quadratic.current.get(effect.columns[k], 0.0)
+    )
 
 
 def decide(
     causes: Sequence[Cause],
-    found: Search,
+    found: SearchResult,
     posterior: Posterior,
-    left: Sequence[Standing],
+    left: Sequence[ScoreTest],
     doubts: Sequence[str],
-    shape_z: float,
+    pattern_z: float,
     entailed: Sequence[str] = (),
 ) -> tuple[Verdict, tuple[str, ...], str]:
     """Verdict, equivalence set, remainder.
@@ -231,9 +243,9 @@ def decide(
     ``causes``: the leading one first. ``doubts``: what else is left over, in words. ``entailed``: nuisances
     out of range that a cause explains.
     """
-    odd = [e for e in found.chosen if not named(e) and e.name not in entailed]
+    odd = [e for e in found.chosen if not is_term(e) and e.name not in entailed]
     remains = [*(_in_words(e, found) for e in odd), *doubts]
-    remains += [f"{s.effect.name} (z = {s.z:.1f})" for s in left[:1] if s.z > shape_z]
+    remains += [f"{s.effect.name} (z = {s.z:.1f})" for s in left[:1] if s.z > pattern_z]
     if not causes:
         return ("unknown" if remains else "nothing_wrong"), (), "; ".join(remains)
     lead, others = causes[0], causes[1:]
@@ -253,19 +265,19 @@ def decide(
     return ("named_with_remainder" if remains else "named"), (lead.name,), "; ".join(remains)
 
 
-def _in_words(effect: Effect, found: Search) -> str:
+def _in_words(effect: Effect, found: SearchResult) -> str:
     """What was chosen and no term is; how late readings come is told."""
     if effect.name not in LATE:
         return effect.name
-    look = found.last
-    step, _ = look.parabola.answer(found.chosen).of(look.parabola.index(effect.columns))
-    late_s = float(step[0]) + look.parabola.held.get(effect.columns[0], 0.0)
+    expansion = found.last
+    step, _ = expansion.quadratic.maximise(found.chosen).of(expansion.quadratic.index(effect.columns))
+    late_s = float(step[0]) + expansion.quadratic.current.get(effect.columns[0], 0.0)
     when = effect.name if late_s > 0.0 else effect.name.replace("late", "early")
     return f"{when} by {1e3 * abs(late_s):.1f} ms"
 
 
-def _strongest(left: Sequence[Standing]) -> str:
+def _strongest(left: Sequence[ScoreTest]) -> str:
     return f"{left[0].effect.name} (z = {left[0].z:.1f})" if left else ""
 
 
-__all__ = ["NOTHING", "causes_of", "confirmed", "decide", "in_order", "sizes"]
+__all__ = ["NOTHING", "by_importance", "causes_of", "confirmed_terms", "decide", "fitted_sizes"]

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.search.effects import Effect
+from slam.criticism.search.evidence import KNOWN, ONE_OF_ALL, UNKNOWN, VERY_SIMILAR_NATS, parameter_cost
+from slam.criticism.search.expansion import LikelihoodExpansion, expand
 from slam.criticism.search.fitting import fit_nuisances
-from slam.criticism.search.inclusion import is_wall, taken_out
-from slam.criticism.search.look import Look, look_at
-from slam.criticism.search.occam import KNOWN, ONE_OF_ALL, UNKNOWN, VERY_SIMILAR_NATS, occam
-from slam.criticism.search.pairs import pairs_beside
-from slam.criticism.search.search import LINEAR_Z, Search
+from slam.criticism.search.inclusion import is_saturation, without_effect
+from slam.criticism.search.pairs import ranked_pairs
+from slam.criticism.search.search import LINEAR_Z, SearchResult
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
@@ -47,14 +47,14 @@ class Posterior:
     """For each chosen effect: the other term that is likeliest in its place; empty where there is none."""
 
 
-def named(effect: Effect) -> bool:
+def is_term(effect: Effect) -> bool:
     """Whether an effect is a term of the catalogue."""
     return effect.name in CATALOGUE
 
 
-def price(effect: Effect) -> float:
+def required_nats(effect: Effect) -> float:
     """Nats that held-out flights must gain before a term is likelier than not."""
-    return occam(len(effect.columns)) + ONE_OF_ALL
+    return parameter_cost(len(effect.columns)) + ONE_OF_ALL
 
 
 @dataclass(frozen=True)
@@ -68,16 +68,19 @@ class _Place:
     """Evidence of the chosen set without the term, and with each other in its place."""
 
 
-def posterior_of(found: Search) -> Posterior:
+def posterior_of(found: SearchResult) -> Posterior:
     """Probabilities at the last look; of terms that make noise larger, without it."""
-    look, chosen = found.last, list(found.chosen)
-    places = [_at_wall(found, e) if is_wall(e) else _at_term(found, e) for e in chosen]
-    walls = [place for place, effect in zip(places, chosen, strict=True) if is_wall(effect)]
-    weights = [(_evidence(look, chosen), _names(chosen)), *(w for place in places for w in place.weights)]
-    if not chosen or (len(chosen) > 1 and not walls):
+    expansion, chosen = found.last, list(found.chosen)
+    places = [_at_saturation(found, e) if is_saturation(e) else _at_term(found, e) for e in chosen]
+    saturations = [place for place, effect in zip(places, chosen, strict=True) if is_saturation(effect)]
+    weights = [
+        (_evidence(expansion, chosen), _names(chosen)),
+        *(w for place in places for w in place.weights),
+    ]
+    if not chosen or (len(chosen) > 1 and not saturations):
         weights += _in_place_of_all(found)
     probability = _probabilities(weights)
-    for names in (wall.names for wall in walls):
+    for names in (saturation.names for saturation in saturations):
         share = probability.get(names[0], 0.0) / len(names)
         probability.update({n: max(share, probability.get(n, 0.0)) for n in names[1:]} | {names[0]: share})
     return Posterior(
@@ -88,21 +91,21 @@ def posterior_of(found: Search) -> Posterior:
     )
 
 
-def _in_place_of_all(found: Search) -> list[tuple[float, frozenset[str]]]:
+def _in_place_of_all(found: SearchResult) -> list[tuple[float, frozenset[str]]]:
     """Nothing, or what several terms explain as one thing that none of them is: as near to the belief, or to
     health, as shows more of it; but a belief with more noise shows nothing of what is missed without that."""
     looks = [found.first] if any(e.changes for e in found.chosen) else [found.last, found.first]
     best = {"": (_evidence(looks[0], []) + _over(found, looks[0]), _names([]))}
-    for look in looks:
-        over = _over(found, look)
-        for effect, evidence in _beside(look, [], (*look.effects, *look.shapes)):
+    for expansion in looks:
+        over = _over(found, expansion)
+        for effect, evidence in _beside(expansion, [], (*expansion.effects, *expansion.patterns)):
             known = best.get(effect.label)
             if known is None or evidence + over > known[0]:
                 best[effect.label] = evidence + over, _names([effect])
     return list(best.values())
 
 
-def _look_without(found: Search, term: Effect) -> Look:
+def _look_without(found: SearchResult, term: Effect) -> LikelihoodExpansion:
     """Where what would be missed without a chosen term shows: at the belief, or if that has more noise for
     it, at one without."""
     if not term.changes:
@@ -110,66 +113,68 @@ def _look_without(found: Search, term: Effect) -> Look:
     rest = [e for e in found.chosen if e is not term]
     if not rest:
         return found.first
-    setting = taken_out(term, found.last.setting)
+    setting = without_effect(term, found.last.setting)
     setting = fit_nuisances(found.records, found.model, setting, rest)
-    return look_at(found.records, found.model, setting, rest)
+    return expand(found.records, found.model, setting, rest)
 
 
-def _over(found: Search, look: Look) -> float:
+def _over(found: SearchResult, expansion: LikelihoodExpansion) -> float:
     """Nats that a look's belief has over the last one's, before anything is fitted."""
-    return float(look.sums.log_likelihood.sum() - found.last.sums.log_likelihood.sum())
+    return float(expansion.fisher.log_likelihood.sum() - found.last.fisher.log_likelihood.sum())
 
 
-def _at_wall(found: Search, wall: Effect) -> _Place:
+def _at_saturation(found: SearchResult, saturation: Effect) -> _Place:
     """The search has held it against all others with the filter run anew."""
-    names = (wall.name, *_as_good(found, wall))
+    names = (saturation.name, *_equally_good(found, saturation))
     if len(names) == 1:
-        return _Place(names, np.inf, _second_to_wall(found))
+        return _Place(names, np.inf, _second_to_saturation(found))
     return _Place(names, 0.0, names[1])
 
 
-def _at_term(found: Search, term: Effect) -> _Place:
-    look = _look_without(found, term)
-    own, over = _evidence(found.last, found.chosen), _over(found, look)
-    chosen, term = [look.own(e) for e in found.chosen], look.own(term)
+def _at_term(found: SearchResult, term: Effect) -> _Place:
+    expansion = _look_without(found, term)
+    own, over = _evidence(found.last, found.chosen), _over(found, expansion)
+    chosen, term = [expansion.own(e) for e in found.chosen], expansion.own(term)
     rest = [e for e in chosen if e is not term]
-    weights = [(_evidence(look, rest) + over, _names(rest))]
+    weights = [(_evidence(expansion, rest) + over, _names(rest))]
     others: dict[str, float] = {}
     tried: dict[str, Effect] = {}
     among = [
-        e for e in (*look.effects, *look.shapes)
-        if not any(e.repeats(c) for c in chosen) and not _in_other_words(look, rest, term, e)
+        e for e in (*expansion.effects, *expansion.patterns)
+        if not any(e.repeats(c) for c in chosen) and not _in_other_words(expansion, rest, term, e)
     ]  # fmt: skip
-    for effect, evidence in _beside(look, rest, among):
+    for effect, evidence in _beside(expansion, rest, among):
         evidence += over
         if (term.label, effect.label) in found.leads:
             evidence = own - found.leads[term.label, effect.label]
         weights.append((evidence, _names([*rest, effect])))
-        if named(effect) and evidence > others.get(effect.name, -np.inf):
+        if is_term(effect) and evidence > others.get(effect.name, -np.inf):
             others[effect.name], tried[effect.name] = evidence, effect
     others = {n: e for n, e in others.items() if n not in {c.name for c in chosen}}
     order = sorted(others, key=lambda n: -others[n])
     near = [
         n for n in order
         if own - others[n] < VERY_SIMILAR_NATS
-        or (own - others[n] < CLASS_NATS and _alike(look, rest, term, tried[n]) > ONE_CLASS)
+        or (own - others[n] < CLASS_NATS and _alike(expansion, rest, term, tried[n]) > ONE_CLASS)
     ]  # fmt: skip
     near += [n for n in found.rivals.get(term.name, ()) if n in others and n not in near]
     lead_nats = own - max(others.values(), default=-np.inf)
     return _Place((term.name, *near), lead_nats, next(iter([*near, *order]), ""), tuple(weights))
 
 
-def _in_other_words(look: Look, rest: Sequence[Effect], term: Effect, shape: Effect) -> bool:
+def _in_other_words(
+    expansion: LikelihoodExpansion, rest: Sequence[Effect], term: Effect, shape: Effect
+) -> bool:
     """Whether a shape of the dictionary is the term itself to the eye of these flights."""
-    if named(shape) or shape.relaxes or not named(term):
+    if is_term(shape) or shape.relaxes or not is_term(term):
         return False
-    return _alike(look, rest, term, shape) > SAME_TRACE
+    return _alike(expansion, rest, term, shape) > SAME_TRACE
 
 
-def likelier(found: Search, posterior: Posterior) -> tuple[Effect, str] | None:
+def likelier_term(found: SearchResult, posterior: Posterior) -> tuple[Effect, str] | None:
     """A chosen term and another that is likelier in its place; None where there is none."""
     for place, names in zip(found.chosen, posterior.alternatives, strict=False):
-        if named(place) and not is_wall(place) and not place.changes:
+        if is_term(place) and not is_saturation(place) and not place.changes:
             known = {n: posterior.probability.get(n, 0.0) for n in names}
             best = max(known, key=lambda n: known[n])
             if known[best] > known[place.name]:
@@ -177,67 +182,77 @@ def likelier(found: Search, posterior: Posterior) -> tuple[Effect, str] | None:
     return None
 
 
-def likelier_pairs(found: Search, place: Effect) -> list[tuple[Effect, Effect]]:
+def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, Effect]]:
     """Two terms that look likelier in place of a chosen one: from the healthy vehicle, or from the belief.
 
     A term that bends, as a ground effect does, shows from the belief too much of what is lost without it.
     """
-    if is_wall(place) or place.changes:
+    if is_saturation(place) or place.changes:
         return []
-    dearer = ONE_OF_ALL if named(place) else 0.0
+    dearer = ONE_OF_ALL if is_term(place) else 0.0
     pairs = []
-    for look in (found.first, found.last):
-        rest = [look.own(e) for e in found.chosen if e is not place]
-        own = look.standing(rest, [look.own(place)])[0]
-        best = next(iter(pairs_beside(look, rest, place)), None)
-        if best is not None and best.worth - dearer > own.worth and (look is found.last or own.z < LINEAR_Z):
+    for expansion in (found.first, found.last):
+        rest = [expansion.own(e) for e in found.chosen if e is not place]
+        own = expansion.score_tests(rest, [expansion.own(place)])[0]
+        best = next(iter(ranked_pairs(expansion, rest, place)), None)
+        if (
+            best is not None
+            and best.worth - dearer > own.worth
+            and (expansion is found.last or own.z < LINEAR_Z)
+        ):
             pairs.append(best.terms)
     return pairs
 
 
-def _as_good(found: Search, wall: Effect) -> tuple[str, ...]:
+def _equally_good(found: SearchResult, saturation: Effect) -> tuple[str, ...]:
     """What fitted as well as a wall when it was chosen; of a foreign vehicle it is told as what remains."""
     chosen = {e.name for e in found.chosen}
-    return () if found.model.foreign else tuple(n for n in found.rivals.get(wall.name, ()) if n not in chosen)
+    return (
+        ()
+        if found.model.out_of_model
+        else tuple(n for n in found.rivals.get(saturation.name, ()) if n not in chosen)
+    )
 
 
-def _second_to_wall(found: Search) -> str:
+def _second_to_saturation(found: SearchResult) -> str:
     """The term that explains most in a wall's place: how it is without one only the first look knows."""
     taken = {e.name for e in found.chosen}
-    others = [e for e in found.first.effects if named(e) and e.name not in taken]
-    best = next(iter(found.first.standing([], others)), None)
+    others = [e for e in found.first.effects if is_term(e) and e.name not in taken]
+    best = next(iter(found.first.score_tests([], others)), None)
     return best.effect.name if best is not None and best.nats > 0.0 else ""
 
 
-def _evidence(look: Look, effects: Sequence[Effect]) -> float:
+def _evidence(expansion: LikelihoodExpansion, effects: Sequence[Effect]) -> float:
     """Log of a set's likelihood at its best, less what its numbers cost, with its prior."""
-    return look.parabola.answer(effects).nats + _prior(look)(effects)
+    return expansion.quadratic.maximise(effects).nats + _prior(expansion)(effects)
 
 
-def _beside(look: Look, rest: Sequence[Effect], among: Sequence[Effect]) -> list[tuple[Effect, float]]:
+def _beside(
+    expansion: LikelihoodExpansion, rest: Sequence[Effect], among: Sequence[Effect]
+) -> list[tuple[Effect, float]]:
     """The same of a set with each of some more effects; one that gains nothing, or has a size of the wrong
     sign, only costs."""
-    base, prior = look.parabola.answer(rest).nats, _prior(look)
-    return [(s.effect, base + s.nats + prior([*rest, s.effect])) for s in look.standing(rest, among)]
+    base, prior = expansion.quadratic.maximise(rest).nats, _prior(expansion)
+    return [(s.effect, base + s.nats + prior([*rest, s.effect])) for s in expansion.score_tests(rest, among)]
 
 
-def _prior(look: Look) -> Callable[[Sequence[Effect]], float]:
+def _prior(expansion: LikelihoodExpansion) -> Callable[[Sequence[Effect]], float]:
     """Log prior of a set, less what its numbers cost."""
     # A term that is tried in several ways, as a delay is, is no likelier for it.
-    ways = Counter(e.name for e in look.effects if named(e))
-    others = len(look.shapes) + len(look.effects) - ways.total()
+    ways = Counter(e.name for e in expansion.effects if is_term(e))
+    others = len(expansion.patterns) + len(expansion.effects) - ways.total()
 
     def of(effects: Sequence[Effect]) -> float:
-        shares = (KNOWN / len(ways) / ways[e.name] if named(e) else UNKNOWN / others for e in effects)
-        return float(sum(map(np.log, shares)) - sum(occam(len(e.columns)) for e in effects))
+        shares = (KNOWN / len(ways) / ways[e.name] if is_term(e) else UNKNOWN / others for e in effects)
+        return float(sum(map(np.log, shares)) - sum(parameter_cost(len(e.columns)) for e in effects))
 
     return of
 
 
-def _alike(look: Look, rest: Sequence[Effect], term: Effect, other: Effect) -> float:
+def _alike(expansion: LikelihoodExpansion, rest: Sequence[Effect], term: Effect, other: Effect) -> float:
     """Greatest correlation of the traces of two terms, or a term and a shape, all else taken out."""
-    _, covariance = look.parabola.answer([*rest, term, other]).of(
-        look.parabola.index([*term.columns, *other.columns])
+    _, covariance = expansion.quadratic.maximise([*rest, term, other]).of(
+        expansion.quadratic.index([*term.columns, *other.columns])
     )
     k = len(term.columns)
     # What of the one's uncertainty is the other's: the same correlation, but for its sign.
@@ -251,7 +266,7 @@ def _regular(a: Array) -> Array:
 
 
 def _names(effects: Sequence[Effect]) -> frozenset[str]:
-    return frozenset(e.name if named(e) else SOMETHING_ELSE for e in effects) or frozenset([NOTHING])
+    return frozenset(e.name if is_term(e) else SOMETHING_ELSE for e in effects) or frozenset([NOTHING])
 
 
 def _probabilities(weights: Sequence[tuple[float, frozenset[str]]]) -> dict[str, float]:

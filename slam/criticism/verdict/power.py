@@ -8,13 +8,13 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.search.columns import AT
 from slam.criticism.search.effects import Effect, catalogue_value
-from slam.criticism.search.hypotheses import SEEN
-from slam.criticism.search.inclusion import is_wall, on_grid
-from slam.criticism.search.look import Look
+from slam.criticism.search.expansion import LikelihoodExpansion
+from slam.criticism.search.fitted_parameters import AT
+from slam.criticism.search.inclusion import is_profiled, is_saturation
+from slam.criticism.search.quadratic_likelihood import SEEN
 from slam.criticism.search.screening import LEAST_SHARE, correlation, project
-from slam.criticism.verdict.posterior import named
+from slam.criticism.verdict.posterior import is_term
 from slam.simulation.terms import CATALOGUE
 
 Ints = NDArray[np.int64]
@@ -25,47 +25,51 @@ NINE_OF_TEN = 1.28
 """Standard deviations beyond a threshold at which so many cases are beyond it."""
 
 
-def detectable(look: Look, threshold: float) -> dict[str, tuple[float, str]]:
+def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tuple[float, str]]:
     """Smallest size of each term that would have been seen in nine of ten cases."""
     found: dict[str, tuple[float, str]] = {}
-    for effect in look.effects:
-        if not named(effect) or on_grid(effect):
+    for effect in expansion.effects:
+        if not is_term(effect) or is_profiled(effect):
             continue
-        columns = look.parabola.index(effect.columns)
-        _, covariance = look.parabola.answer([effect]).of(columns)
+        columns = expansion.quadratic.index(effect.columns)
+        _, covariance = expansion.quadratic.maximise([effect]).of(columns)
         # The direction of a vector that shows least.
         k = int(np.argmax(np.diag(covariance)))
         size = (threshold + NINE_OF_TEN) * float(np.sqrt(covariance[k, k]))
-        neutral = catalogue_value(effect, k, 0.0, look.setting, 0.0)
-        value = abs(catalogue_value(effect, k, size, look.setting, 0.0) - neutral)
+        neutral = catalogue_value(effect, k, 0.0, expansion.setting, 0.0)
+        value = abs(catalogue_value(effect, k, size, expansion.setting, 0.0) - neutral)
         unit = CATALOGUE[effect.name].parameter(effect.parameters[k]).unit
         parameter = CATALOGUE[effect.name].parameter(effect.parameters[k])
         if np.isfinite(value) and value < 10 * max(abs(parameter.most), abs(parameter.least)):
             kept = found.get(effect.name)
             found[effect.name] = (min(value, kept[0]) if kept else value), unit
-    walls = [(e, float(e.columns[0].partition(AT)[2])) for e in look.effects if is_wall(e) and on_grid(e)]
-    shown = [limit for e, limit in walls if _far(look, e) > threshold + NINE_OF_TEN]
+    saturations = [
+        (e, float(e.columns[0].partition(AT)[2]))
+        for e in expansion.effects
+        if is_saturation(e) and is_profiled(e)
+    ]
+    shown = [limit for e, limit in saturations if _far(expansion, e) > threshold + NINE_OF_TEN]
     # Of a limit the highest that shows is the smallest effect.
-    return found | ({walls[0][0].name: (max(shown), "rad")} if shown else {})
+    return found | ({saturations[0][0].name: (max(shown), "rad")} if shown else {})
 
 
-def _far(look: Look, effect: Effect) -> float:
+def _far(expansion: LikelihoodExpansion, effect: Effect) -> float:
     """How far an effect of one column would stand out at the size that it is tried at."""
-    _, covariance = look.parabola.answer([effect]).of(look.parabola.index(effect.columns))
+    _, covariance = expansion.quadratic.maximise([effect]).of(expansion.quadratic.index(effect.columns))
     return float(float(covariance[0, 0]) ** -0.5)
 
 
-def confusable(look: Look) -> tuple[tuple[str, str, float], ...]:
+def confusable(expansion: LikelihoodExpansion) -> tuple[tuple[str, str, float], ...]:
     """Pairs of terms whose traces correlate by more than ``CONFUSED`` here, nuisances taken out."""
-    parabola = look.parabola
-    out = parabola.index(parabola.names)
-    left = project(parabola.information, out, parabola.precision)
+    quadratic = expansion.quadratic
+    out = quadratic.index(quadratic.names)
+    left = project(quadratic.information, out, quadratic.precision)
     seen: dict[str, Ints] = {}
-    for effect in look.effects:
-        if not named(effect) or on_grid(effect) or effect.relaxes or effect.name in seen:
+    for effect in expansion.effects:
+        if not is_term(effect) or is_profiled(effect) or effect.relaxes or effect.name in seen:
             continue
-        columns = parabola.index(effect.columns)
-        shown = (np.diag(parabola.information)[columns] > SEEN) & (left.share[columns] > LEAST_SHARE)
+        columns = quadratic.index(effect.columns)
+        shown = (np.diag(quadratic.information)[columns] > SEEN) & (left.share[columns] > LEAST_SHARE)
         if shown.all():
             seen[effect.name] = columns
     pairs = [

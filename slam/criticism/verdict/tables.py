@@ -11,13 +11,13 @@ from slam.criticism.cause import Cause, Interval
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.readings import CHANNELS, place_of
 from slam.criticism.kalman.record import Record
-from slam.criticism.search.colour import lag_one
-from slam.criticism.search.look import Look
+from slam.criticism.search.ar1_noise import lag_one_correlation
+from slam.criticism.search.expansion import LikelihoodExpansion
 from slam.criticism.search.nuisances import NUISANCES, value_of
-from slam.criticism.search.search import Search
+from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict.criticism import ChannelCheck, Rank
-from slam.criticism.verdict.flown import Flown
-from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, named
+from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, is_term
+from slam.criticism.verdict.rollout_fit import RolloutFit
 
 IN_SINGLE_READINGS = (
     "sonar_spikes", "sonar_quantisation", "sonar_dead_zone", "floor_steps", "timestamp_jitter",
@@ -27,15 +27,15 @@ IN_SINGLE_READINGS = (
 TENTHS = 10
 
 
-def ranking(found: Search, probability: dict[str, float], odd: Sequence[Cause]) -> tuple[Rank, ...]:
+def ranking(found: SearchResult, probability: dict[str, float], odd: Sequence[Cause]) -> tuple[Rank, ...]:
     """All terms, "nothing" and "something else", by probability and by how far each stands out alone.
 
     ``odd``: the causes that single readings show.
     """
     z: dict[str, float] = {}
-    for standing in found.first.standing([], found.first.effects):
-        if named(standing.effect):
-            z[standing.effect.name] = max(z.get(standing.effect.name, 0.0), standing.z)
+    for test in found.first.score_tests([], found.first.effects):
+        if is_term(test.effect):
+            z[test.effect.name] = max(z.get(test.effect.name, 0.0), test.z)
     return ranked(z, probability, odd)
 
 
@@ -52,14 +52,14 @@ def ranked(z: dict[str, float], probability: dict[str, float], odd: Sequence[Cau
     return tuple(sorted(ranks, key=lambda r: (-r.probability, -r.z)))
 
 
-def nuisances_told(found: Search, best: Flown | None) -> dict[str, Interval]:
+def fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str, Interval]:
     """This vehicle's own constants with their 95 % intervals."""
-    look = found.last
-    answer = look.parabola.answer(found.chosen)
-    step, covariance = answer.of(look.parabola.index(look.parabola.names))
+    expansion = found.last
+    maximum = expansion.quadratic.maximise(found.chosen)
+    step, covariance = maximum.of(expansion.quadratic.index(expansion.quadratic.names))
     values: dict[str, Interval] = {}
     for k, nuisance in enumerate(NUISANCES):
-        x, std = look.parabola.at[k] + step[k], 1.96 * float(np.sqrt(covariance[k, k]))
+        x, std = expansion.quadratic.at[k] + step[k], 1.96 * float(np.sqrt(covariance[k, k]))
         if best is not None and nuisance.name in best.std:
             x, std = value_of(nuisance, best.setting), 1.96 * best.std[nuisance.name]
         ends = [x, x - std, x + std]
@@ -69,14 +69,14 @@ def nuisances_told(found: Search, best: Flown | None) -> dict[str, Interval]:
     return values
 
 
-def checks(records: Sequence[Record], look: Look) -> tuple[ChannelCheck, ...]:
+def checks(records: Sequence[Record], expansion: LikelihoodExpansion) -> tuple[ChannelCheck, ...]:
     """Whether each channel's whitened innovations are white: mean square, correlation with the next, and how
     they spread (the probability integral transform, Dawid 1984)."""
-    correlation, _ = lag_one(records, look.sums.passes)
+    correlation, _ = lag_one_correlation(records, expansion.fisher.passes)
     found = []
     for channel, name in enumerate(CHANNELS):
         kind, c = place_of(channel)
-        flown = zip(records, look.sums.passes, strict=True)
+        flown = zip(records, expansion.fisher.passes, strict=True)
         white = np.concatenate(
             [run.white[(record.kinds == kind) & (run.status[:, c] == USED), c] for record, run in flown]
         )

@@ -16,15 +16,15 @@ from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.camera.planned import planned
-from slam.criticism.healthy import flown, read_by
 from slam.criticism.kalman.optics import CAMERA
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.next_flight import advice
+from slam.criticism.simulated_flights import simulate_flight, simulate_readings
 from slam.criticism.threads import in_threads
-from slam.criticism.without_commands.balances import Rows, balances_of
-from slam.criticism.without_commands.carried import CARRIED, carried
-from slam.criticism.without_commands.free import airborne, free
+from slam.criticism.without_commands.free_motion import airborne_record, with_free_motion
+from slam.criticism.without_commands.handheld_motions import HANDHELD_MOTIONS, handheld_motion
+from slam.criticism.without_commands.inertial_consistency import WhitenedRows, inertial_residuals
 from slam.criticism.without_commands.pictures import picture_rows
 from slam.criticism.without_commands.regression import Regression, regression_of
 from slam.simulation.model import Model
@@ -37,7 +37,7 @@ SHORTEST_S = 14.0
 
 def next_motion(
     model: Model,
-    rows: Sequence[Sequence[Rows]],
+    rows: Sequence[Sequence[WhitenedRows]],
     chosen: Sequence[str],
     rivals: Sequence[str],
     seen: Sights | None = None,
@@ -68,19 +68,19 @@ def next_motion(
         weight = np.array([finer[kind] / noise[kind] for kind in known.kind])
         return _apart(known, weight, size[own], first, beside) / wider / float(np.sqrt(_times(name)))
 
-    names = [*MANOEUVRES, *CARRIED]
+    names = [*MANOEUVRES, *HANDHELD_MOTIONS]
     found = np.array(in_threads(Tally(progress, "next flight", len(names)).counting(separation), names))
     best = int(np.argmax(found / np.sqrt([_took_s(name) for name in names])))
     motion = f"fly {names[best]!r}" if names[best] in MANOEUVRES else f"{names[best]},"
     return advice(first, second, motion, float(found[best]))
 
 
-def _rows(flight: Flight, model: Model, seen: Sights | None) -> list[Rows]:
+def _rows(flight: Flight, model: Model, seen: Sights | None) -> list[WhitenedRows]:
     """Balances of a planned motion, and its pictures, as they would be."""
-    rows, record = balances_of(flight), airborne(flight)
+    rows, record = inertial_residuals(flight), airborne_record(flight)
     if seen is None or record is None:
         return rows
-    setting = free(setting_of(model))
+    setting = with_free_motion(setting_of(model))
     return [*rows, *picture_rows(replace(record, sights=planned(record, setting, seen)), setting, {})]
 
 
@@ -93,7 +93,7 @@ def _apart(data: Regression, weight: Array, size: Array, first: str, beside: Seq
     return float(np.linalg.norm(trace - others @ np.linalg.lstsq(others, trace, rcond=1e-9)[0]))
 
 
-def _noise(rows: Sequence[Sequence[Rows]]) -> dict[str, float]:
+def _noise(rows: Sequence[Sequence[WhitenedRows]]) -> dict[str, float]:
     """Kind of balance -> root mean square noise of its differences."""
     squares: dict[str, list[float]] = {}
     for found in (r for flight in rows for r in flight):
@@ -104,14 +104,14 @@ def _noise(rows: Sequence[Sequence[Rows]]) -> dict[str, float]:
 def _flight(model: Model, name: str) -> Flight:
     """What a healthy vehicle's instruments read of a motion, done several times on end where it is short."""
     if name in MANOEUVRES:
-        return flown(model, stick_for([name] * _times(name)), 1)
-    moved = carried(name, _times(name))
-    return read_by(model, model, moved, False, 1, np.random.default_rng(1))
+        return simulate_flight(model, stick_for([name] * _times(name)), 1)
+    moved = handheld_motion(name, _times(name))
+    return simulate_readings(model, model, moved, False, 1, np.random.default_rng(1))
 
 
 def _took_s(name: str) -> float:
     """Duration of a motion, done once."""
-    return stick_for([name]).duration_s if name in MANOEUVRES else carried(name).duration_s
+    return stick_for([name]).duration_s if name in MANOEUVRES else handheld_motion(name).duration_s
 
 
 def _times(name: str) -> int:

@@ -20,8 +20,8 @@ from slam.criticism.kalman.optics import CAMERA, POINTS, STEPS
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting, slot
 from slam.criticism.kalman.tangents import Direction, parameter_direction
-from slam.criticism.without_commands.balances import Rows
-from slam.criticism.without_commands.columns import LATE, SHAPES, SIZE, is_square, seen_by_pictures
+from slam.criticism.without_commands.effect_columns import LATE, PATTERNS, SIZE, is_square, seen_by_pictures
+from slam.criticism.without_commands.inertial_consistency import WhitenedRows
 from slam.criticism.without_commands.regression import STRETCH_S, Sizes
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ class _Stretch:
     seen: Sighted
 
 
-def picture_rows(record: Record, setting: Setting, sizes: Sizes) -> list[Rows]:
+def picture_rows(record: Record, setting: Setting, sizes: Sizes) -> list[WhitenedRows]:
     """The rows of a flight's pictures, linear about such ``sizes`` of columns as can be believed.
 
     ``setting`` is a free vehicle's, without these errors.
@@ -65,7 +65,7 @@ def picture_rows(record: Record, setting: Setting, sizes: Sizes) -> list[Rows]:
         root, white = _roots(*_without_healthy(information, stretch.seen.score, len(names)))
         off = (white + root @ at) / over
         traces = dict(zip(names, root.T / over, strict=True))
-        made.append(Rows(KIND, np.full(len(off), stretch.middle_s), off, traces, float(over), None))
+        made.append(WhitenedRows(KIND, np.full(len(off), stretch.middle_s), off, traces, float(over), None))
     return made
 
 
@@ -85,7 +85,7 @@ def _roots(information: Array, score: Array) -> tuple[Array, Array]:
     return root[:, None] * turned * scale, turned @ (score / scale) / root
 
 
-def contradiction(rows: Sequence[Sequence[Rows]]) -> str:
+def contradiction(rows: Sequence[Sequence[WhitenedRows]]) -> str:
     """Whether pictures and path disagree by more than all errors together explain, in words."""
     over = [r.noise for flight in rows for r in flight if r.kind == KIND]
     if not over or float(np.median(over)) < CONTRADICTED:
@@ -123,8 +123,8 @@ def picture_errors(
 
 def _point(sizes: Sizes) -> Sizes:
     """Of some sizes those that a setting can hold: of no shape, and no variance below 0."""
-    held = [n for n in seen_by_pictures() if n in sizes and not n.endswith(SIZE)]
-    return {n: max(sizes[n], 0.0) if is_square(n) else sizes[n] for n in held}
+    compare_sensors = [n for n in seen_by_pictures() if n in sizes and not n.endswith(SIZE)]
+    return {n: max(sizes[n], 0.0) if is_square(n) else sizes[n] for n in compare_sensors}
 
 
 def believed(setting: Setting, sizes: Sizes) -> Setting:
@@ -148,7 +148,7 @@ def _misfit(seen: Sighted, information: Array) -> float:
 
 def _direction(name: str) -> Direction:
     if name.endswith(SIZE):
-        return Direction(name, "picture", SHAPES.index(name.removesuffix(SIZE)))
+        return Direction(name, "picture", PATTERNS.index(name.removesuffix(SIZE)))
     step = STEPS[CAMERA.index(name)] if name in CAMERA else _STEP
     return parameter_direction(LATE.get(name, name), step)
 

@@ -11,9 +11,9 @@ from scipy.stats import t as student
 
 from slam.criticism.camera.warps import TOLERANCE as WARP_TOLERANCE
 from slam.criticism.camera.warps import WARPS
-from slam.criticism.search.occam import occam
-from slam.criticism.without_commands.balances import Rows
-from slam.criticism.without_commands.columns import is_square
+from slam.criticism.search.evidence import parameter_cost
+from slam.criticism.without_commands.effect_columns import is_square
+from slam.criticism.without_commands.inertial_consistency import WhitenedRows
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -101,7 +101,7 @@ class Regression:
 
     def cost(self, effect: str) -> float:
         """Nats that an effect must gain for its parameters to pay."""
-        return occam(len(self.of(effect)))
+        return parameter_cost(len(self.of(effect)))
 
     def columns_of(self, effects: Sequence[str], effect: str) -> Ints:
         """Where an effect stands in the ``table`` of several."""
@@ -158,7 +158,7 @@ class Regression:
         return lead * min(1.0, 2.0 * abs(lead) / max(variance, 1e-12))
 
 
-def regression_of(rows: Sequence[Sequence[Rows]]) -> Regression:
+def regression_of(rows: Sequence[Sequence[WhitenedRows]]) -> Regression:
     """The rows of each flight's balances together; held out by flight where there are three, else by part."""
     names = list(dict.fromkeys(n for flight in rows for r in flight for n in r.traces))
     off = np.concatenate([r.off for flight in rows for r in flight])
@@ -179,7 +179,7 @@ def regression_of(rows: Sequence[Sequence[Rows]]) -> Regression:
     return Regression(off, columns, kind, cluster % SEGMENTS, cluster, minutes, "segment")
 
 
-def parts_of(rows: Sequence[Sequence[Rows]], data: Regression) -> list[dict[float, int]]:
+def parts_of(rows: Sequence[Sequence[WhitenedRows]], data: Regression) -> list[dict[float, int]]:
     """For each flight of the ``rows`` that ``data`` is of: number of a stretch -> the part that it is in."""
     parts, begin = [], 0
     for flight in rows:

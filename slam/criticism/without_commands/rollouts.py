@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from slam.criticism.cause import ChannelError
 from slam.criticism.verdict.rollouts import HORIZONS_S
-from slam.criticism.without_commands.balances import NODE_S, Averages, Rows
+from slam.criticism.without_commands.inertial_consistency import NODE_S, Averages, WhitenedRows
 from slam.criticism.without_commands.regression import STRETCH_S, Regression, Sizes, parts_of
 
 Array = NDArray[np.float64]
 
 
 def channel_errors(
-    rows: Sequence[Sequence[Rows]], data: Regression, sizes: Mapping[int, Sizes]
+    rows: Sequence[Sequence[WhitenedRows]], data: Regression, sizes: Mapping[int, Sizes]
 ) -> tuple[ChannelError, ...]:
     """Root mean square errors over each horizon, before and after each part's ``sizes`` are taken out.
 

@@ -13,24 +13,24 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
-from slam.criticism.cause import SURE, Cause, ChannelError, Gain, Interval, drawn_again
+from slam.criticism.cause import SURE, Cause, ChannelError, Gain, Interval, bootstrap_interval
 from slam.criticism.extended import with_sizes
-from slam.criticism.search.effects import plausible
+from slam.criticism.search.effects import plausible_range
 from slam.criticism.search.thresholds import MISFIT
-from slam.criticism.verdict.covariate import Covariate, Misses
+from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
 from slam.criticism.verdict.criticism import Criticism
 from slam.criticism.verdict.decision import CONFIRMED_NATS
 from slam.criticism.verdict.sentence import sentence_of
 from slam.criticism.verdict.tables import ranked
-from slam.criticism.without_commands.agreement import disagreements
-from slam.criticism.without_commands.balances import Rows
-from slam.criticism.without_commands.columns import LATE, in_catalogue, is_square
-from slam.criticism.without_commands.held import Held, held
+from slam.criticism.without_commands.consistency import disagreements
+from slam.criticism.without_commands.effect_columns import LATE, in_catalogue, is_square
+from slam.criticism.without_commands.inertial_consistency import WhitenedRows
 from slam.criticism.without_commands.next_flight import next_motion
 from slam.criticism.without_commands.pictures import contradiction, picture_errors
 from slam.criticism.without_commands.posterior import in_place_of, posterior_of
 from slam.criticism.without_commands.regression import TOLERANCE, Regression, parts_of, regression_of
 from slam.criticism.without_commands.rollouts import channel_errors
+from slam.criticism.without_commands.sensor_comparison import SensorComparison, compare_sensors
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 
@@ -54,11 +54,11 @@ UNTOLD = 10.0
 """Times the largest value that a term bears: of what shows from there on only, the flights tell nothing."""
 
 
-def judged_without_commands(
+def criticise_without_commands(
     flights: Sequence[Flight], model: Model, dropped: Sequence[str] = (), progress: Progress = silent
 ) -> Criticism | None:
     """Hold the instruments against each other; None where the flights have no two that can be."""
-    found = held(flights, model, progress)
+    found = compare_sensors(flights, model, progress)
     rows = found.rows({})
     if not any(rows):
         return None
@@ -98,7 +98,9 @@ def judged_without_commands(
     )
 
 
-def _fitted(found: Held, rows: list[list[Rows]]) -> tuple[Regression, list[list[Rows]], list[str]]:
+def _fitted(
+    found: SensorComparison, rows: list[list[WhitenedRows]]
+) -> tuple[Regression, list[list[WhitenedRows]], list[str]]:
     """The regression, its rows and the effects that stand out: pictures are linear near the truth only, so
     theirs are made anew about what was found."""
     data = regression_of(rows)
@@ -111,7 +113,7 @@ def _fitted(found: Held, rows: list[list[Rows]]) -> tuple[Regression, list[list[
 
 
 def _left_over(
-    data: Regression, rows: Sequence[Sequence[Rows]], chosen: Sequence[str], causes: Sequence[Cause]
+    data: Regression, rows: Sequence[Sequence[WhitenedRows]], chosen: Sequence[str], causes: Sequence[Cause]
 ) -> list[str]:
     """What no cause explains, in words."""
     strange = [_strange(data, chosen, e) for e in chosen if e not in CATALOGUE]
@@ -133,7 +135,7 @@ def _strange(data: Regression, chosen: Sequence[str], effect: str) -> str:
 
 
 def _errors(
-    found: Held, rows: Sequence[Sequence[Rows]], data: Regression, chosen: Sequence[str]
+    found: SensorComparison, rows: Sequence[Sequence[WhitenedRows]], data: Regression, chosen: Sequence[str]
 ) -> tuple[ChannelError, ...]:
     """Of what an extended model holds, on each part as the others have it."""
     every = data.sizes_by_others(chosen)
@@ -181,7 +183,7 @@ def is_plausible(data: Regression, chosen: Sequence[str], effect: str) -> bool:
             return False
         if effect not in CATALOGUE:
             continue
-        low, high = plausible(effect, column.rpartition(".")[2])
+        low, high = plausible_range(effect, column.rpartition(".")[2])
         if in_catalogue(column, size[k] + 2 * std) < low or in_catalogue(column, size[k] - 2 * std) > high:
             return False
     return True
@@ -205,7 +207,7 @@ def _cause(
         value, low, high = (in_catalogue(column, float(size[k]) + x) for x in (0.0, -half, half))
         parameters[parameter.name] = Interval(value, parameter.unit, low, high)
     gains = data.held_out(rest, effect)
-    gain = Gain(float(gains.sum()), drawn_again(gains), data.by, tuple(gains.tolist()), errors)
+    gain = Gain(float(gains.sum()), bootstrap_interval(gains), data.by, tuple(gains.tolist()), errors)
     place = in_place_of(data, chosen, effect)
     z = data.z(chosen, effect)
     return Cause(
@@ -225,7 +227,7 @@ def _covariate(data: Regression, chosen: Sequence[str], lead: Cause) -> Covariat
         kind = max(np.unique(data.kind), key=lambda k: float(np.sum(explained[data.kind == k] ** 2)))
         own = data.kind == kind
         against.append(
-            Misses(name, str(kind), "sigma", explained[own], {n: m[own] for n, m in missed.items()})
+            ChannelResiduals(name, str(kind), "sigma", explained[own], {n: m[own] for n, m in missed.items()})
         )
     return Covariate(cause, rival, tuple(against))
 

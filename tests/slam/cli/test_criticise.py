@@ -10,8 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from slam.cli import app
-from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.io.flight_folder import write_flight
 from slam.simulation.model import load_model
 from tests.slam.cli.pulse_recipe import RECIPE
@@ -30,7 +30,7 @@ def home(tmp_path_factory) -> Path:
     home = tmp_path_factory.mktemp("criticised")
     nominal = at_lower_rates(load_model("nominal"))
     dragged = nominal.with_term("quadratic_drag", c=DRAG)
-    write_flight(flown(dragged, stick_for(PLAN), 7, told=nominal), home / "flight")
+    write_flight(simulate_flight(dragged, stick_for(PLAN), 7, told=nominal), home / "flight")
     done = run("criticise", home / "flight", "--out", home / "said")
     assert done.exit_code == 0, done.output
     return home

@@ -12,8 +12,8 @@ from slam.core.errors import InputError
 from slam.core.flight import Flight, Sonar
 from slam.core.join_flights import join_flights
 from slam.criticism import criticise
-from slam.criticism.healthy import flown
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation import simulate
 from slam.simulation.model import load_model
 from tests.slam.small_flight import recipe
@@ -53,7 +53,7 @@ def test_joining_a_recording_with_its_copy_is_refused(one: Flight):
 
 
 def test_criticism_uses_a_copied_recording_once():
-    flight = flown(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), 1)
+    flight = simulate_flight(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), 1)
     verdict = criticise([flight, replace(flight, name="again")])
     assert verdict.flights == (flight.name,)
     assert f"again: the same recording as {flight.name}; it was left out" in verdict.dropped

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from slam.core.flight import Flight
-from slam.criticism.healthy import at_lower_rates
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import setting_of
+from slam.criticism.simulated_flights import at_lower_rates
 from slam.simulation.model import load_model
 
 SLOWER = at_lower_rates(load_model("nominal"))

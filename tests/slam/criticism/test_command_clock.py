@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 from slam.criticism.command_clock import clock_error
-from slam.criticism.healthy import drawn_plan, drawn_vehicle, flown
+from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.record import record_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.usable import usable_records
+from slam.criticism.simulated_flights import draw_plan, draw_vehicle, simulate_flight
 from slam.io.flight_folder import read_flight
 from slam.simulation.model import load_model
 
 
 def flight_with(seed, term="", **size):
     model, rng = load_model("nominal"), np.random.default_rng(seed)
-    vehicle = drawn_vehicle(model, rng)
+    vehicle = draw_vehicle(model, rng)
     if term:
         vehicle = vehicle.with_term(term, **size)
-    return flown(vehicle, stick_for(drawn_plan(25.0, rng)), seed, told=model)
+    return simulate_flight(vehicle, stick_for(draw_plan(25.0, rng)), seed, told=model)
 
 
 def logged(flight, late_s):

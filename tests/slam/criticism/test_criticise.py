@@ -12,9 +12,9 @@ import pytest
 
 from slam.core.progress import COMPILING
 from slam.criticism import criticise
-from slam.criticism.healthy import at_lower_rates, drawn_vehicle, flown
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search import effects as effects_module
+from slam.criticism.simulated_flights import at_lower_rates, draw_vehicle, simulate_flight
 from slam.criticism.verdict.covariate import covariate
 from slam.simulation import simulate
 from slam.simulation.model import load_model
@@ -31,7 +31,7 @@ PLANS = (
 )
 
 
-def coloured(model, gyro, others):
+def with_ar1_noise(model, gyro, others):
     """With noise that resembles the sample before."""
     return replace(
         model,
@@ -45,11 +45,11 @@ def coloured(model, gyro, others):
 def case(seed, student=False, colour=(0.0, 0.0), **terms):
     """Three short flights of one drawn vehicle with terms, told as the nominal one."""
     nominal = at_lower_rates(load_model("nominal"))
-    vehicle = coloured(drawn_vehicle(nominal, np.random.default_rng(seed)), *colour)
+    vehicle = with_ar1_noise(draw_vehicle(nominal, np.random.default_rng(seed)), *colour)
     for name, values in terms.items():
         vehicle = vehicle.with_term(name, **values)
     return [
-        flown(vehicle, stick_for(plan), 100 * seed + k, told=nominal, student=student)
+        simulate_flight(vehicle, stick_for(plan), 100 * seed + k, told=nominal, student=student)
         for k, plan in enumerate(PLANS)
     ]
 

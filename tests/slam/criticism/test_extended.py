@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from slam.criticism.extended import extended_model, with_sizes
-from slam.criticism.healthy import flown
 from slam.criticism.kalman.readings import by_channel
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation.model import load_model
 
 NOMINAL = load_model("nominal")
@@ -26,7 +26,7 @@ def record():
         attitude=replace(NOMINAL.attitude, noise_std_deg=0.5 * NOMINAL.attitude.noise_std_deg),
         imu=replace(NOMINAL.imu, gyro_noise_density=0.5 * NOMINAL.imu.gyro_noise_density),
     )
-    return record_of(flown(quieter, stick_for(["climb and descend by 0.6 m"]), 1, told=quieter))
+    return record_of(simulate_flight(quieter, stick_for(["climb and descend by 0.6 m"]), 1, told=quieter))
 
 
 def test_noise_is_what_the_flights_tell_of_it_times_what_was_fitted(record):
@@ -39,8 +39,8 @@ def test_noise_is_what_the_flights_tell_of_it_times_what_was_fitted(record):
 
 def test_a_foreign_vehicle_and_a_missing_instrument_keep_the_models_noise(record):
     factors = by_channel(3.0, 3.0, 3.0, 3.0, 3.0)
-    foreign = replace(setting_of(NOMINAL), noise_factor=factors, foreign=True)
-    assert extended_model(NOMINAL, foreign, (), [record]).attitude == NOMINAL.attitude
+    out_of_model = replace(setting_of(NOMINAL), noise_factor=factors, out_of_model=True)
+    assert extended_model(NOMINAL, out_of_model, (), [record]).attitude == NOMINAL.attitude
     deaf = replace(record, values=np.where(record.kinds[:, None] == 3, np.nan, record.values))
     belief = replace(setting_of(NOMINAL), noise_factor=factors)
     assert extended_model(NOMINAL, belief, (), [deaf]).sonar.noise_std_m == NOMINAL.sonar.noise_std_m

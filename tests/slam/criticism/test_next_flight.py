@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import flown
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.next_flight import telling_flight
 from slam.criticism.search.effects import effects_for
+from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation.model import load_model
 
 
@@ -29,7 +29,7 @@ def few(monkeypatch):
 def told(kinds: set[int]) -> tuple[str, float]:
     """The manoeuvre and by how many sigmas it tells a wind from a trim."""
     model = load_model("nominal")
-    record = record_of(flown(model, stick_for(["hover for 8 s"]), 1))
+    record = record_of(simulate_flight(model, stick_for(["hover for 8 s"]), 1))
     known = {e.name: e for e in effects_for([record], setting_of(model))}
     said = telling_flight(model, known["steady_wind"], known["trim_offset"], np.array([0.1, 0.1]), kinds)
     name, sigma = re.search(r"fly '(.*)' .*: (.*) sigma", said).groups()
@@ -46,7 +46,7 @@ def test_without_an_attitude_a_wind_is_told_from_a_trim_by_a_turn(few):
 def test_a_lag_is_told_from_a_latency_with_the_lag_itself_free(monkeypatch):
     """Within ±10 % of its healthy value it explains little of a latency: then the two seem far apart."""
     model, pulse = load_model("nominal"), "full stick forward for 0.5 s"
-    record = record_of(flown(model, stick_for([pulse]), 1))
+    record = record_of(simulate_flight(model, stick_for([pulse]), 1))
     for name in set(MANOEUVRES) - {pulse}:
         monkeypatch.delitem(MANOEUVRES, name)
     known = {e.name: e for e in effects_for([record], setting_of(model))}

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from slam.criticism import criticise
-from slam.criticism.healthy import at_lower_rates, drawn_vehicle, flown
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.simulated_flights import at_lower_rates, draw_vehicle, simulate_flight
 from slam.simulation.model import load_model
 
 PLANS = (
@@ -77,13 +77,15 @@ def same(what):
 )  # fmt: skip
 def test_it_is_unknown_and_told_by_what_shows_it(obeyed, read, signs):
     nominal = at_lower_rates(load_model("nominal"))
-    vehicle = drawn_vehicle(nominal, np.random.default_rng(5))
+    vehicle = draw_vehicle(nominal, np.random.default_rng(5))
     flights = []
     for k, plan in enumerate(PLANS):
         stick = stick_for(plan)
         # The log has what the pilot gave.
-        command = flown(vehicle, stick, 50 + k, told=nominal).command
-        flights.append(read(replace(flown(vehicle, obeyed(stick), 50 + k, told=nominal), command=command)))
+        command = simulate_flight(vehicle, stick, 50 + k, told=nominal).command
+        flights.append(
+            read(replace(simulate_flight(vehicle, obeyed(stick), 50 + k, told=nominal), command=command))
+        )
     found = criticise(flights)
     assert found.verdict == "unknown"
     assert any(sign in found.remainder for sign in signs)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from slam.criticism import criticise
-from slam.criticism.healthy import flown, healthy_case, read_by
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.simulated_flights import healthy_case, simulate_flight, simulate_readings
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE
-from slam.criticism.without_commands.balances import NODE_S, balances_of
-from slam.criticism.without_commands.carried import CARRIED, carried
-from slam.criticism.without_commands.columns import SHAPES, SIZE
-from slam.criticism.without_commands.held import held
+from slam.criticism.without_commands.effect_columns import PATTERNS, SIZE
+from slam.criticism.without_commands.handheld_motions import HANDHELD_MOTIONS, handheld_motion
+from slam.criticism.without_commands.inertial_consistency import NODE_S, inertial_residuals
 from slam.criticism.without_commands.regression import regression_of
+from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.simulation.model import load_model
 from tests.slam.criticism.camera.seen_flight import seen_flight
 
@@ -31,7 +31,7 @@ def flights(term="", **size):
     model = load_model("nominal")
     vehicle = model.with_term(term, **size) if term else model
     return [
-        replace(flown(vehicle, stick_for(plan), 40 + k, told=model), command=None)
+        replace(simulate_flight(vehicle, stick_for(plan), 40 + k, told=model), command=None)
         for k, plan in enumerate(PLANS)
     ]
 
@@ -71,7 +71,7 @@ def test_an_instrument_that_errs_is_named_with_its_size(term, parameter, size):
 @pytest.mark.parametrize("seed", [9502, 9538])
 def test_a_rate_that_jumps_between_two_samples_is_no_scale_of_the_gyro(seed):
     flight = replace(healthy_case(load_model("nominal"), seed, 1, 30.0)[0], command=None)
-    assert regression_of([balances_of(flight)]).z([], "gyro_scale") < 4.0
+    assert regression_of([inertial_residuals(flight)]).z([], "gyro_scale") < 4.0
 
 
 def test_one_instrument_alone_has_nothing_to_be_held_against():
@@ -119,20 +119,21 @@ def test_what_it_asks_for_tells_a_bias_from_a_scale():
     told = re.search(r"(hold it .* tilted by 40 deg to all four sides), (.*): (.*) sigma", found.next_flight)
     assert told is not None, found.next_flight
     assert float(told[3]) > 1.0
-    moved = read_by(vehicle, model, carried(told[1], 3), False, 5, np.random.default_rng(5))
+    moved = simulate_readings(vehicle, model, handheld_motion(told[1], 3), False, 5, np.random.default_rng(5))
     again = criticise([*few, moved])
     assert again.causes[0].name == "accel_bias"
     assert again.causes[0].alternatives == ("accel_bias",)
     assert again.next_flight == ""
 
 
-@pytest.mark.parametrize("name", CARRIED)
+@pytest.mark.parametrize("name", HANDHELD_MOTIONS)
 def test_healthy_instruments_agree_when_carried(name):
     model = load_model("nominal")
     moved = [
-        read_by(model, model, carried(name, 2), False, seed, np.random.default_rng(seed)) for seed in range(3)
+        simulate_readings(model, model, handheld_motion(name, 2), False, seed, np.random.default_rng(seed))
+        for seed in range(3)
     ]
-    state = carried(name).at(np.linspace(0.0, 10.0, 200))
+    state = handheld_motion(name).at(np.linspace(0.0, 10.0, 200))
     assert state.w_p_m[:, 2].min() > 0.5
     found = criticise(moved)
     assert found.verdict in ("nothing_wrong", "unusable"), found.sentence
@@ -164,8 +165,8 @@ def test_a_reading_a_little_late_of_an_even_clock_does_not_show_what_runs_away()
     """Of an accelerometer that is off, what is integrated twice is hundreds of metres after a minute."""
     model = load_model("nominal")
     plan = ["climb and descend by 0.6 m", "hover for 8 s"] * 5
-    flight = flown(model.with_term("accel_bias", z=0.3), stick_for(plan), 3, told=model)
-    (height,) = (r.averages for r in balances_of(flight) if r.kind == "height")
+    flight = simulate_flight(model.with_term("accel_bias", z=0.3), stick_for(plan), 3, told=model)
+    (height,) = (r.averages for r in inertial_residuals(flight) if r.kind == "height")
     column = height.table[:, height.column("accel_bias.z")]
     curved = (column[2:] - 2.0 * column[1:-1] + column[:-2]) / NODE_S**2
     np.testing.assert_allclose(curved, -1.0, atol=0.1)
@@ -174,7 +175,7 @@ def test_a_reading_a_little_late_of_an_even_clock_does_not_show_what_runs_away()
 def test_a_size_that_changes_is_told_as_left_over():
     model = load_model("nominal")
     plan = stick_for(["hover for 8 s"] * 8)
-    steady = flown(model.with_term("accel_bias", y=0.5, z=0.3), plan, 3, told=model)
+    steady = simulate_flight(model.with_term("accel_bias", y=0.5, z=0.3), plan, 3, told=model)
     steady = replace(steady, command=None)
     found = criticise([steady])
     assert found.causes[0].name == "accel_bias"
@@ -221,10 +222,10 @@ def test_pictures_are_held_against_the_other_instruments(term, parameter, size):
 
 
 def test_what_was_found_counts_once_however_often_pictures_are_made_linear_about_it():
-    found = held(seen({}), load_model("nominal"))
+    found = compare_sensors(seen({}), load_model("nominal"))
     plain = regression_of(found.rows({}))
     # No setting holds a shape, or a variance below 0: rows about them are rows about none.
-    shape = SHAPES[0] + SIZE
+    shape = PATTERNS[0] + SIZE
     about = regression_of(found.rows({shape: 2.0, "motion_blur.exposure": -1e-4}))
     np.testing.assert_allclose(about.off, plain.off)
     # About a size that a setting does hold, what is off is the same, whatever has been taken out.

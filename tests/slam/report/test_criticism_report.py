@@ -13,9 +13,9 @@ from PIL import Image
 
 from slam.core.plot_style import BLUE, ORANGE, VERMILLION
 from slam.criticism.cause import Cause, ChannelError, Gain, Interval
-from slam.criticism.healthy import flown
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.verdict.covariate import Covariate, Misses
+from slam.criticism.simulated_flights import simulate_flight
+from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
 from slam.criticism.verdict.criticism import ChannelCheck, Criticism, Rank
 from slam.evaluation.map_gain import MapErrors, MapGain
 from slam.report.criticism_pictures import (
@@ -101,7 +101,7 @@ def test_the_page_says_what_it_must(verdict: str) -> None:
 
 def test_the_stretch_that_is_drawn_is_of_the_channel_that_gains_most() -> None:
     slow = load_model("nominal").with_term("climb_asymmetry", eps=-0.3)
-    flights = [flown(slow, stick_for(["climb and descend by 0.6 m"]), 1)]
+    flights = [simulate_flight(slow, stick_for(["climb and descend by 0.6 m"]), 1)]
     assert made().causes[0].gain.foremost == ChannelError("velocity_x", "m/s", 2.0, 0.31, 0.12)
     for name in ("sonar.range", "attitude.pitch"):
         drawn = before_after_picture(load_model("nominal"), slow, flights, name)
@@ -114,7 +114,8 @@ def test_what_single_readings_show_is_drawn_as_they_are(term: str, monkeypatch: 
     drawn: list[Figure] = []
     monkeypatch.setattr("slam.report.criticism_stretch.png", lambda figure: drawn.append(figure) or b"")
     flights = [
-        flown(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), seed) for seed in (1, 2)
+        simulate_flight(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), seed)
+        for seed in (1, 2)
     ]
     gain = Gain(30.0, (10.0, 50.0), None, (10.0, 20.0), ())
     result = replace(made(), causes=(replace(made().causes[0], name=term, gain=gain),))
@@ -134,7 +135,9 @@ def test_what_single_readings_show_is_drawn_as_they_are(term: str, monkeypatch: 
 def test_the_covariate_is_drawn_for_cause_and_rival_with_means_before_and_after() -> None:
     x = np.linspace(-1.0, 1.0, 200)
     missed = {"": x, "quadratic_drag": 0.0 * x, "flow_scale": 0.5 * x}
-    both = [Misses(name, "velocity_x", "m/s", x, missed) for name in ("quadratic_drag", "flow_scale")]
+    both = [
+        ChannelResiduals(name, "velocity_x", "m/s", x, missed) for name in ("quadratic_drag", "flow_scale")
+    ]
     result = replace(made(), covariate=Covariate("quadratic_drag", "flow_scale", tuple(both)))
     picture = np.asarray(Image.open(io.BytesIO(covariate_picture(result.covariate))).convert("RGB"))
     for colour in (BLUE, VERMILLION, ORANGE):

@@ -11,7 +11,6 @@ import pytest
 from slam.criticism.camera.pictures import look
 from slam.criticism.camera.planned import planned
 from slam.criticism.camera.sighting import sighted
-from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
@@ -19,9 +18,10 @@ from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.next_flight import telling_flight
 from slam.criticism.search.effects import effects_for
-from slam.criticism.without_commands.carried import CARRIED
-from slam.criticism.without_commands.held import held
+from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
+from slam.criticism.without_commands.handheld_motions import HANDHELD_MOTIONS
 from slam.criticism.without_commands.next_flight import next_motion
+from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import load_model
 from tests.slam.criticism.camera.seen_flight import seen_flight
@@ -39,7 +39,7 @@ def filmed():
     """Record and sights of turns over a floor, and the belief."""
     model = load_model("nominal")
     setting = setting_of(model)
-    flight = flown(at_lower_rates(model), stick_for([TURNS]), 1, camera=CameraModel(rate_hz=4.0))
+    flight = simulate_flight(at_lower_rates(model), stick_for([TURNS]), 1, camera=CameraModel(rate_hz=4.0))
     sights = look(flight)
     return referred(replace(record_of(flight), sights=sights), setting), sights, setting
 
@@ -76,10 +76,12 @@ def test_rows_read_late_are_told_from_late_pictures_by_turns(filmed, monkeypatch
 def test_without_commands_the_camera_is_on_board_too(monkeypatch):
     for name in set(MANOEUVRES) - {TURNS}:
         monkeypatch.delitem(MANOEUVRES, name)
-    for name in list(CARRIED):
-        monkeypatch.delitem(CARRIED, name)
+    for name in list(HANDHELD_MOTIONS):
+        monkeypatch.delitem(HANDHELD_MOTIONS, name)
     model, pair = load_model("nominal"), ("rolling_shutter", "camera_time_offset")
-    found = held([replace(seen_flight({"rolling_shutter": {"readout": 0.03}}, 3), command=None)], model)
+    found = compare_sensors(
+        [replace(seen_flight({"rolling_shutter": {"readout": 0.03}}, 3), command=None)], model
+    )
     rows = found.rows({})
     said = next_motion(model, rows, pair[:1], pair, found.sights)
     assert TURNS in said

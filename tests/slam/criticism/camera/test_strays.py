@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from slam.criticism.camera.strays import without_strays
-from slam.criticism.healthy import flown
+from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.usable import usable_records
+from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import load_model
 
@@ -22,7 +22,9 @@ NOMINAL = load_model("nominal")
 
 @pytest.fixture(scope="module")
 def record() -> Record:
-    flight = flown(NOMINAL, stick_for(["yaw on the spot while climbing"]), 2, camera=CameraModel(rate_hz=4.0))
+    flight = simulate_flight(
+        NOMINAL, stick_for(["yaw on the spot while climbing"]), 2, camera=CameraModel(rate_hz=4.0)
+    )
     ((record,), _) = usable_records([flight])
     return referred(record, setting_of(NOMINAL))
 

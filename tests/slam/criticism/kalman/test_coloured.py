@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import flown
 from slam.criticism.kalman.coloured import coloured_for
 from slam.criticism.kalman.innovations import stretches, whole
 from slam.criticism.kalman.readings import INSTRUMENTS, SONAR
@@ -15,8 +14,9 @@ from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.kalman.tangents import parameter_direction
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.search.colour import lag_one
-from slam.criticism.search.columns import column_of
+from slam.criticism.search.ar1_noise import lag_one_correlation
+from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation.model import load_model
 
 PLAN = ["tilts of 15 deg to all four sides", "reversing forward at 0.2", "climb and descend by 0.6 m"]
@@ -38,16 +38,16 @@ def of_colour(colour):
 
 def flight(seed, colour=COLOUR):
     vehicle = of_colour(colour)
-    return flown(vehicle, stick_for(PLAN * 2), seed), setting_of(vehicle)
+    return simulate_flight(vehicle, stick_for(PLAN * 2), seed), setting_of(vehicle)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_innovations_are_white_under_the_true_colour_alone(seed):
     measured, true = flight(seed)
     record = record_of(measured)
-    _, deviate = lag_one([record], [whole(record, true)])
+    _, deviate = lag_one_correlation([record], [whole(record, true)])
     assert (np.abs(deviate) < 4.5).all()
-    _, deviate = lag_one([record], [whole(record, replace(true, colour=np.zeros(5)))])
+    _, deviate = lag_one_correlation([record], [whole(record, replace(true, colour=np.zeros(5)))])
     assert (deviate > 3.0).all()
 
 
@@ -97,7 +97,7 @@ def test_tangents_are_what_a_change_does_to_the_innovations(name):
     before = np.concatenate([r.white for r in rows])
     direction = parameter_direction(name, step)
     if direction.kind == "sensor":
-        other = column_of(name).moved(true, step)
+        other = fitted_parameter(name).stepped(true, step)
     else:
         parameters = true.parameters.copy()
         parameters[direction.entry] += step

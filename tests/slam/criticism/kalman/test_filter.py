@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import at_lower_rates, drawn_vehicle, flown
 from slam.criticism.kalman import record as record_module
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.innovations import stretches, whole
@@ -19,7 +18,8 @@ from slam.criticism.kalman.tangents import parameter_direction
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search import effects as effects_module
 from slam.criticism.search.effects import _STEPS, RADIUS_M, effects_for
-from slam.criticism.search.nuisances import MEAN, direction_of
+from slam.criticism.search.nuisances import MEAN_NUISANCES, direction_of
+from slam.criticism.simulated_flights import at_lower_rates, draw_vehicle, simulate_flight
 from slam.simulation.model import load_model
 
 TILTS = [f"short pulses of 0.2 s {way} at half stick" for way in ("forward", "to the side")] * 2
@@ -28,8 +28,8 @@ PLAN = ["tilts of 15 deg to all four sides", "yaw on the spot while climbing", "
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_innovations_are_white_under_the_truth(seed):
-    vehicle = drawn_vehicle(at_lower_rates(load_model("nominal")), np.random.default_rng(seed))
-    record = record_of(flown(vehicle, stick_for(PLAN * 2), seed))
+    vehicle = draw_vehicle(at_lower_rates(load_model("nominal")), np.random.default_rng(seed))
+    record = record_of(simulate_flight(vehicle, stick_for(PLAN * 2), seed))
     run = whole(record, setting_of(vehicle))
     for channel, name in enumerate(CHANNELS):
         kind, c = place_of(channel)
@@ -46,7 +46,7 @@ def test_innovations_are_white_under_the_truth(seed):
 def test_a_late_sonar_is_not_less_late_in_quick_tilts(lag_s):
     """About the true lag its score is chance: tilts that begin and end within it are no less late."""
     vehicle = at_lower_rates(load_model("nominal")).with_term("sonar_lag", T=lag_s)
-    record = record_of(flown(vehicle, stick_for(TILTS), 5))
+    record = record_of(simulate_flight(vehicle, stick_for(TILTS), 5))
     lag = parameter_direction("sonar_lag.T", 1e-3)
     score = information = 0.0
     for rows in stretches(record, setting_of(vehicle), [lag], {}):
@@ -58,7 +58,7 @@ def test_a_late_sonar_is_not_less_late_in_quick_tilts(lag_s):
 
 def test_stamps_that_are_off_make_gyros_scatter_no_more_than_they_are_said_to():
     vehicle = at_lower_rates(load_model("nominal")).with_term("timestamp_jitter", sigma=0.006)
-    record = record_of(flown(vehicle, stick_for(TILTS), 6))
+    record = record_of(simulate_flight(vehicle, stick_for(TILTS), 6))
     run = whole(record, setting_of(vehicle))
     rows = record.kinds == IMU
     for c in range(3):
@@ -68,7 +68,7 @@ def test_stamps_that_are_off_make_gyros_scatter_no_more_than_they_are_said_to():
 
 def test_a_wrong_noise_is_seen():
     vehicle = at_lower_rates(load_model("nominal"))
-    record = record_of(flown(vehicle, stick_for(PLAN), 3))
+    record = record_of(simulate_flight(vehicle, stick_for(PLAN), 3))
     setting = setting_of(vehicle)
     right = whole(record, setting).log_likelihood
     for factor in (0.9, 1.1):
@@ -115,8 +115,8 @@ def far_from_jumps(record):
 def miss_of(ill, direction, times, plan=PLAN, near_jumps=True):
     """Noise-free flights with and without: how far the innovations' change is from so often the trace."""
     model = at_lower_rates(load_model("nominal"))
-    healthy = record_of(flown(silent(model), stick_for(plan), 5, told=model))
-    changed = record_of(flown(silent(ill), stick_for(plan), 5, told=model))
+    healthy = record_of(simulate_flight(silent(model), stick_for(plan), 5, told=model))
+    changed = record_of(simulate_flight(silent(ill), stick_for(plan), 5, told=model))
     # The first guess is taken from the readings; here it shall be the same.
     changed = replace(changed, start=healthy.start)
     setting = setting_of(model)
@@ -138,7 +138,7 @@ def test_the_trace_of_a_term_is_what_the_simulator_does(term, parameter, step):
     model = at_lower_rates(load_model("nominal"))
     size = step if term != "active_braking" else 0.05
     ill = model.with_term(term, **{parameter: (1.0 if term == "sonar_slant" else 0.0) + size})
-    record = record_of(flown(silent(model), stick_for(PLAN), 5, told=model))
+    record = record_of(simulate_flight(silent(model), stick_for(PLAN), 5, told=model))
     column = f"{term}.{parameter}"
     known = [d for e in effects_for([record], setting_of(model)) for d in e.directions]
     direction = next(d for d in known if d.name == column)
@@ -168,7 +168,7 @@ def term_with(name, **parameters):
     ids=["gain", "drag", "attitude time", "attitude_lag", "datum"],
 )
 def test_the_trace_of_what_may_differ_is_what_the_simulator_does(name, ill, times):
-    nuisance = next(n for n in MEAN if n.name == name)
+    nuisance = next(n for n in MEAN_NUISANCES if n.name == name)
     assert miss_of(ill, direction_of(nuisance), times) < 0.02
 
 
@@ -176,7 +176,7 @@ def test_the_trace_of_a_limit_of_the_tilt_is_what_the_simulator_does(monkeypatch
     """Over the whole step from no limit at all to one that cuts a little: more would be outliers at first."""
     monkeypatch.setattr(effects_module, "TILT_LIMITS", (0.98,))
     model = vehicle_with()
-    record = record_of(flown(silent(model), stick_for(PLAN), 5, told=model))
+    record = record_of(simulate_flight(silent(model), stick_for(PLAN), 5, told=model))
     known = [
         d for e in effects_for([record], setting_of(model)) if e.name == "tilt_limit" for d in e.directions
     ]
@@ -186,7 +186,7 @@ def test_the_trace_of_a_limit_of_the_tilt_is_what_the_simulator_does(monkeypatch
 
 
 def test_the_trace_of_a_clock_that_drifts_is_what_the_simulator_does():
-    record = record_of(flown(vehicle_with(), stick_for(TILTS[:1]), 5))
+    record = record_of(simulate_flight(vehicle_with(), stick_for(TILTS[:1]), 5))
     known = [d for e in effects_for([record], setting_of(vehicle_with())) for d in e.directions]
     drift = next(d for d in known if d.name == "clock_drift.ppm")
     assert miss_of(term_with("clock_drift", ppm=20.0), drift, 20e-6, near_jumps=False) < 0.06
@@ -196,7 +196,7 @@ def test_gusts_of_the_simulator_are_as_restless_as_the_filter_has_them():
     """Under their true size and time innovations are white; with more or less of either less likely."""
     blown = {"sigma": 0.15, "tau": 1.0}
     vehicle = term_with("gusts", **blown)
-    record = record_of(flown(vehicle, stick_for(PLAN * 3), 4))
+    record = record_of(simulate_flight(vehicle, stick_for(PLAN * 3), 4))
     run = whole(record, setting_of(vehicle))
     for channel, name in enumerate(CHANNELS):
         kind, c = place_of(channel)
@@ -210,8 +210,8 @@ def test_gusts_of_the_simulator_are_as_restless_as_the_filter_has_them():
 
 def test_steps_half_as_long_change_nothing(monkeypatch):
     """Over a flight of half a minute, all innovations together, by far less than what is judged."""
-    vehicle = drawn_vehicle(at_lower_rates(load_model("nominal")), np.random.default_rng(1))
-    flight = flown(vehicle, stick_for(PLAN * 2), 1)
+    vehicle = draw_vehicle(at_lower_rates(load_model("nominal")), np.random.default_rng(1))
+    flight = simulate_flight(vehicle, stick_for(PLAN * 2), 1)
     usual = record_of(flight)
     run = whole(usual, setting_of(vehicle))
     monkeypatch.setattr(record_module, "LONGEST_STEP_S", record_module.LONGEST_STEP_S / 2)
@@ -226,7 +226,7 @@ def test_steps_half_as_long_change_nothing(monkeypatch):
 
 def test_a_late_vehicle_is_known_less_well_just_after_the_stick_jumps():
     model = at_lower_rates(load_model("nominal")).with_term("control_latency", T=0.1)
-    record = record_of(flown(model, stick_for(["pulse of 1 s forward at 0.25 and coast"]), 3))
+    record = record_of(simulate_flight(model, stick_for(["pulse of 1 s forward at 0.25 and coast"]), 3))
     sure = whole(record, replace(setting_of(model), latency_s=0.0))
     unsure = whole(record, setting_of(model))
     pitch = (record.kinds == 1) & (unsure.status[:, 1] == USED)

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.readings import ATTITUDE, SONAR
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.residuals.boxes import without_boxes
+from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.simulation.model import load_model
 
 PLAN = ["three speeds forward: 0.1, 0.2, 0.4", "brisk climb steps at full stick"]
@@ -25,7 +25,9 @@ def slower():
 @pytest.fixture(scope="module", params=[False, True], ids=["gaussian", "student"])
 def records(request):
     model = slower()
-    return [record_of(flown(model, stick_for(PLAN), seed, student=request.param)) for seed in (3, 4)]
+    return [
+        record_of(simulate_flight(model, stick_for(PLAN), seed, student=request.param)) for seed in (3, 4)
+    ]
 
 
 def over(record, height, crowded=False):
@@ -105,7 +107,7 @@ def test_what_lies_below_most_readings_is_a_pit(records):
 def test_under_tilts_boxes_are_as_high_as_they_are():
     """A range is longer than the height where the vehicle leans; what goes with the motion eats no box."""
     model = slower()
-    record = record_of(flown(model, stick_for(["tilts of 15 deg to all four sides"] * 2), 1))
+    record = record_of(simulate_flight(model, stick_for(["tilts of 15 deg to all four sides"] * 2), 1))
     roll, pitch = (
         np.interp(record.times_s, record.times_s[at], record.values[at, axis])
         for at in [record.kinds == ATTITUDE] for axis in range(2)

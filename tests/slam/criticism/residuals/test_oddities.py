@@ -13,7 +13,6 @@ from slam.criticism.camera.dents import Dents
 from slam.criticism.camera.nodes import COUNT
 from slam.criticism.camera.pictures import Sights
 from slam.criticism.cause import Cause
-from slam.criticism.healthy import flown
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
@@ -27,13 +26,14 @@ from slam.criticism.residuals.oddities import (
     oddities,
     without_dead_zone,
 )
+from slam.criticism.simulated_flights import simulate_flight
 from slam.criticism.verdict.criticism import Criticism
 from slam.simulation.model import load_model
 
 
 @pytest.fixture(scope="module")
 def record():
-    return record_of(flown(load_model("nominal"), stick_for(["climb and descend by 0.6 m"] * 2), 4))
+    return record_of(simulate_flight(load_model("nominal"), stick_for(["climb and descend by 0.6 m"] * 2), 4))
 
 
 def changed(record, change):

@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import flown
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import ATTITUDE
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.residuals.outliers import outliers_of
+from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation.model import load_model
 
 
 @pytest.mark.parametrize(("share", "told"), [(0.0, False), (0.02, False), (0.1, True)])
 def test_a_share_that_no_noise_makes_is_told(share, told):
     model = load_model("nominal")
-    record = record_of(flown(model, stick_for(["climb and descend by 0.6 m"]), 1))
+    record = record_of(simulate_flight(model, stick_for(["climb and descend by 0.6 m"]), 1))
     values, rng = record.values.copy(), np.random.default_rng(2)
     rolls = np.flatnonzero(record.kinds == ATTITUDE)
     values[rng.choice(rolls, int(share * len(rolls)), replace=False), 0] += 0.3

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
@@ -16,7 +15,8 @@ from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.residuals.oddities import LOST_NATS, Lost, oddities, without_dead_zone
 from slam.criticism.residuals.smallest import _lost, smallest_in_readings
-from slam.criticism.search.look import look_at
+from slam.criticism.search.expansion import expand
+from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.criticism.verdict.power import detectable
 from slam.simulation.model import load_model
 
@@ -26,7 +26,7 @@ PLAN = ["slow descent to 0.3 m and back", "square of four sides"]
 @pytest.fixture(scope="module")
 def record():
     model = at_lower_rates(load_model("nominal"))
-    return referred(record_of(flown(model, stick_for(PLAN), 2)), setting_of(model))
+    return referred(record_of(simulate_flight(model, stick_for(PLAN), 2)), setting_of(model))
 
 
 def with_ranges(record, change):
@@ -74,11 +74,13 @@ def test_a_limit_of_the_tilt_that_would_show_does():
     setting, plan = setting_of(nominal), ["three speeds forward: 0.1, 0.2, 0.4"] * 2
 
     def seen(model, seed):
-        record = referred(record_of(flown(model, stick_for(plan), seed, told=nominal)), setting)
-        return look_at([record], setting, setting)
+        record = referred(record_of(simulate_flight(model, stick_for(plan), seed, told=nominal)), setting)
+        return expand([record], setting, setting)
 
     limit, unit = detectable(seen(nominal, 3), 3.7)["tilt_limit"]
     assert unit == "rad"
     assert 0.1 < limit < 0.4 * 0.5236
-    look = seen(nominal.with_term("tilt_limit", limit=limit), 3)
-    assert max(s.z for s in look.standing([], look.effects) if s.effect.name == "tilt_limit") > 3.7
+    expansion = seen(nominal.with_term("tilt_limit", limit=limit), 3)
+    assert (
+        max(s.z for s in expansion.score_tests([], expansion.effects) if s.effect.name == "tilt_limit") > 3.7
+    )

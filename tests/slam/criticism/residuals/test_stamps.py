@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import flown
 from slam.criticism.kalman.readings import ATTITUDE, IMU
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.residuals.stamps import _streams, without_jitter
+from slam.criticism.simulated_flights import simulate_flight
 from tests.slam.criticism.judged_flights import NOMINAL, SLOWER, judged
 
 PLAN = ["short pulses of 0.2 s forward at half stick", "brisk climb steps at full stick"]
@@ -18,7 +18,7 @@ SEEDS = (3, 4)
 
 
 def flights(model):
-    return [flown(model, stick_for(PLAN), seed) for seed in SEEDS]
+    return [simulate_flight(model, stick_for(PLAN), seed) for seed in SEEDS]
 
 
 @pytest.mark.parametrize("sigma", [pytest.param(0.0015, marks=pytest.mark.slow), 0.008])

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import flown
 from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import IMU
@@ -15,6 +14,7 @@ from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.residuals.vibration import _log_tail, _over_neighbours, vibration_of
+from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation.model import load_model
 
 
@@ -22,7 +22,7 @@ from slam.simulation.model import load_model
 def hover():
     model = load_model("nominal")
     slower = replace(model, imu=replace(model.imu, rate_hz=100.0))
-    record = record_of(flown(slower, stick_for(["hover for 8 s", "hover for 8 s"]), 5))
+    record = record_of(simulate_flight(slower, stick_for(["hover for 8 s", "hover for 8 s"]), 5))
     return record, whole(record, setting_of(slower))
 
 

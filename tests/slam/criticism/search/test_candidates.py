@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import pytest
 
 from slam.core.progress import Tally, silent
-from slam.criticism.search.candidates import tried
+from slam.criticism.search.candidates import best_candidate
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.look import Standing
+from slam.criticism.search.expansion import ScoreTest
 
 
 def test_by_how_much_a_candidate_that_is_beaten_falls_behind_is_kept(monkeypatch):
@@ -22,10 +22,10 @@ def test_by_how_much_a_candidate_that_is_beaten_falls_behind_is_kept(monkeypatch
 
     monkeypatch.setattr("slam.criticism.search.candidates.refit", refit)
     candidates = [Effect(name, relaxes=(name,)) for name in nats]
-    look = SimpleNamespace(setting=None)
+    expansion = SimpleNamespace(setting=None)
 
-    ranked = [Standing(e, nats[e.name], 12.0) for e in candidates]
-    found = tried([], None, look, [], ranked, Tally(silent, "try causes"))
+    ranked = [ScoreTest(e, nats[e.name], 12.0) for e in candidates]
+    found = best_candidate([], None, expansion, [], ranked, Tally(silent, "try causes"))
     assert (found.effect.name, found.rivals) == ("ground_effect", ("sonar_slant",))
     leads = {other: lead for (_, other), lead in found.leads.items()}
     assert leads == pytest.approx({candidates[1].label: 30.0, candidates[2].label: 1.0})

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from slam.criticism.healthy import flown
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.effects import effects_for
+from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation.model import load_model
 
 NOMINAL = load_model("nominal")
@@ -16,7 +16,7 @@ NOMINAL = load_model("nominal")
 
 @pytest.mark.parametrize(("plan", "turns"), [("hover for 8 s", False), ("yaw steps at 0.3, 0.6 and 1", True)])
 def test_the_rate_of_turn_is_judged_only_of_a_vehicle_that_was_told_to_turn(plan, turns):
-    record = record_of(flown(NOMINAL, stick_for([plan]), 1))
+    record = record_of(simulate_flight(NOMINAL, stick_for([plan]), 1))
     names = {effect.name for effect in effects_for([record], setting_of(NOMINAL))}
     assert ("yaw_drag" in names) == turns
     assert {"gyro_bias", "steady_wind"} <= names

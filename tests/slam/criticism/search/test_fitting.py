@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.search.effects import effects_for, relaxations
+from slam.criticism.search.effects import effects_for, relaxed_nuisances
 from slam.criticism.search.fitting import FIRST_S, LONG_S, fit_nuisances
-from slam.criticism.search.information import sums_of
+from slam.criticism.search.information import fisher_information
+from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.simulation.dynamics import ROTOR_RADIUS
 from slam.simulation.model import load_model
 
@@ -21,7 +21,7 @@ def test_a_term_that_the_first_parts_do_not_show_keeps_its_size():
     """A cushion of air under flights that land only later: what little they say of it is chance."""
     vehicle = at_lower_rates(load_model("nominal"))
     model = setting_of(vehicle)
-    record = record_of(flown(vehicle, stick_for(["climb and descend by 0.6 m"]), 3, told=vehicle))
+    record = record_of(simulate_flight(vehicle, stick_for(["climb and descend by 0.6 m"]), 3, told=vehicle))
     parameters = model.parameters.copy()
     parameters[ROTOR_RADIUS] = 0.04
     start = replace(model, parameters=parameters)
@@ -30,7 +30,7 @@ def test_a_term_that_the_first_parts_do_not_show_keeps_its_size():
     assert found.parameters[ROTOR_RADIUS] == 0.04
     assert (found.hold != start.hold).any()
     # A nuisance out of its range is a term too, and no such one.
-    drag = next(e for e in relaxations() if e.name.startswith("vehicle.drag"))
+    drag = next(e for e in relaxed_nuisances() if e.name.startswith("vehicle.drag"))
     apart = fit_nuisances([record], model, start, [cushion, drag])
     assert apart.parameters != pytest.approx(found.parameters, rel=1e-4)
     assert apart.parameters[ROTOR_RADIUS] == 0.04
@@ -40,14 +40,14 @@ def test_noise_of_long_flights_is_fitted_to_all_of_them(monkeypatch):
     """Known no better than a minute tells it, it leaves a shape in ten."""
     vehicle = at_lower_rates(load_model("nominal"))
     model = setting_of(vehicle)
-    record = record_of(flown(vehicle, stick_for(["climb and descend by 0.6 m"]), 3, told=vehicle))
+    record = record_of(simulate_flight(vehicle, stick_for(["climb and descend by 0.6 m"]), 3, told=vehicle))
     seconds = []
 
-    def sums(records, *rest):
+    def fisher(records, *rest):
         seconds.append(sum(r.duration_s for r in records))
-        return sums_of(records[:1], *rest)
+        return fisher_information(records[:1], *rest)
 
-    monkeypatch.setattr("slam.criticism.search.fitting.sums_of", sums)
+    monkeypatch.setattr("slam.criticism.search.fitting.fisher_information", fisher)
     many = round(LONG_S / record.duration_s) + 1
     fit_nuisances([record] * many, model)
     fit_nuisances([record] * (many - 2), model)

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import flown
 from slam.criticism.manoeuvres import stick_for
+from slam.criticism.search.expansion import expand
 from slam.criticism.search.fitting import fit_nuisances
-from slam.criticism.search.look import look_at
-from slam.criticism.search.pairs import hidden_pair, hide_each_other
-from slam.criticism.search.search import exchanged, search
+from slam.criticism.search.pairs import mask_each_other, masked_pair
+from slam.criticism.search.search import search, with_term_replaced
 from slam.criticism.search.thresholds import load_thresholds
+from slam.criticism.simulated_flights import simulate_flight
 from slam.criticism.verdict.posterior import likelier_pairs, posterior_of
 from tests.slam.criticism.judged_flights import NOMINAL, SLOWER, judged
 
@@ -23,56 +23,56 @@ LIMITS = load_thresholds()
 
 
 def climbing(vehicle):
-    return judged(flown(vehicle, stick_for(CLIMBS), seed) for seed in (3, 4))
+    return judged(simulate_flight(vehicle, stick_for(CLIMBS), seed) for seed in (3, 4))
 
 
 @pytest.fixture(scope="module")
-def look():
+def expansion():
     records = climbing(SLOWER)
-    return look_at(records, NOMINAL, fit_nuisances(records, NOMINAL))
+    return expand(records, NOMINAL, fit_nuisances(records, NOMINAL))
 
 
-def effects_of(look, names):
-    return [next(e for e in look.effects if e.name == name) for name in names]
+def effects_of(expansion, names):
+    return [next(e for e in expansion.effects if e.name == name) for name in names]
 
 
-def carrying(look, names, deviations):
+def carrying(expansion, names, deviations):
     """The look at flights without noise in which terms have sizes, in standard deviations with all free."""
-    terms = effects_of(look, names)
-    columns = look.parabola.index([c for e in terms for c in e.columns])
-    _, covariance = look.parabola.answer(terms).of(columns)
-    step = np.zeros(len(look.parabola.score))
+    terms = effects_of(expansion, names)
+    columns = expansion.quadratic.index([c for e in terms for c in e.columns])
+    _, covariance = expansion.quadratic.maximise(terms).of(columns)
+    step = np.zeros(len(expansion.quadratic.score))
     step[columns] = deviations * np.sqrt(np.diag(covariance))
-    score = look.parabola.information @ step
-    return replace(look, parabola=replace(look.parabola, score=score)), covariance
+    score = expansion.quadratic.information @ step
+    return replace(expansion, quadratic=replace(expansion.quadratic, score=score)), covariance
 
 
 def names_of(two):
     return sorted(e.name for e in two)
 
 
-def test_two_terms_that_hide_each_other_are_found_together(look):
-    _, covariance = carrying(look, BOTH, np.zeros(2))
+def test_two_terms_that_hide_each_other_are_found_together(expansion):
+    _, covariance = carrying(expansion, BOTH, np.zeros(2))
     sign = np.sign(covariance[0, 1])
-    hidden, _ = carrying(look, BOTH, np.array([6.5, sign * 4.5]))
-    alone = [hidden.standing([], [e])[0] for e in effects_of(look, BOTH)]
+    hidden, _ = carrying(expansion, BOTH, np.array([6.5, sign * 4.5]))
+    alone = [hidden.score_tests([], [e])[0] for e in effects_of(expansion, BOTH)]
     assert max(s.z for s in alone) < 0.9 * 6.5
     assert min(s.z for s in alone) < LIMITS.effects
-    assert hide_each_other(hidden, effects_of(look, BOTH), LIMITS)
-    assert names_of(hidden_pair(hidden, LIMITS, alone)) == BOTH
+    assert mask_each_other(hidden, effects_of(expansion, BOTH), LIMITS)
+    assert names_of(masked_pair(hidden, LIMITS, alone)) == BOTH
     # The same sizes the other way round help each other: no pair is needed to see them.
-    plain, _ = carrying(look, BOTH, np.array([6.5, -sign * 4.5]))
-    assert not hide_each_other(plain, effects_of(look, BOTH), LIMITS)
+    plain, _ = carrying(expansion, BOTH, np.array([6.5, -sign * 4.5]))
+    assert not mask_each_other(plain, effects_of(expansion, BOTH), LIMITS)
 
 
-def test_one_term_or_none_is_no_pair(look):
-    nothing, _ = carrying(look, BOTH, np.zeros(2))
-    assert hidden_pair(nothing, LIMITS) is None
+def test_one_term_or_none_is_no_pair(expansion):
+    nothing, _ = carrying(expansion, BOTH, np.zeros(2))
+    assert masked_pair(nothing, LIMITS) is None
     for name in ("climb_asymmetry", "sonar_lag", "gyro_scale"):
-        one, _ = carrying(look, [name], np.array([5.0]))
-        alone = one.standing([], [e for e in one.effects if e.name == name])
+        one, _ = carrying(expansion, [name], np.array([5.0]))
+        alone = one.score_tests([], [e for e in one.effects if e.name == name])
         assert alone[0].z == pytest.approx(5.0, abs=0.3)
-        assert hidden_pair(one, LIMITS, alone) is None
+        assert masked_pair(one, LIMITS, alone) is None
 
 
 @pytest.mark.slow
@@ -83,12 +83,12 @@ def test_two_terms_that_explain_more_than_what_looks_like_both_take_its_place():
     assert [e.name for e in found.chosen] == ["sonar_scale"]
     pairs = likelier_pairs(found, found.chosen[0])
     assert names_of(pairs[0]) == BOTH
-    better = exchanged(records, found, found.chosen[0], pairs)
+    better = with_term_replaced(records, found, found.chosen[0], pairs)
     assert names_of(better.chosen) == BOTH
     probability = posterior_of(better).probability
     assert min(probability[name] for name in BOTH) > 0.95
     assert probability["sonar_scale"] < 0.01
     # And back: what explains less does not.
     scale = next(e for e in better.last.effects if e.name == "sonar_scale")
-    kept = exchanged(records, better, better.chosen[0], [(scale,)])
+    kept = with_term_replaced(records, better, better.chosen[0], [(scale,)])
     assert names_of(kept.chosen) == BOTH

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from slam.criticism.healthy import at_lower_rates, healthy_case
+from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.search import search as searching
-from slam.criticism.search.effects import Effect, relaxations
-from slam.criticism.search.look import Standing
+from slam.criticism.search.effects import Effect, relaxed_nuisances
+from slam.criticism.search.expansion import ScoreTest
 from slam.criticism.search.search import LINEAR_Z, _doubtful, beyond, search
 from slam.criticism.search.thresholds import load_thresholds
-from slam.criticism.usable import usable_records
+from slam.criticism.simulated_flights import at_lower_rates, healthy_case
 from slam.simulation.model import load_model
 
 BRAKE = Effect("active_braking", relaxes=("k_b",))
@@ -20,31 +20,33 @@ BIAS = Effect("gyro_bias", relaxes=("x", "y", "z"))
 
 
 def test_a_term_that_says_why_goes_before_a_constant_out_of_its_range_that_explains_little_more():
-    drag = next(e for e in relaxations() if e.name.startswith("vehicle.drag"))
-    loose = Standing(drag, 30.0, 7.7)
-    assert Standing(BRAKE, 28.0, 7.5).worth > loose.worth > Standing(BRAKE, 20.0, 6.3).worth
+    drag = next(e for e in relaxed_nuisances() if e.name.startswith("vehicle.drag"))
+    loose = ScoreTest(drag, 30.0, 7.7)
+    assert ScoreTest(BRAKE, 28.0, 7.5).worth > loose.worth > ScoreTest(BRAKE, 20.0, 6.3).worth
 
 
 def test_each_number_costs():
     assert (
-        Standing(BIAS, 22.0, 6.0).worth < Standing(BRAKE, 20.0, 6.3).worth < Standing(BIAS, 26.0, 6.6).worth
+        ScoreTest(BIAS, 22.0, 6.0).worth
+        < ScoreTest(BRAKE, 20.0, 6.3).worth
+        < ScoreTest(BIAS, 26.0, 6.6).worth
     )
 
 
 def test_where_nothing_stands_out_nothing_is_taken():
-    nowhere = Standing(BIAS, float("nan"), float("nan"))
-    assert beyond([], 4.0) == beyond([nowhere], 4.0) == beyond([Standing(BIAS, 7.0, 3.0)], 4.0) == []
+    nowhere = ScoreTest(BIAS, float("nan"), float("nan"))
+    assert beyond([], 4.0) == beyond([nowhere], 4.0) == beyond([ScoreTest(BIAS, 7.0, 3.0)], 4.0) == []
     # What explains most decides whether to look further, what is worth most is taken.
-    small, large, faint = Standing(BRAKE, 20.0, 6.3), Standing(BIAS, 22.0, 6.0), Standing(BRAKE, 4.0, 2.8)
+    small, large, faint = ScoreTest(BRAKE, 20.0, 6.3), ScoreTest(BIAS, 22.0, 6.0), ScoreTest(BRAKE, 4.0, 2.8)
     assert beyond([large, small, faint], 4.0) == [small, large]
     assert beyond([faint, small], 4.0) == []
 
 
 def test_of_what_explains_the_same_far_off_each_is_fitted_before_one_is_chosen():
-    def standing(name: str, z: float, nats: float) -> Standing:
-        return Standing(Effect(name, relaxes=(name,)), nats, z)
+    def standing(name: str, z: float, nats: float) -> ScoreTest:
+        return ScoreTest(Effect(name, relaxes=(name,)), nats, z)
 
-    def doubtful(*some: Standing) -> list[str]:
+    def doubtful(*some: ScoreTest) -> list[str]:
         return [s.effect.name for s in _doubtful(some, LINEAR_Z)]
 
     bias, slant = standing("sonar_bias", 12.0, 80.8), standing("sonar_slant", 11.0, 60.0)
@@ -63,15 +65,15 @@ def test_what_stands_out_by_far_is_found_in_part_of_long_flights_and_judged_on_a
     setting = setting_of(healthy)
     records = [referred(record, setting) for record in records]
     whole_s = sum(record.duration_s for record in records)
-    look_at, looked_s = searching.look_at, []
+    expand, looked_s = searching.expand, []
 
     def looking(records, *others):
         looked_s.append(sum(record.duration_s for record in records))
-        return look_at(records, *others)
+        return expand(records, *others)
 
-    monkeypatch.setattr(searching, "look_at", looking)
+    monkeypatch.setattr(searching, "expand", looking)
     monkeypatch.setattr(searching, "PART_S", 0.4 * whole_s)
     found = search(records, setting, load_thresholds())
     assert [round(s / whole_s, 1) for s in looked_s] == [1.0, 0.4, 1.0]
     assert {e.name for e in found.chosen} == {"gyro_scale", "sonar_lag"}
-    assert found.first.sums.flight.size == found.last.sums.flight.size
+    assert found.first.fisher.flight.size == found.last.fisher.flight.size

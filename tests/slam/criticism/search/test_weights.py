@@ -5,57 +5,59 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.search.columns import column_of
-from slam.criticism.search.dictionary import dictionary, signals_of
-from slam.criticism.search.fitting import changes_of
-from slam.criticism.search.hypotheses import parabola_of
-from slam.criticism.search.information import sums_of, weight_of
-from slam.criticism.search.nuisances import MEAN, WEIGHED, direction_of
+from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.criticism.search.fitting import noise_changes
+from slam.criticism.search.information import fisher_information, gain_column
+from slam.criticism.search.nuisances import GAIN_CORRECTED, MEAN_NUISANCES, direction_of
+from slam.criticism.search.pattern_bank import pattern_directions, signals_of
+from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 from slam.criticism.search.screening import project
+from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.simulation.model import load_model
 
 BEHIND_TILT = ("force pitch ~ pitch", "force roll ~ roll")
-TILT = weight_of("tilt_std_rad")
+TILT = gain_column("tilt_std_rad")
 
 
 @pytest.fixture(scope="module")
 def seen():
     """Sums over one healthy flight with the two targets that go with tilt, and the belief."""
     model = at_lower_rates(load_model("nominal"))
-    record = record_of(flown(model, stick_for(["tilts of 15 deg to all four sides"]), 50))
+    record = record_of(simulate_flight(model, stick_for(["tilts of 15 deg to all four sides"]), 50))
     setting = setting_of(model)
     plain = whole(record, setting)
-    shapes = [d for d in dictionary([record]) if d.name in BEHIND_TILT]
-    directions = [*map(direction_of, MEAN), *shapes]
+    patterns = [d for d in pattern_directions([record]) if d.name in BEHIND_TILT]
+    directions = [*map(direction_of, MEAN_NUISANCES), *patterns]
     signals = [signals_of(record, plain.states)]
-    return sums_of([record], setting, directions, changes_of(), signals, [plain], WEIGHED), setting
+    return fisher_information(
+        [record], setting, directions, noise_changes(), signals, [plain], GAIN_CORRECTED
+    ), setting
 
 
-def share_left(sums, column, out):
+def share_left(fisher, column, out):
     left = project(
-        sums.information.sum(axis=0), [sums.columns.index(name) for name in out], np.zeros(len(out))
+        fisher.information.sum(axis=0), [fisher.columns.index(name) for name in out], np.zeros(len(out))
     )
-    return left.share[sums.columns.index(column)]
+    return left.share[fisher.columns.index(column)]
 
 
 def test_a_wrong_gain_is_a_target_that_goes_with_tilt(seen):
-    sums, _ = seen
-    vehicle = [n.name for n in MEAN[:3]]
-    assert share_left(sums, TILT, vehicle) > 0.5
-    assert share_left(sums, TILT, [*vehicle, *BEHIND_TILT]) < 0.1
+    fisher, _ = seen
+    vehicle = [n.name for n in MEAN_NUISANCES[:3]]
+    assert share_left(fisher, TILT, vehicle) > 0.5
+    assert share_left(fisher, TILT, [*vehicle, *BEHIND_TILT]) < 0.1
     # The scatter tells the size of the unrest all the same.
-    assert share_left(sums, "tilt_std_rad", [*vehicle, *BEHIND_TILT]) > 0.3
+    assert share_left(fisher, "tilt_std_rad", [*vehicle, *BEHIND_TILT]) > 0.3
 
 
 def test_weights_are_free_but_nothing_that_a_belief_holds(seen):
-    sums, setting = seen
-    parabola = parabola_of(sums, setting, setting, {})
-    answer = parabola.answer([])
-    assert set(map(weight_of, WEIGHED)) <= set(parabola.names)
-    assert answer.step[parabola.names.index(TILT)] != 0.0
-    assert column_of(TILT).moved(setting, 0.1) is setting
+    fisher, setting = seen
+    quadratic = quadratic_likelihood(fisher, setting, setting, {})
+    maximum = quadratic.maximise([])
+    assert set(map(gain_column, GAIN_CORRECTED)) <= set(quadratic.names)
+    assert maximum.step[quadratic.names.index(TILT)] != 0.0
+    assert fitted_parameter(TILT).stepped(setting, 0.1) is setting

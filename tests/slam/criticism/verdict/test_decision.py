@@ -10,16 +10,16 @@ import pytest
 
 from slam.criticism.cause import JUDGED_HORIZON_S, Cause, ChannelError, Gain
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.search import Search
+from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict import decision
 from slam.criticism.verdict.criticism import Criticism
-from slam.criticism.verdict.decision import confirmed, decide, weighed
+from slam.criticism.verdict.decision import confirmed_terms, decide, split_by_probability
 from slam.criticism.verdict.posterior import (
     NOTHING,
     SOMETHING_ELSE,
     Posterior,
     _probabilities,
-    likelier,
+    likelier_term,
     posterior_of,
 )
 from slam.criticism.verdict.tables import IN_SINGLE_READINGS, ranking
@@ -32,14 +32,14 @@ def cause(name: str, probability: float = 1.0) -> Cause:
     return Cause(name, probability, {}, GAIN, 20.0, 30.0, (name,))
 
 
-def told(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), foreign: bool = False):
+def told(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), out_of_model: bool = False):
     """Verdict, and the probabilities of the causes that are told and of those that are not."""
     odd = SimpleNamespace(name="vehicle.drag_1_s out of range", directions=())
     terms = [SimpleNamespace(name=c.name, directions=() if c.name == "gusts" else ("x",)) for c in causes]
     posterior = Posterior({SOMETHING_ELSE: unknown, NOTHING: 0.0}, (), ())
     chosen = (*terms, odd) if unknown > 0.5 else tuple(terms)
-    found = SimpleNamespace(model=SimpleNamespace(foreign=foreign), chosen=chosen)
-    likely, faint = weighed(causes, found, posterior, doubted)
+    found = SimpleNamespace(model=SimpleNamespace(out_of_model=out_of_model), chosen=chosen)
+    likely, faint = split_by_probability(causes, found, posterior, doubted)
     verdict = decide(likely, found, posterior, [], ["faint"] * len(faint), 4.5)[0]
     return verdict, [c.probability for c in likely], [c.probability for c in faint]
 
@@ -47,7 +47,7 @@ def told(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), foreign:
 def test_what_contradicts_itself_and_unrest_are_not_claimed_beside_something_unknown():
     causes = cause("flow_scale"), cause("gusts")
     assert told(*causes, unknown=1.0, doubted=("flow_scale",)) == ("unknown", [0.5, 0.5], [])
-    assert told(*causes, unknown=1.0, doubted=("flow_scale",), foreign=True)[1] == [1.0, 1.0]
+    assert told(*causes, unknown=1.0, doubted=("flow_scale",), out_of_model=True)[1] == [1.0, 1.0]
 
 
 def test_one_that_is_the_same_everywhere_is_claimed_with_a_remainder():
@@ -71,24 +71,24 @@ def test_what_flies_worse_than_nothing_is_not_claimed_beside_something_unknown()
 
 def test_what_stands_out_by_less_than_what_is_left_beside_it_is_doubted():
     odd = SimpleNamespace(name="vehicle.drag_1_s out of range", directions=())
-    found = SimpleNamespace(model=SimpleNamespace(foreign=False), chosen=(odd,))
+    found = SimpleNamespace(model=SimpleNamespace(out_of_model=False), chosen=(odd,))
     posterior = Posterior({SOMETHING_ELSE: 1.0, NOTHING: 0.0}, (), ())
     for left_z, probability in ((17.4, 1.0), (25.0, 0.5)):
-        (drag,), _ = weighed([cause("quadratic_drag")], found, posterior, (), left_z)
+        (drag,), _ = split_by_probability([cause("quadratic_drag")], found, posterior, (), left_z)
         assert drag.z == 20.0
         assert drag.probability == probability
 
 
 def test_two_causes_that_are_told_are_not_told_as_alike():
-    odd = SimpleNamespace(model=SimpleNamespace(foreign=False), chosen=())
+    odd = SimpleNamespace(model=SimpleNamespace(out_of_model=False), chosen=())
     posterior = Posterior({SOMETHING_ELSE: 0.0, NOTHING: 0.0}, (), ())
     verdict, alike, _ = decide((cause("sonar_lag"), cause("yaw_drag")), odd, posterior, [], [], 4.5)
     assert (verdict, alike) == ("named", ("sonar_lag",))
 
 
 def test_nothing_is_wrong_only_if_no_single_reading_is():
-    look = SimpleNamespace(standing=lambda rest, effects: [], effects=())
-    found = SimpleNamespace(first=look)
+    expansion = SimpleNamespace(score_tests=lambda rest, effects: [], effects=())
+    found = SimpleNamespace(first=expansion)
     probability = {NOTHING: 0.8, SOMETHING_ELSE: 0.1}
     odd = replace(cause("sonar_spikes"), probability=0.99)
     ranks = {r.name: r for r in ranking(found, probability, [odd])}
@@ -119,7 +119,7 @@ def test_what_is_next_to_impossible_is_left_over():
 
 def test_of_a_foreign_vehicle_too_nothing_is_claimed_that_is_next_to_impossible():
     causes = cause("tilt_limit"), cause("flow_scale", 0.0)
-    assert told(*causes, unknown=1.0, foreign=True) == ("named_with_remainder", [1.0], [0.0])
+    assert told(*causes, unknown=1.0, out_of_model=True) == ("named_with_remainder", [1.0], [0.0])
 
 
 def test_what_is_likelier_in_place_of_a_chosen_term_is_found():
@@ -128,7 +128,7 @@ def test_what_is_likelier_in_place_of_a_chosen_term_is_found():
     names = (("attitude_lag", "control_latency"),)
 
     def by(lag_p: float, latency_p: float):
-        return likelier(
+        return likelier_term(
             found, Posterior({"attitude_lag": lag_p, "control_latency": latency_p}, names, (0.0,))
         )
 
@@ -140,39 +140,41 @@ def test_what_fits_say_of_a_rival_goes_before_what_a_look_says():
     rise, scale = Effect("sonar_temperature", relaxes=("a",)), Effect("sonar_scale", relaxes=("b",))
     nats = {(): 0.0, (rise,): 50.0, (scale,): 51.4, (rise, scale): 51.5}
 
-    def answer(effects):
+    def maximise(effects):
         return SimpleNamespace(nats=nats[tuple(effects)], of=lambda _: (np.zeros(2), np.eye(2)))
 
     def standing(rest, tried):
-        return [SimpleNamespace(effect=e, nats=answer([*rest, e]).nats - answer(rest).nats) for e in tried]
+        return [
+            SimpleNamespace(effect=e, nats=maximise([*rest, e]).nats - maximise(rest).nats) for e in tried
+        ]
 
-    look = SimpleNamespace(
+    expansion = SimpleNamespace(
         effects=(rise, scale),
-        shapes=(),
-        standing=standing,
+        patterns=(),
+        score_tests=standing,
         own=lambda effect: effect,
-        sums=SimpleNamespace(log_likelihood=np.zeros(1)),
-        parabola=SimpleNamespace(answer=answer, index=lambda columns: columns),
+        fisher=SimpleNamespace(log_likelihood=np.zeros(1)),
+        quadratic=SimpleNamespace(maximise=maximise, index=lambda columns: columns),
     )
-    found = Search(None, look, look, (rise,))
+    found = SearchResult(None, expansion, expansion, (rise,))
     assert posterior_of(found).probability["sonar_temperature"] < 0.25
     refitted = replace(found, leads={(rise.label, scale.label): 0.0})
     assert posterior_of(refitted).probability["sonar_temperature"] == pytest.approx(0.5, abs=0.01)
 
 
 def test_flights_without_a_confirmed_cause_are_judged_as_at_first():
-    assert confirmed([], Search(None, "first", "last", ()), None).last == "first"
+    assert confirmed_terms([], SearchResult(None, "first", "last", ()), None).last == "first"
     limit = Effect("tilt_limit", relaxes=("tilt_limit.limit",))
-    plain = SimpleNamespace(effects=(limit,), standing=lambda rest, among: [SimpleNamespace(z=100.0)])
-    assert confirmed([], Search(None, plain, "last", (limit,)), None).last == "last"
+    plain = SimpleNamespace(effects=(limit,), score_tests=lambda rest, among: [SimpleNamespace(z=100.0)])
+    assert confirmed_terms([], SearchResult(None, plain, "last", (limit,)), None).last == "last"
 
 
 def test_a_faint_limit_that_held_out_flights_contradict_is_taken_back(monkeypatch):
     limit = Effect("tilt_limit", relaxes=("tilt_limit.limit",))
-    faint = SimpleNamespace(effects=(limit,), standing=lambda rest, among: [SimpleNamespace(z=4.0)])
+    faint = SimpleNamespace(effects=(limit,), score_tests=lambda rest, among: [SimpleNamespace(z=4.0)])
     for total, chosen in ((-178.0, ()), (12.0, (limit,))):
         monkeypatch.setattr(decision, "held_out", lambda *of, total=total: SimpleNamespace(total=total))
-        assert confirmed([], Search(None, faint, "last", (limit,)), None).chosen == chosen
+        assert confirmed_terms([], SearchResult(None, faint, "last", (limit,)), None).chosen == chosen
 
 
 @pytest.mark.parametrize("probability", [0.97, 1.0])

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.search import search
 from slam.criticism.search.thresholds import load_thresholds
+from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.criticism.verdict.decision import decide
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, posterior_of
 from slam.simulation.model import load_model
@@ -35,7 +35,7 @@ def judged(flights):
 def test_faint_gusts_are_told_from_nothing_though_the_belief_that_holds_them_hides_it():
     model = at_lower_rates(load_model("nominal"))
     windy = model.with_term("gusts", sigma=0.07, tau=1.5)
-    found, posterior = judged([flown(windy, stick_for(PLAN), seed, told=model) for seed in (1, 2)])
+    found, posterior = judged([simulate_flight(windy, stick_for(PLAN), seed, told=model) for seed in (1, 2)])
     assert [e.name for e in found.chosen] == ["gusts"]
     assert posterior.probability["gusts"] > 0.99
     assert posterior.probability[NOTHING] < 1e-3
@@ -46,7 +46,7 @@ def test_gusts_that_nothing_shows_are_not_certain_beside_a_cause_that_all_shows(
     """What is missed without gusts is asked with the latency in the belief, not from health."""
     model = at_lower_rates(load_model("nominal"))
     late = model.with_term("control_latency", T=0.1)
-    found, _ = judged([flown(late, stick_for(PLAN), seed, told=model) for seed in (1, 2)])
+    found, _ = judged([simulate_flight(late, stick_for(PLAN), seed, told=model) for seed in (1, 2)])
     assert [e.name for e in found.chosen] == ["control_latency"]
     gusts = next(e for e in found.last.effects if e.name == "gusts")
     posterior = posterior_of(replace(found, chosen=(*found.chosen, gusts)))
@@ -57,7 +57,7 @@ def test_gusts_that_nothing_shows_are_not_certain_beside_a_cause_that_all_shows(
 @pytest.mark.parametrize("late_s", [0.03, -0.01])
 def test_a_speed_that_comes_late_or_early_is_told_as_that(late_s):
     model = at_lower_rates(load_model("nominal"))
-    flights = [flown(model, stick_for(PLAN), seed) for seed in (1, 2)]
+    flights = [simulate_flight(model, stick_for(PLAN), seed) for seed in (1, 2)]
     shifted = [
         replace(f, velocity=replace(f.velocity, stamps_s=f.velocity.stamps_s + late_s)) for f in flights
     ]
@@ -73,12 +73,14 @@ def test_a_speed_that_comes_late_or_early_is_told_as_that(late_s):
 
 def test_an_attitude_that_comes_late_is_no_command_that_does():
     model = at_lower_rates(load_model("nominal"))
-    flights = [flown(model, stick_for(PLAN), seed) for seed in (1, 2)]
+    flights = [simulate_flight(model, stick_for(PLAN), seed) for seed in (1, 2)]
     late = [replace(f, attitude=replace(f.attitude, stamps_s=f.attitude.stamps_s + LATE_S)) for f in flights]
     found, posterior = judged(late)
     assert [e.name for e in found.chosen] == ["attitude late"]
     assert posterior.probability[SOMETHING_ELSE] > 0.99
-    look = found.last
-    step, covariance = look.parabola.answer(found.chosen).of(look.parabola.index(found.chosen[0].columns))
-    held_s = look.parabola.held.get("attitude.delay_s", 0.0)
+    expansion = found.last
+    step, covariance = expansion.quadratic.maximise(found.chosen).of(
+        expansion.quadratic.index(found.chosen[0].columns)
+    )
+    held_s = expansion.quadratic.current.get("attitude.delay_s", 0.0)
     assert step[0] + held_s == pytest.approx(LATE_S, abs=4.0 * float(np.sqrt(covariance[0, 0])) + 2e-4)

@@ -33,7 +33,7 @@ def _at(seconds: float, x: float, y: float, height: float) -> Place:
     return (seconds, 0.0, 0.0, 0.0, x, y, height)
 
 
-CARRIED: dict[str, tuple[Place, ...]] = {
+HANDHELD_MOTIONS: dict[str, tuple[Place, ...]] = {
     "hold it in the hand 1 m over the floor, level and tilted by 40 deg to all four sides": (
         _tilted(40.0, 0.0), _LEVEL, _tilted(-40.0, 0.0), _LEVEL, _tilted(0.0, 40.0), _LEVEL,
         _tilted(0.0, -40.0), _LEVEL,
@@ -54,7 +54,7 @@ CARRIED: dict[str, tuple[Place, ...]] = {
 
 
 @dataclass(frozen=True)
-class Carried:
+class HandheldMotion:
     """One of these motions, once or several times over; smooth to the acceleration."""
 
     path: BPoly
@@ -71,12 +71,12 @@ class Carried:
         return State(np.asarray(stamps_s), place, speed, self.path(t, 2)[:, 3:], angles, body)
 
 
-def carried(name: str, times: int = 1) -> Carried:
+def handheld_motion(name: str, times: int = 1) -> HandheldMotion:
     """The motion of a name, ``times`` over, with a rest before."""
-    table = np.array([_LEVEL, *CARRIED[name] * times])
+    table = np.array([_LEVEL, *HANDHELD_MOTIONS[name] * times])
     table[:, 1:4] = np.radians(table[:, 1:4])
     arrived = np.cumsum(table[:, 0] + REST_S)
     nodes = np.column_stack([arrived - REST_S, arrived]).ravel()
     still = np.zeros((2 * len(table), 3, 6))
     still[:, 0] = np.repeat(table[:, 1:], 2, axis=0)
-    return Carried(BPoly.from_derivatives(nodes - nodes[0], still), float(nodes[-1] - nodes[0]))
+    return HandheldMotion(BPoly.from_derivatives(nodes - nodes[0], still), float(nodes[-1] - nodes[0]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.criticism.search.hypotheses import Answer, Parabola
+from slam.criticism.search.quadratic_likelihood import Maximum, QuadraticLikelihood
 
 
 def test_predicted_is_the_average_over_the_answers_uncertainty():
@@ -13,12 +13,14 @@ def test_predicted_is_the_average_over_the_answers_uncertainty():
     root = rng.standard_normal((3, 5))
     none = np.zeros(0)
     score = rng.standard_normal(3)
-    parabola = Parabola(("a", "b", "c"), (), root @ root.T, score, none, np.zeros((0, 2)), none, {})
+    quadratic = QuadraticLikelihood(
+        ("a", "b", "c"), (), root @ root.T, score, none, np.zeros((0, 2)), none, {}
+    )
     half = 0.3 * rng.standard_normal((2, 2))
     free, whole = np.array([0, 2]), np.array([0.2, 0.0, -0.1])
-    other = Answer(0.0, free, whole[free], half @ half.T, whole)
+    other = Maximum(0.0, free, whole[free], half @ half.T, whole)
     drawn = rng.standard_normal((200_000, 2)) @ half.T
     steps = np.tile(whole, (len(drawn), 1))
     steps[:, free] += drawn
-    nats = steps @ parabola.score - 0.5 * np.einsum("ni,ij,nj->n", steps, parabola.information, steps)
-    assert parabola.predicted(other) == pytest.approx(np.log(np.mean(np.exp(nats))), abs=0.01)
+    nats = steps @ quadratic.score - 0.5 * np.einsum("ni,ij,nj->n", steps, quadratic.information, steps)
+    assert quadratic.predicted(other) == pytest.approx(np.log(np.mean(np.exp(nats))), abs=0.01)

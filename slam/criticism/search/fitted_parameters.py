@@ -15,7 +15,14 @@ import numpy as np
 from slam.criticism.kalman.optics import SQUARES, catalogued
 from slam.criticism.kalman.setting import Setting, slot
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
-from slam.criticism.search.nuisances import COLOURS, NUISANCES, WEIGHTS, Nuisance, value_of, with_value
+from slam.criticism.search.nuisances import (
+    AR1_COEFFICIENTS,
+    GAIN_NUISANCES,
+    NUISANCES,
+    Nuisance,
+    value_of,
+    with_value,
+)
 from slam.simulation.dynamics import PARAMETERS, TILT_LIMIT
 from slam.simulation.terms import CATALOGUE, Parameter
 
@@ -26,18 +33,18 @@ DELAY = Parameter("delay_s", "s", 0.0, -0.15, 0.15, -0.5, 0.5)
 """Of readings that come late, or early: no term's."""
 AT = "@"
 """Between a term's name and the value that it is tried at."""
-_BY_NAME = {n.name: n for n in (*NUISANCES, *COLOURS)}
-_OF_THE_GAINS = {n.name for n in WEIGHTS}
+_BY_NAME = {n.name: n for n in (*NUISANCES, *AR1_COEFFICIENTS)}
+_OF_THE_GAINS = {n.name for n in GAIN_NUISANCES}
 
 
-class Column:
+class FittedParameter:
     """One fitted number."""
 
-    def held(self, setting: Setting) -> float:
+    def value_in(self, setting: Setting) -> float:
         """How much of it a belief holds; 0 where the term is not there."""
         return 0.0
 
-    def moved(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: Setting, step: float) -> Setting:
         """The belief with a step of it, within what the equations bear."""
         return setting
 
@@ -45,30 +52,30 @@ class Column:
         """How far the equations still mean something and a parabola may hold."""
         return inf
 
-    def in_catalogue(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: Setting) -> float:
         """So much of it in the catalogue's unit."""
         return held
 
 
 @dataclass(frozen=True)
-class _Entry(Column):
+class _Entry(FittedParameter):
     """A parameter of a term as it stands in the equations, an instrument or the camera."""
 
     where: str
     entry: int
     limits: Parameter
 
-    def held(self, setting: Setting) -> float:
+    def value_in(self, setting: Setting) -> float:
         return float(getattr(setting, self.where)[self.entry]) - self.limits.neutral
 
-    def moved(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: Setting, step: float) -> Setting:
         x = float(getattr(setting, self.where)[self.entry]) + step
         return _with(setting, self.where, self.entry, min(max(x, self.limits.least), self.limits.most))
 
     def longest_step(self, setting: Setting) -> float:
         return self.limits.high - self.limits.low
 
-    def in_catalogue(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: Setting) -> float:
         if self.where == "camera" and self.entry in SQUARES:
             return catalogued(self.entry, held)
         return self.limits.neutral + held
@@ -78,32 +85,32 @@ class _Entry(Column):
 class _Squared(_Entry):
     """A parameter of the equations that acts by its square."""
 
-    def held(self, setting: Setting) -> float:
+    def value_in(self, setting: Setting) -> float:
         return float(getattr(setting, self.where)[self.entry]) ** 2
 
-    def moved(self, setting: Setting, step: float) -> Setting:
-        return _with(setting, self.where, self.entry, _root(self.held(setting) + step))
+    def stepped(self, setting: Setting, step: float) -> Setting:
+        return _with(setting, self.where, self.entry, _root(self.value_in(setting) + step))
 
-    def in_catalogue(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: Setting) -> float:
         return _root(held)
 
 
 @dataclass(frozen=True)
-class _Latency(Column):
+class _Latency(FittedParameter):
     """The command's delay, about what the belief has of it."""
 
     limits: Parameter
 
-    def held(self, setting: Setting) -> float:
+    def value_in(self, setting: Setting) -> float:
         return setting.latency_s
 
-    def moved(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: Setting, step: float) -> Setting:
         return replace(setting, latency_s=min(max(setting.latency_s + step, 0.0), LARGEST_LATENCY_S))
 
     def longest_step(self, setting: Setting) -> float:
         return self.limits.high - self.limits.low
 
-    def in_catalogue(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: Setting) -> float:
         return max(held, 0.0)
 
 
@@ -113,7 +120,7 @@ class _LatencyAt(_Latency):
 
     value_s: float
 
-    def moved(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: Setting, step: float) -> Setting:
         return replace(setting, latency_s=self.value_s)
 
     def longest_step(self, setting: Setting) -> float:
@@ -126,7 +133,7 @@ class _LimitAt(_Entry):
 
     value_rad: float
 
-    def moved(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: Setting, step: float) -> Setting:
         return _with(setting, self.where, self.entry, self.value_rad)
 
     def longest_step(self, setting: Setting) -> float:
@@ -134,59 +141,59 @@ class _LimitAt(_Entry):
 
 
 @dataclass(frozen=True)
-class _Gusts(Column):
+class _Gusts(FittedParameter):
     """Variance of gusts of one correlation time."""
 
     time_s: float
 
-    def held(self, setting: Setting) -> float:
+    def value_in(self, setting: Setting) -> float:
         return float(setting.hold[GUST_STD] ** 2) if setting.hold[GUST_TIME] == self.time_s else 0.0
 
-    def moved(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: Setting, step: float) -> Setting:
         blown = _with(setting, "hold", GUST_STD, _root(float(setting.hold[GUST_STD]) ** 2 + step))
         return _with(blown, "hold", GUST_TIME, self.time_s)
 
-    def in_catalogue(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: Setting) -> float:
         return _root(held)
 
 
-class _ClockDrift(Column):
+class _ClockDrift(FittedParameter):
     """The vehicle's clock against the recorder's, a share; parts per million in the catalogue."""
 
-    def held(self, setting: Setting) -> float:
+    def value_in(self, setting: Setting) -> float:
         return setting.drift
 
-    def moved(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: Setting, step: float) -> Setting:
         return replace(setting, drift=setting.drift + step)
 
     def longest_step(self, setting: Setting) -> float:
         limits = CATALOGUE["clock_drift"].parameter("ppm")
         return 1e-6 * (limits.high - limits.low)
 
-    def in_catalogue(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: Setting) -> float:
         return 1e6 * held
 
 
-class _Jitter(Column):
+class _Jitter(FittedParameter):
     """Variance of the stamps, in square milliseconds; its root in seconds in the catalogue."""
 
-    def held(self, setting: Setting) -> float:
+    def value_in(self, setting: Setting) -> float:
         return 1e6 * setting.jitter_s**2
 
-    def moved(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: Setting, step: float) -> Setting:
         return replace(setting, jitter_s=_root(setting.jitter_s**2 + 1e-6 * step))
 
-    def in_catalogue(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: Setting) -> float:
         return 1e-3 * _root(held)
 
 
 @dataclass(frozen=True)
-class _OfNuisance(Column):
+class _OfNuisance(FittedParameter):
     """A nuisance, told from where the belief has it."""
 
     nuisance: Nuisance
 
-    def moved(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: Setting, step: float) -> Setting:
         return with_value(self.nuisance, setting, value_of(self.nuisance, setting) + step)
 
     def longest_step(self, setting: Setting) -> float:
@@ -194,16 +201,16 @@ class _OfNuisance(Column):
             return LARGEST_SHARE * abs(value_of(self.nuisance, setting))
         return inf
 
-    def in_catalogue(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: Setting) -> float:
         return value_of(self.nuisance, setting) + held
 
 
-class _OfTheGains(Column):
+class _OfTheGains(FittedParameter):
     """How far the filter's gains are off: nothing that a belief holds."""
 
 
 @lru_cache(maxsize=256)
-def column_of(name: str) -> Column:
+def fitted_parameter(name: str) -> FittedParameter:
     """The column of that name: ``term.parameter``, ``term@value``, or a nuisance's."""
     if name in _BY_NAME:
         return _OfNuisance(_BY_NAME[name])
@@ -229,7 +236,7 @@ def column_of(name: str) -> Column:
 
 def bounded(name: str, step: float, setting: Setting) -> float:
     """A step of a column cut to its longest."""
-    most = column_of(name).longest_step(setting)
+    most = fitted_parameter(name).longest_step(setting)
     return min(max(step, -most), most)
 
 

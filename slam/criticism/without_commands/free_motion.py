@@ -14,7 +14,7 @@ from slam.core.flight import Flight
 from slam.criticism.kalman.record import Record, moving_from, record_of
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.transition import HOLD
-from slam.criticism.without_commands.balances import near_floor
+from slam.criticism.without_commands.inertial_consistency import near_floor
 
 UNREST = {
     "tilt_std_rad": 0.3, "tilt_time_s": 0.2, "yaw_rate_std_rad_s": 1.5, "yaw_rate_time_s": 0.2,
@@ -26,14 +26,14 @@ CLEAR_S = 0.3
 SHORTEST_S = 5.0
 
 
-def free(setting: Setting) -> Setting:
+def with_free_motion(setting: Setting) -> Setting:
     """The belief about the instruments alone."""
     hold = setting.hold.copy()
     hold[[HOLD.index(name) for name in UNREST]] = list(UNREST.values())
     return replace(setting, hold=hold)
 
 
-def airborne(flight: Flight) -> Record | None:
+def airborne_record(flight: Flight) -> Record | None:
     """The longest stretch between readings near the floor; None where there is no sonar to tell, where it is
     short, or where fewer than two of imu, attitude and velocity say what the vehicle does in it."""
     if flight.sonar is None or [flight.imu, flight.attitude, flight.velocity].count(None) > 1:

@@ -8,18 +8,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import flown
 from slam.criticism.kalman.filter import IGNORED, USED
 from slam.criticism.kalman.innovations import Pass, whole
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.search import search
 from slam.criticism.search.thresholds import load_thresholds
-from slam.criticism.verdict.heldout import _of_the_same_readings, held_out
+from slam.criticism.simulated_flights import simulate_flight
+from slam.criticism.verdict.held_out import _of_the_same_readings, held_out
 from tests.slam.criticism.judged_flights import NOMINAL, SLOWER, judged
 
 
 @dataclass
-class Sums:
+class FisherInformation:
     log_likelihood: np.ndarray
     flight: np.ndarray
     readings: tuple
@@ -27,15 +27,17 @@ class Sums:
 
 
 @dataclass
-class Look:
-    sums: Sums
+class LikelihoodExpansion:
+    fisher: FisherInformation
 
 
-def look(run, pieces, shown=0.0):
+def expansion(run, pieces, shown=0.0):
     """A look at one flight whose stretches are its events in equal parts, pictures last."""
     bounds = np.linspace(0, len(run.status), pieces + 1).astype(int)
     nats = [run.nats[a:b].sum() for a, b in pairwise(bounds)]
-    return Look(Sums(np.array([*nats, shown]), np.zeros(pieces + 1, dtype=int), (pieces,), (run,)))
+    return LikelihoodExpansion(
+        FisherInformation(np.array([*nats, shown]), np.zeros(pieces + 1, dtype=int), (pieces,), (run,))
+    )
 
 
 def test_a_reading_that_one_belief_leaves_out_counts_in_neither():
@@ -47,7 +49,7 @@ def test_a_reading_that_one_belief_leaves_out_counts_in_neither():
     missing = np.where(fewer == USED, white, np.nan), np.where(fewer == USED, log_variance, np.nan)
     states = np.zeros((60, 11))
     every, part = Pass(white, log_variance, status, states), Pass(*missing, fewer, states)
-    one, other = _of_the_same_readings(look(every, 3, 7.0), look(part, 3, 5.0))
+    one, other = _of_the_same_readings(expansion(every, 3, 7.0), expansion(part, 3, 5.0))
     np.testing.assert_allclose(one[:3], other[:3])
     assert (one[3], other[3]) == (7.0, 5.0)
 
@@ -58,7 +60,7 @@ def short_sonar():
     vehicle = SLOWER.with_term("sonar_bias", b=-0.04)
     plans = (["climb and descend by 0.6 m"], ["touch the floor, stand for 3 s and rise again"],
              ["reversing forward at 0.2"])  # fmt: skip
-    records = judged(flown(vehicle, stick_for(plan), 60 + k) for k, plan in enumerate(plans))
+    records = judged(simulate_flight(vehicle, stick_for(plan), 60 + k) for k, plan in enumerate(plans))
     return records, search(records, NOMINAL, load_thresholds())
 
 
@@ -76,12 +78,12 @@ def test_flights_of_which_beliefs_judge_different_readings_are_run_anew(short_so
     by_parabola = held_out(records, found, NOMINAL)
 
     def one_more(base, last):
-        nats = base.sums.log_likelihood.copy(), last.sums.log_likelihood.copy()
+        nats = base.fisher.log_likelihood.copy(), last.fisher.log_likelihood.copy()
         # A reading of the first flight that the belief with the term alone judges, and hates.
         nats[1][0] += 30.0
         return nats
 
-    monkeypatch.setattr("slam.criticism.verdict.heldout._of_the_same_readings", one_more)
+    monkeypatch.setattr("slam.criticism.verdict.held_out._of_the_same_readings", one_more)
     anew = held_out(records, found, NOMINAL)
     np.testing.assert_array_equal(anew.nats[1:], by_parabola.nats[1:])
     runs = [whole(records[0], belief[0]) for belief in (anew.before, anew.after)]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from backend.measurements import GRAVITY_M_S2
-from slam.criticism.without_commands.columns import in_catalogue, is_square
+from slam.criticism.without_commands.effect_columns import in_catalogue, is_square
 from slam.criticism.without_commands.regression import TOLERANCE, Regression
 from slam.simulation.terms import CATALOGUE
 

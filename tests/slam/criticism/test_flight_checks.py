@@ -9,10 +9,10 @@ import pytest
 
 from slam.core.flight import Flight
 from slam.criticism import criticise
-from slam.criticism.healthy import flown
+from slam.criticism.flight_checks import is_out_of_model, usable_records
 from slam.criticism.kalman.record import record_of
 from slam.criticism.manoeuvres import REST, stick_for
-from slam.criticism.usable import is_foreign, usable_records
+from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation.model import load_model
 
 STREAMS = ("imu", "attitude", "velocity", "sonar")
@@ -20,7 +20,7 @@ STREAMS = ("imu", "attitude", "velocity", "sonar")
 
 @pytest.fixture(scope="module")
 def flight():
-    return flown(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), 1)
+    return simulate_flight(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), 1)
 
 
 def unusable(flight):
@@ -37,7 +37,7 @@ def test_a_flight_that_never_moves(flight):
 
 
 def test_a_hover_is_judged_beside_flights_that_move(flight):
-    hover = flown(load_model("nominal"), stick_for(["hover for 8 s"]), 2)
+    hover = simulate_flight(load_model("nominal"), stick_for(["hover for 8 s"]), 2)
     records, dropped = usable_records([flight, hover])
     assert len(records) == 2
     assert not dropped
@@ -52,7 +52,9 @@ def test_a_hover_is_judged_beside_flights_that_move(flight):
 
 
 def test_what_follows_a_pause_is_told_as_not_judged():
-    flight = flown(load_model("nominal"), stick_for(["climb and descend by 0.6 m", "hover for 8 s"]), 1)
+    flight = simulate_flight(
+        load_model("nominal"), stick_for(["climb and descend by 0.6 m", "hover for 8 s"]), 1
+    )
 
     def without(stream, begin_s, end_s):
         kept = (stream.stamps_s < begin_s) | (stream.stamps_s > end_s)
@@ -71,7 +73,7 @@ def test_what_follows_a_pause_is_told_as_not_judged():
 
 
 def test_a_hover_by_itself_tells_of_what_lasts_if_it_is_seen_to_fly():
-    hover = flown(load_model("nominal"), stick_for(["hover for 8 s"]), 2)
+    hover = simulate_flight(load_model("nominal"), stick_for(["hover for 8 s"]), 2)
     assert len(usable_records([hover])[0]) == 1
     # On the floor the sonar is too near to see.
     standing = replace(hover.sonar, range_m=np.full_like(hover.sonar.range_m, np.nan))
@@ -148,10 +150,10 @@ def test_flights_of_one_name_are_told_apart(flight):
 @pytest.mark.parametrize("stream", ["velocity", "attitude", "sonar"])
 def test_a_vehicle_is_of_another_make_by_its_own_figures_and_not_by_what_it_lacks(flight, stream):
     model = load_model("nominal")
-    assert not is_foreign([record_of(replace(flight, **{stream: None}))], model)
+    assert not is_out_of_model([record_of(replace(flight, **{stream: None}))], model)
     coarse = {
         "velocity": replace(flight.velocity, noise_std_m_s=(0.2, 0.2)),
         "attitude": replace(flight.attitude, noise_std_rad=(0.1, 0.1, 0.1)),
         "sonar": replace(flight.sonar, noise_std_m=0.1),
     }
-    assert is_foreign([record_of(replace(flight, **{stream: coarse[stream]}))], model)
+    assert is_out_of_model([record_of(replace(flight, **{stream: coarse[stream]}))], model)

@@ -11,7 +11,7 @@ from slam.simulation.terms import CATALOGUE
 
 LATE = {f"{name}.s": parameter for name, (_, parameter) in effects.LATE.items()}
 """Columns of what no term is, and their parameters."""
-SHAPES = (*PICTURE_SHAPES, *WARPS)
+PATTERNS = (*PICTURE_SHAPES, *WARPS)
 """What no term is, either."""
 SIZE = ".size"
 """Behind a shape's name: its column."""
@@ -23,7 +23,7 @@ much like another: brightness that wanders is told as that of the gain."""
 def seen_by_pictures() -> list[str]:
     """Every error that pictures may tell of."""
     terms = [n for n in (*CAMERA, *SENSOR) if n.partition(".")[0] in CATALOGUE and n not in UNMEASURED]
-    return [*terms, *LATE, *(name + SIZE for name in SHAPES)]
+    return [*terms, *LATE, *(name + SIZE for name in PATTERNS)]
 
 
 def in_catalogue(column: str, size: float) -> float:

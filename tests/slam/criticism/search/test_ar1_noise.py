@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.healthy import at_lower_rates, flown
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.search.colour import in_colour
+from slam.criticism.search.ar1_noise import with_ar1_noise
+from slam.criticism.search.expansion import expand
 from slam.criticism.search.fitting import fit_nuisances
-from slam.criticism.search.look import look_at
+from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.simulation.model import load_model
 
 PLANS = (
@@ -31,7 +31,7 @@ def measured(vehicle, attitude=lambda angles, t: angles):
     """Records of two flights of a vehicle, the model, and the healthy belief."""
     records = []
     for k, plan in enumerate(PLANS):
-        flight = flown(vehicle, stick_for(plan), 50 + k, told=slow())
+        flight = simulate_flight(vehicle, stick_for(plan), 50 + k, told=slow())
         read = flight.attitude
         angles = attitude(read.roll_pitch_yaw_rad, read.stamps_s)
         records.append(record_of(replace(flight, attitude=replace(read, roll_pitch_yaw_rad=angles))))
@@ -43,7 +43,7 @@ def asked(vehicle, most_nats=10.0, attitude=lambda angles, t: angles):
     """What becomes of the healthy belief."""
     records, model, setting = measured(vehicle, attitude)
     passes = [whole(record, setting) for record in records]
-    return in_colour(records, model, setting, passes, (), most_nats)
+    return with_ar1_noise(records, model, setting, passes, (), most_nats)
 
 
 @pytest.mark.slow
@@ -79,10 +79,10 @@ def test_an_effect_is_no_colour_even_where_nothing_else_would_explain_it(name, v
 def test_a_late_sonar_explains_more_than_its_colour():
     """One channel by itself: here only the comparison tells them apart."""
     records, model, setting = measured(slow().with_term("sonar_lag", T=0.1))
-    look = look_at(records, model, setting)
-    late = look.standing([], look.effects)[0]
+    expansion = expand(records, model, setting)
+    late = expansion.score_tests([], expansion.effects)[0]
     assert late.effect.name == "sonar_lag"
-    assert in_colour(records, model, setting, look.sums.passes, (), late.nats) is None
+    assert with_ar1_noise(records, model, setting, expansion.fisher.passes, (), late.nats) is None
 
 
 def test_one_axis_that_wanders_is_no_colour_of_the_unit():

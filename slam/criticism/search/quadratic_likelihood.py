@@ -17,8 +17,15 @@ from numpy.typing import NDArray
 
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.information import Sums
-from slam.criticism.search.nuisances import NUISANCES, WEIGHTS, Nuisance, limits_of, prior_precision, value_of
+from slam.criticism.search.information import FisherInformation
+from slam.criticism.search.nuisances import (
+    GAIN_NUISANCES,
+    NUISANCES,
+    Nuisance,
+    limits_of,
+    prior_precision,
+    value_of,
+)
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -31,7 +38,7 @@ SEEN = 1e-16
 
 
 @dataclass(frozen=True)
-class Answer:
+class Maximum:
     """A hypothesis at its best."""
 
     nats: float
@@ -53,7 +60,7 @@ class Answer:
 
 
 @dataclass(frozen=True)
-class Parabola:
+class QuadraticLikelihood:
     """The log likelihood about one belief."""
 
     columns: tuple[str, ...]
@@ -67,7 +74,7 @@ class Parabola:
     """(nuisances, 2) healthy ranges."""
     precision: Array
     """(nuisances,)."""
-    held: dict[str, float]
+    current: dict[str, float]
     """Column -> value that the belief already holds of it."""
 
     @cached_property
@@ -82,13 +89,13 @@ class Parabola:
         """(nuisances,) which are in a list."""
         return np.array([name in relaxed for name in self.names])
 
-    def answer(self, effects: Sequence[Effect], reach: dict[str, float] | None = None) -> Answer:
+    def maximise(self, effects: Sequence[Effect], reach: dict[str, float] | None = None) -> Maximum:
         """The best of a set of terms; sizes of the columns in ``reach`` are drawn to 0 with these standard
         deviations, all others are free."""
         names = [c for e in effects for c in e.columns if c not in self.names]
         loose = self._among([c for e in effects for c in e.relaxes])
         fixed = np.zeros(len(self.score))
-        for column, value in self.held.items():
+        for column, value in self.current.items():
             if column not in names and column in self._place:
                 fixed[self.index([column])] = -value
         free = np.concatenate([self.index(self.names), self.index(names)])
@@ -98,13 +105,13 @@ class Parabola:
         for column, std in (reach or {}).items():
             k = len(self.names) + names.index(column)
             drawn_a[k, k] += std**-2
-            drawn_b[k] -= std**-2 * self.held.get(column, 0.0)
+            drawn_b[k] -= std**-2 * self.current.get(column, 0.0)
         step, covariance = self._peak(drawn_a, drawn_b, loose)
         nats = float(b @ step - 0.5 * step @ a @ step) - self._penalty(step, loose)
         nats += float(self.score @ fixed - 0.5 * fixed @ self.information @ fixed)
         whole = fixed.copy()
         whole[free] = step
-        return Answer(nats, free, step, covariance, whole)
+        return Maximum(nats, free, step, covariance, whole)
 
     def penalty_at_belief(self, relaxed: Sequence[str] = ()) -> float:
         """The prior's own nats at the belief, to be taken off its log likelihood."""
@@ -114,7 +121,7 @@ class Parabola:
         """Log likelihood, without priors, at a step of all columns."""
         return float(self.score @ step - 0.5 * step @ self.information @ step)
 
-    def predicted(self, other: Answer) -> float:
+    def predicted(self, other: Maximum) -> float:
         """Log likelihood of these flights as others predict it, averaged over what those leave open.
 
         A Gaussian integral over the free columns about ``other``'s step, with its covariance.
@@ -165,23 +172,23 @@ class Parabola:
         return 0.5 * float(np.sum(precision * away**2) + np.sum(beyond**2))
 
 
-def parabola_of(
-    sums: Sums,
+def quadratic_likelihood(
+    fisher: FisherInformation,
     setting: Setting,
     model: Setting,
-    held: dict[str, float],
+    current: dict[str, float],
     stretches: NDArray[np.bool_] | None = None,
-    nuisances: Sequence[Nuisance] = (*NUISANCES, *WEIGHTS),
-) -> Parabola:
+    nuisances: Sequence[Nuisance] = (*NUISANCES, *GAIN_NUISANCES),
+) -> QuadraticLikelihood:
     """The parabola over some stretches of the flights, by default all."""
-    share = np.ones(len(sums.score)) if stretches is None else np.asarray(stretches, dtype=float)
-    return Parabola(
-        sums.columns,
+    share = np.ones(len(fisher.score)) if stretches is None else np.asarray(stretches, dtype=float)
+    return QuadraticLikelihood(
+        fisher.columns,
         tuple(n.name for n in nuisances),
-        np.tensordot(share, sums.information, 1),
-        share @ sums.score,
+        np.tensordot(share, fisher.information, 1),
+        share @ fisher.score,
         np.array([value_of(n, setting) for n in nuisances]),
         np.array([limits_of(n, model) for n in nuisances]),
         np.array([prior_precision(n, model) for n in nuisances]),
-        held,
+        current,
     )

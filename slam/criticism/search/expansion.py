@@ -14,22 +14,22 @@ import numpy as np
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.search.columns import column_of
-from slam.criticism.search.dictionary import dictionary, shapes_of, signals_of
 from slam.criticism.search.effects import (
     Effect,
     catalogue_value,
+    delayed_readings,
     effects_for,
-    late_readings,
-    plausible,
-    relaxations,
+    plausible_range,
+    relaxed_nuisances,
 )
-from slam.criticism.search.fitting import changes_of
-from slam.criticism.search.hypotheses import Answer, Parabola, parabola_of
-from slam.criticism.search.inclusion import on_grid, settled
-from slam.criticism.search.information import Sums, sums_of
-from slam.criticism.search.nuisances import MEAN, WEIGHED, direction_of
-from slam.criticism.search.occam import occam
+from slam.criticism.search.evidence import parameter_cost
+from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.criticism.search.fitting import noise_changes
+from slam.criticism.search.inclusion import is_profiled, with_free_value
+from slam.criticism.search.information import FisherInformation, fisher_information
+from slam.criticism.search.nuisances import GAIN_CORRECTED, MEAN_NUISANCES, direction_of
+from slam.criticism.search.pattern_bank import pattern_directions, residual_patterns, signals_of
+from slam.criticism.search.quadratic_likelihood import Maximum, QuadraticLikelihood, quadratic_likelihood
 from slam.criticism.search.screening import deviate
 from slam.criticism.threads import in_threads
 from slam.simulation.terms import CATALOGUE
@@ -39,7 +39,7 @@ NAMED_FIRST = 0.8
 
 
 @dataclass(frozen=True)
-class Standing:
+class ScoreTest:
     """How far one effect stands out beside those already chosen."""
 
     effect: Effect
@@ -50,19 +50,19 @@ class Standing:
     def worth(self) -> float:
         """Nats less what its numbers cost; of what no term is, and says not why, fewer."""
         share = 1.0 if self.effect.name in CATALOGUE else NAMED_FIRST
-        return share * self.nats - occam(len(self.effect.columns))
+        return share * self.nats - parameter_cost(len(self.effect.columns))
 
 
 @dataclass(frozen=True)
-class Look:
+class LikelihoodExpansion:
     """All that the flights say about one belief."""
 
     setting: Setting
-    sums: Sums
-    parabola: Parabola
+    fisher: FisherInformation
+    quadratic: QuadraticLikelihood
     effects: tuple[Effect, ...]
     """Every effect with columns in the sums, relaxed nuisances included."""
-    shapes: tuple[Effect, ...]
+    patterns: tuple[Effect, ...]
     """The dictionary; of a foreign vehicle readings that come late, too."""
 
     def own(self, effect: Effect) -> Effect:
@@ -72,56 +72,61 @@ class Look:
                 return candidate
         return next(c for c in self.effects if c.name == effect.name)
 
-    def standing(self, chosen: Sequence[Effect], among: Sequence[Effect]) -> list[Standing]:
+    def score_tests(self, chosen: Sequence[Effect], among: Sequence[Effect]) -> list[ScoreTest]:
         """Each effect's nats and z on top of the chosen ones, greatest nats after their cost first."""
-        base = self.parabola.answer(chosen).nats
+        base = self.quadratic.maximise(chosen).nats
         found = []
         for effect in among:
             if any(effect.repeats(c) for c in chosen):
                 continue
-            answer = self.parabola.answer([*chosen, effect])
-            nats = 0.0 if backwards(effect, self, answer) else max(answer.nats - base, 0.0)
-            found.append(Standing(effect, nats, deviate(2 * nats, len(effect.columns))))
-        return sorted(found, key=lambda s: occam(len(s.effect.columns)) - s.nats)
+            maximum = self.quadratic.maximise([*chosen, effect])
+            nats = 0.0 if backwards(effect, self, maximum) else max(maximum.nats - base, 0.0)
+            found.append(ScoreTest(effect, nats, deviate(2 * nats, len(effect.columns))))
+        return sorted(found, key=lambda s: parameter_cost(len(s.effect.columns)) - s.nats)
 
 
-def look_at(
+def expand(
     records: Sequence[Record], model: Setting, setting: Setting, chosen: Sequence[Effect] = ()
-) -> Look:
+) -> LikelihoodExpansion:
     """One pass over the flights with every direction and change."""
     plain = in_threads(lambda record: whole(record, setting), records)
     both = zip(records, plain, strict=True)
     signals = [signals_of(record, run.states, k, len(records)) for k, (record, run) in enumerate(both)]
-    held = [settled(effect) for effect in chosen if not effect.relaxes]
+    held = [with_free_value(effect) for effect in chosen if not effect.relaxes]
     labels = {effect.label for effect in held}
     effects = [e for e in effects_for(records, setting) if e.label not in labels] + held
-    shapes = dictionary(records)
-    late = late_readings(records) if model.foreign else []
+    patterns = pattern_directions(records)
+    late = delayed_readings(records) if model.out_of_model else []
     moved = [d for e in (*effects, *late) for d in e.directions]
-    directions = [direction_of(n) for n in MEAN] + moved + shapes
-    changes = changes_of() + [c for e in effects for c in e.changes]
-    sums = sums_of(records, setting, directions, changes, signals, plain, WEIGHED)
-    values = {c: column_of(c).held(setting) for e in effects for c in e.columns if c not in e.relaxes}
+    directions = [direction_of(n) for n in MEAN_NUISANCES] + moved + patterns
+    changes = noise_changes() + [c for e in effects for c in e.changes]
+    fisher = fisher_information(records, setting, directions, changes, signals, plain, GAIN_CORRECTED)
+    values = {
+        c: fitted_parameter(c).value_in(setting) for e in effects for c in e.columns if c not in e.relaxes
+    }
     values = {c: v for c, v in values.items() if v != 0.0}
-    return Look(
-        setting, sums, parabola_of(sums, setting, model, values), (*effects, *relaxations(model.foreign)),
-        (*shapes_of(shapes), *late),
-    )  # fmt: skip
+    return LikelihoodExpansion(
+        setting=setting,
+        fisher=fisher,
+        quadratic=quadratic_likelihood(fisher, setting, model, values),
+        effects=(*effects, *relaxed_nuisances(model.out_of_model)),
+        patterns=(*residual_patterns(patterns), *late),
+    )
 
 
-def backwards(effect: Effect, look: Look, answer: Answer) -> bool:
+def backwards(effect: Effect, expansion: LikelihoodExpansion, maximum: Maximum) -> bool:
     """Whether a size would have to be negative that never is, or far beyond what there is."""
-    step, covariance = answer.of(look.parabola.index(effect.columns))
-    held = np.array([look.parabola.held.get(column, 0.0) for column in effect.columns])
+    step, covariance = maximum.of(expansion.quadratic.index(effect.columns))
+    held = np.array([expansion.quadratic.current.get(column, 0.0) for column in effect.columns])
     if effect.positive and step[0] + held[0] < 0:
         return True
-    if on_grid(effect) or not effect.directions or not effect.parameters:
+    if is_profiled(effect) or not effect.directions or not effect.parameters:
         return False
     std = 2.0 * np.sqrt(np.diag(covariance))
     for k, name in enumerate(effect.parameters):
-        least, most = plausible(effect.name, name)
-        low = catalogue_value(effect, k, float(step[k] - std[k]), look.setting, float(held[k]))
-        high = catalogue_value(effect, k, float(step[k] + std[k]), look.setting, float(held[k]))
+        least, most = plausible_range(effect.name, name)
+        low = catalogue_value(effect, k, float(step[k] - std[k]), expansion.setting, float(held[k]))
+        high = catalogue_value(effect, k, float(step[k] + std[k]), expansion.setting, float(held[k]))
         if min(low, high) > most or max(low, high) < least:
             return True
     return False

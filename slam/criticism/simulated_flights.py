@@ -40,7 +40,7 @@ def at_lower_rates(model: Model) -> Model:
     )
 
 
-def drawn_vehicle(model: Model, rng: np.random.Generator) -> Model:
+def draw_vehicle(model: Model, rng: np.random.Generator) -> Model:
     """A healthy vehicle of a model's kind."""
 
     def about(x: float, reach: float) -> float:
@@ -81,7 +81,7 @@ def drawn_vehicle(model: Model, rng: np.random.Generator) -> Model:
     )
 
 
-def drawn_plan(duration_s: float, rng: np.random.Generator) -> list[str]:
+def draw_plan(duration_s: float, rng: np.random.Generator) -> list[str]:
     """Names of manoeuvres that together last about so long."""
     names, total = [], 0.0
     every = [n for n, rows in MANOEUVRES.items() if sum(row[0] for row in rows) < duration_s / 2]
@@ -91,7 +91,7 @@ def drawn_plan(duration_s: float, rng: np.random.Generator) -> list[str]:
     return names
 
 
-def flown(
+def simulate_flight(
     model: Model,
     stick: Stick,
     seed: int,
@@ -104,12 +104,12 @@ def flown(
     start = at_rest(0.0, 0.0, float(rng.uniform(*START_M)), float(rng.uniform(-np.pi, np.pi)))
     noise = draw_model_noise(model, step_count(stick.duration_s), (rng, np.random.default_rng((seed, 8))))
     motion = simulate_motion(stick, model, start, noise)
-    flight = read_by(model, told or model, motion, student, seed, rng)
+    flight = simulate_readings(model, told or model, motion, student, seed, rng)
     flight = replace(flight, command=sensors.log_command(stick, model))
     return flight if camera is None else _filmed(flight, motion, camera, seed)
 
 
-def read_by(
+def simulate_readings(
     model: Model, maker: Model, motion: Trajectory, student: bool, seed: int, rng: np.random.Generator
 ) -> Flight:
     """What the instruments read of a motion, with the vehicle's noise and its maker's word for it."""
@@ -187,6 +187,9 @@ def healthy_case(
 ) -> list[Flight]:
     """Flights of one healthy vehicle under drawn plans."""
     rng = np.random.default_rng(seed)
-    vehicle = drawn_vehicle(model, rng)
+    vehicle = draw_vehicle(model, rng)
     seeds: Sequence[int] = rng.integers(1, 2**31, flights).tolist()
-    return [flown(vehicle, stick_for(drawn_plan(duration_s, rng)), s, model, student, camera) for s in seeds]
+    return [
+        simulate_flight(vehicle, stick_for(draw_plan(duration_s, rng)), s, model, student, camera)
+        for s in seeds
+    ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slam.criticism.verdict.agreement import _agreement
+from slam.criticism.verdict.consistency import _consistency
 
 ROWS, PARTS = 6000, 6
 
@@ -21,7 +21,7 @@ def drawn(seed, sizes):
 
 def deviates(sizes, count=200):
     own, precision = np.array([2]), np.zeros(3)
-    return np.array([_agreement("flight", *drawn(s, sizes), own, precision).z for s in range(count)])
+    return np.array([_consistency("flight", *drawn(s, sizes), own, precision).z for s in range(count)])
 
 
 def test_one_size_in_all_parts_agrees():

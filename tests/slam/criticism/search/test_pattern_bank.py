@@ -6,44 +6,44 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.criticism.healthy import flown
 from slam.criticism.kalman.record import record_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.search.dictionary import (
+from slam.criticism.search.pattern_bank import (
     LEVEL_SIGNALS,
     LEVEL_TARGETS,
     YAW_AT_PLACE,
-    dictionary,
-    shapes_of,
+    pattern_directions,
+    residual_patterns,
     signals_of,
 )
+from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation.dynamics import PITCH, ROLL
 from slam.simulation.model import load_model
 
 
 def test_yaw_is_not_laid_to_a_place_that_nothing_measured():
-    flight = flown(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1)
+    flight = simulate_flight(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1)
     blind = record_of(replace(flight, velocity=None))
-    assert any(d.name.startswith(YAW_AT_PLACE) for d in dictionary([record_of(flight)]))
-    assert not any(d.name.startswith(YAW_AT_PLACE) for d in dictionary([blind]))
+    assert any(d.name.startswith(YAW_AT_PLACE) for d in pattern_directions([record_of(flight)]))
+    assert not any(d.name.startswith(YAW_AT_PLACE) for d in pattern_directions([blind]))
 
 
 def test_each_direction_has_its_shape_and_level_ones_one_together():
-    flight = flown(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1)
-    directions = dictionary([record_of(flight)])
+    flight = simulate_flight(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1)
+    directions = pattern_directions([record_of(flight)])
     assert len({d.name for d in directions}) == len(directions)
-    shapes = shapes_of(directions)
+    patterns = residual_patterns(directions)
     names = {d.name for d in directions if not d.name.startswith(YAW_AT_PLACE)}
-    alone = [s for s in shapes if len(s.columns) == 1]
-    together = [s for s in shapes if len(s.columns) == 2]
+    alone = [s for s in patterns if len(s.columns) == 1]
+    together = [s for s in patterns if len(s.columns) == 2]
     assert {s.name for s in alone} == names
-    assert [s.name for s in shapes if len(s.columns) > 2] == [YAW_AT_PLACE]
-    assert len(alone) + len(together) == len(shapes) - 1
+    assert [s.name for s in patterns if len(s.columns) > 2] == [YAW_AT_PLACE]
+    assert len(alone) + len(together) == len(patterns) - 1
     # Sticks are not led into instruments, high speeds into none but that which reads them; rates of tilts
     # into no forces.
     assert len(together) == len(LEVEL_TARGETS) * len(LEVEL_SIGNALS) - 4 - 5 - 2
     assert all(set(s.columns) <= names for s in together)
-    assert len({s.name for s in shapes}) == len(shapes)
+    assert len({s.name for s in patterns}) == len(patterns)
     # One column ahead, the other to the left, of the same kind.
     columns = {s.columns for s in together}
     assert ("force ahead ~ pitch", "force left ~ roll") in columns
@@ -53,7 +53,9 @@ def test_each_direction_has_its_shape_and_level_ones_one_together():
 
 
 def test_place_is_each_flights_own_and_counts_from_where_it_begins():
-    record = record_of(flown(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1))
+    record = record_of(
+        simulate_flight(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1)
+    )
     states = np.zeros((len(record.times_s), 10))
     states[:, 0] = 5.0 + record.times_s
     signals = signals_of(record, states, 1, 2)
@@ -61,12 +63,14 @@ def test_place_is_each_flights_own_and_counts_from_where_it_begins():
     np.testing.assert_allclose(signals["x of flight 1"][1], moved)
     np.testing.assert_allclose(signals["r2 of flight 1"][1], moved**2)
     assert not signals["x of flight 0"][1].any()
-    (placed,) = [s for s in shapes_of(dictionary([record, record])) if s.name == YAW_AT_PLACE]
+    (placed,) = [s for s in residual_patterns(pattern_directions([record, record])) if s.name == YAW_AT_PLACE]
     assert sorted(d.signal for d in placed.directions) == sorted(s for s in signals if "of flight" in s)
 
 
 def test_what_happens_when_fast_is_nothing_at_half_the_highest_speed_and_goes_where_it_goes():
-    record = record_of(flown(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1))
+    record = record_of(
+        simulate_flight(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1)
+    )
     states = np.zeros((len(record.times_s), 10))
     states[:, 3] = np.linspace(-2.0, 2.0, len(states))
     told = signals_of(record, states)["ahead when fast"][1]
@@ -76,7 +80,9 @@ def test_what_happens_when_fast_is_nothing_at_half_the_highest_speed_and_goes_wh
 
 
 def test_the_rate_of_a_tilt_is_a_signal():
-    record = record_of(flown(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1))
+    record = record_of(
+        simulate_flight(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1)
+    )
     states = np.zeros((len(record.times_s), 10))
     states[:, PITCH], states[:, ROLL] = np.sin(2.0 * record.times_s), 0.5 * record.times_s
     signals = signals_of(record, states)

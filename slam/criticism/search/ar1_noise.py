@@ -21,14 +21,14 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitting import fit_nuisances
-from slam.criticism.search.information import Change
-from slam.criticism.search.nuisances import COLOURS, Nuisance, value_of, with_value
+from slam.criticism.search.information import NoiseChange
+from slam.criticism.search.nuisances import AR1_COEFFICIENTS, Nuisance, value_of, with_value
 from slam.criticism.threads import in_threads
 
 Array = NDArray[np.float64]
 
 STEP = 0.03
-LEAST_COLOUR = 0.05
+MIN_AR1 = 0.05
 """Less of it makes what is left over look stronger by a twentieth at most: then noise is held to be white."""
 STANDS_OUT = 3.0
 """Deviates of the correlation of innovations with the next, in every channel of an instrument."""
@@ -36,12 +36,12 @@ LEAD_NATS = 20.0
 """By which colour must explain more than what else there is."""
 
 
-def coloured(setting: Setting) -> tuple[Effect, ...]:
+def ar1_effects(setting: Setting) -> tuple[Effect, ...]:
     """The correlations of the instruments that a belief holds to be coloured, as something to be fitted."""
-    return tuple(_effect(n) for n in COLOURS if value_of(n, setting) > 0.0)
+    return tuple(_effect(n) for n in AR1_COEFFICIENTS if value_of(n, setting) > 0.0)
 
 
-def in_colour(
+def with_ar1_noise(
     records: Sequence[Record],
     model: Setting,
     setting: Setting,
@@ -54,14 +54,14 @@ def in_colour(
     ``passes`` are the filter's runs under ``setting``, which holds the ``chosen`` terms; ``most_nats`` is
     what the best other explanation beside these gains. A foreign vehicle's instruments are not looked into.
     """
-    correlation, deviate = lag_one(records, passes)
-    seen = [] if model.foreign else [n for n in COLOURS if _stands_out(n, correlation, deviate)]
+    correlation, deviate = lag_one_correlation(records, passes)
+    seen = [] if model.out_of_model else [n for n in AR1_COEFFICIENTS if _stands_out(n, correlation, deviate)]
     # About half the squared deviates are what it can explain: no fit where even twice that is too little.
     if np.nansum(deviate[[c for n in seen for c in _channels(n)]] ** 2) < most_nats:
         return None
     while seen:
         shaded = fit_nuisances(records, model, setting, [*chosen, *(_effect(n) for n in seen)])
-        shaded = without_faint(shaded)
+        shaded = without_small_ar1(shaded)
         gained = _gained(records, passes, shaded)
         kept = [n for n in seen if value_of(n, shaded) > 0.0 and _everywhere(gained[:, _channels(n)])]
         if kept == seen:
@@ -71,15 +71,15 @@ def in_colour(
     own = [channel for n in seen for channel in _channels(n)]
     if not seen or min(gained[:, own].sum(), gained.sum()) < most_nats + LEAD_NATS:
         return None
-    return without_faint(fit_nuisances(records, model, shaded, [*chosen, *coloured(shaded)]))
+    return without_small_ar1(fit_nuisances(records, model, shaded, [*chosen, *ar1_effects(shaded)]))
 
 
-def without_faint(setting: Setting) -> Setting:
+def without_small_ar1(setting: Setting) -> Setting:
     """The belief without colour that is hardly any: beside a cause that was not there when it was fitted."""
-    return replace(setting, colour=np.where(setting.colour < LEAST_COLOUR, 0.0, setting.colour))
+    return replace(setting, colour=np.where(setting.colour < MIN_AR1, 0.0, setting.colour))
 
 
-def lag_one(records: Sequence[Record], passes: Sequence[Pass]) -> tuple[Array, Array]:
+def lag_one_correlation(records: Sequence[Record], passes: Sequence[Pass]) -> tuple[Array, Array]:
     """(channels,) correlation of innovations with the next of their channel, and its deviate; NaN where there
     are none."""
     products, pairs, squares = (np.zeros(len(CHANNELS)) for _ in range(3))
@@ -107,14 +107,14 @@ def _stands_out(nuisance: Nuisance, correlation: Array, deviate: Array) -> bool:
     restlessness has taken in, much less than others."""
     own = _channels(nuisance)
     own = own[np.isfinite(deviate[own])]
-    return bool(len(own) and deviate[own].min() > STANDS_OUT and correlation[own].mean() > LEAST_COLOUR)
+    return bool(len(own) and deviate[own].min() > STANDS_OUT and correlation[own].mean() > MIN_AR1)
 
 
 def _effect(nuisance: Nuisance) -> Effect:
     def apply(s: Setting) -> Setting:
         return with_value(nuisance, s, value_of(nuisance, s) + STEP)
 
-    return Effect(nuisance.name, (), (Change(nuisance.name, apply, STEP),), (), True)
+    return Effect(nuisance.name, (), (NoiseChange(nuisance.name, apply, STEP),), (), True)
 
 
 def _gained(records: Sequence[Record], before: Sequence[Pass], shaded: Setting) -> Array:

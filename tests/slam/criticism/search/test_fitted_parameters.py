@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from slam.criticism.kalman.setting import setting_of
-from slam.criticism.search.columns import bounded, column_of
+from slam.criticism.search.fitted_parameters import bounded, fitted_parameter
 from slam.criticism.search.nuisances import NUISANCES, value_of
 from slam.simulation.model import load_model
 from slam.simulation.terms import CATALOGUE
@@ -27,38 +27,40 @@ FREE = {
 
 @pytest.mark.parametrize("name", FREE)
 def test_a_step_is_held_told_and_taken_out_again(name):
-    column = column_of(name)
+    column = fitted_parameter(name)
     step, told = FREE[name]
-    changed = column.moved(NOMINAL, step)
-    assert column.held(changed) == pytest.approx(column.held(NOMINAL) + step, rel=1e-12)
-    assert column.in_catalogue(column.held(changed), changed) == pytest.approx(told, rel=1e-12)
-    assert column.held(column.moved(changed, -column.held(changed))) == pytest.approx(0.0, abs=1e-15)
+    changed = column.stepped(NOMINAL, step)
+    assert column.value_in(changed) == pytest.approx(column.value_in(NOMINAL) + step, rel=1e-12)
+    assert column.in_catalogue_units(column.value_in(changed), changed) == pytest.approx(told, rel=1e-12)
+    assert column.value_in(column.stepped(changed, -column.value_in(changed))) == pytest.approx(
+        0.0, abs=1e-15
+    )
 
 
 @pytest.mark.parametrize(("name", "value"), [("control_latency@0.08", 0.08), ("tilt_limit@0.2", 0.2)])
 def test_a_value_on_a_grid_is_taken_whatever_the_step(name, value):
-    column = column_of(name)
+    column = fitted_parameter(name)
     for step in (-3.0, 1.0):
-        changed = column.moved(NOMINAL, step)
-        assert column.in_catalogue(column.held(changed), changed) == pytest.approx(value)
+        changed = column.stepped(NOMINAL, step)
+        assert column.in_catalogue_units(column.value_in(changed), changed) == pytest.approx(value)
 
 
 def test_no_step_goes_beyond_what_the_equations_bear():
     drag = CATALOGUE["quadratic_drag"].parameter("c")
-    bare = column_of("quadratic_drag.c")
-    assert bare.held(bare.moved(NOMINAL, -100.0)) == drag.least
-    assert column_of("control_latency.T").moved(NOMINAL, -1.0).latency_s == 0.0
-    assert column_of("timestamp_jitter.var").moved(NOMINAL, -1.0).jitter_s == 0.0
+    bare = fitted_parameter("quadratic_drag.c")
+    assert bare.value_in(bare.stepped(NOMINAL, -100.0)) == drag.least
+    assert fitted_parameter("control_latency.T").stepped(NOMINAL, -1.0).latency_s == 0.0
+    assert fitted_parameter("timestamp_jitter.var").stepped(NOMINAL, -1.0).jitter_s == 0.0
     assert bounded("quadratic_drag.c", 100.0, NOMINAL) == drag.high - drag.low
     assert bounded("vehicle.gain", -9.0, NOMINAL) == pytest.approx(-0.4 * value_of(NUISANCES[0], NOMINAL))
     assert bounded("gusts@2.5", 9.0, NOMINAL) == 9.0
 
 
 def test_gusts_of_another_time_are_not_these():
-    blown = column_of("gusts@0.7").moved(NOMINAL, 0.04)
-    assert column_of("gusts@2.5").held(blown) == 0.0
-    assert column_of("gusts@2.5").moved(blown, 0.05).hold[-2:] == pytest.approx([0.3, 2.5])
+    blown = fitted_parameter("gusts@0.7").stepped(NOMINAL, 0.04)
+    assert fitted_parameter("gusts@2.5").value_in(blown) == 0.0
+    assert fitted_parameter("gusts@2.5").stepped(blown, 0.05).hold[-2:] == pytest.approx([0.3, 2.5])
 
 
 def test_what_is_off_in_the_gains_is_nothing_that_a_belief_holds():
-    assert column_of("weight of gyro_noise").moved(NOMINAL, 0.3) is NOMINAL
+    assert fitted_parameter("weight of gyro_noise").stepped(NOMINAL, 0.3) is NOMINAL

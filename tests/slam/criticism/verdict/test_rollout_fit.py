@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from slam.core.progress import Tally, silent
-from slam.criticism.healthy import at_lower_rates, flown
+from slam.criticism.flight_checks import usable_records
 from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.search.columns import column_of
 from slam.criticism.search.effects import effects_for
-from slam.criticism.search.inclusion import settled
-from slam.criticism.search.look import Standing
-from slam.criticism.usable import usable_records
-from slam.criticism.verdict.flown import _Course, _extended, _Fit, _in_words, _instead, _is_beyond
+from slam.criticism.search.expansion import ScoreTest
+from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.criticism.search.inclusion import with_free_value
+from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
+from slam.criticism.verdict.rollout_fit import _extended, _Fit, _in_words, _instead, _is_beyond, _Rollouts
 from slam.simulation.dynamics import ATTITUDE_TIME
 from slam.simulation.model import load_model
 
@@ -31,7 +31,7 @@ def braking():
     slower = at_lower_rates(load_model("nominal"))
     vehicle = slower.with_term("active_braking", lean=LEAN)
     vehicle = replace(vehicle, vehicle=replace(vehicle.vehicle, attitude_time_s=0.2))
-    flights = [flown(vehicle, stick_for(PLAN), seed, told=slower) for seed in (1, 2, 3)]
+    flights = [simulate_flight(vehicle, stick_for(PLAN), seed, told=slower) for seed in (1, 2, 3)]
     records, dropped = usable_records(flights)
     assert not dropped
     return records, setting_of(slower)
@@ -46,7 +46,7 @@ def lean_of(records, setting):
 
 def test_sizes_are_found_from_far_off_and_left_out_flights_say_how_well(braking):
     records, nominal = braking
-    course = _Course(records, nominal, nominal, nominal)
+    course = _Rollouts(records, nominal, nominal, nominal)
     lean = lean_of(records, nominal)
     with_it, without = (course.fitted(nominal, effects) for effects in ([lean], []))
     found = dict(zip(with_it.columns, with_it.steps.T, strict=True))
@@ -66,7 +66,7 @@ def test_a_constant_far_from_healthy_is_told_and_no_reason_to_drop_a_term(brakin
     empty = np.zeros((1, 1))
     healthy, bent = (
         _Fit(setting, ("vehicle.gain",), (), empty, empty)
-        for setting in (nominal, column_of("vehicle.gain").moved(nominal, -0.58))
+        for setting in (nominal, fitted_parameter("vehicle.gain").stepped(nominal, -0.58))
     )
     assert [n.name for n in _instead(healthy, bent, nominal)] == ["vehicle.gain"]
     assert _instead(bent, bent, nominal) == _instead(healthy, healthy, nominal) == []
@@ -78,7 +78,7 @@ def test_a_constant_far_from_healthy_is_told_and_no_reason_to_drop_a_term(brakin
 
 def test_what_is_not_there_has_no_size(braking):
     records, nominal = braking
-    course = _Course(records, nominal, nominal, nominal)
+    course = _Rollouts(records, nominal, nominal, nominal)
     lean = lean_of(records, nominal)
     drag = next(e for e in effects_for(records, nominal) if e.name == "quadratic_drag")
     both, one = course.fitted(nominal, [lean, drag]), course.fitted(nominal, [lean])
@@ -106,15 +106,15 @@ def test_of_what_no_chance_makes_flights_say_whether_it_enters(braking):
         return [e.name for e in chosen]
 
     z = {"quadratic_drag": 9.0, "active_braking": 4.2, "battery_sag": 3.0}
-    standing = [Standing(asked[name], 0.5 * z[name] ** 2, z[name]) for name in z]
-    look = SimpleNamespace(effects=every, standing=lambda *_: standing)
-    found = SimpleNamespace(chosen=(), last=look)
+    standing = [ScoreTest(asked[name], 0.5 * z[name] ** 2, z[name]) for name in z]
+    expansion = SimpleNamespace(effects=every, score_tests=lambda *_: standing)
+    found = SimpleNamespace(chosen=(), last=expansion)
     assert enters(50.0) == ["active_braking"]
     # Of what is asked for so little flights must be sure.
     assert enters(5.0) == []
 
 
-class Rough(_Course):
+class Rough(_Rollouts):
     """Misses that grow with how far a delay is from 80 ms, and jump where commands move across readings."""
 
     def __init__(self, records, model):
@@ -130,5 +130,5 @@ def test_a_delay_is_found_though_misses_are_rough(braking, start_s):
     records, nominal = braking
     latency = next(e for e in effects_for(records, nominal) if e.name == "control_latency")
     start = replace(nominal, latency_s=start_s)
-    fit = Rough(records, nominal).fitted(start, [settled(latency)])
+    fit = Rough(records, nominal).fitted(start, [with_free_value(latency)])
     assert fit.setting.latency_s == pytest.approx(0.08, abs=0.006)

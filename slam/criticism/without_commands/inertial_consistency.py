@@ -75,7 +75,7 @@ class Averages:
 
 
 @dataclass(frozen=True)
-class Rows:
+class WhitenedRows:
     """Differences of unit variance, and what each effect's unit makes of them."""
 
     kind: str
@@ -113,7 +113,7 @@ class _Imu:
         return np.column_stack([np.interp(times_s, self.stamps_s, column) for column in signal.T])
 
 
-def balances_of(flight: Flight) -> list[Rows]:
+def inertial_residuals(flight: Flight) -> list[WhitenedRows]:
     """Every comparison that the flight's streams allow."""
     if flight.imu is None or flight.attitude is None:
         return []
@@ -137,7 +137,7 @@ def balances_of(flight: Flight) -> list[Rows]:
     return found
 
 
-def _attitude(imu: _Imu, stamps: Array, angles: Array, near_floor: Array) -> list[Rows]:
+def _attitude(imu: _Imu, stamps: Array, angles: Array, near_floor: Array) -> list[WhitenedRows]:
     rates = _angle_rates(imu.angles)
     eye = np.eye(3)
     turn = np.einsum("nij,nj->ni", rates, imu.gyro)
@@ -163,7 +163,7 @@ def _jumps(imu: _Imu, rate: Array) -> Array:
     return np.vstack([np.zeros(rate.shape[1]), np.cumsum(worth, axis=0)])
 
 
-def _velocity(imu: _Imu, flight: Flight, near_floor: Array) -> list[Rows]:
+def _velocity(imu: _Imu, flight: Flight, near_floor: Array) -> list[WhitenedRows]:
     assert flight.velocity is not None
     good = np.isfinite(flight.velocity.v_m_s).all(axis=1)
     stamps, seen = flight.velocity.stamps_s[good], flight.velocity.v_m_s[good]
@@ -186,7 +186,7 @@ def _velocity(imu: _Imu, flight: Flight, near_floor: Array) -> list[Rows]:
     return _rows("velocity", stamps, off, traces, near_floor, 1)
 
 
-def _height(imu: _Imu, flight: Flight, near_floor: Array) -> list[Rows]:
+def _height(imu: _Imu, flight: Flight, near_floor: Array) -> list[WhitenedRows]:
     assert flight.sonar is not None
     good = np.isfinite(flight.sonar.range_m)
     stamps, seen = flight.sonar.stamps_s[good], flight.sonar.range_m[good]
@@ -233,7 +233,7 @@ def _acceleration(imu: _Imu) -> Array:
 
 def _rows(
     kind: str, stamps: Array, off: Array, traces: dict[str, Array], near_floor: Array, order: int
-) -> list[Rows]:
+) -> list[WhitenedRows]:
     """One set of white rows a component of ``off`` (n, components)."""
     nodes = np.arange(stamps[0] + ABOUT_S, stamps[-1] - ABOUT_S, NODE_S)
     begin = np.searchsorted(stamps, nodes - ABOUT_S)
@@ -262,7 +262,7 @@ def _rows(
     return made
 
 
-def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Averages) -> Rows:
+def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Averages) -> WhitenedRows:
     """Rows whitened by what their own scatter is: that of the averages, and that of the integral."""
     names = averages.names
     left = np.clip(table[:, 0], *np.quantile(table[:, 0], [0.02, 0.98]))
@@ -297,7 +297,7 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
     white[far] = 0.0
     effects = [n for n in names if not n.endswith(INTEGRATED) and n != BETWEEN_SAMPLES]
     traces = {n: white[:, 1 + names.index(n)] for n in effects}
-    return Rows(kind, times_s, white[:, 0], traces, scatter * float(np.sqrt(variance)), averages)
+    return WhitenedRows(kind, times_s, white[:, 0], traces, scatter * float(np.sqrt(variance)), averages)
 
 
 def near_floor(flight: Flight) -> Array:

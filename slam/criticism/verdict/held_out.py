@@ -14,18 +14,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.cause import drawn_again
+from slam.criticism.cause import bootstrap_interval
 from slam.criticism.kalman.filter import IGNORED
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.search.columns import column_of
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.hypotheses import parabola_of
-from slam.criticism.search.inclusion import on_grid
-from slam.criticism.search.look import Look
-from slam.criticism.search.occam import SIZE_PRIOR
-from slam.criticism.search.search import Search
+from slam.criticism.search.evidence import SIZE_PRIOR
+from slam.criticism.search.expansion import LikelihoodExpansion
+from slam.criticism.search.fitted_parameters import fitted_parameter
+from slam.criticism.search.inclusion import is_profiled
+from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
+from slam.criticism.search.search import SearchResult
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ class HeldOut:
     @property
     def ci95(self) -> tuple[float, float]:
         """Of the sum."""
-        return drawn_again(self.nats)
+        return bootstrap_interval(self.nats)
 
 
 def parts_of(flight: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
@@ -64,7 +64,7 @@ def parts_of(flight: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
     return np.arange(len(flight)) % max(min(len(flight), 6), 1), "segment"
 
 
-class _Foretold(NamedTuple):
+class _Predicted(NamedTuple):
     """Some stretches as the others foretell them."""
 
     nats: float
@@ -74,14 +74,14 @@ class _Foretold(NamedTuple):
 
 
 def held_out(
-    records: Sequence[Record], found: Search, model: Setting, without: Sequence[Effect] = ()
+    records: Sequence[Record], found: SearchResult, model: Setting, without: Sequence[Effect] = ()
 ) -> HeldOut:
     """Gain of the chosen terms over ``without`` (by default over none of them)."""
     last = found.last
     base, begin = (found.first, ()) if not without else (last, tuple(without))
-    part, by = parts_of(last.sums.flight)
+    part, by = parts_of(last.fisher.flight)
     plain_nats, known_nats = _of_the_same_readings(base, last)
-    of_one_alone = (last.sums.log_likelihood - known_nats) - (base.sums.log_likelihood - plain_nats)
+    of_one_alone = (last.fisher.log_likelihood - known_nats) - (base.fisher.log_likelihood - plain_nats)
     nats, beliefs = [], {}
     for k in np.unique(part):
         own, others = part == k, part != k
@@ -93,7 +93,7 @@ def held_out(
         if np.abs(of_one_alone[own]).sum() > ALONE_NATS and not any(r.sights for r in records):
             gain = _anew(records, last, own, plain.setting, known.setting)
         nats.append(gain)
-        for f in np.unique(last.sums.flight[own]):
+        for f in np.unique(last.fisher.flight[own]):
             beliefs[int(f)] = plain.setting, known.setting
     flights = sorted(beliefs)
     return HeldOut(
@@ -103,21 +103,27 @@ def held_out(
 
 
 def _at(
-    look: Look,
+    expansion: LikelihoodExpansion,
     model: Setting,
     effects: Sequence[Effect],
     own: NDArray[np.bool_],
     others: NDArray[np.bool_],
-) -> _Foretold:
+) -> _Predicted:
     """What was fitted on others says of some stretches."""
-    held = look.parabola.held
-    fitted = parabola_of(look.sums, look.setting, model, held, others).answer(effects, _reach(look, effects))
-    judged = parabola_of(look.sums, look.setting, model, held, own)
-    return _Foretold(judged.predicted(fitted), taken(look, fitted.whole, effects))
+    held = expansion.quadratic.current
+    fitted = quadratic_likelihood(expansion.fisher, expansion.setting, model, held, others).maximise(
+        effects, _reach(expansion, effects)
+    )
+    judged = quadratic_likelihood(expansion.fisher, expansion.setting, model, held, own)
+    return _Predicted(judged.predicted(fitted), with_step(expansion, fitted.whole, effects))
 
 
 def _anew(
-    records: Sequence[Record], look: Look, own: NDArray[np.bool_], before: Setting, after: Setting
+    records: Sequence[Record],
+    expansion: LikelihoodExpansion,
+    own: NDArray[np.bool_],
+    before: Setting,
+    after: Setting,
 ) -> float:
     """Gain in log likelihood of some stretches from one belief to another, with the filter run anew, over the
     readings that both judge.
@@ -126,57 +132,57 @@ def _anew(
     alone, two of them can be worth more than all others.
     """
     gain = 0.0
-    for k in np.unique(look.sums.flight[own]):
+    for k in np.unique(expansion.fisher.flight[own]):
         runs = [whole(records[k], setting) for setting in (before, after)]
         both = np.logical_and(*(run.status != IGNORED for run in runs))
         by_event = np.where(both, runs[1].nats - runs[0].nats, 0.0).sum(axis=1)
-        gain += float(_by_stretch(look, int(k), by_event)[own[look.sums.flight == k]].sum())
+        gain += float(_by_stretch(expansion, int(k), by_event)[own[expansion.fisher.flight == k]].sum())
     return gain
 
 
-def _by_stretch(look: Look, flight: int, by_event: Array) -> Array:
+def _by_stretch(expansion: LikelihoodExpansion, flight: int, by_event: Array) -> Array:
     """(stretches of a flight,) sums of (events,) values; 0 for its pictures."""
-    stretches = int((look.sums.flight == flight).sum())
-    readings = look.sums.readings[flight]
+    stretches = int((expansion.fisher.flight == flight).sum())
+    readings = expansion.fisher.readings[flight]
     bounds = np.linspace(0, len(by_event), readings + 1).astype(np.int64)
     return np.pad(np.add.reduceat(by_event, bounds[:-1]), (0, stretches - readings))
 
 
-def _of_the_same_readings(one: Look, other: Look) -> tuple[Array, Array]:
+def _of_the_same_readings(one: LikelihoodExpansion, other: LikelihoodExpansion) -> tuple[Array, Array]:
     """(stretches,) log likelihoods of two looks, without readings that either did not judge.
 
     What is near the floor, or may be cut, differs a little between beliefs: no reading may count in one
     alone.
     """
-    nats = one.sums.log_likelihood.copy(), other.sums.log_likelihood.copy()
+    nats = one.fisher.log_likelihood.copy(), other.fisher.log_likelihood.copy()
     if one is other:
         return nats
-    for k, runs in enumerate(zip(one.sums.passes, other.sums.passes, strict=True)):
+    for k, runs in enumerate(zip(one.fisher.passes, other.fisher.passes, strict=True)):
         judged = [run.status != IGNORED for run in runs]
         for side, run in enumerate(runs):
             alone = judged[side] & ~judged[1 - side]
             by_event = np.where(alone, run.nats, 0.0).sum(axis=1)
-            nats[side][one.sums.flight == k] -= _by_stretch(one, k, by_event)
+            nats[side][one.fisher.flight == k] -= _by_stretch(one, k, by_event)
     return nats
 
 
-def _reach(look: Look, effects: Sequence[Effect]) -> dict[str, float]:
+def _reach(expansion: LikelihoodExpansion, effects: Sequence[Effect]) -> dict[str, float]:
     """Column -> standard deviation of a size before any flight is seen: that of the evidence's prior, and no
     less than what was found."""
-    answer = look.parabola.answer(effects)
+    maximum = expansion.quadratic.maximise(effects)
     reach = {}
     for column in (c for e in effects for c in e.columns if c not in e.relaxes):
-        step, covariance = answer.of(look.parabola.index([column]))
-        size = step[0] + look.parabola.held.get(column, 0.0)
+        step, covariance = maximum.of(expansion.quadratic.index([column]))
+        size = step[0] + expansion.quadratic.current.get(column, 0.0)
         reach[column] = float(np.sqrt(SIZE_PRIOR * covariance[0, 0] + size**2))
     return reach
 
 
-def taken(look: Look, step: Array, effects: Sequence[Effect]) -> Setting:
+def with_step(expansion: LikelihoodExpansion, step: Array, effects: Sequence[Effect]) -> Setting:
     """The look's belief with a step of all columns taken."""
-    setting = look.setting
-    skip = {e.columns[0] for e in effects if on_grid(e)}
-    for column, size in zip(look.sums.columns, step, strict=True):
+    setting = expansion.setting
+    skip = {e.columns[0] for e in effects if is_profiled(e)}
+    for column, size in zip(expansion.fisher.columns, step, strict=True):
         if size != 0.0 and column not in skip:
-            setting = column_of(column).moved(setting, float(size))
+            setting = fitted_parameter(column).stepped(setting, float(size))
     return setting

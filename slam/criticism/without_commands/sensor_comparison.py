@@ -14,18 +14,18 @@ from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.residuals.oddities import Oddity, oddities, without_dead_zone
 from slam.criticism.threads import in_threads
-from slam.criticism.without_commands.balances import Rows, balances_of
-from slam.criticism.without_commands.free import airborne, free
+from slam.criticism.without_commands.free_motion import airborne_record, with_free_motion
+from slam.criticism.without_commands.inertial_consistency import WhitenedRows, inertial_residuals
 from slam.criticism.without_commands.pictures import picture_rows
 from slam.criticism.without_commands.regression import Sizes
 from slam.simulation.model import Model
 
 
 @dataclass(frozen=True)
-class Held:
+class SensorComparison:
     """Flights whose instruments are held against each other."""
 
-    balances: tuple[list[Rows], ...]
+    balances: tuple[list[WhitenedRows], ...]
     records: tuple[Record | None, ...]
     """Of each flight what it read in the air, with its pictures; None where nobody can tell that it flew."""
     setting: Setting
@@ -41,10 +41,10 @@ class Held:
         every = (record.sights for record in self.records if record is not None)
         return next((sights for sights in every if sights is not None), None)
 
-    def rows(self, sizes: Sizes) -> list[list[Rows]]:
+    def rows(self, sizes: Sizes) -> list[list[WhitenedRows]]:
         """Of each flight, those of the pictures linear about such ``sizes`` of columns as can be believed."""
 
-        def of_pictures(record: Record | None) -> list[Rows]:
+        def of_pictures(record: Record | None) -> list[WhitenedRows]:
             if record is None or record.sights is None:
                 return []
             return picture_rows(record, self.setting, sizes)
@@ -53,19 +53,23 @@ class Held:
         return [[*known, *more] for known, more in zip(self.balances, pictures, strict=True)]
 
 
-def held(flights: Sequence[Flight], model: Model, progress: Progress = silent) -> Held:
+def compare_sensors(flights: Sequence[Flight], model: Model, progress: Progress = silent) -> SensorComparison:
     """Hold each instrument of the flights against the others."""
-    balances = [balances_of(flight) for flight in Tally(progress, "instruments", len(flights)).each(flights)]
-    setting = free(setting_of(model))
+    balances = [
+        inertial_residuals(flight) for flight in Tally(progress, "instruments", len(flights)).each(flights)
+    ]
+    setting = with_free_motion(setting_of(model))
     records, dropped = [], []
-    for record, sights in zip(map(airborne, flights), look_all(flights, progress), strict=True):
+    for record, sights in zip(map(airborne_record, flights), look_all(flights, progress), strict=True):
         if record is None or sights is None:
             records.append(record)
             continue
         known, told = without_strays(replace(record, sights=sights), setting)
         records.append(known)
         dropped += [told] if told else []
-    return Held(tuple(balances), tuple(records), setting, tuple(_odd(records, setting)), tuple(dropped))
+    return SensorComparison(
+        tuple(balances), tuple(records), setting, tuple(_odd(records, setting)), tuple(dropped)
+    )
 
 
 def _odd(records: Sequence[Record | None], setting: Setting) -> list[Oddity]:

@@ -17,6 +17,6 @@ SIZE_PRIOR = 100.0
 """Prior variance of an effect's size in units of its standard error: sizes of up to about 20 sigma."""
 
 
-def occam(degrees: int) -> float:
+def parameter_cost(degrees: int) -> float:
     """Nats that so many fitted numbers cost."""
     return 0.5 * degrees * float(np.log1p(SIZE_PRIOR))

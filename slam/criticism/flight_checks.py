@@ -45,8 +45,8 @@ ECHOES = 0.1
 UNSTEERED = "the stick is never moved: nothing drives the model"
 MOST_TILT_RAD = 1.2
 """Nothing that hangs on level rotors flies so for long; near a right angle roll and yaw are one."""
-FOREIGN_FACTOR = 1.6
-FOREIGN_RATE_HZ = 20.0
+OUT_OF_MODEL_FACTOR = 1.6
+OUT_OF_MODEL_RATE_HZ = 20.0
 SLOW_HZ = 10.0
 """A vehicle answers within a tenth of a second: read more seldom, most of the answer lies between."""
 SHOWN_BY = {
@@ -109,7 +109,7 @@ def without_dead_streams(flights: Sequence[Flight]) -> tuple[list[Flight], list[
     return clean, dropped
 
 
-def untested(records: Sequence[Record], shown: Sequence[str]) -> str:
+def untested_reason(records: Sequence[Record], shown: Sequence[str]) -> str:
     """Why flights could show next to nothing, and what would: ``shown`` are the effects that they could."""
     some = f"no more than {', '.join(shown)}" if shown else "none"
     reasons = [f"of {len(CATALOGUE)} effects {some} would have shown at a usual size"]
@@ -125,14 +125,14 @@ def untested(records: Sequence[Record], shown: Sequence[str]) -> str:
     return f"These data cannot be judged: {'; '.join(reasons)}. Fly longer, or record more."
 
 
-def is_foreign(records: Sequence[Record], model: Model) -> bool:
+def is_out_of_model(records: Sequence[Record], model: Model) -> bool:
     """Whether the instruments' own figures are far from the model's: a vehicle of another make."""
     expected = _models_noise_std(model)
     for record in records:
         for kind in (ATTITUDE, VELOCITY, SONAR):
             first = FIRST_CHANNEL[kind]
             factor = abs(np.log(record.noise_std[first] / expected[first]))
-            if any(record.has(c) for c in channels_of(kind)) and factor > np.log(FOREIGN_FACTOR):
+            if any(record.has(c) for c in channels_of(kind)) and factor > np.log(OUT_OF_MODEL_FACTOR):
                 return True
     return False
 
@@ -149,7 +149,7 @@ def _models_noise_std(model: Model) -> Array:
     )
 
 
-def coarsened(record: Record, model: Model) -> Record:
+def with_coarser_noise(record: Record, model: Model) -> Record:
     """A foreign vehicle's record, judged no finer than the model's own instruments, 20 times a second.
 
     What a maker calls noise is often the last digit of a smoothed figure: believed to that digit, that often,
@@ -160,7 +160,7 @@ def coarsened(record: Record, model: Model) -> Record:
         times_s = record.times_s[record.kinds == kind]
         if len(times_s) > 1:
             rate_hz = (len(times_s) - 1) / max(float(times_s[-1] - times_s[0]), 1e-9)
-            std[list(channels_of(kind))] *= np.sqrt(max(rate_hz / FOREIGN_RATE_HZ, 1.0))
+            std[list(channels_of(kind))] *= np.sqrt(max(rate_hz / OUT_OF_MODEL_RATE_HZ, 1.0))
     return replace(record, noise_std=std)
 
 

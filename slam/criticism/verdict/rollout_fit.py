@@ -20,14 +20,14 @@ from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import BEYOND_IMU
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
-from slam.criticism.search.columns import bounded, column_of
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.inclusion import on_grid, taken_out
-from slam.criticism.search.nuisances import MEAN, Nuisance, limits_of, value_of
-from slam.criticism.search.search import Search
+from slam.criticism.search.fitted_parameters import bounded, fitted_parameter
+from slam.criticism.search.inclusion import is_profiled, without_effect
+from slam.criticism.search.nuisances import MEAN_NUISANCES, Nuisance, limits_of, value_of
+from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT, load_thresholds
 from slam.criticism.threads import in_threads
-from slam.criticism.verdict.posterior import named, price
+from slam.criticism.verdict.posterior import is_term, required_nats
 from slam.criticism.verdict.rollouts import misses_of
 
 Array = NDArray[np.float64]
@@ -46,14 +46,14 @@ FREE = {"vehicle.gain": 0.02, "vehicle.drag_1_s": 0.02, LAG_CONSTANT: 0.005}
 """Constants of the vehicle, and the differences that their slopes are taken over."""
 DELAY = {"control_latency.T": 0.01}
 """The same for a delay: over less, misses are rough, as commands move across readings, and fits get stuck."""
-_FREE = tuple(n for n in MEAN if n.name in FREE)
+_FREE = tuple(n for n in MEAN_NUISANCES if n.name in FREE)
 MOST_CANDIDATES = 3
 """Terms that are tried beside the chosen ones: those that the next readings ask for most, by more than chance
 does of a healthy vehicle. Whether they are there is for the flights to say."""
 
 
 @dataclass(frozen=True)
-class Flown:
+class RolloutFit:
     """What roll-outs make of a belief."""
 
     setting: Setting
@@ -90,15 +90,19 @@ class _Fit:
         return bool(less and shows.any() and np.mean(flights[shows] < before[shows]) > 0.5)
 
 
-def flown(
-    records: Sequence[Record], belief: Setting, healthy: Setting, found: Search, progress: Progress = silent
-) -> Flown:
+def fit_rollouts(
+    records: Sequence[Record],
+    belief: Setting,
+    healthy: Setting,
+    found: SearchResult,
+    progress: Progress = silent,
+) -> RolloutFit:
     """The chosen terms at the sizes that fly best, with those with which flights fly better still, and
     without those that make no flight better.
 
     ``healthy`` is the belief without any cause: its misses are the measure.
     """
-    course = _Course(records, belief, healthy, found.model, progress)
+    course = _Rollouts(records, belief, healthy, found.model, progress)
     chosen, fit = _extended(course, found, course.fitted(belief, found.chosen))
     chosen, fit, without = _needed(course, chosen, fit, found.model)
     off = fit.steps - fit.steps.mean(axis=0)
@@ -114,38 +118,38 @@ def flown(
             f"{effect.name} may be that {_in_words(n, without[effect.label].setting, found.model)}"
             for n in _instead(fit, without[effect.label], found.model)
         ]
-    return Flown(fit.setting, tuple(chosen), spread, fit.left_out, nats, tuple(odd))
+    return RolloutFit(fit.setting, tuple(chosen), spread, fit.left_out, nats, tuple(odd))
 
 
-def _extended(course: _Course, found: Search, fit: _Fit) -> tuple[list[Effect], _Fit]:
+def _extended(course: _Rollouts, found: SearchResult, fit: _Fit) -> tuple[list[Effect], _Fit]:
     """The chosen terms with those of the candidates beside them with which flights fly better: likelier than
     not by what they gain, where the next readings ask for less than of any second term.
     """
     chosen = list(found.chosen)
-    standing = found.last.standing(chosen, found.last.effects)
+    test = found.last.score_tests(chosen, found.last.effects)
     names = {e.name for e in chosen}
     limits = load_thresholds()
-    moving = [s for s in standing if s.z > limits.effects and _flies(s.effect)]
+    moving = [s for s in test if s.z > limits.effects and _flies(s.effect)]
     for candidate in [s for s in moving if s.effect.name not in names][:MOST_CANDIDATES]:
         extra = candidate.effect
         # Of two ways to try a term, the first that is better stands for it.
         if extra.name in {e.name for e in chosen}:
             continue
-        tried = course.fitted(fit.setting, [*chosen, extra])
-        asked = candidate.z > limits.second or course.nats(tried, fit) > price(extra)
-        if asked and tried.better_than(fit):
-            chosen, fit = [*chosen, extra], tried
+        best_candidate = course.fitted(fit.setting, [*chosen, extra])
+        asked = candidate.z > limits.second or course.nats(best_candidate, fit) > required_nats(extra)
+        if asked and best_candidate.better_than(fit):
+            chosen, fit = [*chosen, extra], best_candidate
     return chosen, fit
 
 
 def _needed(
-    course: _Course, chosen: list[Effect], fit: _Fit, model: Setting
+    course: _Rollouts, chosen: list[Effect], fit: _Fit, model: Setting
 ) -> tuple[list[Effect], _Fit, dict[str, _Fit]]:
     """The terms that make flights better, or without which a constant of the vehicle would not be healthy,
     and the fits without each of them by label; one stays."""
     while True:
         without = {
-            e.label: course.fitted(taken_out(e, fit.setting), [o for o in chosen if o is not e])
+            e.label: course.fitted(without_effect(e, fit.setting), [o for o in chosen if o is not e])
             for e in chosen
             if _flies(e)
         }
@@ -202,11 +206,14 @@ def _flies(effect: Effect) -> bool:
     """Whether a term has a slope in what roll-outs miss."""
     kinds = {d.kind for d in effect.directions}
     return (
-        named(effect) and bool(kinds) and kinds <= {"parameters", "sensor", "latency"} and not on_grid(effect)
+        is_term(effect)
+        and bool(kinds)
+        and kinds <= {"parameters", "sensor", "latency"}
+        and not is_profiled(effect)
     )
 
 
-class _Course:
+class _Rollouts:
     """The flights' roll-outs, from the same states under every belief."""
 
     def __init__(
@@ -256,7 +263,8 @@ class _Course:
     def _slopes(self, setting: Setting, columns: Sequence[str], h: Array, left: list[Array]) -> list[Array]:
         """(misses, columns) of each part of ``_left``, for columns in units of ``h``."""
         beside = [
-            self._left(column_of(c).moved(setting, step)) for c, step in zip(columns, h.tolist(), strict=True)
+            self._left(fitted_parameter(c).stepped(setting, step))
+            for c, step in zip(columns, h.tolist(), strict=True)
         ]
         return [np.column_stack([b[k] - at for b in beside]) for k, at in enumerate(left)]
 
@@ -300,7 +308,7 @@ def _solved(slope: Sequence[Array], left: Sequence[Array], damping: float) -> Ar
 
 def _taken(setting: Setting, columns: Sequence[str], step: Array) -> Setting:
     for column, size in zip(columns, step.tolist(), strict=True):
-        setting = column_of(column).moved(setting, bounded(column, size, setting))
+        setting = fitted_parameter(column).stepped(setting, bounded(column, size, setting))
     return setting
 
 

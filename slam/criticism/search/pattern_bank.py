@@ -54,7 +54,7 @@ TILTING_S = 0.02
 """A rate of tilt is taken over so long before: what comes after knows what the gyro is about to read."""
 
 
-def dictionary(records: Sequence[Record]) -> list[Direction]:
+def pattern_directions(records: Sequence[Record]) -> list[Direction]:
     """The directions that the flights' streams can show."""
     channels = [c for c in range(len(CHANNELS)) if any(r.has(c) for r in records)]
     found = [
@@ -80,7 +80,7 @@ def dictionary(records: Sequence[Record]) -> list[Direction]:
     return found
 
 
-def shapes_of(directions: Sequence[Direction]) -> tuple[Effect, ...]:
+def residual_patterns(directions: Sequence[Direction]) -> tuple[Effect, ...]:
     """Each direction by itself, and those of one kind ahead and to the left together.
 
     What does not mind which way is ahead leaves half of its trace in each: one alone would lose against a
@@ -88,9 +88,9 @@ def shapes_of(directions: Sequence[Direction]) -> tuple[Effect, ...]:
     """
     placed = tuple(d for d in directions if d.name.startswith(YAW_AT_PLACE))
     known = {d.name: d for d in directions if d not in placed}
-    shapes = [Effect(name, (d,), positive=name in RESTLESS) for name, d in known.items()]
+    patterns = [Effect(name, (d,), positive=name in RESTLESS) for name, d in known.items()]
     if placed:
-        shapes.append(Effect(YAW_AT_PLACE, placed))
+        patterns.append(Effect(YAW_AT_PLACE, placed))
     together = [
         (f"{ahead} ~ {along}", f"{left} ~ {across}")
         for ahead, left in LEVEL_TARGETS
@@ -99,8 +99,8 @@ def shapes_of(directions: Sequence[Direction]) -> tuple[Effect, ...]:
     for names in (*together, *PAIRS):
         pair = known.get(names[0]), known.get(names[1])
         if pair[0] is not None and pair[1] is not None:
-            shapes.append(Effect(f"{pair[0].name}, {pair[1].name}", (pair[0], pair[1])))
-    return tuple(shapes)
+            patterns.append(Effect(f"{pair[0].name}, {pair[1].name}", (pair[0], pair[1])))
+    return tuple(patterns)
 
 
 def signals_of(record: Record, states: Array, flight: int = 0, flights: int = 1) -> dict[str, Signal]:

@@ -17,11 +17,11 @@ from slam.criticism.kalman.innovations import stretches
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.inclusion import is_wall, settled
-from slam.criticism.search.nuisances import MEAN, direction_of, prior_precision
+from slam.criticism.search.inclusion import is_saturation, with_free_value
+from slam.criticism.search.nuisances import MEAN_NUISANCES, direction_of, prior_precision
 from slam.criticism.search.screening import deviate
-from slam.criticism.search.search import Search
-from slam.criticism.search.thresholds import beside
+from slam.criticism.search.search import SearchResult
+from slam.criticism.search.thresholds import with_misfit
 from slam.criticism.threads import in_threads
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ WEAK = 1e-6
 
 
 @dataclass(frozen=True)
-class Agreement:
+class Consistency:
     """How well the parts of the flights agree on a cause."""
 
     by: str
@@ -47,16 +47,16 @@ class Agreement:
     """The chi-square beyond what chance makes."""
 
 
-def agreements(
+def consistencies(
     records: Sequence[Record], model: Setting, belief: Setting, chosen: Sequence[Effect]
-) -> list[tuple[Agreement, ...]]:
+) -> list[tuple[Consistency, ...]]:
     """For each chosen effect that moves the mean of the readings; none for the others.
 
     ``belief`` holds the effects at their sizes.
     """
-    directions = [direction_of(n) for n in MEAN] + [d for e in chosen for d in e.directions]
+    directions = [direction_of(n) for n in MEAN_NUISANCES] + [d for e in chosen for d in e.directions]
     precision = np.zeros(len(directions))
-    precision[: len(MEAN)] = [prior_precision(n, model) for n in MEAN]
+    precision[: len(MEAN_NUISANCES)] = [prior_precision(n, model) for n in MEAN_NUISANCES]
 
     def one(k: int) -> tuple[Array, Array, Ints]:
         rows = list(stretches(records[k], belief, directions))
@@ -68,8 +68,8 @@ def agreements(
 
     found = in_threads(one, range(len(records)))
     traces, white, part = (np.concatenate([f[i] for f in found]) for i in range(3))
-    answers: list[tuple[Agreement, ...]] = []
-    first = len(MEAN)
+    answers: list[tuple[Consistency, ...]] = []
+    first = len(MEAN_NUISANCES)
     for effect in chosen:
         own = np.arange(first, first + len(effect.directions))
         first += len(effect.directions)
@@ -78,14 +78,16 @@ def agreements(
             continue
         answers.append(
             tuple(
-                _agreement(by, traces, white, part[:, i], own, precision)
+                _consistency(by, traces, white, part[:, i], own, precision)
                 for i, by in enumerate(("flight", "time", "channel"))
             )
         )
     return answers
 
 
-def _agreement(by: str, traces: Array, white: Array, part: Ints, own: Ints, precision: Array) -> Agreement:
+def _consistency(
+    by: str, traces: Array, white: Array, part: Ints, own: Ints, precision: Array
+) -> Consistency:
     total = traces.T @ traces + np.diag(precision + 1e-9)
     score = white @ traces
     step = np.linalg.solve(total, score)
@@ -106,24 +108,24 @@ def _agreement(by: str, traces: Array, white: Array, part: Ints, own: Ints, prec
     along = vectors[:, strong].T @ (scale * right)
     chi2 = float(np.sum(along**2 / values[strong]))
     degrees = int(strong.sum())
-    return Agreement(by, deviate(chi2, degrees) if chi2 > degrees else 0.0, chi2 - degrees)
+    return Consistency(by, deviate(chi2, degrees) if chi2 > degrees else 0.0, chi2 - degrees)
 
 
 def contradictions(
-    records: Sequence[Record], model: Setting, found: Search, belief: Setting
+    records: Sequence[Record], model: Setting, found: SearchResult, belief: Setting
 ) -> tuple[dict[str, str], set[str]]:
     """What is told of causes whose parts do not agree, by name; and those that explain less than they
     contradict themselves. Of a foreign vehicle every cause does: its equations are another's.
     """
-    chosen = [settled(e) for e in found.chosen]
+    chosen = [with_free_value(e) for e in found.chosen]
     told, refuted = {}, set()
-    for effect, parts in zip(found.chosen, agreements(records, model, belief, chosen), strict=True):
+    for effect, parts in zip(found.chosen, consistencies(records, model, belief, chosen), strict=True):
         worst = max(parts, key=lambda a: a.z, default=None)
         rest = [e for e in found.chosen if e is not effect]
-        whole = found.last.standing(rest, [effect])[0]
-        if worst is None or worst.z < beside(DISAGREE_Z, 0.0 if is_wall(effect) else whole.z):
+        whole = found.last.score_tests(rest, [effect])[0]
+        if worst is None or worst.z < with_misfit(DISAGREE_Z, 0.0 if is_saturation(effect) else whole.z):
             continue
         told[effect.name] = f"is not the same in every {worst.by} (z = {worst.z:.1f})"
-        if not is_wall(effect) and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
+        if not is_saturation(effect) and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
             refuted.add(effect.name)
     return told, refuted
