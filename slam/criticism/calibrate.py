@@ -12,10 +12,10 @@ import json
 
 import numpy as np
 
-from slam.criticism.camera.strays import without_strays
+from slam.criticism.camera.mismatched_pairs import without_mismatched_pairs
 from slam.criticism.flight_checks import usable_records
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.reference import referred
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.search.expansion import expand
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.pairs import ranked_pairs
@@ -35,8 +35,8 @@ def greatest(seed: int, camera: CameraModel | None = None) -> tuple[float, str, 
     """Greatest z of the terms, of the dictionary and of pairs of one healthy case, with their names."""
     slower = at_lower_rates(load_model("nominal"))
     records, _ = usable_records(healthy_case(slower, seed, student=seed % 3 == 2, camera=camera))
-    nominal = setting_of(slower)
-    records = [without_strays(referred(record, nominal), nominal)[0] for record in records]
+    nominal = filter_parameters_of(slower)
+    records = [without_mismatched_pairs(referred(record, nominal), nominal)[0] for record in records]
     expansion = expand(records, nominal, fit_nuisances(records, nominal))
     terms = max(expansion.score_tests([], expansion.effects), key=lambda s: s.z)
     patterns = max(expansion.score_tests([], expansion.patterns), key=lambda s: s.z)

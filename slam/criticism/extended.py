@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from slam.criticism.cause import Cause
-from slam.criticism.kalman.optics import catalogued
+from slam.criticism.kalman.camera_parameters import catalogued
+from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of, slot
 from slam.criticism.kalman.readings import DATUM, IMU, INSTRUMENT_CHANNELS, INSTRUMENTS, place_of
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting, setting_of, slot
 from slam.criticism.kalman.transition import (
     GUST_STD,
     GUST_TIME,
@@ -23,7 +23,7 @@ from slam.criticism.kalman.transition import (
     W_TIME,
     W_UP_STD,
 )
-from slam.criticism.residuals.oddities import Oddity
+from slam.criticism.residuals.reading_anomalies import ReadingAnomaly
 from slam.simulation.dynamics import ATTITUDE_TIME, DRAG, GAIN
 from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
@@ -35,7 +35,11 @@ _EXTENDED = " extended"
 
 
 def extended_with_causes(
-    causes: Sequence[Cause], odd: Sequence[Oddity], model: Model, belief: Setting, records: Sequence[Record]
+    causes: Sequence[Cause],
+    odd: Sequence[ReadingAnomaly],
+    model: Model,
+    belief: FilterParameters,
+    records: Sequence[Record],
 ) -> Model:
     """The model with the causes that are told, those that single readings show (``odd``) among them: what may
     as well be something else is no part of a model."""
@@ -46,12 +50,14 @@ def extended_with_causes(
     return extended
 
 
-def extended_model(model: Model, setting: Setting, causes: Sequence[str], records: Sequence[Record]) -> Model:
+def extended_model(
+    model: Model, setting: FilterParameters, causes: Sequence[str], records: Sequence[Record]
+) -> Model:
     """The model that a belief about some flights is; only terms of ``causes`` enter, each within what its
     equation bears."""
     hold = setting.hold
     noise = _noise(model, setting, records)
-    colour = dict(zip(INSTRUMENTS, setting.colour.tolist(), strict=True))
+    colour = dict(zip(INSTRUMENTS, setting.noise_correlation.tolist(), strict=True))
     plain = replace(
         model,
         name=f"{model.name.removesuffix(_EXTENDED)[: 80 - len(_EXTENDED)]}{_EXTENDED}",
@@ -100,7 +106,7 @@ def extended_model(model: Model, setting: Setting, causes: Sequence[str], record
     return plain
 
 
-def _noise(model: Model, setting: Setting, records: Sequence[Record]) -> dict[str, float]:
+def _noise(model: Model, setting: FilterParameters, records: Sequence[Record]) -> dict[str, float]:
     """Instrument -> standard deviation of its noise, of the imu's the density: what the flights tell of it,
     times what was fitted. The model's own where no flight has the instrument; and of a vehicle of another
     make, whose belief says what readings are worth, not what they scatter by."""
@@ -141,7 +147,7 @@ def with_sizes(model: Model, name: str, values: Mapping[str, float]) -> Model:
     return model.with_term(name, **kept)
 
 
-def _with(model: Model, name: str, setting: Setting) -> Model:
+def _with(model: Model, name: str, setting: FilterParameters) -> Model:
     special = {
         "control_latency": {"T": setting.latency_s},
         "clock_drift": {"ppm": 1e6 * setting.drift},
@@ -151,7 +157,7 @@ def _with(model: Model, name: str, setting: Setting) -> Model:
     }
     values = special.get(name)
     if values is None:
-        before = setting_of(model)
+        before = filter_parameters_of(model)
         values = {}
         for parameter in CATALOGUE[name].parameters:
             if (name, parameter.name) == ("exposure_variation", "tau"):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
-from slam.criticism.camera.pictures import look_all
+from slam.criticism.camera.feature_matches import match_all_pictures
 from slam.criticism.command_clock import FEWEST_READINGS, clock_error
 from slam.criticism.kalman.readings import (
     ATTITUDE,
@@ -96,7 +96,9 @@ def usable_records(flights: Sequence[Flight], progress: Progress = silent) -> tu
             dropped.append(f"{flight.name}: {HELD_HEADING}")
         records.append(record)
         kept.append(clean)
-    return [replace(r, sights=s) for r, s in zip(records, look_all(kept, progress), strict=True)], dropped
+    return [
+        replace(r, matches=s) for r, s in zip(records, match_all_pictures(kept, progress), strict=True)
+    ], dropped
 
 
 def without_dead_streams(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:

@@ -12,14 +12,14 @@ from dataclasses import replace
 import numpy as np
 
 from slam.core.progress import Progress, Tally, silent
-from slam.criticism.camera.pictures import Sights
-from slam.criticism.camera.planned import planned
-from slam.criticism.camera.sighting import sighted
+from slam.criticism.camera.feature_matches import FeatureMatches
+from slam.criticism.camera.planned_matches import planned_matches
+from slam.criticism.camera.reprojection import reprojection_score
+from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
 from slam.criticism.kalman.innovations import stretches
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.reference import referred
-from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.nuisances import MEAN_NUISANCES, direction_of, prior_precision, value_of
@@ -50,7 +50,7 @@ def next_flight(
     step, _ = expansion.quadratic.maximise(found.chosen).of(expansion.quadratic.index(effect.columns))
     held = np.array([_held(found, column) for column in effect.columns])
     kinds = {int(kind) for record in records for kind in np.unique(record.kinds)}
-    seen = next((record.sights for record in records if record.sights is not None), None)
+    seen = next((record.matches for record in records if record.matches is not None), None)
     return telling_flight(model, effect, other, step + held, kinds, seen, progress)
 
 
@@ -60,7 +60,7 @@ def telling_flight(
     second: Effect,
     sizes: np.ndarray,
     kinds: Container[int],
-    seen: Sights | None = None,
+    seen: FeatureMatches | None = None,
     progress: Progress = silent,
 ) -> str:
     """A sentence: which manoeuvre tells ``first``, of these sizes (columns,), from ``second`` best; empty
@@ -75,7 +75,7 @@ def telling_flight(
     if len(own) == 0:
         return ""
     out = np.array([k for k in range(len(every)) if k not in own], dtype=np.int64)
-    setting = setting_of(model)
+    setting = filter_parameters_of(model)
     slower = at_lower_rates(model)
     precision = np.array([_precision(name, second, setting) for name in names])[out]
     size = np.array([x for x, column in zip(sizes, first.columns, strict=True) if column in names])
@@ -86,9 +86,11 @@ def telling_flight(
         record = referred(record_of(replace(flight, **missing)), setting)  # type: ignore[arg-type]
         information = np.zeros((len(every), len(every)))
         for rows in stretches(record, setting, every):
-            information += rows.traces.T @ rows.traces
+            information += rows.sensitivity.T @ rows.sensitivity
         if seen is not None:
-            information += sighted(record, planned(record, setting, seen), setting, every).information
+            information += reprojection_score(
+                record, planned_matches(record, setting, seen), setting, every
+            ).information
         left = project(information, out, precision).information
         return float(np.sqrt(max(size @ left[np.ix_(own, own)] @ size, 0.0)))
 
@@ -109,7 +111,7 @@ def advice(first: str, second: str, motion: str, sigma: float) -> str:
     return f"To tell {first} from {second} {motion} {often}: {sigma:.1f} sigma a time."
 
 
-def _precision(name: str, other: Effect, setting: Setting) -> float:
+def _precision(name: str, other: Effect, setting: FilterParameters) -> float:
     """Of a column's prior: next to none of the other term's own, the nuisances that it frees among them."""
     nuisance = {n.name: n for n in MEAN_NUISANCES}.get(name)
     if nuisance is None or name in other.relaxes:

@@ -11,7 +11,7 @@ from slam.core.duplicate_flights import without_duplicates
 from slam.core.flight import Flight, with_unique_names
 from slam.core.progress import Progress, Tally, show_compilation, silent
 from slam.core.ranges_at_body import ranges_at_body
-from slam.criticism.camera.strays import without_strays
+from slam.criticism.camera.mismatched_pairs import without_mismatched_pairs
 from slam.criticism.cause import Cause
 from slam.criticism.extended import extended_with_causes, with_certainty
 from slam.criticism.flight_checks import (
@@ -21,15 +21,20 @@ from slam.criticism.flight_checks import (
     with_coarser_noise,
     without_dead_streams,
 )
+from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
 from slam.criticism.kalman.readings import INSTRUMENTS
 from slam.criticism.kalman.record import Record, any_holds_heading, has_commands
 from slam.criticism.kalman.reference import referred
-from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.next_flight import next_flight
 from slam.criticism.residuals.boxes import without_boxes
-from slam.criticism.residuals.comb import comb_of
-from slam.criticism.residuals.oddities import ENTAILS, Oddity, oddities, without_dead_zone
 from slam.criticism.residuals.outliers import outliers_of
+from slam.criticism.residuals.quantisation import quantisation_of
+from slam.criticism.residuals.reading_anomalies import (
+    ENTAILS,
+    ReadingAnomaly,
+    reading_anomalies,
+    without_dead_zone,
+)
 from slam.criticism.residuals.smallest import smallest_in_readings
 from slam.criticism.residuals.stamps import without_jitter
 from slam.criticism.residuals.uneven import uneven_of
@@ -114,11 +119,11 @@ class _Prepared:
     """What the search starts from."""
 
     records: list[Record]
-    setting: Setting
+    setting: FilterParameters
     limits: Thresholds
     strays: list[str]
     """Pictures that were left out, in words."""
-    odd: list[Oddity]
+    odd: list[ReadingAnomaly]
     """What was found of the readings themselves before any filter."""
 
 
@@ -127,7 +132,7 @@ class _Explained:
     """What the search came to."""
 
     found: SearchResult
-    belief: Setting
+    belief: FilterParameters
     """With the chosen causes in it."""
     posterior: Posterior
     doubts: dict[str, str]
@@ -137,8 +142,8 @@ class _Explained:
 
 
 def _prepared(records: Sequence[Record], model: Model, progress: Progress) -> _Prepared:
-    limits = load_thresholds(pictures=any(record.sights is not None for record in records))
-    setting = replace(setting_of(model), out_of_model=is_out_of_model(records, model))
+    limits = load_thresholds(pictures=any(record.matches is not None for record in records))
+    setting = replace(filter_parameters_of(model), out_of_model=is_out_of_model(records, model))
     if setting.out_of_model:
         records = [with_coarser_noise(record, model) for record in records]
         limits = limits.times(OUT_OF_MODEL, "this vehicle's equations are another's")
@@ -148,7 +153,7 @@ def _prepared(records: Sequence[Record], model: Model, progress: Progress) -> _P
     records, late = without_jitter(records, setting) if not setting.out_of_model else (records, [])
     records, odd = without_dead_zone(records)
     odd = [*late, *odd]
-    if not setting.out_of_model and comb_of(records) is None:
+    if not setting.out_of_model and quantisation_of(records) is None:
         records, steps = without_boxes(records, setting)
         odd = [*odd, *steps]
     return _Prepared(list(records), setting, limits, strays, odd)
@@ -180,7 +185,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     records, limits = explained.found.records, prepared.limits
     found, belief, doubts, best = explained.found, explained.belief, explained.doubts, explained.best
     posterior = explained.posterior
-    odd = [*prepared.odd, *oddities(records, found.last.fisher.passes)]
+    odd = [*prepared.odd, *reading_anomalies(records, found.last.fisher.passes)]
     rolled_out = Tally(progress, "roll out", 2)
     with rolled_out.part():
         together = held_out(records, found, prepared.setting) if any(map(is_term, found.chosen)) else None
@@ -210,7 +215,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         remainder = "; ".join(part for part in (remainder, *_nearest(found, limits.effects)) if part)
     with rolled_out.part():
         drawn = _covariate(records, belief, found, causes)
-    colour = {n: x for n, x in zip(INSTRUMENTS, belief.colour.tolist(), strict=True) if x > 0.0}
+    colour = {n: x for n, x in zip(INSTRUMENTS, belief.noise_correlation.tolist(), strict=True) if x > 0.0}
     return Criticism(
         verdict,
         sentence_of(verdict, causes, equivalents, remainder, everything, colour),
@@ -238,7 +243,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
 
 
 def _covariate(
-    records: Sequence[Record], belief: Setting, found: SearchResult, causes: Sequence[Cause]
+    records: Sequence[Record], belief: FilterParameters, found: SearchResult, causes: Sequence[Cause]
 ) -> Covariate | None:
     """Of the leading cause and its rival."""
     if not causes:
@@ -247,13 +252,13 @@ def _covariate(
 
 
 def _filtered(
-    records: Sequence[Record], setting: Setting, progress: Progress
+    records: Sequence[Record], setting: FilterParameters, progress: Progress
 ) -> tuple[list[Record], list[str]]:
     """The records beside a healthy run of each, and what pictures were left out as none of that run's."""
     flights = Tally(progress, "filter", len(records))
 
     def prepared(record: Record) -> tuple[Record, str]:
-        return without_strays(referred(record, setting), setting)
+        return without_mismatched_pairs(referred(record, setting), setting)
 
     found = in_threads(flights.counting(prepared), records)
     return [record for record, _ in found], [told for _, told in found if told]
@@ -313,13 +318,13 @@ def _nearest(found: SearchResult, threshold: float) -> list[str]:
     return [f"nearest is {best.effect.name}, by {best.z:.1f} sigma where {threshold:.1f} are asked for"]
 
 
-def _belief(found: SearchResult) -> Setting:
+def _belief(found: SearchResult) -> FilterParameters:
     return with_step(found.last, found.last.quadratic.maximise(found.chosen).whole, found.chosen)
 
 
 def _unseen(
     records: Sequence[Record], model: Model, together: HeldOut, best: RolloutFit | None,
-    causes: Sequence[Cause], odd: Sequence[Oddity],
+    causes: Sequence[Cause], odd: Sequence[ReadingAnomaly],
 ) -> dict[str, Model]:  # fmt: skip
     """For each flight the model that all others make; none where stretches were held out, of all flights."""
     if together.by != "flight":

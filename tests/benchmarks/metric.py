@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-Direction = Literal["at most", "at least", "within", "told"]
+Perturbation = Literal["at most", "at least", "within", "told"]
 
 
 class Skipped(Exception):
@@ -20,7 +20,7 @@ class Metric:
     key: str
     value: float
     unit: str
-    direction: Direction = "told"
+    direction: Perturbation = "told"
     limit: tuple[float, ...] = ()
     """One figure, or the two ends of a band."""
     source: str = ""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
-from slam.criticism.kalman.optics import FOCAL, RADIAL, TILT_X, TILT_Y
+from slam.criticism.kalman.camera_parameters import FOCAL, RADIAL, TILT_X, TILT_Y
 
 Array = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from frontend.robust import robust_std
 from slam.criticism.camera.cells import BRIGHTEST, DARKEST, radius2
-from slam.criticism.camera.pictures import Sights
-from slam.criticism.camera.stains import Stain, stain_of
+from slam.criticism.camera.feature_matches import FeatureMatches
+from slam.criticism.camera.lens_shading_map import LensShadingMap, lens_shading_map
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -62,15 +62,15 @@ class Tones:
     """Root mean square of the stain that is foretold; a millionth where there is none."""
 
 
-_WORKED_OUT: WeakKeyDictionary[Sights, Tones] = WeakKeyDictionary()
+_WORKED_OUT: WeakKeyDictionary[FeatureMatches, Tones] = WeakKeyDictionary()
 """They are the same under every belief."""
 
 
-def tones_of(sights: Sights) -> Tones:
+def tones_of(matches: FeatureMatches) -> Tones:
     """The figures of every pair with enough matches; none of a flight whose pictures are lit in bands."""
-    if sights not in _WORKED_OUT:
-        _WORKED_OUT[sights] = _worked_out(sights)
-    return _WORKED_OUT[sights]
+    if matches not in _WORKED_OUT:
+        _WORKED_OUT[matches] = _worked_out(matches)
+    return _WORKED_OUT[matches]
 
 
 def _nothing() -> Tones:
@@ -79,33 +79,33 @@ def _nothing() -> Tones:
     return Tones(nothing, nothing, none, none, np.zeros(0), np.zeros(0), np.zeros((0, 3)), 0.0)
 
 
-def _worked_out(sights: Sights) -> Tones:
-    if sights.uneven:
+def _worked_out(matches: FeatureMatches) -> Tones:
+    if matches.uneven:
         return _nothing()
-    key = sights.earlier * (len(sights.stamps_s) + 1) + sights.later
+    key = matches.earlier * (len(matches.stamps_s) + 1) + matches.later
     order = np.argsort(key, kind="stable")
     bounds = np.flatnonzero(np.diff(key[order], prepend=-1, append=-1))
-    stain = stain_of(sights.camera, sights.cells)
-    sights = _cleaned(sights, stain)
+    stain = lens_shading_map(matches.camera, matches.cells)
+    matches = _cleaned(matches, stain)
     rows, pairs, outward, zoom, depth = [], [], [], [], []
-    shares = _shares(sights, stain)
+    shares = _shares(matches, stain)
     for begin, end in pairwise(bounds.tolist()):
         own = order[begin:end]
-        share = shares.get((int(sights.earlier[own[0]]), int(sights.later[own[0]])), UNTOLD)
-        found = _figures(sights, own, share)
+        share = shares.get((int(matches.earlier[own[0]]), int(matches.later[own[0]])), UNTOLD)
+        found = _figures(matches, own, share)
         if found is not None:
             rows.append(found)
-            pairs.append((sights.earlier[own[0]], sights.later[own[0]]))
-            outward.append(_outward(sights, own).mean())
-            zoom.append(np.log(_extent(sights.pixel_i[own]) / _extent(sights.pixel_j[own])))
-            depth.append(_depth(sights, own))
+            pairs.append((matches.earlier[own[0]], matches.later[own[0]]))
+            outward.append(_outward(matches, own).mean())
+            zoom.append(np.log(_extent(matches.pixel_i[own]) / _extent(matches.pixel_j[own])))
+            depth.append(_depth(matches, own))
     if not rows:
         return _nothing()
     index = np.array(pairs, dtype=np.int64)
     values, std = (np.array(part) for part in zip(*rows, strict=True))
-    if sights.glares:
+    if matches.glares:
         std[:, [SHADING, STAIN]] = np.inf
-    stained = max(float(np.sqrt(np.mean(stain.foretold**2))), 1e-6)
+    stained = max(float(np.sqrt(np.mean(stain.predicted_by_others**2))), 1e-6)
     seen = np.array(outward), np.array(zoom), np.array(depth)
     return Tones(index[:, 0], index[:, 1], values, std, *seen, stained)
 
@@ -116,17 +116,17 @@ def _usable(a: Array, b: Array) -> NDArray[np.bool_]:
     return np.asarray(usable & (a[:, 3] > 1.0) & (b[:, 3] > 1.0))
 
 
-def _cleaned(sights: Sights, stain: Stain) -> Sights:
+def _cleaned(matches: FeatureMatches, stain: LensShadingMap) -> FeatureMatches:
     """As if the lens had no stain: what stays in the picture is no restless exposure."""
     return replace(
-        sights,
-        tone_i=sights.tone_i * np.exp(-stain.at(sights.pixel_i))[:, None],
-        tone_j=sights.tone_j * np.exp(-stain.at(sights.pixel_j))[:, None],
+        matches,
+        tone_i=matches.tone_i * np.exp(-stain.at(matches.pixel_i))[:, None],
+        tone_j=matches.tone_j * np.exp(-stain.at(matches.pixel_j))[:, None],
     )
 
 
-def _figures(sights: Sights, own: Ints, share: tuple[float, float]) -> tuple[Array, Array] | None:
-    a, b = sights.tone_i[own], sights.tone_j[own]
+def _figures(matches: FeatureMatches, own: Ints, share: tuple[float, float]) -> tuple[Array, Array] | None:
+    a, b = matches.tone_i[own], matches.tone_j[own]
     usable = _usable(a, b)
     if usable.sum() < FEWEST:
         return None
@@ -143,13 +143,13 @@ def _figures(sights: Sights, own: Ints, share: tuple[float, float]) -> tuple[Arr
     for colour in range(3):
         values[colour], spread = _middle(np.log(a[:, colour] / b[:, colour]))
         std[colour] = 1.25 * spread / np.sqrt(m)
-    outward = _outward(sights, own)
+    outward = _outward(matches, own)
     away = outward - outward.mean()
     values[SHADING] = float(away @ ratio / max(away @ away, 1e-9))
     std[SHADING] = float(np.std(ratio)) / np.sqrt(max(away @ away, 1e-9))
     # Seen through the same part of the lens: what is left is the whole picture's.
-    shade = np.exp(-values[SHADING] * away)
-    grey_i, local_i = grey_i * shade, a[:, 3] * shade
+    photometric_score = np.exp(-values[SHADING] * away)
+    grey_i, local_i = grey_i * photometric_score, a[:, 3] * photometric_score
     like = np.corrcoef(grey_i, grey_j)[0, 1]
     wider = float(np.log(np.std(grey_i) / np.std(grey_j)))
     of_wider = float(np.sqrt(max(1.0 - like**2, 1e-6) / m))
@@ -161,23 +161,23 @@ def _figures(sights: Sights, own: Ints, share: tuple[float, float]) -> tuple[Arr
     return values, np.hypot(std, LEAST_STD)
 
 
-def _shares(sights: Sights, stain: Stain) -> dict[tuple[int, int], tuple[float, float]]:
+def _shares(matches: FeatureMatches, stain: LensShadingMap) -> dict[tuple[int, int], tuple[float, float]]:
     """Of each pair of pictures whose cells are compared."""
-    cells = sights.cells
-    outward = radius2(sights.camera, cells.pixel_i) - radius2(sights.camera, cells.pixel_j)
+    cells = matches.cells
+    outward = radius2(matches.camera, cells.pixel_i) - radius2(matches.camera, cells.pixel_j)
     return {
         (int(cells.earlier[run.start]), int(cells.later[run.start])): _share(
-            stain.foretold[run], cells.ratio[run], outward[run]
+            stain.predicted_by_others[run], cells.ratio[run], outward[run]
         )
         for run in cells.runs
         if run.stop - run.start >= FEWEST
     }
 
 
-def _share(foretold: Array, ratio: Array, outward: Array) -> tuple[float, float]:
+def _share(predicted_by_others: Array, ratio: Array, outward: Array) -> tuple[float, float]:
     """Of what is foretold, how much there is, beside a vignette; and its standard deviation."""
     free = np.column_stack([np.ones_like(outward), outward])
-    both = np.column_stack([foretold, ratio])
+    both = np.column_stack([predicted_by_others, ratio])
     away, left = (both - free @ np.linalg.lstsq(free, both, rcond=None)[0]).T
     weight = max(float(away @ away), 1e-12)
     return float(away @ left) / weight, float(np.std(left)) / np.sqrt(weight)
@@ -189,8 +189,8 @@ def _middle(x: Array) -> tuple[float, float]:
     return middle, robust_std(x - middle)
 
 
-def _outward(sights: Sights, own: Ints) -> Array:
-    return radius2(sights.camera, sights.pixel_i[own]) - radius2(sights.camera, sights.pixel_j[own])
+def _outward(matches: FeatureMatches, own: Ints) -> Array:
+    return radius2(matches.camera, matches.pixel_i[own]) - radius2(matches.camera, matches.pixel_j[own])
 
 
 def _extent(pixel: Array) -> float:
@@ -198,8 +198,8 @@ def _extent(pixel: Array) -> float:
     return max(float(np.sqrt(np.var(pixel, axis=0).sum())), 1.0)
 
 
-def _depth(sights: Sights, own: Ints) -> Array:
-    level = np.median(np.concatenate([sights.tone_i[own, :3], sights.tone_j[own, :3]]), axis=0)
+def _depth(matches: FeatureMatches, own: Ints) -> Array:
+    level = np.median(np.concatenate([matches.tone_i[own, :3], matches.tone_j[own, :3]]), axis=0)
     return np.asarray(np.log(255.0 / np.maximum(level, 1.0)))
 
 

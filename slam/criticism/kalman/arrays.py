@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Events(NamedTuple):
+class EventArrays(NamedTuple):
     """The readings of a flight in their order of time, as ``record.Record`` has them."""
 
     times_s: Array
@@ -30,7 +30,7 @@ class Events(NamedTuple):
     """(steps,) lengths."""
 
 
-class Command(NamedTuple):
+class CommandArrays(NamedTuple):
     """The sticks that the vehicle obeys; variant 0 is the belief's own, others are early or late."""
 
     over_steps: Array
@@ -45,7 +45,7 @@ class Command(NamedTuple):
     """(events,) how many of the event's channels, from the first, a jump of the stick near it may spoil."""
 
 
-class Belief(NamedTuple):
+class ModelArrays(NamedTuple):
     """What the vehicle and its instruments are held for."""
 
     parameters: Array
@@ -56,7 +56,7 @@ class Belief(NamedTuple):
     """(``transition.HOLD``,)."""
 
 
-class Noise(NamedTuple):
+class NoiseArrays(NamedTuple):
     """How far a reading is believed."""
 
     variance: Array
@@ -69,12 +69,12 @@ class Noise(NamedTuple):
     """(n,) growth of each hold noise's variance by its kicks, a second."""
 
 
-class Directions(NamedTuple):
+class PerturbationArrays(NamedTuple):
     """Directions, m of them: the changes of a belief that tangents are carried for."""
 
-    acts: Ints
+    changes_motion: Ints
     """(m,) 1 where it changes the motion."""
-    reads: Ints
+    instrument_mask: Ints
     """(m,) bit k is set where it changes what instruments of kind k read."""
     stick_of: Ints
     """(m,) variant of the command."""
@@ -94,17 +94,17 @@ class Directions(NamedTuple):
     """(m,) differences times this are per unit of the direction."""
 
 
-class Given(NamedTuple):
+class FilterInputs(NamedTuple):
     """A flight, and all that it is filtered under."""
 
-    events: Events
-    command: Command
-    belief: Belief
-    noise: Noise
-    directions: Directions
+    events: EventArrays
+    command: CommandArrays
+    belief: ModelArrays
+    noise: NoiseArrays
+    perturbations: PerturbationArrays
 
 
-class Estimate(NamedTuple):
+class FilterState(NamedTuple):
     """What the filter carries on from event to event."""
 
     state: Array
@@ -113,11 +113,11 @@ class Estimate(NamedTuple):
     """(n, n) covariance."""
     memory: Array
     """(channels,) outliers in a row."""
-    tangents: Array
+    sensitivity: Array
     """(n, m) change of the state with each direction."""
 
 
-class Step(NamedTuple):
+class StepBuffers(NamedTuple):
     """The filter's last step."""
 
     rate: Array
@@ -136,7 +136,7 @@ class Step(NamedTuple):
     """(n, n) room to work."""
 
 
-class Expected(NamedTuple):
+class PredictedReading(NamedTuple):
     """What the channels of an event should read, and what the reading does."""
 
     rate: Array
@@ -153,14 +153,14 @@ class Expected(NamedTuple):
     """(n,) what the event's channels did to the state so far."""
 
 
-class Changes(NamedTuple):
+class PerturbationBuffers(NamedTuple):
     """What the directions do by themselves, the state left alone."""
 
-    felt: Array
+    rate_change: Array
     """(entries, 10) of the rate, with a unit of force at each entry ..."""
-    pushed: NDArray[np.bool_]
+    is_used: NDArray[np.bool_]
     """(entries,) ... at which any direction puts one, ..."""
-    reached: Array
+    state_change: Array
     """(entries, 10) ... of the state over a step with it ..."""
     read: Array
     """(entries, 6) ... and of what an IMU reads."""
@@ -203,16 +203,16 @@ class Scratch(NamedTuple):
     """(10,) of a state's rate."""
 
 
-class Room(NamedTuple):
+class Workspace(NamedTuple):
     """What one event after the other is worked out in."""
 
-    step: Step
-    expected: Expected
-    changes: Changes
+    step: StepBuffers
+    expected: PredictedReading
+    changes: PerturbationBuffers
     scratch: Scratch
 
 
-class Written(NamedTuple):
+class FilterOutputs(NamedTuple):
     """What the filter leaves behind."""
 
     innovation: Array
@@ -223,7 +223,7 @@ class Written(NamedTuple):
     """(events, 6) ``filter.USED`` and so on."""
     states: Array
     """(events, 11) moving state before the event, and the standard deviation of z."""
-    traces: Array
+    sensitivity: Array
     """(readings, m) change of the prediction with each direction, over its standard deviation."""
     rows: Ints
     """(1,) how many rows of the traces are filled."""

@@ -11,8 +11,17 @@ from __future__ import annotations
 
 import math
 
-from slam.criticism.kalman.arrays import Array, Changes, Estimate, Expected, Given, Noise, Room, Written
-from slam.criticism.kalman.coloured import WHITE, Coloured, heard, learn, sample
+from slam.criticism.kalman.ar1_noise import WHITE, Ar1Noise, heard, learn, sample
+from slam.criticism.kalman.arrays import (
+    Array,
+    FilterInputs,
+    FilterOutputs,
+    FilterState,
+    NoiseArrays,
+    PerturbationBuffers,
+    PredictedReading,
+    Workspace,
+)
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import (
     FIRST_CHANNEL,
@@ -45,7 +54,7 @@ none of it gyros whose stamps are off by 7 ms scatter more about the axes that t
 
 
 @kernel
-def _spread_by_stamp(row: Array, rate: Array, noise: Noise) -> float:
+def _spread_by_stamp(row: Array, rate: Array, noise: NoiseArrays) -> float:
     """Variance of a reading with row ``row`` (n,) from its stamp, off by t of a deviation ``jitter_s``.
 
     It is off by t times its own rate, and by what the noises did in between: their kicks, of which the next
@@ -81,12 +90,12 @@ def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate
 @kernel
 def _take(
     event: int,
-    given: Given,
-    estimate: Estimate,
-    expected: Expected,
-    changes: Changes,
-    written: Written,
-    coloured: Coloured | None,
+    given: FilterInputs,
+    estimate: FilterState,
+    expected: PredictedReading,
+    changes: PerturbationBuffers,
+    written: FilterOutputs,
+    coloured: Ar1Noise | None,
 ) -> None:
     """Take the channels of one event, one after the other, into the estimate."""
     events, noise = given.events, given.noise
@@ -116,13 +125,13 @@ def _take(
             written.status[event, c] = OUTLIER
             continue
         written.status[event, c] = USED
-        if estimate.tangents.shape[1] > 0:
+        if estimate.sensitivity.shape[1] > 0:
             if coloured is not None and slot != WHITE:
                 for d in range(told.shape[0]):
-                    changes.direct[c, d] += coloured.tangents[slot, d]
-            tell(row, changes.direct[c], ph, s_var, estimate.tangents, told)
+                    changes.direct[c, d] += coloured.sensitivity[slot, d]
+            tell(row, changes.direct[c], ph, s_var, estimate.sensitivity, told)
             for d in range(told.shape[0]):
-                written.traces[written.rows[0], d] = told[d] / std
+                written.sensitivity[written.rows[0], d] = told[d] / std
         written.rows[0] += 1
         if coloured is not None:
             learn(coloured, ph, s_var, miss, told)
@@ -133,18 +142,18 @@ def _take(
 def run(
     begin: int,
     end: int,
-    given: Given,
-    estimate: Estimate,
-    room: Room,
-    written: Written,
-    coloured: Coloured | None,
+    given: FilterInputs,
+    estimate: FilterState,
+    room: Workspace,
+    written: FilterOutputs,
+    coloured: Ar1Noise | None,
 ) -> None:
     """Filter events ``begin`` to ``end``: the ``estimate`` and the ``coloured`` noises, where there are any,
     carry on; what comes of it is ``written``, traces from their beginning on."""
     events, command, belief = given.events, given.command, given.belief
     step, expected, changes, scratch = room
-    state, p, tangents = estimate.state, estimate.p, estimate.tangents
-    traced = tangents.shape[1] > 0
+    state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
+    traced = sensitivity.shape[1] > 0
     written.rows[0] = 0
     for e in range(begin, end):
         first, last = events.first_step[e], events.first_step[e + 1]
@@ -153,8 +162,8 @@ def run(
             if coloured is not None:
                 carry(step.matrix, coloured.cross, coloured.moved)
             if traced:
-                carry(step.matrix, tangents, changes.moved)
-                force(s, given, tangents, step, changes, scratch)
+                carry(step.matrix, sensitivity, changes.moved)
+                force(s, given, sensitivity, step, changes, scratch)
         kind, stick = events.kinds[e], command.at_events[0, e]
         for i in range(MOVING):
             written.states[e, i] = state[i]

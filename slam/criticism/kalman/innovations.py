@@ -8,10 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from slam.criticism.kalman.arrays import Array, Ints, Written
-from slam.criticism.kalman.coloured import coloured_for
+from slam.criticism.kalman.ar1_noise import ar1_noise_for
+from slam.criticism.kalman.arrays import Array, FilterOutputs, Ints
 from slam.criticism.kalman.filter import IGNORED, USED, run
-from slam.criticism.kalman.prepare import given_for, room_for, start_of
+from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.perturbations import Perturbation, Signal
+from slam.criticism.kalman.prepare import filter_inputs, initial_state, workspace_for
 from slam.criticism.kalman.readings import (
     CHANNEL_AT,
     MOVING,
@@ -19,9 +21,7 @@ from slam.criticism.kalman.readings import (
     STATES_WITH_GUSTS,
 )
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.steps import GATE
-from slam.criticism.kalman.tangents import Direction, Signal
 from slam.criticism.kalman.transition import GUST_STD
 
 
@@ -35,7 +35,7 @@ class Innovations:
     """(rows,) index into ``readings.CHANNELS``."""
     white: Array
     """(rows,) innovation over its standard deviation: independent and standard normal under the belief."""
-    traces: Array
+    sensitivity: Array
     """(rows, directions): change of the prediction with the direction, over the standard deviation."""
     begin: int
     """Of the record's events the stretch has those from here ..."""
@@ -44,7 +44,7 @@ class Innovations:
 
 
 @dataclass(frozen=True)
-class Pass:
+class FilterPass:
     """A whole run of the filter over a flight without directions, on the grid of the record's readings."""
 
     white: Array
@@ -74,16 +74,16 @@ class Pass:
 
 def stretches(
     record: Record,
-    setting: Setting,
-    directions: Sequence[Direction] = (),
+    setting: FilterParameters,
+    perturbations: Sequence[Perturbation] = (),
     signals: dict[str, Signal] | None = None,
     longest_s: float = 10.0,
 ) -> Iterator[Innovations]:
     """The rows of one stretch of the flight after the other."""
-    yield from Run(record, setting, directions, signals).stretches(longest_s)
+    yield from Run(record, setting, perturbations, signals).stretches(longest_s)
 
 
-def whole(record: Record, setting: Setting) -> Pass:
+def whole(record: Record, setting: FilterParameters) -> FilterPass:
     """The flight in one piece, without directions."""
     run = Run(record, setting)
     for _ in run.stretches(np.inf):
@@ -97,28 +97,28 @@ class Run:
     def __init__(
         self,
         record: Record,
-        setting: Setting,
-        directions: Sequence[Direction] = (),
+        setting: FilterParameters,
+        perturbations: Sequence[Perturbation] = (),
         signals: dict[str, Signal] | None = None,
     ) -> None:
         n = STATES_WITH_GUSTS if setting.hold[GUST_STD] > 0 else STATES
-        m, events = len(directions), len(record.times_s)
+        m, events = len(perturbations), len(record.times_s)
         variance = (record.noise_std * setting.noise_factor) ** 2
-        self._given = given_for(record, setting, directions, signals or {}, variance, n)
-        self._estimate, self._room = start_of(record, setting, n, m), room_for(n, m)
-        self._coloured = coloured_for(record, setting, n, m)
+        self._given = filter_inputs(record, setting, perturbations, signals or {}, variance, n)
+        self._estimate, self._room = initial_state(record, setting, n, m), workspace_for(n, m)
+        self._coloured = ar1_noise_for(record, setting, n, m)
         self._usual = record.usual_log_variance
-        self._written = Written(
+        self._written = FilterOutputs(
             np.full((events, 6), np.nan), np.full((events, 6), np.nan),
             np.zeros((events, 6), dtype=np.int64), np.zeros((events, MOVING + 1)), np.empty((0, m)),
             np.zeros(1, dtype=np.int64),
         )  # fmt: skip
 
-    def passed(self, begin: int = 0, end: int | None = None) -> Pass:
+    def passed(self, begin: int = 0, end: int | None = None) -> FilterPass:
         """Events ``begin`` to ``end`` of what the stretches so far went through, by default all."""
         part, written = slice(begin, end), self._written
         log_variance = written.log_variance[part] - self._usual[CHANNEL_AT[self._given.events.kinds[part]]]
-        return Pass(written.innovation[part], log_variance, written.status[part], written.states[part])
+        return FilterPass(written.innovation[part], log_variance, written.status[part], written.states[part])
 
     def stretches(self, longest_s: float) -> Iterator[Innovations]:
         """The rows of one stretch of the flight after the other; to be called once."""
@@ -127,7 +127,9 @@ class Run:
         bounds = np.linspace(0, len(events.times_s), pieces + 1).astype(np.int64)
         for begin, end in pairwise(bounds.tolist()):
             readings = int(np.isfinite(events.values[begin:end]).sum())
-            written = self._written._replace(traces=np.empty((readings, self._estimate.tangents.shape[1])))
+            written = self._written._replace(
+                sensitivity=np.empty((readings, self._estimate.sensitivity.shape[1]))
+            )
             run(begin, end, self._given, self._estimate, self._room, written, self._coloured)
             event, column = np.nonzero(written.status[begin:end] == USED)
             event += begin
@@ -135,7 +137,7 @@ class Run:
                 event,
                 CHANNEL_AT[events.kinds[event], column],
                 written.innovation[event, column],
-                written.traces[: written.rows[0]],
+                written.sensitivity[: written.rows[0]],
                 begin,
                 end,
             )

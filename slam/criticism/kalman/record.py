@@ -27,7 +27,7 @@ from slam.simulation.dynamics import PITCH, ROLL, TURN, VX, VY, VZ, YAW, YAW_RAT
 from slam.simulation.stick import Stick, stick_of
 
 if TYPE_CHECKING:
-    from slam.criticism.camera.pictures import Sights
+    from slam.criticism.camera.feature_matches import FeatureMatches
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -73,7 +73,7 @@ class Record:
     """(events,) on the floor and just after: what feels the gear is not judged."""
     usual_log_variance: Array
     """(channels,) of a healthy vehicle's innovations. Both are 0 until ``reference.referred``."""
-    sights: Sights | None = None
+    matches: FeatureMatches | None = None
     """What its pictures show."""
 
     @property

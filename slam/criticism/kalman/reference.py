@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.filter import USED, Z_STD
-from slam.criticism.kalman.innovations import Pass, whole
+from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.innovations import FilterPass, whole
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, INSTRUMENT_OF, NO_CHANNEL
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 from slam.simulation.dynamics import GEAR, UP, Z
 
 CONTACT_S = 0.3
@@ -24,13 +24,13 @@ REACH_M = 0.08
 """Heights may be off by a sonar's zero: contact may come so much earlier."""
 
 
-def referred(record: Record, setting: Setting) -> Record:
+def referred(record: Record, setting: FilterParameters) -> Record:
     """The record with where it lands, and how surely its channels are foretold, under ``setting``."""
     landed = replace(record, landing=_landing(record, setting), usual_log_variance=np.zeros(len(CHANNELS)))
     return replace(landed, usual_log_variance=_usual(landed, whole(landed, setting)))
 
 
-def _landing(record: Record, setting: Setting) -> NDArray[np.bool_]:
+def _landing(record: Record, setting: FilterParameters) -> NDArray[np.bool_]:
     """(events,) by a run without accelerometer: the shock of contact must not move the height."""
     values = record.values.copy()
     values[record.kinds == IMU, 3:6] = np.nan
@@ -42,7 +42,7 @@ def _landing(record: Record, setting: Setting) -> NDArray[np.bool_]:
     return np.asarray(record.times_s - last < CONTACT_S)
 
 
-def _usual(record: Record, run: Pass) -> NDArray[np.float64]:
+def _usual(record: Record, run: FilterPass) -> NDArray[np.float64]:
     """(channels,) median of the logarithm of the innovation's variance; 0 where there is none."""
     usual = np.zeros(len(CHANNELS))
     channels = np.where(run.status == USED, CHANNEL_AT[record.kinds], NO_CHANNEL)
@@ -52,7 +52,7 @@ def _usual(record: Record, run: Pass) -> NDArray[np.float64]:
     return usual
 
 
-def recoloured(record: Record, before: Setting, after: Setting) -> Record:
+def recoloured(record: Record, before: FilterParameters, after: FilterParameters) -> Record:
     """The record as referred to a belief of another colour: the sample before foretells what it keeps."""
-    share = np.log1p(-(after.colour**2)) - np.log1p(-(before.colour**2))
+    share = np.log1p(-(after.noise_correlation**2)) - np.log1p(-(before.noise_correlation**2))
     return replace(record, usual_log_variance=record.usual_log_variance + share[list(INSTRUMENT_OF)])

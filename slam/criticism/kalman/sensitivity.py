@@ -9,7 +9,15 @@ from __future__ import annotations
 
 import math
 
-from slam.criticism.kalman.arrays import Array, Changes, Directions, Expected, Given, Scratch, Step
+from slam.criticism.kalman.arrays import (
+    Array,
+    FilterInputs,
+    PerturbationArrays,
+    PerturbationBuffers,
+    PredictedReading,
+    Scratch,
+    StepBuffers,
+)
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import BEFORE, BEHIND, FIRST_CHANNEL, GUST, IMU, MOVING, WIDTH, reading
 from slam.criticism.kalman.transition import NOISES, POLE, spread
@@ -58,8 +66,8 @@ def _felt(
     command: Array,
     parameters: Array,
     rate: Array,
-    directions: Directions,
-    changes: Changes,
+    perturbations: PerturbationArrays,
+    changes: PerturbationBuffers,
     scratch: Scratch,
 ) -> None:
     """Change of the state's rate with a unit injected at each entry that is used: ``changes.felt``.
@@ -69,14 +77,14 @@ def _felt(
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
     other, forced, moved = scratch.beside, scratch.forced, scratch.stick
-    felt, pushed = changes.felt, changes.pushed
+    rate_change, is_used = changes.rate_change, changes.is_used
     rates(state, c, s, ahead, aside, command, noise, parameters, rate)
-    pushed[:] = False
-    for d in range(len(directions.acts)):
-        entry = directions.inject_at[d]
-        if directions.acts[d] == 0 or entry < 0 or pushed[entry]:
+    is_used[:] = False
+    for d in range(len(perturbations.changes_motion)):
+        entry = perturbations.inject_at[d]
+        if perturbations.changes_motion[d] == 0 or entry < 0 or is_used[entry]:
             continue
-        pushed[entry] = True
+        is_used[entry] = True
         for i in range(NOISES):
             forced[i] = noise[i]
         for i in range(STICKS):
@@ -84,7 +92,7 @@ def _felt(
         _inject(entry, _INJECTED, state[YAW], forced, moved)
         rates(state, c, s, ahead, aside, moved, forced, parameters, other)
         for i in range(MOVING):
-            felt[entry, i] = (other[i] - rate[i]) / _INJECTED
+            rate_change[entry, i] = (other[i] - rate[i]) / _INJECTED
 
 
 @kernel
@@ -98,34 +106,41 @@ def _reach(h: float, slopes: Array, change: Array, moved: Array) -> None:
 
 
 @kernel
-def force(s: int, given: Given, tangents: Array, step: Step, changes: Changes, scratch: Scratch) -> None:
+def force(
+    s: int,
+    given: FilterInputs,
+    sensitivity: Array,
+    step: StepBuffers,
+    changes: PerturbationBuffers,
+    scratch: Scratch,
+) -> None:
     """Add to the tangents (n, m) what their perturbation does within step ``s``."""
-    command, belief, directions = given.command, given.belief, given.directions
+    command, belief, perturbations = given.command, given.belief, given.perturbations
     h = given.events.step_s[s]
     slopes, middle, noise = step.slopes, step.middle, step.middle_noise
     added, change, rate, other = changes.added, scratch.change, scratch.rate, scratch.other
-    _felt(middle, noise, command.over_steps[0, s], belief.parameters, rate, directions, changes, scratch)
+    _felt(middle, noise, command.over_steps[0, s], belief.parameters, rate, perturbations, changes, scratch)
     for entry in range(ENTRIES):
-        if changes.pushed[entry]:
-            _reach(h, slopes, changes.felt[entry], changes.reached[entry])
+        if changes.is_used[entry]:
+            _reach(h, slopes, changes.rate_change[entry], changes.state_change[entry])
     c_yaw, s_yaw = math.cos(middle[YAW]), math.sin(middle[YAW])
     ahead, aside = thrust(middle[ROLL], middle[PITCH], belief.parameters)
-    for d in range(tangents.shape[1]):
-        if directions.acts[d] == 0:
+    for d in range(sensitivity.shape[1]):
+        if perturbations.changes_motion[d] == 0:
             continue
-        entry = directions.inject_at[d]
+        entry = perturbations.inject_at[d]
         if entry >= 0:
-            signal = directions.step_signals[directions.signal_of[d], s]
+            signal = perturbations.step_signals[perturbations.signal_of[d], s]
             for i in range(MOVING):
-                tangents[i, d] += changes.reached[entry, i] * signal
+                sensitivity[i, d] += changes.state_change[entry, i] * signal
         else:
-            stick = command.over_steps[directions.stick_of[d], s]
-            rates(middle, c_yaw, s_yaw, ahead, aside, stick, noise, directions.parameters_of[d], other)
+            stick = command.over_steps[perturbations.stick_of[d], s]
+            rates(middle, c_yaw, s_yaw, ahead, aside, stick, noise, perturbations.parameters_of[d], other)
             for i in range(MOVING):
-                change[i] = (other[i] - rate[i]) * directions.scale[d]
+                change[i] = (other[i] - rate[i]) * perturbations.scale[d]
             _reach(h, slopes, change, added)
             for i in range(MOVING):
-                tangents[i, d] += added[i]
+                sensitivity[i, d] += added[i]
 
 
 @kernel
@@ -140,10 +155,15 @@ def _read_by_imu(by_rate: Array, change: Array, read: Array) -> None:
 
 @kernel
 def direct_change(
-    event: int, given: Given, state: Array, expected: Expected, changes: Changes, scratch: Scratch
+    event: int,
+    given: FilterInputs,
+    state: Array,
+    expected: PredictedReading,
+    changes: PerturbationBuffers,
+    scratch: Scratch,
 ) -> None:
     """What each perturbation changes in a reading by itself, the state left alone: ``changes.direct``."""
-    events, command, belief, directions = given.events, given.command, given.belief, given.directions
+    events, command, belief, perturbations = given.events, given.command, given.belief, given.perturbations
     kind, rate, pole_s = events.kinds[event], expected.rate, belief.hold[POLE]
     direct, full, noise, other = changes.direct, scratch.full, scratch.noise, scratch.other
     out, change = scratch.reading, scratch.change
@@ -152,42 +172,42 @@ def direct_change(
     ahead, aside = thrust(state[ROLL], state[PITCH], belief.parameters)
     if kind == IMU:
         stick = command.at_events[0, event]
-        _felt(full, noise, stick, belief.parameters, other, directions, changes, scratch)
+        _felt(full, noise, stick, belief.parameters, other, perturbations, changes, scratch)
         for entry in range(ENTRIES):
-            if changes.pushed[entry]:
-                _read_by_imu(expected.by_rate, changes.felt[entry], changes.read[entry])
+            if changes.is_used[entry]:
+                _read_by_imu(expected.by_rate, changes.rate_change[entry], changes.read[entry])
     for d in range(direct.shape[1]):
         for c in range(WIDTH[kind]):
             direct[c, d] = 0.0
-        entry = directions.inject_at[d]
+        entry = perturbations.inject_at[d]
         if entry >= ON_CHANNEL:
             c = entry - ON_CHANNEL - FIRST_CHANNEL[kind]
             if 0 <= c < WIDTH[kind]:
-                direct[c, d] = directions.event_signals[directions.signal_of[d], event]
-        elif directions.acts[d] == 1 and kind == IMU:
+                direct[c, d] = perturbations.event_signals[perturbations.signal_of[d], event]
+        elif perturbations.changes_motion[d] == 1 and kind == IMU:
             if entry >= 0:
-                signal = directions.event_signals[directions.signal_of[d], event]
+                signal = perturbations.event_signals[perturbations.signal_of[d], event]
                 for c in range(WIDTH[kind]):
                     direct[c, d] = changes.read[entry, c] * signal
             else:
-                stick = command.at_events[directions.stick_of[d], event]
-                rates(full, c_yaw, s_yaw, ahead, aside, stick, noise, directions.parameters_of[d], other)
+                stick = command.at_events[perturbations.stick_of[d], event]
+                rates(full, c_yaw, s_yaw, ahead, aside, stick, noise, perturbations.parameters_of[d], other)
                 for i in range(MOVING):
-                    change[i] = (other[i] - rate[i]) * directions.scale[d]
+                    change[i] = (other[i] - rate[i]) * perturbations.scale[d]
                 _read_by_imu(expected.by_rate, change, out)
                 for c in range(WIDTH[kind]):
                     direct[c, d] = out[c]
-        elif (directions.reads[d] >> kind) & 1:
-            sensor, parameters = directions.sensor_of[d], directions.parameters_of[d]
+        elif (perturbations.instrument_mask[d] >> kind) & 1:
+            sensor, parameters = perturbations.sensor_of[d], perturbations.parameters_of[d]
             reading(kind, state, rate, sensor, parameters, pole_s, events.elapsed[event], out)
             for c in range(WIDTH[kind]):
-                direct[c, d] = (out[c] - expected.reading[c]) * directions.scale[d]
+                direct[c, d] = (out[c] - expected.reading[c]) * perturbations.scale[d]
 
 
 @kernel
-def carry(matrix: Array, tangents: Array, moved: Array) -> None:
+def carry(matrix: Array, sensitivity: Array, moved: Array) -> None:
     """Tangents (n, m) over a step by its transition matrix, in place; ``moved`` (10, m) is room to work."""
-    n, m = tangents.shape
+    n, m = sensitivity.shape
     for i in range(MOVING):
         for d in range(m):
             moved[i, d] = 0.0
@@ -195,23 +215,23 @@ def carry(matrix: Array, tangents: Array, moved: Array) -> None:
             x = matrix[i, k]
             if x != 0.0:
                 for d in range(m):
-                    moved[i, d] += x * tangents[k, d]
+                    moved[i, d] += x * sensitivity[k, d]
     for i in range(MOVING):
         for d in range(m):
-            tangents[i, d] = moved[i, d]
+            sensitivity[i, d] = moved[i, d]
     # Of the noises, w follows o, and all others only themselves.
     for i in range(n - 1, MOVING - 1, -1):
         x = matrix[i, i]
         for d in range(m):
-            tangents[i, d] *= x
+            sensitivity[i, d] *= x
         if BEHIND <= i < GUST:
             x = matrix[i, i - BEHIND + BEFORE]
             for d in range(m):
-                tangents[i, d] += x * tangents[i - BEHIND + BEFORE, d]
+                sensitivity[i, d] += x * sensitivity[i - BEHIND + BEFORE, d]
 
 
 @kernel
-def tell(h: Array, direct: Array, ph: Array, s_var: float, tangents: Array, told: Array) -> None:
+def tell(h: Array, direct: Array, ph: Array, s_var: float, sensitivity: Array, told: Array) -> None:
     """``told`` (m,): how each tangent changes the prediction of a reading with row ``h`` (n,); the tangents
     are then corrected by the reading as the state is."""
     for d in range(len(told)):
@@ -220,8 +240,8 @@ def tell(h: Array, direct: Array, ph: Array, s_var: float, tangents: Array, told
         x = h[k]
         if x != 0.0:
             for d in range(len(told)):
-                told[d] += x * tangents[k, d]
+                told[d] += x * sensitivity[k, d]
     for i in range(len(ph)):
         x = ph[i] / s_var
         for d in range(len(told)):
-            tangents[i, d] -= x * told[d]
+            sensitivity[i, d] -= x * told[d]

@@ -16,9 +16,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slam.criticism.kalman.arrays import Array, Changes, Estimate, Expected, Given, Ints, Room
+from slam.criticism.kalman.arrays import (
+    Array,
+    FilterInputs,
+    FilterState,
+    Ints,
+    PerturbationBuffers,
+    PredictedReading,
+    Workspace,
+)
 from slam.criticism.kalman.compiled import allocating_kernel, kernel
-from slam.criticism.kalman.prepare import given_for, room_for, start_of
+from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.perturbations import Perturbation
+from slam.criticism.kalman.prepare import filter_inputs, initial_state, workspace_for
 from slam.criticism.kalman.readings import (
     ATTITUDE,
     FIRST_CHANNEL,
@@ -29,7 +39,6 @@ from slam.criticism.kalman.readings import (
 )
 from slam.criticism.kalman.record import Record, in_order
 from slam.criticism.kalman.sensitivity import tell
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.steps import (
     correct,
     is_outlier,
@@ -39,7 +48,6 @@ from slam.criticism.kalman.steps import (
     predict,
     spread_along,
 )
-from slam.criticism.kalman.tangents import Direction
 from slam.criticism.kalman.transition import POLE, jacobian
 from slam.simulation.dynamics import PITCH, ROLL, YAW, X, Y, Z
 
@@ -83,7 +91,7 @@ class Path:
     """(n, 6) of the rates."""
     errors: PathErrors
     """Of the whole path."""
-    traces: Array
+    sensitivity: Array
     """(6 n, directions): change of the smoothed poses with each direction."""
     span_s: tuple[float, float]
     """First and last moment of the whole path."""
@@ -107,15 +115,15 @@ class Path:
         own = slice(begin, end)
         return replace(
             self, times_s=self.times_s[own], poses=self.poses[own], rates=self.rates[own],
-            bends=self.bends[own], traces=self.traces[of_pose], first=self.first + begin,
+            bends=self.bends[own], sensitivity=self.sensitivity[of_pose], first=self.first + begin,
         )  # fmt: skip
 
 
 def smoothed(
     record: Record,
-    setting: Setting,
+    setting: FilterParameters,
     times_s: Array,
-    directions: Sequence[Direction] = (),
+    perturbations: Sequence[Perturbation] = (),
     half_s: float = 0.0,
 ) -> Path:
     """The path at ``times_s`` within the record's time, with the traces of directions of the instruments.
@@ -125,18 +133,18 @@ def smoothed(
     half_s = max(half_s, LEAST_HALF_S)
     record = _with_moments(record, (times_s[:, None] + half_s * np.array([-1.0, 0.0, 1.0])).ravel())
     # Coloured noise counts as the white noise that averages out as slowly.
-    colour = setting.colour[list(INSTRUMENT_OF)]
+    colour = setting.noise_correlation[list(INSTRUMENT_OF)]
     noise_var = (record.noise_std * setting.noise_factor) ** 2 * (1.0 + colour) / (1.0 - colour)
-    m = len(directions)
+    m = len(perturbations)
     passed = _nothing_passed(len(record.times_s), STATES, m)
     _forward(
-        given_for(record, setting, directions, {}, noise_var, STATES),
-        start_of(record, setting, STATES, m),
-        room_for(STATES, m),
+        filter_inputs(record, setting, perturbations, {}, noise_var, STATES),
+        initial_state(record, setting, STATES, m),
+        workspace_for(STATES, m),
         passed,
     )
     at = np.flatnonzero(record.kinds == _MOMENT)
-    states, chain, spreads, traces = _backward(passed, at)
+    states, chain, spreads, sensitivity = _backward(passed, at)
     before, poses, after = (states[k::3, POSE] for k in range(3))
     between = chain[1:-2:3] @ chain[2:-1:3] @ chain[3::3]
     return Path(
@@ -145,7 +153,7 @@ def smoothed(
         (after - before) / (2 * half_s),
         (after + before - 2 * poses) / half_s**2,
         PathErrors(between, spreads[1::3]),
-        traces[1::3, POSE].reshape(len(times_s) * 6, len(directions)),
+        sensitivity[1::3, POSE].reshape(len(times_s) * 6, len(perturbations)),
         (float(times_s[0]), float(times_s[-1])) if len(times_s) else (0.0, 0.0),
     )
 
@@ -188,30 +196,36 @@ def _nothing_passed(events: int, n: int, m: int) -> _Passed:
 
 
 @allocating_kernel
-def _forward(given: Given, estimate: Estimate, room: Room, passed: _Passed) -> None:
+def _forward(given: FilterInputs, estimate: FilterState, room: Workspace, passed: _Passed) -> None:
     """Through all events, in place; what is before and after each is ``passed`` on."""
     events, command, belief = given.events, given.command, given.belief
     step, expected, changes, scratch = room
-    state, p, tangents = estimate.state, estimate.p, estimate.tangents
+    state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
     for e in range(len(events.times_s)):
         total = np.eye(state.shape[0])
         for s in range(events.first_step[e], events.first_step[e + 1]):
             predict(s, given, estimate, step, scratch)
             total = np.dot(step.matrix, total)
-        tangents[:] = np.dot(total, tangents)
+        sensitivity[:] = np.dot(total, sensitivity)
         passed.moves[e], passed.x_before[e] = total, state
-        passed.p_before[e], passed.t_before[e] = p, tangents
+        passed.p_before[e], passed.t_before[e] = p, sensitivity
         kind = events.kinds[e]
         if kind != _MOMENT:
             jacobian(state, command.at_events[0, e], belief.parameters, expected.rate, step.slopes, scratch)
             measurement(kind, events.elapsed[e], state, belief, step.slopes, expected, scratch)
             _direct(e, given, state, expected, changes.direct, scratch.reading)
             _take(e, given, estimate, expected, changes)
-        passed.x_after[e], passed.p_after[e], passed.t_after[e] = state, p, tangents
+        passed.x_after[e], passed.p_after[e], passed.t_after[e] = state, p, sensitivity
 
 
 @kernel
-def _take(event: int, given: Given, estimate: Estimate, expected: Expected, changes: Changes) -> None:
+def _take(
+    event: int,
+    given: FilterInputs,
+    estimate: FilterState,
+    expected: PredictedReading,
+    changes: PerturbationBuffers,
+) -> None:
     """Take the channels of one event, one after the other, into the estimate."""
     events = given.events
     kind = events.kinds[event]
@@ -224,22 +238,24 @@ def _take(event: int, given: Given, estimate: Estimate, expected: Expected, chan
         miss = miss_of(kind, c, events.values[event, c], expected)
         if is_outlier(miss, math.sqrt(s_var), channel, estimate.memory):
             continue
-        tell(row, changes.direct[c], expected.ph, s_var, estimate.tangents, changes.told)
+        tell(row, changes.direct[c], expected.ph, s_var, estimate.sensitivity, changes.told)
         correct(miss, s_var, estimate, expected)
 
 
 @kernel
-def _direct(event: int, given: Given, state: Array, expected: Expected, direct: Array, out: Array) -> None:
+def _direct(
+    event: int, given: FilterInputs, state: Array, expected: PredictedReading, direct: Array, out: Array
+) -> None:
     """What each direction changes in what an instrument reads, the state left alone: (6, m)."""
     kind, elapsed = given.events.kinds[event], given.events.elapsed[event]
-    belief, directions = given.belief, given.directions
+    belief, perturbations = given.belief, given.perturbations
     rate, parameters, pole_s = expected.rate, belief.parameters, belief.hold[POLE]
     for d in range(direct.shape[1]):
         direct[:, d] = 0.0
-        if (directions.reads[d] >> kind) & 1:
-            reading(kind, state, rate, directions.sensor_of[d], parameters, pole_s, elapsed, out)
+        if (perturbations.instrument_mask[d] >> kind) & 1:
+            reading(kind, state, rate, perturbations.sensor_of[d], parameters, pole_s, elapsed, out)
             for c in range(WIDTH[kind]):
-                direct[c, d] = (out[c] - expected.reading[c]) * directions.scale[d]
+                direct[c, d] = (out[c] - expected.reading[c]) * perturbations.scale[d]
 
 
 @allocating_kernel
@@ -247,7 +263,7 @@ def _backward(passed: _Passed, at: Ints) -> tuple[Array, Array, Array, Array]:
     """At the events ``at``: states (k, n), A to the next (k, n, n), covariances, tangents (k, n, m)."""
     events, n, m = passed.t_before.shape
     count = len(at)
-    states, traces = np.empty((count, n)), np.empty((count, n, m))
+    states, sensitivity = np.empty((count, n)), np.empty((count, n, m))
     chain, spreads = np.zeros((count, n, n)), np.empty((count, n, n))
     x, p, t = passed.x_after[-1].copy(), passed.p_after[-1].copy(), passed.t_after[-1].copy()
     a = np.eye(n)
@@ -261,10 +277,10 @@ def _backward(passed: _Passed, at: Ints) -> tuple[Array, Array, Array, Array]:
             t = passed.t_after[e] + np.dot(gain, t - passed.t_before[e + 1])
             a = np.dot(gain, a)
         if k >= 0 and at[k] == e:
-            states[k], spreads[k], traces[k], chain[k] = x, 0.5 * (p + p.T), t, a
+            states[k], spreads[k], sensitivity[k], chain[k] = x, 0.5 * (p + p.T), t, a
             a = np.eye(n)
             k -= 1
-    return states, chain, spreads, traces
+    return states, chain, spreads, sensitivity
 
 
 def _joint(chain: Array, spreads: Array) -> Array:

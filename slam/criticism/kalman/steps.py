@@ -7,7 +7,15 @@ from __future__ import annotations
 
 import math
 
-from slam.criticism.kalman.arrays import Array, Belief, Estimate, Expected, Given, Scratch, Step
+from slam.criticism.kalman.arrays import (
+    Array,
+    FilterInputs,
+    FilterState,
+    ModelArrays,
+    PredictedReading,
+    Scratch,
+    StepBuffers,
+)
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import (
     ATTITUDE,
@@ -83,7 +91,7 @@ def settling(state: Array, p: Array, stick: Array, parameters: Array) -> bool:
 
 
 @kernel
-def predict(s: int, given: Given, estimate: Estimate, step: Step, scratch: Scratch) -> None:
+def predict(s: int, given: FilterInputs, estimate: FilterState, step: StepBuffers, scratch: Scratch) -> None:
     """State and covariance ahead over step ``s``, in place; what the step was is left in ``step``."""
     state, p, belief = estimate.state, estimate.p, given.belief
     h, stick, late_var_s2 = given.events.step_s[s], given.command.over_steps[0, s], given.command.late_var_s2
@@ -107,7 +115,7 @@ def _unsure(
     jolt: Array,
     late_var_s2: float,
     parameters: Array,
-    step: Step,
+    step: StepBuffers,
     scratch: Scratch,
 ) -> None:
     """A jump ``jolt`` of the stick that comes t late: the state is off by t times the jump of its rate."""
@@ -132,9 +140,9 @@ def measurement(
     kind: int,
     elapsed: float,
     state: Array,
-    belief: Belief,
+    belief: ModelArrays,
     slopes: Array,
-    expected: Expected,
+    expected: PredictedReading,
     scratch: Scratch,
 ) -> None:
     """What an event should read, and its Jacobians in the state's rate and in the state: by itself and
@@ -179,7 +187,7 @@ def measurement(
 
 
 @kernel
-def judged(event: int, c: int, given: Given, expected: Expected) -> bool:
+def judged(event: int, c: int, given: FilterInputs, expected: PredictedReading) -> bool:
     """Whether channel c of an event says anything: not a missing reading, none but ranges while landing, what
     a jump of the stick near it may spoil, or a range that may be cut.
 
@@ -220,7 +228,7 @@ def spread_along(p: Array, row: Array, ph: Array) -> float:
 
 
 @kernel
-def miss_of(kind: int, c: int, value: float, expected: Expected) -> float:
+def miss_of(kind: int, c: int, value: float, expected: PredictedReading) -> float:
     """Reading less prediction, with what earlier channels of the event did; a heading turned."""
     miss = value - expected.reading[c]
     for i in range(expected.rows.shape[1]):
@@ -241,7 +249,7 @@ def is_outlier(miss: float, std: float, channel: int, memory: Array) -> bool:
 
 
 @kernel
-def correct(miss: float, s_var: float, estimate: Estimate, expected: Expected) -> None:
+def correct(miss: float, s_var: float, estimate: FilterState, expected: PredictedReading) -> None:
     """Take a reading's miss, of variance ``s_var``, into state and covariance."""
     state, p, ph = estimate.state, estimate.p, expected.ph
     n = state.shape[0]

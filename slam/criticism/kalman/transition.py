@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from slam.criticism.kalman.arrays import Array, Belief, Scratch, Step
+from slam.criticism.kalman.arrays import Array, ModelArrays, Scratch, StepBuffers
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import BEFORE, BEHIND, GUST, MOVING, STATES, TARGET
 from slam.simulation.dynamics import (
@@ -126,8 +126,8 @@ def jacobian(
     for i in range(3):
         matrix[i, BEHIND + i] = (beside[i] - rate[i]) / _NUDGE
         matrix[VX + i, BEHIND + i] = (beside[VX + i] - rate[VX + i]) / _NUDGE
-        pushed = YAW_RATE if i == 2 else ROLL + i
-        matrix[pushed, TARGET + i] = (beside[pushed] - rate[pushed]) / _NUDGE
+        is_used = YAW_RATE if i == 2 else ROLL + i
+        matrix[is_used, TARGET + i] = (beside[is_used] - rate[is_used]) / _NUDGE
         noise[ROLL_NOISE + i], noise[WX + i] = state[TARGET + i], state[BEHIND + i]
     for j in range(GUST, n):
         noise[GUST_X + j - GUST] += _NUDGE
@@ -234,7 +234,7 @@ def _times(matrix: Array, right: Array, product: Array) -> None:
 
 
 @kernel
-def covariance_step(h: float, p: Array, step: Step) -> None:
+def covariance_step(h: float, p: Array, step: StepBuffers) -> None:
     """P <- F P F' + L Q L', in place; L hands half a step of the noises' kicks to what they push."""
     n = p.shape[0]
     matrix, q, slopes, work = step.matrix, step.q, step.slopes, step.work
@@ -266,7 +266,9 @@ def covariance_step(h: float, p: Array, step: Step) -> None:
 
 
 @kernel
-def mean_step(h: float, state: Array, command: Array, belief: Belief, step: Step, scratch: Scratch) -> None:
+def mean_step(
+    h: float, state: Array, command: Array, belief: ModelArrays, step: StepBuffers, scratch: Scratch
+) -> None:
     """RK4 over h with the noises' exact decay, in place; writes the state and noise half-way into
     ``step``."""
     n, parameters, matrix = state.shape[0], belief.parameters, step.matrix

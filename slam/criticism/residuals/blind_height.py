@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.robust import robust_std
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 from slam.simulation.dynamics import PITCH, ROLL, UP, VX, VY, VZ, X, Y, Z
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ class Beside:
         return np.concatenate([np.zeros((0, *x.shape[1:])), *changes])
 
 
-def beside(record: Record, setting: Setting) -> Beside:
+def beside(record: Record, setting: FilterParameters) -> Beside:
     """What the flight's sonar reads beside a filter that does not hear it."""
     sonar = record.kinds == SONAR
     rows = np.flatnonzero(sonar & np.isfinite(record.values[:, 0]) & (record.values[:, 0] > LOWEST_M))

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from frontend.robust import robust_std
 from slam.criticism.cause import Interval
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.residuals.blind_height import Beside, beside
 from slam.criticism.residuals.box_filter import Heights, Noise, likeliest
-from slam.criticism.residuals.oddities import Oddity, foretold
+from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, predicted_by_others
 from slam.criticism.threads import in_threads
 
 Array = NDArray[np.float64]
@@ -83,7 +83,9 @@ class _Boxes:
         return np.asarray(np.diff(self.seen.times_s[ends])[self.over_m[self.edges] > 0.0])
 
 
-def without_boxes(records: Sequence[Record], setting: Setting) -> tuple[list[Record], list[Oddity]]:
+def without_boxes(
+    records: Sequence[Record], setting: FilterParameters
+) -> tuple[list[Record], list[ReadingAnomaly]]:
     """The records with ranges as over a level floor, and the steps where there are some."""
     seen = in_threads(lambda record: beside(record, setting), records)
     sign, boxes = 1.0, _found(seen, 1.0)
@@ -104,7 +106,7 @@ def without_boxes(records: Sequence[Record], setting: Setting) -> tuple[list[Rec
     parameters = _parameters(boxes)
     nats = tuple(found.gain_nats for found in boxes)
     levelled = [_levelled(r, found, sign) for r, found in zip(records, boxes, strict=True)]
-    return levelled, [Oddity("floor_steps", parameters, nats, foretold(boxes, by_others))]
+    return levelled, [ReadingAnomaly("floor_steps", parameters, nats, predicted_by_others(boxes, by_others))]
 
 
 def _parameters(boxes: Sequence[_Boxes]) -> dict[str, Interval]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from slam.criticism.kalman.filter import OUTLIER, USED
-from slam.criticism.kalman.innovations import Pass
+from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import CHANNELS, SONAR, place_of
 from slam.criticism.kalman.record import Record
 
@@ -15,7 +15,7 @@ LARGEST_SHARE, FEWEST = 0.05, 5
 """Of a channel's readings. Noise with tails as heavy as Student's t of four degrees leaves 0.4 % outside."""
 
 
-def outliers_of(records: Sequence[Record], passes: Sequence[Pass]) -> list[str]:
+def outliers_of(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[str]:
     """For each channel of which more is left out than noise explains, one phrase: a sonar's are spikes."""
     found = []
     for channel, name in enumerate(CHANNELS):

@@ -9,8 +9,8 @@ from scipy.stats import gamma
 
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import Record
-from slam.criticism.residuals.comb import ranges_of
-from slam.criticism.residuals.oddities import FEWEST_SPIKES, LOST_NATS, RUN, Lost
+from slam.criticism.residuals.quantisation import ranges_of
+from slam.criticism.residuals.reading_anomalies import FEWEST_SPIKES, LOST_NATS, RUN, Lost
 from slam.simulation.terms import CATALOGUE
 
 CERTAIN = 0.9
@@ -26,7 +26,7 @@ def smallest_in_readings(records: Sequence[Record]) -> dict[str, tuple[float, st
     found = {
         "sonar_spikes": _share(FEWEST_SPIKES, len(ranges_of(records))),
         "sonar_dead_zone": _lowest_run(records),
-        "dropped_frames": _lost(sum(r.sights.taken for r in records if r.sights is not None)),
+        "dropped_frames": _lost(sum(r.matches.taken for r in records if r.matches is not None)),
     }
     return {n: (size, CATALOGUE[n].parameters[0].unit) for n, size in found.items() if np.isfinite(size)}
 

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.cause import SURE, Interval
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record, in_order
 from slam.criticism.kalman.reference import referred
-from slam.criticism.kalman.setting import Setting
-from slam.criticism.residuals.oddities import Oddity
+from slam.criticism.residuals.reading_anomalies import ReadingAnomaly
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.threads import in_threads
@@ -54,7 +54,9 @@ class _Stamps:
         return float(np.nanstd(self.off_s))
 
 
-def without_jitter(records: Sequence[Record], setting: Setting) -> tuple[list[Record], list[Oddity]]:
+def without_jitter(
+    records: Sequence[Record], setting: FilterParameters
+) -> tuple[list[Record], list[ReadingAnomaly]]:
     """The records at the even times of their streams and how far stamps were off, where the readings say that
     these were the times; the records as they are where not. A stream without an even clock keeps its stamps.
     """
@@ -64,13 +66,13 @@ def without_jitter(records: Sequence[Record], setting: Setting) -> tuple[list[Re
         return list(records), []
     even = [_evened(record, flight) for record, flight in zip(records, streams, strict=True)]
     nats = _nats(even, setting) - _nats(records, setting)
-    found = Oddity("timestamp_jitter", {"sigma": _scatter(scattered)}, tuple(nats.tolist()))
+    found = ReadingAnomaly("timestamp_jitter", {"sigma": _scatter(scattered)}, tuple(nats.tolist()))
     if found.cause().probability < SURE:
         return list(records), []
     return in_threads(lambda record: referred(record, setting), even), [found]
 
 
-def _nats(records: Sequence[Record], setting: Setting) -> Array:
+def _nats(records: Sequence[Record], setting: FilterParameters) -> Array:
     """(flights,) log likelihoods of a healthy vehicle's readings."""
     fitted = fit_nuisances(records, setting)
     return np.array(in_threads(lambda record: whole(record, fitted).log_likelihood, records))

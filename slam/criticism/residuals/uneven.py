@@ -9,8 +9,8 @@ from slam.criticism.kalman.record import Record
 
 def uneven_of(records: Sequence[Record]) -> str | None:
     """The flights' worst, in words."""
-    uneven = [r.sights.bands for r in records if r.sights is not None and r.sights.uneven]
+    uneven = [r.matches.flicker for r in records if r.matches is not None and r.matches.uneven]
     if not uneven:
         return None
     worst = 100 * max(uneven)
-    return f"picture brightness changes in bands, by {worst:.0f} %, otherwise from picture to picture"
+    return f"picture brightness changes in flicker, by {worst:.0f} %, otherwise from picture to picture"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaln, logsumexp
 
 from slam.criticism.kalman.filter import USED
-from slam.criticism.kalman.innovations import Pass
+from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import CHANNELS, place_of
 from slam.criticism.kalman.record import Record
 
@@ -44,13 +44,13 @@ class Vibration:
         return f"{self.channel} oscillates at {self.frequency_hz:.1f} Hz (by chance in 10^{chance:.0f})"
 
 
-def vibration_of(records: Sequence[Record], passes: Sequence[Pass]) -> Vibration | None:
+def vibration_of(records: Sequence[Record], passes: Sequence[FilterPass]) -> Vibration | None:
     """The least probable line of all channels, if there is one."""
     found = [v for channel in range(len(CHANNELS)) if (v := _line(channel, records, passes)) is not None]
     return min(found, key=lambda v: v.log_chance, default=None)
 
 
-def _line(channel: int, records: Sequence[Record], passes: Sequence[Pass]) -> Vibration | None:
+def _line(channel: int, records: Sequence[Record], passes: Sequence[FilterPass]) -> Vibration | None:
     """The line of one channel over all flights."""
     series = [_white(channel, record, run) for record, run in zip(records, passes, strict=True)]
     series = [(white, step_s) for white, step_s in series if len(white) >= FEWEST]
@@ -69,7 +69,7 @@ def _line(channel: int, records: Sequence[Record], passes: Sequence[Pass]) -> Vi
     return Vibration(CHANNELS[channel], float(frequency[k]), float(log_chance[k]))
 
 
-def _white(channel: int, record: Record, run: Pass) -> tuple[Array, float]:
+def _white(channel: int, record: Record, run: FilterPass) -> tuple[Array, float]:
     """Whitened innovations of a channel at even times, 0 where none was used, and their step."""
     kind, c = place_of(channel)
     rows = np.flatnonzero(record.kinds == kind)

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.filter import USED
-from slam.criticism.kalman.innovations import Pass, whole
+from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.innovations import FilterPass, whole
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, INSTRUMENT_OF, place_of
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitting import fit_nuisances
 from slam.criticism.search.information import NoiseChange
@@ -36,19 +36,19 @@ LEAD_NATS = 20.0
 """By which colour must explain more than what else there is."""
 
 
-def ar1_effects(setting: Setting) -> tuple[Effect, ...]:
+def ar1_effects(setting: FilterParameters) -> tuple[Effect, ...]:
     """The correlations of the instruments that a belief holds to be coloured, as something to be fitted."""
     return tuple(_effect(n) for n in AR1_COEFFICIENTS if value_of(n, setting) > 0.0)
 
 
 def with_ar1_noise(
     records: Sequence[Record],
-    model: Setting,
-    setting: Setting,
-    passes: Sequence[Pass],
+    model: FilterParameters,
+    setting: FilterParameters,
+    passes: Sequence[FilterPass],
     chosen: Sequence[Effect],
     most_nats: float,
-) -> Setting | None:
+) -> FilterParameters | None:
     """The belief with coloured noise, if that explains more of the flights than anything else.
 
     ``passes`` are the filter's runs under ``setting``, which holds the ``chosen`` terms; ``most_nats`` is
@@ -74,12 +74,15 @@ def with_ar1_noise(
     return without_small_ar1(fit_nuisances(records, model, shaded, [*chosen, *ar1_effects(shaded)]))
 
 
-def without_small_ar1(setting: Setting) -> Setting:
+def without_small_ar1(setting: FilterParameters) -> FilterParameters:
     """The belief without colour that is hardly any: beside a cause that was not there when it was fitted."""
-    return replace(setting, colour=np.where(setting.colour < MIN_AR1, 0.0, setting.colour))
+    return replace(
+        setting,
+        noise_correlation=np.where(setting.noise_correlation < MIN_AR1, 0.0, setting.noise_correlation),
+    )
 
 
-def lag_one_correlation(records: Sequence[Record], passes: Sequence[Pass]) -> tuple[Array, Array]:
+def lag_one_correlation(records: Sequence[Record], passes: Sequence[FilterPass]) -> tuple[Array, Array]:
     """(channels,) correlation of innovations with the next of their channel, and its deviate; NaN where there
     are none."""
     products, pairs, squares = (np.zeros(len(CHANNELS)) for _ in range(3))
@@ -111,13 +114,13 @@ def _stands_out(nuisance: Nuisance, correlation: Array, deviate: Array) -> bool:
 
 
 def _effect(nuisance: Nuisance) -> Effect:
-    def apply(s: Setting) -> Setting:
+    def apply(s: FilterParameters) -> FilterParameters:
         return with_value(nuisance, s, value_of(nuisance, s) + STEP)
 
     return Effect(nuisance.name, (), (NoiseChange(nuisance.name, apply, STEP),), (), True)
 
 
-def _gained(records: Sequence[Record], before: Sequence[Pass], shaded: Setting) -> Array:
+def _gained(records: Sequence[Record], before: Sequence[FilterPass], shaded: FilterParameters) -> Array:
     """(flights, channels) nats of a belief over the runs before, from the readings that both take."""
     after = in_threads(lambda record: whole(record, shaded), records)
     nats = np.zeros((len(records), len(CHANNELS)))

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from slam.core.progress import Tally
-from slam.criticism.kalman.optics import CAMERA
+from slam.criticism.kalman.camera_parameters import CAMERA
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.evidence import VERY_SIMILAR_NATS
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest
@@ -25,14 +25,14 @@ class _Fit(NamedTuple):
 
     worth: float
     effect: Effect
-    setting: Setting
+    setting: FilterParameters
 
 
 class BestCandidate(NamedTuple):
     """The candidate that explains most once each is fitted with the filter run anew."""
 
     effect: Effect
-    setting: Setting
+    setting: FilterParameters
     """The belief with it."""
     rivals: tuple[str, ...]
     """What would do as well."""
@@ -42,7 +42,7 @@ class BestCandidate(NamedTuple):
 
 def best_candidate(
     records: Sequence[Record],
-    model: Setting,
+    model: FilterParameters,
     expansion: LikelihoodExpansion,
     chosen: Sequence[Effect],
     ranked: Sequence[ScoreTest],

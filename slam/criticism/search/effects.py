@@ -12,11 +12,11 @@ from math import pi
 
 import numpy as np
 
-from slam.criticism.kalman.optics import CAMERA, SQUARES, STEPS
+from slam.criticism.kalman.camera_parameters import CAMERA, SQUARES, STEPS
+from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
 from slam.criticism.kalman.readings import ATTITUDE, VELOCITY, channels_of
 from slam.criticism.kalman.record import Record, any_holds_heading, any_turns
-from slam.criticism.kalman.setting import Setting
-from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.information import NoiseChange
@@ -30,7 +30,7 @@ class Effect:
     """A term of the catalogue that the streams at hand can show, or what no term is and is tried as well."""
 
     name: str
-    directions: tuple[Direction, ...] = ()
+    directions: tuple[Perturbation, ...] = ()
     changes: tuple[NoiseChange, ...] = ()
     parameters: tuple[str, ...] = ()
     """Of the term, one for each column."""
@@ -96,7 +96,7 @@ LOWEST_TILT_RAD = 0.03
 PLAUSIBLE = 3.0
 
 
-def effects_for(records: Sequence[Record], setting: Setting) -> list[Effect]:
+def effects_for(records: Sequence[Record], setting: FilterParameters) -> list[Effect]:
     """Every term that is screened under a belief, each with its columns, and readings that come late; for a
     foreign vehicle neither these nor what is nothing but unrest."""
     found = [_plain(name, steps) for name, steps in _STEPS.items()]
@@ -104,10 +104,10 @@ def effects_for(records: Sequence[Record], setting: Setting) -> list[Effect]:
     if any_holds_heading(records) or not any_turns(records):
         # Of a vehicle that was never told to turn, only its restlessness would tell.
         found = [effect for effect in found if effect.name != "yaw_drag"]
-    found.append(Effect("clock_drift", (Direction("clock_drift.ppm", "drift", 0, 2e-5),), (), ("ppm",)))
+    found.append(Effect("clock_drift", (Perturbation("clock_drift.ppm", "drift", 0, 2e-5),), (), ("ppm",)))
     found.append(Effect("attitude_lag", (), (), ("tau",), False, ("vehicle.attitude_time_s",)))
     found.append(_ground_effect(setting))
-    if any(r.sights is not None for r in records):
+    if any(r.matches is not None for r in records):
         found += _of_camera()
     found.append(_plain("active_braking", (("lean", 1e-2),)))
     found += _tilt_limits(records, setting)
@@ -122,7 +122,7 @@ def effects_for(records: Sequence[Record], setting: Setting) -> list[Effect]:
 def delayed_readings(records: Sequence[Record]) -> list[Effect]:
     """Instruments that read what was a moment ago, where no term of the catalogue stands for that."""
     return [
-        Effect(name, (parameter_direction(parameter, DELAY_STEP_S),))
+        Effect(name, (parameter_perturbation(parameter, DELAY_STEP_S),))
         for name, (kind, parameter) in LATE.items()
         if any(record.has(channel) for record in records for channel in channels_of(kind))
     ]
@@ -147,13 +147,15 @@ def plausible_range(name: str, parameter: str) -> tuple[float, float]:
     return max(limits.neutral - reach, limits.least), min(limits.neutral + reach, limits.most)
 
 
-def catalogue_value(effect: Effect, column: int, step: float, setting: Setting, held: float) -> float:
+def catalogue_value(
+    effect: Effect, column: int, step: float, setting: FilterParameters, held: float
+) -> float:
     """A column's number in the catalogue's units: what the belief holds of it and a step on top."""
     return fitted_parameter(effect.columns[column]).in_catalogue_units(held + step, setting)
 
 
 def _plain(name: str, steps: tuple[tuple[str, float], ...]) -> Effect:
-    directions = tuple(parameter_direction(f"{name}.{parameter}", step) for parameter, step in steps)
+    directions = tuple(parameter_perturbation(f"{name}.{parameter}", step) for parameter, step in steps)
     positive = len(steps) == 1 and CATALOGUE[name].parameter(steps[0][0]).least == 0.0
     return Effect(name, directions, (), tuple(parameter for parameter, _ in steps), positive)
 
@@ -168,16 +170,16 @@ def _of_camera() -> list[Effect]:
     return [_plain(term.partition(".")[0], tuple(steps)) for term, steps in parameters.items()]
 
 
-def _ground_effect(setting: Setting) -> Effect:
+def _ground_effect(setting: FilterParameters) -> Effect:
     entry = PARAMETERS.index("ground_effect.radius")
     radius = setting.parameters[entry]
-    direction = Direction(
+    direction = Perturbation(
         "ground_effect.radius", "parameters", entry, RADIUS_M, unit=(radius + RADIUS_M) ** 2 - radius**2
     )
     return Effect("ground_effect", (direction,), (), ("radius",), True)
 
 
-def _tilt_limits(records: Sequence[Record], setting: Setting) -> list[Effect]:
+def _tilt_limits(records: Sequence[Record], setting: FilterParameters) -> list[Effect]:
     reach = setting.parameters[MAX_TILT] * setting.parameters[GAIN]
     asked = reach * max(float(np.abs(r.stick.values[:, :2]).max()) for r in records)
     now = setting.parameters[TILT_LIMIT]
@@ -187,25 +189,25 @@ def _tilt_limits(records: Sequence[Record], setting: Setting) -> list[Effect]:
     return [
         Effect(
             "tilt_limit",
-            (Direction(f"tilt_limit@{x:.4f}", "parameters", TILT_LIMIT, x - now, unit=1.0),),
+            (Perturbation(f"tilt_limit@{x:.4f}", "parameters", TILT_LIMIT, x - now, unit=1.0),),
             (), ("limit",), True,
         )
         for x in limits
     ]  # fmt: skip
 
 
-def _latencies(setting: Setting) -> list[Effect]:
+def _latencies(setting: FilterParameters) -> list[Effect]:
     """The latency itself, and from a vehicle without one whole steps of it, whose traces differ."""
     tries = LATENCIES_S if setting.latency_s == 0.0 else ()
-    directions = [Direction("control_latency.T", "latency", 0, LATENCY_STEP_S)]
-    directions += [Direction(f"control_latency@{t:g}", "latency", 0, t, unit=1.0) for t in tries]
+    directions = [Perturbation("control_latency.T", "latency", 0, LATENCY_STEP_S)]
+    directions += [Perturbation(f"control_latency@{t:g}", "latency", 0, t, unit=1.0) for t in tries]
     return [Effect("control_latency", (d,), (), ("T",), True) for d in directions]
 
 
 def _gusts(tau: float) -> Effect:
     step = 0.02**2
 
-    def blown(s: Setting) -> Setting:
+    def blown(s: FilterParameters) -> FilterParameters:
         hold = s.hold.copy()
         hold[GUST_STD], hold[GUST_TIME] = np.sqrt(hold[GUST_STD] ** 2 + step), tau
         return replace(s, hold=hold)
@@ -213,6 +215,6 @@ def _gusts(tau: float) -> Effect:
     return Effect("gusts", (), (NoiseChange(f"gusts@{tau:g}", blown, step),), ("sigma",), True)
 
 
-def _jittered(s: Setting) -> Setting:
+def _jittered(s: FilterParameters) -> FilterParameters:
     """One square millisecond more."""
     return replace(s, jitter_s=float(np.sqrt(s.jitter_s**2 + 1e-6)))

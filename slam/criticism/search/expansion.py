@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import (
     Effect,
     catalogue_value,
@@ -57,7 +57,7 @@ class ScoreTest:
 class LikelihoodExpansion:
     """All that the flights say about one belief."""
 
-    setting: Setting
+    setting: FilterParameters
     fisher: FisherInformation
     quadratic: QuadraticLikelihood
     effects: tuple[Effect, ...]
@@ -86,7 +86,10 @@ class LikelihoodExpansion:
 
 
 def expand(
-    records: Sequence[Record], model: Setting, setting: Setting, chosen: Sequence[Effect] = ()
+    records: Sequence[Record],
+    model: FilterParameters,
+    setting: FilterParameters,
+    chosen: Sequence[Effect] = (),
 ) -> LikelihoodExpansion:
     """One pass over the flights with every direction and change."""
     plain = in_threads(lambda record: whole(record, setting), records)

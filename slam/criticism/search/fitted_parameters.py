@@ -12,8 +12,8 @@ from math import inf
 
 import numpy as np
 
-from slam.criticism.kalman.optics import SQUARES, catalogued
-from slam.criticism.kalman.setting import Setting, slot
+from slam.criticism.kalman.camera_parameters import SQUARES, catalogued
+from slam.criticism.kalman.filter_parameters import FilterParameters, slot
 from slam.criticism.kalman.transition import GUST_STD, GUST_TIME
 from slam.criticism.search.nuisances import (
     AR1_COEFFICIENTS,
@@ -40,19 +40,19 @@ _OF_THE_GAINS = {n.name for n in GAIN_NUISANCES}
 class FittedParameter:
     """One fitted number."""
 
-    def value_in(self, setting: Setting) -> float:
+    def value_in(self, setting: FilterParameters) -> float:
         """How much of it a belief holds; 0 where the term is not there."""
         return 0.0
 
-    def stepped(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
         """The belief with a step of it, within what the equations bear."""
         return setting
 
-    def longest_step(self, setting: Setting) -> float:
+    def longest_step(self, setting: FilterParameters) -> float:
         """How far the equations still mean something and a parabola may hold."""
         return inf
 
-    def in_catalogue_units(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
         """So much of it in the catalogue's unit."""
         return held
 
@@ -65,17 +65,17 @@ class _Entry(FittedParameter):
     entry: int
     limits: Parameter
 
-    def value_in(self, setting: Setting) -> float:
+    def value_in(self, setting: FilterParameters) -> float:
         return float(getattr(setting, self.where)[self.entry]) - self.limits.neutral
 
-    def stepped(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
         x = float(getattr(setting, self.where)[self.entry]) + step
         return _with(setting, self.where, self.entry, min(max(x, self.limits.least), self.limits.most))
 
-    def longest_step(self, setting: Setting) -> float:
+    def longest_step(self, setting: FilterParameters) -> float:
         return self.limits.high - self.limits.low
 
-    def in_catalogue_units(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
         if self.where == "camera" and self.entry in SQUARES:
             return catalogued(self.entry, held)
         return self.limits.neutral + held
@@ -85,13 +85,13 @@ class _Entry(FittedParameter):
 class _Squared(_Entry):
     """A parameter of the equations that acts by its square."""
 
-    def value_in(self, setting: Setting) -> float:
+    def value_in(self, setting: FilterParameters) -> float:
         return float(getattr(setting, self.where)[self.entry]) ** 2
 
-    def stepped(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
         return _with(setting, self.where, self.entry, _root(self.value_in(setting) + step))
 
-    def in_catalogue_units(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
         return _root(held)
 
 
@@ -101,16 +101,16 @@ class _Latency(FittedParameter):
 
     limits: Parameter
 
-    def value_in(self, setting: Setting) -> float:
+    def value_in(self, setting: FilterParameters) -> float:
         return setting.latency_s
 
-    def stepped(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
         return replace(setting, latency_s=min(max(setting.latency_s + step, 0.0), LARGEST_LATENCY_S))
 
-    def longest_step(self, setting: Setting) -> float:
+    def longest_step(self, setting: FilterParameters) -> float:
         return self.limits.high - self.limits.low
 
-    def in_catalogue_units(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
         return max(held, 0.0)
 
 
@@ -120,10 +120,10 @@ class _LatencyAt(_Latency):
 
     value_s: float
 
-    def stepped(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
         return replace(setting, latency_s=self.value_s)
 
-    def longest_step(self, setting: Setting) -> float:
+    def longest_step(self, setting: FilterParameters) -> float:
         return inf
 
 
@@ -133,10 +133,10 @@ class _LimitAt(_Entry):
 
     value_rad: float
 
-    def stepped(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
         return _with(setting, self.where, self.entry, self.value_rad)
 
-    def longest_step(self, setting: Setting) -> float:
+    def longest_step(self, setting: FilterParameters) -> float:
         return inf
 
 
@@ -146,44 +146,44 @@ class _Gusts(FittedParameter):
 
     time_s: float
 
-    def value_in(self, setting: Setting) -> float:
+    def value_in(self, setting: FilterParameters) -> float:
         return float(setting.hold[GUST_STD] ** 2) if setting.hold[GUST_TIME] == self.time_s else 0.0
 
-    def stepped(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
         blown = _with(setting, "hold", GUST_STD, _root(float(setting.hold[GUST_STD]) ** 2 + step))
         return _with(blown, "hold", GUST_TIME, self.time_s)
 
-    def in_catalogue_units(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
         return _root(held)
 
 
 class _ClockDrift(FittedParameter):
     """The vehicle's clock against the recorder's, a share; parts per million in the catalogue."""
 
-    def value_in(self, setting: Setting) -> float:
+    def value_in(self, setting: FilterParameters) -> float:
         return setting.drift
 
-    def stepped(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
         return replace(setting, drift=setting.drift + step)
 
-    def longest_step(self, setting: Setting) -> float:
+    def longest_step(self, setting: FilterParameters) -> float:
         limits = CATALOGUE["clock_drift"].parameter("ppm")
         return 1e-6 * (limits.high - limits.low)
 
-    def in_catalogue_units(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
         return 1e6 * held
 
 
 class _Jitter(FittedParameter):
     """Variance of the stamps, in square milliseconds; its root in seconds in the catalogue."""
 
-    def value_in(self, setting: Setting) -> float:
+    def value_in(self, setting: FilterParameters) -> float:
         return 1e6 * setting.jitter_s**2
 
-    def stepped(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
         return replace(setting, jitter_s=_root(setting.jitter_s**2 + 1e-6 * step))
 
-    def in_catalogue_units(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
         return 1e-3 * _root(held)
 
 
@@ -193,15 +193,15 @@ class _OfNuisance(FittedParameter):
 
     nuisance: Nuisance
 
-    def stepped(self, setting: Setting, step: float) -> Setting:
+    def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
         return with_value(self.nuisance, setting, value_of(self.nuisance, setting) + step)
 
-    def longest_step(self, setting: Setting) -> float:
+    def longest_step(self, setting: FilterParameters) -> float:
         if self.nuisance.kind == "mean" and self.nuisance.relative:
             return LARGEST_SHARE * abs(value_of(self.nuisance, setting))
         return inf
 
-    def in_catalogue_units(self, held: float, setting: Setting) -> float:
+    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
         return value_of(self.nuisance, setting) + held
 
 
@@ -234,7 +234,7 @@ def fitted_parameter(name: str) -> FittedParameter:
     return _Entry(*slot(name), _limits(name))
 
 
-def bounded(name: str, step: float, setting: Setting) -> float:
+def bounded(name: str, step: float, setting: FilterParameters) -> float:
     """A step of a column cut to its longest."""
     most = fitted_parameter(name).longest_step(setting)
     return min(max(step, -most), most)
@@ -245,7 +245,7 @@ def _limits(name: str) -> Parameter:
     return DELAY if parameter == DELAY.name else CATALOGUE[term].parameter(parameter)
 
 
-def _with(setting: Setting, where: str, entry: int, x: float) -> Setting:
+def _with(setting: FilterParameters, where: str, entry: int, x: float) -> FilterParameters:
     vector = getattr(setting, where).copy()
     vector[entry] = x
     return replace(setting, **{where: vector})

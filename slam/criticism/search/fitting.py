@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.record import Record, with_events
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitted_parameters import bounded, fitted_parameter
 from slam.criticism.search.inclusion import at_profiled_value, with_free_value
@@ -46,7 +46,7 @@ def noise_changes() -> list[NoiseChange]:
     def change(k: int) -> NoiseChange:
         nuisance = NOISE_NUISANCES[k]
 
-        def apply(s: Setting) -> Setting:
+        def apply(s: FilterParameters) -> FilterParameters:
             return with_value(nuisance, s, value_of(nuisance, s) + nuisance.step)
 
         return NoiseChange(nuisance.name, apply, nuisance.step, everywhere=False)
@@ -55,8 +55,11 @@ def noise_changes() -> list[NoiseChange]:
 
 
 def fit_nuisances(
-    records: Sequence[Record], model: Setting, start: Setting | None = None, effects: Sequence[Effect] = ()
-) -> Setting:
+    records: Sequence[Record],
+    model: FilterParameters,
+    start: FilterParameters | None = None,
+    effects: Sequence[Effect] = (),
+) -> FilterParameters:
     """Most probable nuisances within their ranges, from the first parts of flights, of long ones from all.
 
     Of ``effects`` those are fitted with them that make noise larger, or free a nuisance of its range. Others
@@ -87,14 +90,14 @@ def fit_nuisances(
 
 
 def refit(
-    records: Sequence[Record], model: Setting, setting: Setting, effects: Sequence[Effect]
-) -> tuple[float, Setting]:
+    records: Sequence[Record], model: FilterParameters, setting: FilterParameters, effects: Sequence[Effect]
+) -> tuple[float, FilterParameters]:
     """Gauss-Newton on the terms and the nuisances of the mean: log likelihood and belief at the end."""
     for effect in effects:
         setting = at_profiled_value(effect, setting)
     effects = [with_free_value(e) for e in effects]
     restless = [e for e in effects if e.changes]
-    best: tuple[float, Setting] | None = None
+    best: tuple[float, FilterParameters] | None = None
     share, step, columns = 1.0, np.zeros(0), []
     trial = setting
     for _ in range(ITERATIONS):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from math import pi
 
-from slam.criticism.kalman.setting import Setting
-from slam.criticism.kalman.tangents import Direction
+from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.search.effects import LATENCY_STEP_S, Effect
 from slam.criticism.search.fitted_parameters import AT, fitted_parameter
 from slam.simulation.dynamics import TILT_LIMIT
@@ -15,9 +15,9 @@ from slam.simulation.dynamics import TILT_LIMIT
 def with_free_value(effect: Effect) -> Effect:
     """The effect as it is tried about a belief that holds it: a value on a grid becomes free."""
     if effect.name == "control_latency":
-        return replace(effect, directions=(Direction("control_latency.T", "latency", 0, LATENCY_STEP_S),))
+        return replace(effect, directions=(Perturbation("control_latency.T", "latency", 0, LATENCY_STEP_S),))
     if effect.name == "tilt_limit":
-        return replace(effect, directions=(Direction("tilt_limit.limit", "parameters", TILT_LIMIT, 1e-3),))
+        return replace(effect, directions=(Perturbation("tilt_limit.limit", "parameters", TILT_LIMIT, 1e-3),))
     return effect
 
 
@@ -26,7 +26,7 @@ def is_profiled(effect: Effect) -> bool:
     return AT in effect.columns[0] and not effect.changes
 
 
-def at_profiled_value(effect: Effect, setting: Setting) -> Setting:
+def at_profiled_value(effect: Effect, setting: FilterParameters) -> FilterParameters:
     """The belief that takes an effect at the value of the grid that it was tried at."""
     if is_profiled(effect):
         return fitted_parameter(effect.columns[0]).stepped(setting, 1.0)
@@ -38,7 +38,7 @@ def is_saturation(effect: Effect) -> bool:
     return effect.name == "tilt_limit"
 
 
-def without_saturation(saturation: Effect, setting: Setting) -> Setting:
+def without_saturation(saturation: Effect, setting: FilterParameters) -> FilterParameters:
     """The belief without a wall."""
     assert is_saturation(saturation)
     parameters = setting.parameters.copy()
@@ -46,7 +46,7 @@ def without_saturation(saturation: Effect, setting: Setting) -> Setting:
     return replace(setting, parameters=parameters)
 
 
-def without_effect(effect: Effect, setting: Setting) -> Setting:
+def without_effect(effect: Effect, setting: FilterParameters) -> FilterParameters:
     """The belief without a term; a nuisance beyond its range stays where it is."""
     if is_saturation(effect):
         return without_saturation(effect, setting)

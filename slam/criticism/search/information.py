@@ -16,13 +16,13 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.camera.sighting import sighted
+from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.kalman.filter import USED
-from slam.criticism.kalman.innovations import Pass, Run, whole
+from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.innovations import FilterPass, Run, whole
+from slam.criticism.kalman.perturbations import Perturbation, Signal
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
-from slam.criticism.kalman.tangents import Direction, Signal
 from slam.criticism.threads import in_threads
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ class NoiseChange:
     """A change of the restlessness, by a difference of two runs of the filter."""
 
     name: str
-    apply: Callable[[Setting], Setting]
+    apply: Callable[[FilterParameters], FilterParameters]
     step: float
     everywhere: bool = True
     """Or else only in the first flights, of ``ENOUGH_S`` together: it shows in all alike."""
@@ -64,7 +64,7 @@ class FisherInformation:
     """(stretches, p)."""
     log_likelihood: Array
     """(stretches,)."""
-    passes: tuple[Pass, ...]
+    passes: tuple[FilterPass, ...]
     """The plain run of each flight."""
     readings: tuple[int, ...]
     """Of each flight, how many of its stretches are readings; one more is its pictures."""
@@ -88,11 +88,11 @@ class _VarianceWeight(NamedTuple):
 
 def fisher_information(
     records: Sequence[Record],
-    setting: Setting,
-    directions: Sequence[Direction],
+    setting: FilterParameters,
+    directions: Sequence[Perturbation],
     changes: Sequence[NoiseChange],
     signals: Sequence[dict[str, Signal]] | None = None,
-    plain: Sequence[Pass] = (),
+    plain: Sequence[FilterPass] = (),
     weighed: Sequence[str] = (),
 ) -> FisherInformation:
     """Run the filter over the flights, once with all directions and once for each change.
@@ -112,7 +112,7 @@ def fisher_information(
     steps = np.array([c.step for c in changes])
     apart = np.array([k for k, c in enumerate(changes) if c.name in weighed], dtype=np.int64)
 
-    def one(k: int) -> tuple[list[_Summed], Pass]:
+    def one(k: int) -> tuple[list[_Summed], FilterPass]:
         beside = [other.get((k, c), plain[k]) for c in range(len(changes))]
         changed = _difference(plain[k], beside, steps) if beside else _unchanged(records[k])
         run = Run(records[k], setting, directions, signals[k] if signals is not None else None)
@@ -128,7 +128,7 @@ def fisher_information(
         np.array([score for _, score, _ in flat]),
         np.array([nats for _, _, nats in flat]),
         passes,
-        tuple(len(flight) - (r.sights is not None) for flight, r in zip(parts, records, strict=True)),
+        tuple(len(flight) - (r.matches is not None) for flight, r in zip(parts, records, strict=True)),
     )
 
 
@@ -137,12 +137,12 @@ _Summed: TypeAlias = tuple[Array, Array, float]
 
 
 def _sighted(
-    record: Record, setting: Setting, directions: Sequence[Direction], changes: int
+    record: Record, setting: FilterParameters, directions: Sequence[Perturbation], changes: int
 ) -> list[_Summed]:
     """The pictures as one more stretch: given the readings they are independent of all innovations."""
-    if record.sights is None:
+    if record.matches is None:
         return []
-    seen, p = sighted(record, record.sights, setting, directions), len(directions) + changes
+    seen, p = reprojection_score(record, record.matches, setting, directions), len(directions) + changes
     information, score = np.zeros((p, p)), np.zeros(p)
     information[: len(directions), : len(directions)] = seen.information
     score[: len(directions)] = seen.score
@@ -157,8 +157,8 @@ def _stretch_sums(
     for rows in run.stretches(STRETCH_S):
         column = rows.channels - CHANNEL_AT[record.kinds[rows.events], 0]
         shifted = moved[rows.events, column]
-        d, end = rows.traces.shape[1], rows.traces.shape[1] + widened.shape[-1]
-        traces = np.column_stack([rows.traces, shifted, shifted[:, apart]])
+        d, end = rows.sensitivity.shape[1], rows.sensitivity.shape[1] + widened.shape[-1]
+        traces = np.column_stack([rows.sensitivity, shifted, shifted[:, apart]])
         spread = widened[rows.events, column] * weight.share[rows.channels, None]
         score = rows.white @ traces
         information = traces.T @ traces
@@ -174,7 +174,7 @@ def _unchanged(record: Record) -> _Changed:
     return _Changed(none, none)
 
 
-def _difference(plain: Pass, others: Sequence[Pass], steps: Array) -> _Changed:
+def _difference(plain: FilterPass, others: Sequence[FilterPass], steps: Array) -> _Changed:
     """Of other runs against the plain one; 0 where a reading was not used in both."""
     shape = (*plain.white.shape, len(others))
     moved, widened = np.zeros(shape), np.zeros(shape)
@@ -188,7 +188,7 @@ def _difference(plain: Pass, others: Sequence[Pass], steps: Array) -> _Changed:
     return _Changed(moved, widened)
 
 
-def _variance_weight(records: Sequence[Record], plain: Sequence[Pass]) -> _VarianceWeight:
+def _variance_weight(records: Sequence[Record], plain: Sequence[FilterPass]) -> _VarianceWeight:
     """From the plain runs; of none, a Gaussian's."""
     weight = np.ones(len(CHANNELS))
     mean = np.full(len(CHANNELS), _CUT_MEAN)

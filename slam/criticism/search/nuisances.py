@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
 from slam.criticism.kalman.readings import INSTRUMENT_CHANNELS, INSTRUMENTS
-from slam.criticism.kalman.setting import Setting
-from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.kalman.transition import HOLD
 from slam.criticism.search.information import gain_column
 
@@ -74,12 +74,12 @@ GAIN_NUISANCES = tuple(Nuisance(gain_column(name), "1", "weight", (), TAILS) for
 best gain of noise with heavy tails, and what a wrong gain leaves looks like a target that goes with tilt."""
 
 
-def direction_of(nuisance: Nuisance) -> Direction:
+def direction_of(nuisance: Nuisance) -> Perturbation:
     """The tangent of a nuisance of the mean."""
-    return parameter_direction(nuisance.name, nuisance.step)
+    return parameter_perturbation(nuisance.name, nuisance.step)
 
 
-def value_of(nuisance: Nuisance, setting: Setting) -> float:
+def value_of(nuisance: Nuisance, setting: FilterParameters) -> float:
     """x in a setting."""
     if nuisance.kind == "mean":
         direction = direction_of(nuisance)
@@ -88,12 +88,12 @@ def value_of(nuisance: Nuisance, setting: Setting) -> float:
     if nuisance.kind == "weight":
         return 0.0
     if nuisance.kind == "colour":
-        return float(setting.colour[nuisance.entry[0]])
+        return float(setting.noise_correlation[nuisance.entry[0]])
     vector = setting.hold if nuisance.kind == "hold" else setting.noise_factor
     return float(np.log(vector[nuisance.entry[0]]))
 
 
-def with_value(nuisance: Nuisance, setting: Setting, x: float) -> Setting:
+def with_value(nuisance: Nuisance, setting: FilterParameters, x: float) -> FilterParameters:
     """The setting with another x."""
     if nuisance.kind == "mean":
         direction = direction_of(nuisance)
@@ -110,7 +110,7 @@ def with_value(nuisance: Nuisance, setting: Setting, x: float) -> Setting:
     return replace(setting, **{where: vector})
 
 
-def limits_of(nuisance: Nuisance, model: Setting) -> tuple[float, float]:
+def limits_of(nuisance: Nuisance, model: FilterParameters) -> tuple[float, float]:
     """The healthy range of x about a model's own value."""
     centre = value_of(nuisance, model)
     reach = nuisance.reach * abs(centre) if nuisance.relative else nuisance.reach
@@ -122,7 +122,7 @@ def limits_of(nuisance: Nuisance, model: Setting) -> tuple[float, float]:
     return centre - reach - tails, centre + reach
 
 
-def prior_precision(nuisance: Nuisance, model: Setting) -> float:
+def prior_precision(nuisance: Nuisance, model: FilterParameters) -> float:
     """1 / variance of a uniform draw from the healthy range."""
     low, high = limits_of(nuisance, model)
     return 12.0 / (high - low) ** 2

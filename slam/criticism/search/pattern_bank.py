@@ -11,11 +11,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.camera.shading import PICTURE_SHAPES, RESTLESS
+from slam.criticism.camera.photometric import PICTURE_SHAPES, RESTLESS
 from slam.criticism.camera.warps import PAIRS, WARPS
+from slam.criticism.kalman.perturbations import FORCES, Perturbation, Signal
 from slam.criticism.kalman.readings import CHANNELS
 from slam.criticism.kalman.record import Record, any_holds_heading
-from slam.criticism.kalman.tangents import FORCES, Direction, Signal
 from slam.criticism.search.effects import Effect
 from slam.simulation.dynamics import PITCH, ROLL, VX, VY, VZ, YAW, YAW_RATE, Z
 
@@ -54,25 +54,25 @@ TILTING_S = 0.02
 """A rate of tilt is taken over so long before: what comes after knows what the gyro is about to read."""
 
 
-def pattern_directions(records: Sequence[Record]) -> list[Direction]:
+def pattern_directions(records: Sequence[Record]) -> list[Perturbation]:
     """The directions that the flights' streams can show."""
     channels = [c for c in range(len(CHANNELS)) if any(r.has(c) for r in records)]
     found = [
-        Direction(f"{CHANNELS[c]} ~ {signal}", "channel", c, 1.0, signal)
+        Perturbation(f"{CHANNELS[c]} ~ {signal}", "channel", c, 1.0, signal)
         for c in channels
         for signal in (*ON_CHANNELS, *ON_ONE_CHANNEL.get(CHANNELS[c], ()))
     ]
     found += [
-        Direction(f"force {name} ~ {signal}", "force", FORCES.index(name), 1e-3, signal)
+        Perturbation(f"force {name} ~ {signal}", "force", FORCES.index(name), 1e-3, signal)
         for name in FORCED
         for signal in ON_FORCES
         if signal != "stick_turn" or not any_holds_heading(records)
     ]
-    if any(r.sights is not None for r in records):
-        found += [Direction(name, "picture", k) for k, name in enumerate((*PICTURE_SHAPES, *WARPS))]
+    if any(r.matches is not None for r in records):
+        found += [Perturbation(name, "picture", k) for k, name in enumerate((*PICTURE_SHAPES, *WARPS))]
     yaw = CHANNELS.index("yaw")
     found += [
-        Direction(f"{YAW_AT_PLACE}: {signal}", "channel", yaw, 1.0, signal)
+        Perturbation(f"{YAW_AT_PLACE}: {signal}", "channel", yaw, 1.0, signal)
         for flight, record in enumerate(records)
         if record.has(yaw) and record.has(_SPEED)  # else nothing says where it was
         for signal in _of_flight(flight)
@@ -80,7 +80,7 @@ def pattern_directions(records: Sequence[Record]) -> list[Direction]:
     return found
 
 
-def residual_patterns(directions: Sequence[Direction]) -> tuple[Effect, ...]:
+def residual_patterns(directions: Sequence[Perturbation]) -> tuple[Effect, ...]:
     """Each direction by itself, and those of one kind ahead and to the left together.
 
     What does not mind which way is ahead leaves half of its trace in each: one alone would lose against a

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.kalman.setting import Setting
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.information import FisherInformation
 from slam.criticism.search.nuisances import (
@@ -174,8 +174,8 @@ class QuadraticLikelihood:
 
 def quadratic_likelihood(
     fisher: FisherInformation,
-    setting: Setting,
-    model: Setting,
+    setting: FilterParameters,
+    model: FilterParameters,
     current: dict[str, float],
     stretches: NDArray[np.bool_] | None = None,
     nuisances: Sequence[Nuisance] = (*NUISANCES, *GAIN_NUISANCES),

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from slam.core.progress import Progress, Tally, silent
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.reference import recoloured
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.ar1_noise import ar1_effects, with_ar1_noise, without_small_ar1
 from slam.criticism.search.candidates import best_candidate
 from slam.criticism.search.effects import Effect
@@ -50,7 +50,7 @@ PART_S = 160.0
 class SearchResult:
     """What was found."""
 
-    model: Setting
+    model: FilterParameters
     first: LikelihoodExpansion
     """About the healthy vehicle."""
     last: LikelihoodExpansion
@@ -103,16 +103,16 @@ def with_term_replaced(
 
 
 def search(
-    records: Sequence[Record], model: Setting, limits: Thresholds, progress: Progress = silent
+    records: Sequence[Record], model: FilterParameters, limits: Thresholds, progress: Progress = silent
 ) -> SearchResult:
     """Terms that stand out by more than the thresholds beside each other, best first."""
     way = _SequentialSearch(records, model, limits, progress)
     first = way.expansion
     while (setting := way.next_belief()) is not None:
         way.look_from(setting)
-    if (way.expansion.setting.colour != first.setting.colour).any():
+    if (way.expansion.setting.noise_correlation != first.setting.noise_correlation).any():
         # With and without the terms noise is the same.
-        first = way.healthy(replace(first.setting, colour=way.expansion.setting.colour))
+        first = way.healthy(replace(first.setting, noise_correlation=way.expansion.setting.noise_correlation))
     most = len(way.chosen)
     way.drop_superfluous()
     # Beside one term less, too.
@@ -124,7 +124,7 @@ class _SequentialSearch:
     """From one belief to the next: the terms that were chosen so far, and how the flights look from there."""
 
     def __init__(
-        self, records: Sequence[Record], model: Setting, limits: Thresholds, progress: Progress
+        self, records: Sequence[Record], model: FilterParameters, limits: Thresholds, progress: Progress
     ) -> None:
         self._fits, self._looks, self._tries = (Tally(progress, stage) for stage in STAGES)
         self.records, self._model, self._limits = records, model, limits
@@ -138,7 +138,7 @@ class _SequentialSearch:
             setting = fit_nuisances(records, model, effects=ar1_effects(model))
         self._see(setting)
 
-    def next_belief(self) -> Setting | None:
+    def next_belief(self) -> FilterParameters | None:
         """Choose until something must be fitted before one can tell more: the belief with all that is chosen;
         None where nothing more stands out."""
         while True:
@@ -172,7 +172,7 @@ class _SequentialSearch:
                 return self._with_chosen()
             self._fitted = self._fitted and significant[0].z < CURVED_Z
 
-    def look_from(self, setting: Setting) -> None:
+    def look_from(self, setting: FilterParameters) -> None:
         """A look about a belief that holds the chosen terms, nuisances fitted to it.
 
         Where another term stands out by far from where one came, the first parts of long flights will do.
@@ -190,7 +190,7 @@ class _SequentialSearch:
         self.chosen = [self.expansion.own(c) for c in self.chosen]
         self._far, self._fitted = max(LINEAR_Z / np.sqrt(long), CURVED_Z), True
 
-    def healthy(self, setting: Setting) -> LikelihoodExpansion:
+    def healthy(self, setting: FilterParameters) -> LikelihoodExpansion:
         """A look about a belief without terms, nuisances fitted to it."""
         with self._fits.part():
             setting = fit_nuisances(self.records, self._model, setting)
@@ -209,12 +209,12 @@ class _SequentialSearch:
         threshold = with_misfit(self._limits.second, self._greatest) if self.chosen else self._limits.effects
         return beyond(self.expansion.score_tests(self.chosen, self.expansion.effects), threshold)
 
-    def _fit(self, records: Sequence[Record], setting: Setting) -> Setting:
+    def _fit(self, records: Sequence[Record], setting: FilterParameters) -> FilterParameters:
         with self._fits.part():
             free = [*self.chosen, *ar1_effects(setting)]
             return without_small_ar1(fit_nuisances(records, self._model, setting, free))
 
-    def _expand_all(self, setting: Setting) -> None:
+    def _expand_all(self, setting: FilterParameters) -> None:
         self._see(self._fit(self.records, setting))
         self._far, self._fitted = LINEAR_Z, True
 
@@ -224,11 +224,11 @@ class _SequentialSearch:
             return None
         return masked_pair(self.expansion, self._limits, significant)
 
-    def _with_chosen(self, start: Setting | None = None) -> Setting:
+    def _with_chosen(self, start: FilterParameters | None = None) -> FilterParameters:
         with self._fits.part():
             return refit(self.records, self._model, start or self.expansion.setting, self.chosen)[1]
 
-    def _see(self, setting: Setting) -> None:
+    def _see(self, setting: FilterParameters) -> None:
         with self._looks.part():
             self.records, self.expansion = _seen(self.records, self._model, setting, self.chosen)
         self.chosen = [self.expansion.own(c) for c in self.chosen]
@@ -258,7 +258,10 @@ def _doubtful(significant: Sequence[ScoreTest], far: float) -> Sequence[ScoreTes
 
 
 def _seen(
-    records: Sequence[Record], model: Setting, setting: Setting, chosen: Sequence[Effect] = ()
+    records: Sequence[Record],
+    model: FilterParameters,
+    setting: FilterParameters,
+    chosen: Sequence[Effect] = (),
 ) -> tuple[Sequence[Record], LikelihoodExpansion]:
     """The records and a look at them; where coloured noise explains more than any term or shape would, the
     belief has it, and the records are referred to that."""
@@ -276,7 +279,7 @@ def _seen(
 
 def _needed(
     records: Sequence[Record],
-    model: Setting,
+    model: FilterParameters,
     expansion: LikelihoodExpansion,
     chosen: list[Effect],
     limits: Thresholds,
@@ -310,7 +313,7 @@ def _needed(
 
 def _without(
     records: Sequence[Record],
-    model: Setting,
+    model: FilterParameters,
     expansion: LikelihoodExpansion,
     others: Sequence[Effect],
     saturation: Effect,

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import stretches
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.inclusion import is_saturation, with_free_value
 from slam.criticism.search.nuisances import MEAN_NUISANCES, direction_of, prior_precision
@@ -48,7 +48,7 @@ class Consistency:
 
 
 def consistencies(
-    records: Sequence[Record], model: Setting, belief: Setting, chosen: Sequence[Effect]
+    records: Sequence[Record], model: FilterParameters, belief: FilterParameters, chosen: Sequence[Effect]
 ) -> list[tuple[Consistency, ...]]:
     """For each chosen effect that moves the mean of the readings; none for the others.
 
@@ -64,7 +64,7 @@ def consistencies(
         time = (records[k].times_s[events] // STRETCH_S).astype(np.int64)
         channels = np.concatenate([r.channels for r in rows])
         part = np.column_stack([np.full(len(events), k), MOST_STRETCHES * k + time, channels])
-        return np.concatenate([r.traces for r in rows]), np.concatenate([r.white for r in rows]), part
+        return np.concatenate([r.sensitivity for r in rows]), np.concatenate([r.white for r in rows]), part
 
     found = in_threads(one, range(len(records)))
     traces, white, part = (np.concatenate([f[i] for f in found]) for i in range(3))
@@ -112,7 +112,7 @@ def _consistency(
 
 
 def contradictions(
-    records: Sequence[Record], model: Setting, found: SearchResult, belief: Setting
+    records: Sequence[Record], model: FilterParameters, found: SearchResult, belief: FilterParameters
 ) -> tuple[dict[str, str], set[str]]:
     """What is told of causes whose parts do not agree, by name; and those that explain less than they
     contradict themselves. Of a foreign vehicle every cause does: its equations are another's.

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import BEYOND_IMU, CHANNEL_UNITS, CHANNELS
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitting import first_seconds, refit
 from slam.criticism.search.inclusion import is_saturation, without_effect
@@ -56,7 +56,7 @@ class Covariate:
 
 
 def covariate(
-    records: Sequence[Record], belief: Setting, found: SearchResult, cause: str, rival: str, z: float
+    records: Sequence[Record], belief: FilterParameters, found: SearchResult, cause: str, rival: str, z: float
 ) -> Covariate | None:
     """The covariates of ``cause``, one of the chosen, which stands out by ``z``, and of its ``rival``; None
     where roll-outs do not show the cause.
@@ -70,7 +70,7 @@ def covariate(
     short = [first_seconds(record, SHORT_S / len(records)) for record in records]
     other = _as_effect(rival, found, effect, rest)
 
-    def believed(effects: list[Effect]) -> Setting:
+    def believed(effects: list[Effect]) -> FilterParameters:
         if z < LINEAR_Z and not is_saturation(effect):
             return with_step(found.last, found.last.quadratic.maximise(effects).whole, effects)
         return refit(short, found.model, without_effect(effect, belief), effects)[1]

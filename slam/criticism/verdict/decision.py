@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.cause import SURE, Cause, Gain, Interval, bootstrap_interval
-from slam.criticism.kalman.optics import POINTS
+from slam.criticism.kalman.camera_parameters import POINTS
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import LATE, Effect, catalogue_value
 from slam.criticism.search.expansion import LikelihoodExpansion, ScoreTest
 from slam.criticism.search.fitted_parameters import fitted_parameter
@@ -45,7 +45,7 @@ chosen, and no noise is quite as it is taken to be. From 18 singles of
 ``python -m tests.blind.run --kinds single --seed 3 --flights 3 --seconds 30 --cases 33``."""
 
 
-def confirmed_terms(records: Sequence[Record], found: SearchResult, model: Setting) -> SearchResult:
+def confirmed_terms(records: Sequence[Record], found: SearchResult, model: FilterParameters) -> SearchResult:
     """The search without terms that held-out flights do not confirm: weakest first, each beside the others.
 
     A term that stands out by far stays, confirmed or not: something is there. Without any the flights are
@@ -77,7 +77,7 @@ def _standing_z(found: SearchResult, effect: Effect, rest: Sequence[Effect]) -> 
 
 def causes_of(
     records: Sequence[Record],
-    model: Setting,
+    model: FilterParameters,
     found: SearchResult,
     posterior: Posterior,
     all_together: HeldOut,

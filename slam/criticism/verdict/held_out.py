@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from slam.criticism.cause import bootstrap_interval
 from slam.criticism.kalman.filter import IGNORED
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.evidence import SIZE_PRIOR
 from slam.criticism.search.expansion import LikelihoodExpansion
@@ -42,9 +42,9 @@ class HeldOut:
     """(parts,)."""
     by: str
     """``flight`` or ``segment``."""
-    before: tuple[Setting, ...]
+    before: tuple[FilterParameters, ...]
     """For each flight, the belief without the terms that was fitted on the other parts."""
-    after: tuple[Setting, ...]
+    after: tuple[FilterParameters, ...]
 
     @property
     def total(self) -> float:
@@ -69,12 +69,12 @@ class _Predicted(NamedTuple):
 
     nats: float
     """Log likelihood above the look's belief, averaged over what the others leave open."""
-    setting: Setting
+    setting: FilterParameters
     """The likeliest belief by the others."""
 
 
 def held_out(
-    records: Sequence[Record], found: SearchResult, model: Setting, without: Sequence[Effect] = ()
+    records: Sequence[Record], found: SearchResult, model: FilterParameters, without: Sequence[Effect] = ()
 ) -> HeldOut:
     """Gain of the chosen terms over ``without`` (by default over none of them)."""
     last = found.last
@@ -90,7 +90,7 @@ def held_out(
         plain = _at(base, model, begin, own, others)
         known = _at(last, model, found.chosen, own, others)
         gain = known.nats + known_nats[own].sum() - plain.nats - plain_nats[own].sum()
-        if np.abs(of_one_alone[own]).sum() > ALONE_NATS and not any(r.sights for r in records):
+        if np.abs(of_one_alone[own]).sum() > ALONE_NATS and not any(r.matches for r in records):
             gain = _anew(records, last, own, plain.setting, known.setting)
         nats.append(gain)
         for f in np.unique(last.fisher.flight[own]):
@@ -104,7 +104,7 @@ def held_out(
 
 def _at(
     expansion: LikelihoodExpansion,
-    model: Setting,
+    model: FilterParameters,
     effects: Sequence[Effect],
     own: NDArray[np.bool_],
     others: NDArray[np.bool_],
@@ -122,8 +122,8 @@ def _anew(
     records: Sequence[Record],
     expansion: LikelihoodExpansion,
     own: NDArray[np.bool_],
-    before: Setting,
-    after: Setting,
+    before: FilterParameters,
+    after: FilterParameters,
 ) -> float:
     """Gain in log likelihood of some stretches from one belief to another, with the filter run anew, over the
     readings that both judge.
@@ -178,7 +178,7 @@ def _reach(expansion: LikelihoodExpansion, effects: Sequence[Effect]) -> dict[st
     return reach
 
 
-def with_step(expansion: LikelihoodExpansion, step: Array, effects: Sequence[Effect]) -> Setting:
+def with_step(expansion: LikelihoodExpansion, step: Array, effects: Sequence[Effect]) -> FilterParameters:
     """The look's belief with a step of all columns taken."""
     setting = expansion.setting
     skip = {e.columns[0] for e in effects if is_profiled(e)}

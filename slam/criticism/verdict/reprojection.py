@@ -10,19 +10,19 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slam.criticism.camera.sighting import sighted
+from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.cause import NOT_AHEAD_S, ChannelError
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.threads import in_threads
 
 
 def reprojection_errors(
-    records: Sequence[Record], before: Sequence[Setting], after: Sequence[Setting]
+    records: Sequence[Record], before: Sequence[FilterParameters], after: Sequence[FilterParameters]
 ) -> tuple[ChannelError, ...]:
     """Root mean square over all matches of the flights that have pictures, under beliefs about each flight;
     empty where none has."""
-    seen = [k for k, record in enumerate(records) if record.sights is not None]
+    seen = [k for k, record in enumerate(records) if record.matches is not None]
     if not seen:
         return ()
     tried = [(k, side[k]) for side in (before, after) for k in seen]
@@ -37,10 +37,10 @@ def reprojection_errors(
     return (ChannelError("reprojection", "px", NOT_AHEAD_S, rms[0], rms[1]),)
 
 
-def _square_px(record: Record, setting: Setting) -> tuple[float, int]:
+def _square_px(record: Record, setting: FilterParameters) -> tuple[float, int]:
     """Mean square of what one coordinate of a match is off by, and how many there are."""
-    assert record.sights is not None
-    found = sighted(record, record.sights, setting, ())
+    assert record.matches is not None
+    found = reprojection_score(record, record.matches, setting, ())
     # Residuals are weighed by their own noise, which differs little from match to match.
-    noise = float(np.mean(record.sights.std_px**2))
+    noise = float(np.mean(record.matches.std_px**2))
     return found.chi_square / max(found.rows, 1) * noise, found.rows

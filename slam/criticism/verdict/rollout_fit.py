@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.progress import Progress, Tally, silent
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import BEYOND_IMU
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.fitted_parameters import bounded, fitted_parameter
 from slam.criticism.search.inclusion import is_profiled, without_effect
@@ -56,11 +56,11 @@ does of a healthy vehicle. Whether they are there is for the flights to say."""
 class RolloutFit:
     """What roll-outs make of a belief."""
 
-    setting: Setting
+    setting: FilterParameters
     chosen: tuple[Effect, ...]
     std: dict[str, float]
     """Column -> standard deviation of its size, from how far it moves as each flight is left out."""
-    left_out: tuple[Setting, ...]
+    left_out: tuple[FilterParameters, ...]
     """For each flight, the belief by the others."""
     nats: dict[str, tuple[float, ...]]
     """Term -> what it gains in each flight, predicted from the others."""
@@ -72,9 +72,9 @@ class RolloutFit:
 class _Fit:
     """Columns at their best over all flights, and with each flight left out."""
 
-    setting: Setting
+    setting: FilterParameters
     columns: tuple[str, ...]
-    left_out: tuple[Setting, ...]
+    left_out: tuple[FilterParameters, ...]
     steps: Array
     """(flights, columns) from the best to where each flight left out puts it."""
     missed: Array
@@ -92,8 +92,8 @@ class _Fit:
 
 def fit_rollouts(
     records: Sequence[Record],
-    belief: Setting,
-    healthy: Setting,
+    belief: FilterParameters,
+    healthy: FilterParameters,
     found: SearchResult,
     progress: Progress = silent,
 ) -> RolloutFit:
@@ -143,7 +143,7 @@ def _extended(course: _Rollouts, found: SearchResult, fit: _Fit) -> tuple[list[E
 
 
 def _needed(
-    course: _Rollouts, chosen: list[Effect], fit: _Fit, model: Setting
+    course: _Rollouts, chosen: list[Effect], fit: _Fit, model: FilterParameters
 ) -> tuple[list[Effect], _Fit, dict[str, _Fit]]:
     """The terms that make flights better, or without which a constant of the vehicle would not be healthy,
     and the fits without each of them by label; one stays."""
@@ -180,7 +180,7 @@ def _gained(
     }
 
 
-def _instead(fit: _Fit, without: _Fit, model: Setting) -> list[Nuisance]:
+def _instead(fit: _Fit, without: _Fit, model: FilterParameters) -> list[Nuisance]:
     """The constants that are healthy with a term and take its place without it."""
     return [
         n for n in _FREE
@@ -188,14 +188,14 @@ def _instead(fit: _Fit, without: _Fit, model: Setting) -> list[Nuisance]:
     ]  # fmt: skip
 
 
-def _is_beyond(constant: Nuisance, setting: Setting, model: Setting, std: float) -> bool:
+def _is_beyond(constant: Nuisance, setting: FilterParameters, model: FilterParameters, std: float) -> bool:
     """Whether a constant lies beyond what is healthy, whatever flight is left out."""
     low, high = limits_of(constant, model)
     value, reach = value_of(constant, setting), 2.0 * std
     return value - reach > high or value + reach < low
 
 
-def _in_words(constant: Nuisance, setting: Setting, model: Setting) -> str:
+def _in_words(constant: Nuisance, setting: FilterParameters, model: FilterParameters) -> str:
     low, high = limits_of(constant, model)
     unit = "" if constant.unit == "1" else f" {constant.unit}"
     value = value_of(constant, setting)
@@ -219,9 +219,9 @@ class _Rollouts:
     def __init__(
         self,
         records: Sequence[Record],
-        belief: Setting,
-        healthy: Setting,
-        model: Setting,
+        belief: FilterParameters,
+        healthy: FilterParameters,
+        model: FilterParameters,
         progress: Progress = silent,
     ) -> None:
         self._records, self._model = records, model
@@ -236,18 +236,18 @@ class _Rollouts:
         # Each channel weighs as much as any other, whatever its unit.
         self._weight = {c: 1.0 / np.sqrt(max(float(m @ m), 1e-12) * len(seen)) for c, m in seen.items()}
 
-    def _misses(self, flight: int, setting: Setting) -> dict[int, Array]:
+    def _misses(self, flight: int, setting: FilterParameters) -> dict[int, Array]:
         return misses_of(self._records[flight], self._states[flight], setting, AHEAD_S, 1.0)
 
-    def _missed(self, flight: int, setting: Setting) -> Array:
+    def _missed(self, flight: int, setting: FilterParameters) -> Array:
         """What a flight's roll-outs miss: the squares of all flights are 1 for a healthy vehicle."""
         return np.concatenate(self._by_channel(flight, setting))
 
-    def _by_channel(self, flight: int, setting: Setting) -> list[Array]:
+    def _by_channel(self, flight: int, setting: FilterParameters) -> list[Array]:
         missed = self._misses(flight, setting)
         return [weight * missed[c] for c, weight in self._weight.items()]
 
-    def _away(self, setting: Setting) -> Array:
+    def _away(self, setting: FilterParameters) -> Array:
         """How far the vehicle's constants are from a healthy one's, weighed so that flights outweigh it."""
         away = []
         for nuisance in _FREE:
@@ -255,12 +255,14 @@ class _Rollouts:
             away.append(PULL * (2.0 * value_of(nuisance, setting) - low - high) / (high - low))
         return np.array(away)
 
-    def _left(self, setting: Setting) -> list[Array]:
+    def _left(self, setting: FilterParameters) -> list[Array]:
         """What each flight misses, and last how far the constants are away."""
         missed = in_threads(lambda k: self._missed(k, setting), range(len(self._records)))
         return [*missed, self._away(setting)]
 
-    def _slopes(self, setting: Setting, columns: Sequence[str], h: Array, left: list[Array]) -> list[Array]:
+    def _slopes(
+        self, setting: FilterParameters, columns: Sequence[str], h: Array, left: list[Array]
+    ) -> list[Array]:
         """(misses, columns) of each part of ``_left``, for columns in units of ``h``."""
         beside = [
             self._left(fitted_parameter(c).stepped(setting, step))
@@ -273,7 +275,7 @@ class _Rollouts:
         missed = float(fit.missed.sum())
         return 0.5 * self.independent * (float(other.missed.sum()) - missed) / missed
 
-    def fitted(self, start: Setting, effects: Sequence[Effect]) -> _Fit:
+    def fitted(self, start: FilterParameters, effects: Sequence[Effect]) -> _Fit:
         """Levenberg-Marquardt over all flights; then one step more for each flight left out."""
         steps = FREE | {d.name: DELAY.get(d.name, d.step) for e in effects if _flies(e) for d in e.directions}
         columns, h = tuple(steps), np.array(list(steps.values()))
@@ -306,7 +308,7 @@ def _solved(slope: Sequence[Array], left: Sequence[Array], damping: float) -> Ar
     return np.asarray(-np.linalg.solve(a + damping * np.diag(np.diag(a)) + RIDGE * np.eye(len(a)), b))
 
 
-def _taken(setting: Setting, columns: Sequence[str], step: Array) -> Setting:
+def _taken(setting: FilterParameters, columns: Sequence[str], step: Array) -> FilterParameters:
     for column, size in zip(columns, step.tolist(), strict=True):
         setting = fitted_parameter(column).stepped(setting, bounded(column, size, setting))
     return setting

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from slam.criticism.cause import ChannelError
 from slam.criticism.kalman.compiled import allocating_kernel
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import (
     ATTITUDE,
@@ -27,7 +28,6 @@ from slam.criticism.kalman.readings import (
 )
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import STICKS
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.transition import FULL, NOISES, POLE
 from slam.criticism.threads import in_threads
 from slam.simulation.dynamics import derivative, integrate
@@ -43,7 +43,7 @@ SETTLE_S = 1.0
 
 
 def roll_out_errors(
-    records: Sequence[Record], before: Sequence[Setting], after: Sequence[Setting]
+    records: Sequence[Record], before: Sequence[FilterParameters], after: Sequence[FilterParameters]
 ) -> tuple[ChannelError, ...]:
     """Errors of all channels but the imu's, pooled over the flights."""
     settings = (*before, *after)
@@ -62,7 +62,7 @@ def roll_out_errors(
 
 
 def misses_of(
-    record: Record, filtered: Array, setting: Setting, horizon_s: float, share: float = 0.25
+    record: Record, filtered: Array, setting: FilterParameters, horizon_s: float, share: float = 0.25
 ) -> dict[int, Array]:
     """Channel -> misses over the last share of the horizon, of roll-outs from every second second.
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from slam.criticism.camera.shading import PICTURE_SHAPES, RESTLESS
+from slam.criticism.camera.photometric import PICTURE_SHAPES, RESTLESS
 from slam.criticism.camera.warps import WARPS
-from slam.criticism.kalman.optics import CAMERA, SQUARES, catalogued
+from slam.criticism.kalman.camera_parameters import CAMERA, SQUARES, catalogued
 from slam.criticism.kalman.readings import SENSOR
 from slam.criticism.search import effects
 from slam.simulation.terms import CATALOGUE

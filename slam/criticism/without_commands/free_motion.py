@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from slam.core.flight import Flight
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.record import Record, moving_from, record_of
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.transition import HOLD
 from slam.criticism.without_commands.inertial_consistency import near_floor
 
@@ -26,7 +26,7 @@ CLEAR_S = 0.3
 SHORTEST_S = 5.0
 
 
-def with_free_motion(setting: Setting) -> Setting:
+def with_free_motion(setting: FilterParameters) -> FilterParameters:
     """The belief about the instruments alone."""
     hold = setting.hold.copy()
     hold[[HOLD.index(name) for name in UNREST]] = list(UNREST.values())

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
-from slam.criticism.camera.pictures import Sights
-from slam.criticism.camera.planned import planned
-from slam.criticism.kalman.optics import CAMERA
-from slam.criticism.kalman.setting import setting_of
+from slam.criticism.camera.feature_matches import FeatureMatches
+from slam.criticism.camera.planned_matches import planned_matches
+from slam.criticism.kalman.camera_parameters import CAMERA
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.next_flight import advice
 from slam.criticism.simulated_flights import simulate_flight, simulate_readings
@@ -40,7 +40,7 @@ def next_motion(
     rows: Sequence[Sequence[WhitenedRows]],
     chosen: Sequence[str],
     rivals: Sequence[str],
-    seen: Sights | None = None,
+    seen: FeatureMatches | None = None,
     progress: Progress = silent,
 ) -> str:
     """A sentence: which motion tells two rivals apart best for the time that it takes.
@@ -75,13 +75,16 @@ def next_motion(
     return advice(first, second, motion, float(found[best]))
 
 
-def _rows(flight: Flight, model: Model, seen: Sights | None) -> list[WhitenedRows]:
+def _rows(flight: Flight, model: Model, seen: FeatureMatches | None) -> list[WhitenedRows]:
     """Balances of a planned motion, and its pictures, as they would be."""
     rows, record = inertial_residuals(flight), airborne_record(flight)
     if seen is None or record is None:
         return rows
-    setting = with_free_motion(setting_of(model))
-    return [*rows, *picture_rows(replace(record, sights=planned(record, setting, seen)), setting, {})]
+    setting = with_free_motion(filter_parameters_of(model))
+    return [
+        *rows,
+        *picture_rows(replace(record, matches=planned_matches(record, setting, seen)), setting, {}),
+    ]
 
 
 def _apart(data: Regression, weight: Array, size: Array, first: str, beside: Sequence[str]) -> float:

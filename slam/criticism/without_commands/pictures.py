@@ -13,13 +13,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.camera.shading import PICTURE_SHAPES
-from slam.criticism.camera.sighting import Sighted, path_of, sighted_along, taken
+from slam.criticism.camera.photometric import PICTURE_SHAPES
+from slam.criticism.camera.reprojection import (
+    ReprojectionScore,
+    camera_path,
+    path_segment,
+    reprojection_score_along,
+)
 from slam.criticism.cause import NOT_AHEAD_S, ChannelError
-from slam.criticism.kalman.optics import CAMERA, POINTS, STEPS
+from slam.criticism.kalman.camera_parameters import CAMERA, POINTS, STEPS
+from slam.criticism.kalman.filter_parameters import FilterParameters, slot
+from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting, slot
-from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.criticism.without_commands.effect_columns import LATE, PATTERNS, SIZE, is_square, seen_by_pictures
 from slam.criticism.without_commands.inertial_consistency import WhitenedRows
 from slam.criticism.without_commands.regression import STRETCH_S, Sizes
@@ -46,10 +51,10 @@ class _Stretch:
     """Ten seconds of a flight with pictures."""
 
     middle_s: float
-    seen: Sighted
+    seen: ReprojectionScore
 
 
-def picture_rows(record: Record, setting: Setting, sizes: Sizes) -> list[WhitenedRows]:
+def picture_rows(record: Record, setting: FilterParameters, sizes: Sizes) -> list[WhitenedRows]:
     """The rows of a flight's pictures, linear about such ``sizes`` of columns as can be believed.
 
     ``setting`` is a free vehicle's, without these errors.
@@ -97,16 +102,16 @@ def contradiction(rows: Sequence[Sequence[WhitenedRows]]) -> str:
 
 
 def picture_errors(
-    records: Sequence[Record | None], setting: Setting, parts: Sequence[Mapping[float, int]],
+    records: Sequence[Record | None], setting: FilterParameters, parts: Sequence[Mapping[float, int]],
     sizes: Mapping[int, Sizes],
 ) -> tuple[ChannelError, ...]:  # fmt: skip
     """Pixels that points are off by where the path carries them, root mean square, without the errors and
     with such ``sizes`` as the other parts of the flights have; empty where there are no pictures."""
     squares, rows = [], []
     for record, of in zip(records, parts, strict=True):
-        if record is None or record.sights is None:
+        if record is None or record.matches is None:
             continue
-        noise = float(np.mean(record.sights.std_px**2))
+        noise = float(np.mean(record.matches.std_px**2))
         before = {s.middle_s: s.seen for s in _stretches(record, setting, ())}
         for part in sorted(set(of.values())):
             for stretch in _stretches(record, believed(setting, _point(sizes[part])), ()):
@@ -127,7 +132,7 @@ def _point(sizes: Sizes) -> Sizes:
     return {n: max(sizes[n], 0.0) if is_square(n) else sizes[n] for n in compare_sensors}
 
 
-def believed(setting: Setting, sizes: Sizes) -> Setting:
+def believed(setting: FilterParameters, sizes: Sizes) -> FilterParameters:
     """The setting with errors of some sizes."""
     camera, sensor = setting.camera.copy(), setting.sensor.copy()
     for name, size in sizes.items():
@@ -136,7 +141,7 @@ def believed(setting: Setting, sizes: Sizes) -> Setting:
     return replace(setting, camera=camera, sensor=sensor)
 
 
-def _misfit(seen: Sighted, information: Array) -> float:
+def _misfit(seen: ReprojectionScore, information: Array) -> float:
     """How much larger residuals are than their own noise, squared, once all that moves points is fitted: then
     pictures and path disagree by more than they say."""
     tones = [*CAMERA[POINTS:], *(name + SIZE for name in PICTURE_SHAPES)]
@@ -146,23 +151,25 @@ def _misfit(seen: Sighted, information: Array) -> float:
     return max((seen.chi_square - explained) / seen.rows, 1.0)
 
 
-def _direction(name: str) -> Direction:
+def _direction(name: str) -> Perturbation:
     if name.endswith(SIZE):
-        return Direction(name, "picture", PATTERNS.index(name.removesuffix(SIZE)))
+        return Perturbation(name, "picture", PATTERNS.index(name.removesuffix(SIZE)))
     step = STEPS[CAMERA.index(name)] if name in CAMERA else _STEP
-    return parameter_direction(LATE.get(name, name), step)
+    return parameter_perturbation(LATE.get(name, name), step)
 
 
-def _stretches(record: Record, setting: Setting, directions: Sequence[Direction]) -> Iterator[_Stretch]:
+def _stretches(
+    record: Record, setting: FilterParameters, directions: Sequence[Perturbation]
+) -> Iterator[_Stretch]:
     """What the pictures of each ten seconds say by themselves."""
-    sights = record.sights
-    assert sights is not None
-    path, inside = path_of(record, sights, setting)
+    matches = record.matches
+    assert matches is not None
+    path, inside = camera_path(record, matches, setting)
     number = (path.times_s // STRETCH_S).astype(np.int64)
     for k in np.unique(number).tolist():
         begin, end = np.searchsorted(number, [k, k + 1]).tolist()
         if end - begin < FEWEST:
             continue
-        seen = sighted_along(sights, setting, *taken(path, inside, begin, end), directions)
+        seen = reprojection_score_along(matches, setting, *path_segment(path, inside, begin, end), directions)
         if seen.rows:
             yield _Stretch((k + 0.5) * STRETCH_S, seen)

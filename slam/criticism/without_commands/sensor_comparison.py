@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
-from slam.criticism.camera.pictures import Sights, look_all
-from slam.criticism.camera.strays import without_strays
+from slam.criticism.camera.feature_matches import FeatureMatches, match_all_pictures
+from slam.criticism.camera.mismatched_pairs import without_mismatched_pairs
+from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting, setting_of
-from slam.criticism.residuals.oddities import Oddity, oddities, without_dead_zone
+from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, reading_anomalies, without_dead_zone
 from slam.criticism.threads import in_threads
 from slam.criticism.without_commands.free_motion import airborne_record, with_free_motion
 from slam.criticism.without_commands.inertial_consistency import WhitenedRows, inertial_residuals
@@ -28,24 +28,24 @@ class SensorComparison:
     balances: tuple[list[WhitenedRows], ...]
     records: tuple[Record | None, ...]
     """Of each flight what it read in the air, with its pictures; None where nobody can tell that it flew."""
-    setting: Setting
+    setting: FilterParameters
     """A free vehicle's."""
-    odd: tuple[Oddity, ...]
+    odd: tuple[ReadingAnomaly, ...]
     """What single readings show."""
     dropped: tuple[str, ...]
     """What was left out, in words."""
 
     @property
-    def sights(self) -> Sights | None:
+    def matches(self) -> FeatureMatches | None:
         """Of the first flight that has any."""
-        every = (record.sights for record in self.records if record is not None)
-        return next((sights for sights in every if sights is not None), None)
+        every = (record.matches for record in self.records if record is not None)
+        return next((matches for matches in every if matches is not None), None)
 
     def rows(self, sizes: Sizes) -> list[list[WhitenedRows]]:
         """Of each flight, those of the pictures linear about such ``sizes`` of columns as can be believed."""
 
         def of_pictures(record: Record | None) -> list[WhitenedRows]:
-            if record is None or record.sights is None:
+            if record is None or record.matches is None:
                 return []
             return picture_rows(record, self.setting, sizes)
 
@@ -58,13 +58,15 @@ def compare_sensors(flights: Sequence[Flight], model: Model, progress: Progress 
     balances = [
         inertial_residuals(flight) for flight in Tally(progress, "instruments", len(flights)).each(flights)
     ]
-    setting = with_free_motion(setting_of(model))
+    setting = with_free_motion(filter_parameters_of(model))
     records, dropped = [], []
-    for record, sights in zip(map(airborne_record, flights), look_all(flights, progress), strict=True):
-        if record is None or sights is None:
+    for record, matches in zip(
+        map(airborne_record, flights), match_all_pictures(flights, progress), strict=True
+    ):
+        if record is None or matches is None:
             records.append(record)
             continue
-        known, told = without_strays(replace(record, sights=sights), setting)
+        known, told = without_mismatched_pairs(replace(record, matches=matches), setting)
         records.append(known)
         dropped += [told] if told else []
     return SensorComparison(
@@ -72,10 +74,10 @@ def compare_sensors(flights: Sequence[Flight], model: Model, progress: Progress 
     )
 
 
-def _odd(records: Sequence[Record | None], setting: Setting) -> list[Oddity]:
+def _odd(records: Sequence[Record | None], setting: FilterParameters) -> list[ReadingAnomaly]:
     known = [record for record in records if record is not None]
     if not known:
         return []
     flown, found = without_dead_zone(known)
     passes = in_threads(lambda record: whole(record, setting), flown)
-    return [*found, *oddities(flown, passes)]
+    return [*found, *reading_anomalies(flown, passes)]

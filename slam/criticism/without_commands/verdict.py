@@ -85,7 +85,7 @@ def criticise_without_commands(
         causes,
         equivalents or tuple(c.name for c in causes[:1]),
         remainder,
-        next_motion(model, rows, chosen, equivalents[:2], found.sights, progress) if equivalents else "",
+        next_motion(model, rows, chosen, equivalents[:2], found.matches, progress) if equivalents else "",
         detectable=seen,
         ranking=ranked(shown, posterior | {c.name: c.probability for c in odd}, odd),
         covariate=_covariate(data, chosen, causes[0]) if causes and causes[0].name in chosen else None,
@@ -105,7 +105,7 @@ def _fitted(
     theirs are made anew about what was found."""
     data = regression_of(rows)
     chosen = _chosen(data)
-    for _ in range(ROUNDS if found.sights is not None and chosen else 0):
+    for _ in range(ROUNDS if found.matches is not None and chosen else 0):
         rows = found.rows(data.sizes(chosen))
         data = regression_of(rows)
         chosen = _chosen(data)

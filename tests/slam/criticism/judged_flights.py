@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from slam.core.flight import Flight
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.reference import referred
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.simulated_flights import at_lower_rates
 from slam.simulation.model import load_model
 
 SLOWER = at_lower_rates(load_model("nominal"))
 """The nominal vehicle, half as much work."""
-NOMINAL = setting_of(SLOWER)
+NOMINAL = filter_parameters_of(SLOWER)
 
 
 def judged(flights: Iterable[Flight]) -> list[Record]:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from slam.criticism.extended import extended_model, with_sizes
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.readings import by_channel
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.simulated_flights import simulate_flight
 from slam.simulation.model import load_model
@@ -30,7 +30,7 @@ def record():
 
 
 def test_noise_is_what_the_flights_tell_of_it_times_what_was_fitted(record):
-    belief = replace(setting_of(NOMINAL), noise_factor=by_channel(1.1, 1.0, 1.2, 1.0, 0.9))
+    belief = replace(filter_parameters_of(NOMINAL), noise_factor=by_channel(1.1, 1.0, 1.2, 1.0, 0.9))
     made = extended_model(NOMINAL, belief, (), [record])
     assert made.attitude.noise_std_deg == pytest.approx(1.2 * 0.5 * NOMINAL.attitude.noise_std_deg)
     assert made.imu.gyro_noise_density == pytest.approx(1.1 * 0.5 * NOMINAL.imu.gyro_noise_density, rel=1e-3)
@@ -39,10 +39,10 @@ def test_noise_is_what_the_flights_tell_of_it_times_what_was_fitted(record):
 
 def test_a_foreign_vehicle_and_a_missing_instrument_keep_the_models_noise(record):
     factors = by_channel(3.0, 3.0, 3.0, 3.0, 3.0)
-    out_of_model = replace(setting_of(NOMINAL), noise_factor=factors, out_of_model=True)
+    out_of_model = replace(filter_parameters_of(NOMINAL), noise_factor=factors, out_of_model=True)
     assert extended_model(NOMINAL, out_of_model, (), [record]).attitude == NOMINAL.attitude
     deaf = replace(record, values=np.where(record.kinds[:, None] == 3, np.nan, record.values))
-    belief = replace(setting_of(NOMINAL), noise_factor=factors)
+    belief = replace(filter_parameters_of(NOMINAL), noise_factor=factors)
     assert extended_model(NOMINAL, belief, (), [deaf]).sonar.noise_std_m == NOMINAL.sonar.noise_std_m
 
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.next_flight import telling_flight
 from slam.criticism.search.effects import effects_for
@@ -30,7 +30,7 @@ def told(kinds: set[int]) -> tuple[str, float]:
     """The manoeuvre and by how many sigmas it tells a wind from a trim."""
     model = load_model("nominal")
     record = record_of(simulate_flight(model, stick_for(["hover for 8 s"]), 1))
-    known = {e.name: e for e in effects_for([record], setting_of(model))}
+    known = {e.name: e for e in effects_for([record], filter_parameters_of(model))}
     said = telling_flight(model, known["steady_wind"], known["trim_offset"], np.array([0.1, 0.1]), kinds)
     name, sigma = re.search(r"fly '(.*)' .*: (.*) sigma", said).groups()
     return name, float(sigma)
@@ -49,7 +49,7 @@ def test_a_lag_is_told_from_a_latency_with_the_lag_itself_free(monkeypatch):
     record = record_of(simulate_flight(model, stick_for([pulse]), 1))
     for name in set(MANOEUVRES) - {pulse}:
         monkeypatch.delitem(MANOEUVRES, name)
-    known = {e.name: e for e in effects_for([record], setting_of(model))}
+    known = {e.name: e for e in effects_for([record], filter_parameters_of(model))}
     latency, lag = known["control_latency"], known["attitude_lag"]
     late, kinds = np.full(len(latency.columns), 0.05), {VELOCITY, SONAR}
 

@@ -18,7 +18,7 @@ from slam.criticism.without_commands.inertial_consistency import NODE_S, inertia
 from slam.criticism.without_commands.regression import regression_of
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.simulation.model import load_model
-from tests.slam.criticism.camera.seen_flight import seen_flight
+from tests.slam.criticism.camera.camera_flight import camera_flight
 
 PLANS = (
     ["climb and descend by 0.6 m", "three speeds forward: 0.1, 0.2, 0.4", "yaw steps at 0.3, 0.6 and 1"],
@@ -194,7 +194,7 @@ def test_a_size_that_changes_is_told_as_left_over():
 
 def seen(terms):
     """Three flights of ten seconds with pictures, of which nobody knows the sticks."""
-    return [replace(seen_flight(terms, seed), name=f"seen {seed}", command=None) for seed in (5, 6, 7)]
+    return [replace(camera_flight(terms, seed), name=f"seen {seed}", command=None) for seed in (5, 6, 7)]
 
 
 def test_healthy_pictures_agree_with_the_other_instruments():
@@ -236,7 +236,7 @@ def test_what_was_found_counts_once_however_often_pictures_are_made_linear_about
 
 
 def test_pictures_that_nothing_agrees_with_are_told_and_name_no_cause():
-    flight = replace(seen_flight({}, 5), command=None)
+    flight = replace(camera_flight({}, 5), command=None)
     wild = replace(flight.velocity, v_m_s=100.0 * flight.velocity.v_m_s)
     found = criticise([replace(flight, velocity=wild)])
     assert (found.verdict, found.causes) == ("unknown", ())

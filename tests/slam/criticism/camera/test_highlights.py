@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 from frontend.camera import Camera
+from slam.criticism.camera.feature_matches import match_pictures
 from slam.criticism.camera.highlights import dimmed, spots
-from slam.criticism.camera.pictures import look
 from slam.criticism.kalman.record import record_of
-from slam.criticism.residuals.oddities import Oddity, _highlights
-from tests.slam.criticism.camera.seen_flight import seen_flight
+from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, _highlights
+from tests.slam.criticism.camera.camera_flight import camera_flight
 
 CAMERA = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
 
 
-def found(terms: dict[str, dict[str, float]], seed: int) -> list[Oddity]:
-    flight = seen_flight(terms, seed)
-    sights = look(flight)
-    assert sights is not None
-    return _highlights([replace(record_of(flight), sights=sights)])
+def found(terms: dict[str, dict[str, float]], seed: int) -> list[ReadingAnomaly]:
+    flight = camera_flight(terms, seed)
+    matches = match_pictures(flight)
+    assert matches is not None
+    return _highlights([replace(record_of(flight), matches=matches)])
 
 
 @pytest.mark.parametrize("strength", [0.3, pytest.param(0.5, marks=pytest.mark.slow)])

@@ -7,21 +7,27 @@ import pytest
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from slam.criticism.camera.bilinear_weights import COUNT
 from slam.criticism.camera.cells import Cells
-from slam.criticism.camera.dents import Dents
-from slam.criticism.camera.nodes import COUNT
-from slam.criticism.camera.pictures import Sights
-from slam.criticism.camera.shading import PICTURE_SHAPES, RESTLESS, STAINED, Shades, shade
-from slam.criticism.kalman.optics import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
+from slam.criticism.camera.feature_matches import FeatureMatches
+from slam.criticism.camera.lens_distortion_map import LensDistortionMap
+from slam.criticism.camera.photometric import (
+    PICTURE_SHAPES,
+    RESTLESS,
+    STAINED,
+    PhotometricScore,
+    photometric_score,
+)
+from slam.criticism.kalman.camera_parameters import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
+from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.smoothing import Path, PathErrors
-from slam.criticism.kalman.tangents import Direction
 
 Array = NDArray[np.float64]
 
 CAMERA_AT = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
 DIRECTIONS = [
-    *(Direction(name, "camera", k, STEPS[k]) for k, name in enumerate(CAMERA)),
-    *(Direction(name, "picture", k) for k, name in enumerate(PICTURE_SHAPES)),
+    *(Perturbation(name, "camera", k, STEPS[k]) for k, name in enumerate(CAMERA)),
+    *(Perturbation(name, "picture", k) for k, name in enumerate(PICTURE_SHAPES)),
 ]
 PICTURES, POINTS = 60, 20
 SPOT_PX = (120.0, 50.0)
@@ -35,7 +41,7 @@ def made(
     gamma: Array | None = None,
     spot: float = 0.0,
     focus: Array | None = None,
-) -> tuple[Sights, Path]:
+) -> tuple[FeatureMatches, Path]:
     """Pictures that show each other's points, one and two before."""
     rng = np.random.default_rng(seed)
     gain = np.ones(PICTURES) if gain is None else gain
@@ -67,16 +73,16 @@ def made(
     grey = [t[:, :3].mean(axis=1) for t in light]
     cells = Cells(k, n, places[0], places[1], np.log(grey[0] / grey[1]))
     stamps = 0.25 * np.arange(PICTURES)
-    sights = Sights(
+    matches = FeatureMatches(
         CAMERA_AT, stamps, i, j, pixel[0], pixel[1], np.full(len(i), 0.2), tones[0], tones[1], 1.0, 0,
-        PICTURES, Dents(CAMERA_AT, PICTURES, np.zeros((2, COUNT, 2)), 0.0), cells,
+        PICTURES, LensDistortionMap(CAMERA_AT, PICTURES, np.zeros((2, COUNT, 2)), 0.0), cells,
     )  # fmt: skip
     poses, rates = np.zeros((PICTURES, 6)), np.zeros((PICTURES, 6))
     poses[:, 2] = 1.2 + 0.1 * np.sin(stamps)
     rates[:, 0] = np.abs(np.sin(0.7 * stamps))
     certain = PathErrors(np.zeros((PICTURES - 1, 12, 12)), np.zeros((PICTURES, 12, 12)))
     traces = np.zeros((6 * PICTURES, 0))
-    return sights, Path(stamps, poses, rates, 0 * rates, certain, traces, (stamps[0], stamps[-1]))
+    return matches, Path(stamps, poses, rates, 0 * rates, certain, traces, (stamps[0], stamps[-1]))
 
 
 def walk(seed: int) -> Array:
@@ -88,9 +94,9 @@ def walk(seed: int) -> Array:
     return walked
 
 
-def judged(sights: Sights, path: Path) -> tuple[Array, Shades]:
+def judged(matches: FeatureMatches, path: Path) -> tuple[Array, PhotometricScore]:
     """z of every direction alone."""
-    found = shade(sights, np.zeros(len(CAMERA)), path, np.full(PICTURES, True), DIRECTIONS)
+    found = photometric_score(matches, np.zeros(len(CAMERA)), path, np.full(PICTURES, True), DIRECTIONS)
     return found.score / np.sqrt(np.maximum(np.diag(found.information), 1e-12)), found
 
 
@@ -144,11 +150,11 @@ def test_an_automatic_exposure_is_restless() -> None:
 
 def test_a_restless_gamma_is_no_restless_gain() -> None:
     """It makes brighter and darker as well; contrast tells them apart."""
-    sights, path = made(4, gamma=np.exp(0.15 * walk(4)))
+    matches, path = made(4, gamma=np.exp(0.15 * walk(4)))
     camera = np.zeros(len(CAMERA))
     z = []
     for camera[GAMMA] in (0.0, 0.15**2):
-        found = shade(sights, camera, path, np.full(PICTURES, True), DIRECTIONS)
+        found = photometric_score(matches, camera, path, np.full(PICTURES, True), DIRECTIONS)
         z.append(found.score[GAIN] / np.sqrt(found.information[GAIN, GAIN]))
     assert z[0] > 10.0
     assert z[1] < 3.5
@@ -156,10 +162,10 @@ def test_a_restless_gamma_is_no_restless_gain() -> None:
 
 def test_what_lies_farther_out_is_darker_and_no_matter_of_height() -> None:
     """The belief that holds the corners' darkness sees no trend beside it."""
-    sights, path = made(5, vignetting=0.3)
+    matches, path = made(5, vignetting=0.3)
     camera = np.zeros(len(CAMERA))
     camera[VIGNETTING] = 0.3
-    found = shade(sights, camera, path, np.full(PICTURES, True), DIRECTIONS)
+    found = photometric_score(matches, camera, path, np.full(PICTURES, True), DIRECTIONS)
     z = found.score / np.sqrt(np.maximum(np.diag(found.information), 1e-12))
     assert shapes(z).max() < 4.0
     assert z[GAIN] < 3.5

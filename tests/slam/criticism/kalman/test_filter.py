@@ -9,12 +9,12 @@ import pytest
 
 from slam.criticism.kalman import record as record_module
 from slam.criticism.kalman.filter import USED
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import stretches, whole
+from slam.criticism.kalman.perturbations import parameter_perturbation
 from slam.criticism.kalman.prepare import room_for
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, place_of
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.setting import setting_of
-from slam.criticism.kalman.tangents import parameter_direction
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search import effects as effects_module
 from slam.criticism.search.effects import _STEPS, RADIUS_M, effects_for
@@ -30,7 +30,7 @@ PLAN = ["tilts of 15 deg to all four sides", "yaw on the spot while climbing", "
 def test_innovations_are_white_under_the_truth(seed):
     vehicle = draw_vehicle(at_lower_rates(load_model("nominal")), np.random.default_rng(seed))
     record = record_of(simulate_flight(vehicle, stick_for(PLAN * 2), seed))
-    run = whole(record, setting_of(vehicle))
+    run = whole(record, filter_parameters_of(vehicle))
     for channel, name in enumerate(CHANNELS):
         kind, c = place_of(channel)
         rows = record.kinds == kind
@@ -47,11 +47,11 @@ def test_a_late_sonar_is_not_less_late_in_quick_tilts(lag_s):
     """About the true lag its score is chance: tilts that begin and end within it are no less late."""
     vehicle = at_lower_rates(load_model("nominal")).with_term("sonar_lag", T=lag_s)
     record = record_of(simulate_flight(vehicle, stick_for(TILTS), 5))
-    lag = parameter_direction("sonar_lag.T", 1e-3)
+    lag = parameter_perturbation("sonar_lag.T", 1e-3)
     score = information = 0.0
-    for rows in stretches(record, setting_of(vehicle), [lag], {}):
-        score += float(rows.white @ rows.traces[:, 0])
-        information += float(rows.traces[:, 0] @ rows.traces[:, 0])
+    for rows in stretches(record, filter_parameters_of(vehicle), [lag], {}):
+        score += float(rows.white @ rows.sensitivity[:, 0])
+        information += float(rows.sensitivity[:, 0] @ rows.sensitivity[:, 0])
     assert information**-0.5 < 0.1 * lag_s
     assert abs(score) / information < max(3.0 * information**-0.5, 0.05 * lag_s)
 
@@ -59,7 +59,7 @@ def test_a_late_sonar_is_not_less_late_in_quick_tilts(lag_s):
 def test_stamps_that_are_off_make_gyros_scatter_no_more_than_they_are_said_to():
     vehicle = at_lower_rates(load_model("nominal")).with_term("timestamp_jitter", sigma=0.006)
     record = record_of(simulate_flight(vehicle, stick_for(TILTS), 6))
-    run = whole(record, setting_of(vehicle))
+    run = whole(record, filter_parameters_of(vehicle))
     rows = record.kinds == IMU
     for c in range(3):
         white = run.white[rows, c][run.status[rows, c] == USED]
@@ -69,7 +69,7 @@ def test_stamps_that_are_off_make_gyros_scatter_no_more_than_they_are_said_to():
 def test_a_wrong_noise_is_seen():
     vehicle = at_lower_rates(load_model("nominal"))
     record = record_of(simulate_flight(vehicle, stick_for(PLAN), 3))
-    setting = setting_of(vehicle)
+    setting = filter_parameters_of(vehicle)
     right = whole(record, setting).log_likelihood
     for factor in (0.9, 1.1):
         wrong = replace(setting, noise_factor=np.full(len(CHANNELS), factor))
@@ -119,11 +119,11 @@ def miss_of(ill, direction, times, plan=PLAN, near_jumps=True):
     changed = record_of(simulate_flight(silent(ill), stick_for(plan), 5, told=model))
     # The first guess is taken from the readings; here it shall be the same.
     changed = replace(changed, start=healthy.start)
-    setting = setting_of(model)
+    setting = filter_parameters_of(model)
     trace = np.full(healthy.values.shape, np.nan)
     for part in stretches(healthy, setting, [direction]):
         c = part.channels - CHANNEL_AT[healthy.kinds[part.events], 0]
-        trace[part.events, c] = part.traces[:, 0]
+        trace[part.events, c] = part.sensitivity[:, 0]
     before, after = whole(healthy, setting), whole(changed, setting)
     used = (before.status == USED) & (after.status == USED)
     if not near_jumps:
@@ -140,7 +140,7 @@ def test_the_trace_of_a_term_is_what_the_simulator_does(term, parameter, step):
     ill = model.with_term(term, **{parameter: (1.0 if term == "sonar_slant" else 0.0) + size})
     record = record_of(simulate_flight(silent(model), stick_for(PLAN), 5, told=model))
     column = f"{term}.{parameter}"
-    known = [d for e in effects_for([record], setting_of(model)) for d in e.directions]
+    known = [d for e in effects_for([record], filter_parameters_of(model)) for d in e.directions]
     direction = next(d for d in known if d.name == column)
     times = size**2 if term == "ground_effect" else size
     miss = miss_of(ill, direction, times, SMOOTH.get(term, PLAN), near_jumps=term not in LOOSE)
@@ -178,7 +178,10 @@ def test_the_trace_of_a_limit_of_the_tilt_is_what_the_simulator_does(monkeypatch
     model = vehicle_with()
     record = record_of(simulate_flight(silent(model), stick_for(PLAN), 5, told=model))
     known = [
-        d for e in effects_for([record], setting_of(model)) if e.name == "tilt_limit" for d in e.directions
+        d
+        for e in effects_for([record], filter_parameters_of(model))
+        if e.name == "tilt_limit"
+        for d in e.directions
     ]
     (limit,) = known
     ill = term_with("tilt_limit", limit=float(limit.name.partition("@")[2]))
@@ -187,7 +190,7 @@ def test_the_trace_of_a_limit_of_the_tilt_is_what_the_simulator_does(monkeypatch
 
 def test_the_trace_of_a_clock_that_drifts_is_what_the_simulator_does():
     record = record_of(simulate_flight(vehicle_with(), stick_for(TILTS[:1]), 5))
-    known = [d for e in effects_for([record], setting_of(vehicle_with())) for d in e.directions]
+    known = [d for e in effects_for([record], filter_parameters_of(vehicle_with())) for d in e.directions]
     drift = next(d for d in known if d.name == "clock_drift.ppm")
     assert miss_of(term_with("clock_drift", ppm=20.0), drift, 20e-6, near_jumps=False) < 0.06
 
@@ -197,14 +200,14 @@ def test_gusts_of_the_simulator_are_as_restless_as_the_filter_has_them():
     blown = {"sigma": 0.15, "tau": 1.0}
     vehicle = term_with("gusts", **blown)
     record = record_of(simulate_flight(vehicle, stick_for(PLAN * 3), 4))
-    run = whole(record, setting_of(vehicle))
+    run = whole(record, filter_parameters_of(vehicle))
     for channel, name in enumerate(CHANNELS):
         kind, c = place_of(channel)
         rows = record.kinds == kind
         white = run.white[rows, c][run.status[rows, c] == USED]
         assert abs(white.var() - 1) * np.sqrt(len(white) / 2) < 4.5, name
     for wrong in ({"sigma": 0.0}, {"sigma": 0.09}, {"sigma": 0.25}, {"tau": 0.2}, {"tau": 5.0}):
-        other = setting_of(term_with("gusts", **{**blown, **wrong}))
+        other = filter_parameters_of(term_with("gusts", **{**blown, **wrong}))
         assert whole(record, other).log_likelihood < run.log_likelihood - 8.0, wrong
 
 
@@ -213,10 +216,10 @@ def test_steps_half_as_long_change_nothing(monkeypatch):
     vehicle = draw_vehicle(at_lower_rates(load_model("nominal")), np.random.default_rng(1))
     flight = simulate_flight(vehicle, stick_for(PLAN * 2), 1)
     usual = record_of(flight)
-    run = whole(usual, setting_of(vehicle))
+    run = whole(usual, filter_parameters_of(vehicle))
     monkeypatch.setattr(record_module, "LONGEST_STEP_S", record_module.LONGEST_STEP_S / 2)
     finer = record_of(flight)
-    again = whole(finer, setting_of(vehicle))
+    again = whole(finer, filter_parameters_of(vehicle))
     assert len(finer.step_s) > 1.5 * len(usual.step_s)
     np.testing.assert_array_equal(run.status, again.status)
     change = (again.white - run.white)[run.status == USED]
@@ -227,8 +230,8 @@ def test_steps_half_as_long_change_nothing(monkeypatch):
 def test_a_late_vehicle_is_known_less_well_just_after_the_stick_jumps():
     model = at_lower_rates(load_model("nominal")).with_term("control_latency", T=0.1)
     record = record_of(simulate_flight(model, stick_for(["pulse of 1 s forward at 0.25 and coast"]), 3))
-    sure = whole(record, replace(setting_of(model), latency_s=0.0))
-    unsure = whole(record, setting_of(model))
+    sure = whole(record, replace(filter_parameters_of(model), latency_s=0.0))
+    unsure = whole(record, filter_parameters_of(model))
     pitch = (record.kinds == 1) & (unsure.status[:, 1] == USED)
     wider = unsure.log_variance[pitch, 1] - sure.log_variance[pitch, 1]
     jumps = np.flatnonzero(np.any(np.diff(record.stick.values, axis=0) != 0, axis=1))
@@ -241,7 +244,7 @@ def test_a_late_vehicle_is_known_less_well_just_after_the_stick_jumps():
 def test_the_unrest_that_is_left_near_the_floor_tells_no_height():
     from slam.criticism.kalman.transition import jacobian
 
-    setting = setting_of(load_model("nominal"))
+    setting = filter_parameters_of(load_model("nominal"))
     state = np.zeros(19)
     state[2], state[10:19] = 0.1, 0.05
     rate, slopes = np.empty(12), np.empty((10, 19))

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from slam.criticism.kalman.filter import IGNORED, USED
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
 from slam.simulation.model import load_model
@@ -31,7 +31,7 @@ def vehicle(**terms):
 def after_take_off(model, seed):
     """Record, healthy run, and the events of the first three ranges judged after the sonar was blind."""
     record = record_of(simulate_flight(model, stick_for([TOUCH]), seed))
-    healthy = setting_of(vehicle())
+    healthy = filter_parameters_of(vehicle())
     record = referred(record, healthy)
     run = whole(record, healthy)
     rows = np.flatnonzero((record.kinds == SONAR) & (run.status[:, 0] != IGNORED))
@@ -65,9 +65,9 @@ def test_a_zero_of_the_sonar_shows_after_the_take_off():
 @pytest.mark.parametrize("late_s", [0.05, 0.14])
 def test_a_belief_gains_nothing_by_what_it_does_not_judge(late_s):
     """The greater a latency, the fewer readings beside jumps of the stick are judged."""
-    truth = setting_of(vehicle(control_latency={"T": late_s}))
+    truth = filter_parameters_of(vehicle(control_latency={"T": late_s}))
     record = record_of(simulate_flight(vehicle(control_latency={"T": late_s}), stick_for(STARTS), 2))
-    record = referred(record, setting_of(vehicle()))
+    record = referred(record, filter_parameters_of(vehicle()))
     tried = np.array([0.5, 0.8, 0.9, 1.0, 1.1, 1.2, 1.5]) * late_s
     runs = [whole(record, replace(truth, latency_s=t)) for t in tried]
     judged = [int((run.status == USED).sum()) for run in runs]
@@ -78,16 +78,18 @@ def test_a_belief_gains_nothing_by_what_it_does_not_judge(late_s):
 
 
 def test_a_healthy_reading_counts_nothing_on_average():
-    record = referred(record_of(simulate_flight(vehicle(), stick_for(STARTS), 3)), setting_of(vehicle()))
-    run = whole(record, setting_of(vehicle()))
+    record = referred(
+        record_of(simulate_flight(vehicle(), stick_for(STARTS), 3)), filter_parameters_of(vehicle())
+    )
+    run = whole(record, filter_parameters_of(vehicle()))
     counted = int((run.status == USED).sum())
     assert abs(run.log_likelihood) < 4.0 * np.sqrt(counted / 2)
 
 
 def test_on_the_floor_nothing_counts_but_ranges():
     record = record_of(simulate_flight(vehicle(), stick_for([TOUCH]), 1))
-    record = referred(record, setting_of(vehicle()))
-    status = whole(record, setting_of(vehicle())).status
+    record = referred(record, filter_parameters_of(vehicle()))
+    status = whole(record, filter_parameters_of(vehicle())).status
     for kind in (IMU, ATTITUDE, VELOCITY):
         rows = record.kinds == kind
         landing = record.landing[rows]

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.readings import ATTITUDE, SONAR
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.residuals.boxes import without_boxes
 from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
@@ -42,15 +42,15 @@ def over(record, height, crowded=False):
 @pytest.mark.parametrize("height", [0.08, 0.3, 0.9])
 def test_boxes_are_found_and_taken_out(records, height):
     raised = [over(r, height) for r in records]
-    levelled, found = without_boxes([r for r, _ in raised], setting_of(slower()))
+    levelled, found = without_boxes([r for r, _ in raised], filter_parameters_of(slower()))
     assert [o.name for o in found] == ["floor_steps"]
     size = found[0].parameters["height"]
     assert size.value == pytest.approx(height, abs=0.01)
     share = np.concatenate([b for _, b in raised]).mean()
     assert found[0].parameters["share"].value == pytest.approx(share, abs=0.05)
     # Each flight's boxes are as high as the other's.
-    assert len(found[0].foretold) == len(records)
-    assert all(told > 0.5 * n for n, told in zip(found[0].nats, found[0].foretold, strict=True))
+    assert len(found[0].predicted_by_others) == len(records)
+    assert all(told > 0.5 * n for n, told in zip(found[0].nats, found[0].predicted_by_others, strict=True))
     for was, now in zip(records, levelled, strict=True):
         rows = was.kinds == SONAR
         off = now.values[rows, 0] - was.values[rows, 0]
@@ -70,12 +70,12 @@ def test_boxes_of_many_heights_are_one_floor_with_steps(records):
         values[rows, 0] -= over_m
         values[rows[rng.random(len(rows)) < 0.01], 0] += 0.4
         raised.append((replace(record, values=values), over_m))
-    levelled, found = without_boxes([r for r, _ in raised], setting_of(slower()))
+    levelled, found = without_boxes([r for r, _ in raised], filter_parameters_of(slower()))
     assert [o.name for o in found] == ["floor_steps"]
     assert found[0].parameters["height"].value == pytest.approx(np.mean(heights), abs=0.04)
     share = np.mean(np.concatenate([over_m for _, over_m in raised]) > 0.0)
     assert found[0].parameters["share"].value == pytest.approx(share, abs=0.05)
-    assert all(told > 100.0 for told in found[0].foretold)
+    assert all(told > 100.0 for told in found[0].predicted_by_others)
     for was, now, (_, over_m) in zip(records, levelled, raised, strict=True):
         rows = was.kinds == SONAR
         off = now.values[rows, 0] - was.values[rows, 0]
@@ -84,7 +84,7 @@ def test_boxes_of_many_heights_are_one_floor_with_steps(records):
 
 def levelled_by_m(records, raised):
     """What was made of each flight's ranges, off what they are over a level floor."""
-    levelled, found = without_boxes([r for r, _ in raised], setting_of(slower()))
+    levelled, found = without_boxes([r for r, _ in raised], filter_parameters_of(slower()))
     assert [o.name for o in found] == ["floor_steps"]
     assert found[0].parameters["share"].value < 0.5
     ranges = [
@@ -116,7 +116,7 @@ def test_under_tilts_boxes_are_as_high_as_they_are():
     below = np.sin(2 * np.pi * record.times_s[rows] / 3.1) > 0.4
     values = record.values.copy()
     values[rows[below], 0] -= 0.35 / (np.cos(roll) * np.cos(pitch))[rows[below]]
-    levelled, found = without_boxes([replace(record, values=values)], setting_of(model))
+    levelled, found = without_boxes([replace(record, values=values)], filter_parameters_of(model))
     assert found[0].parameters["height"].value == pytest.approx(0.35, abs=0.012)
     off = levelled[0].values[rows, 0] - record.values[rows, 0]
     assert np.sqrt(np.nanmean(off**2)) < 0.02
@@ -136,11 +136,11 @@ def test_flights_whose_sonar_tells_little_are_left_as_they_are(records, left_out
         return replace(record, values=values)
 
     quiet = [silent(record, k) for k, record in enumerate(records)]
-    assert without_boxes(quiet, setting_of(slower())) == (quiet, [])
+    assert without_boxes(quiet, filter_parameters_of(slower())) == (quiet, [])
 
 
 def test_a_level_floor_has_none(records):
-    same, found = without_boxes(records, setting_of(slower()))
+    same, found = without_boxes(records, filter_parameters_of(slower()))
     assert found == []
     assert same == records
 
@@ -154,4 +154,4 @@ def test_second_echoes_are_none(records, share):
         rows = np.flatnonzero(record.kinds == SONAR)
         values[rows[rng.random(len(rows)) < share], 0] *= 1.98
         spiked.append(replace(record, values=values))
-    assert without_boxes(spiked, setting_of(slower()))[1] == []
+    assert without_boxes(spiked, filter_parameters_of(slower()))[1] == []

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import ATTITUDE
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.residuals.outliers import outliers_of
 from slam.criticism.simulated_flights import simulate_flight
@@ -25,6 +25,6 @@ def test_a_share_that_no_noise_makes_is_told(share, told):
     rolls = np.flatnonzero(record.kinds == ATTITUDE)
     values[rng.choice(rolls, int(share * len(rolls)), replace=False), 0] += 0.3
     record = replace(record, values=values)
-    found = outliers_of([record], [whole(record, setting_of(model))])
+    found = outliers_of([record], [whole(record, filter_parameters_of(model))])
     assert bool(found) == told
     assert all("readings of roll are far" in phrase for phrase in found)

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.residuals.oddities import LOST_NATS, Lost, oddities, without_dead_zone
+from slam.criticism.residuals.reading_anomalies import LOST_NATS, Lost, reading_anomalies, without_dead_zone
 from slam.criticism.residuals.smallest import _lost, smallest_in_readings
 from slam.criticism.search.expansion import expand
 from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
@@ -26,7 +26,7 @@ PLAN = ["slow descent to 0.3 m and back", "square of four sides"]
 @pytest.fixture(scope="module")
 def record():
     model = at_lower_rates(load_model("nominal"))
-    return referred(record_of(simulate_flight(model, stick_for(PLAN), 2)), setting_of(model))
+    return referred(record_of(simulate_flight(model, stick_for(PLAN), 2)), filter_parameters_of(model))
 
 
 def with_ranges(record, change):
@@ -46,7 +46,7 @@ def test_second_echoes_of_that_share_are_found_in_nine_of_ten_cases(record):
         hits = 0
         for _ in range(40):
             ill = with_ranges(record, lambda r: np.where(rng.random(len(r)) < of, 2.0 * r, r))
-            odd = oddities([ill], [whole(ill, setting_of(load_model("nominal")))])
+            odd = reading_anomalies([ill], [whole(ill, filter_parameters_of(load_model("nominal")))])
             hits += "sonar_spikes" in {o.name for o in odd}
         return hits / 40
 
@@ -71,7 +71,7 @@ def test_pictures_lost_at_that_share_tell_enough_in_nine_of_ten_cases(taken):
 
 def test_a_limit_of_the_tilt_that_would_show_does():
     nominal = at_lower_rates(load_model("nominal"))
-    setting, plan = setting_of(nominal), ["three speeds forward: 0.1, 0.2, 0.4"] * 2
+    setting, plan = filter_parameters_of(nominal), ["three speeds forward: 0.1, 0.2, 0.4"] * 2
 
     def seen(model, seed):
         record = referred(record_of(simulate_flight(model, stick_for(plan), seed, told=nominal)), setting)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from slam.criticism.kalman.filter import USED
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import IMU
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.residuals.vibration import _log_tail, _over_neighbours, vibration_of
 from slam.criticism.simulated_flights import simulate_flight
@@ -23,7 +23,7 @@ def hover():
     model = load_model("nominal")
     slower = replace(model, imu=replace(model.imu, rate_hz=100.0))
     record = record_of(simulate_flight(slower, stick_for(["hover for 8 s", "hover for 8 s"]), 5))
-    return record, whole(record, setting_of(slower))
+    return record, whole(record, filter_parameters_of(slower))
 
 
 def drawn(run, seed, student=False):

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.ar1_noise import with_ar1_noise
 from slam.criticism.search.expansion import expand
@@ -35,7 +35,7 @@ def measured(vehicle, attitude=lambda angles, t: angles):
         read = flight.attitude
         angles = attitude(read.roll_pitch_yaw_rad, read.stamps_s)
         records.append(record_of(replace(flight, attitude=replace(read, roll_pitch_yaw_rad=angles))))
-    model = setting_of(slow())
+    model = filter_parameters_of(slow())
     return records, model, fit_nuisances(records, model)
 
 
@@ -56,8 +56,8 @@ def test_only_what_is_coloured_is_said_to_be():
     )
     found = asked(vehicle)
     assert found is not None
-    assert np.array_equal(found.colour > 0, [False, False, False, True, True])
-    assert found.colour[3:] == pytest.approx([0.4, 0.5], abs=0.1)
+    assert np.array_equal(found.noise_correlation > 0, [False, False, False, True, True])
+    assert found.noise_correlation[3:] == pytest.approx([0.4, 0.5], abs=0.1)
     # What explains more than the colour of so few readings is believed before it.
     assert asked(vehicle, most_nats=3000.0) is None
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.effects import effects_for
 from slam.criticism.simulated_flights import simulate_flight
@@ -17,6 +17,6 @@ NOMINAL = load_model("nominal")
 @pytest.mark.parametrize(("plan", "turns"), [("hover for 8 s", False), ("yaw steps at 0.3, 0.6 and 1", True)])
 def test_the_rate_of_turn_is_judged_only_of_a_vehicle_that_was_told_to_turn(plan, turns):
     record = record_of(simulate_flight(NOMINAL, stick_for([plan]), 1))
-    names = {effect.name for effect in effects_for([record], setting_of(NOMINAL))}
+    names = {effect.name for effect in effects_for([record], filter_parameters_of(NOMINAL))}
     assert ("yaw_drag" in names) == turns
     assert {"gyro_bias", "steady_wind"} <= names

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from slam.criticism.kalman.setting import setting_of
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.search.fitted_parameters import bounded, fitted_parameter
 from slam.criticism.search.nuisances import NUISANCES, value_of
 from slam.simulation.model import load_model
 from slam.simulation.terms import CATALOGUE
 
-NOMINAL = setting_of(load_model("nominal"))
+NOMINAL = filter_parameters_of(load_model("nominal"))
 FREE = {
     "quadratic_drag.c": (0.1, 0.1),
     "sonar_scale.eps": (-0.02, -0.02),

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.effects import effects_for, relaxed_nuisances
 from slam.criticism.search.fitting import FIRST_S, LONG_S, fit_nuisances
@@ -20,7 +20,7 @@ from slam.simulation.model import load_model
 def test_a_term_that_the_first_parts_do_not_show_keeps_its_size():
     """A cushion of air under flights that land only later: what little they say of it is chance."""
     vehicle = at_lower_rates(load_model("nominal"))
-    model = setting_of(vehicle)
+    model = filter_parameters_of(vehicle)
     record = record_of(simulate_flight(vehicle, stick_for(["climb and descend by 0.6 m"]), 3, told=vehicle))
     parameters = model.parameters.copy()
     parameters[ROTOR_RADIUS] = 0.04
@@ -39,7 +39,7 @@ def test_a_term_that_the_first_parts_do_not_show_keeps_its_size():
 def test_noise_of_long_flights_is_fitted_to_all_of_them(monkeypatch):
     """Known no better than a minute tells it, it leaves a shape in ten."""
     vehicle = at_lower_rates(load_model("nominal"))
-    model = setting_of(vehicle)
+    model = filter_parameters_of(vehicle)
     record = record_of(simulate_flight(vehicle, stick_for(["climb and descend by 0.6 m"]), 3, told=vehicle))
     seconds = []
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from slam.criticism.flight_checks import usable_records
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.reference import referred
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.search import search as searching
 from slam.criticism.search.effects import Effect, relaxed_nuisances
 from slam.criticism.search.expansion import ScoreTest
@@ -62,7 +62,7 @@ def test_what_stands_out_by_far_is_found_in_part_of_long_flights_and_judged_on_a
     healthy = at_lower_rates(load_model("nominal"))
     ill = healthy.with_term("gyro_scale", eps=0.1).with_term("sonar_lag", T=0.15)
     records, _ = usable_records(healthy_case(ill, 3, 2, 20.0))
-    setting = setting_of(healthy)
+    setting = filter_parameters_of(healthy)
     records = [referred(record, setting) for record in records]
     whole_s = sum(record.duration_s for record in records)
     expand, looked_s = searching.expand, []

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.fitting import noise_changes
@@ -28,7 +28,7 @@ def seen():
     """Sums over one healthy flight with the two targets that go with tilt, and the belief."""
     model = at_lower_rates(load_model("nominal"))
     record = record_of(simulate_flight(model, stick_for(["tilts of 15 deg to all four sides"]), 50))
-    setting = setting_of(model)
+    setting = filter_parameters_of(model)
     plain = whole(record, setting)
     patterns = [d for d in pattern_directions([record]) if d.name in BEHIND_TILT]
     directions = [*map(direction_of, MEAN_NUISANCES), *patterns]

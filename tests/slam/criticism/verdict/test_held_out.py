@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from slam.criticism.kalman.filter import IGNORED, USED
-from slam.criticism.kalman.innovations import Pass, whole
+from slam.criticism.kalman.innovations import FilterPass, whole
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.search import search
 from slam.criticism.search.thresholds import load_thresholds
@@ -48,7 +48,7 @@ def test_a_reading_that_one_belief_leaves_out_counts_in_neither():
     fewer[10:20, 3:] = IGNORED
     missing = np.where(fewer == USED, white, np.nan), np.where(fewer == USED, log_variance, np.nan)
     states = np.zeros((60, 11))
-    every, part = Pass(white, log_variance, status, states), Pass(*missing, fewer, states)
+    every, part = FilterPass(white, log_variance, status, states), FilterPass(*missing, fewer, states)
     one, other = _of_the_same_readings(expansion(every, 3, 7.0), expansion(part, 3, 5.0))
     np.testing.assert_allclose(one[:3], other[:3])
     assert (one[3], other[3]) == (7.0, 5.0)

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.search import search
 from slam.criticism.search.thresholds import load_thresholds
@@ -25,7 +25,7 @@ LATE_S = 4e-3
 
 def judged(flights):
     """Search and posterior."""
-    setting = setting_of(at_lower_rates(load_model("nominal")))
+    setting = filter_parameters_of(at_lower_rates(load_model("nominal")))
     found = search(
         [referred(record_of(f), setting) for f in flights], setting, load_thresholds(pictures=False)
     )

@@ -10,7 +10,7 @@ import pytest
 
 from slam.core.progress import Tally, silent
 from slam.criticism.flight_checks import usable_records
-from slam.criticism.kalman.setting import setting_of
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.effects import effects_for
 from slam.criticism.search.expansion import ScoreTest
@@ -34,7 +34,7 @@ def braking():
     flights = [simulate_flight(vehicle, stick_for(PLAN), seed, told=slower) for seed in (1, 2, 3)]
     records, dropped = usable_records(flights)
     assert not dropped
-    return records, setting_of(slower)
+    return records, filter_parameters_of(slower)
 
 
 def lean_of(records, setting):

@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from frontend.homography import transfer
-from slam.criticism.camera.dents import Matches, dents_of
-from slam.criticism.camera.nodes import hats, places
-from slam.criticism.camera.pictures import look
-from slam.criticism.camera.shading import PICTURE_SHAPES
-from slam.criticism.camera.sighting import sighted
+from slam.criticism.camera.bilinear_weights import bilinear_weights, places
+from slam.criticism.camera.feature_matches import match_pictures
+from slam.criticism.camera.lens_distortion_map import PairMatches, lens_distortion_map
+from slam.criticism.camera.photometric import PICTURE_SHAPES
+from slam.criticism.camera.reprojection import reprojection_score
 from slam.criticism.camera.warps import BENT, WARPS
-from slam.criticism.kalman.optics import CAMERA, STEPS, TILT_X
+from slam.criticism.kalman.camera_parameters import CAMERA, STEPS, TILT_X
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
+from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.setting import setting_of
-from slam.criticism.kalman.tangents import Direction
 from slam.simulation.model import load_model
-from tests.slam.criticism.camera.seen_flight import seen_flight
+from tests.slam.criticism.camera.camera_flight import camera_flight
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ def nothing(pixel: Array) -> Array:
     return np.zeros_like(pixel)
 
 
-def flown(bend, seed: int) -> Matches:
+def flown(bend, seed: int) -> PairMatches:
     """Pairs of pictures that move by up to a third and turn a little, seen through a lens that bends."""
     rng = np.random.default_rng(seed)
     parts = []
@@ -72,13 +72,13 @@ def flown(bend, seed: int) -> Matches:
     i, j = (np.array([p[k] for p in parts])[pair] for k in (1, 2))
     a, b = (np.concatenate([p[k] for p in parts]) for k in (3, 4))
     fits = [cv2.findHomography(p[4], p[3], 0)[0] for p in parts]
-    return Matches(pair, i, j, a, b, np.full(len(a), NOISE_PX), np.stack(fits))
+    return PairMatches(pair, i, j, a, b, np.full(len(a), NOISE_PX), np.stack(fits))
 
 
 def test_a_drop_is_mapped_where_it_is_and_as_it_is():
-    dents = dents_of(AT, PICTURES, flown(drop, 1))
+    lens_distortion = lens_distortion_map(AT, PICTURES, flown(drop, 1))
     at = places(AT)
-    true, found = drop(at), dents.halves * dents.size_px
+    true, found = drop(at), lens_distortion.halves * lens_distortion.size_px
     well_inside = ((at > 10) & (at < np.array(AT.size_px) - 10)).all(axis=1)
     for half in found:
         assert np.linalg.norm(half[well_inside] - true[well_inside], axis=1).max() < 0.7
@@ -87,10 +87,12 @@ def test_a_drop_is_mapped_where_it_is_and_as_it_is():
 
 
 def test_either_half_is_foretold_by_the_other():
-    dents = dents_of(AT, PICTURES, flown(nothing, 1))
-    dents = replace(dents, halves=np.stack([np.full((len(places(AT)), 2), k) for k in (1.0, 2.0)]))
+    lens_distortion = lens_distortion_map(AT, PICTURES, flown(nothing, 1))
+    lens_distortion = replace(
+        lens_distortion, halves=np.stack([np.full((len(places(AT)), 2), k) for k in (1.0, 2.0)])
+    )
     pixel, earlier = np.full((PICTURES, 2), 50.0), np.arange(PICTURES)
-    told = dents.foretold(pixel, earlier)
+    told = lens_distortion.predicted_by_others(pixel, earlier)
     assert set(told[:, 0]) == {1.0, 2.0}
     assert told[0, 0] == 2.0
     assert np.mean(told[:, 0] == 2.0) == 0.5
@@ -98,34 +100,39 @@ def test_either_half_is_foretold_by_the_other():
 
 @pytest.mark.parametrize("bend", [nothing, radial, askew])
 def test_what_a_lens_does_as_a_whole_is_no_dent(bend):
-    dents = dents_of(AT, PICTURES, flown(bend, 2))
-    assert dents.size_px < 0.08
-    first, second = dents.halves.reshape(2, -1)
+    lens_distortion = lens_distortion_map(AT, PICTURES, flown(bend, 2))
+    assert lens_distortion.size_px < 0.08
+    first, second = lens_distortion.halves.reshape(2, -1)
     assert abs(np.corrcoef(first, second)[0, 1]) < 0.5
 
 
 def test_nodes_weigh_to_one_and_reproduce_what_is_linear():
     pixel = np.random.default_rng(3).uniform(0, 1, (50, 2)) * (np.array(AT.size_px) - 1)
-    np.testing.assert_allclose(hats(AT, pixel) @ places(AT), pixel)
-    np.testing.assert_allclose(np.asarray(hats(AT, pixel).sum(axis=1)).ravel(), 1.0)
+    np.testing.assert_allclose(bilinear_weights(AT, pixel) @ places(AT), pixel)
+    np.testing.assert_allclose(np.asarray(bilinear_weights(AT, pixel).sum(axis=1)).ravel(), 1.0)
 
 
 @pytest.mark.slow
 def test_a_drop_is_not_taken_for_a_camera_that_leans():
     """The map of the lens explains more than any tilt does."""
-    flight = seen_flight({}, 6)
-    sights, setting = look(flight), setting_of(load_model("nominal"))
-    assert sights is not None
-    a, b = (pixel + drop(pixel) for pixel in (sights.pixel_i, sights.pixel_j))
-    pairs, pair = np.unique(np.column_stack([sights.earlier, sights.later]), axis=0, return_inverse=True)
+    flight = camera_flight({}, 6)
+    matches, setting = match_pictures(flight), filter_parameters_of(load_model("nominal"))
+    assert matches is not None
+    a, b = (pixel + drop(pixel) for pixel in (matches.pixel_i, matches.pixel_j))
+    pairs, pair = np.unique(np.column_stack([matches.earlier, matches.later]), axis=0, return_inverse=True)
     fits = np.stack([cv2.findHomography(b[pair == k], a[pair == k], 0)[0] for k in range(len(pairs))])
-    matches = Matches(pair.ravel(), sights.earlier, sights.later, a, b, sights.std_px, fits)
-    bent = replace(sights, pixel_i=a, pixel_j=b, dents=dents_of(sights.camera, len(sights.stamps_s), matches))
+    matches = PairMatches(pair.ravel(), matches.earlier, matches.later, a, b, matches.std_px, fits)
+    bent = replace(
+        matches,
+        pixel_i=a,
+        pixel_j=b,
+        lens_distortion=lens_distortion_map(matches.camera, len(matches.stamps_s), matches),
+    )
     directions = [
-        *(Direction(CAMERA[k], "camera", k, STEPS[k]) for k in (TILT_X, TILT_X + 1)),
-        Direction(BENT, "picture", len(PICTURE_SHAPES) + WARPS.index(BENT)),
+        *(Perturbation(CAMERA[k], "camera", k, STEPS[k]) for k in (TILT_X, TILT_X + 1)),
+        Perturbation(BENT, "picture", len(PICTURE_SHAPES) + WARPS.index(BENT)),
     ]
-    found = sighted(record_of(flight), bent, setting, directions)
+    found = reprojection_score(record_of(flight), bent, setting, directions)
     information, score = found.information[:2, :2], found.score[:2]
     lens = float(found.score[2] ** 2 / found.information[2, 2])
     tilt = float(score @ np.linalg.solve(information, score))

@@ -22,7 +22,7 @@ LEAST_NATS = 20.0
 
 
 @dataclass(frozen=True)
-class Comb:
+class Quantisation:
     """Readings are multiples of a step."""
 
     step_m: float
@@ -32,7 +32,7 @@ class Comb:
     """Of the readings that it was found in."""
 
 
-def comb_of(records: Sequence[Record]) -> Comb | None:
+def quantisation_of(records: Sequence[Record]) -> Quantisation | None:
     """What the ranges are multiples of; None where they spread."""
     found = _strongest(ranges_of(records))
     if found is None:
@@ -62,7 +62,7 @@ def _teeth(ranges: Array, step_m: float | Array) -> Array:
     return np.asarray(np.exp(2j * np.pi * ranges / np.asarray(step_m)[..., None]).mean(axis=-1))
 
 
-def _strongest(ranges: Array) -> Comb | None:
+def _strongest(ranges: Array) -> Quantisation | None:
     """The step that ranges lie nearest to multiples of; None of few, or of all alike."""
     if len(ranges) < 50 or np.ptp(ranges) < 0.02:
         return None
@@ -72,4 +72,4 @@ def _strongest(ranges: Array) -> Comb | None:
     best = int(np.flatnonzero(strength > 0.9 * strength.max())[-1])
     while best > 0 and strength[best - 1] > strength[best]:
         best -= 1
-    return Comb(float(STEPS_M[best]), float(strength[best]), float(len(ranges) * strength[best] ** 2))
+    return Quantisation(float(STEPS_M[best]), float(strength[best]), float(len(ranges) * strength[best] ** 2))

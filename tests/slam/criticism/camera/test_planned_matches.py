@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.camera.pictures import look
-from slam.criticism.camera.planned import planned
-from slam.criticism.camera.sighting import sighted
+from slam.criticism.camera.feature_matches import match_pictures
+from slam.criticism.camera.planned_matches import planned_matches
+from slam.criticism.camera.reprojection import reprojection_score
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SONAR, VELOCITY
 from slam.criticism.kalman.record import record_of
 from slam.criticism.kalman.reference import referred
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.next_flight import telling_flight
 from slam.criticism.search.effects import effects_for
@@ -24,7 +24,7 @@ from slam.criticism.without_commands.next_flight import next_motion
 from slam.criticism.without_commands.sensor_comparison import compare_sensors
 from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import load_model
-from tests.slam.criticism.camera.seen_flight import seen_flight
+from tests.slam.criticism.camera.camera_flight import camera_flight
 
 TURNS = "yaw steps at 0.3, 0.6 and 1"
 PLACED = ("focal_length.eps", "radial_distortion.k1", "camera_tilt.x", "camera_tilt.y",
@@ -38,20 +38,20 @@ TONED = ("vignetting.a", "motion_blur.exposure", "exposure_variation.gamma")
 def filmed():
     """Record and sights of turns over a floor, and the belief."""
     model = load_model("nominal")
-    setting = setting_of(model)
+    setting = filter_parameters_of(model)
     flight = simulate_flight(at_lower_rates(model), stick_for([TURNS]), 1, camera=CameraModel(rate_hz=4.0))
-    sights = look(flight)
-    return referred(replace(record_of(flight), sights=sights), setting), sights, setting
+    matches = match_pictures(flight)
+    return referred(replace(record_of(flight), matches=matches), setting), matches, setting
 
 
 def test_a_plan_foretells_how_well_each_term_would_be_known(filmed):
-    record, sights, setting = filmed
+    record, matches, setting = filmed
     directions = [d for e in effects_for([record], setting) for d in e.directions if d.name in PLACED + TONED]
-    real, foretold = (
-        np.sqrt(np.diag(sighted(record, s, setting, directions).information))
-        for s in (sights, planned(record, setting, sights))
+    real, predicted_by_others = (
+        np.sqrt(np.diag(reprojection_score(record, s, setting, directions).information))
+        for s in (matches, planned_matches(record, setting, matches))
     )
-    ratio = {d.name: r for d, r in zip(directions, foretold / real, strict=True)}
+    ratio = {d.name: r for d, r in zip(directions, predicted_by_others / real, strict=True)}
     assert set(ratio) == {*PLACED, *TONED}
     for name in PLACED:
         assert 0.8 < ratio[name] < 1.25, name
@@ -60,14 +60,14 @@ def test_a_plan_foretells_how_well_each_term_would_be_known(filmed):
 
 
 def test_rows_read_late_are_told_from_late_pictures_by_turns(filmed, monkeypatch):
-    record, sights, setting = filmed
+    record, matches, setting = filmed
     for name in set(MANOEUVRES) - {TURNS, "hover for 8 s"}:
         monkeypatch.delitem(MANOEUVRES, name)
     known = {e.name: e for e in effects_for([record], setting)}
     pair = known["rolling_shutter"], known["camera_time_offset"]
     kinds = {IMU, ATTITUDE, VELOCITY, SONAR}
     model = load_model("nominal")
-    said = telling_flight(model, *pair, np.array([0.01]), kinds, sights)
+    said = telling_flight(model, *pair, np.array([0.01]), kinds, matches)
     assert TURNS in said
     assert float(re.search(r": (.*) sigma", said)[1]) > 5.0
     assert "another sensor" in telling_flight(model, *pair, np.array([0.01]), kinds)
@@ -80,10 +80,10 @@ def test_without_commands_the_camera_is_on_board_too(monkeypatch):
         monkeypatch.delitem(HANDHELD_MOTIONS, name)
     model, pair = load_model("nominal"), ("rolling_shutter", "camera_time_offset")
     found = compare_sensors(
-        [replace(seen_flight({"rolling_shutter": {"readout": 0.03}}, 3), command=None)], model
+        [replace(camera_flight({"rolling_shutter": {"readout": 0.03}}, 3), command=None)], model
     )
     rows = found.rows({})
-    said = next_motion(model, rows, pair[:1], pair, found.sights)
+    said = next_motion(model, rows, pair[:1], pair, found.matches)
     assert TURNS in said
     assert float(re.search(r": (.*) sigma", said)[1]) > 5.0
     assert "another sensor" in next_motion(model, rows, pair[:1], pair)

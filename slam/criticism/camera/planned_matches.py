@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.camera.cells import CELL_STEPS, Cells
+from slam.criticism.camera.feature_matches import MATCHES, STEPS, FeatureMatches
 from slam.criticism.camera.lens import floor_of, pixels_of
-from slam.criticism.camera.pictures import MATCHES, STEPS, Sights
-from slam.criticism.camera.sighting import MARGIN_S, path_of
+from slam.criticism.camera.reprojection import MARGIN_S, camera_path
 from slam.criticism.camera.tones import FEWEST
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.readings import SLOPE_X, SLOPE_Y
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 
 Array = NDArray[np.float64]
 
@@ -32,11 +32,13 @@ TONE_NOISE, CELL_NOISE = 0.02, 0.02
 """Share that a point's tones, or a cell's, differ by from picture to picture."""
 
 
-def planned(record: Record, setting: Setting, like: Sights, seed: int = 0) -> Sights:
+def planned_matches(
+    record: Record, setting: FilterParameters, like: FeatureMatches, seed: int = 0
+) -> FeatureMatches:
     """Pictures of the flight that ``record`` is of, as often and as sharp as those that were looked at."""
     every_s = float(np.median(np.diff(like.stamps_s)))
     stamps_s = np.arange(record.times_s[0] + MARGIN_S, record.times_s[-1] - MARGIN_S, every_s)
-    path, inside = path_of(record, replace(like, stamps_s=stamps_s), setting)
+    path, inside = camera_path(record, replace(like, stamps_s=stamps_s), setting)
     shown = np.flatnonzero(inside)
     pairs = [(j - step, j) for j in range(len(shown)) for step in STEPS if j >= step]
     i, j = np.repeat(np.array(pairs, dtype=np.int64).reshape(-1, 2), GRID**2, axis=0).T
@@ -62,12 +64,12 @@ def planned(record: Record, setting: Setting, like: Sights, seed: int = 0) -> Si
     return replace(
         like, stamps_s=stamps_s, earlier=shown[i], later=shown[j], pixel_i=pixel_i, pixel_j=pixel_j,
         std_px=std_px, tone_i=tone_i, tone_j=tone_j, cells=cells, taken=len(stamps_s), missing=0,
-        dents=replace(like.dents, pictures=len(stamps_s)), bands=0.0, moving_s=np.zeros(0),
-        spots=np.zeros((0, 3)),
+        lens_distortion=replace(like.lens_distortion, pictures=len(stamps_s)), flicker=0.0,
+        moving_s=np.zeros(0), spots=np.zeros((0, 3)),
     )  # fmt: skip
 
 
-def _grid(like: Sights) -> Array:
+def _grid(like: FeatureMatches) -> Array:
     """(GRID^2, 2) pixels."""
     width, height = like.camera.size_px
     edge = BORDER_SHARE * width

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.kalman.optics import CAMERA, camera_vector
+from slam.criticism.kalman.camera_parameters import CAMERA, camera_vector
 from slam.criticism.kalman.readings import CHANNELS, INSTRUMENTS, SENSOR, SLANT
 from slam.criticism.kalman.transition import HOLD
 from slam.simulation.dynamics import PARAMETERS
@@ -21,7 +21,7 @@ LATE_SPREAD = 0.06
 
 
 @dataclass(frozen=True)
-class Setting:
+class FilterParameters:
     """One belief: all that a filter run depends on beside the flight."""
 
     parameters: Array
@@ -37,7 +37,7 @@ class Setting:
     """The vehicle's clock against the recorder's: gains so much of the time."""
     jitter_s: float = 0.0
     """Standard deviation of the stamps."""
-    colour: Array = field(default_factory=lambda: np.zeros(len(INSTRUMENTS)))
+    noise_correlation: Array = field(default_factory=lambda: np.zeros(len(INSTRUMENTS)))
     """(``readings.INSTRUMENTS``,) correlation of the noise of one sample with that of the next; 0: white."""
     out_of_model: bool = False
     """The vehicle is of another make: how restless it and its instruments are is not known beforehand."""
@@ -50,7 +50,7 @@ class Setting:
         return LATE_SPREAD * self.latency_s
 
 
-def setting_of(model: Model) -> Setting:
+def filter_parameters_of(model: Model) -> FilterParameters:
     """The belief that a model is. Terms of the camera, and those that act by chance alone, are not in it."""
     sensor = np.zeros(len(SENSOR))
     for k, name in enumerate(SENSOR):
@@ -69,7 +69,7 @@ def setting_of(model: Model) -> Setting:
         ]
     )  # fmt: skip
     assert len(hold) == len(HOLD)
-    return Setting(
+    return FilterParameters(
         model.parameters(),
         sensor,
         hold,
@@ -77,7 +77,7 @@ def setting_of(model: Model) -> Setting:
         model.value("control_latency", "T"),
         1e-6 * model.value("clock_drift", "ppm"),
         model.value("timestamp_jitter", "sigma"),
-        colour=np.array(
+        noise_correlation=np.array(
             [
                 model.imu.gyro_noise_correlation,
                 model.imu.accel_noise_correlation,

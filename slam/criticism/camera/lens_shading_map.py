@@ -15,8 +15,8 @@ from scipy.sparse import csr_array
 
 from frontend.camera import Camera
 from frontend.robust import robust_std
+from slam.criticism.camera.bilinear_weights import bilinear_weights, places
 from slam.criticism.camera.cells import Cells, radius2
-from slam.criticism.camera.nodes import hats, places
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -33,23 +33,23 @@ BLOCK = 10
 
 
 @dataclass(frozen=True)
-class Stain:
+class LensShadingMap:
     """Logarithm of the light that places let through, less that of a vignette."""
 
     nodes: Array
     """As the flight's pictures together have it, ..."""
-    foretold: Array
+    predicted_by_others: Array
     """(m,) ... and of each cell, i less j, as other pictures than these have it."""
     camera: Camera
 
     def at(self, pixel: Array) -> Array:
         """(n,) of undistorted pixels (n, 2)."""
-        return np.asarray(hats(self.camera, pixel) @ self.nodes)
+        return np.asarray(bilinear_weights(self.camera, pixel) @ self.nodes)
 
 
-def stain_of(camera: Camera, cells: Cells) -> Stain:
+def lens_shading_map(camera: Camera, cells: Cells) -> LensShadingMap:
     """The map of a flight's lens."""
-    rows = hats(camera, cells.pixel_i) - hats(camera, cells.pixel_j)
+    rows = bilinear_weights(camera, cells.pixel_i) - bilinear_weights(camera, cells.pixel_j)
     count = [run.stop - run.start for run in cells.runs]
     pair = np.repeat(np.arange(len(count)), count)
     side = (cells.earlier // BLOCK) % 2
@@ -60,10 +60,16 @@ def stain_of(camera: Camera, cells: Cells) -> Stain:
         return np.asarray(free - radial @ np.linalg.lstsq(radial, free, rcond=None)[0])
 
     whole, halves = fitted(np.full(len(pair), True)), [fitted(side != s) for s in (0, 1)]
-    foretold = np.where(side == 0, rows @ halves[0], rows @ halves[1])
+    predicted_by_others = np.where(side == 0, rows @ halves[0], rows @ halves[1])
     # A map of nothing but noise would make exposures restless: of it counts what other pictures confirm.
-    share = float(np.clip(foretold @ cells.ratio / max(float(foretold @ foretold), 1e-12), 0.0, 1.0))
-    return Stain(share * whole, foretold, camera)
+    share = float(
+        np.clip(
+            predicted_by_others @ cells.ratio / max(float(predicted_by_others @ predicted_by_others), 1e-12),
+            0.0,
+            1.0,
+        )
+    )
+    return LensShadingMap(share * whole, predicted_by_others, camera)
 
 
 def _fitted(rows: csr_array, y: Array, pair: Ints) -> Array:

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.kalman.coloured import coloured_for
+from slam.criticism.kalman.ar1_noise import coloured_for
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import stretches, whole
+from slam.criticism.kalman.perturbations import parameter_perturbation
 from slam.criticism.kalman.readings import INSTRUMENTS, SONAR
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.setting import setting_of
-from slam.criticism.kalman.tangents import parameter_direction
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.ar1_noise import lag_one_correlation
 from slam.criticism.search.fitted_parameters import fitted_parameter
@@ -38,7 +38,7 @@ def of_colour(colour):
 
 def flight(seed, colour=COLOUR):
     vehicle = of_colour(colour)
-    return simulate_flight(vehicle, stick_for(PLAN * 2), seed), setting_of(vehicle)
+    return simulate_flight(vehicle, stick_for(PLAN * 2), seed), filter_parameters_of(vehicle)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -47,7 +47,7 @@ def test_innovations_are_white_under_the_true_colour_alone(seed):
     record = record_of(measured)
     _, deviate = lag_one_correlation([record], [whole(record, true)])
     assert (np.abs(deviate) < 4.5).all()
-    _, deviate = lag_one_correlation([record], [whole(record, replace(true, colour=np.zeros(5)))])
+    _, deviate = lag_one_correlation([record], [whole(record, replace(true, noise_correlation=np.zeros(5)))])
     assert (deviate > 3.0).all()
 
 
@@ -58,7 +58,7 @@ def test_the_likelihood_peaks_at_each_instruments_own_colour():
     for k, name in enumerate(INSTRUMENTS):
         for wrong in (COLOUR[k] - 0.15, COLOUR[k] + 0.15):
             colour = np.where(np.arange(5) == k, wrong, COLOUR)
-            assert whole(record, replace(true, colour=colour)).log_likelihood < right - 3.0, name
+            assert whole(record, replace(true, noise_correlation=colour)).log_likelihood < right - 3.0, name
 
 
 def test_lost_samples_let_the_noise_fade_as_long_as_they_are_many():
@@ -82,7 +82,7 @@ def test_hardly_any_colour_is_as_none():
     measured, true = flight(5, np.zeros(5))
     record = record_of(measured)
     assert coloured_for(record, true, 19, 0) is None
-    white, faint = whole(record, true), whole(record, replace(true, colour=np.full(5, 1e-9)))
+    white, faint = whole(record, true), whole(record, replace(true, noise_correlation=np.full(5, 1e-9)))
     assert np.array_equal(white.status, faint.status)
     np.testing.assert_allclose(faint.white, white.white, atol=1e-5)
     np.testing.assert_allclose(faint.log_variance, white.log_variance, atol=1e-5)
@@ -92,10 +92,10 @@ def test_hardly_any_colour_is_as_none():
 def test_tangents_are_what_a_change_does_to_the_innovations(name):
     measured, true = flight(6)
     record, step = record_of(measured), 1e-4
-    rows = list(stretches(record, true, [parameter_direction(name, step)]))
-    traces = np.concatenate([r.traces[:, 0] for r in rows])
+    rows = list(stretches(record, true, [parameter_perturbation(name, step)]))
+    traces = np.concatenate([r.sensitivity[:, 0] for r in rows])
     before = np.concatenate([r.white for r in rows])
-    direction = parameter_direction(name, step)
+    direction = parameter_perturbation(name, step)
     if direction.kind == "sensor":
         other = fitted_parameter(name).stepped(true, step)
     else:

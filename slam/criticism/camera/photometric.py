@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.camera.pictures import Sights
+from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.tones import CONTRAST, FIGURES, SHADING, SHARPNESS, Tones, tones_of, weigh
-from slam.criticism.kalman.optics import BLUR, GAIN, GAMMA, VIGNETTING
+from slam.criticism.kalman.camera_parameters import BLUR, GAIN, GAMMA, VIGNETTING
+from slam.criticism.kalman.perturbations import Perturbation
 from slam.criticism.kalman.smoothing import Path
-from slam.criticism.kalman.tangents import Direction
 
 Array = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ two generators -0.2 in contrast and up to 0.9 in detail."""
 
 
 @dataclass(frozen=True)
-class Shades:
+class PhotometricScore:
     """Score and information of some directions."""
 
     information: Array
@@ -56,16 +56,20 @@ class Shades:
     log_likelihood: float
 
 
-def shade(
-    sights: Sights, camera: Array, path: Path, inside: NDArray[np.bool_], directions: Sequence[Direction]
-) -> Shades:
+def photometric_score(
+    matches: FeatureMatches,
+    camera: Array,
+    path: Path,
+    inside: NDArray[np.bool_],
+    directions: Sequence[Perturbation],
+) -> PhotometricScore:
     """Score and information of the directions that tones can tell of; 0 for all others."""
     total = _Total(directions)
-    tones = _within(tones_of(sights), inside)
+    tones = _within(tones_of(matches), inside)
     if len(tones.i) < 2:
         return total.shades()
     times, height = path.times_s, np.log(np.maximum(path.poses[:, 2], 0.05))
-    speed2 = _speed2(sights, path)
+    speed2 = _speed2(matches, path)
     elapsed = path.elapsed
     memory = np.exp(-np.abs(times[:, None] - times) / MEMORY_S)
 
@@ -79,7 +83,7 @@ def shade(
         healthy = TOLERANCE.get(figure, 0.0) * nearer[:, None]
         restless: dict[tuple[str, int], float] = {}
         held = HEALTHY_STD.get(figure, 0.0) ** 2
-        if figure < CONTRAST and sights.glares:
+        if figure < CONTRAST and matches.glares:
             held += LAMPS_STD**2
         if figure < CONTRAST:
             shapes["picture", 0] = between(elapsed)
@@ -135,7 +139,7 @@ def _blurred(
 class _Total:
     """Sums over the figures."""
 
-    def __init__(self, directions: Sequence[Direction]) -> None:
+    def __init__(self, directions: Sequence[Perturbation]) -> None:
         self._place: dict[tuple[str, int], int] = {(d.kind, d.entry): k for k, d in enumerate(directions)}
         self._information = np.zeros((len(directions), len(directions)))
         self._score, self._nats = np.zeros(len(directions)), 0.0
@@ -147,8 +151,8 @@ class _Total:
         self._score[at] += score[own]
         self._nats += nats
 
-    def shades(self) -> Shades:
-        return Shades(self._information, self._score, self._nats)
+    def shades(self) -> PhotometricScore:
+        return PhotometricScore(self._information, self._score, self._nats)
 
 
 def _within(tones: Tones, inside: NDArray[np.bool_]) -> Tones:
@@ -160,12 +164,12 @@ def _within(tones: Tones, inside: NDArray[np.bool_]) -> Tones:
     )  # fmt: skip
 
 
-def _speed2(sights: Sights, path: Path) -> Array:
+def _speed2(matches: FeatureMatches, path: Path) -> Array:
     """(n,) mean square speed of points over the picture in px/s."""
-    focal = float(np.mean(sights.camera.focal_px))
+    focal = float(np.mean(matches.camera.focal_px))
     height, yaw = np.maximum(path.poses[:, 2], 0.05), path.poses[:, 5]
     c, s = np.cos(yaw), np.sin(yaw)
     ahead = (c * path.rates[:, 0] + s * path.rates[:, 1]) / height - path.rates[:, 4]
     left = (c * path.rates[:, 1] - s * path.rates[:, 0]) / height + path.rates[:, 3]
-    half2 = (np.hypot(*sights.camera.size_px) / 2) ** 2 * BORDER
+    half2 = (np.hypot(*matches.camera.size_px) / 2) ** 2 * BORDER
     return np.asarray(focal**2 * (ahead**2 + left**2) + half2 * path.rates[:, 5] ** 2)

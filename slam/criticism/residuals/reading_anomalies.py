@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from slam.criticism.camera.highlights import are_lamps
 from slam.criticism.cause import Cause, Gain, Interval, bootstrap_interval
 from slam.criticism.kalman.filter import OUTLIER, USED
-from slam.criticism.kalman.innovations import Pass
+from slam.criticism.kalman.innovations import FilterPass
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import Record
-from slam.criticism.residuals.comb import STEP_STD_M, comb_of, nats_by_others, ranges_of
+from slam.criticism.residuals.quantisation import STEP_STD_M, nats_by_others, quantisation_of, ranges_of
 from slam.criticism.search.evidence import ONE_OF_ALL, parameter_cost
 from slam.simulation.terms import CATALOGUE
 
@@ -51,21 +51,21 @@ SATURATED = 1.5
 
 
 @dataclass(frozen=True)
-class Oddity:
+class ReadingAnomaly:
     """A term seen in single readings."""
 
     name: str
     parameters: dict[str, Interval]
     nats: tuple[float, ...]
     """For each flight, with the size that all of them have."""
-    foretold: tuple[float, ...] = ()
+    predicted_by_others: tuple[float, ...] = ()
     """For each flight, with the size that the others have; empty where none enters or there are no others."""
 
     def cause(self) -> Cause:
         """As the verdict tells it."""
         total = sum(self.nats)
         lead = total - parameter_cost(1) - ONE_OF_ALL
-        parts, by = (self.foretold, "flight") if self.foretold else (self.nats, None)
+        parts, by = (self.predicted_by_others, "flight") if self.predicted_by_others else (self.nats, None)
         gain = Gain(sum(parts), bootstrap_interval(np.array(parts)), by, parts, ())
         probability = float(1.0 / (1.0 + np.exp(-min(lead, 700.0))))
         return Cause(
@@ -73,12 +73,12 @@ class Oddity:
         )
 
 
-def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Oddity]]:
+def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[ReadingAnomaly]]:
     """The records without readings that a dead zone made, and the dead zone where there is one.
 
     A comb of readings repeats itself without one.
     """
-    if comb_of(records) is not None:
+    if quantisation_of(records) is not None:
         return list(records), []
     stuck, kept = [], []
     for record in records:
@@ -99,10 +99,14 @@ def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Odd
         return NATS_A_REPEAT * float(near.sum())
 
     nats = tuple(NATS_A_REPEAT * float(len(own)) for own in stuck)
-    return kept, [Oddity("sonar_dead_zone", {"limit": interval}, nats, foretold(stuck, beside))]
+    return kept, [
+        ReadingAnomaly("sonar_dead_zone", {"limit": interval}, nats, predicted_by_others(stuck, beside))
+    ]
 
 
-def foretold(flights: Sequence[_Seen], nats: Callable[[_Seen, Sequence[_Seen]], float]) -> tuple[float, ...]:
+def predicted_by_others(
+    flights: Sequence[_Seen], nats: Callable[[_Seen, Sequence[_Seen]], float]
+) -> tuple[float, ...]:
     """``nats`` of each flight by what was seen in all others; none where there are no others."""
     if len(flights) < 2:
         return ()
@@ -123,19 +127,19 @@ def _stuck(ranges: Array) -> NDArray[np.bool_]:
     return stuck
 
 
-def oddities(records: Sequence[Record], passes: Sequence[Pass]) -> list[Oddity]:
+def reading_anomalies(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[ReadingAnomaly]:
     """All but the dead zone, from the readings and a filter run."""
     return [
-        *_spikes(records, passes), *_quantised(records), *_dropped(records), *_movers(records),
+        *_spikes(records, passes), *_quantised(records), *_dropped(records), *_moving_objects(records),
         *_highlights(records),
     ]  # fmt: skip
 
 
-def _dropped(records: Sequence[Record]) -> list[Oddity]:
+def _dropped(records: Sequence[Record]) -> list[ReadingAnomaly]:
     """Pictures that gaps between stamps would have held: a Poisson number."""
-    sights = [r.sights for r in records]
-    lost = np.array([s.missing if s is not None else 0 for s in sights], dtype=float)
-    taken = np.array([s.taken if s is not None else 0 for s in sights], dtype=float)
+    matches = [r.matches for r in records]
+    lost = np.array([s.missing if s is not None else 0 for s in matches], dtype=float)
+    taken = np.array([s.taken if s is not None else 0 for s in matches], dtype=float)
     if not lost.any():
         return []
     share = float(lost.sum() / (lost + taken).sum())
@@ -151,7 +155,7 @@ def _dropped(records: Sequence[Record]) -> list[Oddity]:
         return []
     reach = 1.96 * share / float(np.sqrt(lost.sum()))
     interval = Interval(share, "1", max(share - reach, 0.0), share + reach)
-    return [Oddity("dropped_frames", {"share": interval}, nats, foretold(flights, beside))]
+    return [ReadingAnomaly("dropped_frames", {"share": interval}, nats, predicted_by_others(flights, beside))]
 
 
 @dataclass(frozen=True)
@@ -166,10 +170,11 @@ class Lost:
         return float(self.lost * np.log(share / HEALTHY_LOSS) - self.due * (share - HEALTHY_LOSS))
 
 
-def _highlights(records: Sequence[Record]) -> list[Oddity]:
+def _highlights(records: Sequence[Record]) -> list[ReadingAnomaly]:
     """Lamps mirrored in the floor."""
     seen = [
-        np.zeros((0, 3)) if r.sights is None or r.sights.dents.notable else r.sights.spots for r in records
+        np.zeros((0, 3)) if r.matches is None or r.matches.lens_distortion.notable else r.matches.spots
+        for r in records
     ]
     every = np.concatenate(seen)
     if not are_lamps(every):
@@ -178,14 +183,14 @@ def _highlights(records: Sequence[Record]) -> list[Oddity]:
     low, strength, high = (float(np.quantile(strengths, q)) for q in (0.5, 0.75, 0.9))
     interval = Interval(strength, "1", 0.9 * low, SATURATED * high)
     nats = tuple(NATS_A_PAIR * float(np.sum(flight[:, 0] > 0)) for flight in seen)
-    return [Oddity("specular_highlights", {"strength": interval}, nats)]
+    return [ReadingAnomaly("specular_highlights", {"strength": interval}, nats)]
 
 
-def _movers(records: Sequence[Record]) -> list[Oddity]:
+def _moving_objects(records: Sequence[Record]) -> list[ReadingAnomaly]:
     """Things that go through the pictures."""
     passes = []
     for record in records:
-        seen = record.sights
+        seen = record.matches
         times_s = seen.moving_s if seen is not None and not seen.uneven else np.zeros(0)
         parts = np.split(times_s, np.flatnonzero(np.diff(times_s) > PASS_S) + 1)
         passes.append([len(part) for part in parts if len(part) >= LEAST_PASS])
@@ -195,10 +200,10 @@ def _movers(records: Sequence[Record]) -> list[Oddity]:
     reach = 1.96 * np.sqrt(found)
     count = Interval(float(found), "1", max(found - reach, 1.0), found + reach)
     nats = tuple(NATS_A_PAIR * float(sum(flight)) for flight in passes)
-    return [Oddity("moving_objects", {"count": count}, nats)]
+    return [ReadingAnomaly("moving_objects", {"count": count}, nats)]
 
 
-def _spikes(records: Sequence[Record], passes: Sequence[Pass]) -> list[Oddity]:
+def _spikes(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[ReadingAnomaly]:
     counts, totals = [], []
     for record, run in zip(records, passes, strict=True):
         rows = record.kinds == SONAR
@@ -214,17 +219,21 @@ def _spikes(records: Sequence[Record], passes: Sequence[Pass]) -> list[Oddity]:
     share = count / total
     std = np.sqrt(count) / total
     interval = Interval(share, "1", max(share - 1.96 * std, 0.0), share + 1.96 * std)
-    return [Oddity("sonar_spikes", {"share": interval}, tuple(NATS_A_SPIKE * c for c in counts))]
+    return [ReadingAnomaly("sonar_spikes", {"share": interval}, tuple(NATS_A_SPIKE * c for c in counts))]
 
 
-def _quantised(records: Sequence[Record]) -> list[Oddity]:
+def _quantised(records: Sequence[Record]) -> list[ReadingAnomaly]:
     """Ranges that are whole multiples of a step, up to the last digit written."""
-    comb = comb_of(records)
+    comb = quantisation_of(records)
     if comb is None:
         return []
     interval = _interval("sonar_quantisation", "step", comb.step_m, STEP_STD_M)
     nats = tuple(len(ranges_of([record])) * comb.strength**2 for record in records)
-    return [Oddity("sonar_quantisation", {"step": interval}, nats, foretold(records, nats_by_others))]
+    return [
+        ReadingAnomaly(
+            "sonar_quantisation", {"step": interval}, nats, predicted_by_others(records, nats_by_others)
+        )
+    ]
 
 
 def _interval(term: str, parameter: str, value: float, std: float) -> Interval:

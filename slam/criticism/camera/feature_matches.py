@@ -17,12 +17,12 @@ from frontend.homography import HomographyConfig, transfer
 from frontend.registration import Registration, register
 from slam.core.flight import Flight
 from slam.core.progress import Progress, Tally, silent
-from slam.criticism.camera.bands import LEAST_BANDS, bands_of
 from slam.criticism.camera.cells import CELL_STEPS, MOST_PAIRS, Cells, compared
 from slam.criticism.camera.cross_check import confirmed
-from slam.criticism.camera.dents import Dents, Matches, dents_of
+from slam.criticism.camera.flicker import LEAST_FLICKER, flicker_of
 from slam.criticism.camera.highlights import are_lamps, dimmed, spots
-from slam.criticism.camera.movers import moves
+from slam.criticism.camera.lens_distortion_map import LensDistortionMap, PairMatches, lens_distortion_map
+from slam.criticism.camera.moving_objects import has_moving_object
 from slam.criticism.camera.overlaid import Image, overlaid, reduced
 
 Array = NDArray[np.float64]
@@ -49,7 +49,7 @@ _Shot = tuple[float, Features, Array]
 
 
 @dataclass(frozen=True, eq=False)
-class Sights:
+class FeatureMatches:
     """Points of the floor that two pictures of a flight show; what is worked out of them is kept by them."""
 
     camera: Camera
@@ -73,11 +73,11 @@ class Sights:
     """Pictures that the regular stamps would have, but that are not there, ..."""
     taken: int
     """... and those that are, looked at or not."""
-    dents: Dents
+    lens_distortion: LensDistortionMap
     """Where the lens bends light, of some places alone."""
     cells: Cells
     """What whole pictures, laid over each other, show of the lens and the light."""
-    bands: float = 0.0
+    flicker: float = 0.0
     """How much brightness changes along rows or columns in most pairs of pictures."""
     moving_s: Array = field(default_factory=lambda: np.zeros(0))
     """(k,) of pictures in which something moves over the floor since the one before."""
@@ -85,7 +85,7 @@ class Sights:
     """(k, 3) for each pair of pictures with bright spots that do not go with the floor: how many lag behind
     it, how many go otherwise, and the strength of the former."""
 
-    def some(self, kept: NDArray[np.bool_]) -> Sights:
+    def some(self, kept: NDArray[np.bool_]) -> FeatureMatches:
         """With some of the matches (m,) alone."""
         return replace(
             self,
@@ -98,20 +98,20 @@ class Sights:
     def uneven(self) -> bool:
         """Whether the light changes within the pictures: then brightness tells nothing else, nor does what
         seems to move."""
-        return self.bands >= LEAST_BANDS
+        return self.flicker >= LEAST_FLICKER
 
     @property
     def glares(self) -> bool:
         """Whether lamps are mirrored in the floor: what they light is no map of the lens."""
-        return are_lamps(self.spots) and not self.dents.notable
+        return are_lamps(self.spots) and not self.lens_distortion.notable
 
 
-def look(flight: Flight, progress: Progress = silent) -> Sights | None:
+def match_pictures(flight: Flight, progress: Progress = silent) -> FeatureMatches | None:
     """Register the flight's pictures to each other; None where there are none that can be."""
-    return look_all([flight], progress)[0]
+    return match_all_pictures([flight], progress)[0]
 
 
-def look_all(flights: Sequence[Flight], progress: Progress = silent) -> list[Sights | None]:
+def match_all_pictures(flights: Sequence[Flight], progress: Progress = silent) -> list[FeatureMatches | None]:
     """``look`` at several flights, two at a time."""
     pictures = Tally(progress, "pictures", sum(len(f.frames) for f in flights if f.frames is not None))
     pairs = Tally(progress, "pairs of pictures")
@@ -125,7 +125,7 @@ def look_all(flights: Sequence[Flight], progress: Progress = silent) -> list[Sig
         cv2.setNumThreads(before)
 
 
-def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> Sights | None:
+def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> FeatureMatches | None:
     camera, frames = flight.camera, flight.frames
     if camera is None or frames is None or len(frames) < 2:
         return None
@@ -161,16 +161,16 @@ def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> Sights | None:
         found.append((index, std, *_picked(pair, good, shots[i], shots[j])))
     index, std, a, b, tone_a, tone_b = (np.concatenate(part) for part in zip(*found, strict=True))
     pair_of, earlier, later = index.T
-    matches = Matches(pair_of, earlier, later, a, b, std, np.stack(list(i_H_j.values())))
-    dents = dents_of(camera, len(shots), matches)
+    matches = PairMatches(pair_of, earlier, later, a, b, std, np.stack(list(i_H_j.values())))
+    lens_distortion = lens_distortion_map(camera, len(shots), matches)
     stamps_s = np.array([shot[0] for shot in shots])
     moving, cells = _laid_over(greys, i_H_j, camera)
     seen = [spots(dims[i], dims[j], a_H_b, camera) for (i, j), a_H_b in i_H_j.items()]
     bright = [(s.lagging, s.others, s.strength) for s in seen if s.lagging or s.others]
     successive = sum(j == i + 1 for i, j in kept) / max(len(shots) - 1, 1)
-    return Sights(
+    return FeatureMatches(
         camera, stamps_s, earlier, later, a, b, std, tone_a, tone_b,
-        successive, _missing(frames.stamps_s), len(frames), dents, cells, bands_of(camera, cells),
+        successive, _missing(frames.stamps_s), len(frames), lens_distortion, cells, flicker_of(camera, cells),
         stamps_s[moving], np.array(bright).reshape(-1, 3),
     )  # fmt: skip
 
@@ -184,7 +184,7 @@ def _laid_over(
     moving, cells = [], []
     for i, j in apart:
         laid = overlaid(greys[i], greys[j], i_H_j[i, j], camera)
-        if j == i + 1 and moves(greys[i], laid, camera):
+        if j == i + 1 and has_moving_object(greys[i], laid, camera):
             moving.append(j)
         if (i, j) in chosen:
             cells.append((i, j, compared(greys[i], laid)))

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam.criticism.kalman.compiled import kernel
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.readings import CHANNELS, FIRST_CHANNEL, INSTRUMENT_OF, MOVING, WIDTH
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -26,7 +26,7 @@ WHITE = -1
 """Slot of a channel whose noise is white."""
 
 
-class Coloured(NamedTuple):
+class Ar1Noise(NamedTuple):
     """The noises that are coloured, k of them, beside a state of n entries with m tangents."""
 
     slot: Ints
@@ -43,7 +43,7 @@ class Coloured(NamedTuple):
     """(n, k) covariance with the state."""
     own: Array
     """(k, k) covariance."""
-    tangents: Array
+    sensitivity: Array
     """(k, m)."""
     told: Array
     """(k,) room to work: covariance of the noises with a reading."""
@@ -51,12 +51,14 @@ class Coloured(NamedTuple):
     """(10, k) room to work."""
 
 
-def coloured_for(record: Record, setting: Setting, states: int, tangents: int) -> Coloured | None:
+def ar1_noise_for(
+    record: Record, setting: FilterParameters, states: int, sensitivity: int
+) -> Ar1Noise | None:
     """The noises as they are before the first sample, stationary; none where all are white.
 
     The kernels are compiled by themselves for none: white noise costs nothing more, to the last digit.
     """
-    colour = setting.colour[list(INSTRUMENT_OF)]
+    colour = setting.noise_correlation[list(INSTRUMENT_OF)]
     channels = np.flatnonzero(colour)
     if len(channels) == 0:
         return None
@@ -64,9 +66,9 @@ def coloured_for(record: Record, setting: Setting, states: int, tangents: int) -
     slot[channels] = np.arange(len(channels))
     variance = (record.noise_std * setting.noise_factor)[channels] ** 2
     k = len(channels)
-    return Coloured(
+    return Ar1Noise(
         slot, _samples(record), colour[channels], variance, np.zeros(k), np.zeros((states, k)),
-        np.diag(variance), np.zeros((k, tangents)), np.zeros(k), np.zeros((MOVING, k)),
+        np.diag(variance), np.zeros((k, sensitivity)), np.zeros(k), np.zeros((MOVING, k)),
     )  # fmt: skip
 
 
@@ -82,7 +84,7 @@ def _samples(record: Record) -> Ints:
 
 
 @kernel
-def sample(noise: Coloured, event: int, kind: int) -> None:
+def sample(noise: Ar1Noise, event: int, kind: int) -> None:
     """The noises of an instrument's channels go on to its next sample."""
     n, k = noise.cross.shape
     for c in range(WIDTH[kind]):
@@ -97,12 +99,12 @@ def sample(noise: Coloured, event: int, kind: int) -> None:
             noise.own[b, j] *= kept
             noise.own[j, b] *= kept
         noise.own[j, j] += (1.0 - kept * kept) * noise.variance[j]
-        for d in range(noise.tangents.shape[1]):
-            noise.tangents[j, d] *= kept
+        for d in range(noise.sensitivity.shape[1]):
+            noise.sensitivity[j, d] *= kept
 
 
 @kernel
-def heard(noise: Coloured, j: int, row: Array, ph: Array) -> float:
+def heard(noise: Ar1Noise, j: int, row: Array, ph: Array) -> float:
     """Covariances with a reading of row h (n,) and of noise j: those of the noises are
     kept in ``told``, those of the state in ``ph`` (n,), P h' on entry, completed. Returns the variance that
     the noise adds."""
@@ -123,7 +125,7 @@ def heard(noise: Coloured, j: int, row: Array, ph: Array) -> float:
 
 
 @kernel
-def learn(noise: Coloured, ph: Array, s_var: float, miss: float, changes: Array) -> None:
+def learn(noise: Ar1Noise, ph: Array, s_var: float, miss: float, changes: Array) -> None:
     """Take a reading's miss, of variance ``s_var``, into the noises, and its ``changes`` (m,) with each
     tangent into theirs."""
     n, k = noise.cross.shape
@@ -135,4 +137,4 @@ def learn(noise: Coloured, ph: Array, s_var: float, miss: float, changes: Array)
         for b in range(k):
             noise.own[i, b] -= gain * noise.told[b]
         for d in range(len(changes)):
-            noise.tangents[i, d] -= gain * changes[d]
+            noise.sensitivity[i, d] -= gain * changes[d]

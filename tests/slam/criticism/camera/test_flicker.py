@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
-from slam.criticism.camera.bands import LEAST_BANDS, bands_of
 from slam.criticism.camera.cells import Cells
+from slam.criticism.camera.flicker import LEAST_FLICKER, flicker_of
 
 Array = NDArray[np.float64]
 Light = Callable[[Array, int, np.random.Generator], Array]
@@ -61,16 +61,16 @@ def exposure(pixel: Array, picture: int, rng: np.random.Generator) -> Array:
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_flicker_is_bands_at_their_size(axis: int) -> None:
-    found = bands_of(CAMERA, cells(flicker(0.08, axis)))
+    found = flicker_of(CAMERA, cells(flicker(0.08, axis)))
     # Two pictures differ by the root of two of what one has, most pairs by more than half of that.
     assert 0.03 < found < 0.08
 
 
 @pytest.mark.parametrize("light", [dark_edges, stain, things, exposure], ids=lambda f: f.__name__)
 def test_what_is_no_band_is_none(light: Light) -> None:
-    assert bands_of(CAMERA, cells(light)) < 0.5 * LEAST_BANDS
+    assert flicker_of(CAMERA, cells(light)) < 0.5 * LEAST_FLICKER
 
 
 def test_few_pairs_tell_nothing() -> None:
-    assert bands_of(CAMERA, cells(flicker(0.2, 1), pairs=10)) == 0.0
-    assert bands_of(CAMERA, Cells.of(())) == 0.0
+    assert flicker_of(CAMERA, cells(flicker(0.2, 1), pairs=10)) == 0.0
+    assert flicker_of(CAMERA, Cells.of(())) == 0.0

@@ -16,17 +16,17 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.sparse import csr_array
 
+from slam.criticism.camera.feature_matches import SHORTEST_S, FeatureMatches
 from slam.criticism.camera.lens import NUDGE, floor_of, pixels_of
-from slam.criticism.camera.pictures import SHORTEST_S, Sights
-from slam.criticism.camera.shading import PICTURE_SHAPES, shade
+from slam.criticism.camera.photometric import PICTURE_SHAPES, photometric_score
 from slam.criticism.camera.warps import TOLERANCE as WARP_TOLERANCE
 from slam.criticism.camera.warps import warp
-from slam.criticism.kalman.optics import CAMERA, OFFSET, POINTS, READOUT
+from slam.criticism.kalman.camera_parameters import CAMERA, OFFSET, POINTS, READOUT
+from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
 from slam.criticism.kalman.readings import SENSOR, SLOPE_X, SLOPE_Y
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 from slam.criticism.kalman.smoothing import LEAST_HALF_S, Path, smoothed
-from slam.criticism.kalman.tangents import Direction, parameter_direction
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -35,7 +35,7 @@ _POSE_NUDGE = 1e-5
 _SLOPE_NUDGE = 1e-4
 _SENSOR_NUDGE = 1e-3
 _KEPT_PATHS = 2
-_PATHS: WeakKeyDictionary[Sights, dict[bytes, tuple[Array, Path]]] = WeakKeyDictionary()
+_PATHS: WeakKeyDictionary[FeatureMatches, dict[bytes, tuple[Array, Path]]] = WeakKeyDictionary()
 """Smoothed paths at the pictures that were worked out last, as long as these are there."""
 _FAINT = 1e-4
 """Information on a size that nothing in a flight shows: none at all cannot be inverted."""
@@ -57,7 +57,7 @@ MARGIN_S = 0.3
 
 
 @dataclass(frozen=True)
-class Sighted:
+class ReprojectionScore:
     """What the pictures of one flight say about some directions, at one belief."""
 
     information: Array
@@ -71,28 +71,30 @@ class Sighted:
     """... and how many residuals there are."""
 
 
-def path_of(record: Record, sights: Sights, setting: Setting) -> tuple[Path, NDArray[np.bool_]]:
+def camera_path(
+    record: Record, matches: FeatureMatches, setting: FilterParameters
+) -> tuple[Path, NDArray[np.bool_]]:
     """The path at the pictures, and which lie within it and off the floor; kept for beliefs nearly alike."""
     camera = setting.camera
-    inside = sights.stamps_s > record.times_s[0] + MARGIN_S
-    inside &= sights.stamps_s < record.times_s[-1] - MARGIN_S
+    inside = matches.stamps_s > record.times_s[0] + MARGIN_S
+    inside &= matches.stamps_s < record.times_s[-1] - MARGIN_S
     # On the floor a picture is a few centimetres away: its scale is that of the landing gear, which differs.
     inside &= ~record.landing[
-        np.searchsorted(record.times_s, sights.stamps_s).clip(max=len(record.times_s) - 1)
+        np.searchsorted(record.times_s, matches.stamps_s).clip(max=len(record.times_s) - 1)
     ]
-    inside = spread(sights.stamps_s, inside)
-    paths = _PATHS.setdefault(sights, {})
+    inside = spread(matches.stamps_s, inside)
+    paths = _PATHS.setdefault(matches, {})
     key = _key(setting, record.duration_s)
     half_s = max(min(0.5 * float(camera[READOUT]), 0.4 * SHORTEST_S), LEAST_HALF_S)
     if key not in paths:
-        shown = sights.stamps_s[inside] * (1.0 + setting.drift) - camera[OFFSET]
+        shown = matches.stamps_s[inside] * (1.0 + setting.drift) - camera[OFFSET]
         shown = np.clip(shown, record.times_s[0] + half_s, record.times_s[-1] - half_s)
         while len(paths) >= _KEPT_PATHS:
             paths.pop(next(iter(paths)))
-        directions = [parameter_direction(name, _SENSOR_NUDGE) for name in SENSOR]
+        directions = [parameter_perturbation(name, _SENSOR_NUDGE) for name in SENSOR]
         paths[key] = setting.sensor, smoothed(record, setting, shown, directions, half_s)
     sensor, path = paths[key]
-    moved = (path.traces @ (setting.sensor - sensor)).reshape(path.poses.shape)
+    moved = (path.sensitivity @ (setting.sensor - sensor)).reshape(path.poses.shape)
     return replace(path, poses=path.poses + moved), inside
 
 
@@ -109,29 +111,35 @@ def spread(stamps_s: Array, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return inside & (np.floor((burst + 1.0) * share) > np.floor(burst * share))
 
 
-def _key(setting: Setting, duration_s: float) -> bytes:
+def _key(setting: FilterParameters, duration_s: float) -> bytes:
     """Equal for beliefs under which the readings tell nearly the same path."""
-    parts = [setting.parameters, setting.hold, setting.noise_factor, setting.colour]
+    parts = [setting.parameters, setting.hold, setting.noise_factor, setting.noise_correlation]
     numbers = np.concatenate(parts)
     coarse = np.round(np.sign(numbers) * np.log1p(np.abs(numbers) / 0.01) / _SAME_SHARE)
     clocks = [setting.latency_s, setting.drift * 100, setting.jitter_s, *setting.camera[[OFFSET, READOUT]]]
     return coarse.tobytes() + np.round(np.array([*clocks, duration_s]) / _SAME_S).tobytes()
 
 
-def sighted(record: Record, sights: Sights, setting: Setting, directions: Sequence[Direction]) -> Sighted:
+def reprojection_score(
+    record: Record, matches: FeatureMatches, setting: FilterParameters, directions: Sequence[Perturbation]
+) -> ReprojectionScore:
     """Score and information of the directions that pictures can tell of; 0 for all others."""
-    path, inside = path_of(record, sights, setting)
-    return sighted_along(sights, setting, path, inside, directions)
+    path, inside = camera_path(record, matches, setting)
+    return reprojection_score_along(matches, setting, path, inside, directions)
 
 
-def sighted_along(
-    sights: Sights, setting: Setting, path: Path, inside: NDArray[np.bool_], directions: Sequence[Direction]
-) -> Sighted:
+def reprojection_score_along(
+    matches: FeatureMatches,
+    setting: FilterParameters,
+    path: Path,
+    inside: NDArray[np.bool_],
+    directions: Sequence[Perturbation],
+) -> ReprojectionScore:
     """The same along a path through some of the pictures: those ``inside`` (n,)."""
-    points = _points(sights, setting, path, inside, directions)
-    shades = shade(sights, setting.camera, path, inside, directions)
+    points = _points(matches, setting, path, inside, directions)
+    shades = photometric_score(matches, setting.camera, path, inside, directions)
     faint = [_FAINT * (d.kind in ("camera", "picture")) for d in directions]
-    return Sighted(
+    return ReprojectionScore(
         points.information + shades.information + np.diag(faint),
         points.score + shades.score,
         points.log_likelihood + shades.log_likelihood,
@@ -140,7 +148,9 @@ def sighted_along(
     )
 
 
-def taken(path: Path, inside: NDArray[np.bool_], begin: int, end: int) -> tuple[Path, NDArray[np.bool_]]:
+def path_segment(
+    path: Path, inside: NDArray[np.bool_], begin: int, end: int
+) -> tuple[Path, NDArray[np.bool_]]:
     """The poses ``begin`` to ``end`` of a path through the pictures ``inside`` (n,), and which these are."""
     shown = np.zeros(len(inside), dtype=bool)
     shown[np.flatnonzero(inside)[begin:end]] = True
@@ -148,17 +158,21 @@ def taken(path: Path, inside: NDArray[np.bool_], begin: int, end: int) -> tuple[
 
 
 def _points(
-    sights: Sights, setting: Setting, path: Path, inside: NDArray[np.bool_], directions: Sequence[Direction]
-) -> Sighted:
+    matches: FeatureMatches,
+    setting: FilterParameters,
+    path: Path,
+    inside: NDArray[np.bool_],
+    directions: Sequence[Perturbation],
+) -> ReprojectionScore:
     """What the places of points say."""
-    scene = _Scene.of(sights, setting, setting.camera, path, inside)
+    scene = _Scene.of(matches, setting, setting.camera, path, inside)
     if not len(scene.i):
-        return Sighted(np.zeros((len(directions), len(directions))), np.zeros(len(directions)), 0.0)
+        return ReprojectionScore(np.zeros((len(directions), len(directions))), np.zeros(len(directions)), 0.0)
     B = scene.by_pose()
     C = np.zeros((len(scene.i), 2, len(directions) + len(TOLERANCE)))
     moving = [k for k, d in enumerate(directions) if d.kind == "sensor"]
     entries = [directions[k].entry for k in moving]
-    traces = path.traces.reshape(len(path.times_s), 6, len(SENSOR))[:, :, entries]
+    traces = path.sensitivity.reshape(len(path.times_s), 6, len(SENSOR))[:, :, entries]
     C[:, :, moving] = np.matmul(B[:, :, :6], traces[scene.i]) + np.matmul(B[:, :, 6:], traces[scene.j])
     by_camera = scene.by_camera()
     when = 0.5 * (path.times_s[scene.i] + path.times_s[scene.j])
@@ -177,7 +191,7 @@ def _points(
     return _marginal(scene, B, C, path.covariance)
 
 
-def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> Sighted:
+def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> ReprojectionScore:
     """Take out the poses, within the path's covariance, and the camera, within its tolerance."""
     n, rows = len(covariance) // 6, 2 * len(scene.i)
     right = np.concatenate([C, (scene.seen - scene.carried())[:, :, None]], axis=2)
@@ -211,7 +225,7 @@ def _marginal(scene: _Scene, B: Array, C: Array, covariance: Array) -> Sighted:
     left = left[np.ix_(own, own)] - left[np.ix_(own, loose)] @ taken
     log_det += float(np.linalg.slogdet(tolerance * std * std[:, None])[1])
     chi_square = float(left[-1, -1])
-    return Sighted(left[:-1, :-1], left[:-1, -1], -0.5 * (chi_square + log_det), chi_square, rows)
+    return ReprojectionScore(left[:-1, :-1], left[:-1, -1], -0.5 * (chi_square + log_det), chi_square, rows)
 
 
 def _summed(row: Ints, count: int, values: Array) -> Array:
@@ -221,12 +235,14 @@ def _summed(row: Ints, count: int, values: Array) -> Array:
     return np.asarray(place @ values.reshape(m, -1))
 
 
-def residuals(sights: Sights, setting: Setting, path: Path, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
+def residuals(
+    matches: FeatureMatches, setting: FilterParameters, path: Path, inside: NDArray[np.bool_]
+) -> tuple[Array, Array]:
     """(m,) px that matches between pictures of a path are off by, and by how much the path leaves that open.
 
     The path and ``inside`` are those of ``path_of``.
     """
-    scene = _Scene.of(sights, setting, setting.camera, path, inside)
+    scene = _Scene.of(matches, setting, setting.camera, path, inside)
     B = scene.by_pose()
     n = len(path.times_s)
     S = path.covariance.reshape(n, 6, n, 6)
@@ -245,8 +261,8 @@ def residuals(sights: Sights, setting: Setting, path: Path, inside: NDArray[np.b
 class _Scene:
     """Matches with the poses that they were taken from."""
 
-    sights: Sights
-    setting: Setting
+    matches: FeatureMatches
+    setting: FilterParameters
     camera: Array
     path: Path
     i: Ints
@@ -261,7 +277,13 @@ class _Scene:
     """(m,) the pair's earlier picture, of all."""
 
     @staticmethod
-    def of(sights: Sights, setting: Setting, camera: Array, path: Path, inside: NDArray[np.bool_]) -> _Scene:
+    def of(
+        matches: FeatureMatches,
+        setting: FilterParameters,
+        camera: Array,
+        path: Path,
+        inside: NDArray[np.bool_],
+    ) -> _Scene:
         """Every other match is carried from the earlier picture into the later one.
 
         The noise of a point that is carried is in the derivatives too, which draws the picture it is carried
@@ -269,14 +291,14 @@ class _Scene:
         drifts. The two ways round draw against each other.
         """
         place = np.cumsum(inside) - 1
-        kept = inside[sights.earlier] & inside[sights.later]
-        picture = np.stack([place[sights.earlier[kept]], place[sights.later[kept]]])
-        pixel = np.stack([sights.pixel_i[kept], sights.pixel_j[kept]])
+        kept = inside[matches.earlier] & inside[matches.later]
+        picture = np.stack([place[matches.earlier[kept]], place[matches.later[kept]]])
+        pixel = np.stack([matches.pixel_i[kept], matches.pixel_j[kept]])
         for both in (picture, pixel):
             both[:, 1::2] = both[::-1, 1::2].copy()
         (i, j), (seen, other) = picture, pixel
         return _Scene(
-            sights, setting, camera, path, i, j, seen, other, sights.std_px[kept], sights.earlier[kept]
+            matches, setting, camera, path, i, j, seen, other, matches.std_px[kept], matches.earlier[kept]
         )
 
     def carried(
@@ -284,7 +306,7 @@ class _Scene:
         at_j: Array | None = None, off_j: float | Array = 0.0,
     ) -> Array:  # fmt: skip
         """(m, 2) pixels j in picture i, with something changed."""
-        told, camera = self.sights.camera, self.camera if camera is None else camera
+        told, camera = self.matches.camera, self.camera if camera is None else camera
         slope = self.setting.sensor[[SLOPE_X, SLOPE_Y]] if slope is None else slope
         poses, rates = self.path.poses, self.path.rates
         rows = told.size_px[1] - 1
@@ -336,8 +358,8 @@ class _Scene:
 
     def _warped(self, pixel: Array, elapsed: Array) -> Array:
         """(m, 2, warps) px that points are off by for each unit of a warp."""
-        bent = self.sights.dents.foretold(pixel, self.earlier)
-        return np.concatenate([warp(self.sights.camera, pixel, elapsed), bent[:, :, None]], axis=2)
+        bent = self.matches.lens_distortion.predicted_by_others(pixel, self.earlier)
+        return np.concatenate([warp(self.matches.camera, pixel, elapsed), bent[:, :, None]], axis=2)
 
     def by_slope(self, axis: int) -> Array:
         """(m, 2) change with the floor's slope along x or y, the path left alone."""

@@ -15,7 +15,7 @@ NODES = 13, 11
 COUNT = NODES[0] * NODES[1]
 
 
-def hats(camera: Camera, pixel: Array) -> csr_array:
+def bilinear_weights(camera: Camera, pixel: Array) -> csr_array:
     """(m, nodes) bilinear weights of undistorted pixels (m, 2)."""
     low, part = [], []
     for axis, nodes in enumerate(NODES):

@@ -9,12 +9,20 @@ import pytest
 from scipy.stats import chi2
 
 from frontend.camera import Camera
+from slam.criticism.camera.feature_matches import FeatureMatches, match_pictures
 from slam.criticism.camera.lens import floor_of, pixels_of
-from slam.criticism.camera.pictures import Sights, look
-from slam.criticism.camera.shading import PICTURE_SHAPES
-from slam.criticism.camera.sighting import MOST_PICTURES, TOLERANCE, Sighted, path_of, sighted, spread, taken
+from slam.criticism.camera.photometric import PICTURE_SHAPES
+from slam.criticism.camera.reprojection import (
+    MOST_PICTURES,
+    TOLERANCE,
+    ReprojectionScore,
+    camera_path,
+    reprojection_score,
+    spread,
+    taken,
+)
 from slam.criticism.camera.warps import BENT, WARPS, warp
-from slam.criticism.kalman.optics import (
+from slam.criticism.kalman.camera_parameters import (
     BLUR,
     CAMERA,
     FOCAL,
@@ -27,33 +35,33 @@ from slam.criticism.kalman.optics import (
     VIGNETTING,
     camera_vector,
 )
+from slam.criticism.kalman.filter_parameters import FilterParameters, filter_parameters_of
+from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
 from slam.criticism.kalman.record import Record, record_of
-from slam.criticism.kalman.setting import Setting, setting_of
 from slam.criticism.kalman.smoothing import smoothed
-from slam.criticism.kalman.tangents import Direction, parameter_direction
 from slam.simulation.camera.effects import CameraEffects, true_camera
 from slam.simulation.model import Model, load_model
-from tests.slam.criticism.camera.seen_flight import seen_flight
+from tests.slam.criticism.camera.camera_flight import camera_flight
 
 DIRECTIONS = [
-    *(Direction(name, "camera", k, STEPS[k]) for k, name in enumerate(CAMERA)),
-    parameter_direction("sonar.datum_m", 1e-3),
+    *(Perturbation(name, "camera", k, STEPS[k]) for k, name in enumerate(CAMERA)),
+    parameter_perturbation("sonar.datum_m", 1e-3),
 ]
 
 
 @pytest.fixture(scope="module")
-def setting() -> Setting:
-    return setting_of(load_model("nominal"))
+def setting() -> FilterParameters:
+    return filter_parameters_of(load_model("nominal"))
 
 
-def seen(terms: dict[str, dict[str, float]], seed: int) -> tuple[Record, Sights]:
-    flight = seen_flight(terms, seed)
-    sights = look(flight)
-    assert sights is not None
-    return record_of(flight), sights
+def seen(terms: dict[str, dict[str, float]], seed: int) -> tuple[Record, FeatureMatches]:
+    flight = camera_flight(terms, seed)
+    matches = match_pictures(flight)
+    assert matches is not None
+    return record_of(flight), matches
 
 
-def estimate(found: Sighted, entry: int) -> tuple[float, float]:
+def estimate(found: ReprojectionScore, entry: int) -> tuple[float, float]:
     """Size and standard deviation of one camera entry, the sonar's datum free within a centimetre."""
     datum = len(DIRECTIONS) - 1
     pivot = found.information[datum, datum] + 12 / 0.02**2
@@ -63,12 +71,14 @@ def estimate(found: Sighted, entry: int) -> tuple[float, float]:
 
 
 @pytest.fixture(scope="module")
-def healthy(setting: Setting) -> tuple[Record, Sights, Sighted]:
-    record, sights = seen({}, 3)
-    return record, sights, sighted(record, sights, setting, DIRECTIONS)
+def healthy(setting: FilterParameters) -> tuple[Record, FeatureMatches, ReprojectionScore]:
+    record, matches = seen({}, 3)
+    return record, matches, reprojection_score(record, matches, setting, DIRECTIONS)
 
 
-def test_healthy_pictures_agree_with_the_path(healthy: tuple[Record, Sights, Sighted]) -> None:
+def test_healthy_pictures_agree_with_the_path(
+    healthy: tuple[Record, FeatureMatches, ReprojectionScore],
+) -> None:
     found = healthy[2]
     assert 0.6 < found.chi_square / found.rows < 1.3
     for entry in range(POINTS):
@@ -86,17 +96,17 @@ def test_healthy_pictures_agree_with_the_path(healthy: tuple[Record, Sights, Sig
         pytest.param("rolling_shutter.readout", 0.01, marks=pytest.mark.slow),
     ],
 )
-def test_a_camera_term_is_found_at_its_size(term: str, size: float, setting: Setting) -> None:
+def test_a_camera_term_is_found_at_its_size(term: str, size: float, setting: FilterParameters) -> None:
     name, _, parameter = term.partition(".")
-    record, sights = seen({name: {parameter: size}}, 4)
-    found = sighted(record, sights, setting, DIRECTIONS)
+    record, matches = seen({name: {parameter: size}}, 4)
+    found = reprojection_score(record, matches, setting, DIRECTIONS)
     entry = CAMERA.index(term)
     fitted, std = estimate(found, entry)
     assert fitted / std > 5.0
     assert fitted == pytest.approx(size, rel=0.15, abs=3 * std)
     held = setting.camera.copy()
     held[entry] = size
-    again = sighted(record, sights, replace(setting, camera=held), DIRECTIONS)
+    again = reprojection_score(record, matches, replace(setting, camera=held), DIRECTIONS)
     left, _ = estimate(again, entry)
     assert abs(left) < 3.5 * std
     assert again.log_likelihood > found.log_likelihood + 8.0
@@ -111,7 +121,7 @@ ALL_AT_ONCE = {
 
 
 @pytest.fixture(scope="module")
-def ill(setting: Setting) -> tuple[Record, Sights, Setting]:
+def ill(setting: FilterParameters) -> tuple[Record, FeatureMatches, FilterParameters]:
     """A flight with all that is wrong at once, and the belief that knows it."""
     model = Model(name="ill", terms=ALL_AT_ONCE)
     return *seen(ALL_AT_ONCE, 6), replace(setting, camera=camera_vector(model))
@@ -123,23 +133,23 @@ def ill(setting: Setting) -> tuple[Record, Sights, Setting]:
     ids=lambda x: CAMERA[x] if isinstance(x, int) else str(x),
 )
 def test_pictures_are_likeliest_at_the_size_that_the_simulator_gave_each_term(
-    entry: int, less: float, more: float, ill: tuple[Record, Sights, Setting]
+    entry: int, less: float, more: float, ill: tuple[Record, FeatureMatches, FilterParameters]
 ) -> None:
     """None of it, less and more are less likely, the others being known."""
-    record, sights, known = ill
+    record, matches, known = ill
 
     def likelihood(share: float) -> float:
         camera = known.camera.copy()
         camera[entry] *= share**2 if entry in SQUARES else share
-        return sighted(record, sights, replace(known, camera=camera), DIRECTIONS).log_likelihood
+        return reprojection_score(record, matches, replace(known, camera=camera), DIRECTIONS).log_likelihood
 
     best = likelihood(1.0)
     assert likelihood(0.0) < best - 8.0
     assert max(likelihood(less), likelihood(more)) < best - 2.0
 
 
-def test_the_path_is_as_near_to_the_truth_as_it_says(setting: Setting) -> None:
-    flight = seen_flight({}, 5)
+def test_the_path_is_as_near_to_the_truth_as_it_says(setting: FilterParameters) -> None:
+    flight = camera_flight({}, 5)
     assert flight.truth is not None
     moments = np.arange(0.5, 9.5, 0.5)
     path = smoothed(record_of(flight), setting, moments)
@@ -156,17 +166,17 @@ def test_the_path_is_as_near_to_the_truth_as_it_says(setting: Setting) -> None:
 
 
 def test_pictures_from_the_floor_alone_say_nothing(
-    healthy: tuple[Record, Sights, Sighted], setting: Setting
+    healthy: tuple[Record, FeatureMatches, ReprojectionScore], setting: FilterParameters
 ) -> None:
-    record, sights, _ = healthy
+    record, matches, _ = healthy
     stands = np.ones(len(record.times_s), dtype=bool)
-    found = sighted(replace(record, landing=stands), replace(sights), setting, DIRECTIONS)
+    found = reprojection_score(replace(record, landing=stands), replace(matches), setting, DIRECTIONS)
     assert (found.rows, found.log_likelihood) == (0, 0.0)
     assert not found.score.any()
 
 
 def test_of_a_long_flight_pictures_of_some_seconds_on_end_are_taken(
-    healthy: tuple[Record, Sights, Sighted], setting: Setting
+    healthy: tuple[Record, FeatureMatches, ReprojectionScore], setting: FilterParameters
 ) -> None:
     stamps_s = np.arange(0.0, 300.0, 0.2)
     every = np.ones(len(stamps_s), dtype=bool)
@@ -176,8 +186,8 @@ def test_of_a_long_flight_pictures_of_some_seconds_on_end_are_taken(
     assert lasts_s.max() < 40.0
     assert (spread(stamps_s[:400], every[:400]) == every[:400]).all()
     # A part of a path is as uncertain as the whole says that it is.
-    record, sights, _ = healthy
-    path, inside = path_of(record, sights, setting)
+    record, matches, _ = healthy
+    path, inside = camera_path(record, matches, setting)
     part, shown = taken(path, inside, 10, 25)
     assert part.times_s.tolist() == path.times_s[10:25].tolist()
     assert part.elapsed.tolist() == path.elapsed[10:25].tolist()
@@ -203,45 +213,50 @@ def test_a_lens_projects_as_the_simulator_s_camera() -> None:
     np.testing.assert_allclose(back, points, atol=1e-4)
 
 
-def test_no_camera_is_believed_beyond_its_tolerance(healthy: tuple[Record, Sights, Sighted]) -> None:
+def test_no_camera_is_believed_beyond_its_tolerance(
+    healthy: tuple[Record, FeatureMatches, ReprojectionScore],
+) -> None:
     for entry in (FOCAL, TILT_Y):
         assert estimate(healthy[2], entry)[1] > TOLERANCE[entry]
 
 
 def test_a_model_s_camera_terms_are_held() -> None:
-    held = setting_of(Model(name="blurred", terms={"motion_blur": {"exposure": 0.02}}))
+    held = filter_parameters_of(Model(name="blurred", terms={"motion_blur": {"exposure": 0.02}}))
     assert held.camera[CAMERA.index("motion_blur.exposure")] == pytest.approx(4e-4)
 
 
 @pytest.mark.parametrize("k", range(WARPS.index(BENT)), ids=WARPS[:-1])
 def test_a_warp_that_no_term_is_shows_at_its_size(
-    k: int, setting: Setting, healthy: tuple[Record, Sights, Sighted]
+    k: int, setting: FilterParameters, healthy: tuple[Record, FeatureMatches, ReprojectionScore]
 ) -> None:
-    record, sights, _ = healthy
+    record, matches, _ = healthy
     size = 0.02
-    elapsed = sights.stamps_s - sights.stamps_s[0]
+    elapsed = matches.stamps_s - matches.stamps_s[0]
     elapsed = elapsed / elapsed[-1] - 0.5
     off = replace(
-        sights,
-        pixel_i=sights.pixel_i + size * warp(sights.camera, sights.pixel_i, elapsed[sights.earlier])[..., k],
-        pixel_j=sights.pixel_j + size * warp(sights.camera, sights.pixel_j, elapsed[sights.later])[..., k],
+        matches,
+        pixel_i=matches.pixel_i
+        + size * warp(matches.camera, matches.pixel_i, elapsed[matches.earlier])[..., k],
+        pixel_j=matches.pixel_j
+        + size * warp(matches.camera, matches.pixel_j, elapsed[matches.later])[..., k],
     )
-    directions = [Direction(WARPS[k], "picture", len(PICTURE_SHAPES) + k)]
-    found = sighted(record, off, setting, directions)
+    directions = [Perturbation(WARPS[k], "picture", len(PICTURE_SHAPES) + k)]
+    found = reprojection_score(record, off, setting, directions)
     assert float(found.information[0, 0]) ** -0.5 < 0.6 * size
     assert float(found.score[0] / found.information[0, 0]) == pytest.approx(size, abs=0.3 * size)
 
 
 def test_it_does_not_matter_which_picture_of_a_pair_is_the_earlier(
-    healthy: tuple[Record, Sights, Sighted], setting: Setting
+    healthy: tuple[Record, FeatureMatches, ReprojectionScore], setting: FilterParameters
 ) -> None:
     """Noise in the points that are carried made height seem to drift one way round, and back the other."""
-    record, sights, _ = healthy
+    record, matches, _ = healthy
     other_way = replace(
-        sights, earlier=sights.later, later=sights.earlier, pixel_i=sights.pixel_j, pixel_j=sights.pixel_i,
+        matches, earlier=matches.later, later=matches.earlier,
+        pixel_i=matches.pixel_j, pixel_j=matches.pixel_i,
     )  # fmt: skip
-    rise = [parameter_direction("sonar_temperature.rise", 0.1)]
-    one, other = (sighted(record, s, setting, rise) for s in (sights, other_way))
+    rise = [parameter_perturbation("sonar_temperature.rise", 0.1)]
+    one, other = (reprojection_score(record, s, setting, rise) for s in (matches, other_way))
     std = one.information[0, 0] ** -0.5
     assert one.score[0] / one.information[0, 0] == pytest.approx(
         other.score[0] / other.information[0, 0], abs=0.5 * std
@@ -249,16 +264,16 @@ def test_it_does_not_matter_which_picture_of_a_pair_is_the_earlier(
 
 
 def test_a_picture_from_the_floor_says_nothing(
-    healthy: tuple[Record, Sights, Sighted], setting: Setting
+    healthy: tuple[Record, FeatureMatches, ReprojectionScore], setting: FilterParameters
 ) -> None:
     """A centimetre of another landing gear is a tenth of the height there."""
-    record, sights, _ = healthy
+    record, matches, _ = healthy
     stands = (record.times_s > 4.0) & (record.times_s < 6.0)
-    _, inside = path_of(replace(record, landing=stands), replace(sights), setting)
-    on_floor = (sights.stamps_s > 4.0) & (sights.stamps_s < 5.9)
-    _, before = path_of(record, sights, setting)
+    _, inside = camera_path(replace(record, landing=stands), replace(matches), setting)
+    on_floor = (matches.stamps_s > 4.0) & (matches.stamps_s < 5.9)
+    _, before = camera_path(record, matches, setting)
     assert on_floor.sum() >= 7
     assert before[on_floor].all()
     assert not inside[on_floor].any()
-    in_air = (sights.stamps_s < 4.0) | (sights.stamps_s > 6.1)
+    in_air = (matches.stamps_s < 4.0) | (matches.stamps_s > 6.1)
     assert np.array_equal(inside[in_air], before[in_air])

@@ -31,7 +31,7 @@ LEAST_AREA = 0.005
 things as large as a third of the picture had it in two pairs of three."""
 
 
-def moves(small_i: Image, laid: Overlaid, camera: Camera) -> bool:
+def has_moving_object(small_i: Image, laid: Overlaid, camera: Camera) -> bool:
     """Whether something moves by itself between a reduced picture (h, w) and the one laid over it."""
     kernel = np.ones((2 * BORDER_PX + 1, 2 * BORDER_PX + 1), np.uint8)
     seen = cv2.erode(laid.seen.astype(np.uint8), kernel, borderValue=0) > 0

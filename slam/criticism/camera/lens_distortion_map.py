@@ -16,8 +16,8 @@ from scipy.sparse import csr_array, kron
 from frontend.camera import Camera
 from frontend.homography import jacobian
 from frontend.robust import robust_std
+from slam.criticism.camera.bilinear_weights import COUNT, bilinear_weights, places
 from slam.criticism.camera.cells import radius2
-from slam.criticism.camera.nodes import COUNT, hats, places
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -37,7 +37,7 @@ GAUGE_ROUNDS = 30
 
 
 @dataclass(frozen=True)
-class Dents:
+class LensDistortionMap:
     """Where each half of a flight's pictures shows points, less where a lens of the catalogue would."""
 
     camera: Camera
@@ -53,14 +53,14 @@ class Dents:
         """Whether something sits on the lens: it shines and moves otherwise than the floor, as lamps do."""
         return self.size_px > NOTABLE_PX
 
-    def foretold(self, pixel: Array, earlier: Ints) -> Array:
+    def predicted_by_others(self, pixel: Array, earlier: Ints) -> Array:
         """(m, 2) px that points of pairs are off by, as pictures not near the ``earlier`` ones say."""
-        weights, side = hats(self.camera, pixel), _block(earlier, self.pictures)[:, None] % 2
+        weights, side = bilinear_weights(self.camera, pixel), _block(earlier, self.pictures)[:, None] % 2
         return np.asarray(np.where(side == 0, weights @ self.halves[1], weights @ self.halves[0]))
 
 
 @dataclass(frozen=True)
-class Matches:
+class PairMatches:
     """Matches of pairs of pictures, those of a pair in a row, with what leads from j to i."""
 
     pair: Ints
@@ -73,22 +73,22 @@ class Matches:
     i_H_j: Array
     """(pairs, 3, 3)."""
 
-    def __getitem__(self, which: NDArray[np.bool_]) -> Matches:
+    def __getitem__(self, which: NDArray[np.bool_]) -> PairMatches:
         kept, pair = np.unique(self.pair[which], return_inverse=True)
-        return Matches(
+        return PairMatches(
             pair, self.earlier[which], self.later[which], self.pixel_i[which], self.pixel_j[which],
             self.std_px[which], self.i_H_j[kept],
         )  # fmt: skip
 
 
-def dents_of(camera: Camera, pictures: int, matches: Matches) -> Dents:
+def lens_distortion_map(camera: Camera, pictures: int, matches: PairMatches) -> LensDistortionMap:
     """The map of a flight's lens, by halves."""
     block, other = (_block(at, pictures) for at in (matches.earlier, matches.later))
     sides = [(block == other) & (block % 2 == side) for side in (0, 1)]
     halves = np.stack([_gauged(camera, _fitted(camera, matches[side])) for side in sides])
-    seen = hats(camera, matches.pixel_i)
+    seen = bilinear_weights(camera, matches.pixel_i)
     size_px = float(np.sqrt(np.mean([(seen @ half) ** 2 for half in halves])))
-    return Dents(camera, pictures, halves / max(size_px, 1e-9), size_px)
+    return LensDistortionMap(camera, pictures, halves / max(size_px, 1e-9), size_px)
 
 
 def _block(picture: Ints, pictures: int) -> Ints:
@@ -97,14 +97,16 @@ def _block(picture: Ints, pictures: int) -> Ints:
     return picture * blocks // pictures
 
 
-def _fitted(camera: Camera, matches: Matches) -> Array:
+def _fitted(camera: Camera, matches: PairMatches) -> Array:
     """(nodes, 2) px: least squares beside a homography of each pair, far-off points pulled in."""
     if len(matches.pair) == 0:
         return np.zeros((COUNT, 2))
     carried, by_entry, by_pixel = _carried(matches)
     weight = np.repeat(1.0 / matches.std_px, 2)
     y = (matches.pixel_i - carried).ravel() * weight
-    at_i, at_j = (kron(hats(camera, pixel), np.eye(2)) for pixel in (matches.pixel_i, matches.pixel_j))
+    at_i, at_j = (
+        kron(bilinear_weights(camera, pixel), np.eye(2)) for pixel in (matches.pixel_i, matches.pixel_j)
+    )
     rows = csr_array((at_i - _blocks(by_pixel) @ at_j).multiply(weight[:, None]))
     Q = _orthonormal(by_entry * weight.reshape(-1, 2, 1), matches.pair)
     across = np.asarray((Q.T @ rows).todense())
@@ -122,7 +124,7 @@ def _fitted(camera: Camera, matches: Matches) -> Array:
     return map_.reshape(COUNT, 2)
 
 
-def _carried(matches: Matches) -> tuple[Array, Array, Array]:
+def _carried(matches: PairMatches) -> tuple[Array, Array, Array]:
     """(m, 2) pixels j in picture i, with their derivatives by the entries of the pair's homography (m, 2, 8)
     and by the pixels (m, 2, 2)."""
     H = matches.i_H_j[matches.pair]

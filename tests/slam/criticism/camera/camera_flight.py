@@ -16,7 +16,7 @@ ROWS = (
 """Tilts about both axes, climbs and turns: every term of the camera shows."""
 
 
-def seen_flight(terms: dict[str, dict[str, float]], seed: int, rate_hz: float = 4.0) -> Flight:
+def camera_flight(terms: dict[str, dict[str, float]], seed: int, rate_hz: float = 4.0) -> Flight:
     """Ten seconds over a textured floor with some terms."""
     recipe = {
         "name": "seen",

@@ -12,12 +12,12 @@ from typing import Literal
 
 import numpy as np
 
-from slam.criticism.kalman.arrays import Array, Command, Directions, Ints
-from slam.criticism.kalman.optics import CAMERA
+from slam.criticism.kalman.arrays import Array, CommandArrays, Ints, PerturbationArrays
+from slam.criticism.kalman.camera_parameters import CAMERA
+from slam.criticism.kalman.filter_parameters import LATE_SPREAD, FilterParameters
 from slam.criticism.kalman.readings import ATTITUDE, IMU, SENSOR, SONAR, VELOCITY, WIDTH
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import ON_CHANNEL
-from slam.criticism.kalman.setting import LATE_SPREAD, Setting
 from slam.simulation.dynamics import NOISE, PARAMETERS
 
 Kind = Literal["parameters", "sensor", "latency", "drift", "force", "channel", "camera", "picture"]
@@ -35,7 +35,7 @@ JITTER_REACH, LARGE_JUMP = 3.0, 0.03
 
 
 @dataclass(frozen=True)
-class Direction:
+class Perturbation:
     """One change of a belief."""
 
     name: str
@@ -59,53 +59,58 @@ _READ_BY = {
 }  # fmt: skip
 
 
-def parameter_direction(name: str, step: float) -> Direction:
+def parameter_perturbation(name: str, step: float) -> Perturbation:
     """The direction of a parameter of the equations or of an instrument."""
     if name in PARAMETERS:
-        return Direction(name, "parameters", PARAMETERS.index(name), step)
+        return Perturbation(name, "parameters", PARAMETERS.index(name), step)
     if name in CAMERA:
-        return Direction(name, "camera", CAMERA.index(name), step)
-    return Direction(name, "sensor", SENSOR.index(name), step)
+        return Perturbation(name, "camera", CAMERA.index(name), step)
+    return Perturbation(name, "sensor", SENSOR.index(name), step)
 
 
-def directions_for(
-    record: Record, setting: Setting, directions: Sequence[Direction], signals: dict[str, Signal]
-) -> tuple[Directions, Command]:
+def perturbation_arrays(
+    record: Record,
+    setting: FilterParameters,
+    perturbations: Sequence[Perturbation],
+    signals: dict[str, Signal],
+) -> tuple[PerturbationArrays, CommandArrays]:
     """The directions over one flight as the kernels take them, with the sticks that they obey."""
-    m = len(directions)
+    m = len(perturbations)
     variants: list[tuple[float, float]] = [(setting.latency_s, setting.drift)]
-    names = sorted({d.signal for d in directions if d.signal})
-    table = Directions(
+    names = sorted({d.signal for d in perturbations if d.signal})
+    table = PerturbationArrays(
         np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64), np.zeros(m, dtype=np.int64),
         np.tile(setting.parameters, (m, 1)), np.tile(setting.sensor, (m, 1)),
         np.full(m, -1, dtype=np.int64), np.zeros(m, dtype=np.int64),
         np.array([signals[name][0] for name in names]).reshape(len(names), len(record.step_s)),
         np.array([signals[name][1] for name in names]).reshape(len(names), len(record.times_s)),
-        np.array([1.0 / (d.step if d.unit is None else d.unit) for d in directions]),
+        np.array([1.0 / (d.step if d.unit is None else d.unit) for d in perturbations]),
     )  # fmt: skip
-    for k, d in enumerate(directions):
+    for k, d in enumerate(perturbations):
         if d.kind == "parameters":
-            table.acts[k] = 1
+            table.changes_motion[k] = 1
             table.parameters_of[k, d.entry] += d.step
         elif d.kind == "sensor":
-            table.reads[k] = 1 << _READ_BY.get(SENSOR[d.entry].partition(".")[0], IMU)
+            table.instrument_mask[k] = 1 << _READ_BY.get(SENSOR[d.entry].partition(".")[0], IMU)
             table.sensor_of[k, d.entry] += d.step
         elif d.kind in ("latency", "drift"):
-            table.acts[k] = 1
+            table.changes_motion[k] = 1
             table.stick_of[k] = len(variants)
             late, fast = d.step * (d.kind == "latency"), d.step * (d.kind == "drift")
             variants.append((setting.latency_s + late, setting.drift + fast))
         elif d.kind in ("force", "channel"):
             table.signal_of[k] = names.index(d.signal)
             table.inject_at[k] = d.entry if d.kind == "force" else ON_CHANNEL + d.entry
-            table.acts[k] = int(d.kind == "force")
+            table.changes_motion[k] = int(d.kind == "force")
     return table, _command(record, setting, variants)
 
 
-def _command(record: Record, setting: Setting, variants: Sequence[tuple[float, float]]) -> Command:
+def _command(
+    record: Record, setting: FilterParameters, variants: Sequence[tuple[float, float]]
+) -> CommandArrays:
     """The sticks of each variant, a latency and a clock's drift."""
     over_steps, at_events = zip(*(_obeyed(record, *variant) for variant in variants), strict=True)
-    return Command(
+    return CommandArrays(
         np.array(over_steps), np.array(at_events), _jolts(record, setting), setting.late_std_s**2,
         _jumps(record, setting),
     )  # fmt: skip
@@ -121,7 +126,7 @@ def _obeyed(record: Record, latency_s: float, drift: float) -> tuple[Array, Arra
     )
 
 
-def _jolts(record: Record, setting: Setting) -> Array:
+def _jolts(record: Record, setting: FilterParameters) -> Array:
     if setting.late_std_s == 0.0:
         return np.zeros((len(record.step_s), 6))
     begin = record.step_begin_s / (1 + setting.drift)
@@ -129,7 +134,7 @@ def _jolts(record: Record, setting: Setting) -> Array:
     return record.stick.at(end, setting.latency_s) - record.stick.at(begin, setting.latency_s)
 
 
-def _jumps(record: Record, setting: Setting) -> Ints:
+def _jumps(record: Record, setting: FilterParameters) -> Ints:
     size = np.abs(np.diff(record.stick.values, axis=0)).max(axis=1, initial=0.0)
     at = (record.stick.stamps_s[1:] + setting.latency_s) * (1 + setting.drift)
     beside = _apart(record.times_s, at[size > 0]) < JUMP_S + LATE_SHARE * setting.latency_s

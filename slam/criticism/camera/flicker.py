@@ -22,12 +22,12 @@ FEWEST_CELLS, FEWEST_LINES, FEWEST_PAIRS = 5, 5, 20
 ROUNDS, CLIP = 5, 2.0
 USUAL = 0.25
 """Three pairs of four have more: what moves or shines may be large in some."""
-LEAST_BANDS = 0.01
+LEAST_FLICKER = 0.01
 """Root mean square of the logarithm of brightness. Sound cameras, and such with stains, dark edges, restless
 exposures or lamps in the floor had at most 0.003; bands of 0.2 had 0.06."""
 
 
-def bands_of(camera: Camera, cells: Cells) -> float:
+def flicker_of(camera: Camera, cells: Cells) -> float:
     """Of a flight: how much brightness changes along rows or columns in most pairs of pictures; 0 where
     pairs are too few."""
     outward = radius2(camera, cells.pixel_i) - radius2(camera, cells.pixel_j)

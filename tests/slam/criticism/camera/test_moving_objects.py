@@ -8,19 +8,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from slam.criticism.camera.movers import _odd
-from slam.criticism.camera.pictures import look
+from slam.criticism.camera.feature_matches import match_pictures
+from slam.criticism.camera.moving_objects import _odd
 from slam.criticism.kalman.record import record_of
-from slam.criticism.residuals.oddities import _movers
-from tests.slam.criticism.camera.seen_flight import seen_flight
+from slam.criticism.residuals.reading_anomalies import _moving_objects
+from tests.slam.criticism.camera.camera_flight import camera_flight
 
 
 def found(terms, seed):
     """Oddities of one flight, and how many of its pictures show one."""
-    flight = seen_flight(terms, seed)
-    sights = look(flight)
-    assert sights is not None
-    return _movers([replace(record_of(flight), sights=sights)]), len(sights.moving_s)
+    flight = camera_flight(terms, seed)
+    matches = match_pictures(flight)
+    assert matches is not None
+    return _moving_objects([replace(record_of(flight), matches=matches)]), len(matches.moving_s)
 
 
 def test_things_that_go_through_the_pictures_are_moving_objects():
@@ -39,14 +39,14 @@ def test_a_floor_is_not_whatever_stands_on_it(terms):
 
 
 def test_pictures_by_themselves_are_accidents():
-    flight = seen_flight({}, 7)
-    sights = look(flight)
-    assert sights is not None
+    flight = camera_flight({}, 7)
+    matches = match_pictures(flight)
+    assert matches is not None
     record = record_of(flight)
-    alone = replace(record, sights=replace(sights, moving_s=np.array([1.0, 4.0, 4.2, 8.0])))
-    assert _movers([alone]) == []
-    together = replace(record, sights=replace(sights, moving_s=np.array([1.0, 4.0, 4.2, 4.5, 8.0])))
-    assert [o.name for o in _movers([together])] == ["moving_objects"]
+    alone = replace(record, matches=replace(matches, moving_s=np.array([1.0, 4.0, 4.2, 8.0])))
+    assert _moving_objects([alone]) == []
+    together = replace(record, matches=replace(matches, moving_s=np.array([1.0, 4.0, 4.2, 4.5, 8.0])))
+    assert [o.name for o in _moving_objects([together])] == ["moving_objects"]
 
 
 def test_what_goes_with_the_camera_is_on_the_lens():

@@ -8,22 +8,22 @@ import numpy as np
 import pytest
 
 from frontend.camera import Camera
+from slam.criticism.camera.bilinear_weights import COUNT
 from slam.criticism.camera.cells import Cells
-from slam.criticism.camera.dents import Dents
-from slam.criticism.camera.nodes import COUNT
-from slam.criticism.camera.pictures import Sights
+from slam.criticism.camera.feature_matches import FeatureMatches
+from slam.criticism.camera.lens_distortion_map import LensDistortionMap
 from slam.criticism.cause import Cause
+from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import whole
 from slam.criticism.kalman.readings import SONAR
 from slam.criticism.kalman.record import record_of
-from slam.criticism.kalman.setting import setting_of
 from slam.criticism.manoeuvres import stick_for
-from slam.criticism.residuals.comb import nats_by_others
-from slam.criticism.residuals.oddities import (
+from slam.criticism.residuals.quantisation import nats_by_others
+from slam.criticism.residuals.reading_anomalies import (
     _dropped,
     _highlights,
-    foretold,
-    oddities,
+    predicted_by_others,
+    reading_anomalies,
     without_dead_zone,
 )
 from slam.criticism.simulated_flights import simulate_flight
@@ -45,28 +45,28 @@ def changed(record, change):
 
 def found(record):
     kept, dead = without_dead_zone([record])
-    passes = [whole(kept[0], setting_of(load_model("nominal")))]
-    return {o.name: o for o in [*dead, *oddities(kept, passes)]}
+    passes = [whole(kept[0], filter_parameters_of(load_model("nominal")))]
+    return {o.name: o for o in [*dead, *reading_anomalies(kept, passes)]}
 
 
 def test_a_healthy_sonar_is_not_odd(record):
     assert found(record) == {}
 
 
-def seen(taken: int, missing: int) -> Sights:
+def seen(taken: int, missing: int) -> FeatureMatches:
     """Pictures without matches."""
     none, stamps = np.zeros(0, dtype=np.int64), 0.25 * np.arange(taken)
     camera = Camera((140.8, 140.8), (87.5, 71.5), (176, 144))
     at, tone = np.zeros((0, 2)), np.zeros((0, 4))
-    return Sights(
+    return FeatureMatches(
         camera, stamps, none, none, at, at, np.zeros(0), tone, tone, 0.0, missing, taken,
-        Dents(camera, taken, np.zeros((2, COUNT, 2)), 0.0), Cells.of(()),
+        LensDistortionMap(camera, taken, np.zeros((2, COUNT, 2)), 0.0), Cells.of(()),
     )  # fmt: skip
 
 
 @pytest.mark.parametrize(("missing", "told"), [(0, False), (2, False), (14, True)])
 def test_lost_pictures_are_told_where_they_are_many(record, missing, told):
-    odd = _dropped([replace(record, sights=seen(480 - missing, missing))])
+    odd = _dropped([replace(record, matches=seen(480 - missing, missing))])
     assert [o.name for o in odd] == ["dropped_frames"] * told
     if told:
         share = odd[0].parameters["share"]
@@ -77,10 +77,10 @@ def test_lost_pictures_are_told_where_they_are_many(record, missing, told):
 
 @pytest.mark.parametrize(("bent_px", "told"), [(0.03, ["specular_highlights"]), (0.3, [])])
 def test_spots_are_lamps_unless_something_sits_on_the_lens(record, bent_px, told):
-    sights = seen(100, 0)
+    matches = seen(100, 0)
     spots = np.tile([1.0, 0.0, 0.3], (20, 1))
-    bent = replace(sights, spots=spots, dents=replace(sights.dents, size_px=bent_px))
-    assert [odd.name for odd in _highlights([replace(record, sights=bent)])] == told
+    bent = replace(matches, spots=spots, lens_distortion=replace(matches.lens_distortion, size_px=bent_px))
+    assert [odd.name for odd in _highlights([replace(record, matches=bent)])] == told
     assert bent.glares == bool(told)
 
 
@@ -110,7 +110,7 @@ def test_a_dead_zone_is_found_and_its_readings_left_out(record):
 
 def test_a_share_of_lost_pictures_is_held_out_by_flight(record):
     """A flight that lost none tells against the share of the others, one that lost as many for it."""
-    flights = [replace(record, sights=seen(480 - n, n)) for n in (14, 14, 0)]
+    flights = [replace(record, matches=seen(480 - n, n)) for n in (14, 14, 0)]
     (odd,) = _dropped(flights)
     gain = odd.cause().gain
     assert gain.by == "flight"
@@ -121,11 +121,11 @@ def test_a_share_of_lost_pictures_is_held_out_by_flight(record):
 
 def test_a_step_is_held_out_by_flight(record):
     alike = [changed(record, lambda r: 0.02 * np.round(r / 0.02))] * 2
-    passes = [whole(r, setting_of(load_model("nominal"))) for r in alike]
-    (odd,) = oddities(alike, passes)
-    assert odd.foretold == pytest.approx(odd.nats)
+    passes = [whole(r, filter_parameters_of(load_model("nominal"))) for r in alike]
+    (odd,) = reading_anomalies(alike, passes)
+    assert odd.predicted_by_others == pytest.approx(odd.nats)
     other = [alike[0], changed(record, lambda r: 0.031 * np.round(r / 0.031))]
-    assert sum(foretold(other, nats_by_others)) < 0.2 * sum(odd.nats)
+    assert sum(predicted_by_others(other, nats_by_others)) < 0.2 * sum(odd.nats)
 
 
 def test_second_echoes_are_not_told_as_held_out(record):

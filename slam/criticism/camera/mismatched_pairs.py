@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.criticism.camera.sighting import path_of, residuals
+from slam.criticism.camera.reprojection import camera_path, residuals
+from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.setting import Setting
 
 FAR = 0.25
 """Of a picture's width, beside what the path leaves open."""
@@ -22,30 +22,30 @@ MOST = 0.1
 """Of the pairs: more, and it is the path that is wrong, or the camera in a way that nobody foresaw."""
 
 
-def without_strays(record: Record, setting: Setting) -> tuple[Record, str]:
+def without_mismatched_pairs(record: Record, setting: FilterParameters) -> tuple[Record, str]:
     """The record without such pairs, and what to say of them; empty where there are none."""
-    sights = record.sights
-    if sights is None:
+    matches = record.matches
+    if matches is None:
         return record, ""
-    path, inside = path_of(record, sights, setting)
-    known = np.flatnonzero(inside[sights.earlier] & inside[sights.later])
+    path, inside = camera_path(record, matches, setting)
+    known = np.flatnonzero(inside[matches.earlier] & inside[matches.later])
     if len(known) == 0:
         return record, ""
-    off_px, std_px = residuals(sights, setting, path, inside)
-    pair = sights.earlier[known] * len(sights.stamps_s) + sights.later[known]
+    off_px, std_px = residuals(matches, setting, path, inside)
+    pair = matches.earlier[known] * len(matches.stamps_s) + matches.later[known]
     pairs, pair_of = np.unique(pair, return_inverse=True)
     stray = np.array(
         [
-            np.median(off_px[pair_of == k] - SURE * std_px[pair_of == k]) > FAR * sights.camera.size_px[0]
+            np.median(off_px[pair_of == k] - SURE * std_px[pair_of == k]) > FAR * matches.camera.size_px[0]
             for k in range(len(pairs))
         ]
     )
     if not 0 < stray.sum() <= MOST * len(pairs):
         return record, ""
-    kept = np.ones(len(sights.earlier), dtype=bool)
+    kept = np.ones(len(matches.earlier), dtype=bool)
     kept[known[stray[pair_of]]] = False
     told = (
         f"{record.name}: {stray.sum()} of {len(pairs)} pairs of pictures match another place of the floor "
         "than the vehicle can have been at; they were left out"
     )
-    return replace(record, sights=sights.some(kept)), told
+    return replace(record, matches=matches.some(kept)), told
