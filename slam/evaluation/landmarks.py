@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from frontend.camera import Camera
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
+from slam.evaluation.aligned_maps import AlignedMap, AlignedMaps
 from slam.evaluation.association import Association, seeing_camera
-from slam.evaluation.maps import Map, Maps
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -33,7 +33,7 @@ _VISIT_BREAK_S = 10.0
 
 
 @dataclass(frozen=True)
-class MapWays:
+class PerMap:
     """One figure for each way to place the keyframes."""
 
     chain: float
@@ -51,20 +51,20 @@ class LandmarkDistance:
     name: str
     """"A-B"."""
     truth_m: float
-    measured_m: MapWays
+    measured_m: PerMap
     """NaN where one of the two was not seen."""
 
     @property
-    def error_m(self) -> MapWays:
+    def error_m(self) -> PerMap:
         """Unsigned, as the paper's."""
         m = self.measured_m
-        return MapWays(*(abs(way - self.truth_m) for way in (m.chain, m.odometry, m.loops)))
+        return PerMap(*(abs(way - self.truth_m) for way in (m.chain, m.odometry, m.loops)))
 
     @property
-    def error_percent(self) -> MapWays:
+    def error_percent(self) -> PerMap:
         """Of the true distance; NaN where that is zero."""
         error, share = self.error_m, 100 / self.truth_m if self.truth_m > 0 else float("nan")
-        return MapWays(error.chain * share, error.odometry * share, error.loops * share)
+        return PerMap(error.chain * share, error.odometry * share, error.loops * share)
 
 
 PAPER_DISTANCES_M = {
@@ -82,7 +82,7 @@ class LoopGap:
 
     name: str
     truth_m: float
-    error_m: MapWays
+    error_m: PerMap
     """NaN where the second landmark was not visited 10 s after the first."""
 
 
@@ -107,7 +107,7 @@ def over_papers_ground(distances: tuple[LandmarkDistance, ...]) -> bool:
 
 
 def landmark_table(
-    estimate: Estimate, flight: Flight, association: Association, maps: Maps
+    estimate: Estimate, flight: Flight, association: Association, maps: AlignedMaps
 ) -> tuple[tuple[LandmarkDistance, ...], tuple[LoopGap, ...]]:
     """Distances of the flight's named pairs and its gaps, on the three maps.
 
@@ -125,7 +125,7 @@ def landmark_table(
 
 
 def landmark_places(
-    estimate: Estimate, flight: Flight, association: Association, maps: Maps
+    estimate: Estimate, flight: Flight, association: Association, maps: AlignedMaps
 ) -> dict[str, Array]:
     """Where the estimate's map has each landmark, (3,); NaN for one that was not seen.
 
@@ -136,7 +136,7 @@ def landmark_places(
 
 
 def _sightings(
-    estimate: Estimate, flight: Flight, association: Association, maps: Maps
+    estimate: Estimate, flight: Flight, association: Association, maps: AlignedMaps
 ) -> dict[str, _Sightings]:
     """What each map makes of every landmark; empty without truth or a camera."""
     true_camera = seeing_camera(estimate, flight)
@@ -166,11 +166,11 @@ def seen_at(camera: Camera, w_T_b: Array, w_p: Array) -> tuple[Array, NDArray[np
 
 
 def _carried(
-    camera: Camera, pixel: Array, k: Indices, stamps_s: Array, height_m: float, maps: Maps
+    camera: Camera, pixel: Array, k: Indices, stamps_s: Array, height_m: float, maps: AlignedMaps
 ) -> _Sightings:
     ideal = camera.undistort(pixel)
 
-    def on(made: Map) -> Array:
+    def on(made: AlignedMap) -> Array:
         points = np.full((len(k), 3), np.nan)
         points[:, 2] = made.floor_z_m + height_m
         for row, pose in enumerate(made.w_T_b[k]):
@@ -198,7 +198,7 @@ def _distance(a: str, b: str, flight: Flight, sightings: dict[str, _Sightings]) 
     truth_m = float(np.linalg.norm(flight.landmarks[b] - flight.landmarks[a]))
     one, other = sightings[a], sightings[b]
     vectors = _between(one, other, np.arange(len(one.stamps_s)), np.arange(len(other.stamps_s)))
-    return LandmarkDistance(f"{a}-{b}", truth_m, MapWays(*(float(np.linalg.norm(v)) for v in vectors)))
+    return LandmarkDistance(f"{a}-{b}", truth_m, PerMap(*(float(np.linalg.norm(v)) for v in vectors)))
 
 
 def _gap(a: str, b: str, flight: Flight, sightings: dict[str, _Sightings]) -> LoopGap:
@@ -208,7 +208,7 @@ def _gap(a: str, b: str, flight: Flight, sightings: dict[str, _Sightings]) -> Lo
     end_s = one.stamps_s[first[-1]] if len(first) else np.inf
     later = _visit_after(other.stamps_s, end_s + _VISIT_BREAK_S)
     errors = (float(np.linalg.norm(vector - truth)) for vector in _between(one, other, first, later))
-    return LoopGap(f"{a}-{b}", float(np.linalg.norm(truth)), MapWays(*errors))
+    return LoopGap(f"{a}-{b}", float(np.linalg.norm(truth)), PerMap(*errors))
 
 
 def _first_visit(stamps_s: Array) -> Indices:

@@ -12,12 +12,12 @@ from slam.core.arguments import check_estimate, check_flight
 from slam.core.estimate import MAP_TRAJECTORIES, Estimate
 from slam.core.flight import Flight
 from slam.core.summary import without_nan
+from slam.evaluation.aligned_maps import AlignedMaps, aligned_maps
 from slam.evaluation.association import Association, associate, seeing_camera
 from slam.evaluation.landmarks import LandmarkDistance, LoopGap, landmark_table
 from slam.evaluation.loop_score import LoopScore, score_loops
-from slam.evaluation.maps import Maps, maps_of
 from slam.evaluation.nees import Nees, nees
-from slam.evaluation.trajectory import RelativeError, Spread, position_error, relative_errors, umeyama
+from slam.evaluation.trajectory import ErrorSummary, RelativeError, position_error, relative_errors, umeyama
 
 Array = NDArray[np.float64]
 
@@ -59,11 +59,11 @@ class Evaluation:
     associated: int
     left_out: dict[str, int]
     """Keyframes that were not compared, counted by reason."""
-    ate_m: Spread
+    ate_m: ErrorSummary
     """Positions with the first keyframe's position and yaw on the truth's; with GPS nothing is aligned."""
-    ate_aligned_m: Spread
+    ate_aligned_m: ErrorSummary
     """After the rigid motion of least squares."""
-    ate_sim3_m: Spread
+    ate_sim3_m: ErrorSummary
     """After the similarity of least squares."""
     scale: float
     """Of that similarity: above 1 where the estimate is too small."""
@@ -92,9 +92,9 @@ class Evaluation:
             "keyframes": self.keyframes,
             "associated": self.associated,
             "left_out": self.left_out,
-            "ate_m": _spread(self.ate_m),
-            "ate_aligned_m": _spread(self.ate_aligned_m),
-            "ate_sim3_m": {**_spread(self.ate_sim3_m), "scale": self.scale},
+            "ate_m": _errors(self.ate_m),
+            "ate_aligned_m": _errors(self.ate_aligned_m),
+            "ate_sim3_m": {**_errors(self.ate_sim3_m), "scale": self.scale},
             "rpe": {error.step: _relative(error) for error in self.rpe},
             "nees": {**_nees(self.nees), "too_coarse": self.too_coarse},
             "landmarks": {row.name: _landmark(row) for row in self.landmarks},
@@ -112,7 +112,7 @@ def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
     check_estimate(estimate)
     check_flight(flight)
     association = associate(estimate, flight)
-    maps = maps_of(estimate, association)
+    maps = aligned_maps(estimate, association)
     used = slice(0, association.dimensions)
     estimated_m, reference_m = maps.loops.w_T_b[:, :3, 3].copy(), association.position_m.copy()
     estimated_m[:, 2] *= association.dimensions == 3
@@ -200,7 +200,7 @@ def _loops(estimate: Estimate, flight: Flight, association: Association) -> Loop
 
 
 def _tracks(
-    estimate: Estimate, flight: Flight, association: Association, maps: Maps, per_keyframe: Array
+    estimate: Estimate, flight: Flight, association: Association, maps: AlignedMaps, per_keyframe: Array
 ) -> Tracks:
     k = association.keyframe
     w_R_b = maps.loops.w_T_b[:, :3, :3]
@@ -218,16 +218,16 @@ def _tracks(
     )
 
 
-def _spread(spread: Spread) -> dict[str, float]:
-    return {"rmse": spread.rmse, "max": spread.max}
+def _errors(errors: ErrorSummary) -> dict[str, float]:
+    return {"rmse": errors.rmse, "max": errors.max}
 
 
 def _relative(error: RelativeError) -> dict[str, Any]:
     return {
         "pairs": error.pairs,
-        "translation_m": _spread(error.translation_m),
+        "translation_m": _errors(error.translation_m),
         "translation_percent": error.translation_percent,
-        "rotation_deg": _spread(error.rotation_deg),
+        "rotation_deg": _errors(error.rotation_deg),
     }
 
 

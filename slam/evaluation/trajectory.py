@@ -20,18 +20,18 @@ _STEP_S = 1.0
 
 
 @dataclass(frozen=True)
-class Spread:
+class ErrorSummary:
     """Root mean square and largest of a set of errors; NaN where there are none."""
 
     rmse: float
     max: float
 
     @staticmethod
-    def of(errors: Array) -> Spread:
+    def of(errors: Array) -> ErrorSummary:
         """Of (n,) unsigned errors."""
         if len(errors) == 0:
-            return Spread(float("nan"), float("nan"))
-        return Spread(float(np.sqrt(np.mean(errors**2))), float(errors.max()))
+            return ErrorSummary(float("nan"), float("nan"))
+        return ErrorSummary(float(np.sqrt(np.mean(errors**2))), float(errors.max()))
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,10 @@ class RelativeError:
     step: str
     """What lies between the two poses of a pair: "1 keyframe", "1 s", "5 m"."""
     pairs: int
-    translation_m: Spread
+    translation_m: ErrorSummary
     translation_percent: float
     """Summed translation errors over summed true path lengths."""
-    rotation_deg: Spread
+    rotation_deg: ErrorSummary
 
 
 def gauge(w_T_b_hat: Array, w_T_b_true: Array) -> Array:
@@ -95,9 +95,9 @@ def umeyama(moving_m: Array, fixed_m: Array, with_scale: bool) -> Similarity:
     return Similarity(scale, R, mean_fixed - scale * R @ mean_moving)
 
 
-def position_error(estimated_m: Array, true_m: Array) -> Spread:
+def position_error(estimated_m: Array, true_m: Array) -> ErrorSummary:
     """Of the distances between (n, 3) positions as they stand."""
-    return Spread.of(np.linalg.norm(estimated_m - true_m, axis=1))
+    return ErrorSummary.of(np.linalg.norm(estimated_m - true_m, axis=1))
 
 
 def relative_errors(
@@ -139,7 +139,9 @@ def relative_error(
     rotation_deg = np.rad2deg(Rotation.from_matrix(error[:, :3, :3]).magnitude())
     travelled_m = float(np.sum(path_m[j] - path_m[i]))
     percent = 100 * float(translation_m.sum()) / travelled_m if travelled_m > 0 else float("nan")
-    return RelativeError(step, len(pairs), Spread.of(translation_m), percent, Spread.of(rotation_deg))
+    return RelativeError(
+        step, len(pairs), ErrorSummary.of(translation_m), percent, ErrorSummary.of(rotation_deg)
+    )
 
 
 def _next_keyframe(keyframe: NDArray[np.int64]) -> Pairs:

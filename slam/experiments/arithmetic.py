@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slam.evaluation.paper_values import P_THETA, PITCH_DEG, SPEED_A_DEGREE, SPEED_M_S, STICKS
-from slam.experiments.experiment import PAPER, Conclusion, Experiment, Row, Spread, Trial, verdict
+from slam.experiments.experiment import PAPER, Conclusion, Experiment, Row, SeedStatistics, Trial, verdict
 from slam.experiments.paper_checks import ODD, checks, line_through_table_5
 
 if TYPE_CHECKING:
@@ -22,7 +22,12 @@ def _trial(seed: int, draw: bool) -> Trial:
 def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     found = checks()
     rows = tuple(
-        Row(check.name, check.unit, {PAPER: check.paper}, {"recomputed": Spread.of([check.recomputed])})
+        Row(
+            check.name,
+            check.unit,
+            {PAPER: check.paper},
+            {"recomputed": SeedStatistics.of([check.recomputed])},
+        )
         for check in found
     )
     failing = [check for check in found if not check.holds]

@@ -21,7 +21,7 @@ Verdict = Literal["agrees", "agrees in part", "does not agree", "nothing to comp
 
 
 @dataclass(frozen=True)
-class Spread:
+class SeedStatistics:
     """A figure over all seeds."""
 
     median: float
@@ -32,13 +32,13 @@ class Spread:
     """That gave a figure."""
 
     @staticmethod
-    def of(values: Sequence[float]) -> Spread:
+    def of(values: Sequence[float]) -> SeedStatistics:
         """Of the values that are finite; NaN where none is."""
         known = np.array([value for value in values if np.isfinite(value)])
         if len(known) == 0:
-            return Spread(np.nan, np.nan, np.nan, 0)
+            return SeedStatistics(np.nan, np.nan, np.nan, 0)
         low, middle, high = np.quantile(known, [0.025, 0.5, 0.975])
-        return Spread(float(middle), float(low), float(high), len(known))
+        return SeedStatistics(float(middle), float(low), float(high), len(known))
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Row:
     unit: str
     paper: dict[str, float] = field(default_factory=dict)
     """Column -> figure."""
-    ours: dict[str, Spread] = field(default_factory=dict)
+    ours: dict[str, SeedStatistics] = field(default_factory=dict)
     """Column -> figure over the seeds."""
 
 
@@ -100,9 +100,9 @@ def column(trials: Sequence[Trial], key: str) -> list[float]:
     return [trial.figures.get(key, float("nan")) for trial in trials]
 
 
-def spread(trials: Sequence[Trial], key: str) -> Spread:
+def over_seeds(trials: Sequence[Trial], key: str) -> SeedStatistics:
     """A figure over all trials."""
-    return Spread.of(column(trials, key))
+    return SeedStatistics.of(column(trials, key))
 
 
 def verdict(agrees: bool, partly: bool = False) -> Verdict:
@@ -110,8 +110,8 @@ def verdict(agrees: bool, partly: bool = False) -> Verdict:
     return "agrees" if agrees else "agrees in part" if partly else "does not agree"
 
 
-def told(figure: Spread, unit: str = "", digits: int = 2) -> str:
-    """A spread in words: ``0.78 % (0.52 to 1.10 %)``."""
+def text(figure: SeedStatistics, unit: str = "", digits: int = 2) -> str:
+    """A figure over all seeds in words: ``0.78 % (0.52 to 1.10 %)``."""
     unit = f" {unit}" if unit else ""
     low, high = f"{figure.lower95:.{digits}f}", f"{figure.upper95:.{digits}f}"
     return f"{figure.median:.{digits}f}{unit} ({low} to {high}{unit})"

@@ -27,8 +27,8 @@ from slam.experiments.experiment import (
     Experiment,
     Row,
     Trial,
-    spread,
-    told,
+    over_seeds,
+    text,
     verdict,
 )
 from slam.experiments.stitching import PICTURE_S, at_pace
@@ -120,12 +120,14 @@ def _matches(flight: Flight) -> _Matches:
 
 def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     paper = FEATURE_DISTANCE_PX["with"] / FEATURE_DISTANCE_PX["without"]
-    ratio, twice, right = (spread(trials, key) for key in ("px ratio/1", "px ratio/2", "right px ratio/1"))
-    wrong, wrong_with = spread(trials, "wrong/0"), spread(trials, "wrong/1")
-    near, far = spread(trials, "right px/0").median, spread(trials, "wrong px/0").median
+    ratio, twice, right = (
+        over_seeds(trials, key) for key in ("px ratio/1", "px ratio/2", "right px ratio/1")
+    )
+    wrong, wrong_with = over_seeds(trials, "wrong/0"), over_seeds(trials, "wrong/1")
+    near, far = over_seeds(trials, "right px/0").median, over_seeds(trials, "wrong px/0").median
     needed = [100 * (FEATURE_DISTANCE_PX[key] - near) / (far - near) for key in ("without", "with")]
     reason = (
-        f"the filter raises the mean distance of matches in the picture {told(ratio)} times, at twice its "
+        f"the filter raises the mean distance of matches in the picture {text(ratio)} times, at twice its "
         f"strength {twice.median:.2f} times, where the paper's rose {paper:.2f} times. Brightness can "
         f"explain wrong matches only: their share goes from {wrong.median:.0f} to {wrong_with.median:.0f} "
         f"%, while right ones stay as far apart as the picture moves (ratio {right.median:.3f}). With our "
@@ -141,10 +143,10 @@ def _rows(trials: tuple[Trial, ...], paper: float) -> tuple[Row, ...]:
     columns = {"no filter": "0", "filter": "1", "filter, twice": "2"}
 
     def row(name: str, unit: str, key: str) -> Row:
-        return Row(name, unit, {}, {label: spread(trials, f"{key}/{s}") for label, s in columns.items()})
+        return Row(name, unit, {}, {label: over_seeds(trials, f"{key}/{s}") for label, s in columns.items()})
 
     px = FEATURE_DISTANCE_PX
-    ratios = {label: spread(trials, f"px ratio/{s}") for label, s in columns.items() if s != "0"}
+    ratios = {label: over_seeds(trials, f"px ratio/{s}") for label, s in columns.items() if s != "0"}
     return (
         Row(
             "mean distance, filter over none",

@@ -23,8 +23,8 @@ from slam.experiments.experiment import (
     Row,
     Trial,
     column,
-    spread,
-    told,
+    over_seeds,
+    text,
     verdict,
 )
 from slam.simulation import load_recipe
@@ -73,20 +73,20 @@ def _length(vectors: Array) -> float:
 
 
 def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
-    speed, drift, read = (spread(trials, key) for key in (SPEED, DRIFT, SPEED_READ))
+    speed, drift, read = (over_seeds(trials, key) for key in (SPEED, DRIFT, SPEED_READ))
     near = [
         _agrees(column(trials, key), paper)
         for key, paper in ((SPEED, HOVER_SPEED_M_S), (DRIFT, HOVER_DRIFT_M))
     ]
     reason = (
-        f"ten hovers of the paper's model with its hold noise have a mean speed of {told(speed, 'm/s', 4)} "
-        f"beside {HOVER_SPEED_M_S} of the real drone, and are {told(drift, 'm', 3)} from their start on "
+        f"ten hovers of the paper's model with its hold noise have a mean speed of {text(speed, 'm/s', 4)} "
+        f"beside {HOVER_SPEED_M_S} of the real drone, and are {text(drift, 'm', 3)} from their start on "
         f"average beside {HOVER_DRIFT_M}; without that noise the model hovers perfectly, as the paper's "
         f"simulator does. A flow with 0.03 m/s of white noise would have told {read.median:.3f} m/s: the "
         "drone's log was quieter or smoothed."
     )
     rows = tuple(
-        Row(name, unit, {DRONE: paper}, {"model paper": spread(trials, name)})
+        Row(name, unit, {DRONE: paper}, {"model paper": over_seeds(trials, name)})
         for name, unit, paper in (
             (SPEED, "m/s", HOVER_SPEED_M_S),
             (DRIFT, "m", HOVER_DRIFT_M),

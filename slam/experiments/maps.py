@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
-from slam.experiments.canvas import Canvas, paint, show
-from slam.experiments.experiment import Row, Spread, Trial, spread
+from slam.experiments.drawn_map import DrawnMap, paint, show
+from slam.experiments.experiment import Row, SeedStatistics, Trial, over_seeds
 from slam.experiments.stitching import LARGEST, consecutive, landmark_errors, placed
 from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
@@ -20,7 +20,7 @@ CONSECUTIVE, KEYFRAMES, GRAPH = "chain of pictures, 6.67 Hz", "chain of keyframe
 WAYS = (CONSECUTIVE, KEYFRAMES, GRAPH)
 
 
-def mapped(recipe: str, seed: int, draw: bool) -> tuple[dict[str, float], dict[str, Canvas]]:
+def mapped(recipe: str, seed: int, draw: bool) -> tuple[dict[str, float], dict[str, DrawnMap]]:
     """Fly a recipe and map it: errors of all ways, and the drawn maps of the two chains."""
     flight = simulate(recipe, seed)
     maps = in_all_ways(optimize(flight), flight)
@@ -38,7 +38,7 @@ def in_all_ways(estimate: Estimate, flight: Flight) -> dict[str, Estimate]:
 
 def errors_of(
     maps: Mapping[str, Estimate], flight: Flight, drawn: Sequence[str] = ()
-) -> tuple[dict[str, float], dict[str, Canvas]]:
+) -> tuple[dict[str, float], dict[str, DrawnMap]]:
     """Errors in percent as ``WAY/PAIR``, and the maps of the ways to be drawn."""
     figures: dict[str, float] = {}
     canvases = {}
@@ -63,7 +63,7 @@ def rows(
             column: max(errors.values()) if pair == LARGEST else errors[pair]
             for column, errors in paper.items()
         }
-        ours = {way: spread(trials, f"{prefix}{way}/{pair}") for way in ways}
+        ours = {way: over_seeds(trials, f"{prefix}{way}/{pair}") for way in ways}
         return Row(f"{pair} error" if pair == LARGEST else pair, "%", theirs, ours)
 
     return tuple(row(pair) for pair in (LARGEST, *next(iter(paper.values()))))
@@ -76,6 +76,6 @@ def show_maps(panels: Iterable[Axes], trial: Trial, titles: Mapping[str, str], p
         show(axes, trial.drawing[way], f"{title}: largest error {percent:.2f} %")
 
 
-def largest(trials: Sequence[Trial], way: str, prefix: str = "") -> Spread:
+def largest(trials: Sequence[Trial], way: str, prefix: str = "") -> SeedStatistics:
     """The largest landmark error of a way over the trials."""
-    return spread(trials, f"{prefix}{way}/{LARGEST}")
+    return over_seeds(trials, f"{prefix}{way}/{LARGEST}")

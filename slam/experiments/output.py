@@ -13,14 +13,14 @@ import numpy as np
 from slam.core.plot_style import png
 from slam.core.summary import json_text
 from slam.core.version import VERSION
-from slam.experiments.experiment import Conclusion, Experiment, Row, Spread, Trial
+from slam.experiments.experiment import Conclusion, Experiment, Row, SeedStatistics, Trial
 from slam.experiments.registry import experiment
 
 _DPI = 110
 
 
 @dataclass(frozen=True)
-class Table:
+class TextTable:
     """An experiment's rows as text; columns of the paper first."""
 
     columns: tuple[str, ...]
@@ -33,7 +33,7 @@ class Table:
 class _Section:
     experiment: Experiment
     conclusion: Conclusion
-    table: Table
+    table: TextTable
     picture: str
 
 
@@ -106,7 +106,7 @@ def draw(made: Experiment, trials: tuple[Trial, ...]) -> bytes:
     return png(figure)
 
 
-def table(conclusion: Conclusion) -> Table:
+def table(conclusion: Conclusion) -> TextTable:
     """All rows with the columns that any of them has."""
     paper = tuple(dict.fromkeys(column for row in conclusion.rows for column in row.paper))
     ours = tuple(dict.fromkeys(column for row in conclusion.rows for column in row.ours))
@@ -119,7 +119,7 @@ def table(conclusion: Conclusion) -> Table:
         )
         for row in conclusion.rows
     )
-    return Table(("", "", *paper, *ours), len(paper), rows)
+    return TextTable(("", "", *paper, *ours), len(paper), rows)
 
 
 def headline(name: str, conclusion: Conclusion) -> tuple[tuple[str, str, str, str], ...]:
@@ -133,7 +133,7 @@ def headline(name: str, conclusion: Conclusion) -> tuple[tuple[str, str, str, st
     return (first, *(("", f"  {column}", value, "") for column, value in figures))
 
 
-def shown(figure: Spread) -> str:
+def shown(figure: SeedStatistics) -> str:
     """Median and 95 % interval; the figure alone where there is but one."""
     if figure.seeds < 2:
         return _figure(figure.median)

@@ -20,10 +20,10 @@ from slam.experiments.experiment import (
     Conclusion,
     Experiment,
     Row,
-    Spread,
+    SeedStatistics,
     Trial,
     column,
-    spread,
+    over_seeds,
     verdict,
 )
 from slam.simulation import load_recipe
@@ -96,8 +96,8 @@ def _share(trials: tuple[Trial, ...], way: str, overlap: float) -> float:
     return float(np.mean(column(trials, f"{way}/{overlap:g}")))
 
 
-def _exact(value: float) -> dict[str, Spread]:
-    return {"from the camera": Spread(value, value, value, 1)}
+def _exact(value: float) -> dict[str, SeedStatistics]:
+    return {"from the camera": SeedStatistics(value, value, value, 1)}
 
 
 def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
@@ -136,9 +136,9 @@ def _rows(trials: tuple[Trial, ...], width: float, height: float) -> tuple[Row, 
     for way in WAYS:
         for overlap in OVERLAPS:
             name, ours = f"pairs registered at {100 * overlap:.0f} % overlap, {way}", f"{way}/{overlap:g}"
-            rows.append(Row(name, "%", {}, {"simulated": spread(trials, ours)}))
+            rows.append(Row(name, "%", {}, {"simulated": over_seeds(trials, ours)}))
         name, ours = f"corner error at {100 * OVERLAP:.0f} % overlap, {way}", f"{way} px/{OVERLAP:g}"
-        rows.append(Row(name, "px", {}, {"simulated": spread(trials, ours)}))
+        rows.append(Row(name, "px", {}, {"simulated": over_seeds(trials, ours)}))
     return tuple(rows)
 
 

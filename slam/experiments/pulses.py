@@ -17,11 +17,11 @@ from slam.experiments.experiment import (
     Conclusion,
     Experiment,
     Row,
-    Spread,
+    SeedStatistics,
     Trial,
     column,
-    spread,
-    told,
+    over_seeds,
+    text,
     verdict,
 )
 from slam.simulation import load_recipe, simulate
@@ -98,16 +98,16 @@ def _curves(flight: Flight) -> dict[str, tuple[Array, Array]]:
 
 
 def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
-    up, down = (Spread.of(column(trials, f"ratio/{kind}")) for kind in (ACCELERATION, DECELERATION))
-    delay = spread(trials, f"{SIMULATED}/{DELAY}")
+    up, down = (SeedStatistics.of(column(trials, f"ratio/{kind}")) for kind in (ACCELERATION, DECELERATION))
+    delay = over_seeds(trials, f"{SIMULATED}/{DELAY}")
     reason = (
-        f"the simulated drone speeds up with {told(up)} times the slope of a drone that brakes by its "
-        f"optical flow (a rate of {BRAKING_1_S} 1/s, assumed) and slows down with {told(down)} times; its "
+        f"the simulated drone speeds up with {text(up)} times the slope of a drone that brakes by its "
+        f"optical flow (a rate of {BRAKING_1_S} 1/s, assumed) and slows down with {text(down)} times; its "
         f"pitch is what was asked after {1e3 * delay.median:.0f} ms. So the paper's explanation gives what "
         "its figure 10 shows; how hard the real drone brakes the figure does not tell."
     )
     rows = tuple(
-        Row(kind, unit, {}, {name: spread(trials, f"{name}/{kind}") for name in (SIMULATED, BRAKING)})
+        Row(kind, unit, {}, {name: over_seeds(trials, f"{name}/{kind}") for name in (SIMULATED, BRAKING)})
         for kind, unit in ((ACCELERATION, "m/s²"), (DECELERATION, "m/s²"), (DELAY, "s"))
     )
     first = Row("slowing down, slope over the braking drone's", "1", {}, {SIMULATED: down})

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam.experiments.experiment import Conclusion, Experiment, Row, Trial, spread, told
+from slam.experiments.experiment import Conclusion, Experiment, Row, Trial, over_seeds, text
 from slam.simulation import load_recipe, simulate
 
 if TYPE_CHECKING:
@@ -42,17 +42,22 @@ def _trial(seed: int, draw: bool) -> Trial:
 
 def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     rows = tuple(
-        Row(f"{name.replace('_', ' ')}: {key}", unit, {}, {"model paper": spread(trials, f"{name}/{key}")})
+        Row(
+            f"{name.replace('_', ' ')}: {key}",
+            unit,
+            {},
+            {"model paper": over_seeds(trials, f"{name}/{key}")},
+        )
         for key, unit in UNITS.items()
         for name in SQUARES
     )
-    horizontal, vertical = (spread(trials, f"{name}/{GAP}") for name in SQUARES)
-    across, up = (spread(trials, f"{name}/{FIRST}").median for name in SQUARES)
+    horizontal, vertical = (over_seeds(trials, f"{name}/{GAP}") for name in SQUARES)
+    across, up = (over_seeds(trials, f"{name}/{FIRST}").median for name in SQUARES)
     reason = (
         "the paper recorded the squares but did not analyse them. Flown by timed commands, without "
-        f"looking, the horizontal one ends {told(horizontal, 'm')} from its start, "
+        f"looking, the horizontal one ends {text(horizontal, 'm')} from its start, "
         f"{100 * horizontal.median / across:.0f} % of its first side, and the vertical one "
-        f"{told(vertical, 'm')}, {100 * vertical.median / up:.0f} %."
+        f"{text(vertical, 'm')}, {100 * vertical.median / up:.0f} %."
     )
     return Conclusion(rows, "nothing to compare with", reason)
 

@@ -1,7 +1,7 @@
 """Maps of one flight made in several ways, and how far their landmarks are off.
 
 The paper's way composes the homographies of consecutive pictures (section 3.1); how many of the 15 pictures a
-second its computer managed is told by the 150 ms that one took. Its other way puts each where a Kalman filter
+second its computer managed is set by the 150 ms that one took. Its other way puts each where a Kalman filter
 has the vehicle (section 3.1.2). Ours composes those of keyframes, or solves the pose graph.
 """
 
@@ -17,9 +17,9 @@ from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Frames
 from slam.core.progress import silent
 from slam.core.rotations import roll_pitch_yaw_of
+from slam.evaluation.aligned_maps import aligned_maps
 from slam.evaluation.association import associate
 from slam.evaluation.landmarks import landmark_places, landmark_table
-from slam.evaluation.maps import maps_of
 from slam.inertial.filter_chain import filter_chain
 from slam.mapping.config import PipelineConfig
 from slam.mapping.front_end import FrontEnd
@@ -114,7 +114,7 @@ def placed(estimate: Estimate, w_T_b: Array) -> Estimate:
 def landmark_errors(estimate: Estimate, flight: Flight) -> LandmarkErrors:
     """The errors of a map's landmark distances, and where it has the landmarks."""
     association = associate(estimate, flight)
-    maps = maps_of(estimate, association)
+    maps = aligned_maps(estimate, association)
     rows, _ = landmark_table(estimate, flight, association, maps)
     percent = {row.name: row.error_percent.loops for row in rows}
     return LandmarkErrors(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from slam.evaluation.paper_values import SQUARE_DRONE_PERCENT, SQUARE_PERCENT
-from slam.experiments.experiment import DRONE, SIMULATOR, Conclusion, Experiment, Trial, told, verdict
+from slam.experiments.experiment import DRONE, SIMULATOR, Conclusion, Experiment, Trial, text, verdict
 from slam.experiments.maps import CONSECUTIVE, GRAPH, KEYFRAMES, largest, mapped, rows, show_maps
 
 if TYPE_CHECKING:
@@ -22,10 +22,10 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     ours, pictures, graph = (largest(trials, way) for way in (KEYFRAMES, CONSECUTIVE, GRAPH))
     below = ours.median <= limit
     reason = (
-        f"our chain of homographies leaves a largest landmark error of {told(ours, '%')}, "
+        f"our chain of homographies leaves a largest landmark error of {text(ours, '%')}, "
         f"{'at or below' if below else 'above'} the {limit} % that the paper's simulator left; chaining "
-        f"every picture that its computer could take, as the paper did, leaves {told(pictures, '%')}, and "
-        f"the pose graph {told(graph, '%')}."
+        f"every picture that its computer could take, as the paper did, leaves {text(pictures, '%')}, and "
+        f"the pose graph {text(graph, '%')}."
     )
     paper = {DRONE: SQUARE_DRONE_PERCENT, SIMULATOR: SQUARE_PERCENT}
     return Conclusion(rows(trials, paper), verdict(below), reason)

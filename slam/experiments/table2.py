@@ -14,10 +14,10 @@ from slam.experiments.experiment import (
     Conclusion,
     Experiment,
     Row,
-    Spread,
+    SeedStatistics,
     Trial,
     column,
-    told,
+    text,
     verdict,
 )
 from slam.experiments.maps import CONSECUTIVE, GRAPH, KEYFRAMES, WAYS, largest, mapped, rows, show_maps
@@ -43,17 +43,17 @@ def _trial(seed: int, draw: bool) -> Trial:
 
 def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     theirs = max(WHITE_BALANCE_PERCENT.values()) / max(SQUARE_PERCENT.values())
-    growth = {way: Spread.of(column(trials, f"growth/{way}")) for way in WAYS}
+    growth = {way: SeedStatistics.of(column(trials, f"growth/{way}")) for way in WAYS}
     chance = {way: _chance(column(trials, f"growth/{way}")) for way in WAYS}
     with_filter, without = (largest(trials, CONSECUTIVE, prefix) for prefix in (_WITH, _WITHOUT))
     pictures = growth[CONSECUTIVE]
     grows = pictures.median > 1 and chance[CONSECUTIVE] < _UNLIKELY
     reason = (
-        f"with the filter the largest error of the chain of pictures goes from {told(without, '%')} to "
-        f"{told(with_filter, '%')}, on the same flight {told(pictures)} times as much (signed-rank test: p "
+        f"with the filter the largest error of the chain of pictures goes from {text(without, '%')} to "
+        f"{text(with_filter, '%')}, on the same flight {text(pictures)} times as much (signed-rank test: p "
         f"= {chance[CONSECUTIVE]:.2g}), where the paper's grew {theirs:.1f} times; that of the chain of "
-        f"keyframes {told(growth[KEYFRAMES])} times (p = {chance[KEYFRAMES]:.2g}) and that of the pose "
-        f"graph {told(growth[GRAPH])} times. The errors stay small because descriptors normalise contrast "
+        f"keyframes {text(growth[KEYFRAMES])} times (p = {chance[KEYFRAMES]:.2g}) and that of the pose "
+        f"graph {text(growth[GRAPH])} times. The errors stay small because descriptors normalise contrast "
         "and the robust fit refuses wrong matches: brightness costs our stitcher matches more than "
         "accuracy."
     )

@@ -18,8 +18,8 @@ from slam.experiments.experiment import (
     Conclusion,
     Experiment,
     Trial,
-    spread,
-    told,
+    over_seeds,
+    text,
     verdict,
 )
 from slam.experiments.maps import (
@@ -77,16 +77,16 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     found = {way: largest(trials, way) for way in (*WAYS, HEIGHTS)}
     medians = [found[way].median for way in (CONSECUTIVE, FILTER, GRAPH)]
     in_order = medians == sorted(medians, reverse=True)
-    zero, scale = spread(trials, "datum"), spread(trials, "scale")
+    zero, scale = over_seeds(trials, "datum"), over_seeds(trials, "scale")
     theirs, their_filter = max(STITCHED_PERCENT.values()), max(EKF_PERCENT.values())
     reason = (
-        f"the largest landmark error is {told(found[CONSECUTIVE], '%')} for the chain of pictures (paper "
-        f"{theirs} %), {told(found[FILTER], '%')} with the Kalman filter (paper {their_filter} %; our "
-        f"flow and sonar have no lasting errors) and {told(found[GRAPH], '%')} for the pose graph, which "
+        f"the largest landmark error is {text(found[CONSECUTIVE], '%')} for the chain of pictures (paper "
+        f"{theirs} %), {text(found[FILTER], '%')} with the Kalman filter (paper {their_filter} %; our "
+        f"flow and sonar have no lasting errors) and {text(found[GRAPH], '%')} for the pose graph, which "
         f"the paper left to future work and of which at most {MOST_PERCENT} % was asked; the chain of "
-        f"keyframes leaves {told(found[KEYFRAMES], '%')}. With the sonar's zero off by "
-        f"{told(zero, 'mm', 1)} and the middle bar flown at 0.6 and 1.0 m the pose graph leaves "
-        f"{told(found[HEIGHTS], '%')}, where such a zero alone scales a map by {told(scale, '%')}: from "
+        f"keyframes leaves {text(found[KEYFRAMES], '%')}. With the sonar's zero off by "
+        f"{text(zero, 'mm', 1)} and the middle bar flown at 0.6 and 1.0 m the pose graph leaves "
+        f"{text(found[HEIGHTS], '%')}, where such a zero alone scales a map by {text(scale, '%')}: from "
         "the two heights the graph tells the zero from the scale."
     )
     small = found[GRAPH].median <= MOST_PERCENT

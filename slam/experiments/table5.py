@@ -27,10 +27,10 @@ from slam.experiments.experiment import (
     Conclusion,
     Experiment,
     Row,
-    Spread,
+    SeedStatistics,
     Trial,
-    spread,
-    told,
+    over_seeds,
+    text,
     verdict,
 )
 from slam.simulation import load_recipe, simulate
@@ -106,11 +106,11 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     pitched = [
         s
         for s in STICKS
-        if abs(spread(trials, f"paper/pitch/{s:g}").median - PITCH_DEG[s]) <= 2 * PITCH_STD_DEG[s]
+        if abs(over_seeds(trials, f"paper/pitch/{s:g}").median - PITCH_DEG[s]) <= 2 * PITCH_STD_DEG[s]
     ]
-    apart = {s: 100 * (SPEED_M_S[s] / spread(trials, f"paper/end/{s:g}").median - 1) for s in STICKS}
+    apart = {s: 100 * (SPEED_M_S[s] / over_seeds(trials, f"paper/end/{s:g}").median - 1) for s in STICKS}
     odd = max(STICKS, key=lambda s: abs(apart[s]))
-    c, faster = spread(trials, "paper/c"), spread(trials, "faster")
+    c, faster = over_seeds(trials, "paper/c"), over_seeds(trials, "faster")
     error = 100 * (c.median / SPEED_A_DEGREE - 1)
     too_slow = (
         "In the paper's own window, the last two of five seconds, the model is not at its end yet and "
@@ -122,7 +122,7 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
         f"of {len(STICKS)} sticks, with its pitch at {len(pitched)}; v = {c.median:.4f} s theta_max is "
         f"equation 4 to {abs(error):.1f} %. The outlier is s = {odd:.2f}: there the drone's speed lies "
         f"{apart[odd]:+.0f} % off, inside two standard deviations only because its own is so large. "
-        f"{too_slow if short else ''}The nominal model is {told(faster, '%', 1)} faster."
+        f"{too_slow if short else ''}The nominal model is {text(faster, '%', 1)} faster."
     )
     alike = len(within) == len(pitched) == len(STICKS) and abs(error) <= 1
     return Conclusion(_rows(trials), verdict(alike), reason)
@@ -130,18 +130,18 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
 
 def _off(trials: tuple[Trial, ...], kind: str, s: float) -> float:
     """Model minus drone, in the drone's standard deviations."""
-    return (spread(trials, f"paper/{kind}/{s:g}").median - SPEED_M_S[s]) / SPEED_STD_M_S[s]
+    return (over_seeds(trials, f"paper/{kind}/{s:g}").median - SPEED_M_S[s]) / SPEED_STD_M_S[s]
 
 
 def _rows(trials: tuple[Trial, ...]) -> tuple[Row, ...]:
-    def ours(kind: str, s: float) -> dict[str, Spread]:
-        return {f"model {model}": spread(trials, f"{model}/{kind}/{s:g}") for model in MODELS}
+    def ours(kind: str, s: float) -> dict[str, SeedStatistics]:
+        return {f"model {model}": over_seeds(trials, f"{model}/{kind}/{s:g}") for model in MODELS}
 
     first = Row(
         "c of v = c s theta_max",
         "m/s/deg",
         {"equation 4 (paper)": SPEED_A_DEGREE},
-        {f"model {model}": spread(trials, f"{model}/c") for model in MODELS},
+        {f"model {model}": over_seeds(trials, f"{model}/c") for model in MODELS},
     )
     rows = [first]
     for s in STICKS:
@@ -177,8 +177,8 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
         ("end", "s", "model paper, in the end"),
         ("window", "^", "model paper, in the window"),
     ):
-        ends = [spread(trials, f"paper/{kind}/{s:g}").median for s in STICKS]
-        angles = [spread(trials, f"paper/pitch/{s:g}").median for s in STICKS]
+        ends = [over_seeds(trials, f"paper/{kind}/{s:g}").median for s in STICKS]
+        angles = [over_seeds(trials, f"paper/pitch/{s:g}").median for s in STICKS]
         left.plot(
             angles,
             ends,
@@ -193,7 +193,8 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
     left.legend(frameon=False, fontsize=8)
     for kind, color in (("end", "tab:blue"), ("window", "tab:cyan")):
         sigmas = [
-            (spread(trials, f"paper/{kind}/{s:g}").median - SPEED_M_S[s]) / SPEED_STD_M_S[s] for s in STICKS
+            (over_seeds(trials, f"paper/{kind}/{s:g}").median - SPEED_M_S[s]) / SPEED_STD_M_S[s]
+            for s in STICKS
         ]
         right.plot(
             STICKS, sigmas, "o-", color=color, label="in the end" if kind == "end" else "in the window"

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from slam.evaluation import Evaluation, evaluate
-from slam.evaluation.landmarks import MapWays
+from slam.evaluation.landmarks import PerMap
 from slam.mapping.pipeline import optimize
 from slam.simulation import simulate
 from tests.benchmarks.metric import Metric, at_most, told, within
@@ -28,13 +28,13 @@ def evaluated(seed: int) -> Evaluation:
     return evaluate(optimize(flight), flight)
 
 
-def largest_percent(evaluation: Evaluation) -> MapWays:
+def largest_percent(evaluation: Evaluation) -> PerMap:
     """Of all named distances, for each way to make the map."""
     rows = [row.error_percent for row in evaluation.landmarks]
-    return MapWays(*(max(getattr(row, way) for row in rows) for way in ("chain", "odometry", "loops")))
+    return PerMap(*(max(getattr(row, way) for row in rows) for way in ("chain", "odometry", "loops")))
 
 
-def gap_m(evaluation: Evaluation) -> MapWays:
+def gap_m(evaluation: Evaluation) -> PerMap:
     """Errors of the A-E gap."""
     return next(gap.error_m for gap in evaluation.loop_gaps if gap.name == "A-E")
 

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from slam.experiments.experiment import Conclusion, Row, Spread
+from slam.experiments.experiment import Conclusion, Row, SeedStatistics
 from slam.experiments.output import table
 from slam.experiments.registry import NAMES
 from tests.benchmarks.figures import with_block
@@ -44,8 +44,8 @@ def section(record: dict[str, Any]) -> str:
     return "\n\n".join(lines) + "\n" + body
 
 
-def _spread(of: dict[str, Any]) -> Spread:
-    return Spread(**{key: float("nan") if value is None else value for key, value in of.items()})
+def _spread(of: dict[str, Any]) -> SeedStatistics:
+    return SeedStatistics(**{key: float("nan") if value is None else value for key, value in of.items()})
 
 
 def main(folders: list[str]) -> None:

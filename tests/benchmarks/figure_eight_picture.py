@@ -23,9 +23,9 @@ from PIL import Image
 
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
+from slam.evaluation.aligned_maps import AlignedMap, AlignedMaps, aligned_maps
 from slam.evaluation.association import associate
 from slam.evaluation.landmarks import landmark_places
-from slam.evaluation.maps import Map, Maps, maps_of
 from slam.mapping.pipeline import optimize
 from slam.report.rasters.mosaic import write_mosaic
 from slam.simulation import simulate
@@ -59,7 +59,7 @@ def main() -> None:
     """Fly, map, and draw."""
     flight = simulate("figure_eight", 0)
     estimate = optimize(flight)
-    maps = maps_of(estimate, associate(estimate, flight))
+    maps = aligned_maps(estimate, associate(estimate, flight))
     before = drawn("Before: each picture laid on the one before it", estimate, flight, maps, maps.chain)
     after = drawn("After: all pictures placed together", estimate, flight, maps, maps.loops)
     Image.open(io.BytesIO(page(flight, (before, after)))).convert("RGB").save(
@@ -67,7 +67,7 @@ def main() -> None:
     )
 
 
-def drawn(title: str, estimate: Estimate, flight: Flight, maps: Maps, made: Map) -> Drawn:
+def drawn(title: str, estimate: Estimate, flight: Flight, maps: AlignedMaps, made: AlignedMap) -> Drawn:
     """The mosaic of one map, and its landmarks."""
     level = {"floor_z_m": made.floor_z_m, "floor_slope_rad": (0.0, 0.0)}
     there = replace(estimate, w_T_b=made.w_T_b, **level)

@@ -1,8 +1,9 @@
-"""The quoted figures of the IMAV 2011 paper, against its tables typed a second time and against each other."""
+"""The quoted figures of the IMAV 2011 paper agree with a second typing of its tables and with each other."""
 
 import pytest
 
 from slam.evaluation import paper_values as paper
+from slam.evaluation.landmarks import PAPER_DISTANCES_M
 
 SQUARE = ("A-B", "B-C", "C-D", "D-A", "B-D")
 EIGHT = ("A-B", "B-C", "C-D", "D-E", "E-F", "F-G", "G-H", "H-A", "B-G")
@@ -37,8 +38,6 @@ QUOTED = {
     "table 5, theta (deg)": paper.PITCH_DEG,
     "table 5, sigma of theta (deg)": paper.PITCH_STD_DEG,
 }
-EIGHT_DISTANCE_M = dict(zip(EIGHT, (2.1, 4.5, 2.1, 4.5, 2.1, 4.5, 2.1, 4.5, 4.5 * 2**0.5), strict=True))
-"""Distances between the landmarks of the figure eight, from 100 * error / percent of table 4."""
 
 
 def printed(row):
@@ -67,7 +66,7 @@ def test_percentages_of_the_figure_eight_are_errors_over_distances(table):
     percentages = PRINTED[f"{table}, error (%)"][1].split()
     quoted = QUOTED[f"{table}, error (%)"]
     for pair, error, percent in zip(columns, errors.split(), percentages, strict=True):
-        distance = EIGHT_DISTANCE_M[pair]
+        distance = PAPER_DISTANCES_M[pair]
         tolerance = 100 * rounding(error) / distance + 1.01 * rounding(percent)
         assert quoted[pair] == pytest.approx(100 * float(error) / distance, abs=tolerance), pair
 
@@ -100,7 +99,7 @@ def test_largest_errors_are_those_of_the_running_text():
 
 def test_figures_of_the_running_text_are_the_printed_ones():
     assert (paper.SIDE_M, paper.DIAGONAL_M) == (1.3, 1.84), "section 4.1"
-    assert paper.DIAGONAL_M == pytest.approx(2**0.5 * paper.SIDE_M, abs=0.005)
+    assert pytest.approx(2**0.5 * paper.SIDE_M, abs=0.005) == paper.DIAGONAL_M
     assert paper.FEATURE_DISTANCE_PX == {"without": 22.1, "with": 32.9, "drone": 32.7}, "section 4.1"
     assert (paper.FIELD_OF_VIEW_DEG, paper.FLOOR_AT_1M_M) == (64, 1.24), "section 3.1"
     assert paper.OVERLAP_SPEED_M_S == {15.0: 9.3, 6.67: 4.13}, "section 3.1"

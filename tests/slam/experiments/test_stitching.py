@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.evaluation.aligned_maps import aligned_maps
 from slam.evaluation.association import associate, poses_at
-from slam.evaluation.maps import maps_of
-from slam.experiments.canvas import paint
+from slam.experiments.drawn_map import paint
 from slam.experiments.stitching import (
     LARGEST,
     at_pace,
@@ -40,7 +40,7 @@ def perfect(flight, estimate):
 
 def off_truth(made, flight):
     """(m,) how far each position lies from the true one, the first pose and heading on the truth's."""
-    placed_poses = maps_of(made, associate(made, flight)).loops.w_T_b
+    placed_poses = aligned_maps(made, associate(made, flight)).loops.w_T_b
     return np.linalg.norm((placed_poses - poses_at(flight.truth, made.stamps_s))[:, :3, 3], axis=1)
 
 

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Map:
+class AlignedMap:
     """Keyframe poses of one way to place them, over their floor."""
 
     w_T_b: Array
@@ -24,31 +24,31 @@ class Map:
 
 
 @dataclass(frozen=True)
-class Maps:
+class AlignedMaps:
     """Each with its first keyframe's position and yaw on the truth's; as it is where the reference is GPS."""
 
-    chain: Map
+    chain: AlignedMap
     """Homographies of neighbouring frames composed: the paper's map stitching."""
-    odometry: Map
+    odometry: AlignedMap
     """Optimized without loops."""
-    loops: Map
+    loops: AlignedMap
     """Optimized with loops: the estimate."""
 
 
-def maps_of(estimate: Estimate, association: Association) -> Maps:
+def aligned_maps(estimate: Estimate, association: Association) -> AlignedMaps:
     """Align each map by its own first associated keyframe."""
-    return Maps(
+    return AlignedMaps(
         chain=_map(estimate.chain_w_T_b, estimate.floor_z_m, association),
         odometry=_map(estimate.odometry_w_T_b, estimate.floor_z_m, association),
         loops=_map(estimate.w_T_b, estimate.floor_z_m, association),
     )
 
 
-def _map(w_T_b: Array, floor_z_m: float, association: Association) -> Map:
+def _map(w_T_b: Array, floor_z_m: float, association: Association) -> AlignedMap:
     poses = w_T_b[association.keyframe]
     placed = np.flatnonzero(np.isfinite(poses).all(axis=(1, 2)))
     if association.w_T_b is None or len(placed) == 0:
-        return Map(poses, floor_z_m)
+        return AlignedMap(poses, floor_z_m)
     G = gauge(poses[placed[0]], association.w_T_b[placed[0]])
     # A turn about z and a shift leave the floor level.
-    return Map(G @ poses, floor_z_m + float(G[2, 3]))
+    return AlignedMap(G @ poses, floor_z_m + float(G[2, 3]))

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight
+from slam.evaluation.aligned_maps import aligned_maps
 from slam.evaluation.association import associate
-from slam.evaluation.maps import maps_of
 from slam.experiments.stitching import LandmarkErrors
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ _FARTHEST = 3.0
 
 
 @dataclass(frozen=True)
-class Canvas:
+class DrawnMap:
     """A drawn map: plain data, so that a worker can hand it over."""
 
     rgb: Image
@@ -39,12 +39,12 @@ class Canvas:
     pairs: tuple[tuple[str, str], ...]
 
 
-def paint(estimate: Estimate, flight: Flight, errors: LandmarkErrors) -> Canvas:
+def paint(estimate: Estimate, flight: Flight, errors: LandmarkErrors) -> DrawnMap:
     """Put all of an estimate's pictures on a canvas in order of time, later over earlier (section 3.1)."""
     assert flight.camera is not None
     assert flight.frames is not None
     association = associate(estimate, flight)
-    made = maps_of(estimate, association).loops
+    made = aligned_maps(estimate, association).loops
     camera = flight.camera
     shown = [
         (int(estimate.frame_index[association.keyframe[k]]), pose)
@@ -70,7 +70,7 @@ def paint(estimate: Estimate, flight: Flight, errors: LandmarkErrors) -> Canvas:
         _put(canvas, flight.frames.load(frame), canvas_H_floor @ camera.floor_H_image(pose, made.floor_z_m))
     extent = (west, west + size[0] * gsd, north - size[1] * gsd, north)
     places = {name: place[:2] for name, place in errors.places.items() if np.isfinite(place).all()}
-    return Canvas(canvas[..., ::-1].copy(), extent, places, flight.landmark_pairs)
+    return DrawnMap(canvas[..., ::-1].copy(), extent, places, flight.landmark_pairs)
 
 
 def _put(canvas: Image, picture: Image | None, canvas_H_image: Array) -> None:
@@ -87,7 +87,7 @@ def _put(canvas: Image, picture: Image | None, canvas_H_image: Array) -> None:
     canvas[cover > 0] = warped[cover > 0]
 
 
-def show(axes: Axes, canvas: Canvas, title: str) -> None:
+def show(axes: Axes, canvas: DrawnMap, title: str) -> None:
     """Draw a canvas with its landmarks and the red lines between them."""
     axes.imshow(canvas.rgb, extent=canvas.extent_m, interpolation="antialiased")
     for a, b in canvas.pairs:
