@@ -1,4 +1,4 @@
-"""``cam0``: intrinsics from ``sensor.yaml``, pictures listed in ``data.csv`` and read when asked for."""
+"""Reading of ``cam0``: intrinsics from ``sensor.yaml``, and pictures of ``data.csv`` read on request."""
 
 from __future__ import annotations
 
@@ -12,23 +12,25 @@ from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.flight import Frames
 from slam.io.csv_stream import CsvTable
 from slam.io.files import brief, check_inside, refusal
-from slam.io.images import PictureFiles, UnreadableImageError, brightest, depth_of, image_size
+from slam.io.images import PictureFiles, UnreadableImageError, bit_depth_of, image_size, max_value
 from slam.io.sensor_yaml import YamlFile
 
 PICTURES = (".png", ".jpg", ".jpeg")
 RADTAN = ("radial-tangential", "radtan", "plumb_bob", "none", "")
-_LONGEST_READOUT_S = 0.2
-"""The catalogue's rolling shutter reaches as far; slower cameras there are none."""
+_MAX_READOUT_S = 0.2
+"""Largest readout time of a rolling shutter, as in the catalogue of effects."""
 _FOCAL_PER_WIDTH = (0.02, 250.0)
-"""177 to 0.2 degrees of view: beyond, the figures are no pinhole's and the arithmetic of pictures fails."""
+"""Limits of the focal length over the width: 177 to 0.2 degrees of view. Values outside are not those of a
+pinhole camera and lead to numerical errors.
+"""
 SIZES_CHECKED = 32
-"""Headers looked at on reading; every picture is checked again when it is loaded."""
+"""Number of picture headers that are checked on reading. Every picture is checked again when it is loaded."""
 DEPTHS_CHECKED = 8
-"""Number of 16-bit pictures that are decoded on reading: one with a bright spot is enough."""
+"""Number of 16-bit pictures that are decoded on reading. One with a bright spot is enough."""
 
 
 def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
-    """The camera. Raises ``InputError`` where the intrinsics are missing or mean nothing."""
+    """Return the camera. Raises ``InputError`` if the intrinsics are missing or invalid."""
     model = sensor.text("camera_model", "pinhole")
     if model != "pinhole":
         raise sensor.refuse(
@@ -56,26 +58,26 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
         )
     if not 0.1 < fu / width < 20 or not 0.5 < fu / fv < 2:
         notes.append(f"focal lengths {fu:g}, {fv:g} px are unusual for a picture {width:g} px wide")
-    if (readout_s := sensor.number("readout", 0.0)) > _LONGEST_READOUT_S:
+    if (readout_s := sensor.number("readout", 0.0)) > _MAX_READOUT_S:
         raise sensor.refuse(
             "readout",
             f"is {readout_s:g} s from the first row to the last",
-            f"write seconds, {_LONGEST_READOUT_S:g} at most",
+            f"write seconds, {_MAX_READOUT_S:g} at most",
         )
     if not sensor.has("T_BS"):
-        notes.append("sensor.yaml has no T_BS: camera taken as looking down with the nose at the top")
+        notes.append("sensor.yaml has no T_BS: a down-looking camera with the nose at the top is assumed")
     distortion = _distortion(sensor)
     corner = math.hypot(max(cu, width - 1 - cu) / fu, max(cv, height - 1 - cv) / fv)
-    if (seen := _seen_share(distortion, corner)) < 0.5:
+    if (share := _valid_share(distortion, corner)) < 0.5:
         raise sensor.refuse(
             "distortion_coefficients",
-            f"are only valid over {100 * seen:.0f} % of the way from centre to corner: beyond, the picture "
+            f"are only valid over {100 * share:.0f} % of the way from centre to corner; beyond, the picture "
             "folds back on itself",
             "calibrate again, or write zeros",
         )
-    if seen < 1:
+    if share < 1:
         notes.append(
-            f"distortion_coefficients are valid over {100 * seen:.0f} % of the way from centre to corner, "
+            f"distortion_coefficients are valid over {100 * share:.0f} % of the way from centre to corner, "
             "not beyond"
         )
     return Camera(
@@ -113,26 +115,28 @@ def _distortion(sensor: YamlFile) -> tuple[float, ...]:
     return coefficients
 
 
-def _seen_share(distortion: tuple[float, ...], corner: float) -> float:
-    """How far out, as a share of the corner's radius, OpenCV's radial polynomial has one ray a pixel."""
+def _valid_share(distortion: tuple[float, ...], corner: float) -> float:
+    """Return the radius up to which OpenCV's radial polynomial is monotonic, as a share of the corner's
+    radius.
+    """
     k1, k2, _, _, *k3 = distortion
     radius = np.linspace(0.0, 4.0 * max(corner, 1.0), 4000)
     squared = radius**2
-    bent = radius * (1 + squared * (k1 + squared * (k2 + squared * (k3[0] if k3 else 0.0))))
-    falls = np.flatnonzero(np.diff(bent) <= 0)
-    return 1.0 if not len(falls) else min(1.0, float(bent[falls[0]]) / corner)
+    distorted = radius * (1 + squared * (k1 + squared * (k2 + squared * (k3[0] if k3 else 0.0))))
+    decreasing = np.flatnonzero(np.diff(distorted) <= 0)
+    return 1.0 if not len(decreasing) else min(1.0, float(distorted[decreasing[0]]) / corner)
 
 
 def frames_of(table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes: list[str]) -> Frames | None:
-    """The pictures that ``data.csv`` lists; None where it lists none. Raises ``InputError``."""
+    """Return the pictures that ``data.csv`` lists, or None if it lists none. Raises ``InputError``."""
     folder = table.path.parent / "data"
     if not len(table.stamps_ns):
         return None
     paths = tuple(folder / name for name in table.names)
-    there = _entries(folder, root)
+    entries = _entries(folder, root)
     missing = 0
     for path, name, line in zip(paths, table.names, table.lines, strict=True):
-        if there.get(name) is not False:  # absent, a link, or a name with folders in it
+        if entries.get(name) is not False:  # an absent file, a link, or a name with folders in it
             _check_name(path, name, table.path, int(line), folder, root)
             missing += not path.is_file()
     if missing == len(paths):
@@ -141,7 +145,7 @@ def frames_of(table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes:
         )
     if missing:
         notes.append(f"{missing} of {len(paths)} pictures are missing")
-    unlisted = len(set(there) - set(table.names))
+    unlisted = len(set(entries) - set(table.names))
     if unlisted:
         notes.append(f"{unlisted} files in data/ are not listed in data.csv and are ignored")
     _check_sizes(paths, camera, notes)
@@ -151,7 +155,7 @@ def frames_of(table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes:
 
 
 def _entries(folder: Path, root: Path) -> dict[str, bool]:
-    """Pictures in the folder -> whether it is a symbolic link."""
+    """Return a map of the pictures in the folder to whether each is a symbolic link."""
     check_inside(folder, root)
     try:
         with os.scandir(folder) as entries:
@@ -171,43 +175,45 @@ def _check_name(path: Path, name: str, table: Path, line: int, folder: Path, roo
 
 
 def _check_sizes(paths: tuple[Path, ...], camera: Camera, notes: list[str]) -> None:
-    """Refuse where pictures and ``resolution`` disagree as a rule; odd ones are left out when loaded."""
+    """Refuse ``resolution`` if no picture has it. Note pictures of another size, which are left out when
+    loaded.
+    """
     chosen = [paths[k] for k in np.unique(np.linspace(0, len(paths) - 1, SIZES_CHECKED).astype(int))]
     other: dict[tuple[int, int], Path] = {}
-    right = 0
+    matching = 0
     for path in chosen:
         try:
             size = image_size(path)
         except UnreadableImageError:
-            continue  # counted when it is loaded
+            continue  # it is counted when it is loaded
         if size == camera.size_px:
-            right += 1
+            matching += 1
         else:
             other.setdefault(size, path)
     if not other:
         return
     (width, height), path = next(iter(other.items()))
     w, h = camera.size_px
-    what = f"is {width} x {height} px where sensor.yaml says {w} x {h}"
-    if right == 0:
+    what = f"is {width} x {height} px but sensor.yaml gives {w} x {h}"
+    if matching == 0:
         raise refusal(path, what, "correct resolution and intrinsics in cam0/sensor.yaml")
     notes.append(f"pictures change their size: {path.name} {what}; those are left out")
 
 
 def _depth_bits(paths: tuple[Path, ...], notes: list[str]) -> int | None:
-    """Return how many bits the camera fills in its 16-bit pictures; None for 8-bit pictures."""
+    """Return the bit depth that the camera uses in its 16-bit pictures, or None for 8-bit pictures."""
     values = []
     for k in np.unique(np.linspace(0, len(paths) - 1, DEPTHS_CHECKED).astype(int)):
         try:
-            values.append(brightest(paths[k]))
+            values.append(max_value(paths[k]))
         except UnreadableImageError:
-            continue  # counted when it is loaded
-    deep = [value for value in values if value is not None]
-    if not deep:
+            continue  # it is counted when it is loaded
+    values_16_bit = [value for value in values if value is not None]
+    if not values_16_bit:
         return None
-    bits = depth_of(max(deep))
+    bits = bit_depth_of(max(values_16_bit))
     notes.append(
-        f"pictures are 16-bit, the brightest value in {len(deep)} of them is {max(deep)}: "
-        f"taken for {bits} bits a pixel, of which the upper 8 are read"
+        f"pictures are 16-bit, the brightest value in {len(values_16_bit)} of them is {max(values_16_bit)}: "
+        f"{bits} bits per pixel are assumed, of which the upper 8 are read"
     )
     return bits

@@ -78,7 +78,7 @@ def _split(title: str) -> tuple[str, str | None]:
     return (found[1].strip(), found[2].strip()) if found else (title.strip(), None)
 
 
-def column_places(path: Path, header: list[str], columns: tuple[CsvColumn, ...]) -> list[int | None]:
+def column_indices(path: Path, header: list[str], columns: tuple[CsvColumn, ...]) -> list[int | None]:
     """Return the index of each column in a row; None for an absent optional one."""
     titles = [_split(t) for t in header[1:]]
     names = [name for name, _ in titles]

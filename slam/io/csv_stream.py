@@ -1,8 +1,8 @@
-"""One ``data.csv``: a header that names columns and units, then rows of a stamp and numbers.
+"""Reading of one ``data.csv``: a header with names and units of columns, then rows of a stamp and numbers.
 
-Rows are parsed in bulk; only where that fails does a careful pass look for the line at fault. What a recorder
-that lost power leaves behind (a zeroed tail, a last line cut short, stamps that are no numbers) is dropped,
-counted and told; what would change the meaning (units, missing columns, text in a number) is refused.
+Rows are parsed in bulk. If that fails, a line-by-line pass finds the faulty line. Traces of a power loss (a
+zeroed tail, a truncated last line, stamps that are not numbers) are dropped, counted and noted. Faults that
+change the meaning (units, missing columns, text in a number) raise an error.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.io.csv_header import CsvColumn, column_places, extra_columns, header_of, parse_header
+from slam.io.csv_header import CsvColumn, column_indices, extra_columns, header_of, parse_header
 from slam.io.files import brief, read_bytes, refusal
 
 Array = NDArray[np.float64]
@@ -24,39 +24,39 @@ Stamps = NDArray[np.int64]
 
 MAX_BYTES = 1 << 31
 MAX_STAMP_NS = 4 * 10**18
+"""Largest stamp, in the year 2096. Differences of larger stamps would overflow."""
 BLOCK_ROWS = 5000
-"""Stamps beyond (the year 2096) are refused: their differences would overflow."""
 
 
 @dataclass(frozen=True)
 class CsvTable:
-    """The rows of one ``data.csv``, in the order of the file."""
+    """Rows of one ``data.csv``, in the order of the file."""
 
     path: Path
     stamps_ns: Stamps
-    """(n,)."""
+    """(n,) stamps in nanoseconds."""
     values: Array
-    """(n, c), one column each ``CsvColumn`` asked for; NaN where missing."""
+    """(n, c) one column for each requested ``CsvColumn``; NaN where missing."""
     names: tuple[str, ...]
-    """(n,) second column as text where it was asked for instead of numbers; else empty."""
+    """(n,) second column as text, if requested instead of numbers; else empty."""
     lines: NDArray[np.int64]
-    """(n,) line in the file."""
+    """(n,) line numbers in the file."""
     notes: tuple[str, ...] = ()
-    """One line for each loss of data, without the file's name."""
-    cut_short: bool = False
-    """The file ends as a recorder without power leaves it."""
+    """One line for each loss of data, without the name of the file."""
+    truncated: bool = False
+    """Whether the file ends as after a power loss of the recorder."""
 
     def rows(self, keep: NDArray[np.int64], stamps_ns: Stamps) -> CsvTable:
-        """Rows ``keep`` in that order, with these stamps."""
+        """Return the rows ``keep`` in that order, with the given stamps."""
         names = tuple(self.names[k] for k in keep) if self.names else ()
         return CsvTable(
-            self.path, stamps_ns, self.values[keep], names, self.lines[keep], self.notes, self.cut_short
+            self.path, stamps_ns, self.values[keep], names, self.lines[keep], self.notes, self.truncated
         )
 
 
 @dataclass(frozen=True)
-class _Text:
-    """Lines of a file after the header, with what happened to its end."""
+class _CsvText:
+    """Lines of a file after the header, with notes about repairs of its end."""
 
     path: Path
     header: list[str]
@@ -67,12 +67,12 @@ class _Text:
 
 
 def read_numbers(path: Path, root: Path, columns: tuple[CsvColumn, ...]) -> CsvTable:
-    """A csv of numbers. Raises ``InputError`` naming file and line where its meaning cannot be known."""
+    """Read a csv of numbers. Raises ``InputError``, with file and line, if its meaning is uncertain."""
     text = _read_text(path, root, header_of(columns))
-    places = column_places(path, text.header, columns)
+    indices = column_indices(path, text.header, columns)
     width = len(text.header)
     notes, cut = list(text.notes), bool(text.notes)
-    if text.lines and text.unterminated and _last_is_cut(text.lines, width):
+    if text.lines and text.unterminated and _last_row_is_truncated(text.lines, width):
         text.lines.pop(), text.numbers.pop()
         notes.append("the last line is cut short and was dropped (1 row)")
         cut = True
@@ -80,18 +80,20 @@ def read_numbers(path: Path, root: Path, columns: tuple[CsvColumn, ...]) -> CsvT
         empty = np.empty((0, len(columns)))
         return CsvTable(path, np.empty(0, np.int64), empty, (), np.empty(0, np.int64), tuple(notes), cut)
     try:
-        stamps, values = _bulk(text.lines, width, places)
+        stamps, values = _parse_in_bulk(text.lines, width, indices)
         lines = np.array(text.numbers)
     except (ValueError, OverflowError):
-        stamps, values, lines, found = _careful(text, places, columns)
+        stamps, values, lines, found = _parse_line_by_line(text, indices, columns)
         notes += [f"{count} {what}" for what, count in found.items()]
     if extra := extra_columns(text.header, columns):
         notes.append(f"columns not of this stream ignored: {brief(', '.join(extra), 120)}")
-    return _plausible(CsvTable(path, stamps, values, (), lines, tuple(notes), cut), columns)
+    return _check_limits(CsvTable(path, stamps, values, (), lines, tuple(notes), cut), columns)
 
 
 def read_names(path: Path, root: Path, title: str) -> CsvTable:
-    """A csv of stamps and one text each (the camera's). Raises ``InputError`` as ``read_numbers`` does."""
+    """Read a csv of stamps with one text each (of the camera). Raises ``InputError`` as ``read_numbers``
+    does.
+    """
     text = _read_text(path, root, f"#timestamp [ns],{title}")
     names_at = [c.split("[")[0].strip().lower() for c in text.header]
     if title not in names_at:
@@ -100,7 +102,7 @@ def read_names(path: Path, root: Path, title: str) -> CsvTable:
     stamps, names, lines = [], [], []
     lost: Counter[str] = Counter()
     cut = bool(text.notes)
-    if text.lines and text.unterminated and _last_name_is_cut(text.lines):
+    if text.lines and text.unterminated and _last_name_is_truncated(text.lines):
         text.lines.pop(), text.numbers.pop()
         lost["last line, cut short, dropped"] += 1
         cut = True
@@ -131,7 +133,7 @@ def read_names(path: Path, root: Path, title: str) -> CsvTable:
     )
 
 
-def _read_text(path: Path, root: Path, expected: str) -> _Text:
+def _read_text(path: Path, root: Path, expected: str) -> _CsvText:
     data = read_bytes(path, root, MAX_BYTES)
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise refusal(path, "is UTF-16 text", "save it as UTF-8")
@@ -150,11 +152,11 @@ def _read_text(path: Path, root: Path, expected: str) -> _Text:
     if not all(lines) or b"#" in data[len(first) :] or any(not x.strip() for x in lines if x[:1].isspace()):
         kept = [(x, n) for x, n in zip(lines, numbers, strict=True) if x.strip() and not x.startswith(b"#")]
         lines, numbers = [x for x, _ in kept], [n for _, n in kept]
-    return _Text(path, parse_header(path, first, expected), lines, numbers, notes, unterminated)
+    return _CsvText(path, parse_header(path, first, expected), lines, numbers, notes, unterminated)
 
 
-def _last_is_cut(lines: list[bytes], width: int) -> bool:
-    """Whether a last line without a line end lost fields or, its last number shorter than all, digits."""
+def _last_row_is_truncated(lines: list[bytes], width: int) -> bool:
+    """Return whether a last line without a line end lost fields, or digits of its (shortest) last number."""
     fields = lines[-1].split(b",")
     if len(fields) != width:
         return True
@@ -162,23 +164,27 @@ def _last_is_cut(lines: list[bytes], width: int) -> bool:
     return bool(others) and len(fields[-1].strip()) < min(others)
 
 
-def _last_name_is_cut(lines: list[bytes]) -> bool:
-    """Whether a last line without a line end lost the end of its name, which the line before has."""
+def _last_name_is_truncated(lines: list[bytes]) -> bool:
+    """Return whether a last line without a line end lost the end of its name. The line before has a whole
+    one.
+    """
     if len(lines) < 2:
         return False
     before, last = (line.strip().rpartition(b".")[2] for line in lines[-2:])
     return len(before) <= 4 and last != before and (len(last) > 4 or before.startswith(last))
 
 
-def _bulk(lines: list[bytes], width: int, places: list[int | None]) -> tuple[Stamps, Array]:
-    """Many rows at once. Raises ValueError or OverflowError where any field is not as usual."""
-    # A field on its own takes ten times its length in memory.
-    blocks = [_block(lines[k : k + BLOCK_ROWS], width, places) for k in range(0, len(lines), BLOCK_ROWS)]
+def _parse_in_bulk(lines: list[bytes], width: int, indices: list[int | None]) -> tuple[Stamps, Array]:
+    """Parse all rows in bulk. Raises ``ValueError`` or ``OverflowError`` if a field has an unusual form."""
+    # Blocks limit memory, as a separate field object takes ten times its length.
+    blocks = [
+        _parse_block(lines[k : k + BLOCK_ROWS], width, indices) for k in range(0, len(lines), BLOCK_ROWS)
+    ]
     stamps, values = zip(*blocks, strict=True)
     return np.concatenate(stamps), np.concatenate(values)
 
 
-def _block(lines: list[bytes], width: int, places: list[int | None]) -> tuple[Stamps, Array]:
+def _parse_block(lines: list[bytes], width: int, indices: list[int | None]) -> tuple[Stamps, Array]:
     commas = width - 1
     if any(line.count(b",") != commas for line in lines):
         raise ValueError("uneven rows")
@@ -189,8 +195,8 @@ def _block(lines: list[bytes], width: int, places: list[int | None]) -> tuple[St
     stamps = np.array(list(map(int, tokens[::width])), dtype=np.int64)
     if np.abs(stamps).max() > MAX_STAMP_NS:
         raise OverflowError("stamp")
-    values = np.full((len(lines), len(places)), np.nan)
-    for k, at in enumerate(places):
+    values = np.full((len(lines), len(indices)), np.nan)
+    for k, at in enumerate(indices):
         if at is not None:
             values[:, k] = [float(t) if t else np.nan for t in tokens[at::width]]
     if np.isinf(values).any():
@@ -198,10 +204,10 @@ def _block(lines: list[bytes], width: int, places: list[int | None]) -> tuple[St
     return stamps, values
 
 
-def _careful(
-    text: _Text, places: list[int | None], columns: tuple[CsvColumn, ...]
+def _parse_line_by_line(
+    text: _CsvText, indices: list[int | None], columns: tuple[CsvColumn, ...]
 ) -> tuple[Stamps, Array, NDArray[np.int64], Counter[str]]:
-    """Line by line: refuse the first that has no meaning, leave out and count what can be spared."""
+    """Parse line by line. Raises ``InputError`` for a faulty line; drops and counts rows without a stamp."""
     width = len(text.header)
     stamps, values, lines = [], [], []
     found: Counter[str] = Counter()
@@ -216,10 +222,10 @@ def _careful(
             found["rows without a finite stamp dropped"] += 1
             continue
         row = []
-        for column, at in zip(columns, places, strict=True):
+        for column, at in zip(columns, indices, strict=True):
             value = np.nan if at is None else _number(fields[at], column, text.path, number)
             if np.isinf(value):
-                found["infinite values taken as missing"] += 1
+                found["infinite values treated as missing"] += 1
                 value = np.nan
             row.append(value)
         stamps.append(stamp)
@@ -234,7 +240,7 @@ def _careful(
 
 
 def _stamp(field: str, path: Path, line: int) -> int | None:
-    """A stamp; None where it is empty, NaN or infinite."""
+    """Return a stamp, or None if it is empty, NaN or infinite. Raises ``InputError`` for other text."""
     field = field.strip()
     if field.lower().lstrip("+-") in ("", "nan", "inf", "infinity"):
         return None
@@ -259,8 +265,8 @@ def _number(field: str, column: CsvColumn, path: Path, line: int) -> float:
         raise refusal(path, what, "write a number, or nothing where it is missing", line) from None
 
 
-def _plausible(table: CsvTable, columns: tuple[CsvColumn, ...]) -> CsvTable:
-    """Take values that no such sensor gives as missing; refuse where they are the rule."""
+def _check_limits(table: CsvTable, columns: tuple[CsvColumn, ...]) -> CsvTable:
+    """Set values beyond the limit of a column to missing. Raises ``InputError`` if most are beyond it."""
     notes = list(table.notes)
     for k, column in enumerate(columns):
         beyond = np.abs(table.values[:, k]) > column.limit
@@ -274,5 +280,5 @@ def _plausible(table: CsvTable, columns: tuple[CsvColumn, ...]) -> CsvTable:
             raise refusal(table.path, what, f"give the column in {column.in_unit}", line)
         table.values[beyond, k] = np.nan
         beyond_what = f"{column.name} beyond {column.most}"
-        notes.append(f"{count} values of {beyond_what} taken as missing (first: line {line})")
-    return CsvTable(table.path, table.stamps_ns, table.values, (), table.lines, tuple(notes), table.cut_short)
+        notes.append(f"{count} values of {beyond_what} treated as missing (first: line {line})")
+    return CsvTable(table.path, table.stamps_ns, table.values, (), table.lines, tuple(notes), table.truncated)

@@ -49,10 +49,10 @@ Array = NDArray[np.float64]
 
 _NS = 1_000_000_000
 _LARGEST_EXPANSION = 20
-"""We store without compression; a file that unpacks to more than this many times its size is an attack."""
-_ALWAYS_FINE_BYTES = 1 << 26
-_FARTHEST_M = 1e12
-"""Squares of what lies farther lose all that is near; no flight gets there."""
+"""Largest ratio of unpacked to file size. We store without compression, so a larger ratio is an attack."""
+_MIN_LIMIT_BYTES = 1 << 26
+_MAX_COORDINATE_M = 1e12
+"""Largest coordinate. At larger ones, squares lose all digits of near points; no flight reaches them."""
 _RIGID_TOLERANCE = 1e-6
 
 _SHAPES: dict[str, tuple[str, tuple[int, ...], str]] = {
@@ -73,18 +73,18 @@ _SHAPES: dict[str, tuple[str, tuple[int, ...], str]] = {
     "loop_verdict": ("l", (), "U"),
     "loop_reason": ("l", (), "U"),
 }
-"""name -> what it has a row for, the shape of a row, the kind of number."""
+"""Map of a name to the size of its first axis, the shape of a row, and the kind of number."""
 
 
 def write_estimate(estimate: Estimate, out_dir: str | Path, loops: bool = True) -> tuple[Path, ...]:
-    """Write the three files into a folder (two where loops were not looked for); gives back their paths.
+    """Write the three files into a folder (two without a search for loops) and return their paths.
 
-    Raises ``InputError`` where the folder cannot be written.
+    Raises ``InputError`` if the folder cannot be written.
     """
     out_dir = Path(out_dir)
     contents = {
         "trajectory.tum": trajectory_text(estimate).encode(),
-        "estimate.npz": _packed(estimate),
+        "estimate.npz": _pack(estimate),
     }
     if loops:
         contents["loops.csv"] = loops_text(estimate).encode("utf-8")
@@ -94,10 +94,11 @@ def write_estimate(estimate: Estimate, out_dir: str | Path, loops: bool = True) 
 
 
 def trajectory_text(estimate: Estimate) -> str:
-    """The placed keyframes as TUM lines: ``stamp tx ty tz qx qy qz qw`` of w_T_b, seconds with 9 decimals.
+    """Return the placed keyframes as TUM lines: ``stamp tx ty tz qx qy qz qw`` of w_T_b, seconds with 9
+    decimals.
 
     The stamps are written from integers, exact to the nanosecond. A keyframe that could not be placed has no
-    pose and so no line; estimate.npz has a row for it.
+    line here, but a row in estimate.npz.
     """
     lines = [f"# timestamp [s] tx ty tz [{unit(estimate.metric)}] qx qy qz qw of w_T_b"]
     placed = np.flatnonzero(np.isfinite(estimate.w_T_b).all(axis=(1, 2)))
@@ -116,7 +117,7 @@ def _seconds(stamp_ns: int) -> str:
 
 
 def loops_text(estimate: Estimate) -> str:
-    """Every loop candidate with its verdict and reason, as CSV."""
+    """Return every loop candidate with its verdict and reason as CSV."""
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(["i", "j", "verdict", "reason", "stamp_i [ns]", "stamp_j [ns]"])
@@ -128,7 +129,7 @@ def loops_text(estimate: Estimate) -> str:
     return text.getvalue()
 
 
-def _packed(estimate: Estimate) -> bytes:
+def _pack(estimate: Estimate) -> bytes:
     edges, loops = estimate.relative_poses, estimate.loops
     content = io.BytesIO()
     np.savez(
@@ -179,30 +180,30 @@ def _record(estimate: Estimate) -> dict[str, Any]:
 
 
 def read_estimate(out_dir: str | Path) -> Estimate:
-    """Rebuild an estimate from the folder that ``write_estimate`` wrote into; estimate.npz alone is read.
+    """Rebuild an estimate from a folder written by ``write_estimate``. Only estimate.npz is read.
 
-    Raises ``InputError`` where the file is missing, damaged, of another shape, or expands out of proportion.
+    Raises ``InputError`` if the file is missing, damaged, of another shape, or expands out of proportion.
     """
     path = Path(out_dir) / "estimate.npz"
     if not path.is_file():
         raise InputError(f"{path}: does not exist; name the folder that `slam optimize --out` wrote")
     try:
-        arrays = _unpacked(path)
+        arrays = _unpack(path)
         return _estimate(arrays, json.loads(str(arrays["record"])))
     except (OSError, EOFError, MemoryError, OverflowError, RecursionError) as error:
-        raise _refused(path, error) from None
+        raise _damaged_error(path, error) from None
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:
-        raise _refused(path, error) from None
+        raise _damaged_error(path, error) from None
     except (ValueError, LookupError, TypeError, AttributeError, SyntaxError, tokenize.TokenError) as error:
-        raise _refused(path, error) from None
+        raise _damaged_error(path, error) from None
 
 
-def _refused(path: Path, error: Exception) -> InputError:
+def _damaged_error(path: Path, error: Exception) -> InputError:
     detail = brief(" ".join(str(error).split())) or type(error).__name__
     return InputError(f"{path}: damaged or not an estimate ({detail}); run `slam optimize` again")
 
 
-def _unpacked(path: Path) -> dict[str, NDArray[Any]]:
+def _unpack(path: Path) -> dict[str, NDArray[Any]]:
     size = os.path.getsize(path)
     with zipfile.ZipFile(path) as archive:
         entries = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
@@ -213,9 +214,9 @@ def _unpacked(path: Path) -> dict[str, NDArray[Any]]:
             raise ValueError(f"{missing[0]} is missing")
         wanted = {name: entries[name] for name in (*_SHAPES, "record")}
         total = sum(entry.file_size for entry in wanted.values())
-        if total > max(_ALWAYS_FINE_BYTES, _LARGEST_EXPANSION * size):
+        if total > max(_MIN_LIMIT_BYTES, _LARGEST_EXPANSION * size):
             raise ValueError(f"unpacks to {total} bytes from {size}")
-        # A whole read, unlike a partial one, makes zipfile compare the checksum.
+        # Reading an entry completely makes zipfile compare the checksum.
         arrays = {name: _array(archive.read(entry)) for name, entry in wanted.items()}
     _check(arrays)
     return arrays
@@ -229,9 +230,9 @@ def _array(content: bytes) -> NDArray[Any]:
     shape, _, dtype = (
         npy.read_array_header_1_0(file) if version == (1, 0) else npy.read_array_header_2_0(file)
     )
-    # Declared against present, before anything of the declared size is made.
+    # The declared size is compared with the actual one before an array of that size is allocated.
     if dtype.hasobject or dtype.itemsize * int(np.prod(shape, dtype=object)) != len(content) - file.tell():
-        raise ValueError("an array is not as long as it says, or pickled")
+        raise ValueError("an array has another length than declared, or is pickled")
     file.seek(0)
     return npy.read_array(file, allow_pickle=False)
 
@@ -244,16 +245,16 @@ def _check(arrays: dict[str, NDArray[Any]]) -> None:
             raise ValueError(f"{name} has shape {found.shape} and type {found.dtype}")
     for name in ("w_T_b", "chain_w_T_b", "odometry_w_T_b", "edge_i_T_j"):
         if not _is_rigid(arrays[name]):
-            raise ValueError(f"{name} holds what is no pose")
+            raise ValueError(f"{name} contains an invalid pose")
     for name in ("edge_ij", "loop_ij"):
         if len(arrays[name]) and not (arrays[name].min() >= 0 and arrays[name].max() < rows["n"]):
-            raise ValueError(f"{name} names a keyframe that is not there")
+            raise ValueError(f"{name} refers to a missing keyframe")
 
 
 def _is_rigid(T: Array) -> bool:
-    """Whether every (n, 4, 4) transform that is known is a rotation and a translation."""
+    """Return whether every finite (n, 4, 4) transform is a rotation and a translation."""
     T = T[np.isfinite(T).all(axis=(1, 2))]
-    if np.abs(T).max(initial=0.0) > _FARTHEST_M or not (T[:, 3] == (0, 0, 0, 1)).all():
+    if np.abs(T).max(initial=0.0) > _MAX_COORDINATE_M or not (T[:, 3] == (0, 0, 0, 1)).all():
         return False
     R = T[:, :3, :3]
     return np.allclose(R @ R.transpose(0, 2, 1), np.eye(3), rtol=0, atol=_RIGID_TOLERANCE)
@@ -302,22 +303,22 @@ def _estimate(arrays: dict[str, NDArray[Any]], record: dict[str, Any]) -> Estima
         warnings=tuple(record["warnings"]),
         graph_error=float(record["graph_error"]),
         iterations=int(record["iterations"]),
-        trajectory_names=_ways(record),
+        trajectory_names=_trajectory_names(record),
     )
 
 
 def _scale_std(record: dict[str, Any]) -> float | None:
-    told = record.get("scale_std")
-    return None if told is None else float(told)
+    value = record.get("scale_std")
+    return None if value is None else float(value)
 
 
 def _range_errors(record: dict[str, Any]) -> RangeErrors | None:
-    told = record.get("range_errors")
-    return None if told is None else RangeErrors(**{key: float(value) for key, value in told.items()})
+    value = record.get("range_errors")
+    return None if value is None else RangeErrors(**{key: float(value) for key, value in value.items()})
 
 
-def _ways(record: dict[str, Any]) -> tuple[str, str, str]:
-    chain, odometry, result = (str(way) for way in record.get("ways", MAP_TRAJECTORIES))
+def _trajectory_names(record: dict[str, Any]) -> tuple[str, str, str]:
+    chain, odometry, result = (str(name) for name in record.get("ways", MAP_TRAJECTORIES))
     return chain, odometry, result
 
 

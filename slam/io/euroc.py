@@ -1,10 +1,10 @@
-"""A recording of the EuRoC MAV data set as a flight.
+"""Import of a recording of the EuRoC MAV data set as a flight.
 
-The folders are those of the flight format, with three differences that are put right here. The body is the
-IMU as it is mounted (x up, z forward in EuRoC), where a flight's is forward, left, up; the reference may be a
-motion-capture system's own stream (``vicon0``); a second camera and a position-only tracker may be there,
-which a flight has no place for. Source: Burri et al., "The EuRoC micro aerial vehicle datasets", IJRR 35
-(2016), section 4.
+The folders are those of the flight format, with three differences that this module resolves. The body frame
+is that of the mounted IMU (x up, z forward), while a flight has forward, left, up. The reference may be the
+stream of a motion-capture system (``vicon0``). A second camera and a position-only tracker may be present,
+which a flight does not hold. Source: Burri et al., "The EuRoC micro aerial vehicle datasets", IJRR 35 (2016),
+section 4.
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ from slam.io.streams import COLUMNS
 
 Array = NDArray[np.float64]
 
-_FOREIGN = ("body.yaml", "cam1", "leica0", "vicon0")
-"""Names in EuRoC's recordings that a flight folder does not have."""
+_EUROC_ONLY = ("body.yaml", "cam1", "leica0", "vicon0")
+"""Names that only EuRoC's recordings have."""
 _SHARED = ("cam0", "imu0", "state_groundtruth_estimate0")
-"""Names that both have."""
+"""Names that recordings and flight folders share."""
 _ARCHIVES = (".zip", ".gz", ".tgz", ".tar", ".7z", ".bag")
 _DOWN_LOOKING_DEG = 30.0
 
 
 def is_euroc(root: Path) -> bool:
-    """Whether the folder that holds ``mav0`` may be a recording whose body axes are EuRoC's.
+    """Return whether the folder that holds ``mav0`` may be a recording in EuRoC's body axes.
 
-    So it is without a ``flight.yaml`` and with a stream that only EuRoC has, or with none that only a flight
-    has; a flight that looks so is imported as it is, since its axes need no renaming.
+    It has no ``flight.yaml``, and it has a stream that only EuRoC has, or none that only a flight has. A
+    flight that meets these conditions is imported unchanged, since its axes need no renaming.
     """
     if (root / "flight.yaml").exists():
         return False
     names = {path.name for path in (root / "mav0").iterdir() if not path.name.startswith(".")}
-    return bool(names & set(_FOREIGN)) or (bool(names) and names <= set(_SHARED))
+    return bool(names & set(_EUROC_ONLY)) or (bool(names) and names <= set(_SHARED))
 
 
 def import_euroc(folder: str | Path) -> Flight:
     """Read an EuRoC recording (the folder that holds ``mav0``, or ``mav0`` itself); pictures stay on disk.
 
-    Raises ``InputError`` where there is none or where a file breaks the format.
+    Raises ``InputError`` if there is none or if a file violates the format.
     """
     folder = Path(folder)
     if folder.is_file() and folder.suffix.lower() in _ARCHIVES:
@@ -59,47 +59,47 @@ def import_euroc(folder: str | Path) -> Flight:
     root = folder.resolve().parent if folder.resolve().name == "mav0" else folder
     flight = read_flight(root)
     mav0 = root / "mav0"
-    there = [name for name in _FOREIGN if (mav0 / name).exists()]
+    present = [name for name in _EUROC_ONLY if (mav0 / name).exists()]
     remarks = [
-        line for line in flight.warnings if not line.startswith(tuple(f"{name}: " for name in _FOREIGN))
+        line for line in flight.warnings if not line.startswith(tuple(f"{name}: " for name in _EUROC_ONLY))
     ]
-    if "cam1" in there:
+    if "cam1" in present:
         remarks.append("cam1: the second camera is ignored")
-    if flight.truth is None and "vicon0" in there:
+    if flight.truth is None and "vicon0" in present:
         truth, notes = _vicon(mav0 / "vicon0", root, flight.epoch_ns)
         flight = replace(flight, truth=truth)
-        remarks += [f"vicon0: {note}" for note in ("taken as the truth", *notes)]
-    if flight.truth is None and "leica0" in there:
-        remarks.append("leica0: holds positions without attitude, which do not make a truth; ignored")
-    flight, turned = _forward_left_up(flight)
-    remarks += turned + _where_the_camera_looks(flight)
+        remarks += [f"vicon0: {note}" for note in ("used as the ground truth", *notes)]
+    if flight.truth is None and "leica0" in present:
+        remarks.append("leica0: holds positions without attitude, which is not a complete reference; ignored")
+    flight, renamed = _to_forward_left_up(flight)
+    remarks += renamed + _camera_direction_remarks(flight)
     return replace(flight, warnings=tuple(remarks))
 
 
 def _vicon(folder: Path, root: Path, epoch_ns: int) -> tuple[Truth | None, list[str]]:
-    """The tracked body's poses, carried from the tracker's markers to the body by ``T_BS``."""
+    """Return the poses of the body, transformed from the tracker's markers by ``T_BS``, and notes."""
     table: CsvTable = read_numbers(folder / "data.csv", root, COLUMNS["state_groundtruth_estimate0"][:7])
     ordered, notes = sort_by_time({"vicon0": table})
     table = ordered["vicon0"]
     notes = [*table.notes, *(note.removeprefix("vicon0: ") for note in notes)]
     length = np.linalg.norm(table.values[:, 3:7], axis=1)
-    whole = np.isfinite(table.values).all(axis=1) & (np.abs(length - 1) < 1e-2)
-    if not whole.all():
-        notes.append(f"{int((~whole).sum())} rows without a whole pose dropped")
-    if not whole.any():
+    complete = np.isfinite(table.values).all(axis=1) & (np.abs(length - 1) < 1e-2)
+    if not complete.all():
+        notes.append(f"{int((~complete).sum())} rows without a complete pose dropped")
+    if not complete.any():
         return None, notes
-    values = table.values[whole]
+    values = table.values[complete]
     w_T_s = np.tile(np.eye(4), (len(values), 1, 1))
     w_T_s[:, :3, :3] = Rotation.from_quat(values[:, 3:7], scalar_first=True).as_matrix()
     w_T_s[:, :3, 3] = values[:, :3]
     b_T_s = read_yaml(folder / "sensor.yaml", root).transform()
-    return Truth((table.stamps_ns[whole] - epoch_ns) * 1e-9, w_T_s @ np.linalg.inv(b_T_s)), notes
+    return Truth((table.stamps_ns[complete] - epoch_ns) * 1e-9, w_T_s @ np.linalg.inv(b_T_s)), notes
 
 
-def _forward_left_up(flight: Flight) -> tuple[Flight, list[str]]:
-    """The flight with its body's axes renamed so that z is up, and the remark that says so.
+def _to_forward_left_up(flight: Flight) -> tuple[Flight, list[str]]:
+    """Return the flight with body axes renamed so that z is up, and a remark about it.
 
-    Only whole quarter turns: the mount's own few degrees stay where the calibration put them.
+    Only quarter turns are used, so a mount angle of a few degrees keeps its calibrated value.
     """
     has_body_axes = (flight.attitude, flight.velocity, flight.command, flight.sonar)
     up = _up_in_body(flight)
@@ -110,22 +110,22 @@ def _forward_left_up(flight: Flight) -> tuple[Flight, list[str]]:
     if up[2] > 0.5:
         return flight, []
     level = axes[np.abs(axes @ up) < 0.5]
-    forward = level[np.argmax(level @ _ahead_in_body(flight))]
+    forward = level[np.argmax(level @ _forward_in_body(flight))]
     n_T_b = np.eye(4)
     n_T_b[:3, :3] = np.array([forward, np.cross(up, forward), up])
     remark = f"body axes renamed: the recording's {_axis(up)} is up and its {_axis(forward)} is forward"
     camera, imu, truth = flight.camera, flight.imu, flight.truth
-    turned = replace(
+    renamed = replace(
         flight,
         camera=camera and replace(camera, b_T_c=n_T_b @ camera.b_T_c),
         imu=imu and replace(imu, b_T_s=n_T_b @ imu.b_T_s),
         truth=truth and replace(truth, w_T_b=truth.w_T_b @ n_T_b.T),
     )
-    return turned, [remark]
+    return renamed, [remark]
 
 
 def _up_in_body(flight: Flight) -> Array | None:
-    """Mean direction of up in body axes, from the specific force or else from the reference."""
+    """Return the mean direction of up in body axes, from the specific force or else from the reference."""
     if flight.imu is not None:
         return flight.imu.b_T_s[:3, :3] @ np.median(flight.imu.accel_m_s2, axis=0)
     if flight.truth is not None:
@@ -133,21 +133,23 @@ def _up_in_body(flight: Flight) -> Array | None:
     return None
 
 
-def _ahead_in_body(flight: Flight) -> Array:
-    """Between the optical axis and the top of the picture: forward for a camera that looks ahead or down."""
+def _forward_in_body(flight: Flight) -> Array:
+    """Return the direction between the optical axis and the top of the picture. It is forward for a camera
+    that looks ahead or down.
+    """
     if flight.camera is None:
         return np.array([1.0, 0, 0])
     b_R_c = flight.camera.b_T_c[:3, :3]
     return b_R_c[:, 2] - b_R_c[:, 1]
 
 
-def _where_the_camera_looks(flight: Flight) -> list[str]:
+def _camera_direction_remarks(flight: Flight) -> list[str]:
     if flight.camera is None:
         return []
-    off_deg = float(np.degrees(np.arccos(np.clip(-flight.camera.b_T_c[2, 2], -1, 1))))
-    if off_deg <= _DOWN_LOOKING_DEG:
+    tilt_deg = float(np.degrees(np.arccos(np.clip(-flight.camera.b_T_c[2, 2], -1, 1))))
+    if tilt_deg <= _DOWN_LOOKING_DEG:
         return []
-    return [f"cam0: looks {off_deg:.0f} degrees away from straight down; a map of the floor will not fit it"]
+    return [f"cam0: looks {tilt_deg:.0f} degrees away from straight down; a map of the floor cannot fit it"]
 
 
 def _axis(direction: Array) -> str:

@@ -1,7 +1,7 @@
-"""Reading a flight folder: ASL layout, every rule of the format checked.
+"""Reading of a flight folder in the ASL layout, with a check of every rule of the format.
 
-What would change the meaning of the data is refused in one line; what can be survived is repaired, counted
-and told in ``Flight.warnings``. Pictures stay on disk until asked for.
+Faults that change the meaning of the data raise a one-line error. Others are repaired, counted and reported
+in ``Flight.warnings``. Pictures stay on disk until they are requested.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from slam.io.flight_writer import write_flight
 from slam.io.landmarks import check_pairs, read_landmarks
 from slam.io.plausibility import check_imu_units, check_stamp_unit, check_stamps_agree
 from slam.io.sensor_yaml import YamlFile, read_yaml
-from slam.io.streams import COLUMNS, KNOWN_KEYS, Source, build
+from slam.io.streams import COLUMNS, KNOWN_KEYS, Source, build_series
 
 __all__ = ["read_flight", "write_flight"]
 
-_TOLD_KEYS = ("vehicle", "place", "date", "source", "licence", "notes")
-_OWN_KEYS = ("name", "landmark_pairs", "gaps", "all_keyframes", "assumed")
-_SCENES = 8
-"""Flights named when a folder of flights is given for a flight."""
+_NOTE_KEYS = ("vehicle", "place", "date", "source", "licence", "notes")
+_FLIGHT_KEYS = ("name", "landmark_pairs", "gaps", "all_keyframes", "assumed")
+_MAX_LISTED = 8
+"""Largest number of flights that the error message for a folder of flights names."""
 
 
 @dataclass
 class _Recording:
-    """Content of the folder, before it is put in order."""
+    """Content of the folder before the rows are sorted."""
 
     root: Path
-    about: YamlFile
+    metadata: YamlFile
     tables: dict[str, CsvTable] = field(default_factory=dict)
     sensors: dict[str, YamlFile] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
@@ -47,35 +47,36 @@ class _Recording:
 def read_flight(path: Path | str) -> Flight:
     """Read the flight in the folder ``path``.
 
-    Returns a ``Flight`` whose clock starts at the smallest first stamp of all streams. Raises ``InputError``,
-    naming file and line, where a rule of the format is broken in a way that leaves no sure meaning.
+    The clock of the returned ``Flight`` starts at the smallest first stamp of all streams. Raises
+    ``InputError``, with file and line, if a rule of the format is broken and the meaning of the data is
+    uncertain.
     """
     root = _flight_root(Path(path))
-    about = (
+    metadata = (
         read_yaml(root / "flight.yaml", root)
         if _exists(root / "flight.yaml")
         else YamlFile(root / "flight.yaml")
     )
-    recording = _Recording(root, about)
-    all_keyframes = _flag(about, "all_keyframes")
-    recording.warnings += _assumed(about)
+    recording = _Recording(root, metadata)
+    all_keyframes = _flag(metadata, "all_keyframes")
+    recording.warnings += _assumptions(metadata)
     _read_streams(recording)
     check_stamps_agree(recording.tables)
-    cut_short = [name for name, table in recording.tables.items() if table.cut_short]
-    # Photographs are taken one by one, hours apart if need be: their pauses are no fault of a clock.
+    truncated = [name for name, table in recording.tables.items() if table.truncated]
+    # Photographs may be hours apart, so their gaps are not clock errors.
     recording.tables, remarks = sort_by_time(recording.tables, trust_clock=all_keyframes)
     recording.warnings += remarks
     firsts = [int(t.stamps_ns[0]) for t in recording.tables.values() if len(t.stamps_ns)]
     epoch_ns = min(firsts, default=0)
     parts = _build(recording, epoch_ns)
-    _tell_cut(recording, cut_short)
+    _note_truncation(recording, truncated)
     landmarks = read_landmarks(root) if _exists(root / "landmarks.csv") else {}
     return Flight(
-        name=brief(about.text("name", "") or root.resolve().name, 120),
+        name=brief(metadata.text("name", "") or root.resolve().name, 120),
         epoch_ns=epoch_ns,
         landmarks=landmarks,
-        landmark_pairs=check_pairs(about, "landmark_pairs", landmarks),
-        gaps=check_pairs(about, "gaps", landmarks),
+        landmark_pairs=check_pairs(metadata, "landmark_pairs", landmarks),
+        gaps=check_pairs(metadata, "gaps", landmarks),
         notes=_notes(recording),
         warnings=tuple(recording.warnings),
         all_keyframes=all_keyframes,
@@ -84,7 +85,7 @@ def read_flight(path: Path | str) -> Flight:
 
 
 def _flight_root(root: Path) -> Path:
-    """The folder, once it is known to be that of a flight."""
+    """Return the folder after a check that it holds a flight. Raises ``InputError``."""
     try:
         if not root.exists():
             raise refusal(root, "does not exist", "name the folder of a flight")
@@ -102,13 +103,13 @@ def _flight_root(root: Path) -> Path:
     except (OSError, ValueError) as error:
         raise refusal(root, f"cannot be read ({error})", "check the name and its permissions") from None
     if flights:
-        more = f" and {len(flights) - _SCENES} more" if len(flights) > _SCENES else ""
-        raise refusal(root, f"holds flights: {', '.join(flights[:_SCENES])}{more}", "name one of them")
+        more = f" and {len(flights) - _MAX_LISTED} more" if len(flights) > _MAX_LISTED else ""
+        raise refusal(root, f"holds flights: {', '.join(flights[:_MAX_LISTED])}{more}", "name one of them")
     if root.resolve().name == "mav0":
         raise refusal(root, "is the inner folder of a flight", "name the folder above it")
     if any(n.lower().endswith((".jpg", ".jpeg", ".png")) for n in names):
         raise refusal(root, "holds pictures but no mav0 folder", "convert photographs with slam import")
-    what = "is empty" if not names else "has no mav0 folder, so it is no flight"
+    what = "is empty" if not names else "has no mav0 folder, so it is not a flight"
     raise refusal(root, what, "name a folder with mav0/<sensor>/data.csv in it")
 
 
@@ -145,7 +146,7 @@ def _read_stream(recording: _Recording, folder: Path) -> None:
             raise refusal(folder / part, "does not exist", f"add it, or remove the folder {name}")
     if _exists(folder / "sensor.yaml"):
         sensor = read_yaml(folder / "sensor.yaml", root)
-        recording.note(name, sensor.misspelt(KNOWN_KEYS))
+        recording.note(name, sensor.misspelt_keys(KNOWN_KEYS))
     else:
         sensor = YamlFile(folder / "sensor.yaml")
         recording.note(name, ["has no sensor.yaml: nominal figures assumed"])
@@ -154,13 +155,13 @@ def _read_stream(recording: _Recording, folder: Path) -> None:
     notes = list(table.notes)
     check_stamp_unit(table, sensor, notes)
     if not len(table.stamps_ns):
-        notes.append("data.csv has no rows; taken as not recorded")
+        notes.append("data.csv has no rows; treated as not recorded")
     recording.note(name, notes)
     recording.tables[name], recording.sensors[name] = table, sensor
 
 
 def _build(recording: _Recording, epoch_ns: int) -> dict[str, Any]:
-    """Fields of ``Flight`` from the ordered tables."""
+    """Return the fields of ``Flight`` built from the sorted tables."""
     parts: dict[str, Any] = {}
     for name, table in recording.tables.items():
         notes: list[str] = []
@@ -169,9 +170,9 @@ def _build(recording: _Recording, epoch_ns: int) -> dict[str, Any]:
             parts["camera"] = camera
             parts["frames"] = frames_of(table, camera, epoch_ns, recording.root, notes)
         else:
-            series = build(name, Source(table, recording.sensors[name], epoch_ns, notes))
+            series = build_series(name, Source(table, recording.sensors[name], epoch_ns, notes))
             if series is None and len(table.stamps_ns):
-                notes.append("no row is left; taken as not recorded")
+                notes.append("no row is left; treated as not recorded")
             parts[FIELD_BY_FOLDER[name]] = series
         recording.note(name, notes)
     if parts.get("imu") is not None:
@@ -179,37 +180,37 @@ def _build(recording: _Recording, epoch_ns: int) -> dict[str, Any]:
     return parts
 
 
-def _tell_cut(recording: _Recording, cut_short: list[str]) -> None:
-    """How many seconds a file that was cut short lost, by the streams that went on."""
+def _note_truncation(recording: _Recording, truncated: list[str]) -> None:
+    """Note the seconds that a truncated file lacks, compared with the stream that ends last."""
     ends = {name: int(t.stamps_ns[-1]) for name, t in recording.tables.items() if len(t.stamps_ns)}
-    for name in cut_short:
+    for name in truncated:
         if name in ends and (lost := (max(ends.values()) - ends[name]) * 1e-9) > 0.5:
             recording.note(name, [f"was cut short: its last {lost:.1f} s are lost"])
 
 
-def _flag(about: YamlFile, key: str) -> bool:
-    text = about.text(key, "false").lower() or "false"
+def _flag(metadata: YamlFile, key: str) -> bool:
+    text = metadata.text(key, "false").lower() or "false"
     if text not in ("true", "false", "yes", "no"):
-        raise about.refuse(key, f"is {text[:40]!r}", "write true or false")
+        raise metadata.refuse(key, f"is {text[:40]!r}", "write true or false")
     return text in ("true", "yes")
 
 
-def _assumed(about: YamlFile) -> list[str]:
-    """Read the notes on losses, repairs and assumptions from an earlier conversion of the flight."""
-    lines = about.fields.get("assumed", [])
+def _assumptions(metadata: YamlFile) -> list[str]:
+    """Return the notes about losses, repairs and assumptions from an earlier conversion of the flight."""
+    lines = metadata.fields.get("assumed", [])
     if not isinstance(lines, list) or not all(isinstance(line, str) for line in lines):
-        raise about.refuse("assumed", "is not a list of lines", "write one `- line` for each")
+        raise metadata.refuse("assumed", "is not a list of lines", "write one `- line` for each")
     return [brief(line, 600) for line in lines]
 
 
 def _notes(recording: _Recording) -> dict[str, str]:
     notes = {}
-    for key, value in recording.about.fields.items():
-        if key in _OWN_KEYS or value == "":
+    for key, value in recording.metadata.fields.items():
+        if key in _FLIGHT_KEYS or value == "":
             continue
         if isinstance(value, str):
             notes[key] = value
         else:
             recording.warnings.append(f"flight.yaml: {brief(key, 40)} is not plain text, ignored")
-    recording.note("flight.yaml", recording.about.misspelt((*_OWN_KEYS, *_TOLD_KEYS)))
+    recording.note("flight.yaml", recording.metadata.misspelt_keys((*_FLIGHT_KEYS, *_NOTE_KEYS)))
     return notes

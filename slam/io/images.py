@@ -84,7 +84,7 @@ def read_image(path: Path, size_px: tuple[int, int] | None = None, depth_bits: i
             pixels = _pixels(picture)
         if _is_deep(data):
             deep = _sixteen_bit(data, grey=pixels.ndim == 2)
-            return _eight_bit(deep, depth_bits or depth_of(int(deep.max())))
+            return _eight_bit(deep, depth_bits or bit_depth_of(int(deep.max())))
         return pixels
     except UnreadableImageError:
         raise
@@ -137,7 +137,7 @@ def _jpeg_size(head: bytes) -> tuple[int, int]:
     raise UnreadableImageError("truncated" if len(head) < HEADER_BYTES else "damaged")
 
 
-def brightest(path: Path) -> int | None:
+def max_value(path: Path) -> int | None:
     """The largest value in a 16-bit PNG; None for pictures of 8 bits. Raises ``UnreadableImageError``."""
     if not _is_deep(_bytes(path, 32, whole=False)):
         return None
@@ -145,7 +145,7 @@ def brightest(path: Path) -> int | None:
     return int(_sixteen_bit(_bytes(path, MAX_BYTES), grey=False).max())
 
 
-def depth_of(value: int) -> int:
+def bit_depth_of(value: int) -> int:
     """Bits a pixel of the camera whose brightest value this is."""
     return next(bits for bits in _DEPTHS if value < 1 << bits)
 

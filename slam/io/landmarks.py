@@ -1,4 +1,4 @@
-"""``landmarks.csv`` (surveyed points of the floor) and the pairs of them that ``flight.yaml`` names."""
+"""Reading of ``landmarks.csv`` (surveyed points of the floor) and of the pairs of them in ``flight.yaml``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MAX_BYTES = 1 << 24
 
 
 def read_landmarks(root: Path) -> dict[str, Array]:
-    """Name -> (3,) metres in the world. Raises ``InputError`` naming the line at fault."""
+    """Return a map of names to (3,) metres in the world. Raises ``InputError`` with the faulty line."""
     path = root / "landmarks.csv"
     header = ",".join(HEADER)
     try:
@@ -31,13 +31,13 @@ def read_landmarks(root: Path) -> dict[str, Array]:
     landmarks: dict[str, Array] = {}
     try:
         titles = [t.strip().lstrip("#").strip() for t in next(rows, [])]
-        places = [_place(titles, title) for title in HEADER]
-        if None in places:
+        indices = [_column_index(titles, title) for title in HEADER]
+        if None in indices:
             raise refusal(path, f"has the header {','.join(titles)[:80]!r}", f"write {header}", 1)
         for fields in rows:
             if any(f.strip() for f in fields):
                 name, point = _landmark(
-                    path, rows.line_num, fields, [p for p in places if p is not None], len(titles)
+                    path, rows.line_num, fields, [p for p in indices if p is not None], len(titles)
                 )
                 if name in landmarks:
                     raise refusal(path, f"names {name[:40]!r} twice", "keep one of them", rows.line_num)
@@ -47,27 +47,27 @@ def read_landmarks(root: Path) -> dict[str, Array]:
     return landmarks
 
 
-def check_pairs(about: YamlFile, key: str, landmarks: dict[str, Array]) -> tuple[tuple[str, str], ...]:
-    """Pairs of landmark names from ``flight.yaml``. Raises ``InputError`` where one is not known."""
-    value = about.fields.get(key, [])
+def check_pairs(metadata: YamlFile, key: str, landmarks: dict[str, Array]) -> tuple[tuple[str, str], ...]:
+    """Return the pairs of landmark names from ``flight.yaml``. Raises ``InputError`` for an unknown name."""
+    value = metadata.fields.get(key, [])
     if value == "":
         return ()
     do = "write [[A, B], ...] with names of landmarks.csv"
     if not isinstance(value, list):
-        raise about.refuse(key, "is not a list of pairs", do)
+        raise metadata.refuse(key, "is not a list of pairs", do)
     pairs = []
     for pair in value:
         if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(p, str) for p in pair)):
-            raise about.refuse(key, f"holds {brief(pair, 40)!r}", do)
+            raise metadata.refuse(key, f"holds {brief(pair, 40)!r}", do)
         first, second = str(pair[0]), str(pair[1])
         for name in (first, second):
             if name not in landmarks:
-                raise about.refuse(key, f"names {brief(name, 40)!r}, which landmarks.csv has not", do)
+                raise metadata.refuse(key, f"names {brief(name, 40)!r}, which is not in landmarks.csv", do)
         pairs.append((first, second))
     return tuple(pairs)
 
 
-def _place(titles: list[str], title: str) -> int | None:
+def _column_index(titles: list[str], title: str) -> int | None:
     """Return the index of a column, without a unit or with the correct one."""
     for k, found in enumerate(titles):
         if found == title or found == title.split(" ")[0]:
@@ -75,14 +75,14 @@ def _place(titles: list[str], title: str) -> int | None:
     return None
 
 
-def _landmark(path: Path, line: int, fields: list[str], places: list[int], width: int) -> tuple[str, Array]:
+def _landmark(path: Path, line: int, fields: list[str], indices: list[int], width: int) -> tuple[str, Array]:
     if len(fields) != width:
         raise refusal(path, f"has {len(fields)} fields instead of {width}", "repair the line", line)
-    name = fields[places[0]].strip()
+    name = fields[indices[0]].strip()
     if not name:
         raise refusal(path, "has no name", "name the landmark", line)
     try:
-        point = [float(fields[p]) for p in places[1:]]
+        point = [float(fields[p]) for p in indices[1:]]
     except ValueError:
         point = [math.nan]
     if not all(map(math.isfinite, point)):

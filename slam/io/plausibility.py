@@ -1,6 +1,6 @@
-"""Units that a header cannot show: gyro in degrees, accelerometer in g, stamps in microseconds.
+"""Checks of units that a header cannot show: gyro in degrees, accelerometer in g, stamps in microseconds.
 
-Each check compares with something that the wrong unit cannot satisfy, and refuses with the likely cause.
+Each check compares the data with a limit that only a wrong unit exceeds. The error names the likely cause.
 """
 
 from __future__ import annotations
@@ -17,14 +17,17 @@ from slam.io.files import refusal
 from slam.io.sensor_yaml import YamlFile
 
 MIN_INTERVAL_NS = 20_000
-"""No sensor of a flight folder is faster than 50 kHz."""
+"""Smallest interval of stamps. No sensor of a flight folder is faster than 50 kHz."""
 GYRO_LIMIT_RAD_S = 70.0
-"""4000 deg/s, the widest range of any MEMS gyro."""
+"""Largest plausible rate: 4000 deg/s, the widest range of any MEMS gyro."""
 _TIME_UNITS = {1e3: "microseconds", 1e6: "milliseconds", 1e9: "seconds"}
 
 
 def check_stamp_unit(table: CsvTable, sensor: YamlFile, notes: list[str]) -> None:
-    """Refuse stamps that are no nanoseconds; tell a rate far from ``rate_hz``. Raises ``InputError``."""
+    """Refuse stamps in another unit than nanoseconds. Note a rate far from ``rate_hz``.
+
+    Raises ``InputError``.
+    """
     steps = np.diff(np.sort(table.stamps_ns))
     steps = steps[steps > 0]
     nominal_hz = sensor.number("rate_hz", 0.0)
@@ -43,17 +46,17 @@ def check_stamp_unit(table: CsvTable, sensor: YamlFile, notes: list[str]) -> Non
     if nominal_hz > 0 and (
         min(rate_hz, mean_hz) > 1.5 * nominal_hz or max(rate_hz, mean_hz) < nominal_hz / 1.5
     ):
-        notes.append(f"its rate is {rate_hz:.3g} Hz where sensor.yaml says {nominal_hz:g} Hz")
+        notes.append(f"its rate is {rate_hz:.3g} Hz but sensor.yaml gives {nominal_hz:g} Hz")
 
 
 def check_stamps_agree(tables: dict[str, CsvTable]) -> None:
-    """Refuse one stream whose stamps are those of the others in another unit. Raises ``InputError``."""
+    """Refuse a stream whose stamps are in another unit than those of the others. Raises ``InputError``."""
     first = {name: float(t.stamps_ns[0]) for name, t in tables.items() if len(t.stamps_ns)}
     if not first:
         return
     latest = max(first, key=lambda n: first[n])
     if first[latest] < 1e17:
-        return  # clocks that start near zero cannot be told apart this way
+        return  # clocks that start near zero cannot be distinguished this way
     for name, stamp in first.items():
         for factor, unit in _TIME_UNITS.items():
             if stamp > 0 and abs(stamp * factor / first[latest] - 1) < 1e-3:
@@ -76,37 +79,39 @@ def check_imu_units(imu: Imu, attitude: AttitudeSeries | None, path: Path) -> No
     if np.mean(rate > GYRO_LIMIT_RAD_S) > 0.01:
         what = f"the gyro reads up to {rate.max():.3g} rad/s"
         raise refusal(path, what, "convert it to rad/s (in deg/s? multiply by pi/180)")
-    ratio = _gyro_per_attitude(imu, attitude) if attitude is not None else math.nan
+    ratio = _gyro_to_attitude_ratio(imu, attitude) if attitude is not None else math.nan
     if 30 < ratio < 110:
         what = f"the gyro reads {ratio:.0f} times the rate at which the attitude turns"
         raise refusal(path, what, "convert it to rad/s (in deg/s? multiply by pi/180)")
     if 1 / 110 < ratio < 1 / 30:
-        what = f"the attitude turns {1 / ratio:.0f} times faster than the gyro says"
+        what = f"the attitude turns {1 / ratio:.0f} times faster than the gyro measures"
         raise refusal(
             path.parent.parent / "attitude0" / "data.csv", what, "convert it to radians (in degrees?)"
         )
 
 
-def _gyro_per_attitude(imu: Imu, attitude: AttitudeSeries) -> float:
-    """How many times the attitude's rate the gyro reads, by their increments; NaN where they do not agree."""
+def _gyro_to_attitude_ratio(imu: Imu, attitude: AttitudeSeries) -> float:
+    """Return the ratio of the gyro's rate to the attitude's, from their increments; NaN if they are
+    uncorrelated.
+    """
     start = max(imu.stamps_s[0], attitude.stamps_s[0])
     end = min(imu.stamps_s[-1], attitude.stamps_s[-1])
     if end - start < 2 or len(imu.stamps_s) < 20 or len(attitude.stamps_s) < 20:
         return math.nan
     times = np.arange(start, end, 0.25)
     steps = np.diff(imu.stamps_s, prepend=imu.stamps_s[0])
-    turned, said = [], []
+    gyro_increments, attitude_increments = [], []
     for axis in range(3):
         angle = attitude.roll_pitch_yaw_rad[:, axis]
         known = np.isfinite(angle)
         if known.sum() < 20:
             continue
-        turned.append(_increments(times, imu.stamps_s, np.cumsum(imu.gyro_rad_s[:, axis] * steps)))
-        said.append(_increments(times, attitude.stamps_s[known], angle[known]))
-    if not turned:
+        gyro_increments.append(_increments(times, imu.stamps_s, np.cumsum(imu.gyro_rad_s[:, axis] * steps)))
+        attitude_increments.append(_increments(times, attitude.stamps_s[known], angle[known]))
+    if not gyro_increments:
         return math.nan
-    x, y = np.concatenate(said), np.concatenate(turned)
-    calm = np.abs(x) < np.percentile(np.abs(x), 95) * 3 + 1e-12  # a wrap of yaw is no motion
+    x, y = np.concatenate(attitude_increments), np.concatenate(gyro_increments)
+    calm = np.abs(x) < np.percentile(np.abs(x), 95) * 3 + 1e-12  # a wrap of yaw is not a motion
     x, y = x[calm], y[calm]
     if x.std() < 1e-4 or y.std() < 1e-4 or abs(np.corrcoef(x, y)[0, 1]) < 0.5:
         return math.nan

@@ -1,7 +1,7 @@
-"""``sensor.yaml`` and ``flight.yaml``: small YAML from strangers.
+"""Reading of ``sensor.yaml`` and ``flight.yaml``, small YAML files from untrusted sources.
 
-Every scalar is kept as text until someone asks for a number, so that ``1e-5``, dates and ``1:30`` mean what
-they say. Size, depth, aliases and tags are checked on the stream of events, before anything is built.
+Every scalar stays text until a number is requested, so that YAML does not interpret ``1e-5``, dates or
+``1:30``. Size, depth, aliases and tags are checked on the stream of events, before any object is built.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ Value = str | list["Value"] | dict[str, "Value"]
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 8
 MAX_LEVER_M = 10.0
-"""No sensor sits farther from the middle of a small aircraft."""
+"""Largest distance of a sensor from the body origin, for a small aircraft."""
 RIGID_TOLERANCE = 1e-3
-"""Largest departure of R^T R from the identity that rounding by hand explains."""
+"""Largest element of R^T R - I that is accepted as rounding error."""
 
 
 @dataclass(frozen=True)
@@ -37,18 +37,20 @@ class YamlFile:
     lines: dict[str, int] = field(default_factory=dict)
 
     def has(self, key: str) -> bool:
-        """Whether the key is there with something behind it."""
+        """Return whether the key is present and has a value."""
         return self.fields.get(key, "") not in ("", "~", "null")
 
     def text(self, key: str, default: str) -> str:
-        """A plain text. Raises ``InputError`` where a list or mapping stands there."""
+        """Return a plain text. Raises ``InputError`` for a list or a mapping."""
         value = self.fields.get(key, default)
         if not isinstance(value, str):
             raise self.refuse(key, "is not plain text", "write one value")
         return value
 
     def number(self, key: str, default: float | None = None, positive: bool = False) -> float:
-        """One finite number, >= 0 (> 0 where ``positive``). Raises ``InputError``, also where missing."""
+        """Return one finite number, >= 0 (> 0 if ``positive``). Raises ``InputError``, also for a missing key
+        without a default.
+        """
         if not self.has(key):
             if default is None:
                 raise refusal(self.path, f"has no {key}", "add it")
@@ -59,7 +61,7 @@ class YamlFile:
         return value
 
     def numbers(self, key: str, count: tuple[int, ...]) -> tuple[float, ...]:
-        """Finite numbers, as many as one of ``count``. Raises ``InputError``, also where missing."""
+        """Return finite numbers, as many as one of ``count``. Raises ``InputError``, also if missing."""
         wanted = " or ".join(map(str, count))
         if not self.has(key):
             raise refusal(self.path, f"has no {key}", f"add it with {wanted} numbers")
@@ -69,7 +71,9 @@ class YamlFile:
         return tuple(self._finite(key, v) for v in value)
 
     def transform(self, key: str = "T_BS") -> Array:
-        """The (4, 4) rigid transform in EuRoC's form; identity where absent. Raises ``InputError``."""
+        """Return the (4, 4) rigid transform in EuRoC's form, or the identity if it is absent. Raises
+        ``InputError``.
+        """
         if not self.has(key):
             return np.eye(4)
         body = self.fields[key]
@@ -95,17 +99,19 @@ class YamlFile:
             T[:3, :3] = u @ vt
         return T
 
-    def misspelt(self, known: tuple[str, ...]) -> list[str]:
-        """One remark for each key that looks like a known one and is none."""
+    def misspelt_keys(self, known: tuple[str, ...]) -> list[str]:
+        """Return one remark for each unknown key that resembles a known one."""
         remarks = []
         for key in self.fields:
             near = difflib.get_close_matches(key, known, n=1, cutoff=0.8)
             if key not in known and near:
-                remarks.append(f"{self.path.name} has {brief(key, 40)}, which was ignored: {near[0]} meant?")
+                remarks.append(
+                    f"{self.path.name} has {brief(key, 40)}, which is ignored; did you mean {near[0]}?"
+                )
         return remarks
 
     def refuse(self, key: str, what: str, do: str) -> Exception:
-        """The error to raise about this key."""
+        """Return the error to raise about this key."""
         return refusal(self.path, f"{key} {what}", do, self.lines.get(key))
 
     def _finite(self, key: str, value: Value) -> float:
@@ -119,14 +125,16 @@ class YamlFile:
 
 
 def read_yaml(path: Path, root: Path) -> YamlFile:
-    """A mapping of text, lists and mappings. Raises ``InputError`` for anything else or anything hostile."""
+    """Read a mapping of text, lists and mappings. Raises ``InputError`` for any other content or for an
+    unsafe file.
+    """
     data = read_bytes(path, root, MAX_BYTES).rstrip(b"\0")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise refusal(path, "is not UTF-8 text", "save it as UTF-8") from None
     if text.startswith("%YAML:"):
-        text = "#" + text  # as OpenCV writes it, and EuRoC: not YAML's own directive
+        text = "#" + text  # OpenCV and EuRoC write this line, which is not a valid YAML directive
     try:
         _check_events(path, text)
         node = yaml.compose(text, Loader=yaml.CBaseLoader)
@@ -170,7 +178,7 @@ def _plain(path: Path, node: yaml.Node) -> Value:
     for key, value in node.value:
         line = _line(key)
         if not isinstance(key, yaml.ScalarNode):
-            raise refusal(path, "has a key that is no text", "repair it", line)
+            raise refusal(path, "has a key that is not text", "repair it", line)
         if key.value in fields:
             raise refusal(path, f"has {key.value} twice", "keep one of them", line)
         fields[key.value] = _plain(path, value)

@@ -1,4 +1,6 @@
-"""The streams of a flight folder: their columns, and how a table and its ``sensor.yaml`` become a series."""
+"""Columns of the streams of a flight folder, and construction of a series from a table and its
+``sensor.yaml``.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +23,10 @@ Series = Imu | Sonar | AttitudeSeries | Velocity | Command | Scalar | Motor | Gp
 
 MAX_NOISE_STD, MAX_SCALE_STD = 1e9, 1.0
 """Larger deviations carry no information, and their covariance cannot be computed with."""
-SATURATED = 0.999
-"""Share of max_range from which a range is what sonars give where they heard nothing."""
+SATURATION_RATIO = 0.999
+"""Share of max_range above which a range is treated as the sonar's value for no echo."""
 METRES_PER_DEGREE = 111_319.49
-"""Metres per degree of latitude (WGS 84, equatorial): good to 1 % anywhere, enough for a standard deviation.
+"""Metres per degree of latitude (WGS 84, equatorial). It is accurate to 1 %, enough for a standard deviation.
 """
 
 
@@ -54,7 +56,7 @@ COLUMNS: dict[str, tuple[CsvColumn, ...]] = {
         *_axes("b_a_RS_S", "xyz", "m s^-2", 1e4, optional=True),
     ),
 }
-"""Folder -> columns after the stamp, in the format's order."""
+"""Map of a folder to its columns after the stamp, in the order of the format."""
 
 IMU_DENSITIES = {
     "gyroscope_noise_density": "gyro_noise_density",
@@ -62,7 +64,7 @@ IMU_DENSITIES = {
     "gyroscope_random_walk": "gyro_random_walk",
     "accelerometer_random_walk": "accel_random_walk",
 }
-"""Key of imu0's ``sensor.yaml`` -> field of ``Imu``."""
+"""Map of a key of imu0's ``sensor.yaml`` to the field of ``Imu``."""
 
 KNOWN_KEYS = (
     "sensor_type", "comment", "T_BS", "rate_hz", "noise_std", "min_range", "max_range", "beam_width",
@@ -73,7 +75,7 @@ KNOWN_KEYS = (
 
 @dataclass(frozen=True)
 class Source:
-    """Inputs of a series: ordered rows, nominal figures, and the list that collects notes."""
+    """Inputs of a series: sorted rows, nominal values, and the list that collects notes."""
 
     table: CsvTable
     sensor: YamlFile
@@ -85,8 +87,8 @@ class Source:
         """(n,) seconds since the flight's epoch."""
         return ((self.table.stamps_ns - self.epoch_ns) * 1e-9).astype(float)
 
-    def only(self, rows: NDArray[np.bool_] | np.bool_, why: str) -> Source:
-        """The rows that pass, telling how many did not and why."""
+    def keep_rows(self, rows: NDArray[np.bool_] | np.bool_, why: str) -> Source:
+        """Return the source with the rows that pass, and note the number of dropped rows and the reason."""
         rows = np.atleast_1d(rows)
         if rows.all():
             return self
@@ -96,18 +98,18 @@ class Source:
             self.table.rows(keep, self.table.stamps_ns[keep]), self.sensor, self.epoch_ns, self.notes
         )
 
-    def without(self, bad: NDArray[np.bool_], column: int, why: str) -> None:
-        """Take values of one column as missing, telling how many and why."""
+    def set_missing(self, bad: NDArray[np.bool_], column: int, why: str) -> None:
+        """Set values of one column to missing, and note their number and the reason."""
         if bad.any():
-            self.notes.append(f"{int(bad.sum())} values taken as missing: {why}")
+            self.notes.append(f"{int(bad.sum())} values treated as missing: {why}")
             self.table.values[bad, column] = np.nan
 
-    def refuse_row(self, row: int, what: str, do: str) -> Exception:
-        """The error to raise about one row."""
+    def row_error(self, row: int, what: str, do: str) -> Exception:
+        """Return the error to raise about one row."""
         return refusal(self.table.path, what, do, int(self.table.lines[row]))
 
     def noise(self, count: int, default: tuple[float, ...]) -> tuple[float, ...]:
-        """``noise_std``, one figure a column; the default where it is absent."""
+        """Return ``noise_std``, one value per column, or the default if absent. Raises ``InputError``."""
         if not self.sensor.has("noise_std"):
             return default
         noise = self.sensor.numbers("noise_std", (count,))
@@ -119,14 +121,14 @@ class Source:
             )
         return noise
 
-    def mount_ignored(self) -> None:
-        """Check T_BS of a stream that has no place for it; tell where it would have mattered."""
+    def check_identity_mount(self) -> None:
+        """Check T_BS of a stream that does not use it, and note a value other than the identity."""
         if not np.array_equal(self.sensor.transform(), np.eye(4)):
-            self.notes.append("T_BS in sensor.yaml is not the identity; values are taken as in body axes")
+            self.notes.append("T_BS in sensor.yaml is not the identity; body axes assumed for the values")
 
 
-def build(folder: str, source: Source) -> Series | None:
-    """The series of one stream; None where no row is left. Raises ``InputError``."""
+def build_series(folder: str, source: Source) -> Series | None:
+    """Return the series of one stream, or None if no row is left. Raises ``InputError``."""
     if len(source.table.stamps_ns) == 0:
         return None
     series = _BUILDERS[folder](source)
@@ -134,7 +136,7 @@ def build(folder: str, source: Source) -> Series | None:
 
 
 def _imu(source: Source) -> Imu:
-    source = source.only(np.isfinite(source.table.values).all(axis=1), "a value is missing")
+    source = source.keep_rows(np.isfinite(source.table.values).all(axis=1), "a value is missing")
     values = source.table.values
     return Imu(
         source.stamps_s,
@@ -168,9 +170,9 @@ def _sonar(source: Source) -> Sonar:
     median = float(np.nanmedian(values)) if np.isfinite(values).any() else 0.0
     if median > 5 * high:
         unit = "centimetres" if median * 0.01 <= high else "millimetres"
-        raise source.refuse_row(0, f"has a median range of {median:g} m", f"convert it to metres ({unit}?)")
-    source.without(values[:, 0] <= 0, 0, "a range of zero or less")
-    source.without(values[:, 0] >= SATURATED * high, 0, f"at or beyond max_range {high:g} m")
+        raise source.row_error(0, f"has a median range of {median:g} m", f"convert it to metres ({unit}?)")
+    source.set_missing(values[:, 0] <= 0, 0, "a range of zero or less")
+    source.set_missing(values[:, 0] >= SATURATION_RATIO * high, 0, f"at or beyond max_range {high:g} m")
     return Sonar(
         source.stamps_s,
         values[:, 0],
@@ -185,20 +187,20 @@ def _sonar(source: Source) -> Sonar:
 
 
 def _attitude(source: Source) -> AttitudeSeries:
-    source.mount_ignored()
+    source.check_identity_mount()
     tilt = source.table.values[:, :2]
-    beyond = np.abs(tilt) > math.pi + 1e-6
-    if beyond.sum() > max(1, 0.02 * np.isfinite(tilt).sum()):
-        row = int(np.argmax(beyond.any(axis=1)))
-        raise source.refuse_row(row, "has roll or pitch beyond pi", "convert to radians (degrees?)")
+    too_large = np.abs(tilt) > math.pi + 1e-6
+    if too_large.sum() > max(1, 0.02 * np.isfinite(tilt).sum()):
+        row = int(np.argmax(too_large.any(axis=1)))
+        raise source.row_error(row, "has roll or pitch beyond pi", "convert to radians (degrees?)")
     for column, name in enumerate(("roll", "pitch")):
-        source.without(beyond[:, column], column, f"{name} beyond pi")
+        source.set_missing(too_large[:, column], column, f"{name} beyond pi")
     noise = source.noise(3, AttitudeSeries.noise_std_rad)
     return AttitudeSeries(source.stamps_s, source.table.values, (noise[0], noise[1], noise[2]))
 
 
 def _velocity(source: Source) -> Velocity:
-    source.mount_ignored()
+    source.check_identity_mount()
     noise = source.noise(2, Velocity.noise_std_m_s)
     scale_std = source.sensor.number("scale_std", Velocity.scale_std)
     return Velocity(source.stamps_s, source.table.values, (noise[0], noise[1]), scale_std)
@@ -206,12 +208,12 @@ def _velocity(source: Source) -> Velocity:
 
 def _command(source: Source) -> Command:
     source.noise(4, (0.0,) * 4)
-    beyond = (np.abs(source.table.values) > 1 + 1e-9).any(axis=1)
-    if beyond.any():
-        row = int(np.argmax(beyond))
+    too_large = (np.abs(source.table.values) > 1 + 1e-9).any(axis=1)
+    if too_large.any():
+        row = int(np.argmax(too_large))
         value = source.table.values[row][np.nanargmax(np.abs(source.table.values[row]))]
         guess = " (percent?)" if np.nanmax(np.abs(source.table.values)) > 20 else ""
-        raise source.refuse_row(row, f"has the command {value:g}", f"scale the stick to -1..1{guess}")
+        raise source.row_error(row, f"has the command {value:g}", f"scale the stick to -1..1{guess}")
     return Command(
         source.stamps_s,
         source.table.values,
@@ -220,7 +222,7 @@ def _command(source: Source) -> Command:
 
 
 def _scalar(source: Source) -> Scalar:
-    source.mount_ignored()
+    source.check_identity_mount()
     return Scalar(source.stamps_s, source.table.values[:, 0], source.noise(1, (Scalar.noise_std,))[0])
 
 
@@ -230,55 +232,55 @@ def _motor(source: Source) -> Motor:
 
 
 def _gps(source: Source) -> Gps:
-    source.mount_ignored()
+    source.check_identity_mount()
     for column, name, limit in ((0, "latitude", 90), (1, "longitude", 180)):
-        beyond = np.abs(source.table.values[:, column]) > limit
-        if beyond.any():
-            row = int(np.argmax(beyond))
+        too_large = np.abs(source.table.values[:, column]) > limit
+        if too_large.any():
+            row = int(np.argmax(too_large))
             value = source.table.values[row, column]
             guess = " (1e7 times?)" if abs(value) > 1e6 else ""
-            raise source.refuse_row(row, f"has {name} {value:g} deg", f"write -{limit}..{limit}{guess}")
+            raise source.row_error(row, f"has {name} {value:g} deg", f"write -{limit}..{limit}{guess}")
     latitude, longitude = source.table.values[:, 0], source.table.values[:, 1]
-    source = source.only(np.isfinite(latitude) & np.isfinite(longitude), "no position")
+    source = source.keep_rows(np.isfinite(latitude) & np.isfinite(longitude), "no position")
     fixed = (source.table.values[:, 0] != 0) | (source.table.values[:, 1] != 0)
-    source = source.only(fixed, "latitude and longitude are both 0 (no fix yet)")
+    source = source.keep_rows(fixed, "latitude and longitude are both 0 (no fix yet)")
     latitude, longitude, altitude = source.table.values.T
     return Gps(source.stamps_s, latitude, longitude, altitude, _gps_noise(source, latitude))
 
 
 def _gps_noise(source: Source, latitude_deg: Array) -> tuple[float, float, float]:
-    """East, north, up in metres from ``noise_std`` in the columns' units (deg, deg, m)."""
+    """Return east, north, up in metres from ``noise_std`` in the units of the columns (deg, deg, m)."""
     if not source.sensor.has("noise_std") or not len(latitude_deg):
         return Gps.noise_std_m
     north, east, up = source.noise(3, ())
     if max(north, east) > 0.1:
-        source.notes.append("noise_std of latitude and longitude is beyond 0.1 deg: taken as metres")
+        source.notes.append("noise_std of latitude and longitude is beyond 0.1 deg: metres assumed")
         return east, north, up
     return east * metres_per_degree_east(float(latitude_deg[0])), north * METRES_PER_DEGREE, up
 
 
 def metres_per_degree_east(latitude_deg: float) -> float:
-    """Length of a degree of longitude there, on a sphere; never 0."""
+    """Return the length of a degree of longitude at a latitude, on a sphere; never 0."""
     return METRES_PER_DEGREE * max(math.cos(math.radians(latitude_deg)), 1e-6)
 
 
 def _truth(source: Source) -> Truth:
-    source.mount_ignored()
-    source = source.only(np.isfinite(source.table.values[:, :7]).all(axis=1), "part of the pose is missing")
+    source.check_identity_mount()
+    source = source.keep_rows(np.isfinite(source.table.values[:, :7]).all(axis=1), "part of the pose missing")
     norm = np.linalg.norm(source.table.values[:, 3:7], axis=1)
     unit = np.abs(norm - 1) < 1e-2
     if (~unit).sum() > 0.5 * len(norm):
         row = int(np.argmin(unit))
-        raise source.refuse_row(
+        raise source.row_error(
             row, f"has a quaternion of length {norm[row]:g}", "write unit quaternions, w x y z"
         )
-    source = source.only(unit, "the quaternion's length is not 1")
+    source = source.keep_rows(unit, "the quaternion's length is not 1")
     values = source.table.values
     w_T_b = np.tile(np.eye(4), (len(values), 1, 1))
     w_T_b[:, :3, 3] = values[:, :3]
     if len(values):
         w_T_b[:, :3, :3] = Rotation.from_quat(values[:, 3:7], scalar_first=True).as_matrix()
-    velocity = values[:, 7:10].copy()  # else all columns would stay
+    velocity = values[:, 7:10].copy()  # the slice alone would keep all columns in memory
     return Truth(source.stamps_s, w_T_b, velocity if np.isfinite(velocity).any() else None)
 
 

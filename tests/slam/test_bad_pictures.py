@@ -107,7 +107,7 @@ def test_bad_pictures_are_counted_by_name_and_survived(spoil, reason, count):
 
 def test_a_camera_without_rows_and_one_picture_alone_are_told_as_such():
     flight = flown(0)
-    told = flight.with_warning("cam0: data.csv has no rows; taken as not recorded")
+    told = flight.with_warning("cam0: data.csv has no rows; treated as not recorded")
     assert "cam0: data.csv has no rows, so no map" in refusal(replace(told, camera=None, frames=None))
     assert "no camera in this flight, so no map" in refusal(replace(flight, camera=None, frames=None))
     alone = only(flight, [0]).with_warning(

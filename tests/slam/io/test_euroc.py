@@ -190,7 +190,7 @@ def test_vicon_is_carried_from_its_markers_to_the_body(tmp_path):
     assert_allclose(flight.truth.w_T_b[:, :3, 3], trajectory()[:, :3, 3], atol=1e-9)
     assert_allclose(flight.truth.w_T_b[:, :3, :3], trajectory()[:, :3, :3] @ N_R_B.T, atol=1e-9)
     assert flight.truth.stamps_s[:2].tolist() == pytest.approx([0, 0.05])
-    assert warned(flight, "vicon0: taken as the truth")
+    assert warned(flight, "vicon0: used as the ground truth")
 
 
 def test_the_estimate_comes_before_vicon(tmp_path):
@@ -210,7 +210,7 @@ def test_vicon_rows_without_a_pose_are_counted(tmp_path):
     path.write_text("\n".join(lines) + "\n")
     flight = import_euroc(root)
     assert len(flight.truth.stamps_s) == N - 2
-    assert warned(flight, "2 rows without a whole pose")
+    assert warned(flight, "2 rows without a complete pose")
 
 
 def test_positions_alone_are_no_truth(tmp_path):

@@ -292,7 +292,7 @@ def test_measured_flights_read(tmp_path):
         for series in known:
             assert (np.diff(series.stamps_s) > 0).all(), name
         assert min(s.stamps_s[0] for s in known) == 0.0
-        told = ("not a stream", "taken as missing: at or beyond max_range")
+        told = ("not a stream", "treated as missing: at or beyond max_range")
         assert all(any(t in w for t in told) for w in flight.warnings), (name, flight.warnings)
 
 

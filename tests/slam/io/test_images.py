@@ -15,9 +15,9 @@ from slam.io.images import (
     MAX_PIXELS,
     PictureFiles,
     UnreadableImageError,
-    brightest,
-    depth_of,
+    bit_depth_of,
     image_size,
+    max_value,
     read_image,
 )
 from tests.slam.io.made_flight import picture
@@ -198,9 +198,9 @@ def test_sixteen_bit_files_keep_the_bits_that_the_camera_fills(put, colour):
         _, data = cv2.imencode(".png", small.astype(np.uint16) << (bits - 8))
         path = put(data.tobytes())
         np.testing.assert_array_equal(read_image(path), small)
-        assert depth_of(brightest(path)) == bits
+        assert bit_depth_of(max_value(path)) == bits
     np.testing.assert_array_equal(read_image(path, depth_bits=12), np.minimum(small.astype(int) * 16, 255))
-    assert brightest(put(encoded("PNG"))) is None
+    assert max_value(put(encoded("PNG"))) is None
 
 
 def test_a_damaged_sixteen_bit_file_is_refused(put):

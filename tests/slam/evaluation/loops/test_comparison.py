@@ -33,7 +33,7 @@ from tests.slam.small_flight import flown, gps_of, only
 
 LAPS = {"cruise_m_s": 0.5, "way_points": ["A", "B", [1.5, 0.7], [0.3, 0.7], "A"], "laps": 3}
 LIGHT = {"exposure_variation": {"gain": 0.15, "gamma": 0.3, "tau": 0.02}}
-NO_ROWS = "cam0: data.csv has no rows; taken as not recorded"
+NO_ROWS = "cam0: data.csv has no rows; treated as not recorded"
 ALIASED = {"repeat": True, "tile_m": 1.2, "extent_m": [0, 0, 1.8, 1.2], "seed": 3}
 
 

@@ -194,7 +194,7 @@ def test_picture_and_table_tell_the_same_figures_in_the_same_units():
 
 
 STAMPS = np.arange(0, 5, 0.05)
-NO_ROWS = "command0: data.csv has no rows; taken as not recorded"
+NO_ROWS = "command0: data.csv has no rows; treated as not recorded"
 SOME = Command(STAMPS, np.zeros((100, 4)))
 STILL = Truth(STAMPS, np.tile(np.eye(4), (100, 1, 1)))
 
