@@ -17,26 +17,26 @@ Array = NDArray[np.float64]
 
 CELLS = 3
 TILT_CURRENT, CLIMB_CURRENT = 0.8, 0.6
-"""How much more current full stick draws, forward or left and up, as a share of the hover's."""
+"""Additional current at full stick, forward or left and up, relative to the hover current."""
 RATE_HZ = 50.0
-"""Of the charge's integration: a command lasts longer."""
+"""Rate of the integration of charge; a command lasts longer."""
 
 
 def open_circuit_v(charge: Array) -> Array:
-    """Voltage of a pack at rest with this share of its charge left: a slope, and a knee when nearly empty."""
+    """Return the voltage at rest for a remaining charge of 0 to 1: a slope and a knee when nearly empty."""
     charge = np.clip(charge, 0.0, 1.0)
     return CELLS * (3.55 + 0.65 * charge - 0.5 * np.exp(-charge / 0.04))
 
 
 def current_a(command: Array, battery: BatteryModel) -> Array:
-    """(n,) current under commands (n, ``dynamics.COMMAND``)."""
+    """Return the current (n,) in A under commands (n, ``dynamics.COMMAND``)."""
     forward, left, up = (command[:, COMMAND.index(name)] for name in ("forward", "left", "up"))
     more = TILT_CURRENT * np.hypot(forward, left) + CLIMB_CURRENT * up
     return battery.hover_current_a * np.maximum(1.0 + more, 0.0)
 
 
 def read_battery(motion: Motion, model: Model, seed: int) -> Scalar:
-    """The voltage, which does not act on the flight: that is the term ``battery_sag``."""
+    """Return the voltage. It does not act on the flight; the term ``battery_sag`` does."""
     battery, rng = model.battery, generator(seed, "battery")
     times = stamps(battery.rate_hz, motion.duration_s, rng)
     grid = np.linspace(0.0, motion.duration_s, int(np.ceil(motion.duration_s * RATE_HZ)) + 1)

@@ -1,4 +1,4 @@
-"""Chance: each stream of a flight draws random numbers of its own."""
+"""Random generators: each stream of a flight has its own."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ import numpy as np
 
 
 def generator(seed: int, stream: str, *index: int) -> np.random.Generator:
-    """The random numbers of one stream of one flight, independent of those of every other."""
+    """Return the random generator of one stream of one flight, independent of all others."""
     return np.random.default_rng((seed, zlib.crc32(stream.encode()), *index))

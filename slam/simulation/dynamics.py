@@ -1,8 +1,8 @@
-"""The vehicle's equations of motion, compiled: the nominal vehicle and every motion term of the catalogue.
+"""The compiled equations of motion: the nominal vehicle and every motion term of the catalogue.
 
-``derivative`` is one pure function of state, command, noise and parameters. The simulator integrates it,
-replays integrate it, and the critic's filter linearises it: there is no second set of equations. A term is
-switched off by the neutral value of its parameters, so a model is nothing but a vector.
+``derivative`` is one pure function of state, command, noise and parameters. The simulator and the replay
+integrate it, and criticism linearises it in a Kalman filter: there is no second set of equations. The neutral
+value of its parameters switches a term off, so a model is a vector.
 
 Frames and signs are the flight format's: world z up, R_wb = Rz(yaw) Ry(pitch) Rx(roll), forward stick and
 pitch > 0 fly forward, left stick asks for roll < 0. Source: IMAV 2011 paper, section 3.2 (stick to tilt to
@@ -29,11 +29,11 @@ STEP_S = 0.002
 """Step of the integration: RK4, a fiftieth of the vehicle's fastest own lag."""
 
 STATE = (
-    "x", "y", "z",  # place, world [m]
-    "v_x", "v_y", "v_z",  # velocity that drag acts on, world [m/s]; place moves with v + w
+    "x", "y", "z",  # position, world [m]
+    "v_x", "v_y", "v_z",  # velocity that drag acts on, world [m/s]; the position moves with v + w
     "roll", "pitch", "yaw",  # [rad]
-    "yaw_rate",  # of yaw, not of the body [rad/s]
-    "hold_x", "hold_y",  # where position_hold wants to be [m]
+    "yaw_rate",  # derivative of yaw, not a body rate [rad/s]
+    "hold_x", "hold_y",  # set point of position_hold [m]
 )  # fmt: skip
 """Names of the state's entries, in order."""
 (X, Y, Z, VX, VY, VZ, ROLL, PITCH, YAW, YAW_RATE, HOLD_X, HOLD_Y) = range(len(STATE))
@@ -41,7 +41,7 @@ STATE = (
 COMMAND = (
     "forward", "left", "up", "yaw",  # the stick, -1..1
     "centred",  # share of the time that forward and left were both 0
-    "discharge",  # share of the flight's battery use that is behind: 0 at the start, 1 at the end
+    "discharge",  # share of the flight's charge already drawn: 0 at the start, 1 at the end
 )  # fmt: skip
 """Names of the command's entries: averages over the step."""
 (FORWARD, LEFT, UP, TURN, CENTRED, DISCHARGE) = range(len(COMMAND))
@@ -96,33 +96,33 @@ PARAMETERS = (
 ) = range(len(PARAMETERS))  # fmt: skip
 
 FLOOR_STIFFNESS = 2500.0
-"""Of the landing gear, in 1/s^2."""
+"""Stiffness of the landing gear, in 1/s^2."""
 FLOOR_DAMPING = 60.0
-"""In 1/s: the vehicle comes to rest in about 0.1 s without a bounce."""
+"""Damping of the landing gear, in 1/s: the vehicle comes to rest in about 0.1 s without a bounce."""
 SLIDING_1_S = 12.0
-"""How fast a vehicle that touches the floor stops sliding."""
+"""Rate at which a vehicle on the floor stops sliding, in 1/s."""
 DECELERATION_M_S2 = 0.1
 """Width of the smooth change between speeding up and slowing down in ``asymmetric_drag``."""
 HOLD_FOLLOW_1_S = 10.0
-"""How fast the place to be held follows a vehicle that is being flown."""
+"""Rate at which the set point follows a vehicle that is being flown, in 1/s."""
 
 
 @njit(cache=True)
 def _stick(s: float, parameters: Array) -> float:
-    """What the vehicle makes of a stick: ``command_nonlinearity``, dead band first."""
+    """Apply ``command_nonlinearity`` to a stick: first the dead band, then the cubic."""
     beyond = max(abs(s) - parameters[DEAD_BAND], 0.0)
     return math.copysign(beyond + parameters[CUBIC] * beyond**3, s)
 
 
 @njit(cache=True)
 def noise_share(z: float, parameters: Array) -> float:
-    """Share of the hold noise that is left at height z: 1 in the air, 0 on the floor."""
+    """Return the share of the hold noise at height z: 1 in the air, 0 on the floor."""
     return float(min(max((z - parameters[GEAR]) / parameters[FADE], 0.0), 1.0))
 
 
 @njit(cache=True)
 def thrust(roll: float, pitch: float, parameters: Array) -> tuple[float, float]:
-    """Tilt to horizontal force over weight, ahead and to the left: (R13, R23) / R33 at yaw 0."""
+    """Return the horizontal force over the weight, forward and left: (R13, R23) / R33 at yaw 0."""
     if parameters[SMALL_ANGLE] < 0.5:
         return math.tan(pitch), -math.tan(roll) / math.cos(pitch)
     return pitch, -roll
@@ -132,7 +132,7 @@ def thrust(roll: float, pitch: float, parameters: Array) -> tuple[float, float]:
 def derivative(state: Array, command: Array, noise: Array, parameters: Array, rate: Array) -> None:
     """Write d(state)/dt into ``rate``. Shapes: ``STATE``, ``COMMAND``, ``NOISE``, ``PARAMETERS``, ``STATE``.
 
-    Everything but ``rate`` is read only. Continuous in all its arguments, but for the floor's contact.
+    Everything but ``rate`` is read only. The function is continuous in all arguments except at floor contact.
     """
     ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
     rates(state, math.cos(state[YAW]), math.sin(state[YAW]), ahead, aside, command, noise, parameters, rate)
@@ -143,14 +143,14 @@ def rates(
     state: Array, c: float, s: float, ahead: float, aside: float, command: Array, noise: Array,
     parameters: Array, rate: Array,
 ) -> None:  # fmt: skip
-    """``derivative`` with the heading's cosine and sine and the ``thrust`` known."""
+    """Compute ``derivative`` from given cosine and sine of the heading and a given ``thrust``."""
     vx, vy, vz = state[VX], state[VY], state[VZ]
     roll, pitch = state[ROLL], state[PITCH]
     share = noise_share(state[Z], parameters)
     height = state[Z] - parameters[GEAR]
     on_floor = height < 0.0
 
-    # Stick to tilt: a first-order lag behind gain times stick, cut by tilt_limit.
+    # Stick to tilt: a first-order lag behind gain times stick, clipped by tilt_limit.
     reach = parameters[MAX_TILT] * parameters[GAIN] * (1.0 - parameters[SAG] * command[DISCHARGE])
     limit = parameters[TILT_LIMIT]
     pitch_target = min(max(reach * _stick(command[FORWARD], parameters), -limit), limit)
@@ -163,7 +163,7 @@ def rates(
     pitch_off = pitch_target + parameters[TRIM_PITCH] + share * noise[PITCH_NOISE] - pitch
     rate[ROLL], rate[PITCH] = roll_off / parameters[ATTITUDE_TIME], pitch_off / parameters[ATTITUDE_TIME]
 
-    # Yaw: its drag decides both the rate it reaches and how fast it is left.
+    # Yaw: drag determines both the steady rate and how fast the rate decays.
     yaw_push = parameters[MAX_YAW_RATE] * command[TURN] + share * noise[TURN_NOISE]
     rate[YAW] = state[YAW_RATE]
     rate[YAW_RATE] = (yaw_push - (1.0 + parameters[YAW_DRAG]) * state[YAW_RATE]) / parameters[YAW_TIME]
@@ -182,7 +182,7 @@ def rates(
     ax -= drag * air_x + parameters[BRAKING] * command[CENTRED] * vx
     ay -= drag * air_y + parameters[BRAKING] * command[CENTRED] * vy
 
-    # position_hold: takes over once the stick is centred and the vehicle slow.
+    # position_hold takes over once the stick is centred and the vehicle is slow.
     slow = (vx * vx + vy * vy) / parameters[HOLD_CAPTURE] ** 2
     held = command[CENTRED] / (1.0 + slow * slow)
     moving_x, moving_y = vx + share * noise[WX], vy + share * noise[WY]
@@ -192,7 +192,7 @@ def rates(
     rate[HOLD_X] = HOLD_FOLLOW_1_S * (1.0 - held) * (state[X] - state[HOLD_X])
     rate[HOLD_Y] = HOLD_FOLLOW_1_S * (1.0 - held) * (state[Y] - state[HOLD_Y])
 
-    # Climb: a first-order lag; air under the rotors pushes near the floor (Cheeseman and Bennett).
+    # Climb is a first-order lag; ground effect pushes up near the floor (Cheeseman and Bennett).
     climb = parameters[CLIMB_RATE] * command[UP]
     if climb < 0.0:
         climb *= 1.0 + parameters[CLIMB_ASYMMETRY]
@@ -217,8 +217,7 @@ def _rk4(
     h: float,
     work: Array,
 ) -> None:
-    """Advance ``state`` in place by h: command constant, noise linear over the step. ``work`` is (6,
-    STATE)."""
+    """Advance ``state`` in place by h: constant command, linear noise. ``work`` is (6, STATE)."""
     k1, k2, k3, k4, at, noise = work[0], work[1], work[2], work[3], work[4], work[5, : noise_begin.shape[0]]
     n = state.shape[0]
     derivative(state, command, noise_begin, parameters, k1)
@@ -239,11 +238,11 @@ def _rk4(
 
 @njit(cache=True)
 def integrate(start: Array, command: Array, noise: Array, parameters: Array, step_s: float) -> Array:
-    """States of all members at all nodes: (members, steps + 1, STATE).
+    """Return the states of all members at all nodes: (members, steps + 1, STATE).
 
-    ``start`` (members, STATE), ``parameters`` (members, PARAMETERS); ``command`` (m, steps, COMMAND),
-    averages over each step, and ``noise`` (m, steps + 1, NOISE), at the nodes: m is the members' number, or 1
-    for all alike.
+    ``start`` is (members, STATE) and ``parameters`` (members, PARAMETERS). ``command`` (m, steps, COMMAND)
+    holds the mean over each step. ``noise`` (m, steps + 1, NOISE) holds the values at the nodes. m is the
+    number of members, or 1 where all share them.
     """
     members, steps = start.shape[0], command.shape[1]
     states = np.empty((members, steps + 1, start.shape[1]))
@@ -261,27 +260,27 @@ def integrate(start: Array, command: Array, noise: Array, parameters: Array, ste
 
 
 class Moments(NamedTuple):
-    """n moments between the nodes of one member."""
+    """n moments of one member, between its nodes."""
 
     node: NDArray[np.int64]
-    """(n,) the node before each."""
+    """(n,) node before each moment."""
     past_s: Array
     """(n,) time since that node."""
     average: Array
     """(n, COMMAND) mean of the command since the node."""
     command: Array
-    """(n, COMMAND) at the moment."""
+    """(n, COMMAND) command at the moment."""
     noise: Array
-    """(n, NOISE) at the moment."""
+    """(n, NOISE) noise at the moment."""
     noise_rate: Array
-    """(n, 3) rate of w."""
+    """(n, 3) derivative of w."""
 
 
 @njit(cache=True)
 def read_out(states: Array, noise: Array, parameters: Array, moments: Moments) -> tuple[Array, Array, Array]:
-    """State (n, STATE), its rate (n, STATE) and the acceleration d(v + w)/dt (n, 3) at n moments.
+    """Return state (n, STATE), its rate (n, STATE) and the acceleration d(v + w)/dt (n, 3) at n moments.
 
-    ``states`` and ``noise`` are those of one member at its nodes.
+    ``states`` and ``noise`` hold one member's values at its nodes.
     """
     node, past_s, average, command, noise_at, noise_rate = moments
     count, width = node.shape[0], states.shape[1]
@@ -291,7 +290,7 @@ def read_out(states: Array, noise: Array, parameters: Array, moments: Moments) -
         k = node[i]
         at[i] = states[k]
         if past_s[i] > 0.0:
-            # A part of a step, not an interpolation: exact also where the stick jumps between two nodes.
+            # A partial step, not an interpolation: this is exact even if the stick jumps between two nodes.
             _rk4(at[i], average[i], noise[k], noise_at[i], parameters, past_s[i], work)
         derivative(at[i], command[i], noise_at[i], parameters, rates[i])
         share = noise_share(at[i, Z], parameters)

@@ -1,7 +1,7 @@
-"""Models: the vehicle, its restlessness, its instruments and its terms, as a TOML file.
+"""Models: the vehicle, its hold noise, its instruments and its terms, as a TOML file.
 
 The nominal model and an extended one are the same kind of file: the second has more ``[terms.NAME]`` tables.
-What a file leaves out is as the nominal model has it.
+Keys that a file leaves out have the values of the nominal model.
 """
 
 from __future__ import annotations
@@ -45,25 +45,25 @@ class Vehicle:
     """
 
     max_tilt_rad: Annotated[float, Field(ge=0.01, le=1.2)] = 0.5236
-    """At full stick."""
+    """Value at full stick."""
     gain: Annotated[float, Field(ge=0.05, le=5)] = 1.0
-    """Share of the tilt asked for that is reached."""
+    """Ratio of the tilt that is reached to the commanded tilt."""
     drag_1_s: Annotated[float, Field(ge=0, le=10)] = 0.559
     attitude_time_s: Time = 0.10
     climb_rate_m_s: Annotated[float, Field(ge=0.05, le=20)] = 1.0
-    """At full stick."""
+    """Value at full stick."""
     climb_time_s: Time = 0.30
     yaw_rate_rad_s: Annotated[float, Field(ge=0.05, le=20)] = 1.5
-    """At full stick."""
+    """Value at full stick."""
     yaw_time_s: Time = 0.05
     gear_height_m: Annotated[float, Field(ge=0, le=1)] = 0.08
-    """Of the body's origin when it stands."""
+    """Height of the body's origin when the vehicle stands on the floor."""
     small_angle: bool = False
-    """The force is g times the tilt, as in the paper, not g times its tangent."""
+    """Whether the force is g times the tilt, as in the paper, instead of g times its tangent."""
     size_m: tuple[float, float, float] = (0.525, 0.515, 0.115)
     """The paper's dimensions, for the record: length, width, height."""
     inertia_kg_m2: tuple[float, float, float] = (0.0241, 0.0232, 0.0451)
-    """The paper's principal moments, for the record: the attitude's lag stands for what they do."""
+    """The paper's principal moments, for the record; the lag of the attitude represents their effect."""
 
 
 def _printable(name: str) -> str:
@@ -75,12 +75,12 @@ def _printable(name: str) -> str:
 
 
 Name = Annotated[str, Field(min_length=1, max_length=80), AfterValidator(_printable)]
-"""Of a recipe or a model: what can be part of a file's name, and of a line."""
+"""Name of a recipe or a model, which can be part of a file name and of a line."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """What criticism has to judge: how a vehicle moves and what its instruments read."""
+    """Model of how a vehicle moves and of what its instruments measure, as criticism judges it."""
 
     name: Name = "nominal"
     vehicle: Vehicle = field(default_factory=Vehicle)
@@ -92,42 +92,43 @@ class Model:
     battery: BatteryModel = field(default_factory=BatteryModel)
     command: CommandModel = field(default_factory=CommandModel)
     terms: dict[str, dict[str, float]] = field(default_factory=dict)
-    """Name of the catalogue -> parameter -> value; a parameter that is left out is neutral."""
+    """Term name -> parameter -> value; a parameter that is left out is neutral."""
     std: dict[str, dict[str, Annotated[float, Field(gt=0)]]] = field(default_factory=dict)
-    """How surely a term's parameters are known where flights told them: standard deviations. For who takes
-    the terms out of a recording (`slam.corrected`); a simulation does not ask."""
+    """Term name -> parameter -> standard deviation of an estimated value.
+
+    The correction of a recording uses it (`slam.simulation.inverse`); a simulation does not."""
 
     def value(self, term: str, parameter: str) -> float:
-        """A term's parameter, neutral where the model does not hold it. Raises ``KeyError``."""
+        """Return a parameter of a term, neutral where the model does not hold it. Raises ``KeyError``."""
         neutral = CATALOGUE[term].parameter(parameter).neutral
         return self.terms.get(term, {}).get(parameter, neutral)
 
     def holds(self, term: str) -> bool:
-        """Whether the model has the term, with a value that is not neutral."""
+        """Whether the model has the term with a value that is not neutral."""
         return any(self.value(term, p.name) != p.neutral for p in CATALOGUE[term].parameters)
 
     def vector(self, term: str, *parameters: str) -> Array:
-        """Several parameters of a term, by default all of them."""
+        """Return several parameters of a term, by default all of them, as (n,)."""
         names = parameters or tuple(p.name for p in CATALOGUE[term].parameters)
         return np.array([self.value(term, name) for name in names])
 
     def with_term(self, term: str, **values: float) -> Model:
-        """This model with parameters of a term set. Raises ``InputError`` as a file would."""
+        """Return this model with the given parameters of a term. Raises ``InputError`` as a file would."""
         terms = {**self.terms, term: {**self.terms.get(term, {}), **values}}
         changed = replace(self, terms=terms)
         check_model(changed, f"model {self.name!r}")
         return changed
 
     def known_to(self, term: str, otherwise: float) -> float:
-        """Standard deviation of the vaguest of a term's parameters; ``otherwise`` where none is told."""
+        """Return the largest standard deviation of a term's parameters, or ``otherwise`` without one."""
         return max(self.std.get(term, {}).values(), default=otherwise)
 
     def with_std(self, term: str, **values: float) -> Model:
-        """This model with what is known of how surely it knows parameters of a term."""
+        """Return this model with the given standard deviations of a term's parameters."""
         return replace(self, std={**self.std, term: {**self.std.get(term, {}), **values}})
 
     def parameters(self) -> Array:
-        """The vector that the equations of motion take, (``dynamics.PARAMETERS``,)."""
+        """Return the parameter vector of the equations of motion, (``dynamics.PARAMETERS``,)."""
         from slam.simulation.dynamics import PARAMETERS
 
         values = {
@@ -136,7 +137,7 @@ class Model:
         }
         for name, term in CATALOGUE.items():
             for parameter in term.parameters:
-                # A term that takes the place of a constant of the vehicle leaves it alone where it is absent.
+                # A term with a slot replaces a constant of the vehicle, but only where the model holds it.
                 if not parameter.slot or name in self.terms:
                     slot = parameter.slot or f"{name}.{parameter.name}"
                     values[slot] = self.value(name, parameter.name)
@@ -144,24 +145,23 @@ class Model:
 
 
 def load_model(source: str | Path) -> Model:
-    """The model of a .toml file, or the shipped one of that name.
+    """Load the model of a .toml file, or the shipped model of that name.
 
-    Raises ``InputError``, one line, for an unknown key, term or name, and for a value that is out of range.
+    Raises a one-line ``InputError`` for an unknown key, term or name, and for a value that is out of range.
     """
     path = model_path(source)
     return model_from(read_toml(path), str(path))
 
 
 def model_from(mapping: Mapping[str, Any], where: str) -> Model:
-    """The model of a mapping as a TOML file gives it. Raises ``InputError``."""
+    """Build the model from the mapping of a TOML file. Raises ``InputError``."""
     model = load_config(Model, mapping, where)
     check_model(model, where)
     return model
 
 
 def save_model(model: Model, path: str | Path) -> None:
-    """Write a model so that ``load_model`` gives it back. Raises ``InputError`` where nothing can be
-    written."""
+    """Write a model so that ``load_model`` returns an equal one. Raises ``InputError`` if writing fails."""
     lines = [f"name = {_toml(model.name)}"]
     for part in fields(model):
         value = getattr(model, part.name)
@@ -174,17 +174,16 @@ def save_model(model: Model, path: str | Path) -> None:
 
 
 def check_model(model: Model, where: str) -> None:
-    """Raise ``InputError`` for a term or parameter that there is not, a value out of range, and odd
-    limits."""
+    """Raise ``InputError`` for an unknown term or parameter, a value out of range, and wrong sonar limits."""
     for table, tables in (("terms", model.terms), ("std", model.std)):
         for name, values in tables.items():
             if name not in CATALOGUE:
                 near = get_close_matches(name, CATALOGUE, n=1, cutoff=0.0)
                 raise InputError(f"{where}: unknown term '{table}.{name}'; did you mean '{table}.{near[0]}'?")
             known = [parameter.name for parameter in CATALOGUE[name].parameters]
-            if odd := [key for key in values if key not in known]:
+            if unknown := [key for key in values if key not in known]:
                 raise InputError(
-                    f"{where}: unknown key '{table}.{name}.{odd[0]}'; the term has: {', '.join(known)}"
+                    f"{where}: unknown key '{table}.{name}.{unknown[0]}'; the term has: {', '.join(known)}"
                 )
     for name, values in model.terms.items():
         for key, value in values.items():
@@ -199,19 +198,19 @@ def check_model(model: Model, where: str) -> None:
 
 
 def shipped_folder() -> Path:
-    """Where recipes and models are: in the installed package, or beside it in a checkout."""
+    """Return the folder of recipes and models: in the installed package, or next to it in a checkout."""
     package = Path(str(resources.files("slam")))
     installed = package / "datasets"
     return installed if installed.is_dir() else package.parent / "datasets"
 
 
 def shipped_models() -> tuple[str, ...]:
-    """Names of the models that come with the project."""
+    """Return the names of the models that come with the project."""
     return tuple(sorted(path.stem for path in (shipped_folder() / "models").glob("*.toml")))
 
 
 def model_path(source: str | Path) -> Path:
-    """The file of a shipped model's name, or the path of a .toml file itself. Raises ``InputError``."""
+    """Return the file of a shipped model, or the path of a .toml file itself. Raises ``InputError``."""
     path, names = Path(source), shipped_models()
     if str(source) in names:
         return shipped_folder() / "models" / f"{source}.toml"

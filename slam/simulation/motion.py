@@ -1,4 +1,4 @@
-"""A flown motion: the integrated states, and what they come to at any moment between two of them."""
+"""The motion of one flight: integrated states, evaluated at any time."""
 
 from __future__ import annotations
 
@@ -35,27 +35,27 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class State:
-    """The vehicle at n moments."""
+    """State of the vehicle at n moments."""
 
     stamps_s: Array
     w_p_m: Array
-    """(n, 3)."""
+    """(n, 3) position."""
     w_v_m_s: Array
-    """(n, 3) velocity that exists and is seen: that of the equations and the hold noise on top."""
+    """(n, 3) full velocity: that of the equations plus the hold noise."""
     w_a_m_s2: Array
     roll_pitch_yaw_rad: Array
     """(n, 3): R_wb = Rz(yaw) Ry(pitch) Rx(roll)."""
     b_rate_rad_s: Array
-    """(n, 3) angular velocity in body axes: what a gyro reads."""
+    """(n, 3) angular velocity in body axes, as a gyro measures it."""
 
     @property
     def w_R_b(self) -> Array:
-        """(n, 3, 3)."""
+        """(n, 3, 3) rotations."""
         return rotation_of(self.roll_pitch_yaw_rad)
 
     @property
     def w_T_b(self) -> Array:
-        """(n, 4, 4)."""
+        """(n, 4, 4) poses."""
         pose = np.tile(np.eye(4), (len(self.stamps_s), 1, 1))
         pose[:, :3, :3] = self.w_R_b
         pose[:, :3, 3] = self.w_p_m
@@ -63,50 +63,50 @@ class State:
 
     @property
     def b_specific_force_m_s2(self) -> Array:
-        """(n, 3) R_wb^T (a + (0, 0, g)): what an accelerometer reads."""
+        """(n, 3) specific force R_wb^T (a + (0, 0, g)), as an accelerometer measures it."""
         return np.asarray(np.einsum("nij,ni->nj", self.w_R_b, self.w_a_m_s2 + [0.0, 0.0, GRAVITY_M_S2]))
 
     @property
     def h_v_m_s(self) -> Array:
-        """(n, 2) horizontal velocity in the heading frame, forward and left: what an optical flow reads."""
+        """(n, 2) velocity forward and left in the heading frame, as an optical flow measures it."""
         c, s = np.cos(self.roll_pitch_yaw_rad[:, 2]), np.sin(self.roll_pitch_yaw_rad[:, 2])
         vx, vy = self.w_v_m_s[:, 0], self.w_v_m_s[:, 1]
         return np.column_stack([c * vx + s * vy, c * vy - s * vx])
 
 
 class Trajectory(Protocol):
-    """What instruments can be read along: a flight, or a vehicle that is carried."""
+    """A motion that instruments can measure: a flight, or a vehicle that is carried."""
 
     @property
     def duration_s(self) -> float:
-        """From 0 on."""
+        """Duration; the motion begins at 0."""
 
     def at(self, stamps_s: Array) -> State:
-        """The state at any times (n,)."""
+        """Return the state at any times (n,)."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """One vehicle's flight, or a part of one."""
+    """The flight of one vehicle, or a part of it."""
 
     states: Array
-    """(steps + 1, ``dynamics.STATE``) at the nodes, ``step_s`` apart."""
+    """(steps + 1, ``dynamics.STATE``) states at the nodes, ``step_s`` apart."""
     noise: NoisePath
     stick: Stick
-    """As it was given; the vehicle obeys it ``latency_s`` later."""
+    """Commands as the pilot gave them; the vehicle responds ``latency_s`` later."""
     parameters: Array
     latency_s: float
     duration_s: float
-    """The motion is known from ``begin_s`` for so long."""
+    """Duration of the motion, from ``begin_s`` on."""
     begin_s: float = 0.0
     step_s: float = STEP_S
 
     def at(self, stamps_s: Array) -> State:
-        """The state at any times, those beyond the motion taken as its ends. (n,)."""
+        """Return the state at any times (n,). Times outside the motion give its first or last state."""
         stamps = np.asarray(stamps_s, dtype=float)
         t = np.clip(stamps - self.begin_s, 0.0, self.duration_s)
         node = np.minimum((t / self.step_s).astype(np.int64), len(self.states) - 2)
-        # A moment that is a node to rounding is that node: no partial step from its neighbour.
+        # A moment within rounding of a node is that node, without a partial step from its neighbour.
         node += (node + 1) * self.step_s <= t + 1e-12
         node = np.minimum(node, len(self.states) - 1)
         past = np.maximum(t - node * self.step_s, 0.0)
@@ -131,27 +131,27 @@ class Motion:
 
 
 def at_rest(x: float, y: float, z: float, yaw_rad: float) -> Array:
-    """(``dynamics.STATE``,) a vehicle in the air, level and still."""
+    """Return the state (``dynamics.STATE``,) of a vehicle in the air, level and at rest."""
     state = np.zeros(len(STATE))
     state[[X, Y, Z, YAW, HOLD_X, HOLD_Y]] = x, y, z, yaw_rad, x, y
     return state
 
 
 def step_count(duration_s: float) -> int:
-    """How many steps cover a duration."""
+    """Return how many steps cover a duration."""
     return max(int(np.ceil(duration_s / STEP_S - 1e-9)), 1)
 
 
 def draw_model_noise(
     model: Model, steps: int, rngs: tuple[np.random.Generator, np.random.Generator]
 ) -> NoisePath:
-    """The hold noise and, from the second generator, the gusts of a model."""
+    """Draw the hold noise of a model from the first generator and its gusts from the second."""
     sigma, tau = model.vector("gusts", "sigma", "tau")
     return draw_noise(model.hold_noise, steps, STEP_S, rngs[0], (sigma, tau), rngs[1])
 
 
 def no_noise(steps: int) -> NoisePath:
-    """No noise at all."""
+    """Return a noise that is zero everywhere."""
     return NoisePath(np.zeros((steps + 1, len(NOISE))), np.zeros((steps + 1, 3)))
 
 
@@ -163,10 +163,10 @@ def simulate_motion(
     begin_s: float = 0.0,
     end_s: float | None = None,
 ) -> Motion:
-    """The motion of a model's vehicle under a stick that was given beforehand.
+    """Integrate the motion of a model's vehicle under given commands, open loop.
 
-    ``start`` (``dynamics.STATE``,) at ``begin_s``, by default the stick's whole duration is flown; ``noise``
-    covers ``step_count`` that many seconds, none by default.
+    ``start`` (``dynamics.STATE``,) is the state at ``begin_s``. The motion ends at ``end_s``, by default at
+    the end of the stick. ``noise`` has ``step_count`` steps for that duration; the default is none.
     """
     duration_s = (stick.duration_s if end_s is None else end_s) - begin_s
     steps = step_count(duration_s)

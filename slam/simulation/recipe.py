@@ -1,7 +1,7 @@
-"""Recipes: what to simulate, as a TOML file that a person reads and changes.
+"""Recipes: descriptions of simulated flights, as TOML files for people to read and change.
 
-Each table of the file is the settings dataclass of the part that it is for; what is left out has its default.
-A recipe names its model and may change parts of it: the tables of a model file are allowed in a recipe, too.
+Each table of the file corresponds to one dataclass of settings; keys that are left out have their defaults.
+A recipe names its model and may change parts of it: it may contain the tables of a model file too.
 """
 
 from __future__ import annotations
@@ -30,47 +30,48 @@ from slam.simulation.place.world import FLOORS, World, check_world
 from slam.simulation.script import read_script, stick_from
 
 LANDMARK_NAME = re.compile(r"[A-Za-z0-9_+-]{1,8}")
-"""What can be written into a mark, and into a csv file."""
+"""Names that fit into a mark and into a csv file."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """A flight to be simulated: the place, the vehicle, its way and its instruments."""
+    """A flight to be simulated: the world, the vehicle, its manoeuvre and its instruments."""
 
     name: Name
     maneuver: Manoeuvre
-    """Spelled as recipe files have it."""
+    """The manoeuvre. The field is spelled as in recipe files."""
     landmarks: dict[str, tuple[float, float]] = field(default_factory=dict)
     """Marks on the floor: name -> (x, y) in metres."""
     landmark_pairs: tuple[tuple[str, str], ...] = ()
-    """Pairs whose distance the table of landmarks names."""
+    """Pairs of landmarks whose distance the evaluation compares."""
     gaps: tuple[tuple[str, str], ...] = ()
-    """Short gaps that a loop must close."""
+    """Pairs of landmarks with a short gap that a loop must close."""
     world: World = field(default_factory=World)
     camera: CameraModel | None = field(default_factory=CameraModel)
-    """None (in a file: ``camera = "none"``) flies without one."""
+    """Camera; None (in a file: ``camera = "none"``) for a flight without one."""
     model: Model = field(default_factory=Model)
-    """In a file: the name of a shipped model or the path of one, changed by the recipe's own tables."""
+    """Model. A file gives a shipped name or a path, and its own tables change that model."""
 
 
 def load_recipe(source: str | Path, model: str | Path | None = None) -> Recipe:
-    """The recipe of a .toml file, or the shipped one of that name.
+    """Load the recipe of a .toml file, or the shipped recipe of that name.
 
-    ``model`` takes the place of the model that the recipe names; the recipe's own tables still change it.
-    Raises ``InputError``, one line, for what ``check`` refuses, for an unknown key or name, and for a value
-    of the wrong type or out of range.
+    ``model`` replaces the model that the recipe names; the recipe's own tables still change it. Raises a
+    one-line ``InputError`` where ``check`` does, for an unknown key or name, and for a value of the wrong
+    type or out of range.
     """
     path = _recipe_path(source)
     mapping = read_toml(path)
     if model is not None:
-        model_path(model)  # what there is not is refused by its own name, not as a fault of the recipe
+        model_path(model)  # an unknown model is reported under its own name, not as an error of the recipe
         mapping["model"] = str(Path(model).resolve() if Path(model).suffix == ".toml" else model)
     return recipe_from(mapping, str(path), path.parent)
 
 
 def recipe_from(mapping: Mapping[str, Any], where: str, folder: Path = Path()) -> Recipe:
-    """The recipe of a mapping as a TOML file gives it; relative paths of texture, script and model start at
-    ``folder``. Raises ``InputError``.
+    """Build the recipe from the mapping of a TOML file. Raises ``InputError``.
+
+    Relative paths of texture, script and model start at ``folder``.
     """
     parts = [part.name for part in fields(Model) if part.name != "name"]
     _refuse_unknown(mapping, [*(part.name for part in fields(Recipe)), *parts], where)
@@ -100,7 +101,7 @@ def _refuse_unknown(mapping: Mapping[str, Any], known: list[str], where: str) ->
 
 
 def _model(source: object, changes: Mapping[str, Any], where: str, folder: Path) -> Model:
-    """The named model with tables of the recipe over its own."""
+    """Return the named model, with tables of the recipe in place of its own."""
     if not isinstance(source, str):
         raise InputError(f"{where}: model: give the name of a model or the path of a .toml file")
     try:
@@ -118,7 +119,7 @@ def _model(source: object, changes: Mapping[str, Any], where: str, folder: Path)
 
 
 def check(recipe: Recipe, where: str) -> None:
-    """Raise ``InputError`` for what is wrong between fields: names, places, the floor, the model."""
+    """Raise ``InputError`` for fields that do not fit together: names, places, the floor, the model."""
     try:
         check_world(recipe.world, seen=recipe.camera is not None)
         _check_landmarks(recipe)
@@ -134,7 +135,7 @@ def check(recipe: Recipe, where: str) -> None:
 
 
 def shipped_recipes() -> tuple[str, ...]:
-    """Names of the recipes that come with the project."""
+    """Return the names of the recipes that come with the project."""
     return tuple(sorted(path.stem for path in shipped_folder().glob("*.toml")))
 
 

@@ -1,4 +1,4 @@
-"""One simulated flight, from the manoeuvre to the streams of its instruments."""
+"""One simulated flight: from the manoeuvre to the streams of its instruments."""
 
 from __future__ import annotations
 
@@ -26,13 +26,12 @@ Array = NDArray[np.float64]
 EPOCH_NS = 1_315_785_600_000_000_000
 """Second 0 of every simulated flight, 2011-09-12: a constant, so that the same seed gives the same bytes."""
 TRUTH_RATE_HZ = 100.0
-PILOTS_ROOM_M = 0.5
-"""How far a pilot may be off the floor that way points must lie on."""
+PILOT_MARGIN_M = 0.5
+"""Distance by which a pilot may leave the floor, in metres; way points must lie on it."""
 
 
 def record(recipe: Recipe, seed: int) -> Flight:
-    """Fly a recipe that has been checked. Raises ``InputError`` where the flight leaves the floor or hits
-    it."""
+    """Fly a checked recipe. Raises ``InputError`` where the flight leaves the floor or hits it."""
     model, world = recipe.model, _place(recipe)
     try:
         motion = fly_recipe(recipe, seed)
@@ -62,7 +61,7 @@ def record(recipe: Recipe, seed: int) -> Flight:
 
 
 def fly_recipe(recipe: Recipe, seed: int) -> Motion:
-    """The true motion of a recipe's flight. Raises ``InputError`` where it leaves the floor or hits it."""
+    """Return the true motion of a recipe. Raises ``InputError`` where it leaves or hits the floor."""
     manoeuvre, model = recipe.maneuver, recipe.model
     rngs = (generator(seed, "hold noise"), generator(seed, "gusts"))
     if manoeuvre.script:
@@ -75,9 +74,9 @@ def fly_recipe(recipe: Recipe, seed: int) -> Motion:
     else:
         path = plan(manoeuvre, recipe.landmarks, recipe.world.extent_m)
         motion = fly(path, model, draw_model_noise(model, step_count(path.duration_s), rngs))
-        # Way points may lie on the border, and a pilot is blown about; beyond the margin there is nothing to
-        # see.
-        _refuse_beyond(motion, recipe.world, max(recipe.world.margin_m, PILOTS_ROOM_M))
+        # Way points may lie on the border, and wind may push the vehicle across it. There is no picture
+        # beyond the margin.
+        _refuse_beyond(motion, recipe.world, max(recipe.world.margin_m, PILOT_MARGIN_M))
     if not (manoeuvre.script and manoeuvre.may_land):
         x, y, z = motion.states[:, :3].T
         ground_m = elevation(_place(recipe), x, y)
@@ -90,7 +89,7 @@ def fly_recipe(recipe: Recipe, seed: int) -> Motion:
 def _refuse_beyond(motion: Motion, world: World, room_m: float) -> None:
     x, y, z = motion.states[:, :3].T
     x0, y0, x1, y1 = world.extent_m
-    # Written so that what is not a number is beyond, too.
+    # Written so that NaN counts as outside too.
     beyond = ~((x >= x0 - room_m) & (x <= x1 + room_m) & (y >= y0 - room_m) & (y <= y1 + room_m))
     _refuse_at(motion, beyond, "leaves the floor", "make world.extent_m larger or the commands smaller")
     _refuse_at(motion, ~(z <= MAX_HEIGHT_M), f"climbs beyond {MAX_HEIGHT_M:g} m", "command less climb")
@@ -118,7 +117,7 @@ def _film(recipe: Recipe, world: World, motion: Motion, seed: int) -> Film:
     clock = generator(seed, "camera clock")
     stamps_s = sensors.stamps(recipe.camera.rate_hz, motion.duration_s, clock)
     marks = tuple((name, x, y) for name, (x, y) in recipe.landmarks.items())
-    # A parameter that a model leaves out is neutral, not nothing.
+    # A parameter that a model leaves out has its neutral value.
     terms = {name: {**CATALOGUE[name].neutral, **values} for name, values in recipe.model.terms.items()}
 
     def pose_at(times_s: Array) -> Array:
@@ -133,7 +132,7 @@ def _names(stamps_s: Array) -> tuple[str, ...]:
 
 
 def _truth(motion: Motion) -> Truth:
-    """The true motion over the whole flight, so that it can be interpolated at any stamp of any stream."""
+    """Return the truth over the whole flight, so that every stamp of every stream lies within it."""
     count = int(np.ceil(motion.duration_s * TRUTH_RATE_HZ)) + 1
     state = motion.at(np.round(np.linspace(0.0, motion.duration_s, count), 9))
     return Truth(state.stamps_s, state.w_T_b, state.w_v_m_s)

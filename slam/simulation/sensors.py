@@ -1,8 +1,8 @@
-"""Instruments: what each one reads of a motion, on its own clock, with its own noise and the model's terms.
+"""Instruments: the readings of each along a motion, with its clock, its noise and the model's terms.
 
-Each instrument draws from generators of its own, so that adding or changing one leaves the readings of the
-others as they were; and each term draws from one of its own, so that a model with a term differs from one
-without in that term alone.
+Each instrument draws from its own random generators. So a change to one leaves the readings of the others as
+they were. Each term also draws from its own generator. So a model with a term differs from one without it in
+that term alone.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ Array = NDArray[np.float64]
 LATEST_START_S = 0.25
 """Each stream takes its first sample within this time."""
 SOUND_M_S, SOUND_M_S_K = 331.3, 0.606
-"""Speed of sound at 0 degrees, and its change a degree."""
+"""Speed of sound at 0 degrees Celsius, and its change per kelvin."""
 ASSUMED_DEG_C = 20.0
-"""Air temperature that the sonar reckons with."""
+"""Air temperature that the sonar assumes."""
 SECOND_ECHO_STD = 0.05
-"""Spread of an echo that went the way twice, as a share of it."""
+"""Standard deviation of a second echo, relative to the range."""
 
 
 def stamps(rate_hz: float, duration_s: float, rng: np.random.Generator) -> Array:
-    """(n,) regular stamps, in whole nanoseconds, from a drawn first one to the end of the flight; n >= 1."""
+    """Return regular stamps (n,), n >= 1, in whole nanoseconds, from a random start to the flight's end."""
     first = rng.uniform(0.0, min(LATEST_START_S, duration_s))
     count = int((duration_s - first) * rate_hz) + 1
     return np.round(first + np.arange(count) / rate_hz, 9)
 
 
 def autoregressive(white: Array, correlation: float) -> Array:
-    """(n, ...) noise of the same spread of which each sample keeps so much of the one before."""
+    """Turn white noise (n, ...) into a first-order autoregression of the same standard deviation."""
     if correlation == 0.0:
         return white
     white = np.concatenate([white[:1], np.sqrt(1.0 - correlation**2) * white[1:]])
@@ -55,19 +55,18 @@ def clock_stamps(times_s: Array, model: Model, rng: np.random.Generator) -> Arra
     ``timestamp_jitter``."""
     late = times_s * model.value("clock_drift", "ppm") * 1e-6
     late = late + rng.normal(0.0, model.value("timestamp_jitter", "sigma"), len(times_s))
-    # However they jitter, stamps increase: by a nanosecond at least.
+    # Despite the jitter, stamps increase by at least a nanosecond.
     apart = 1e-9 * np.arange(len(times_s))
     return np.asarray(np.maximum.accumulate(np.round(times_s + late, 9) - apart) + apart)
 
 
 def sampling_times(stamps_s: Array, model: Model) -> Array:
-    """(n,) when readings were taken that the vehicle's clock, which may drift, stamps ``stamps_s``."""
+    """Return the true times (n,) of readings that the drifting vehicle clock stamped ``stamps_s``."""
     return stamps_s / (1 + model.value("clock_drift", "ppm") * 1e-6)
 
 
 def inertial(state: State, model: Model) -> tuple[Array, Array]:
-    """(n, 3) body rates and (n, 3) specific force, in the axes of a unit that may be turned; without
-    noise."""
+    """Return body rates (n, 3) and specific force (n, 3) without noise, in the axes of the IMU."""
     s_R_b = Rotation.from_rotvec(model.vector("imu_misalignment")).inv()
     gyro = (1 + model.value("gyro_scale", "eps")) * s_R_b.apply(state.b_rate_rad_s)
     accel = (1 + model.value("accel_scale", "eps")) * s_R_b.apply(state.b_specific_force_m_s2)
@@ -75,7 +74,7 @@ def inertial(state: State, model: Model) -> tuple[Array, Array]:
 
 
 def flow_speed(state: State, model: Model, world: World) -> Array:
-    """(n, 2) what the on-board flow makes of speed, turning and height: heading frame, without noise."""
+    """Return the velocity (n, 2) of the on-board optical flow in the heading frame, without noise."""
     leak = model.value("flow_derotation", "kappa")
     velocity = state.h_v_m_s
     if leak:
@@ -86,10 +85,10 @@ def flow_speed(state: State, model: Model, world: World) -> Array:
 
 
 def slant_range(w_T_b: Array, model: Model, world: World, progress: Array) -> Array:
-    """(n,) range that the sonar makes of the first surface in its beam, before noise, steps and limits.
+    """Return the sonar range (n,) of the first surface in the beam, before noise, quantisation and limits.
 
-    ``w_T_b`` (n, 4, 4) poses at which the sound was sent: ``sonar_lag`` before the reading; ``progress`` (n,)
-    share of the flight that is behind, over which the air warms up.
+    ``w_T_b`` (n, 4, 4) are the poses at emission, ``sonar_lag`` before the reading. ``progress`` (n,) is the
+    elapsed share of the flight, over which the air warms up.
     """
     axis = Rotation.from_rotvec([*model.vector("sonar_tilt"), 0.0]).apply([0.0, 0.0, -1.0])
     along, pencil = w_T_b[:, :3, :3] @ axis, model.value("sonar_slant", "c")
@@ -104,17 +103,17 @@ def slant_range(w_T_b: Array, model: Model, world: World, progress: Array) -> Ar
 
 
 def in_limits(range_m: Array, model: Model) -> Array:
-    """What the sonar reports of a range: in whole steps, stuck in its blind zone, NaN out of range."""
+    """Apply quantisation, the dead zone and the limits of the sonar to a range; NaN is out of range."""
     sonar, dead = model.sonar, model.value("sonar_dead_zone", "limit")
     if (step := model.value("sonar_quantisation", "step")) > 0:
         range_m = step * np.round(range_m / step)
     out = (range_m < sonar.min_range_m) | (range_m > sonar.max_range_m)
-    # A sensor with a blind zone does not know that it is blind there.
+    # A sensor with a dead zone reports its limit there, not a missing value.
     return np.where(range_m < dead, dead, np.where(out, np.nan, range_m))
 
 
 def read_imu(motion: Trajectory, model: Model, seed: int) -> Imu:
-    """Gyro and accelerometer with noise, and with biases that walk."""
+    """Return gyro and accelerometer readings with noise and random-walk biases."""
     imu, rng = model.imu, generator(seed, "imu")
     times = stamps(imu.rate_hz, motion.duration_s, rng)
     gyro, accel = inertial(motion.at(times), model)
@@ -136,29 +135,29 @@ def read_imu(motion: Trajectory, model: Model, seed: int) -> Imu:
 
 
 def read_attitude(motion: Trajectory, model: Model, seed: int) -> AttitudeSeries:
-    """True roll, pitch and yaw with noise."""
+    """Return roll, pitch and yaw with noise."""
     rng = generator(seed, "attitude")
     times = stamps(model.attitude.rate_hz, motion.duration_s, rng)
     std = float(np.radians(model.attitude.noise_std_deg))
     angles = motion.at(times).roll_pitch_yaw_rad
-    told = clock_stamps(times, model, generator(seed, "attitude clock"))
+    stamps_s = clock_stamps(times, model, generator(seed, "attitude clock"))
     noise = autoregressive(rng.normal(0.0, std, angles.shape), model.attitude.noise_correlation)
-    return AttitudeSeries(told, angles + noise, (std, std, std))
+    return AttitudeSeries(stamps_s, angles + noise, (std, std, std))
 
 
 def read_velocity(motion: Trajectory, model: Model, world: World, seed: int) -> Velocity:
-    """Speed of the on-board optical flow with noise."""
+    """Return the velocity of the on-board optical flow with noise."""
     rng, std = generator(seed, "velocity"), model.velocity.noise_std_m_s
     times = stamps(model.velocity.rate_hz, motion.duration_s, rng)
     speed = flow_speed(motion.at(times), model, world)
-    told = clock_stamps(times, model, generator(seed, "velocity clock"))
+    stamps_s = clock_stamps(times, model, generator(seed, "velocity clock"))
     noise = autoregressive(rng.normal(0.0, std, speed.shape), model.velocity.noise_correlation)
-    # Its scale is exact too.
-    return Velocity(told, speed + noise, (std, std), scale_std=0.0)
+    # The scale is exact.
+    return Velocity(stamps_s, speed + noise, (std, std), scale_std=0.0)
 
 
 def read_sonar(motion: Trajectory, model: Model, world: World, seed: int) -> Sonar:
-    """Range to the first surface in the beam, with noise; NaN where that is out of range."""
+    """Return the noisy range to the first surface in the beam; NaN where it is out of range."""
     sonar, rng = model.sonar, generator(seed, "sonar")
     times = stamps(sonar.rate_hz, motion.duration_s, rng)
     pose = motion.at(times - model.value("sonar_lag", "T")).w_T_b
@@ -168,7 +167,7 @@ def read_sonar(motion: Trajectory, model: Model, world: World, seed: int) -> Son
     spikes = generator(seed, "sonar spikes")
     twice = spikes.uniform(size=len(times)) < model.value("sonar_spikes", "share")
     range_m = np.where(twice, range_m * (2 + SECOND_ECHO_STD * spikes.standard_normal(len(times))), range_m)
-    # Its scale is exact, and it says so.
+    # The scale is exact, and the flight states so.
     return Sonar(
         clock_stamps(times, model, generator(seed, "sonar clock")),
         in_limits(range_m, model),
@@ -182,8 +181,7 @@ def read_sonar(motion: Trajectory, model: Model, world: World, seed: int) -> Son
 
 
 def log_command(stick: Stick, model: Model) -> Command:
-    """The stick as it was given: a row at each change, and at least so many a second. On the recorder's
-    clock."""
+    """Return the log of the stick on the recorder's clock: a row at each change, and at least at its rate."""
     changed = np.concatenate([[True], np.any(np.diff(stick.values, axis=0) != 0, axis=1)])
     inside = (stick.stamps_s > 0) & (stick.stamps_s < stick.duration_s)
     begin = np.concatenate([[0.0], stick.stamps_s[changed & inside]])

@@ -1,1 +1,1 @@
-"""The simulated camera: from a scene and a path to pictures, with all that a camera does untold."""
+"""The simulated camera: pictures of a scene along a path, with the effects of a real camera."""

@@ -1,6 +1,7 @@
-"""What a camera does that it does not tell: the effects of the catalogue's camera family, as plain figures.
+"""Unreported effects of a camera: the camera terms of the catalogue as plain numbers.
 
-The flight names the camera it believes in; pictures are taken by the one that ``true_camera`` makes of it.
+The flight contains the nominal camera. The pictures are taken by the one that ``true_camera`` derives from
+it.
 """
 
 from __future__ import annotations
@@ -29,33 +30,33 @@ _FIELDS = {
     ("dropped_frames", "share"): "dropped_share",
     ("moving_objects", "count"): "moving_objects",
 }
-"""Where each parameter of the catalogue's terms goes."""
+"""Term and parameter -> field of ``CameraEffects``."""
 
 
 @dataclass(frozen=True)
 class CameraEffects:
-    """Every effect on pictures; the defaults do nothing."""
+    """All effects on pictures; the defaults change nothing."""
 
     focal_eps: float = 0.0
-    """``focal_length``: the lens has (1 + eps) times the nominal focal length."""
+    """``focal_length``: the focal length is (1 + eps) times the nominal one."""
     radial_k1: float = 0.0
     """``radial_distortion``: added to the first nominal coefficient."""
     tilt_x_rad: float = 0.0
-    """``camera_tilt``: the camera is turned about the body's x against its mount, ..."""
+    """``camera_tilt``: rotation of the camera against its mount about the body's x."""
     tilt_y_rad: float = 0.0
-    """... and about the body's y."""
+    """``camera_tilt``: rotation about the body's y."""
     time_offset_s: float = 0.0
-    """``camera_time_offset``: a picture stamped t shows what was at t - offset."""
+    """``camera_time_offset``: a picture stamped t shows the scene at t - offset."""
     readout_s: float = 0.0
     """``rolling_shutter``: row i of n is exposed readout i / (n - 1) after the stamp."""
     exposure_s: float = 0.0
     """``motion_blur``: each row is the mean over this time, centred on its moment."""
     gain_std: float = 0.0
-    """``exposure_variation``: of the log gain of each colour."""
+    """``exposure_variation``: standard deviation of the log gain of each colour."""
     gamma_std: float = 0.0
-    """``exposure_variation``: of the log gamma."""
+    """``exposure_variation``: standard deviation of the log gamma."""
     tone_time_s: float = 0.0
-    """``exposure_variation``: correlation time; 0 draws each picture's anew, as the paper's filter does."""
+    """``exposure_variation``: correlation time; with 0 pictures are independent, as in the paper."""
     vignetting: float = 0.0
     """``vignetting``: I (1 - a r^2), r = 1 in the corner."""
     highlight: float = 0.0
@@ -63,24 +64,24 @@ class CameraEffects:
     dropped_share: float = 0.0
     """``dropped_frames``: probability that a picture is lost."""
     moving_objects: int = 0
-    """``moving_objects``: how many things move over the floor."""
+    """``moving_objects``: number of objects that move over the floor."""
 
     @property
     def window_s(self) -> float:
-        """From the first moment that any row is open to the last that any is."""
+        """Time from the first opening of any row to the last closing."""
         return self.readout_s + self.exposure_s
 
 
 def camera_effects(terms: Mapping[str, Mapping[str, float]]) -> CameraEffects:
-    """Those of a model's terms (term -> parameter -> value) that act on pictures, as ``CameraEffects``."""
-    given = {
+    """Return the effects on pictures of a model's terms (term -> parameter -> value)."""
+    effects = {
         _FIELDS[name, parameter]: value
         for name, values in terms.items()
         for parameter, value in values.items()
         if (name, parameter) in _FIELDS
     }
-    count = round(given.pop("moving_objects", 0))
-    return CameraEffects(**given, moving_objects=count)
+    count = round(effects.pop("moving_objects", 0))
+    return CameraEffects(**effects, moving_objects=count)
 
 
 def true_camera(nominal: Camera, effects: CameraEffects) -> Camera:
@@ -90,7 +91,7 @@ def true_camera(nominal: Camera, effects: CameraEffects) -> Camera:
     b_R_b = np.eye(4)
     b_R_b[:3, :3] = Rotation.from_rotvec([effects.tilt_x_rad, effects.tilt_y_rad, 0.0]).as_matrix()
     fu, fv = nominal.focal_px
-    grown = 1.0 + effects.focal_eps
+    scale = 1.0 + effects.focal_eps
     return replace(
-        nominal, focal_px=(fu * grown, fv * grown), distortion=tuple(distortion), b_T_c=b_R_b @ nominal.b_T_c
+        nominal, focal_px=(fu * scale, fv * scale), distortion=tuple(distortion), b_T_c=b_R_b @ nominal.b_T_c
     )

@@ -1,4 +1,4 @@
-"""The pictures of a flight, each rendered when it is asked for and the same each time."""
+"""The pictures of a flight, rendered reproducibly on each access."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True)
 class Film:
-    """Renders picture k of those that were kept."""
+    """Renderer of the pictures of a flight, without dropped ones."""
 
     world: World
     marks: Marks
     model: CameraModel
     effects: CameraEffects
     numbers: NDArray[np.int64]
-    """(n,) which of all pictures taken each one is: those that were dropped don't change the others."""
+    """(n,) index among all pictures taken, so that dropped pictures do not change the others."""
     stamps_s: Array
-    """(n,)."""
+    """(n,) stamps."""
     w_T_b: Array
     """(n, m, 4, 4) true poses of the body at the ``shutter.moments`` of each picture."""
     tones: Array
@@ -42,11 +42,11 @@ class Film:
 
     @property
     def nominal_camera(self) -> Camera:
-        """The camera as the flight describes it."""
+        """The camera as the flight reports it."""
         return self.model.camera()
 
     def __call__(self, k: int) -> Image:
-        """Picture k as (h, w, 3) BGR."""
+        """Render picture k as (h, w, 3) BGR."""
         camera = true_camera(self.nominal_camera, self.effects)
         light = self._light(k, camera)
         model, effects = self.model, self.effects
@@ -64,7 +64,7 @@ class Film:
         )
 
     def _light(self, k: int, camera: Camera) -> Image | NDArray[np.float32]:
-        """What falls on the sensor: the mean over the exposure, each row in its own time."""
+        """Return the light on the sensor: the mean over the exposure, each row at its own time."""
         effects = self.effects
         scene = build_scene(self.world, self.marks, effects.moving_objects, self.seed)
         prisms = scene.prisms(float(self.stamps_s[k]) - effects.time_offset_s)
@@ -74,7 +74,7 @@ class Film:
         for part in range(count):
             w_R_c, w_t_c = shutter.row_poses(w_T_c, camera.size_px[1], part, count, effects)
             if len(w_t_c) > 1:
-                w_R_c, w_t_c = (np.repeat(of, SUPERSAMPLING, axis=0) for of in (w_R_c, w_t_c))
+                w_R_c, w_t_c = (np.repeat(pose, SUPERSAMPLING, axis=0) for pose in (w_R_c, w_t_c))
             samples = sample(scene, camera, w_R_c, w_t_c, prisms)
             if effects.highlight > 0:
                 middle = len(w_t_c) // 2
@@ -91,7 +91,7 @@ class Film:
 
 
 def _pixels(samples: Image, size_px: tuple[int, int], down_sampling: float) -> Image:
-    """Means of the samples; with ``down_sampling``, of fewer and larger pixels, scaled up again."""
+    """Average the samples to pixels; ``down_sampling`` uses larger pixels and scales the picture up again."""
     if down_sampling == 1:
         return np.asarray(cv2.resize(samples, size_px, interpolation=cv2.INTER_AREA))
     coarse = (max(1, round(size_px[0] / down_sampling)), max(1, round(size_px[1] / down_sampling)))
@@ -109,10 +109,10 @@ def film_flight(
     duration_s: float,
     seed: int,
 ) -> Film:
-    """Film a flight: pictures stamped ``stamps_s`` (n,), less those that are lost.
+    """Return the film of a flight with pictures stamped ``stamps_s`` (n,), without dropped ones.
 
-    ``pose_at`` gives the true w_T_b (m, 4, 4) at times (m,) from 0 to ``duration_s``. The film's own
-    ``stamps_s`` are those of the pictures that were kept, always at least one.
+    ``pose_at`` gives the true w_T_b (m, 4, 4) at times (m,) from 0 to ``duration_s``. The film keeps at least
+    one picture; its ``stamps_s`` are those of the kept pictures.
     """
     tones = photometry.tones(
         stamps_s, effects.gain_std, effects.gamma_std, effects.tone_time_s, generator(seed, "tones")

@@ -1,7 +1,7 @@
-"""The camera: pictures of a scene through the true pose.
+"""The optics of the camera: pictures of a scene from the true pose.
 
-A pixel shows the mean of the scene over its footprint: it is sampled on a grid finer than the pixels,
-from the mip level whose texels are as large as the spacing of the samples, and averaged down.
+A pixel shows the mean of the scene over its footprint. The scene is sampled on a grid finer than the pixels
+and averaged. The samples come from the mip level whose texels are as large as their spacing.
 """
 
 from __future__ import annotations
@@ -32,35 +32,36 @@ PIXEL_H_SAMPLE: Array = np.array(
         [0, 0, 1],
     ]
 )
-"""Sample 0 lies in the outer corner of pixel 0: pixel = (sample + 1/2) / n - 1/2."""
+"""Homography from samples to pixels: pixel = (sample + 1/2) / n - 1/2, so sample 0 is in a pixel's corner."""
 COARSE = 8
 NEAR_M = 0.02
-"""Nothing is seen that is nearer."""
+"""Least distance at which a point is visible."""
 FOLD_PX = 0.05
-"""A pixel whose ray the lens does not send back to it, by so much, gets no light at all."""
+"""Largest error of undistortion followed by distortion; a pixel with a larger one is dark."""
 
 
 @dataclass(frozen=True)
 class CameraModel:
-    """A down-looking camera with the nose at the top of the picture; by default that of the paper's drone."""
+    """A downward camera with the nose at the top of the picture; the default is that of the paper's drone."""
 
     size_px: tuple[Annotated[int, Field(ge=16, le=4096)], Annotated[int, Field(ge=16, le=4096)]] = (176, 144)
-    """Width, height."""
+    """Width and height."""
     horizontal_fov_deg: Annotated[float, Field(ge=5, le=120)] = 64.0
     rate_hz: Rate = 15.0
     noise_std: Annotated[float, Field(ge=0, le=50)] = 2.0
-    """Grey levels, independent in each channel."""
+    """Standard deviation in grey levels, independent in each channel."""
     saturation: Annotated[float, Field(ge=0, le=2)] = 1.0
     """Strength of colours; 0 is grey."""
     brightness: Annotated[float, Field(gt=0, le=4)] = 1.0
-    """All grey levels times this."""
+    """Factor of all grey levels."""
     down_sampling: Annotated[float, Field(ge=1, le=16)] = 1.0
-    """Pictures have this many times fewer pixels a side, and are scaled up again."""
+    """Factor by which pictures are scaled down and up again."""
     distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    """OpenCV's k1, k2, p1, p2, told with the flight."""
+    """OpenCV's k1, k2, p1, p2, reported in the flight."""
 
     def camera(self) -> Camera:
-        """Intrinsics: the field of view spans the outer borders of the picture, but for distortion."""
+        """Return the intrinsics. Without distortion the field of view spans the outer borders of the
+        picture."""
         width, height = self.size_px
         focal = width / 2 / np.tan(np.radians(self.horizontal_fov_deg) / 2)
         center = ((width - 1) / 2, (height - 1) / 2)
@@ -68,9 +69,9 @@ class CameraModel:
 
 
 def expose(scene: Scene, camera: Camera, w_T_b: Array, time_s: float = 0.0) -> Image:
-    """The scene at one moment as a camera whose body is at ``w_T_b`` (4, 4) sees it, without noise.
+    """Return the picture (h, w, 3) BGR of a scene at one time, from the body pose ``w_T_b`` (4, 4).
 
-    (h, w, 3) BGR.
+    It has no noise.
     """
     w_T_c = w_T_b @ camera.b_T_c
     samples = sample(scene, camera, w_T_c[None, :3, :3], w_T_c[None, :3, 3], scene.prisms(time_s))
@@ -78,9 +79,10 @@ def expose(scene: Scene, camera: Camera, w_T_b: Array, time_s: float = 0.0) -> I
 
 
 def sample(scene: Scene, camera: Camera, w_R_c: Array, w_t_c: Array, prisms: Array) -> Image:
-    """``SUPERSAMPLING`` samples along each side of each pixel, (h n, w n, 3) BGR.
+    """Return n = ``SUPERSAMPLING`` samples along each side of each pixel, (h n, w n, 3) BGR.
 
-    ``w_R_c`` (1 or h n, 3, 3) and ``w_t_c`` (1 or h n, 3) place the camera, for all rows of samples or each.
+    ``w_R_c`` (1 or h n, 3, 3) and ``w_t_c`` (1 or h n, 3) are the camera's pose, one for all rows or one for
+    each row of samples.
     """
     size = (camera.size_px[0] * SUPERSAMPLING, camera.size_px[1] * SUPERSAMPLING)
     grid = _grid(camera.focal_px, camera.center_px, camera.size_px, camera.distortion)
@@ -108,7 +110,7 @@ class _Grid:
     rays: NDArray[np.float32]
     """(h n, w n, 2) direction of each sample in camera axes with z = 1."""
     dark: NDArray[np.bool_] | None
-    """(h n, w n) samples that no light reaches: beyond the fold of the distortion."""
+    """(h n, w n) samples without light, outside the invertible part of the distortion."""
 
 
 @lru_cache(maxsize=4)
@@ -133,15 +135,15 @@ def _grid(
 
 
 def _height(w_t_c: Array, slope: tuple[float, float]) -> float:
-    """Height of a place above the floor, plumb."""
+    """Return the vertical height of a point above the floor."""
     return float(w_t_c[2] - slope[0] * w_t_c[0] - slope[1] * w_t_c[1])
 
 
 def _floor_H_ray(w_R_c: Array, w_t_c: Array, slope: tuple[float, float]) -> Array:
-    """(m, 3, 3) from camera directions to homogeneous world (x, y) where they meet z = slope . (x, y).
+    """Return homographies (m, 3, 3) from camera directions to world (x, y) on the floor z = slope . (x, y).
 
-    The ray t + s R d meets it at s = -h / ((R d)_z - slope . (R d)_xy), h the height above it; multiplied
-    out by that denominator.
+    The ray t + s R d meets the floor at s = -h / ((R d)_z - slope . (R d)_xy), with the height h above it.
+    The result is multiplied by that denominator.
     """
     above = w_t_c[:, 2] - w_t_c[:, :2] @ slope
     sinks = w_R_c[:, 2] - np.einsum("mij,i->mj", w_R_c[:, :2], np.array(slope))
@@ -150,7 +152,7 @@ def _floor_H_ray(w_R_c: Array, w_t_c: Array, slope: tuple[float, float]) -> Arra
 
 
 def _projected(H: Array, rays: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Places (x, y) of all rays through one homography or one a row: (1 or h, 3, 3), (h, w, 2)."""
+    """Map rays (h, w, 2) by one homography, or by one for each row: (1 or h, 3, 3)."""
     if len(H) == 1:
         at = cv2.perspectiveTransform(rays, H[0])
         return at[..., 0], at[..., 1]
@@ -167,7 +169,7 @@ def _draw_obstacles(
     seen = (bounds[:, 0] <= bounds[:, 1]) & (bounds[:, 2] <= bounds[:, 3])
     if not seen.any():
         return
-    # Compiled on import: a scene without obstacles needs none of it.
+    # Imported here because it compiles on import, which a scene without obstacles does not need.
     from slam.simulation.place import casting, textures
 
     spacing = 1 / camera.focal_px[0] / SUPERSAMPLING
@@ -183,22 +185,22 @@ def _draw_obstacles(
 
 
 def _bounds(prisms: Array, camera: Camera, grid: _Grid, w_R_c: Array, w_t_c: Array) -> NDArray[np.int64]:
-    """(n, 4) first and last row, first and last column of the samples that each prism may cover."""
+    """Return first and last row, first and last column (n, 4) of the samples that each prism may cover."""
     w_p = np.array([corners(prism) for prism in prisms])
     reach, lost = [], np.zeros(len(prisms), bool)
     for k in {0, len(w_t_c) // 2, len(w_t_c) - 1}:
         c_p = (w_p - w_t_c[k]) @ w_R_c[k]
         lower, upper = c_p[:, :4], c_p[:, 4:]
-        # A tall one ends just before the camera.
+        # A tall prism is cut just below the camera.
         rise = np.maximum(lower[..., 2] - upper[..., 2], 1e-9)
         share = np.clip((lower[..., 2] - NEAR_M) / rise, 0, 1)[..., None]
         cut = np.concatenate([lower, lower + share * (upper - lower)], axis=1)
         reach.append(cut[..., :2] / np.maximum(cut[..., 2:], NEAR_M))
         lost |= (lower[..., 2] < NEAR_M).any(1)
     low, high = np.hstack(reach).min(1), np.hstack(reach).max(1)
-    # Where its foot is beside or behind the camera, corners don't tell how far its picture reaches.
+    # If the foot is next to or behind the camera, corners do not bound the picture of the prism.
     low[lost], high[lost] = -np.inf, np.inf
-    # Every eighth ray is looked at; rows between the three poses may reach a little farther.
+    # Every eighth ray is tested; rows between the three poses may extend a little further.
     spacing = 1 / camera.focal_px[0] / SUPERSAMPLING
     slack = 2 * COARSE * spacing + (0.1 * (high - low) if len(w_t_c) > 1 else 0.0)
     rays = grid.rays[::COARSE, ::COARSE]

@@ -1,8 +1,8 @@
-"""When each row of a picture sees the floor, and from where.
+"""Exposure times and camera poses of the rows of a picture.
 
-Within one picture the camera's pose is interpolated between moments ``KNOT_S`` apart, short beside the
-vehicle's own lag of 0.1 s. Against a pose of its own for each row that is less than 0.03 px off
-(``tests/slam/simulation/test_shutter.py``).
+Within one picture the camera's pose is interpolated between moments ``KNOT_S`` apart. That is short compared
+with the vehicle's attitude lag of 0.1 s. The error is below 0.03 px against an exact pose for each row
+(``tests/slam/simulation/camera/test_shutter.py``).
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ Array = NDArray[np.float64]
 
 KNOT_S = 0.005
 SMEAR_PX = 0.75
-"""A sub-exposure for each such way that the picture moves while it is exposed."""
+"""Motion of the picture during one sub-exposure."""
 MAX_PARTS = 32
 
 
 def moments(stamps_s: Array, effects: CameraEffects, duration_s: float) -> Array:
-    """(n, m) the times at which poses are wanted for pictures stamped ``stamps_s``, within the flight."""
+    """Return the times (n, m), within the flight, of the poses of pictures stamped ``stamps_s``."""
     first = stamps_s - effects.time_offset_s - effects.exposure_s / 2
     count = 1 if effects.window_s == 0 else int(np.ceil(effects.window_s / KNOT_S)) + 1
     times_s = first[:, None] + np.linspace(0.0, effects.window_s, count)
@@ -29,15 +29,18 @@ def moments(stamps_s: Array, effects: CameraEffects, duration_s: float) -> Array
 
 
 def parts(w_T_c: Array, focal_px: float, effects: CameraEffects) -> int:
-    """How many instants stand for the exposure: enough for the fastest corner. (m, 4, 4) camera poses."""
+    """Return the number of sub-exposures for the fastest corner, from camera poses (m, 4, 4)."""
     if effects.exposure_s == 0:
         return 1
-    way_m = np.linalg.norm(np.diff(w_T_c[:, :3, 3], axis=0), axis=1).sum()
+    distance_m = np.linalg.norm(np.diff(w_T_c[:, :3, 3], axis=0), axis=1).sum()
     turns = np.diff(w_T_c[:, :3, :3], axis=0)
     # |R1 - R0| (Frobenius) is sqrt(2) times the angle; a corner moves up to 1.5 times as far as the centre.
     turn = np.linalg.norm(turns, axis=(1, 2)).sum() / np.sqrt(2)
     smear_px = (
-        focal_px * (way_m / max(w_T_c[0, 2, 3], 0.05) + 1.5 * turn) * effects.exposure_s / effects.window_s
+        focal_px
+        * (distance_m / max(w_T_c[0, 2, 3], 0.05) + 1.5 * turn)
+        * effects.exposure_s
+        / effects.window_s
     )
     return int(np.clip(np.ceil(smear_px / SMEAR_PX), 1, MAX_PARTS))
 
@@ -45,9 +48,10 @@ def parts(w_T_c: Array, focal_px: float, effects: CameraEffects) -> int:
 def row_poses(
     w_T_c: Array, rows: int, part: int, part_count: int, effects: CameraEffects
 ) -> tuple[Array, Array]:
-    """Rotations (1 or rows, 3, 3) and places (1 or rows, 3) at one instant of the exposure.
+    """Return rotations (1 or rows, 3, 3) and positions (1 or rows, 3) at one sub-exposure.
 
-    ``w_T_c`` (m, 4, 4) are the camera's poses at the picture's ``moments``; one pose where all rows share it.
+    ``w_T_c`` (m, 4, 4) are the camera's poses at the picture's ``moments``. The result has one pose where all
+    rows share it.
     """
     if len(w_T_c) == 1:
         return w_T_c[:, :3, :3], w_T_c[:, :3, 3]

@@ -1,4 +1,4 @@
-"""What a model says of the instruments, taken out of a recorded flight."""
+"""Correction of recorded flights for the errors of their instruments, by a model."""
 
 from slam.simulation.inverse.correct import CorrectedFlight, changes_readings, correct_flight
 

@@ -1,9 +1,9 @@
-"""A flight without what a model says of its instruments: how findings of criticism come into the map.
+"""Correction of a flight by a model of its instruments, so that the map profits from criticism.
 
-Each term that changes readings is undone as `slam.simulation` does it, the last that was done first. Terms
-of the vehicle and of the place are none of the instruments' and stay, and so does what healthy instruments
-differ by, as the sonar's zero: the map estimates that itself. Where the model tells how surely it
-knows a term, the back end is told so in place of what the maker claims.
+Each term that changes readings is inverted, in the reverse order of `slam.simulation`. Terms of the vehicle
+and of the place stay. So do the individual differences of healthy instruments, such as the sonar's zero: the
+map estimates them itself. Where the model has a standard deviation of a term, it replaces the manufacturer's
+figure for the back end.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 
 CHANGES_READINGS = ("sensor", "image", "clock")
-"""What such terms act on; others change how the vehicle moves, or where."""
+"""Values of ``acts_on`` of terms that change readings; others change the motion or the place."""
 
 INVERSES: dict[str, tuple[str, Callable[[Flight, Model], Flight]]] = {
     "clock_drift": ("", clocks.clock_drift),
@@ -43,33 +43,33 @@ INVERSES: dict[str, tuple[str, Callable[[Flight, Model], Flight]]] = {
     "flow_scale": ("velocity", flow.flow_scale),
     "flow_derotation": ("velocity", flow.flow_derotation),
 }
-"""Term -> the stream without which it changes nothing, and how it is undone; in the order of undoing."""
+"""Term -> the stream that it changes and its inverse, in the order of correction."""
 
 
 @dataclass(frozen=True)
 class CorrectedFlight:
-    """A flight, and what became of each term of the model that changes readings."""
+    """A corrected flight, and the terms that were and were not corrected."""
 
     flight: Flight
     corrected_terms: tuple[str, ...]
-    """Terms with their sizes, in words."""
+    """Terms with their values, as text."""
     uncorrected: tuple[str, ...]
-    """Names of terms that readings cannot be freed of: what is lost, or random."""
+    """Names of terms without an inverse: their effect is a loss or random."""
 
     def summary(self, model: Model) -> str:
-        """One line."""
+        """Return one line about the corrected and the uncorrected terms."""
         done = ", ".join(self.corrected_terms) or "nothing that changes a reading of this flight"
         rest = f"; left as it is: {', '.join(self.uncorrected)}" if self.uncorrected else ""
         return f"model {model.name!r} taken out of the readings: {done}{rest}"
 
 
 def correct_flight(flight: Flight, model: Model) -> CorrectedFlight:
-    """The flight as healthy instruments would have recorded it, as far as the model knows theirs."""
+    """Return the flight as healthy instruments would have recorded it, according to the model."""
     corrected_terms = []
     for name, (stream, undo) in INVERSES.items():
         if model.holds(name) and (not stream or getattr(flight, stream) is not None):
             flight = undo(flight, model)
-            corrected_terms.append(f"{name} ({_sizes(model, name)})")
+            corrected_terms.append(f"{name} ({_values(model, name)})")
     uncorrected = tuple(
         n for n in model.terms if changes_readings(n) and n not in INVERSES and model.holds(n)
     )
@@ -77,11 +77,11 @@ def correct_flight(flight: Flight, model: Model) -> CorrectedFlight:
 
 
 def changes_readings(term: str) -> bool:
-    """Whether a term of the catalogue is one of the instruments', not of the vehicle or the place."""
+    """Whether a term of the catalogue belongs to the instruments, not to the vehicle or the place."""
     return CATALOGUE[term].acts_on in CHANGES_READINGS
 
 
-def _sizes(model: Model, name: str) -> str:
+def _values(model: Model, name: str) -> str:
     return ", ".join(
         f"{p.name} {model.value(name, p.name):.3g}{'' if p.unit == '1' else f' {p.unit}'}"
         for p in CATALOGUE[name].parameters

@@ -1,4 +1,4 @@
-"""Gyro and accelerometer. A model speaks of readings that are turned into body axes."""
+"""Corrections of gyro and accelerometer. A model describes readings in body axes."""
 
 from __future__ import annotations
 
@@ -19,39 +19,39 @@ def _in_body_axes(flight: Flight, gyro: Callable[[Array], Array], accel: Callabl
     imu = flight.imu
     assert imu is not None
     b_R_s = imu.b_T_s[:3, :3]
-    undone = replace(
+    corrected = replace(
         imu,
         gyro_rad_s=gyro(imu.gyro_rad_s @ b_R_s.T) @ b_R_s,
         accel_m_s2=accel(imu.accel_m_s2 @ b_R_s.T) @ b_R_s,
     )
-    return replace(flight, imu=undone)
+    return replace(flight, imu=corrected)
 
 
-def _same(values: Array) -> Array:
+def _unchanged(values: Array) -> Array:
     return values
 
 
 def gyro_bias(flight: Flight, model: Model) -> Flight:
-    """Constant rates that were added."""
-    return _in_body_axes(flight, lambda w: w - model.vector("gyro_bias"), _same)
+    """Undo the bias of the gyro."""
+    return _in_body_axes(flight, lambda w: w - model.vector("gyro_bias"), _unchanged)
 
 
 def gyro_scale(flight: Flight, model: Model) -> Flight:
-    """All rates grown."""
-    return _in_body_axes(flight, lambda w: w / (1 + model.value("gyro_scale", "eps")), _same)
+    """Undo the scale of the gyro."""
+    return _in_body_axes(flight, lambda w: w / (1 + model.value("gyro_scale", "eps")), _unchanged)
 
 
 def accel_bias(flight: Flight, model: Model) -> Flight:
-    """A constant force that was added."""
-    return _in_body_axes(flight, _same, lambda a: a - model.vector("accel_bias"))
+    """Undo the bias of the accelerometer."""
+    return _in_body_axes(flight, _unchanged, lambda a: a - model.vector("accel_bias"))
 
 
 def accel_scale(flight: Flight, model: Model) -> Flight:
-    """All forces grown."""
-    return _in_body_axes(flight, _same, lambda a: a / (1 + model.value("accel_scale", "eps")))
+    """Undo the scale of the accelerometer."""
+    return _in_body_axes(flight, _unchanged, lambda a: a / (1 + model.value("accel_scale", "eps")))
 
 
 def imu_misalignment(flight: Flight, model: Model) -> Flight:
-    """The unit turned against the body."""
+    """Undo the rotation of the IMU against the body."""
     b_R_u = Rotation.from_rotvec(model.vector("imu_misalignment"))
     return _in_body_axes(flight, b_R_u.apply, b_R_u.apply)

@@ -1,4 +1,4 @@
-"""Ranges as a sonar with a pencil beam, a right scale and a right zero would give them."""
+"""Corrections of the sonar: ranges of a pencil beam with exact scale and zero."""
 
 from __future__ import annotations
 
@@ -14,35 +14,35 @@ from slam.simulation.sensors import ASSUMED_DEG_C, SOUND_M_S, SOUND_M_S_K
 
 
 def sonar_dead_zone(flight: Flight, model: Model) -> Flight:
-    """A range at the limit, which is known to its noise, may be any below it."""
+    """Remove ranges at the limit of the dead zone, within the noise; the true range may be any below."""
     sonar = _sonar(flight)
     stuck = sonar.range_m <= model.value("sonar_dead_zone", "limit") + sonar.noise_std_m
     return replace(flight, sonar=replace(sonar, range_m=np.where(stuck, np.nan, sonar.range_m)))
 
 
 def sonar_quantisation(flight: Flight, model: Model) -> Flight:
-    """Nothing to take out, but noise to reckon with: that of rounding."""
+    """Add the rounding to the noise; the rounding itself cannot be undone."""
     sonar, step = _sonar(flight), model.value("sonar_quantisation", "step")
     noise_std_m = float(np.hypot(sonar.noise_std_m, step / np.sqrt(12.0)))
     return replace(flight, sonar=replace(sonar, noise_std_m=noise_std_m))
 
 
 def sonar_bias(flight: Flight, model: Model) -> Flight:
-    """A constant that was added."""
-    shorter = _shorter(_sonar(flight), model.value("sonar_bias", "b"))
+    """Undo a constant offset."""
+    shifted = _shifted(_sonar(flight), model.value("sonar_bias", "b"))
     return replace(
-        flight, sonar=replace(shorter, datum_std_m=model.known_to("sonar_bias", shorter.datum_std_m))
+        flight, sonar=replace(shifted, datum_std_m=model.known_to("sonar_bias", shifted.datum_std_m))
     )
 
 
 def sonar_scale(flight: Flight, model: Model) -> Flight:
-    """All ranges grown."""
-    shorter = _divided(_sonar(flight), 1 + model.value("sonar_scale", "eps"))
-    return replace(flight, sonar=replace(shorter, scale_std=model.known_to("sonar_scale", shorter.scale_std)))
+    """Undo the scale of ranges."""
+    divided = _divided(_sonar(flight), 1 + model.value("sonar_scale", "eps"))
+    return replace(flight, sonar=replace(divided, scale_std=model.known_to("sonar_scale", divided.scale_std)))
 
 
 def sonar_temperature(flight: Flight, model: Model) -> Flight:
-    """Air that warms up over the flight."""
+    """Undo the change of the speed of sound in air that warms up over the flight."""
     sonar = _sonar(flight)
     progress = (sonar.stamps_s - sonar.stamps_s[0]) / max(float(np.ptp(sonar.stamps_s)), 1e-9)
     assumed = SOUND_M_S + SOUND_M_S_K * ASSUMED_DEG_C
@@ -51,14 +51,14 @@ def sonar_temperature(flight: Flight, model: Model) -> Flight:
 
 
 def sonar_slant(flight: Flight, model: Model) -> Flight:
-    """As a pencil beam would read: the back end takes ranges along the beam."""
+    """Convert to ranges of a pencil beam: the back end expects ranges along the beam."""
     sonar, pencil = _sonar(flight), model.value("sonar_slant", "c")
     slant = 1.0 / np.maximum(up_at(flight.attitude, sonar.stamps_s)[:, 2], 0.1)
     return replace(flight, sonar=replace(sonar, range_m=sonar.range_m * slant / (1 + pencil * (slant - 1))))
 
 
 def sonar_tilt(flight: Flight, model: Model) -> Flight:
-    """The beam turned against its mount: the mount is told."""
+    """Set the mount to the true direction of the beam."""
     sonar, turn = _sonar(flight), np.eye(4)
     turn[:3, :3] = Rotation.from_rotvec([*model.vector("sonar_tilt"), 0.0]).as_matrix()
     b_T_s = turn @ sonar.b_T_s
@@ -66,8 +66,8 @@ def sonar_tilt(flight: Flight, model: Model) -> Flight:
     return replace(flight, sonar=replace(sonar, b_T_s=b_T_s))
 
 
-def _shorter(sonar: Sonar, by_m: float) -> Sonar:
-    """Limits move with the readings: what was within them stays so."""
+def _shifted(sonar: Sonar, by_m: float) -> Sonar:
+    """Subtract ``by_m`` from readings and limits, so that valid readings stay valid."""
     return replace(
         sonar,
         range_m=sonar.range_m - by_m,

@@ -1,1 +1,1 @@
-"""Where a simulated flight takes place: floors, marks, obstacles and what moves among them."""
+"""The place of a simulated flight: floors, marks, obstacles and moving objects."""

@@ -1,4 +1,4 @@
-"""Rays and upright prisms at compiled speed: what a camera's pixel or a sonar's beam meets first."""
+"""Compiled ray casting on upright prisms: the first surface that a pixel or a sonar beam meets."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ discard_stale([Path(__file__), Path(__file__).with_name("obstacles.py")])
 
 TOP_FACE, SIDE_FACE = 0, 1
 GRAZING = 0.15
-"""Least cosine that a pixel's footprint is stretched by."""
+"""Least cosine of incidence by which a pixel's footprint is stretched."""
 
 
 class SampleRays(NamedTuple):
-    """A camera's picture, by the directions of its samples."""
+    """Directions of the samples of a picture, and the poses of its rows."""
 
     rays: NDArray[np.float32]
-    """(h, w, 2) in camera axes, with z = 1."""
+    """(h, w, 2) directions in camera axes, with z = 1."""
     w_R_c: Array
-    """(1 or h, 3, 3) of the whole picture or of each row."""
+    """(1 or h, 3, 3) rotation of the whole picture or of each row."""
     w_t_c: Array
-    """(1 or h, 3)."""
+    """(1 or h, 3) position, likewise."""
     spacing: float
-    """Angle between samples."""
+    """Angle between samples, in rad."""
 
 
 class VisiblePrisms(NamedTuple):
-    """Prisms that a picture may show, and what they look like."""
+    """Prisms that a picture may show, and their textures."""
 
     prisms: Array
-    """(n, 9)."""
+    """(n, 9) rows as in ``obstacles.prisms``."""
     bounds: NDArray[np.int64]
     """(n, 4) first and last row, first and last column of the samples that each may cover."""
     texels: Image
-    """(t, 3) BGR."""
+    """(t, 3) BGR colours."""
     levels: NDArray[np.int64]
-    """(n, 2, levels, 3) where the mip levels of its top and its side lie: first texel, height, width."""
+    """(n, 2, levels, 3) position of the mip levels of top and side: first texel, height, width."""
     metres_per_texel: float
 
 
 @njit(cache=True)
 def _slab(origin: float, direction: float, low: float, high: float) -> tuple[float, float]:
-    """Where a ray enters and leaves the space between two planes."""
+    """Return where a ray enters and leaves the space between two planes, in lengths of its direction."""
     if direction == 0.0:
         if low < origin < high:
             return -np.inf, np.inf
@@ -63,10 +63,11 @@ def _slab(origin: float, direction: float, low: float, high: float) -> tuple[flo
 def _enter(
     ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, prism: Array
 ) -> tuple[float, int, float, float, float]:
-    """Where the ray o + s d, in prism axes but for z, goes into a prism.
+    """Return where the ray o + s d enters a prism: (s, face, cosine, along, across).
 
-    (s, face, cosine, along, aside): s in lengths of d, infinite where it misses or starts inside; the cosine
-    between ray and face is not yet divided by the length of d; along and aside place it in prism axes.
+    The ray is in prism axes except for z. s is in lengths of d, infinite where the ray misses or starts
+    inside. The cosine is that between ray and face normal times the length of d. The point is (along, across)
+    in prism axes.
     """
     near_z, far_z = _slab(oz, dz, prism[BASE], prism[TOP])
     cosine_side = 0.0
@@ -95,20 +96,26 @@ def _enter(
 
 
 @njit(cache=True)
-def _around(prism: Array, along: float, aside: float) -> float:
-    """Place on the side face as a share of the way round, counter-clockwise from the right rear edge."""
+def _around(prism: Array, along: float, across: float) -> float:
+    """Return the position on the side face as a share of the perimeter, 0 to 1.
+
+    It counts counter-clockwise from the right rear edge.
+    """
     a, b = prism[HALF_LENGTH], prism[HALF_WIDTH]
     if prism[ROUND] != 0.0:
-        return float((np.arctan2(aside, along) / (2 * np.pi)) % 1.0)
-    way = 4 * (a + b)
-    if abs(along) / a > abs(aside) / b:
-        return float(((b + aside) if along > 0 else 2 * (a + b) + (b - aside)) / way)
-    return float((2 * b + (a - along) if aside > 0 else 4 * b + 2 * a + (a + along)) / way)
+        return float((np.arctan2(across, along) / (2 * np.pi)) % 1.0)
+    perimeter = 4 * (a + b)
+    if abs(along) / a > abs(across) / b:
+        return float(((b + across) if along > 0 else 2 * (a + b) + (b - across)) / perimeter)
+    return float((2 * b + (a - along) if across > 0 else 4 * b + 2 * a + (a + along)) / perimeter)
 
 
 @njit(cache=True, nogil=True)
 def ranges(origin: Array, direction: Array, prisms: Array) -> Array:
-    """(n,) distance along each ray, in lengths of its direction, to the first prism; infinite without one."""
+    """Return the distance (n,) along each ray to the first prism; infinite without one.
+
+    The unit is the length of the ray's direction. Both inputs are (n, 3) in the world, prisms (k, 9).
+    """
     nearest = np.full(len(origin), np.inf)
     for k in range(len(origin)):
         o, d = origin[k], direction[k]
@@ -124,7 +131,7 @@ def ranges(origin: Array, direction: Array, prisms: Array) -> Array:
 
 @njit(cache=True)
 def _texel(texels: Image, level: NDArray[np.int64], share_x: float, share_y: float, out: Image) -> None:
-    """Bilinear, clamped at the border; ``level`` is (first texel, height, width)."""
+    """Interpolate a colour into ``out``, clamped at the border; ``level`` is (first texel, height, width)."""
     first, height, width = level
     x = min(max(share_x * width - 0.5, 0.0), width - 1.0)
     y = min(max(share_y * height - 0.5, 0.0), height - 1.0)
@@ -143,7 +150,7 @@ def _texel(texels: Image, level: NDArray[np.int64], share_x: float, share_y: flo
 
 @njit(cache=True)
 def _in_prism_axes(prism: Array, w_R_c: Array, w_t_c: Array) -> tuple[Array, Array]:
-    """A camera's rotation and place in the prism's heading, about the prism's middle."""
+    """Return a camera's rotation and position in axes of the prism's heading and centre."""
     R, o = w_R_c.copy(), w_t_c.copy()
     cos, sin = prism[COS], prism[SIN]
     R[0], R[1] = cos * w_R_c[0] + sin * w_R_c[1], cos * w_R_c[1] - sin * w_R_c[0]
@@ -175,8 +182,8 @@ def draw(samples: Image, view: SampleRays, slope: Array, visible: VisiblePrisms)
                 dx = R[0, 0] * u + R[0, 1] * v + R[0, 2]
                 dy = R[1, 0] * u + R[1, 1] * v + R[1, 2]
                 dz = R[2, 0] * u + R[2, 1] * v + R[2, 2]
-                s, face, cosine, along, aside = _enter(o[0], o[1], o[2], dx, dy, dz, prism)
-                # Not behind another prism, nor below a floor that slopes up before it.
+                s, face, cosine, along, across = _enter(o[0], o[1], o[2], dx, dy, dz, prism)
+                # Skip what is behind another prism, or hidden by a floor that slopes up before it.
                 if s >= depth[c] or s * (rise_x * dx + rise_y * dy - dz) > above:
                     continue
                 depth[c] = s
@@ -185,8 +192,8 @@ def draw(samples: Image, view: SampleRays, slope: Array, visible: VisiblePrisms)
                 level = min(level, levels.shape[2] - 1)
                 if face == TOP_FACE:
                     share_x = 0.5 + 0.5 * along / prism[HALF_LENGTH]
-                    share_y = 0.5 - 0.5 * aside / prism[HALF_WIDTH]
+                    share_y = 0.5 - 0.5 * across / prism[HALF_WIDTH]
                 else:
-                    share_x = _around(prism, along, aside)
+                    share_x = _around(prism, along, across)
                     share_y = (prism[TOP] - o[2] - s * dz) / (prism[TOP] - prism[BASE])
                 _texel(texels, levels[k, face, level], share_x, share_y, samples[r, c])

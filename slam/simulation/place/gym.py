@@ -21,7 +21,7 @@ LINE_M = 0.05
 
 
 def gym_floor(width: int, height: int, metres_per_px: float, rng: np.random.Generator) -> Image:
-    """(height, width, 3) BGR."""
+    """Draw the floor as (height, width, 3) BGR."""
     texture = _planks(width, height, metres_per_px, rng)
     _lines(texture, metres_per_px, rng)
     apply_weathering(texture, draw_weathering(height, width, metres_per_px, rng))
@@ -29,7 +29,7 @@ def gym_floor(width: int, height: int, metres_per_px: float, rng: np.random.Gene
 
 
 def _planks(width: int, height: int, metres_per_px: float, rng: np.random.Generator) -> Image:
-    """Planks along x in rows, each of its own shade and grain, with dark joints."""
+    """Draw rows of planks along x, each with its own shade and grain, with dark joints."""
     length, breadth = (side / metres_per_px for side in PLANK_M)
     row = (np.arange(height) / breadth).astype(int)
     offset = rng.uniform(0, length, row[-1] + 1)
@@ -50,7 +50,7 @@ def _planks(width: int, height: int, metres_per_px: float, rng: np.random.Genera
 
 
 def _lines(texture: Image, metres_per_px: float, rng: np.random.Generator) -> None:
-    """Courts of several games over one another: straight lines both ways, and circles."""
+    """Draw the lines of several courts: straight lines in both directions, and circles."""
     height, width = texture.shape[:2]
     thick = max(1, round(LINE_M / metres_per_px))
     for axis, span in ((0, width), (1, height)):

@@ -1,4 +1,4 @@
-"""Marks of landmarks: white discs with a ring and a letter, found by a person in the mosaic."""
+"""Marks of landmarks: white discs with a ring and a letter, which a person finds in the mosaic."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Image = NDArray[np.uint8]
 
 
 def draw_mark(texture: Image, name: str, center: tuple[float, float], radius: float) -> None:
-    """A white disc with a black ring and its letter, drawn eight times too large and averaged down."""
+    """Draw a white disc with a black ring and the name, eight times too large and averaged down."""
     fine, half = 8, int(np.ceil(radius)) + 2
     size = (2 * half + 1) * fine
     corner = np.floor(np.array(center) + 0.5).astype(int) - half

@@ -1,4 +1,4 @@
-"""Obstacles: boxes and pylons that stand on the floor, as upright prisms.
+"""Obstacles: boxes and pylons on the floor, represented as upright prisms.
 
 Source: IMAV 2011 paper, figure 1 (the gym of the pylon challenge) and section 3.1.1 (obstacles break the flat
 floor: their parallax bends the map, the sonar sees their height).
@@ -21,7 +21,7 @@ STEP_CELL_M = 0.6
 MAX_STEPS = 190
 
 X, Y, COS, SIN, HALF_LENGTH, HALF_WIDTH, BASE, TOP, ROUND = range(9)
-"""Columns of a prism: place, heading, half sizes (twice the radius if round), z from and to, round?."""
+"""Columns of a prism: position, heading, half sizes (both the radius if round), z of base and top, round."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Pylon:
 
 
 def prisms(obstacles: Sequence[Box | Pylon], slope: tuple[float, float] = (0.0, 0.0)) -> Array:
-    """(n, 9) one row an obstacle, standing level on the floor z = slope . (x, y), in metres."""
+    """Return one row per obstacle (n, 9), upright on the floor z = slope . (x, y), in metres."""
     rows = np.empty((len(obstacles), 9))
     for row, obstacle in zip(rows, obstacles, strict=True):
         if isinstance(obstacle, Box):
@@ -55,29 +55,29 @@ def prisms(obstacles: Sequence[Box | Pylon], slope: tuple[float, float] = (0.0, 
             radius = obstacle.radius_m
             row[:] = *obstacle.center_m, 1, 0, radius, radius, 0, obstacle.height_m, 1
         rise = slope[0] * row[X] + slope[1] * row[Y]
-        # Sunk on its uphill side, never floating on the other.
+        # The base is sunk on the uphill side, so that it never floats on the other.
         sink = np.hypot(*slope) * np.hypot(row[HALF_LENGTH], row[HALF_WIDTH])
         row[BASE], row[TOP] = rise - sink, rise + row[TOP]
     return rows
 
 
 def corners(prism: Array) -> Array:
-    """(8, 3) of the upright box around a prism: the lower four, then the upper four, counter-clockwise."""
+    """Return the corners (8, 3) of a prism's bounding box: lower four, upper four, counter-clockwise."""
     along = prism[HALF_LENGTH] * np.array([1, 1, -1, -1])
-    aside = prism[HALF_WIDTH] * np.array([-1, 1, 1, -1])
-    x = prism[X] + prism[COS] * along - prism[SIN] * aside
-    y = prism[Y] + prism[SIN] * along + prism[COS] * aside
+    across = prism[HALF_WIDTH] * np.array([-1, 1, 1, -1])
+    x = prism[X] + prism[COS] * along - prism[SIN] * across
+    y = prism[Y] + prism[SIN] * along + prism[COS] * across
     return np.column_stack([np.tile(x, 2), np.tile(y, 2), np.repeat(prism[[BASE, TOP]], 4)])
 
 
 def covers(prism: Array, x: Array, y: Array) -> NDArray[np.bool_]:
-    """Whether the places (x, y) in metres lie under a prism's top; arrays of one shape."""
+    """Whether the positions (x, y) in metres lie under a prism's top; arrays of one shape."""
     east, north = x - prism[X], y - prism[Y]
     along = prism[COS] * east + prism[SIN] * north
-    aside = prism[COS] * north - prism[SIN] * east
+    across = prism[COS] * north - prism[SIN] * east
     if prism[ROUND]:
-        return np.asarray(np.hypot(along, aside) <= prism[HALF_LENGTH])
-    return np.asarray((np.abs(along) <= prism[HALF_LENGTH]) & (np.abs(aside) <= prism[HALF_WIDTH]))
+        return np.asarray(np.hypot(along, across) <= prism[HALF_LENGTH])
+    return np.asarray((np.abs(along) <= prism[HALF_LENGTH]) & (np.abs(across) <= prism[HALF_WIDTH]))
 
 
 def steps(
@@ -87,15 +87,16 @@ def steps(
     clear_m: Sequence[tuple[float, float]],
     rng: np.random.Generator,
 ) -> tuple[Box, ...]:
-    """Flat boxes of one height over a share of the floor, one a cell, none in cells that must stay clear."""
+    """Return flat boxes of one height that cover a share of the floor, one a cell, none in ``clear_m``
+    cells."""
     low, side = np.array(extent_m[:2]), np.subtract(extent_m[2:], extent_m[:2])
     count = np.maximum(np.rint(side / max(STEP_CELL_M, np.sqrt(side.prod() / MAX_STEPS))), 1).astype(int)
     cell = side / count
-    taken = {tuple(np.minimum((np.subtract(at, low) // cell).astype(int), count - 1)) for at in clear_m}
-    free = [at for at in np.ndindex(*count) if at not in taken]
-    grown = np.sqrt(min(share * count.prod() / max(len(free), 1), 0.95))
+    occupied = {tuple(np.minimum((np.subtract(at, low) // cell).astype(int), count - 1)) for at in clear_m}
+    free = [at for at in np.ndindex(*count) if at not in occupied]
+    fill = np.sqrt(min(share * count.prod() / max(len(free), 1), 0.95))
     boxes = []
     for at in free:
-        middle = low + cell * (np.array(at) + 0.5 + (1 - grown) * rng.uniform(-0.5, 0.5, 2))
-        boxes.append(Box(tuple(middle.tolist()), (*(grown * cell).tolist(), height_m)))
+        middle = low + cell * (np.array(at) + 0.5 + (1 - fill) * rng.uniform(-0.5, 0.5, 2))
+        boxes.append(Box(tuple(middle.tolist()), (*(fill * cell).tolist(), height_m)))
     return tuple(boxes)

@@ -1,4 +1,4 @@
-"""A floor from a photograph: any JPEG or PNG, judged by its header before it is decoded."""
+"""A floor from a photograph: any JPEG or PNG whose header is checked before it is decoded."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_TEXELS = 64_000_000
 
 
 def check_photograph(path: Path) -> None:
-    """Judge the file by its header, before anything of it is decoded."""
+    """Check the header of the file before any of it is decoded. Raises ``InputError``."""
     from PIL import Image as Photograph
 
     if not path.is_file():
@@ -41,7 +41,8 @@ def check_photograph(path: Path) -> None:
 
 
 def photographed_floor(path: Path, width: int, height: int) -> Image:
-    """The photograph at the floor's lower left corner, mirrored beyond its edges to fill the texture."""
+    """Return the photograph at the floor's lower left corner, mirrored beyond its edges to fill the
+    texture."""
     photograph = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     if photograph is None:
         raise InputError(f"world.texture: {str(path)!r}: damaged or not a picture; give a JPEG or PNG")

@@ -1,4 +1,4 @@
-"""The paper's floor: a square tile of foam puzzle pieces that interlock, with smaller pieces lying on it.
+"""The paper's floor: a square tile of interlocking foam puzzle pieces with smaller pieces on it.
 
 Source: IMAV 2011 paper, section 4.1 and figures 4 to 7 (large puzzle pieces in a square of 1.6 m x 1.6 m,
 smaller pieces inside it to give features; the square repeated for the figure eight).
@@ -28,13 +28,13 @@ PALETTE_BGR = np.array(
     ],
     np.uint8,
 )
-"""Foam mats are red, orange, yellow, green, blue, purple, light and dark grey."""
+"""Colours of foam mats: red, orange, yellow, green, blue, purple, light and dark grey."""
 GROOVE = 0.55
 """Brightness in the seam between two pieces."""
 
 
 def puzzle_tile(size_px: int, rng: np.random.Generator) -> Image:
-    """(size_px, size_px, 3) BGR; left fits right and top fits bottom."""
+    """Draw a tile (size_px, size_px, 3) BGR whose opposite borders fit together."""
     fine = 2
     piece = size_px * fine / PIECES
     labels = _interlocked(piece, rng)
@@ -44,13 +44,13 @@ def puzzle_tile(size_px: int, rng: np.random.Generator) -> Image:
     tile[seam] = (tile[seam] * GROOVE).astype(np.uint8)
     for _ in range(LOOSE_PIECES):
         _lay_loose_piece(tile, 0.42 * piece, rng)
-    # One piece was drawn beyond each border: cutting it off leaves a tile that wraps around.
+    # The tile has an extra piece at each border. Without them it wraps around.
     inner = slice(round(piece), round(piece) + size_px * fine)
     return np.asarray(cv2.resize(tile[inner, inner], (size_px, size_px), interpolation=cv2.INTER_AREA))
 
 
 def _interlocked(piece: float, rng: np.random.Generator) -> NDArray[np.int32]:
-    """Which piece each pixel belongs to, for the tile and one piece more on every side."""
+    """Return the piece of each pixel, for the tile and an extra piece on every side."""
     count = PIECES + 2
     edge = np.rint(np.arange(count + 1) * piece).astype(int)
     labels = np.zeros((edge[-1], edge[-1]), np.int32)
@@ -75,7 +75,7 @@ def _interlocked(piece: float, rng: np.random.Generator) -> NDArray[np.int32]:
 def _tab(
     labels: NDArray[np.int32], root: tuple[float, float], way: tuple[int, int], piece: float, owner: int
 ) -> None:
-    """A neck and a knob that reach from an edge into the neighbour."""
+    """Draw a neck and a knob from an edge into the neighbouring piece."""
     neck = np.array(root) + 0.06 * piece * np.array(way)
     knob = np.array(root) + 0.15 * piece * np.array(way)
     cv2.line(labels, _px(root), _px(neck), int(owner), round(0.16 * piece))
@@ -87,7 +87,7 @@ def _px(point: tuple[float, float] | NDArray[np.float64]) -> tuple[int, int]:
 
 
 def _shades(count: int, rng: np.random.Generator) -> Image:
-    """(count, 3) colours of the palette, none quite like another."""
+    """Return colours (count, 3) of the palette with small random differences."""
     base = PALETTE_BGR[rng.integers(0, len(PALETTE_BGR), count)].astype(float)
     return np.clip(base * rng.uniform(0.8, 1.15, (count, 1)) + rng.normal(0, 6, (count, 3)), 20, 235).astype(
         np.uint8
@@ -95,7 +95,7 @@ def _shades(count: int, rng: np.random.Generator) -> Image:
 
 
 def _lay_loose_piece(tile: Image, side: float, rng: np.random.Generator) -> None:
-    """A small piece with four knobs, turned at random, with a dark rim, away from the border of the tile."""
+    """Draw a small piece with four knobs and a dark rim, at a random angle, away from the tile's border."""
     rim = 1.6 * side
     center = rng.uniform(len(tile) / (PIECES + 2) + rim, len(tile) * (1 - 1 / (PIECES + 2)) - rim, 2)
     turn = rng.uniform(0, np.pi / 2)

@@ -1,7 +1,7 @@
-"""Specular highlights: lamps overhead mirrored in a glossy floor.
+"""Specular highlights: reflections of ceiling lamps in a glossy floor.
 
-The reflection of a lamp at height h is seen in the direction of its mirror image at -h, whatever lies there
-on the floor: it travels over the floor with the camera, at h / (h + z) of its speed.
+The reflection of a lamp at height h appears in the direction of its mirror image at -h. So it moves over the
+floor with the camera, at h / (h + z) of its speed.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ Image = NDArray[np.uint8]
 LAMP_HEIGHT_M = 4.0
 LAMP_SPACING_M = 2.5
 REACH_M = 8.0
-"""Lamps farther off than this are seen by no camera that looks down."""
+"""Horizontal range of the lamps that a downward camera can see."""
 SPREAD_RAD = 0.05
-"""Standard deviation of the spot: the floor is polished, not a mirror."""
+"""Standard deviation of the spot, because the floor is polished but no mirror."""
 
 
 def mirrored_lamps(w_p: Array) -> Array:
-    """(n, 3) mirror images of the lamps around a place: a grid on the ceiling of the hall."""
+    """Return the mirror images (n, 3) of the lamps around a position; the lamps form a grid on the
+    ceiling."""
     first, last = (
         np.ceil((w_p[:2] - REACH_M) / LAMP_SPACING_M),
         np.floor((w_p[:2] + REACH_M) / LAMP_SPACING_M),
@@ -37,12 +38,15 @@ def mirrored_lamps(w_p: Array) -> Array:
 def add_reflection(
     samples: Image, camera: Camera, fineness: int, w_R_c: Array, w_t_c: Array, strength: float
 ) -> None:
-    """Add the spots, as seen from one pose, to ``samples`` (h, w, 3), ``fineness`` of them along a pixel."""
+    """Add the spots seen from one pose to ``samples`` (h, w, 3), in place.
+
+    A pixel has ``fineness`` samples along each side.
+    """
     c_p = (mirrored_lamps(w_t_c) - w_t_c) @ w_R_c
     spread_px = SPREAD_RAD * camera.focal_px[0]
     reach = int(np.ceil(3 * spread_px * fineness))
     height, width = samples.shape[:2]
-    # A wide angle's distortion may fold what is far outside back into the picture.
+    # The distortion of a wide angle may fold points far outside back into the picture.
     ahead = c_p[c_p[:, 2] > np.hypot(c_p[:, 0], c_p[:, 1])]
     for u, v in (camera.project(ahead) + 0.5) * fineness - 0.5:
         c0, c1 = max(0, round(u) - reach), min(width, round(u) + reach + 1)

@@ -1,4 +1,4 @@
-"""A place as it is drawn: the floor's texture, what stands on it and what moves over it."""
+"""The scene that a camera sees: the floor's texture, fixed obstacles and moving objects."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Scene:
-    """What there is to see."""
+    """Everything that a camera can see."""
 
     floor: Floor
     slope: tuple[float, float]
     """The floor is z = slope . (x, y)."""
     fixed_prisms: Array
-    """(n, 9) prisms."""
+    """(n, 9) prisms of the fixed obstacles."""
     moving_objects: MovingObjects | None
     textures: ObstacleTextures
-    """Of what stands, then of what moves."""
+    """Textures of the fixed obstacles, then of the moving objects."""
 
     def prisms(self, time_s: float) -> Array:
-        """(n, 9) everything above the floor at one time, in the order of ``textures``."""
+        """Return all prisms (n, 9) at one time, in the order of ``textures``."""
         if self.moving_objects is None:
             return self.fixed_prisms
         return np.concatenate([self.fixed_prisms, self.moving_objects.at(time_s)])
@@ -38,7 +38,7 @@ class Scene:
 
 @lru_cache(maxsize=2)
 def build_scene(world: World, marks: Marks, moving_count: int = 0, seed: int = 0) -> Scene:
-    """The scene of a world; what moves is drawn from the flight's ``seed``. Kept for the next call."""
+    """Return the scene of a world, cached. The flight's ``seed`` determines the moving objects."""
     fixed, moving = world.prisms, None
     if moving_count:
         moving = MovingObjects(moving_count, world.extent_m, generator(seed, "movers"))

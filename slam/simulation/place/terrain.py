@@ -1,9 +1,9 @@
-"""How high a place lies and what a sonar hears of it.
+"""Height of the surface, and the first echo of a sonar.
 
-A sonar reports the first echo out of its cone. The floor is a half space, each obstacle is convex. The part
-of a convex body within a given range is convex; so where it first meets the cone it does so either at the
-point of the body nearest to the sensor, if that lies inside the cone, or on the cone's rim. Hence nearest
-points and rays along the rim are all that need be looked at.
+A sonar reports the first echo in its cone. The floor is a half space, and each obstacle is convex. The part
+of a convex body within a given range is convex. So the first contact of body and cone has one of two places:
+the point of the body nearest to the sensor, if it lies inside the cone, or else the cone's rim. Therefore
+nearest points and rays along the rim are sufficient.
 """
 
 from __future__ import annotations
@@ -32,9 +32,10 @@ RIM_RAYS = 96
 
 
 def elevation(world: World, x: Array, y: Array) -> Array:
-    """Height in metres of the surface at the places (x, y): floor, or top of the highest obstacle there.
+    """Return the height in metres of the surface at (x, y): the floor, or the highest obstacle there.
 
-    Arrays of one shape, which the result has; truth for elevation maps (IMAV 2011 paper, section 3.1.1).
+    Both arrays and the result have one shape. It is the truth for elevation maps (IMAV 2011 paper, section
+    3.1.1).
     """
     x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
     height = world.slope[0] * x + world.slope[1] * y
@@ -44,10 +45,10 @@ def elevation(world: World, x: Array, y: Array) -> Array:
 
 
 def first_echo(world: World, w_p_sensor: Array, w_direction: Array, beam_width_rad: float = 0.0) -> Array:
-    """(n,) range in metres to the nearest surface inside the beam; infinite where there is none.
+    """Return the range (n,) in metres to the nearest surface inside the beam; infinite where there is none.
 
-    ``w_p_sensor`` (n, 3) in the world, ``w_direction`` (n, 3) the beam's axis (any length),
-    ``beam_width_rad`` its full opening angle; 0 is a single ray.
+    ``w_p_sensor`` (n, 3) is in the world. ``w_direction`` (n, 3) is the beam's axis, of any length.
+    ``beam_width_rad`` is the full opening angle; 0 is a single ray.
     """
     origin = np.ascontiguousarray(np.atleast_2d(np.asarray(w_p_sensor, dtype=float)))
     axis = np.atleast_2d(np.asarray(w_direction, dtype=float))
@@ -57,7 +58,7 @@ def first_echo(world: World, w_p_sensor: Array, w_direction: Array, beam_width_r
     prisms = world.prisms
     if len(prisms) == 0:
         return nearest
-    # Compiled on import: a world without obstacles needs none of it.
+    # Imported here because it compiles on import, which a world without obstacles does not need.
     from slam.simulation.place.casting import ranges
 
     for prism in prisms:
@@ -68,7 +69,7 @@ def first_echo(world: World, w_p_sensor: Array, w_direction: Array, beam_width_r
 
 
 def _floor_echo(slope: tuple[float, float], origin: Array, axis: Array, half_rad: float) -> Array:
-    """Straight down to the floor if the cone holds that direction, else along the rim nearest to it."""
+    """Return the range along the floor's normal if it lies in the cone, else along the nearest rim ray."""
     down = np.array([slope[0], slope[1], -1.0])
     down /= np.linalg.norm(down)
     distance = -origin @ down
@@ -78,29 +79,29 @@ def _floor_echo(slope: tuple[float, float], origin: Array, axis: Array, half_rad
 
 
 def _nearest_point_echo(prism: Array, origin: Array, axis: Array, half_rad: float) -> Array:
-    """Distance to the point of a prism nearest to the sensor; infinite where that lies outside the cone."""
+    """Return the distance (n,) to a prism's nearest point; infinite where it lies outside the cone."""
     c, s = prism[COS], prism[SIN]
     east, north = origin[:, 0] - prism[X], origin[:, 1] - prism[Y]
-    along, aside = c * east + s * north, c * north - s * east
+    along, across = c * east + s * north, c * north - s * east
     if prism[ROUND]:
-        inward = np.minimum(1.0, prism[HALF_LENGTH] / np.maximum(np.hypot(along, aside), 1e-12))
-        near_along, near_aside = along * inward, aside * inward
+        inward = np.minimum(1.0, prism[HALF_LENGTH] / np.maximum(np.hypot(along, across), 1e-12))
+        near_along, near_across = along * inward, across * inward
     else:
         near_along = np.clip(along, -prism[HALF_LENGTH], prism[HALF_LENGTH])
-        near_aside = np.clip(aside, -prism[HALF_WIDTH], prism[HALF_WIDTH])
+        near_across = np.clip(across, -prism[HALF_WIDTH], prism[HALF_WIDTH])
     near_z = np.clip(origin[:, 2], prism[BASE], prism[TOP])
-    x, y = near_along - along, near_aside - aside
-    way = np.column_stack([c * x - s * y, s * x + c * y, near_z - origin[:, 2]])
-    distance = np.linalg.norm(way, axis=1)
-    inside = np.einsum("ni,ni->n", way, axis) >= np.cos(half_rad) * distance - 1e-12
+    x, y = near_along - along, near_across - across
+    offset = np.column_stack([c * x - s * y, s * x + c * y, near_z - origin[:, 2]])
+    distance = np.linalg.norm(offset, axis=1)
+    inside = np.einsum("ni,ni->n", offset, axis) >= np.cos(half_rad) * distance - 1e-12
     return np.where(inside & (distance > 0), distance, np.inf)
 
 
 def _rim(axis: Array, half_rad: float) -> list[Array]:
-    """Directions along the rim of the cones, one (n, 3) array a ray; the axis alone without a width."""
+    """Return directions along the rim of the cones, an (n, 3) array a ray; the axis alone without a width."""
     if half_rad == 0:
         return [axis]
-    # Any direction that is not the axis gives a pair across it.
+    # Any direction other than the axis gives two perpendicular ones.
     other = np.where(np.abs(axis[:, :1]) < 0.7, [[1.0, 0, 0]], [[0, 1.0, 0]])
     u = np.cross(axis, other)
     u /= np.linalg.norm(u, axis=1, keepdims=True)

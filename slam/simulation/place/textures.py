@@ -1,4 +1,4 @@
-"""What obstacles look like: a picture of the top and one of the side, with mip levels, all in one buffer."""
+"""Textures of obstacles: a picture of the top and one of the side, with mip levels, in one buffer."""
 
 from __future__ import annotations
 
@@ -18,17 +18,18 @@ METRES_PER_TEXEL = 0.004
 MAX_SIDE_PX = 1500
 LEVELS = 6
 BANDS_M = 0.15
-"""Width of the bands round a pylon."""
+"""Width of the bands around a pylon."""
 PAINT_BGR = np.array([(52, 58, 168), (60, 128, 196), (150, 108, 62), (92, 132, 78), (96, 140, 178)], np.uint8)
-"""Gym boxes and mats are red, orange, blue, green, of bare wood."""
+"""Colours of gym boxes and mats: red, orange, blue, green and bare wood."""
 BAND_BGR = ((48, 52, 190), (214, 216, 220))
 SIDE_LIGHT = (0.62, 0.80, 0.72, 0.50)
-"""Brightness of the side faces beside the top's, counter-clockwise from the front: light comes from above."""
+"""Brightness of the side faces relative to the top, counter-clockwise from the front; light comes from
+above."""
 
 
 @dataclass(frozen=True)
 class ObstacleTextures:
-    """The pictures on all obstacles."""
+    """The pictures on all obstacles, in one buffer."""
 
     texels: Image
     """(n, 3) BGR, rows of all pictures one after the other."""
@@ -37,7 +38,7 @@ class ObstacleTextures:
 
 
 def draw_textures(prisms: Array, seed: int) -> ObstacleTextures:
-    """ObstacleTextures of prisms, none like another; the same for the same seed."""
+    """Return textures of prisms (n, 9), all different and reproducible from the seed."""
     texels: list[Image] = []
     levels = np.empty((len(prisms), 2, LEVELS, 3), np.int64)
     first = 0
@@ -68,8 +69,8 @@ def _pictures(prism: Array, rng: np.random.Generator) -> tuple[Image, Image]:
 
 
 def _panel(width_m: float, height_m: float, paint_bgr: Image, rng: np.random.Generator) -> Image:
-    """A worn board with a rim, stickers and lettering."""
-    picture = _worn(width_m, height_m, paint_bgr, rng)
+    """Draw a worn board with a rim, stickers and lettering."""
+    picture = _worn_surface(width_m, height_m, paint_bgr, rng)
     h, w = picture.shape[:2]
     for _ in range(int(rng.integers(3, 7))):
         at = (rng.uniform(0.05, 0.85, 2) * (w, h)).astype(int)
@@ -92,8 +93,8 @@ def _panel(width_m: float, height_m: float, paint_bgr: Image, rng: np.random.Gen
 
 
 def _bands(around_m: float, height_m: float, rng: np.random.Generator) -> Image:
-    """Red and white bands, darker on the side away from the light."""
-    picture = _worn(around_m, height_m, np.full(3, 128, np.uint8), rng).astype(np.float32) / 128
+    """Draw red and white bands, darker on the side away from the light."""
+    picture = _worn_surface(around_m, height_m, np.full(3, 128, np.uint8), rng).astype(np.float32) / 128
     rows, cols = picture.shape[:2]
     band = (np.arange(rows) * height_m / rows // BANDS_M).astype(int) % 2
     picture *= np.array(BAND_BGR, np.float32)[band][:, None]
@@ -102,8 +103,8 @@ def _bands(around_m: float, height_m: float, rng: np.random.Generator) -> Image:
 
 
 def _disc(radius_m: float, rng: np.random.Generator) -> Image:
-    """Rings, with a notch that tells which way round it stands."""
-    picture = _worn(2 * radius_m, 2 * radius_m, np.array(BAND_BGR[0], np.uint8), rng)
+    """Draw rings with a notch that shows the orientation."""
+    picture = _worn_surface(2 * radius_m, 2 * radius_m, np.array(BAND_BGR[0], np.uint8), rng)
     n = len(picture)
     middle = (n // 2, n // 2)
     cv2.circle(picture, middle, round(0.34 * n), BAND_BGR[1], -1, cv2.LINE_AA)
@@ -112,8 +113,8 @@ def _disc(radius_m: float, rng: np.random.Generator) -> Image:
     return picture
 
 
-def _worn(width_m: float, height_m: float, paint_bgr: Image, rng: np.random.Generator) -> Image:
-    """A worn surface of one colour, about ``METRES_PER_TEXEL`` fine."""
+def _worn_surface(width_m: float, height_m: float, paint_bgr: Image, rng: np.random.Generator) -> Image:
+    """Draw a worn surface of one colour with texels of about ``METRES_PER_TEXEL``."""
     w, h = (int(np.clip(np.ceil(s / METRES_PER_TEXEL), 4, MAX_SIDE_PX)) for s in (width_m, height_m))
     picture = np.empty((h, w, 3), np.uint8)
     picture[:] = paint_bgr

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 Image = NDArray[np.uint8]
 
 NEUTRAL = 128
-"""The weathering that changes nothing."""
+"""Value of the weathering that changes nothing."""
 WEATHERING_CONTRAST = 0.16
-"""Standard deviation of the weathering, as a share of the brightness."""
+"""Standard deviation of the weathering, relative to the brightness."""
 SPECKS_PER_M2 = 200
 SCRATCHES_PER_M2 = 7
 
@@ -24,10 +24,11 @@ def apply_weathering(texture: Image, weathering: Image) -> None:
 
 
 def draw_weathering(height: int, width: int, metres_per_px: float, rng: np.random.Generator) -> Image:
-    """Brightness that a floor's use leaves, ``NEUTRAL`` where none: stains and grain, specks, scratches.
+    """Draw stains and grain, specks and scratches as a brightness (height, width) around ``NEUTRAL``.
 
-    Stains and grain have the spectrum of natural pictures (amplitude falls with frequency, equal power in
-    each octave, from 1.2 m down to the texel), and are periodic, so that a tile of them repeats seamlessly.
+    Stains and grain have the spectrum of natural pictures: the amplitude falls with frequency, with equal
+    power in each octave from 1.2 m down to the texel. They are periodic, so a tile of them repeats
+    seamlessly.
     """
     spectrum = scipy.fft.rfft2(rng.standard_normal((height, width), dtype=np.float32))
     fy = scipy.fft.fftfreq(height, metres_per_px).astype(np.float32)[:, None]
@@ -48,7 +49,7 @@ def draw_weathering(height: int, width: int, metres_per_px: float, rng: np.rando
 
 
 def _scratch(weathering: Image, metres_per_px: float, rng: np.random.Generator) -> None:
-    """A bent line of some centimetres, clipped at the border."""
+    """Draw a bent line of some centimetres, clipped at the border."""
     height, width = weathering.shape
     turn = rng.uniform(0, 2 * np.pi) + np.linspace(0, rng.normal(0, 0.7), 12)
     step = rng.uniform(0.03, 0.30) / 12 / metres_per_px

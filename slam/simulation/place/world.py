@@ -1,10 +1,9 @@
-"""Floors: the texture of the ground, seeded, with marks that a person finds again in the mosaic.
+"""Floors: the seeded texture of the ground, with marks that a person can find in the mosaic.
 
-A floor is one picture, row 0 at the largest y, and its halvings: mip levels for cameras that see it from
-higher up. The puzzle floor is the paper's: a tile of foam puzzle pieces, repeated. What tells one tile from
-the next is weathering (stains, grain, specks, scratches), which repeats only where the recipe asks for it.
-Boxes and pylons stand on it (``slam.simulation.place.obstacles``;
-``slam.simulation.place.terrain`` knows their height).
+A floor is one picture, row 0 at the largest y, with mip levels for cameras that are higher up. The puzzle
+floor is that of the paper: a repeated tile of foam puzzle pieces. Weathering (stains, grain, specks,
+scratches) distinguishes the tiles; it repeats only if the recipe asks for it. Boxes and pylons stand on the
+floor (``slam.simulation.place.obstacles``), and ``slam.simulation.place.terrain`` gives their height.
 """
 
 from __future__ import annotations
@@ -32,14 +31,14 @@ Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 FLOORS = ("puzzle", "gym", "plain")
-"""Textures that are drawn; any other is the path of a photograph."""
+"""Names of generated textures; any other name is the path of a photograph."""
 MIP_LEVELS = 5
 STEPS = 1
-"""Stream of the random numbers that lay out steps."""
+"""Random stream of the layout of steps."""
 SURROUND_BGR = (122, 131, 138)
 """The bare floor around the puzzle pieces."""
 SHADOW, SHADOW_WIDTH_M = 0.5, 0.05
-"""How much darker the floor is at an obstacle's foot, and how far from it that is seen."""
+"""Loss of brightness at an obstacle's foot, and the width of that shadow."""
 
 
 Slope = Annotated[float, Field(ge=-0.5, le=0.5)]
@@ -47,32 +46,32 @@ Slope = Annotated[float, Field(ge=-0.5, le=0.5)]
 
 @dataclass(frozen=True)
 class World:
-    """The place: the floor, what it looks like and what stands on it."""
+    """The place: the floor, its texture and its obstacles."""
 
     texture: Annotated[str, Field(min_length=1)] = "puzzle"
     """``puzzle``, ``gym`` (planks with the lines of its courts), ``plain`` (one grey), or the path of a
     photograph of a floor, mirrored beyond its edge."""
     extent_m: tuple[float, float, float, float] = (-0.15, -0.15, 4.65, 4.65)
-    """x0, y0, x1, y1 of the floor that may be flown over."""
+    """x0, y0, x1, y1 of the floor over which flights are allowed."""
     margin_m: Annotated[float, Field(ge=0, le=50)] = 1.0
-    """Ground around it, worn like the floor but without puzzle pieces."""
+    """Width of the ground around the floor, weathered like it but without puzzle pieces."""
     metres_per_px: Annotated[float, Field(ge=1e-4, le=1)] = 0.002
     tile_m: Annotated[float, Field(ge=0.2, le=50)] = 1.6
-    """Side of the puzzle tile that is repeated."""
+    """Side of the repeated puzzle tile."""
     repeat: bool = False
-    """The weathering repeats with the tile too: places look alike but for the marks."""
+    """Whether the weathering repeats with the tile too, so that places differ by their marks alone."""
     mark_diameter_m: Annotated[float, Field(ge=0, le=1)] = 0.12
     """Size of a landmark's mark; 0 draws none."""
     seed: Annotated[int, Field(ge=0)] = 0
-    """The floor is a place: another flight over it has another seed, the floor keeps its own."""
+    """Seed of the floor. Each flight has its own seed, so several flights can share a floor."""
     boxes: Annotated[tuple[Box, ...], Field(max_length=200)] = ()
     pylons: Annotated[tuple[Pylon, ...], Field(max_length=200)] = ()
     slope: tuple[Slope, Slope] = (0.0, 0.0)
-    """Rise of the floor along x and y, metres a metre; its height is 0 at the origin."""
+    """Slope of the floor along x and y; its height is 0 at the origin."""
 
     @property
     def prisms(self) -> Array:
-        """(n, 9) boxes, then pylons, as ``slam.simulation.place.obstacles`` describes them."""
+        """(n, 9) boxes, then pylons, as ``slam.simulation.place.obstacles`` defines them."""
         return prisms((*self.boxes, *self.pylons), self.slope)
 
 
@@ -82,27 +81,27 @@ Marks = tuple[tuple[str, float, float], ...]
 
 @dataclass(frozen=True)
 class Floor:
-    """A texture with its mip levels, seen from straight above."""
+    """A texture with its mip levels, seen vertically from above."""
 
     levels: tuple[Image, ...]
-    """(h, w, 3) BGR, each half the size of the one before."""
+    """(h, w, 3) BGR pictures, each half the size of the one before."""
     corner_m: tuple[float, float]
     """World x and y of the outer corner of the first texel: smallest x, largest y."""
     metres_per_px: float
 
     def texel_H_world(self, level: int) -> Array:
-        """(3, 3) world x, y to texel coordinates of a level; the centre of the first texel is (0, 0)."""
+        """Return the homography (3, 3) from world x, y to texels; the centre of the first texel is (0, 0)."""
         size = self.metres_per_px * 2**level
         x, y = self.corner_m
         return np.array([[1 / size, 0, -x / size - 0.5], [0, -1 / size, y / size - 0.5], [0, 0, 1]])
 
     def level_for(self, spacing_m: float) -> int:
-        """The mip level whose texels are nearest in size to the spacing of samples on the ground."""
+        """Return the mip level whose texels are nearest in size to the sample spacing on the ground."""
         return int(np.clip(np.rint(np.log2(spacing_m / self.metres_per_px)), 0, len(self.levels) - 1))
 
 
 def with_place_terms(world: World, marks: Marks, terms: Mapping[str, Mapping[str, float]]) -> World:
-    """The world with ``floor_slope`` and ``floor_steps`` of a model's terms; steps leave the marks free."""
+    """Return the world with a model's terms ``floor_slope`` and ``floor_steps``; steps do not cover marks."""
     if slope := terms.get("floor_slope"):
         rise = (world.slope[0] + slope.get("x", 0.0), world.slope[1] + slope.get("y", 0.0))
         world = replace(world, slope=rise)
@@ -116,8 +115,10 @@ def with_place_terms(world: World, marks: Marks, terms: Mapping[str, Mapping[str
 
 
 def check_world(world: World, seen: bool = True) -> None:
-    """Raise ``InputError`` for a floor of no or too great a size, a photograph that cannot be read, and an
-    obstacle of no size or off the floor. A floor that no camera sees has no texture to be too large."""
+    """Raise ``InputError`` for a floor, photograph or obstacle that cannot be used.
+
+    That is a floor that is empty or too large, a photograph that cannot be read, and an obstacle without size
+    or off the floor. Without a camera (``seen``) the texture is not checked."""
     x0, y0, x1, y1 = world.extent_m
     if not (np.all(np.isfinite(world.extent_m)) and x1 > x0 and y1 > y0):
         raise InputError(
@@ -155,7 +156,7 @@ def _check_obstacle(obstacle: Box | Pylon, name: str, world: World) -> None:
 
 @lru_cache(maxsize=2)
 def build_floor(world: World, marks: Marks) -> Floor:
-    """The floor of a world; the same for the same arguments, and kept for the next call."""
+    """Return the floor of a world, cached and reproducible."""
     rng = np.random.default_rng(world.seed)
     width, height = _size_px(world)
     if world.texture == "puzzle":
@@ -185,7 +186,7 @@ def build_floor(world: World, marks: Marks) -> Floor:
 
 
 def _size_px(world: World) -> tuple[int, int]:
-    """Width and height of the texture, rounded up to what can be halved into every mip level."""
+    """Return width and height of the texture, rounded up so that every mip level is a half."""
     x0, y0, x1, y1 = world.extent_m
     step = 2 ** (MIP_LEVELS - 1)
     sides = np.array([x1 - x0, y1 - y0]) + 2 * world.margin_m
@@ -194,7 +195,7 @@ def _size_px(world: World) -> tuple[int, int]:
 
 
 def _puzzle_floor(world: World, width: int, height: int, rng: np.random.Generator) -> Image:
-    """Puzzle tiles inside the extent, the bare surround outside, and weathering over both."""
+    """Draw puzzle tiles inside the extent, the bare surround outside, and weathering over both."""
     tile = puzzle_tile(round(world.tile_m / world.metres_per_px), rng)
     n = len(tile)
     margin = round(world.margin_m / world.metres_per_px)
@@ -214,10 +215,10 @@ def _puzzle_floor(world: World, width: int, height: int, rng: np.random.Generato
 
 
 def _cast_shadow(texture: Image, prism: Array, corner_m: tuple[float, float], metres_per_px: float) -> None:
-    """Darken the floor round the foot of an obstacle, where little light comes."""
+    """Darken the floor around the foot of an obstacle, where little light arrives."""
     foot = corners(prism)[:4, :2]
     reach = 3 * SHADOW_WIDTH_M
-    # Two corners of a piece of texture: columns grow with x, rows against y.
+    # Two corners of the piece of texture: columns increase with x, rows decrease with y.
     low = np.array([foot[:, 0].min() - reach - corner_m[0], corner_m[1] - foot[:, 1].max() - reach])
     high = np.array([foot[:, 0].max() + reach - corner_m[0], corner_m[1] - foot[:, 1].min() + reach])
     (c0, r0), (c1, r1) = (np.clip(np.rint(at / metres_per_px).astype(int), 0, None) for at in (low, high))
