@@ -7,6 +7,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
 from slam.core.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTilt
 from slam.core.flight import Flight
@@ -91,16 +92,6 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
     metric = bool(edges.heights.metric[map_.component >= 0].all())
     status, warnings = _status(flight, observations.stamps_s, map_, metric)
     loops = _loop_verdicts(setup.config, observations, edges, solution)
-    rejected = Counter(observations.rejected)
-    rejected.update(Counter(f"loop: {reason_kind(v.reason)}" for v in loops if v.verdict == "rejected"))
-    if map_.bundle is not None and map_.bundle.dropped_observations:
-        rejected["view of a floor point far off"] = map_.bundle.dropped_observations
-    kept = tuple(
-        r
-        for r, ok in zip(edges.at_heights(map_.height_m), solution.edge_kept, strict=True)
-        if ok and np.isfinite(map_.w_T_b[[r.i, r.j]]).all()
-    )
-    kept += map_.bridges
     mount = mount_tilt(flight.camera, map_.bundle)
     chained = chain(
         observations.links,
@@ -122,12 +113,12 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
         camera=map_.camera,
         floor_z_m=map_.floor_z_m,
         origin=flight.geo_origin() if map_.georeferenced else None,
-        relative_poses=kept,
+        relative_poses=_kept_edges(map_),
         loops=loops,
         chain_w_T_b=comparable(chained, setup.readings, map_),
         odometry_w_T_b=comparable(odometry.graph.w_T_b, setup.readings, map_),
         frames=observations.frames,
-        rejected=dict(rejected),
+        rejected=_rejected_counts(map_, loops),
         timing_s=context.timer.seconds,
         warnings=(
             *flight.warnings,
@@ -149,6 +140,22 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
         graph_error=map_.bundle.error if map_.bundle else solution.error,
         iterations=solution.iterations + (map_.bundle.iterations if map_.bundle else 0),
     )
+
+
+def _rejected_counts(map_: Map, loops: tuple[LoopVerdict, ...]) -> dict[str, int]:
+    """Count dropped pictures, rejected loops and dropped observations by reason."""
+    rejected = Counter(map_.observations.rejected)
+    rejected.update(Counter(f"loop: {reason_kind(v.reason)}" for v in loops if v.verdict == "rejected"))
+    if map_.bundle is not None and map_.bundle.dropped_observations:
+        rejected["view of a floor point far off"] = map_.bundle.dropped_observations
+    return dict(rejected)
+
+
+def _kept_edges(map_: Map) -> tuple[RelativePose, ...]:
+    """Return the accepted edges between placed keyframes, at the final heights, and the bridges."""
+    accepted = zip(map_.edges.at_heights(map_.height_m), map_.graph.edge_kept, strict=True)
+    kept = [r for r, ok in accepted if ok and np.isfinite(map_.w_T_b[[r.i, r.j]]).all()]
+    return (*kept, *map_.bridges)
 
 
 def _moving(observations: Observations) -> list[str]:
