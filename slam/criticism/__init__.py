@@ -1,7 +1,7 @@
-"""Model criticism: what a simulation gets wrong about measured flights, by name, with what it gains to know.
+"""Model criticism names what a simulation gets wrong about measured flights, with the gain in prediction.
 
-A flight is filtered under a model; what is left over, whitened, is compared with the trace that each term of
-the catalogue would leave there.
+An extended Kalman filter runs over each flight under a model. The whitened innovations are compared with the
+sensitivity of each term of the catalogue.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _HOME = {"Criticism": "slam.criticism.verdict.criticism", "criticise": "slam.cri
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use: the kernels take their time."""
+    """Import on first use, as compiling the kernels takes time."""
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
     raise AttributeError(f"module 'slam.criticism' has no attribute {name!r}")

@@ -1,8 +1,9 @@
 """Thresholds from simulated healthy flights: ``python -m slam.criticism.calibrate [CASES] [FIRST]``.
 
-Prints for each case the greatest z of all terms, of the dictionary and of pairs of terms as a line of JSON;
-with all cases done, the thresholds at which one healthy case in a hundred is called ill. Every third case has
-Student's tails. Of flights without commands it is the greatest z of the terms alone, and no threshold.
+Prints for each case the greatest z of all terms, of residual patterns and of pairs of terms as a line of
+JSON. With all cases done, it prints the thresholds that one healthy case in a hundred exceeds. Every third
+case has Student's tails. For flights without commands it prints the greatest z of the terms alone, and no
+threshold.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ from slam.simulation.camera.optics import CameraModel
 from slam.simulation.model import load_model
 
 RATES = (0.007, 0.003, 0.001)
-"""Of false alarms: terms, dictionary, pairs."""
+"""False-alarm rates of terms, residual patterns and pairs."""
 CAMERA = CameraModel(rate_hz=5.0)
 
 
 def greatest(seed: int, camera: CameraModel | None = None) -> tuple[float, str, float, str, float, str]:
-    """Greatest z of the terms, of the dictionary and of pairs of one healthy case, with their names."""
+    """Return the greatest z of terms, residual patterns and pairs of one healthy case, with their names."""
     slower = at_lower_rates(load_model("nominal"))
     records, _ = usable_records(healthy_case(slower, seed, student=seed % 3 == 2, camera=camera))
     nominal = filter_parameters_of(slower)
@@ -46,7 +47,7 @@ def greatest(seed: int, camera: CameraModel | None = None) -> tuple[float, str, 
 
 
 def greatest_without_commands(seed: int, camera: CameraModel | None = None) -> tuple[float, str]:
-    """Greatest z of all that may be wrong where the instruments of one healthy case are held against each
+    """Return the greatest z and its name where the instruments of one healthy case are compared with each
     other."""
     model = load_model("nominal")
     flights = healthy_case(model, seed, student=seed % 3 == 0, camera=camera)
@@ -57,12 +58,13 @@ def greatest_without_commands(seed: int, camera: CameraModel | None = None) -> t
 
 
 def thresholds(*greatest: np.ndarray) -> tuple[float, ...]:
-    """Thresholds of each from the greatest values (n,): as if each were that of n Gaussians."""
+    """Return thresholds from the greatest values (n,) of each kind, as if each were the maximum of n
+    Gaussians."""
     return tuple(_tail(values, rate) for values, rate in zip(greatest, RATES, strict=True))
 
 
 def _tail(values: np.ndarray, rate: float) -> float:
-    """z exceeded at a rate: the maximum of n Gaussians, n fitted to the median."""
+    """Return the z exceeded at a rate: that of the maximum of n Gaussians, with n fitted to the median."""
     from scipy.optimize import brentq
     from scipy.stats import norm
 
@@ -72,7 +74,7 @@ def _tail(values: np.ndarray, rate: float) -> float:
 
 
 def main(cases: int, first: int, camera: CameraModel | None = None) -> None:
-    """Run the cases and print."""
+    """Run the cases and print their values and the thresholds."""
     found = []
     for seed in range(first, first + cases):
         found.append(greatest(seed, camera))
@@ -86,10 +88,10 @@ if __name__ == "__main__":
     parser.add_argument("first", nargs="?", type=int, default=0, help="seed of the first case")
     parser.add_argument("--pictures", action="store_true", help="flights with a camera")
     parser.add_argument("--without-commands", action="store_true", help="instruments against each other")
-    told = parser.parse_args()
-    camera = CAMERA if told.pictures else None
-    if told.without_commands:
-        for case in range(told.first, told.first + told.cases):
+    options = parser.parse_args()
+    camera = CAMERA if options.pictures else None
+    if options.without_commands:
+        for case in range(options.first, options.first + options.cases):
             print(json.dumps([case, *greatest_without_commands(case, camera)]), flush=True)
     else:
-        main(told.cases, told.first, camera)
+        main(options.cases, options.first, camera)

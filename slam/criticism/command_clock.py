@@ -1,7 +1,7 @@
-"""Whether a vehicle answers its commands when the log says that they were given.
+"""Check that a vehicle answers its commands at the logged times.
 
 Stamps of reception may come seconds late, for a whole flight or for one burst of a link. No model can be
-judged by what then looks like a vehicle that does something else.
+judged on such a log.
 """
 
 from __future__ import annotations
@@ -19,33 +19,34 @@ Array = NDArray[np.float64]
 
 GRID_S = 0.02
 REACH_S = 5.0
-"""How far from the command an answer is looked for."""
+"""Greatest delay or lead at which a response is sought."""
 EARLIEST_S, LATEST_S = -0.3, 0.8
-"""Between these a vehicle may answer: latency, lag, and stamps that scatter."""
+"""Plausible range of a response: latency, lag, and the scatter of stamps."""
 WINDOW_S, HOP_S = 6.0, 2.0
 LEAST_ASKED = 0.05
-"""Of the flight's largest demand: what asks for less than this share is no question."""
+"""Least demand in a window, as a share of the flight's largest."""
 TILT_LAG_S = 0.1
-"""Of a healthy vehicle, roughly: what is late by seconds is not looked for by hundredths."""
+"""Approximate lag of a healthy vehicle. Delays of seconds need no better figure."""
 ALIKE, ALIKE_IN_WINDOW = 0.3, 0.7
-"""Squared correlation of command and answer that makes it one; in a window chance does more."""
+"""Least squared correlation of command and response, in a flight and in a window, where chance reaches
+more."""
 LEADS = 2.5
-"""Times as great as the greatest at a plausible time it must be."""
+"""Least ratio to the greatest squared correlation at a plausible time."""
 FEWEST_READINGS = 20
-"""Of a stream: fewer tell nothing."""
+"""Least number of readings of a stream."""
 
 
 @dataclass(frozen=True)
 class ClockError:
-    """An answer at no plausible time."""
+    """A response at an implausible time."""
 
     late_s: float
-    """How long after its command, negative where before it."""
+    """Delay after the command; negative where the response comes before it."""
     at_s: float | None
-    """Where the window begins, from the first reading; None for the flight as a whole."""
+    """Begin of the window, from the first reading; None for the flight as a whole."""
 
     def __str__(self) -> str:
-        """For one line."""
+        """Return a description of one line."""
         when = "all along" if self.at_s is None else f"from {self.at_s:.0f} s on"
         side = "after" if self.late_s > 0 else "before"
         return (
@@ -55,9 +56,10 @@ class ClockError:
 
 
 def clock_error(record: Record) -> ClockError | None:
-    """The clearest answer at an implausible time, or None where there is none.
+    """Return the clearest response at an implausible time, or None.
 
-    Of tilts, read by the attitude or else by the gyro; of the whole flight where that is late.
+    Tilts are compared, read by the attitude or else by the gyro. The whole flight is tested first, then
+    windows.
     """
     times_s = np.arange(record.times_s[0], record.times_s[-1], GRID_S)
     if len(times_s) < 2:
@@ -69,8 +71,8 @@ def clock_error(record: Record) -> ClockError | None:
 
 
 def _answers(record: Record, times_s: Array) -> list[tuple[Array, Array]]:
-    """What forward and left stick ask of pitch and roll, and what these did, on one grid: the latter held for
-    ``REACH_S`` longer at both ends."""
+    """Return pairs of demanded and measured tilt on one grid. The measured one is extended by ``REACH_S`` at
+    both ends."""
     stick = record.stick.mean(times_s, times_s + GRID_S)[:, :2]
     decay = float(np.exp(-GRID_S / TILT_LAG_S))
     tilt = lfilter([1.0 - decay], [1.0, -decay], stick, axis=0)
@@ -99,7 +101,8 @@ def _in_windows(asked: Array, answer: Array) -> list[tuple[float, ClockError]]:
 def _implausible(
     asked: Array, answer: Array, least: float, at_s: float | None
 ) -> list[tuple[float, ClockError]]:
-    """The answer with its squared correlation, where it comes at no plausible time; else nothing."""
+    """Return the response with its squared correlation where it comes at an implausible time; else
+    nothing."""
     n = len(asked)
     centred = asked - asked.mean()
     sums = [np.cumsum(np.pad(x, (1, 0))) for x in (answer, answer**2)]

@@ -1,4 +1,4 @@
-"""From a belief back to a model file: the nominal model with nuisances fitted and causes added."""
+"""Extended model: the nominal model with nuisances fitted and causes added."""
 
 from __future__ import annotations
 
@@ -29,32 +29,34 @@ from slam.simulation.model import Model
 from slam.simulation.terms import CATALOGUE
 
 _WIDTH = 2 * 1.96
-"""Of a 95 % interval, in standard deviations."""
+"""Width of a 95 % interval in standard deviations."""
 _EXTENDED = " extended"
-"""Behind the name of the model that was extended; a name has at most 80 letters."""
+"""Suffix of the extended model's name. A name has at most 80 letters."""
 
 
 def extended_with_causes(
     causes: Sequence[Cause],
-    odd: Sequence[ReadingAnomaly],
+    anomalies: Sequence[ReadingAnomaly],
     model: Model,
-    belief: FilterParameters,
+    parameters: FilterParameters,
     records: Sequence[Record],
 ) -> Model:
-    """The model with the causes that are told, those that single readings show (``odd``) among them: what may
-    as well be something else is no part of a model."""
-    seen = {oddity.name: oddity for oddity in odd}
-    extended = extended_model(model, belief, [c.name for c in causes if c.name not in seen], records)
-    for name, oddity in seen.items():
-        extended = with_sizes(extended, name, {n: p.value for n, p in oddity.parameters.items()})
+    """Return the model with the reported causes, those of single readings (``anomalies``) among them.
+
+    What may as well be something else does not enter the model.
+    """
+    seen = {anomaly.name: anomaly for anomaly in anomalies}
+    extended = extended_model(model, parameters, [c.name for c in causes if c.name not in seen], records)
+    for name, anomaly in seen.items():
+        extended = with_sizes(extended, name, {n: p.value for n, p in anomaly.parameters.items()})
     return extended
 
 
 def extended_model(
     model: Model, setting: FilterParameters, causes: Sequence[str], records: Sequence[Record]
 ) -> Model:
-    """The model that a belief about some flights is; only terms of ``causes`` enter, each within what its
-    equation bears."""
+    """Return the model of some fitted filter parameters. Only terms of ``causes`` enter, each within its
+    equation's limits."""
     hold = setting.hold
     noise = _noise(model, setting, records)
     colour = dict(zip(INSTRUMENTS, setting.noise_correlation.tolist(), strict=True))
@@ -107,9 +109,12 @@ def extended_model(
 
 
 def _noise(model: Model, setting: FilterParameters, records: Sequence[Record]) -> dict[str, float]:
-    """Instrument -> standard deviation of its noise, of the imu's the density: what the flights tell of it,
-    times what was fitted. The model's own where no flight has the instrument; and of a vehicle of another
-    make, whose belief says what readings are worth, not what they scatter by."""
+    """Return instrument -> standard deviation of its noise (of the imu: its density), as fitted to the
+    flights.
+
+    The model's own figure stands where no flight has the instrument, and for an out-of-model vehicle: there
+    the parameters state the trust in readings, not their scatter.
+    """
     own = {
         "gyro": model.imu.gyro_noise_density,
         "accel": model.imu.accel_noise_density,
@@ -121,12 +126,12 @@ def _noise(model: Model, setting: FilterParameters, records: Sequence[Record]) -
         return own
     for name, channels in zip(INSTRUMENTS, INSTRUMENT_CHANNELS, strict=True):
         kind, _ = place_of(channels[0])
-        told = []
+        reported = []
         for record in (r for r in records if r.has(channels[0])):
             step_s = float(np.median(np.diff(record.times_s[record.kinds == kind]))) if kind == IMU else 1.0
-            told.append(record.noise_std[channels[0]] * np.sqrt(step_s))
-        if told:
-            own[name] = float(np.median(told) * setting.noise_factor[channels[0]])
+            reported.append(record.noise_std[channels[0]] * np.sqrt(step_s))
+        if reported:
+            own[name] = float(np.median(reported) * setting.noise_factor[channels[0]])
     return own
 
 

@@ -1,4 +1,4 @@
-"""Whether flights can be judged: what is missing, constant, or on another clock, in one line each."""
+"""Checks of the flights before they are judged: missing, constant or displaced streams, one line each."""
 
 from __future__ import annotations
 
@@ -39,36 +39,38 @@ Array = NDArray[np.float64]
 
 SHORTEST_S = 3.0
 CALM_RAD, CALM_M_S, CALM_M = 0.1, 1.0, 0.3
-"""Tilt, the speed that such a tilt makes within a second, and height, that a hover stays within."""
+"""Ranges that a hover stays within: tilt, the speed that such a tilt makes within a second, and height."""
 ECHOES = 0.1
-"""No sonar hears second echoes that often."""
-UNSTEERED = "the stick is never moved: nothing drives the model"
+"""Share of second echoes that no sonar exceeds."""
+UNSTEERED = "the stick is never moved: the model has no input"
 MOST_TILT_RAD = 1.2
-"""Nothing that hangs on level rotors flies so for long; near a right angle roll and yaw are one."""
+"""Greatest usual tilt of a vehicle on level rotors. Near a right angle roll and yaw are one."""
 OUT_OF_MODEL_FACTOR = 1.6
 OUT_OF_MODEL_RATE_HZ = 20.0
 SLOW_HZ = 10.0
-"""A vehicle answers within a tenth of a second: read more seldom, most of the answer lies between."""
+"""Least rate of an instrument: a vehicle answers within a tenth of a second, so slower readings miss most of
+the answer."""
 SHOWN_BY = {
     "forward": (("pitch", "gyro_y", "velocity_x"), "attitude, gyro or speed"),
     "left": (("roll", "gyro_x", "velocity_y"), "attitude, gyro or speed"),
     "up": (("range", "accel_z"), "sonar or accelerometer"),
     "yaw": (("yaw", "gyro_z"), "attitude or gyro"),
 }
-"""Stick -> channels that show what it does, and the instruments."""
+"""Stick -> channels that show its effect, and their instruments in words."""
 
 
 HELD_HEADING = (
-    "a controller moves the turn stick, and what it knows beyond the instruments looks like an effect of the "
-    "stick: yaw_drag is not judged and other effects must be half as large again; fly a script for more"
+    "a controller moves the turn stick and uses more than the instruments, which looks like an effect "
+    "of the stick: yaw_drag is not judged, other effects must be half as large again; fly a script for more"
 )
 
 
 def usable_records(flights: Sequence[Flight], progress: Progress = silent) -> tuple[list[Record], list[str]]:
-    """Records of the flights that can be judged, and what was left out with the reason."""
+    """Return records of the flights that can be judged, and what was left out with the reason."""
     kept: list[Flight] = []
     records, dropped = [], []
-    # A hover tells of the instruments and of what lasts, and of the motion beside flights that are steered.
+    # A hover shows errors of the instruments and lasting effects; beside flights with stick motion it shows
+    # the motion too.
     steered = any(_is_steered(flight) for flight in flights)
     for flight in flights:
         clean, reasons = _without_dead_streams(flight)
@@ -102,7 +104,7 @@ def usable_records(flights: Sequence[Flight], progress: Progress = silent) -> tu
 
 
 def without_dead_streams(flights: Sequence[Flight]) -> tuple[list[Flight], list[str]]:
-    """The flights without streams that hold nothing, and what was left out with the reason."""
+    """Return the flights without constant or empty streams, and what was left out with the reason."""
     clean, dropped = [], []
     for flight in flights:
         alive, reasons = _without_dead_streams(flight)
@@ -112,7 +114,8 @@ def without_dead_streams(flights: Sequence[Flight]) -> tuple[list[Flight], list[
 
 
 def untested_reason(records: Sequence[Record], shown: Sequence[str]) -> str:
-    """Why flights could show next to nothing, and what would: ``shown`` are the effects that they could."""
+    """Explain why flights could show next to nothing. ``shown`` are the effects that they could have
+    shown."""
     some = f"no more than {', '.join(shown)}" if shown else "none"
     reasons = [f"of {len(CATALOGUE)} effects {some} would have shown at a usual size"]
     for stick, (channels, instruments) in SHOWN_BY.items():
@@ -128,7 +131,7 @@ def untested_reason(records: Sequence[Record], shown: Sequence[str]) -> str:
 
 
 def is_out_of_model(records: Sequence[Record], model: Model) -> bool:
-    """Whether the instruments' own figures are far from the model's: a vehicle of another make."""
+    """Whether the noise of the instruments is far from the model's: a vehicle of another make."""
     expected = _models_noise_std(model)
     for record in records:
         for kind in (ATTITUDE, VELOCITY, SONAR):
@@ -140,7 +143,7 @@ def is_out_of_model(records: Sequence[Record], model: Model) -> bool:
 
 
 def _models_noise_std(model: Model) -> Array:
-    """(channels,) of one reading of the model's own instruments."""
+    """Return (channels,) standard deviations of one reading of the model's own instruments."""
     root = np.sqrt(model.imu.rate_hz)
     return by_channel(
         model.imu.gyro_noise_density * root,
@@ -152,10 +155,10 @@ def _models_noise_std(model: Model) -> Array:
 
 
 def with_coarser_noise(record: Record, model: Model) -> Record:
-    """A foreign vehicle's record, judged no finer than the model's own instruments, 20 times a second.
+    """Return an out-of-model vehicle's record with noise no finer than the model's own instruments at 20 Hz.
 
-    What a maker calls noise is often the last digit of a smoothed figure: believed to that digit, that often,
-    the shape of one reply outweighs all that the model is for.
+    A maker's noise figure is often the last digit of a smoothed reading. Trusted to that digit, at that rate,
+    the form of one response outweighs everything that the model is for.
     """
     std = np.maximum(record.noise_std, _models_noise_std(model))
     for kind in range(len(WIDTH)):
@@ -167,7 +170,7 @@ def with_coarser_noise(record: Record, model: Model) -> Record:
 
 
 def _span_s(flight: Flight) -> tuple[float, float] | None:
-    """The first reading of all and the last; None where there are none."""
+    """Return the stamps of the first reading and the last; None where there are none."""
     streams = [s for s in (flight.imu, flight.attitude, flight.velocity, flight.sonar) if s is not None]
     if not streams:
         return None
@@ -175,7 +178,7 @@ def _span_s(flight: Flight) -> tuple[float, float] | None:
 
 
 def _pause(flight: Flight, record: Record) -> str:
-    """Where a record ends before its flight, in words; empty where it does not."""
+    """Describe where a record ends before its flight; empty where it does not."""
     span_s = _span_s(flight)
     if span_s is None or span_s[1] - record.duration_s <= LONGEST_GAP_S:
         return ""
@@ -201,7 +204,7 @@ def _unusable(flight: Flight) -> str:
 
 
 def _is_steered(flight: Flight) -> bool:
-    """Whether the stick is moved while there are readings."""
+    """Whether the stick moves while there are readings."""
     streams = [s for s in (flight.imu, flight.attitude, flight.velocity, flight.sonar) if s is not None]
     stamped = [s.stamps_s for s in streams if len(s.stamps_s)]
     if flight.command is None or not stamped:
@@ -213,8 +216,8 @@ def _is_steered(flight: Flight) -> bool:
 
 
 def _is_calm(flight: Flight) -> bool:
-    """Whether tilt, or else speed, and height stay where a hover's do: else the vehicle obeyed something
-    that was not logged."""
+    """Whether tilt (or else speed) and height stay within the ranges of a hover. If not, the vehicle obeyed
+    commands that were not logged."""
     level = [
         (flight.attitude.roll_pitch_yaw_rad[:, :2], CALM_RAD) if flight.attitude is not None else None,
         (flight.velocity.v_m_s[:, :2], CALM_M_S) if flight.velocity is not None else None,
@@ -226,12 +229,13 @@ def _is_calm(flight: Flight) -> bool:
 
 
 def _is_aloft(flight: Flight) -> bool:
-    """Whether a sonar shows that it flies: on the floor it is too near to see."""
+    """Whether a sonar shows that the vehicle flies: on the floor it is too near to see."""
     return flight.sonar is not None and np.isfinite(flight.sonar.range_m).mean() > 0.5
 
 
 def _spread(values: Array, tail: float = 0.01) -> float:
-    """From the first to the last share ``tail``, of the column where that is most; of too few, infinite."""
+    """Return the greatest range over columns between the quantiles ``tail`` and 1 - ``tail``; infinite for
+    too few rows."""
     values = values[np.isfinite(values).all(axis=1)]
     if len(values) < FEWEST_READINGS:
         return np.inf
@@ -239,8 +243,8 @@ def _spread(values: Array, tail: float = 0.01) -> float:
 
 
 def _without_dead_streams(flight: Flight) -> tuple[Flight, list[str]]:
-    """The flight without streams that hold nothing: empty, not finite, the same value all along, or an
-    attitude that lies on its side."""
+    """Return the flight without useless streams, and the reasons. A stream is useless if it is empty, not
+    finite or constant, or is an attitude that lies on its side."""
     reasons: list[str] = []
     changes: dict[str, None] = {}
     for name, values in _values(flight).items():

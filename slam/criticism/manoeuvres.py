@@ -1,4 +1,4 @@
-"""Safe manoeuvres of some seconds each: what the next flight may be made of, and healthy flights are.
+"""Safe manoeuvres of some seconds each, for the next flight and for simulated healthy flights.
 
 Each is a list of sticks held for a time: (seconds, forward, left, up, yaw). Every one comes back to a hover.
 """
@@ -27,7 +27,7 @@ def _pulse(size: float, time: float, coast: float, axis: int = 1) -> tuple[Stick
 
 
 def _turned(legs: Sequence[StickSegment], turn_s: float) -> tuple[StickSegment, ...]:
-    """The legs, a turn on the spot at half stick, and the legs again."""
+    """Return the legs, a turn on the spot at half stick, and the legs again."""
     return (*legs, (turn_s, 0.0, 0.0, 0.0, 0.5), REST, *legs)
 
 
@@ -132,11 +132,12 @@ MANOEUVRES: dict[str, tuple[StickSegment, ...]] = {
         *_pulse(0.3, 0.8, 1.0),
     ),
 }
-"""Name -> sticks."""
+"""Name -> stick segments."""
 
 
 def stick_for(names: Sequence[str], rest_s: float = 1.0) -> Stick:
-    """The manoeuvres one after the other, with a rest before and after."""
+    """Return the manoeuvres one after the other, with a rest of ``rest_s`` seconds before and of 1 s
+    after."""
     rows = [(rest_s, 0.0, 0.0, 0.0, 0.0), *(row for name in names for row in MANOEUVRES[name]), REST]
     table = np.array(rows)
     begin = np.concatenate([[0.0], np.cumsum(table[:, 0])])

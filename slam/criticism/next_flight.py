@@ -1,7 +1,7 @@
-"""The manoeuvre that would settle what these flights leave open: simulated, each from a healthy start.
+"""Choice of the manoeuvre that separates two causes best. Each is simulated with a healthy vehicle.
 
-Two terms are told apart by what is left of the first one's trace once the other's and the nuisances' are
-taken out: its size times the root of that information is the separation in sigmas.
+Of the first term's sensitivity, the part is used that remains once the other term and the nuisances are
+projected out. The size times the root of that information is the separation in sigmas.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from slam.simulation.model import Model
 
 _STREAMS = {IMU: "imu", ATTITUDE: "attitude", VELOCITY: "velocity", SONAR: "sonar"}
 TOLD_APART_SIGMA = 3.3
-"""Separation at which two terms are told apart in nineteen of twenty cases."""
+"""Separation at which two terms are distinguished in nineteen of twenty cases."""
 MOST_TIMES = 200
 
 
 def next_flight(
     records: Sequence[Record], model: Model, found: SearchResult, posterior: Posterior, progress: Progress
 ) -> str:
-    """What to fly next, in a sentence, for the first chosen term that another may stand in for; empty where
-    there is none."""
+    """Return advice on the next flight, in a sentence, for the first chosen term with alternatives; empty
+    where none has any."""
     known = [(e, a) for e, a in zip(found.chosen, posterior.alternatives, strict=True) if len(a) > 1]
     if not known:
         return ""
@@ -63,11 +63,11 @@ def telling_flight(
     seen: FeatureMatches | None = None,
     progress: Progress = silent,
 ) -> str:
-    """A sentence: which manoeuvre tells ``first``, of these sizes (columns,), from ``second`` best; empty
-    for a term that moves no mean.
+    """Return a sentence naming the manoeuvre that separates ``first``, with sizes (columns,), from ``second``
+    best.
 
-    Best for the time that it takes, with these ``kinds`` of instruments on board, and a camera as in what it
-    has ``seen``.
+    It is the best for the time that it takes, with these ``kinds`` of instruments and a camera as in
+    ``seen``. The sentence is empty for a term that moves no mean.
     """
     every = [direction_of(n) for n in MEAN_NUISANCES] + [*first.directions, *second.directions]
     names = [n.name for n in MEAN_NUISANCES] + [d.name for d in every[len(MEAN_NUISANCES) :]]
@@ -103,7 +103,8 @@ def telling_flight(
 
 
 def advice(first: str, second: str, motion: str, sigma: float) -> str:
-    """The sentence: by a ``motion`` (what one is asked to do) two terms are ``sigma`` apart each time."""
+    """Return the sentence for a ``motion`` (an instruction) that separates two terms by ``sigma`` each
+    time."""
     times = int(np.ceil((TOLD_APART_SIGMA / max(sigma, 1e-3)) ** 2))
     if times > MOST_TIMES:
         return f"No manoeuvre of the list tells {first} from {second}: another sensor must."
@@ -112,7 +113,8 @@ def advice(first: str, second: str, motion: str, sigma: float) -> str:
 
 
 def _precision(name: str, other: Effect, setting: FilterParameters) -> float:
-    """Of a column's prior: next to none of the other term's own, the nuisances that it frees among them."""
+    """Return the prior precision of a column: almost none for the other term and the nuisances that it
+    frees."""
     nuisance = {n.name: n for n in MEAN_NUISANCES}.get(name)
     if nuisance is None or name in other.relaxes:
         return 1e-9
@@ -120,7 +122,7 @@ def _precision(name: str, other: Effect, setting: FilterParameters) -> float:
 
 
 def _held(found: SearchResult, column: str) -> float:
-    """What the last belief holds of a column; of a nuisance, beyond the healthy vehicle's own."""
+    """Return the current value of a column; of a nuisance, its difference from the healthy vehicle's own."""
     nuisance = next((n for n in MEAN_NUISANCES if n.name == column), None)
     if nuisance is None:
         return found.last.quadratic.current.get(column, 0.0)

@@ -1,4 +1,4 @@
-"""The main loop of criticism: records, search, posterior, held-out gain, verdict."""
+"""Main loop of criticism: records, search, posterior, held-out gain, verdict."""
 
 from __future__ import annotations
 
@@ -64,20 +64,22 @@ from slam.simulation.model import Model, load_model
 
 SHOWN_PATTERNS = 8
 FEWEST_SHOWN = 5
-"""A tenth of the catalogue: of flights that would show fewer effects nobody can say that nothing is wrong."""
+"""Least number of effects that flights must be able to show for the verdict ``nothing_wrong``: a tenth of the
+catalogue."""
 CLOSED_LOOP = 1.5
-"""Times the thresholds where a controller flies: its sticks tell what it knows beyond the instruments."""
+"""Factor on the thresholds where a controller flies: its sticks contain more information than the
+instruments."""
 OUT_OF_MODEL = 2.0
-"""Times the thresholds: the equations of another vehicle are not held to the last sigma."""
+"""Factor on the thresholds of an out-of-model vehicle, whose equations are not those of the model."""
 
 
 def criticise(
     flights: Iterable[Flight], model: Model | str | Path = "nominal", progress: Progress = silent
 ) -> Criticism:
-    """Say what a model gets wrong about flights of one vehicle.
+    """Return what a model gets wrong about flights of one vehicle.
 
     Raises ``InputError`` for a model that cannot be read. Flights that cannot be judged are left out and
-    told; where none is left the verdict is ``unusable``.
+    reported. Where none is left the verdict is ``unusable``.
     """
     from threadpoolctl import threadpool_limits
 
@@ -94,7 +96,7 @@ def criticise(
 
 
 def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
-    """The verdict where there are command logs."""
+    """Return the verdict on flights with command logs."""
     records, dropped = usable_records(flights, progress)
     names = tuple(record.name for record in records)
     if not records:
@@ -105,7 +107,7 @@ def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) 
 
 
 def _without_commands(flights: Sequence[Flight], model: Model, progress: Progress) -> Criticism:
-    """The verdict without any command log."""
+    """Return the verdict on flights without command logs."""
     clean, dropped = without_dead_streams(flights)
     found = criticise_without_commands(clean, model, dropped, progress)
     if found is None:
@@ -116,29 +118,29 @@ def _without_commands(flights: Sequence[Flight], model: Model, progress: Progres
 
 @dataclass(frozen=True)
 class _Prepared:
-    """What the search starts from."""
+    """Inputs of the search."""
 
     records: list[Record]
     setting: FilterParameters
     limits: Thresholds
-    strays: list[str]
-    """Pictures that were left out, in words."""
-    odd: list[ReadingAnomaly]
-    """What was found of the readings themselves before any filter."""
+    mismatched: list[str]
+    """Descriptions of the pictures that were left out."""
+    anomalies: list[ReadingAnomaly]
+    """Anomalies of single readings that were found before any filter ran."""
 
 
 @dataclass(frozen=True)
 class _Explained:
-    """What the search came to."""
+    """Result of the search."""
 
     found: SearchResult
-    belief: FilterParameters
-    """With the chosen causes in it."""
+    parameters: FilterParameters
+    """Filter parameters with the chosen causes in them."""
     posterior: Posterior
     doubts: dict[str, str]
-    """Cause -> what speaks against it."""
+    """Cause -> description of what contradicts it."""
     best: RolloutFit | None
-    """Of a foreign vehicle: the sizes by roll-outs."""
+    """Sizes by roll-outs for an out-of-model vehicle, else None."""
 
 
 def _prepared(records: Sequence[Record], model: Model, progress: Progress) -> _Prepared:
@@ -146,17 +148,17 @@ def _prepared(records: Sequence[Record], model: Model, progress: Progress) -> _P
     setting = replace(filter_parameters_of(model), out_of_model=is_out_of_model(records, model))
     if setting.out_of_model:
         records = [with_coarser_noise(record, model) for record in records]
-        limits = limits.times(OUT_OF_MODEL, "this vehicle's equations are another's")
+        limits = limits.times(OUT_OF_MODEL, "the vehicle is not of the model's kind")
     elif any_holds_heading(records):
-        limits = limits.times(CLOSED_LOOP, "a controller's sticks tell more than its instruments")
-    records, strays = _filtered(records, setting, progress)
+        limits = limits.times(CLOSED_LOOP, "a controller's sticks contain more than its instruments measure")
+    records, mismatched = _filtered(records, setting, progress)
     records, late = without_jitter(records, setting) if not setting.out_of_model else (records, [])
-    records, odd = without_dead_zone(records)
-    odd = [*late, *odd]
+    records, anomalies = without_dead_zone(records)
+    anomalies = [*late, *anomalies]
     if not setting.out_of_model and quantisation_of(records) is None:
         records, steps = without_boxes(records, setting)
-        odd = [*odd, *steps]
-    return _Prepared(list(records), setting, limits, strays, odd)
+        anomalies = [*anomalies, *steps]
+    return _Prepared(list(records), setting, limits, mismatched, anomalies)
 
 
 def _explained(prepared: _Prepared, progress: Progress) -> _Explained:
@@ -166,26 +168,28 @@ def _explained(prepared: _Prepared, progress: Progress) -> _Explained:
     found = confirmed_terms(records, found, setting)
     posterior = posterior_of(found)
     likeliest = _likeliest(records, found, posterior)
-    belief = _belief(likeliest)
-    doubts, refuted = contradictions(records, setting, likeliest, belief)
-    told = likeliest
+    parameters = _fitted_parameters(likeliest)
+    doubts, refuted = contradictions(records, setting, likeliest, parameters)
+    reported = likeliest
     if refuted:
-        told = replace(told, chosen=tuple(e for e in told.chosen if e.name not in refuted))
-        belief = _belief(told)
+        reported = replace(reported, chosen=tuple(e for e in reported.chosen if e.name not in refuted))
+        parameters = _fitted_parameters(reported)
     best = None
-    if setting.out_of_model and told.chosen and len(records) > 1:
-        best = fit_rollouts(records, belief, told.first.setting, told, progress)
-        told, belief = replace(told, chosen=best.chosen), best.setting
-    return _Explained(told, belief, posterior if told is found else posterior_of(told), doubts, best)
+    if setting.out_of_model and reported.chosen and len(records) > 1:
+        best = fit_rollouts(records, parameters, reported.first.setting, reported, progress)
+        reported, parameters = replace(reported, chosen=best.chosen), best.setting
+    return _Explained(
+        reported, parameters, posterior if reported is found else posterior_of(reported), doubts, best
+    )
 
 
 def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Criticism:
     prepared = _prepared(records, model, progress)
     explained = _explained(prepared, progress)
     records, limits = explained.found.records, prepared.limits
-    found, belief, doubts, best = explained.found, explained.belief, explained.doubts, explained.best
+    found, parameters, doubts, best = explained.found, explained.parameters, explained.doubts, explained.best
     posterior = explained.posterior
-    odd = [*prepared.odd, *reading_anomalies(records, found.last.fisher.passes)]
+    anomalies = [*prepared.anomalies, *reading_anomalies(records, found.last.fisher.passes)]
     rolled_out = Tally(progress, "roll out", 2)
     with rolled_out.part():
         together = held_out(records, found, prepared.setting) if any(map(is_term, found.chosen)) else None
@@ -195,27 +199,30 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     pattern_z = with_misfit(limits.patterns, max((c.z for c in fitted), default=0.0))
     left_z = max((s.z for s in left[:1] if s.z > pattern_z), default=0.0)
     likely, faint = split_by_probability(fitted, found, posterior, doubts, left_z)
-    # What an oddity leaves of its term in streams that it cannot mend is the same cause.
-    likely = tuple(cause for cause in likely if cause.name not in {o.name for o in odd})
-    causes = by_importance([*likely, *(o.cause() for o in odd)])
+    # An anomaly of the readings may leave a part of its term in streams that it cannot mend: that is the same
+    # cause.
+    likely = tuple(cause for cause in likely if cause.name not in {o.name for o in anomalies})
+    causes = by_importance([*likely, *(o.cause() for o in anomalies)])
     pattern_z = with_misfit(limits.patterns, max((c.z for c in causes), default=0.0))
     verdict, equivalents, remainder = decide(
         causes, found, posterior, left, _left_over(records, explained, (causes, faint)), pattern_z,
-        [name for o in odd for name in ENTAILS.get(o.name, ())],
+        [name for o in anomalies for name in ENTAILS.get(o.name, ())],
     )  # fmt: skip
     seen = detectable(found.first, limits.effects)
     everything = seen | smallest_in_readings(records)
     if verdict == "nothing_wrong" and len(within_reach(seen)) < FEWEST_SHOWN:
         reason = untested_reason(records, list(within_reach(seen)))
         return Criticism(
-            "unusable", reason, dropped=tuple(prepared.strays), detectable=seen, threshold=limits.effects,
+            "unusable", reason, dropped=tuple(prepared.mismatched), detectable=seen, threshold=limits.effects,
             threshold_means=limits.meaning, model=model,
         )  # fmt: skip
     if verdict == "unknown" and not causes:
         remainder = "; ".join(part for part in (remainder, *_nearest(found, limits.effects)) if part)
     with rolled_out.part():
-        drawn = _covariate(records, belief, found, causes)
-    colour = {n: x for n, x in zip(INSTRUMENTS, belief.noise_correlation.tolist(), strict=True) if x > 0.0}
+        drawn = _covariate(records, parameters, found, causes)
+    colour = {
+        n: x for n, x in zip(INSTRUMENTS, parameters.noise_correlation.tolist(), strict=True) if x > 0.0
+    }
     return Criticism(
         verdict,
         sentence_of(verdict, causes, equivalents, remainder, everything, colour),
@@ -225,7 +232,9 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         next_flight(records, model, found, posterior, progress),
         detectable=everything,
         ranking=ranking(
-            found, posterior.probability | {c.name: c.probability for c in causes}, [o.cause() for o in odd]
+            found,
+            posterior.probability | {c.name: c.probability for c in causes},
+            [o.cause() for o in anomalies],
         ),
         confusable=confusable(found.first),
         patterns=tuple((s.effect.name, s.z) for s in left[:SHOWN_PATTERNS]),
@@ -233,39 +242,41 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         noise_correlation=colour,
         checks=checks(records, found.last),
         covariate=drawn,
-        dropped=tuple(prepared.strays),
+        dropped=tuple(prepared.mismatched),
         threshold=limits.effects,
         threshold_means=limits.meaning,
         model=model,
-        extended=extended_with_causes(causes, odd, model, belief, records),
-        unseen={} if together is None else _unseen(records, model, together, best, causes, odd),
+        extended=extended_with_causes(causes, anomalies, model, parameters, records),
+        unseen={} if together is None else _unseen(records, model, together, best, causes, anomalies),
     )
 
 
 def _covariate(
-    records: Sequence[Record], belief: FilterParameters, found: SearchResult, causes: Sequence[Cause]
+    records: Sequence[Record], parameters: FilterParameters, found: SearchResult, causes: Sequence[Cause]
 ) -> Covariate | None:
-    """Of the leading cause and its rival."""
+    """Return the covariates of the leading cause and its rival."""
     if not causes:
         return None
-    return covariate(records, belief, found, causes[0].name, causes[0].rival, causes[0].z)
+    return covariate(records, parameters, found, causes[0].name, causes[0].rival, causes[0].z)
 
 
 def _filtered(
     records: Sequence[Record], setting: FilterParameters, progress: Progress
 ) -> tuple[list[Record], list[str]]:
-    """The records beside a healthy run of each, and what pictures were left out as none of that run's."""
+    """Return the records with their reference runs under the healthy model, and descriptions of the pictures
+    that contradict these runs."""
     flights = Tally(progress, "filter", len(records))
 
     def prepared(record: Record) -> tuple[Record, str]:
         return without_mismatched_pairs(referred(record, setting), setting)
 
     found = in_threads(flights.counting(prepared), records)
-    return [record for record, _ in found], [told for _, told in found if told]
+    return [record for record, _ in found], [reported for _, reported in found if reported]
 
 
 def _likeliest(records: Sequence[Record], found: SearchResult, posterior: Posterior) -> SearchResult:
-    """The search with what is likelier in place of a chosen term, if any is: another term, or two."""
+    """Replace chosen terms by more probable ones, each by another term or by two, and return the search
+    result."""
     other = likelier_term(found, posterior)
     if other is not None:
         place, name = other
@@ -285,12 +296,12 @@ def _left_over(
     explained: _Explained,
     judged: tuple[Sequence[Cause], Sequence[Cause]],
 ) -> list[str]:
-    """What no cause explains, in words, but for shapes.
+    """Describe what no cause explains, residual patterns excepted.
 
-    ``judged``: the causes that are told, and those that are too faint.
+    ``judged``: the causes that are reported, and those that are too faint.
     """
     found, doubts, best = explained.found, explained.doubts, explained.best
-    told, faint = ({c.name for c in causes} for causes in judged)
+    reported, faint = ({c.name for c in causes} for causes in judged)
     passes = found.last.fisher.passes
     shaking, uneven = vibration_of(records, passes), uneven_of(records)
     saturations = [
@@ -300,8 +311,8 @@ def _left_over(
     ]
     return [
         *(f"{name} may be {' or '.join(found.rivals[name])}" for name in saturations),
-        *(f"{n if n in told else f'what looks like {n}'} {doubt}" for n, doubt in doubts.items()),
-        *(best.odd if best is not None else ()),
+        *(f"{n if n in reported else f'what looks like {n}'} {doubt}" for n, doubt in doubts.items()),
+        *(best.unhealthy if best is not None else ()),
         *([str(shaking)] if shaking else []),
         *([uneven] if uneven else []),
         *(f"what looks like {name} is something else" for name in faint if name not in doubts),
@@ -310,25 +321,27 @@ def _left_over(
 
 
 def _nearest(found: SearchResult, threshold: float) -> list[str]:
-    """The term that stands out most on the healthy vehicle, where it is half of what is asked for."""
+    """Describe the term with the greatest score test on the healthy vehicle, if it reaches half the
+    threshold."""
     known = [s for s in found.first.score_tests([], found.first.effects) if is_term(s.effect)]
     best = max(known, key=lambda s: s.z, default=None)
     if best is None or best.z < 0.5 * threshold:
         return []
-    return [f"nearest is {best.effect.name}, by {best.z:.1f} sigma where {threshold:.1f} are asked for"]
+    return [f"nearest is {best.effect.name}, by {best.z:.1f} sigma where {threshold:.1f} are required"]
 
 
-def _belief(found: SearchResult) -> FilterParameters:
+def _fitted_parameters(found: SearchResult) -> FilterParameters:
     return with_step(found.last, found.last.quadratic.maximise(found.chosen).whole, found.chosen)
 
 
 def _unseen(
     records: Sequence[Record], model: Model, together: HeldOut, best: RolloutFit | None,
-    causes: Sequence[Cause], odd: Sequence[ReadingAnomaly],
+    causes: Sequence[Cause], anomalies: Sequence[ReadingAnomaly],
 ) -> dict[str, Model]:  # fmt: skip
-    """For each flight the model that all others make; none where stretches were held out, of all flights."""
+    """Return for each flight the model fitted on all others; empty where segments of flights were held
+    out."""
     if together.by != "flight":
         return {}
     after = together.after if best is None else best.left_out
-    made = (extended_with_causes(causes, odd, model, belief, records) for belief in after)
+    made = (extended_with_causes(causes, anomalies, model, parameters, records) for parameters in after)
     return {record.name: extended for record, extended in zip(records, made, strict=True)}

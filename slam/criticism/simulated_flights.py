@@ -1,7 +1,8 @@
-"""Simulated flights of one vehicle for criticism itself: healthy ones to calibrate on.
+"""Simulated flights of one healthy vehicle, on which criticism is calibrated.
 
-What may differ between healthy vehicles is drawn within its range; noise of the instruments is Gaussian or
-has Student's tails with four degrees of freedom and the same standard deviation, in the vehicle's own colour.
+Each quantity that differs between healthy vehicles is drawn within its range. Instrument noise is Gaussian or
+has Student's tails with four degrees of freedom and the same standard deviation. It has the vehicle's own
+AR(1) coefficients.
 """
 
 from __future__ import annotations
@@ -26,22 +27,22 @@ from slam.simulation.stick import Stick
 Array = NDArray[np.float64]
 
 START_M = (1.2, 1.8)
-"""Range of the height that flights start at."""
+"""Range of initial heights."""
 ROOM_M = 60.0
 ROUND_M, TEXEL_M = 2.0, 0.004
-"""Floor around the way that is filmed, and its grain."""
+"""Margin of floor around the filmed path, and its resolution."""
 STUDENT_DEGREES = 4
 
 
 def at_lower_rates(model: Model) -> Model:
-    """The model with half the readings of its fastest instruments: half the work."""
+    """Return the model with half the reading rate of its fastest instruments, which halves the work."""
     return replace(
         model, imu=replace(model.imu, rate_hz=100.0), attitude=replace(model.attitude, rate_hz=50.0)
     )
 
 
 def draw_vehicle(model: Model, rng: np.random.Generator) -> Model:
-    """A healthy vehicle of a model's kind."""
+    """Draw a healthy vehicle of a model's kind."""
 
     def about(x: float, reach: float) -> float:
         return float(x * (1 + rng.uniform(-reach, reach)))
@@ -82,7 +83,7 @@ def draw_vehicle(model: Model, rng: np.random.Generator) -> Model:
 
 
 def draw_plan(duration_s: float, rng: np.random.Generator) -> list[str]:
-    """Names of manoeuvres that together last about so long."""
+    """Draw names of manoeuvres that together last about ``duration_s``."""
     names, total = [], 0.0
     every = [n for n, rows in MANOEUVRES.items() if sum(row[0] for row in rows) < duration_s / 2]
     while total < duration_s:
@@ -99,7 +100,8 @@ def simulate_flight(
     student: bool = False,
     camera: CameraModel | None = None,
 ) -> Flight:
-    """One flight of a vehicle, described by the nominal figures of ``told`` as a maker would."""
+    """Simulate one flight of a vehicle. Its reported noise figures are those of ``told``, as a maker would
+    state them."""
     rng = np.random.default_rng((seed, 7))
     start = at_rest(0.0, 0.0, float(rng.uniform(*START_M)), float(rng.uniform(-np.pi, np.pi)))
     noise = draw_model_noise(model, step_count(stick.duration_s), (rng, np.random.default_rng((seed, 8))))
@@ -112,7 +114,8 @@ def simulate_flight(
 def simulate_readings(
     model: Model, maker: Model, motion: Trajectory, student: bool, seed: int, rng: np.random.Generator
 ) -> Flight:
-    """What the instruments read of a motion, with the vehicle's noise and its maker's word for it."""
+    """Simulate the readings of a motion, with the vehicle's noise and the reported noise figures of
+    ``maker``."""
     slope = model.vector("floor_slope")
     world = World(extent_m=(-ROOM_M, -ROOM_M, ROOM_M, ROOM_M), slope=(float(slope[0]), float(slope[1])))
     silent = replace(
@@ -161,7 +164,7 @@ def simulate_readings(
 
 
 def _filmed(flight: Flight, motion: Motion, camera: CameraModel, seed: int) -> Flight:
-    """With pictures of a floor that is as large as the flight."""
+    """Return the flight with pictures of a floor as large as the flight."""
     x, y = motion.states[:, :2].T
     extent_m = (x.min() - ROUND_M, y.min() - ROUND_M, x.max() + ROUND_M, y.max() + ROUND_M)
     rng = np.random.default_rng((seed, 9))
@@ -185,7 +188,7 @@ def healthy_case(
     student: bool = False,
     camera: CameraModel | None = None,
 ) -> list[Flight]:
-    """Flights of one healthy vehicle under drawn plans."""
+    """Simulate flights of one healthy vehicle with random manoeuvres."""
     rng = np.random.default_rng(seed)
     vehicle = draw_vehicle(model, rng)
     seeds: Sequence[int] = rng.integers(1, 2**31, flights).tolist()

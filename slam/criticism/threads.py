@@ -1,4 +1,4 @@
-"""Work on several flights side by side: the filter's kernels free the interpreter."""
+"""Threads for work on several flights: the filter's kernels release the interpreter lock."""
 
 from __future__ import annotations
 
@@ -12,6 +12,6 @@ Output = TypeVar("Output")
 
 
 def in_threads(job: Callable[[Input], Output], inputs: Sequence[Input]) -> list[Output]:
-    """The jobs' results in order."""
+    """Return the results of ``job`` for each input, in order."""
     with ThreadPoolExecutor(WORKERS) as pool:
         return list(pool.map(job, inputs))

@@ -1,7 +1,7 @@
-"""A look at the flights under a belief: how far each effect stands out, alone and beside others.
+"""Second-order expansion of the likelihood about filter parameters, and score tests of every effect.
 
-Everything is linear about the belief here: one run of the filter with all traces, one for each change of the
-restlessness, and the rest is algebra on their sums.
+The innovations are linearised about the parameters. One run of the filter gives all sensitivities, one more
+run each change of the process noise. The rest is algebra on the Fisher information.
 """
 
 from __future__ import annotations
@@ -35,12 +35,13 @@ from slam.criticism.threads import in_threads
 from slam.simulation.terms import CATALOGUE
 
 NAMED_FIRST = 0.8
-"""A constant out of its range, or a late reading, must explain more than a term of the catalogue."""
+"""Share of its nats that counts for a constant out of its range or a delayed reading, which must explain more
+than a term of the catalogue."""
 
 
 @dataclass(frozen=True)
 class ScoreTest:
-    """How far one effect stands out beside those already chosen."""
+    """Score test of one effect beside those already chosen."""
 
     effect: Effect
     nats: float
@@ -48,32 +49,33 @@ class ScoreTest:
 
     @property
     def worth(self) -> float:
-        """Nats less what its numbers cost; of what no term is, and says not why, fewer."""
+        """Nats less the cost of the parameters. An effect that is no term counts less, as it names no
+        reason."""
         share = 1.0 if self.effect.name in CATALOGUE else NAMED_FIRST
         return share * self.nats - parameter_cost(len(self.effect.columns))
 
 
 @dataclass(frozen=True)
 class LikelihoodExpansion:
-    """All that the flights say about one belief."""
+    """Second-order expansion of the likelihood of the flights about filter parameters."""
 
     setting: FilterParameters
     fisher: FisherInformation
     quadratic: QuadraticLikelihood
     effects: tuple[Effect, ...]
-    """Every effect with columns in the sums, relaxed nuisances included."""
+    """Every effect with columns in the Fisher information, relaxed nuisances included."""
     patterns: tuple[Effect, ...]
-    """The dictionary; of a foreign vehicle readings that come late, too."""
+    """The bank of residual patterns; for an out-of-model vehicle delayed readings, too."""
 
     def own(self, effect: Effect) -> Effect:
-        """The same effect with this look's columns."""
+        """Return the same effect with this expansion's columns."""
         for candidate in self.effects:
             if candidate.label == effect.label:
                 return candidate
         return next(c for c in self.effects if c.name == effect.name)
 
     def score_tests(self, chosen: Sequence[Effect], among: Sequence[Effect]) -> list[ScoreTest]:
-        """Each effect's nats and z on top of the chosen ones, greatest nats after their cost first."""
+        """Return score tests of effects beside the chosen ones, greatest nats after their cost first."""
         base = self.quadratic.maximise(chosen).nats
         found = []
         for effect in among:
@@ -91,7 +93,7 @@ def expand(
     setting: FilterParameters,
     chosen: Sequence[Effect] = (),
 ) -> LikelihoodExpansion:
-    """One pass over the flights with every direction and change."""
+    """Expand the likelihood with every perturbation and noise change, in one pass over the flights."""
     plain = in_threads(lambda record: whole(record, setting), records)
     both = zip(records, plain, strict=True)
     signals = [signals_of(record, run.states, k, len(records)) for k, (record, run) in enumerate(both)]
@@ -118,7 +120,7 @@ def expand(
 
 
 def backwards(effect: Effect, expansion: LikelihoodExpansion, maximum: Maximum) -> bool:
-    """Whether a size would have to be negative that never is, or far beyond what there is."""
+    """Whether a non-negative size would be negative, or a size lies far beyond its plausible range."""
     step, covariance = maximum.of(expansion.quadratic.index(effect.columns))
     held = np.array([expansion.quadratic.current.get(column, 0.0) for column in effect.columns])
     if effect.positive and step[0] + held[0] < 0:

@@ -1,10 +1,10 @@
-"""What all later questions need of the flights: sums of products of innovations and traces.
+"""Fisher information and score of the flights: sums of products of innovations and sensitivities.
 
-A column is a direction (it moves the mean of the innovations) or a change of the restlessness (it moves their
-variance, and through the gains their mean). With e the whitened innovation, a the trace of the mean and l the
-change of the logarithm of the variance, the score is sum(a e + (e^2 - 1) l / 2) and the information
-sum(a a' + l l' / 2): a Gaussian likelihood to second order. Tails heavier than Gaussian leave the first part
-as it is; the second is weighted down by the variance that e^2 really has.
+A column is a perturbation, which moves the mean of the innovations, or a change of the process noise, which
+moves their variance and, through the gains, their mean. Let e be the whitened innovation, a the sensitivity
+of the mean and l the change of the logarithm of the variance. The score is sum(a e + (e^2 - 1) l / 2). The
+information is sum(a a' + l l' / 2), a Gaussian likelihood to second order. Tails heavier than Gaussian leave
+the first part as it is. The second is weighted down by the true variance of e^2.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CUT = 9.0
-"""e^2 beyond this counts as this in the variance's score: one outlier is not a change of variance."""
+"""Limit of e^2 in the variance's score: one outlier is not a change of variance."""
 STRETCH_S = 10.0
 ENOUGH_S = 200.0
 PARTED = 0.1
@@ -37,48 +37,50 @@ PARTED = 0.1
 
 @dataclass(frozen=True)
 class NoiseChange:
-    """A change of the restlessness, by a difference of two runs of the filter."""
+    """A change of the process noise, as the difference of two runs of the filter."""
 
     name: str
     apply: Callable[[FilterParameters], FilterParameters]
     step: float
     everywhere: bool = True
-    """Or else only in the first flights, of ``ENOUGH_S`` together: it shows in all alike."""
+    """Whether it is computed for all flights. If not, only for the first ones of ``ENOUGH_S`` together, as it
+    shows in all alike."""
 
 
 def gain_column(name: str) -> str:
-    """Column of what a change of the restlessness does to the mean alone: how much the filter believes."""
+    """Return the name of the column of a noise change's effect on the mean alone: the trust that the filter's
+    gains express."""
     return f"weight of {name}"
 
 
 @dataclass(frozen=True)
 class FisherInformation:
-    """Per stretch of the flights: score and information of all columns."""
+    """Score and Fisher information of all columns, for each segment of the flights."""
 
     columns: tuple[str, ...]
     flight: NDArray[np.int64]
-    """(stretches,) which flight each belongs to."""
+    """(segments,) number of the flight."""
     information: Array
-    """(stretches, p, p)."""
+    """(segments, p, p)."""
     score: Array
-    """(stretches, p)."""
+    """(segments, p)."""
     log_likelihood: Array
-    """(stretches,)."""
+    """(segments,)."""
     passes: tuple[FilterPass, ...]
-    """The plain run of each flight."""
+    """Run of each flight under the parameters themselves."""
     readings: tuple[int, ...]
-    """Of each flight, how many of its stretches are readings; one more is its pictures."""
+    """Number of segments of readings, for each flight; one more holds its pictures."""
 
 
 class _Changed(NamedTuple):
-    """What changes do to the innovations, by a unit of each: (events, 6, changes)."""
+    """Derivatives of the innovations by each noise change: (events, 6, changes)."""
 
     mean: Array
     log_variance: Array
 
 
 class _VarianceWeight(NamedTuple):
-    """How far squared innovations e^2, cut at ``CUT``, are believed to tell of the variance: (channels,)."""
+    """Weight of squared innovations e^2, cut at ``CUT``, as evidence of the variance: (channels,)."""
 
     share: Array
     """2 over the variance of e^2, at most 1: less where tails are heavy."""
@@ -95,10 +97,10 @@ def fisher_information(
     plain: Sequence[FilterPass] = (),
     weighed: Sequence[str] = (),
 ) -> FisherInformation:
-    """Run the filter over the flights, once with all directions and once for each change.
+    """Run the filter over the flights, once with all perturbations and once for each noise change.
 
-    ``plain`` are runs under ``setting`` itself, where they are known already. Of the changes ``weighed``
-    what they do to the mean is one more column, by ``weight_of`` their names.
+    ``plain`` are runs under ``setting`` itself, where they are known already. Each change in ``weighed`` adds
+    one column, named by ``gain_column``: its effect on the mean.
     """
     if changes and not plain:
         plain = in_threads(lambda record: whole(record, setting), records)
@@ -133,13 +135,13 @@ def fisher_information(
 
 
 _Summed: TypeAlias = tuple[Array, Array, float]
-"""Information (p, p), score (p,) and log likelihood of a stretch."""
+"""Information (p, p), score (p,) and log likelihood of a segment."""
 
 
 def _sighted(
     record: Record, setting: FilterParameters, directions: Sequence[Perturbation], changes: int
 ) -> list[_Summed]:
-    """The pictures as one more stretch: given the readings they are independent of all innovations."""
+    """Return the pictures as one more segment: given the readings they are independent of all innovations."""
     if record.matches is None:
         return []
     seen, p = reprojection_score(record, record.matches, setting, directions), len(directions) + changes
@@ -152,7 +154,7 @@ def _sighted(
 def _stretch_sums(
     record: Record, run: Run, changed: _Changed, apart: Ints, weight: _VarianceWeight
 ) -> Iterator[_Summed]:
-    """Of each stretch of a flight."""
+    """Yield information, score and log likelihood of each segment of a flight."""
     moved, widened = changed.mean, changed.log_variance
     for rows in run.stretches(STRETCH_S):
         column = rows.channels - CHANNEL_AT[record.kinds[rows.events], 0]
@@ -169,18 +171,19 @@ def _stretch_sums(
 
 
 def _unchanged(record: Record) -> _Changed:
-    """Of no changes at all."""
+    """Return the derivatives of no changes."""
     none = np.zeros((len(record.times_s), 6, 0))
     return _Changed(none, none)
 
 
 def _difference(plain: FilterPass, others: Sequence[FilterPass], steps: Array) -> _Changed:
-    """Of other runs against the plain one; 0 where a reading was not used in both."""
+    """Return the differences of other runs from the plain one; 0 where a reading was not used in both."""
     shape = (*plain.white.shape, len(others))
     moved, widened = np.zeros(shape), np.zeros(shape)
     for k, other in enumerate(others):
         used = (plain.status == USED) & (other.status == USED)
-        # Where one run takes an outlier that the other leaves they part for good: no slope tells of that.
+        # Where one run uses an outlier that the other rejects, they differ for good, and the slope is
+        # meaningless.
         used &= np.abs(plain.white - other.white) < PARTED * (1.0 + np.abs(plain.white))
         wider = other.log_variance[used] - plain.log_variance[used]
         moved[used, k] = (plain.white[used] - other.white[used] * np.exp(0.5 * wider)) / steps[k]
@@ -189,7 +192,7 @@ def _difference(plain: FilterPass, others: Sequence[FilterPass], steps: Array) -
 
 
 def _variance_weight(records: Sequence[Record], plain: Sequence[FilterPass]) -> _VarianceWeight:
-    """From the plain runs; of none, a Gaussian's."""
+    """Return the weights from the plain runs; without runs, those of a Gaussian."""
     weight = np.ones(len(CHANNELS))
     mean = np.full(len(CHANNELS), _CUT_MEAN)
     squares: list[list[Array]] = [[] for _ in CHANNELS]
@@ -206,7 +209,7 @@ def _variance_weight(records: Sequence[Record], plain: Sequence[FilterPass]) -> 
 
 
 def _cut_mean() -> float:
-    """E[min(e^2, CUT)] of a standard normal e."""
+    """Return E[min(e^2, CUT)] of a standard normal e."""
     from math import erf, exp, pi, sqrt
 
     c = sqrt(CUT)

@@ -1,9 +1,9 @@
-"""Hypotheses on the sums: what each set of terms explains, in nats, with the nuisances fitted anew.
+"""Quadratic likelihood: what each set of terms explains, in nats, with the nuisances fitted anew.
 
-At one belief the log likelihood is a parabola in all columns, b d - d G d / 2. A hypothesis frees the
-nuisances (within their priors) and the columns of its terms; the columns of terms that the belief already
-holds but the hypothesis does not are put back to nothing. A nuisance is drawn to the middle of its healthy
-range as a uniform draw's variance says, and pulled back hard from beyond it, unless it is relaxed.
+About one set of filter parameters the log likelihood is quadratic in all columns, b d - d G d / 2. A
+hypothesis frees the nuisances, within their priors, and the columns of its terms. Terms that the parameters
+include but the hypothesis does not are set back to zero. A nuisance has the variance of a uniform prior over
+its healthy range. A stiff penalty acts beyond the range, unless the nuisance is relaxed.
 """
 
 from __future__ import annotations
@@ -34,26 +34,26 @@ EDGE = 0.05
 """Softness of the edge of a healthy range, as a share of its half width."""
 RIDGE = 1e-9
 SEEN = 1e-16
-"""Information below this is rounding: the flights do not show the column at all."""
+"""Information below this is rounding error: the flights do not show the column."""
 
 
 @dataclass(frozen=True)
 class Maximum:
-    """A hypothesis at its best."""
+    """Maximum of the likelihood under a hypothesis."""
 
     nats: float
-    """Above the belief that the sums were taken at, priors included."""
+    """Nats above the expansion point, priors included."""
     columns: Ints
-    """Free columns: the nuisances, then those of the terms."""
+    """Indices of the free columns: the nuisances, then those of the terms."""
     step: Array
-    """(free,) from the belief."""
+    """(free,) step from the expansion point."""
     covariance: Array
     """(free, free)."""
     whole: Array
-    """(all columns,) the step with the terms it does without put back."""
+    """(all columns,) the step, with the excluded terms set back to zero."""
 
     def of(self, columns: Ints) -> tuple[Array, Array]:
-        """Step and covariance of some of the free columns."""
+        """Return step and covariance of some of the free columns."""
         place = {int(c): k for k, c in enumerate(self.columns)}
         at = [place[int(c)] for c in columns]
         return self.step[at], self.covariance[np.ix_(at, at)]
@@ -61,37 +61,40 @@ class Maximum:
 
 @dataclass(frozen=True)
 class QuadraticLikelihood:
-    """The log likelihood about one belief."""
+    """The log likelihood as a quadratic function about one set of filter parameters."""
 
     columns: tuple[str, ...]
     names: tuple[str, ...]
-    """Columns of the nuisances."""
+    """Names of the nuisances' columns."""
     information: Array
     score: Array
     at: Array
-    """(nuisances,) of the belief."""
+    """(nuisances,) values at the expansion point."""
     limits: Array
     """(nuisances, 2) healthy ranges."""
     precision: Array
-    """(nuisances,)."""
+    """(nuisances,) prior precision."""
     current: dict[str, float]
-    """Column -> value that the belief already holds of it."""
+    """Column -> value at the expansion point."""
 
     @cached_property
     def _place(self) -> dict[str, int]:
         return {name: k for k, name in enumerate(self.columns)}
 
     def index(self, names: Sequence[str]) -> Ints:
-        """Columns of these names."""
+        """Return the indices of these columns."""
         return np.array([self._place[name] for name in names], dtype=np.int64)
 
     def _among(self, relaxed: Sequence[str]) -> NDArray[np.bool_]:
-        """(nuisances,) which are in a list."""
+        """Return (nuisances,) whether each is in a list."""
         return np.array([name in relaxed for name in self.names])
 
     def maximise(self, effects: Sequence[Effect], reach: dict[str, float] | None = None) -> Maximum:
-        """The best of a set of terms; sizes of the columns in ``reach`` are drawn to 0 with these standard
-        deviations, all others are free."""
+        """Return the maximum for a set of terms.
+
+        Columns in ``reach`` have a Gaussian prior about 0 with these standard deviations; all others are
+        free.
+        """
         names = [c for e in effects for c in e.columns if c not in self.names]
         loose = self._among([c for e in effects for c in e.relaxes])
         fixed = np.zeros(len(self.score))
@@ -114,17 +117,18 @@ class QuadraticLikelihood:
         return Maximum(nats, free, step, covariance, whole)
 
     def penalty_at_belief(self, relaxed: Sequence[str] = ()) -> float:
-        """The prior's own nats at the belief, to be taken off its log likelihood."""
+        """Return the prior's penalty in nats at the expansion point, to be subtracted from its log
+        likelihood."""
         return self._penalty(np.zeros(len(self.names)), self._among(relaxed))
 
     def nats_at(self, step: Array) -> float:
-        """Log likelihood, without priors, at a step of all columns."""
+        """Return the log likelihood, without priors, at a step of all columns."""
         return float(self.score @ step - 0.5 * step @ self.information @ step)
 
     def predicted(self, other: Maximum) -> float:
-        """Log likelihood of these flights as others predict it, averaged over what those leave open.
+        """Return the log likelihood of these flights as predicted by others, averaged over their uncertainty.
 
-        A Gaussian integral over the free columns about ``other``'s step, with its covariance.
+        It is a Gaussian integral over the free columns about the step of ``other``, with its covariance.
         """
         free = other.columns
         a = self.information[np.ix_(free, free)]
@@ -137,12 +141,13 @@ class QuadraticLikelihood:
         return self.nats_at(other.whole) + float(average)
 
     def _peak(self, a: Array, b: Array, loose: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Step to the most probable values and their covariance; at the edges by active sets."""
+        """Return the step to the most probable values and their covariance; an active-set method handles the
+        edges."""
         count = len(self.names)
         half = (self.limits[:, 1] - self.limits[:, 0]) / 2
         precision = np.where(loose, 1e-4, 1.0) * self.precision
         edge = 1.0 / (EDGE * half) ** 2
-        # What the flights do not show at all stays as it is believed.
+        # A nuisance that the flights do not show at all keeps its value.
         drawn = precision * (np.diag(a)[:count] > SEEN)
         side = np.zeros(count)
         for _ in range(6):
@@ -180,7 +185,7 @@ def quadratic_likelihood(
     stretches: NDArray[np.bool_] | None = None,
     nuisances: Sequence[Nuisance] = (*NUISANCES, *GAIN_NUISANCES),
 ) -> QuadraticLikelihood:
-    """The parabola over some stretches of the flights, by default all."""
+    """Return the quadratic likelihood over some segments of the flights, by default all."""
     share = np.ones(len(fisher.score)) if stretches is None else np.asarray(stretches, dtype=float)
     return QuadraticLikelihood(
         fisher.columns,

@@ -48,7 +48,7 @@ class Consistency:
 
 
 def consistencies(
-    records: Sequence[Record], model: FilterParameters, belief: FilterParameters, chosen: Sequence[Effect]
+    records: Sequence[Record], model: FilterParameters, parameters: FilterParameters, chosen: Sequence[Effect]
 ) -> list[tuple[Consistency, ...]]:
     """For each chosen effect that moves the mean of the readings; none for the others.
 
@@ -59,7 +59,7 @@ def consistencies(
     precision[: len(MEAN_NUISANCES)] = [prior_precision(n, model) for n in MEAN_NUISANCES]
 
     def one(k: int) -> tuple[Array, Array, Ints]:
-        rows = list(stretches(records[k], belief, directions))
+        rows = list(stretches(records[k], parameters, directions))
         events = np.concatenate([r.events for r in rows])
         time = (records[k].times_s[events] // STRETCH_S).astype(np.int64)
         channels = np.concatenate([r.channels for r in rows])
@@ -112,14 +112,14 @@ def _consistency(
 
 
 def contradictions(
-    records: Sequence[Record], model: FilterParameters, found: SearchResult, belief: FilterParameters
+    records: Sequence[Record], model: FilterParameters, found: SearchResult, parameters: FilterParameters
 ) -> tuple[dict[str, str], set[str]]:
     """What is told of causes whose parts do not agree, by name; and those that explain less than they
     contradict themselves. Of a foreign vehicle every cause does: its equations are another's.
     """
     chosen = [with_free_value(e) for e in found.chosen]
     told, refuted = {}, set()
-    for effect, parts in zip(found.chosen, consistencies(records, model, belief, chosen), strict=True):
+    for effect, parts in zip(found.chosen, consistencies(records, model, parameters, chosen), strict=True):
         worst = max(parts, key=lambda a: a.z, default=None)
         rest = [e for e in found.chosen if e is not effect]
         whole = found.last.score_tests(rest, [effect])[0]

@@ -56,7 +56,12 @@ class Covariate:
 
 
 def covariate(
-    records: Sequence[Record], belief: FilterParameters, found: SearchResult, cause: str, rival: str, z: float
+    records: Sequence[Record],
+    parameters: FilterParameters,
+    found: SearchResult,
+    cause: str,
+    rival: str,
+    z: float,
 ) -> Covariate | None:
     """The covariates of ``cause``, one of the chosen, which stands out by ``z``, and of its ``rival``; None
     where roll-outs do not show the cause.
@@ -73,12 +78,12 @@ def covariate(
     def believed(effects: list[Effect]) -> FilterParameters:
         if z < LINEAR_Z and not is_saturation(effect):
             return with_step(found.last, found.last.quadratic.maximise(effects).whole, effects)
-        return refit(short, found.model, without_effect(effect, belief), effects)[1]
+        return refit(short, found.model, without_effect(effect, parameters), effects)[1]
 
-    settings = {"": believed(rest), cause: belief}
+    settings = {"": believed(rest), cause: parameters}
     if other is not None:
         settings[rival] = believed([*rest, other])
-    states = in_threads(lambda record: whole(record, belief).states, short)
+    states = in_threads(lambda record: whole(record, parameters).states, short)
     missed = {
         name: [misses_of(r, s, setting, AHEAD_S, 1.0) for r, s in zip(short, states, strict=True)]
         for name, setting in settings.items()

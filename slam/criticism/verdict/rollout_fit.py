@@ -64,7 +64,7 @@ class RolloutFit:
     """For each flight, the belief by the others."""
     nats: dict[str, tuple[float, ...]]
     """Term -> what it gains in each flight, predicted from the others."""
-    odd: tuple[str, ...] = ()
+    unhealthy: tuple[str, ...] = ()
     """What of the vehicle's constants is not healthy, or would not be but for a term, in words."""
 
 
@@ -92,7 +92,7 @@ class _Fit:
 
 def fit_rollouts(
     records: Sequence[Record],
-    belief: FilterParameters,
+    parameters: FilterParameters,
     healthy: FilterParameters,
     found: SearchResult,
     progress: Progress = silent,
@@ -102,8 +102,8 @@ def fit_rollouts(
 
     ``healthy`` is the belief without any cause: its misses are the measure.
     """
-    course = _Rollouts(records, belief, healthy, found.model, progress)
-    chosen, fit = _extended(course, found, course.fitted(belief, found.chosen))
+    course = _Rollouts(records, parameters, healthy, found.model, progress)
+    chosen, fit = _extended(course, found, course.fitted(parameters, found.chosen))
     chosen, fit, without = _needed(course, chosen, fit, found.model)
     off = fit.steps - fit.steps.mean(axis=0)
     std = np.sqrt((1.0 - 1.0 / len(records)) * (off**2).sum(axis=0))
@@ -112,13 +112,13 @@ def fit_rollouts(
     beyond = [n for n in _FREE if _is_beyond(n, fit.setting, found.model, spread[n.name])]
     if any(n.name == LAG_CONSTANT for n in beyond):
         chosen += [e for e in found.last.effects if e.name == LAG][:1]
-    odd = [_in_words(n, fit.setting, found.model) for n in beyond if n.name != LAG_CONSTANT]
+    unhealthy = [_in_words(n, fit.setting, found.model) for n in beyond if n.name != LAG_CONSTANT]
     for effect in [e for e in chosen if e.label in without and not fit.better_than(without[e.label])]:
-        odd += [
+        unhealthy += [
             f"{effect.name} may be that {_in_words(n, without[effect.label].setting, found.model)}"
             for n in _instead(fit, without[effect.label], found.model)
         ]
-    return RolloutFit(fit.setting, tuple(chosen), spread, fit.left_out, nats, tuple(odd))
+    return RolloutFit(fit.setting, tuple(chosen), spread, fit.left_out, nats, tuple(unhealthy))
 
 
 def _extended(course: _Rollouts, found: SearchResult, fit: _Fit) -> tuple[list[Effect], _Fit]:
@@ -219,14 +219,14 @@ class _Rollouts:
     def __init__(
         self,
         records: Sequence[Record],
-        belief: FilterParameters,
+        parameters: FilterParameters,
         healthy: FilterParameters,
         model: FilterParameters,
         progress: Progress = silent,
     ) -> None:
         self._records, self._model = records, model
         self._rounds = Tally(progress, "fly ahead")
-        self._states = in_threads(lambda record: whole(record, belief).states, records)
+        self._states = in_threads(lambda record: whole(record, parameters).states, records)
         misses = [self._misses(k, healthy) for k in range(len(records))]
         pooled = {c: np.concatenate([flight[c] for flight in misses]) for c in BEYOND_IMU}
         seen = {c: m for c, m in pooled.items() if len(m)}
@@ -297,7 +297,9 @@ class _Rollouts:
             others = [j for j in range(len(left)) if j != k]
             apart.append(h * _solved([slope[j] for j in others], [left[j] for j in others], DAMPING))
         beliefs = [_taken(setting, columns, step) for step in apart]
-        missed = [[_squares([c]) for c in self._by_channel(k, belief)] for k, belief in enumerate(beliefs)]
+        missed = [
+            [_squares([c]) for c in self._by_channel(k, parameters)] for k, parameters in enumerate(beliefs)
+        ]
         return _Fit(setting, columns, tuple(beliefs), np.array(apart), np.array(missed))
 
 

@@ -27,7 +27,9 @@ IN_SINGLE_READINGS = (
 TENTHS = 10
 
 
-def ranking(found: SearchResult, probability: dict[str, float], odd: Sequence[Cause]) -> tuple[Rank, ...]:
+def ranking(
+    found: SearchResult, probability: dict[str, float], anomalies: Sequence[Cause]
+) -> tuple[Rank, ...]:
     """All terms, "nothing" and "something else", by probability and by how far each stands out alone.
 
     ``odd``: the causes that single readings show.
@@ -36,13 +38,15 @@ def ranking(found: SearchResult, probability: dict[str, float], odd: Sequence[Ca
     for test in found.first.score_tests([], found.first.effects):
         if is_term(test.effect):
             z[test.effect.name] = max(z.get(test.effect.name, 0.0), test.z)
-    return ranked(z, probability, odd)
+    return ranked(z, probability, anomalies)
 
 
-def ranked(z: dict[str, float], probability: dict[str, float], odd: Sequence[Cause]) -> tuple[Rank, ...]:
+def ranked(
+    z: dict[str, float], probability: dict[str, float], anomalies: Sequence[Cause]
+) -> tuple[Rank, ...]:
     """Terms by their ``z``, and those that only single readings show: nothing is wrong if there is none of
     these either."""
-    seen = {cause.name: cause for cause in odd}
+    seen = {cause.name: cause for cause in anomalies}
     healthy = float(np.prod([1.0 - cause.probability for cause in seen.values()]))
     probability = probability | {NOTHING: healthy * probability.get(NOTHING, 0.0)}
     z = {name: seen[name].z if name in seen else 0.0 for name in IN_SINGLE_READINGS} | z

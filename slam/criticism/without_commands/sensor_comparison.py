@@ -30,7 +30,7 @@ class SensorComparison:
     """Of each flight what it read in the air, with its pictures; None where nobody can tell that it flew."""
     setting: FilterParameters
     """A free vehicle's."""
-    odd: tuple[ReadingAnomaly, ...]
+    anomalies: tuple[ReadingAnomaly, ...]
     """What single readings show."""
     dropped: tuple[str, ...]
     """What was left out, in words."""
@@ -70,11 +70,11 @@ def compare_sensors(flights: Sequence[Flight], model: Model, progress: Progress 
         records.append(known)
         dropped += [told] if told else []
     return SensorComparison(
-        tuple(balances), tuple(records), setting, tuple(_odd(records, setting)), tuple(dropped)
+        tuple(balances), tuple(records), setting, tuple(_anomalies(records, setting)), tuple(dropped)
     )
 
 
-def _odd(records: Sequence[Record | None], setting: FilterParameters) -> list[ReadingAnomaly]:
+def _anomalies(records: Sequence[Record | None], setting: FilterParameters) -> list[ReadingAnomaly]:
     known = [record for record in records if record is not None]
     if not known:
         return []

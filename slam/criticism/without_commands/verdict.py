@@ -66,8 +66,8 @@ def criticise_without_commands(
     posterior = posterior_of(data, chosen)
     named = [e for e in chosen if e in CATALOGUE]
     errors = _errors(found, rows, data, chosen) if named else ()
-    odd = [oddity.cause() for oddity in found.odd]
-    causes = (*(_cause(data, chosen, e, posterior[e], errors) for e in named), *odd)
+    anomalies = [anomaly.cause() for anomaly in found.anomalies]
+    causes = (*(_cause(data, chosen, e, posterior[e], errors) for e in named), *anomalies)
     remainder = "; ".join(_left_over(data, rows, chosen, causes))
     equivalents = causes[0].alternatives if causes and len(causes[0].alternatives) > 1 else ()
     if not causes:
@@ -87,7 +87,7 @@ def criticise_without_commands(
         remainder,
         next_motion(model, rows, chosen, equivalents[:2], found.matches, progress) if equivalents else "",
         detectable=seen,
-        ranking=ranked(shown, posterior | {c.name: c.probability for c in odd}, odd),
+        ranking=ranked(shown, posterior | {c.name: c.probability for c in anomalies}, anomalies),
         covariate=_covariate(data, chosen, causes[0]) if causes and causes[0].name in chosen else None,
         threshold=STANDS_OUT_Z,
         threshold_means=STANDS_OUT,
