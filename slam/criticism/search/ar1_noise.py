@@ -1,9 +1,9 @@
-"""Whether the noise of instruments is coloured: healthy, but no model that takes it for white.
+"""AR(1) noise of instruments, which is healthy, but which no filter for white noise describes.
 
-Innovations that resemble the ones before may come of noise that does, or of an effect that the belief lacks.
-So colour competes with the causes: where it stands out, its correlations are fitted with the nuisances, the
-filter run anew, and the belief turns to it where it explains more than the best cause or shape beside it,
-and something in every channel of its instrument and in every flight.
+Correlated innovations may come from correlated noise, or from an effect that the parameters lack. AR(1) noise
+therefore competes with the causes. Where the correlation is significant, the coefficients are fitted with the
+nuisances and the filter is run anew. They are accepted where they explain more than the best cause or
+residual pattern, and something in every channel of the instrument and in every flight.
 """
 
 from __future__ import annotations
@@ -29,15 +29,16 @@ Array = NDArray[np.float64]
 
 STEP = 0.03
 MIN_AR1 = 0.05
-"""Less of it makes what is left over look stronger by a twentieth at most: then noise is held to be white."""
+"""Least AR(1) coefficient. A smaller one exaggerates innovations by a twentieth at most, and noise is held to
+be white."""
 STANDS_OUT = 3.0
-"""Deviates of the correlation of innovations with the next, in every channel of an instrument."""
+"""Least normal deviate of the lag-one correlation in every channel of an instrument."""
 LEAD_NATS = 20.0
-"""By which colour must explain more than what else there is."""
+"""Lead by which AR(1) noise must exceed the best other explanation."""
 
 
 def ar1_effects(setting: FilterParameters) -> tuple[Effect, ...]:
-    """The correlations of the instruments that a belief holds to be coloured, as something to be fitted."""
+    """Return the AR(1) coefficients of the instruments with correlated noise, as effects to be fitted."""
     return tuple(_effect(n) for n in AR1_COEFFICIENTS if value_of(n, setting) > 0.0)
 
 
@@ -49,14 +50,15 @@ def with_ar1_noise(
     chosen: Sequence[Effect],
     most_nats: float,
 ) -> FilterParameters | None:
-    """The belief with coloured noise, if that explains more of the flights than anything else.
+    """Return the parameters with AR(1) noise, if that explains more of the flights than anything else; else
+    None.
 
-    ``passes`` are the filter's runs under ``setting``, which holds the ``chosen`` terms; ``most_nats`` is
-    what the best other explanation beside these gains. A foreign vehicle's instruments are not looked into.
+    ``passes`` are the filter's runs under ``setting``, which holds the ``chosen`` terms. ``most_nats`` is the
+    gain of the best other explanation. Instruments of an out-of-model vehicle are not tested.
     """
     correlation, deviate = lag_one_correlation(records, passes)
     seen = [] if model.out_of_model else [n for n in AR1_COEFFICIENTS if _stands_out(n, correlation, deviate)]
-    # About half the squared deviates are what it can explain: no fit where even twice that is too little.
+    # AR(1) noise explains about half the squared deviates: no fit where even twice that is too little.
     if np.nansum(deviate[[c for n in seen for c in _channels(n)]] ** 2) < most_nats:
         return None
     while seen:
@@ -67,7 +69,7 @@ def with_ar1_noise(
         if kept == seen:
             break
         seen = kept
-    # What the nuisances gain elsewhere, fitted once more, is not the colour's; what they lose is.
+    # A gain of the refitted nuisances elsewhere does not count for AR(1) noise; a loss does.
     own = [channel for n in seen for channel in _channels(n)]
     if not seen or min(gained[:, own].sum(), gained.sum()) < most_nats + LEAD_NATS:
         return None
@@ -75,7 +77,8 @@ def with_ar1_noise(
 
 
 def without_small_ar1(setting: FilterParameters) -> FilterParameters:
-    """The belief without colour that is hardly any: beside a cause that was not there when it was fitted."""
+    """Set negligible AR(1) coefficients to zero, which appear beside a cause that was absent when they were
+    fitted."""
     return replace(
         setting,
         noise_correlation=np.where(setting.noise_correlation < MIN_AR1, 0.0, setting.noise_correlation),
@@ -83,7 +86,7 @@ def without_small_ar1(setting: FilterParameters) -> FilterParameters:
 
 
 def lag_one_correlation(records: Sequence[Record], passes: Sequence[FilterPass]) -> tuple[Array, Array]:
-    """(channels,) correlation of innovations with the next of their channel, and its deviate; NaN where there
+    """Return (channels,) lag-one correlations of the innovations, and their normal deviates; NaN where there
     are none."""
     products, pairs, squares = (np.zeros(len(CHANNELS)) for _ in range(3))
     for record, run in zip(records, passes, strict=True):
@@ -101,13 +104,13 @@ def lag_one_correlation(records: Sequence[Record], passes: Sequence[FilterPass])
 
 
 def _channels(nuisance: Nuisance) -> NDArray[np.int64]:
-    """Those of the instrument whose colour it is."""
+    """Return the channels of the instrument whose coefficient it is."""
     return np.flatnonzero(np.array(INSTRUMENT_OF) == nuisance.entry[0])
 
 
 def _stands_out(nuisance: Nuisance, correlation: Array, deviate: Array) -> bool:
-    """Whether all channels that an instrument has look coloured; some may, from noise that the belief's own
-    restlessness has taken in, much less than others."""
+    """Whether the noise of all channels of an instrument looks correlated. Some may look so much less than
+    others, where the process noise has absorbed a part."""
     own = _channels(nuisance)
     own = own[np.isfinite(deviate[own])]
     return bool(len(own) and deviate[own].min() > STANDS_OUT and correlation[own].mean() > MIN_AR1)
@@ -121,7 +124,7 @@ def _effect(nuisance: Nuisance) -> Effect:
 
 
 def _gained(records: Sequence[Record], before: Sequence[FilterPass], shaded: FilterParameters) -> Array:
-    """(flights, channels) nats of a belief over the runs before, from the readings that both take."""
+    """Return (flights, channels) gains in nats over the runs before, from the readings that both use."""
     after = in_threads(lambda record: whole(record, shaded), records)
     nats = np.zeros((len(records), len(CHANNELS)))
     for flight, (record, old, new) in enumerate(zip(records, before, after, strict=True)):
@@ -132,7 +135,7 @@ def _gained(records: Sequence[Record], before: Sequence[FilterPass], shaded: Fil
 
 
 def _everywhere(gained: Array) -> bool:
-    """Whether an instrument's colour explains something in each of its channels and each flight: an effect is
-    in some axes and at some times."""
+    """Whether AR(1) noise explains something in each channel of an instrument and each flight. An effect acts
+    on some axes and at some times."""
     parts = np.concatenate([gained.sum(axis=0), gained.sum(axis=1)])
     return bool((parts[parts != 0.0] > 0.0).all())

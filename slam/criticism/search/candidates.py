@@ -33,11 +33,11 @@ class BestCandidate(NamedTuple):
 
     effect: Effect
     setting: FilterParameters
-    """The belief with it."""
+    """Filter parameters with it."""
     rivals: tuple[str, ...]
-    """What would do as well."""
+    """Names of terms that explain as much."""
     leads: dict[tuple[str, str], float]
-    """As ``Search.leads``."""
+    """Leads as in ``SearchResult.leads``."""
 
 
 def best_candidate(
@@ -50,13 +50,13 @@ def best_candidate(
 ) -> BestCandidate:
     """Fit each of the best of ``ranked`` beside the chosen terms, and choose the one that explains most.
 
-    Of two that explain the same it is the one with fewer numbers.
+    Among candidates that explain the same, the one with fewest parameters is chosen.
     """
     named: dict[str, ScoreTest] = {}
     for test in ranked:
         named.setdefault(test.effect.name + str(len(test.effect.columns)), test)
     if ranked[0].effect.columns[0] in CAMERA:
-        # Pictures are nearly linear: what explains little beside the best in one look is none.
+        # Pictures are nearly linear: a candidate far below the best of one expansion is none.
         named = {k: v for k, v in named.items() if v.nats > WORTH_A_FIT * ranked[0].nats}
     base, _ = refit(records, model, expansion.setting, chosen)
     fits = []

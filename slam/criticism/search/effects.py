@@ -1,7 +1,7 @@
-"""How criticism sees the catalogue: each term as directions, or as a change of restlessness.
+"""Effects: each term of the catalogue as perturbations, or as a change of the process noise.
 
-The equations are the simulator's; here stands only which of its parameters are tried, over which difference,
-and what a fitted number means in the catalogue's units.
+The equations are the simulator's. This file states which of their parameters are tried, the differences for
+their derivatives, and the meaning of a fitted value in the catalogue's units.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from slam.simulation.terms import CATALOGUE
 
 @dataclass(frozen=True)
 class Effect:
-    """A term of the catalogue that the streams at hand can show, or what no term is and is tried as well."""
+    """A term of the catalogue that the streams at hand can show, or another effect that is tried as well."""
 
     name: str
     directions: tuple[Perturbation, ...] = ()
     changes: tuple[NoiseChange, ...] = ()
     parameters: tuple[str, ...] = ()
-    """Of the term, one for each column."""
+    """Parameters of the term, one for each column."""
     positive: bool = False
-    """A size that is never negative: a fit below 0 is none."""
+    """Whether the size is never negative: a fit below 0 counts as none."""
     relaxes: tuple[str, ...] = ()
     """Nuisances that may leave their healthy range instead."""
 
@@ -46,11 +46,12 @@ class Effect:
 
     @property
     def label(self) -> str:
-        """Its name, and which of several ways it is tried in."""
+        """Name, with the first column: a term may be tried in several ways."""
         return f"{self.name}:{self.columns[0]}"
 
     def repeats(self, other: Effect) -> bool:
-        """Whether it is the same number once more, be it tried in another way: gusts of another time."""
+        """Whether it is the same quantity, even if tried in another way, such as gusts of another correlation
+        time."""
         return (self.name, self.parameters) == (other.name, other.parameters)
 
 
@@ -79,16 +80,18 @@ _STEPS: dict[str, tuple[tuple[str, float], ...]] = {
     "imu_misalignment": (("x", 1e-3), ("y", 1e-3), ("z", 1e-3)),
     "floor_slope": (("x", 1e-3), ("y", 1e-3)),
 }
-"""Parameters of the terms that are plain entries of the equations or the instruments."""
+"""Parameters that are plain entries of the equations or the instruments, with the steps for their
+derivatives."""
 
 LATE = {"attitude late": (ATTITUDE, "attitude.delay_s"), "velocity late": (VELOCITY, "velocity.delay_s")}
-"""What no term is, but has a parameter in the equations: kind of events, and that."""
+"""Delays that belong to no term but have a parameter in the equations: kind of events, and the parameter."""
 DELAY_STEP_S = 1e-3
 
 RADIUS_M = 0.1
-"""The push of the floor goes with the square of the radius: the column is radius^2, by one difference."""
+"""Step of the radius. The push of the floor is proportional to the square of the radius: the column is
+radius^2, by one difference."""
 TILT_LIMITS = (0.9, 0.7, 0.5, 0.3)
-"""Shares of the greatest tilt asked for, at which a limit is tried."""
+"""Values of a limit that are tried, as shares of the greatest tilt demanded."""
 LATENCIES_S = (0.015, 0.04, 0.08, 0.15)
 LATENCY_STEP_S = 2e-3
 GUST_TIMES_S = (0.7, 2.5)
@@ -97,12 +100,14 @@ PLAUSIBLE = 3.0
 
 
 def effects_for(records: Sequence[Record], setting: FilterParameters) -> list[Effect]:
-    """Every term that is screened under a belief, each with its columns, and readings that come late; for a
-    foreign vehicle neither these nor what is nothing but unrest."""
+    """Return every term that is screened, each with its columns, and delayed readings.
+
+    For an out-of-model vehicle delayed readings and pure process noise are left out.
+    """
     found = [_plain(name, steps) for name, steps in _STEPS.items()]
     found += _latencies(setting)
     if any_holds_heading(records) or not any_turns(records):
-        # Of a vehicle that was never told to turn, only its restlessness would tell.
+        # A vehicle that was never told to turn shows slower yaw by its process noise alone.
         found = [effect for effect in found if effect.name != "yaw_drag"]
     found.append(Effect("clock_drift", (Perturbation("clock_drift.ppm", "drift", 0, 2e-5),), (), ("ppm",)))
     found.append(Effect("attitude_lag", (), (), ("tau",), False, ("vehicle.attitude_time_s",)))
@@ -120,7 +125,7 @@ def effects_for(records: Sequence[Record], setting: FilterParameters) -> list[Ef
 
 
 def delayed_readings(records: Sequence[Record]) -> list[Effect]:
-    """Instruments that read what was a moment ago, where no term of the catalogue stands for that."""
+    """Return delays of instruments, where no term of the catalogue stands for them."""
     return [
         Effect(name, (parameter_perturbation(parameter, DELAY_STEP_S),))
         for name, (kind, parameter) in LATE.items()
@@ -129,9 +134,10 @@ def delayed_readings(records: Sequence[Record]) -> list[Effect]:
 
 
 def relaxed_nuisances(out_of_model: bool = False) -> list[Effect]:
-    """Nuisances beyond their healthy range, where no term of the catalogue stands for that.
+    """Return nuisances beyond their healthy range, where no term of the catalogue stands for that.
 
-    A foreign vehicle's restlessness is not known, and not free either: unrest explains any flight.
+    The process noise of an out-of-model vehicle is unknown, but not free either: enough of it explains any
+    flight.
     """
     return [
         Effect(f"{n.name} out of range", relaxes=(n.name,))
@@ -141,7 +147,8 @@ def relaxed_nuisances(out_of_model: bool = False) -> list[Effect]:
 
 
 def plausible_range(name: str, parameter: str) -> tuple[float, float]:
-    """Values that a term may have at all: three times what is usual about its neutral value."""
+    """Return the range of possible values of a term: three times the usual difference from its neutral
+    value."""
     limits = CATALOGUE[name].parameter(parameter)
     reach = PLAUSIBLE * max(abs(limits.high - limits.neutral), abs(limits.low - limits.neutral))
     return max(limits.neutral - reach, limits.least), min(limits.neutral + reach, limits.most)
@@ -150,7 +157,7 @@ def plausible_range(name: str, parameter: str) -> tuple[float, float]:
 def catalogue_value(
     effect: Effect, column: int, step: float, setting: FilterParameters, held: float
 ) -> float:
-    """A column's number in the catalogue's units: what the belief holds of it and a step on top."""
+    """Return a column's value in the catalogue's units: its current value ``held`` plus a step."""
     return fitted_parameter(effect.columns[column]).in_catalogue_units(held + step, setting)
 
 
@@ -161,7 +168,7 @@ def _plain(name: str, steps: tuple[tuple[str, float], ...]) -> Effect:
 
 
 def _of_camera() -> list[Effect]:
-    """The terms that pictures show."""
+    """Return the terms that pictures show."""
     parameters: dict[str, list[tuple[str, float]]] = {}
     for entry, (name, step) in enumerate(zip(CAMERA, STEPS, strict=True)):
         term, _, parameter = name.partition(".")
@@ -197,7 +204,8 @@ def _tilt_limits(records: Sequence[Record], setting: FilterParameters) -> list[E
 
 
 def _latencies(setting: FilterParameters) -> list[Effect]:
-    """The latency itself, and from a vehicle without one whole steps of it, whose traces differ."""
+    """Return the latency itself, and for a vehicle without one the values of a grid, whose sensitivities
+    differ."""
     tries = LATENCIES_S if setting.latency_s == 0.0 else ()
     directions = [Perturbation("control_latency.T", "latency", 0, LATENCY_STEP_S)]
     directions += [Perturbation(f"control_latency@{t:g}", "latency", 0, t, unit=1.0) for t in tries]
@@ -216,5 +224,5 @@ def _gusts(tau: float) -> Effect:
 
 
 def _jittered(s: FilterParameters) -> FilterParameters:
-    """One square millisecond more."""
+    """Add one square millisecond to the variance of stamps."""
     return replace(s, jitter_s=float(np.sqrt(s.jitter_s**2 + 1e-6)))

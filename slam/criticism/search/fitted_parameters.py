@@ -1,7 +1,7 @@
-"""What a fitted column stands for: how a belief holds it, takes a step, and tells it in the catalogue's unit.
+"""Fitted parameters: the value of each, a step of it, and its value in the catalogue's unit.
 
-Most columns are plain entries of the equations or of an instrument. Those that are not (a square, because its
-sign cannot be seen; a value that is tried on a grid; a clock) have a class each.
+Most are plain entries of the equations or of an instrument. The others have a class each: a square whose sign
+cannot be observed, a value that is tried on a grid, a clock.
 """
 
 from __future__ import annotations
@@ -27,39 +27,40 @@ from slam.simulation.dynamics import PARAMETERS, TILT_LIMIT
 from slam.simulation.terms import CATALOGUE, Parameter
 
 LARGEST_SHARE = 0.4
-"""Of a constant of the vehicle in one step."""
+"""Greatest change of a constant of the vehicle in one step, as a share of it."""
 LARGEST_LATENCY_S = 2.0
 DELAY = Parameter("delay_s", "s", 0.0, -0.15, 0.15, -0.5, 0.5)
-"""Of readings that come late, or early: no term's."""
+"""Delay of readings that come late or early, which belongs to no term."""
 AT = "@"
-"""Between a term's name and the value that it is tried at."""
+"""Separator of a term's name and the value that it is tried at."""
 _BY_NAME = {n.name: n for n in (*NUISANCES, *AR1_COEFFICIENTS)}
 _OF_THE_GAINS = {n.name for n in GAIN_NUISANCES}
 
 
 class FittedParameter:
-    """One fitted number."""
+    """One fitted parameter."""
 
     def value_in(self, setting: FilterParameters) -> float:
-        """How much of it a belief holds; 0 where the term is not there."""
+        """Return its value in the filter parameters; 0 where the term is not there."""
         return 0.0
 
     def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
-        """The belief with a step of it, within what the equations bear."""
+        """Return the filter parameters after a step of it, within the limits of the equations."""
         return setting
 
     def longest_step(self, setting: FilterParameters) -> float:
-        """How far the equations still mean something and a parabola may hold."""
+        """Return the longest step for which the equations are valid and the quadratic approximation may
+        hold."""
         return inf
 
     def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
-        """So much of it in the catalogue's unit."""
+        """Return a value in the catalogue's unit."""
         return held
 
 
 @dataclass(frozen=True)
 class _Entry(FittedParameter):
-    """A parameter of a term as it stands in the equations, an instrument or the camera."""
+    """A parameter of a term that is an entry of the equations, an instrument or the camera."""
 
     where: str
     entry: int
@@ -97,7 +98,7 @@ class _Squared(_Entry):
 
 @dataclass(frozen=True)
 class _Latency(FittedParameter):
-    """The command's delay, about what the belief has of it."""
+    """The command's delay, linearised about its current value."""
 
     limits: Parameter
 
@@ -116,7 +117,7 @@ class _Latency(FittedParameter):
 
 @dataclass(frozen=True)
 class _LatencyAt(_Latency):
-    """The delay tried at a value."""
+    """The delay at a value of the grid."""
 
     value_s: float
 
@@ -129,7 +130,7 @@ class _LatencyAt(_Latency):
 
 @dataclass(frozen=True)
 class _LimitAt(_Entry):
-    """A limit of the tilt tried at a value."""
+    """A limit of the tilt at a value of the grid."""
 
     value_rad: float
 
@@ -158,7 +159,8 @@ class _Gusts(FittedParameter):
 
 
 class _ClockDrift(FittedParameter):
-    """The vehicle's clock against the recorder's, a share; parts per million in the catalogue."""
+    """Rate error of the vehicle's clock against the recorder's, as a share; parts per million in the
+    catalogue."""
 
     def value_in(self, setting: FilterParameters) -> float:
         return setting.drift
@@ -189,7 +191,7 @@ class _Jitter(FittedParameter):
 
 @dataclass(frozen=True)
 class _OfNuisance(FittedParameter):
-    """A nuisance, told from where the belief has it."""
+    """A nuisance, as the difference from its current value."""
 
     nuisance: Nuisance
 
@@ -206,12 +208,12 @@ class _OfNuisance(FittedParameter):
 
 
 class _OfTheGains(FittedParameter):
-    """How far the filter's gains are off: nothing that a belief holds."""
+    """Error of the filter's gains, which the filter parameters do not hold."""
 
 
 @lru_cache(maxsize=256)
 def fitted_parameter(name: str) -> FittedParameter:
-    """The column of that name: ``term.parameter``, ``term@value``, or a nuisance's."""
+    """Return the parameter of that column: ``term.parameter``, ``term@value``, or a nuisance's name."""
     if name in _BY_NAME:
         return _OfNuisance(_BY_NAME[name])
     if name in _OF_THE_GAINS:
@@ -235,7 +237,7 @@ def fitted_parameter(name: str) -> FittedParameter:
 
 
 def bounded(name: str, step: float, setting: FilterParameters) -> float:
-    """A step of a column cut to its longest."""
+    """Return a step of a column cut to its longest."""
     most = fitted_parameter(name).longest_step(setting)
     return min(max(step, -most), most)
 

@@ -1,4 +1,4 @@
-"""Fitting the nuisances, and with them any parameters: Fisher scoring and Gauss-Newton."""
+"""Fits of the nuisances, and with them of any parameters, by Fisher scoring and Gauss-Newton."""
 
 from __future__ import annotations
 
@@ -27,21 +27,22 @@ from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 Array = NDArray[np.float64]
 
 FIRST_S = 60.0
-"""The restlessness is fitted first to so much of the flights: it shows everywhere."""
+"""Duration of the first parts of flights to which the process noise is fitted first: it shows everywhere."""
 LONG_S = 180.0
-"""Flights that are longer together show as a shape by how much the size of a noise is off that was fitted to
-their first parts. Ten healthy flights of a minute were ``unknown``, z 6.0, by a tilt that feeds itself."""
+"""Duration of all flights beyond which noise is fitted to all of them. Otherwise a small error of its size,
+fitted to the first parts, shows as a pattern. Ten healthy flights of a minute were ``unknown``, z 6.0, by a
+tilt that feeds itself."""
 ROUNDS = 2
 OUT_OF_MODEL_ROUNDS = 7
 LARGEST_STEP = 0.5
-"""Of a logarithm in one round."""
+"""Greatest change of a logarithm in one round."""
 ITERATIONS = 8
 ENOUGH_NATS = 0.5
 _NOISE_NUISANCES = {n.name: n for n in NOISE_NUISANCES}
 
 
 def noise_changes() -> list[NoiseChange]:
-    """The restless nuisances as differences of two runs."""
+    """Return the nuisances of noise as differences of two runs."""
 
     def change(k: int) -> NoiseChange:
         nuisance = NOISE_NUISANCES[k]
@@ -60,11 +61,12 @@ def fit_nuisances(
     start: FilterParameters | None = None,
     effects: Sequence[Effect] = (),
 ) -> FilterParameters:
-    """Most probable nuisances within their ranges, from the first parts of flights, of long ones from all.
+    """Return the most probable nuisances within their ranges, from the first parts of flights, of long ones
+    from all.
 
-    Of ``effects`` those are fitted with them that make noise larger, or free a nuisance of its range. Others
-    keep the size that ``start`` has of them: it is of all the flights, where the first parts may not even
-    have the manoeuvre that shows it.
+    Those of ``effects`` that increase noise, or free a nuisance of its range, are fitted with them. The
+    others keep their size in ``start``. It comes from all the flights; the first parts may lack the manoeuvre
+    that shows it.
     """
     effects = [e for e in effects if e.changes or e.relaxes]
     short = [first_seconds(record, FIRST_S / len(records)) for record in records]
@@ -92,7 +94,8 @@ def fit_nuisances(
 def refit(
     records: Sequence[Record], model: FilterParameters, setting: FilterParameters, effects: Sequence[Effect]
 ) -> tuple[float, FilterParameters]:
-    """Gauss-Newton on the terms and the nuisances of the mean: log likelihood and belief at the end."""
+    """Fit the terms and the nuisances of the mean by Gauss-Newton; return log likelihood and parameters at
+    the end."""
     for effect in effects:
         setting = at_profiled_value(effect, setting)
     effects = [with_free_value(e) for e in effects]
@@ -127,5 +130,5 @@ def refit(
 
 
 def first_seconds(record: Record, longest_s: float) -> Record:
-    """The record's first seconds."""
+    """Return the record's first seconds."""
     return with_events(record, record.times_s <= record.times_s[0] + longest_s)

@@ -1,4 +1,5 @@
-"""Effects in and out of a belief: those tried on a grid of values, and limits, which have no slope."""
+"""Inclusion of effects in filter parameters and their removal: profiled effects and saturations, which have
+no slope."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ from slam.simulation.dynamics import TILT_LIMIT
 
 
 def with_free_value(effect: Effect) -> Effect:
-    """The effect as it is tried about a belief that holds it: a value on a grid becomes free."""
+    """Return the effect as tried about parameters that include it: a value of a grid becomes free."""
     if effect.name == "control_latency":
         return replace(effect, directions=(Perturbation("control_latency.T", "latency", 0, LATENCY_STEP_S),))
     if effect.name == "tilt_limit":
@@ -22,24 +23,25 @@ def with_free_value(effect: Effect) -> Effect:
 
 
 def is_profiled(effect: Effect) -> bool:
-    """Whether an effect is tried at fixed values: it has a size only once it is fitted."""
+    """Whether an effect is tried at the values of a grid: it has a size only once it is fitted."""
     return AT in effect.columns[0] and not effect.changes
 
 
 def at_profiled_value(effect: Effect, setting: FilterParameters) -> FilterParameters:
-    """The belief that takes an effect at the value of the grid that it was tried at."""
+    """Return the parameters with a profiled effect at its value of the grid."""
     if is_profiled(effect):
         return fitted_parameter(effect.columns[0]).stepped(setting, 1.0)
     return setting
 
 
 def is_saturation(effect: Effect) -> bool:
-    """Whether an effect saturates: its derivative at the limit does not tell what removing the limit does."""
+    """Whether an effect saturates: its derivative at the limit does not predict the effect of removing the
+    limit."""
     return effect.name == "tilt_limit"
 
 
 def without_saturation(saturation: Effect, setting: FilterParameters) -> FilterParameters:
-    """The belief without a wall."""
+    """Return the parameters without a saturation."""
     assert is_saturation(saturation)
     parameters = setting.parameters.copy()
     parameters[TILT_LIMIT] = pi / 2
@@ -47,7 +49,7 @@ def without_saturation(saturation: Effect, setting: FilterParameters) -> FilterP
 
 
 def without_effect(effect: Effect, setting: FilterParameters) -> FilterParameters:
-    """The belief without a term; a nuisance beyond its range stays where it is."""
+    """Return the parameters without a term; a nuisance beyond its range keeps its value."""
     if is_saturation(effect):
         return without_saturation(effect, setting)
     for name in (*(d.name for d in effect.directions), *(c.name for c in effect.changes)):

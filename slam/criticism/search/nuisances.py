@@ -1,7 +1,7 @@
-"""The nuisances: what may differ from vehicle to vehicle and is still healthy.
+"""Nuisances: quantities that differ between healthy vehicles.
 
-Two sorts: some change the mean of what is read (gain, drag, attitude time, the sonar's zero), the others only
-how restless vehicle and instruments are. Each is a number x with a healthy range; the second sort are
+Some change the mean of the readings (gain, drag, attitude time, the sonar's zero). The others change only the
+process noise and the noise of instruments. Each is a number x with a healthy range; the second sort are
 logarithms of factors on the model's own figure.
 """
 
@@ -24,23 +24,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Nuisance:
-    """One number that is fitted, never criticised while it stays in its range."""
+    """A parameter that is fitted, and never reported as a cause while it stays in its range."""
 
     name: str
     unit: str
     kind: Literal["mean", "hold", "noise", "colour", "weight"]
     entry: tuple[int, ...]
-    """Of the equations' parameters (by ``tangent``), of ``transition.HOLD``, of the channels or of the
-    instruments."""
+    """Entry of ``transition.HOLD``, of the channels or of the instruments; unused for nuisances of the
+    mean."""
     reach: float
-    """Half the healthy range, about the model's own value; of the logarithm for the restless sort."""
+    """Half the healthy range, about the model's own value; for noise that of the logarithm."""
     relative: bool = False
-    """The reach is a share of the model's own value."""
+    """Whether the reach is a share of the model's own value."""
     step: float = 0.02
 
 
 FIFTH = 0.225
-"""20 % either way: a logarithm reaches further down than up."""
+"""Reach of a factor of 20 % either way: a logarithm reaches further down than up."""
 MAX_AR1 = 0.95
 NUISANCES = (
     Nuisance("vehicle.gain", "1", "mean", (), 0.05, True, 1e-3),
@@ -62,25 +62,25 @@ NUISANCES = (
 AR1_COEFFICIENTS = tuple(
     Nuisance(f"{name}_colour", "1", "colour", (k,), MAX_AR1) for k, name in enumerate(INSTRUMENTS)
 )
-"""Correlations of successive samples: fitted where noise is not white, not always."""
+"""AR(1) coefficients of the instruments, which are fitted only where noise is not white."""
 TAILS = 0.16
 OUT_OF_MODEL_NOISE = 4.0
-"""Reach of the logarithms upwards where a vehicle's instruments are not the model's: a factor of 50."""
+"""Upward reach of the logarithms where a vehicle's instruments are not the model's: a factor of 50."""
 MEAN_NUISANCES = tuple(n for n in NUISANCES if n.kind == "mean")
 NOISE_NUISANCES = tuple(n for n in NUISANCES if n.kind != "mean")
 GAIN_CORRECTED = tuple(n.name for n in NOISE_NUISANCES)
 GAIN_NUISANCES = tuple(Nuisance(gain_column(name), "1", "weight", (), TAILS) for name in GAIN_CORRECTED)
-"""How far the filter's gains are off by themselves: one Gaussian size cannot give both the scatter and the
-best gain of noise with heavy tails, and what a wrong gain leaves looks like a target that goes with tilt."""
+"""Errors of the filter's gains. One Gaussian standard deviation cannot give both the scatter and the best
+gain of noise with heavy tails. A wrong gain leaves residuals that resemble a target proportional to tilt."""
 
 
 def direction_of(nuisance: Nuisance) -> Perturbation:
-    """The tangent of a nuisance of the mean."""
+    """Return the perturbation of a nuisance of the mean."""
     return parameter_perturbation(nuisance.name, nuisance.step)
 
 
 def value_of(nuisance: Nuisance, setting: FilterParameters) -> float:
-    """x in a setting."""
+    """Return x in filter parameters."""
     if nuisance.kind == "mean":
         direction = direction_of(nuisance)
         vector = setting.parameters if direction.kind == "parameters" else setting.sensor
@@ -94,7 +94,7 @@ def value_of(nuisance: Nuisance, setting: FilterParameters) -> float:
 
 
 def with_value(nuisance: Nuisance, setting: FilterParameters, x: float) -> FilterParameters:
-    """The setting with another x."""
+    """Return filter parameters with another x."""
     if nuisance.kind == "mean":
         direction = direction_of(nuisance)
         where = "parameters" if direction.kind == "parameters" else "sensor"
@@ -111,18 +111,18 @@ def with_value(nuisance: Nuisance, setting: FilterParameters, x: float) -> Filte
 
 
 def limits_of(nuisance: Nuisance, model: FilterParameters) -> tuple[float, float]:
-    """The healthy range of x about a model's own value."""
+    """Return the healthy range of x about a model's own value."""
     centre = value_of(nuisance, model)
     reach = nuisance.reach * abs(centre) if nuisance.relative else nuisance.reach
     # Noise with heavy tails looks smaller than it is once its outliers are cut.
     tails = TAILS if nuisance.kind == "noise" else 0.0
     if model.out_of_model and nuisance.kind == "noise":
-        # No reading of a foreign vehicle is judged finer than the model's own instruments.
+        # No reading of an out-of-model vehicle is judged finer than the model's own instruments.
         return centre - reach - tails, centre + OUT_OF_MODEL_NOISE
     return centre - reach - tails, centre + reach
 
 
 def prior_precision(nuisance: Nuisance, model: FilterParameters) -> float:
-    """1 / variance of a uniform draw from the healthy range."""
+    """Return the reciprocal of the variance of a uniform prior over the healthy range."""
     low, high = limits_of(nuisance, model)
     return 12.0 / (high - low) ** 2

@@ -1,8 +1,8 @@
-"""Two terms at once: where each hides the other, or where a third looks like both together.
+"""Pairs of terms: two terms may mask each other, or a third may look like both together.
 
-The search takes one term after the other. A sonar that warms makes a vehicle seem to sink, a climb stronger
-than the descent makes it rise: alone neither may stand out, or something else may that is like their sum. So
-pairs are hypotheses of their own.
+The search takes one term after the other. A sonar that warms makes a vehicle seem to sink, and a climb
+stronger than the descent makes it rise. Alone neither may be significant, or a term may be that is like their
+sum. Pairs are therefore hypotheses of their own.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Two = tuple[Effect, Effect]
 
 
 class Pair(NamedTuple):
-    """Two terms, and what they explain beside some others."""
+    """Two terms, and what they explain beside others."""
 
     terms: Two
     nats: float
@@ -33,14 +33,15 @@ class Pair(NamedTuple):
 
     @property
     def worth(self) -> float:
-        """Nats less what the numbers cost."""
+        """Nats less the cost of the parameters."""
         return self.nats - sum(parameter_cost(len(e.columns)) for e in self.terms)
 
 
 def ranked_pairs(
     expansion: LikelihoodExpansion, rest: Sequence[Effect], without: Effect | None = None
 ) -> list[Pair]:
-    """All pairs of terms that move the mean of readings and have a slope, best first; ``without`` in none."""
+    """Return all pairs of terms that move the mean of readings and have a slope, best first; ``without`` is
+    in none."""
     taken = [*rest, without] if without is not None else rest
     known = [
         e for e in expansion.effects
@@ -60,15 +61,17 @@ def ranked_pairs(
 def masked_pair(
     expansion: LikelihoodExpansion, limits: Thresholds, alone: Sequence[ScoreTest] = ()
 ) -> Two | None:
-    """The best pair of which one term does not stand out without the other, and which explains more than what
-    stands out ``alone``, best first; None where there is none."""
+    """Return the best pair of terms that mask each other, or None.
+
+    It must explain more than the best of ``alone``, the terms that are significant by themselves, best first.
+    """
     least = max((s.worth for s in alone), default=-np.inf) + np.log(len(CATALOGUE))
     worthy = (pair for pair in ranked_pairs(expansion, []) if pair.worth > least and pair.z >= limits.pairs)
     return next((pair.terms for pair in worthy if mask_each_other(expansion, pair.terms, limits)), None)
 
 
 def mask_each_other(expansion: LikelihoodExpansion, two: Sequence[Effect], limits: Thresholds) -> bool:
-    """Whether two terms stand out together, each beside the other, and one of them not alone."""
+    """Whether two terms are significant together, each beside the other, and one of them not alone."""
     one, other = two
     together = _pair(
         (one, other), expansion.quadratic.maximise(two).nats - expansion.quadratic.maximise([]).nats

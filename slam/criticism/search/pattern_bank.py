@@ -1,7 +1,7 @@
-"""What is left over when the catalogue has spoken: shapes that no term has.
+"""Bank of residual patterns that no term of the catalogue makes.
 
-Signals (place, speed, tilt, stick, time) go into each channel of the instruments, into forces and targets
-of the equations. What these find is said as it is: channel, signal, size.
+Signals (place, speed, tilt, stick, time) are led into each channel of the instruments, and into forces and
+targets of the equations. A finding is reported as it is: channel, signal, size.
 """
 
 from __future__ import annotations
@@ -27,35 +27,36 @@ ON_BOTH = (
 ON_CHANNELS = (*ON_BOTH, "pitching", "rolling", "tilt2")
 ON_FORCES = (*ON_BOTH, "stick_ahead", "stick_left", "stick_up", "stick_turn", "tilt2")
 ON_ONE_CHANNEL = {"velocity_x": ("ahead when fast",), "velocity_y": ("left when fast",)}
-"""What is read wrong near the end of a sensor's range is no matter of its scale."""
+"""Errors near the end of a sensor's range, which a scale does not describe."""
 SIGNALS = tuple(
     dict.fromkeys((*ON_CHANNELS, *ON_FORCES, *(s for own in ON_ONE_CHANNEL.values() for s in own)))
 )
 FORCED = ("roll", "pitch", "yaw_rate", "up", "ahead", "left", "gust_x", "gust_y")
 AT_PLACE = ("x", "y", "r2")
-"""A hill over the ground, to the second order about where a flight begins: of each flight its own, as none
-knows where the others began."""
+"""Place to the second order about where a flight begins (a hill). Each flight has its own, as the places of
+the others are unknown."""
 _SPEED = CHANNELS.index("velocity_x")
 FAST = 0.6
-"""Of the highest speed of a flight."""
+"""Share of the highest speed of a flight."""
 YAW_AT_PLACE = "yaw ~ place"
-"""What a compass does above iron."""
+"""Error of a compass above iron."""
 LEVEL_TARGETS = (
     ("velocity_x", "velocity_y"), ("accel_x", "accel_y"), ("pitch", "roll"), ("gyro_y", "gyro_x"),
     ("force ahead", "force left"), ("force pitch", "force roll"),
 )  # fmt: skip
-"""What is read and what acts ahead and to the left, ..."""
+"""Targets ahead and to the left: readings and forces."""
 LEVEL_SIGNALS = (
     ("ahead", "left"), ("pitch", "roll"), ("stick_ahead", "stick_left"),
     ("ahead when fast", "left when fast"), ("pitching", "rolling"),
 )  # fmt: skip
-"""... and the signals that may lead it."""
+"""Signals that may act on these targets."""
 TILTING_S = 0.02
-"""A rate of tilt is taken over so long before: what comes after knows what the gyro is about to read."""
+"""Time before the moment over which a rate of tilt is taken: later values contain what the gyro is about to
+read."""
 
 
 def pattern_directions(records: Sequence[Record]) -> list[Perturbation]:
-    """The directions that the flights' streams can show."""
+    """Return the perturbations that the flights' streams can show."""
     channels = [c for c in range(len(CHANNELS)) if any(r.has(c) for r in records)]
     found = [
         Perturbation(f"{CHANNELS[c]} ~ {signal}", "channel", c, 1.0, signal)
@@ -74,17 +75,17 @@ def pattern_directions(records: Sequence[Record]) -> list[Perturbation]:
     found += [
         Perturbation(f"{YAW_AT_PLACE}: {signal}", "channel", yaw, 1.0, signal)
         for flight, record in enumerate(records)
-        if record.has(yaw) and record.has(_SPEED)  # else nothing says where it was
+        if record.has(yaw) and record.has(_SPEED)  # otherwise the place is unknown
         for signal in _of_flight(flight)
     ]
     return found
 
 
 def residual_patterns(directions: Sequence[Perturbation]) -> tuple[Effect, ...]:
-    """Each direction by itself, and those of one kind ahead and to the left together.
+    """Return each perturbation as a pattern, and pairs of one kind ahead and to the left together.
 
-    What does not mind which way is ahead leaves half of its trace in each: one alone would lose against a
-    term that has both and is wrong.
+    An isotropic error leaves half of its effect in each direction. One alone would lose against a wrong term
+    that has both.
     """
     placed = tuple(d for d in directions if d.name.startswith(YAW_AT_PLACE))
     known = {d.name: d for d in directions if d not in placed}
@@ -104,9 +105,10 @@ def residual_patterns(directions: Sequence[Perturbation]) -> tuple[Effect, ...]:
 
 
 def signals_of(record: Record, states: Array, flight: int = 0, flights: int = 1) -> dict[str, Signal]:
-    """Each signal at the middle of the steps and at the events; ``states`` (events, >= 10) as filtered.
+    """Return each signal at the middle of the steps and at the events; ``states`` (events, >= 10) are
+    filtered.
 
-    ``flight`` of ``flights``: place is each flight's own, and nothing in the others.
+    Place belongs to one flight, number ``flight`` of ``flights``, and is 0 in the others.
     """
     at_events = _signals(record, record.times_s, states[:, :10])
     middle = record.step_begin_s + record.step_s / 2

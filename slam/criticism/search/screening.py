@@ -1,7 +1,7 @@
-"""Information of a term once the nuisances are marginalised, and how far a chi-square stands out.
+"""Information of a term once the nuisances are marginalised, and the normal deviate of a chi-square.
 
-With information G of the nuisances N (prior precision L) and of a term J, what is left of the term is
-G_JJ - G_JN (G_NN + L)^-1 G_NJ. A chi-square on as many degrees of freedom as a term has columns becomes a
+Let G be the information of the nuisances N (prior precision L) and of a term J. What is left of the term is
+G_JJ - G_JN (G_NN + L)^-1 G_NJ. A chi-square with a degree of freedom for each of a term's columns becomes a
 normal deviate z of the same tail.
 """
 
@@ -18,22 +18,22 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 RIDGE = 1e-9
-"""Share of a column that must be left for it to be told from the others."""
+"""Least share of a column's information that must be left to separate it from the others."""
 LEAST_SHARE = 1e-6
 
 
 @dataclass(frozen=True)
 class Projected:
-    """Columns with others taken out."""
+    """Columns with others projected out."""
 
     information: Array
     """(p, p)."""
     share: Array
-    """(p,) what is left of each column's information."""
+    """(p,) remaining share of each column's information."""
 
 
 def project(information: Array, out: Ints, precision: Array) -> Projected:
-    """Take the columns ``out``, with prior precisions, out of all others."""
+    """Project the columns ``out``, with prior precisions, out of all others."""
     a = information[np.ix_(out, out)] + np.diag(precision)
     scale = 1.0 / np.sqrt(np.maximum(np.diag(a), 1e-300))
     a = a * scale[:, None] * scale + RIDGE * np.eye(len(out))
@@ -45,12 +45,12 @@ def project(information: Array, out: Ints, precision: Array) -> Projected:
 
 
 def deviate(chi_square: float, degrees: int) -> float:
-    """The normal deviate with the (two-sided) tail of a chi-square; one degree: its root."""
+    """Return the normal deviate with the (two-sided) tail of a chi-square; for one degree its root."""
     if degrees == 1:
         return float(np.sqrt(max(chi_square, 0.0)))
     log_tail = float(chi2.logsf(chi_square, degrees))
     if not np.isfinite(log_tail):
-        # Far out the tail of k degrees is that of one to a factor that a root forgives.
+        # Far out the tail of k degrees equals that of one up to a factor that hardly changes the root.
         return float(np.sqrt(max(chi_square - (degrees - 1) * np.log(max(chi_square, 2.0)), 0.0)))
     if log_tail > np.log(1e-300):
         return float(norm.isf(np.exp(log_tail) / 2.0))
@@ -65,7 +65,7 @@ def _regular(a: Array) -> Array:
 
 
 def correlation(left: Array, a: Ints, b: Ints) -> float:
-    """Greatest canonical correlation of two terms' projected traces."""
+    """Return the greatest canonical correlation of two terms' projected sensitivities."""
     ga = np.linalg.cholesky(_regular(left[np.ix_(a, a)]))
     gb = np.linalg.cholesky(_regular(left[np.ix_(b, b)]))
     between = np.linalg.solve(ga, np.linalg.solve(gb, left[np.ix_(b, a)]).T)

@@ -1,8 +1,8 @@
-"""The search: look at the flights under a belief, take the term that explains most, look again.
+"""Sequential search: expand the likelihood, take the term that explains most, expand again.
 
-Small effects need one look: everything is linear about the healthy vehicle. Where a term stands out by more,
-the best candidates are fitted with the filter run anew (Gauss-Newton), the best of them enters the belief,
-and the flights are looked at from there.
+Small effects need one expansion: everything is linear about the healthy vehicle. Where a term is far more
+significant, the best candidates are fitted with the filter run anew (Gauss-Newton). The best of them enters
+the filter parameters, and the likelihood is expanded there.
 """
 
 from __future__ import annotations
@@ -35,44 +35,44 @@ from slam.criticism.search.thresholds import Thresholds, with_misfit
 from slam.simulation.terms import CATALOGUE
 
 LINEAR_Z = 25.0
-"""Beyond this candidates are fitted with the filter run anew before one is chosen."""
+"""Least z from which candidates are fitted with the filter run anew before one is chosen."""
 CURVED_Z = 6.0
-"""Beyond this the size of what was chosen needs the filter run anew: a landing bends the trace."""
+"""Least z from which the size of a chosen term needs the filter run anew: a landing makes its effect
+nonlinear."""
 MOST_TERMS = 6
 STAGES = ("fit", "look", "try causes")
 SHORT_S = 80.0
-"""Candidates are compared on so much of the flights: they all stand out by far."""
+"""Duration of the flights on which candidates are compared: they are all highly significant."""
 PART_S = 160.0
-"""What stands out by far needs no look at more of the flights than this, where there is twice as much."""
+"""Duration of the flights that suffices for highly significant terms, where there is twice as much."""
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """What was found."""
+    """Result of the search."""
 
     model: FilterParameters
     first: LikelihoodExpansion
-    """About the healthy vehicle."""
+    """Expansion about the healthy vehicle."""
     last: LikelihoodExpansion
-    """About the belief with large effects in it; the first look where there are none."""
+    """Expansion about the parameters with large effects in them; the first one where there are none."""
     chosen: tuple[Effect, ...]
     rivals: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """For terms that the filter chose by runs anew: names that fitted as well then."""
+    """Alternatives to terms that were chosen by runs of the filter: names that fitted as well then."""
     leads: dict[tuple[str, str], float] = field(default_factory=dict)
-    """Labels of a chosen term and of another -> nats of evidence that the first leads by in its place, both
+    """Labels of a chosen term and of another -> nats of evidence by which the first leads in its place, both
     fitted with the filter run anew."""
     records: tuple[Record, ...] = ()
-    """The flights as the looks have them: referred to the colour that was found."""
+    """The flights as expanded: with reference runs under the AR(1) noise that was found."""
 
 
 def with_term_replaced(
     records: Sequence[Record], found: SearchResult, place: Effect, candidates: Sequence[Sequence[Effect]]
 ) -> SearchResult:
-    """The search with one of some sets of terms in place of a chosen one, fitted with the filter run anew; as
-    it was where none explains more.
+    """Replace a chosen term by the best of some sets of terms, each fitted with the filter run anew.
 
-    A term enters as it looks from the healthy vehicle; what others would do in its place shows only from
-    there.
+    The result is unchanged where none explains more. A term is chosen as it looks from the healthy vehicle;
+    what others would explain in its place shows only about the parameters with it.
     """
     rest = [e for e in found.chosen if e is not place]
     bare = without_effect(place, found.last.setting)
@@ -105,23 +105,33 @@ def with_term_replaced(
 def search(
     records: Sequence[Record], model: FilterParameters, limits: Thresholds, progress: Progress = silent
 ) -> SearchResult:
-    """Terms that stand out by more than the thresholds beside each other, best first."""
-    way = _SequentialSearch(records, model, limits, progress)
-    first = way.expansion
-    while (setting := way.next_belief()) is not None:
-        way.look_from(setting)
-    if (way.expansion.setting.noise_correlation != first.setting.noise_correlation).any():
+    """Find terms that exceed the thresholds beside each other, best first."""
+    search_state = _SequentialSearch(records, model, limits, progress)
+    first = search_state.expansion
+    while (setting := search_state.next_belief()) is not None:
+        search_state.expand_about(setting)
+    if (search_state.expansion.setting.noise_correlation != first.setting.noise_correlation).any():
         # With and without the terms noise is the same.
-        first = way.healthy(replace(first.setting, noise_correlation=way.expansion.setting.noise_correlation))
-    most = len(way.chosen)
-    way.drop_superfluous()
-    # Beside one term less, too.
-    leads = way.leads if len(way.chosen) == most else {}
-    return SearchResult(model, first, way.expansion, tuple(way.chosen), way.rivals, leads, tuple(way.records))
+        first = search_state.healthy(
+            replace(first.setting, noise_correlation=search_state.expansion.setting.noise_correlation)
+        )
+    most = len(search_state.chosen)
+    search_state.drop_superfluous()
+    # The leads hold beside the same terms only.
+    leads = search_state.leads if len(search_state.chosen) == most else {}
+    return SearchResult(
+        model,
+        first,
+        search_state.expansion,
+        tuple(search_state.chosen),
+        search_state.rivals,
+        leads,
+        tuple(search_state.records),
+    )
 
 
 class _SequentialSearch:
-    """From one belief to the next: the terms that were chosen so far, and how the flights look from there."""
+    """Sequential search: the terms chosen so far, and the expansion about the parameters with them."""
 
     def __init__(
         self, records: Sequence[Record], model: FilterParameters, limits: Thresholds, progress: Progress
@@ -131,16 +141,17 @@ class _SequentialSearch:
         self.chosen: list[Effect] = []
         self.rivals: dict[str, tuple[str, ...]] = {}
         self.leads: dict[tuple[str, str], float] = {}
-        self._fitted, self._greatest = True, 0.0
+        self._fitted, self._greatest_z = True, 0.0
         self._far = LINEAR_Z
-        """``LINEAR_Z``, or what is left of it where the look is at the first parts of the flights."""
+        """``LINEAR_Z``, or a smaller value in proportion where the expansion is of the first parts of the
+        flights."""
         with self._fits.part():
             setting = fit_nuisances(records, model, effects=ar1_effects(model))
-        self._see(setting)
+        self._expand(setting)
 
     def next_belief(self) -> FilterParameters | None:
-        """Choose until something must be fitted before one can tell more: the belief with all that is chosen;
-        None where nothing more stands out."""
+        """Choose terms until a fit is needed; return the parameters with all chosen terms, or None where
+        nothing more is significant."""
         while True:
             significant = self._significant()
             full = len(self.chosen) == MOST_TERMS
@@ -152,8 +163,8 @@ class _SequentialSearch:
                 continue
             if not significant or full:
                 return None if self._fitted else self._with_chosen()
-            self._greatest = max(self._greatest, significant[0].z)
-            # Beside one term more those before it lead by more, or less.
+            self._greatest_z = max(self._greatest_z, significant[0].z)
+            # With one term more, the leads of those before it change.
             self.leads = {}
             if doubtful := _doubtful(significant, self._far):
                 records = self.records
@@ -168,14 +179,15 @@ class _SequentialSearch:
                 return best.setting
             self.chosen.append(significant[0].effect)
             if significant[0].effect.changes:
-                # What makes noise larger bends far more than what moves a mean: beside it nothing shows.
+                # More noise is far less linear than a change of the mean: nothing else shows beside it.
                 return self._with_chosen()
             self._fitted = self._fitted and significant[0].z < CURVED_Z
 
-    def look_from(self, setting: FilterParameters) -> None:
-        """A look about a belief that holds the chosen terms, nuisances fitted to it.
+    def expand_about(self, setting: FilterParameters) -> None:
+        """Expand about parameters that hold the chosen terms, with nuisances fitted to them.
 
-        Where another term stands out by far from where one came, the first parts of long flights will do.
+        Where another term is highly significant at the last expansion, the first parts of long flights are
+        enough.
         """
         long = sum(record.duration_s for record in self.records) / PART_S
         part = long > 2.0 and by_much(self._significant(), self._far)
@@ -191,22 +203,24 @@ class _SequentialSearch:
         self._far, self._fitted = max(LINEAR_Z / np.sqrt(long), CURVED_Z), True
 
     def healthy(self, setting: FilterParameters) -> LikelihoodExpansion:
-        """A look about a belief without terms, nuisances fitted to it."""
+        """Expand about parameters without terms, with nuisances fitted to them."""
         with self._fits.part():
             setting = fit_nuisances(self.records, self._model, setting)
         with self._looks.part():
             return expand(self.records, self._model, setting)
 
     def drop_superfluous(self) -> None:
-        """Take out the terms that the others have made superfluous."""
+        """Remove the terms that the others have made superfluous."""
         before = self.chosen
         self.chosen = _needed(self.records, self._model, self.expansion, before, self._limits)
         for saturation in (e for e in before if is_saturation(e) and e not in self.chosen):
-            # What the flights do beyond a wall no look at the belief that holds it tells.
-            self._see(self._with_chosen(without_saturation(saturation, self.expansion.setting)))
+            # An expansion about parameters with a saturation does not show what the flights do beyond it.
+            self._expand(self._with_chosen(without_saturation(saturation, self.expansion.setting)))
 
     def _significant(self) -> list[ScoreTest]:
-        threshold = with_misfit(self._limits.second, self._greatest) if self.chosen else self._limits.effects
+        threshold = (
+            with_misfit(self._limits.second, self._greatest_z) if self.chosen else self._limits.effects
+        )
         return beyond(self.expansion.score_tests(self.chosen, self.expansion.effects), threshold)
 
     def _fit(self, records: Sequence[Record], setting: FilterParameters) -> FilterParameters:
@@ -215,11 +229,11 @@ class _SequentialSearch:
             return without_small_ar1(fit_nuisances(records, self._model, setting, free))
 
     def _expand_all(self, setting: FilterParameters) -> None:
-        self._see(self._fit(self.records, setting))
+        self._expand(self._fit(self.records, setting))
         self._far, self._fitted = LINEAR_Z, True
 
     def _hidden(self, significant: Sequence[ScoreTest]) -> Sequence[Effect] | None:
-        """Two terms in place of what stands out by little, or of nothing."""
+        """Return two terms in place of weakly significant ones, or of none."""
         if significant and significant[0].z >= CURVED_Z:
             return None
         return masked_pair(self.expansion, self._limits, significant)
@@ -228,28 +242,31 @@ class _SequentialSearch:
         with self._fits.part():
             return refit(self.records, self._model, start or self.expansion.setting, self.chosen)[1]
 
-    def _see(self, setting: FilterParameters) -> None:
+    def _expand(self, setting: FilterParameters) -> None:
         with self._looks.part():
-            self.records, self.expansion = _seen(self.records, self._model, setting, self.chosen)
+            self.records, self.expansion = _expanded(self.records, self._model, setting, self.chosen)
         self.chosen = [self.expansion.own(c) for c in self.chosen]
 
 
 def beyond(ranked: Sequence[ScoreTest], threshold: float) -> list[ScoreTest]:
-    """What stands out by more than the threshold, worthiest first; nothing where what explains most does not,
-    or where there is nothing."""
+    """Return the score tests beyond the threshold, worthiest first; none where the one that explains most is
+    below it."""
     if not any(s.z >= threshold for s in ranked[:1]):
         return []
     return sorted((s for s in ranked if s.z >= threshold), key=lambda s: -s.worth)
 
 
 def by_much(significant: Sequence[ScoreTest], z: float) -> bool:
-    """Whether anything stands out, the worthiest by ``z`` at least."""
+    """Whether any is significant, and the worthiest by ``z`` at least."""
     return bool(significant) and significant[0].z >= z
 
 
 def _doubtful(significant: Sequence[ScoreTest], far: float) -> Sequence[ScoreTest]:
-    """The candidates, best first, that must be fitted before one is chosen: all of them where the best is far
-    off or has no size yet, those as good as it where traces bend, none where one look tells."""
+    """Return the candidates, best first, that must be fitted before one is chosen.
+
+    These are all where the best is highly significant or has no size yet, those as good as it where its
+    effect is nonlinear, and none where one expansion decides.
+    """
     best = significant[0]
     if best.z >= far or is_profiled(best.effect):
         return significant
@@ -257,14 +274,14 @@ def _doubtful(significant: Sequence[ScoreTest], far: float) -> Sequence[ScoreTes
     return alike if best.z >= CURVED_Z and len({s.effect.name for s in alike}) > 1 else ()
 
 
-def _seen(
+def _expanded(
     records: Sequence[Record],
     model: FilterParameters,
     setting: FilterParameters,
     chosen: Sequence[Effect] = (),
 ) -> tuple[Sequence[Record], LikelihoodExpansion]:
-    """The records and a look at them; where coloured noise explains more than any term or shape would, the
-    belief has it, and the records are referred to that."""
+    """Return the records and their expansion. Where AR(1) noise explains more than any term or pattern, the
+    parameters include it, and the records' reference runs are redone."""
     expansion = expand(records, model, setting, chosen)
     others = expansion.score_tests(
         [expansion.own(c) for c in chosen], [*expansion.effects, *expansion.patterns]
@@ -284,7 +301,7 @@ def _needed(
     chosen: list[Effect],
     limits: Thresholds,
 ) -> list[Effect]:
-    """The chosen ones without those that the others have made superfluous."""
+    """Return the chosen terms without those that the others have made superfluous."""
     kept = list(chosen)
     if (
         len(chosen) == 2
@@ -318,7 +335,7 @@ def _without(
     others: Sequence[Effect],
     saturation: Effect,
 ) -> float:
-    """How far a wall stands out beside the others, both ways fitted with the filter run anew."""
+    """Return the z of a saturation beside the others, both hypotheses fitted with the filter run anew."""
     short = [first_seconds(record, SHORT_S / len(records)) for record in records]
     known, _ = refit(short, model, expansion.setting, [*others, saturation])
     open_way, _ = refit(short, model, without_saturation(saturation, expansion.setting), others)

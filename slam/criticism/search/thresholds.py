@@ -1,4 +1,5 @@
-"""How far a term or a shape must stand out: from simulated healthy flights, shipped with the package."""
+"""Thresholds of terms and residual patterns, calibrated on simulated healthy flights and shipped with the
+package."""
 
 from __future__ import annotations
 
@@ -13,21 +14,21 @@ CHANCE = "what chance reaches once in a hundred healthy cases"
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Of z, at a false-alarm rate of 1 % for both together."""
+    """Thresholds of z, at a false-alarm rate of 1 % for terms and residual patterns together."""
 
     effects: float
-    """For the greatest of all terms."""
+    """Threshold of the greatest of all terms."""
     patterns: float
-    """For the greatest of the dictionary."""
+    """Threshold of the greatest of the residual patterns."""
     second: float
-    """For one more term beside one that was found."""
+    """Threshold of one more term beside one that was found."""
     pairs: float
-    """For two terms together that hide each other."""
+    """Threshold of two terms together that mask each other."""
     meaning: str = CHANCE
-    """In words."""
+    """Description of the thresholds."""
 
     def times(self, factor: float, why: str) -> Thresholds:
-        """All of them higher, and ``why``."""
+        """Return all thresholds times a factor, described by ``why``."""
         return Thresholds(
             factor * self.effects, factor * self.patterns, factor * self.second, factor * self.pairs,
             f"{factor:g} times {self.meaning}, as {why}",
@@ -35,7 +36,7 @@ class Thresholds:
 
 
 def load_thresholds(pictures: bool = False) -> Thresholds:
-    """The shipped ones, for flights without or with pictures."""
+    """Return the shipped thresholds, for flights without or with pictures."""
     text = resources.files("slam.criticism.search").joinpath("thresholds.toml").read_text(encoding="utf-8")
     table = tomllib.loads(text)
     return Thresholds(
@@ -47,10 +48,9 @@ def load_thresholds(pictures: bool = False) -> Thresholds:
 
 
 MISFIT = 0.05
-"""No equation of the catalogue tells what a real effect does to a smaller share of it."""
+"""Share of a real effect that its equation in the catalogue does not describe."""
 
 
 def with_misfit(threshold: float, greatest: float) -> float:
-    """What must be exceeded beside a cause that stands out by ``greatest``: what its own misfit makes
-    included."""
+    """Return the threshold beside a cause with a z of ``greatest``, whose own misfit is included."""
     return float(np.hypot(threshold, MISFIT * greatest))

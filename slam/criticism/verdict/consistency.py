@@ -1,8 +1,8 @@
-"""Whether a claim agrees with itself: its size in each flight, stretch of time and channel by itself.
+"""Consistency of a cause: its size in each flight, segment of time and channel by itself.
 
-The innovations are independent, so their rows can be parted at will. If one size is true for all parts, what
-each part's score says beside the common sizes is chance: a chi-square with as many degrees of freedom as the
-parts have sizes of their own, all that is common (nuisances, sizes) projected out.
+The innovations are independent, so their rows can be divided at will. If one size holds for all parts, the
+score of each part beside the common sizes is chance. It is a chi-square with as many degrees of freedom as
+the parts have sizes of their own. All common parameters (nuisances, sizes) are projected out.
 """
 
 from __future__ import annotations
@@ -30,29 +30,29 @@ Ints = NDArray[np.int64]
 STRETCH_S, MOST_STRETCHES = 5.0, 1000
 DISAGREE_Z = 4.0
 MOST_EXCESS = 0.5
-"""Of the chi-square that a cause explains: beyond this its parts do not speak of one cause."""
+"""Share of the chi-square that a cause explains, beyond which its parts do not agree on one cause."""
 WEAK = 1e-6
-"""Of the strongest part's information: what tells less about the size tells nothing."""
+"""Share of the strongest part's information below which a part says nothing about the size."""
 
 
 @dataclass(frozen=True)
 class Consistency:
-    """How well the parts of the flights agree on a cause."""
+    """Consistency of a cause between parts of the flights."""
 
     by: str
-    """What the parts are: ``flight``, ``time`` or ``channel``."""
+    """Kind of part: ``flight``, ``time`` or ``channel``."""
     z: float
-    """Deviate of the chi-square of their differences."""
+    """Normal deviate of the chi-square of their differences."""
     excess: float
-    """The chi-square beyond what chance makes."""
+    """Excess of the chi-square over its expectation."""
 
 
 def consistencies(
     records: Sequence[Record], model: FilterParameters, parameters: FilterParameters, chosen: Sequence[Effect]
 ) -> list[tuple[Consistency, ...]]:
-    """For each chosen effect that moves the mean of the readings; none for the others.
+    """Return consistencies for each chosen effect that moves the mean of the readings; none for the others.
 
-    ``belief`` holds the effects at their sizes.
+    ``parameters`` include the effects at their sizes.
     """
     directions = [direction_of(n) for n in MEAN_NUISANCES] + [d for e in chosen for d in e.directions]
     precision = np.zeros(len(directions))
@@ -114,8 +114,10 @@ def _consistency(
 def contradictions(
     records: Sequence[Record], model: FilterParameters, found: SearchResult, parameters: FilterParameters
 ) -> tuple[dict[str, str], set[str]]:
-    """What is told of causes whose parts do not agree, by name; and those that explain less than they
-    contradict themselves. Of a foreign vehicle every cause does: its equations are another's.
+    """Return descriptions of inconsistent causes, by name, and the names of causes that contradict themselves
+    more than they explain.
+
+    For an out-of-model vehicle every cause is inconsistent, as its equations are wrong.
     """
     chosen = [with_free_value(e) for e in found.chosen]
     told, refuted = {}, set()

@@ -1,8 +1,8 @@
-"""What is missed, against what the leading cause makes of it, beside the same for its rival.
+"""Covariates: roll-out errors against what the leading cause predicts of them, beside the same for its rival.
 
-Every belief rolls out from the same filtered states. The difference between the roll-outs without and with a
-cause is what that cause says should be missed: its covariate, in the units of the channel. If the cause is
-right, what is missed without it rises with that, one for one, and what is missed with it does not.
+All roll-outs start from the same filtered states. The difference between roll-outs without and with a cause
+is the error that it predicts: its covariate, in the units of the channel. If the cause is right, the error
+without it rises one for one with the covariate, and the error with it does not.
 """
 
 from __future__ import annotations
@@ -32,27 +32,27 @@ AHEAD_S = 2.0
 
 @dataclass(frozen=True)
 class ChannelResiduals:
-    """One channel over two seconds ahead, against what one cause makes of it."""
+    """Roll-out errors of one channel over two seconds, against the covariate of one cause."""
 
     cause: str
-    """Whose covariate it is."""
+    """Cause whose covariate it is."""
     channel: str
     unit: str
     explained: Array
-    """(n,) what the cause says should be missed without it."""
+    """(n,) error that the cause predicts for a model without it."""
     missed: dict[str, Array]
     """Cause that is in the model, or "" for none -> (n,) measured less predicted."""
 
 
 @dataclass(frozen=True)
 class Covariate:
-    """The leading cause, and its rival in the verdict."""
+    """Covariates of the leading cause, and of its rival in the verdict."""
 
     cause: str
     rival: str
-    """Empty where there is none, or roll-outs cannot have it."""
+    """Name of the rival; empty where there is none, or where roll-outs cannot include it."""
     against: tuple[ChannelResiduals, ...]
-    """The leading cause's covariate, and the rival's."""
+    """Errors against the leading cause's covariate, and against the rival's."""
 
 
 def covariate(
@@ -63,10 +63,11 @@ def covariate(
     rival: str,
     z: float,
 ) -> Covariate | None:
-    """The covariates of ``cause``, one of the chosen, which stands out by ``z``, and of its ``rival``; None
+    """Return the covariates of a chosen ``cause`` with a score test of ``z``, and of its ``rival``; None
     where roll-outs do not show the cause.
 
-    Without it, and with its rival, sizes and nuisances are fitted: of a large cause with the filter run anew.
+    Sizes and nuisances are fitted without the cause, and with its rival. For a large cause the filter is run
+    anew.
     """
     effect = next((e for e in found.chosen if e.name == cause), None)
     if effect is None or not (effect.directions or effect.relaxes):
@@ -99,8 +100,11 @@ def covariate(
 
 
 def _as_effect(rival: str, found: SearchResult, effect: Effect, rest: Sequence[Effect]) -> Effect | None:
-    """Of the ways in which a rival may act that which explains most in a cause's place; how it is without a
-    wall only the first look knows. None where roll-outs cannot have it."""
+    """Return the effect of a rival that explains most in a cause's place, or None where roll-outs cannot
+    include it.
+
+    Only the first expansion describes the flights without a saturation.
+    """
     expansion, beside = (found.first, []) if is_saturation(effect) else (found.last, list(rest))
     ways = [e for e in expansion.effects if e.name == rival and (e.directions or e.relaxes)]
     best = next(iter(expansion.score_tests(beside, ways)), None)
@@ -108,7 +112,8 @@ def _as_effect(rival: str, found: SearchResult, effect: Effect, rest: Sequence[E
 
 
 def _against(pooled: dict[str, dict[int, Array]], cause: str) -> ChannelResiduals | None:
-    """Of the channel of which the cause takes away the greatest share of what is missed without it."""
+    """Return the errors of the channel in which the cause removes the greatest share; None where it changes
+    none."""
     shares = {}
     for channel, plain in pooled[""].items():
         left = pooled[cause][channel]

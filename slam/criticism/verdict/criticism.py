@@ -1,4 +1,4 @@
-"""The product of criticism: everything that a verdict, a report and an extended model need."""
+"""Result of criticism: everything that a verdict, a report and an extended model need."""
 
 from __future__ import annotations
 
@@ -23,56 +23,60 @@ class Rank:
     name: str
     probability: float
     z: float
-    """On the healthy vehicle, alone; 0 for ``nothing`` and ``unknown``."""
+    """Score test alone on the healthy vehicle; 0 for ``nothing`` and ``unknown``."""
 
 
 @dataclass(frozen=True)
 class ChannelCheck:
-    """Whether the innovations of a channel are white under the belief at the end."""
+    """Check that the innovations of a channel are white under the final parameters."""
 
     channel: str
     count: int
     variance: float
     autocorrelation: float
-    """At lag one, of samples of the channel in a row."""
+    """Lag-one autocorrelation, of samples of the channel in a row."""
     tenths: tuple[float, ...] = ()
-    """(10,) share of the innovations in each tenth of a standard normal's: 0.1 if they are as told."""
+    """(10,) share of the innovations in each tenth of a standard normal distribution: 0.1 each if the noise
+    is as modelled."""
 
 
 @dataclass(frozen=True, repr=False)
 class Criticism:
-    """What the simulation gets wrong about some flights."""
+    """Criticism of a simulation by some flights."""
 
     verdict: Verdict
     sentence: str
     causes: tuple[Cause, ...] = ()
     equivalence_set: tuple[str, ...] = ()
     remainder: str = ""
-    """What is left over: channel, signal and size of the strongest shape; empty where nothing is."""
+    """Description of what is left over: channel, signal and size of the strongest pattern; empty where
+    nothing is."""
     next_flight: str = ""
     detectable: dict[str, tuple[float, str]] = field(default_factory=dict)
     """Name -> smallest size that these flights would have shown in nine of ten cases, and its unit."""
     ranking: tuple[Rank, ...] = ()
     confusable: tuple[tuple[str, str, float], ...] = ()
-    """Pairs of terms whose traces in these flights correlate by more than 0.9, and by how much."""
+    """Pairs of terms whose sensitivities in these flights correlate by more than 0.9, with the
+    correlation."""
     patterns: tuple[tuple[str, float], ...] = ()
-    """Strongest shapes of the dictionary beside the causes, and their z."""
+    """Strongest residual patterns beside the causes, and their z."""
     nuisances: dict[str, Interval] = field(default_factory=dict)
     noise_correlation: dict[str, float] = field(default_factory=dict)
-    """Instrument -> correlation of one sample's noise with the next, where it is coloured: healthy."""
+    """Instrument -> AR(1) coefficient of its noise, where it is above zero, which is healthy."""
     checks: tuple[ChannelCheck, ...] = ()
     covariate: Covariate | None = None
-    """What is missed, against what the leading cause makes of it; None where roll-outs do not show it."""
+    """Roll-out errors against what the leading cause predicts of them; None where roll-outs do not show
+    it."""
     threshold: float = 0.0
-    """By how many standard deviations an effect must stand out."""
+    """Threshold of the score test in standard deviations."""
     threshold_means: str = ""
-    """What that is, in words: what chance does, or more, and why."""
+    """Description of the threshold and its reason."""
     model: Model | None = None
     """The nominal model that was criticised."""
     extended: Model | None = None
-    """The model with the causes in it and the nuisances fitted: what the flights say the vehicle is."""
+    """The model with the causes in it and the nuisances fitted."""
     unseen: dict[str, Model] = field(default_factory=dict)
-    """Flight -> the extended model as all other flights have it."""
+    """Flight -> the extended model fitted on all other flights."""
     flights: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
     """Flights and streams that were not judged, with the reason, one line each."""
@@ -82,7 +86,7 @@ class Criticism:
         return f"Criticism({self.verdict!r}, causes=[{causes}], flights={len(self.flights)})"
 
     def to_json(self) -> dict[str, Any]:
-        """verdict.json's content."""
+        """Return the content of verdict.json."""
         return {
             "verdict": self.verdict,
             "sentence": self.sentence,

@@ -1,8 +1,9 @@
-"""How probable each cause is, with "nothing" and "something unknown" always among the hypotheses.
+"""Posterior of the causes, with "nothing" and "something unknown" always among the hypotheses.
 
-Hypotheses are the chosen set, the set without one of its terms, the set with one of them replaced by any
-other term or by any shape of the dictionary that is not the term itself to the eye of these flights, and any
-one in place of several. Each weighs its likelihood at its best, what its numbers cost, and its prior.
+Hypotheses are the chosen set, the set without one of its terms, and the set with one of them replaced. Any
+other term replaces it, or any residual pattern that these flights can separate from the term. A single effect
+in place of several is a hypothesis too. Each weighs its maximum likelihood, the cost of its parameters, and
+its prior.
 """
 
 from __future__ import annotations
@@ -27,24 +28,26 @@ Array = NDArray[np.float64]
 
 NOTHING, SOMETHING_ELSE = "nothing", "unknown"
 ONE_CLASS, CLASS_NATS = 0.95, 10.0
-"""Two terms that correlate by more are one class, unless one leads by more nats than its shape explains."""
+"""Correlation beyond which two terms are alternatives, unless one leads by more nats than its form
+explains."""
 SAME_TRACE = 0.9
-"""Correlation with a term beyond which a shape is the term in other words: a range that goes with the climb
+"""Correlation with a term beyond which a pattern counts as the term itself: a range proportional to the climb
 rate is a lag."""
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """Probabilities of names, and what may stand in for each chosen term."""
+    """Probabilities of names, and the alternatives to each chosen term."""
 
     probability: dict[str, float]
-    """Of every term, and of ``nothing`` and ``unknown``; terms of a pair each count on their own."""
+    """Probability of every term, and of ``nothing`` and ``unknown``; terms of a pair each count on their
+    own."""
     alternatives: tuple[tuple[str, ...], ...]
-    """For each chosen effect: names whose evidence lies within 4 nats of it in its place, itself first."""
+    """Names whose evidence lies within 4 nats in place of each chosen effect, itself first."""
     lead_nats: tuple[float, ...]
-    """For each chosen effect: its lead over the best other name in its place."""
+    """Lead of each chosen effect over the best other name in its place."""
     rivals: tuple[str, ...] = ()
-    """For each chosen effect: the other term that is likeliest in its place; empty where there is none."""
+    """The most probable other term in place of each chosen effect; empty where there is none."""
 
 
 def is_term(effect: Effect) -> bool:
@@ -53,13 +56,13 @@ def is_term(effect: Effect) -> bool:
 
 
 def required_nats(effect: Effect) -> float:
-    """Nats that held-out flights must gain before a term is likelier than not."""
+    """Return the nats that held-out flights must gain before a term is more probable than not."""
     return parameter_cost(len(effect.columns)) + ONE_OF_ALL
 
 
 @dataclass(frozen=True)
 class _Place:
-    """What may stand in for one chosen term."""
+    """Alternatives to one chosen term."""
 
     names: tuple[str, ...]
     lead_nats: float
@@ -69,7 +72,7 @@ class _Place:
 
 
 def posterior_of(found: SearchResult) -> Posterior:
-    """Probabilities at the last look; of terms that make noise larger, without it."""
+    """Return the probabilities at the last expansion; of terms that increase noise, at one without them."""
     expansion, chosen = found.last, list(found.chosen)
     places = [_at_saturation(found, e) if is_saturation(e) else _at_term(found, e) for e in chosen]
     saturations = [place for place, effect in zip(places, chosen, strict=True) if is_saturation(effect)]
@@ -92,8 +95,11 @@ def posterior_of(found: SearchResult) -> Posterior:
 
 
 def _in_place_of_all(found: SearchResult) -> list[tuple[float, frozenset[str]]]:
-    """Nothing, or what several terms explain as one thing that none of them is: as near to the belief, or to
-    health, as shows more of it; but a belief with more noise shows nothing of what is missed without that."""
+    """Return the evidence of nothing, and of one effect in place of several.
+
+    Of the expansions about the final parameters and about the healthy vehicle, the better one counts for each
+    effect. Parameters with more noise hide what would be missed without it.
+    """
     looks = [found.first] if any(e.changes for e in found.chosen) else [found.last, found.first]
     best = {"": (_evidence(looks[0], []) + _over(found, looks[0]), _names([]))}
     for expansion in looks:
@@ -106,8 +112,8 @@ def _in_place_of_all(found: SearchResult) -> list[tuple[float, frozenset[str]]]:
 
 
 def _look_without(found: SearchResult, term: Effect) -> LikelihoodExpansion:
-    """Where what would be missed without a chosen term shows: at the belief, or if that has more noise for
-    it, at one without."""
+    """Return the expansion that shows what would be missed without a term: the last one, or one without the
+    term if it increases noise."""
     if not term.changes:
         return found.last
     rest = [e for e in found.chosen if e is not term]
@@ -119,12 +125,13 @@ def _look_without(found: SearchResult, term: Effect) -> LikelihoodExpansion:
 
 
 def _over(found: SearchResult, expansion: LikelihoodExpansion) -> float:
-    """Nats that a look's belief has over the last one's, before anything is fitted."""
+    """Return the nats of an expansion's parameters above the last one's, before anything is fitted."""
     return float(expansion.fisher.log_likelihood.sum() - found.last.fisher.log_likelihood.sum())
 
 
 def _at_saturation(found: SearchResult, saturation: Effect) -> _Place:
-    """The search has held it against all others with the filter run anew."""
+    """Return the alternatives to a saturation, which the search compared with all others with the filter run
+    anew."""
     names = (saturation.name, *_equally_good(found, saturation))
     if len(names) == 1:
         return _Place(names, np.inf, _second_to_saturation(found))
@@ -165,14 +172,14 @@ def _at_term(found: SearchResult, term: Effect) -> _Place:
 def _in_other_words(
     expansion: LikelihoodExpansion, rest: Sequence[Effect], term: Effect, shape: Effect
 ) -> bool:
-    """Whether a shape of the dictionary is the term itself to the eye of these flights."""
+    """Whether these flights cannot separate a residual pattern from the term."""
     if is_term(shape) or shape.relaxes or not is_term(term):
         return False
     return _alike(expansion, rest, term, shape) > SAME_TRACE
 
 
 def likelier_term(found: SearchResult, posterior: Posterior) -> tuple[Effect, str] | None:
-    """A chosen term and another that is likelier in its place; None where there is none."""
+    """Return a chosen term and the name of a more probable one in its place, or None."""
     for place, names in zip(found.chosen, posterior.alternatives, strict=False):
         if is_term(place) and not is_saturation(place) and not place.changes:
             known = {n: posterior.probability.get(n, 0.0) for n in names}
@@ -183,9 +190,11 @@ def likelier_term(found: SearchResult, posterior: Posterior) -> tuple[Effect, st
 
 
 def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, Effect]]:
-    """Two terms that look likelier in place of a chosen one: from the healthy vehicle, or from the belief.
+    """Return pairs of terms that seem more probable in place of a chosen one, from the healthy vehicle or the
+    final parameters.
 
-    A term that bends, as a ground effect does, shows from the belief too much of what is lost without it.
+    A nonlinear term, such as a ground effect, shows too much of what is lost without it from the final
+    parameters.
     """
     if is_saturation(place) or place.changes:
         return []
@@ -205,7 +214,8 @@ def likelier_pairs(found: SearchResult, place: Effect) -> list[tuple[Effect, Eff
 
 
 def _equally_good(found: SearchResult, saturation: Effect) -> tuple[str, ...]:
-    """What fitted as well as a wall when it was chosen; of a foreign vehicle it is told as what remains."""
+    """Return the alternatives that fitted as well as a saturation when it was chosen. Those of an
+    out-of-model vehicle are reported as left over."""
     chosen = {e.name for e in found.chosen}
     return (
         ()
@@ -215,7 +225,8 @@ def _equally_good(found: SearchResult, saturation: Effect) -> tuple[str, ...]:
 
 
 def _second_to_saturation(found: SearchResult) -> str:
-    """The term that explains most in a wall's place: how it is without one only the first look knows."""
+    """Return the term that explains most in a saturation's place. Only the first expansion describes the
+    flights without it."""
     taken = {e.name for e in found.chosen}
     others = [e for e in found.first.effects if is_term(e) and e.name not in taken]
     best = next(iter(found.first.score_tests([], others)), None)
@@ -223,22 +234,22 @@ def _second_to_saturation(found: SearchResult) -> str:
 
 
 def _evidence(expansion: LikelihoodExpansion, effects: Sequence[Effect]) -> float:
-    """Log of a set's likelihood at its best, less what its numbers cost, with its prior."""
+    """Return the log of a set's maximum likelihood, less the cost of its parameters, with its prior."""
     return expansion.quadratic.maximise(effects).nats + _prior(expansion)(effects)
 
 
 def _beside(
     expansion: LikelihoodExpansion, rest: Sequence[Effect], among: Sequence[Effect]
 ) -> list[tuple[Effect, float]]:
-    """The same of a set with each of some more effects; one that gains nothing, or has a size of the wrong
-    sign, only costs."""
+    """Return the evidence of a set with each of some more effects. An effect that gains nothing, or has the
+    wrong sign, only costs."""
     base, prior = expansion.quadratic.maximise(rest).nats, _prior(expansion)
     return [(s.effect, base + s.nats + prior([*rest, s.effect])) for s in expansion.score_tests(rest, among)]
 
 
 def _prior(expansion: LikelihoodExpansion) -> Callable[[Sequence[Effect]], float]:
-    """Log prior of a set, less what its numbers cost."""
-    # A term that is tried in several ways, as a delay is, is no likelier for it.
+    """Return the log prior of a set, less the cost of its parameters."""
+    # A term that is tried in several ways, such as a delay, is no more probable for it.
     ways = Counter(e.name for e in expansion.effects if is_term(e))
     others = len(expansion.patterns) + len(expansion.effects) - ways.total()
 
@@ -250,12 +261,12 @@ def _prior(expansion: LikelihoodExpansion) -> Callable[[Sequence[Effect]], float
 
 
 def _alike(expansion: LikelihoodExpansion, rest: Sequence[Effect], term: Effect, other: Effect) -> float:
-    """Greatest correlation of the traces of two terms, or a term and a shape, all else taken out."""
+    """Return the greatest correlation of the sensitivities of two effects, all else projected out."""
     _, covariance = expansion.quadratic.maximise([*rest, term, other]).of(
         expansion.quadratic.index([*term.columns, *other.columns])
     )
     k = len(term.columns)
-    # What of the one's uncertainty is the other's: the same correlation, but for its sign.
+    # The correlation of the uncertainties is the same, except for its sign.
     root = [np.linalg.cholesky(_regular(c)) for c in (covariance[:k, :k], covariance[k:, k:])]
     between = np.linalg.solve(root[0], np.linalg.solve(root[1], covariance[:k, k:].T).T)
     return min(float(np.linalg.norm(between, 2)), 1.0)
@@ -276,6 +287,6 @@ def _probabilities(weights: Sequence[tuple[float, frozenset[str]]]) -> dict[str,
     total: dict[str, float] = {NOTHING: 0.0, SOMETHING_ELSE: 0.0}
     for p, (_, names) in zip(share, weights, strict=True):
         for name in names:
-            # By rounding more than 1 is no longer even odds when halved.
+            # Rounding errors must not make a probability exceed 1: halved, it would be above even odds.
             total[name] = min(total.get(name, 0.0) + float(p), 1.0)
     return total

@@ -1,4 +1,5 @@
-"""What flights could have shown: the smallest sizes of terms, and which terms they cannot tell apart."""
+"""Statistical power of flights: the smallest detectable sizes of terms, and terms that they cannot
+separate."""
 
 from __future__ import annotations
 
@@ -22,18 +23,18 @@ Ints = NDArray[np.int64]
 CONFUSED = 0.9
 LIMIT = "tilt_limit"
 NINE_OF_TEN = 1.28
-"""Standard deviations beyond a threshold at which so many cases are beyond it."""
+"""Standard deviations beyond a threshold that nine of ten cases exceed."""
 
 
 def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tuple[float, str]]:
-    """Smallest size of each term that would have been seen in nine of ten cases."""
+    """Return the smallest size of each term that nine of ten cases would have shown, and its unit."""
     found: dict[str, tuple[float, str]] = {}
     for effect in expansion.effects:
         if not is_term(effect) or is_profiled(effect):
             continue
         columns = expansion.quadratic.index(effect.columns)
         _, covariance = expansion.quadratic.maximise([effect]).of(columns)
-        # The direction of a vector that shows least.
+        # The component of a vector that shows least decides.
         k = int(np.argmax(np.diag(covariance)))
         size = (threshold + NINE_OF_TEN) * float(np.sqrt(covariance[k, k]))
         neutral = catalogue_value(effect, k, 0.0, expansion.setting, 0.0)
@@ -49,18 +50,19 @@ def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tu
         if is_saturation(e) and is_profiled(e)
     ]
     shown = [limit for e, limit in saturations if _far(expansion, e) > threshold + NINE_OF_TEN]
-    # Of a limit the highest that shows is the smallest effect.
+    # The highest limit that shows is the smallest effect.
     return found | ({saturations[0][0].name: (max(shown), "rad")} if shown else {})
 
 
 def _far(expansion: LikelihoodExpansion, effect: Effect) -> float:
-    """How far an effect of one column would stand out at the size that it is tried at."""
+    """Return the score test of an effect of one column at the size that it is tried at."""
     _, covariance = expansion.quadratic.maximise([effect]).of(expansion.quadratic.index(effect.columns))
     return float(float(covariance[0, 0]) ** -0.5)
 
 
 def confusable(expansion: LikelihoodExpansion) -> tuple[tuple[str, str, float], ...]:
-    """Pairs of terms whose traces correlate by more than ``CONFUSED`` here, nuisances taken out."""
+    """Return pairs of terms whose sensitivities correlate by more than ``CONFUSED`` here, nuisances projected
+    out."""
     quadratic = expansion.quadratic
     out = quadratic.index(quadratic.names)
     left = project(quadratic.information, out, quadratic.precision)
@@ -79,8 +81,11 @@ def confusable(expansion: LikelihoodExpansion) -> tuple[tuple[str, str, float], 
 
 
 def within_reach(detectable: Mapping[str, tuple[float, str]]) -> dict[str, float]:
-    """Of what would have been seen at a usual size: the smallest size as a share of the greatest usual one,
-    most sharply tested first."""
+    """Return the terms that would have shown at a usual size, with the smallest size as a share of the
+    greatest usual one.
+
+    The most sharply tested term is first.
+    """
     shares = {}
     for name, (size, unit) in detectable.items():
         sizes = [p for p in CATALOGUE[name].parameters if p.unit == unit]

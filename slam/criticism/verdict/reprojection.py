@@ -1,7 +1,8 @@
-"""What the pictures miss: by how many pixels a point of the floor is off where the flight's path carries it.
+"""Reprojection errors: pixels between a point of the floor in a picture and where the flight's path predicts
+it.
 
-The path is what all other instruments make known; within what they leave open of it the pictures may turn and
-shift, so that what is left over is the camera's.
+The path comes from all other instruments. Within its uncertainty the pictures may turn and shift, so that the
+remaining error is the camera's.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from slam.criticism.threads import in_threads
 def reprojection_errors(
     records: Sequence[Record], before: Sequence[FilterParameters], after: Sequence[FilterParameters]
 ) -> tuple[ChannelError, ...]:
-    """Root mean square over all matches of the flights that have pictures, under beliefs about each flight;
-    empty where none has."""
+    """Return root mean square errors over all matches of the flights with pictures, before and after; empty
+    where none has any."""
     seen = [k for k, record in enumerate(records) if record.matches is not None]
     if not seen:
         return ()
@@ -38,7 +39,7 @@ def reprojection_errors(
 
 
 def _square_px(record: Record, setting: FilterParameters) -> tuple[float, int]:
-    """Mean square of what one coordinate of a match is off by, and how many there are."""
+    """Return the mean square error of one coordinate of a match, and the number of coordinates."""
     assert record.matches is not None
     found = reprojection_score(record, record.matches, setting, ())
     # Residuals are weighed by their own noise, which differs little from match to match.
