@@ -13,4 +13,4 @@ def uneven_of(records: Sequence[Record]) -> str | None:
     if not uneven:
         return None
     worst = 100 * max(uneven)
-    return f"picture brightness changes in flicker, by {worst:.0f} %, otherwise from picture to picture"
+    return f"picture brightness changes in bands, by {worst:.0f} %, otherwise from picture to picture"

@@ -17,9 +17,9 @@ from slam.criticism.camera.reprojection import (
     TOLERANCE,
     ReprojectionScore,
     camera_path,
+    path_segment,
     reprojection_score,
     spread,
-    taken,
 )
 from slam.criticism.camera.warps import BENT, WARPS, warp
 from slam.criticism.kalman.camera_parameters import (
@@ -188,7 +188,7 @@ def test_of_a_long_flight_pictures_of_some_seconds_on_end_are_taken(
     # A part of a path is as uncertain as the whole says that it is.
     record, matches, _ = healthy
     path, inside = camera_path(record, matches, setting)
-    part, shown = taken(path, inside, 10, 25)
+    part, shown = path_segment(path, inside, 10, 25)
     assert part.times_s.tolist() == path.times_s[10:25].tolist()
     assert part.elapsed.tolist() == path.elapsed[10:25].tolist()
     assert np.flatnonzero(shown).tolist() == np.flatnonzero(inside)[10:25].tolist()

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam.criticism.kalman.ar1_noise import coloured_for
+from slam.criticism.kalman.ar1_noise import ar1_noise_for
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import stretches, whole
 from slam.criticism.kalman.perturbations import parameter_perturbation
@@ -72,7 +72,7 @@ def test_lost_samples_let_the_noise_fade_as_long_as_they_are_many():
     values[np.flatnonzero(full.kinds == SONAR)[lost], 0] = np.nan
     right = whole(replace(full, values=values), true).log_likelihood
     assert whole(thinned, true).log_likelihood == pytest.approx(right, abs=0.5)
-    noise = coloured_for(thinned, true, 19, 0)
+    noise = ar1_noise_for(thinned, true, 19, 0)
     assert noise is not None
     apart = np.diff(np.flatnonzero(~lost))
     assert np.array_equal(noise.samples[thinned.kinds == SONAR][1:], apart)
@@ -81,7 +81,7 @@ def test_lost_samples_let_the_noise_fade_as_long_as_they_are_many():
 def test_hardly_any_colour_is_as_none():
     measured, true = flight(5, np.zeros(5))
     record = record_of(measured)
-    assert coloured_for(record, true, 19, 0) is None
+    assert ar1_noise_for(record, true, 19, 0) is None
     white, faint = whole(record, true), whole(record, replace(true, noise_correlation=np.full(5, 1e-9)))
     assert np.array_equal(white.status, faint.status)
     np.testing.assert_allclose(faint.white, white.white, atol=1e-5)

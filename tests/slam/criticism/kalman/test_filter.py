@@ -12,7 +12,7 @@ from slam.criticism.kalman.filter import USED
 from slam.criticism.kalman.filter_parameters import filter_parameters_of
 from slam.criticism.kalman.innovations import stretches, whole
 from slam.criticism.kalman.perturbations import parameter_perturbation
-from slam.criticism.kalman.prepare import room_for
+from slam.criticism.kalman.prepare import workspace_for
 from slam.criticism.kalman.readings import CHANNEL_AT, CHANNELS, IMU, place_of
 from slam.criticism.kalman.record import record_of
 from slam.criticism.manoeuvres import stick_for
@@ -248,5 +248,5 @@ def test_the_unrest_that_is_left_near_the_floor_tells_no_height():
     state = np.zeros(19)
     state[2], state[10:19] = 0.1, 0.05
     rate, slopes = np.empty(12), np.empty((10, 19))
-    jacobian(state, np.zeros(6), setting.parameters, rate, slopes, room_for(19, 0).scratch)
+    jacobian(state, np.zeros(6), setting.parameters, rate, slopes, workspace_for(19, 0).scratch)
     assert not slopes[[0, 1, 2, 3, 4, 6, 7, 8, 9], 2].any()
