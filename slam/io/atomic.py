@@ -1,8 +1,7 @@
-"""Outputs appear whole or not at all: built under a temporary name beside the target, then renamed.
+"""Atomic outputs. They are built under a temporary name beside the target and then renamed.
 
-The temporary name is fixed (``.NAME.partial``) and held with a lock that dies with the process. What a
-killed run leaves behind is unlocked, and the next run clears it; a second run on the same target finds it
-locked and is refused.
+The temporary name is fixed (``.NAME.partial``) and locked until the process ends. A killed run leaves it
+unlocked, and the next run removes it. A second run on the same target finds it locked and is refused.
 """
 
 from __future__ import annotations
@@ -25,9 +24,9 @@ def partial_path(target: Path) -> Path:
 
 
 def write_whole(path: Path | str, content: bytes) -> None:
-    """Put ``content`` at ``path`` in one step; until then an earlier file stays as it was.
+    """Write ``content`` to ``path`` in one step. An earlier file stays unchanged until then.
 
-    Raises ``InputError`` where the place cannot be written or another run is writing there.
+    Raises ``InputError`` if the place cannot be written or another run is writing there.
     """
     with atomic_file(path) as partial:
         partial.write_bytes(content)
@@ -35,20 +34,20 @@ def write_whole(path: Path | str, content: bytes) -> None:
 
 @contextmanager
 def atomic_file(path: Path | str) -> Iterator[Path]:
-    """Give a temporary path beside ``path``, same suffix; on success it replaces ``path`` in one step.
+    """Yield a temporary path beside ``path`` with its suffix. On success it replaces ``path`` in one step.
 
-    On any exception the old file stays as it was and nothing new is left. Missing parent folders are made.
-    Raises ``InputError`` where the place cannot be written or another run is writing there.
+    On an exception the old file stays unchanged and nothing new remains. Missing parent folders are created.
+    Raises ``InputError`` if the place cannot be written or another run is writing there.
     """
     target = Path(path)
-    with _building(target, as_folder=False) as temporary:
-        with _explained(target):
+    with _locked_partial(target, as_folder=False) as temporary:
+        with _as_input_error(target):
             if target.is_dir():
                 raise IsADirectoryError(errno.EISDIR, "is a folder", str(target))
             os.truncate(temporary, 0)
-        with _explained(target, written=temporary):
+        with _as_input_error(target, written=temporary):
             yield temporary
-        with _explained(target):
+        with _as_input_error(target):
             _sync(temporary)
             os.replace(temporary, target)
             _sync(target.parent)
@@ -56,23 +55,23 @@ def atomic_file(path: Path | str) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: Path | str, replace: bool = False) -> Iterator[Path]:
-    """Give an empty temporary folder beside ``path``; on success it becomes ``path`` in one step.
+    """Yield an empty temporary folder beside ``path``. On success it becomes ``path`` in one step.
 
-    A target that already holds something is refused, unless ``replace``: then it stands untouched until the
-    new folder is complete. Raises ``InputError`` where the target is refused, cannot be written, or another
-    run is writing there.
+    A target that is not empty is refused, unless ``replace`` is set; then it stays unchanged until the new
+    folder is complete. Raises ``InputError`` if the target is refused, cannot be written, or another run is
+    writing there.
     """
     target = Path(path)
-    with _building(target, as_folder=True) as temporary:
+    with _locked_partial(target, as_folder=True) as temporary:
         old = temporary.with_name(f".{target.name}.old")
-        with _explained(target):
+        with _as_input_error(target):
             _recover(target, old)
             if target.exists() and not (target.is_dir() and (replace or not any(target.iterdir()))):
                 raise refusal(target, "exists already and is not empty", "name another place or remove it")
             _clear(temporary)
-        with _explained(target, written=temporary):
+        with _as_input_error(target, written=temporary):
             yield temporary
-        with _explained(target):
+        with _as_input_error(target):
             _sync_tree(temporary)
             if target.exists() and any(target.iterdir()):
                 os.rename(target, old)
@@ -85,27 +84,27 @@ def atomic_folder(path: Path | str, replace: bool = False) -> Iterator[Path]:
 def locked(path: Path | str) -> Iterator[None]:
     """Keep other runs from replacing the folder ``path`` while files are added to it.
 
-    Raises ``InputError`` where another run is writing it, or where nothing can be written beside it.
+    Raises ``InputError`` if another run is writing it, or if nothing can be written beside it.
     """
-    with _building(Path(path), as_folder=True) as temporary:
+    with _locked_partial(Path(path), as_folder=True) as temporary:
         yield
         shutil.rmtree(temporary, ignore_errors=True)
 
 
 @contextmanager
-def _building(target: Path, as_folder: bool) -> Iterator[Path]:
-    """The temporary file or folder of ``target``, made and locked.
+def _locked_partial(target: Path, as_folder: bool) -> Iterator[Path]:
+    """Create and lock the temporary file or folder of ``target``.
 
-    Where the block fails it is removed, and so are parents that were made for it.
+    If the block fails, it is removed, together with parent folders that were created for it.
     """
     if not target.name:  # "." and "/"
         raise refusal(target, "has no name of its own", "name a file or folder to write")
     temporary = partial_path(target)
-    made: list[Path] = []
+    created: list[Path] = []
     lock = -1
     try:
-        with _explained(target):
-            made = [parent for parent in target.parents if not parent.exists()]
+        with _as_input_error(target):
+            created = [parent for parent in target.parents if not parent.exists()]
             target.parent.mkdir(parents=True, exist_ok=True)
             if as_folder:
                 temporary.mkdir(exist_ok=True)
@@ -113,14 +112,14 @@ def _building(target: Path, as_folder: bool) -> Iterator[Path]:
         try:
             yield temporary
         except BaseException:
-            # Only here: after the rename the name may be another run's already.
+            # Only here: after the rename, the name may already belong to another run.
             _remove(temporary)
             raise
         finally:
             os.close(lock)
     except BaseException:
-        for parent in made:
-            with suppress(OSError):  # another run's by now: stays
+        for parent in created:
+            with suppress(OSError):  # a folder that another run uses by now stays
                 parent.rmdir()
         raise
 
@@ -130,7 +129,7 @@ def _lock(temporary: Path, target: Path, flags: int) -> int:
     try:
         descriptor = os.open(temporary, flags | os.O_NOFOLLOW, 0o666)
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        # The other run may have renamed what we opened just before we got the lock.
+        # The other run may have renamed the opened file just before this run got the lock.
         if not os.path.samestat(os.fstat(descriptor), temporary.stat()):
             raise BlockingIOError
     except (BlockingIOError, FileNotFoundError):
@@ -141,7 +140,7 @@ def _lock(temporary: Path, target: Path, flags: int) -> int:
 
 
 def _recover(target: Path, old: Path) -> None:
-    """A run killed between its two renames left the old folder aside: put it back, or finish its removal."""
+    """Restore or remove the old folder that a run left when it was killed between its two renames."""
     if not old.exists():
         return
     if target.exists():
@@ -182,11 +181,11 @@ def _sync_tree(folder: Path) -> None:
 
 
 @contextmanager
-def _explained(target: Path, written: Path | None = None) -> Iterator[None]:
-    """Turn what the system refuses into one line about the target.
+def _as_input_error(target: Path, written: Path | None = None) -> Iterator[None]:
+    """Turn an error of the operating system into one line about the target.
 
-    With ``written`` the block is the caller's, who may also be reading: then only a disk that is full or
-    read-only and what names the temporary file or folder is the target's fault; the rest passes.
+    With ``written`` the block is the caller's, who may also read other files. Then only a full or read-only
+    disk, and errors that name the temporary file or folder, are the target's; others pass unchanged.
     """
     try:
         yield
@@ -199,6 +198,6 @@ def _explained(target: Path, written: Path | None = None) -> Iterator[None]:
 def _is_about(error: OSError, written: Path) -> bool:
     if error.errno in (*DISK_FULL, errno.EROFS):
         return True
-    told = (error.filename, error.filename2)
-    names = [Path(os.fsdecode(name)) for name in told if isinstance(name, str | bytes)]
+    paths = (error.filename, error.filename2)
+    names = [Path(os.fsdecode(name)) for name in paths if isinstance(name, str | bytes)]
     return any(name == written or written in name.parents for name in names)

@@ -1,7 +1,7 @@
-"""The tags of one photograph: who took it, when, where, and which way the camera looked.
+"""Reading of the tags of one photograph: camera, time, position and attitude.
 
-Angles stay as the maker wrote them here (degrees, yaw clockwise from north); ``slam.io.gimbal`` turns them
-into the flight's axes. A tag that is absent, not finite or out of its range is ``None``. Sources: CIPA
+Angles stay in the maker's convention (degrees, yaw clockwise from north); ``slam.io.gimbal`` converts them to
+the axes of the flight. A tag that is absent, not finite or out of range is ``None``. Sources: CIPA
 DC-008-2019 (Exif 2.32), sections 4.6.3 to 4.6.6; DJI's XMP names as its cameras write them.
 """
 
@@ -27,7 +27,9 @@ Angles = tuple[float, float, float]
 """Yaw, pitch, roll in degrees."""
 
 _MM_PER_UNIT = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}
-"""FocalPlaneResolutionUnit: inch, centimetre and, beyond the standard, millimetre and micrometre."""
+"""Millimetres per FocalPlaneResolutionUnit: inch, centimetre and, as an extension of the standard, millimetre
+and micrometre.
+"""
 
 
 @dataclass(frozen=True)
@@ -39,51 +41,51 @@ class PhotoTags:
     make: str = ""
     model: str = ""
     original_size_px: tuple[float, float] | None = None
-    """(width, height) when it was taken, where the tags tell it."""
+    """(width, height) at the exposure, if the tags contain it."""
     focal_mm: float | None = None
     focal_35mm: float | None = None
-    """Focal length of the same diagonal view on 35 mm film [mm]."""
+    """Focal length with the same diagonal view on 35 mm film [mm]."""
     sensor_px_per_mm: float | None = None
-    """Original pixels in a millimetre of the sensor."""
+    """Original pixels per millimetre of the sensor."""
     calibrated_focal_px: float | None = None
-    """At the original size."""
+    """Calibrated focal length at the original size."""
     dewarp: tuple[float, ...] | None = None
-    """fx, fy, cx, cy (from the middle), k1, k2, p1, p2, k3 at the original size."""
+    """fx, fy, cx, cy (relative to the centre), k1, k2, p1, p2, k3 at the original size."""
     dewarped: bool = False
-    """The distortion was taken out in the camera already."""
+    """Whether the camera has already removed the distortion."""
     camera_time_ns: int | None = None
-    """The camera's calendar clock read as if it were UTC, since 1970."""
+    """Time of the camera's calendar clock since 1970, without its time zone."""
     utc_offset_ns: int | None = None
     """Offset to subtract from the time for UTC."""
     gps_time_ns: int | None = None
-    """UTC since 1970."""
+    """Time of the satellites since 1970, UTC."""
     latitude_deg: float | None = None
     longitude_deg: float | None = None
     altitude_m: float | None = None
     exif_altitude_m: float | None = None
-    """The plain Exif altitude where ``altitude_m`` comes from the maker's own tag."""
+    """Exif altitude; ``altitude_m`` may come from the maker's own tag."""
     position_std_m: Angles | None = None
-    """East, north, up."""
+    """Standard deviations of east, north, up."""
     height_above_takeoff_m: float | None = None
     gimbal: Angles | None = None
-    """DJI's and Parrot's: pitch 0 is the horizon, -90 straight down."""
+    """Angles of DJI and Parrot: pitch 0 is the horizon, -90 straight down."""
     mount: Angles | None = None
-    """Pix4D's: pitch 0 is straight down, +90 the horizon ahead."""
+    """Angles of Pix4D: pitch 0 is straight down, +90 the horizon ahead."""
     airframe: Angles | None = None
-    """The vehicle's own attitude."""
+    """Attitude of the vehicle."""
     xmp_damaged: bool = False
 
 
 def read_tags(path: Path) -> PhotoTags:
-    """Read the tags of a JPEG, PNG or TIFF; no pixel is decoded.
+    """Read the tags of a JPEG, PNG or TIFF without decoding pixels.
 
-    Raises ``InputError`` where the file is no such picture, is damaged, or ends before its picture does.
+    Raises ``InputError`` if the file is not such a picture, is damaged or is truncated.
     """
     try:
         if path.stat().st_size == 0:
             raise InputError("empty file")
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow warns of damaged tags, which count as absent here
+            warnings.simplefilter("ignore")  # Pillow warns of damaged tags, which count as absent
             with Image.open(path, formats=("JPEG", "PNG", "TIFF")) as image:
                 complete = _is_complete(path, image)
                 exif = image.getexif()
@@ -97,29 +99,31 @@ def read_tags(path: Path) -> PhotoTags:
         raise InputError("no permission to read it") from error
     except Image.DecompressionBombError as error:
         raise InputError(f"more than {MAX_PIXELS // 10**6} million pixels") from error
-    except Exception as error:  # Pillow lets any exception out of a damaged file
+    except Exception as error:  # Pillow raises any exception for a damaged file
         raise InputError("not a readable picture") from error
     if size[0] * size[1] > MAX_PIXELS:
         raise InputError(f"more than {MAX_PIXELS // 10**6} million pixels")
     if not complete:
         raise InputError("cut short or damaged")
     xmp = parse_xmp(packet.encode() if isinstance(packet, str) else bytes(packet or b""))
-    return PhotoTags(size, **_camera(tags, xmp), **_time(tags, gps), **_place(gps, xmp), **_view(xmp))
+    return PhotoTags(
+        size, **_camera(tags, xmp), **_time(tags, gps), **_position(gps, xmp), **_attitude_angles(xmp)
+    )
 
 
 def _is_complete(path: Path, image: Image.Image) -> bool:
-    """Whether the file holds its picture to the end, told from the container."""
+    """Return whether the container of the picture is complete."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
         if image.format == "PNG":
             return data.rfind(b"IEND") > 0
         if image.format == "TIFF":
-            layout: Any = image
-            pieces = ((273, 279), (324, 325))  # strips, tiles: offsets and byte counts
+            tiff: Any = image
+            tag_pairs = ((273, 279), (324, 325))  # strips, tiles: offsets and byte counts
             ends = [
                 int(offset) + int(count)
-                for offsets, counts in pieces
+                for offsets, counts in tag_pairs
                 for offset, count in zip(
-                    layout.tag_v2.get(offsets, ()), layout.tag_v2.get(counts, ()), strict=True
+                    tiff.tag_v2.get(offsets, ()), tiff.tag_v2.get(counts, ()), strict=True
                 )
             ]
             return bool(ends) and max(ends) <= len(data)
@@ -127,7 +131,7 @@ def _is_complete(path: Path, image: Image.Image) -> bool:
         while at + 4 <= len(data) and data[at] == 0xFF:
             marker = data[at + 1]
             if marker == 0xDA:
-                # Only the end-of-image after the scan counts: thumbnails before it have their own.
+                # Only the end-of-image marker after the scan counts, as thumbnails before it have their own.
                 return data.rfind(b"\xff\xd9", at) > 0
             at += 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
     return False
@@ -173,17 +177,19 @@ def _time(tags: dict[int, Any], gps: dict[int, Any]) -> dict[str, Any]:
     return {"camera_time_ns": camera, "utc_offset_ns": offset, "gps_time_ns": satellite}
 
 
-def _place(gps: dict[int, Any], xmp: Xmp) -> dict[str, Any]:
-    """The maker's own tags before Exif's: they carry more digits, and the RTK altitude stands only there."""
+def _position(gps: dict[int, Any], xmp: Xmp) -> dict[str, Any]:
+    """Return the position from the maker's own tags before Exif's. They have more digits and the RTK
+    altitude.
+    """
     lat, lon = (
         _number(xmp.text("drone", "GpsLatitude", "GPSLatitude")),
         # Older DJI cameras write the second name.
         _number(xmp.text("drone", "GpsLongitude", "GpsLongtitude", "GPSLongitude")),
     )
-    if not _is_place(lat, lon):
+    if not _is_position(lat, lon):
         lat = _sexagesimal(gps.get(GPS.GPSLatitude), _text(gps.get(GPS.GPSLatitudeRef)), "NS")
         lon = _sexagesimal(gps.get(GPS.GPSLongitude), _text(gps.get(GPS.GPSLongitudeRef)), "EW")
-        if not _is_place(lat, lon) or _text(gps.get(GPS.GPSStatus)) == "V":
+        if not _is_position(lat, lon) or _text(gps.get(GPS.GPSStatus)) == "V":
             lat = lon = None
     exif_altitude = _number(gps.get(GPS.GPSAltitude))
     if exif_altitude is not None and _below_sea(gps.get(GPS.GPSAltitudeRef)):
@@ -203,9 +209,9 @@ def _place(gps: dict[int, Any], xmp: Xmp) -> dict[str, Any]:
     }
 
 
-def _view(xmp: Xmp) -> dict[str, Any]:
+def _attitude_angles(xmp: Xmp) -> dict[str, Any]:
     return {
-        # Parrot keeps DJI's convention under names of its own.
+        # Parrot has DJI's convention under other names.
         "gimbal": _angles(xmp, "drone", "GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree")
         or _angles(xmp, "drone", "CameraYawDegree", "CameraPitchDegree", "CameraRollDegree"),
         "mount": _angles(xmp, "camera", "Yaw", "Pitch", "Roll"),
@@ -221,7 +227,7 @@ def _angles(xmp: Xmp, family: Any, *names: str) -> Angles | None:
 
 
 def _number(value: Any) -> float | None:
-    """A finite float out of a rational, a one-tuple, "+1.5" or "3/2"; None where there is none."""
+    """Return a finite float from a rational, a one-tuple, "+1.5" or "3/2"; None for other values."""
     if isinstance(value, (tuple, list)):
         value = value[0] if len(value) == 1 else None
     if isinstance(value, bytes):
@@ -256,7 +262,9 @@ def _text(value: Any) -> str:
 
 
 def _sexagesimal(value: Any, reference: str, signs: str) -> float | None:
-    """Degrees, minutes, seconds with N/S or E/W. Without the letter the sign is unknown, so the value is."""
+    """Return degrees from degrees, minutes, seconds with N/S or E/W; None without the letter, as the sign is
+    unknown.
+    """
     parts = _numbers(value, 3)
     letter = reference[:1].upper()
     if parts is None or letter not in tuple(signs):
@@ -265,19 +273,21 @@ def _sexagesimal(value: Any, reference: str, signs: str) -> float | None:
     return -degrees if letter == signs[1] else degrees
 
 
-def _is_place(lat: float | None, lon: float | None) -> bool:
-    """Whether both are there and on Earth; (0, 0) is what a receiver without a fix writes."""
+def _is_position(lat: float | None, lon: float | None) -> bool:
+    """Return whether both are valid. A receiver without a fix writes (0, 0)."""
     return lat is not None and lon is not None and abs(lat) <= 90 and abs(lon) <= 180 and (lat, lon) != (0, 0)
 
 
 def _below_sea(reference: Any) -> bool:
-    """GPSAltitudeRef 1, or 3 of Exif 3.0: below sea level, below the ellipsoid."""
+    """Return whether GPSAltitudeRef is 1 (below sea level), or 3 of Exif 3.0 (below the ellipsoid)."""
     code = reference[0] if isinstance(reference, bytes) and len(reference) == 1 else _number(reference)
     return code in (1, 3)
 
 
 def _calendar_ns(text: str) -> int | None:
-    """Nanoseconds from 1970 to "YYYY:MM:DD hh:mm:ss"; None for the zeros of a clock never set."""
+    """Return nanoseconds from 1970 to "YYYY:MM:DD hh:mm:ss"; None for the zeros of a clock that was never
+    set.
+    """
     match = re.match(r"(\d{4})[:-](\d\d)[:-](\d\d)[ T](\d\d):(\d\d):(\d\d)", text)
     if match is None:
         return None
@@ -285,7 +295,7 @@ def _calendar_ns(text: str) -> int | None:
         since = datetime.strptime(" ".join(match.groups()), "%Y %m %d %H %M %S") - datetime(1970, 1, 1)
     except ValueError:
         return None
-    # A year beyond 2200 is damage, and its nanoseconds soon leave 64 bits.
+    # A year after 2200 is an error, and its nanoseconds could exceed 64 bits.
     return since // timedelta(seconds=1) * 10**9 if timedelta(0) <= since < timedelta(days=84000) else None
 
 

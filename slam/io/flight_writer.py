@@ -1,4 +1,4 @@
-"""Writing a flight folder: the whole folder appears at once, numbers come back as they were."""
+"""Writing of a flight folder. The whole folder appears in one step, and numbers are read back unchanged."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from slam.io.streams import COLUMNS, IMU_DENSITIES, METRES_PER_DEGREE, Series, m
 
 Array = NDArray[np.float64]
 
-MOST_PENDING = 4
+MAX_PENDING = 4
 JPEG_QUALITY = 92
 _JPEG = [
     *(cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY),
@@ -51,24 +51,25 @@ _PNG = [
     *(cv2.IMWRITE_PNG_COMPRESSION, 1),
     *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_HUFFMAN_ONLY),
 ]
-"""Compression without a search for repeats: in camera noise there are none. It is twice as fast, and files
-are smaller."""
+"""Compression without a search for repeats. Camera noise has none, so it is twice as fast and files are
+smaller.
+"""
 _SUFFIXES = {"png": (".png",), "jpg": (".jpg", ".jpeg")}
 
 
 def write_flight(
     flight: Flight, path: Path | str, progress: Progress = silent, image_format: str = "png"
 ) -> None:
-    """Write ``flight`` as the new folder ``path``; it appears complete or not at all.
+    """Write ``flight`` as the new folder ``path``, which appears complete or not at all.
 
-    Pictures that are files already are copied as they are; others are encoded as ``image_format`` ("png" or
-    "jpg") under their own name with that suffix. One that cannot be read is listed without a file. Raises
-    ``InputError`` where the target is not empty or cannot be written, ``ValueError`` for another format.
+    Pictures that are files are copied unchanged. Others are encoded as ``image_format`` ("png" or "jpg")
+    under their own name with that suffix. An unreadable picture is listed without a file. Raises
+    ``InputError`` if the target is not empty or cannot be written, ``ValueError`` for another format.
     """
     if image_format not in _SUFFIXES:
         raise ValueError(f"image_format {image_format!r}: png or jpg")
     with atomic_folder(path) as folder:
-        (folder / "flight.yaml").write_text(_about(flight), encoding="utf-8")
+        (folder / "flight.yaml").write_text(_metadata_text(flight), encoding="utf-8")
         if flight.landmarks:
             _write_landmarks(flight.landmarks, folder / "landmarks.csv")
         mav0 = folder / "mav0"
@@ -88,18 +89,18 @@ def _stamps_ns(stamps_s: Array, epoch_ns: int) -> list[int]:
     return [int(s) + epoch_ns for s in np.round(np.asarray(stamps_s) * 1e9)]
 
 
-def _about(flight: Flight) -> str:
-    about: dict[str, object] = {"name": flight.name, **{k: str(v) for k, v in flight.notes.items()}}
+def _metadata_text(flight: Flight) -> str:
+    metadata: dict[str, object] = {"name": flight.name, **{k: str(v) for k, v in flight.notes.items()}}
     for key, pairs in (("landmark_pairs", flight.landmark_pairs), ("gaps", flight.gaps)):
         if pairs:
-            about[key] = [list(pair) for pair in pairs]
+            metadata[key] = [list(pair) for pair in pairs]
     if flight.all_keyframes:
-        about["all_keyframes"] = True
+        metadata["all_keyframes"] = True
     if flight.warnings:
-        about["assumed"] = list(flight.warnings)
-    # Unescaped, these would come back as a blank.
-    odd_breaks = any(c in "".join(map(str, about.values())) for c in ("\x85", "\u2028", "\u2029"))
-    return yaml.safe_dump(about, sort_keys=False, allow_unicode=not odd_breaks, width=110)
+        metadata["assumed"] = list(flight.warnings)
+    # Without escapes, YAML would read these characters back as a blank.
+    special_breaks = any(c in "".join(map(str, metadata.values())) for c in ("\x85", "\u2028", "\u2029"))
+    return yaml.safe_dump(metadata, sort_keys=False, allow_unicode=not special_breaks, width=110)
 
 
 def _write_landmarks(landmarks: dict[str, Array], path: Path) -> None:
@@ -117,11 +118,11 @@ def _write_series(series: Series, name: str, folder: Path, epoch_ns: int) -> Non
         for stamp, row in zip(_stamps_ns(series.stamps_s, epoch_ns), values, strict=True):
             file.write(f"{stamp},{','.join(repr(v) if math.isfinite(v) else '' for v in row)}\n")
     mount = series.b_T_s if isinstance(series, Imu | Sonar) else np.eye(4)
-    _write_sensor(folder, name[:-1], mount, series.stamps_s, _nominal(series))
+    _write_sensor(folder, name[:-1], mount, series.stamps_s, _sensor_entries(series))
 
 
 def _values(series: Series, width: int) -> Array:
-    """(n, width) values in the format's order; NaN where the series holds none."""
+    """Return (n, width) values in the format's order; NaN where the series has none."""
     match series:
         case Imu():
             return np.hstack([series.gyro_rad_s, series.accel_m_s2])
@@ -151,8 +152,8 @@ def _values(series: Series, width: int) -> Array:
     assert_never(series)
 
 
-def _nominal(series: Series) -> dict[str, object]:
-    """Return the nominal figures of the series' ``sensor.yaml`` besides mount and rate."""
+def _sensor_entries(series: Series) -> dict[str, object]:
+    """Return the entries of ``sensor.yaml`` for a series, except mount and rate."""
     match series:
         case Imu():
             return {key: getattr(series, name) for key, name in IMU_DENSITIES.items()}
@@ -217,21 +218,21 @@ def _write_sensor(folder: Path, kind: str, mount: Array, stamps_s: Array, nomina
         lines.append(f"rate_hz: {1 / max(float(np.median(np.diff(stamps_s))), 1e-9):.6g}")
     for key, value in nominal.items():
         if isinstance(value, list):
-            lines.append(f"{key}: [{', '.join(repr(_plain(v)) for v in value)}]")
+            lines.append(f"{key}: [{', '.join(repr(_python_number(v)) for v in value)}]")
         else:
-            lines.append(f"{key}: {value if isinstance(value, str) else repr(_plain(value))}")
+            lines.append(f"{key}: {value if isinstance(value, str) else repr(_python_number(value))}")
     (folder / "sensor.yaml").write_text("\n".join(lines) + "\n")
 
 
-def _plain(value: object) -> object:
-    """numpy scalars print with their type; Python's own print as numbers."""
+def _python_number(value: object) -> object:
+    """Return a numpy scalar as a Python number, since the text of a numpy scalar contains its type."""
     return value.item() if isinstance(value, np.generic) else value
 
 
 def _write_frames(frames: Frames, folder: Path, epoch_ns: int, progress: Progress, image_format: str) -> None:
     used: set[str] = set()
     pending: deque[Future[None]] = deque()
-    # One picture is encoded while the next is read or rendered: a loader is never called by two threads.
+    # One picture is encoded while the next is read or rendered. A loader is never called by two threads.
     with (
         open(folder / "data.csv", "w", newline="", encoding="utf-8") as file,
         ThreadPoolExecutor(1) as encoder,
@@ -248,7 +249,7 @@ def _write_frames(frames: Frames, folder: Path, epoch_ns: int, progress: Progres
             elif (image := frames.load(k)) is not None:
                 pending.append(encoder.submit(_encode, image, target, image_format))
             rows.writerow([stamp, name])
-            if len(pending) > MOST_PENDING:
+            if len(pending) > MAX_PENDING:
                 pending.popleft().result()
             progress("writing pictures", k + 1, len(frames))
         for picture in pending:
@@ -256,7 +257,7 @@ def _write_frames(frames: Frames, folder: Path, epoch_ns: int, progress: Progres
 
 
 def _file_name(name: str, k: int, source: Path | None, image_format: str, used: set[str]) -> str:
-    """The frame's own name where a file can bear it, with the suffix its content has."""
+    """Return the frame's name if it is a valid file name, with the suffix of its content, else its number."""
     path = PurePosixPath(name.strip())
     suffixes = _SUFFIXES[image_format] if source is None else (source.suffix.lower(),)
     if path.suffix.lower() not in suffixes:

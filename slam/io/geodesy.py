@@ -1,9 +1,9 @@
 """Coordinates on Earth: WGS 84 geodetic, Earth-centred (ECEF) and local east-north-up.
 
-The conversions are exact on the ellipsoid (no flat-Earth approximation), so distances between points
-survive. Altitude is height above the ellipsoid; a height above sea level may stand in for it, as the two
-differ by a figure that is nearly constant over a flight. Frames: ``e`` Earth-centred Earth-fixed, ``w``
-east-north-up at the origin.
+The conversions are exact on the ellipsoid (no flat-Earth approximation), so distances between points are
+preserved. Altitude is the height above the ellipsoid. A height above sea level may replace it, as the
+difference is nearly constant over a flight. Frames: ``e`` Earth-centred Earth-fixed, ``w`` east-north-up at
+the origin.
 
 Source: National Geospatial-Intelligence Agency, WGS 84, NGA.STND.0036 (2014); Bowring, "Transformation from
 spatial to geographical coordinates", Survey Review 181 (1976).
@@ -23,11 +23,13 @@ FLATTENING = 1 / 298.257223563
 ECCENTRICITY_2 = FLATTENING * (2 - FLATTENING)
 
 _BOWRING_STEPS = 5
-"""Each step gains about three digits near Earth, so that five reach the last bit from any altitude in use."""
+"""Number of iterations. Each gains about three digits near Earth, so that five reach the last bit from any
+altitude in use.
+"""
 
 
 def ecef_from_geodetic(latitude_deg: ArrayLike, longitude_deg: ArrayLike, altitude_m: ArrayLike) -> Array:
-    """Earth-centred coordinates in metres; broadcasts its arguments. (n,) each -> (n, 3)."""
+    """Return Earth-centred coordinates in metres; arguments are broadcast. (n,) each -> (n, 3)."""
     lat, lon = np.radians(np.asarray(latitude_deg, float)), np.radians(np.asarray(longitude_deg, float))
     alt = np.asarray(altitude_m, float)
     across = EQUATOR_M / np.sqrt(1 - ECCENTRICITY_2 * np.sin(lat) ** 2)
@@ -37,9 +39,9 @@ def ecef_from_geodetic(latitude_deg: ArrayLike, longitude_deg: ArrayLike, altitu
 
 
 def geodetic_from_ecef(e_p_m: ArrayLike) -> tuple[Array, Array, Array]:
-    """Latitude [deg], longitude [deg] and altitude [m] of Earth-centred points. (n, 3) -> three (n,).
+    """Return latitude [deg], longitude [deg] and altitude [m] of Earth-centred points. (n, 3) -> three (n,).
 
-    Bowring's iteration on the parametric latitude; good to rounding (2e-9 m near the ground).
+    It is Bowring's iteration on the parametric latitude, exact to rounding (2e-9 m near the ground).
     """
     x, y, z = np.moveaxis(np.asarray(e_p_m, float), -1, 0)
     from_axis = np.hypot(x, y)
@@ -51,7 +53,7 @@ def geodetic_from_ecef(e_p_m: ArrayLike) -> tuple[Array, Array, Array]:
             from_axis - ECCENTRICITY_2 * EQUATOR_M * np.cos(parametric) ** 3,
         )
         parametric = np.arctan2((1 - FLATTENING) * np.sin(lat), np.cos(lat))
-    # The projection on the ellipsoid's normal keeps its digits at the poles and the equator alike.
+    # The projection on the ellipsoid's normal is accurate at the poles and at the equator.
     height = (
         from_axis * np.cos(lat) + z * np.sin(lat) - EQUATOR_M * np.sqrt(1 - ECCENTRICITY_2 * np.sin(lat) ** 2)
     )
@@ -61,10 +63,10 @@ def geodetic_from_ecef(e_p_m: ArrayLike) -> tuple[Array, Array, Array]:
 def enu_from_geodetic(
     latitude_deg: ArrayLike, longitude_deg: ArrayLike, altitude_m: ArrayLike, origin: GeoOrigin
 ) -> Array:
-    """East, north, up in metres from ``origin``. (n,) each -> (n, 3).
+    """Return east, north, up in metres from ``origin``. (n,) each -> (n, 3).
 
-    Where the altitude is NaN, east and north are those at the origin's altitude (off by 1.6 cm for each 100 m
-    of height and km of distance) and up is NaN.
+    If the altitude is NaN, up is NaN, and east and north are those at the origin's altitude (an error of 1.6
+    cm for each 100 m of height and km of distance).
     """
     lat, lon, alt = np.broadcast_arrays(
         *(np.atleast_1d(np.asarray(a, float)) for a in (latitude_deg, longitude_deg, altitude_m))
@@ -77,7 +79,7 @@ def enu_from_geodetic(
 
 
 def geodetic_from_enu(w_p_m: ArrayLike, origin: GeoOrigin) -> tuple[Array, Array, Array]:
-    """Latitude [deg], longitude [deg] and altitude [m] of east-north-up points. (n, 3) -> three (n,)."""
+    """Return latitude [deg], longitude [deg] and altitude [m] of east-north-up points (n, 3), each (n,)."""
     w_p = np.asarray(w_p_m, float).reshape(-1, 3)
     return geodetic_from_ecef(w_p @ _ecef_R_enu(origin).T + _origin_in_ecef(origin))
 
@@ -87,7 +89,7 @@ def _origin_in_ecef(origin: GeoOrigin) -> Array:
 
 
 def _ecef_R_enu(origin: GeoOrigin) -> Array:
-    """(3, 3); its columns are east, north and up at the origin."""
+    """Return the rotation (3, 3) whose columns are east, north and up at the origin."""
     lat, lon = np.radians(origin.latitude_deg), np.radians(origin.longitude_deg)
     (sin_lat, cos_lat), (sin_lon, cos_lon) = (np.sin(lat), np.cos(lat)), (np.sin(lon), np.cos(lon))
     east = [-sin_lon, cos_lon, 0.0]

@@ -1,10 +1,10 @@
-"""A mosaic on disk: a Cloud-Optimised GeoTIFF with overviews, and a PNG with a world file.
+"""Files of a mosaic: a Cloud-Optimised GeoTIFF with overviews, and a PNG with a world file.
 
 Both are written from tiles, with memory bounded by GDAL's block cache. The affine of a GeoTIFF refers to the
 outer corner of the first pixel, a world file to its centre (ESRI, World files for raster datasets).
 
-The GeoTIFF holds what each block was made of, and a digest of its pixels: a later mosaic takes from it what
-it would make again, and nothing that was edited since.
+The GeoTIFF contains a fingerprint of the inputs of each block and a digest of its pixels. A later mosaic
+reuses blocks with equal fingerprints, if they were not edited since.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from slam.io.atomic import atomic_file
 BLOCK_PX = 512
 CACHE_MB = 64
 LOCAL_METRES = 'LOCAL_CS["local metres",UNIT["metre",1],AXIS["x",EAST],AXIS["y",NORTH]]'
-"""A plane in metres that is nowhere on Earth in particular."""
-MARKS = "LEMNISCATE_BLOCKS"
-"""Metadata item of the GeoTIFF: JSON, mark -> row, column, digest of the pixels."""
+"""Coordinate system of a plane in metres without a position on Earth."""
+FINGERPRINTS_TAG = "LEMNISCATE_BLOCKS"
+"""Metadata item of the GeoTIFF: JSON map of a fingerprint to row, column and digest of the pixels."""
 
 _RGBA = {
     "count": 4, "dtype": "uint8", "photometric": "RGB", "alpha": "non-premultiplied", "BIGTIFF": "IF_SAFER",
@@ -49,33 +49,34 @@ class Grid:
 
     west_m: float
     north_m: float
-    """Outer corner of the first pixel."""
+    """Position of the outer corner of the first pixel."""
     gsd_m: float
     width: int
     height: int
     origin: GeoOrigin | None = None
     """Position of x = y = 0 on Earth, x to the east and y to the north; None for a local plane."""
     metric: bool = True
-    """Whether lengths are metres; else they are of a unit of the map's own."""
+    """Whether lengths are in metres; else they are in a unit of the map."""
 
     @property
     def extent_m(self) -> tuple[float, float, float, float]:
-        """West, east, south and north end."""
+        """Return the west, east, south and north bounds."""
         east_m = self.west_m + self.width * self.gsd_m
         return self.west_m, east_m, self.north_m - self.height * self.gsd_m, self.north_m
 
     @property
     def affine(self) -> Affine:
-        """(column, row) of a pixel corner to (x, y)."""
+        """Return the transform from (column, row) of a pixel corner to (x, y)."""
         return Affine(self.gsd_m, 0.0, self.west_m, 0.0, -self.gsd_m, self.north_m)
 
     @property
     def crs(self) -> CRS | None:
-        """Azimuthal equidistant about the origin, so that distances from it are true; or the local plane.
+        """Return an azimuthal equidistant system about the origin, or the local plane if there is no origin.
 
-        None where lengths are no metres: a GeoTIFF knows no plane of another unit.
+        Distances from the origin are true. It is None if lengths are not metres, as a GeoTIFF has no plane of
+        another unit.
 
-        A map lies on the ellipsoid: ground at altitude h is drawn larger by h / 6371 km (5e-5 at 300 m).
+        The map lies on the ellipsoid: ground at altitude h is enlarged by h / 6371 km (5e-5 at 300 m).
         """
         if self.origin is None:
             return CRS.from_wkt(LOCAL_METRES) if self.metric else None
@@ -87,26 +88,26 @@ class Grid:
 
 @dataclass(frozen=True)
 class Block:
-    """A rectangle of finished pixels."""
+    """Rectangle of rendered pixels."""
 
     row: int
     col: int
     rgba: NDArray[np.uint8]
-    """(rows, cols, 4); alpha 0 where nothing was seen."""
-    mark: str = ""
-    """Names what it was made of, for `earlier_blocks`; empty where it shall not be found again."""
+    """(rows, cols, 4); alpha is 0 where nothing was seen."""
+    fingerprint: str = ""
+    """Fingerprint of its inputs, for `earlier_blocks`; empty if it is not to be reused."""
 
 
 EarlierBlock = Callable[[str, tuple[int, int]], "NDArray[np.uint8] | None"]
-"""Mark, rows and columns -> the pixels (rows, cols, 4) that a file has under it; None where it has none."""
+"""Map of fingerprint, rows and columns to the pixels (rows, cols, 4) in a file; None if it has none."""
 
 
 def write_geotiff(path: Path, grid: Grid, blocks: Iterator[Block]) -> None:
-    """Cloud-Optimised GeoTIFF at ``path``, whole or not at all.
+    """Write a Cloud-Optimised GeoTIFF to ``path``, complete or not at all.
 
     Blocks first go into a plain tiled file beside it, since overviews need all of them.
 
-    Raises ``InputError`` where the disk refuses.
+    Raises ``InputError`` if it cannot be written.
     """
     profile = {
         "driver": "GTiff", "width": grid.width, "height": grid.height, "crs": grid.crs,
@@ -115,17 +116,17 @@ def write_geotiff(path: Path, grid: Grid, blocks: Iterator[Block]) -> None:
         "SPARSE_OK": True, **_RGBA,
     }  # fmt: skip
     with _gdal(path), atomic_file(path) as partial, _scratch(path) as plain:
-        total, marks = np.zeros(4, np.uint64), {}
+        total, fingerprints = np.zeros(4, np.uint64), {}
         with rasterio.open(plain, "w", **profile) as raster:
             for block in blocks:
                 rows, cols = block.rgba.shape[:2]
-                if block.mark:
-                    marks[block.mark] = (block.row, block.col, _digest(block.rgba))
+                if block.fingerprint:
+                    fingerprints[block.fingerprint] = (block.row, block.col, _digest(block.rgba))
                 if block.rgba[..., 3].any():
                     window = Window(block.col, block.row, cols, rows)
                     raster.write(np.moveaxis(block.rgba, 2, 0), window=window)
                     total += block.rgba.sum(axis=(0, 1), dtype=np.uint64)
-            raster.update_tags(**{MARKS: json.dumps(marks)})
+            raster.update_tags(**{FINGERPRINTS_TAG: json.dumps(fingerprints)})
         rasterio.shutil.copy(
             plain, partial, driver="COG", compress="DEFLATE", predictor="YES", blocksize=BLOCK_PX,
             overview_resampling="AVERAGE", bigtiff="IF_SAFER",
@@ -135,40 +136,40 @@ def write_geotiff(path: Path, grid: Grid, blocks: Iterator[Block]) -> None:
 
 @contextmanager
 def earlier_blocks(path: Path) -> Iterator[EarlierBlock]:
-    """The marked blocks of a GeoTIFF of ours; none where the file is missing or is not as we wrote it."""
+    """Yield a reader of the blocks of a GeoTIFF. It finds none if the file is missing or not ours."""
     with ExitStack() as stack:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", NotGeoreferencedWarning)
                 raster = stack.enter_context(rasterio.open(path))
-            marks = json.loads(raster.tags()[MARKS])
+            fingerprints = json.loads(raster.tags()[FINGERPRINTS_TAG])
         except (RasterioError, CPLE_BaseError, OSError, ValueError, KeyError):
-            yield lambda mark, shape: None
+            yield lambda fingerprint, shape: None
             return
 
-        def earlier(mark: str, shape: tuple[int, int]) -> NDArray[np.uint8] | None:
+        def earlier(fingerprint: str, shape: tuple[int, int]) -> NDArray[np.uint8] | None:
             try:
-                row, col, digest = marks[mark]
+                row, col, digest = fingerprints[fingerprint]
                 pixels = raster.read(window=Window(col, row, shape[1], shape[0]))
             except (RasterioError, CPLE_BaseError, ValueError, KeyError, TypeError):
                 return None
             rgba = np.moveaxis(pixels, 0, 2)
-            # What was cut off by the raster's end, edited or damaged has another one.
+            # The digest differs for blocks that are edited, damaged or cut off at the end of the raster.
             return rgba if _digest(rgba) == digest else None
 
         yield earlier
 
 
 def _digest(rgba: NDArray[np.uint8]) -> str:
-    made = blake2b(repr((rgba.shape, rgba.dtype.str)).encode(), digest_size=16)
-    made.update(rgba.tobytes())
-    return made.hexdigest()
+    hasher = blake2b(repr((rgba.shape, rgba.dtype.str)).encode(), digest_size=16)
+    hasher.update(rgba.tobytes())
+    return hasher.hexdigest()
 
 
 def write_bands(path: Path, grid: Grid, bands: Mapping[str, NDArray[np.float32]]) -> None:
-    """Cloud-Optimised GeoTIFF of measured figures, a band each with its description; NaN where unknown.
+    """Write a Cloud-Optimised GeoTIFF of values, one band each with its description; NaN where unknown.
 
-    Whole or not at all. Raises ``InputError`` where the disk refuses.
+    The file appears complete or not at all. Raises ``InputError`` if it cannot be written.
     """
     profile = {
         "driver": "GTiff", "width": grid.width, "height": grid.height, "crs": grid.crs,
@@ -189,23 +190,24 @@ def write_bands(path: Path, grid: Grid, bands: Mapping[str, NDArray[np.float32]]
 
 
 def write_png(geotiff: Path, path: Path, max_pixels: int, world_file: bool = True) -> float:
-    """PNG of a GeoTIFF of ours, from the first overview with at most ``max_pixels``; gives back its m/pixel.
+    """Write a PNG of a GeoTIFF of ours from its first overview with at most ``max_pixels``; return its
+    m/pixel.
 
-    The world file beside it (``.pgw``) says where the centre of the first pixel lies.
+    The world file beside it (``.pgw``) contains the position of the centre of the first pixel.
 
-    Raises ``InputError`` where the disk refuses.
+    Raises ``InputError`` if it cannot be written.
     """
     with _gdal(path), atomic_file(path) as partial, _scratch(path) as plain:
         with _reduced(geotiff, max_pixels) as raster:
             affine, total = raster.transform, np.zeros(4, np.uint64)
             profile = {"driver": "GTiff", "width": raster.width, "height": raster.height, "transform": affine}
-            # PNG is made line by line: from tiles that takes twenty times as long as from strips.
+            # PNG is written line by line, which takes twenty times as long from tiles as from strips.
             with rasterio.open(plain, "w", blockysize=16, **profile, **_RGBA) as strips:
                 for window, pixels in _strips(raster):
                     strips.write(pixels, window=window)
                     total += pixels.sum(axis=(1, 2), dtype=np.uint64)
         _verify(plain, total)
-        # Level 6 takes three times as long and saves a twentieth.
+        # Level 6 takes three times as long and saves 5 %.
         rasterio.shutil.copy(plain, partial, driver="PNG", zlevel=4)
     if world_file:
         lines = (affine.a, 0.0, 0.0, affine.e, affine.c + affine.a / 2, affine.f + affine.e / 2)
@@ -215,7 +217,7 @@ def write_png(geotiff: Path, path: Path, max_pixels: int, world_file: bool = Tru
 
 
 def _reduced(geotiff: Path, max_pixels: int) -> rasterio.DatasetReader:
-    """The file itself or its largest overview with at most ``max_pixels``."""
+    """Return the file itself or its largest overview with at most ``max_pixels``."""
     with rasterio.open(geotiff) as raster:
         factors = [1, *raster.overviews(1)]
         sizes = [-(-raster.width // f) * -(-raster.height // f) for f in factors]
@@ -224,14 +226,14 @@ def _reduced(geotiff: Path, max_pixels: int) -> rasterio.DatasetReader:
 
 
 def _strips(raster: rasterio.DatasetReader) -> Iterator[tuple[Window, NDArray[np.uint8]]]:
-    """All pixels, (4, rows, width) at a time."""
+    """Yield all pixels, (4, rows, width) at a time."""
     for row in range(0, raster.height, BLOCK_PX):
         window = Window(0, row, raster.width, min(BLOCK_PX, raster.height - row))
         yield window, raster.read(window=window)
 
 
 def _verify(path: Path, total: NDArray[np.uint64]) -> None:
-    """Read back: GDAL's TIFF writer does not report a disk that is full."""
+    """Check the sums of the channels in the file, as GDAL's TIFF writer does not report a full disk."""
     found = np.zeros(4, np.uint64)
     with rasterio.open(path) as raster:
         for _, pixels in _strips(raster):
@@ -242,7 +244,7 @@ def _verify(path: Path, total: NDArray[np.uint64]) -> None:
 
 @contextmanager
 def _scratch(path: Path) -> Iterator[Path]:
-    """A name beside ``path`` for a file that is gone afterwards."""
+    """Yield a name beside ``path`` for a file that is removed afterwards."""
     scratch = path.with_name(f".{path.name}.scratch")
     try:
         yield scratch
@@ -252,7 +254,7 @@ def _scratch(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def _gdal(path: Path) -> Iterator[None]:
-    """Bounded block cache, no side-car files; what GDAL cannot write becomes one line."""
+    """Bound the block cache, suppress side-car files, and turn GDAL's errors into ``InputError``."""
     try:
         with rasterio.Env(GDAL_CACHEMAX=CACHE_MB, GDAL_PAM_ENABLED=False, GDAL_NUM_THREADS=2):
             yield

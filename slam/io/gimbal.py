@@ -18,11 +18,13 @@ from slam.core.rotations import rotation_of
 Array = NDArray[np.float64]
 
 _W_R_N = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
-"""North-east-down to east-north-up."""
+"""Rotation from north-east-down to east-north-up."""
 _GIMBAL_R_C = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
-"""Camera axes in a gimbal at rest: it looks along x, its picture's right is y and its down is z."""
+"""Rotation from camera axes to a gimbal at rest. The camera looks along x, with its right along y and down
+along z.
+"""
 _FRD_R_FLU = np.diag([1.0, -1, -1])
-"""Forward-left-up to forward-right-down."""
+"""Rotation from forward-left-up to forward-right-down."""
 
 
 def body_from_gimbal(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:

@@ -1,7 +1,7 @@
-"""Reading one picture that may be anything: its header is checked before a pixel is decoded.
+"""Reading of one picture from an untrusted file. The header is checked before any pixel is decoded.
 
-Pillow decodes, because it refuses a picture that ends early where OpenCV fills the rest with grey. EXIF
-orientation is not applied: the intrinsics belong to the pixels as the sensor gave them.
+Pillow decodes, because it refuses a truncated picture, where OpenCV fills the rest with grey. EXIF
+orientation is not applied, as the intrinsics belong to the pixels in sensor order.
 """
 
 from __future__ import annotations
@@ -20,41 +20,41 @@ from PIL import Image as Pillow
 from slam.core.flight import Image
 
 MAX_PIXELS = 89_000_000
-"""Largest picture read, in pixels: just below where Pillow suspects a decompression bomb."""
+"""Largest number of pixels, just below the limit at which Pillow reports a decompression bomb."""
 MAX_BYTES = 1 << 29
 HEADER_BYTES = 1 << 18
-"""Enough for the EXIF, XMP and maker's blocks that precede the size in a JPEG."""
+"""Number of bytes that contain the EXIF, XMP and maker's blocks that precede the size in a JPEG."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG_SIZE_MARKERS = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _TAG_BLOCKS = re.compile(rb"(\xff[\xe1\xe2]..)(Exif|MPF\0)", re.DOTALL)
 """Start of a JPEG's Exif and multi-picture blocks."""
-_FOREIGN = {b"II*\0": "a TIFF", b"MM\0*": "a TIFF", b"GIF8": "a GIF", b"RIFF": "a WebP", b"BM": "a BMP"}
+_OTHER_FORMATS = {b"II*\0": "a TIFF", b"MM\0*": "a TIFF", b"GIF8": "a GIF", b"RIFF": "a WebP", b"BM": "a BMP"}
 
 
 _DEPTHS = (8, 10, 12, 14, 16)
-"""Bits a pixel that cameras put into files of 16."""
+"""Bit depths of cameras whose files have 16 bits per pixel."""
 
 
 class UnreadableImageError(Exception):
-    """A picture that cannot be used; the message is the reason, short enough to count by."""
+    """A picture cannot be used. The message is the reason, short enough to count pictures by it."""
 
 
 @dataclass
 class PictureFiles:
-    """Loads picture k of a list of files; can be sent to another process."""
+    """Loader of picture k of a list of files. It can be sent to another process."""
 
     paths: tuple[Path, ...]
     size_px: tuple[int, int] | None
-    """(width, height) that every picture must have; None takes any."""
+    """(width, height) that every picture must have; None allows any size."""
     depth_bits: int | None = None
     """Common bit depth of 16-bit files, so that none is brighter than its neighbours; None: each file has
     its own."""
     failures: dict[int, str] = field(default_factory=dict)
-    """Why picture k could not be read, for those that were asked for and could not."""
+    """Reason for each picture k that was requested and could not be read."""
 
     def __call__(self, k: int) -> Image | None:
-        """Picture k, or None with the reason kept in ``failures``."""
+        """Return picture k, or None with the reason in ``failures``."""
         try:
             return read_image(self.paths[k], self.size_px, self.depth_bits)
         except UnreadableImageError as reason:
@@ -63,11 +63,12 @@ class PictureFiles:
 
 
 def read_image(path: Path, size_px: tuple[int, int] | None = None, depth_bits: int | None = None) -> Image:
-    """A PNG or JPEG as (h, w, 3) BGR or (h, w) grey, 8 bit.
+    """Return a PNG or JPEG as (h, w, 3) BGR or (h, w) grey, 8 bit.
 
-    Of 16-bit files the lowest ``depth_bits`` count, or as many as the picture's brightest value needs where
-    None is given; the upper 8 of them are kept. 1-bit becomes 0 and 255, palettes are resolved, alpha is
-    dropped. Raises ``UnreadableImageError`` where it is missing, damaged, too large, or not of ``size_px``.
+    In 16-bit files the lowest ``depth_bits`` are used, or as many as the brightest value needs if it is None;
+    the upper 8 of them are returned. 1-bit pixels become 0 and 255, palettes are resolved, and alpha is
+    dropped. Raises ``UnreadableImageError`` if the file is missing, damaged, too large, or not of
+    ``size_px``.
     """
     size = image_size(path)
     if size_px is not None and size != size_px:
@@ -75,16 +76,16 @@ def read_image(path: Path, size_px: tuple[int, int] | None = None, depth_bits: i
     data = _bytes(path, MAX_BYTES)
     try:
         if data.startswith(_PNG):
-            # Pillow checks no CRC while decoding: a flipped bit would pass unseen.
+            # Pillow checks no CRC while decoding, so a flipped bit would be undetected.
             Pillow.open(io.BytesIO(data), formats=["PNG"]).verify()
         else:
-            # Pillow would read the tags, which are not wanted here, and warn of those that are damaged.
+            # The tags are removed, as they are not needed and Pillow warns of damaged ones.
             data = _TAG_BLOCKS.sub(rb"\1none", data[:HEADER_BYTES]) + data[HEADER_BYTES:]
         with Pillow.open(io.BytesIO(data), formats=["PNG", "JPEG"]) as picture:
             pixels = _pixels(picture)
-        if _is_deep(data):
-            deep = _sixteen_bit(data, grey=pixels.ndim == 2)
-            return _eight_bit(deep, depth_bits or bit_depth_of(int(deep.max())))
+        if _is_16_bit(data):
+            pixels_16_bit = _sixteen_bit(data, grey=pixels.ndim == 2)
+            return _eight_bit(pixels_16_bit, depth_bits or bit_depth_of(int(pixels_16_bit.max())))
         return pixels
     except UnreadableImageError:
         raise
@@ -103,14 +104,14 @@ def read_image(path: Path, size_px: tuple[int, int] | None = None, depth_bits: i
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """(width, height) from the header alone. Raises ``UnreadableImageError``."""
+    """Return (width, height) from the header alone. Raises ``UnreadableImageError``."""
     head = _bytes(path, HEADER_BYTES, whole=False)
     if head.startswith(_PNG) and head[12:16] == b"IHDR" and len(head) >= 24:
         width, height = struct.unpack(">II", head[16:24])
     elif head.startswith(b"\xff\xd8"):
         width, height = _jpeg_size(head)
     else:
-        raise UnreadableImageError(_not_a_picture(head))
+        raise UnreadableImageError(_format_reason(head))
     if width <= 0 or height <= 0:
         raise UnreadableImageError("damaged")
     if width * height > MAX_PIXELS:
@@ -119,7 +120,7 @@ def image_size(path: Path) -> tuple[int, int]:
 
 
 def _jpeg_size(head: bytes) -> tuple[int, int]:
-    """Walk the marker segments to the frame header (ITU T.81, annex B)."""
+    """Return the size in the frame header after the marker segments (ITU T.81, annex B)."""
     at = 2
     while at + 9 <= len(head):
         if head[at] != 0xFF:
@@ -138,25 +139,27 @@ def _jpeg_size(head: bytes) -> tuple[int, int]:
 
 
 def max_value(path: Path) -> int | None:
-    """The largest value in a 16-bit PNG; None for pictures of 8 bits. Raises ``UnreadableImageError``."""
-    if not _is_deep(_bytes(path, 32, whole=False)):
+    """Return the largest value of a 16-bit PNG, or None for 8 bits. Raises ``UnreadableImageError``."""
+    if not _is_16_bit(_bytes(path, 32, whole=False)):
         return None
-    read_image(path)  # refuses what is damaged
+    read_image(path)  # this raises for a damaged picture
     return int(_sixteen_bit(_bytes(path, MAX_BYTES), grey=False).max())
 
 
 def bit_depth_of(value: int) -> int:
-    """Bits a pixel of the camera whose brightest value this is."""
+    """Return the bit depth of a camera from its brightest value."""
     return next(bits for bits in _DEPTHS if value < 1 << bits)
 
 
-def _is_deep(head: bytes) -> bool:
-    """Whether it is a PNG of 16 bits, by its header."""
+def _is_16_bit(head: bytes) -> bool:
+    """Return whether the header is that of a PNG with 16 bits."""
     return head.startswith(_PNG) and head[24:25] == b"\x10"
 
 
 def _sixteen_bit(data: bytes, grey: bool) -> NDArray[np.uint16]:
-    """All bits of a picture that Pillow has found whole; of colours it would keep the upper byte alone."""
+    """Return all bits of a picture that Pillow has verified. Pillow itself keeps only the upper byte of
+    colours.
+    """
     channels = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR
     pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYDEPTH | channels)
     if pixels is None:
@@ -192,10 +195,10 @@ def _bytes(path: Path, limit: int, whole: bool = True) -> bytes:
     return data
 
 
-def _not_a_picture(head: bytes) -> str:
+def _format_reason(head: bytes) -> str:
     if not head.strip(b"\0"):
         return "empty" if not head else "zeroed"
     if _PNG.startswith(head[:8]) or head.startswith(_PNG):
         return "truncated"
-    foreign = next((name for magic, name in _FOREIGN.items() if head.startswith(magic)), "neither")
-    return "neither a PNG nor a JPEG" if foreign == "neither" else f"is {foreign}, not a PNG or JPEG"
+    format_name = next((name for magic, name in _OTHER_FORMATS.items() if head.startswith(magic)), "neither")
+    return "neither a PNG nor a JPEG" if format_name == "neither" else f"is {format_name}, not a PNG or JPEG"

@@ -1,9 +1,10 @@
-"""The camera of a set of photographs, from what their tags say about lens and sensor.
+"""Camera of a set of photographs, from their tags about lens and sensor.
 
-In order of trust: the maker's calibration (``DewarpData``, ``CalibratedFocalLength``), the focal length with
-the sensor's resolution, the focal length on 35 mm film, and where nothing is known a usual field of view.
-Photographs are often scaled down after the flight while these tags stay as they were, so the pixel counts
-refer to the original size. The stored pixels count: an orientation tag turns the view, not the intrinsics.
+The sources in the order of their accuracy are the maker's calibration (``DewarpData``,
+``CalibratedFocalLength``), the focal length with the sensor's resolution, the focal length on 35 mm film, and
+an assumed field of view. Photographs are often scaled down after the flight without a change of these tags,
+so pixel counts refer to the original size. An orientation tag turns the view but not the intrinsics, which
+belong to the stored pixels.
 """
 
 from __future__ import annotations
@@ -17,35 +18,37 @@ from frontend.camera import Camera
 from slam.io.exif import PhotoTags
 
 ASSUMED_VIEW_DEG = 65.0
-"""Field of view along the longer side where the tags say nothing: a 28 mm lens on 35 mm film."""
+"""Assumed field of view along the longer side without tags: that of a 28 mm lens on 35 mm film."""
 
 _FILM_DIAGONAL_MM = float(np.hypot(36, 24))
 _FOCAL_STD_RATIO = {"dewarp": 0.005, "calibrated": 0.01, "tags": 0.03, "assumed": 0.1}
-"""CalibratedFocalLength is often the model's nominal figure, so it is not believed as far as DewarpData."""
+"""Relative standard deviation of the focal length by source. CalibratedFocalLength is often the nominal value
+of the model, so it is less accurate than DewarpData.
+"""
 _PLAUSIBLE_FOCAL = (0.3, 30.0)
-"""Focal length over the longer side: 118 degrees of view to 2."""
-_AGREEMENT = 1.15
-"""How far the two Exif focal lengths may lie apart: rounding to a millimetre and crops stay below."""
+"""Limits of the focal length over the longer side: 118 to 2 degrees of view."""
+_MAX_FOCAL_RATIO = 1.15
+"""Largest ratio of the two Exif focal lengths. Rounding to a millimetre and crops lead to smaller ones."""
 
 
 @dataclass(frozen=True)
 class _Focal:
     px: float
-    trust: str
+    source: str
     remark: str
 
 
 def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[str, ...]]:
-    """The camera that took all of ``photos`` (one model, one size), and what was assumed, one line each."""
-    # One damaged tag must not bend the camera of all the others.
+    """Return the camera of all ``photos`` (one model, one size), and the assumptions, one line each."""
+    # The median limits the effect of a single damaged tag.
     focals = [_focal(tags) for tags in photos]
-    best = min(_FOCAL_STD_RATIO, key=lambda trust: -sum(f.trust == trust for f in focals))
-    agreed = [f for f in focals if f.trust == best]
-    middle = agreed[int(np.argsort([f.px for f in agreed])[len(agreed) // 2])]
-    tags = photos[focals.index(middle)]
+    best = min(_FOCAL_STD_RATIO, key=lambda source: -sum(f.source == source for f in focals))
+    of_best_source = [f for f in focals if f.source == best]
+    median = of_best_source[int(np.argsort([f.px for f in of_best_source])[len(of_best_source) // 2])]
+    tags = photos[focals.index(median)]
     width, height = tags.size_px
     camera = Camera(
-        (middle.px, middle.px),
+        (median.px, median.px),
         ((width - 1) / 2, (height - 1) / 2),
         tags.size_px,
         focal_std_ratio=_FOCAL_STD_RATIO[best],
@@ -54,7 +57,7 @@ def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[str, ...]]:
     if best == "dewarp":
         camera = _dewarped(camera, tags)
     distortion = "" if best == "dewarp" else "; no lens distortion assumed"
-    return camera, (f"focal length {middle.px:.1f} px {middle.remark}{distortion}",)
+    return camera, (f"focal length {median.px:.1f} px {median.remark}{distortion}",)
 
 
 def _focal(tags: PhotoTags) -> _Focal:
@@ -77,10 +80,14 @@ def _focal(tags: PhotoTags) -> _Focal:
     if tags.focal_mm and tags.sensor_px_per_mm:
         px = tags.focal_mm * tags.sensor_px_per_mm * scale
         remark = f"from {tags.focal_mm:g} mm and {tags.sensor_px_per_mm:.1f} px/mm of sensor (Exif){scaled}"
-        if film is None or not _is_plausible(film.px, tags) or 1 / _AGREEMENT < px / film.px < _AGREEMENT:
+        if (
+            film is None
+            or not _is_plausible(film.px, tags)
+            or 1 / _MAX_FOCAL_RATIO < px / film.px < _MAX_FOCAL_RATIO
+        ):
             candidates.append(_Focal(px, "tags", remark))
         else:
-            # The film figure survives any scaling of the picture, the sensor's resolution does not.
+            # The film value survives any scaling of the picture, the resolution of the sensor does not.
             film = replace(film, remark=f"{film.remark}; the sensor's resolution would give {px:.0f} px")
     if film is not None:
         candidates.append(film)
@@ -99,7 +106,7 @@ def _is_plausible(focal_px: float, tags: PhotoTags) -> bool:
 
 
 def _scale(tags: PhotoTags) -> tuple[float, str]:
-    """Stored pixels over original pixels, and the words for it where they differ."""
+    """Return the ratio of stored to original pixels, and its description if they differ."""
     if tags.original_size_px is None:
         return 1.0, ""
     (width, height), (long, short) = tags.size_px, tags.original_size_px
@@ -107,12 +114,12 @@ def _scale(tags: PhotoTags) -> tuple[float, str]:
         ratio = width / across
         if abs(height / down / ratio - 1) < 0.01 and ratio < 0.999:
             return ratio, f", scaled from {across:.0f} to {width} px"
-    # Equal, or cropped: a crop keeps the pixel size.
+    # The size is equal or cropped, and a crop keeps the pixel size.
     return 1.0, ""
 
 
 def _dewarped(camera: Camera, tags: PhotoTags) -> Camera:
-    """With the principal point and distortion of ``DewarpData``; OpenCV's order is DJI's."""
+    """Return the camera with principal point and distortion of ``DewarpData``, in OpenCV's order."""
     assert tags.dewarp is not None
     fx, fy, cx, cy, *distortion = tags.dewarp
     scale, _ = _scale(tags)

@@ -1,4 +1,4 @@
-"""Which photographs of a folder make the flight: those of one camera that look down, whole and readable."""
+"""Selection of the photographs of a flight: readable, of one camera, and looking down."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from slam.io.gimbal import body_from_gimbal, body_from_mount, tilt_deg
 Array = NDArray[np.float64]
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff"})
-LARGEST_TILT_DEG = 30.0
-"""A photograph that looks further away from straight down than this is left out."""
+MAX_TILT_DEG = 30.0
+"""Largest angle between the optical axis and straight down. Photographs with a larger angle are left out."""
 
-_NAMED_AT_MOST = 5
+_MAX_LISTED = 5
 
 
 @dataclass(frozen=True)
@@ -34,24 +34,24 @@ class Photo:
     path: Path
     tags: PhotoTags
     w_R_b: Array | None = None
-    """(3, 3) attitude of the body when it was taken; None where the tags do not tell."""
+    """(3, 3) attitude of the body at the exposure; None if the tags do not contain it."""
 
 
 @dataclass(frozen=True)
 class AttitudeSource:
-    """A kind of angles, and how far to believe it."""
+    """A kind of attitude angles with its accuracy."""
 
-    words: str
+    description: str
     angles: Callable[[PhotoTags], Angles | None]
     w_R_b: Callable[[float, float, float], Array]
-    """From yaw, pitch, roll."""
+    """Conversion from yaw, pitch, roll in degrees to the attitude (3, 3)."""
     std_deg: Angles
-    """Roll, pitch, yaw."""
+    """Standard deviations of roll, pitch, yaw."""
 
 
 @dataclass(frozen=True)
 class PhotoSet:
-    """The photographs to use, in the natural order of their names."""
+    """Photographs to use, in the natural order of their names."""
 
     photos: tuple[Photo, ...]
     attitude: AttitudeSource | None
@@ -60,7 +60,7 @@ class PhotoSet:
 
 
 def holds_photos(folder: Path) -> bool:
-    """Whether a folder or a folder in it holds a file that is called as a photograph is."""
+    """Return whether a folder or its subfolders contain a file with the suffix of a photograph."""
     try:
         return any(_is_photo(path) for path in folder.rglob("*"))
     except OSError as error:
@@ -68,15 +68,15 @@ def holds_photos(folder: Path) -> bool:
 
 
 def select_photos(folder: Path, progress: Progress) -> PhotoSet:
-    """The usable photographs of a folder.
+    """Return the usable photographs of a folder.
 
-    Raises ``InputError`` where there is no folder, no photograph in it, or none that can be used.
+    Raises ``InputError`` if there is no folder, no photograph in it, or no usable one.
     """
     found, remarks = _find(folder)
     left_out: dict[str, list[str]] = defaultdict(list)
     photos = _read(found, left_out, progress)
     source = next((s for s in _SOURCES if any(any(s.angles(p.tags) or ()) for p in photos)), None)
-    photos = _looking_down([_with_attitude(photo, source) for photo in photos], left_out)
+    photos = _down_looking([_with_attitude(photo, source) for photo in photos], left_out)
     photos = _of_one_camera(photos, left_out)
     lines = tuple(
         f"{len(names)} of {len(found)} photographs left out: {reason} ({_listed(names)})"
@@ -88,30 +88,30 @@ def select_photos(folder: Path, progress: Progress) -> PhotoSet:
     if source is None or without == len(photos):
         attitude = "no attitude recorded: straight down assumed"
     else:
-        attitude = f"attitude from {source.words}, good to {max(source.std_deg):g} degrees assumed"
+        attitude = f"attitude from {source.description}, good to {max(source.std_deg):g} degrees assumed"
         attitude += f"; {without} photographs without it" if without else ""
     return PhotoSet(tuple(photos), source, (*remarks, *lines, attitude))
 
 
 def _find(folder: Path) -> tuple[list[tuple[str, Path]], tuple[str, ...]]:
-    """Name and path of each photograph in natural order, and what there is to say of the search."""
+    """Return name and path of each photograph in natural order, and remarks about the search."""
     if not folder.exists():
         raise refusal(folder, "no such folder", "give the folder that holds the photographs")
     if not folder.is_dir():
         raise refusal(folder, "a file, not a folder of photographs", "unpack it if it is an archive")
     try:
         here = [path for path in folder.iterdir() if _is_photo(path)]
-        deep = [] if here else [path for path in folder.rglob("*") if _is_photo(path)]
+        in_subfolders = [] if here else [path for path in folder.rglob("*") if _is_photo(path)]
     except OSError as error:
         raise refusal(folder, f"cannot be read ({error.strerror})", "check its permissions") from None
-    if not here and not deep:
+    if not here and not in_subfolders:
         kinds = ", ".join(sorted(SUFFIXES))
         raise refusal(folder, "no photographs in it", f"give a folder that holds {kinds} files")
-    paths = sorted(here or deep, key=lambda path: _natural(str(path.relative_to(folder))))
+    paths = sorted(here or in_subfolders, key=lambda path: _natural(str(path.relative_to(folder))))
     same = Counter(path.name for path in paths)
     named = [(p.name if same[p.name] == 1 else "_".join(p.relative_to(folder).parts), p) for p in paths]
-    remark = f"no photographs in the folder itself: the {len(deep)} in its subfolders are taken"
-    return named, (remark,) if deep else ()
+    remark = f"no photographs in the folder itself: the {len(in_subfolders)} in its subfolders are taken"
+    return named, (remark,) if in_subfolders else ()
 
 
 def _is_photo(path: Path) -> bool:
@@ -119,7 +119,7 @@ def _is_photo(path: Path) -> bool:
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
-    """Sort key by which IMG_9 comes before IMG_10."""
+    """Return a sort key that places IMG_9 before IMG_10."""
     return [(int(part) if part.isdecimal() else -1, part.casefold()) for part in re.split(r"(\d+)", name)]
 
 
@@ -143,7 +143,7 @@ def _read(
 
 
 def _body_from_camera_tags(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:
-    # Some writers of Pix4D's names put the gimbal's pitch there; no mapping camera looks straight back.
+    # Some writers of Pix4D's names store the gimbal's pitch; no mapping camera looks straight back.
     body = body_from_gimbal if pitch_deg < -60 else body_from_mount
     return body(yaw_deg, pitch_deg, roll_deg)
 
@@ -155,7 +155,7 @@ _SOURCES = (
         "the airframe's angles with a fixed camera", lambda tags: tags.airframe, body_from_mount, (5, 5, 10)
     ),
 )
-"""In order of trust. A kind that is zero in every photograph was not recorded."""
+"""Sources in the order of their accuracy. A kind that is zero in every photograph was not recorded."""
 
 
 def _with_attitude(photo: Photo, source: AttitudeSource | None) -> Photo:
@@ -163,12 +163,12 @@ def _with_attitude(photo: Photo, source: AttitudeSource | None) -> Photo:
     return photo if source is None or angles is None else replace(photo, w_R_b=source.w_R_b(*angles))
 
 
-def _looking_down(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> list[Photo]:
-    """Those that look down or do not say."""
+def _down_looking(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> list[Photo]:
+    """Return the photographs that look down or have no attitude."""
     down = []
     for photo in photos:
-        if photo.w_R_b is not None and tilt_deg(photo.w_R_b) > LARGEST_TILT_DEG:
-            reason = f"looks more than {LARGEST_TILT_DEG:g} degrees away from straight down"
+        if photo.w_R_b is not None and tilt_deg(photo.w_R_b) > MAX_TILT_DEG:
+            reason = f"looks more than {MAX_TILT_DEG:g} degrees away from straight down"
             left_out[reason].append(photo.name)
         else:
             down.append(photo)
@@ -176,7 +176,7 @@ def _looking_down(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> li
 
 
 def _of_one_camera(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> list[Photo]:
-    """The largest group with one model, size and focal length; the first by name where two are equal."""
+    """Return the largest group with one model, size and focal length; of equal groups the first by name."""
     kinds = [((p.tags.make, p.tags.model), p.tags.size_px, p.tags.focal_mm) for p in photos]
     most = Counter(kinds).most_common(1)
     kept = []
@@ -194,5 +194,5 @@ def _of_one_camera(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> l
 
 
 def _listed(names: Sequence[str]) -> str:
-    more = len(names) - _NAMED_AT_MOST
-    return ", ".join(names[:_NAMED_AT_MOST]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - _MAX_LISTED
+    return ", ".join(names[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")

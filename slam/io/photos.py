@@ -1,10 +1,10 @@
-"""A folder of geotagged photographs as a flight: every photograph is a keyframe.
+"""Import of a folder of geotagged photographs as a flight, in which every photograph is a keyframe.
 
-What the tags do not tell is assumed and said in ``Flight.warnings``; what cannot be used is left out, counted
-and named there. Altitude: where the maker's ``AbsoluteAltitude`` stands it is taken, as Exif's often repeats
-it with fewer digits or holds the uncorrected receiver's; above sea level or above the ellipsoid makes a
-constant difference, which the map does not feel. Times: the camera's clock where every photograph has it,
-else the satellites', else the order of the names.
+Missing tags are replaced by assumptions, which ``Flight.warnings`` lists together with the photographs that
+are left out. The altitude is the maker's ``AbsoluteAltitude`` if present, as Exif's often has fewer digits or
+is the uncorrected receiver's. Heights above sea level and above the ellipsoid differ by a constant, which
+does not affect the map. Times come from the camera's clock if every photograph has it, else from the
+satellites', else from the order of the names.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ _TIFF = (".tif", ".tiff")
 
 
 def import_photos(folder: str | Path, progress: Progress = silent) -> Flight:
-    """Read a folder of photographs; the pictures stay where they are until asked for.
+    """Read a folder of photographs; the pictures stay on disk until they are requested.
 
-    Only the folder itself is searched, unless it holds photographs in its subfolders alone. Raises
-    ``InputError`` where there is no folder, no photograph in it, or none that can be used.
+    Subfolders are searched only if the folder itself contains no photographs. Raises ``InputError`` if there
+    is no folder, no photograph in it, or no usable one.
     """
     folder = Path(folder)
-    chosen = select_photos(folder, progress)
-    photos, stamps_ns, time_remarks = _in_order_of_time(chosen.photos)
+    selection = select_photos(folder, progress)
+    photos, stamps_ns, time_remarks = _sort_by_time(selection.photos)
     epoch_ns = int(stamps_ns[0])
     stamps_s = (stamps_ns - epoch_ns) / _SECOND_NS
     tags = [photo.tags for photo in photos]
@@ -55,12 +55,12 @@ def import_photos(folder: str | Path, progress: Progress = silent) -> Flight:
         epoch_ns=epoch_ns,
         camera=camera,
         frames=_frames(photos, stamps_s),
-        attitude=_attitude(photos, chosen.attitude, stamps_s),
+        attitude=_attitude(photos, selection.attitude, stamps_s),
         barometer=_heights_above_takeoff(tags, stamps_s),
         gps=gps,
         notes={key: value for key, value in notes.items() if value},
         warnings=(
-            *chosen.remarks,
+            *selection.remarks,
             *time_remarks,
             *camera_remarks,
             *gps_remarks,
@@ -70,38 +70,50 @@ def import_photos(folder: str | Path, progress: Progress = silent) -> Flight:
     )
 
 
-def _in_order_of_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.int64], tuple[str, ...]]:
-    """Photographs by time, strictly increasing stamps on one clock [ns], and what was assumed."""
-    zoned = all(photo.tags.utc_offset_ns is not None for photo in photos)
+def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.int64], tuple[str, ...]]:
+    """Return the photographs by time, strictly increasing stamps on one clock [ns], and the assumptions."""
+    zones_known = all(photo.tags.utc_offset_ns is not None for photo in photos)
     camera = [
-        None if t.camera_time_ns is None else t.camera_time_ns - ((t.utc_offset_ns or 0) if zoned else 0)
+        None
+        if t.camera_time_ns is None
+        else t.camera_time_ns - ((t.utc_offset_ns or 0) if zones_known else 0)
         for t in (photo.tags for photo in photos)
     ]
     satellite = [photo.tags.gps_time_ns for photo in photos]
     for times, remark in (
-        (camera, "" if zoned else "times from the camera's clock, its time zone unknown and taken as UTC"),
+        (
+            camera,
+            "" if zones_known else "times from the camera's clock, its time zone unknown and taken as UTC",
+        ),
         (satellite, "times from the satellites' clock"),
     ):
         known = [time for time in times if time is not None]
         if len(known) == len(photos) and (len(set(known)) > 1 or len(photos) == 1):
-            order = sorted(range(len(photos)), key=lambda k: known[k])  # stable: equal times stay by name
+            # The sort is stable, so equal times keep the order of the names.
+            order = sorted(range(len(photos)), key=lambda k: known[k])
             stamps = np.array([known[k] for k in order], dtype=np.int64)
-            spread, moved = _spread(stamps)
-            equal = (f"{moved} equal time stamps spread evenly, in the order of the names",) if moved else ()
-            return [photos[k] for k in order], spread, (remark,) * bool(remark) + equal
+            increasing, equal_count = _make_increasing(stamps)
+            equal = (
+                (f"{equal_count} equal time stamps spread evenly, in the order of the names",)
+                if equal_count
+                else ()
+            )
+            return [photos[k] for k in order], increasing, (remark,) * bool(remark) + equal
     remark = "no time of its own in every photograph: the order of the names, 1 s apart, assumed"
     return photos, np.arange(len(photos), dtype=np.int64) * _SECOND_NS, (remark,)
 
 
-def _spread(stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
-    """Sorted stamps made strictly increasing: equal ones share the time to the next, a second at most."""
+def _make_increasing(stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
+    """Return sorted stamps made strictly increasing, and the number of equal ones. Equal stamps are spread
+    evenly up to the next one, over at most a second.
+    """
     distinct, start, count = np.unique(stamps_ns, return_index=True, return_counts=True)
-    room = np.minimum(np.diff(distinct, append=distinct[-1] + _SECOND_NS), _SECOND_NS)
+    interval = np.minimum(np.diff(distinct, append=distinct[-1] + _SECOND_NS), _SECOND_NS)
     rank = np.arange(len(stamps_ns)) - np.repeat(start, count)
-    spread = stamps_ns + rank * np.repeat(room // count, count)
-    # Closer together than a nanosecond each they cannot be spread, only pushed on.
-    index = np.arange(len(spread))
-    return np.maximum.accumulate(spread - index) + index, int((count - 1).sum())
+    increasing = stamps_ns + rank * np.repeat(interval // count, count)
+    # Stamps less than a nanosecond apart cannot be spread, only shifted.
+    index = np.arange(len(increasing))
+    return np.maximum.accumulate(increasing - index) + index, int((count - 1).sum())
 
 
 def _gps(tags: Sequence[PhotoTags], stamps_s: Array) -> tuple[Gps | None, tuple[str, ...]]:
@@ -163,13 +175,13 @@ def _heights_above_takeoff(tags: Sequence[PhotoTags], stamps_s: Array) -> Scalar
 def _frames(photos: Sequence[Photo], stamps_s: Array) -> Frames:
     files = PictureFiles(tuple(photo.path for photo in photos), photos[0].tags.size_px)
     has_tiff = any(photo.path.suffix.casefold() in _TIFF for photo in photos)
-    load = _WithTiff(files) if has_tiff else files
+    load = _TiffLoader(files) if has_tiff else files
     return Frames(stamps_s, tuple(photo.name for photo in photos), load, files.failures)
 
 
 @dataclass(frozen=True)
-class _WithTiff:
-    """Loads TIFF too, which a flight folder does not hold but a folder of photographs may."""
+class _TiffLoader:
+    """Loader that also reads TIFF, which a folder of photographs may contain but a flight folder may not."""
 
     files: PictureFiles
 

@@ -1,8 +1,8 @@
-"""Values that drone makers write into a picture's XMP packet: two families of names.
+"""Reading of a picture's XMP packet with the names of drone makers, in two families.
 
-``drone``: DJI's names (``drone-dji:GimbalYawDegree``) and those of makers that copy them under a namespace of
-their own. ``camera``: Pix4D's names (``Camera:Yaw``), used by Parrot, senseFly, Autel, MicaSense and others.
-Values stand as attributes or as elements; both are read. Source: Adobe, XMP Specification Part 1 (2012),
+``drone`` is DJI's names (``drone-dji:GimbalYawDegree``) and those of makers that copy them under their own
+namespace. ``camera`` is Pix4D's names (``Camera:Yaw``), used by Parrot, senseFly, Autel, MicaSense and
+others. Values are attributes or elements; both are read. Source: Adobe, XMP Specification Part 1 (2012),
 section 7; Pix4D, "Specifications of xmp.camera tags".
 """
 
@@ -27,16 +27,16 @@ class Xmp:
 
     values: dict[tuple[Family, str], str] = field(default_factory=dict)
     damaged: bool = False
-    """A packet was there but could not be read."""
+    """Whether a packet was present but could not be read."""
 
     def text(self, family: Family, *names: str) -> str:
-        """The first of the names that has a value; empty where none has."""
+        """Return the value of the first name that has one; empty if none has."""
         return next((v for n in names if (v := self.values.get((family, n), "").strip())), "")
 
 
 def parse_xmp(packet: bytes) -> Xmp:
-    """Read a packet; a damaged one, or one with XML entities in it, is marked and left."""
-    # Padding and stray bytes around the document are common and not XML.
+    """Read a packet. A damaged packet, or one with XML entities, is only marked as damaged."""
+    # Padding and stray bytes around the document are common and are not XML.
     start, end = packet.find(b"<x:xmpmeta"), packet.rfind(b"</x:xmpmeta>")
     document = packet[start : end + len(b"</x:xmpmeta>")] if 0 <= start < end else packet.strip(b"\0 \r\n\t")
     if not document:
