@@ -1,4 +1,4 @@
-"""How good an estimate is: trajectory errors, consistency, landmark distances, loops."""
+"""Measures of the quality of an estimate: trajectory errors, consistency, landmark distances and loops."""
 
 from slam.evaluation.score import Evaluation, evaluate
 

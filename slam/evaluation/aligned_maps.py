@@ -1,4 +1,4 @@
-"""The three maps of one flight, each put into the reference's world."""
+"""The three maps of one flight, each aligned with the reference's world frame."""
 
 from __future__ import annotations
 
@@ -16,23 +16,26 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class AlignedMap:
-    """Keyframe poses of one way to place them, over their floor."""
+    """Keyframe poses of one map and the height of its floor."""
 
     w_T_b: Array
-    """(m, 4, 4) of the associated keyframes; NaN where not placed."""
+    """(m, 4, 4) poses of the associated keyframes; NaN where a keyframe is not placed."""
     floor_z_m: float
 
 
 @dataclass(frozen=True)
 class AlignedMaps:
-    """Each with its first keyframe's position and yaw on the truth's; as it is where the reference is GPS."""
+    """The three maps. The first keyframe's position and yaw of each are those of the truth.
+
+    With GPS as the reference nothing is aligned.
+    """
 
     chain: AlignedMap
-    """Homographies of neighbouring frames composed: the paper's map stitching."""
+    """Composed homographies of neighbouring frames: the paper's map stitching."""
     odometry: AlignedMap
-    """Optimized without loops."""
+    """Poses optimized without loops."""
     loops: AlignedMap
-    """Optimized with loops: the estimate."""
+    """Poses optimized with loops: the estimate."""
 
 
 def aligned_maps(estimate: Estimate, association: Association) -> AlignedMaps:

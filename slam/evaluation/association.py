@@ -1,4 +1,5 @@
-"""Which keyframes can be compared with the reference, and where the reference was at their times."""
+"""Association of keyframes with the reference: which can be compared, and the reference pose at their
+times."""
 
 from __future__ import annotations
 
@@ -18,9 +19,9 @@ from slam.io.geodesy import enu_from_geodetic
 Array = NDArray[np.float64]
 
 _GAP_S = 0.2
-"""The truth is interpolated across an interval this long, or across three of its median intervals."""
+"""The truth is interpolated across an interval of at most this length, or three of its median intervals."""
 _STAMP_TOLERANCE_S = 1e-6
-"""Stamps nearer than this are the same: seconds as float64 on two epochs do not agree to the last digit."""
+"""Stamps nearer than this count as equal: float64 seconds since two epochs differ in the last digit."""
 
 
 @dataclass(frozen=True)
@@ -31,24 +32,25 @@ class Association:
     keyframe: NDArray[np.int64]
     """(m,) numbers of the keyframes, increasing."""
     position_m: Array
-    """(m, 3) where the reference puts the body origin."""
+    """(m, 3) reference positions of the body origin, in metres."""
     w_T_b: Array | None
     """(m, 4, 4) reference poses; None where the reference is GPS."""
     left_out: dict[str, int]
-    """Keyframes that are not compared, counted by reason."""
+    """Number of keyframes that are not compared, by reason."""
     dimensions: int = 3
-    """2 where the reference has no height: its z and the estimate's are then left out of every error."""
+    """Number of compared axes. It is 2 where the reference has no height: no error then includes z."""
     between_rows: Array | None = None
-    """(m, 2) how far off the truth itself may be, rad and m, where it is interpolated; None for GPS."""
+    """(m, 2) interpolation errors of the truth itself, in rad and m; None for GPS."""
 
 
 def associate(estimate: Estimate, flight: Flight) -> Association:
     """Find the reference of each placed keyframe: the truth, or GPS where there is none.
 
-    The truth's position is interpolated linearly and its rotation along the shortest arc, inside its time
-    range and across short intervals only. A GPS fix counts within half a median interval of a keyframe.
-    Without a common origin on Earth the parts of a graph in several pieces have nothing to do with each
-    other; then the largest part alone is compared. Raises ``InputError`` where nothing can be compared.
+    The truth's position is interpolated linearly and its rotation along the shortest arc. Both are
+    interpolated only inside the truth's time range and across short intervals. A GPS fix counts within half a
+    median interval of a keyframe. Without a common origin on Earth, unconnected parts of a graph have no
+    relation to each other; then only the largest part is compared. Raises ``InputError`` where nothing can be
+    compared.
     """
     _refuse_other_pictures(estimate, flight)
     stamps_s = estimate.stamps_s + (estimate.epoch_ns - flight.epoch_ns) * 1e-9
@@ -70,8 +72,11 @@ def associate(estimate: Estimate, flight: Flight) -> Association:
 
 
 def seeing_camera(estimate: Estimate, flight: Flight) -> Camera | None:
-    """The camera that took the pictures, as far as is known: the flight's, its mount as the map has found it
-    where that was estimated."""
+    """Return the camera that took the pictures: the flight's camera, with the mount that the map has
+    estimated.
+
+    The estimate's own camera is returned where the flight has none; None where neither has one.
+    """
     told, found = flight.camera, estimate.camera
     if told is None or found is None:
         return told or found
@@ -79,7 +84,8 @@ def seeing_camera(estimate: Estimate, flight: Flight) -> Camera | None:
 
 
 def _refuse_other_pictures(estimate: Estimate, flight: Flight) -> None:
-    """Two flights on one clock, as simulated ones are, would be compared without a word."""
+    """Raise where no picture is common: two simulated flights share a clock and could be compared by
+    mistake."""
     if estimate.camera is None or flight.frames is None or not estimate.frame_names:
         return
     if not set(estimate.frame_names) & set(flight.frames.names):
@@ -151,7 +157,11 @@ def _with_truth(
 
 
 def poses_at(truth: Truth, stamps_s: Array) -> Array:
-    """(n, 4, 4) the truth's poses at any times, the ends beyond its own; its rows are complete."""
+    """Interpolate the truth's poses (n, 4, 4) at any times; outside its time range the end poses are
+    returned.
+
+    The rows of the truth must be complete.
+    """
     at_s = np.clip(stamps_s, truth.stamps_s[0], truth.stamps_s[-1])
     return _interpolated(truth.stamps_s, truth.w_T_b, at_s, *_neighbours(truth.stamps_s, at_s))
 
@@ -179,7 +189,7 @@ def _interpolated(
 
 
 def _share(times_s: Array, at_s: Array, left: NDArray[np.int64], right: NDArray[np.int64]) -> Array:
-    """(m,) how much of the interval between two rows has passed; 0 on a row."""
+    """(m,) share of the interval between two rows that has passed; 0 on a row."""
     span_s = times_s[right] - times_s[left]
     return np.divide(at_s - times_s[left], span_s, out=np.zeros_like(at_s), where=span_s > 0)
 
@@ -187,7 +197,8 @@ def _share(times_s: Array, at_s: Array, left: NDArray[np.int64], right: NDArray[
 def _missed_between_rows(
     times_s: Array, poses: Array, at_s: Array, left: NDArray[np.int64], right: NDArray[np.int64]
 ) -> Array:
-    """(m, 2) what interpolation misses of the motion: u (1 - u) / 2 of the larger second difference beside.
+    """Errors (m, 2) of the interpolation, in rad and m: u (1 - u) / 2 times the larger adjacent second
+    difference.
 
     Source: error of linear interpolation, h^2 u (1 - u) / 2 times the second derivative.
     """

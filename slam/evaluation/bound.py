@@ -1,12 +1,14 @@
-"""How good a map of a simulated flight could be: the Cramer-Rao bound of what was measured.
+"""Cramer-Rao bound of the map of a simulated flight, given its measurements.
 
-Not of the pictures, but of what the front end took from them: which floor points it followed through which
-keyframes. Noise is what measurements are off from the truth. The information is taken at the truth, with
-measurements put there: nothing is far off, so that no loss is robust and the bound is a Gaussian's.
-Source: Kay 1993, Fundamentals of Statistical Signal Processing: Estimation Theory, chapter 3.
+The bound is for the front end's output, not for the pictures: the floor points that it followed and the
+keyframes that observed them. Noise is the difference of a measurement from the truth. The information is
+evaluated at the truth, with measurements placed there. No residual is large, so no loss is robust and the
+bound is that of a Gaussian. Source: Kay 1993, Fundamentals of Statistical Signal Processing: Estimation
+Theory, chapter 3.
 
-A flight's errors are few and long: on the figure eight four fifths of the expected square are one number,
-the scale that the ranges tell. So the ratio of error to bound scatters, by ``effective_freedom`` a flight.
+The errors of a flight are few and of long wavelength. On the figure eight one number, the scale that the
+ranges determine, is four fifths of the expected squared error. The ratio of error to bound therefore
+scatters, with ``effective_freedom`` degrees of freedom a flight.
 """
 
 from __future__ import annotations
@@ -41,33 +43,34 @@ from slam.mapping.setup import Setup
 Array = NDArray[np.float64]
 
 _LEVEL = 2e-4
-"""Relief over the mean height of a floor that has none: what the refinement goes down to."""
+"""Relief over the mean height of a floor without relief: the lower limit of the refinement."""
 
 
 @dataclass(frozen=True)
 class Bound:
-    """What no unbiased estimate of the keyframes can do better than, in the gauge of the first one."""
+    """Lower bound of the errors of any unbiased estimate of the keyframes, in the gauge of the first one."""
 
     keyframes: NDArray[np.int64]
     """(n,) numbers of the keyframes of the largest part."""
     w_T_b: Array
-    """(n, 4, 4) where they truly are."""
+    """(n, 4, 4) true poses."""
     covariances: Array
-    """(n, 6, 6), rotation first, right perturbation, given the first one's position and heading."""
+    """(n, 6, 6) covariances, rotation first, right perturbation, given the first pose's position and
+    heading."""
     noise: NoiseLevels
-    """What the measurements are off from the truth."""
+    """Noise of the measurements: their differences from the truth."""
     information: Information
     measured: Measurements
-    """What was measured, with these noise levels, less the floor points that are far off."""
+    """The measurements with these noise levels, without the floor points that are outliers."""
 
     @property
     def position_rmse_m(self) -> float:
-        """Root mean square of the position errors to be expected, to be held against ``ate_m``."""
+        """Expected root mean square of the position errors, in metres; compare it with ``ate_m``."""
         return float(np.sqrt(np.trace(self.covariances[:, 3:, 3:], axis1=1, axis2=2).mean()))
 
     @cached_property
     def position_covariance_m2(self) -> Array:
-        """(3n, 3n) of all positions together, in world axes, in the gauge of the first one."""
+        """(3n, 3n) covariance of all positions together, in world axes, in the gauge of the first one."""
         n = len(self.w_T_b)
         gradient = np.zeros((n, 3, n, 6))
         gradient[np.arange(n), :, np.arange(n), 3:] = self.w_T_b[:, :3, :3]
@@ -76,7 +79,7 @@ class Bound:
 
     @property
     def effective_freedom(self) -> float:
-        """How many independent numbers of equal size would scatter as the mean squared position error does.
+        """Number of independent terms of equal variance that scatter as the mean squared position error does.
 
         Source: Satterthwaite 1946, An approximate distribution of estimates of variance components.
         """
@@ -84,8 +87,10 @@ class Bound:
         return float(np.trace(C) ** 2 / np.sum(C**2))
 
     def distance_std_m(self, flight: Flight, a: str, b: str) -> float:
-        """Of the distance between two landmarks as the evaluation takes it from the map; NaN where one of
-        them is not seen."""
+        """Standard deviation of the distance between two landmarks as the evaluation measures it on the map.
+
+        NaN where one of them is not seen.
+        """
         toward = flight.landmarks[b] - flight.landmarks[a]
         toward = toward / np.linalg.norm(toward)
         gradient = sum(
@@ -95,7 +100,7 @@ class Bound:
         return float(np.sqrt(self.information.covariance(np.asarray(gradient)[None])[0, 0]))
 
     def _of_place(self, flight: Flight, name: str) -> Array:
-        """(n, 3, 6) gradient of a landmark's mean place by the keyframes that see it. Source: derived."""
+        """Gradient (n, 3, 6) of a landmark's mean position by the keyframes that see it. Source: derived."""
         assert flight.camera is not None
         w_p = flight.landmarks[name]
         k = np.flatnonzero(seen_at(flight.camera, self.w_T_b, w_p)[1])
@@ -109,7 +114,7 @@ class Bound:
 def cramer_rao(
     flight: Flight, estimate: Estimate, observations: Observations, config: PipelineConfig = PipelineConfig()
 ) -> Bound:
-    """The bound of a flight over a level floor with truth, from what ``optimize_with_observations`` gives.
+    """Compute the bound of a flight with truth over a level floor, from ``optimize_with_observations``.
 
     Raises ``InputError`` where the flight has no truth or camera, and ``BackendError`` where keyframes share
     too few floor points.
@@ -133,8 +138,11 @@ def cramer_rao(
 def at_the_truth(
     measured: Measurements, w_T_b: Array, config: BundleConfig
 ) -> tuple[Measurements, Measurements, NoiseLevels]:
-    """What would have been measured of true poses (n, 4, 4) without noise, what was measured, both with the
-    noise that there was, and that noise. Floor points that are far off are left out of both."""
+    """Return noise-free measurements of true poses (n, 4, 4), the recorded ones, and the noise.
+
+    The two sets of measurements carry the noise levels that were found. Both leave out floor points that are
+    outliers.
+    """
     tracks, camera = measured.tracks, measured.camera
     assert tracks is not None
     assert camera is not None
@@ -169,7 +177,7 @@ def _near(tracks: FloorTracks, off: Array, limit: float) -> FloorTracks:
 
 
 def _on_the_floor(tracks: FloorTracks, camera: PinholeModel, w_T_b: Array) -> Array:
-    """(m, 2) where each observation would be if its point lay where its rays meet the floor, on average."""
+    """Pixels (m, 2) of the observations if each point were at the mean of where its rays meet the floor."""
     w_T_c = w_T_b @ camera.b_T_c
     point, pose = intersect_floor(tracks, camera, w_T_c), w_T_c[tracks.keyframe]
     c_p = np.einsum("mba,mb->ma", pose[:, :3, :3], point[tracks.track] - pose[:, :3, 3])
@@ -197,7 +205,7 @@ def _instruments_at_the_truth(measured: Measurements, w_T_b: Array) -> Measureme
 
 
 def _off(measured: Measurements, ideal: Measurements, kind: Literal["attitudes", "ranges"]) -> float:
-    """Root mean square of what an instrument was off; infinite where there is none."""
+    """Root mean square of an instrument's error; infinite without readings."""
     if kind == "attitudes":
         pairs = zip(measured.attitudes, ideal.attitudes, strict=True)
         off = [a.roll_pitch_yaw_rad[:2] - b.roll_pitch_yaw_rad[:2] for a, b in pairs]

@@ -1,14 +1,15 @@
 """Distances between landmarks on the map: the paper's measure of drift.
 
-A landmark's pixel is where the true camera sees it, its mount as the map has found it where it was told wrong
-(`slam.evaluation.association.seeing_camera`); the estimated pose carries that pixel to the floor; the
-plain mean over all keyframes that see it is where the map has the landmark. (IMAV 2011 paper, section 4.1.)
+The true camera gives the pixel of a landmark. Its mount is the one that the map has estimated, where the
+reported mount was wrong (`slam.evaluation.association.seeing_camera`). The estimated pose projects that pixel
+to the floor. The plain mean over all keyframes that see it is the landmark's position on the map. (IMAV 2011
+paper, section 4.1.)
 
-That mean runs over all visits, so drift between two visits shows in it by half at most. A **gap** therefore
-compares single visits: its first landmark from the first visit to it, its second from the first visit that
-begins at least 10 s after that one has ended, and the error is the length of the difference between the
-estimated and the true vector from one to the other, with the first keyframe's position and yaw put on the
-truth's. It cannot be small by chance, as a difference of lengths can.
+That mean runs over all visits, so it shows at most half of the drift between two visits. A **gap** therefore
+compares single visits: the first landmark at its first visit, and the second at the first visit that begins
+at least 10 s after that one has ended. The error is the length of the difference between the estimated and
+the true vector from one to the other, with the first keyframe's position and yaw on the truth's. Unlike a
+difference of lengths, it cannot be small by chance.
 """
 
 from __future__ import annotations
@@ -29,15 +30,15 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _VISIT_BREAK_S = 10.0
-"""A landmark that was out of sight for this long is visited anew; true loops lie as far apart."""
+"""A landmark that was out of sight for this long begins a new visit; true loops are as far apart."""
 
 
 @dataclass(frozen=True)
 class PerMap:
-    """One figure for each way to place the keyframes."""
+    """One figure for each of the three maps."""
 
     chain: float
-    """Homographies of neighbouring frames composed: the paper's map stitching."""
+    """Composed homographies of neighbouring frames: the paper's map stitching."""
     odometry: float
     """Optimized without loops."""
     loops: float
@@ -46,23 +47,23 @@ class PerMap:
 
 @dataclass(frozen=True)
 class LandmarkDistance:
-    """Distance between two landmarks on the floor and on the map made in three ways."""
+    """True distance between two landmarks on the floor, and the distance on each of the three maps."""
 
     name: str
-    """"A-B"."""
+    """Name of the pair, such as "A-B"."""
     truth_m: float
     measured_m: PerMap
-    """NaN where one of the two was not seen."""
+    """Distance on each map, in metres; NaN where one of the two was not seen."""
 
     @property
     def error_m(self) -> PerMap:
-        """Unsigned, as the paper's."""
+        """Absolute errors, in metres, as in the paper."""
         m = self.measured_m
         return PerMap(*(abs(way - self.truth_m) for way in (m.chain, m.odometry, m.loops)))
 
     @property
     def error_percent(self) -> PerMap:
-        """Of the true distance; NaN where that is zero."""
+        """Absolute errors in percent of the true distance; NaN where that is zero."""
         error, share = self.error_m, 100 / self.truth_m if self.truth_m > 0 else float("nan")
         return PerMap(error.chain * share, error.odometry * share, error.loops * share)
 
@@ -71,27 +72,27 @@ PAPER_DISTANCES_M = {
     "A-B": 2.1, "B-C": 4.5, "C-D": 2.1, "D-E": 4.5, "E-F": 2.1,
     "F-G": 4.5, "G-H": 2.1, "H-A": 4.5, "B-G": 6.36,
 }  # fmt: skip
-"""The paper's own, which its errors in metres over those in percent give back."""
+"""True distances of the paper's figure eight, from its errors in metres and in percent."""
 _SAME_GROUND = 0.01
-"""Relative difference; the eight's D-E and H-A run from one bar to the next and are 4.51 m."""
+"""Relative difference. The eight's D-E and H-A connect the two bars and are 4.51 m."""
 
 
 @dataclass(frozen=True)
 class LoopGap:
-    """Vector between two landmarks that lie close together but far apart along the flight."""
+    """Vector between two landmarks that are close together but far apart along the flight."""
 
     name: str
     truth_m: float
     error_m: PerMap
-    """NaN where the second landmark was not visited 10 s after the first."""
+    """Error of the vector; NaN where the second landmark was not visited 10 s after the first."""
 
 
 @dataclass(frozen=True)
 class _Sightings:
-    """Where each map has one landmark, keyframe by keyframe."""
+    """Positions of one landmark on each map, keyframe by keyframe."""
 
     stamps_s: Array
-    """(m,) times of the keyframes that see it."""
+    """(m,) times of the keyframes that see it, in seconds."""
     chain_m: Array
     """(m, 3) world points; NaN where this map did not place the keyframe."""
     odometry_m: Array
@@ -99,7 +100,8 @@ class _Sightings:
 
 
 def over_papers_ground(distances: tuple[LandmarkDistance, ...]) -> bool:
-    """Whether these are distances of the paper's figure eight, so that its figures may stand beside them."""
+    """Return whether these are the distances of the paper's figure eight, so that its figures are
+    comparable."""
     return len(distances) > 0 and all(
         abs(row.truth_m / PAPER_DISTANCES_M.get(row.name, float("inf")) - 1) <= _SAME_GROUND
         for row in distances
@@ -109,10 +111,10 @@ def over_papers_ground(distances: tuple[LandmarkDistance, ...]) -> bool:
 def landmark_table(
     estimate: Estimate, flight: Flight, association: Association, maps: AlignedMaps
 ) -> tuple[tuple[LandmarkDistance, ...], tuple[LoopGap, ...]]:
-    """Distances of the flight's named pairs and its gaps, on the three maps.
+    """Compute the distances of the flight's named pairs, and its gaps, on the three maps.
 
-    Without named pairs neighbours in the list of landmarks are compared. Empty without landmarks, truth or
-    a camera.
+    Without named pairs, neighbours in the list of landmarks are compared. The result is empty without
+    landmarks, truth or a camera.
     """
     names = tuple(flight.landmarks)
     sightings = _sightings(estimate, flight, association, maps)
@@ -127,9 +129,9 @@ def landmark_table(
 def landmark_places(
     estimate: Estimate, flight: Flight, association: Association, maps: AlignedMaps
 ) -> dict[str, Array]:
-    """Where the estimate's map has each landmark, (3,); NaN for one that was not seen.
+    """Return the position (3,) of each landmark on the estimate's map; NaN for one that was not seen.
 
-    Empty without landmarks, truth or a camera.
+    The result is empty without landmarks, truth or a camera.
     """
     found = _sightings(estimate, flight, association, maps)
     return {name: _mean(sightings.loops_m) for name, sightings in found.items()}
@@ -138,7 +140,7 @@ def landmark_places(
 def _sightings(
     estimate: Estimate, flight: Flight, association: Association, maps: AlignedMaps
 ) -> dict[str, _Sightings]:
-    """What each map makes of every landmark; empty without truth or a camera."""
+    """Positions of all landmarks on each map; empty without truth or a camera."""
     true_camera = seeing_camera(estimate, flight)
     if association.w_T_b is None or true_camera is None:
         return {}
@@ -152,7 +154,8 @@ def _sightings(
 
 
 def seen_at(camera: Camera, w_T_b: Array, w_p: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Distorted pixels (n, 2) of one world point from (n, 4, 4) poses, and which lie in the picture."""
+    """Project one world point into (n, 4, 4) poses: distorted pixels (n, 2), and which are inside the
+    picture."""
     c_T_w = np.linalg.inv(w_T_b @ camera.b_T_c)
     c_p = c_T_w[:, :3, :3] @ w_p + c_T_w[:, :3, 3]
     pixel = camera.project(c_p)
@@ -181,7 +184,7 @@ def _carried(
 
 
 def _between(a: _Sightings, b: _Sightings, of_a: Indices, of_b: Indices) -> tuple[Array, Array, Array]:
-    """Vectors from one landmark to the other on the chain's map, without loops and with loops."""
+    """Vectors between two landmarks on the chain's map, on that without loops and on that with loops."""
     return (
         _mean(b.chain_m[of_b]) - _mean(a.chain_m[of_a]),
         _mean(b.odometry_m[of_b]) - _mean(a.odometry_m[of_a]),
@@ -212,13 +215,13 @@ def _gap(a: str, b: str, flight: Flight, sightings: dict[str, _Sightings]) -> Lo
 
 
 def _first_visit(stamps_s: Array) -> Indices:
-    """Which of the sightings belong to the first visit."""
+    """Indices of the sightings of the first visit."""
     breaks = np.flatnonzero(np.diff(stamps_s) >= _VISIT_BREAK_S)
     return np.arange(breaks[0] + 1 if len(breaks) else len(stamps_s))
 
 
 def _visit_after(stamps_s: Array, from_s: float) -> Indices:
-    """Which of the sightings belong to the first visit that begins after a moment."""
+    """Indices of the sightings of the first visit that begins after a moment."""
     starts = np.concatenate([[0], np.flatnonzero(np.diff(stamps_s) >= _VISIT_BREAK_S) + 1])
     starts = starts[: len(stamps_s)]
     ends = np.append(starts[1:], len(stamps_s))

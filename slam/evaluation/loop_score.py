@@ -1,8 +1,8 @@
-"""Whether the loops that were kept are loops, and how many were missed.
+"""Precision and recall of the accepted loops against the truth.
 
 A true loop is a pair of keyframes at least 10 s apart whose pictures, taken from the true poses, share at
-least 30 % of the smaller one's piece of floor. A share of 10 to 30 % counts neither way: such a pair may be
-matched or not.
+least 30 % of the smaller footprint on the floor. A pair that shares 10 to 30 % counts neither way: it may or
+may not be matched.
 """
 
 from __future__ import annotations
@@ -26,18 +26,19 @@ APART_S = 10.0
 
 @dataclass(frozen=True)
 class LoopScore:
-    """Kept loops against the truth; a ratio is NaN where it has nothing to count."""
+    """Accepted loops against the truth; a ratio is NaN where its denominator is zero."""
 
     precision: float
-    """Share of true ones among the kept loops that count."""
+    """True share of the accepted loops that count."""
     recall: float
-    """Share of kept ones among all true pairs of keyframes."""
+    """Accepted share of all true pairs of keyframes."""
     keyframe_recall: float
-    """Share of the keyframes with a true loop that have a kept one: of many pairs one is enough."""
+    """Share of the keyframes with a true loop that have an accepted one: one of many pairs is enough."""
     true_kept: int
     false_kept: int
     undecided_kept: int
-    """Overlap of 10 to 30 %, or of a keyframe whose view is not known: counted neither way."""
+    """Accepted loops that count neither way: overlap of 10 to 30 %, or a keyframe with an unknown
+    footprint."""
     true_pairs: int
 
 
@@ -48,10 +49,11 @@ def score_loops(
     w_T_b_true: Array,
     camera: Camera,
 ) -> LoopScore:
-    """Precision and recall of the kept loops.
+    """Compute precision and recall of the accepted loops.
 
-    ``stamps_s`` (n,) of all keyframes; ``keyframe`` (m,) and ``w_T_b_true`` (m, 4, 4) of those with truth.
-    Kept loops less than 10 s apart are not looked at. The true floor is z = 0.
+    ``stamps_s`` (n,) are the times of all keyframes; ``keyframe`` (m,) and ``w_T_b_true`` (m, 4, 4) are the
+    numbers and poses of those with truth. Accepted loops less than 10 s apart are ignored. The true floor is
+    z = 0.
     """
     footprints = np.stack([camera.footprint(pose) for pose in w_T_b_true])
     overlap = pair_overlaps(footprints, stamps_s[keyframe])
@@ -84,7 +86,7 @@ def _ratio(part: int, whole: int) -> float:
 
 
 def pair_overlaps(footprints_m: Array, stamps_s: Array) -> dict[tuple[int, int], float]:
-    """Shares of overlap, above 0, of (m, 4, 2) footprints at least 10 s apart: (a, b) with a < b -> share."""
+    """Overlap shares, above 0, of (m, 4, 2) footprints at least 10 s apart: (a, b) with a < b -> share."""
     centre = footprints_m.mean(axis=1)
     radius = np.linalg.norm(footprints_m - centre[:, None], axis=2).max(axis=1)
     overlaps: dict[tuple[int, int], float] = {}
@@ -103,7 +105,7 @@ def pair_overlaps(footprints_m: Array, stamps_s: Array) -> dict[tuple[int, int],
 
 
 def overlap_share(one_m: Array, other_m: Array) -> float:
-    """Area that two convex quadrilaterals (4, 2) share over the area of the smaller."""
+    """Return the common area of two convex quadrilaterals (4, 2) over the area of the smaller one."""
     # cv2 computes in float32: metres from the pair's own middle keep the digits.
     origin = 0.5 * (one_m.mean(axis=0) + other_m.mean(axis=0))
     p, q = (one_m - origin).astype(np.float32), (other_m - origin).astype(np.float32)

@@ -1,4 +1,4 @@
-"""What a model of the instruments gains in the map: error against truth before and after it is taken out."""
+"""Map accuracy gained by a model of the instruments: errors against truth before and after the correction."""
 
 from __future__ import annotations
 
@@ -21,40 +21,40 @@ from slam.simulation.model import Model
 
 @dataclass(frozen=True)
 class MapErrors:
-    """How far a map is from the truth; NaN where there is no map."""
+    """Errors of a map against the truth; NaN where there is no map."""
 
     position_m: float
-    """Root mean square over keyframes, the first one's position and heading on the truth's."""
+    """Root mean square over keyframes in metres, with the first one's position and heading on the truth's."""
     scale: float
-    """What lengths of the map must be multiplied by."""
+    """Factor that corrects the lengths of the map."""
     nees: float
-    """Mean of the poses; 6 where covariances are right, NaN where it cannot be told."""
+    """Mean NEES of the poses: 6 where covariances are right, NaN where it is not known."""
     landmarks_percent: float
-    """Largest error of a distance between landmarks; NaN where there are none."""
+    """Largest error of a distance between landmarks, in percent; NaN where there are none."""
 
     @staticmethod
     def of(evaluation: Evaluation) -> MapErrors:
-        """From all figures of an evaluation."""
+        """Collect the errors from an evaluation."""
         nees = evaluation.nees.pose.mean if evaluation.nees else float("nan")
         percent = [abs(row.error_percent.loops) for row in evaluation.landmarks]
         return MapErrors(evaluation.ate_m.rmse, evaluation.scale, nees, max(percent, default=float("nan")))
 
     @staticmethod
     def none() -> MapErrors:
-        """Of a map that is not there."""
+        """Return the errors of a map that does not exist: all NaN."""
         return MapErrors(*[float("nan")] * 4)
 
 
 @dataclass(frozen=True)
 class MapGain:
-    """The maps of one flight, as recorded and with a model taken out."""
+    """Errors of the maps of one flight, as recorded and after the model's correction."""
 
     flight: str
     before: MapErrors
     after: MapErrors
 
     def to_json(self) -> dict[str, Any]:
-        """As verdict.json and summary.json hold it; what is not finite becomes null."""
+        """Return the content of verdict.json and summary.json; figures that are not finite become null."""
         return dict(
             without_nan(
                 {
@@ -67,7 +67,7 @@ class MapGain:
 
 
 def can_be_compared(flight: Flight) -> bool:
-    """Whether a flight has what a map is made of, and a truth to hold it against."""
+    """Return whether a flight has the inputs of a map and a truth to compare it with."""
     return flight.camera is not None and flight.frames is not None and flight.truth is not None
 
 
@@ -78,9 +78,10 @@ def map_gain(
     config: PipelineConfig = PipelineConfig(),
     progress: Progress = silent,
 ) -> MapGain:
-    """Map the flight as recorded and as ``mended``; ``after`` is the second map where it is there already.
+    """Map the flight as recorded and as corrected (``mended``); ``after`` is the second map if it exists
+    already.
 
-    Needs a flight that `can_be_compared`; where the pictures cannot be joined the errors are NaN.
+    The flight must satisfy `can_be_compared`. The errors are NaN where the pictures cannot be joined.
     """
     before = _errors(flight, None, config, progress)
     return MapGain(flight.name, before, _errors(mended, after, config, progress))
@@ -89,9 +90,10 @@ def map_gain(
 def map_gains(
     flights: Sequence[Flight], model: Model, most: int | None = None, progress: Progress = silent
 ) -> list[MapGain]:
-    """Of the flights that `can_be_compared`, with what the model says of their instruments taken out.
+    """Compute the gains of the flights that satisfy `can_be_compared`, with the model's instrument errors
+    removed.
 
-    The shortest first, as long as they have no more than ``most`` pictures together.
+    The shortest flights come first, as long as they have no more than ``most`` pictures together.
     """
     judged = sorted(filter(can_be_compared, flights), key=lambda flight: len(flight.frames or ()))
     total = accumulate(len(flight.frames or ()) for flight in judged)

@@ -1,26 +1,25 @@
-"""Whether the covariances tell the truth: the normalised estimation error squared (NEES).
+"""Consistency of covariances: the normalised estimation error squared (NEES).
 
 Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 5.4.
 For ``xi = Log(w_T_b_hat^-1 w_T_b_true)`` of covariance P, ``xi' P^-1 xi`` is chi-square with 6 degrees of
-freedom: its mean over keyframes is 6 where the covariances are right, above where they are too small.
+freedom. Its mean over keyframes is 6 where the covariances are right, and larger where they are too small.
 
-The band of that mean. Errors of neighbouring keyframes are nearly the same error, so n keyframes are worth
-far fewer independent ones, and the textbook band (chi-square with 6 n degrees) would reject a consistent
-estimate nearly always. Here each of the six whitened errors z is taken as a first-order Markov sequence,
-which is what integrated odometry with measurement noise on top looks like. Under the hypothesis that is
-tested z has unit variance, so the mean squared step between neighbours gives its correlation:
-``rho = 1 - E[(z_k+1 - z_k)^2] / 2``. For Gaussian z the squares correlate as rho^(2 lag), the variance of
-the mean is ``12 / n_eff`` with ``n_eff = n / mean over the six of [1 + 2 sum_lag (1 - lag/n) rho^(2 lag)]``,
-and the band is that of a chi-square with ``6 n_eff`` degrees divided by n_eff (Satterthwaite's match of mean
-and variance). Over simulated Markov, random-walk and pinned-walk errors it holds 89.7 to 97 % of the time;
-for errors much smoother than those it is wider than need be.
+Band of that mean: errors of neighbouring keyframes are nearly equal, so n keyframes count as far fewer
+independent ones. The textbook band (chi-square with 6 n degrees) would reject a consistent estimate nearly
+always. Here each of the six whitened errors z is modelled as a first-order Markov sequence, the typical error
+of integrated odometry plus measurement noise. Under the tested hypothesis z has unit variance, so the mean
+squared step between neighbours gives its correlation: ``rho = 1 - E[(z_k+1 - z_k)^2] / 2``. For Gaussian z
+the squares correlate as rho^(2 lag). The variance of the mean is then ``12 / n_eff`` with ``n_eff = n / mean
+over the six of [1 + 2 sum_lag (1 - lag/n) rho^(2 lag)]``. The band is that of a chi-square with ``6 n_eff``
+degrees divided by n_eff (Satterthwaite's match of mean and variance). Over simulated Markov, random-walk and
+pinned-walk errors it holds 89.7 to 97 % of the time. For much smoother errors it is wider than necessary.
 
-What all poses err by together is no such sequence: a wrong scale moves each pose along the way from the first
-one to it, and where that way turns, neighbours differ in it and poses far apart are still one error. Where
-its deviation u_k is told (whitened as z is), ``z_k = s u_k + r_k`` with one number s: squares correlate as
-``|u_k|^2 |u_l|^2`` however far apart, and the sequence is r, of variance ``1 - u_k^2`` in each component.
-Over ways that wind about, with a scale that is most of their errors, the band of positions so holds 96 % of
-the time; taken for a sequence like any other it would hold 87 %.
+An error common to all poses is no such sequence. A wrong scale moves each pose along the vector from the
+first one to it. Where the path turns, neighbours differ in that error, and distant poses still share it.
+Where its standard deviation u_k is given (whitened as z is), ``z_k = s u_k + r_k`` with one number s. Squares
+correlate as ``|u_k|^2 |u_l|^2`` at any distance, and r is the sequence, of variance ``1 - u_k^2`` in each
+component. Over winding paths whose errors are mostly scale, this band of positions holds 96 % of the time;
+modelled as an ordinary sequence it would hold 87 %.
 """
 
 from __future__ import annotations
@@ -43,12 +42,12 @@ class Consistency:
     """Mean NEES over keyframes and the band that it should lie in."""
 
     dof: int
-    """What the mean should be."""
+    """Expected value of the mean."""
     mean: float
     lower95: float
     upper95: float
     n_eff: float
-    """Number of independent keyframes that carry as much evidence."""
+    """Number of independent keyframes that carry the same evidence."""
 
     @property
     def consistent(self) -> bool:
@@ -64,17 +63,17 @@ class Nees:
     position: Consistency
     rotation: Consistency
     per_keyframe: Array
-    """(n,) NEES of each pose, 6 expected; NaN where it has no usable covariance."""
+    """(n,) NEES of each pose, 6 expected; NaN where the pose has no usable covariance."""
     left_out: int
-    """Keyframes without a positive definite covariance, or with NaN for it."""
+    """Number of keyframes without a positive definite covariance, or with NaN."""
 
 
 def nees(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array, common: Array | None = None) -> Nees | None:
-    """NEES of (n, 4, 4) poses in order of time with their (n, 6, 6) covariances.
+    """Compute the NEES of (n, 4, 4) poses in order of time with their (n, 6, 6) covariances.
 
-    The poses must stand in one gauge and the pose that fixes it must not be among them: its error is zero by
-    construction. ``common`` (n, 6), rotation first, world axes: what one standard deviation of an error that
-    all poses have together moves each by. None where no covariance is usable.
+    All poses must have one gauge. The pose that fixes it must not be among them: its error is zero by
+    construction. ``common`` (n, 6), rotation first, in world axes, is the shift of each pose by one standard
+    deviation of an error that all poses share. The result is None where no covariance is usable.
     """
     xi_w, P_w = world_errors(w_T_b_hat, w_T_b_true, covariances)
     usable = np.array([_invertible(P) for P in P_w], dtype=bool)
@@ -95,10 +94,10 @@ def nees(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array, common: Array 
 
 
 def world_errors(w_T_b_hat: Array, w_T_b_true: Array, covariances: Array) -> tuple[Array, Array]:
-    """Right perturbations (n, 6) and their covariances (n, 6, 6), both turned to world axes.
+    """Right perturbations (n, 6) and their covariances (n, 6, 6), both rotated to world axes.
 
-    The NEES is the same in any axes; in the world's a turn of the vehicle does not hide that the errors
-    before and after it are one error.
+    The NEES is the same in any axes. In world axes a turn of the vehicle does not hide that the errors before
+    and after it are one error.
     """
     xi = RigidTransform.from_matrix(np.linalg.inv(w_T_b_hat) @ w_T_b_true).as_exp_coords()
     B = np.zeros((len(xi), 6, 6))
@@ -112,8 +111,10 @@ def _of_block(rows: slice, xi: Array, P: Array, shared: Array) -> Consistency:
 
 
 def consistency(whitened: Array, shared: Array | None = None) -> Consistency:
-    """Mean NEES and its band from (n, dof) whitened errors in order of time; ``shared`` (n, dof), whitened
-    alike: one standard deviation of what all have together."""
+    """Mean NEES and its band from (n, dof) whitened errors in order of time.
+
+    ``shared`` (n, dof), whitened alike, is one standard deviation of the error that all poses share.
+    """
     n, dof = whitened.shape
     n_eff = effective_count(whitened, np.zeros_like(whitened) if shared is None else shared)
     lower, upper = (float(chi2.ppf(quantile, dof * n_eff)) / n_eff for quantile in (0.025, 0.975))
@@ -121,7 +122,7 @@ def consistency(whitened: Array, shared: Array | None = None) -> Consistency:
 
 
 def effective_count(whitened: Array, shared: Array) -> float:
-    """How many independent samples (n, dof) whitened errors are worth; between 1 and n."""
+    """Number of independent samples that (n, dof) whitened errors are equivalent to; between 1 and n."""
     n, dof = whitened.shape
     if n == 1:
         return 1.0
@@ -144,7 +145,7 @@ def _invertible(P: Array) -> bool:
 
 
 def _whiten(xi: Array, P: Array) -> Array:
-    """(n, d) errors of unit covariance from errors of (n, d, d) covariances."""
+    """Whiten errors of (n, d, d) covariances: (n, d) errors of unit covariance."""
     scale: Array = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
     # Radians and metres differ by orders of magnitude: factor the correlation matrices, not the covariances.
     factor = np.linalg.cholesky(P / (scale[:, :, None] * scale[:, None, :]))

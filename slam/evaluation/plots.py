@@ -1,4 +1,4 @@
-"""Pictures of an evaluation. No global state of the plotting library is touched."""
+"""Figures of an evaluation. The plotting library's global state is not changed."""
 
 from __future__ import annotations
 
@@ -33,14 +33,15 @@ _REFERENCE, _LOOPS, _ODOMETRY, _CHAIN = "black", BLUE, ORANGE, GREY
 _PAPER, _PAPER_EKF = VERMILLION, "#eab08f"
 _AXES = "xyz"
 _SEEN_SHARE = 0.05
-"""Of the extent of a top view: an error of this size stands clear of the reference's line."""
+"""Share of the extent of a top view: an error of this size is clearly visible beside the reference's line."""
 
 TRAJECTORY_NAME = "evaluation_trajectory.png"
 ERROR_NAME = "evaluation_error.png"
 
 
 def write_plots(evaluation: Evaluation, out_dir: str | Path) -> tuple[Path, ...]:
-    """Write the top view with the landmark errors, and the errors over time; each file whole or not at all.
+    """Write the top view with the landmark errors, and the errors over time; each file completely or not at
+    all.
 
     Raises ``InputError`` where the folder cannot be written.
     """
@@ -57,7 +58,7 @@ def write_plots(evaluation: Evaluation, out_dir: str | Path) -> tuple[Path, ...]
 
 
 def trajectory_figure(evaluation: Evaluation) -> Figure:
-    """Top view of the reference and the three maps; landmark errors beside the paper's if there are any."""
+    """Draw the top view of the reference and the three maps, and landmark errors with the paper's, if any."""
     from matplotlib.figure import Figure
 
     with_landmarks = bool(evaluation.landmarks)
@@ -101,8 +102,10 @@ def _top_view(axes: Axes, evaluation: Evaluation) -> None:
 
 
 def _error_factor(tracks: Tracks) -> float:
-    """By how much errors are drawn enlarged, so that tracks that lie within a line's width can be told apart:
-    1, 2, 5, 10, ... until the largest is seen."""
+    """Factor by which errors are enlarged, so that tracks closer than a line's width can be distinguished.
+
+    It is the first of 1, 2, 5, 10, ... that makes the largest error visible.
+    """
     extent_m = float(np.ptp(tracks.reference_m[:, :2], axis=0).max())
     off = [track - tracks.reference_m for track in (tracks.odometry_m, tracks.loops_m)]
     largest_m = float(np.nanmax([np.linalg.norm(each[:, :2], axis=1) for each in off], initial=0.0))
@@ -146,7 +149,8 @@ def _landmark_bars(axes: Axes, evaluation: Evaluation) -> None:
 
 
 def error_figure(evaluation: Evaluation) -> Figure:
-    """Position error along x, y, z with two standard deviations, and NEES below where there is any."""
+    """Draw the position error along x, y and z with two standard deviations, and the NEES below if
+    available."""
     from matplotlib.figure import Figure
 
     tracks = evaluation.tracks

@@ -1,4 +1,4 @@
-"""All figures of one evaluation, computed once: the table, the pictures and evaluation.json read them."""
+"""All figures of one evaluation, computed once for the table, the pictures and evaluation.json."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Tracks:
-    """What the pictures draw: the associated keyframes, with the first one's position and yaw on the truth's.
+    """Data of the pictures: the associated keyframes, with the first one's position and yaw on the truth's.
 
-    With GPS as reference nothing is aligned.
+    With GPS as the reference nothing is aligned.
     """
 
     stamps_s: Array
     """(m,) seconds since the flight's first keyframe."""
     reference_m: Array
-    """(m, 3)."""
+    """(m, 3) positions of the reference, in metres."""
     chain_m: Array
-    """(m, 3); NaN where not placed."""
+    """(m, 3) positions of the chain, in metres; NaN where not placed."""
     odometry_m: Array
-    """(m, 3)."""
+    """(m, 3) positions without loops, in metres."""
     loops_m: Array
-    """(m, 3)."""
+    """(m, 3) positions of the estimate, in metres."""
     std_m: Array
     """(m, 3) standard deviations of the position in world axes; NaN where unknown."""
     nees: Array
@@ -48,43 +48,44 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """How far an estimate is from its reference."""
+    """Errors of an estimate against its reference."""
 
     name: str
     reference: str
-    """"truth", or "gps" where there was none."""
+    """The reference: "truth", or "gps" where there is no truth."""
     dimensions: int
-    """2 where the reference has no height."""
+    """Number of compared axes; 2 where the reference has no height."""
     keyframes: int
     associated: int
     left_out: dict[str, int]
-    """Keyframes that were not compared, counted by reason."""
+    """Number of keyframes that were not compared, by reason."""
     ate_m: ErrorSummary
-    """Positions with the first keyframe's position and yaw on the truth's; with GPS nothing is aligned."""
+    """Position errors with the first keyframe's position and yaw on the truth's; with GPS nothing is
+    aligned."""
     ate_aligned_m: ErrorSummary
-    """After the rigid motion of least squares."""
+    """Position errors after the least-squares rigid motion."""
     ate_sim3_m: ErrorSummary
-    """After the similarity of least squares."""
+    """Position errors after the least-squares similarity."""
     scale: float
-    """Of that similarity: above 1 where the estimate is too small."""
+    """Scale of that similarity: above 1 where the estimate is too small."""
     rpe: tuple[RelativeError, ...]
-    """Empty where the reference is GPS."""
+    """Relative errors; empty where the reference is GPS."""
     nees: Nees | None
     too_coarse: int
-    """Keyframes not in the NEES: the truth's rows beside them are too far apart for the motion. Where the
-    first one is among them there is no NEES."""
+    """Number of keyframes left out of the NEES, because the truth's neighbouring rows are too far apart for
+    the motion. If the first one is among them there is no NEES."""
     landmarks: tuple[LandmarkDistance, ...]
     loop_gaps: tuple[LoopGap, ...]
     loops: LoopScore | None
-    """None without truth or camera."""
+    """Score of the loops; None without truth or camera."""
     tracks: Tracks
     metric: bool = True
     """Whether the estimate's lengths are metres, as those of the reference are."""
     trajectory_names: tuple[str, str, str] = MAP_TRAJECTORIES
-    """What the chain, the odometry and the estimate are, in words."""
+    """Names of the chain, the odometry and the estimate in tables and legends."""
 
     def to_json(self) -> dict[str, Any]:
-        """As ``evaluation.json`` holds it; a figure that is not finite becomes null."""
+        """Return the content of ``evaluation.json``; a figure that is not finite becomes null."""
         record = {
             "name": self.name,
             "reference": self.reference,
@@ -105,9 +106,9 @@ class Evaluation:
 
 
 def evaluate(estimate: Estimate, flight: Flight) -> Evaluation:
-    """Compare an estimate with the truth of its flight, or with its GPS where it has no truth.
+    """Compare an estimate with the truth of its flight, or with its GPS where there is no truth.
 
-    Raises ``InputError`` where the flight has neither or nothing in common with the estimate.
+    Raises ``InputError`` where the flight has neither, or has nothing in common with the estimate.
     """
     check_estimate(estimate)
     check_flight(flight)
@@ -169,8 +170,10 @@ def _consistency(
 
 
 def _by_scale(estimate: Estimate, aligned_w_T_b: Array) -> Array | None:
-    """(m - 1, 6) what one standard deviation of the map's scale moves each pose but the first by. With GPS
-    scale and place are known together: None."""
+    """(m - 1, 6) shift of each pose but the first by one standard deviation of the map's scale.
+
+    None with GPS, where scale and position are known together.
+    """
     if estimate.scale_std is None or estimate.origin is not None:
         return None
     way_m = aligned_w_T_b[1:, :3, 3] - aligned_w_T_b[0, :3, 3]
@@ -178,8 +181,11 @@ def _by_scale(estimate: Estimate, aligned_w_T_b: Array) -> Array | None:
 
 
 def _too_coarse(estimate: Estimate, association: Association) -> NDArray[np.bool_]:
-    """(m,) where the truth between its rows is off by as much as the estimate's own deviations: such a
-    keyframe's error would be the truth's. The first one, the gauge of all, is held against what is usual."""
+    """(m,) whether interpolation errors of the truth are as large as the estimate's own deviations.
+
+    The error of such a keyframe would be mostly the truth's. The first keyframe, the gauge of all, is
+    compared with the usual deviation.
+    """
     coarse = np.zeros(len(association.keyframe), dtype=bool)
     if association.between_rows is None or len(coarse) < 2:
         return coarse

@@ -28,7 +28,7 @@ class ErrorSummary:
 
     @staticmethod
     def of(errors: Array) -> ErrorSummary:
-        """Of (n,) unsigned errors."""
+        """Summarise (n,) absolute errors."""
         if len(errors) == 0:
             return ErrorSummary(float("nan"), float("nan"))
         return ErrorSummary(float(np.sqrt(np.mean(errors**2))), float(errors.max()))
@@ -36,34 +36,35 @@ class ErrorSummary:
 
 @dataclass(frozen=True)
 class Similarity:
-    """``fixed = scale * R @ moving + t``."""
+    """Similarity ``fixed = scale * R @ moving + t``."""
 
     scale: float
     R: Array
     t_m: Array
 
     def apply(self, points_m: Array) -> Array:
-        """(n, 3) -> (n, 3)."""
+        """Apply the similarity: (n, 3) -> (n, 3)."""
         return self.scale * points_m @ self.R.T + self.t_m
 
 
 @dataclass(frozen=True)
 class RelativeError:
-    """Error of the motion over one step, free of any alignment."""
+    """Errors of the motion over one step, independent of any alignment."""
 
     step: str
-    """What lies between the two poses of a pair: "1 keyframe", "1 s", "5 m"."""
+    """Step between the two poses of a pair: "1 keyframe", "1 s", "5 m"."""
     pairs: int
     translation_m: ErrorSummary
     translation_percent: float
-    """Summed translation errors over summed true path lengths."""
+    """Sum of translation errors in percent of the sum of true path lengths."""
     rotation_deg: ErrorSummary
 
 
 def gauge(w_T_b_hat: Array, w_T_b_true: Array) -> Array:
-    """(4, 4) turn about z and shift that puts one estimated pose's position and yaw on the true ones.
+    """Rotation about z and translation (4, 4) that align one estimated pose's position and yaw with the true
+    ones.
 
-    These four are what a camera over a floor with a known direction of gravity cannot observe.
+    A camera over a floor with a known direction of gravity cannot observe these four degrees of freedom.
     """
     turn = _yaw(w_T_b_true) - _yaw(w_T_b_hat)
     G = np.eye(4)
@@ -77,7 +78,7 @@ def _yaw(w_T_b: Array) -> float:
 
 
 def umeyama(moving_m: Array, fixed_m: Array, with_scale: bool) -> Similarity:
-    """Least-squares similarity (or rigid motion) that takes (n, 3) points onto (n, 3) points.
+    """Fit the least-squares similarity (or rigid motion) that maps (n, 3) points to (n, 3) points.
 
     Source: Umeyama 1991, equations 34 to 43. The scale is NaN where all moving points coincide.
     """
@@ -96,16 +97,16 @@ def umeyama(moving_m: Array, fixed_m: Array, with_scale: bool) -> Similarity:
 
 
 def position_error(estimated_m: Array, true_m: Array) -> ErrorSummary:
-    """Of the distances between (n, 3) positions as they stand."""
+    """Compute the distances between (n, 3) positions, without alignment."""
     return ErrorSummary.of(np.linalg.norm(estimated_m - true_m, axis=1))
 
 
 def relative_errors(
     stamps_s: Array, keyframe: NDArray[np.int64], w_T_b_hat: Array, w_T_b_true: Array
 ) -> tuple[RelativeError, ...]:
-    """Errors over one keyframe, over 1 s, and over fixed lengths of the true path up to half of it.
+    """Compute errors over one keyframe, over 1 s, and over fixed lengths of the true path up to half of it.
 
-    Source: Sturm et al. 2012, equation 2. ``stamps_s``, ``keyframe`` (n,), poses (n, 4, 4).
+    Source: Sturm et al. 2012, equation 2. ``stamps_s`` and ``keyframe`` are (n,), the poses (n, 4, 4).
     """
     path_m = path_length(w_T_b_true[:, :3, 3])
     steps = {
@@ -123,14 +124,14 @@ def relative_errors(
 
 
 def path_length(positions_m: Array) -> Array:
-    """(n,) length of the path from the first of (n, 3) positions to each."""
+    """Return the length (n,) of the path from the first of (n, 3) positions to each."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(positions_m, axis=0), axis=1))])
 
 
 def relative_error(
     step: str, pairs: Pairs, path_m: Array, w_T_b_hat: Array, w_T_b_true: Array
 ) -> RelativeError:
-    """Of the (m, 2) pairs of poses: ``(i_T_j true)^-1 (i_T_j estimated)``."""
+    """Compute the errors of the (m, 2) pairs of poses: ``(i_T_j true)^-1 (i_T_j estimated)``."""
     i, j = pairs.T
     true = np.linalg.inv(w_T_b_true[i]) @ w_T_b_true[j]
     estimated = np.linalg.inv(w_T_b_hat[i]) @ w_T_b_hat[j]
@@ -150,7 +151,7 @@ def _next_keyframe(keyframe: NDArray[np.int64]) -> Pairs:
 
 
 def _after(measure: Array, step: float, at_most: float) -> Pairs:
-    """From each pose the first one at least ``step`` on; pairs much longer than that are left out."""
+    """Pair each pose with the first one at least ``step`` later; much longer pairs are left out."""
     i = np.arange(len(measure))
     j = np.searchsorted(measure, measure + step * (1 - 1e-9))
     inside = j < len(measure)

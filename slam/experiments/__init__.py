@@ -1,4 +1,4 @@
-"""The paper's experiments, each one file: what it flies, what it measures, what it draws, what it says.
+"""The paper's experiments, one file each: flight, measurement, figure and conclusion.
 
-An experiment is trials, one a seed, that run apart from each other, and a conclusion over all of them.
+An experiment consists of independent trials, one a seed, and a conclusion over all of them.
 """

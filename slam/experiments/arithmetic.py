@@ -1,4 +1,4 @@
-"""What the paper's own numbers say when they are checked against each other. Nothing is flown."""
+"""Consistency of the paper's own numbers with each other. Nothing is flown."""
 
 from __future__ import annotations
 

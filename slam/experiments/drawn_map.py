@@ -1,4 +1,4 @@
-"""The map as the paper draws it: each picture warped and put on the canvas, landmarks joined by red lines."""
+"""The map drawn as in the paper: pictures warped onto a canvas, landmarks connected by red lines."""
 
 from __future__ import annotations
 
@@ -24,23 +24,23 @@ Image = NDArray[np.uint8]
 _SIDE_PX = 900
 _MARGIN_M = 0.1
 _FARTHEST = 3.0
-"""A picture whose ground lies so many times farther off than the landmarks spread is no part of the map."""
+"""A picture is left out if its ground is farther away than this many times the extent of the landmarks."""
 
 
 @dataclass(frozen=True)
 class DrawnMap:
-    """A drawn map: plain data, so that a worker can hand it over."""
+    """A drawn map, as plain data that a worker process can return."""
 
     rgb: Image
     extent_m: tuple[float, float, float, float]
-    """Left, right, bottom, top: what matplotlib's ``imshow`` takes."""
+    """Left, right, bottom, top, as in matplotlib's ``imshow``."""
     places: dict[str, Array]
     """Landmark -> (x, y) on the map."""
     pairs: tuple[tuple[str, str], ...]
 
 
 def paint(estimate: Estimate, flight: Flight, errors: LandmarkErrors) -> DrawnMap:
-    """Put all of an estimate's pictures on a canvas in order of time, later over earlier (section 3.1)."""
+    """Draw all pictures of an estimate on a canvas in order of time, later over earlier (section 3.1)."""
     assert flight.camera is not None
     assert flight.frames is not None
     association = associate(estimate, flight)

@@ -1,4 +1,4 @@
-"""What an experiment is, and what comes of it."""
+"""Data types of an experiment, its trials and its conclusion."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DRONE, SIMULATOR = "AR.Drone (paper)", "USARSim (paper)"
-"""Columns of the paper's own figures: the real drone's, which nobody can fly again, and its simulator's."""
+"""Columns of the paper's figures: those of the real drone, which cannot be repeated, and of its simulator."""
 PAPER = "paper"
-"""Column of what the paper says of neither."""
+"""Column of the paper's figures that belong to neither."""
 
 
 Verdict = Literal["agrees", "agrees in part", "does not agree", "nothing to compare with"]
@@ -22,18 +22,18 @@ Verdict = Literal["agrees", "agrees in part", "does not agree", "nothing to comp
 
 @dataclass(frozen=True)
 class SeedStatistics:
-    """A figure over all seeds."""
+    """Median and 95 % interval of a figure over all seeds."""
 
     median: float
     lower95: float
     upper95: float
-    """Between these lie 95 % of the seeds (2.5 % and 97.5 % quantiles)."""
+    """The 2.5 % and 97.5 % quantiles: 95 % of the seeds lie between them."""
     seeds: int
-    """That gave a figure."""
+    """Number of seeds that gave a figure."""
 
     @staticmethod
     def of(values: Sequence[float]) -> SeedStatistics:
-        """Of the values that are finite; NaN where none is."""
+        """Compute the statistics of the finite values; NaN where there is none."""
         known = np.array([value for value in values if np.isfinite(value)])
         if len(known) == 0:
             return SeedStatistics(np.nan, np.nan, np.nan, 0)
@@ -43,17 +43,17 @@ class SeedStatistics:
 
 @dataclass(frozen=True)
 class Trial:
-    """One seed's run."""
+    """Result of one seed."""
 
     seed: int
     figures: dict[str, float]
     drawing: Any = None
-    """What the picture needs of this run, where it was asked to be drawn."""
+    """Data for the figure, if it was requested."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One quantity: the paper's figures beside ours."""
+    """One quantity: the paper's figures and ours."""
 
     name: str
     unit: str
@@ -65,16 +65,16 @@ class Row:
 
 @dataclass(frozen=True)
 class Conclusion:
-    """What all trials come to; the first row is the one that the short table shows."""
+    """Conclusion from all trials; the short table shows the first row."""
 
     rows: tuple[Row, ...]
     verdict: Verdict
     reason: str
-    """By which figures, and where it does not agree why."""
+    """Figures behind the verdict, and the cause of any disagreement."""
 
     @property
     def sentence(self) -> str:
-        """Whether it agrees with the paper, and the reason."""
+        """The verdict and its reason."""
         return f"{self.verdict.capitalize()}: {self.reason}"
 
 
@@ -85,33 +85,33 @@ class Experiment:
     name: str
     title: str
     source: str
-    """Where in the paper."""
+    """Section, tables and figures of the paper."""
     trial: Callable[[int, bool], Trial]
     """Fly one seed; the second argument asks for its drawing."""
     conclude: Callable[[tuple[Trial, ...]], Conclusion]
     draw: Callable[[Figure, tuple[Trial, ...]], None]
     size_inches: tuple[float, float] = (8.0, 6.0)
     random: bool = True
-    """Whether seeds differ; one that is not random runs once."""
+    """Whether seeds differ; an experiment that is not random runs once."""
 
 
 def column(trials: Sequence[Trial], key: str) -> list[float]:
-    """A figure of all trials; NaN where one has none."""
+    """Return a figure of all trials; NaN where a trial has none."""
     return [trial.figures.get(key, float("nan")) for trial in trials]
 
 
 def over_seeds(trials: Sequence[Trial], key: str) -> SeedStatistics:
-    """A figure over all trials."""
+    """Compute the statistics of a figure over all trials."""
     return SeedStatistics.of(column(trials, key))
 
 
 def verdict(agrees: bool, partly: bool = False) -> Verdict:
-    """In words."""
+    """Return the verdict in words."""
     return "agrees" if agrees else "agrees in part" if partly else "does not agree"
 
 
 def text(figure: SeedStatistics, unit: str = "", digits: int = 2) -> str:
-    """A figure over all seeds in words: ``0.78 % (0.52 to 1.10 %)``."""
+    """Format a figure over all seeds: ``0.78 % (0.52 to 1.10 %)``."""
     unit = f" {unit}" if unit else ""
     low, high = f"{figure.lower95:.{digits}f}", f"{figure.upper95:.{digits}f}"
     return f"{figure.median:.{digits}f}{unit} ({low} to {high}{unit})"

@@ -1,11 +1,12 @@
-"""The mean distance of features matched in consecutive pictures (section 4.1: 22.1, 32.9 and 32.7 px).
+"""Mean distance of features matched in consecutive pictures (section 4.1: 22.1, 32.9 and 32.7 px).
 
-The paper names neither the space nor the pace. Its unit says pixels of the picture: how far apart in the
-picture the two features of a match lie. Each feature is matched with the nearest descriptor of the picture
-before (section 3.1), nothing is refused, and pictures follow each other as fast as the paper's computer took
-them. A right match then lies as far off as the picture has moved, which brightness cannot change; a wrong one
-lies anywhere. So the mean is (1 - p) d_right + p d_wrong, and brightness acts through the share p of wrong
-matches alone. The truth tells which are wrong. The mean distance of descriptors stands beside it.
+The paper specifies neither the space nor the frame rate. Its unit indicates pixels of the picture: the
+distance in the picture between the two features of a match. Each feature is matched with the nearest
+descriptor of the previous picture (section 3.1), no match is rejected, and the frame rate is that of the
+paper's computer. A right match is as long as the motion of the picture, which brightness cannot change. A
+wrong match has any length. The mean is therefore (1 - p) d_right + p d_wrong, and brightness acts only
+through the share p of wrong matches. The truth tells which matches are wrong. The mean distance of
+descriptors is reported too.
 """
 
 from __future__ import annotations
@@ -43,14 +44,14 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 RIGHT_PX = 3.0
-"""A match farther than this from where the truth has it is wrong."""
+"""A match is wrong if it is farther than this from its true position."""
 STRENGTHS = (0.0, 1.0, 2.0)
-"""Of the filter: none, as shipped, twice that."""
+"""Strengths of the filter: none, as shipped, and twice that."""
 
 
 @dataclass(frozen=True)
 class _Matches:
-    """Of all pairs of consecutive pictures of one flight."""
+    """Mean distances over all pairs of consecutive pictures of one flight."""
 
     distance_px: Array
     descriptor: Array

@@ -1,6 +1,6 @@
-"""The hover of section 4.2.1: ten times 35 s without a command, speed and distance from where it began.
+"""The hover of section 4.2.1: ten hovers of 35 s without commands, speed and distance from the start.
 
-The paper integrated the on-board flow speed to positions. One trial is ten hovers, as the paper's figure is.
+The paper integrated the on-board flow speed to positions. One trial is ten hovers, as in the paper.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
 
 
 def _agrees(ours: list[float], paper: float) -> bool:
-    """Whether the paper's ten hovers could be ten of ours: within two standard deviations of such tens."""
+    """Whether the paper's figures are within two standard deviations of our groups of ten hovers."""
     spread_of_tens = np.std(ours, ddof=1) if len(ours) > 2 else 0.1 * paper
     return bool(abs(np.mean(ours) - paper) <= 2 * spread_of_tens)
 

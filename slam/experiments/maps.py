@@ -1,4 +1,4 @@
-"""One flight mapped in several ways, the landmark errors of each: tables 1 to 4."""
+"""Landmark errors of one flight mapped with several methods: tables 1 to 4."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ WAYS = (CONSECUTIVE, KEYFRAMES, GRAPH)
 
 
 def mapped(recipe: str, seed: int, draw: bool) -> tuple[dict[str, float], dict[str, DrawnMap]]:
-    """Fly a recipe and map it: errors of all ways, and the drawn maps of the two chains."""
+    """Fly a recipe and map it: errors of all methods, and the drawn maps of the two chains."""
     flight = simulate(recipe, seed)
     maps = in_all_ways(optimize(flight), flight)
     return errors_of(maps, flight, (CONSECUTIVE, KEYFRAMES) if draw else ())
 
 
 def in_all_ways(estimate: Estimate, flight: Flight) -> dict[str, Estimate]:
-    """The paper's chain of pictures, the chain of our keyframes, and the pose graph."""
+    """Map a flight by the paper's chain of pictures, the chain of our keyframes, and the pose graph."""
     return {
         CONSECUTIVE: consecutive(flight, estimate),
         KEYFRAMES: placed(estimate, estimate.chain_w_T_b),
@@ -39,7 +39,7 @@ def in_all_ways(estimate: Estimate, flight: Flight) -> dict[str, Estimate]:
 def errors_of(
     maps: Mapping[str, Estimate], flight: Flight, drawn: Sequence[str] = ()
 ) -> tuple[dict[str, float], dict[str, DrawnMap]]:
-    """Errors in percent as ``WAY/PAIR``, and the maps of the ways to be drawn."""
+    """Return the errors in percent as ``WAY/PAIR``, and the maps that are to be drawn."""
     figures: dict[str, float] = {}
     canvases = {}
     for way, made in maps.items():
@@ -56,7 +56,7 @@ def rows(
     ways: Sequence[str] = WAYS,
     prefix: str = "",
 ) -> tuple[Row, ...]:
-    """The largest error and each pair's, the paper's ``paper[column][pair]`` beside ours."""
+    """Rows of the largest error and each pair's error, the paper's ``paper[column][pair]`` and ours."""
 
     def row(pair: str) -> Row:
         theirs = {
@@ -70,12 +70,12 @@ def rows(
 
 
 def show_maps(panels: Iterable[Axes], trial: Trial, titles: Mapping[str, str], prefix: str = "") -> None:
-    """Draw the maps of some ways (``titles`` by way), each with its largest error."""
+    """Draw the maps of some methods (``titles`` by method), each with its largest error."""
     for axes, (way, title) in zip(panels, titles.items(), strict=True):
         percent = trial.figures[f"{prefix}{way}/{LARGEST}"]
         show(axes, trial.drawing[way], f"{title}: largest error {percent:.2f} %")
 
 
 def largest(trials: Sequence[Trial], way: str, prefix: str = "") -> SeedStatistics:
-    """The largest landmark error of a way over the trials."""
+    """Return the largest landmark error of a method over the trials."""
     return over_seeds(trials, f"{prefix}{way}/{LARGEST}")

@@ -1,4 +1,4 @@
-"""What is written of the experiments: a JSON and a picture each, one page over all, a summary."""
+"""Output of the experiments: a JSON and a picture each, one page for all, and a summary."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _DPI = 110
 
 @dataclass(frozen=True)
 class TextTable:
-    """An experiment's rows as text; columns of the paper first."""
+    """An experiment's rows as text, with the paper's columns first."""
 
     columns: tuple[str, ...]
     paper: int
-    """How many of the columns behind the first two are the paper's."""
+    """Number of the paper's columns, which follow the first two."""
     rows: tuple[tuple[str, ...], ...]
 
 
@@ -59,7 +59,7 @@ def write_all(
 
 
 def record(made: Experiment, trials: tuple[Trial, ...], conclusion: Conclusion) -> dict[str, Any]:
-    """What NAME.json holds."""
+    """Return the content of NAME.json."""
     return {
         "name": made.name,
         "title": made.title,
@@ -73,7 +73,7 @@ def record(made: Experiment, trials: tuple[Trial, ...], conclusion: Conclusion) 
 
 
 def summary(conclusions: Mapping[str, Conclusion], seeds: int, elapsed_s: float) -> dict[str, Any]:
-    """What summary.json holds: verdicts, sentences, and each experiment's first row."""
+    """Return the content of summary.json: verdicts, sentences, and each experiment's first row."""
     return {
         "seeds": seeds,
         "elapsed_s": elapsed_s,
@@ -98,7 +98,7 @@ def _row(row: Row) -> dict[str, Any]:
 
 
 def draw(made: Experiment, trials: tuple[Trial, ...]) -> bytes:
-    """The experiment's picture as PNG; no global state of the plotting library is touched."""
+    """Draw the experiment's picture as PNG; the plotting library's global state is not changed."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=made.size_inches, dpi=_DPI, layout="constrained")
@@ -107,7 +107,7 @@ def draw(made: Experiment, trials: tuple[Trial, ...]) -> bytes:
 
 
 def table(conclusion: Conclusion) -> TextTable:
-    """All rows with the columns that any of them has."""
+    """Convert all rows to text, with every column that any of them has."""
     paper = tuple(dict.fromkeys(column for row in conclusion.rows for column in row.paper))
     ours = tuple(dict.fromkeys(column for row in conclusion.rows for column in row.ours))
     rows = tuple(
@@ -123,7 +123,7 @@ def table(conclusion: Conclusion) -> TextTable:
 
 
 def headline(name: str, conclusion: Conclusion) -> tuple[tuple[str, str, str, str], ...]:
-    """Lines of the short table, one for each of the first row's figures: experiment, what, figure,
+    """Lines of the short table, one for each figure of the first row: experiment, quantity, figure,
     verdict."""
     row = conclusion.rows[0]
     unit = "" if row.unit == "1" else f" {row.unit}"
@@ -134,14 +134,14 @@ def headline(name: str, conclusion: Conclusion) -> tuple[tuple[str, str, str, st
 
 
 def shown(figure: SeedStatistics) -> str:
-    """Median and 95 % interval; the figure alone where there is but one."""
+    """Format median and 95 % interval; the figure alone where there is only one seed."""
     if figure.seeds < 2:
         return _figure(figure.median)
     return f"{_figure(figure.median)} ({_figure(figure.lower95)} to {_figure(figure.upper95)})"
 
 
 def _figure(value: float) -> str:
-    """Three significant digits, without powers of ten."""
+    """Format three significant digits, without powers of ten."""
     if not np.isfinite(value):
         return "–"
     if value == 0:

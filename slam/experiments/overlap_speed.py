@@ -1,6 +1,6 @@
-"""How fast one may fly while consecutive pictures overlap by half (section 3.1).
+"""Largest speed at which consecutive pictures overlap by half (section 3.1).
 
-The figures follow from the camera; that half a picture is enough is tried on pairs of simulated pictures.
+The speeds follow from the camera. Whether half a picture is enough is tested on pairs of simulated pictures.
 """
 
 from __future__ import annotations
@@ -41,19 +41,19 @@ OVERLAPS = (0.15, 0.25, 0.35, 0.5, 0.65, 0.8)
 WAYS = {"sideways": np.array([0.0, 1.0]), "forwards": np.array([1.0, 0.0])}
 """Direction of flight in the heading frame; a picture is wide across it and low along it."""
 RIGHT_PX = 2.0
-"""A registration whose corners are off by less holds."""
+"""A registration is accepted if its corner error is below this."""
 _ROUNDED, _ENOUGH_PERCENT = 0.01, 95.0
 PAIRS = 3
-"""Places tried for each overlap and direction."""
+"""Number of positions for each overlap and direction."""
 
 
 def floor_m(size_px: int, model: CameraModel = CameraModel()) -> float:
-    """Floor seen from ``HEIGHT_M`` along a side of the picture."""
+    """Length of floor seen from ``HEIGHT_M`` along a side of the picture."""
     return float(HEIGHT_M * size_px / model.camera().focal_px[0])
 
 
 def speed_m_s(rate_hz: float, floor: float) -> float:
-    """At which pictures ``1 / rate_hz`` apart overlap by half of ``floor``."""
+    """Speed at which pictures ``1 / rate_hz`` apart overlap by half of ``floor``."""
     return (1 - OVERLAP) * floor * rate_hz
 
 
@@ -73,8 +73,8 @@ def _trial(seed: int, draw: bool) -> Trial:
 
 
 def _error_px(step_m: Array, model: CameraModel, rng: np.random.Generator) -> float:
-    """Largest error of a corner carried from one picture to another ``step_m`` (ahead, left) of it, somewhere
-    on the floor; infinite where the two do not register."""
+    """Largest corner error of the registration of two pictures ``step_m`` (ahead, left) apart, at a random
+    position; infinite where the registration fails."""
     camera, extractor = model.camera(), Extractor()
     scene = build_scene(load_recipe("figure_eight").world, ())
     yaw, here = rng.uniform(-np.pi, np.pi), rng.uniform(1.2, 3.3, 2)
@@ -122,7 +122,7 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
 
 
 def _rows(trials: tuple[Trial, ...], width: float, height: float) -> tuple[Row, ...]:
-    """The camera's figures, then the pairs'."""
+    """Rows of the camera's figures, then of the registered pairs."""
     paper: dict[str, dict[float, float]] = {"sideways": OVERLAP_SPEED_M_S, "forwards": {}}
     rows = [
         Row("floor seen from 1 m, across", "m", {PAPER: FLOOR_AT_1M_M}, _exact(width)),

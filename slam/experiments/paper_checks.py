@@ -1,4 +1,4 @@
-"""The paper's own numbers held against each other: each one beside what its others make of it."""
+"""Consistency checks of the paper's numbers: each one against the value that others imply."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from slam.evaluation.paper_values import (
 Array = NDArray[np.float64]
 
 TUM_DRAG_1_S, TUM_TILT_SCALE_M_S = 0.58, 17.8
-"""c1 and c2 that the tum_ardrone package ships for the same drone: a second, independent measurement."""
+"""Constants c1 and c2 of the tum_ardrone package for the same drone: a second, independent measurement."""
 HOVER_S, HOVER_CORRELATION_S = 35.0, 0.5
 WIDTH_PX, HEIGHT_PX = 176, 144
 ODD = 0.10
@@ -46,14 +46,14 @@ ODD = 0.10
 
 @dataclass(frozen=True)
 class Check:
-    """One number of the paper beside what the paper's other numbers make of it."""
+    """One number of the paper and the value that the paper's other numbers imply."""
 
     name: str
     unit: str
     paper: float
     recomputed: float
     tolerance: float
-    """Relative; within it the two agree: rounding."""
+    """Relative tolerance for rounding; within it the two agree."""
     says: str
 
     @property
@@ -63,7 +63,7 @@ class Check:
 
 
 def checks() -> tuple[Check, ...]:
-    """All of them."""
+    """Return all checks."""
     return (*_tables(), *_motion(), *_hover(), *_camera())
 
 
@@ -98,13 +98,13 @@ def _tables() -> tuple[Check, ...]:
 
 
 def line_through_table_5(leave_out: float | None = None) -> float:
-    """m/s a degree: least squares through the origin."""
+    """Slope in m/s a degree of the least-squares line of table 5 through the origin."""
     pitch, speed = (np.array([of[s] for s in STICKS if s != leave_out]) for of in (PITCH_DEG, SPEED_M_S))
     return float(pitch @ speed / (pitch @ pitch))
 
 
 def drag_1_s(leave_out: float | None = None) -> float:
-    """k of g tan(theta) = k v, by least squares over the steady points."""
+    """Drag k of g tan(theta) = k v, in 1/s, by least squares over the steady points."""
     force, speed = _steady(leave_out)
     return float(force @ speed / (speed @ speed))
 
@@ -118,10 +118,11 @@ def misfit_m_s2(power: int) -> float:
 
 
 def odd_point() -> tuple[float, float, float]:
-    """Speed at s = 0.10 from the other sticks' line, and the t value of the drone's own against it with its
-    two-sided p (3 degrees of freedom).
+    """Compare the speed at s = 0.10 with the line through the other sticks.
 
-    The stick is exact where the measured pitch is not; the pitch was in proportion to it, as it should be.
+    Returns the speed on that line, and the t value of the drone's own speed with its two-sided p (3 degrees
+    of freedom). The stick is exact, but the measured pitch is not; the pitch was proportional to it, as it
+    should be.
     """
     others = [s for s in STICKS if s != ODD]
     stick, speed = np.array(others), np.array([SPEED_M_S[s] for s in others])
@@ -134,7 +135,7 @@ def odd_point() -> tuple[float, float, float]:
 
 
 def free_drift_m(correlation_s: float) -> tuple[float, float]:
-    """Mean distance of free motion with the paper's variance an axis: over ``HOVER_S``, and at their end.
+    """Mean distance of free motion with the paper's variance an axis: over ``HOVER_S``, and at the end.
 
     The speed is an Ornstein-Uhlenbeck process.
     """

@@ -1,8 +1,8 @@
-"""Figures 9 and 10: the response to pulses of s = 0.15, and how it speeds up and slows down.
+"""Figures 9 and 10: the response to pulses of s = 0.15, and its acceleration and deceleration.
 
-The paper's simulator lets drag alone slow the vehicle down, and says that the real drone also brakes by its
-optical flow (section 4.2.2). Its curves of the real drone are pictures without figures; so the same vehicle
-with the term ``active_braking`` stands for a drone that does what the paper says.
+In the paper's simulator drag alone slows the vehicle down. The paper states that the real drone also brakes
+by its optical flow (section 4.2.2). Its curves of the real drone are pictures without figures. Therefore the
+same vehicle with the term ``active_braking`` represents a drone that does what the paper says.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ Array = NDArray[np.float64]
 
 STICK = 0.15
 BRAKING_1_S = 0.6
-"""Of the drone that brakes; in the middle of the usual 0.2 to 2."""
+"""Braking rate of the drone that brakes; in the middle of the usual 0.2 to 2."""
 LONG_PULSES_S = ((36.2, 38.2), (46.2, 48.2), (56.2, 59.2), (67.2, 70.2), (78.2, 83.2), (91.2, 96.2))
-"""Begin and end of the pulses of 2, 3 and 5 s: those whose start the paper looked at."""
+"""Begin and end of the pulses of 2, 3 and 5 s, whose starts the paper analysed."""
 SLOPE_S = (0.2, 1.0)
-"""After a change of the stick the tilt has followed, and the speed is still near a straight line."""
+"""After a change of the stick the tilt has settled, and the speed is still nearly linear in time."""
 _SAME = 0.05
 """Slopes that differ by less are "nearly the same"."""
 REACHED = 0.9
@@ -64,8 +64,8 @@ def _trial(seed: int, draw: bool) -> Trial:
 
 
 def _slopes(flight: Flight) -> tuple[float, float, float]:
-    """Mean slopes of the speed [m/s^2] after the stick is pushed and after it is let go, and mean time [s]
-    from the push until the pitch is what was asked for."""
+    """Mean slopes of the speed [m/s^2] after the stick is pushed and after it is released, and mean time [s]
+    from the push until the commanded pitch is reached."""
     velocity, attitude = flight.velocity, flight.attitude
     assert velocity is not None
     assert attitude is not None

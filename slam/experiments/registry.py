@@ -1,4 +1,4 @@
-"""The experiments by name; each is imported when it is asked for."""
+"""The experiments by name; each module is imported on demand."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ NAMES = (
     "overlap_speed",
     "arithmetic",
 )
-"""In the order of the paper; each is a module of this package with an ``EXPERIMENT``."""
+"""Names in the order of the paper; each is a module of this package with an ``EXPERIMENT``."""
 OTHER_NAMES = {"table4": "table3"}
-"""Tables that stand beside another one in the same experiment."""
+"""Tables that belong to the experiment of another one."""
 
 
 def chosen(names: Sequence[str]) -> tuple[str, ...]:
-    """The experiments of these names, all where there are none, in the order of the paper.
+    """Return the experiments of these names, or all without names, in the order of the paper.
 
-    Raises ``InputError`` for a name that is not known, with the nearest one.
+    Raises ``InputError`` for an unknown name and suggests the nearest one.
     """
     for name in names:
         if name not in NAMES and name not in OTHER_NAMES:
@@ -42,7 +42,7 @@ def chosen(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def experiment(name: str) -> Experiment:
-    """The experiment of a name that is known."""
+    """Return the experiment of a known name."""
     found = import_module(f"slam.experiments.{name}").EXPERIMENT
     assert isinstance(found, Experiment)
     return found

@@ -1,4 +1,4 @@
-"""Trials side by side in processes of their own, one core each."""
+"""Parallel trials in processes of their own, one core each."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def run(
 
 
 def conclude(names: Sequence[str], trials: dict[str, tuple[Trial, ...]]) -> dict[str, Conclusion]:
-    """What each experiment's trials come to."""
+    """Return the conclusion of each experiment from its trials."""
     return {name: experiment(name).conclude(trials[name]) for name in names}
 
 
 def _done(tasks: Sequence[tuple[str, int]], jobs: int) -> Iterator[tuple[str, Trial]]:
-    """Trials as they are finished."""
+    """Yield trials as they are finished."""
     if jobs <= 1:
         with _one_core():
             for name, seed in tasks:
@@ -68,7 +68,7 @@ def _fly(name: str, seed: int) -> Trial:
 
 @contextmanager
 def _one_core() -> Iterator[None]:
-    """OpenCV on one thread until the block ends."""
+    """Limit OpenCV to one thread until the block ends."""
     import cv2
 
     before = cv2.getNumThreads()
@@ -80,7 +80,7 @@ def _one_core() -> Iterator[None]:
 
 
 def _alone() -> None:
-    """A worker leaves the other cores to its neighbours, and Ctrl-C to the process that has sent it."""
+    """Limit a worker to one thread and ignore Ctrl-C, which the parent process handles."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     import cv2
     from threadpoolctl import threadpool_limits

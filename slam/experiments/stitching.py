@@ -1,8 +1,9 @@
-"""Maps of one flight made in several ways, and how far their landmarks are off.
+"""Maps of one flight made with several methods, and their landmark errors.
 
-The paper's way composes the homographies of consecutive pictures (section 3.1); how many of the 15 pictures a
-second its computer managed is set by the 150 ms that one took. Its other way puts each where a Kalman filter
-has the vehicle (section 3.1.2). Ours composes those of keyframes, or solves the pose graph.
+The paper's method composes the homographies of consecutive pictures (section 3.1). Its computer took 150 ms
+for a picture, which limits how many of the 15 pictures a second it used. The paper's second method places
+each picture where a Kalman filter has the vehicle (section 3.1.2). Our methods compose the homographies of
+keyframes, or solve the pose graph.
 """
 
 from __future__ import annotations
@@ -28,29 +29,29 @@ from slam.mapping.homography_chain import chain
 Array = NDArray[np.float64]
 
 PICTURE_S = 0.150
-"""Time that the paper's computer took over one picture."""
+"""Time that the paper's computer took for one picture."""
 LARGEST = "largest"
 _EVERY_PICTURE = PipelineConfig(keyframes=KeyframeConfig(min_overlap=2.0))
-"""No picture overlaps by so much: each that holds becomes a keyframe, one that fails is dropped."""
+"""No pair overlaps by this much: each registered picture becomes a keyframe, a failed one is dropped."""
 
 
 @dataclass(frozen=True)
 class LandmarkErrors:
-    """What the paper's tables hold of one map."""
+    """Landmark errors of one map, as in the paper's tables."""
 
     error_m: dict[str, float]
     """Pair -> absolute error of its distance; NaN where one of the two is not on the map."""
     percent: dict[str, float]
-    """Of the true distance; with ``largest``, NaN where any is."""
+    """Errors in percent of the true distance; with ``largest``, NaN where any is."""
     places: dict[str, Array]
-    """Where the map has each landmark (3,), first pose and heading on the truth's."""
+    """Position (3,) of each landmark on the map, with the first pose and heading on the truth's."""
 
 
 def consecutive(flight: Flight, estimate: Estimate) -> Estimate:
-    """The paper's map: pictures as fast as its computer took them, each registered to the one before.
+    """Make the paper's map: pictures at its computer's rate, each registered to the previous one.
 
-    The first picture's attitude and height are those of ``estimate``, so that what differs is the stitching.
-    A picture whose registration does not hold is dropped; where too many in a row fail, the rest is NaN.
+    The first picture's attitude and height are those of ``estimate``, so that only the stitching differs. A
+    picture whose registration fails is dropped; where too many in a row fail, the rest is NaN.
     """
     assert flight.camera is not None
     taken = at_pace(flight, PICTURE_S)
@@ -75,10 +76,10 @@ def consecutive(flight: Flight, estimate: Estimate) -> Estimate:
 
 
 def filtered(flight: Flight, estimate: Estimate) -> Estimate:
-    """The paper's map with inertia (section 3.1.2): each picture where the Kalman filter has the vehicle.
+    """Make the paper's map with inertia (section 3.1.2): each picture at the Kalman filter's pose.
 
-    The filter knows what all instruments but the camera have read until then; pictures from before or after
-    are left out.
+    The filter uses the readings of all instruments except the camera until then. Pictures from before or
+    after its time range are left out.
     """
     assert flight.frames is not None
     taken = at_pace(flight, PICTURE_S)
@@ -93,7 +94,8 @@ def filtered(flight: Flight, estimate: Estimate) -> Estimate:
 
 
 def placed(estimate: Estimate, w_T_b: Array) -> Estimate:
-    """An estimate with its keyframes at ``w_T_b`` (n, 4, 4) over a level floor, and nothing else known."""
+    """Return an estimate with its keyframes at ``w_T_b`` (n, 4, 4) over a level floor, and all else
+    unknown."""
     n = len(w_T_b)
     known = np.isfinite(w_T_b).all(axis=(1, 2))
     return replace(
@@ -112,7 +114,7 @@ def placed(estimate: Estimate, w_T_b: Array) -> Estimate:
 
 
 def landmark_errors(estimate: Estimate, flight: Flight) -> LandmarkErrors:
-    """The errors of a map's landmark distances, and where it has the landmarks."""
+    """Compute the errors of a map's landmark distances, and the positions of the landmarks."""
     association = associate(estimate, flight)
     maps = aligned_maps(estimate, association)
     rows, _ = landmark_table(estimate, flight, association, maps)
@@ -125,7 +127,7 @@ def landmark_errors(estimate: Estimate, flight: Flight) -> LandmarkErrors:
 
 
 def at_pace(flight: Flight, picture_s: float) -> Flight:
-    """The flight with those pictures that somebody sees who takes so long over each."""
+    """Return the flight with only the pictures that a computer with this processing time can use."""
     assert flight.frames is not None
     stamps = flight.frames.stamps_s
     due = stamps[0] + picture_s * np.arange(int((stamps[-1] - stamps[0]) / picture_s) + 1)
@@ -134,7 +136,7 @@ def at_pace(flight: Flight, picture_s: float) -> Flight:
 
 
 def with_pictures(flight: Flight, k: NDArray[np.int64]) -> Flight:
-    """The flight with some of its pictures, by number (n,)."""
+    """Return the flight with some of its pictures, by number (n,)."""
     frames = flight.frames
     assert frames is not None
     names = tuple(frames.names[index] for index in k)
@@ -142,7 +144,7 @@ def with_pictures(flight: Flight, k: NDArray[np.int64]) -> Flight:
 
 
 def _numbers(flight: Flight, taken: Flight) -> NDArray[np.int64]:
-    """Which picture of ``flight`` each picture of ``taken`` is."""
+    """Return the number in ``flight`` of each picture of ``taken``."""
     assert flight.frames is not None
     assert taken.frames is not None
     return np.searchsorted(flight.frames.stamps_s, taken.frames.stamps_s)

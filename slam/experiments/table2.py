@@ -65,7 +65,8 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
 
 
 def _chance(ratios: list[float]) -> float:
-    """Probability of so much growth where there is none: one-sided signed-rank test on the logarithms."""
+    """Probability of at least this growth if there were none: one-sided signed-rank test on the
+    logarithms."""
     known = np.log([ratio for ratio in ratios if np.isfinite(ratio) and ratio > 0])
     return float(wilcoxon(known, alternative="greater").pvalue) if len(known) > 1 else 1.0
 

@@ -1,7 +1,7 @@
 """Tables 3 and 4, figures 7 and 8: the figure eight, by the chain, with the Kalman filter, by the pose graph.
 
-Beside it the same eight with its middle bar flown at 0.6 and at 1.0 m and an error of the sonar's zero drawn
-for each flight, which the paper names as the cause of its real drone's largest error.
+A second flight is the same eight with its middle bar flown at 0.6 and at 1.0 m, and with an offset of the
+sonar drawn for each flight. The paper names such an error as the cause of its real drone's largest error.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 MOST_PERCENT = 0.5
-"""What the pose graph may leave of the largest landmark error at the median seed."""
+"""Largest landmark error allowed for the pose graph at the median seed."""
 FILTER = "EKF-based"
 WAYS = (CONSECUTIVE, KEYFRAMES, FILTER, GRAPH)
 HEIGHTS = "pose graph, sonar's zero off, bar at 0.6 and 1.0 m"
@@ -56,7 +56,8 @@ def _trial(seed: int, draw: bool) -> Trial:
 
 
 def _with_datum(seed: int) -> dict[str, float]:
-    """The eight at two heights with a drawn error of the sonar's zero: errors, zero [mm], its scale [%]."""
+    """Fly the eight at two heights with a random sonar offset: errors, offset [mm], its effect on scale
+    [%]."""
     recipe = load_recipe("figure_eight_heights")
     sonar = recipe.model.sonar
     datum_m = float(np.random.default_rng((seed, 0)).normal(0.0, sonar.datum_std_m))

@@ -1,8 +1,8 @@
 """Table 5 and equation 4: speed and pitch at the end of a pulse of 5 s, for five sticks.
 
-The paper means the last two of the five seconds. A drag that is linear in the speed and passes through
-equation 4 has a time constant of 1.7 s, so that in these two seconds its speed is still 5 to 18 % short of
-the end. So both are measured: in the paper's window, and after 20 s at the same stick.
+The paper uses the last two of the five seconds. A drag that is linear in the speed and consistent with
+equation 4 has a time constant of 1.7 s. In these two seconds its speed is therefore still 5 to 18 % below the
+final one. So both are measured: in the paper's window, and after 20 s at the same stick.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ def _held(s: float, model: str) -> Recipe:
 
 
 def _last_seconds(flight: Flight, pulses_s: tuple[tuple[float, float], ...]) -> tuple[Array, Array]:
-    """Absolute speed [m/s] and pitch [deg] over the last two seconds of each pulse, as the vehicle's own
-    instruments read them."""
+    """Absolute speed [m/s] and pitch [deg] over the last two seconds of each pulse, from the vehicle's own
+    instruments."""
     velocity, attitude = flight.velocity, flight.attitude
     assert velocity is not None
     assert attitude is not None
@@ -129,7 +129,7 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
 
 
 def _off(trials: tuple[Trial, ...], kind: str, s: float) -> float:
-    """Model minus drone, in the drone's standard deviations."""
+    """Difference of model and drone, in the drone's standard deviations."""
     return (over_seeds(trials, f"paper/{kind}/{s:g}").median - SPEED_M_S[s]) / SPEED_STD_M_S[s]
 
 

@@ -1,1 +1,1 @@
-"""Pages and pictures for a person: what came out of a flight and how good it is, in one offline page."""
+"""Reports for a person: results and accuracy of a flight's map in one offline page."""

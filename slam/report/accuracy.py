@@ -1,4 +1,4 @@
-"""The tables of an evaluation: figures against the reference, and the paper's landmarks in three ways."""
+"""Tables of an evaluation: errors against the reference, and the paper's landmark distances on three maps."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _NEES = "squared errors over covariances (mean NEES)"
 
 
 def accuracy_tables(evaluation: Evaluation) -> tuple[FigureTable, ...]:
-    """All tables of an evaluation; the landmarks' only where there are some."""
+    """Return all tables of an evaluation; that of the landmarks only where there are any."""
     against = _against_reference(evaluation)
     if not evaluation.landmarks:
         return (against,)
@@ -30,7 +30,8 @@ def accuracy_tables(evaluation: Evaluation) -> tuple[FigureTable, ...]:
 
 
 def landmark_table(evaluation: Evaluation) -> FigureTable:
-    """Errors of landmark distances: our three ways, beside the paper's two where its pairs were flown."""
+    """Table of the errors of landmark distances on our three maps, and the paper's two where its pairs were
+    flown."""
     names = [row.name for row in evaluation.landmarks]
     theirs = (STITCHED_PERCENT, EKF_PERCENT) if over_papers_ground(evaluation.landmarks) else ()
     rows = []
@@ -59,7 +60,7 @@ def landmark_table(evaluation: Evaluation) -> FigureTable:
 
 
 def map_gain_table(gains: Sequence[MapGain]) -> FigureTable:
-    """Errors of maps as recorded, and with what a model says of the instruments taken out."""
+    """Table of the errors of maps as recorded, and after the correction of the instrument errors."""
     rows = []
     for gain in gains:
         named = f"{gain.flight}: " if len(gains) > 1 else ""
@@ -67,13 +68,13 @@ def map_gain_table(gains: Sequence[MapGain]) -> FigureTable:
         rows.append(
             (f"{named}position error, start and heading aligned", *(_length(e.position_m) for e in both))
         )
-        rows.append((f"{named}lengths of the map off by", *(_percent(100 * (1 / e.scale - 1)) for e in both)))
+        rows.append((f"{named}scale error of the map", *(_percent(100 * (1 / e.scale - 1)) for e in both)))
         if any(np.isfinite(e.landmarks_percent) for e in both):
             shown = (_percent(e.landmarks_percent) for e in both)
             rows.append((f"{named}largest error of a distance between landmarks", *shown))
         nees = (f"{e.nees:.3g}" if np.isfinite(e.nees) else UNKNOWN for e in both)
         rows.append((f"{named}{_NEES}, 6 is right", *nees))
-    return FigureTable("What the model gains in the map", ("", "as recorded", "model taken out"), tuple(rows))
+    return FigureTable("Gain of the model in the map", ("", "as recorded", "corrected"), tuple(rows))
 
 
 def _length(metres: float) -> str:

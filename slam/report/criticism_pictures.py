@@ -1,4 +1,4 @@
-"""The pictures of a criticism but for its stretch: covariate, ranking, calibration, the gain part by part."""
+"""Figures of a criticism except its segment: covariate, ranking, calibration, and gain by part."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ CHECKS_A_ROW = 6
 COVARIATE_BINS, FEWEST_IN_BIN = 12, 3
 MOST_DOTS = 1500
 SHOWN_SHARE = 0.005
-"""Of the values at either end is left out of a drawing's axes: one stray reading squeezes all others."""
+"""Share of the values at either end that the axes exclude: one outlier would compress all others."""
 
 
 def covariate_picture(found: Covariate) -> bytes:
-    """What is missed against what the leading cause makes of it, and against what its rival makes of it."""
+    """Draw the residuals against the covariate of the leading cause, and against that of its rival."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(3.7 * len(found.against), 3.4), dpi=160, layout="constrained")
@@ -72,11 +72,11 @@ def _words(name: str) -> str:
 
 
 _IN_WORDS = {"nothing": "nothing is wrong", "unknown": "something unknown"}
-"""Hypotheses that are no terms."""
+"""Hypotheses that are not terms of the model."""
 
 
 def ranking_picture(result: Criticism) -> bytes:
-    """Bars of probability and strength; ``nothing`` and ``unknown`` are always among them."""
+    """Draw bars of probability and strength; ``nothing`` and ``unknown`` are always among them."""
     always = [r for r in result.ranking if r.name in _IN_WORDS]
     named = sorted((r for r in result.ranking if r not in always), key=lambda r: (-r.probability, -r.z))
     shown = (named[: MOST_BARS - len(always)] + always)[::-1]
@@ -104,7 +104,7 @@ def ranking_picture(result: Criticism) -> bytes:
 
 
 def calibration_picture(checks: Sequence[ChannelCheck]) -> bytes:
-    """For each channel, how many innovations lie in each tenth of what was told of them."""
+    """Draw for each channel how many innovations lie in each tenth of the predicted distribution."""
     from matplotlib.figure import Figure
 
     rows = -(-len(checks) // CHECKS_A_ROW)
@@ -125,7 +125,7 @@ def calibration_picture(checks: Sequence[ChannelCheck]) -> bytes:
 
 
 def gain_picture(gain: Gain) -> bytes:
-    """One dot for each part that was held out, or each flight."""
+    """Draw one dot for each part that was held out, or for each flight."""
     figure, axes = new_figure(3.6, 2.6)
     number = np.arange(1, len(gain.parts) + 1)
     colour = [GREEN if nats > 0 else VERMILLION for nats in gain.parts]

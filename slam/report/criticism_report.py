@@ -1,4 +1,4 @@
-"""The page ``report.html`` of a criticism: the verdict in one sentence, then what it rests on."""
+"""The page ``report.html`` of a criticism: the verdict in one sentence, then the evidence."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from slam.report.criticism_pictures import (
     gain_picture,
     ranking_picture,
 )
-from slam.report.criticism_stretch import telling_stretch
+from slam.report.criticism_segment import evidence_segment
 from slam.report.page import Item, embedded, render_page
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ IN_SAMPLE_DOTS = (
 
 @dataclass(frozen=True)
 class CauseRow:
-    """One parameter of one cause."""
+    """Table row of one parameter of one cause."""
 
     name: str
     equation: str
@@ -56,7 +56,7 @@ class CauseRow:
 
 @dataclass(frozen=True)
 class GainRow:
-    """One channel over one horizon."""
+    """Table row of one channel over one horizon."""
 
     channel: str
     horizon: str
@@ -73,9 +73,9 @@ def write_criticism_report(
 
 
 def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequence[MapGain] = ()) -> str:
-    """The page as HTML, everything embedded."""
+    """Return the page as HTML with everything embedded."""
     gain = result.causes[0].gain if result.causes else None
-    stretch = telling_stretch(result, flights)
+    segment = evidence_segment(result, flights)
     return render_page(
         "criticism_page.html.j2",
         title=VERDICTS[result.verdict],
@@ -83,17 +83,17 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
         model=result.model.name if result.model else "none",
         result=result,
         tiles=_tiles(result),
-        stretch=stretch,
-        stretch_image=embedded(stretch.picture) if stretch else None,
+        segment=segment,
+        segment_image=embedded(segment.picture) if segment else None,
         covariate=embedded(covariate_picture(result.covariate)) if result.covariate else None,
-        about_covariate=about_covariate(result),
+        covariate_caption=covariate_caption(result),
         ranking=embedded(ranking_picture(result)) if result.ranking else None,
-        about_line=about_line(result),
+        ranking_caption=ranking_caption(result),
         causes=cause_rows(result),
         gains=gain_rows(result),
         maps=map_gain_table(maps) if maps else None,
         by=gain.by if gain else None,
-        about_dots=HELD_OUT_DOTS if gain and gain.by else IN_SAMPLE_DOTS,
+        gain_caption=HELD_OUT_DOTS if gain and gain.by else IN_SAMPLE_DOTS,
         calibration=_calibration(result),
         dots=embedded(gain_picture(gain)) if gain and len(gain.parts) > 1 else None,
         nuisances=[
@@ -110,8 +110,8 @@ def render_criticism(result: Criticism, flights: Sequence[Flight], maps: Sequenc
 
 
 def _calibration(result: Criticism) -> str | None:
-    told = [check for check in result.checks if check.tenths]
-    return embedded(calibration_picture(told)) if told else None
+    checks = [check for check in result.checks if check.tenths]
+    return embedded(calibration_picture(checks)) if checks else None
 
 
 def _tiles(result: Criticism) -> list[Item]:
@@ -128,7 +128,7 @@ def _tiles(result: Criticism) -> list[Item]:
 
 
 def cause_rows(result: Criticism) -> list[CauseRow]:
-    """A row a parameter; name, equation and probability stand in the first of each cause."""
+    """One row a parameter; name, equation and probability stand in the first row of each cause."""
     from slam.simulation.terms import CATALOGUE
 
     rows = []
@@ -147,7 +147,7 @@ def cause_rows(result: Criticism) -> list[CauseRow]:
 
 
 def gain_rows(result: Criticism) -> list[GainRow]:
-    """Errors of roll-outs by channel and horizon, on what was held out."""
+    """Errors of roll-outs by channel and horizon, on held-out data."""
     if not result.causes:
         return []
     rows = []
@@ -163,28 +163,28 @@ def gain_rows(result: Criticism) -> list[GainRow]:
     return rows
 
 
-def about_covariate(result: Criticism) -> str:
-    """What the picture of the covariate shows; empty where there is none."""
+def covariate_caption(result: Criticism) -> str:
+    """Caption of the covariate's figure; empty where there is none."""
     found = result.covariate
     if found is None:
         return ""
     first = found.against[0]
     what = (
-        "by how much the instruments disagree, in standard deviations of that"
+        "disagreement of the instruments, in its standard deviations"
         if first.unit == "sigma"
-        else "what the model misses within two seconds ahead"
+        else "error of the model's prediction over two seconds"
     )
     text = (
-        f"Upwards: {what}. To the right: what {found.cause} says that it should be. The means without it "
-        "follow the dashed line as far as it explains what is missed; those with it should lie flat."
+        f"Vertical axis: {what}. Horizontal axis: the error that {found.cause} predicts. The means without "
+        "it follow the dashed line as far as it explains the error; those with it should be flat."
     )
     if not found.rival:
         return text
-    return f"{text} Beside it the same for {found.rival}, which is likeliest in its place."
+    return f"{text} The other panel is the same for {found.rival}, the most probable alternative."
 
 
-def about_line(result: Criticism) -> str:
-    """What the line in the picture of the ranking is."""
+def ranking_caption(result: Criticism) -> str:
+    """Caption of the line in the figure of the ranking."""
     return f"the line ({result.threshold:.1f}) is {result.threshold_means}"
 
 

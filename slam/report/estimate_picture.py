@@ -1,5 +1,4 @@
-"""The picture of ``slam estimate``: where the vehicle was, how well that is known, and how its readings
-fitted."""
+"""Figure of ``slam estimate``: trajectories, their uncertainty, and whitened innovations."""
 
 from __future__ import annotations
 
@@ -41,16 +40,16 @@ _COLORS = (BLUE, ORANGE, VERMILLION)
 _MOST_DOTS = 3000
 _ELLIPSES = 25
 _NARROWEST, _WIDEST = 3.0, 6.0
-"""Standard deviations at the edges of the panels of innovations; what is beyond is drawn at the edge."""
+"""Standard deviations at the edges of the innovation panels; larger values are drawn at the edge."""
 _WIDTH_IN, _PANEL_IN = 13.0, 1.45
 _VIEW_IN = 5.4
-"""Width of the top view; its height follows the way's shape, within limits."""
+"""Width of the top view; its height follows the trajectory's shape, within limits."""
 _LEAST_VIEW_IN, _MOST_VIEW_IN = 3.0, 7.5
 
 
 def estimate_picture(estimate: Estimate, track: Track) -> bytes:
-    """Top view, height and distance between the ways with their 2-sigma bands, and whitened innovations by
-    channel, as PNG."""
+    """Draw the figure as PNG: top view, height, difference of the trajectories with 2-sigma bands, and
+    whitened innovations by channel."""
     from matplotlib.figure import Figure
 
     shown = [name for name in _SHOWN if name in track.channels]
@@ -78,8 +77,10 @@ def estimate_picture(estimate: Estimate, track: Track) -> bytes:
 
 
 def _ways(estimate: Estimate) -> Iterator[tuple[Array, str, float, str]]:
-    """Positions, colour, line width and name of each way there is, the widest first: what lies on another is
-    seen on both sides of it."""
+    """Positions, colour, line width and name of each available trajectory, the widest line first.
+
+    A line that covers another leaves it visible on both sides.
+    """
     for poses, color, width, label in (
         (estimate.chain_w_T_b, PALE_GREY, 4.5, estimate.trajectory_names[0]),
         (estimate.odometry_w_T_b, ORANGE, 2.4, estimate.trajectory_names[1]),
@@ -90,7 +91,7 @@ def _ways(estimate: Estimate) -> Iterator[tuple[Array, str, float, str]]:
 
 
 def _size(estimate: Estimate) -> Array:
-    """(2,) metres that all ways together reach along x and y, never nothing."""
+    """(2,) extent of all trajectories together along x and y, in metres; never zero."""
     placed = np.concatenate([position[:, :2] for position, *_ in _ways(estimate)])
     return np.asarray(np.maximum(np.nanmax(placed, axis=0) - np.nanmin(placed, axis=0), 0.01))
 
@@ -108,7 +109,7 @@ def _top_view(axes: Axes, estimate: Estimate, across_m: float) -> None:
 
 
 def _ellipses(axes: Axes, estimate: Estimate, across_m: float) -> None:
-    """Those that leave the ways to be seen; how large the others are stands in `_between_ways`."""
+    """Ellipses that leave the trajectories visible; `_between_ways` shows the size of the others."""
     picked = np.unique(np.linspace(0, len(estimate.w_T_b) - 1, _ELLIPSES).astype(int))
     variances, turns = np.linalg.eigh(_over_floor(estimate)[picked])
     circle = np.exp(1j * np.linspace(0, 2 * np.pi, 60))
@@ -122,7 +123,7 @@ def _ellipses(axes: Axes, estimate: Estimate, across_m: float) -> None:
 
 
 def _over_floor(estimate: Estimate) -> Array:
-    """Covariances (n, 2, 2) of the places along x and y of the world."""
+    """Covariances (n, 2, 2) of the positions along x and y of the world."""
     R = estimate.w_T_b[:, :3, :3]
     P: Array = (R @ estimate.covariances[:, 3:, 3:] @ R.transpose(0, 2, 1))[:, :2, :2]
     return P
@@ -140,7 +141,7 @@ def _height(axes: Axes, estimate: Estimate) -> None:
 
 
 def _between_ways(axes: Axes, estimate: Estimate) -> None:
-    """How far the other ways are from the last one, over the floor."""
+    """Draw the horizontal distance of the other trajectories from the last one."""
     t = estimate.stamps_s - estimate.stamps_s[0]
     known_m = 2 * np.sqrt(np.maximum(np.linalg.eigvalsh(_over_floor(estimate))[:, -1], 0))
     axes.fill_between(t, 0, known_m, color=BLUE, alpha=0.2, lw=0, label="2σ of the position")
@@ -155,7 +156,7 @@ def _between_ways(axes: Axes, estimate: Estimate) -> None:
 
 
 def _innovations(axes: Axes, name: str, channel: InstrumentInnovations, begin_s: float) -> None:
-    """Dots of all components in order of time, so that none lies on top of another throughout."""
+    """Draw dots of all components in order of time, so that none always covers another."""
     every = max(1, len(channel.stamps_s) // _MOST_DOTS)
     labels = _LABELS.get(name, ("",))
     whitened = (channel.innovation / channel.std)[::every, : len(labels)]

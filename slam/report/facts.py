@@ -1,4 +1,4 @@
-"""The figures of a report, computed once: what came out of a flight and how well it is known."""
+"""Figures of a report, computed once: the results of a flight and their uncertainty."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Facts:
-    """What the report says in figures; lengths in metres, NaN where a figure is not known."""
+    """Figures of the report; lengths in metres, NaN where a figure is not known."""
 
     keyframes: int
     placed: int
     frames: int
     maps: int
-    """Connected parts with more than one keyframe."""
+    """Number of connected parts with more than one keyframe."""
     extent_m: tuple[float, float]
     """East-west and north-south size of the flown path of the largest part."""
     path_m: float
@@ -38,23 +38,24 @@ class Facts:
     """Position of a keyframe: one standard deviation over the three axes together."""
     sigma_max_m: float
     scale_std: float
-    """Relative uncertainty that all lengths share: the height sensor's, where no GPS tells better; else 0."""
+    """Relative uncertainty that all lengths share: the height sensor's unless GPS is more accurate; else
+    0."""
     mostly_scale: bool
-    """Whether more than half of the variance of a position comes from that."""
+    """Whether that uncertainty causes more than half of the variance of a position."""
     relative_to: str
-    """What positions are known relative to; empty where they are absolute."""
+    """Origin that positions are known relative to; empty where they are absolute."""
     chain_moved_m: float
-    """Largest distance of a keyframe from where the plain chain has it, the first ones laid together."""
+    """Largest distance of a keyframe from the plain chain's, with the first keyframes aligned."""
     scale_source: str
     sensor_gain: str
-    """Of the height sensor; empty without one."""
+    """Gain and offset of the height sensor, in words; empty without one."""
     sensor_zero: str
     is_graph: bool
     metric: bool = True
-    """Whether lengths are metres, as `slam.core.estimate.Estimate` has it."""
+    """Whether lengths are metres, as `slam.core.estimate.Estimate` defines it."""
 
     def length(self, metres: float) -> str:
-        """A length of this map, with its unit."""
+        """Return a length of this map with its unit."""
         return length(metres, self.metric)
 
 
@@ -102,13 +103,13 @@ def is_placed(estimate: Estimate) -> NDArray[np.bool_]:
 
 
 def position_sigma_m(covariances: Array) -> Array:
-    """Standard deviation of a position over its three axes together, where known. (n, 6, 6) -> (m,)."""
+    """Standard deviation (m,) of a position over its three axes together, where known, from (n, 6, 6)."""
     variance = np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2)
     return np.asarray(np.sqrt(variance[np.isfinite(variance) & (variance >= 0)]))
 
 
 def sentence(facts: Facts) -> str:
-    """What came out and how good it is, for a pilot."""
+    """Summarise the result and its accuracy in words for a pilot."""
     thing = "poses" if facts.is_graph else "keyframes"
     if facts.placed == 0:
         return f"Nothing could be placed: none of {facts.keyframes} {thing} has a position."
@@ -120,29 +121,29 @@ def sentence(facts: Facts) -> str:
     maps = (
         "one consistent map" if facts.maps <= 1 else f"{facts.maps} separate maps that share no common ground"
     )
-    said = f"{whole} {thing} lie on {maps}"
+    text = f"{whole} {thing} lie on {maps}"
     if np.isfinite(facts.sigma_median_m):
         median, worst = facts.length(facts.sigma_median_m), facts.length(facts.sigma_max_m)
         relative = f"relative to {facts.relative_to} " if facts.relative_to else ""
-        said += f"; {relative}a position is known to ±{SPACE}{median} (median), ±{SPACE}{worst} at worst"
+        text += f"; {relative}a position is known to ±{SPACE}{median} (median), ±{SPACE}{worst} at worst"
         if facts.mostly_scale:
-            said += f", mostly because the scale of all lengths is known to {percent(facts.scale_std)} only"
-    said += "."
+            text += f", mostly because the scale of all lengths is known to {percent(facts.scale_std)} only"
+    text += "."
     if facts.loops_kept:
         closures = "loop closure holds" if facts.loops_kept == 1 else "loop closures hold"
-        said += f" {facts.loops_kept} {closures} it together."
+        text += f" {facts.loops_kept} {closures} it together."
     else:
-        said += " No place was seen twice for certain, so errors add up along the way."
+        text += " No place was recognised a second time with certainty, so errors add up along the path."
     if not facts.metric:
-        said += (
-            " Nothing told how long a metre is, so lengths are relative: in heights, which are multiples of "
+        text += (
+            " No sensor determined the length of a metre, so lengths are relative: in heights, multiples of "
             "the camera's mean height over the floor."
         )
-    return said
+    return text
 
 
 def chain_on_result(estimate: Estimate) -> Array:
-    """(n, 4, 4) the plain chain with its first keyframe's position and heading on the result's."""
+    """Plain chain (n, 4, 4) with its first keyframe's position and heading on the result's."""
     known = np.flatnonzero(np.isfinite(estimate.chain_w_T_b.sum(axis=(1, 2))) & is_placed(estimate))
     if len(known) == 0:
         return np.full_like(estimate.chain_w_T_b, np.nan)
@@ -162,7 +163,7 @@ def _relative_to(estimate: Estimate, flight: Flight | None) -> str:
 
 
 def _scale_std(estimate: Estimate, flight: Flight | None) -> float:
-    """Of the scale that all lengths share; positions on Earth know it better than any other."""
+    """Relative standard deviation of the common scale; positions on Earth determine it best."""
     if flight is None or estimate.scale_std is None or estimate.origin is not None:
         return 0.0
     return estimate.scale_std
@@ -176,26 +177,30 @@ def _is_mostly_scale(estimate: Estimate, members: NDArray[np.int64], scale_std: 
     return bool(np.nansum((scale_std * away_m) ** 2) > 0.5 * np.nansum(variance))
 
 
-_TOLD = 0.9
-"""A standard deviation left at more than this share of the assumed one was told by nothing."""
+_DETERMINED = 0.9
+"""A posterior deviation above this share of the prior one means that nothing determined the value."""
 
 
 def _height_sensor(estimate: Estimate, flight: Flight | None) -> tuple[str, str]:
-    """Gain and zero of the height sensor's readings, as found, in words."""
+    """Estimated gain and offset of the height sensor's readings, in words."""
     found = estimate.range_errors
     if flight is None or flight.sonar is None or found is None:
         return "", ""
 
-    def told(value: str, std: float, assumed: float) -> str:
+    def described(value: str, std: float, assumed: float) -> str:
         if assumed == 0:
-            return "exact, as its sensor.yaml says"
-        return value if std < _TOLD * assumed else f"{value}, as assumed: this flight does not show it"
+            return "exact, according to its sensor.yaml"
+        return (
+            value
+            if std < _DETERMINED * assumed
+            else f"{value}, as assumed: this flight does not determine it"
+        )
 
     gain = f"{found.gain:.3f} ±{SPACE}{found.gain_std:.3f}"
     zero = f"{1e3 * found.zero_m:+.1f} ±{SPACE}{1e3 * found.zero_std_m:.1f}{SPACE}mm"
     return (
-        told(gain, found.gain_std, flight.sonar.scale_std),
-        told(zero, found.zero_std_m, flight.sonar.datum_std_m),
+        described(gain, found.gain_std, flight.sonar.scale_std),
+        described(zero, found.zero_std_m, flight.sonar.datum_std_m),
     )
 
 

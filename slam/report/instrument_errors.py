@@ -1,4 +1,4 @@
-"""What the map shows of the instruments, in words."""
+"""Instrument errors that the map reveals, in words."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from slam.core.units import SPACE
 
 
 def attitude_text(found: AttitudeErrors | None) -> str:
-    """``roll +4.9 ± 0.9°, pitch +0.9 ± 0.3°; up to 10.5°``; empty where the map shows nothing."""
+    """Offsets of the attitude sensor in words: ``roll +4.9 ± 0.9°, pitch +0.9 ± 0.3°; up to 10.5°``; empty
+    where the map reveals none."""
     if found is None:
         return ""
     each = [
@@ -20,14 +21,14 @@ def attitude_text(found: AttitudeErrors | None) -> str:
 
 
 def heading_text(found: AttitudeErrors | None) -> str:
-    """By how much the heading wandered."""
+    """Wander of the heading, in words."""
     if found is None or found.heading_wander_rad is None:
         return ""
     return f"{degrees(found.heading_wander_rad):.1f}°"
 
 
 def mount_text(found: MountTilt | None) -> str:
-    """How the camera sits on the body, against what was told."""
+    """Tilt of the camera on the body relative to the reported mount, in words."""
     if found is None:
         return ""
     roll, pitch = (f"{degrees(tilt):+.2f}" for tilt in found.tilt_rad)
@@ -35,7 +36,7 @@ def mount_text(found: MountTilt | None) -> str:
 
 
 def accelerometer_text(found: AccelerometerErrors | None) -> str:
-    """Its offset, axis by axis."""
+    """Offset of the accelerometer, axis by axis, in words."""
     if found is None:
         return ""
     axes = zip(("forward", "left", "up"), found.offset_m_s2, found.offset_std_m_s2, strict=True)
@@ -43,7 +44,7 @@ def accelerometer_text(found: AccelerometerErrors | None) -> str:
 
 
 def arm_text(found: AccelerometerErrors | None) -> str:
-    """Where on the body it sits."""
+    """Position of the accelerometer on the body, in words."""
     if found is None:
         return ""
     axes = zip(("forward", "left", "up"), found.arm_m, found.arm_std_m, strict=True)
@@ -51,7 +52,7 @@ def arm_text(found: AccelerometerErrors | None) -> str:
 
 
 def lengths_text(found: AccelerometerErrors | None) -> str:
-    """What it says of the map's lengths."""
+    """Scale of the map's lengths according to the accelerometer, in words."""
     if found is None:
         return ""
     off, std = 100 * (found.scale - 1), 100 * found.scale_std

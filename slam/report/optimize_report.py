@@ -1,4 +1,4 @@
-"""The page ``report.html`` of one optimization: a pilot reads the first sentence, an engineer the tables."""
+"""The page ``report.html`` of one optimization: a summary sentence for the pilot, tables for an engineer."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from slam.core.flight import Flight
 
 _MOST_REJECTED = 20
-"""Rejected loops listed on the page; loops.csv has all of them."""
+"""Largest number of rejected loops listed on the page; loops.csv has all of them."""
 
 
 @dataclass(frozen=True)
 class RejectedLoop:
-    """One line of the table of rejected loops."""
+    """One row of the table of rejected loops."""
 
     keyframes: str
     pictures: str
@@ -43,7 +43,7 @@ class RejectedLoop:
 
 @dataclass(frozen=True)
 class Mosaics:
-    """The pictures of the map that were written; None where there is none."""
+    """Figures of the map that were written; None where there is none."""
 
     after: Path | None = None
     before: Path | None = None
@@ -69,7 +69,7 @@ def render(
     mosaics: Mosaics = Mosaics(),
     accuracy: tuple[FigureTable, ...] = (),
 ) -> str:
-    """The page as HTML."""
+    """Return the page as HTML."""
     facts = gather(estimate, flight)
     drawable = facts.placed > 0
     before = "as given" if facts.is_graph else "chain alone"
@@ -153,7 +153,7 @@ def _rejected_loops(estimate: Estimate) -> tuple[RejectedLoop, ...]:
 
 
 def _widths(mosaics: Mosaics) -> tuple[float, float]:
-    """Of the mosaics before and after, in percent of the wider: both are drawn to one scale."""
+    """Widths of the mosaics before and after in percent of the wider one: both have the same scale."""
     paths = mosaics.before, mosaics.after
     if any(path is None or not path.exists() for path in paths):
         return 100.0, 100.0

@@ -1,4 +1,4 @@
-"""From a template and its figures to one HTML page with everything in it."""
+"""Render a template and its figures as one HTML page with everything embedded."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Item:
 
 
 def render_page(template: str, **content: object) -> str:
-    """The page as HTML; every name from outside is escaped and stripped of control characters."""
+    """Return the page as HTML; every external name is escaped and stripped of control characters."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -32,5 +32,5 @@ def render_page(template: str, **content: object) -> str:
 
 
 def embedded(picture: bytes, kind: str = "png") -> str:
-    """A picture as an address that needs no file."""
+    """Encode a picture as a data address that needs no file."""
     return f"data:image/{kind};base64," + base64.b64encode(picture).decode()

@@ -1,4 +1,4 @@
-"""The pictures of a report as PNG or JPEG bytes: no global state, legible in print, colour-blind safe."""
+"""Figures of a report as PNG or JPEG bytes: no global state, legible in print, colour-blind safe."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _MOST_KEPT, _MOST_REJECTED = 400, 60
-"""Loops drawn at most: a thousand lines hide the map they are about; those rejected lie right across it."""
+"""Largest number of loops drawn: a thousand lines hide the map, and rejected loops lie right across it."""
 _MOST_ELLIPSES = 60
 _STRIP_PX = 64
-"""Rows of a reduced picture that are made at a time."""
+"""Number of rows of a reduced picture that are computed at a time."""
 _ELLIPSE_SHARE = 0.03
-"""Ellipses are drawn enlarged or reduced until the median one spans at most this share of the map."""
+"""Ellipses are scaled until the median one spans at most this share of the map."""
 
 
 def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes:
-    """Top view: path, 2-sigma ellipses, loops kept (solid) and rejected (dashed).
+    """Draw the top view: path, 2-sigma ellipses, loops kept (solid) and rejected (dashed).
 
-    ``before`` says what ``chain_w_T_b`` is, which is drawn behind.
+    ``before`` names ``chain_w_T_b``, which is drawn behind.
     """
     figure, axes = new_figure(6.4, 6.0)
     known = is_placed(estimate)
@@ -69,7 +69,7 @@ def trajectory_picture(estimate: Estimate, before: str = "chain alone") -> bytes
 
 
 def altitude_picture(estimate: Estimate) -> bytes:
-    """Height above the floor over time, with its 2-sigma band and the height without loops."""
+    """Draw the height above the floor over time, with its 2-sigma band and the height without loops."""
     figure, axes = new_figure(6.4, 3.0)
     time = estimate.stamps_s - estimate.stamps_s[0]
     height = estimate.w_T_b[:, 2, 3] - estimate.floor_z_m
@@ -93,7 +93,7 @@ def altitude_picture(estimate: Estimate) -> bytes:
 
 
 def width_px(path: Path) -> int:
-    """Of a picture of any size."""
+    """Return the size in pixels of a picture file."""
     import rasterio
     from rasterio.errors import NotGeoreferencedWarning
 
@@ -104,7 +104,7 @@ def width_px(path: Path) -> int:
 
 
 def thumbnail(path: Path, most_px: int = 2000) -> bytes:
-    """A picture of any size as JPEG of at most ``most_px``; what is transparent becomes white."""
+    """Return a picture of any size as JPEG of at most ``most_px``; transparent pixels become white."""
     from PIL import Image
     from rasterio.env import Env
     from rasterio.errors import NotGeoreferencedWarning
@@ -120,7 +120,7 @@ def thumbnail(path: Path, most_px: int = 2000) -> bytes:
 def _shrunk(path: Path, most_px: int) -> Iterator[NDArray[np.uint8]]:
     """Strips of the reduced picture, (h, w, 3) or (h, w), from the top down.
 
-    A PNG can only be read from its beginning: whatever asks for it out of order reads it all again.
+    A PNG can only be read from its beginning: reading out of order would decode all of it again.
     """
     import rasterio
     from rasterio.windows import Window
@@ -172,7 +172,8 @@ def _drawn(size: float) -> str:
 
 
 def _ellipses(axes: Axes, estimate: Estimate, position: Array, placed: NDArray[np.bool_]) -> float:
-    """Draw 2-sigma ellipses of the horizontal position; gives back the factor on their size, 0 if none."""
+    """Draw 2-sigma ellipses of the horizontal position; return the factor on their size, 0 if there are
+    none."""
     from matplotlib.collections import EllipseCollection
 
     R = estimate.w_T_b[:, :3, :3]

@@ -21,8 +21,8 @@ from slam.report.criticism_pictures import (
     gain_picture,
     ranking_picture,
 )
-from slam.report.criticism_report import about_covariate, about_line, cause_rows, gain_rows
-from slam.report.criticism_stretch import Stretch, before_after_picture, telling_stretch
+from slam.report.criticism_report import cause_rows, covariate_caption, gain_rows, ranking_caption
+from slam.report.criticism_segment import Segment, before_after_picture, evidence_segment
 from slam.simulation.model import save_model
 from tests.benchmarks.commit import commit
 from tests.benchmarks.measured import folder
@@ -46,7 +46,7 @@ def page(name: str, study: Study) -> None:
         f"```\nslam criticise {study.shown} --out out/{name}\n```",
         f"**{found.verdict}**: {found.sentence}",
         *_section("What it found", [_causes(found), _model(home, found, flights)]),
-        *_stretch(home, telling_stretch(found, flights)),
+        *_segment(home, evidence_segment(found, flights)),
         *_section("Why this cause", _why(home, found)),
         *_section("What it could be", _ranking(home, found)),
         *_section("The gain on what the fit has not seen", _gain(home, found)),
@@ -104,17 +104,17 @@ def _image(home: Path, kind: str, alt: str, picture: bytes) -> str:
     return f"![{alt}]({path.name})"
 
 
-def _drawn(home: Path, kind: str, stretch: Stretch | None) -> list[str]:
-    if stretch is None:
+def _drawn(home: Path, kind: str, segment: Segment | None) -> list[str]:
+    if segment is None:
         return []
     return [
-        _image(home, kind, "Measured, by the model, by the extended model", stretch.picture),
-        stretch.caption,
+        _image(home, kind, "Measured, by the model, by the extended model", segment.picture),
+        segment.caption,
     ]
 
 
-def _stretch(home: Path, stretch: Stretch | None) -> list[str]:
-    return _section(stretch.title, _drawn(home, "stretch", stretch)) if stretch is not None else []
+def _segment(home: Path, segment: Segment | None) -> list[str]:
+    return _section(segment.title, _drawn(home, "stretch", segment)) if segment is not None else []
 
 
 def _why(home: Path, found: Criticism) -> list[str]:
@@ -123,7 +123,7 @@ def _why(home: Path, found: Criticism) -> list[str]:
     picture = covariate_picture(found.covariate)
     return [
         _image(home, "covariate", "What is missed against what causes say", picture),
-        about_covariate(found),
+        covariate_caption(found),
     ]
 
 
@@ -131,7 +131,7 @@ def _ranking(home: Path, found: Criticism) -> list[str]:
     return [
         _image(home, "ranking", "Probability and strength of each hypothesis", ranking_picture(found)),
         "Left: probability. Right: how far each stands out alone on the model as it was; "
-        f"{about_line(found)}.",
+        f"{ranking_caption(found)}.",
     ]
 
 
@@ -161,7 +161,7 @@ def _unseen(home: Path, study: Study, found: Criticism) -> list[str]:
         again = found if one.judged == study.flights else criticise([_flight(path) for path in one.judged])
         models.append((again.model, again.extended))
     unseen = [_flight(path) for group in rounds[0].groups.values() for path in group]
-    stretch = before_after_picture(*models[0], unseen, study.drawn)
+    segment = before_after_picture(*models[0], unseen, study.drawn)
     truth = any(flight.truth is not None for flight in unseen)
     captured = " Channels that begin with `truth` are the motion capture's." if truth else ""
     times = "one round" if len(rounds) == 1 else f"{len(rounds)} rounds"
@@ -172,7 +172,7 @@ def _unseen(home: Path, study: Study, found: Criticism) -> list[str]:
             ("flights", "channel", "nominal model", "extended", "change"),
             unseen_rows(rounds, models, _flight),
         ),
-        *_drawn(home, "unseen", stretch),
+        *_drawn(home, "unseen", segment),
     ]
 
 

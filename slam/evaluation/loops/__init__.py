@@ -1,4 +1,4 @@
-"""How well places seen before are recognised: precision and recall of a flight's loop closure."""
+"""Precision and recall of the loop closure of a flight."""
 
 from slam.evaluation.loops.comparison import LoopEvaluation, evaluate_loops
 

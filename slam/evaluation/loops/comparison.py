@@ -1,8 +1,9 @@
-"""Loop closure of one flight, stage by stage, ours beside the methods that one would otherwise take.
+"""Loop closure of one flight, stage by stage, compared with common alternative methods.
 
-Retrieval ranks all pairs that lie far enough apart in time. The most alike of each keyframe are registered,
-and what holds is ranked by its inliers. Exhaustive matching registers every pair: no retrieval can let more
-through. Last comes the map, with everything that the pipeline knows of its poses.
+Retrieval ranks all pairs that are far enough apart in time. The most similar pairs of each keyframe are
+registered, and accepted registrations are ranked by their inliers. Exhaustive matching registers every pair:
+no retrieval can let more through. The last stage is the map, which uses all that the pipeline knows of its
+poses.
 """
 
 from __future__ import annotations
@@ -34,12 +35,12 @@ Float32 = NDArray[np.float32]
 
 OURS, HISTOGRAM, WORDS, EXHAUSTIVE = "ours (VLAD)", "colour histogram", "bag of words", "exhaustive matching"
 MOST_KEYFRAMES = 250
-"""Every pair of these is registered; a longer flight is represented by keyframes evenly spread over it."""
+"""Largest number of keyframes whose pairs are all registered; a longer flight is subsampled evenly."""
 
 
 @dataclass(frozen=True)
 class Counts:
-    """How many pairs are loops, are none, and count neither way."""
+    """Number of pairs that are loops, that are not, and that count neither way."""
 
     true: int
     false: int
@@ -47,28 +48,28 @@ class Counts:
 
     @staticmethod
     def of(labels: NDArray[np.int64]) -> Counts:
-        """Count what the reference says of pairs."""
+        """Count pairs by their label."""
         return Counts(*(int((labels == label).sum()) for label in (TRUE, FALSE, UNDECIDED)))
 
 
 @dataclass(frozen=True)
 class MethodScore:
-    """One way of finding loops."""
+    """Results of one method of loop detection."""
 
     name: str
     candidates: Curve | None
-    """All pairs, by likeness; None for exhaustive matching, which ranks nothing."""
+    """Curve of all pairs by similarity; None for exhaustive matching, which has no ranking."""
     proposed: Counts
-    """Each keyframe's most alike, which are registered."""
+    """Counts of the most similar pairs of each keyframe, which are registered."""
     verified: Counts
-    """Of these, those whose registration holds."""
+    """Counts of the registered pairs that are accepted."""
     after_verification: Curve
-    """Those, by their inliers."""
+    """Curve of the accepted pairs by their inliers."""
 
 
 @dataclass(frozen=True)
 class Stage:
-    """What is left of the pipeline's own candidates."""
+    """Number of the pipeline's own candidates that remain after the stage."""
 
     name: str
     counts: Counts
@@ -76,39 +77,39 @@ class Stage:
 
 @dataclass(frozen=True)
 class LoopEvaluation:
-    """Everything that ``loops.json`` and ``loops.png`` tell."""
+    """All results in ``loops.json`` and ``loops.png``."""
 
     name: str
     reference: Reference
     frames: int
     keyframes: int
     compared: int
-    """Keyframes whose pairs were all registered."""
+    """Number of keyframes whose pairs were all registered."""
     true_pairs: int
-    """Among those."""
+    """Counts of the pairs of those keyframes."""
     pairs: int
     neighbours: int
-    """Candidates a keyframe."""
+    """Number of candidates a keyframe."""
     methods: tuple[MethodScore, ...]
     stages: tuple[Stage, ...]
-    """Of the pipeline, over all keyframes."""
+    """Stages of the pipeline, over all keyframes."""
     kept: tuple[Pair, ...]
-    """Loops in the map."""
+    """Counts of the loops in the map."""
     all_true_pairs: int
-    """Over all keyframes."""
+    """Counts of the true and false pairs over all keyframes."""
     timing_s: dict[str, float]
     warnings: tuple[str, ...]
 
     @property
     def status(self) -> str:
-        """``ok``, or what could not be told."""
+        """Status word: ``ok``, or the reason why nothing could be measured."""
         return "ok" if self.true_pairs else "no true loop in this flight: recall is not defined"
 
 
 def evaluate_loops(
     flight: Flight, config: PipelineConfig = PipelineConfig(), progress: Progress = silent
 ) -> LoopEvaluation:
-    """Precision and recall of loop closure on a flight with truth or GPS.
+    """Compute precision and recall of loop closure on a flight with truth or GPS.
 
     Raises ``InputError`` where it has neither, no pictures, or too few keyframes for a loop.
     """
@@ -176,7 +177,8 @@ def score_method(
     labels: NDArray[np.int64],
     neighbours: int,
 ) -> MethodScore:
-    """Judge a likeness (m,) of pairs (m, 2); ``inliers`` (m,) of their registrations, 0 where none holds."""
+    """Evaluate a similarity (m,) of pairs (m, 2); ``inliers`` (m,) is 0 where a registration is not
+    accepted."""
     proposed = most_alike(likeness, pairs, neighbours)
     total = int((labels == TRUE).sum())
     return MethodScore(
@@ -189,13 +191,13 @@ def score_method(
 
 
 def score_exhaustive(inliers: Array, labels: NDArray[np.int64]) -> MethodScore:
-    """Every pair registered: what verification alone makes of a flight."""
+    """Evaluate exhaustive matching: every pair is registered."""
     curve = _curve(inliers, labels, int((labels == TRUE).sum()), above=0.0)
     return MethodScore(EXHAUSTIVE, None, Counts.of(labels), Counts.of(labels[inliers > 0]), curve)
 
 
 def most_alike(likeness: Array, pairs: NDArray[np.int64], neighbours: int) -> NDArray[np.bool_]:
-    """(m,) which pairs are among the ``neighbours`` most alike of one of their two keyframes."""
+    """(m,) whether a pair is among the ``neighbours`` most similar of one of its two keyframes."""
     twice = np.concatenate([pairs[:, 0], pairs[:, 1]])
     row = np.tile(np.arange(len(pairs)), 2)
     order = np.lexsort((-likeness[row], twice))
@@ -214,7 +216,7 @@ def _curve(score: Array, labels: NDArray[np.int64], total: int, above: float = -
 def _registered(
     pairs: NDArray[np.int64], store: FeatureStore, camera: Camera, config: PipelineConfig, progress: Progress
 ) -> Array:
-    """(m,) inliers of each pair's registration; 0 where none holds."""
+    """(m,) inliers of each pair's registration; 0 where it is not accepted."""
     found = verify(
         [(int(i), int(j)) for i, j in pairs],
         store,
@@ -235,7 +237,7 @@ def _vectors(
     config: PipelineConfig,
     progress: Progress,
 ) -> Float32:
-    """(n, d) one vector a keyframe; of those that are not chosen zeros where that is cheaper."""
+    """(n, d) one vector a keyframe; zeros for keyframes that are not chosen, where that is cheaper."""
     if name == OURS:
         return signatures(store, config.retrieval)
     if name == WORDS:
@@ -262,7 +264,7 @@ def _inner(vectors: Float32, chosen: NDArray[np.int64], pairs: NDArray[np.int64]
 
 
 def _stages(estimate: Estimate, reference: Reference) -> tuple[Stage, ...]:
-    """How many of the pipeline's candidates come through each stage; the last is the map."""
+    """Count the pipeline's candidates that remain after each stage; the last is the map."""
     by_graph = ("disagrees", "its part of the graph")
     came_through: dict[str, Callable[[str], bool]] = {
         "look alike or should overlap": lambda reason: True,

@@ -12,7 +12,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Curve:
-    """One entry a threshold, falling: the share of true ones among what reaches it, and of all true ones."""
+    """Precision and recall at each threshold, in falling order.
+
+    Precision is the true share of the pairs at or above the threshold; recall is the share of all true pairs.
+    """
 
     threshold: Array
     precision: Array
@@ -36,16 +39,17 @@ class Curve:
         return float(self.recall[self.precision == 1.0].max(initial=0.0))
 
     def thinned(self, most: int) -> Curve:
-        """The same curve with at most ``most`` entries, its ends among them."""
+        """Reduce the curve to at most ``most`` entries, including its ends."""
         kept = np.unique(np.linspace(0, len(self.threshold) - 1, most).round().astype(int))
         kept = kept[: len(self.threshold)]
         return Curve(self.threshold[kept], self.precision[kept], self.recall[kept])
 
 
 def precision_recall(score: Array, is_true: NDArray[np.bool_], true_total: int) -> Curve:
-    """The curve of pairs with a ``score`` (m,), higher is more alike; equal scores are accepted together.
+    """Compute the curve of pairs with a ``score`` (m,), higher is more similar; equal scores are accepted
+    together.
 
-    ``is_true`` (m,) says which of them are loops; ``true_total`` counts all loops, those without a score too.
+    ``is_true`` (m,) marks the loops; ``true_total`` counts all loops, including those without a score.
     """
     order = np.argsort(-score, kind="stable")
     score, is_true = score[order], is_true[order]

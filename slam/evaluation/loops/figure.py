@@ -1,4 +1,4 @@
-"""``loops.png``: precision over recall, what comes through each stage, and where the loops lie."""
+"""Figure ``loops.png``: precision over recall, pairs that pass each stage, and the loops on the map."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ _STYLE = {
     EXHAUSTIVE: ("black", ":", 1.8),
 }
 _MOST_LINES = 600
-"""Drawn at most of a kind on the map; more hide what they are about."""
+"""Largest number of loops of a kind drawn on the map; more would hide it."""
 
 
 def draw(evaluation: LoopEvaluation) -> bytes:
-    """The picture as PNG."""
+    """Draw the figure as PNG bytes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12.5, 11.0), dpi=110, layout="constrained")

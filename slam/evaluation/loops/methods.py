@@ -1,6 +1,6 @@
-"""How alike keyframes look, by our descriptors and by the methods that one would otherwise take.
+"""Similarity of keyframes, by our descriptors and by common alternative methods.
 
-Each gives one vector a keyframe; the likeness of two is their inner product.
+Each method gives one vector a keyframe; the similarity of two keyframes is the inner product.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from slam.core.flight import Image
 Float32 = NDArray[np.float32]
 
 BINS = 8
-"""A channel of the histogram."""
+"""Number of histogram bins a channel."""
 WORDS = 400
 SAMPLE = 12_000
-"""Descriptors that the bag of words is trained on."""
+"""Number of descriptors that the bag of words is trained on."""
 
 
 def colour_histogram(image: Image) -> Float32:
-    """(512,) joint histogram of a picture's colours (of grey levels: 256), square roots.
+    """Compute the (512,) joint histogram of a picture's colours (256 for grey levels), as square roots.
 
     The inner product of two is the Bhattacharyya coefficient. Source: Swain and Ballard 1991.
     """
@@ -35,10 +35,10 @@ def colour_histogram(image: Image) -> Float32:
 
 
 def bags_of_words(store: FeatureStore, seed: int = 0) -> Float32:
-    """(n, words) term frequency times inverse document frequency, unit length.
+    """Compute the (n, words) term frequency times inverse document frequency, unit length.
 
-    The vocabulary is OpenCV's own (``BOWKMeansTrainer``), of a sample of the flight's descriptors.
-    Source: Sivic and Zisserman 2003, section 4.
+    OpenCV (``BOWKMeansTrainer``) trains the vocabulary on a sample of the flight's descriptors. Source: Sivic
+    and Zisserman 2003, section 4.
     """
     everything = np.concatenate([as_float(store[k].descriptor) for k in _spread(len(store), 200)])
     rng = np.random.default_rng(seed)

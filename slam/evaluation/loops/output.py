@@ -1,4 +1,4 @@
-"""What ``slam loops`` tells: loops.json, summary.json, and the table on the terminal."""
+"""Output of ``slam loops``: loops.json, summary.json, and the table on the terminal."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from slam.evaluation.loops.comparison import LoopEvaluation, MethodScore
 from slam.evaluation.loops.curve import Curve
 
 MOST_THRESHOLDS = 200
-"""Of each curve in loops.json."""
+"""Largest number of points of each curve in loops.json."""
 
 EXPLAINED = (
-    "Before a false one: of all true loops, how many a method ranks before its first false one, so that all "
-    "of them could be taken without a mistake (recall at a precision of 100 %).",
-    "Order: 1 where all true loops rank before all false ones, near 0 where they are lost among them (area "
+    "Before a false one: share of all true loops that a method ranks before its first false one, so that all "
+    "of them could be accepted without a mistake (recall at a precision of 100 %).",
+    "Order: 1 where all true loops rank before all false ones, near 0 where most rank after them (area "
     "under the curve of precision over recall).",
 )
-"""What the columns of the table mean."""
+"""Explanation of the table's columns."""
 
 
 def full_record(evaluation: LoopEvaluation) -> dict[str, Any]:
-    """loops.json: the figures, and the curves behind them."""
+    """Return the content of loops.json: the figures and the curves."""
     return {
         **figures(evaluation),
         "curves": {
@@ -38,7 +38,7 @@ def full_record(evaluation: LoopEvaluation) -> dict[str, Any]:
 
 
 def summary_record(evaluation: LoopEvaluation) -> dict[str, Any]:
-    """summary.json."""
+    """Return the content of summary.json."""
     return {
         "status": evaluation.status,
         **figures(evaluation),
@@ -49,7 +49,7 @@ def summary_record(evaluation: LoopEvaluation) -> dict[str, Any]:
 
 
 def figures(evaluation: LoopEvaluation) -> dict[str, Any]:
-    """The figures alone."""
+    """Return the figures without the curves."""
     return {
         "name": evaluation.name,
         "reference": evaluation.reference.kind,
@@ -67,7 +67,7 @@ def figures(evaluation: LoopEvaluation) -> dict[str, Any]:
 
 
 def table(evaluation: LoopEvaluation) -> FigureTable:
-    """A line a method, and one for the map."""
+    """Return the table: a line for each method, and one for the map."""
     rows = []
     for method in evaluation.methods:
         before, after = method.candidates, method.after_verification

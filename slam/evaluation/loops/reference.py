@@ -1,13 +1,13 @@
-"""Which pairs of keyframes are loops, as the truth or the GPS of the flight has it.
+"""Labels of keyframe pairs, loop or no loop, from the truth or the GPS of the flight.
 
-A true loop shares at least 30 % of the smaller footprint and lies at least 10 s apart in time; a pair that
+A true loop shares at least 30 % of the smaller footprint and is at least 10 s apart in time. A pair that
 shares 10 to 30 % counts neither way, as in ``slam.evaluation.loop_score``.
 
-With truth the footprints are those of the true poses over z = 0. A GPS fix says where, but not how high
-above the ground nor which way up the picture is: height and heading are then those of the graph without
-loops, laid onto the fixes, so that no loop that is to be judged has a part in judging. And a fix is off by
-some metres, as far as fixes and map are apart: a pair counts only where its label stays the same when its
-places are moved together or apart by the standard deviation of their distance.
+With truth the footprints are those of the true poses over z = 0. A GPS fix gives the position, but not the
+height above the ground or the heading of the picture. Height and heading are then those of the graph without
+loops, aligned with the fixes, so that the labels do not depend on the loops under test. A fix also has an
+error of some metres, as large as the difference between fixes and map. A pair therefore counts only where its
+label is unchanged when its two positions move together or apart by the standard deviation of their distance.
 """
 
 from __future__ import annotations
@@ -33,26 +33,27 @@ TRUE, FALSE, UNDECIDED = 1, 0, -1
 
 @dataclass(frozen=True)
 class Reference:
-    """What is known of the loops of a flight."""
+    """Known labels of the loops of a flight."""
 
     kind: str
-    """``truth`` or ``gps``."""
+    """The reference: ``truth`` or ``gps``."""
     stamps_s: Array
-    """(n,) of all keyframes."""
+    """(n,) times of all keyframes, in seconds."""
     position_m: Array
-    """(n, 2) where each keyframe was; NaN where the reference does not say."""
+    """(n, 2) positions of the keyframes, in metres; NaN where the reference does not cover them."""
     overlap: dict[Pair, tuple[float, float]]
-    """Least and largest share, above 0, of pairs i < j of known keyframes far enough apart in time."""
+    """Least and largest overlap share, above 0, of pairs i < j of known keyframes far enough apart in
+    time."""
     position_std_m: float = 0.0
-    """Of one coordinate of one place."""
+    """Standard deviation of one coordinate of one position, in metres."""
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """(n,) which keyframes the reference covers."""
+        """(n,) whether the reference covers a keyframe."""
         return np.asarray(np.isfinite(self.position_m).all(axis=1))
 
     def labels(self, pairs: Sequence[Pair] | NDArray[np.int64]) -> NDArray[np.int64]:
-        """(m,) TRUE, FALSE, or UNDECIDED, which a pair with a keyframe that is not known is too."""
+        """(m,) labels TRUE, FALSE or UNDECIDED; a pair with an unknown keyframe is UNDECIDED."""
         pairs = np.asarray(pairs, dtype=np.int64).reshape(-1, 2)
         share = np.array([self.overlap.get((i, j), (0.0, 0.0)) for i, j in pairs.tolist()]).reshape(-1, 2)
         surely_false = share[:, 1] < FALSE_OVERLAP
@@ -60,14 +61,15 @@ class Reference:
         return np.where(self.known[pairs].all(axis=1), label, UNDECIDED)
 
     def eligible(self, keyframe: NDArray[np.int64]) -> NDArray[np.int64]:
-        """(m, 2) pairs i < j of some of the keyframes that lie far enough apart in time."""
+        """(m, 2) pairs i < j of the given keyframes that are far enough apart in time."""
         i, j = (keyframe[index] for index in np.triu_indices(len(keyframe), 1))
         apart = np.abs(self.stamps_s[j] - self.stamps_s[i]) >= APART_S
         return np.column_stack([i[apart], j[apart]])
 
 
 def reference_of(estimate: Estimate, flight: Flight) -> Reference:
-    """The reference of a flight's keyframes. Raises ``InputError`` where no two of them can be a loop."""
+    """Compute the labels of a flight's keyframes. Raises ``InputError`` where no two of them can be a
+    loop."""
     camera = flight.camera
     assert camera is not None
     anywhere = replace(
@@ -102,9 +104,9 @@ def reference_of(estimate: Estimate, flight: Flight) -> Reference:
 
 
 def overlap_bounds(footprint_m: Array, stamps_s: Array, slack_m: float) -> dict[Pair, tuple[float, float]]:
-    """Shares of overlap of (m, 4, 2) footprints at least 10 s apart, moved apart and together by ``slack_m``.
+    """Overlap shares of (m, 4, 2) footprints at least 10 s apart, moved apart and together by ``slack_m``.
 
-    Pairs a < b whose larger share is above 0.
+    The result has the pairs a < b whose larger share is above 0.
     """
     if slack_m == 0:
         return {pair: (share, share) for pair, share in pair_overlaps(footprint_m, stamps_s).items()}

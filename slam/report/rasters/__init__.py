@@ -1,1 +1,1 @@
-"""What is drawn of an estimate on the ground: GeoTIFFs and their pictures."""
+"""Rasters of an estimate on the ground: GeoTIFFs and their pictures."""

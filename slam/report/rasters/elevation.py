@@ -1,4 +1,4 @@
-"""The elevation map on disk: heights as a GeoTIFF, and a picture of them for a person."""
+"""Files of the elevation map: heights as a GeoTIFF, and a picture of them for a person."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from slam.io.atomic import write_whole
 from slam.io.geotiff import Grid, write_bands
 
 LEAST_SPAN_M = 0.1
-"""The colours of a flat floor span this much, half of it below the floor, so that noise does not look like
+"""Range of the colours on a flat floor, half of it below the floor, so that noise does not look like
 hills."""
 
 
 def write_elevation(estimate: Estimate, out_dir: Path) -> Path | None:
-    """``elevation.tif`` and ``elevation.png``; None where no sonar told of the ground.
+    """Write ``elevation.tif`` and ``elevation.png``; return None where no sonar measured the ground.
 
     Raises ``InputError`` where the disk refuses.
     """
@@ -35,7 +35,7 @@ def write_elevation(estimate: Estimate, out_dir: Path) -> Path | None:
 
 
 def elevation_picture(height: NDArray[np.float32], grid: Grid) -> bytes:
-    """The heights in colour over x and y in metres, as PNG."""
+    """Draw the heights in colour over x and y in metres, as PNG."""
     from matplotlib.figure import Figure
 
     rows, cols = height.shape

@@ -1,4 +1,4 @@
-"""From an estimate and its flight to mosaic files."""
+"""Mosaic files from an estimate and its flight."""
 
 from __future__ import annotations
 
@@ -29,40 +29,40 @@ Array = NDArray[np.float64]
 MAX_MOSAIC_PIXELS = 60_000_000
 MAX_PNG_PIXELS = 40_000_000
 CACHE_MB = 256
-"""Pictures held in memory while tiles are rendered."""
+"""Memory for pictures while tiles are rendered."""
 
 
 @dataclass(frozen=True)
 class MosaicFiles:
-    """What was written, and from what."""
+    """The written files and the pictures that they show."""
 
     geotiff: Path
     png: Path
     world_file: Path
     quality: Path
-    """How far each piece is to be trusted: `slam.report.rasters.quality`."""
+    """Reliability of each piece of the mosaic: `slam.report.rasters.quality`."""
     gsd_m: float
     """Metres a pixel of the GeoTIFF."""
     png_gsd_m: float
-    """Of the PNG, which is reduced where it would be too large to view."""
+    """Metres a pixel of the PNG, which is reduced where it would be too large to view."""
     width: int
     height: int
-    """Pixels of the GeoTIFF."""
+    """Size of the GeoTIFF in pixels."""
     pictures: int
-    """In the mosaic."""
+    """Number of keyframes in the mosaic."""
     redundant: int
-    """Usable, but others show their ground as well."""
+    """Number of usable keyframes whose ground is shown by others."""
     left_out: dict[str, int]
     """Reason -> number of keyframes that could not be used."""
     seam_before: float
     """Brightness difference (rms share) between pictures of one point, as read; NaN without overlap."""
     seam_after: float
-    """The same after exposure and vignetting were compensated."""
+    """The same difference after compensation of exposure and vignetting."""
     note: str
-    """What was decided for the user; empty where nothing was."""
+    """Choices that were made for the user; empty where there were none."""
     tiles: int
     kept: int
-    """Tiles whose pixels were taken from the earlier mosaic: nothing that they show has changed."""
+    """Number of tiles copied from the earlier mosaic, because their content is unchanged."""
 
 
 def write_mosaic(
@@ -75,15 +75,15 @@ def write_mosaic(
 ) -> MosaicFiles:
     """Render the keyframes over the floor into mosaic.tif, .png, .pgw and _quality.tif.
 
-    Parts of the graph that are tied to nothing have no place relative to the largest one: without GPS only
-    the largest is drawn.
+    Unconnected parts of the graph have no position relative to the largest one: without GPS only the largest
+    is drawn.
 
-    Tiles that the GeoTIFF ``earlier`` has already, made of the same pictures at the same places in the same
-    way, are taken from it; the files come out the same as without it. Where none is given it is the one that
-    stands in ``out_dir`` and is replaced; one that is missing, foreign or damaged gives nothing.
+    Tiles that the GeoTIFF ``earlier`` already has are copied from it, if they show the same pictures at the
+    same poses in the same way. The files are the same as without it. The default is the file in ``out_dir``
+    that is replaced. A missing, foreign or damaged file is ignored.
 
     Raises ``InputError`` where there is no camera or picture, where no picture sees the floor, or where the
-    disk refuses; the files of an earlier run then stand as they were.
+    disk refuses; the files of an earlier run then remain unchanged.
     """
     out_dir, leave_out = Path(out_dir), {}
     if estimate.origin is None:
@@ -142,7 +142,7 @@ def write_chain_picture(
 
 @dataclass(frozen=True)
 class _Planned:
-    """Everything that tiles are rendered from."""
+    """Inputs of the tile rendering."""
 
     plan: MosaicPlan
     pictures: Pictures
@@ -153,7 +153,7 @@ class _Planned:
 
     @property
     def grid(self) -> Grid:
-        """Where its pixels lie."""
+        """Transform of the mosaic's pixels to the ground."""
         plan = self.plan
         corner = plan.west_m, plan.north_m
         return Grid(*corner, plan.gsd_m, plan.width, plan.height, self.origin, self.metric)
@@ -167,7 +167,7 @@ def _planned(
     gsd_m: float | None,
     progress: Progress,
 ) -> _Planned:
-    """Which picture, at poses (n, 4, 4), shows what, and how bright; without those left out for a reason."""
+    """Content and brightness of the pictures at poses (n, 4, 4), without those left out for a reason."""
     camera, frames = estimate.camera or flight.camera, flight.frames
     if camera is None or frames is None:
         raise InputError(f"{flight.name}: no camera pictures, so no mosaic; {NO_CAMERA}")
@@ -193,7 +193,7 @@ def _planned(
 
 @contextmanager
 def _put_into(out_dir: Path) -> Iterator[Path]:
-    """A folder whose files are put into ``out_dir`` once all are complete."""
+    """Temporary folder whose files are moved into ``out_dir`` once all are complete."""
     try:
         out_dir.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".mosaic-", dir=out_dir) as name:
@@ -209,7 +209,7 @@ def _put_into(out_dir: Path) -> Iterator[Path]:
 
 @dataclass
 class _Tiles:
-    """The mosaic's pixels, tile by tile, and how many were rendered for it."""
+    """Render the mosaic's pixels tile by tile; also return how many tiles were rendered."""
 
     made: _Planned
     known: EarlierBlock

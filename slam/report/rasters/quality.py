@@ -1,4 +1,4 @@
-"""The mosaic's quality on disk: three bands as a GeoTIFF, and a picture of them for a person."""
+"""Files of the mosaic's quality: three bands as a GeoTIFF, and a picture of them for a person."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def write_quality(plan: MosaicPlan, exposure: Exposure, estimate: Estimate, path
 
 
 def quality_picture(quality: MosaicQuality, grid: Grid, metric: bool = True) -> bytes:
-    """The three bands in colour over x and y, as PNG."""
+    """Draw the three bands in colour over x and y, as PNG."""
     from matplotlib.figure import Figure
 
     told, factor = _readable(quality.position_std_m) if metric else (unit(metric), 1.0)

@@ -24,7 +24,7 @@ from slam.report.criticism_pictures import (
     ranking_picture,
 )
 from slam.report.criticism_report import VERDICTS, render_criticism
-from slam.report.criticism_stretch import before_after_picture, telling_stretch
+from slam.report.criticism_segment import before_after_picture, evidence_segment
 from slam.simulation.model import load_model
 
 RANKING = (
@@ -71,10 +71,10 @@ def test_the_page_shows_what_the_map_gains() -> None:
     nan = float("nan")
     gain = MapGain("flight_00", MapErrors(0.187, 0.943, 1600.0, 5.9), MapErrors(0.00065, 1.0, 4.6, nan))
     page = render_criticism(made(), [], [gain])
-    assert "The gain in the map" in page
+    assert "Gain in the map" in page
     text = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page))
     assert "position error, start and heading aligned 0.19 m 0.65 mm" in text
-    assert "lengths of the map off by 6.04 % 0.00 %" in text
+    assert "scale error of the map 6.04 % 0.00 %" in text
     assert "landmarks 5.90 % –" in text
     assert "6 is right 1.6e+03 4.6" in text
     assert "The gain in the map" not in render_criticism(made(), [])
@@ -94,8 +94,8 @@ def test_the_page_says_what_it_must(verdict: str) -> None:
     if verdict.startswith("named"):
         assert "0.0700 to 0.0900" in page or "0.07 to 0.09" in page
         assert "-61 %" in page
-        assert "+10 %" in page  # what got worse is told
-    assert ("cannot tell apart" in page) == (verdict == "ambiguous")
+        assert "+10 %" in page  # channels that became worse are listed
+    assert ("cannot distinguish" in page) == (verdict == "ambiguous")
     assert ("gyro_x against speed" in page) == ("remainder" in verdict)
 
 
@@ -112,14 +112,14 @@ def test_the_stretch_that_is_drawn_is_of_the_channel_that_gains_most() -> None:
 @pytest.mark.parametrize("term", ["sonar_spikes", "timestamp_jitter"])
 def test_what_single_readings_show_is_drawn_as_they_are(term: str, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: list[Figure] = []
-    monkeypatch.setattr("slam.report.criticism_stretch.png", lambda figure: drawn.append(figure) or b"")
+    monkeypatch.setattr("slam.report.criticism_segment.png", lambda figure: drawn.append(figure) or b"")
     flights = [
         simulate_flight(load_model("nominal"), stick_for(["climb and descend by 0.6 m"]), seed)
         for seed in (1, 2)
     ]
     gain = Gain(30.0, (10.0, 50.0), None, (10.0, 20.0), ())
     result = replace(made(), causes=(replace(made().causes[0], name=term, gain=gain),))
-    shown = telling_stretch(result, flights)
+    shown = evidence_segment(result, flights)
     assert shown is not None
     (axes,) = drawn[0].axes
     assert flights[1].name in axes.get_xlabel()
@@ -129,7 +129,7 @@ def test_what_single_readings_show_is_drawn_as_they_are(term: str, monkeypatch: 
         assert set(axes.lines[0].get_ydata()) <= set(flights[1].sonar.range_m)
     page = render_criticism(result, flights)
     assert "What shows it" in page
-    assert "What single readings tell" in page
+    assert "Gain of single readings" in page
 
 
 def test_the_covariate_is_drawn_for_cause_and_rival_with_means_before_and_after() -> None:

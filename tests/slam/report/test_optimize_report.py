@@ -113,7 +113,7 @@ def test_the_sentence_names_what_is_wrong():
 
 def test_what_a_flight_tells_of_its_height_sensor_is_told_apart_from_what_is_assumed():
     facts = gather(made_estimate(), made_flight())
-    assert "this flight does not show it" in facts.sensor_gain
+    assert "this flight does not determine it" in facts.sensor_gain
     assert facts.sensor_zero == "+3.5 ±\N{NO-BREAK SPACE}1.1\N{NO-BREAK SPACE}mm"
     graph = gather(made_estimate(), None)
     assert (graph.sensor_gain, graph.sensor_zero) == ("", "")
@@ -219,7 +219,7 @@ def test_words_of_the_reasons_are_explained_where_they_can_occur():
     assert "NEES" not in flown
     assert "mean height over the floor" not in flown
     accuracy = (FigureTable("Against the reference", (), (("mean NEES", "6"),)),)
-    assert "foretell" in page(estimate, made_flight(), accuracy=accuracy).text
+    assert "predicted covariances" in page(estimate, made_flight(), accuracy=accuracy).text
     assert "mean height over the floor" in page(replace(estimate, metric=False), made_flight()).text
     assert "inlier" not in page(estimate).text
     assert "docs/method" in flown

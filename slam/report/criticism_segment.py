@@ -1,4 +1,5 @@
-"""The stretch of a flight that a criticism shows: what the model misses most, or the readings that tell."""
+"""Segment of a flight that a criticism shows: the largest misfit of the model, or the readings as
+evidence."""
 
 from __future__ import annotations
 
@@ -18,19 +19,19 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-STRETCH_S = 10.0
-ANEW_S = 2.0
-"""Roll-outs of this length, one after the other."""
+SEGMENT_S = 10.0
+RESTART_S = 2.0
+"""Length of consecutive roll-outs."""
 FEWEST_SAMPLES = 20
-STRAY_SHARE = 0.02
-"""Of the readings: what the model misses is no more than in all others."""
+CLIPPED_SHARE = 0.02
+"""Share of the largest errors that is clipped: a single second echo is no misfit of the model."""
 MOST_FLIGHTS = 20
-"""Flights that are searched for the worst stretch."""
+"""Number of flights that are searched for the worst segment."""
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """A drawn stretch of a flight."""
+class Segment:
+    """A drawn segment of a flight."""
 
     title: str
     picture: bytes
@@ -38,9 +39,9 @@ class Stretch:
 
 
 @dataclass(frozen=True)
-class _Found:
-    miss: float
-    """Of the model as it was: its mean, in standard deviations of the noise."""
+class _Misfit:
+    size: float
+    """Misfit of the original model: its mean, in standard deviations of the noise."""
     flight: str
     channel: str
     unit: str
@@ -50,16 +51,16 @@ class _Found:
     after: Array
 
 
-def telling_stretch(result: Criticism, flights: Sequence[Flight]) -> Stretch | None:
-    """The stretch that the model misses most, of the channel that gains most on held-out data; or the single
-    readings that show the cause."""
+def evidence_segment(result: Criticism, flights: Sequence[Flight]) -> Segment | None:
+    """Return the segment with the largest misfit, of the channel that gains most on held-out data, or the
+    single readings that show the cause."""
     if not result.causes or result.model is None or result.extended is None:
         return None
     lead = result.causes[0]
     if lead.name in READINGS_OF:
         parts = lead.gain.parts
         most = int(np.argmax(parts)) if len(parts) == len(flights) else 0
-        return single_readings_picture(lead.name, flights[most]) if flights else None
+        return readings_picture(lead.name, flights[most]) if flights else None
     foremost = lead.gain.foremost
     channel = REPLAYED.get(foremost.channel) if foremost else None
     return before_after_picture(result.model, result.extended, flights, channel, result.unseen)
@@ -78,30 +79,30 @@ def before_after_picture(
     flights: Sequence[Flight],
     channel: str | None = None,
     unseen: Mapping[str, Model] | None = None,
-) -> Stretch | None:
-    """The stretch that the model misses most, as measured and as both models fly it: of one ``channel`` of
-    the replay, or of all that are the vehicle's own instruments.
+) -> Segment | None:
+    """Return the segment with the largest misfit, as measured and as both models predict it.
 
-    ``unseen``: by the flight's name, the extension as fitted on the other flights.
+    It is that of one ``channel`` of the replay, or of all that are the vehicle's own instruments. ``unseen``
+    gives, by the flight's name, the extension as fitted on the other flights.
     """
     from slam.core.errors import InputError
     from slam.simulation.replay import replay
 
-    best: _Found | None = None
+    best: _Misfit | None = None
     for flight in flights[:MOST_FLIGHTS]:
         try:
             after = (unseen or {}).get(flight.name, extended)
-            pair = replay(flight, model, (ANEW_S,)), replay(flight, after, (ANEW_S,))
+            pair = replay(flight, model, (RESTART_S,)), replay(flight, after, (RESTART_S,))
         except InputError:
             continue  # a flight without commands has no replay
         for old, new in zip(pair[0].channels, pair[1].channels, strict=True):
             if channel is not None and old.name != channel:
                 continue
             if old.name.startswith("imu.") or (channel is None and old.noise_std <= 0):
-                continue  # noise of an imu hides what the eye should see; a truth's figures have no scale
+                continue  # the noise of an imu hides the effect; a truth has no noise to scale by
             found = _worst(flight.name, old.name, old.unit, old.noise_std, old.stamps_s, old.measured,
                            old.restarted, new.restarted)  # fmt: skip
-            if found is not None and (best is None or found.miss > best.miss):
+            if found is not None and (best is None or found.size > best.size):
                 best = found
     if best is None:
         return None
@@ -116,33 +117,33 @@ def before_after_picture(
     rms = [float(np.sqrt(np.nanmean((side - best.measured) ** 2))) for side in (best.before, best.after)]
     fitted = "; the extension was fitted on the other flights" if best.flight in (unseen or {}) else ""
     caption = (
-        f"{best.channel} over the {STRETCH_S:g} s that the model misses most{fitted}. Both models get the "
-        f"same commands and begin anew from the measured state every {ANEW_S:g} s; nothing else is fed back. "
-        f"Error {rms[0]:.3g} {best.unit} before, {rms[1]:.3g} {best.unit} after."
+        f"{best.channel} over the {SEGMENT_S:g} s with the model's largest error{fitted}. Both models get "
+        f"the same commands and restart from the measured state every {RESTART_S:g} s; nothing else is fed "
+        f"back. Error {rms[0]:.3g} {best.unit} before, {rms[1]:.3g} {best.unit} after."
     )
-    return Stretch("Before and after", png(figure), caption)
+    return Segment("Before and after", png(figure), caption)
 
 
 def _worst(
     flight: str, channel: str, unit: str, noise_std: float, stamps_s: Array, measured: Array,
     before: Array, after: Array,
-) -> _Found | None:  # fmt: skip
-    """The window of a channel that ``before`` misses most."""
+) -> _Misfit | None:  # fmt: skip
+    """The window of a channel in which ``before`` has its largest misfit."""
     known = np.isfinite(measured) & np.isfinite(before) & np.isfinite(after)
-    end = np.searchsorted(stamps_s, stamps_s + STRETCH_S)
+    end = np.searchsorted(stamps_s, stamps_s + SEGMENT_S)
     count = np.concatenate([[0], np.cumsum(known)])
     inside = count[end] - count[:-1]
     if inside.max(initial=0) < FEWEST_SAMPLES:
         return None
     off = np.where(known, np.abs(before - measured), 0.0) / (noise_std or 1.0)
-    # One reading that is a second echo is not what the model misses.
-    off = np.minimum(off, np.quantile(off[known], 1.0 - STRAY_SHARE))
+    # A single second echo is not a misfit of the model.
+    off = np.minimum(off, np.quantile(off[known], 1.0 - CLIPPED_SHARE))
     total = np.concatenate([[0.0], np.cumsum(off)])
-    miss = np.where(inside >= 0.8 * inside.max(), (total[end] - total[:-1]) / np.maximum(inside, 1), -np.inf)
-    k = int(np.argmax(miss))
+    error = np.where(inside >= 0.8 * inside.max(), (total[end] - total[:-1]) / np.maximum(inside, 1), -np.inf)
+    k = int(np.argmax(error))
     part = slice(k, int(end[k]))
-    return _Found(
-        float(miss[k]), flight, channel, unit, stamps_s[part], measured[part], before[part], after[part]
+    return _Misfit(
+        float(error[k]), flight, channel, unit, stamps_s[part], measured[part], before[part], after[part]
     )
 
 
@@ -174,15 +175,15 @@ READINGS_OF = {
         "How far stamps are apart",
     ),
 }
-"""Terms that no roll-out shows -> what shows them, its axis, and the beginning of a caption."""
+"""Terms that no roll-out shows -> the quantity that shows them, its axis, and the beginning of a caption."""
 
 
-def single_readings_picture(term: str, flight: Flight) -> Stretch:
-    """The ``STRETCH_S`` in which the readings that show a term differ most."""
+def readings_picture(term: str, flight: Flight) -> Segment:
+    """The window of ``SEGMENT_S`` in which the readings that show a term differ most."""
     of_flight, label, what = READINGS_OF[term]
     stamps_s, values = of_flight(flight)
-    begins = np.arange(stamps_s[0], max(stamps_s[-1] - STRETCH_S, stamps_s[0]) + 1e-9, STRETCH_S / 2)
-    inside = [(stamps_s >= begin) & (stamps_s <= begin + STRETCH_S) for begin in begins]
+    begins = np.arange(stamps_s[0], max(stamps_s[-1] - SEGMENT_S, stamps_s[0]) + 1e-9, SEGMENT_S / 2)
+    inside = [(stamps_s >= begin) & (stamps_s <= begin + SEGMENT_S) for begin in begins]
     spread = [float(np.nanstd(values[rows])) if np.isfinite(values[rows]).any() else -1.0 for rows in inside]
     rows = inside[int(np.argmax(spread))]
     figure, axes = new_figure(7.2, 3.2)
@@ -190,6 +191,6 @@ def single_readings_picture(term: str, flight: Flight) -> Stretch:
     axes.set_xlabel(f"time in {flight.name} [s]")
     axes.set_ylabel(label)
     caption = (
-        f"{what}, over the {STRETCH_S:g} s in which it differs most, in the flight that shows most of it."
+        f"{what}, over the {SEGMENT_S:g} s in which it differs most, in the flight that shows most of it."
     )
-    return Stretch("What shows it", png(figure), caption)
+    return Segment("What shows it", png(figure), caption)
