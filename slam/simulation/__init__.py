@@ -1,6 +1,6 @@
-"""The simulator: a recipe and a seed become a flight with truth.
+"""The simulator: it turns a recipe and a seed into a flight with truth.
 
-``simulate`` flies the recipe's manoeuvre with the recipe's model and lets each instrument read the motion.
+``simulate`` flies the recipe's manoeuvre with the recipe's model, and each instrument measures the motion.
 Pictures are rendered when they are read.
 """
 
@@ -32,8 +32,8 @@ def simulate(recipe: Recipe | str | Path, seed: int = 0) -> Flight:
     """Fly a recipe: a ``Recipe``, the name of a shipped one, or the path of a .toml file.
 
     The same recipe and seed give the same flight to the last bit, whatever order its pictures are read in.
-    Raises ``InputError`` where the recipe or the seed (0 or greater) is refused, and where the flight leaves
-    the floor or hits it.
+    Raises ``InputError`` for an invalid recipe or a seed below 0, and where the flight leaves the floor or
+    hits it.
     """
     from slam.simulation.recipe import Recipe, check, load_recipe
     from slam.simulation.recording import record
@@ -47,7 +47,7 @@ def simulate(recipe: Recipe | str | Path, seed: int = 0) -> Flight:
 
 
 def __getattr__(name: str) -> Any:
-    """Import on first use: the equations and the models need no camera."""
+    """Import a name on first use, because equations and models need no camera."""
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
     raise AttributeError(f"module 'slam.simulation' has no attribute {name!r}")

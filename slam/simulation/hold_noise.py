@@ -1,8 +1,8 @@
-"""What makes a hover look like one: tilt and yaw that jitter, and a velocity on top of the vehicle's own.
+"""Hold noise of a hover: disturbances of tilt and yaw, and an additional velocity.
 
-Each channel is an Ornstein-Uhlenbeck process drawn at the nodes of the integration and linear between them,
-so that it is one continuous function of time which every instrument reads alike. That on the velocity then
-passes a first-order pole; its rate is known, which the accelerometer needs.
+Each channel is an Ornstein-Uhlenbeck process, drawn at the nodes of the integration and linear between them.
+So it is one continuous function of time for all instruments. The velocity noise then passes a first-order
+pole. Its derivative is known, which the accelerometer needs.
 """
 
 from __future__ import annotations
@@ -22,32 +22,32 @@ Size = Annotated[float, Field(ge=0, le=20)]
 
 @dataclass(frozen=True)
 class HoldNoise:
-    """Standard deviations and correlation times, stationary from the start."""
+    """Standard deviations and correlation times of a process that is stationary from the start."""
 
     tilt_std_deg: Size = 0.4
-    """Added to the targets of roll and pitch."""
+    """Standard deviation of the noise added to the targets of roll and pitch."""
     tilt_correlation_s: Time = 0.25
     yaw_rate_std_deg_s: Size = 1.0
-    """Added to the target of the yaw rate."""
+    """Standard deviation of the noise added to the target of the yaw rate."""
     yaw_rate_correlation_s: Time = 0.35
     velocity_std_m_s: Annotated[float, Field(ge=0, le=5)] = 0.034
-    """In x and in y, behind the pole."""
+    """Standard deviation in x and in y, after the pole."""
     velocity_up_std_m_s: Annotated[float, Field(ge=0, le=5)] = 0.012
     velocity_correlation_s: Time = 0.11
-    """Before the pole."""
+    """Correlation time before the pole."""
     velocity_pole_s: Annotated[float, Field(ge=0.005, le=5)] = 0.02
     fade_height_m: Annotated[float, Field(ge=0.001, le=5)] = 0.04
-    """Above the landing gear's touch, over which all of it fades."""
+    """Height above touchdown over which the noise fades to zero."""
 
 
 @dataclass(frozen=True)
 class NoisePath:
-    """One drawn noise at the nodes of an integration."""
+    """One realisation of the noise at the nodes of an integration."""
 
     values: Array
-    """(steps + 1, ``dynamics.NOISE``)."""
+    """(steps + 1, ``dynamics.NOISE``) values."""
     rates: Array
-    """(steps + 1, 3) rate of the velocity noise w [m/s^2]."""
+    """(steps + 1, 3) derivative of the velocity noise w [m/s^2]."""
 
 
 def draw_noise(
@@ -58,7 +58,7 @@ def draw_noise(
     gusts: tuple[float, float] = (0.0, 1.0),
     gust_rng: np.random.Generator | None = None,
 ) -> NoisePath:
-    """Noise for ``steps`` steps; the first nodes of a longer one are those of a shorter one.
+    """Draw the noise for ``steps`` steps. A longer realisation begins with the shorter one.
 
     ``gusts`` are the standard deviation in m/s and the correlation time in s of the wind, drawn from
     ``gust_rng``.
@@ -72,8 +72,8 @@ def draw_noise(
     values[:, 2] = turn * _process(white[:, 2], step_s / noise.yaw_rate_correlation_s)
     for axis, std in enumerate((noise.velocity_std_m_s, noise.velocity_std_m_s, noise.velocity_up_std_m_s)):
         before = _process(white[:, 3 + axis], step_s / noise.velocity_correlation_s)
-        behind, push, size = _pole(before, first[axis], step_s, noise)
-        values[:, 3 + axis] = std / size * behind
+        after, push, size = _pole(before, first[axis], step_s, noise)
+        values[:, 3 + axis] = std / size * after
         rates[:, axis] = std / size * push
     sigma, tau = gusts
     if sigma > 0 and gust_rng is not None:
@@ -84,7 +84,7 @@ def draw_noise(
 
 
 def _process(white: Array, step: float) -> Array:
-    """Ornstein-Uhlenbeck process of variance 1 from white noise; ``step`` in correlation times. (n,)."""
+    """Return an Ornstein-Uhlenbeck process (n,) of variance 1; ``step`` is in correlation times."""
     keep = np.exp(-step)
     kicks = np.sqrt(-np.expm1(-2 * step)) * white
     kicks[0] = white[0]
@@ -92,15 +92,15 @@ def _process(white: Array, step: float) -> Array:
 
 
 def _pole(before: Array, first: float, step_s: float, noise: HoldNoise) -> tuple[Array, Array, float]:
-    """Behind the pole: value and rate at the nodes, and the value's standard deviation.
+    """Return value and derivative after the pole at the nodes, and the value's standard deviation.
 
-    ``first`` is the standard normal deviate of the first value, given what o explains of it. The pole's
-    equation w' = (o - w) / T is solved exactly for an o that is linear between the nodes.
+    ``first`` is the standard normal deviate of the first value, conditional on the process o. The pole's
+    equation w' = (o - w) / T is solved exactly for o linear between the nodes.
     """
     x, a = step_s / noise.velocity_pole_s, np.exp(-step_s / noise.velocity_pole_s)
     from_end = 1 - (1 - a) / x
     from_begin = (1 - a) - from_end
-    # Stationary covariance with o, then the variance: w_k+1 = a w_k + from_begin o_k + from_end o_k+1.
+    # Stationary covariance of w and o, then variance of w: w_k+1 = a w_k + from_begin o_k + from_end o_k+1.
     b = np.exp(-step_s / noise.velocity_correlation_s)
     with_o = (from_begin * b + from_end) / (1 - a * b)
     drive = from_begin**2 + from_end**2 + 2 * b * from_begin * from_end
@@ -108,5 +108,5 @@ def _pole(before: Array, first: float, step_s: float, noise: HoldNoise) -> tuple
     kicks = np.empty_like(before)
     kicks[1:] = from_begin * before[:-1] + from_end * before[1:]
     kicks[0] = with_o * before[0] + np.sqrt(max(variance - with_o**2, 0.0)) * first
-    behind = np.asarray(lfilter([1.0], [1.0, -a], kicks))
-    return behind, (before - behind) / noise.velocity_pole_s, float(np.sqrt(variance))
+    after = np.asarray(lfilter([1.0], [1.0, -a], kicks))
+    return after, (before - after) / noise.velocity_pole_s, float(np.sqrt(variance))

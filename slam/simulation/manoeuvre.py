@@ -1,9 +1,9 @@
-"""Manoeuvres: way points become a smooth path of position and heading.
+"""Manoeuvres: a smooth path of position and heading through way points.
 
-(A manoeuvre may be a script of stick commands instead: ``slam.simulation.script``.) The vehicle flies
-straight legs at cruising speed. At each way point its velocity goes from that of one leg to that of the next
-by a smooth step in time, so that position, velocity, acceleration and jerk are continuous and no corner asks
-for more than the acceleration limit. The same step turns the heading.
+A manoeuvre may also be a script of stick commands (``slam.simulation.script``). The vehicle flies straight
+legs at cruising speed. At each way point its velocity changes from one leg to the next by a smooth step in
+time. So position, velocity, acceleration and jerk are continuous, and no corner exceeds the acceleration
+limit. The same step turns the heading.
 """
 
 from __future__ import annotations
@@ -22,46 +22,46 @@ Array = NDArray[np.float64]
 
 WayPoint = str | tuple[float, float] | tuple[float, float, float]
 Row = Annotated[tuple[float, ...], Field(min_length=5, max_length=5)]
-"""Milliseconds since the start, forward, left, up, yaw."""
+"""A row of a script: milliseconds since the start, forward, left, up, yaw."""
 
 STEP_PEAK_RATE = 35 / 16
-"""Largest slope of the septic smooth step from 0 to 1 in unit time (the heading's)."""
+"""Largest slope of the septic smooth step from 0 to 1 in unit time, used for the heading."""
 STEP_PEAK_ACCELERATION = 15 / 8
-"""Largest slope of the quintic smooth step (the velocity's: the septic's neighbour below)."""
+"""Largest slope of the quintic smooth step, used for the velocity."""
 MAX_YAW_RATE_RAD_S = 1.5
-"""Yaw rate at full stick; a corner takes long enough to stay below."""
+"""Yaw rate at full stick; corners are long enough to stay below it."""
 MAX_HEIGHT_M = 100.0
 MIN_HEIGHT_M = 0.10
-"""The landing gear stands 0.08 m high."""
+"""Least height of a way point; the landing gear is 0.08 m high."""
 MAX_DURATION_S = 6 * 3600.0
 
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """Where the vehicle flies and how fast, or what it is told."""
+    """Way points and speeds of a flight, or a script of commands."""
 
     way_points: Annotated[tuple[WayPoint, ...], Field(max_length=10_000)] = ()
-    """Names of landmarks, or (x, y) or (x, y, z) in metres; the same point twice is a stop there."""
+    """Names of landmarks, or (x, y) or (x, y, z) in metres; a repeated point is a stop."""
     script: Annotated[tuple[Row, ...], Field(max_length=100_000)] | str = ()
-    """Instead of way points: a script's file, or its rows."""
+    """Script instead of way points: a file, or its rows."""
     scale: Annotated[float, Field(ge=-1, le=1)] = 1.0
-    """The script's commands times this."""
+    """Factor of the script's commands."""
     start_m: tuple[float, float] = (0.0, 0.0)
-    """Where a script starts, in the air and at rest."""
+    """Position (x, y) at which a script starts, in the air and at rest."""
     may_land: bool = False
-    """A script may bring the vehicle down to the floor."""
+    """Whether a script may bring the vehicle down to the floor."""
     height_m: Annotated[float, Field(gt=0, le=MAX_HEIGHT_M)] = 0.8
-    """Of a script's start, and of way points that don't give their own."""
+    """Height of a script's start, and of way points without a height."""
     cruise_m_s: Annotated[float, Field(ge=0.01, le=20)] = 0.5
     acceleration_m_s2: Annotated[float, Field(ge=0.01, le=5)] = 1.0
-    """Limit in corners, and when starting and stopping."""
+    """Limit of the acceleration in corners, at the start and at the end."""
     heading: Literal["fixed", "along_path"] = "fixed"
     heading_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
-    """Where the nose points at a script's start, and when the heading is fixed; 0 is along +x."""
+    """Heading at a script's start, and of a fixed heading; 0 is along +x."""
     laps: Annotated[int, Field(ge=1, le=1000)] = 1
-    """How often the way points are flown; above 1 they must end where they begin."""
+    """Number of times that the way points are flown; above 1 the path must be closed."""
     rest_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
-    """Hover before the first leg or command and after the last."""
+    """Duration of the hover before the first leg or command and after the last."""
 
 
 @dataclass(frozen=True)
@@ -69,21 +69,21 @@ class FlightPath:
     """(x, y, z, yaw) as a function of time from 0 to ``duration_s``, continuous to the third derivative."""
 
     derivatives: tuple[BPoly, BPoly, BPoly, BPoly]
-    """The path in m and rad, and its derivatives in s."""
+    """The path in m and rad, and its first three derivatives with respect to time."""
     duration_s: float
 
 
 def plan(
     manoeuvre: Manoeuvre, landmarks: dict[str, tuple[float, float]], extent_m: tuple[float, ...]
 ) -> FlightPath:
-    """The path through the way points, on the floor ``extent_m`` = (x0, y0, x1, y1).
+    """Plan the path through the way points, on the floor ``extent_m`` = (x0, y0, x1, y1).
 
-    Raises ``InputError`` for a way point that is unknown, below ground or beyond the floor, for laps of an
-    open path, and for a flight that lasts longer than six hours.
+    Raises ``InputError`` for a way point that is unknown, too low, too high or off the floor. Laps of an open
+    path and a flight of more than six hours raise it too.
     """
     if not manoeuvre.way_points:
         raise InputError("maneuver.way_points: none; give one, or a script")
-    points = _stations(manoeuvre, landmarks, extent_m)
+    points = _way_points(manoeuvre, landmarks, extent_m)
     yaws = _headings(manoeuvre, points)
     length = np.linalg.norm(np.diff(points, axis=0), axis=1)
     cruise = manoeuvre.cruise_m_s
@@ -95,7 +95,7 @@ def plan(
         STEP_PEAK_RATE * turns / MAX_YAW_RATE_RAD_S,
         0.1,
     )
-    # A leg outlasts its corners, so that no two of them ask for acceleration at once.
+    # A leg is longer than its corners, so that no two of them overlap.
     leg_s = np.maximum(length / cruise, 1.1 * corner_s)
     center_s = manoeuvre.rest_s + corner_s / 2 + np.concatenate([[0.0], np.cumsum(leg_s)])
     duration_s = float(center_s[-1] + corner_s / 2 + manoeuvre.rest_s)
@@ -111,7 +111,7 @@ def plan(
 def _corners(
     points: Array, velocity: Array, yaws: Array, center_s: Array, corner_s: float, rest_s: float
 ) -> tuple[BPoly, BPoly, BPoly, BPoly]:
-    """Hermite pieces between the begin and the end of each corner, where the path is straight."""
+    """Return Hermite pieces between the start and the end of each corner; the path is straight there."""
     duration_s = center_s[-1] + corner_s / 2 + rest_s
     begin_end_s = np.column_stack([center_s - corner_s / 2, center_s + corner_s / 2])
     states = np.zeros((2 * len(points), 4, 4))
@@ -130,7 +130,7 @@ def _corners(
 
 
 def _headings(manoeuvre: Manoeuvre, points: Array) -> Array:
-    """(n + 1,) yaw before, on and after the n - 1 legs, unwrapped."""
+    """Return the unwrapped yaw (n + 1,) before, on and after the n - 1 legs."""
     if manoeuvre.heading == "fixed":
         return np.full(len(points) + 1, np.radians(manoeuvre.heading_deg))
     step = np.diff(points[:, :2], axis=0)
@@ -138,16 +138,18 @@ def _headings(manoeuvre: Manoeuvre, points: Array) -> Array:
     yaws = np.arctan2(step[:, 1], step[:, 0])[moving]
     if len(yaws) == 0:
         return np.full(len(points) + 1, np.radians(manoeuvre.heading_deg))
-    # A leg that goes straight up or stays keeps the heading of the one before.
+    # A leg without horizontal motion keeps the heading of the previous leg.
     on_legs = np.unwrap(yaws)[np.maximum(np.cumsum(moving) - 1, 0)]
     return np.concatenate([on_legs[:1], on_legs, on_legs[-1:]])
 
 
-def _stations(
+def _way_points(
     manoeuvre: Manoeuvre, landmarks: dict[str, tuple[float, float]], extent_m: tuple[float, ...]
 ) -> Array:
-    """(n, 3) the way points of all laps in metres."""
-    once = [_station(k, way_point, manoeuvre, landmarks) for k, way_point in enumerate(manoeuvre.way_points)]
+    """Return the way points (n, 3) of all laps in metres."""
+    once = [
+        _way_point(k, way_point, manoeuvre, landmarks) for k, way_point in enumerate(manoeuvre.way_points)
+    ]
     x0, y0, x1, y1 = extent_m
     for k, (x, y, z) in enumerate(once):
         name = f"maneuver.way_points[{k}] ({x:g}, {y:g}, {z:g})"
@@ -164,7 +166,7 @@ def _stations(
     return np.array(once + once[1:] * (manoeuvre.laps - 1), dtype=float)
 
 
-def _station(
+def _way_point(
     k: int, way_point: WayPoint, manoeuvre: Manoeuvre, landmarks: dict[str, tuple[float, float]]
 ) -> tuple[float, float, float]:
     if isinstance(way_point, str):

@@ -1,7 +1,7 @@
-"""Scripts: a flight as a list of timed commands, flown without looking (the paper's way, section 4.2).
+"""Scripts: lists of timed commands, flown open loop as in the paper (section 4.2).
 
-A script is a text file with one command a line, ``milliseconds,forward,left,up,yaw``, held until the next
-line; the last line says when the flight ends. What stands behind a ``#`` is a comment.
+A script is a text file with one command a line, ``milliseconds,forward,left,up,yaw``. A command is held until
+the next line. The last line gives the end of the flight. Text after a ``#`` is a comment.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ COLUMNS = "milliseconds,forward,left,up,yaw"
 
 
 def read_script(path: Path) -> tuple[Row, ...]:
-    """The commands of a script file. Raises ``InputError`` naming file and line."""
+    """Return the commands of a script file. Raises ``InputError`` with the file and the line."""
     try:
         if not path.is_file():
             raise InputError(f"{path}: no such script; give a text file of {COLUMNS}")
@@ -46,7 +46,7 @@ def read_script(path: Path) -> tuple[Row, ...]:
 
 
 def stick_from(manoeuvre: Manoeuvre) -> Stick:
-    """The stick of a manoeuvre that is a script. Raises ``InputError`` for what cannot be flown."""
+    """Return the stick of a manoeuvre with a script. Raises ``InputError`` for invalid commands."""
     rows = read_script(Path(manoeuvre.script)) if isinstance(manoeuvre.script, str) else manoeuvre.script
     if len(rows) < 2:
         raise InputError("maneuver.script: write at least a command and a last line with the flight's end")
@@ -63,6 +63,6 @@ def stick_from(manoeuvre: Manoeuvre) -> Stick:
     duration_s = stamps_s[-1] + 2 * manoeuvre.rest_s
     if duration_s > MAX_DURATION_S:
         raise InputError(f"maneuver.script: the flight would last {duration_s / 3600:.1f} h; 6 h is the most")
-    # The end is a change too: whoever hovers after it, hovers with the stick let go.
+    # The last row releases the stick, for the hover after it.
     values[-1] = 0.0
     return Stick(stamps_s + manoeuvre.rest_s, values, duration_s)

@@ -1,7 +1,7 @@
-"""The held stick as the equations take it: its mean over an interval, whenever the interval begins.
+"""The stick as input of the equations: its mean over each interval.
 
-A mean, not a sample: then a change between two nodes counts for the part of the step that it acts in, and
-what a flight does is a smooth function of the latency.
+With a mean instead of a sample, a change between two nodes counts for the part of the step in which it acts.
+So the flight is a smooth function of the latency.
 """
 
 from __future__ import annotations
@@ -16,39 +16,38 @@ from slam.core.flight import Command
 Array = NDArray[np.float64]
 
 UNLOGGED_S = 10.0
-"""How long before a log its first row is taken to have been held: longer than any latency."""
+"""Time before a log for which its first row is assumed, longer than any latency."""
 
 
 @dataclass(frozen=True)
 class Stick:
-    """A stick that holds each value from its stamp to the next, and rests at 0 before the first."""
+    """A stick that holds each value from its stamp to the next, and is 0 before the first."""
 
     stamps_s: Array
-    """(n,) increasing."""
+    """(n,) increasing stamps."""
     values: Array
-    """(n, 4) forward, left, up, yaw."""
+    """(n, 4) commands forward, left, up, yaw."""
     duration_s: float
-    """Of the flight: what ``battery_sag`` takes its share from."""
+    """Duration of the flight, which ``battery_sag`` refers to."""
     begin_s: float = 0.0
-    """When the flight began."""
+    """Start of the flight."""
 
     def mean(self, begin_s: Array, end_s: Array, latency_s: float = 0.0) -> Array:
-        """(m, ``dynamics.COMMAND``) means over intervals of what a vehicle that is late by ``latency_s``
-        obeys."""
+        """Return means over intervals (m, ``dynamics.COMMAND``) of the command, delayed by ``latency_s``."""
         begin, end = np.asarray(begin_s, dtype=float), np.asarray(end_s, dtype=float)
         length = np.maximum(end - begin, 1e-12)[:, None]
         held = (self._integral(end - latency_s) - self._integral(begin - latency_s)) / length
         return np.column_stack([held, self._discharge((begin + end) / 2)])
 
     def at(self, times_s: Array, latency_s: float = 0.0) -> Array:
-        """(m, ``dynamics.COMMAND``) what it is at moments; at a change the new value."""
+        """Return the delayed command (m, ``dynamics.COMMAND``) at given times; at a change the new value."""
         times = np.asarray(times_s, dtype=float)
         values = np.vstack([np.zeros(4), self.values])
         k = np.searchsorted(self.stamps_s, times - latency_s, side="right")
         return np.column_stack([values[k], _centred(values)[k], self._discharge(times)])
 
     def _integral(self, times_s: Array) -> Array:
-        """(m, 5) integrals from far before the first stamp; of the stick, and of its being centred."""
+        """Return integrals (m, 5) of the stick and of ``centred``, from far before the first stamp."""
         first, last = self.stamps_s[0] - 1e4, self.stamps_s[-1] + 1e5
         nodes = np.concatenate([[first], self.stamps_s, [last]])
         values = np.vstack([np.zeros(4), self.values])
@@ -61,9 +60,9 @@ class Stick:
 
 
 def stick_of(command: Command, duration_s: float, begin_s: float = 0.0) -> Stick:
-    """The stick of a recorded flight; a missing value is 0.
+    """Return the stick of a recorded flight; a missing value is 0.
 
-    Of what was before the first row nothing is known: the stick is taken to have been as it is there.
+    The first row is assumed to hold before the log too.
     """
     stamps_s = np.concatenate([command.stamps_s[:1] - UNLOGGED_S, command.stamps_s[1:]])
     return Stick(stamps_s, np.nan_to_num(command.stick), duration_s, begin_s)

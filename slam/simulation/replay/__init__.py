@@ -1,8 +1,8 @@
-"""Replay: the commands of a measured flight given to a model, and both compared channel by channel.
+"""Replay: simulation of the commands of a measured flight, compared with its readings channel by channel.
 
-The model is flown open loop, without noise, from states estimated from the measurements themselves: once over
-the whole flight, and in roll-outs of some horizon that begin again and again along it. How far the two are
-apart after half a second, two and ten is what the model gets wrong, in physical units.
+The model flies open loop and without noise, from states estimated from the measurements. One roll-out covers
+the whole flight, and many short ones begin along it. The difference after 0.5, 2 and 10 s is the error of the
+model in physical units.
 """
 
 from __future__ import annotations

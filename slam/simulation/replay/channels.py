@@ -1,4 +1,4 @@
-"""What was measured, stream by stream, and what the instruments of a model would have read of a motion."""
+"""Measured streams, and the readings that the instruments of a model predict along a motion."""
 
 from __future__ import annotations
 
@@ -18,81 +18,80 @@ Array = NDArray[np.float64]
 Predict = Callable[[Motion, Array], Array]
 
 EVERYWHERE = (-1e6, -1e6, 1e6, 1e6)
-"""A replay knows no borders of the floor."""
+"""Extent of the floor in a replay, which has no borders."""
 LOG_S = 0.001
-"""How well a log knows when the stick changed. What jumps with the stick, and a gyro does, cannot be
-predicted closer to a change than this."""
+"""Accuracy of the time of a stick change in a log. Readings that jump with the stick, as of a gyro, cannot be
+predicted within this time of a change."""
 
 
 @dataclass(frozen=True)
 class ReplayChannel:
-    """A column of a stream."""
+    """A column of a replayed stream."""
 
     name: str
     unit: str
     noise_std: float
-    """Of one sample, as the flight's sensor.yaml says; 0 for the truth."""
+    """Standard deviation of one sample according to the flight's sensor.yaml; 0 for the truth."""
     angle: bool = False
-    """Whole turns do not count."""
+    """Whether the values are angles, whose differences are modulo whole turns."""
 
 
 def display_unit(unit: str) -> tuple[float, str]:
-    """By what a channel's figures are multiplied for a person, and their unit then: angles in degrees."""
+    """Return the factor and the unit for the display of a channel: angles are shown in degrees."""
     return (float(np.degrees(1.0)), unit.replace("rad", "deg")) if unit in ("rad", "rad/s") else (1.0, unit)
 
 
 @dataclass(frozen=True)
 class ReplayStream:
-    """Readings of one instrument, at the times at which the model says they were taken."""
+    """Readings of one instrument at their true times according to the model."""
 
     times_s: Array
     values: Array
-    """(n, len(channels)); NaN where missing."""
+    """(n, len(channels)) readings; NaN where missing."""
     channels: tuple[ReplayChannel, ...]
     predict: Predict
-    """Motion and times (m,) to what the instrument would read, (m, len(channels)); NaN where it reads
-    nothing."""
+    """Function of motion and times (m,) to predicted readings (m, len(channels)); NaN for no reading."""
 
     def within(self, begin_s: float, end_s: float) -> NDArray[np.int64]:
-        """(m,) indices of the readings behind ``begin_s`` and up to ``end_s``."""
+        """Return indices (m,) of the readings after ``begin_s`` and up to ``end_s``."""
         first, last = np.searchsorted(self.times_s, [begin_s, end_s], side="right")
         return np.arange(first, last)
 
-    def off(self, rows: NDArray[np.int64], predicted: Array) -> Array:
-        """(m, len(channels)) measured less predicted."""
-        off = self.values[rows] - predicted
+    def residual(self, rows: NDArray[np.int64], predicted: Array) -> Array:
+        """Return measured minus predicted readings, (m, len(channels))."""
+        residual = self.values[rows] - predicted
         for k, channel in enumerate(self.channels):
             if channel.angle:
-                off[:, k] = np.angle(np.exp(1j * off[:, k]))
-        return off
+                residual[:, k] = np.angle(np.exp(1j * residual[:, k]))
+        return residual
 
 
 def level_ground(model: Model) -> World:
-    """The ground that a model's instruments see: level, but for the model's own terms."""
+    """Return the ground of a replay: level except for the terms of the model."""
     terms = {name: values for name, values in model.terms.items() if name == "floor_slope"}
     return with_place_terms(World(extent_m=EVERYWHERE), (), terms)
 
 
 def replay_streams(flight: Flight, model: Model, begin_s: float, end_s: float) -> tuple[ReplayStream, ...]:
-    """The streams that a model can predict, less columns that hold nothing."""
+    """Return the streams that a model can predict, without empty columns."""
     world, span_s = level_ground(model), end_s - begin_s
-    made = [
+    streams = [
         _attitude(flight, model),
         _velocity(flight, model, world),
         _sonar(flight, model, world, lambda times: (times - begin_s) / span_s),
         _imu(flight, model),
         _truth(flight.truth),
     ]
-    return tuple(filled for stream in made if stream and (filled := _filled(stream)).channels)
+    return tuple(kept for stream in streams if stream and (kept := _without_empty_columns(stream)).channels)
 
 
-def _filled(stream: ReplayStream) -> ReplayStream:
-    """The stream without columns in which no value was recorded, and angles without jumps of a turn."""
+def _without_empty_columns(stream: ReplayStream) -> ReplayStream:
+    """Return the stream without empty columns, with unwrapped angles."""
     some = np.flatnonzero(np.isfinite(stream.values).any(axis=0))
-    whole = stream.predict
+    predict_all = stream.predict
 
     def predict(motion: Motion, times_s: Array) -> Array:
-        return whole(motion, times_s)[:, some]
+        return predict_all(motion, times_s)[:, some]
 
     channels, values = tuple(stream.channels[k] for k in some), stream.values[:, some].copy()
     for k, channel in enumerate(channels):
@@ -167,18 +166,18 @@ def _imu(flight: Flight, model: Model) -> ReplayStream | None:
     )
 
     def predict(motion: Motion, times_s: Array) -> Array:
-        read = np.hstack(sensors.inertial(motion.at(times_s), model))
+        readings = np.hstack(sensors.inertial(motion.at(times_s), model))
         changes = motion.stick.stamps_s[1:][np.any(np.diff(motion.stick.values, axis=0) != 0, axis=1)]
-        read[_near(times_s, changes + motion.latency_s)] = np.nan
-        return read
+        readings[_near(times_s, changes + motion.latency_s)] = np.nan
+        return readings
 
-    # What the flight tells of the unit's mount is not the model's to predict.
+    # The model predicts readings in body axes, so the reported mount is applied to the measurements.
     values = np.hstack([imu.gyro_rad_s @ b_R_s.T, imu.accel_m_s2 @ b_R_s.T])
     return ReplayStream(sensors.sampling_times(imu.stamps_s, model), values, channels, predict)
 
 
 def _near(times_s: Array, changes_s: Array) -> NDArray[np.bool_]:
-    """(n,) whether a time lies within ``LOG_S`` of one of the sorted changes."""
+    """Return whether each time (n,) lies within ``LOG_S`` of one of the sorted changes."""
     if len(changes_s) == 0:
         return np.zeros(len(times_s), dtype=bool)
     k = np.clip(np.searchsorted(changes_s, times_s), 1, len(changes_s) - 1) if len(changes_s) > 1 else 0
@@ -205,7 +204,7 @@ def _truth(truth: Truth | None) -> ReplayStream | None:
 
 
 def truth_angles(truth: Truth) -> Array:
-    """(n, 3) roll, pitch and unwrapped yaw of reference poses."""
+    """Return roll, pitch and unwrapped yaw (n, 3) of reference poses."""
     R = truth.w_T_b[:, :3, :3]
     pitch = -np.arcsin(np.clip(R[:, 2, 0], -1, 1))
     roll, yaw = np.arctan2(R[:, 2, 1], R[:, 2, 2]), np.arctan2(R[:, 1, 0], R[:, 0, 0])

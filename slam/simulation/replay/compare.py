@@ -1,4 +1,4 @@
-"""Roll-outs of a model along a measured flight, and how far they are off."""
+"""Roll-outs of a model along a measured flight, and their errors."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from slam.simulation.stick import Stick, stick_of
 Array = NDArray[np.float64]
 
 HORIZONS_S = (0.5, 2.0, 10.0)
-MOST_APART_S = 2.0
-"""Roll-outs begin half a horizon apart, but no further than this."""
+MAX_SPACING_S = 2.0
+"""Largest spacing of the starts of roll-outs; otherwise they begin half a horizon apart."""
 SAME_TILT_RAD = 1e-3
-SHORTEST_S = 0.5
-"""Of a flight that can be replayed."""
+MIN_DURATION_S = 0.5
+"""Shortest flight that can be replayed."""
 
 
 @dataclass(frozen=True)
@@ -35,36 +35,36 @@ class Comparison:
     """``STREAM.COLUMN``: attitude.pitch, velocity.v_x, sonar.range, imu.gyro_z, truth.x, ..."""
     unit: str
     noise_std: float
-    """Of one sample, as the flight's sensor.yaml says; 0 for the truth."""
+    """Standard deviation of one sample according to the flight's sensor.yaml; 0 for the truth."""
     stamps_s: Array
     measured: Array
     simulated: Array
-    """By the roll-out over the whole flight; NaN where it has none."""
+    """Prediction of the roll-out over the whole flight; NaN where there is none."""
     restarted: Array
-    """By roll-outs over ``Replay.shown_s``, one after the other."""
+    """Prediction of consecutive roll-outs over ``Replay.shown_s``."""
     rms: dict[float, float]
-    """Horizon in s -> root mean square of measured less simulated, over all samples of all roll-outs."""
+    """Horizon in s -> root mean square of measured minus simulated, over all samples of all roll-outs."""
     flight_rms: float
-    """The same over the whole flight in one roll-out."""
+    """Root mean square over the whole flight in one roll-out."""
 
 
 @dataclass(frozen=True)
 class Replay:
-    """A flight beside what a model makes of its commands."""
+    """Comparison of a flight with the simulation of its commands."""
 
     flight: str
     model: str
     begin_s: float
     end_s: float
     max_tilt_rad: float
-    """At full stick, the model's."""
+    """Tilt at full stick in the model."""
     started_from: str
-    """``instruments`` or ``truth``: what the states at the beginnings come from."""
+    """Source of the initial states: ``instruments`` or ``truth``."""
     channels: tuple[Comparison, ...]
     rollouts: dict[float, int]
-    """Horizon -> how many there were."""
+    """Horizon -> number of roll-outs."""
     skipped: dict[float, int]
-    """Horizon -> how many could not begin, for want of readings."""
+    """Horizon -> number of roll-outs that could not begin for lack of readings."""
     shown_s: float
     warnings: tuple[str, ...]
 
@@ -73,27 +73,27 @@ class Replay:
 class _RollOut:
     begin_s: float
     rows: list[NDArray[np.int64]]
-    """Of each stream, the readings within it."""
+    """Indices of the readings of each stream within the roll-out."""
     simulated: list[Array]
-    off: list[Array]
-    """Measured less simulated."""
+    residuals: list[Array]
+    """Measured minus simulated values of each stream."""
 
 
 def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_S) -> Replay:
-    """Give the commands of ``flight`` to ``model``, in one roll-out over all of it and in many over each
+    """Simulate the commands of ``flight`` with ``model``, in one whole roll-out and in many over each
     horizon.
 
-    Where roll-outs begin does not depend on the model. Raises ``InputError`` for a flight without commands,
+    The starts of roll-outs do not depend on the model. Raises ``InputError`` for a flight without commands,
     without anything to compare, or without a state to begin from.
     """
-    stick, (begin_s, end_s), told = _commanded(flight)
-    flight, notes = _with_one_yaw(ranges_at_body(flight))
+    stick, (begin_s, end_s), reported_tilt = _commanded(flight)
+    flight, notes = _with_aligned_yaw(ranges_at_body(flight))
     tilt = model.vehicle.max_tilt_rad
-    if abs(told - tilt) > SAME_TILT_RAD:
-        # What a maker's file says of a setting is criticised as the model's own figure is.
+    if abs(reported_tilt - tilt) > SAME_TILT_RAD:
+        # The model's value is used, so that criticism can judge it.
         notes = (
             *notes,
-            f"full stick asks for {tilt:.4g} rad as the model has it; the flight says {told:.4g}",
+            f"full stick asks for {tilt:.4g} rad as the model has it; the flight says {reported_tilt:.4g}",
         )
     streams = replay_streams(flight, model, begin_s, end_s)
     starts = StartEstimator(flight, model, (begin_s, end_s))
@@ -105,7 +105,7 @@ def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_
         for horizon in horizons_s
     }
     shown_s = min(horizons_s, key=lambda horizon: abs(horizon - 2.0))
-    apart = _one_after_the_other(rolled[shown_s], shown_s)
+    consecutive = _consecutive(rolled[shown_s], shown_s)
     channels = []
     for n, stream in enumerate(streams):
         for k, channel in enumerate(stream.channels):
@@ -116,8 +116,8 @@ def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_
                     channel.noise_std,
                     stream.times_s,
                     stream.values[:, k],
-                    _laid_out([whole], n, k, len(stream.times_s)),
-                    _laid_out(apart, n, k, len(stream.times_s)),
+                    _predictions([whole], n, k, len(stream.times_s)),
+                    _predictions(consecutive, n, k, len(stream.times_s)),
                     {horizon: _rms(rolls, n, k) for horizon, rolls in rolled.items()},
                     _rms([whole], n, k),
                 )
@@ -131,12 +131,13 @@ def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_
 
 
 def _commanded(flight: Flight) -> tuple[Stick, tuple[float, float], float]:
-    """The stick, from when to when there are both commands and readings, and the tilt at full stick that the
-    flight names."""
+    """Return the stick, the interval with commands and readings, and the reported tilt at full stick."""
     command = flight.command
     if command is None or len(command.stamps_s) == 0:
-        why = flight.reason_not_read("command0") or "holds no commands (command0)"
-        raise InputError(f"{flight.name}: {why}, so there is nothing to replay; give a flight with command0")
+        reason = flight.reason_not_read("command0") or "holds no commands (command0)"
+        raise InputError(
+            f"{flight.name}: {reason}, so there is nothing to replay; give a flight with command0"
+        )
     if len(command.stamps_s) == 1:
         raise InputError(f"{flight.name}: command0 has 1 row, so nothing to replay; a flight has several")
     readings = (flight.imu, flight.attitude, flight.velocity, flight.sonar, flight.truth)
@@ -150,44 +151,43 @@ def _commanded(flight: Flight) -> tuple[Stick, tuple[float, float], float]:
             f"{flight.name}: the command log is on another clock, {begin_s - end_s:.0f} s away from the "
             "readings; write the stamps of command0 on the clock of the other streams"
         )
-    if end_s - begin_s < SHORTEST_S:
+    if end_s - begin_s < MIN_DURATION_S:
         raise InputError(
-            f"{flight.name}: commands and readings share {end_s - begin_s:.2f} s, {SHORTEST_S:g} s are the "
-            "least; give a longer recording"
+            f"{flight.name}: commands and readings share {end_s - begin_s:.2f} s, {MIN_DURATION_S:g} s are "
+            "the least; give a longer recording"
         )
     first_s = float(command.stamps_s[0])
     stick = stick_of(command, float(command.stamps_s[-1]) - first_s, first_s)
     return stick, (begin_s, end_s), command.max_tilt_rad
 
 
-def _with_one_yaw(flight: Flight) -> tuple[Flight, tuple[str, ...]]:
-    """The flight with its on-board yaw turned to the truth's zero, where the truth is what a replay starts
-    from."""
+def _with_aligned_yaw(flight: Flight) -> tuple[Flight, tuple[str, ...]]:
+    """Align the on-board yaw with the truth, if the replay takes its initial states from the truth."""
     attitude, truth = flight.attitude, flight.truth
     if attitude is None or truth is None or flight.velocity is not None:
         return flight, ()
     yaw = np.interp(attitude.stamps_s, truth.stamps_s, truth_angles(truth)[:, 2])
-    off = attitude.roll_pitch_yaw_rad[:, 2] - yaw
-    if not np.isfinite(off).any():
+    difference = attitude.roll_pitch_yaw_rad[:, 2] - yaw
+    if not np.isfinite(difference).any():
         return flight, ()
-    zero = float(np.angle(np.nanmean(np.exp(1j * off))))
+    zero = float(np.angle(np.nanmean(np.exp(1j * difference))))
     turned = attitude.roll_pitch_yaw_rad.copy()
-    turned[:, 2] = yaw + np.angle(np.exp(1j * (off - zero)))
-    told = f"the on-board yaw was turned by {-np.degrees(zero):.1f} deg to that of the truth"
-    return replace(flight, attitude=replace(attitude, roll_pitch_yaw_rad=turned)), (told,)
+    turned[:, 2] = yaw + np.angle(np.exp(1j * (difference - zero)))
+    note = f"the on-board yaw was turned by {-np.degrees(zero):.1f} deg to that of the truth"
+    return replace(flight, attitude=replace(attitude, roll_pitch_yaw_rad=turned)), (note,)
 
 
 def _begins(begin_s: float, end_s: float, horizon_s: float) -> Array:
-    apart = min(horizon_s / 2, MOST_APART_S)
-    return np.arange(begin_s, max(end_s - horizon_s, begin_s) + 1e-9, apart)
+    spacing = min(horizon_s / 2, MAX_SPACING_S)
+    return np.arange(begin_s, max(end_s - horizon_s, begin_s) + 1e-9, spacing)
 
 
 def _first(
     streams: Sequence[ReplayStream], starts: StartEstimator, stick: Stick, model: Model, end_s: float
 ) -> _RollOut | None:
-    """The roll-out to the flight's end, from the first moment at which all that is needed was read."""
+    """Return the roll-out to the flight's end, from the first moment with all necessary readings."""
     begin_s = max(stream.times_s[0] for stream in streams if len(stream.times_s))
-    for later in np.arange(0.0, MOST_APART_S, 0.1):
+    for later in np.arange(0.0, MAX_SPACING_S, 0.1):
         rolls = _many(streams, starts, stick, model, np.array([begin_s + later]), end_s - begin_s, end_s)
         if rolls:
             return rolls[0]
@@ -203,7 +203,7 @@ def _many(
     horizon_s: float,
     last_s: float,
 ) -> list[_RollOut]:
-    """Roll-outs of one length, but for those that cannot begin."""
+    """Return roll-outs of one length, without those that cannot begin."""
     rolls = []
     for begin_s in begins_s.tolist():
         end_s = min(begin_s + horizon_s, last_s)
@@ -213,18 +213,18 @@ def _many(
         motion = simulate_motion(stick, model, start, begin_s=begin_s, end_s=end_s)
         rows = [stream.within(begin_s, end_s) for stream in streams]
         simulated = [s.predict(motion, s.times_s[row]) for s, row in zip(streams, rows, strict=True)]
-        off = [s.off(row, found) for s, row, found in zip(streams, rows, simulated, strict=True)]
-        # Angles are told on the turn that was measured.
+        residuals = [s.residual(row, found) for s, row, found in zip(streams, rows, simulated, strict=True)]
+        # Simulated angles are moved by whole turns to the measured ones.
         simulated = [
             np.where(np.isfinite(o), s.values[row] - o, found)
-            for s, row, found, o in zip(streams, rows, simulated, off, strict=True)
+            for s, row, found, o in zip(streams, rows, simulated, residuals, strict=True)
         ]
-        rolls.append(_RollOut(begin_s, rows, simulated, off))
+        rolls.append(_RollOut(begin_s, rows, simulated, residuals))
     return rolls
 
 
-def _one_after_the_other(rolls: Sequence[_RollOut], horizon_s: float) -> list[_RollOut]:
-    """Those of overlapping roll-outs that begin where another has ended."""
+def _consecutive(rolls: Sequence[_RollOut], horizon_s: float) -> list[_RollOut]:
+    """Select roll-outs that do not overlap, each the first to begin after the previous one ends."""
     chosen: list[_RollOut] = []
     for roll in rolls:
         if not chosen or roll.begin_s >= chosen[-1].begin_s + horizon_s - 1e-9:
@@ -232,8 +232,8 @@ def _one_after_the_other(rolls: Sequence[_RollOut], horizon_s: float) -> list[_R
     return chosen
 
 
-def _laid_out(rolls: Sequence[_RollOut], stream: int, column: int, count: int) -> Array:
-    """(count,) what roll-outs say of each reading; NaN where none does."""
+def _predictions(rolls: Sequence[_RollOut], stream: int, column: int, count: int) -> Array:
+    """Return the prediction (count,) of each reading; NaN where no roll-out has one."""
     out = np.full(count, np.nan)
     for roll in rolls:
         out[roll.rows[stream]] = roll.simulated[stream][:, column]
@@ -241,7 +241,9 @@ def _laid_out(rolls: Sequence[_RollOut], stream: int, column: int, count: int) -
 
 
 def _rms(rolls: Sequence[_RollOut], stream: int, column: int) -> float:
-    """Over all readings that are there and predicted; NaN where none is."""
-    off = np.concatenate([roll.off[stream][:, column] for roll in rolls]) if rolls else np.empty(0)
-    off = off[np.isfinite(off)]
-    return float(np.sqrt(np.mean(off**2))) if len(off) else float("nan")
+    """Return the root mean square over all readings with a prediction; NaN without any."""
+    residuals = (
+        np.concatenate([roll.residuals[stream][:, column] for roll in rolls]) if rolls else np.empty(0)
+    )
+    residuals = residuals[np.isfinite(residuals)]
+    return float(np.sqrt(np.mean(residuals**2))) if len(residuals) else float("nan")

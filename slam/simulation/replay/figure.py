@@ -1,4 +1,4 @@
-"""A replay as a picture: a panel a channel, measured and simulated."""
+"""A picture of a replay: a panel per channel, measured and simulated."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 
 COLUMNS = 3
 MOST_POINTS = 3000
-"""Drawn of a stream: more than there are pixels."""
+"""Largest number of points drawn per stream, more than there are pixels."""
 
 
 def draw(replay: Replay) -> bytes:
-    """The picture as PNG: measured readings, the whole flight in one roll-out, and the short roll-outs."""
+    """Return the picture as PNG: measurements, the roll-out over the whole flight and the short ones."""
     return png(figure(replay))
 
 
 def figure(replay: Replay) -> Figure:
-    """The picture's panels, a channel each."""
+    """Return the figure with one panel per channel."""
     from matplotlib.figure import Figure
 
     count = len(replay.channels)

@@ -1,7 +1,7 @@
-"""The state in which a roll-out begins, estimated from the readings around that moment.
+"""The initial state of a roll-out, estimated from the readings around its start.
 
-Each quantity is the value there of a straight line through the readings of a short window. Where a model's
-instruments are off (a scale, a lean), its readings are turned back into what it says was there.
+Each quantity is the value of a straight line fitted to the readings of a short window. Errors of the
+instruments in the model (a scale, a tilt) are inverted.
 """
 
 from __future__ import annotations
@@ -22,18 +22,19 @@ Array = NDArray[np.float64]
 Source = Literal["instruments", "truth"]
 
 ANGLES_S, TURN_S, RATES_S, SPEED_S, HEIGHT_S, PLACE_S = 0.06, 0.15, 0.05, 0.15, 0.3, 0.1
-"""Half the window of each quantity: the shorter, the quicker it changes."""
+"""Half the window of each quantity; quantities that change quickly have short windows."""
 FEWEST = 4
-WIDER = (1.0, 2.0, 4.0)
-"""Where readings are sparse, the window grows by these."""
+"""Least number of readings in a window."""
+WINDOW_FACTORS = (1.0, 2.0, 4.0)
+"""Factors by which the window grows where readings are sparse."""
 FAR_UP_M = 50.0
-"""Where nothing measures the height: the floor plays no part."""
+"""Height without a measurement, so that the floor has no effect."""
 ROUNDS = 8
-"""Of turning readings back: an error of a quarter shrinks to a part in 60 000."""
+"""Iterations of the inversion: an error of a quarter shrinks to a part in 60 000."""
 
 
 class StartEstimator:
-    """States of a flight at any moment, as one model understands its instruments."""
+    """Estimator of the states of a flight, by the instruments of a model."""
 
     def __init__(self, flight: Flight, model: Model, span_s: tuple[float, float]) -> None:
         self._flight, self._model, self._span_s = flight, model, span_s
@@ -43,23 +44,23 @@ class StartEstimator:
         self._has_speed = speed is not None and bool(np.isfinite(speed.v_m_s).any())
         self._has_range = sonar is not None and bool(np.isfinite(sonar.range_m).any())
         self.source: Source = "truth" if flight.truth is not None and not self._has_speed else "instruments"
-        """What the states come from."""
-        told = []
+        """Source of the states."""
+        warnings = []
         if flight.truth is None and not self._has_speed:
-            told.append("no speed was measured: roll-outs begin at rest")
+            warnings.append("no speed was measured: roll-outs begin at rest")
         if flight.truth is None and not self._has_range:
-            told.append("no height was measured: roll-outs begin far above the floor")
-        self.warnings = tuple(told)
-        """What was assumed, one line each."""
+            warnings.append("no height was measured: roll-outs begin far above the floor")
+        self.warnings = tuple(warnings)
+        """Assumptions, one line each."""
 
     def at(self, time_s: float) -> Array | None:
-        """(``dynamics.STATE``,) at one moment; None where readings that the flight has are missing there."""
+        """Return the state (``dynamics.STATE``,) at one moment; None where a stream has a gap there."""
         found = self._from_truth(time_s) if self.source == "truth" else self._from_instruments(time_s)
         if not np.isfinite(found).all():
             return None
         gear_m = self._model.vehicle.gear_height_m
         if found[2] < gear_m:
-            # A vehicle that stands does not stand in the floor: its gear would throw it up.
+            # A vehicle below the floor would be thrown up by the spring of its landing gear.
             found[2], found[5] = gear_m, max(found[5], 0.0)
         return found
 
@@ -84,10 +85,10 @@ class StartEstimator:
             stamps = sensors.sampling_times(self._flight.velocity.stamps_s, self._model)
             speed, _ = line(stamps, self._flight.velocity.v_m_s, time_s, SPEED_S)
         state = _state(p, np.array([0.0, 0.0, v_up]), angles, yaw_rate)
-        return self._turned_back(state, np.nan_to_num(rates), speed, time_s)
+        return self._without_instrument_errors(state, np.nan_to_num(rates), speed, time_s)
 
     def _attitude(self, time_s: float) -> tuple[Array, float]:
-        """Roll, pitch, yaw and the yaw's rate; 0 where the flight has none."""
+        """Return roll, pitch, yaw and the yaw rate; 0 where the flight has none."""
         series = self._flight.attitude
         if series is None:
             return np.zeros(3), 0.0
@@ -100,16 +101,18 @@ class StartEstimator:
         return angles, float(turn[2])
 
     def _body_rates(self, time_s: float) -> Array:
-        """(3,) what the gyro of the model felt, in body axes; NaN without one."""
+        """Return the body rates (3,) by the gyro, corrected by the model; NaN without one."""
         imu, model = self._flight.imu, self._model
         if imu is None:
             return np.full(3, np.nan)
         gyro, _ = line(sensors.sampling_times(imu.stamps_s, model), imu.gyro_rad_s, time_s, RATES_S)
-        felt = (imu.b_T_s[:3, :3] @ gyro - model.vector("gyro_bias")) / (1 + model.value("gyro_scale", "eps"))
-        return np.asarray(Rotation.from_rotvec(model.vector("imu_misalignment")).apply(felt))
+        rates = (imu.b_T_s[:3, :3] @ gyro - model.vector("gyro_bias")) / (
+            1 + model.value("gyro_scale", "eps")
+        )
+        return np.asarray(Rotation.from_rotvec(model.vector("imu_misalignment")).apply(rates))
 
     def _place(self, time_s: float) -> tuple[Array, float]:
-        """(3,) place, of which only the height is an instrument's, and the climb."""
+        """Return the position (3,) and the climb rate. Instruments give the height only."""
         p, climb = np.array([0.0, 0.0, FAR_UP_M]), 0.0
         if self._flight.truth is not None:
             truth = self._flight.truth
@@ -123,9 +126,10 @@ class StartEstimator:
             p[2], climb = height[0], float(rise[0])
         return p, climb
 
-    def _turned_back(self, state: Array, rates: Array, speed: Array, time_s: float) -> Array:
-        """The state of which the model's instruments would read this speed, and ``state``'s height as
-        range."""
+    def _without_instrument_errors(self, state: Array, rates: Array, speed: Array, time_s: float) -> Array:
+        """Invert the errors of the instruments: find the state whose readings are ``speed`` and the range.
+
+        The height of ``state`` is the measured range."""
         begin_s, end_s = self._span_s
         progress = np.array([(time_s - begin_s) / (end_s - begin_s)])
         c, s = np.cos(state[8]), np.sin(state[8])
@@ -143,10 +147,9 @@ class StartEstimator:
 
 
 def line(stamps_s: Array, values: Array, time_s: float, half_s: float) -> tuple[Array, Array]:
-    """Value and slope, (k,) each, at ``time_s`` of straight lines through columns (n, k) near it.
+    """Return value and slope (k,) at ``time_s`` of straight lines through the columns (n, k) near it.
 
-    A column that holds nothing at all counts as 0; NaN where it has no value within ``half_s``, or too few
-    near.
+    An empty column gives 0. The result is NaN where there is no value within ``half_s``, or too few near it.
     """
     value, slope = np.zeros(values.shape[1]), np.zeros(values.shape[1])
     for k, column in enumerate(values.T):
@@ -156,8 +159,8 @@ def line(stamps_s: Array, values: Array, time_s: float, half_s: float) -> tuple[
         value[k] = slope[k] = np.nan
         if np.abs(stamps_s[known] - time_s).min() > half_s:
             continue
-        for wider in WIDER:
-            near = known & (np.abs(stamps_s - time_s) <= wider * half_s)
+        for factor in WINDOW_FACTORS:
+            near = known & (np.abs(stamps_s - time_s) <= factor * half_s)
             if near.sum() >= FEWEST:
                 slope[k], value[k] = np.polyfit(stamps_s[near] - time_s, column[near], 1)
                 break
@@ -165,7 +168,7 @@ def line(stamps_s: Array, values: Array, time_s: float, half_s: float) -> tuple[
 
 
 def _unwrapped(angles: Array) -> Array:
-    """Roll, pitch and a yaw without jumps, missing values left missing."""
+    """Return roll, pitch and unwrapped yaw; missing values stay missing."""
     out = angles.copy()
     known = np.isfinite(out[:, 2])
     out[known, 2] = np.unwrap(out[known, 2])

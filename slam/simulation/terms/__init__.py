@@ -1,6 +1,6 @@
-"""The catalogue: every effect that a model may hold, by its canonical name.
+"""The catalogue: all terms of a model, by their canonical names.
 
-One set of objects: the simulator runs them, criticism switches, perturbs and fits them.
+The simulator and criticism share these objects: one simulates the terms, the other selects and fits them.
 """
 
 from __future__ import annotations

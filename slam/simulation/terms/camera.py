@@ -1,4 +1,4 @@
-"""Terms of the camera: lens, mounting, shutter and what its automatics do to brightness.
+"""Terms of the camera: lens, mount, shutter and automatic exposure.
 
 Symbols: f the focal length in px, h the height above the floor, r the distance from the image centre over
 half the image's diagonal, omega the body rate.

@@ -1,9 +1,9 @@
 """Terms of the motion: command, tilt, drag, wind, climb and yaw.
 
-All act inside ``dynamics.derivative`` but ``control_latency`` (on the command before it), ``gusts`` (through
-the noise) and ``flow_scale`` (on an instrument). Symbols: f, l, u, y the stick, a the largest tilt, G the
-gain, k the drag, v the velocity that drag acts on, tau the attitude's time constant; primes are time
-derivatives.
+They act inside ``dynamics.derivative``, with three exceptions: ``control_latency`` (on the command before
+it), ``gusts`` (through the noise) and ``flow_scale`` (on an instrument). Symbols: f, l, u, y the stick, a the
+largest tilt, G the gain, k the drag, v the velocity that drag acts on, tau the attitude's time constant;
+primes are time derivatives.
 """
 
 from __future__ import annotations

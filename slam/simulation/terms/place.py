@@ -1,4 +1,4 @@
-"""Terms of the place: a floor that is not level and empty."""
+"""Terms of the place: deviations from a level and empty floor."""
 
 from __future__ import annotations
 

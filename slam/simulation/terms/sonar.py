@@ -1,4 +1,5 @@
-"""Terms of the sonar. Symbols: z the height above what lies below, theta and phi the tilt, r the reading."""
+"""Terms of the sonar. Symbols: z the height above the surface below, theta and phi the tilt, r the
+reading."""
 
 from __future__ import annotations
 

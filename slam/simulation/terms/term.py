@@ -1,4 +1,4 @@
-"""What a term is: one physical effect with a name, parameters, its equation, and what it is mistaken for."""
+"""A term: one physical effect with a name, parameters, an equation and confounders."""
 
 from __future__ import annotations
 
@@ -11,40 +11,40 @@ ActsOn = Literal["command", "force", "wind", "sensor", "image", "clock", "place"
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of a term."""
+    """One parameter of a term."""
 
     name: str
     unit: str
-    """SI: m, s, rad, 1 (a share or factor), and what is made of them; ppm for clocks."""
+    """SI unit: m, s, rad, 1 (a share or factor) and their combinations; ppm for clocks."""
     neutral: float
-    """The value at which the term is not there."""
+    """Value at which the term has no effect."""
     low: float
     high: float
-    """What one would call a normal size, beside ``neutral``. A hidden effect may be smaller."""
+    """Usual range is ``low`` to ``high``. A hidden effect may be smaller."""
     least: float
     most: float
-    """What the equation bears: a model with a value beyond is refused."""
+    """Valid range is ``least`` to ``most``; a model with a value outside is an error."""
     slot: str = ""
-    """Entry of the equations' parameter vector it sets; by default ``TERM.NAME``."""
+    """Entry of the parameter vector of the equations that it sets; by default ``TERM.NAME``."""
 
 
 @dataclass(frozen=True)
 class Term:
-    """An effect that a model can hold: the simulator runs it, criticism switches, perturbs and fits it."""
+    """An effect of a model: the simulator simulates it, criticism selects and fits it."""
 
     name: str
     family: Family
     acts_on: ActsOn
     parameters: tuple[Parameter, ...]
     equation: str
-    """Where and how it acts, in the symbols of the docs."""
+    """Equation of the term, in the symbols of the documentation."""
     confounders: tuple[str, ...] = ()
-    """Names of the terms whose trace in a flight looks alike."""
+    """Names of terms with a similar effect on a flight."""
     excitation: str = ""
-    """What to fly to tell it from them."""
+    """Manoeuvre that distinguishes the term from its confounders."""
 
     def parameter(self, name: str) -> Parameter:
-        """The parameter of that name. Raises ``KeyError``."""
+        """Return the parameter of that name. Raises ``KeyError``."""
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter
@@ -52,15 +52,15 @@ class Term:
 
     @property
     def neutral(self) -> dict[str, float]:
-        """Values at which the term is not there."""
+        """Values at which the term has no effect."""
         return {parameter.name: parameter.neutral for parameter in self.parameters}
 
 
 def size(name: str, unit: str, low: float, high: float, most: float) -> Parameter:
-    """A parameter that is 0 where the term is not there, and never negative."""
+    """Return a parameter that is neutral at 0 and never negative."""
     return Parameter(name, unit, 0.0, low, high, 0.0, most)
 
 
 def signed(name: str, unit: str, reach: float, most: float) -> Parameter:
-    """A parameter of either sign, 0 where the term is not there."""
+    """Return a parameter of either sign that is neutral at 0."""
     return Parameter(name, unit, 0.0, -reach, reach, -most, most)
