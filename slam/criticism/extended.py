@@ -59,7 +59,7 @@ def extended_model(
     equation's limits."""
     hold = setting.hold
     noise = _noise(model, setting, records)
-    colour = dict(zip(INSTRUMENTS, setting.noise_correlation.tolist(), strict=True))
+    correlation = dict(zip(INSTRUMENTS, setting.noise_correlation.tolist(), strict=True))
     plain = replace(
         model,
         name=f"{model.name.removesuffix(_EXTENDED)[: 80 - len(_EXTENDED)]}{_EXTENDED}",
@@ -83,23 +83,23 @@ def extended_model(
             model.imu,
             gyro_noise_density=noise["gyro"],
             accel_noise_density=noise["accel"],
-            gyro_noise_correlation=colour["gyro"],
-            accel_noise_correlation=colour["accel"],
+            gyro_noise_correlation=correlation["gyro"],
+            accel_noise_correlation=correlation["accel"],
         ),
         attitude=replace(
             model.attitude,
             noise_std_deg=float(np.degrees(noise["attitude"])),
-            noise_correlation=colour["attitude"],
+            noise_correlation=correlation["attitude"],
         ),
         velocity=replace(
             model.velocity,
             noise_std_m_s=noise["velocity"],
-            noise_correlation=colour["velocity"],
+            noise_correlation=correlation["velocity"],
         ),
         sonar=replace(
             model.sonar,
             noise_std_m=noise["sonar"],
-            noise_correlation=colour["sonar"],
+            noise_correlation=correlation["sonar"],
             datum_m=float(setting.sensor[DATUM]),
         ),
     )

@@ -182,7 +182,7 @@ def _pause(flight: Flight, record: Record) -> str:
     span_s = _span_s(flight)
     if span_s is None or span_s[1] - record.duration_s <= LONGEST_GAP_S:
         return ""
-    return f"nothing was read for {LONGEST_GAP_S:g} s and more after {record.duration_s:.1f} s"
+    return f"no readings for {LONGEST_GAP_S:g} s or more after {record.duration_s:.1f} s"
 
 
 def _unusable(flight: Flight) -> str:

@@ -59,7 +59,7 @@ from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
 from slam.criticism.verdict.sentence import sentence_of
 from slam.criticism.verdict.tables import checks, fitted_nuisances, ranking
-from slam.criticism.without_commands.verdict import NOTHING_TO_HOLD, criticise_without_commands
+from slam.criticism.without_commands.verdict import NOTHING_TO_COMPARE, criticise_without_commands
 from slam.simulation.model import Model, load_model
 
 SHOWN_PATTERNS = 8
@@ -111,7 +111,7 @@ def _without_commands(flights: Sequence[Flight], model: Model, progress: Progres
     clean, dropped = without_dead_streams(flights)
     found = criticise_without_commands(clean, model, dropped, progress)
     if found is None:
-        reason = "; ".join([NOTHING_TO_HOLD, *dropped])
+        reason = "; ".join([NOTHING_TO_COMPARE, *dropped])
         return Criticism("unusable", f"These data cannot be judged: {reason}.", dropped=tuple(dropped))
     return found
 
@@ -220,12 +220,12 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         remainder = "; ".join(part for part in (remainder, *_nearest(found, limits.effects)) if part)
     with rolled_out.part():
         drawn = _covariate(records, parameters, found, causes)
-    colour = {
+    correlation = {
         n: x for n, x in zip(INSTRUMENTS, parameters.noise_correlation.tolist(), strict=True) if x > 0.0
     }
     return Criticism(
         verdict,
-        sentence_of(verdict, causes, equivalents, remainder, everything, colour),
+        sentence_of(verdict, causes, equivalents, remainder, everything, correlation),
         causes,
         equivalents,
         remainder,
@@ -239,7 +239,7 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         confusable=confusable(found.first),
         patterns=tuple((s.effect.name, s.z) for s in left[:SHOWN_PATTERNS]),
         nuisances=fitted_nuisances(found, best),
-        noise_correlation=colour,
+        noise_correlation=correlation,
         checks=checks(records, found.last),
         covariate=drawn,
         dropped=tuple(prepared.mismatched),

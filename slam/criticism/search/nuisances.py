@@ -28,7 +28,7 @@ class Nuisance:
 
     name: str
     unit: str
-    kind: Literal["mean", "hold", "noise", "colour", "weight"]
+    kind: Literal["mean", "hold", "noise", "ar1", "gain"]
     entry: tuple[int, ...]
     """Entry of ``transition.HOLD``, of the channels or of the instruments; unused for nuisances of the
     mean."""
@@ -60,7 +60,7 @@ NUISANCES = (
     ),
 )
 AR1_COEFFICIENTS = tuple(
-    Nuisance(f"{name}_colour", "1", "colour", (k,), MAX_AR1) for k, name in enumerate(INSTRUMENTS)
+    Nuisance(f"{name}_ar1", "1", "ar1", (k,), MAX_AR1) for k, name in enumerate(INSTRUMENTS)
 )
 """AR(1) coefficients of the instruments, which are fitted only where noise is not white."""
 TAILS = 0.16
@@ -69,7 +69,7 @@ OUT_OF_MODEL_NOISE = 4.0
 MEAN_NUISANCES = tuple(n for n in NUISANCES if n.kind == "mean")
 NOISE_NUISANCES = tuple(n for n in NUISANCES if n.kind != "mean")
 GAIN_CORRECTED = tuple(n.name for n in NOISE_NUISANCES)
-GAIN_NUISANCES = tuple(Nuisance(gain_column(name), "1", "weight", (), TAILS) for name in GAIN_CORRECTED)
+GAIN_NUISANCES = tuple(Nuisance(gain_column(name), "1", "gain", (), TAILS) for name in GAIN_CORRECTED)
 """Errors of the filter's gains. One Gaussian standard deviation cannot give both the scatter and the best
 gain of noise with heavy tails. A wrong gain leaves residuals that resemble a target proportional to tilt."""
 
@@ -85,9 +85,9 @@ def value_of(nuisance: Nuisance, setting: FilterParameters) -> float:
         direction = direction_of(nuisance)
         vector = setting.parameters if direction.kind == "parameters" else setting.sensor
         return float(vector[direction.entry])
-    if nuisance.kind == "weight":
+    if nuisance.kind == "gain":
         return 0.0
-    if nuisance.kind == "colour":
+    if nuisance.kind == "ar1":
         return float(setting.noise_correlation[nuisance.entry[0]])
     vector = setting.hold if nuisance.kind == "hold" else setting.noise_factor
     return float(np.log(vector[nuisance.entry[0]]))
@@ -100,8 +100,8 @@ def with_value(nuisance: Nuisance, setting: FilterParameters, x: float) -> Filte
         where = "parameters" if direction.kind == "parameters" else "sensor"
         entries: list[int] = [direction.entry]
         size = x
-    elif nuisance.kind == "colour":
-        where, entries, size = "colour", list(nuisance.entry), min(max(x, 0.0), MAX_AR1)
+    elif nuisance.kind == "ar1":
+        where, entries, size = "noise_correlation", list(nuisance.entry), min(max(x, 0.0), MAX_AR1)
     else:
         where = "hold" if nuisance.kind == "hold" else "noise_factor"
         entries, size = list(nuisance.entry), float(np.exp(x))

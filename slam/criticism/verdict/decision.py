@@ -1,4 +1,4 @@
-"""From the search to a verdict: nothing wrong, named, ambiguous, named with a remainder, or unknown."""
+"""Decision on the verdict: nothing wrong, named, ambiguous, named with a remainder, or unknown."""
 
 from __future__ import annotations
 
@@ -31,25 +31,26 @@ Ints = NDArray[np.int64]
 
 LIKELY = 0.5
 FAINT = 0.05
-"""A less probable cause, with all that may stand in for it, is told as what is left over."""
+"""Probability below which a cause, with its alternatives, is reported as left over."""
 CONFIRMED_NATS = 2.0
 """Least gain on held-out flights that confirms a term."""
 PLAIN_Z = 8.0
-"""Beyond this no chance made it, whatever the held-out flights say."""
+"""Least z that chance does not reach, whatever the held-out flights say."""
 MOST_ALIKE = 4
-"""Names of an equivalence set."""
+"""Greatest number of names of an equivalence set."""
 WIDE = 1.96
 SCATTER = 1.25
-"""Sizes of found terms lie so much farther from the truth than their likelihood has it: what is found is
-chosen, and no noise is quite as it is taken to be. From 18 singles of
-``python -m tests.blind.run --kinds single --seed 3 --flights 3 --seconds 30 --cases 33``."""
+"""Ratio of the scatter of found sizes about the truth to their standard error: found terms are selected, and
+no noise is exactly as modelled. From 18 singles of ``python -m tests.blind.run --kinds single --seed 3
+--flights 3 --seconds 30 --cases 33``."""
 
 
 def confirmed_terms(records: Sequence[Record], found: SearchResult, model: FilterParameters) -> SearchResult:
-    """The search without terms that held-out flights do not confirm: weakest first, each beside the others.
+    """Return the search without terms that held-out flights do not confirm: weakest first, each beside the
+    others.
 
-    A term that stands out by far stays, confirmed or not: something is there. Without any the flights are
-    what they were to the healthy vehicle.
+    A highly significant term stays, confirmed or not: something is there. Without any term the expansion is
+    that of the healthy vehicle.
     """
     chosen = list(found.chosen)
     while any(is_term(e) for e in chosen):
@@ -67,8 +68,8 @@ def confirmed_terms(records: Sequence[Record], found: SearchResult, model: Filte
 
 
 def _standing_z(found: SearchResult, effect: Effect, rest: Sequence[Effect]) -> float:
-    """How far a chosen term stands out beside the others; a wall by itself as from the healthy vehicle, and
-    beside others by far: no look that has it in its belief tells."""
+    """Return the z of a chosen term beside the others; for a saturation, that of the healthy vehicle if it is
+    alone, else infinity. No expansion about parameters with a saturation can test it."""
     if not is_saturation(effect):
         return found.last.score_tests(rest, [effect])[0].z
     known = [e for e in found.first.effects if e.name == effect.name]
@@ -83,9 +84,9 @@ def causes_of(
     all_together: HeldOut,
     best: RolloutFit | None = None,
 ) -> tuple[Cause, ...]:
-    """The chosen terms of the catalogue, at the sizes that fly best where these are given.
+    """Return the chosen terms of the catalogue as causes, with sizes by roll-outs where ``best`` is given.
 
-    ``all_together``: what they gain on flights that were held out, over none of them.
+    ``all_together``: their gain on held-out flights over none of them.
     """
     known = [e for e in found.chosen if is_term(e)]
     after = all_together.after if best is None else best.left_out
@@ -96,7 +97,7 @@ def causes_of(
     causes = []
     for effect in known:
         rest = [e for e in found.chosen if e is not effect]
-        # How it is without a wall only the first look knows.
+        # Only the first expansion describes the flights without a saturation.
         own = held_out(records, found, model, rest) if rest and not is_saturation(effect) else all_together
         place = list(found.chosen).index(effect)
         expansion, beside = (found.first, []) if is_saturation(effect) else (found.last, rest)
@@ -122,8 +123,8 @@ def causes_of(
 
 
 def _as_flown(cause: Cause, effect: Effect, best: RolloutFit) -> Cause:
-    """The cause at the size that flies best; and as probable as flights predicted from the others have it,
-    where they are surer of it than the next readings."""
+    """Return the cause with its size by roll-outs, and with the probability by held-out roll-outs where that
+    is greater."""
     found = replace(cause, parameters=_flown_sizes(best, effect))
     parts = np.array(best.nats.get(effect.name, ()))
     odds = float(parts.sum()) - required_nats(effect)
@@ -143,13 +144,13 @@ def split_by_probability(
     doubted: Container[str],
     left_z: float = 0.0,
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
-    """The causes that are likely enough to be told, and those that are not; ``left_z`` is by how much the
-    strongest shape that is left over stands out, where it does.
+    """Divide causes into those probable enough to be reported, and the faint ones.
 
-    Beside something that no term is, what contradicts itself (``doubted``) is at even odds a part of that,
-    and so is what flies worse than nothing does, and unrest, which any motion makes that the model lacks.
-    What stands out by less than what is left beside it may be a part of that as well. Of a foreign vehicle
-    some shape is always likelier than any equation: there odds are not shared with it.
+    ``left_z`` is the z of the strongest residual pattern, if it is significant. Where something else than a
+    term is there, some causes are at even odds a part of that: inconsistent ones (``doubted``), those that
+    worsen roll-outs, and process noise, which any unmodelled motion raises. Causes below ``left_z`` may be a
+    part of it as well. For an out-of-model vehicle some pattern is always more probable than any equation:
+    odds are not shared with it.
     """
     if posterior.probability[SOMETHING_ELSE] > SURE and not found.model.out_of_model:
         restless = {e.name for e in found.chosen if not e.directions}
@@ -164,21 +165,21 @@ def split_by_probability(
 
 
 def _with_alternatives(cause: Cause, posterior: Posterior) -> float:
-    """Probability of a cause or what may stand in for it."""
+    """Return the probability of a cause and its alternatives together."""
     return cause.probability + sum(posterior.probability.get(n, 0.0) for n in cause.alternatives[1:])
 
 
 def by_importance(causes: Sequence[Cause]) -> tuple[Cause, ...]:
-    """The leading cause first: of the likely ones that which explains most."""
+    """Sort causes, the leading one first: of the probable ones that which explains most."""
     return tuple(sorted(causes, key=lambda c: (c.probability < LIKELY, -c.gain.nats)))
 
 
 def fitted_sizes(
     expansion: LikelihoodExpansion, effect: Effect, chosen: Sequence[Effect]
 ) -> dict[str, Interval]:
-    """Fitted parameters of a term in the catalogue's units, with 95 % intervals.
+    """Return fitted parameters of a term in the catalogue's units, with 95 % intervals.
 
-    These hold chance, as much wider as sizes of simulated singles scatter, and the equation's own misfit.
+    The intervals include chance, widened by the scatter of simulated singles, and the equation's own misfit.
     """
     columns = expansion.quadratic.index(effect.columns)
     step, covariance = expansion.quadratic.maximise(chosen).of(columns)
@@ -197,7 +198,7 @@ def fitted_sizes(
 
 
 def _flown_sizes(best: RolloutFit, effect: Effect) -> dict[str, Interval]:
-    """The same of sizes that fly best; of a term that roll-outs do not fit, what the belief holds."""
+    """Return sizes by roll-outs with intervals; for a term that roll-outs do not fit, its current value."""
     found = {}
     for k, (name, column) in enumerate(zip(effect.parameters, effect.columns, strict=True)):
         held = 0.0 if column in FREE else fitted_parameter(column).value_in(best.setting)
@@ -211,10 +212,10 @@ def _flown_sizes(best: RolloutFit, effect: Effect) -> dict[str, Interval]:
 
 
 def _interval(effect: Effect, name: str, values: Sequence[float]) -> Interval:
-    """Value and both ends of chance, with the equation's own misfit on top."""
+    """Return the interval of a value and its two statistical limits, with the equation's own misfit added."""
     value, *ends = values
     parameter = CATALOGUE[effect.name].parameter(name)
-    # A limit is its own size: without one it is far away.
+    # The size of a limit is the limit itself: without one it is far away.
     own = MISFIT * min(abs(value - parameter.neutral), abs(value))
     low, high = min(ends), max(ends)
     return Interval(
@@ -238,10 +239,10 @@ def decide(
     pattern_z: float,
     entailed: Sequence[str] = (),
 ) -> tuple[Verdict, tuple[str, ...], str]:
-    """Verdict, equivalence set, remainder.
+    """Return verdict, equivalence set and remainder.
 
-    ``causes``: the leading one first. ``doubts``: what else is left over, in words. ``entailed``: nuisances
-    out of range that a cause explains.
+    ``causes``: the leading one first. ``doubts``: descriptions of what else is left over. ``entailed``:
+    nuisances out of range that a cause explains.
     """
     odd = [e for e in found.chosen if not is_term(e) and e.name not in entailed]
     remains = [*(_in_words(e, found) for e in odd), *doubts]
@@ -266,7 +267,7 @@ def decide(
 
 
 def _in_words(effect: Effect, found: SearchResult) -> str:
-    """What was chosen and no term is; how late readings come is told."""
+    """Describe a chosen effect that is no term; a delay is given in milliseconds."""
     if effect.name not in LATE:
         return effect.name
     expansion = found.last

@@ -1,8 +1,8 @@
-"""What it gains to know, on flights that the sizes were not fitted to.
+"""Gain in prediction on flights that the sizes were not fitted to.
 
-For each flight (or stretch, where there are fewer than three flights) nuisances and sizes are fitted on all
-others; the gain is the difference of its log likelihoods with and without the terms, in nats. Each is
-averaged over what the others leave open: where they do not show an effect, its size is no more than a guess.
+For each flight (or segment, where there are fewer than three flights) nuisances and sizes are fitted on all
+others. The gain is the difference of its log likelihoods with and without the terms, in nats. Each is
+averaged over the uncertainty of the others: where they do not show an effect, its size is only a guess.
 """
 
 from __future__ import annotations
@@ -31,19 +31,19 @@ Array = NDArray[np.float64]
 
 FEWEST_FLIGHTS = 3
 ALONE_NATS = 0.5
-"""Of readings that only one of two beliefs judges: beyond this the flights are run anew."""
+"""Nats of readings that only one of two parameter sets judges, beyond which the flights are run anew."""
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Gains by held-out part."""
+    """Gains of each held-out part."""
 
     nats: Array
     """(parts,)."""
     by: str
     """``flight`` or ``segment``."""
     before: tuple[FilterParameters, ...]
-    """For each flight, the belief without the terms that was fitted on the other parts."""
+    """For each flight, the parameters without the terms, fitted on the other parts."""
     after: tuple[FilterParameters, ...]
 
     @property
@@ -53,30 +53,30 @@ class HeldOut:
 
     @property
     def ci95(self) -> tuple[float, float]:
-        """Of the sum."""
+        """95 % interval of the sum."""
         return bootstrap_interval(self.nats)
 
 
 def parts_of(flight: NDArray[np.int64]) -> tuple[NDArray[np.int64], str]:
-    """(stretches,) which part each stretch belongs to, and what a part is."""
+    """Return (segments,) the part of each segment, and the kind of part, ``flight`` or ``segment``."""
     if len(np.unique(flight)) >= FEWEST_FLIGHTS:
         return flight, "flight"
     return np.arange(len(flight)) % max(min(len(flight), 6), 1), "segment"
 
 
 class _Predicted(NamedTuple):
-    """Some stretches as the others foretell them."""
+    """Prediction of some segments from the others."""
 
     nats: float
-    """Log likelihood above the look's belief, averaged over what the others leave open."""
+    """Log likelihood above the expansion's parameters, averaged over the uncertainty of the others."""
     setting: FilterParameters
-    """The likeliest belief by the others."""
+    """Most probable parameters by the others."""
 
 
 def held_out(
     records: Sequence[Record], found: SearchResult, model: FilterParameters, without: Sequence[Effect] = ()
 ) -> HeldOut:
-    """Gain of the chosen terms over ``without`` (by default over none of them)."""
+    """Return the gain of the chosen terms over ``without`` (by default over none of them)."""
     last = found.last
     base, begin = (found.first, ()) if not without else (last, tuple(without))
     part, by = parts_of(last.fisher.flight)
@@ -87,11 +87,11 @@ def held_out(
         own, others = part == k, part != k
         if not others.any():
             others = own
-        plain = _at(base, model, begin, own, others)
-        known = _at(last, model, found.chosen, own, others)
+        plain = _prediction(base, model, begin, own, others)
+        known = _prediction(last, model, found.chosen, own, others)
         gain = known.nats + known_nats[own].sum() - plain.nats - plain_nats[own].sum()
         if np.abs(of_one_alone[own]).sum() > ALONE_NATS and not any(r.matches for r in records):
-            gain = _anew(records, last, own, plain.setting, known.setting)
+            gain = _gain_rerun(records, last, own, plain.setting, known.setting)
         nats.append(gain)
         for f in np.unique(last.fisher.flight[own]):
             beliefs[int(f)] = plain.setting, known.setting
@@ -102,34 +102,34 @@ def held_out(
     )  # fmt: skip
 
 
-def _at(
+def _prediction(
     expansion: LikelihoodExpansion,
     model: FilterParameters,
     effects: Sequence[Effect],
     own: NDArray[np.bool_],
     others: NDArray[np.bool_],
 ) -> _Predicted:
-    """What was fitted on others says of some stretches."""
+    """Return the prediction of some segments (``own``) by a fit on ``others``."""
     held = expansion.quadratic.current
     fitted = quadratic_likelihood(expansion.fisher, expansion.setting, model, held, others).maximise(
-        effects, _reach(expansion, effects)
+        effects, _prior_std(expansion, effects)
     )
     judged = quadratic_likelihood(expansion.fisher, expansion.setting, model, held, own)
     return _Predicted(judged.predicted(fitted), with_step(expansion, fitted.whole, effects))
 
 
-def _anew(
+def _gain_rerun(
     records: Sequence[Record],
     expansion: LikelihoodExpansion,
     own: NDArray[np.bool_],
     before: FilterParameters,
     after: FilterParameters,
 ) -> float:
-    """Gain in log likelihood of some stretches from one belief to another, with the filter run anew, over the
-    readings that both judge.
+    """Return the gain in log likelihood of some segments from one parameter set to another, with the filter
+    run anew.
 
-    A look's parabola is of the readings that were judged there. Where a touch-down is seen by one belief
-    alone, two of them can be worth more than all others.
+    Only readings that both judge count. An expansion includes the readings that were judged there. A
+    touch-down that one parameter set alone judges can outweigh all others.
     """
     gain = 0.0
     for k in np.unique(expansion.fisher.flight[own]):
@@ -141,7 +141,7 @@ def _anew(
 
 
 def _by_stretch(expansion: LikelihoodExpansion, flight: int, by_event: Array) -> Array:
-    """(stretches of a flight,) sums of (events,) values; 0 for its pictures."""
+    """Return (segments of a flight,) sums of (events,) values; 0 for its pictures."""
     stretches = int((expansion.fisher.flight == flight).sum())
     readings = expansion.fisher.readings[flight]
     bounds = np.linspace(0, len(by_event), readings + 1).astype(np.int64)
@@ -149,10 +149,10 @@ def _by_stretch(expansion: LikelihoodExpansion, flight: int, by_event: Array) ->
 
 
 def _of_the_same_readings(one: LikelihoodExpansion, other: LikelihoodExpansion) -> tuple[Array, Array]:
-    """(stretches,) log likelihoods of two looks, without readings that either did not judge.
+    """Return (segments,) log likelihoods of two expansions, without readings that either did not judge.
 
-    What is near the floor, or may be cut, differs a little between beliefs: no reading may count in one
-    alone.
+    Readings near the floor, or near the outlier gate, are judged under one parameter set and not under
+    another. No reading may count in one alone.
     """
     nats = one.fisher.log_likelihood.copy(), other.fisher.log_likelihood.copy()
     if one is other:
@@ -166,9 +166,9 @@ def _of_the_same_readings(one: LikelihoodExpansion, other: LikelihoodExpansion) 
     return nats
 
 
-def _reach(expansion: LikelihoodExpansion, effects: Sequence[Effect]) -> dict[str, float]:
-    """Column -> standard deviation of a size before any flight is seen: that of the evidence's prior, and no
-    less than what was found."""
+def _prior_std(expansion: LikelihoodExpansion, effects: Sequence[Effect]) -> dict[str, float]:
+    """Return column -> prior standard deviation of a size: that of the evidence's prior, and no less than the
+    size found."""
     maximum = expansion.quadratic.maximise(effects)
     reach = {}
     for column in (c for e in effects for c in e.columns if c not in e.relaxes):
@@ -179,7 +179,7 @@ def _reach(expansion: LikelihoodExpansion, effects: Sequence[Effect]) -> dict[st
 
 
 def with_step(expansion: LikelihoodExpansion, step: Array, effects: Sequence[Effect]) -> FilterParameters:
-    """The look's belief with a step of all columns taken."""
+    """Return the expansion's parameters after a step of all columns."""
     setting = expansion.setting
     skip = {e.columns[0] for e in effects if is_profiled(e)}
     for column, size in zip(expansion.fisher.columns, step, strict=True):

@@ -1,10 +1,10 @@
-"""Sizes that fly best: what a foreign vehicle's causes are worth two seconds ahead.
+"""Sizes fitted to roll-outs over two seconds, for the causes of an out-of-model vehicle.
 
-The equations are another vehicle's: whatever they leave out pulls at the sizes that make the next reading
-likeliest, and likelihoods of tens of thousands of readings that are each a little wrong confirm or refute
-nothing. So where a vehicle is of another make, sizes are those with which roll-outs from the filtered states
-miss least; one more cause enters if with it each flight is better predicted from the others; and intervals
-are how far sizes move as each flight in turn is left out.
+The equations belong to another vehicle. Their errors bias the sizes that make the next reading most likely.
+The likelihoods of tens of thousands of slightly wrong readings confirm or refute nothing. For an out-of-model
+vehicle, sizes therefore minimise the errors of roll-outs from the filtered states. A further cause enters if
+with it each flight is better predicted from the others. Intervals are jackknife intervals: how far sizes move
+as each flight in turn is left out.
 """
 
 from __future__ import annotations
@@ -33,56 +33,61 @@ from slam.criticism.verdict.rollouts import misses_of
 Array = NDArray[np.float64]
 
 AHEAD_S, APART_S = 2.0, 1.0
-"""Of roll-outs; misses of one flight that are less apart are one miss."""
+"""Horizon of roll-outs, and the time by which independent errors of one flight are apart."""
 ROUNDS = 25
 SETTLED = 1e-4
-"""Share of the squared misses that a round must take away to be followed by another."""
+"""Least share of the squared errors that a round must remove to be followed by another."""
 DAMPING, RIDGE = 1e-3, 1e-9
-"""What no flight shows stays as it is believed."""
+"""Damping and ridge: a column that no flight shows keeps its value."""
 PULL = 0.01
-"""A constant at the edge of its healthy range costs the square of this; what a healthy vehicle misses, 1."""
+"""Penalty weight: a constant at the edge of its healthy range costs the square of this, where a healthy
+vehicle's errors cost 1."""
 LAG, LAG_CONSTANT = "attitude_lag", "vehicle.attitude_time_s"
 FREE = {"vehicle.gain": 0.02, "vehicle.drag_1_s": 0.02, LAG_CONSTANT: 0.005}
-"""Constants of the vehicle, and the differences that their slopes are taken over."""
+"""Constants of the vehicle, and the differences for their slopes."""
 DELAY = {"control_latency.T": 0.01}
-"""The same for a delay: over less, misses are rough, as commands move across readings, and fits get stuck."""
+"""Difference for a delay. Smaller ones make the errors rough, as commands move across readings, and fits get
+stuck."""
 _FREE = tuple(n for n in MEAN_NUISANCES if n.name in FREE)
 MOST_CANDIDATES = 3
-"""Terms that are tried beside the chosen ones: those that the next readings ask for most, by more than chance
-does of a healthy vehicle. Whether they are there is for the flights to say."""
+"""Number of terms that are tried beside the chosen ones: those with the greatest score tests beyond chance.
+The flights decide whether they are there."""
 
 
 @dataclass(frozen=True)
 class RolloutFit:
-    """What roll-outs make of a belief."""
+    """Result of the fit to roll-outs."""
 
     setting: FilterParameters
     chosen: tuple[Effect, ...]
     std: dict[str, float]
-    """Column -> standard deviation of its size, from how far it moves as each flight is left out."""
+    """Column -> jackknife standard deviation of its size."""
     left_out: tuple[FilterParameters, ...]
-    """For each flight, the belief by the others."""
+    """For each flight, the parameters fitted on the others."""
     nats: dict[str, tuple[float, ...]]
-    """Term -> what it gains in each flight, predicted from the others."""
+    """Term -> gain in each flight, predicted from the others."""
     unhealthy: tuple[str, ...] = ()
-    """What of the vehicle's constants is not healthy, or would not be but for a term, in words."""
+    """Descriptions of the vehicle's constants that are not healthy, or would not be but for a term."""
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """Columns at their best over all flights, and with each flight left out."""
+    """Fit of columns over all flights, and with each flight left out."""
 
     setting: FilterParameters
     columns: tuple[str, ...]
     left_out: tuple[FilterParameters, ...]
     steps: Array
-    """(flights, columns) from the best to where each flight left out puts it."""
+    """(flights, columns) steps from the fit to the fit without each flight."""
     missed: Array
-    """(flights, channels) squared misses of each, predicted from the others."""
+    """(flights, channels) squared errors of each, predicted from the others."""
 
     def better_than(self, other: _Fit) -> bool:
-        """Whether held-out flights miss less: a channel by more than a misfit makes, all together no more,
-        and most of the flights that show a difference."""
+        """Whether the errors of held-out flights are smaller.
+
+        One channel must improve by more than a misfit, all together must not worsen, and most of the flights
+        that show a difference must improve.
+        """
         channels, before = self.missed.sum(axis=0), other.missed.sum(axis=0)
         less = (channels < (1.0 - MISFIT) * before).any() and channels.sum() < before.sum()
         flights, before = self.missed.sum(axis=1), other.missed.sum(axis=1)
@@ -97,10 +102,10 @@ def fit_rollouts(
     found: SearchResult,
     progress: Progress = silent,
 ) -> RolloutFit:
-    """The chosen terms at the sizes that fly best, with those with which flights fly better still, and
-    without those that make no flight better.
+    """Fit the chosen terms to roll-outs, with further terms that improve them, and without those that improve
+    no flight.
 
-    ``healthy`` is the belief without any cause: its misses are the measure.
+    ``healthy`` are the parameters without any cause: their errors are the measure.
     """
     course = _Rollouts(records, parameters, healthy, found.model, progress)
     chosen, fit = _extended(course, found, course.fitted(parameters, found.chosen))
@@ -122,9 +127,8 @@ def fit_rollouts(
 
 
 def _extended(course: _Rollouts, found: SearchResult, fit: _Fit) -> tuple[list[Effect], _Fit]:
-    """The chosen terms with those of the candidates beside them with which flights fly better: likelier than
-    not by what they gain, where the next readings ask for less than of any second term.
-    """
+    """Add those of the candidates that improve the roll-outs. Their gain must make them more probable than
+    not, where their score test is below that of any second term."""
     chosen = list(found.chosen)
     test = found.last.score_tests(chosen, found.last.effects)
     names = {e.name for e in chosen}
@@ -132,7 +136,7 @@ def _extended(course: _Rollouts, found: SearchResult, fit: _Fit) -> tuple[list[E
     moving = [s for s in test if s.z > limits.effects and _flies(s.effect)]
     for candidate in [s for s in moving if s.effect.name not in names][:MOST_CANDIDATES]:
         extra = candidate.effect
-        # Of two ways to try a term, the first that is better stands for it.
+        # A term that may be tried in two ways enters in the first way that improves the fit.
         if extra.name in {e.name for e in chosen}:
             continue
         best_candidate = course.fitted(fit.setting, [*chosen, extra])
@@ -145,8 +149,11 @@ def _extended(course: _Rollouts, found: SearchResult, fit: _Fit) -> tuple[list[E
 def _needed(
     course: _Rollouts, chosen: list[Effect], fit: _Fit, model: FilterParameters
 ) -> tuple[list[Effect], _Fit, dict[str, _Fit]]:
-    """The terms that make flights better, or without which a constant of the vehicle would not be healthy,
-    and the fits without each of them by label; one stays."""
+    """Keep the terms that improve flights, or without which a constant of the vehicle would not be healthy;
+    one stays at least.
+
+    Returns them, their fit, and the fits without each of them by label.
+    """
     while True:
         without = {
             e.label: course.fitted(without_effect(e, fit.setting), [o for o in chosen if o is not e])
@@ -168,9 +175,9 @@ def _needed(
 def _gained(
     chosen: Sequence[Effect], fit: _Fit, without: dict[str, _Fit], independent: float
 ) -> dict[str, tuple[float, ...]]:
-    """Term -> nats that it gains in each flight.
+    """Return term -> nats that it gains in each flight.
 
-    Gaussian misses of the spread that is left, as many as there are independent ones.
+    The errors are Gaussian with the variance that is left, as many as there are independent ones.
     """
     scale = 0.5 * independent / fit.missed.sum()
     return {
@@ -181,7 +188,7 @@ def _gained(
 
 
 def _instead(fit: _Fit, without: _Fit, model: FilterParameters) -> list[Nuisance]:
-    """The constants that are healthy with a term and take its place without it."""
+    """Return the constants that are healthy with a term and take its place without it."""
     return [
         n for n in _FREE
         if _is_beyond(n, without.setting, model, 0.0) and not _is_beyond(n, fit.setting, model, 0.0)
@@ -189,7 +196,7 @@ def _instead(fit: _Fit, without: _Fit, model: FilterParameters) -> list[Nuisance
 
 
 def _is_beyond(constant: Nuisance, setting: FilterParameters, model: FilterParameters, std: float) -> bool:
-    """Whether a constant lies beyond what is healthy, whatever flight is left out."""
+    """Whether a constant lies beyond its healthy range, whatever flight is left out."""
     low, high = limits_of(constant, model)
     value, reach = value_of(constant, setting), 2.0 * std
     return value - reach > high or value + reach < low
@@ -203,7 +210,7 @@ def _in_words(constant: Nuisance, setting: FilterParameters, model: FilterParame
 
 
 def _flies(effect: Effect) -> bool:
-    """Whether a term has a slope in what roll-outs miss."""
+    """Whether a term has a slope in the errors of roll-outs."""
     kinds = {d.kind for d in effect.directions}
     return (
         is_term(effect)
@@ -214,7 +221,7 @@ def _flies(effect: Effect) -> bool:
 
 
 class _Rollouts:
-    """The flights' roll-outs, from the same states under every belief."""
+    """Roll-outs of the flights, from the same states under all parameters."""
 
     def __init__(
         self,
@@ -232,7 +239,7 @@ class _Rollouts:
         seen = {c: m for c, m in pooled.items() if len(m)}
         spans = [record.duration_s // APART_S for record in records]
         self.independent = len(seen) * float(sum(spans))
-        """Misses that tell each something of their own."""
+        """Number of independent errors."""
         # Each channel weighs as much as any other, whatever its unit.
         self._weight = {c: 1.0 / np.sqrt(max(float(m @ m), 1e-12) * len(seen)) for c, m in seen.items()}
 
@@ -240,7 +247,8 @@ class _Rollouts:
         return misses_of(self._records[flight], self._states[flight], setting, AHEAD_S, 1.0)
 
     def _missed(self, flight: int, setting: FilterParameters) -> Array:
-        """What a flight's roll-outs miss: the squares of all flights are 1 for a healthy vehicle."""
+        """Return the errors of a flight's roll-outs, scaled so that the squares of all flights sum to 1 for a
+        healthy vehicle."""
         return np.concatenate(self._by_channel(flight, setting))
 
     def _by_channel(self, flight: int, setting: FilterParameters) -> list[Array]:
@@ -248,7 +256,8 @@ class _Rollouts:
         return [weight * missed[c] for c, weight in self._weight.items()]
 
     def _away(self, setting: FilterParameters) -> Array:
-        """How far the vehicle's constants are from a healthy one's, weighed so that flights outweigh it."""
+        """Return the distances of the vehicle's constants from healthy ones, weighted so that the flights
+        dominate."""
         away = []
         for nuisance in _FREE:
             low, high = limits_of(nuisance, self._model)
@@ -256,14 +265,14 @@ class _Rollouts:
         return np.array(away)
 
     def _left(self, setting: FilterParameters) -> list[Array]:
-        """What each flight misses, and last how far the constants are away."""
+        """Return the errors of each flight, and last the distances of the constants."""
         missed = in_threads(lambda k: self._missed(k, setting), range(len(self._records)))
         return [*missed, self._away(setting)]
 
     def _slopes(
         self, setting: FilterParameters, columns: Sequence[str], h: Array, left: list[Array]
     ) -> list[Array]:
-        """(misses, columns) of each part of ``_left``, for columns in units of ``h``."""
+        """Return (errors, columns) slopes of each part of ``_left``, for columns in units of ``h``."""
         beside = [
             self._left(fitted_parameter(c).stepped(setting, step))
             for c, step in zip(columns, h.tolist(), strict=True)
@@ -271,12 +280,13 @@ class _Rollouts:
         return [np.column_stack([b[k] - at for b in beside]) for k, at in enumerate(left)]
 
     def nats(self, fit: _Fit, other: _Fit) -> float:
-        """What held-out flights gain by one fit over another: Gaussian misses of the spread that is left."""
+        """Return the nats that held-out flights gain by one fit over another: Gaussian errors with the
+        variance that is left."""
         missed = float(fit.missed.sum())
         return 0.5 * self.independent * (float(other.missed.sum()) - missed) / missed
 
     def fitted(self, start: FilterParameters, effects: Sequence[Effect]) -> _Fit:
-        """Levenberg-Marquardt over all flights; then one step more for each flight left out."""
+        """Fit all flights by Levenberg-Marquardt; then make one more step for each flight left out."""
         steps = FREE | {d.name: DELAY.get(d.name, d.step) for e in effects if _flies(e) for d in e.directions}
         columns, h = tuple(steps), np.array(list(steps.values()))
         setting, damping, left = start, DAMPING, self._left(start)
@@ -304,7 +314,7 @@ class _Rollouts:
 
 
 def _solved(slope: Sequence[Array], left: Sequence[Array], damping: float) -> Array:
-    """The step of least squares that is left."""
+    """Return the remaining least-squares step."""
     slopes, missed = np.concatenate(slope), np.concatenate(left)
     a, b = slopes.T @ slopes, slopes.T @ missed
     return np.asarray(-np.linalg.solve(a + damping * np.diag(np.diag(a)) + RIDGE * np.eye(len(a)), b))

@@ -1,6 +1,6 @@
-"""Open-loop roll-outs: from a filtered state the equations alone, against what was measured then.
+"""Open-loop roll-outs: predictions of the equations alone from a filtered state, against later measurements.
 
-This is the error that a person feels: how far off the simulator is after half a second, two and ten.
+This is the simulator's error after half a second, two and ten.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ HORIZONS_S = (0.5, 2.0, 10.0)
 STEP_S = 0.01
 START_EVERY_S = 2.0
 SETTLE_S = 1.0
-"""The filter's first second: it does not know the vehicle yet."""
+"""Time after which roll-outs start: in its first second the filter does not know the vehicle yet."""
 
 
 def roll_out_errors(
     records: Sequence[Record], before: Sequence[FilterParameters], after: Sequence[FilterParameters]
 ) -> tuple[ChannelError, ...]:
-    """Errors of all channels but the imu's, pooled over the flights."""
+    """Return the errors of all channels but the imu's, pooled over the flights."""
     settings = (*before, *after)
     flown = (*records, *records)
     states = in_threads(lambda k: whole(flown[k], settings[k]).states, range(len(flown)))
@@ -64,9 +64,9 @@ def roll_out_errors(
 def misses_of(
     record: Record, filtered: Array, setting: FilterParameters, horizon_s: float, share: float = 0.25
 ) -> dict[int, Array]:
-    """Channel -> misses over the last share of the horizon, of roll-outs from every second second.
+    """Return channel -> errors over the last share of the horizon, of roll-outs started every other second.
 
-    ``filtered`` (events, >= 10) are the states that they begin from.
+    ``filtered`` (events, >= 10) are their initial states.
     """
     states = filtered[:, :MOVING]
     first, last = record.times_s[0] + SETTLE_S, record.times_s[-1] - horizon_s
@@ -116,7 +116,7 @@ def misses_of(
 def _told(
     kinds: Ints, at: Array, commands: Array, parameters: Array, sensor: Array, pole_s: float, elapsed: Array
 ) -> Array:
-    """(events, 6) what the instruments read in the states ``at`` (events, 12) without any noise."""
+    """Return (events, 6) noise-free readings in the states ``at`` (events, 12)."""
     told, rate = np.zeros((len(kinds), WIDTH[IMU])), np.zeros(FULL)
     state, noise = np.zeros(STATES), np.zeros(NOISES)
     for e in range(len(kinds)):

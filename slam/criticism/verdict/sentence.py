@@ -1,4 +1,4 @@
-"""A verdict in one sentence for a person."""
+"""The sentence of a verdict for a person."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from slam.criticism.verdict.words import IN_WORDS
 from slam.simulation.terms import CATALOGUE
 
 FAIR_SHARE = 0.9
-"""Of what the cause explains: a rival that lags behind by more explains none of it."""
+"""Share of the cause's evidence by which a rival may lag: one that lags by more explains none of it."""
 
 
 def sentence_of(
@@ -22,12 +22,13 @@ def sentence_of(
     detectable: dict[str, tuple[float, str]],
     noise_correlation: Mapping[str, float] | None = None,
 ) -> str:
-    """What was found, how sure, and what it gains; and which instruments' noise is coloured."""
+    """Return a sentence with the finding, its probability and its gain, and the instruments with correlated
+    noise."""
     said = _said(verdict, causes, equivalents, remainder, detectable)
     if not noise_correlation:
         return said
     shares = ", ".join(f"{name} ({share:.2f})" for name, share in noise_correlation.items())
-    return f"{said} Noise that correlates from one sample to the next, which is healthy: {shares}."
+    return f"{said} Noise is correlated from one sample to the next, which is healthy: {shares}."
 
 
 def _said(
@@ -42,7 +43,7 @@ def _said(
         sizes = {name: detectable[name] for name in _one_a_family(seen)}
         some = ", ".join(f"{name} of {size:.2g}{_spaced(unit)}" for name, (size, unit) in sizes.items())
         return (
-            "The flights show nothing that the model gets wrong; at a usual size they would have shown "
+            "The flights show no error of the model; at a usual size they would have shown "
             f"{len(seen)} of {len(CATALOGUE)} effects, such as {some}."
         )
     if verdict == "unknown":
@@ -55,7 +56,7 @@ def _said(
     told = "; ".join(_told(cause) for cause in causes)
     held = _mended(causes[0].gain)
     if verdict == "ambiguous":
-        text = f"The flights cannot tell {', '.join(equivalents)} apart; best: {told}; {held}"
+        text = f"The flights cannot distinguish {', '.join(equivalents)}; best: {told}; {held}"
     else:
         text = f"The model lacks {told}; {held}{_excluded(causes[0])}"
     return f"{text}; left over: {remainder}." if remainder else f"{text}."
@@ -69,24 +70,25 @@ def _one_a_family(names: Iterable[str]) -> list[str]:
 
 
 def _spaced(unit: str) -> str:
-    """A factor has no unit."""
+    """Return the unit after a space; a factor has none."""
     return "" if unit == "1" else f" {unit}"
 
 
 def _mended(gain: Gain) -> str:
-    """The channel that gains most two seconds ahead, in its own unit; nats where none is told or better."""
+    """Describe the channel that gains most two seconds ahead, in its own unit; nats where no channel is
+    better."""
     most = gain.foremost
     if gain.by is None:
-        return f"single readings tell it, by {gain.nats:.0f} nats of log likelihood"
+        return f"single readings show it, by {gain.nats:.0f} nats of log likelihood"
     if most is None:
         ahead = f", and no channel is better {JUDGED_HORIZON_S:g} s ahead" if gain.channels else ""
         return f"on held-out {gain.by}s the log likelihood gains {gain.nats:.0f} nats{ahead}"
     if most.horizon_s == NOT_AHEAD_S:
-        what = "what one picture shows is off in another"
+        what = "the reprojection error from picture to picture"
     else:
-        what = f"{most.channel} {JUDGED_HORIZON_S:g} s ahead is off"
+        what = f"the error of {most.channel} {JUDGED_HORIZON_S:g} s ahead"
     return (
-        f"on held-out {gain.by}s {what} by {most.after:.2g} {most.unit} instead of {most.before:.2g} "
+        f"on held-out {gain.by}s {what} is {most.after:.2g} {most.unit} instead of {most.before:.2g} "
         f"(log likelihood {gain.nats:+.0f} nats)"
     )
 
@@ -100,7 +102,7 @@ def _told(cause: Cause) -> str:
 
 
 def _excluded(cause: Cause) -> str:
-    """By how much the next best explanation is worse; empty where none explains a fair part of it."""
+    """Describe the lead over the next best explanation; empty where none explains a fair part."""
     explained = FAIR_SHARE * 0.5 * cause.z**2
     if len(cause.alternatives) > 1 or not cause.rival or not 0.0 < cause.lead_nats < explained:
         return ""

@@ -1,4 +1,4 @@
-"""The tables of a verdict: hypotheses ranked, the vehicle's own constants, how white the residuals are."""
+"""Tables of a verdict: hypotheses ranked, the vehicle's own constants, and whiteness of the innovations."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ IN_SINGLE_READINGS = (
     "sonar_spikes", "sonar_quantisation", "sonar_dead_zone", "floor_steps", "timestamp_jitter",
     "dropped_frames", "specular_highlights", "moving_objects",
 )  # fmt: skip
-"""Terms that ``residuals`` tells of, whatever the search does."""
+"""Terms that ``residuals`` detects, whatever the search does."""
 TENTHS = 10
 
 
 def ranking(
     found: SearchResult, probability: dict[str, float], anomalies: Sequence[Cause]
 ) -> tuple[Rank, ...]:
-    """All terms, "nothing" and "something else", by probability and by how far each stands out alone.
+    """Return all terms, "nothing" and "something else", by probability and by their score test alone.
 
-    ``odd``: the causes that single readings show.
+    ``anomalies``: the causes that single readings show.
     """
     z: dict[str, float] = {}
     for test in found.first.score_tests([], found.first.effects):
@@ -44,8 +44,8 @@ def ranking(
 def ranked(
     z: dict[str, float], probability: dict[str, float], anomalies: Sequence[Cause]
 ) -> tuple[Rank, ...]:
-    """Terms by their ``z``, and those that only single readings show: nothing is wrong if there is none of
-    these either."""
+    """Rank terms by their ``z``, with those that only single readings show; "nothing" requires that there is
+    none of these either."""
     seen = {cause.name: cause for cause in anomalies}
     healthy = float(np.prod([1.0 - cause.probability for cause in seen.values()]))
     probability = probability | {NOTHING: healthy * probability.get(NOTHING, 0.0)}
@@ -57,7 +57,7 @@ def ranked(
 
 
 def fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str, Interval]:
-    """This vehicle's own constants with their 95 % intervals."""
+    """Return this vehicle's own constants with their 95 % intervals."""
     expansion = found.last
     maximum = expansion.quadratic.maximise(found.chosen)
     step, covariance = maximum.of(expansion.quadratic.index(expansion.quadratic.names))
@@ -74,8 +74,8 @@ def fitted_nuisances(found: SearchResult, best: RolloutFit | None) -> dict[str, 
 
 
 def checks(records: Sequence[Record], expansion: LikelihoodExpansion) -> tuple[ChannelCheck, ...]:
-    """Whether each channel's whitened innovations are white: mean square, correlation with the next, and how
-    they spread (the probability integral transform, Dawid 1984)."""
+    """Check that each channel's whitened innovations are white: mean square, lag-one correlation and
+    distribution (the probability integral transform, Dawid 1984)."""
     correlation, _ = lag_one_correlation(records, expansion.fisher.passes)
     found = []
     for channel, name in enumerate(CHANNELS):

@@ -51,7 +51,7 @@ def _disagreements(data: Regression, chosen: Sequence[str], effect: str) -> list
         if variance > BEYOND_CHANCE * chance and scatter > LARGE * common:
             unit = CATALOGUE[effect].parameter(name.rpartition(".")[2]).unit
             off_deg = float(np.degrees(np.arctan(np.ptp(found) / GRAVITY_M_S2)))
-            like = f", as of an attitude that goes wrong by {off_deg:.0f} deg" if name in LEVEL else ""
+            like = f", like an attitude error of {off_deg:.0f} deg" if name in LEVEL else ""
             least, most = (in_catalogue(name, float(x)) for x in (found.min(), found.max()))
-            told.append(f"{name} is {least:.2g} to {most:.2g} {unit} by stretches of 10 s{like}")
+            told.append(f"{name} is {least:.2g} to {most:.2g} {unit} by segments of 10 s{like}")
     return told

@@ -96,8 +96,8 @@ def contradiction(rows: Sequence[Sequence[WhitenedRows]]) -> str:
     if not over or float(np.median(over)) < CONTRADICTED:
         return ""
     return (
-        "pictures are off where the other instruments place the vehicle by "
-        f"{min(over):.1f} to {max(over):.1f} times what their noise allows"
+        "pictures disagree with the path of the other instruments by "
+        f"{min(over):.1f} to {max(over):.1f} times their noise"
     )
 
 

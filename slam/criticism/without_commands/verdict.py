@@ -38,14 +38,14 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 REASON = (
-    "no command log: what moved the vehicle is not known; its instruments are held against each other and "
-    "its motion is not judged"
+    "no command log: the inputs of the vehicle are not known; its instruments are compared with each other "
+    "and its motion is not judged"
 )
-NOTHING_TO_HOLD = "no command log, and too little of imu and attitude to hold other instruments against"
+NOTHING_TO_COMPARE = "no command log, and too little of imu and attitude to compare other instruments with"
 STANDS_OUT_Z = 5.0
 STANDS_OUT = (
-    "set by hand where instruments are held against each other: of 150 simulated healthy cases the one that "
-    "comes nearest reaches 3.8"
+    "set by hand where instruments are compared with each other: of 150 simulated healthy cases the greatest "
+    "reaches 3.8"
 )
 """``python -m slam.criticism.calibrate 150 9000 --without-commands``."""
 MOST = 5

@@ -67,7 +67,7 @@ def test_what_follows_a_pause_is_told_as_not_judged():
         streams = {n: without(getattr(flight, n), begin_s, begin_s + 6.0) for n in STREAMS}
         records, dropped = usable_records([replace(flight, **streams)])
         assert len(records) == judged
-        assert "nothing was read for 5 s and more" in dropped[0]
+        assert "no readings for 5 s or more" in dropped[0]
     records, dropped = usable_records([flight])
     assert (len(records), dropped) == (1, [])
 

@@ -158,7 +158,7 @@ def test_the_gain_is_told_in_the_units_of_what_is_read(term, parameter, size, ch
     assert found.to_json()["gain"]["channels"][channel]["after"] == pytest.approx(
         ahead[channel].after, rel=1e-4
     )
-    assert f"{channel} 2 s ahead is off by" in found.sentence
+    assert f"the error of {channel} 2 s ahead is" in found.sentence
 
 
 def test_a_reading_a_little_late_of_an_even_clock_does_not_show_what_runs_away():
@@ -185,7 +185,7 @@ def test_a_size_that_changes_is_told_as_left_over():
     pushed = imu.accel_m_s2 + np.outer(imu.stamps_s > 35.0, [0.0, 1.5, 0.0])
     found = criticise([replace(steady, imu=replace(imu, accel_m_s2=pushed))])
     assert "accel_bias.y is 0.4" in found.remainder
-    assert "to 2 m/s^2 by stretches of 10 s, as of an attitude that goes wrong by 9 deg" in found.remainder
+    assert "to 2 m/s^2 by segments of 10 s, like an attitude error of 9 deg" in found.remainder
     assert "accel_bias.z" not in found.remainder
     y = found.causes[0].parameters["y"]
     assert y.low < 0.5

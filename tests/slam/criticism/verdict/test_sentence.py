@@ -34,12 +34,14 @@ def test_the_gain_is_told_where_it_is_greatest_two_seconds_ahead(verdict: str):
     said = told(verdict, PITCH, SOON, SPEED, WORSE)
     assert "active_braking: it brakes by itself" in said
     assert "(k_b = 0.9 (0.8 to 1) 1/s; probability 0.97)" in said
-    assert "velocity_x 2 s ahead is off by 0.12 m/s instead of 0.31 (log likelihood +45 nats)" in said
+    assert "the error of velocity_x 2 s ahead is 0.12 m/s instead of 0.31 (log likelihood +45 nats)" in said
 
 
 def test_pictures_are_told_from_one_to_another():
     px = ChannelError("reprojection", "px", 0.0, 1.3, 0.2)
-    assert "what one picture shows is off in another by 0.2 px instead of 1.3" in told("named", PITCH, px)
+    assert "the reprojection error from picture to picture is 0.2 px instead of 1.3" in told(
+        "named", PITCH, px
+    )
 
 
 def test_what_was_not_held_out_is_not_told_as_held_out():
