@@ -24,6 +24,8 @@ SIGNIFICANCE = 1e-3
 """Significance level of all gates, and limit of the false discovery rate."""
 
 _EM_ITERATIONS = 50
+_MIN_SCALE = 1e-3
+"""Smallest factor on the stated standard deviations: smaller residuals are rounding errors, not noise."""
 _SAMPLE_COUNTS = {3: 60, 6: 150}
 
 
@@ -160,11 +162,11 @@ def first_scale(pending: LoopInnovations, place: Index) -> float:
     covariance = pending.covariance
     off = squared_mahalanobis(pending.residual, covariance)
     peak = -d / 2 * np.log(2 * np.pi) - np.linalg.slogdet(covariance)[1] / 2 + pending.log_prior_volume
-    true, variance = 0.5, float(np.quantile(off, 0.1)) / d
+    true, variance = 0.5, max(float(np.quantile(off, 0.1)) / d, _MIN_SCALE**2)
     for _ in range(_EM_ITERATIONS):
         odds = peak - off / variance / 2 - d / 2 * np.log(variance) + np.log(true / (1 - true))
         share = 1 / (1 + np.exp(-np.clip(odds, -50, 50)))
-        variance = max(float(share @ off) / (d * max(float(share.sum()), 1e-9)), 1e-12)
+        variance = max(float(share @ off) / (d * max(float(share.sum()), 1e-9)), _MIN_SCALE**2)
         true = float(np.clip(share.mean(), 0.01, 0.99))
     # Loops between the same places have a common error: they count once.
     dof = d * max(len(np.unique(place[share > 0.5])), 1)
@@ -175,7 +177,8 @@ def noise_scale(problem: Problem, kept: Mask, w_T: Array) -> float:
     """Estimate the factor on the stated standard deviations from the chi-square of the kept edges.
 
     It is 1 unless a chi-square test rejects that. If stated covariances are far too large, so that false
-    loops would pass the gates, it is the largest factor that the test does not reject.
+    loops would pass the gates, it is the largest factor that the test does not reject, but at least
+    `_MIN_SCALE`: residuals of exactly zero are possible.
     """
     d = problem.dof
     dof = d * (int(kept.sum()) - problem.count + 1)
@@ -184,4 +187,4 @@ def noise_scale(problem: Problem, kept: Mask, w_T: Array) -> float:
     statistic = float((problem.residuals(w_T)[kept] ** 2).sum())
     if statistic > chi2.ppf(1 - SIGNIFICANCE, dof):
         return float(np.sqrt(statistic / dof))
-    return float(np.sqrt(min(statistic / chi2.ppf(SIGNIFICANCE, dof), 1.0)))
+    return float(np.clip(np.sqrt(statistic / chi2.ppf(SIGNIFICANCE, dof)), _MIN_SCALE, 1.0))

@@ -10,7 +10,14 @@ import pytest
 
 from backend.pose_graph.linear import elimination_order, jacobian
 from backend.pose_graph.problem import from_pose_graph
-from backend.pose_graph.selection.prediction import log_volume, noise_scale, sample_posterior, white_noise
+from backend.pose_graph.selection.prediction import (
+    first_scale,
+    innovations,
+    log_volume,
+    noise_scale,
+    sample_posterior,
+    white_noise,
+)
 from backend.pose_graph.unary_factors import fixed
 from tests.backend.synthetic import graph
 
@@ -61,3 +68,15 @@ def test_the_volume_of_an_ellipsoid_is_that_of_the_unit_ball_times_its_axes() ->
         axes = np.arange(1.0, d + 1)
         found = log_volume(np.diag(axes**2), 4.0)
         assert found == pytest.approx(np.log(ball * axes.prod() * 2.0**d))
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_residuals_of_exactly_zero_have_a_scale_above_zero(dimension: int) -> None:
+    problem = from_pose_graph(graph(4, dimension, n=30))
+    at_rest = replace(problem, ij_T=np.tile(np.eye(4), (len(problem.i), 1, 1)))
+    w_T = np.tile(np.eye(4), (30, 1, 1))
+    assert not at_rest.residuals(w_T).any()
+    assert noise_scale(at_rest, np.ones(len(problem.i), dtype=bool), w_T) == 1e-3
+    samples = np.random.default_rng(0).normal(size=(30, problem.dof, 60))
+    loops = innovations(at_rest, w_T, samples, np.flatnonzero(~problem.trusted))
+    assert 1e-3 <= first_scale(loops, np.arange(len(loops.edges))) < 2e-2
