@@ -29,6 +29,8 @@ Mask = NDArray[np.bool_]
 
 _EXPENSIVE = 1.5e10
 """Floating-point operations of an elimination that takes some seconds."""
+_MAX_RATIO = 1e10
+"""Ratio of two edges' information above which covariances are computed by QR."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,9 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
     still_open: tuple[str, ...] = ()
     if options.covariances:
         graph = gauge_fixed.graph(kept)
-        covariances = pose_covariances(graph, minimum.values, range(problem.count))
+        covariances = pose_covariances(
+            graph, minimum.values, range(problem.count), by_qr=_is_ill_scaled(problem)
+        )
         if np.isnan(covariances).any():
             still_open = tuple(unobserved(graph, minimum.values, problem.name))
     return SolvedComponent(
@@ -82,6 +86,13 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
         open=still_open,
         warnings=tuple(_warnings(problem, fit)),
     )
+
+
+def _is_ill_scaled(problem: Problem) -> bool:
+    """Return whether a normal matrix would lose the least accurate edge beside the most accurate one."""
+    information = (problem.sqrt_information**2).sum(axis=1)
+    told = information[information > 0]
+    return bool(len(told) and told.max() > _MAX_RATIO * told.min())
 
 
 def _reasons(problem: Problem, kept: Mask, w_T: Array, sigma: Array) -> tuple[str, ...]:

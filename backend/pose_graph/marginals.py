@@ -23,13 +23,19 @@ _MAX_VARIANCE = 1e10
 """Variance (rad^2, m^2) above which the result is dominated by rounding."""
 
 
-def pose_covariances(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> Array:
+def pose_covariances(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int], by_qr: bool = False
+) -> Array:
     """Return marginal covariances of poses: (n, 6, 6), rotation first, right perturbation, rad and m.
 
     Planar poses are embedded with zeros for the other directions. An undetermined pose is NaN; components
-    that are determined still get their covariances.
+    that are determined still get their covariances. ``by_qr`` needs half the digits of a normal matrix: for
+    edges whose information differs by more than ten orders.
     """
     out = np.full((len(keys), 6, 6), np.nan)
+    if by_qr:
+        _fill_by_qr(out, graph, values, keys)
+        return out
     tree = bayes_tree(graph, values)
     if tree is not None and not graph_components(graph).floating:
         _fill(out, tree, keys, range(len(keys)))
@@ -57,6 +63,27 @@ def bayes_tree(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam
         return None
 
 
+def _fill_by_qr(
+    out: Array,
+    graph: gtsam.NonlinearFactorGraph,
+    values: gtsam.Values,
+    keys: Sequence[int],
+) -> None:
+    """Fill the covariances of a connected graph; gtsam's own marginals go through normal matrices."""
+    row = {key: k for k, key in enumerate(keys)}
+    try:
+        linear = graph.linearize(values)
+        net = linear.eliminateSequential(nested_dissection(linear), gtsam.EliminateQR)
+        last = net.at(net.size() - 1)
+        root = np.linalg.inv(last.jacobian()[0])
+        found = [(last.firstFrontalKey(), root @ root.T)] if last.firstFrontalKey() in row else []
+        found += [(key, joint[: -len(root), : -len(root)]) for key, joint in _joints(net, row)]
+    except (*GTSAM_ERRORS, np.linalg.LinAlgError):
+        return
+    for key, covariance in found:
+        _put(out, row[key], covariance)
+
+
 def _part(
     graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: set[int]
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
@@ -77,14 +104,19 @@ def _fill(out: Array, tree: gtsam.GaussianBayesTree, keys: Sequence[int], which:
             covariance = tree.marginalCovariance(keys[k])
         except GTSAM_ERRORS:
             continue
-        variance = np.diag(covariance)
-        if not (np.isfinite(covariance).all() and (variance >= 0).all() and (variance < _MAX_VARIANCE).all()):
-            continue
-        if len(covariance) == 6:
-            out[k] = covariance
-        else:
-            out[k] = 0
-            out[k][np.ix_(PLANAR, PLANAR)] = covariance
+        _put(out, k, covariance)
+
+
+def _put(out: Array, k: int, covariance: Array) -> None:
+    """Store a pose's covariance, unless it is dominated by rounding."""
+    variance = np.diag(covariance)
+    if not (np.isfinite(covariance).all() and (variance >= 0).all() and (variance < _MAX_VARIANCE).all()):
+        return
+    if len(covariance) == 6:
+        out[k] = covariance
+    else:
+        out[k] = 0
+        out[k][np.ix_(PLANAR, PLANAR)] = covariance
 
 
 def joint_covariances(

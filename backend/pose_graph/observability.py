@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 _MAX_DENSE_SIZE = 1200
 _ZERO_EIGENVALUE = 1e-10
 """Eigenvalue of the normal matrix with unit diagonal below which a direction counts as unobserved."""
+_MIN_INFORMATION = 1e-10
+"""Information (rad^-2, m^-2) of a row below which its size counts, and not its direction alone."""
 _MAX_DIRECTIONS = 14
 _GENERATORS = ("roll", "pitch", "heading", "x", "y", "height", "scale")
 
@@ -69,10 +71,13 @@ def unobserved(
 def null_space(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, width: NDArray[np.int64]) -> Array:
     """Return orthonormal directions (dim, k) that do not change the linearised residuals; at most 14.
 
-    Columns of the system are first brought to unit length, so that radians and metres compare. Dense below
-    1200 unknowns, shift-invert Lanczos above.
+    Rows are first brought to unit length, so that one very accurate measurement does not make the others look
+    like rounding errors, then columns, so that radians and metres compare. Dense below 1200 unknowns,
+    shift-invert Lanczos above.
     """
     J, dim = jacobian(graph, values), int(width.sum())
+    size = np.sqrt(np.asarray(J.multiply(J).sum(axis=1)).ravel())
+    J = csc_array(diags_array(1 / np.maximum(size, np.sqrt(_MIN_INFORMATION))) @ J)
     length = np.sqrt(np.asarray(J.multiply(J).sum(axis=0)).ravel())
     length[length == 0] = 1
     scaled = J @ diags_array(1 / length)

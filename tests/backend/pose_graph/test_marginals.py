@@ -1,10 +1,16 @@
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
 
+from backend import se3
+from backend.pose_graph.graph import PoseGraph
 from backend.pose_graph.marginals import bayes_tree, joint_covariances, pose_covariances
 from backend.pose_graph.problem import from_pose_graph
+from backend.pose_graph.solve import solve_pose_graph
 from backend.pose_graph.unary_factors import fixed
+from backend.se3 import PLANAR
 from tests.backend.synthetic import graph
 
 EMBEDDED = np.ix_([3, 4, 2], [3, 4, 2])
@@ -114,3 +120,39 @@ def test_a_variance_beyond_the_limit_is_nan(std: float, known: bool):
     found = pose_covariances(factors, values, range(2))
     assert np.isfinite(found[0]).all()
     assert np.isfinite(found[1]).all() == known
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("information", [1e12, 1e15])
+def test_an_edge_of_very_high_information_binds_two_poses_and_hides_nothing(
+    dimension: int, information: float
+):
+    """The two poses are as one: their covariances are those of a pose of the chain that the edge shortens."""
+    made = chain(dimension, information)
+    solved = solve_pose_graph(made)
+    assert solved.status == "ok"
+    assert solved.covariances is not None
+    rows = PLANAR if dimension == 2 else np.arange(6)
+    found = solved.covariances[:, rows[:, None], rows]
+    # Vertex 3 is at the end of three edges; vertex 8 is the same body seen from another frame.
+    T = solved.w_T_b
+    steps = [se3.adjoint(se3.inverse(T[3]) @ T[k])[np.ix_(rows, rows)] for k in (1, 2, 3)]
+    expected = sum(A @ A.T for A in steps) / 0.01
+    np.testing.assert_allclose(found[3], expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+    A = se3.adjoint(se3.inverse(T[8]) @ T[3])[np.ix_(rows, rows)]
+    expected = A @ expected @ A.T
+    np.testing.assert_allclose(found[8], expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+
+
+def chain(dimension: int, information: float) -> PoseGraph:
+    """Eleven edges of the information 0.01, and an exact one from vertex 3 to vertex 8 of another."""
+    made = graph(1, dimension, n=12, noise=0.0)
+    i, j = np.append(made.i[:11], 3), np.append(made.j[:11], 8)
+    weight = np.append(np.full(11, 0.01), information)
+    return replace(
+        made,
+        i=i,
+        j=j,
+        ij_T=se3.inverse(made.poses[i]) @ made.poses[j],
+        information=weight[:, None, None] * np.eye(3 if dimension == 2 else 6),
+    )
