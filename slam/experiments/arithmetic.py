@@ -31,10 +31,10 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
         for check in found
     )
     failing = [check for check in found if not check.holds]
-    with_unique_names = "; ".join(f"{check.name}: {check.says}" for check in failing)
+    explained = " ".join(f"({k}) {check.name}: {check.explanation}." for k, check in enumerate(failing, 1))
     reason = (
-        f"{len(found) - len(failing)} of {len(found)} numbers follow from the paper's others; the rest do "
-        f"not: {with_unique_names}."
+        f"{len(found) - len(failing)} of {len(found)} numbers follow from the paper's others. The rest do "
+        f"not. {explained}"
     )
     return Conclusion(rows, verdict(not failing, partly=len(failing) < len(found)), reason)
 

@@ -128,13 +128,13 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     near, far = over_seeds(trials, "right px/0").median, over_seeds(trials, "wrong px/0").median
     needed = [100 * (FEATURE_DISTANCE_PX[key] - near) / (far - near) for key in ("without", "with")]
     reason = (
-        f"the filter raises the mean distance of matches in the picture {text(ratio)} times, at twice its "
-        f"strength {twice.median:.2f} times, where the paper's rose {paper:.2f} times. Brightness can "
-        f"explain wrong matches only: their share goes from {wrong.median:.0f} to {wrong_with.median:.0f} "
-        f"%, while right ones stay as far apart as the picture moves (ratio {right.median:.3f}). With our "
-        f"distances of right and wrong matches, {near:.1f} and {far:.0f} px, the paper's means are those "
-        f"of {needed[0]:.0f} and {needed[1]:.0f} % of wrong ones; faster motion between two pictures would "
-        "raise a mean just as well."
+        f"the filter multiplies the mean distance of matches in the picture by {text(ratio)}, and at twice "
+        f"its strength by {twice.median:.2f}. The paper's factor is {paper:.2f}. Brightness can "
+        f"explain wrong matches only. Their share rises from {wrong.median:.0f} to {wrong_with.median:.0f} "
+        f"%. The distance of right matches is the motion of the picture (ratio {right.median:.3f}). Our "
+        f"distances of right and wrong matches are {near:.1f} and {far:.0f} px. With them, the paper's means "
+        f"correspond to {needed[0]:.0f} and {needed[1]:.0f} % of wrong matches. Faster motion between two "
+        "pictures would increase the mean too."
     )
     alike = ratio.lower95 <= paper <= ratio.upper95
     return Conclusion(_rows(trials, paper), verdict(alike, partly=ratio.lower95 > 1), reason)

@@ -79,11 +79,11 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
         for key, paper in ((SPEED, HOVER_SPEED_M_S), (DRIFT, HOVER_DRIFT_M))
     ]
     reason = (
-        f"ten hovers of the paper's model with its hold noise have a mean speed of {text(speed, 'm/s', 4)} "
-        f"beside {HOVER_SPEED_M_S} of the real drone, and are {text(drift, 'm', 3)} from their start on "
-        f"average beside {HOVER_DRIFT_M}; without that noise the model hovers perfectly, as the paper's "
-        f"simulator does. A flow with 0.03 m/s of white noise would have told {read.median:.3f} m/s: the "
-        "drone's log was quieter or smoothed."
+        f"ten hovers of the paper's model with its hold noise have a mean speed of {text(speed, 'm/s', 4)}. "
+        f"The real drone's is {HOVER_SPEED_M_S}. Their mean distance from the start is "
+        f"{text(drift, 'm', 3)}, and the real drone's {HOVER_DRIFT_M}. Without that noise the model hovers "
+        "perfectly, as the paper's simulator does. A flow with 0.03 m/s of white noise would have shown "
+        f"{read.median:.3f} m/s. The drone's log was therefore quieter, or smoothed."
     )
     rows = tuple(
         Row(name, unit, {DRONE: paper}, {"model paper": over_seeds(trials, name)})

@@ -110,11 +110,11 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     slow = min(OVERLAP_SPEED_M_S)
     forwards = speed_m_s(slow, height)
     reason = (
-        f"64 degrees across show {width:.3f} m from 1 m (the paper cuts it to {FLOOR_AT_1M_M} m), so "
-        f"pictures overlap by half up to {speeds[15.0]:.2f} m/s at 15 Hz and {speeds[slow]:.2f} m/s at "
-        f"{slow} Hz; of simulated pairs that do, {held['sideways']:.0f} % register sideways and "
-        f"{held['forwards']:.0f} % forwards. Forwards, though, a picture is only {height:.2f} m long: "
-        f"there the limit at {slow} Hz is {forwards:.2f} m/s, {100 * forwards / TOP_SPEED_M_S:.0f} % of "
+        f"64 degrees across show {width:.3f} m from 1 m (the paper truncates it to {FLOOR_AT_1M_M} m). "
+        f"Pictures then overlap by half up to {speeds[15.0]:.2f} m/s at 15 Hz and {speeds[slow]:.2f} m/s at "
+        f"{slow} Hz. Of simulated pairs with this overlap, {held['sideways']:.0f} % register sideways and "
+        f"{held['forwards']:.0f} % forwards. Forwards, a picture is only {height:.2f} m long. "
+        f"The limit at {slow} Hz is then {forwards:.2f} m/s, {100 * forwards / TOP_SPEED_M_S:.0f} % of "
         f"the top speed and not {TOP_SPEED_PERCENT:.0f} %."
     )
     enough = min(held.values()) >= _ENOUGH_PERCENT

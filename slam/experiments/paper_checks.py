@@ -54,7 +54,7 @@ class Check:
     recomputed: float
     tolerance: float
     """Relative tolerance for rounding; within it the two agree."""
-    says: str
+    explanation: str
 
     @property
     def holds(self) -> bool:
@@ -74,7 +74,7 @@ def _tables() -> tuple[Check, ...]:
         Check(
             "table 2, D-A", "%", WHITE_BALANCE_PERCENT["D-A"], 100 * worst / SIDE_M, 0.01,
             f"the sides of table 2 were divided by {100 * worst / WHITE_BALANCE_PERCENT['D-A']:.2f} m "
-            f"instead of {SIDE_M} m: its worst is {100 * worst / SIDE_M:.1f} %",
+            f"instead of {SIDE_M} m. The largest is {100 * worst / SIDE_M:.1f} %",
         ),
         Check(
             "table 2, B-D", "%",
@@ -181,8 +181,8 @@ def _motion() -> tuple[Check, ...]:
         Check(
             "speed at s = 0.10, from the other four", "m/s", SPEED_M_S[ODD], expected, 0.10,
             f"{100 * (SPEED_M_S[ODD] / expected - 1):.0f} % off the line, t = {t:.1f}, p = {p:.2f} and "
-            f"{1 - (1 - p) ** 5:.2f} for the worst of five: suspicious, not certain; a pulse of 5 s at s = "
-            "0.10 should be repeated",
+            f"{1 - (1 - p) ** 5:.2f} for the worst of five. This is suspicious, not certain. A pulse of 5 s "
+            "at s = 0.10 should be repeated",
         ),
     )  # fmt: skip
 
@@ -203,15 +203,15 @@ def _hover() -> tuple[Check, ...]:
         ),
         Check(
             "mean distance of a hover that nothing holds", "m", HOVER_DRIFT_M, drift, 0.10,
-            f"with a correlation of {HOVER_CORRELATION_S} s it would be {drift:.2f} m off on average and "
-            f"{at_end:.2f} m in the end; {HOVER_DRIFT_M} m needs {_needed_correlation_s():.2f} s: the "
-            "place is held, or most of the variance is noise of the log",
+            f"with a correlation of {HOVER_CORRELATION_S} s it would be {drift:.2f} m on average and "
+            f"{at_end:.2f} m at the end. A distance of {HOVER_DRIFT_M} m needs {_needed_correlation_s():.2f} "
+            "s. The position is controlled, or most of the variance is noise of the log",
         ),
         Check(
             "largest scale error of a sonar by tilt",
             "%", 100 * largest / SIDE_M, 100 * (1 / cos(tilt) - 1), 0.10,
             f"tilt explains {100 * (1 / cos(tilt) - 1):.2f} % of the {100 * largest / SIDE_M:.0f} % of "
-            "table 1, not more: another cause is needed",
+            "table 1. Another cause is needed",
         ),
     )  # fmt: skip
 

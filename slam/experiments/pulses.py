@@ -101,10 +101,11 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     up, down = (SeedStatistics.of(column(trials, f"ratio/{kind}")) for kind in (ACCELERATION, DECELERATION))
     delay = over_seeds(trials, f"{SIMULATED}/{DELAY}")
     reason = (
-        f"the simulated drone speeds up with {text(up)} times the slope of a drone that brakes by its "
-        f"optical flow (a rate of {BRAKING_1_S} 1/s, assumed) and slows down with {text(down)} times; its "
-        f"pitch is what was asked after {1e3 * delay.median:.0f} ms. So the paper's explanation gives what "
-        "its figure 10 shows; how hard the real drone brakes the figure does not tell."
+        "the reference is a drone that brakes by its optical flow (a rate of "
+        f"{BRAKING_1_S} 1/s, assumed). The simulated drone speeds up with {text(up)} times its slope, "
+        f"and slows down with {text(down)} times. The commanded pitch is reached after "
+        f"{1e3 * delay.median:.0f} ms. The paper's explanation thus gives what its figure 10 shows. The "
+        "figure does not show how hard the real drone brakes."
     )
     rows = tuple(
         Row(kind, unit, {}, {name: over_seeds(trials, f"{name}/{kind}") for name in (SIMULATED, BRAKING)})

@@ -54,10 +54,10 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     horizontal, vertical = (over_seeds(trials, f"{name}/{GAP}") for name in SQUARES)
     across, up = (over_seeds(trials, f"{name}/{FIRST}").median for name in SQUARES)
     reason = (
-        "the paper recorded the squares but did not analyse them. Flown by timed commands, without "
-        f"looking, the horizontal one ends {text(horizontal, 'm')} from its start, "
-        f"{100 * horizontal.median / across:.0f} % of its first side, and the vertical one "
-        f"{text(vertical, 'm')}, {100 * vertical.median / up:.0f} %."
+        "the paper recorded the squares but did not analyse them. They are flown by timed commands, without "
+        f"visual feedback. The horizontal one ends {text(horizontal, 'm')} from its start, "
+        f"{100 * horizontal.median / across:.0f} % of its first side. The vertical one ends "
+        f"{text(vertical, 'm')} from it, {100 * vertical.median / up:.0f} %."
     )
     return Conclusion(rows, "nothing to compare with", reason)
 

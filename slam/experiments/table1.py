@@ -23,9 +23,9 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     below = ours.median <= limit
     reason = (
         f"our chain of homographies leaves a largest landmark error of {text(ours, '%')}, "
-        f"{'at or below' if below else 'above'} the {limit} % that the paper's simulator left; chaining "
-        f"every picture that its computer could take, as the paper did, leaves {text(pictures, '%')}, and "
-        f"the pose graph {text(graph, '%')}."
+        f"{'at or below' if below else 'above'} the {limit} % of the paper's simulator. The paper's method, "
+        f"which chains every picture that its computer could process, leaves {text(pictures, '%')}. "
+        f"The pose graph leaves {text(graph, '%')}."
     )
     paper = {DRONE: SQUARE_DRONE_PERCENT, SIMULATOR: SQUARE_PERCENT}
     return Conclusion(rows(trials, paper), verdict(below), reason)

@@ -49,12 +49,12 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     pictures = growth[CONSECUTIVE]
     grows = pictures.median > 1 and chance[CONSECUTIVE] < _UNLIKELY
     reason = (
-        f"with the filter the largest error of the chain of pictures goes from {text(without, '%')} to "
-        f"{text(with_filter, '%')}, on the same flight {text(pictures)} times as much (signed-rank test: p "
-        f"= {chance[CONSECUTIVE]:.2g}), where the paper's grew {theirs:.1f} times; that of the chain of "
-        f"keyframes {text(growth[KEYFRAMES])} times (p = {chance[KEYFRAMES]:.2g}) and that of the pose "
-        f"graph {text(growth[GRAPH])} times. The errors stay small because descriptors normalise contrast "
-        "and the robust fit refuses wrong matches: brightness costs our stitcher matches more than "
+        f"the filter changes the largest error of the chain of pictures from {text(without, '%')} to "
+        f"{text(with_filter, '%')}. On the same flight the factor is {text(pictures)} (signed-rank test: p "
+        f"= {chance[CONSECUTIVE]:.2g}); the paper's factor is {theirs:.1f}. The factor of the chain of "
+        f"keyframes is {text(growth[KEYFRAMES])} (p = {chance[KEYFRAMES]:.2g}). That of the pose "
+        f"graph is {text(growth[GRAPH])}. The errors stay small because descriptors normalise contrast "
+        "and the robust fit rejects wrong matches. Brightness costs our stitcher matches more than "
         "accuracy."
     )
     paper = {DRONE: SQUARE_DRONE_PERCENT, SIMULATOR: WHITE_BALANCE_PERCENT}

@@ -82,13 +82,13 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     theirs, their_filter = max(STITCHED_PERCENT.values()), max(EKF_PERCENT.values())
     reason = (
         f"the largest landmark error is {text(found[CONSECUTIVE], '%')} for the chain of pictures (paper "
-        f"{theirs} %), {text(found[FILTER], '%')} with the Kalman filter (paper {their_filter} %; our "
-        f"flow and sonar have no lasting errors) and {text(found[GRAPH], '%')} for the pose graph, which "
-        f"the paper left to future work and of which at most {MOST_PERCENT} % was asked; the chain of "
-        f"keyframes leaves {text(found[KEYFRAMES], '%')}. With the sonar's zero off by "
-        f"{text(zero, 'mm', 1)} and the middle bar flown at 0.6 and 1.0 m the pose graph leaves "
-        f"{text(found[HEIGHTS], '%')}, where such a zero alone scales a map by {text(scale, '%')}: from "
-        "the two heights the graph tells the zero from the scale."
+        f"{theirs} %). It is {text(found[FILTER], '%')} with the Kalman filter (paper {their_filter} %; our "
+        "flow and sonar have no constant errors). The pose graph, which the paper left to future work, "
+        f"leaves {text(found[GRAPH], '%')}; our limit is {MOST_PERCENT} %. The chain of "
+        f"keyframes leaves {text(found[KEYFRAMES], '%')}. In a second flight the sonar has an offset of "
+        f"{text(zero, 'mm', 1)}, and the middle bar is flown at 0.6 and 1.0 m. Then the pose graph leaves "
+        f"{text(found[HEIGHTS], '%')}. Such an offset alone scales a map by {text(scale, '%')}. From "
+        "the two heights the graph distinguishes the offset from the scale."
     )
     small = found[GRAPH].median <= MOST_PERCENT
     paper = {f"{SIMULATOR}, table 3": STITCHED_PERCENT, f"{SIMULATOR}, table 4": EKF_PERCENT}

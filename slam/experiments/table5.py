@@ -113,15 +113,16 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     c, faster = over_seeds(trials, "paper/c"), over_seeds(trials, "faster")
     error = 100 * (c.median / SPEED_A_DEGREE - 1)
     too_slow = (
-        "In the paper's own window, the last two of five seconds, the model is not at its end yet and "
-        f"misses s = {short} by more than two: the drone was at its speed sooner than drag alone lets it "
-        "be. "
+        "In the paper's own window, the last two of five seconds, the model has not reached its final "
+        f"speed. It misses s = {short} by more than two standard deviations. The drone reached its speed "
+        "sooner than drag alone allows. "
     )
     reason = (
-        f"the paper's model ends at speeds within two of the drone's standard deviations at {len(within)} "
-        f"of {len(STICKS)} sticks, with its pitch at {len(pitched)}; v = {c.median:.4f} s theta_max is "
-        f"equation 4 to {abs(error):.1f} %. The outlier is s = {odd:.2f}: there the drone's speed lies "
-        f"{apart[odd]:+.0f} % off, inside two standard deviations only because its own is so large. "
+        "the final speeds of the paper's model are within two of the drone's standard deviations at "
+        f"{len(within)} of {len(STICKS)} sticks, and its pitch at {len(pitched)}. The slope in v = "
+        f"{c.median:.4f} s theta_max is that of equation 4 to {abs(error):.1f} %. "
+        f"The outlier is s = {odd:.2f}: the drone's speed differs by {apart[odd]:+.0f} % there. "
+        "It is inside two standard deviations only because its own is so large. "
         f"{too_slow if short else ''}The nominal model is {text(faster, '%', 1)} faster."
     )
     alike = len(within) == len(pitched) == len(STICKS) and abs(error) <= 1

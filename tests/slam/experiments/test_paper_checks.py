@@ -93,8 +93,8 @@ def test_the_hovers_variance_is_of_one_axis():
 def test_the_field_of_view_is_across():
     found = check("floor seen from 1 m")
     assert found.holds
-    assert "140.8 px" in found.says
-    assert "29 %" in found.says
+    assert "140.8 px" in found.explanation
+    assert "29 %" in found.explanation
     assert check("speed at half overlap and 15 Hz").holds
     assert check("speed at half overlap and 6.67 Hz").holds
 
