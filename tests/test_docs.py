@@ -63,6 +63,15 @@ def test_files_named_by_a_page_exist(name):
     assert [path for path in named if not (ROOT / path).exists()] == []
 
 
+SOURCES = [p.relative_to(ROOT).as_posix() for p in ROOT.glob("[a-z]*/**/*.py")]
+
+
+@pytest.mark.parametrize("name", [*PROSE, "README.md", "CONTRIBUTING.md"])
+def test_source_files_named_without_their_folder_exist(name):
+    named = set(re.findall(r"`([\w/]+\.py)`", (ROOT / name).read_text(encoding="utf-8")))
+    assert [file for file in sorted(named) if not any(s.endswith(file) for s in SOURCES)] == []
+
+
 @pytest.mark.parametrize("name", PROSE)
 def test_modules_named_by_a_page_exist(name):
     text = (ROOT / name).read_text(encoding="utf-8")
