@@ -1,4 +1,4 @@
-"""A pinhole camera with radial-tangential distortion, looking at a floor."""
+"""Pinhole camera with radial-tangential distortion, looking at a floor."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Camera:
 
     @property
     def matrix(self) -> Array:
-        """The (3, 3) intrinsic matrix K."""
+        """Intrinsic matrix K (3, 3)."""
         (fu, fv), (cu, cv) = self.focal_px, self.center_px
         return np.array([[fu, 0, cu], [0, fv, cv], [0, 0, 1.0]])
 

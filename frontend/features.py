@@ -31,7 +31,7 @@ holds half to two thirds. In crowded pictures, cells with less than half of an e
 and fuller cells keep only an even share."""
 SPARSE_CELL_RATIO, LIMIT_REACHED_RATIO = 0.5, 0.9
 COARSE_PX = 8.0
-"""A feature of this diameter has twice the position variance of a fine one of the same contrast."""
+"""Diameter at which a feature has twice the position variance of a fine one of the same contrast."""
 ALL_FEATURES = 100_000
 """Feature limit above the number in any picture."""
 SMALLEST_PX = 16

@@ -31,7 +31,7 @@ class MosaicError(ValueError):
 
 @dataclass(frozen=True)
 class Tile:
-    """A rectangle of mosaic pixels."""
+    """Rectangle of mosaic pixels."""
 
     row: int
     col: int
@@ -55,7 +55,7 @@ class SquareGrid:
 
 @dataclass(frozen=True)
 class MosaicGrid:
-    """The rectangle of the grid that the mosaic fills.
+    """Rectangle of the grid that the mosaic fills.
 
     Pixel (r, c) has its centre at x = (first_col + c + 1/2) gsd_m, y = -(first_row + r + 1/2) gsd_m.
     """

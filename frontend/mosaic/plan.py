@@ -27,7 +27,7 @@ POINTS_PER_SIDE = 20
 SUFFICIENT_RATIO = 0.6
 """Ground is covered once a kept picture has at least this share of the best weight there."""
 MIN_NEEDED_SHARE = 0.02
-"""A picture is kept if it is needed for more than this share of the cells it sees."""
+"""Smallest share of the cells it sees for which a kept picture must be needed."""
 CANVAS_RATIO = 4.0
 """Largest ratio of the canvas to the area of its groups. Distant groups that exceed it are left out."""
 

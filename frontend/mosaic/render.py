@@ -265,7 +265,7 @@ def _blending_bounds(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
 
 
 def _warp(plan: MosaicPlan, index: int, part: Tile, pictures: Pictures, exposure: Exposure) -> Float32:
-    """Return a picture (rows, cols, 3) BGR on the mosaic's pixels, exposure corrected, mirrored beyond it."""
+    """Return a picture (rows, cols, 3) BGR on the mosaic's pixels, exposure corrected, mirrored outside."""
     picture = pictures[index]
     assert picture is not None
     u, v = pixel_maps(plan.camera, plan.views[index], plan.lattice(part.row, part.col, part.rows, part.cols))

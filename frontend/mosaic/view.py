@@ -42,7 +42,7 @@ class MosaicView:
 
 @dataclass(frozen=True)
 class Lattice:
-    """A piece of a regular grid over the floor, rows to the south."""
+    """Part of a regular grid over the floor, rows to the south."""
 
     x0_m: float
     y0_m: float

@@ -1,4 +1,4 @@
-"""The header of a ``data.csv``: which columns there are, in which units."""
+"""Header of a ``data.csv``: names and units of the columns."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class CsvColumn:
     @property
     def in_unit(self) -> str:
         """Return the unit as text."""
-        return "plain numbers, 1 for the whole" if self.unit == "1" else f"[{self.unit}]"
+        return "plain numbers, 1 for the whole range" if self.unit == "1" else f"[{self.unit}]"
 
 
 def header_of(columns: tuple[CsvColumn, ...]) -> str:

@@ -165,7 +165,7 @@ def _last_row_is_truncated(lines: list[bytes], width: int) -> bool:
 
 
 def _last_name_is_truncated(lines: list[bytes]) -> bool:
-    """Return whether a last line without a line end lost the end of its name. The line before has a whole
+    """Return whether a last line without a line end lost the end of its name. The line before has a complete
     one.
     """
     if len(lines) < 2:
@@ -269,16 +269,16 @@ def _check_limits(table: CsvTable, columns: tuple[CsvColumn, ...]) -> CsvTable:
     """Set values beyond the limit of a column to missing. Raises ``InputError`` if most are beyond it."""
     notes = list(table.notes)
     for k, column in enumerate(columns):
-        beyond = np.abs(table.values[:, k]) > column.limit
-        count = int(beyond.sum())
+        too_large = np.abs(table.values[:, k]) > column.limit
+        count = int(too_large.sum())
         if not count:
             continue
-        first = int(np.argmax(beyond))
+        first = int(np.argmax(too_large))
         value, line = table.values[first, k], int(table.lines[first])
         if count > 0.5 * np.isfinite(table.values[:, k]).sum() and count > 1:
             what = f"has {column.name} = {value:g} and most others beyond {column.most}"
             raise refusal(table.path, what, f"give the column in {column.in_unit}", line)
-        table.values[beyond, k] = np.nan
-        beyond_what = f"{column.name} beyond {column.most}"
-        notes.append(f"{count} values of {beyond_what} treated as missing (first: line {line})")
+        table.values[too_large, k] = np.nan
+        what = f"{column.name} beyond {column.most}"
+        notes.append(f"{count} values of {what} treated as missing (first: line {line})")
     return CsvTable(table.path, table.stamps_ns, table.values, (), table.lines, tuple(notes), table.truncated)

@@ -1,7 +1,7 @@
-"""The files of an estimate: trajectory.tum, estimate.npz and loops.csv.
+"""Files of an estimate: trajectory.tum, estimate.npz and loops.csv.
 
-``estimate.npz`` holds all of an estimate; the other two hold what other tools and people read. Its arrays, n
-keyframes, m edges, l loops:
+``estimate.npz`` contains the complete estimate; the other two files are for other tools and readers. Its
+arrays for n keyframes, m edges and l loops are:
 
 | name | shape, type | what |
 |---|---|---|
@@ -14,7 +14,7 @@ keyframes, m edges, l loops:
 | loop_ij, loop_verdict, loop_reason | (l, 2) int64, (l,) text, (l,) text | |
 | record | () text | JSON: name, status, epoch_ns, camera, floor, origin, counts, warnings |
 
-Nothing in it is pickled, and nothing pickled is read.
+Objects are never pickled, and pickled content is refused.
 """
 
 from __future__ import annotations

@@ -127,9 +127,7 @@ def _read_streams(recording: _Recording) -> None:
     known = {"cam0", *COLUMNS}
     if not any(p.name in known for p in folders):
         found = brief(", ".join(p.name for p in folders) or "nothing", 120)
-        raise refusal(
-            mav0, f"has no stream that is known (found: {found})", f"add one of {', '.join(sorted(known))}"
-        )
+        raise refusal(mav0, f"has no known stream (found: {found})", f"add one of {', '.join(sorted(known))}")
     for folder in folders:
         if folder.name in known:
             _read_stream(recording, folder)

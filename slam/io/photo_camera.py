@@ -95,7 +95,7 @@ def _focal(tags: PhotoTags) -> _Focal:
     fallback = _Focal(
         assumed,
         "assumed",
-        f"assumed: a view of {ASSUMED_VIEW_DEG:g} degrees along the longer side, as the tags say nothing",
+        f"assumed: a view of {ASSUMED_VIEW_DEG:g} degrees along the longer side; the tags give none",
     )
     return next((c for c in candidates if _is_plausible(c.px, tags)), fallback)
 

@@ -39,7 +39,7 @@ class Photo:
 
 @dataclass(frozen=True)
 class AttitudeSource:
-    """A kind of attitude angles with its accuracy."""
+    """Kind of attitude angles with its accuracy."""
 
     description: str
     angles: Callable[[PhotoTags], Angles | None]
@@ -83,7 +83,9 @@ def select_photos(folder: Path, progress: Progress) -> PhotoSet:
         for reason, names in sorted(left_out.items())
     )
     if not photos:
-        raise refusal(folder, f"no photograph in it can be used: {'; '.join(lines)}", "mend or replace them")
+        raise refusal(
+            folder, f"no photograph in it can be used: {'; '.join(lines)}", "repair or replace them"
+        )
     without = sum(photo.w_R_b is None for photo in photos)
     if source is None or without == len(photos):
         attitude = "no attitude recorded: straight down assumed"
@@ -110,7 +112,7 @@ def _find(folder: Path) -> tuple[list[tuple[str, Path]], tuple[str, ...]]:
     paths = sorted(here or in_subfolders, key=lambda path: _natural(str(path.relative_to(folder))))
     same = Counter(path.name for path in paths)
     named = [(p.name if same[p.name] == 1 else "_".join(p.relative_to(folder).parts), p) for p in paths]
-    remark = f"no photographs in the folder itself: the {len(in_subfolders)} in its subfolders are taken"
+    remark = f"no photographs in the folder itself: the {len(in_subfolders)} in its subfolders are used"
     return named, (remark,) if in_subfolders else ()
 
 

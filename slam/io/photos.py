@@ -83,7 +83,7 @@ def _sort_by_time(photos: Sequence[Photo]) -> tuple[Sequence[Photo], NDArray[np.
     for times, remark in (
         (
             camera,
-            "" if zones_known else "times from the camera's clock, its time zone unknown and taken as UTC",
+            "" if zones_known else "times from the camera's clock, time zone unknown, UTC assumed",
         ),
         (satellite, "times from the satellites' clock"),
     ):

@@ -30,7 +30,7 @@ RIGID_TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class YamlFile:
-    """A mapping read from a YAML file, with the line of each of its keys."""
+    """Mapping from a YAML file, with the line of each key."""
 
     path: Path
     fields: dict[str, Value] = field(default_factory=dict)

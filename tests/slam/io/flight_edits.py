@@ -49,7 +49,7 @@ def assert_refused(folder, *words):
     return message
 
 
-def assert_told(folder, *words):
+def assert_warned(folder, *words):
     flight = read_flight(folder)
     assert any(all(w in line for w in words) for line in flight.warnings), flight.warnings
     return flight

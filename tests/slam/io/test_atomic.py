@@ -21,7 +21,7 @@ def names(folder):
     return sorted(p.name for p in folder.iterdir())
 
 
-def test_file_is_there_only_when_done(tmp_path):
+def test_file_appears_only_when_complete(tmp_path):
     target = tmp_path / "deep" / "a.tif"
     with atomic_file(target) as temporary:
         assert temporary.suffix == ".tif"
@@ -61,7 +61,7 @@ def test_permissions_are_the_users(tmp_path):
     assert (tmp_path / "a").stat().st_mode == (tmp_path / "b").stat().st_mode
 
 
-def test_folder_is_there_only_when_done(tmp_path):
+def test_folder_appears_only_when_complete(tmp_path):
     target = tmp_path / "deep" / "out"
     with atomic_folder(target) as temporary:
         (temporary / "sub").mkdir()
@@ -71,7 +71,7 @@ def test_folder_is_there_only_when_done(tmp_path):
     assert names(target.parent) == ["out"]
 
 
-def test_empty_folder_is_taken(tmp_path):
+def test_empty_target_folder_is_accepted(tmp_path):
     (tmp_path / "out").mkdir()
     with atomic_folder(tmp_path / "out") as temporary:
         (temporary / "a").touch()
@@ -79,7 +79,7 @@ def test_empty_folder_is_taken(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["folder", "file"])
-def test_what_is_there_is_refused_and_kept(tmp_path, kind):
+def test_non_empty_target_is_refused_and_kept(tmp_path, kind):
     target = tmp_path / "out"
     if kind == "folder":
         target.mkdir()
@@ -92,7 +92,7 @@ def test_what_is_there_is_refused_and_kept(tmp_path, kind):
     assert kind == "file" or names(target) == ["mine"]
 
 
-def test_replacing_keeps_the_old_until_done(tmp_path):
+def test_replacing_keeps_the_old_folder_until_complete(tmp_path):
     target = tmp_path / "out"
     target.mkdir()
     (target / "old").touch()
@@ -138,7 +138,7 @@ with atomic_folder(sys.argv[2], replace=True) as folder:
 
 
 @pytest.mark.parametrize("old", [True, False])
-def test_after_kill_the_next_run_starts_clean(tmp_path, old):
+def test_run_after_a_kill_starts_clean(tmp_path, old):
     target = tmp_path / "out"
     if old:
         target.mkdir()
@@ -156,7 +156,7 @@ def test_after_kill_the_next_run_starts_clean(tmp_path, old):
     assert names(tmp_path) == ["out"]
 
 
-def test_killed_between_the_renames(tmp_path):
+def test_run_killed_between_the_renames_is_recovered(tmp_path):
     """The old folder stands aside and the new one has not come: the old one comes back."""
     (tmp_path / ".out.old").mkdir()
     (tmp_path / ".out.old/a").touch()
@@ -183,7 +183,7 @@ def test_a_full_disk_is_one_line_about_the_target(tmp_path, building, number):
 
 
 @pytest.mark.parametrize("step", ["fsync", "replace"])
-def test_its_own_steps_are_explained_whatever_they_meet(tmp_path, monkeypatch, step):
+def test_errors_of_its_own_steps_name_the_target(tmp_path, monkeypatch, step):
     (tmp_path / "out").write_text("old")
     monkeypatch.setattr(os, step, failing(OSError(errno.EIO, os.strerror(errno.EIO))))
     with pytest.raises(InputError, match="out: cannot be written; the disk reports a fault"):
@@ -193,7 +193,7 @@ def test_its_own_steps_are_explained_whatever_they_meet(tmp_path, monkeypatch, s
 
 
 @pytest.mark.parametrize("building", [atomic_file, atomic_folder])
-def test_what_the_writer_meets_elsewhere_is_not_blamed_on_the_target(tmp_path, building):
+def test_errors_elsewhere_pass_unchanged(tmp_path, building):
     """Neither a file that is missing, nor one beside the target, nor a disk that cannot be read."""
     for error in (
         FileNotFoundError(errno.ENOENT, "gone", str(tmp_path / "in.txt")),
@@ -209,7 +209,7 @@ def test_what_the_writer_meets_elsewhere_is_not_blamed_on_the_target(tmp_path, b
     assert names(tmp_path) == []
 
 
-def test_parents_made_for_nothing_are_removed(tmp_path):
+def test_created_parents_are_removed_after_a_failure(tmp_path):
     with pytest.raises(ZeroDivisionError), atomic_file(tmp_path / "a" / "b" / "out"):
         raise ZeroDivisionError
     with pytest.raises(InputError), atomic_folder(tmp_path / "a" / ("x" * 300)):
@@ -217,7 +217,7 @@ def test_parents_made_for_nothing_are_removed(tmp_path):
     assert names(tmp_path) == []
 
 
-def test_places_that_cannot_be(tmp_path):
+def test_impossible_targets_are_refused(tmp_path):
     (tmp_path / "file").touch()
     for place in (tmp_path / "file" / "a", tmp_path / ("x" * 300)):
         with pytest.raises(InputError), atomic_file(place):
@@ -231,7 +231,7 @@ def test_places_that_cannot_be(tmp_path):
         pytest.fail("must not start")
 
 
-def test_many_runs_on_one_target_leave_one_whole_output(tmp_path):
+def test_many_runs_on_one_target_leave_one_complete_output(tmp_path):
     """Whoever wins, the output holds one run's two files and nothing else is left."""
     script = """
 import sys

@@ -30,7 +30,7 @@ def one(stamps_ns, **options):
     return tables["s"], remarks
 
 
-def test_sound_stamps_pass_untouched():
+def test_valid_stamps_are_unchanged():
     stamps = regular(100)
     out, remarks = one(stamps)
     np.testing.assert_array_equal(out.stamps_ns, stamps)
@@ -78,7 +78,7 @@ def test_repeated_rows_and_equal_stamps_are_counted():
 
 @pytest.mark.parametrize("jump_ns", [HOUR, -HOUR, -2 * 10**9, -20 * 10**9, 50 * HOUR])
 @pytest.mark.parametrize("at", [50, 1500, 2900])
-def test_a_lasting_jump_is_taken_back(jump_ns, at):
+def test_a_permanent_jump_is_removed(jump_ns, at):
     stamps = regular(50)
     jumped = stamps.copy()
     jumped[at:] += jump_ns
@@ -106,17 +106,17 @@ def test_streams_keep_their_alignment_over_a_jump(jump_ns):
 
 
 @pytest.mark.parametrize("at", [0, 1, 700, 2999])
-@pytest.mark.parametrize("wild", [HOUR, -HOUR, 1 << 59, -START])
-def test_a_single_wild_stamp_is_dropped(at, wild):
+@pytest.mark.parametrize("outlier", [HOUR, -HOUR, 1 << 59, -START])
+def test_a_single_outlying_stamp_is_dropped(at, outlier):
     stamps = regular(50)
     bad = stamps.copy()
-    bad[at] += wild
+    bad[at] += outlier
     out, remarks = one(bad)
     np.testing.assert_array_equal(out.stamps_ns, np.delete(stamps, at))
     assert len(remarks) == 1
 
 
-def test_a_clock_that_jumps_and_comes_back():
+def test_a_temporary_jump_of_the_clock_is_repaired():
     stamps = regular(50)
     bad = stamps.copy()
     bad[1000:1400] += HOUR
@@ -126,7 +126,7 @@ def test_a_clock_that_jumps_and_comes_back():
     assert len(remarks) == 2
 
 
-def test_a_pause_is_no_jump():
+def test_a_pause_is_not_a_jump():
     stamps = regular(50)
     stamps[1000:] += 10 * 10**9
     out, remarks = one(stamps)

@@ -26,7 +26,7 @@ def read(path: Path) -> CsvTable:
 
 @pytest.mark.parametrize("block", [1, 3, 4, 11, 12, 100])
 @pytest.mark.parametrize("odd", [None, 0, 10])
-def test_blocks_change_nothing(
+def test_result_does_not_depend_on_the_block_size(
     block: int, odd: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nor where a row that is not as usual lies in any of them."""

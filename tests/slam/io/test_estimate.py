@@ -67,7 +67,7 @@ def same(one, other):
 @pytest.mark.parametrize(
     "made", [full_estimate(), estimate_of(np.zeros((0, 4, 4))), estimate_of(np.eye(4)[None])]
 )
-def test_what_was_written_comes_back_whole(made, tmp_path):
+def test_written_estimate_is_read_back_unchanged(made, tmp_path):
     paths = write_estimate(made, tmp_path)
     assert sorted(tmp_path.iterdir()) == sorted(paths)
     back = read_estimate(tmp_path)
@@ -78,7 +78,7 @@ def test_what_was_written_comes_back_whole(made, tmp_path):
     np.testing.assert_array_equal(back.stamps_ns, made.stamps_ns)
 
 
-def test_the_documented_arrays_are_there_without_pickle(tmp_path):
+def test_documented_arrays_are_read_without_pickle(tmp_path):
     made = full_estimate()
     write_estimate(made, tmp_path)
     with np.load(tmp_path / "estimate.npz", allow_pickle=False) as arrays:
@@ -108,7 +108,7 @@ def test_a_stamp_before_zero_keeps_its_sign():
     assert trajectory_text(made).splitlines()[1].startswith("-1.500000000 ")
 
 
-def test_loops_csv_survives_any_reason():
+def test_loops_csv_quotes_any_reason():
     made = full_estimate()
     rows = list(csv.DictReader(io.StringIO(loops_text(made))))
     assert [(row["i"], row["j"], row["verdict"]) for row in rows] == [
@@ -159,11 +159,11 @@ def record(**change):
     return stored(np.array(json.dumps(whole | change)))
 
 
-def test_a_missing_file_names_what_makes_it(tmp_path):
+def test_error_of_a_missing_file_names_the_command(tmp_path):
     assert "slam optimize" in assert_refused(tmp_path / "estimate.npz")
 
 
-def test_recompressed_by_another_tool_it_is_read(written):
+def test_recompressed_file_is_read(written):
     rewritten(written, {"record.npy": record()})
     assert read_estimate(written.parent).frames == 80
 
@@ -195,7 +195,7 @@ def test_another_shape_or_content_is_refused(written, name, content):
     assert_refused(written)
 
 
-def test_a_pickle_is_never_run(written):
+def test_pickled_content_is_refused(written):
     class Bomb:
         def __reduce__(self):
             return (pytest.fail, ("the pickle was run",))
@@ -215,12 +215,12 @@ def header(shape):
 @pytest.mark.parametrize(
     "content", [header((20_000_000_000, 4, 4)), header((-20, 4, 4)), header((20, 4, 4)).replace(b"}", b" ")]
 )
-def test_an_array_that_lies_about_its_length_is_refused_before_it_is_made(written, content):
+def test_wrong_array_length_is_refused_before_allocation(written, content):
     rewritten(written, {"w_T_b.npy": content})
     assert_refused(written)
 
 
-def test_a_bomb_is_refused_by_its_directory(written):
+def test_decompression_bomb_is_refused_by_its_directory(written):
     rewritten(written, {"w_T_b.npy": stored(np.zeros((1_000_000, 4, 4)))})
     assert written.stat().st_size < 1_000_000
     assert "unpacks to" in assert_refused(written)

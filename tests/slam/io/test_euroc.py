@@ -107,8 +107,8 @@ def recording(root, *streams, T_cam=T_BC, vicon_T=np.eye(4), n_R_b=N_R_B):
     return root
 
 
-def warned(flight, words):
-    return [line for line in flight.warnings if words in line]
+def warned(flight, text):
+    return [line for line in flight.warnings if text in line]
 
 
 def test_a_machine_hall_recording(tmp_path):
@@ -148,7 +148,7 @@ CYCLIC = np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])
 
 
 @pytest.mark.parametrize("n_R_b", [N_R_B, CYCLIC], ids=["euroc", "cyclic"])
-def test_axes_are_renamed_and_nothing_moves(tmp_path, n_R_b):
+def test_renamed_axes_leave_the_motion_unchanged(tmp_path, n_R_b):
     T_cam = T_BC if n_R_b is N_R_B else _rigid(n_R_b.T @ AHEAD)
     flight = import_euroc(recording(tmp_path, "truth", T_cam=T_cam, n_R_b=n_R_b))
     recorded = trajectory(n_R_b)
@@ -162,7 +162,7 @@ def test_axes_are_renamed_and_nothing_moves(tmp_path, n_R_b):
     assert np.linalg.det(flight.camera.b_T_c[:3, :3]) == pytest.approx(1)
 
 
-def test_a_level_body_with_a_camera_that_looks_down_is_left_alone(tmp_path):
+def test_level_body_with_a_down_looking_camera_is_unchanged(tmp_path):
     root = recording(tmp_path)
     down = N_R_B.T @ np.array([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]])
     folder = root / "mav0"
@@ -182,7 +182,7 @@ def _rigid(R):
     return T
 
 
-def test_vicon_is_carried_from_its_markers_to_the_body(tmp_path):
+def test_vicon_poses_are_transformed_from_the_markers_to_the_body(tmp_path):
     markers = np.eye(4)
     markers[:3, :3] = Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix()
     markers[:3, 3] = [0.06, -0.02, 0.1]
@@ -193,7 +193,7 @@ def test_vicon_is_carried_from_its_markers_to_the_body(tmp_path):
     assert warned(flight, "vicon0: used as the ground truth")
 
 
-def test_the_estimate_comes_before_vicon(tmp_path):
+def test_ground_truth_estimate_is_preferred_to_vicon(tmp_path):
     flight = import_euroc(
         recording(tmp_path, "vicon0", "truth", vicon_T=_rigid(Rotation.from_rotvec([1, 0, 0]).as_matrix()))
     )
@@ -213,17 +213,17 @@ def test_vicon_rows_without_a_pose_are_counted(tmp_path):
     assert warned(flight, "2 rows without a complete pose")
 
 
-def test_positions_alone_are_no_truth(tmp_path):
+def test_positions_alone_are_not_a_reference(tmp_path):
     flight = import_euroc(recording(tmp_path, "leica0"))
     assert flight.truth is None
     assert warned(flight, "leica0: holds positions without attitude")
 
 
-def test_mav0_itself_may_be_named(tmp_path):
+def test_mav0_is_accepted_as_the_folder(tmp_path):
     assert len(import_euroc(recording(tmp_path / "V1_01") / "mav0").frames) == 3
 
 
-def test_it_becomes_a_flight_folder(tmp_path):
+def test_recording_is_written_as_a_flight_folder(tmp_path):
     flight = import_euroc(recording(tmp_path / "in", "truth"))
     write_flight(flight, tmp_path / "out")
     again = read_flight(tmp_path / "out")

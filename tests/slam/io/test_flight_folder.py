@@ -45,7 +45,7 @@ def assert_same(a, b, tolerance=0.0):
             np.testing.assert_allclose(y, x, rtol=tolerance, atol=tolerance, err_msg=field.name)
 
 
-def test_every_stream_comes_back(tmp_path):
+def test_every_stream_is_read_back(tmp_path):
     flight = made_flight()
     write_flight(flight, tmp_path / "f")
     back = read_flight(tmp_path / "f")
@@ -64,7 +64,7 @@ def test_every_stream_comes_back(tmp_path):
     assert back.warnings == ()
 
 
-def test_what_else_is_told_of_a_camera_comes_back(tmp_path):
+def test_uncertainties_of_a_camera_are_read_back(tmp_path):
     flight = made_flight()
     unsure = dataclasses.replace(
         flight.camera, focal_std_ratio=0.03, radial_std=0.1, mount_std_rad=0.02, readout_s=0.03
@@ -73,7 +73,7 @@ def test_what_else_is_told_of_a_camera_comes_back(tmp_path):
     assert_same(unsure, read_flight(tmp_path / "f").camera)
 
 
-def test_pictures_come_back_and_stay_on_disk(tmp_path):
+def test_pictures_are_read_back_and_stay_on_disk(tmp_path):
     flight = made_flight()
     write_flight(flight, tmp_path / "f")
     back = read_flight(tmp_path / "f")
@@ -106,7 +106,7 @@ def test_writing_twice_gives_the_same_bytes(tmp_path):
 
 
 @pytest.mark.parametrize("image_format", ["png", "jpg"])
-def test_names_that_no_file_can_bear(tmp_path, image_format):
+def test_invalid_file_names_are_replaced(tmp_path, image_format):
     names = (
         "../up.png",
         "/abs.png",
@@ -133,7 +133,7 @@ def test_names_that_no_file_can_bear(tmp_path, image_format):
     assert back.frames.names[6] == f"sub/e{suffix}"
 
 
-def test_target_that_holds_something_is_refused(tmp_path):
+def test_non_empty_target_is_refused(tmp_path):
     (tmp_path / "f").mkdir()
     (tmp_path / "f/mine.txt").write_text("keep")
     with pytest.raises(InputError, match="not empty"):
@@ -142,7 +142,7 @@ def test_target_that_holds_something_is_refused(tmp_path):
     assert (tmp_path / "f/mine.txt").read_text() == "keep"
 
 
-def test_a_picture_that_fails_to_come_leaves_nothing(tmp_path):
+def test_failing_loader_leaves_no_output(tmp_path):
     def load(k):
         if k == 3:
             raise RuntimeError("camera on fire")
@@ -162,7 +162,7 @@ def test_the_table_of_streams_is_that_of_the_format_and_of_a_flight():
     assert set(STREAMS) == stamped
 
 
-def test_absent_stays_absent(tmp_path):
+def test_absent_streams_are_read_back_as_absent(tmp_path):
     only = made_flight().command
     write_flight(Flight("c", command=only), tmp_path / "f")
     back = read_flight(tmp_path / "f")
@@ -210,7 +210,7 @@ SERIES = {
 
 @settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(values(6, 200.0), st.sampled_from(sorted(SERIES)), st.integers(0, 2**32), st.integers(1, 2 * 10**18))
-def test_numbers_come_back_to_the_last_bit(tmp_path_factory, made, field, seed, epoch_ns):
+def test_numbers_are_read_back_to_the_last_bit(tmp_path_factory, made, field, seed, epoch_ns):
     t = stamps(len(made), seed)
     t -= t[0]
     t = ns(t)
@@ -227,7 +227,7 @@ def test_numbers_come_back_to_the_last_bit(tmp_path_factory, made, field, seed, 
 
 @given(arrays(np.float64, (7,), elements=st.floats(-50, 50)))
 @settings(max_examples=15, deadline=None)
-def test_truth_comes_back(tmp_path_factory, made):
+def test_truth_is_read_back(tmp_path_factory, made):
     from scipy.spatial.transform import Rotation
 
     w_T_b = np.eye(4)[None].repeat(2, 0)
@@ -251,21 +251,23 @@ def test_truth_comes_back(tmp_path_factory, made):
         st.text(st.characters(codec="utf-8", exclude_categories=["Cs", "Cn", "Co"]), min_size=1),
     ),
 )
-def test_notes_come_back_whatever_they_say(tmp_path_factory, notes):
+def test_any_notes_are_read_back(tmp_path_factory, notes):
     path = tmp_path_factory.mktemp("n") / "f"
     write_flight(Flight("n", battery=made_flight().battery, notes=notes), path)
     assert read_flight(path).notes == notes
 
 
-def test_what_was_assumed_comes_back_and_stays(tmp_path):
-    told = (
+def test_warnings_are_read_back_and_kept(tmp_path):
+    expected = (
         "5 of 80 photographs left out: blurred (a.jpg)",
         "accuracy of the GPS: assumed",
         "# \u2028 'x': [y",
     )
-    write_flight(dataclasses.replace(made_flight(), warnings=told), tmp_path / "a")
+    write_flight(dataclasses.replace(made_flight(), warnings=expected), tmp_path / "a")
     once = read_flight(tmp_path / "a")
-    assert once.warnings == (*told[:2], "# \N{REPLACEMENT CHARACTER} 'x': [y"), "hostile text stays one line"
+    assert once.warnings == (*expected[:2], "# \N{REPLACEMENT CHARACTER} 'x': [y"), (
+        "hostile text stays one line"
+    )
     write_flight(once, tmp_path / "b")
     assert read_flight(tmp_path / "b").warnings == once.warnings
     about = tmp_path / "b" / "flight.yaml"
@@ -292,8 +294,8 @@ def test_measured_flights_read(tmp_path):
         for series in known:
             assert (np.diff(series.stamps_s) > 0).all(), name
         assert min(s.stamps_s[0] for s in known) == 0.0
-        told = ("not a stream", "treated as missing: at or beyond max_range")
-        assert all(any(t in w for t in told) for w in flight.warnings), (name, flight.warnings)
+        expected = ("not a stream", "treated as missing: at or beyond max_range")
+        assert all(any(t in w for t in expected) for w in flight.warnings), (name, flight.warnings)
 
 
 @pytest.mark.skipif(not DATA, reason="SLAM_DATA is not set")

@@ -8,7 +8,7 @@ import pytest
 
 from slam.core.flight import Flight
 from slam.io.flight_folder import read_flight, write_flight
-from tests.slam.io.flight_edits import assert_refused, assert_told, change, change_row, mav, scale
+from tests.slam.io.flight_edits import assert_refused, assert_warned, change, change_row, mav, scale
 from tests.slam.io.made_flight import made_flight, picture
 
 
@@ -38,7 +38,7 @@ def test_line_endings_bom_spaces_and_extra_columns(folder):
     decoyed = ["#timestamp [ns], range_raw [m], range [m]"]
     decoyed += [f"{r.split(',')[0]} , 77.7, {r.split(',')[1]} " for r in rows[1:]]
     csv.write_text("\n".join(decoyed) + "\n")
-    assert_same_streams(before, assert_told(folder, "sonar0", "range_raw"), "sonar")
+    assert_same_streams(before, assert_warned(folder, "sonar0", "range_raw"), "sonar")
 
 
 def test_units_may_be_spelt_otherwise(folder):
@@ -46,30 +46,30 @@ def test_units_may_be_spelt_otherwise(folder):
     assert read_flight(folder).warnings == ()
 
 
-def test_missing_values_stay_missing_or_go(folder):
+def test_missing_values_are_kept_or_their_rows_dropped(folder):
     before = read_flight(folder)
     for stream, column in (("imu0", 2), ("sonar0", 1), ("attitude0", 1), ("gps0", 1), ("velocity0", 2)):
         change_row(mav(folder, stream) / "data.csv", 12, column, "NaN")
     change_row(mav(folder, "battery0") / "data.csv", 12, 1, "inf")
-    after = assert_told(folder, "imu0", "1 rows dropped")
+    after = assert_warned(folder, "imu0", "1 rows dropped")
     assert len(after.imu.stamps_s) == len(before.imu.stamps_s) - 1
     assert len(after.gps.stamps_s) == len(before.gps.stamps_s) - 1
     assert np.isnan(after.sonar.range_m[10])
     assert np.isnan(after.attitude.roll_pitch_yaw_rad[10, 0])
     assert np.isnan(after.velocity.v_m_s[10, 1])
     assert np.isnan(after.battery.value[10])
-    assert_told(folder, "battery0", "1 infinite")
+    assert_warned(folder, "battery0", "1 infinite")
 
 
-def test_impossible_values_are_taken_out_and_counted(folder):
+def test_impossible_values_are_removed_and_counted(folder):
     change_row(mav(folder, "imu0") / "data.csv", 9, 4, "1e30")
     change_row(mav(folder, "sonar0") / "data.csv", 9, 1, "-0.5")
     change_row(mav(folder, "sonar0") / "data.csv", 11, 1, "65.535")
-    flight = assert_told(folder, "imu0", "a_RS_S_x", "line 9")
+    flight = assert_warned(folder, "imu0", "a_RS_S_x", "line 9")
     assert np.abs(flight.imu.accel_m_s2).max() < 100
     assert np.isnan(flight.sonar.range_m[[7, 9]]).all()
-    assert_told(folder, "sonar0", "zero or less")
-    assert_told(folder, "sonar0", "max_range")
+    assert_warned(folder, "sonar0", "zero or less")
+    assert_warned(folder, "sonar0", "max_range")
 
 
 def test_quaternions(folder):
@@ -78,20 +78,24 @@ def test_quaternions(folder):
         change_row(csv, 9, column, "0")
     before = len(made_flight().truth.stamps_s)
     assert (
-        len(assert_told(folder, "state_groundtruth_estimate0", "1 rows dropped", "quaternion").truth.stamps_s)
+        len(
+            assert_warned(
+                folder, "state_groundtruth_estimate0", "1 rows dropped", "quaternion"
+            ).truth.stamps_s
+        )
         == before - 1
     )
     scale(csv, (4, 5, 6, 7), 2)
     assert_refused(folder, "state_groundtruth_estimate0/data.csv, line 2", "quaternion")
 
 
-def test_first_fixes_at_zero_zero_go(folder):
+def test_fixes_at_zero_zero_are_dropped(folder):
     for column in (1, 2):
         change_row(mav(folder, "gps0") / "data.csv", 2, column, "0")
-    assert abs(assert_told(folder, "gps0", "no fix").geo_origin().latitude_deg - 47.3) < 0.01
+    assert abs(assert_warned(folder, "gps0", "no fix").geo_origin().latitude_deg - 47.3) < 0.01
 
 
-def test_ends_of_a_recorder_without_power(folder):
+def test_traces_of_a_power_loss_are_dropped(folder):
     before = read_flight(folder)
     csv = mav(folder, "imu0") / "data.csv"
     whole = csv.read_bytes()
@@ -99,25 +103,25 @@ def test_ends_of_a_recorder_without_power(folder):
     assert_same_streams(before, read_flight(folder), "imu")
     for end in (whole[:-40], whole[: len(whole) // 2]):
         csv.write_bytes(end)
-        flight = assert_told(folder, "imu0", "last line")
+        flight = assert_warned(folder, "imu0", "last line")
         n = len(flight.imu.stamps_s)
         assert n == end.count(b"\n") - 1
         np.testing.assert_array_equal(flight.imu.gyro_rad_s, before.imu.gyro_rad_s[:n])
-    assert_told(folder, "imu0", "s are lost")
+    assert_warned(folder, "imu0", "s are lost")
     csv.write_bytes(whole[:-300] + b"\0" * 300)
-    assert len(assert_told(folder, "imu0", "zeros").imu.stamps_s) < len(before.imu.stamps_s)
+    assert len(assert_warned(folder, "imu0", "zeros").imu.stamps_s) < len(before.imu.stamps_s)
     csv.write_bytes(b"\0" * 300)
     assert_refused(folder, "imu0", "is empty")
     csv.write_bytes(whole.splitlines()[0] + b"\n")
-    assert assert_told(folder, "imu0", "no rows").imu is None
+    assert assert_warned(folder, "imu0", "no rows").imu is None
 
 
-def test_a_cut_last_number_is_not_taken_for_a_whole_one(folder):
+def test_truncated_last_number_is_dropped(folder):
     csv = mav(folder, "barometer0") / "data.csv"
     header = csv.read_text().splitlines()[0]
     rows = [f"{10**18 + k * 10**8},{100 + k / 1000:.4f}" for k in range(20)]
     csv.write_text("\n".join([header, *rows])[:-5])
-    flight = assert_told(folder, "barometer0", "last line")
+    flight = assert_warned(folder, "barometer0", "last line")
     assert len(flight.barometer.value) == 19
 
 
@@ -129,37 +133,37 @@ def test_pictures_missing_truncated_and_of_another_size(folder):
 
     Image.fromarray(picture(0, (50, 50))).save(data / "003.png")
     (data / "stray.png").touch()
-    flight = assert_told(folder, "1 of 30 pictures are missing")
+    flight = assert_warned(folder, "1 of 30 pictures are missing")
     assert [frame.read() is None for frame in flight.frames][:5] == [False, True, True, True, False]
     assert flight.frames.load.failures == {1: "missing", 2: "truncated", 3: "is 50 x 50 px, not 48 x 36"}
-    assert_told(folder, "cam0", "not listed")
-    assert_told(folder, "cam0", "change their size")
+    assert_warned(folder, "cam0", "not listed")
+    assert_warned(folder, "cam0", "change their size")
     for path in data.iterdir():
         path.unlink()
     assert_refused(folder, "none of the 30")
 
 
-def test_pictures_of_twelve_bits_in_sixteen_are_told_and_read_alike(folder):
+def test_pictures_of_twelve_bits_in_sixteen_are_noted_and_read_alike(folder):
     pictures = sorted((mav(folder, "cam0") / "data").glob("*.png"))
     before = [cv2.imread(str(path)) for path in pictures]
     before[1] //= 32  # a dark one stays dark beside the others
     for path, pixels in zip(pictures, before, strict=True):
         cv2.imwrite(str(path), pixels.astype(np.uint16) * 16)
-    flight = assert_told(folder, "pictures are 16-bit", "12 bits per pixel are assumed")
+    flight = assert_warned(folder, "pictures are 16-bit", "12 bits per pixel are assumed")
     for frame, pixels in zip(flight.frames, before, strict=True):
         np.testing.assert_array_equal(frame.read(), pixels)
 
 
-def test_unknown_folders_and_misspelt_keys_are_told(folder):
+def test_unknown_folders_and_misspelt_keys_are_noted(folder):
     (folder / "mav0/flow0").mkdir()
     change(mav(folder, "sonar0") / "sensor.yaml", ("noise_std", "noise_sdt"))
-    assert_told(folder, "flow0", "skipped")
-    assert_told(folder, "sonar0", "noise_sdt", "noise_std")
+    assert_warned(folder, "flow0", "skipped")
+    assert_warned(folder, "sonar0", "noise_sdt", "noise_std")
 
 
-def test_rate_far_from_nominal_is_told(folder):
+def test_rate_far_from_nominal_is_noted(folder):
     change(mav(folder, "imu0") / "sensor.yaml", (r"rate_hz: .*", "rate_hz: 200"))
-    assert_told(folder, "imu0", "rate is 100 Hz", "200 Hz")
+    assert_warned(folder, "imu0", "rate is 100 Hz", "200 Hz")
 
 
 def test_unreadable_file(folder):
@@ -170,7 +174,7 @@ def test_unreadable_file(folder):
     assert_refused(folder, "cannot be read")
 
 
-def test_hostile_names_are_shown_on_one_line(folder, tmp_path):
+def test_unsafe_names_are_shown_on_one_line(folder, tmp_path):
     evil = tmp_path / "a\nb\x1b[31m"
     folder.rename(evil)
     (evil / "flight.yaml").write_text('name: "x\\ny"\nnoise: [1]\n')

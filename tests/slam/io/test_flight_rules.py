@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slam.io.flight_folder import read_flight, write_flight
-from tests.slam.io.flight_edits import assert_refused, assert_told, change, change_row, mav, scale
+from tests.slam.io.flight_edits import assert_refused, assert_warned, change, change_row, mav, scale
 from tests.slam.io.made_flight import made_flight
 
 
@@ -144,7 +144,7 @@ def test_alias_bomb_and_huge_yaml_are_refused_at_once(folder):
     assert_refused(folder, "bytes")
 
 
-def test_units_that_no_header_shows(folder):
+def test_implausible_units_are_refused(folder):
     imu = mav(folder, "imu0") / "data.csv"
     whole = imu.read_text()
     scale(imu, (1, 2, 3), 180 / np.pi)
@@ -189,20 +189,20 @@ def test_missing_parts(folder):
     assert_refused(folder, "imu0/data.csv", "does not exist")
 
 
-def test_camera_needs_its_yaml_others_do_without(folder):
+def test_only_the_camera_requires_its_yaml(folder):
     (mav(folder, "sonar0") / "sensor.yaml").unlink()
-    assert assert_told(folder, "sonar0", "no sensor.yaml").sonar.noise_std_m == 0.01
+    assert assert_warned(folder, "sonar0", "no sensor.yaml").sonar.noise_std_m == 0.01
     (mav(folder, "cam0") / "sensor.yaml").unlink()
     assert_refused(folder, "cam0/sensor.yaml")
 
 
-def test_what_is_no_flight(folder, tmp_path):
+def test_folders_that_are_not_flights_are_refused(folder, tmp_path):
     assert_refused(tmp_path / "nope", "does not exist")
     assert_refused(tmp_path, "holds flights: f")
     assert_refused(folder / "mav0", "folder above")
     assert_refused(folder / "flight.yaml", "not a folder")
     (tmp_path / "e" / "mav0").mkdir(parents=True)
-    assert_refused(tmp_path / "e", "no stream")
+    assert_refused(tmp_path / "e", "no known stream")
     (tmp_path / "photos").mkdir()
     assert_refused(tmp_path / "photos", "is empty")
     (tmp_path / "photos" / "a.JPG").touch()
@@ -224,7 +224,7 @@ def test_links_out_of_the_folder(folder, tmp_path):
     assert_refused(folder, "imu0", "leads out")
 
 
-def test_pipes_and_folders_for_files_do_not_hang(folder):
+def test_pipes_and_folders_instead_of_files_are_refused(folder):
     csv = mav(folder, "imu0") / "data.csv"
     csv.unlink()
     os.mkfifo(csv)
@@ -234,7 +234,7 @@ def test_pipes_and_folders_for_files_do_not_hang(folder):
     assert_refused(folder, "a folder")
 
 
-def test_a_column_without_a_unit_is_told_in_words(folder):
+def test_column_without_a_unit_is_described(folder):
     scale(mav(folder, "command0") / "data.csv", (1,), 1e9)
     message = assert_refused(folder, "command0/data.csv", "plain numbers, 1 for the whole")
     assert "[1]" not in message

@@ -38,7 +38,9 @@ def blocks(rgba: np.ndarray, side: int = 512) -> Iterator[Block]:
 
 @pytest.mark.parametrize("origin", [None, ORIGIN])
 @pytest.mark.parametrize("shape", [(1, 1), (37, 700), (1300, 1025)])
-def test_pixels_and_place_come_back(tmp_path: Path, shape: tuple[int, int], origin: GeoOrigin | None) -> None:
+def test_pixels_and_position_are_read_back(
+    tmp_path: Path, shape: tuple[int, int], origin: GeoOrigin | None
+) -> None:
     rgba = picture(*shape)
     grid = Grid(-12.5, 40.25, 0.05, shape[1], shape[0], origin)
     write_geotiff(tmp_path / "m.tif", grid, blocks(rgba))
@@ -80,7 +82,7 @@ def test_file_is_cloud_optimised(tmp_path: Path) -> None:
     assert np.abs(small[-500:, -500:, :3] - want).max() <= 1
 
 
-def test_png_and_world_file_say_the_same_as_the_geotiff(tmp_path: Path) -> None:
+def test_png_and_world_file_agree_with_the_geotiff(tmp_path: Path) -> None:
     rgba = picture(900, 1200)
     write_geotiff(tmp_path / "m.tif", Grid(-3.0, 7.0, 0.02, 1200, 900), blocks(rgba))
     assert write_png(tmp_path / "m.tif", tmp_path / "m.png", 2_000_000) == 0.02
@@ -110,7 +112,7 @@ def test_large_png_is_reduced_and_its_world_file_follows(tmp_path: Path, shape: 
     assert np.hypot(x - truth[0], y - truth[1]) < 0.2
 
 
-def test_failure_on_the_way_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+def test_failure_leaves_only_the_old_file(tmp_path: Path) -> None:
     (tmp_path / "m.tif").write_text("old")
 
     def breaks() -> Iterator[Block]:
@@ -123,7 +125,7 @@ def test_failure_on_the_way_leaves_the_old_file_and_nothing_else(tmp_path: Path)
     assert [p.name for p in tmp_path.iterdir()] == ["m.tif"]
 
 
-def test_place_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+def test_unwritable_path_is_a_one_line_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError) as caught:
         write_geotiff(tmp_path / "file" / "m.tif", Grid(-4, 4, 1, 8, 8), blocks(picture(8, 8)))
@@ -151,7 +153,7 @@ except InputError as error:
 
 @pytest.mark.parametrize("share", [0.02, 0.5, 0.97])
 @pytest.mark.parametrize("kind", ["tif", "png"])
-def test_full_disk_is_told_and_leaves_nothing(tmp_path: Path, kind: str, share: float) -> None:
+def test_full_disk_is_reported_and_leaves_nothing(tmp_path: Path, kind: str, share: float) -> None:
     write_geotiff(tmp_path / "old.tif", Grid(-4, 4, 0.1, 900, 700), blocks(picture(700, 900)))
     write_png(tmp_path / "old.tif", tmp_path / "old.png", 10**6)
     before = sorted(p.name for p in tmp_path.iterdir())

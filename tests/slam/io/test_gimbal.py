@@ -65,7 +65,7 @@ def test_flipped_gimbal_angles_are_the_same_view():
 
 
 @given(angle, st.floats(-60, 60), angle, st.floats(-25, 25), st.floats(-25, 25))
-def test_angles_come_back(yaw, off, spin, pitch, roll):
+def test_angles_are_recovered(yaw, off, spin, pitch, roll):
     for body in (body_from_gimbal(yaw, -90 + off, spin), body_from_mount(yaw, pitch, roll)):
         assert_allclose(body.T @ body, np.eye(3), atol=1e-12)
         assert np.linalg.det(body) == pytest.approx(1)

@@ -78,7 +78,7 @@ def test_orientation_in_exif_is_ignored(put):
     "damage", [b"MM\0*\xff\xff\xff\xff", b"II*\0\x08\0\0\0\x09\0\x1a\x01\x05", b"\0" * 8]
 )
 @pytest.mark.parametrize("block", [(b"\xff\xe1", b"Exif\0\0"), (b"\xff\xe2", b"MPF\0")])
-def test_damaged_tags_are_no_business_of_the_picture(put, block, damage):
+def test_damaged_tags_do_not_affect_the_picture(put, block, damage):
     """Warnings are errors here: Pillow by itself warns of these."""
     marker, name = block
     whole, content = encoded("JPEG"), name + damage + b"\xff" * 40
@@ -108,7 +108,7 @@ def test_sixteen_bit_colour_keeps_its_upper_byte(put):
 
 
 @pytest.mark.parametrize(("kind", "name"), [("TIFF", "a TIFF"), ("GIF", "a GIF"), ("BMP", "a BMP")])
-def test_foreign_formats_are_named(put, kind, name):
+def test_other_formats_are_named_in_the_error(put, kind, name):
     assert name in reason(put(encoded(kind)))
 
 
@@ -116,14 +116,14 @@ def test_float_pixels_are_refused(put):
     assert "TIFF" in reason(put(encoded("TIFF", Image.fromarray(np.ones((4, 4), np.float32)))))
 
 
-def test_every_truncation_is_noticed(put):
+def test_every_truncation_is_detected(put):
     for kind in ("PNG", "JPEG"):
         data = encoded(kind)
         for size in [*range(0, 40), *np.linspace(40, len(data) - 20, 30).astype(int)]:
             assert reason(put(data[:size])) in ("empty", "truncated", "damaged", "neither a PNG nor a JPEG")
 
 
-def test_any_flipped_bit_in_a_png_is_noticed(put):
+def test_any_flipped_bit_in_a_png_is_detected(put):
     data = encoded("PNG")
     rng = np.random.default_rng(3)
     good = read_image(put(data))
@@ -161,7 +161,7 @@ def bomb(width, height):
     )
 
 
-def test_a_bomb_is_refused_by_its_header(put):
+def test_decompression_bomb_is_refused_by_its_header(put):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert "million" in reason(put(bomb(40_000, 40_000)))
@@ -169,13 +169,13 @@ def test_a_bomb_is_refused_by_its_header(put):
         assert reason(put(bomb(0, 10))) == "damaged"
 
 
-def test_size_must_be_the_cameras(put):
+def test_size_must_be_that_of_the_camera(put):
     path = put(encoded("PNG"))
     assert read_image(path, SIZE).shape == (SIZE[1], SIZE[0], 3)
     assert "60 x 44" in reason(path, (61, 44))
 
 
-def test_what_is_no_picture(put, tmp_path):
+def test_other_files_are_refused(put, tmp_path):
     assert reason(tmp_path / "nope.png") == "missing"
     assert reason(tmp_path) == "not a file"
     assert reason(put(b"")) == "empty"

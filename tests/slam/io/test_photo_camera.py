@@ -34,7 +34,7 @@ def test_cropping_keeps_the_pixels_of_the_sensor():
     assert focal(replace(CANON, size_px=(2000, 3000))) == pytest.approx(2904.4, abs=1)
 
 
-def test_film_equivalent_is_of_the_diagonal():
+def test_film_equivalent_refers_to_the_diagonal():
     # 84 degrees on the diagonal of a 13.2 x 8.8 mm sensor, as its maker says.
     assert focal(PHANTOM) == pytest.approx(8.8 / 13.2 * 5472, rel=0.01)
     wide = PhotoTags((4000, 3000), focal_35mm=24.0)
@@ -42,7 +42,7 @@ def test_film_equivalent_is_of_the_diagonal():
     assert view == pytest.approx(84, abs=0.2)
 
 
-def test_film_equivalent_outweighs_a_sensor_resolution_that_missed_a_scaling():
+def test_film_equivalent_is_preferred_to_an_unscaled_sensor_resolution():
     scaled = replace(CANON, original_size_px=(2000, 1500), focal_35mm=25.0)
     camera, remarks = photo_camera([scaled])
     assert camera.focal_px[0] == pytest.approx(25 / 43.267 * 2500, rel=1e-3)
@@ -65,7 +65,7 @@ def test_calibration_comes_first_and_is_scaled():
     assert not camera.is_distorted
 
 
-def test_nothing_known_is_assumed_and_said():
+def test_missing_tags_are_replaced_by_a_noted_assumption():
     camera, remarks = photo_camera([PLAIN])
     assert 2 * math.degrees(math.atan(1000 / camera.focal_px[0])) == pytest.approx(65)
     assert camera.focal_std_ratio == 0.1
@@ -77,10 +77,10 @@ def test_nothing_known_is_assumed_and_said():
     "absurd",
     [{"focal_35mm": 1e5}, {"calibrated_focal_px": 3.0}, {"dewarp": (1.0, 5e3, 0, 0, 9, 9, 9, 9, 9)}],
 )
-def test_an_absurd_tag_is_not_believed(absurd):
+def test_implausible_tag_is_ignored(absurd):
     assert focal(replace(CANON, **absurd)) == pytest.approx(1452, abs=0.5)
 
 
-def test_one_damaged_tag_does_not_bend_the_camera_of_the_others():
+def test_one_damaged_tag_does_not_change_the_camera():
     camera, _ = photo_camera([replace(CANON, sensor_px_per_mm=900.0), CANON, replace(PLAIN), CANON, CANON])
     assert camera.focal_px[0] == pytest.approx(1452, abs=0.5)

@@ -121,7 +121,7 @@ def _with_orientation(data, tag):
 
 
 @pytest.mark.parametrize("elements", [False, True])
-def test_dji_tags_come_before_exif(tmp_path, elements):
+def test_dji_tags_are_preferred_to_exif(tmp_path, elements):
     drone = NADIR | {
         "GpsLatitude": "+30.500000001",
         "GpsLongtitude": "-98.25",
@@ -160,7 +160,7 @@ def test_angles_that_are_zero_throughout_were_not_recorded(tmp_path):
     assert flight.gps.noise_std_m == (5, 5, 10)
 
 
-def test_airframe_angles_serve_where_there_is_no_gimbal(tmp_path):
+def test_airframe_angles_are_used_without_a_gimbal(tmp_path):
     drone = {"FlightYawDegree": "90", "FlightPitchDegree": "3", "FlightRollDegree": "-2"}
     flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(drone=drone)}))
     assert_allclose(np.degrees(flight.attitude.roll_pitch_yaw_rad), [[-2, -3, 0]], atol=1e-9)
@@ -241,7 +241,7 @@ def test_without_times_the_names_give_the_order(tmp_path, time):
 # --- what is missing or left out ------------------------------------------------------------------------
 
 
-def test_no_gps_still_gives_a_flight(tmp_path):
+def test_flight_without_gps_is_valid(tmp_path):
     flight = import_photos(fill(tmp_path, strip(2, place=None)))
     assert flight.gps is None
     assert len(flight.frames) == 2
@@ -271,7 +271,7 @@ def test_gps_of_some_photographs_only(tmp_path):
         {GPS.GPSLongitude: (IFDRational(1), IFDRational(0))},
     ],
 )
-def test_positions_that_are_none(tmp_path, gps):
+def test_invalid_positions_are_ignored(tmp_path, gps):
     assert import_photos(fill(tmp_path, {"a.jpg": jpeg(gps=gps)})).gps is None
 
 
@@ -326,7 +326,7 @@ def test_names_in_a_long_list_are_counted(tmp_path):
     )
 
 
-def test_damaged_xmp_is_told(tmp_path):
+def test_damaged_xmp_is_noted(tmp_path):
     bomb = b'<!DOCTYPE a [<!ENTITY b "c"><!ENTITY d "&b;&b;">]><a>&d;</a>'
     for packet in (b"<x:xmpmeta><broken", bomb):
         flight = import_photos(fill(tmp_path, {"a.jpg": with_xmp(jpeg(), packet)}))
