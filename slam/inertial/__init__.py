@@ -1,1 +1,1 @@
-"""A flight's motion from its instruments alone: what they read, how far each is trusted, the filter."""
+"""Motion of a flight from its instruments alone: readings, noise identification and filter."""

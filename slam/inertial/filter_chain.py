@@ -1,4 +1,4 @@
-"""Where the filter has a vehicle at the times of its pictures, from what was read until then."""
+"""Filtered poses of the vehicle at the times of its pictures."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ Array = NDArray[np.float64]
 
 
 def filter_chain(flight: Flight, stamps_s: Array) -> Array:
-    """Poses (n, 4, 4) at increasing ``stamps_s`` (n,), of the instruments but the camera.
+    """Return filtered poses (n, 4, 4) at increasing ``stamps_s`` (n,), without the camera.
 
-    The paper's map with inertia (IMAV 2011, section 3.1.2: "the resulting position estimate can be used as
-    input for the map stitching algorithm"). NaN outside the time in which motion was recorded. Raises
-    ``InputError`` where too little was.
+    This is the paper's map with inertia (IMAV 2011, section 3.1.2: "the resulting position estimate can be
+    used as input for the map stitching algorithm"). Poses are NaN outside the interval of recorded motion.
+    Raises ``InputError`` where the recording is insufficient.
     """
     inputs = identify_noise(flight)
     inside = (stamps_s >= inputs.start_s) & (stamps_s <= inputs.end_s)

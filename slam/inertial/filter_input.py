@@ -1,6 +1,6 @@
-"""What a flight's instruments give the filter: readings in body axes with honest noise, and a start.
+"""Inputs of the filter from a flight: readings in body axes with realistic noise, and an initial state.
 
-Makers' figures are where this begins. Where the record itself shows more, the record is believed
+The nominal noise of the manufacturers is the lower limit. Where the recording shows more noise, that is used
 (`slam.inertial.variogram`, `slam.inertial.noise_identification`).
 """
 
@@ -28,7 +28,7 @@ from slam.inertial.instruments import (
     velocity_of,
     zeros_at,
 )
-from slam.inertial.variogram import Wander
+from slam.inertial.variogram import CorrelatedProcess
 from slam.inertial.zero_velocity import zero_velocity_times
 
 if TYPE_CHECKING:
@@ -45,52 +45,52 @@ FIELDS = {
     "position": "w_p_b_m",
     "barometer": "barometer_m",
 }
-"""Channels of the filter by name, and the readings they take."""
+"""Channel of the filter -> its field of ``Readings``."""
 
 _NEAR_S = 0.5
-"""A reading so near to the start tells of the start."""
-_STANDING_TILT_RAD = 0.01
-_STANDING_STD = 0.01, 0.003
-"""Of speed (m/s) and body rate (rad/s) while the vehicle stands."""
+"""Largest distance in time from the start of a reading that determines the initial state."""
+_REST_TILT_RAD = 0.01
+_REST_STD = 0.01, 0.003
+"""Standard deviations of velocity (m/s) and body rate (rad/s) at rest."""
 
 
 @dataclass(frozen=True)
 class Adjustments:
-    """What trials have shown of instruments, by channel."""
+    """Identified noise and delay of each channel."""
 
     noise_factor: Mapping[str, float] = field(default_factory=dict)
-    """White noise in units of the maker's or the floor."""
+    """Channel -> factor on the nominal white noise."""
     delay_s: Mapping[str, float] = field(default_factory=dict)
-    """How long after its moment a reading is stamped."""
+    """Channel -> time by which its stamps are late."""
 
 
 @dataclass(frozen=True)
 class FilterInput:
-    """All that the filter needs of a flight."""
+    """All inputs of the filter from one flight."""
 
     readings: Readings
     model: FilterModel
     start: InitialState
     start_s: float
     end_s: float
-    """Between these times the vehicle's motion was recorded."""
+    """End of the interval in which the motion was recorded; ``start_s`` is its start."""
     range_scale_std: float
     velocity_scale_std: float
-    """Standard deviations of scales: they are held, and counted in the covariances."""
+    """Standard deviations of the scales, which are fixed at 1 and enter the covariances."""
     adjustments: Adjustments
 
 
 def filter_input(
     flight: Flight, trust: InertialTrust = InertialTrust(), adjustments: Adjustments = Adjustments()
 ) -> FilterInput:
-    """Readings, model and start of a flight; readings before its motion was recorded are left out.
+    """Return readings, model and initial state of a flight, without readings before its motion was recorded.
 
-    Raises ``InputError`` where too little was recorded to tell how the vehicle moved.
+    Raises ``InputError`` where the recording is insufficient for the motion.
     """
     start_s, end_s = _span(flight)
     gyro, accel, rate, acceleration = inertial_of(flight)
-    standing_s = zero_velocity_times(flight)
-    made = Readings(
+    rest_s = zero_velocity_times(flight)
+    nominal = Readings(
         gyro_rad_s=gyro,
         accel_m_s2=accel,
         roll_pitch_yaw_rad=attitude_of(flight, trust),
@@ -98,10 +98,10 @@ def filter_input(
         velocity_m_s=velocity_of(flight, trust),
         w_p_b_m=positions_of(flight, trust),
         barometer_m=barometer_of(flight, trust),
-        rest_m_s=zeros_at(standing_s, _STANDING_STD[0]),
-        still_rad_s=zeros_at(standing_s, _STANDING_STD[1]),
+        rest_m_s=zeros_at(rest_s, _REST_STD[0]),
+        still_rad_s=zeros_at(rest_s, _REST_STD[1]),
     )
-    readings = _adjusted(made, adjustments).between(start_s, end_s)
+    readings = _adjusted(nominal, adjustments).between(start_s, end_s)
     scale = flight.sonar.scale_std if flight.sonar and readings.range_m else 0.0
     velocity_scale = flight.velocity.scale_std if flight.velocity and readings.velocity_m_s else 0.0
     return FilterInput(
@@ -116,7 +116,9 @@ def filter_input(
     )
 
 
-def _model(flight: Flight, trust: InertialTrust, rate: Wander, acceleration: Wander) -> FilterModel:
+def _model(
+    flight: Flight, trust: InertialTrust, rate: CorrelatedProcess, acceleration: CorrelatedProcess
+) -> FilterModel:
     imu, sonar, camera = flight.imu, flight.sonar, flight.camera
     return FilterModel(
         accel_m_s2=acceleration.std,
@@ -145,7 +147,7 @@ def _triple(v: Array) -> tuple[float, float, float]:
 
 
 def _span(flight: Flight) -> tuple[float, float]:
-    """When the vehicle's motion was recorded. Raises ``InputError`` where it was not."""
+    """Return the interval of recorded motion. Raises ``InputError`` where there is none."""
     attitude, velocity = flight.attitude, flight.velocity
     if flight.imu is not None and len(flight.imu.stamps_s) > 1:
         stamps_s = flight.imu.stamps_s
@@ -158,24 +160,24 @@ def _span(flight: Flight) -> tuple[float, float]:
         stamps_s = np.sort(np.concatenate([attitude.stamps_s, velocity.stamps_s]))
     else:
         raise InputError(
-            f"{one_line(flight.name)}: too little to tell how it moved ({_held(flight)}); "
+            f"{one_line(flight.name)}: too little to tell how it moved ({_missing_streams(flight)}); "
             "give it imu0, or velocity0 (both axes) with attitude0 (all three angles)"
         )
     return _begin(flight, float(stamps_s[0])), float(stamps_s[-1])
 
 
 def _begin(flight: Flight, first_s: float) -> float:
-    """When the last of those streams has come in that come in soon after the motion.
+    """Return when the last of the streams that begin soon after the motion has begun.
 
-    Until then the attitude would swing for want of them, and a heading that is exact by definition with it.
+    Before that, the attitude would swing for lack of them, and the heading, exact by definition, with it.
     """
     streams = (flight.attitude, flight.velocity, flight.sonar)
     begins = [float(s.stamps_s[0]) for s in streams if s is not None and len(s.stamps_s)]
     return max([first_s, *(begin for begin in begins if begin - first_s < _NEAR_S)])
 
 
-def _held(flight: Flight) -> str:
-    """The streams that could have told: which are missing, and what there is of the others."""
+def _missing_streams(flight: Flight) -> str:
+    """Return text on missing and incomplete streams among those that determine the motion."""
     missing, there = ["imu0 has 1 row" if flight.imu is not None else "no imu0"], []
     for name, series, values, columns in (
         ("attitude0", flight.attitude, "roll_pitch_yaw_rad", ("roll", "pitch", "yaw")),
@@ -192,16 +194,16 @@ def _held(flight: Flight) -> str:
 
 def _adjusted(readings: Readings, adjustments: Adjustments) -> Readings:
     changed: dict[str, Any] = {}
-    for name, kept in FIELDS.items():
-        held = getattr(readings, kept)
-        if held is not None and (name in adjustments.noise_factor or name in adjustments.delay_s):
+    for name, field_name in FIELDS.items():
+        series = getattr(readings, field_name)
+        if series is not None and (name in adjustments.noise_factor or name in adjustments.delay_s):
             late_s, noise_factor = adjustments.delay_s.get(name, 0.0), adjustments.noise_factor.get(name, 1.0)
-            changed[kept] = Series(held.stamps_s - late_s, held.values, noise_factor * held.std)
+            changed[field_name] = Series(series.stamps_s - late_s, series.values, noise_factor * series.std)
     return replace(readings, **changed)
 
 
 def _start(flight: Flight, readings: Readings, trust: InertialTrust, start_s: float) -> InitialState:
-    """What the first readings say of the start."""
+    """Return the initial state from the first readings."""
     positions = readings.w_p_b_m
     w_R_b, tilt_std = _first_rotation(readings, start_s, trust.tilt_error_rad)
     height = _early(readings.range_m, start_s)
@@ -213,11 +215,11 @@ def _start(flight: Flight, readings: Readings, trust: InertialTrust, start_s: fl
         heading = w_R_b[:2, 0] / np.linalg.norm(w_R_b[:2, 0])
         w_v[:2] = heading[0] * velocity[0] - heading[1] * velocity[1], heading @ velocity[::-1]
     least_m = flight.sonar.min_range_m if flight.sonar else 0.0
-    if without_height:  # then it is told from where the flight began
+    if without_height:  # heights are then relative to the start
         height_std = 0.0
     elif height is not None:
         height_std = 0.3
-    else:  # standing, a vehicle is lower than its rangefinder can tell
+    else:  # at rest, a vehicle is below the least range
         height_std = least_m / 2 if readings.rest_m_s is not None and least_m > 0 else 1.0
     return InitialState(
         height_m=float(height[0]) if height is not None else least_m / 2,
@@ -231,15 +233,15 @@ def _start(flight: Flight, readings: Readings, trust: InertialTrust, start_s: fl
         velocity_std_m_s=trust.start_speed_m_s
         if velocity is None
         else 0.2 + 0.1 * float(np.hypot(*velocity)),
-        # Standing, without wind and acceleration, a vehicle knows what is level.
-        tilt_error_rad=None if readings.rest_m_s is None else min(_STANDING_TILT_RAD, trust.tilt_error_rad),
+        # At rest, wind and acceleration do not disturb the tilt of the on-board attitude.
+        tilt_error_rad=None if readings.rest_m_s is None else min(_REST_TILT_RAD, trust.tilt_error_rad),
         yaw_zero_std_rad=0.3 if positions is not None else 1.0,
         position_zero_std_m=100.0 if with_altitude and readings.range_m is not None else 0.0,
     )
 
 
 def _early(series: Series | None, start_s: float) -> Array | None:
-    """The first complete reading, if it is near enough to the start."""
+    """Return the first complete reading (d,), if it is near enough to the start."""
     if series is None:
         return None
     rows = np.flatnonzero(np.isfinite(series.values).all(axis=1))
@@ -249,12 +251,12 @@ def _early(series: Series | None, start_s: float) -> Array | None:
 
 
 def _first_rotation(readings: Readings, start_s: float, tilt_error_rad: float) -> tuple[Array, float]:
-    """Attitude (3, 3) at the start and how far its tilt may be off."""
+    """Return the rotation (3, 3) at the start and the standard deviation of its tilt."""
     own, accel = readings.roll_pitch_yaw_rad, readings.accel_m_s2
     first = _early(own, start_s)
     if first is not None:
-        # Wider than the reading, which the filter takes once more.
-        std = max(3 * float(np.max(own.std[:2])), tilt_error_rad, _STANDING_TILT_RAD) if own else 0.1
+        # The deviation exceeds that of the reading, which the filter uses once more.
+        std = max(3 * float(np.max(own.std[:2])), tilt_error_rad, _REST_TILT_RAD) if own else 0.1
         return rotation_of(first), std
     yaw = 0.0
     if own is not None:
@@ -264,6 +266,6 @@ def _first_rotation(readings: Readings, start_s: float, tilt_error_rad: float) -
     if accel is None:
         return headed.as_matrix(), 0.3
     up = np.nanmean(accel.values[accel.stamps_s <= start_s + _NEAR_S], axis=0)
-    # The shortest turn that makes up of what is felt as up.
+    # The shortest rotation that aligns the specific force with the vertical.
     level, _ = Rotation.align_vectors([[0.0, 0.0, 1.0]], [up])
     return (headed * level).as_matrix(), 0.2

@@ -1,6 +1,6 @@
-"""A flight's streams as readings for the filter: body axes, with noise that their makers or the record tell.
+"""Conversion of a flight's streams to readings of the filter, in body axes with their noise.
 
-What is assumed of instruments beyond that stands in ``InertialTrust``.
+``InertialTrust`` holds further assumptions on the errors of instruments.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from backend.ekf.inputs import Series
 from slam.core.rotations import rotation_of
-from slam.inertial.variogram import Wander, noise_and_power, wander
+from slam.inertial.variogram import CorrelatedProcess, correlated_process, noise_and_power
 from slam.io.geodesy import enu_from_geodetic
 
 if TYPE_CHECKING:
@@ -21,69 +21,68 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_UNSEEN_RATE, _UNSEEN_ACCEL = Wander(2.0, 1.0), Wander(3.0, 1.0)
-"""How violently a vehicle moves that has no gyro and accelerometer to tell."""
+_DEFAULT_RATE, _DEFAULT_ACCEL = CorrelatedProcess(2.0, 1.0), CorrelatedProcess(3.0, 1.0)
+"""Process noise of a vehicle without gyro and accelerometer."""
 
 
 @dataclass(frozen=True)
 class InertialTrust:
-    """What is assumed of instruments beyond what their makers say; standard deviations."""
+    """Assumed errors of instruments in addition to their nominal noise, as standard deviations."""
 
     gyro_offset_rad_s: float = 0.02
     gyro_walk_rad_s2: float = 1e-3
-    """Per root Hz; no gyro's offset is believed steadier."""
+    """Least random walk of the gyro's bias, per root Hz."""
     accel_offset_m_s2: float = 0.3
     accel_walk_m_s3: float = 1e-3
-    """Per root Hz; likewise."""
+    """Least random walk of the accelerometer's bias, per root Hz."""
     attitude_floor_rad: float = 0.003
-    """White noise: no vehicle's own attitude is believed better than this."""
+    """Least white noise of the on-board attitude."""
     tilt_error_rad: float = 0.1
-    """Lasting error of its tilt: wind and long accelerations mislead it, an AR.Drone's by 8 degrees."""
+    """Correlated error of its tilt; wind and long accelerations caused 8 degrees in an AR.Drone."""
     yaw_walk_rad: float = 0.035
-    """Per root second: an AR.Drone's own yaw wandered by 17 degrees in 73 s."""
+    """Random walk of its yaw, per root second; that of an AR.Drone drifted by 17 degrees in 73 s."""
     range_floor_m: float = 0.005
     velocity_floor_m_s: float = 0.02
     velocity_error_m_s: float = 0.06
-    """Lasting error on top of the scale: that of an AR.Drone against motion capture."""
+    """Correlated error of the velocity besides its scale, that of an AR.Drone against motion capture."""
     gps_floor_m: float = 0.5
     gps_time_s: float = 5.0
-    """For so long the error of one fix is the error of the next."""
+    """Correlation time of the errors of fixes."""
     barometer_floor_m: float = 0.1
     barometer_walk_m: float = 0.1
-    """Per root second."""
+    """Random walk of the barometric height, per root second."""
     start_speed_m_s: float = 1.0
-    """How fast the vehicle may move at the start where nothing tells."""
+    """Standard deviation of the initial velocity without a measurement."""
 
 
 def complete(values: Array) -> bool:
-    """Whether each column of (n, d) holds more than one figure."""
+    """Whether each column of (n, d) holds more than one finite value."""
     return bool((np.isfinite(values).sum(axis=0) > 1).all())
 
 
-def inertial_of(flight: Flight) -> tuple[Series | None, Series | None, Wander, Wander]:
-    """Gyro and accelerometer in body axes, and how body rate and acceleration wander."""
+def inertial_of(flight: Flight) -> tuple[Series | None, Series | None, CorrelatedProcess, CorrelatedProcess]:
+    """Return gyro and accelerometer in body axes, and the process noise of body rate and acceleration."""
     imu = flight.imu
     if imu is None or len(imu.stamps_s) < 2:
-        return None, None, _UNSEEN_RATE, _UNSEEN_ACCEL
+        return None, None, _DEFAULT_RATE, _DEFAULT_ACCEL
     R = imu.b_T_s[:3, :3]
     gyro, accel = imu.gyro_rad_s @ R.T, imu.accel_m_s2 @ R.T
     step_s = float(np.median(np.diff(imu.stamps_s)))
     gyro_std, rate = noise_and_power(gyro, step_s, imu.gyro_noise_density / np.sqrt(step_s))
     accel_std, _ = noise_and_power(accel, step_s, imu.accel_noise_density / np.sqrt(step_s))
-    # A multirotor feels little of its own acceleration in body axes: it leans, and its thrust leans with it.
+    # In body axes a multirotor measures little of its acceleration, because its thrust tilts with it.
     level = _levelled(flight, gyro, accel)
     _, acceleration = noise_and_power(level, step_s, accel_std)
     return (
         Series(imu.stamps_s, gyro, np.full(3, gyro_std)),
         Series(imu.stamps_s, accel, np.full(3, accel_std)),
-        wander(gyro, rate),
-        wander(level, acceleration),
+        correlated_process(gyro, rate),
+        correlated_process(level, acceleration),
     )
 
 
 def _levelled(flight: Flight, gyro: Array, accel: Array) -> Array:
-    """Specific force (n, 3) with roll and pitch taken out, by the vehicle's own attitude or the gyro's
-    sums."""
+    """Return the specific force (n, 3) in level axes, by the on-board attitude or the integrated gyro."""
     imu, attitude = flight.imu, flight.attitude
     assert imu is not None
     if attitude is not None and complete(attitude.roll_pitch_yaw_rad[:, :2]):
@@ -98,35 +97,37 @@ def _levelled(flight: Flight, gyro: Array, accel: Array) -> Array:
 
 
 def attitude_of(flight: Flight, trust: InertialTrust) -> Series | None:
-    """The vehicle's own attitude; None where there is none."""
-    held = flight.attitude
-    if held is None or not np.isfinite(held.roll_pitch_yaw_rad).any():
+    """Return the on-board attitude, or None."""
+    attitude = flight.attitude
+    if attitude is None or not np.isfinite(attitude.roll_pitch_yaw_rad).any():
         return None
-    std = np.maximum(held.noise_std_rad, trust.attitude_floor_rad)
-    return Series(held.stamps_s, held.roll_pitch_yaw_rad, std)
+    std = np.maximum(attitude.noise_std_rad, trust.attitude_floor_rad)
+    return Series(attitude.stamps_s, attitude.roll_pitch_yaw_rad, std)
 
 
 def range_of(flight: Flight, trust: InertialTrust) -> Series | None:
-    """Ranges within the sensor's limits; None where there is none."""
-    held = flight.sonar
-    if held is None:
+    """Return the ranges within the sensor's limits, or None."""
+    sonar = flight.sonar
+    if sonar is None:
         return None
-    inside = (held.range_m >= held.min_range_m) & (held.range_m <= held.max_range_m)
-    values = np.where(inside, held.range_m, np.nan)[:, None]
-    std = np.array([max(held.noise_std_m, trust.range_floor_m)])
-    return Series(held.stamps_s, values, std) if inside.any() else None
+    inside = (sonar.range_m >= sonar.min_range_m) & (sonar.range_m <= sonar.max_range_m)
+    values = np.where(inside, sonar.range_m, np.nan)[:, None]
+    std = np.array([max(sonar.noise_std_m, trust.range_floor_m)])
+    return Series(sonar.stamps_s, values, std) if inside.any() else None
 
 
 def velocity_of(flight: Flight, trust: InertialTrust) -> Series | None:
-    """Velocity forward and left; None where there is none."""
-    held = flight.velocity
-    if held is None or not np.isfinite(held.v_m_s).any():
+    """Return the velocity forward and left, or None."""
+    velocity = flight.velocity
+    if velocity is None or not np.isfinite(velocity.v_m_s).any():
         return None
-    return Series(held.stamps_s, held.v_m_s, np.maximum(held.noise_std_m_s, trust.velocity_floor_m_s))
+    return Series(
+        velocity.stamps_s, velocity.v_m_s, np.maximum(velocity.noise_std_m_s, trust.velocity_floor_m_s)
+    )
 
 
 def positions_of(flight: Flight, trust: InertialTrust) -> Series | None:
-    """GPS east, north, up of the first fix; its up is missing where no altitude was read."""
+    """Return GPS positions east, north and up of the first fix; up is NaN without an altitude."""
     gps, origin = flight.gps, flight.geo_origin()
     if gps is None or origin is None:
         return None
@@ -135,20 +136,22 @@ def positions_of(flight: Flight, trust: InertialTrust) -> Series | None:
     enu[~np.isfinite(gps.altitude_m), 2] = np.nan
     std = np.maximum(gps.noise_std_m, trust.gps_floor_m)
     step_s = float(np.median(np.diff(gps.stamps_s))) if len(gps.stamps_s) > 1 else np.inf
-    # Fixes whose errors are one error are worth one fix.
+    # Fixes with fully correlated errors count as one fix.
     return Series(gps.stamps_s, enu, std * np.sqrt(max(1.0, 2 * trust.gps_time_s / step_s)))
 
 
 def barometer_of(flight: Flight, trust: InertialTrust) -> Series | None:
-    """Barometric height; None where there is none."""
-    held = flight.barometer
-    if held is None or not np.isfinite(held.value).any():
+    """Return the barometric height, or None."""
+    barometer = flight.barometer
+    if barometer is None or not np.isfinite(barometer.value).any():
         return None
     return Series(
-        held.stamps_s, held.value[:, None], np.array([max(held.noise_std, trust.barometer_floor_m)])
+        barometer.stamps_s,
+        barometer.value[:, None],
+        np.array([max(barometer.noise_std, trust.barometer_floor_m)]),
     )
 
 
 def zeros_at(stamps_s: Array, std: float) -> Series | None:
-    """Zeros (n, 3) at some times; None where there are none."""
+    """Return zeros (n, 3) at the given times, or None without any."""
     return Series(stamps_s, np.zeros((len(stamps_s), 3)), np.full(3, std)) if len(stamps_s) else None

@@ -1,5 +1,4 @@
-"""How a vehicle moved, from its instruments alone: filter, smoother, and what held scales add to the
-covariances."""
+"""Filtered and smoothed motion of a vehicle from its instruments, with the uncertainty of fixed scales."""
 
 from __future__ import annotations
 
@@ -29,25 +28,25 @@ def filter_motion(
     smooth: bool = True,
     progress: Progress = silent,
 ) -> Track:
-    """Filtered (and smoothed) states at ``at_s`` (n,), increasing.
+    """Return filtered (and smoothed) states at increasing times ``at_s`` (n,).
 
-    Scales of range and velocity are held at 1. What would come out if it were one standard deviation larger
-    differs by an error that the whole flight shares; its square enters the covariances. Raises
+    The scales of range and velocity are fixed at 1. A further run with each scale one standard deviation
+    larger gives an error that the whole flight shares. Its square enters the covariances. Raises
     ``BackendError``.
     """
     from backend.ekf.track import track
 
     readings = replace(inputs.readings, steps=steps)
     rounds = 1 if smooth else 0
-    others = _others(inputs)
+    scaled = _scaled_starts(inputs)
 
     def run(start: InitialState, number: int) -> Track:
-        progress("filter", number, len(others) + 1)
+        progress("filter", number, len(scaled) + 1)
         return track(readings, at_s, start, inputs.model, rounds=rounds, clone=keep)
 
     found = run(inputs.start, 0)
     filtered, smoothed = found.filtered, found.smoothed
-    for number, start in enumerate(others, start=1):
+    for number, start in enumerate(scaled, start=1):
         other = run(start, number)
         filtered = _with_shared_error(filtered, found.filtered, other.filtered)
         if smoothed is not None and found.smoothed is not None and other.smoothed is not None:
@@ -55,19 +54,19 @@ def filter_motion(
     return replace(found, filtered=filtered, smoothed=smoothed)
 
 
-def _others(inputs: FilterInput) -> list[InitialState]:
-    """Starts with each held scale one standard deviation larger."""
+def _scaled_starts(inputs: FilterInput) -> list[InitialState]:
+    """Return initial states with one scale each one standard deviation larger."""
     starts = []
     if inputs.range_scale_std > 1e-6:
         starts.append(replace(inputs.start, range_scale=inputs.range_scale_std))
     if inputs.velocity_scale_std > 1e-6:
-        off = inputs.velocity_scale_std
-        starts += [replace(inputs.start, velocity_scale=scale) for scale in ((off, 0.0), (0.0, off))]
+        std = inputs.velocity_scale_std
+        starts += [replace(inputs.start, velocity_scale=scale) for scale in ((std, 0.0), (0.0, std))]
     return starts
 
 
 def _with_shared_error(states: States, base: States, other: States) -> States:
-    """``states`` with the outer product of the difference between two runs in every covariance."""
+    """Add the outer product of the difference between two runs to every covariance of ``states``."""
     pose = se3.log(se3.inverse(base.w_T_b) @ other.w_T_b)
     motion = np.column_stack(
         [
@@ -78,22 +77,22 @@ def _with_shared_error(states: States, base: States, other: States) -> States:
         ]
     )
     known = np.isfinite(base.clone_T_b + other.clone_T_b).all(axis=(1, 2))
-    way = np.zeros((len(base.clone_T_b), 6))
-    way[known] = se3.log(se3.inverse(base.clone_T_b[known]) @ other.clone_T_b[known])
+    clone = np.zeros((len(base.clone_T_b), 6))
+    clone[known] = se3.log(se3.inverse(base.clone_T_b[known]) @ other.clone_T_b[known])
     return replace(
         states,
         covariances=states.covariances + _outer(pose),
         motion_covariances=states.motion_covariances + _outer(motion),
-        clone_T_b_covariances=states.clone_T_b_covariances + _outer(way),
+        clone_T_b_covariances=states.clone_T_b_covariances + _outer(clone),
         fixed_clone_covariances=states.fixed_clone_covariances + _outer(_since_first(base, other)),
     )
 
 
 def _since_first(base: States, other: States) -> Array:
-    """(n, 6) pose error of one run against another, after moving both to the same first position."""
-    laid = other.w_T_b.copy()
-    laid[:, :3, 3] += base.w_T_b[0, :3, 3] - other.w_T_b[0, :3, 3]
-    return se3.log(se3.inverse(base.w_T_b) @ laid)
+    """Return the pose error (n, 6) of one run against another with the same first position."""
+    aligned = other.w_T_b.copy()
+    aligned[:, :3, 3] += base.w_T_b[0, :3, 3] - other.w_T_b[0, :3, 3]
+    return se3.log(se3.inverse(base.w_T_b) @ aligned)
 
 
 def _outer(e: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The job of ``slam estimate``: a flight's motion from its instruments alone, no picture looked at."""
+"""The task of ``slam estimate``: the motion of a flight from its instruments, without pictures."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-WAYS = ("dead reckoning on board", "filter", "smoothed")
-"""What the three trajectories of such an estimate are."""
+TRAJECTORY_NAMES = ("dead reckoning on board", "filter", "smoothed")
+"""Names of the three trajectories of such an estimate."""
 MOST_POSES = 200_000
-CONTRADICTED = 100.0
-"""Times the noise that is told: a few are usual, an accelerometer on a frame that shakes has thirty."""
-_TOLD_TILT_DEG, _TOLD_SCALE = 3.0, 1e-6
-"""An own attitude that is off by more, and a scale that is held and less well known, are told."""
+CONTRADICTION_FACTOR = 100.0
+"""Factor on the nominal noise that counts as a contradiction. A few are usual; vibration gives thirty."""
+_REPORTED_TILT_DEG, _REPORTED_SCALE = 3.0, 1e-6
+"""Error of the on-board tilt, and standard deviation of a fixed scale, above which a warning is given."""
 
 
 @dataclass(frozen=True)
 class Navigation:
-    """The estimate, and what stands behind it."""
+    """The estimate, with the filter's result and its inputs."""
 
     estimate: Estimate
     track: Track
@@ -53,9 +53,9 @@ def navigate(
     rate_hz: float = 20.0,
     progress: Progress = silent,
 ) -> Navigation:
-    """Poses ``rate_hz`` times a second: smoothed, filtered, and as dead reckoning on board would have it.
+    """Estimate ``rate_hz`` poses a second: smoothed, filtered, and by on-board dead reckoning.
 
-    Raises ``InputError`` where the flight tells too little, or would give more than ``MOST_POSES`` poses.
+    Raises ``InputError`` where the recording is insufficient, or would give more than ``MOST_POSES`` poses.
     """
     check_flight(flight)
     clock = Stopwatch()
@@ -68,15 +68,15 @@ def navigate(
             track = filter_motion(inputs, at_s, keep="none" if absolute else "first", progress=progress)
     assert track.smoothed is not None
     turn = _heading(inputs, track.smoothed)
-    track = replace(track, filtered=_turned(track.filtered, turn), smoothed=_turned(track.smoothed, turn))
+    track = replace(track, filtered=_rotated(track.filtered, turn), smoothed=_rotated(track.smoothed, turn))
     assert track.smoothed is not None
     covariances = track.smoothed.covariances if absolute else _since_first(track.smoothed)
-    known_to = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
-    said = [*_unobserved(inputs, float(known_to[-1])), *_contradicted(inputs)]
+    position_std = np.sqrt(np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2))
+    messages = [*_unobserved(inputs, float(position_std[-1])), *_contradicted(inputs)]
     stamps_ns = flight.epoch_ns + np.round(at_s * 1e9).astype(np.int64)
     estimate = Estimate(
         name=flight.name,
-        status="; ".join(said) or "ok",
+        status="; ".join(messages) or "ok",
         epoch_ns=flight.epoch_ns,
         stamps_s=at_s,
         frame_names=tuple(str(stamp) for stamp in stamps_ns.tolist()),
@@ -94,14 +94,19 @@ def navigate(
         odometry_w_T_b=track.filtered.w_T_b,
         rejected=rejection_counts(track) | downweight_counts(track),
         timing_s=clock.seconds,
-        warnings=(*flight.warnings, *describe(flight).anomalies, *said, *_found_odd(inputs, track)),
-        trajectory_names=WAYS,
+        warnings=(
+            *flight.warnings,
+            *describe(flight).anomalies,
+            *messages,
+            *_identified_errors(inputs, track),
+        ),
+        trajectory_names=TRAJECTORY_NAMES,
     )
     return Navigation(estimate, track, inputs)
 
 
 def _since_first(states: States) -> Array:
-    """Covariances (n, 6, 6) of the poses where the first one's place is certain, as it is by definition."""
+    """Return covariances (n, 6, 6) of the poses with the first position as origin, certain by definition."""
     first = np.zeros((6, 6))
     first[:3, :3] = states.covariances[0, :3, :3]
     return np.concatenate([first[None], states.fixed_clone_covariances[1:]])
@@ -118,30 +123,30 @@ def _times(flight: Flight, inputs: FilterInput, rate_hz: float) -> Array:
 
 
 def dead_reckoning(flight: Flight, w_T_b: Array, at_s: Array) -> Array:
-    """Poses (n, 4, 4) from the velocity added up along the vehicle's own yaw, as on board without a filter.
+    """Return poses (n, 4, 4) from the velocity integrated along the on-board yaw, without a filter.
 
-    They start where ``w_T_b`` (n, 4, 4) does; roll, pitch and height are its. NaN where the flight has no
-    velocity and yaw.
+    The first position, roll, pitch and height are those of ``w_T_b`` (n, 4, 4). The result is NaN where the
+    flight has no velocity or yaw.
     """
     velocity, attitude = flight.velocity, flight.attitude
     if velocity is None or attitude is None:
         return np.full_like(w_T_b, np.nan)
-    moving = np.isfinite(velocity.v_m_s).all(axis=1)
-    headed = np.isfinite(attitude.roll_pitch_yaw_rad[:, 2])
-    if moving.sum() < 2 or headed.sum() < 2:
+    valid = np.isfinite(velocity.v_m_s).all(axis=1)
+    with_yaw = np.isfinite(attitude.roll_pitch_yaw_rad[:, 2])
+    if valid.sum() < 2 or with_yaw.sum() < 2:
         return np.full_like(w_T_b, np.nan)
-    stamps_s, v = velocity.stamps_s[moving], velocity.v_m_s[moving]
-    yaw_rad = np.unwrap(attitude.roll_pitch_yaw_rad[headed, 2])
+    stamps_s, v = velocity.stamps_s[valid], velocity.v_m_s[valid]
+    yaw_rad = np.unwrap(attitude.roll_pitch_yaw_rad[with_yaw, 2])
 
     def yaw_at(t: Array) -> Array:
-        return np.asarray(np.interp(t, attitude.stamps_s[headed], yaw_rad))
+        return np.asarray(np.interp(t, attitude.stamps_s[with_yaw], yaw_rad))
 
     along = (v[:, 0] + 1j * v[:, 1]) * np.exp(1j * yaw_at(stamps_s))
-    way = np.concatenate([[0.0], np.cumsum((along[1:] + along[:-1]) / 2 * np.diff(stamps_s))])
-    placed = np.interp(at_s, stamps_s, way.real) + 1j * np.interp(at_s, stamps_s, way.imag)
+    path = np.concatenate([[0.0], np.cumsum((along[1:] + along[:-1]) / 2 * np.diff(stamps_s))])
+    position = np.interp(at_s, stamps_s, path.real) + 1j * np.interp(at_s, stamps_s, path.imag)
     poses = w_T_b.copy()
-    poses[:, 0, 3] = w_T_b[0, 0, 3] + placed.real - placed.real[0]
-    poses[:, 1, 3] = w_T_b[0, 1, 3] + placed.imag - placed.imag[0]
+    poses[:, 0, 3] = w_T_b[0, 0, 3] + position.real - position.real[0]
+    poses[:, 1, 3] = w_T_b[0, 1, 3] + position.imag - position.imag[0]
     roll_pitch_yaw = roll_pitch_yaw_of(w_T_b[:, :3, :3])
     roll_pitch_yaw[:, 2] = yaw_at(at_s)
     poses[:, :3, :3] = rotation_of(roll_pitch_yaw)
@@ -149,16 +154,15 @@ def dead_reckoning(flight: Flight, w_T_b: Array, at_s: Array) -> Array:
 
 
 def _heading(inputs: FilterInput, states: States) -> float:
-    """By how much to turn the world so that the vehicle's own yaw is right in the middle; 0 where GPS
-    tells."""
+    """Return the yaw that aligns the world with the median of the on-board yaw; 0 with GPS."""
     own = inputs.readings.roll_pitch_yaw_rad
     if inputs.readings.w_p_b_m is not None or own is None or not np.isfinite(own.values[:, 2]).any():
         return 0.0
     return float(np.median(states.errors["own_attitude"][:, 2]))
 
 
-def _turned(states: States, yaw_rad: float) -> States:
-    """The same in a world turned about the first place; covariances of poses are in body axes and stay."""
+def _rotated(states: States, yaw_rad: float) -> States:
+    """Rotate the world about the first position; covariances of poses are in body axes and stay."""
     turn = np.eye(4)
     turn[:3, :3] = Rotation.from_euler("z", yaw_rad).as_matrix()
     wide = np.kron(np.diag([1, 1, 1, 0]), turn[:3, :3]) + np.kron(np.diag([0, 0, 0, 1]), np.eye(3))
@@ -178,22 +182,22 @@ def _turned(states: States, yaw_rad: float) -> States:
     )
 
 
-def _unobserved(inputs: FilterInput, known_to_m: float) -> list[str]:
-    """What nothing measures, in words."""
-    readings, said = inputs.readings, []
+def _unobserved(inputs: FilterInput, position_std_m: float) -> list[str]:
+    """Return warnings about quantities without a measurement."""
+    readings, messages = inputs.readings, []
     if readings.velocity_m_s is None and readings.w_p_b_m is None:
-        said.append(
+        messages.append(
             "neither velocity nor position was measured: the position drifts, "
-            f"to ±{known_to_m:.2g} m at the end"
+            f"to ±{position_std_m:.2g} m at the end"
         )
     with_altitude = readings.w_p_b_m is not None and np.isfinite(readings.w_p_b_m.values[:, 2]).any()
     if readings.range_m is None and not with_altitude:
-        said.append("neither range nor altitude was measured: heights are relative to the start")
-    return said
+        messages.append("neither range nor altitude was measured: heights are relative to the start")
+    return messages
 
 
 def rejection_counts(track: Track) -> dict[str, int]:
-    """Components of readings that were left out, by reason."""
+    """Return the number of rejected components of readings, by channel and reason."""
     reasons = {
         status.REJECTED: "far from what was foreseen",
         status.UNPREDICTABLE: "impossible in that attitude",
@@ -202,7 +206,7 @@ def rejection_counts(track: Track) -> dict[str, int]:
 
 
 def downweight_counts(track: Track) -> dict[str, int]:
-    """Components of readings that count for less than their noise says, by reason."""
+    """Return the number of components of readings with reduced weight, by channel and reason."""
     return _counted(track, {status.INFLATED: "off, taken with less weight"})
 
 
@@ -216,31 +220,31 @@ def _counted(track: Track, reasons: Mapping[int, str]) -> dict[str, int]:
 
 
 def _contradicted(inputs: FilterInput) -> list[str]:
-    """Instruments that are so far from what the others foretell that noise is no word for it."""
+    """Return warnings about instruments whose errors far exceed noise."""
     return [
         f"{name} and the other instruments contradict each other (off by {factor:.0f} times its noise); "
         "check its unit and stamps, and whether another instrument has failed"
         for name, factor in inputs.adjustments.noise_factor.items()
-        if factor >= CONTRADICTED
+        if factor >= CONTRADICTION_FACTOR
     ]
 
 
-def _found_odd(inputs: FilterInput, track: Track) -> list[str]:
-    """What the filter has found of the instruments, one line each."""
+def _identified_errors(inputs: FilterInput, track: Track) -> list[str]:
+    """Return one line for each instrument error that was identified."""
     noise_factor = inputs.adjustments.noise_factor
-    wild = any(factor >= CONTRADICTED for factor in noise_factor.values())
-    # Where instruments contradict each other grossly, so does what makes them agree best.
-    late = {} if wild else inputs.adjustments.delay_s
-    said = [f"{name} lags by {delay_s:g} s, which is corrected" for name, delay_s in late.items()]
-    said += [
+    contradicted = any(factor >= CONTRADICTION_FACTOR for factor in noise_factor.values())
+    # With a gross contradiction the identified delays are wrong too.
+    late = {} if contradicted else inputs.adjustments.delay_s
+    messages = [f"{name} lags by {delay_s:g} s, which is corrected" for name, delay_s in late.items()]
+    messages += [
         f"{name} is {factor:.1f} times as noisy as specified"
         for name, factor in noise_factor.items()
-        if factor < CONTRADICTED
+        if factor < CONTRADICTION_FACTOR
     ]
     for name, channel in track.channels.items():
         if steps := channel.count(status.BIAS_STEPPED):
             times = "once" if steps == 1 else f"{steps} times"
-            said.append(f"{name} jumped {times}: taken for an error of the sensor, not for motion")
+            messages.append(f"{name} jumped {times}: taken for an error of the sensor, not for motion")
     assert track.smoothed is not None
     errors, std = track.smoothed.errors, track.smoothed.errors_std
     for name, words, unit in (
@@ -249,14 +253,14 @@ def _found_odd(inputs: FilterInput, track: Track) -> list[str]:
     ):
         last, known = errors[name][-1], std[name][-1]
         if (np.abs(last) > 5 * known).any() and (known > 1e-6).any():
-            said.append(f"{words} is off by {', '.join(f'{v:.3g}' for v in last)} {unit}")
+            messages.append(f"{words} is off by {', '.join(f'{v:.3g}' for v in last)} {unit}")
     tilt = np.degrees(np.abs(errors["own_attitude"][:, :2]).max())
-    if inputs.model.tilt_error_rad > 0 and tilt > _TOLD_TILT_DEG:
-        said.append(f"the vehicle's own roll and pitch are off by up to {tilt:.1f} deg")
+    if inputs.model.tilt_error_rad > 0 and tilt > _REPORTED_TILT_DEG:
+        messages.append(f"the vehicle's own roll and pitch are off by up to {tilt:.1f} deg")
     for scale, words in ((inputs.velocity_scale_std, "velocities"), (inputs.range_scale_std, "ranges")):
-        if scale > _TOLD_SCALE:
-            said.append(
+        if scale > _REPORTED_SCALE:
+            messages.append(
                 f"the scale of {words} cannot be determined from this flight: it is known to "
                 f"{100 * scale:.2g} % only"
             )
-    return said
+    return messages

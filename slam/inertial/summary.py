@@ -1,4 +1,4 @@
-"""What ``slam estimate`` came to, for a program to read: its ``summary.json``."""
+"""The machine-readable result of ``slam estimate``: its ``summary.json``."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from slam.inertial.navigate import Navigation
 
 
 def summary_record(navigation: Navigation) -> dict[str, Any]:
-    """The keys of every summary, and beside them how each channel's readings fitted.
+    """Return the keys of every summary and the consistency of each channel.
 
-    A channel has ``readings``, of these ``believed`` at their full weight with the mean squared whitened
-    innovation ``nis`` (1 expected), and ``delay_s`` and ``noise_factor`` as trials found them.
+    A channel has the number of ``readings`` and, of these, ``believed`` ones with full weight. Their mean
+    squared whitened innovation is ``nis`` (1 expected). ``delay_s`` and ``noise_factor`` are those
+    identified.
     """
     adjustments = navigation.inputs.adjustments
     channels = {}

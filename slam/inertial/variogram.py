@@ -1,8 +1,8 @@
-"""What a record shows of a signal by itself: the noise of its readings, and how it wanders.
+"""Noise and process noise of a signal, from its variogram.
 
-The variogram ``E[(s(t + h) - s(t))^2]`` of white noise on a wandering signal is ``2 std^2 + power h``: it
-starts at twice the noise's variance and rises with the signal's power. Source: Cressie 1993, Statistics
-for Spatial Data, section 2.3.
+The variogram ``E[(s(t + h) - s(t))^2]`` of a random walk with white noise is ``2 std^2 + power h``. It starts
+at twice the variance of the noise and increases with the power of the random walk. Source: Cressie 1993,
+Statistics for Spatial Data, section 2.3.
 """
 
 from __future__ import annotations
@@ -15,30 +15,30 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 MARGIN = 2.0
-"""Signals are taken to wander with this many times the power that the record shows on average: most of it
-comes in manoeuvres, and a filter that expects less than comes lags behind. With 8 the standard deviations of
-simulated flights were 15 % too large (`tests/benchmarks/simulator.py`)."""
+"""Factor on the average power in the recording. Most of the power comes from manoeuvres, and a filter with
+too
+little process noise lags behind. With 8 the standard deviations of simulated flights were 15 % too large
+(`tests/benchmarks/simulator.py`)."""
 _LONGEST_LAG_S, _LAGS = 1.0, 12
 _FAR_MORE = 3.0
-"""The start of a variogram is noise where it is this many times what the maker says."""
+"""Factor on the nominal noise above which the start of a variogram is taken as noise."""
 _LEAST_POWER = 1e-3
-"""However still a vehicle was held: a filter that expects no motion at all would not filter_motion any. In
-variances of the noise a reading."""
+"""Least power, in noise variances per reading, so that the filter can follow some motion."""
 
 
 @dataclass(frozen=True)
-class Wander:
-    """An exponentially correlated signal: how far it goes, and in which time."""
+class CorrelatedProcess:
+    """An exponentially correlated signal: standard deviation and correlation time."""
 
     std: float
     time_s: float
 
 
 def noise_and_power(values: Array, step_s: float, least_std: float) -> tuple[float, float]:
-    """White noise of one reading (n, d), and the power by which the true value wanders, per second.
+    """Return the white noise of readings (n, d), and the power per second of the true value's random walk.
 
-    The noise is ``least_std`` unless the start of the variogram says that it is far more; the power is the
-    largest over lags up to a second.
+    The noise is ``least_std``, unless the start of the variogram is far larger. The power is the largest over
+    lags up to a second.
     """
     lags = np.unique(np.round(np.geomspace(1, max(2, _LONGEST_LAG_S / step_s), _LAGS)).astype(int))
     lags = lags[lags < len(values)]
@@ -51,7 +51,7 @@ def noise_and_power(values: Array, step_s: float, least_std: float) -> tuple[flo
     return white, max(power, _LEAST_POWER * white**2 / step_s)
 
 
-def wander(values: Array, power: float) -> Wander:
-    """Of a signal (n, d) that wanders with ``power`` at short times and goes as far as its own spread."""
+def correlated_process(values: Array, power: float) -> CorrelatedProcess:
+    """Return the process of a signal (n, d) with ``power`` at short times and the variance of the signal."""
     variance = MARGIN * max(float(np.nanvar(values, axis=0).max()), power / 2)
-    return Wander(float(np.sqrt(variance)), float(2 * variance / (MARGIN * power)))
+    return CorrelatedProcess(float(np.sqrt(variance)), float(2 * variance / (MARGIN * power)))

@@ -1,5 +1,4 @@
-"""When a vehicle stands on the floor before it takes off: then its speed is known better than by any
-instrument."""
+"""Zero-velocity intervals before take-off, when the speed is better known than from any instrument."""
 
 from __future__ import annotations
 
@@ -19,10 +18,10 @@ _SPEED_M_S = 0.05
 
 
 def zero_velocity_times(flight: Flight) -> Array:
-    """Times at the start at which the vehicle stands; none where it does not.
+    """Return times (n,) at the start of the flight at which the vehicle is at rest; possibly none.
 
-    It stands while gyro and accelerometer hardly spread and no velocity is read: on the floor with the motors
-    off, for in the air both spread by far more.
+    It is at rest while the spread of gyro and accelerometer is small and no velocity is measured. That is on
+    the floor with the motors off, because in the air both spreads are far larger.
     """
     imu = flight.imu
     if imu is None or len(imu.stamps_s) == 0:

@@ -96,7 +96,8 @@ class Model:
     std: dict[str, dict[str, Annotated[float, Field(gt=0)]]] = field(default_factory=dict)
     """Term name -> parameter -> standard deviation of an estimated value.
 
-    The correction of a recording uses it (`slam.simulation.inverse`); a simulation does not."""
+    The correction of a recording uses it (`slam.simulation.inverse`); a simulation does not.
+    """
 
     def value(self, term: str, parameter: str) -> float:
         """Return a parameter of a term, neutral where the model does not hold it. Raises ``KeyError``."""

@@ -79,5 +79,6 @@ def _normal_quantiles() -> Light:
     """Return quantiles (65536,) of the normal distribution at equal steps of probability.
 
     A draw of one of them is four times as fast as a draw from the distribution. The standard deviation
-    differs by less than 1e-4."""
+    differs by less than 1e-4.
+    """
     return ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)

@@ -67,7 +67,8 @@ def vignetting(flight: Flight, model: Model) -> Flight:
 def vignetting_correction(light: Light) -> Callable[[Image], Image]:
     """Return a function that divides pictures (h, w) or (h, w, 3) by the vignetting ``light`` (h, w).
 
-    Pictures of another size stay unchanged."""
+    Pictures of another size stay unchanged.
+    """
     gain = 1.0 / np.maximum(light, LEAST_LIGHT)
 
     def correct(picture: Image) -> Image:

@@ -118,7 +118,8 @@ def check_world(world: World, seen: bool = True) -> None:
     """Raise ``InputError`` for a floor, photograph or obstacle that cannot be used.
 
     That is a floor that is empty or too large, a photograph that cannot be read, and an obstacle without size
-    or off the floor. Without a camera (``seen``) the texture is not checked."""
+    or off the floor. Without a camera (``seen``) the texture is not checked.
+    """
     x0, y0, x1, y1 = world.extent_m
     if not (np.all(np.isfinite(world.extent_m)) and x1 > x0 and y1 > y0):
         raise InputError(

@@ -129,7 +129,8 @@ class StartEstimator:
     def _without_instrument_errors(self, state: Array, rates: Array, speed: Array, time_s: float) -> Array:
         """Invert the errors of the instruments: find the state whose readings are ``speed`` and the range.
 
-        The height of ``state`` is the measured range."""
+        The height of ``state`` is the measured range.
+        """
         begin_s, end_s = self._span_s
         progress = np.array([(time_s - begin_s) / (end_s - begin_s)])
         c, s = np.cos(state[8]), np.sin(state[8])

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from slam.core.errors import InputError
 from slam.core.flight import AttitudeSeries, Flight, Gps, Imu, Scalar, Velocity
 from slam.inertial.filter_input import Adjustments, filter_input
-from slam.inertial.variogram import MARGIN, noise_and_power, wander
+from slam.inertial.variogram import MARGIN, correlated_process, noise_and_power
 from slam.inertial.zero_velocity import zero_velocity_times
 from tests.slam.inertial.made_navigation import made_flight, without
 
@@ -141,5 +141,5 @@ def test_a_still_signal_may_still_move():
     white, power = noise_and_power(np.zeros((500, 3)), 0.01, 0.1)
     assert white == 0.1
     assert power > 0
-    held = wander(np.zeros((500, 3)), power)
+    held = correlated_process(np.zeros((500, 3)), power)
     assert held.std**2 * 2 / held.time_s == pytest.approx(MARGIN * power)
