@@ -104,7 +104,7 @@ def sample(noise: Ar1Noise, event: int, kind: int) -> None:
 
 
 @kernel
-def heard(noise: Ar1Noise, j: int, row: Array, ph: Array) -> float:
+def covariance_with_reading(noise: Ar1Noise, j: int, row: Array, ph: Array) -> float:
     """Covariances with a reading of row h (n,) and of noise j: those of the noises are
     kept in ``told``, those of the state in ``ph`` (n,), P h' on entry, completed. Returns the variance that
     the noise adds."""
@@ -125,7 +125,7 @@ def heard(noise: Ar1Noise, j: int, row: Array, ph: Array) -> float:
 
 
 @kernel
-def learn(noise: Ar1Noise, ph: Array, s_var: float, miss: float, changes: Array) -> None:
+def correct_noise(noise: Ar1Noise, ph: Array, s_var: float, miss: float, changes: Array) -> None:
     """Take a reading's miss, of variance ``s_var``, into the noises, and its ``changes`` (m,) with each
     tangent into theirs."""
     n, k = noise.cross.shape

@@ -1,4 +1,4 @@
-"""What the filter's kernels read and write: flat arrays, so that compiled code can."""
+"""Arguments of the filter's compiled kernels: named tuples of flat arrays."""
 
 from __future__ import annotations
 
@@ -12,41 +12,41 @@ Ints = NDArray[np.int64]
 
 
 class EventArrays(NamedTuple):
-    """The readings of a flight in their order of time, as ``record.Record`` has them."""
+    """The readings of a flight in order of time, as in ``record.Record``."""
 
     times_s: Array
-    """(events,)."""
+    """(events,) stamps."""
     kinds: Ints
     """(events,) ``readings.IMU`` and so on."""
     values: Array
-    """(events, 6), NaN for what is missing."""
+    """(events, 6) readings in SI units, NaN for missing values."""
     elapsed: Array
-    """(events,) share of the flight's duration that is over."""
+    """(events,) elapsed share of the flight's duration."""
     landing: NDArray[np.bool_]
-    """(events,) on the floor and just after."""
+    """(events,) true on the floor and shortly after."""
     first_step: Ints
-    """(events + 1,) event e is reached by steps first_step[e] to first_step[e + 1]."""
+    """(events + 1,) the steps first_step[e] to first_step[e + 1] lead to event e."""
     step_s: Array
     """(steps,) lengths."""
 
 
 class CommandArrays(NamedTuple):
-    """The sticks that the vehicle obeys; variant 0 is the belief's own, others are early or late."""
+    """Stick positions as they act on the vehicle: variant 0 with the nominal delay, others early or late."""
 
     over_steps: Array
     """(variants, steps, 6) means over each step."""
     at_events: Array
-    """(variants, events, 6)."""
-    jolts: Array
-    """(steps, 6) how far the stick jumps within each step, ..."""
+    """(variants, events, 6) values at each event."""
+    stick_jumps: Array
+    """(steps, 6) change of the stick within each step, ..."""
     late_var_s2: float
-    """... at a moment of this variance."""
-    jumps: Ints
-    """(events,) how many of the event's channels, from the first, a jump of the stick near it may spoil."""
+    """... and the variance of the time at which it acts."""
+    spoilt_channels: Ints
+    """(events,) number of the event's channels, from the first, that a nearby jump of the stick may spoil."""
 
 
 class ModelArrays(NamedTuple):
-    """What the vehicle and its instruments are held for."""
+    """The parameters of the vehicle and its instruments."""
 
     parameters: Array
     """(``dynamics.PARAMETERS``,)."""
@@ -57,25 +57,25 @@ class ModelArrays(NamedTuple):
 
 
 class NoiseArrays(NamedTuple):
-    """How far a reading is believed."""
+    """The noise of the readings."""
 
     variance: Array
-    """(channels,) of one reading."""
+    """(channels,) variance of one reading."""
     range_limits_m: Array
     """(2,) least and greatest range that the sonar reports."""
     jitter_s: float
     """Standard deviation of the stamps."""
-    rough: Array
-    """(n,) growth of each hold noise's variance by its kicks, a second."""
+    diffusion: Array
+    """(n,) growth of the variance of each state by process noise, per second."""
 
 
 class PerturbationArrays(NamedTuple):
-    """Directions, m of them: the changes of a belief that tangents are carried for."""
+    """The m perturbations of the model for which the filter computes sensitivities."""
 
     changes_motion: Ints
-    """(m,) 1 where it changes the motion."""
+    """(m,) 1 where the perturbation changes the motion."""
     instrument_mask: Ints
-    """(m,) bit k is set where it changes what instruments of kind k read."""
+    """(m,) bit k is set where it changes the readings of instruments of kind k."""
     stick_of: Ints
     """(m,) variant of the command."""
     parameters_of: Array
@@ -83,19 +83,19 @@ class PerturbationArrays(NamedTuple):
     sensor_of: Array
     """(m, ``readings.SENSOR``)."""
     inject_at: Ints
-    """(m,) where a signal goes in: a force, a channel beyond ``sensitivity.ON_CHANNEL``; -1 for none."""
+    """(m,) entry of the injected signal: a force, or a channel from ``sensitivity.ON_CHANNEL``; -1: none."""
     signal_of: Ints
-    """(m,) which signal."""
+    """(m,) index of the injected signal."""
     step_signals: Array
-    """(signals, steps) at the middle of each step."""
+    """(signals, steps) values at the middle of each step."""
     event_signals: Array
-    """(signals, events)."""
+    """(signals, events) values at each event."""
     scale: Array
-    """(m,) differences times this are per unit of the direction."""
+    """(m,) factor from a finite difference to the derivative per unit of the perturbation."""
 
 
 class FilterInputs(NamedTuple):
-    """A flight, and all that it is filtered under."""
+    """A flight, and the model under which it is filtered."""
 
     events: EventArrays
     command: CommandArrays
@@ -105,86 +105,86 @@ class FilterInputs(NamedTuple):
 
 
 class FilterState(NamedTuple):
-    """What the filter carries on from event to event."""
+    """The estimate that the filter updates from event to event."""
 
     state: Array
-    """(n,)."""
+    """(n,) mean."""
     p: Array
     """(n, n) covariance."""
-    memory: Array
-    """(channels,) outliers in a row."""
+    outlier_streak: Array
+    """(channels,) number of successive outliers."""
     sensitivity: Array
-    """(n, m) change of the state with each direction."""
+    """(n, m) derivative of the mean with respect to each perturbation."""
 
 
 class StepBuffers(NamedTuple):
-    """The filter's last step."""
+    """Results of the filter's last step."""
 
     rate: Array
-    """(12,) of the state, at its beginning."""
+    """(12,) rate of the state at the beginning of the step."""
     slopes: Array
     """(10, n) Jacobian of the rate in the filter's state."""
     matrix: Array
     """(n, n) transition."""
     q: Array
-    """(n, n) process noise of the noises."""
+    """(n, n) process noise of the noise states."""
     middle: Array
-    """(12,) state half-way."""
+    """(12,) state in the middle of the step."""
     middle_noise: Array
-    """(8,) noise half-way."""
+    """(8,) noise in the middle of the step."""
     work: Array
-    """(n, n) room to work."""
+    """(n, n) buffer."""
 
 
 class PredictedReading(NamedTuple):
-    """What the channels of an event should read, and what the reading does."""
+    """Predicted values of an event's channels, and their derivatives."""
 
     rate: Array
-    """(12,) of the state at the event's moment."""
+    """(12,) rate of the state at the event."""
     reading: Array
-    """(6,)."""
+    """(6,) predicted values."""
     rows: Array
     """(6, n) Jacobian in the state."""
     by_rate: Array
     """(6, 10) Jacobian in the state's rate."""
     ph: Array
     """(n,) covariance of the state with a channel."""
-    done: Array
-    """(n,) what the event's channels did to the state so far."""
+    correction: Array
+    """(n,) correction of the state by the event's earlier channels."""
 
 
 class PerturbationBuffers(NamedTuple):
-    """What the directions do by themselves, the state left alone."""
+    """Direct changes by the perturbations at a fixed state."""
 
     rate_change: Array
-    """(entries, 10) of the rate, with a unit of force at each entry ..."""
+    """(entries, 10) change of the rate with a unit of force at each entry, ..."""
     is_used: NDArray[np.bool_]
-    """(entries,) ... at which any direction puts one, ..."""
+    """(entries,) ... whether any perturbation has a force there, ..."""
     state_change: Array
-    """(entries, 10) ... of the state over a step with it ..."""
-    read: Array
-    """(entries, 6) ... and of what an IMU reads."""
-    added: Array
-    """(10,) of the state, over a step."""
+    """(entries, 10) ... the change of the state over a step ..."""
+    imu_change: Array
+    """(entries, 6) ... and that of the IMU's readings."""
+    step_change: Array
+    """(10,) change of the state over a step by one perturbation."""
     direct: Array
-    """(6, m) of an event's channels."""
-    told: Array
-    """(m,) of one channel, what they do to the state included."""
-    moved: Array
-    """(10, m) room to work."""
+    """(6, m) change of an event's channels at a fixed state."""
+    predicted_change: Array
+    """(m,) change of the prediction of one channel, that through the state included."""
+    work: Array
+    """(10, m) buffer."""
 
 
 class Scratch(NamedTuple):
-    """Room within a kernel: nothing in it outlasts a call."""
+    """Buffers within a kernel. No value outlasts a call."""
 
     full: Array
-    """(12,) a state of the equations, ..."""
+    """(12,) state of the equations, ..."""
     rate: Array
     """... its rate, ..."""
-    beside: Array
-    """... that with something nudged, ..."""
+    nudged_rate: Array
+    """... the rate at a nudged state, ..."""
     other: Array
-    """... that under another belief, ..."""
+    """... the rate under another model, ..."""
     total: Array
     """... and a sum of rates."""
     noise: Array
@@ -192,19 +192,19 @@ class Scratch(NamedTuple):
     ended: Array
     """... at the end of a step, ..."""
     forced: Array
-    """... and with a force put in."""
+    """... and with an injected force."""
     stick: Array
-    """(6,)."""
+    """(6,) command."""
     nudged: Array
-    """(n,) a state of the filter."""
+    """(n,) state of the filter."""
     reading: Array
-    """(6,) of an event."""
+    """(6,) values of an event."""
     change: Array
-    """(10,) of a state's rate."""
+    """(10,) change of a state's rate."""
 
 
 class Workspace(NamedTuple):
-    """What one event after the other is worked out in."""
+    """Buffers that all events of a filter run share."""
 
     step: StepBuffers
     expected: PredictedReading
@@ -213,17 +213,17 @@ class Workspace(NamedTuple):
 
 
 class FilterOutputs(NamedTuple):
-    """What the filter leaves behind."""
+    """The results that the filter writes."""
 
     innovation: Array
-    """(events, 6) over its standard deviation."""
+    """(events, 6) innovation over its standard deviation."""
     log_variance: Array
-    """(events, 6) of the innovation."""
+    """(events, 6) logarithm of the innovation's variance."""
     status: Ints
     """(events, 6) ``filter.USED`` and so on."""
     states: Array
     """(events, 11) moving state before the event, and the standard deviation of z."""
     sensitivity: Array
-    """(readings, m) change of the prediction with each direction, over its standard deviation."""
+    """(readings, m) derivative of the prediction by each perturbation, over its standard deviation."""
     rows: Ints
-    """(1,) how many rows of the traces are filled."""
+    """(1,) number of filled rows of ``sensitivity``."""

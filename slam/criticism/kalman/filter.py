@@ -1,17 +1,17 @@
-"""The filter, compiled: an extended Kalman filter over the simulator's equations, with tangents.
+"""Extended Kalman filter over the simulator's equations, with sensitivities; compiled.
 
-Readings come in their order of time, one scalar at a time, so that each innovation over its own standard
-deviation is white with variance 1 under the model: the exact likelihood of the flight (to the linearisation).
-Beside the mean run tangents: how the mean and with it each innovation would change with a parameter of the
-equations or of an instrument, an early or late command, or any signal injected into either, while the gains
-stay. That is the exact linear sensitivity of the whitened innovations, filter included.
+The filter processes the readings in order of time, one scalar at a time. Under the model each innovation
+over its standard deviation is white with variance 1. Their product is the exact likelihood of the flight, up
+to the linearisation. The filter also computes sensitivities: the derivatives of the mean and of each
+innovation with respect to perturbations (see ``perturbations``) at fixed gains. They are the exact linear
+sensitivity of the whitened innovations, with the effect of the filter.
 """
 
 from __future__ import annotations
 
 import math
 
-from slam.criticism.kalman.ar1_noise import WHITE, Ar1Noise, heard, learn, sample
+from slam.criticism.kalman.ar1_noise import WHITE, Ar1Noise, correct_noise, covariance_with_reading, sample
 from slam.criticism.kalman.arrays import (
     Array,
     FilterInputs,
@@ -32,33 +32,34 @@ from slam.criticism.kalman.readings import (
     TARGET,
     WIDTH,
 )
-from slam.criticism.kalman.sensitivity import carry, direct_change, force, tell
+from slam.criticism.kalman.sensitivity import carry, correct_sensitivity, direct_change, force
 from slam.criticism.kalman.steps import (
     correct,
+    innovation_of,
+    innovation_variance,
     is_outlier,
     judged,
     measurement,
-    miss_of,
     predict,
-    spread_along,
 )
-from slam.criticism.kalman.transition import jacobian, spread
+from slam.criticism.kalman.transition import jacobian, split_state
 from slam.simulation.dynamics import PITCH, ROLL, Z, derivative
 
 USED, OUTLIER, IGNORED = 1, 2, 0
 Z_STD = MOVING
-"""Column of the states that are written down: behind the moving state, the standard deviation of z."""
+"""Column of the recorded states that holds the standard deviation of z; it follows the moving state."""
 OWN_SHARE = 0.25
-"""Of a stamp's standard deviation times the kicks: a third of E |t|, as the next reading shows the rest. With
-none of it gyros whose stamps are off by 7 ms scatter more about the axes that tilt than about yaw."""
+"""Share of the stamp's standard deviation over which process noise is added to a reading's variance. It is a
+third of E |t|, because the next reading shows the rest. Without it, gyros with stamps off by 7 ms scatter
+more about the axes that tilt than about yaw."""
 
 
 @kernel
 def _spread_by_stamp(row: Array, rate: Array, noise: NoiseArrays) -> float:
-    """Variance of a reading with row ``row`` (n,) from its stamp, off by t of a deviation ``jitter_s``.
+    """Return the variance that an error t of the stamp adds to a reading with row ``row`` (n,).
 
-    It is off by t times its own rate, and by what the noises did in between: their kicks, of which the next
-    reading shows most as well.
+    The error t has the standard deviation ``jitter_s``. The reading errs by t times its own rate, and by the
+    process noise in between, most of which the next reading shows as well.
     """
     if noise.jitter_s <= 0.0:
         return 0.0
@@ -66,15 +67,15 @@ def _spread_by_stamp(row: Array, rate: Array, noise: NoiseArrays) -> float:
     for i in range(MOVING):
         slope += row[i] * rate[i]
     for i in range(TARGET, row.shape[0]):
-        kicked += row[i] * row[i] * noise.rough[i]
+        kicked += row[i] * row[i] * noise.diffusion[i]
     return noise.jitter_s * noise.jitter_s * slope * slope + OWN_SHARE * noise.jitter_s * kicked
 
 
 @kernel
 def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate: Array) -> None:
-    """Put the mean rates of roll and pitch over a sonar's lag before an event in place of its moment's own.
+    """Replace the rates of roll and pitch at an event by their means over the sonar's lag before it.
 
-    Tilts begin and end within a lag: the tilt then is not the tilt now less the lag times its rate.
+    A tilt can begin and end within a lag; a linear extrapolation over the lag would then be wrong.
     """
     then = times[event] - lag_s
     e = event
@@ -97,10 +98,10 @@ def _take(
     written: FilterOutputs,
     coloured: Ar1Noise | None,
 ) -> None:
-    """Take the channels of one event, one after the other, into the estimate."""
+    """Update the estimate with the channels of one event, one after the other."""
     events, noise = given.events, given.noise
-    kind, ph, told = events.kinds[event], expected.ph, changes.told
-    expected.done[:] = 0.0
+    kind, ph, told = events.kinds[event], expected.ph, changes.predicted_change
+    expected.correction[:] = 0.0
     if coloured is not None:
         sample(coloured, event, kind)
     for c in range(WIDTH[kind]):
@@ -115,13 +116,13 @@ def _take(
                 own_var = 0.0
                 value -= coloured.mean[slot]
         own_var += _spread_by_stamp(row, expected.rate, noise)
-        s_var = own_var + spread_along(estimate.p, row, ph)
+        s_var = own_var + innovation_variance(estimate.p, row, ph)
         if coloured is not None:
-            s_var += heard(coloured, slot, row, ph)
-        miss, std = miss_of(kind, c, value, expected), math.sqrt(s_var)
+            s_var += covariance_with_reading(coloured, slot, row, ph)
+        miss, std = innovation_of(kind, c, value, expected), math.sqrt(s_var)
         written.innovation[event, c] = miss / std
         written.log_variance[event, c] = math.log(s_var)
-        if is_outlier(miss, std, channel, estimate.memory):
+        if is_outlier(miss, std, channel, estimate.outlier_streak):
             written.status[event, c] = OUTLIER
             continue
         written.status[event, c] = USED
@@ -129,12 +130,12 @@ def _take(
             if coloured is not None and slot != WHITE:
                 for d in range(told.shape[0]):
                     changes.direct[c, d] += coloured.sensitivity[slot, d]
-            tell(row, changes.direct[c], ph, s_var, estimate.sensitivity, told)
+            correct_sensitivity(row, changes.direct[c], ph, s_var, estimate.sensitivity, told)
             for d in range(told.shape[0]):
                 written.sensitivity[written.rows[0], d] = told[d] / std
         written.rows[0] += 1
         if coloured is not None:
-            learn(coloured, ph, s_var, miss, told)
+            correct_noise(coloured, ph, s_var, miss, told)
         correct(miss, s_var, estimate, expected)
 
 
@@ -148,8 +149,10 @@ def run(
     written: FilterOutputs,
     coloured: Ar1Noise | None,
 ) -> None:
-    """Filter events ``begin`` to ``end``: the ``estimate`` and the ``coloured`` noises, where there are any,
-    carry on; what comes of it is ``written``, traces from their beginning on."""
+    """Filter the events ``begin`` to ``end``.
+
+    The kernel updates the ``estimate`` and the AR(1) noises ``coloured`` in place. It writes its results to
+    ``written``; the rows of the sensitivity start at 0."""
     events, command, belief = given.events, given.command, given.belief
     step, expected, changes, scratch = room
     state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
@@ -162,17 +165,17 @@ def run(
             if coloured is not None:
                 carry(step.matrix, coloured.cross, coloured.moved)
             if traced:
-                carry(step.matrix, sensitivity, changes.moved)
+                carry(step.matrix, sensitivity, changes.work)
                 force(s, given, sensitivity, step, changes, scratch)
         kind, stick = events.kinds[e], command.at_events[0, e]
         for i in range(MOVING):
             written.states[e, i] = state[i]
         written.states[e, Z_STD] = math.sqrt(p[Z, Z])
         if kind == IMU or first == last:
-            # Only rates of tilt and speed jump with the stick: all else may use the last step's slopes.
+            # Only rates of tilt and speed jump with the stick; other readings use the last Jacobian.
             jacobian(state, stick, belief.parameters, expected.rate, step.slopes, scratch)
         else:
-            spread(state, step.middle, step.middle_noise)
+            split_state(state, step.middle, step.middle_noise)
             derivative(step.middle, stick, step.middle_noise, belief.parameters, expected.rate)
         if kind == SONAR and belief.sensor[RANGE_LAG] > 0.0:
             _turn_within_lag(e, events.times_s, written.states, belief.sensor[RANGE_LAG], expected.rate)

@@ -1,4 +1,4 @@
-"""One flight under one belief: whitened innovations, their variances, and the traces of directions."""
+"""Whitened innovations of one flight under given parameters, their variances and their sensitivities."""
 
 from __future__ import annotations
 
@@ -27,30 +27,30 @@ from slam.criticism.kalman.transition import GUST_STD
 
 @dataclass(frozen=True)
 class Innovations:
-    """A stretch of a flight: one row a scalar reading that was used, in order of time."""
+    """Innovations of a segment of a flight: one row for each used scalar reading, in order of time."""
 
     events: Ints
     """(rows,) index into the record's events."""
     channels: Ints
     """(rows,) index into ``readings.CHANNELS``."""
     white: Array
-    """(rows,) innovation over its standard deviation: independent and standard normal under the belief."""
+    """(rows,) innovation over its standard deviation: independent and standard normal under the model."""
     sensitivity: Array
-    """(rows, directions): change of the prediction with the direction, over the standard deviation."""
+    """(rows, perturbations) derivative of the prediction, over the standard deviation."""
     begin: int
-    """Of the record's events the stretch has those from here ..."""
+    """First event of the segment, ..."""
     end: int
-    """... up to here, whether they were used or not."""
+    """... and the event after its last one. Unused readings lie within it as well."""
 
 
 @dataclass(frozen=True)
 class FilterPass:
-    """A whole run of the filter over a flight without directions, on the grid of the record's readings."""
+    """Results of the filter over a whole flight, without perturbations, for each reading of the record."""
 
     white: Array
-    """(events, 6) innovation over its standard deviation, also of outliers; NaN where nothing was judged."""
+    """(events, 6) innovation over its standard deviation, outliers included; NaN for ignored readings."""
     log_variance: Array
-    """(events, 6) of the innovation, less the usual one of its channel."""
+    """(events, 6) logarithm of the innovation's variance, minus the usual value of its channel."""
     status: Ints
     """(events, 6) ``filter.USED``, ``filter.OUTLIER`` or ``filter.IGNORED``."""
     states: Array
@@ -58,17 +58,17 @@ class FilterPass:
 
     @property
     def nats(self) -> Array:
-        """(events, 6) log likelihood of each reading, less what a healthy vehicle's is on average.
+        """(events, 6) log likelihood of each reading, minus the mean value of a healthy vehicle.
 
-        So one that a belief does not judge, by 0, counts neither for that belief nor against it; an outlier
-        counts as much as one at the gate.
+        An ignored reading has 0 and counts neither for the model nor against it. An outlier counts as much as
+        an innovation at the gate.
         """
         square = np.where(self.status == USED, self.white**2, GATE**2)
         return np.where(self.status == IGNORED, 0.0, -0.5 * (square - 1.0 + self.log_variance))
 
     @property
     def log_likelihood(self) -> float:
-        """Of all readings together."""
+        """Sum over all readings."""
         return float(self.nats.sum())
 
 
@@ -79,12 +79,12 @@ def stretches(
     signals: dict[str, Signal] | None = None,
     longest_s: float = 10.0,
 ) -> Iterator[Innovations]:
-    """The rows of one stretch of the flight after the other."""
+    """Yield the innovations of one segment of the flight after the other."""
     yield from Run(record, setting, perturbations, signals).stretches(longest_s)
 
 
 def whole(record: Record, setting: FilterParameters) -> FilterPass:
-    """The flight in one piece, without directions."""
+    """Filter the whole flight in one piece, without perturbations."""
     run = Run(record, setting)
     for _ in run.stretches(np.inf):
         pass
@@ -92,7 +92,7 @@ def whole(record: Record, setting: FilterParameters) -> FilterPass:
 
 
 class Run:
-    """The filter on its way through a flight."""
+    """A filter run through a flight, segment by segment."""
 
     def __init__(
         self,
@@ -115,13 +115,13 @@ class Run:
         )  # fmt: skip
 
     def passed(self, begin: int = 0, end: int | None = None) -> FilterPass:
-        """Events ``begin`` to ``end`` of what the stretches so far went through, by default all."""
+        """Return the results of events ``begin`` to ``end``, by default of all events that were filtered."""
         part, written = slice(begin, end), self._written
         log_variance = written.log_variance[part] - self._usual[CHANNEL_AT[self._given.events.kinds[part]]]
         return FilterPass(written.innovation[part], log_variance, written.status[part], written.states[part])
 
     def stretches(self, longest_s: float) -> Iterator[Innovations]:
-        """The rows of one stretch of the flight after the other; to be called once."""
+        """Yield the innovations of one segment after the other. Call it once for each run."""
         events = self._given.events
         pieces = max(int(np.ceil((events.times_s[-1] - events.times_s[0]) / longest_s)), 1)
         bounds = np.linspace(0, len(events.times_s), pieces + 1).astype(np.int64)

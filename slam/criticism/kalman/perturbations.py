@@ -111,8 +111,8 @@ def _command(
     """The sticks of each variant, a latency and a clock's drift."""
     over_steps, at_events = zip(*(_obeyed(record, *variant) for variant in variants), strict=True)
     return CommandArrays(
-        np.array(over_steps), np.array(at_events), _jolts(record, setting), setting.late_std_s**2,
-        _jumps(record, setting),
+        np.array(over_steps), np.array(at_events), _stick_jumps(record, setting), setting.late_std_s**2,
+        _spoilt_channels(record, setting),
     )  # fmt: skip
 
 
@@ -126,7 +126,7 @@ def _obeyed(record: Record, latency_s: float, drift: float) -> tuple[Array, Arra
     )
 
 
-def _jolts(record: Record, setting: FilterParameters) -> Array:
+def _stick_jumps(record: Record, setting: FilterParameters) -> Array:
     if setting.late_std_s == 0.0:
         return np.zeros((len(record.step_s), 6))
     begin = record.step_begin_s / (1 + setting.drift)
@@ -134,7 +134,7 @@ def _jolts(record: Record, setting: FilterParameters) -> Array:
     return record.stick.at(end, setting.latency_s) - record.stick.at(begin, setting.latency_s)
 
 
-def _jumps(record: Record, setting: FilterParameters) -> Ints:
+def _spoilt_channels(record: Record, setting: FilterParameters) -> Ints:
     size = np.abs(np.diff(record.stick.values, axis=0)).max(axis=1, initial=0.0)
     at = (record.stick.stamps_s[1:] + setting.latency_s) * (1 + setting.drift)
     beside = _apart(record.times_s, at[size > 0]) < JUMP_S + LATE_SHARE * setting.latency_s

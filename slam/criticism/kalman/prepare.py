@@ -1,4 +1,4 @@
-"""What the filter's kernels start from: a record and a belief as flat arrays, and room to work in."""
+"""Initial arguments of the filter's kernels: record and parameters as flat arrays, and buffers."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from slam.criticism.kalman.perturbations import Perturbation, Signal, perturbati
 from slam.criticism.kalman.readings import CHANNELS, MOVING, TARGET
 from slam.criticism.kalman.record import Record
 from slam.criticism.kalman.sensitivity import ENTRIES, STICKS
-from slam.criticism.kalman.transition import FULL, NOISES, decay, kicks
+from slam.criticism.kalman.transition import FULL, NOISES, decay, process_noise
 
 SHORT_S, ENDLESS_S = 1e-5, 1e6
-"""Steps over which a noise but grows by its kicks, and over which nothing of its past is left."""
+"""Durations over which a noise only grows by its process noise, and over which it forgets its past."""
 
 
 def filter_inputs(
@@ -38,38 +38,38 @@ def filter_inputs(
     variance: Array,
     states: int,
 ) -> FilterInputs:
-    """Record, belief and directions as the kernels take them: ``variance`` (channels,) of one reading."""
+    """Return the kernels' inputs; ``variance`` (channels,) is that of one reading."""
     events = EventArrays(
         record.times_s, record.kinds, record.values, record.elapsed, record.landing, record.first_step,
         record.step_s,
     )  # fmt: skip
     table, command = perturbation_arrays(record, setting, perturbations, signals)
-    rough = np.diag(_kicks(setting.hold, SHORT_S, states)) / SHORT_S
-    noise = NoiseArrays(variance, record.range_limits, setting.jitter_s, rough)
+    diffusion = np.diag(_process_noise(setting.hold, SHORT_S, states)) / SHORT_S
+    noise = NoiseArrays(variance, record.range_limits, setting.jitter_s, diffusion)
     return FilterInputs(
         events, command, ModelArrays(setting.parameters, setting.sensor, setting.hold), noise, table
     )
 
 
 def initial_state(record: Record, setting: FilterParameters, states: int, perturbations: int) -> FilterState:
-    """The estimate before the first reading: the record's first guess, and noises that are stationary."""
+    """Return the estimate before the first reading: the record's initial guess and stationary noises."""
     state, p = np.zeros(states), np.zeros((states, states))
     state[:MOVING] = record.start
     p[np.arange(MOVING), np.arange(MOVING)] = record.start_std**2
-    p[TARGET:, TARGET:] = _kicks(setting.hold, ENDLESS_S, states)[TARGET:, TARGET:]
+    p[TARGET:, TARGET:] = _process_noise(setting.hold, ENDLESS_S, states)[TARGET:, TARGET:]
     return FilterState(state, p, np.zeros(len(CHANNELS)), np.zeros((states, perturbations)))
 
 
-def _kicks(hold: Array, h: float, n: int) -> Array:
-    """(n, n) process noise of the noises over h."""
+def _process_noise(hold: Array, h: float, n: int) -> Array:
+    """Return the process noise (n, n) of the noise states over h seconds."""
     matrix, q = np.zeros((n, n)), np.zeros((n, n))
     decay(hold, h, matrix)
-    kicks(hold, matrix, q)
+    process_noise(hold, matrix, q)
     return q
 
 
 def workspace_for(n: int, m: int) -> Workspace:
-    """Room to work for n states and m directions."""
+    """Return buffers for n states and m perturbations."""
     return Workspace(
         StepBuffers(
             np.empty(FULL), np.empty((MOVING, n)), np.zeros((n, n)), np.zeros((n, n)), np.empty(FULL),

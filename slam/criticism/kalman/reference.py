@@ -1,7 +1,7 @@
-"""What a healthy vehicle makes of a flight, the same for every belief about it.
+"""Landing times and usual innovation variances of a flight, the same for all parameter sets.
 
-Beliefs differ in where they have the vehicle and when it obeys. Were each to say for itself which readings a
-landing spoils, and were one that is not judged to weigh nothing, a belief would gain by what it leaves out.
+Parameter sets differ in the vehicle's path and in its delay. If each of them chose which readings a landing
+spoils, and an ignored reading counted as nothing, a model would gain by leaving readings out.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from slam.criticism.kalman.record import Record
 from slam.simulation.dynamics import GEAR, UP, Z
 
 CONTACT_S = 0.3
-"""The landing gear differs from vehicle to vehicle: so long after the floor, what feels it is not judged."""
+"""Time after floor contact in which readings are not used, since landing gears differ."""
 REACH_M = 0.08
-"""Heights may be off by a sonar's zero: contact may come so much earlier."""
+"""Margin of the contact height: the sonar's zero may be wrong by so much."""
 
 
 def referred(record: Record, setting: FilterParameters) -> Record:
-    """The record with where it lands, and how surely its channels are foretold, under ``setting``."""
+    """Return the record with its landing times and usual innovation variances under ``setting``."""
     landed = replace(record, landing=_landing(record, setting), usual_log_variance=np.zeros(len(CHANNELS)))
     return replace(landed, usual_log_variance=_usual(landed, whole(landed, setting)))
 
 
 def _landing(record: Record, setting: FilterParameters) -> NDArray[np.bool_]:
-    """(events,) by a run without accelerometer: the shock of contact must not move the height."""
+    """Return (events,) landing; run without accelerometer, as the contact shock must not move the height."""
     values = record.values.copy()
     values[record.kinds == IMU, 3:6] = np.nan
     states = whole(replace(record, values=values), setting).states
     low = states[:, Z] - setting.parameters[GEAR] < REACH_M + 3.0 * states[:, Z_STD]
     sinks = record.stick.at(record.times_s, setting.latency_s)[:, UP] <= 0.0
-    # Standing counts as well: the gear is so stiff that a hair's breadth of height shakes the accelerometer.
+    # Standing counts as well: the gear is so stiff that a tiny height error shows in the accelerometer.
     last = np.maximum.accumulate(np.where(low & sinks, record.times_s, -np.inf))
     return np.asarray(record.times_s - last < CONTACT_S)
 
 
 def _usual(record: Record, run: FilterPass) -> NDArray[np.float64]:
-    """(channels,) median of the logarithm of the innovation's variance; 0 where there is none."""
+    """Return (channels,) the median log variance of the innovations; 0 for a channel without any."""
     usual = np.zeros(len(CHANNELS))
     channels = np.where(run.status == USED, CHANNEL_AT[record.kinds], NO_CHANNEL)
     for channel in range(len(CHANNELS)):
@@ -53,6 +53,6 @@ def _usual(record: Record, run: FilterPass) -> NDArray[np.float64]:
 
 
 def recoloured(record: Record, before: FilterParameters, after: FilterParameters) -> Record:
-    """The record as referred to a belief of another colour: the sample before foretells what it keeps."""
+    """Return the record as ``referred`` would for other AR(1) coefficients of the noise."""
     share = np.log1p(-(after.noise_correlation**2)) - np.log1p(-(before.noise_correlation**2))
     return replace(record, usual_log_variance=record.usual_log_variance + share[list(INSTRUMENT_OF)])

@@ -20,7 +20,7 @@ from slam.criticism.kalman.arrays import (
 )
 from slam.criticism.kalman.compiled import kernel
 from slam.criticism.kalman.readings import BEFORE, BEHIND, FIRST_CHANNEL, GUST, IMU, MOVING, WIDTH, reading
-from slam.criticism.kalman.transition import NOISES, POLE, spread
+from slam.criticism.kalman.transition import NOISES, POLE, split_state
 from slam.simulation.dynamics import (
     COMMAND,
     GUST_X,
@@ -60,7 +60,7 @@ def _inject(entry: int, size: float, yaw: float, noise: Array, command: Array) -
 
 
 @kernel
-def _felt(
+def _rate_change(
     state: Array,
     noise: Array,
     command: Array,
@@ -76,7 +76,7 @@ def _felt(
     """
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
-    other, forced, moved = scratch.beside, scratch.forced, scratch.stick
+    other, forced, moved = scratch.nudged_rate, scratch.forced, scratch.stick
     rate_change, is_used = changes.rate_change, changes.is_used
     rates(state, c, s, ahead, aside, command, noise, parameters, rate)
     is_used[:] = False
@@ -96,7 +96,7 @@ def _felt(
 
 
 @kernel
-def _reach(h: float, slopes: Array, change: Array, moved: Array) -> None:
+def _change_over_step(h: float, slopes: Array, change: Array, moved: Array) -> None:
     """``moved`` (10,): how far a ``change`` (10,) of the rate takes the state within a step."""
     for i in range(MOVING):
         total = change[i]
@@ -118,11 +118,13 @@ def force(
     command, belief, perturbations = given.command, given.belief, given.perturbations
     h = given.events.step_s[s]
     slopes, middle, noise = step.slopes, step.middle, step.middle_noise
-    added, change, rate, other = changes.added, scratch.change, scratch.rate, scratch.other
-    _felt(middle, noise, command.over_steps[0, s], belief.parameters, rate, perturbations, changes, scratch)
+    added, change, rate, other = changes.step_change, scratch.change, scratch.rate, scratch.other
+    _rate_change(
+        middle, noise, command.over_steps[0, s], belief.parameters, rate, perturbations, changes, scratch
+    )
     for entry in range(ENTRIES):
         if changes.is_used[entry]:
-            _reach(h, slopes, changes.rate_change[entry], changes.state_change[entry])
+            _change_over_step(h, slopes, changes.rate_change[entry], changes.state_change[entry])
     c_yaw, s_yaw = math.cos(middle[YAW]), math.sin(middle[YAW])
     ahead, aside = thrust(middle[ROLL], middle[PITCH], belief.parameters)
     for d in range(sensitivity.shape[1]):
@@ -138,7 +140,7 @@ def force(
             rates(middle, c_yaw, s_yaw, ahead, aside, stick, noise, perturbations.parameters_of[d], other)
             for i in range(MOVING):
                 change[i] = (other[i] - rate[i]) * perturbations.scale[d]
-            _reach(h, slopes, change, added)
+            _change_over_step(h, slopes, change, added)
             for i in range(MOVING):
                 sensitivity[i, d] += added[i]
 
@@ -167,15 +169,15 @@ def direct_change(
     kind, rate, pole_s = events.kinds[event], expected.rate, belief.hold[POLE]
     direct, full, noise, other = changes.direct, scratch.full, scratch.noise, scratch.other
     out, change = scratch.reading, scratch.change
-    spread(state, full, noise)
+    split_state(state, full, noise)
     c_yaw, s_yaw = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], belief.parameters)
     if kind == IMU:
         stick = command.at_events[0, event]
-        _felt(full, noise, stick, belief.parameters, other, perturbations, changes, scratch)
+        _rate_change(full, noise, stick, belief.parameters, other, perturbations, changes, scratch)
         for entry in range(ENTRIES):
             if changes.is_used[entry]:
-                _read_by_imu(expected.by_rate, changes.rate_change[entry], changes.read[entry])
+                _read_by_imu(expected.by_rate, changes.rate_change[entry], changes.imu_change[entry])
     for d in range(direct.shape[1]):
         for c in range(WIDTH[kind]):
             direct[c, d] = 0.0
@@ -188,7 +190,7 @@ def direct_change(
             if entry >= 0:
                 signal = perturbations.event_signals[perturbations.signal_of[d], event]
                 for c in range(WIDTH[kind]):
-                    direct[c, d] = changes.read[entry, c] * signal
+                    direct[c, d] = changes.imu_change[entry, c] * signal
             else:
                 stick = command.at_events[perturbations.stick_of[d], event]
                 rates(full, c_yaw, s_yaw, ahead, aside, stick, noise, perturbations.parameters_of[d], other)
@@ -231,7 +233,9 @@ def carry(matrix: Array, sensitivity: Array, moved: Array) -> None:
 
 
 @kernel
-def tell(h: Array, direct: Array, ph: Array, s_var: float, sensitivity: Array, told: Array) -> None:
+def correct_sensitivity(
+    h: Array, direct: Array, ph: Array, s_var: float, sensitivity: Array, told: Array
+) -> None:
     """``told`` (m,): how each tangent changes the prediction of a reading with row ``h`` (n,); the tangents
     are then corrected by the reading as the state is."""
     for d in range(len(told)):

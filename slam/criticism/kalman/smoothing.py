@@ -38,15 +38,15 @@ from slam.criticism.kalman.readings import (
     reading,
 )
 from slam.criticism.kalman.record import Record, in_order
-from slam.criticism.kalman.sensitivity import tell
+from slam.criticism.kalman.sensitivity import correct_sensitivity
 from slam.criticism.kalman.steps import (
     correct,
+    innovation_of,
+    innovation_variance,
     is_outlier,
     judged,
     measurement,
-    miss_of,
     predict,
-    spread_along,
 )
 from slam.criticism.kalman.transition import POLE, jacobian
 from slam.simulation.dynamics import PITCH, ROLL, YAW, X, Y, Z
@@ -229,16 +229,18 @@ def _take(
     """Take the channels of one event, one after the other, into the estimate."""
     events = given.events
     kind = events.kinds[event]
-    expected.done[:] = 0.0
+    expected.correction[:] = 0.0
     for c in range(WIDTH[kind]):
         if not judged(event, c, given, expected):
             continue
         channel, row = FIRST_CHANNEL[kind] + c, expected.rows[c]
-        s_var = given.noise.variance[channel] + spread_along(estimate.p, row, expected.ph)
-        miss = miss_of(kind, c, events.values[event, c], expected)
-        if is_outlier(miss, math.sqrt(s_var), channel, estimate.memory):
+        s_var = given.noise.variance[channel] + innovation_variance(estimate.p, row, expected.ph)
+        miss = innovation_of(kind, c, events.values[event, c], expected)
+        if is_outlier(miss, math.sqrt(s_var), channel, estimate.outlier_streak):
             continue
-        tell(row, changes.direct[c], expected.ph, s_var, estimate.sensitivity, changes.told)
+        correct_sensitivity(
+            row, changes.direct[c], expected.ph, s_var, estimate.sensitivity, changes.predicted_change
+        )
         correct(miss, s_var, estimate, expected)
 
 

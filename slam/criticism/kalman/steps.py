@@ -32,8 +32,8 @@ from slam.criticism.kalman.transition import (
     POLE,
     covariance_step,
     jacobian,
-    kicks,
     mean_step,
+    process_noise,
     transition,
 )
 from slam.simulation.dynamics import (
@@ -97,18 +97,20 @@ def predict(s: int, given: FilterInputs, estimate: FilterState, step: StepBuffer
     h, stick, late_var_s2 = given.events.step_s[s], given.command.over_steps[0, s], given.command.late_var_s2
     jacobian(state, stick, belief.parameters, step.rate, step.slopes, scratch)
     transition(step.slopes, belief.hold, h, step.matrix)
-    kicks(belief.hold, step.matrix, step.q)
+    process_noise(belief.hold, step.matrix, step.q)
     mean_step(h, state, stick, belief, step, scratch)
     covariance_step(h, p, step)
     if late_var_s2 > 0.0:
-        _unsure(state, p, stick, given.command.jolts[s], late_var_s2, belief.parameters, step, scratch)
+        _add_latency_noise(
+            state, p, stick, given.command.stick_jumps[s], late_var_s2, belief.parameters, step, scratch
+        )
     if settling(state, p, stick, belief.parameters):
         for i in range(VX, VZ + 1):
             p[i, i] += CONTACT_NOISE**2 * h
 
 
 @kernel
-def _unsure(
+def _add_latency_noise(
     state: Array,
     p: Array,
     stick: Array,
@@ -122,7 +124,7 @@ def _unsure(
     if not jolt[:5].any():
         return
     rate, noise = step.rate, step.middle_noise
-    full, other, moved = scratch.full, scratch.beside, scratch.stick
+    full, other, moved = scratch.full, scratch.nudged_rate, scratch.stick
     for i in range(len(stick)):
         moved[i] = stick[i] + jolt[i]
     for i in range(MOVING):
@@ -201,7 +203,7 @@ def judged(event: int, c: int, given: FilterInputs, expected: PredictedReading) 
         return False
     if events.landing[event] and kind != SONAR:
         return False
-    if channel < given.command.jumps[event]:
+    if channel < given.command.spoilt_channels[event]:
         return False
     if kind == SONAR:
         margin = SONAR_MARGIN * math.sqrt(noise.variance[channel])
@@ -211,7 +213,7 @@ def judged(event: int, c: int, given: FilterInputs, expected: PredictedReading) 
 
 
 @kernel
-def spread_along(p: Array, row: Array, ph: Array) -> float:
+def innovation_variance(p: Array, row: Array, ph: Array) -> float:
     """Write P h' into ``ph`` (n,) for a ``row`` h (n,) and return h P h'."""
     n = row.shape[0]
     for i in range(n):
@@ -228,11 +230,11 @@ def spread_along(p: Array, row: Array, ph: Array) -> float:
 
 
 @kernel
-def miss_of(kind: int, c: int, value: float, expected: PredictedReading) -> float:
+def innovation_of(kind: int, c: int, value: float, expected: PredictedReading) -> float:
     """Reading less prediction, with what earlier channels of the event did; a heading turned."""
     miss = value - expected.reading[c]
     for i in range(expected.rows.shape[1]):
-        miss -= expected.rows[c, i] * expected.done[i]
+        miss -= expected.rows[c, i] * expected.correction[i]
     if kind == ATTITUDE and c == 2:
         miss -= 2.0 * math.pi * math.floor(miss / (2.0 * math.pi) + 0.5)
     return float(miss)
@@ -255,7 +257,7 @@ def correct(miss: float, s_var: float, estimate: FilterState, expected: Predicte
     n = state.shape[0]
     for i in range(n):
         step = ph[i] / s_var * miss
-        expected.done[i] += step
+        expected.correction[i] += step
         state[i] += step
     for i in range(n):
         x = ph[i] / s_var

@@ -1,7 +1,7 @@
-"""One step of the filter between two events, compiled: mean, transition matrix and process noise.
+"""One compiled step of the filter between two events: mean, transition matrix and process noise.
 
-The equations are the simulator's own ``derivative``. The noises are linear and discretised exactly:
-Ornstein-Uhlenbeck processes, and for the velocity one more pole behind them.
+The equations are the simulator's own ``derivative``. The noises are linear and discretised exactly. They are
+Ornstein-Uhlenbeck processes; that of the velocity passes through one more pole.
 """
 
 from __future__ import annotations
@@ -49,16 +49,16 @@ HOLD = (
 FULL, NOISES = len(STATE), len(NOISE)
 """Entries of the state and the noise that the equations take."""
 CLEAR_M = 0.2
-"""So far above the floor's reach nothing depends on the height but what has a rotor radius."""
+"""This far above the floor's influence only terms with a rotor radius depend on the height."""
 NEARLY = 1e-4
-"""Two time constants that differ by a smaller share are one."""
+"""Two time constants with a smaller relative difference count as equal."""
 _NUDGE = 1e-6
 """Step of the differences that make the Jacobian: the equations are smooth and in SI."""
 
 
 @kernel
-def spread(state: Array, full: Array, noise: Array) -> None:
-    """State of the filter to the state and noise that ``derivative`` takes."""
+def split_state(state: Array, full: Array, noise: Array) -> None:
+    """Split the filter's state into the state and the noise that ``derivative`` takes."""
     for i in range(MOVING):
         full[i] = state[i]
     full[HOLD_X], full[HOLD_Y] = state[X], state[Y]
@@ -73,14 +73,14 @@ def spread(state: Array, full: Array, noise: Array) -> None:
 def jacobian(
     state: Array, command: Array, parameters: Array, rate: Array, matrix: Array, scratch: Scratch
 ) -> None:
-    """Rate (12,) and its Jacobian (10, n) in the filter's state, by differences.
+    """Write the rate (12,) and its Jacobian (10, n) in the filter's state, by finite differences.
 
-    Entries that push different rates are nudged together; what a nudge does to sines and tangents is worked
-    out from their slopes. Columns of o are 0: they act through w.
+    Entries that change different rates are nudged together. The changes of sines and tangents follow from
+    their derivatives. The columns of o are 0, since o acts through w.
     """
     n = state.shape[0]
-    full, noise, beside = scratch.full, scratch.noise, scratch.beside
-    spread(state, full, noise)
+    full, noise, beside = scratch.full, scratch.noise, scratch.nudged_rate
+    split_state(state, full, noise)
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
     rates(full, c, s, ahead, aside, command, noise, parameters, rate)
@@ -113,7 +113,7 @@ def jacobian(
             rates(full, c, s, ahead, aside, command, noise, parameters, beside)
         full[j] = state[j]
         for i in range(MOVING):
-            # How much of the hold noise is left near the floor is no way to tell the height.
+            # The share of hold noise that remains near the floor must not serve to measure the height.
             if j != Z or i == VZ:
                 matrix[i, j] = (beside[i] - rate[i]) / _NUDGE
     for i in (Z, VZ):
@@ -139,7 +139,7 @@ def jacobian(
 
 @kernel
 def decay(hold: Array, h: float, matrix: Array) -> None:
-    """Rows of the noises in the transition matrix over h, exact."""
+    """Write the exact rows of the noises in the transition matrix over h seconds."""
     for i in range(TARGET, matrix.shape[0]):
         matrix[i, :] = 0.0
     for i in range(3):
@@ -159,14 +159,14 @@ def decay(hold: Array, h: float, matrix: Array) -> None:
 
 @kernel
 def stationary(hold: Array, axis: int) -> tuple[float, float]:
-    """Variance of o, and of w (which is also their covariance), on an axis."""
+    """Return the variance of o, and that of w (also their covariance), on an axis."""
     std = hold[W_UP_STD] if axis == 2 else hold[W_STD]
     return std * std * (hold[W_TIME] + hold[POLE]) / hold[W_TIME], std * std
 
 
 @kernel
-def kicks(hold: Array, matrix: Array, q: Array) -> None:
-    """Process noise (n, n) of the noises over a step: what keeps them stationary under ``matrix``."""
+def process_noise(hold: Array, matrix: Array, q: Array) -> None:
+    """Write the process noise (n, n) that keeps the noises stationary under the transition ``matrix``."""
     q[:] = 0.0
     for i in range(3):
         std = hold[TILT_STD] if i < 2 else hold[TURN_STD]
@@ -184,8 +184,8 @@ def kicks(hold: Array, matrix: Array, q: Array) -> None:
 
 @kernel
 def transition(slopes: Array, hold: Array, h: float, matrix: Array) -> None:
-    """Transition matrix (n, n) over h: exact in the noises, to second order of ``slopes`` (10, n) in the
-    rest."""
+    """Write the transition matrix (n, n) over h seconds: exact in the noises, otherwise to second order of
+    ``slopes`` (10, n)."""
     n = matrix.shape[0]
     decay(hold, h, matrix)
     for i in range(MOVING):
@@ -209,8 +209,8 @@ def transition(slopes: Array, hold: Array, h: float, matrix: Array) -> None:
 
 @kernel
 def _times(matrix: Array, right: Array, product: Array) -> None:
-    """``product`` = F ``right``, (n, n) all, for a transition matrix F: mostly 0, and the noises feed on
-    themselves alone, w on o beside."""
+    """Compute ``product`` = F ``right``, (n, n) all, for a sparse transition matrix F: each noise depends
+    on itself alone, and w on o as well."""
     n = right.shape[0]
     for i in range(n):
         x = matrix[i, i]
@@ -235,7 +235,7 @@ def _times(matrix: Array, right: Array, product: Array) -> None:
 
 @kernel
 def covariance_step(h: float, p: Array, step: StepBuffers) -> None:
-    """P <- F P F' + L Q L', in place; L hands half a step of the noises' kicks to what they push."""
+    """P <- F P F' + L Q L', in place; through L half a step of the noise acts on the driven states."""
     n = p.shape[0]
     matrix, q, slopes, work = step.matrix, step.q, step.slopes, step.work
     _times(matrix, p, work)
@@ -269,13 +269,13 @@ def covariance_step(h: float, p: Array, step: StepBuffers) -> None:
 def mean_step(
     h: float, state: Array, command: Array, belief: ModelArrays, step: StepBuffers, scratch: Scratch
 ) -> None:
-    """RK4 over h with the noises' exact decay, in place; writes the state and noise half-way into
-    ``step``."""
+    """Integrate the mean over h by RK4, in place, with the exact decay of the noises. Write the state and
+    noise in the middle into ``step``."""
     n, parameters, matrix = state.shape[0], belief.parameters, step.matrix
     first, middle, middle_noise = step.rate, step.middle, step.middle_noise
     full, noise, ended, rate = scratch.full, scratch.noise, scratch.ended, scratch.rate
     total, after = scratch.total, scratch.nudged
-    spread(state, full, noise)
+    split_state(state, full, noise)
     for i in range(TARGET, n):
         after[i] = matrix[i, i] * state[i]
         if BEHIND <= i < GUST:
