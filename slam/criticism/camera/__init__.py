@@ -1,1 +1,1 @@
-"""What the pictures of a flight say about the camera: where the same points appear, and how they look."""
+"""Likelihood of a flight's pictures: the positions and the appearance of matched points."""

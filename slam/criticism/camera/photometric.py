@@ -12,7 +12,7 @@ from slam.criticism.camera.feature_matches import FeatureMatches
 from slam.criticism.camera.tones import CONTRAST, FIGURES, SHADING, SHARPNESS, Tones, tones_of, weigh
 from slam.criticism.kalman.camera_parameters import BLUR, GAIN, GAMMA, VIGNETTING
 from slam.criticism.kalman.perturbations import Perturbation
-from slam.criticism.kalman.smoothing import Path
+from slam.criticism.kalman.smoothing import SmoothedPath
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class PhotometricScore:
 def photometric_score(
     matches: FeatureMatches,
     camera: Array,
-    path: Path,
+    path: SmoothedPath,
     inside: NDArray[np.bool_],
     directions: Sequence[Perturbation],
 ) -> PhotometricScore:
@@ -164,7 +164,7 @@ def _within(tones: Tones, inside: NDArray[np.bool_]) -> Tones:
     )  # fmt: skip
 
 
-def _speed2(matches: FeatureMatches, path: Path) -> Array:
+def _speed2(matches: FeatureMatches, path: SmoothedPath) -> Array:
     """(n,) mean square speed of points over the picture in px/s."""
     focal = float(np.mean(matches.camera.focal_px))
     height, yaw = np.maximum(path.poses[:, 2], 0.05), path.poses[:, 5]

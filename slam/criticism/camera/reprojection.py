@@ -26,7 +26,7 @@ from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
 from slam.criticism.kalman.readings import SENSOR, SLOPE_X, SLOPE_Y
 from slam.criticism.kalman.record import Record
-from slam.criticism.kalman.smoothing import LEAST_HALF_S, Path, smoothed
+from slam.criticism.kalman.smoothing import LEAST_HALF_S, SmoothedPath, smoothed
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -35,7 +35,7 @@ _POSE_NUDGE = 1e-5
 _SLOPE_NUDGE = 1e-4
 _SENSOR_NUDGE = 1e-3
 _KEPT_PATHS = 2
-_PATHS: WeakKeyDictionary[FeatureMatches, dict[bytes, tuple[Array, Path]]] = WeakKeyDictionary()
+_PATHS: WeakKeyDictionary[FeatureMatches, dict[bytes, tuple[Array, SmoothedPath]]] = WeakKeyDictionary()
 """Smoothed paths at the pictures that were worked out last, as long as these are there."""
 _FAINT = 1e-4
 """Information on a size that nothing in a flight shows: none at all cannot be inverted."""
@@ -73,7 +73,7 @@ class ReprojectionScore:
 
 def camera_path(
     record: Record, matches: FeatureMatches, setting: FilterParameters
-) -> tuple[Path, NDArray[np.bool_]]:
+) -> tuple[SmoothedPath, NDArray[np.bool_]]:
     """The path at the pictures, and which lie within it and off the floor; kept for beliefs nearly alike."""
     camera = setting.camera
     inside = matches.stamps_s > record.times_s[0] + MARGIN_S
@@ -131,7 +131,7 @@ def reprojection_score(
 def reprojection_score_along(
     matches: FeatureMatches,
     setting: FilterParameters,
-    path: Path,
+    path: SmoothedPath,
     inside: NDArray[np.bool_],
     directions: Sequence[Perturbation],
 ) -> ReprojectionScore:
@@ -149,8 +149,8 @@ def reprojection_score_along(
 
 
 def path_segment(
-    path: Path, inside: NDArray[np.bool_], begin: int, end: int
-) -> tuple[Path, NDArray[np.bool_]]:
+    path: SmoothedPath, inside: NDArray[np.bool_], begin: int, end: int
+) -> tuple[SmoothedPath, NDArray[np.bool_]]:
     """The poses ``begin`` to ``end`` of a path through the pictures ``inside`` (n,), and which these are."""
     shown = np.zeros(len(inside), dtype=bool)
     shown[np.flatnonzero(inside)[begin:end]] = True
@@ -160,7 +160,7 @@ def path_segment(
 def _points(
     matches: FeatureMatches,
     setting: FilterParameters,
-    path: Path,
+    path: SmoothedPath,
     inside: NDArray[np.bool_],
     directions: Sequence[Perturbation],
 ) -> ReprojectionScore:
@@ -236,7 +236,7 @@ def _summed(row: Ints, count: int, values: Array) -> Array:
 
 
 def residuals(
-    matches: FeatureMatches, setting: FilterParameters, path: Path, inside: NDArray[np.bool_]
+    matches: FeatureMatches, setting: FilterParameters, path: SmoothedPath, inside: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
     """(m,) px that matches between pictures of a path are off by, and by how much the path leaves that open.
 
@@ -264,7 +264,7 @@ class _Scene:
     matches: FeatureMatches
     setting: FilterParameters
     camera: Array
-    path: Path
+    path: SmoothedPath
     i: Ints
     """(m,) index into the path."""
     j: Ints
@@ -281,7 +281,7 @@ class _Scene:
         matches: FeatureMatches,
         setting: FilterParameters,
         camera: Array,
-        path: Path,
+        path: SmoothedPath,
         inside: NDArray[np.bool_],
     ) -> _Scene:
         """Every other match is carried from the earlier picture into the later one.
@@ -312,9 +312,9 @@ class _Scene:
         rows = told.size_px[1] - 1
         shift_j = self._shift(camera, self.other[:, 1] / rows)
         shift_i = self._shift(camera, self.seen[:, 1] / rows)
-        bends = 0.5 * self.path.bends
-        pose_j = poses[self.j] + shift_j[:, None] * (rates[self.j] + shift_j[:, None] * bends[self.j])
-        pose_i = poses[self.i] + shift_i[:, None] * (rates[self.i] + shift_i[:, None] * bends[self.i])
+        accelerations = 0.5 * self.path.accelerations
+        pose_j = poses[self.j] + shift_j[:, None] * (rates[self.j] + shift_j[:, None] * accelerations[self.j])
+        pose_i = poses[self.i] + shift_i[:, None] * (rates[self.i] + shift_i[:, None] * accelerations[self.i])
         if at_i is not None:
             pose_i = pose_i + at_i
         if at_j is not None:

@@ -1,1 +1,1 @@
-"""From a flight's readings to whitened innovations, and how these move with each parameter of the belief."""
+"""Kalman filter of a flight: whitened innovations, and their sensitivity to each filter parameter."""

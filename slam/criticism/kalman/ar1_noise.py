@@ -1,8 +1,9 @@
-"""Coloured noise in the filter, compiled: a first-order autoregression on each channel of some instruments.
+"""AR(1) measurement noise in the filter, compiled, on each channel of some instruments.
 
-A channel reads h(x) + e, and e keeps a share of itself from one sample to the next, so e belongs to the
-state. Nothing of the vehicle moves it and it does not decay between samples: its mean and covariances are
-kept beside those of the moving state, whose steps they do not burden. Without colour there is none of it.
+A channel reads h(x) + e, where e is a first-order autoregression from sample to sample, so e belongs to the
+state. The vehicle does not act on e, and e does not decay between samples. Its mean and covariances are
+therefore stored apart from those of the moving state, whose steps stay cheap. White noise has no such
+state.
 Source: Bryson and Johansen 1965, shaping filters for coloured measurement noise.
 """
 
@@ -27,16 +28,16 @@ WHITE = -1
 
 
 class Ar1Noise(NamedTuple):
-    """The noises that are coloured, k of them, beside a state of n entries with m tangents."""
+    """State of k AR(1) noises, for a filter state of n entries with m sensitivities."""
 
     slot: Ints
-    """(channels,) which of the noises is the channel's, or ``WHITE``."""
+    """(channels,) index of the channel's noise, or ``WHITE``."""
     samples: Ints
-    """(events,) how many samples after the instrument's last one, lost ones counted."""
-    kept: Array
-    """(k,) correlation of one sample's noise with the next."""
+    """(events,) number of samples since the instrument's last one, lost samples included."""
+    coefficient: Array
+    """(k,) AR(1) coefficient."""
     variance: Array
-    """(k,)."""
+    """(k,) stationary variance."""
     mean: Array
     """(k,)."""
     cross: Array
@@ -45,18 +46,18 @@ class Ar1Noise(NamedTuple):
     """(k, k) covariance."""
     sensitivity: Array
     """(k, m)."""
-    told: Array
-    """(k,) room to work: covariance of the noises with a reading."""
-    moved: Array
-    """(10, k) room to work."""
+    reading_cov: Array
+    """(k,) buffer: covariance of the noises with a reading."""
+    work: Array
+    """(10, k) buffer."""
 
 
 def ar1_noise_for(
     record: Record, setting: FilterParameters, states: int, sensitivity: int
 ) -> Ar1Noise | None:
-    """The noises as they are before the first sample, stationary; none where all are white.
+    """Return the stationary noises before the first sample, or None if all noises are white.
 
-    The kernels are compiled by themselves for none: white noise costs nothing more, to the last digit.
+    The kernels are compiled separately for None, so white noise costs no time and changes no digit.
     """
     colour = setting.noise_correlation[list(INSTRUMENT_OF)]
     channels = np.flatnonzero(colour)
@@ -73,7 +74,7 @@ def ar1_noise_for(
 
 
 def _samples(record: Record) -> Ints:
-    """(events,) whole samples since the event before of the same kind."""
+    """Return (events,) the whole samples since the previous event of the same kind."""
     samples = np.ones(len(record.kinds), dtype=np.int64)
     for kind in np.unique(record.kinds):
         rows = np.flatnonzero(record.kinds == kind)
@@ -85,40 +86,41 @@ def _samples(record: Record) -> Ints:
 
 @kernel
 def sample(noise: Ar1Noise, event: int, kind: int) -> None:
-    """The noises of an instrument's channels go on to its next sample."""
+    """Propagate the noises of an instrument's channels to its next sample."""
     n, k = noise.cross.shape
     for c in range(WIDTH[kind]):
         j = noise.slot[FIRST_CHANNEL[kind] + c]
         if j == WHITE:
             continue
-        kept = noise.kept[j] ** noise.samples[event]
-        noise.mean[j] *= kept
+        share = noise.coefficient[j] ** noise.samples[event]
+        noise.mean[j] *= share
         for a in range(n):
-            noise.cross[a, j] *= kept
+            noise.cross[a, j] *= share
         for b in range(k):
-            noise.own[b, j] *= kept
-            noise.own[j, b] *= kept
-        noise.own[j, j] += (1.0 - kept * kept) * noise.variance[j]
+            noise.own[b, j] *= share
+            noise.own[j, b] *= share
+        noise.own[j, j] += (1.0 - share * share) * noise.variance[j]
         for d in range(noise.sensitivity.shape[1]):
-            noise.sensitivity[j, d] *= kept
+            noise.sensitivity[j, d] *= share
 
 
 @kernel
 def covariance_with_reading(noise: Ar1Noise, j: int, row: Array, ph: Array) -> float:
-    """Covariances with a reading of row h (n,) and of noise j: those of the noises are
-    kept in ``told``, those of the state in ``ph`` (n,), P h' on entry, completed. Returns the variance that
-    the noise adds."""
+    """Compute the covariances with a reading of row h (n,) and noise j.
+
+    Those of the noises go to ``reading_cov``. ``ph`` (n,) holds P h' on entry and the covariance of the state
+    on return. Return the variance that the noise adds."""
     n, k = noise.cross.shape
     for i in range(k):
         total = 0.0
         for a in range(n):
             total += row[a] * noise.cross[a, i]
-        noise.told[i] = total
+        noise.reading_cov[i] = total
     if j == WHITE:
         return 0.0
-    added = 2.0 * noise.told[j] + noise.own[j, j]
+    added = 2.0 * noise.reading_cov[j] + noise.own[j, j]
     for i in range(k):
-        noise.told[i] += noise.own[i, j]
+        noise.reading_cov[i] += noise.own[i, j]
     for a in range(n):
         ph[a] += noise.cross[a, j]
     return float(added)
@@ -126,15 +128,15 @@ def covariance_with_reading(noise: Ar1Noise, j: int, row: Array, ph: Array) -> f
 
 @kernel
 def correct_noise(noise: Ar1Noise, ph: Array, s_var: float, miss: float, changes: Array) -> None:
-    """Take a reading's miss, of variance ``s_var``, into the noises, and its ``changes`` (m,) with each
-    tangent into theirs."""
+    """Correct the noises by an innovation ``miss`` of variance ``s_var``, and their sensitivities by its
+    ``changes`` (m,)."""
     n, k = noise.cross.shape
     for i in range(k):
-        gain = noise.told[i] / s_var
+        gain = noise.reading_cov[i] / s_var
         noise.mean[i] += gain * miss
         for a in range(n):
             noise.cross[a, i] -= gain * ph[a]
         for b in range(k):
-            noise.own[i, b] -= gain * noise.told[b]
+            noise.own[i, b] -= gain * noise.reading_cov[b]
         for d in range(len(changes)):
             noise.sensitivity[i, d] -= gain * changes[d]

@@ -94,7 +94,7 @@ class PerturbationArrays(NamedTuple):
     """(m,) factor from a finite difference to the derivative per unit of the perturbation."""
 
 
-class FilterInputs(NamedTuple):
+class KalmanInputs(NamedTuple):
     """A flight, and the model under which it is filtered."""
 
     events: EventArrays
@@ -104,7 +104,7 @@ class FilterInputs(NamedTuple):
     perturbations: PerturbationArrays
 
 
-class FilterState(NamedTuple):
+class KalmanState(NamedTuple):
     """The estimate that the filter updates from event to event."""
 
     state: Array
@@ -212,7 +212,7 @@ class Workspace(NamedTuple):
     scratch: Scratch
 
 
-class FilterOutputs(NamedTuple):
+class KalmanOutputs(NamedTuple):
     """The results that the filter writes."""
 
     innovation: Array

@@ -1,6 +1,6 @@
-"""The camera's part of a belief: a vector with one entry for each parameter that pictures can show.
+"""The camera's part of the filter parameters: a vector of the parameters that pictures can show.
 
-Entries whose sign cannot be seen are squares: of an exposure, of the standard deviations of gain and gamma.
+Entries of unobservable sign are squares: exposure time, standard deviations of gain and gamma.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ CAMERA = (
 )  # fmt: skip
 (FOCAL, RADIAL, TILT_X, TILT_Y, OFFSET, READOUT, VIGNETTING, BLUR, GAIN, GAMMA) = range(len(CAMERA))
 POINTS = 6
-"""The first so many entries move points of the picture."""
+"""Number of leading entries that move points of the picture."""
 SQUARES = (BLUR, GAIN, GAMMA)
 STEPS = (1e-4, 1e-4, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3, 1e-6, 1e-5, 1e-5)
 
 
 def camera_vector(model: Model) -> Array:
-    """The entries that a model holds."""
+    """Return the vector of a model."""
     vector = np.array([model.value(*name.split(".")) for name in CAMERA])
     vector[list(SQUARES)] **= 2
     return vector
 
 
 def catalogued(entry: int, value: float) -> float:
-    """An entry in the catalogue's unit."""
+    """Return an entry in the unit of the catalogue."""
     return float(np.sqrt(max(value, 0.0))) if entry in SQUARES else value

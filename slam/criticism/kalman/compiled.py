@@ -1,4 +1,4 @@
-"""How the filter's kernels are compiled: without the interpreter's lock, sums free to be reordered."""
+"""Compilation of the filter's kernels: without the interpreter's lock, with sums free to be reordered."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ discard_stale(
 _OPTIONS: dict[str, Any] = {
     "cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract", "reassoc", "arcp", "nsz"},
 }  # fmt: skip
-"""NaN keeps its meaning: a missing reading is one."""
+"""NaN keeps its meaning, since it marks missing readings."""
 kernel = njit(**_OPTIONS, _nrt=False)
-"""Makes no arrays, and counts no references to those it is given: counting took half the filter's time.
-Who calls it from Python holds them meanwhile."""
+"""Decorator of kernels that allocate no arrays and count no references: counting took half the filter's time.
+The Python caller must hold the arrays meanwhile."""
 allocating_kernel = njit(**_OPTIONS)
-"""May make arrays."""
+"""Decorator of kernels that may allocate arrays."""

@@ -14,9 +14,9 @@ import math
 from slam.criticism.kalman.ar1_noise import WHITE, Ar1Noise, correct_noise, covariance_with_reading, sample
 from slam.criticism.kalman.arrays import (
     Array,
-    FilterInputs,
-    FilterOutputs,
-    FilterState,
+    KalmanInputs,
+    KalmanOutputs,
+    KalmanState,
     NoiseArrays,
     PerturbationBuffers,
     PredictedReading,
@@ -91,11 +91,11 @@ def _turn_within_lag(event: int, times: Array, states: Array, lag_s: float, rate
 @kernel
 def _take(
     event: int,
-    given: FilterInputs,
-    estimate: FilterState,
+    given: KalmanInputs,
+    estimate: KalmanState,
     expected: PredictedReading,
     changes: PerturbationBuffers,
-    written: FilterOutputs,
+    written: KalmanOutputs,
     coloured: Ar1Noise | None,
 ) -> None:
     """Update the estimate with the channels of one event, one after the other."""
@@ -143,10 +143,10 @@ def _take(
 def run(
     begin: int,
     end: int,
-    given: FilterInputs,
-    estimate: FilterState,
+    given: KalmanInputs,
+    estimate: KalmanState,
     room: Workspace,
-    written: FilterOutputs,
+    written: KalmanOutputs,
     coloured: Ar1Noise | None,
 ) -> None:
     """Filter the events ``begin`` to ``end``.
@@ -163,7 +163,7 @@ def run(
         for s in range(first, last):
             predict(s, given, estimate, step, scratch)
             if coloured is not None:
-                carry(step.matrix, coloured.cross, coloured.moved)
+                carry(step.matrix, coloured.cross, coloured.work)
             if traced:
                 carry(step.matrix, sensitivity, changes.work)
                 force(s, given, sensitivity, step, changes, scratch)

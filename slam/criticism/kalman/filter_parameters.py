@@ -1,4 +1,4 @@
-"""What the filter believes: a model's constants, the hold noise and the noise of each channel, as vectors."""
+"""Parameters of the filter: a model's constants, the hold noise and the noise of each channel, as vectors."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from slam.simulation.terms import CATALOGUE
 Array = NDArray[np.float64]
 
 LATE_SPREAD = 0.06
-"""A vehicle that is late is not late by the same each time: standard deviation, as a share of the latency."""
+"""Standard deviation of the latency from command to command, as a share of the latency."""
 
 
 @dataclass(frozen=True)
 class FilterParameters:
-    """One belief: all that a filter run depends on beside the flight."""
+    """All parameters of a filter run apart from the flight."""
 
     parameters: Array
     """(``dynamics.PARAMETERS``,)."""
@@ -31,27 +31,27 @@ class FilterParameters:
     hold: Array
     """(``transition.HOLD``,)."""
     noise_factor: Array
-    """(channels,) of the flight's own noise figures."""
+    """(channels,) factor on the flight's own noise figures."""
     latency_s: float = 0.0
     drift: float = 0.0
-    """The vehicle's clock against the recorder's: gains so much of the time."""
+    """Relative rate error of the vehicle's clock against the recorder's."""
     jitter_s: float = 0.0
     """Standard deviation of the stamps."""
     noise_correlation: Array = field(default_factory=lambda: np.zeros(len(INSTRUMENTS)))
-    """(``readings.INSTRUMENTS``,) correlation of the noise of one sample with that of the next; 0: white."""
+    """(``readings.INSTRUMENTS``,) AR(1) coefficient of the noise from sample to sample; 0: white."""
     out_of_model: bool = False
-    """The vehicle is of another make: how restless it and its instruments are is not known beforehand."""
+    """The vehicle is of another make: its process noise and instrument noise have no prior."""
     camera: Array = field(default_factory=lambda: np.zeros(len(CAMERA)))
-    """(``optics.CAMERA``,)."""
+    """(``camera_parameters.CAMERA``,)."""
 
     @property
     def late_std_s(self) -> float:
-        """By how much the moments differ at which single commands are obeyed."""
+        """Standard deviation of the latency of single commands, in seconds."""
         return LATE_SPREAD * self.latency_s
 
 
 def filter_parameters_of(model: Model) -> FilterParameters:
-    """The belief that a model is. Terms of the camera, and those that act by chance alone, are not in it."""
+    """Return the filter parameters of a model, without the terms that act by chance alone."""
     sensor = np.zeros(len(SENSOR))
     for k, name in enumerate(SENSOR):
         term, _, parameter = name.partition(".")
@@ -91,7 +91,7 @@ def filter_parameters_of(model: Model) -> FilterParameters:
 
 
 def slot(name: str) -> tuple[str, int]:
-    """Where a parameter stands: the vector ("parameters", "camera" or "sensor") and its entry."""
+    """Return a parameter's vector ("parameters", "camera" or "sensor") and its entry there."""
     if name in PARAMETERS:
         return "parameters", PARAMETERS.index(name)
     if name in CAMERA:

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from slam.criticism.kalman.ar1_noise import ar1_noise_for
-from slam.criticism.kalman.arrays import Array, FilterOutputs, Ints
+from slam.criticism.kalman.arrays import Array, Ints, KalmanOutputs
 from slam.criticism.kalman.filter import IGNORED, USED, run
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.perturbations import Perturbation, Signal
@@ -108,7 +108,7 @@ class Run:
         self._estimate, self._room = initial_state(record, setting, n, m), workspace_for(n, m)
         self._coloured = ar1_noise_for(record, setting, n, m)
         self._usual = record.usual_log_variance
-        self._written = FilterOutputs(
+        self._written = KalmanOutputs(
             np.full((events, 6), np.nan), np.full((events, 6), np.nan),
             np.zeros((events, 6), dtype=np.int64), np.zeros((events, MOVING + 1)), np.empty((0, m)),
             np.zeros(1, dtype=np.int64),

@@ -1,7 +1,7 @@
-"""Directions: the small changes of a belief whose trace in the innovations is computed beside the filter.
+"""Perturbations of the filter parameters, for which the filter computes the sensitivity of the innovations.
 
-A direction is a parameter of the equations or of an instrument, an early or late command, or a signal
-injected into a channel, a target or a force. Its trace is per unit of its own parameter.
+A perturbation changes a parameter of the equations or of an instrument, or the delay of the command, or
+injects a signal into a channel, a target or a force. Sensitivities are per unit of the own parameter.
 """
 
 from __future__ import annotations
@@ -21,33 +21,33 @@ from slam.criticism.kalman.sensitivity import ON_CHANNEL
 from slam.simulation.dynamics import NOISE, PARAMETERS
 
 Kind = Literal["parameters", "sensor", "latency", "drift", "force", "channel", "camera", "picture"]
-"""The last two leave no trace in readings: only in pictures."""
+"""The last two act on pictures alone, not on readings."""
 Signal = tuple[Array, Array]
-"""Values at the middle of each step and at each event."""
+"""Values in the middle of each step and at each event."""
 
 FORCES = (*NOISE, "up", "ahead", "left")
-"""Where a force goes in: the equations' noises, the climb stick, and wind in the vehicle's own axes."""
+"""Entries of a force: the equations' noises, the climb stick, and wind in the vehicle's own axes."""
 JUMP_S = 0.002
-"""A log's stamps say no better when the stick jumped; the gyro jumps with it."""
+"""Time resolution of a stick's jump in the log; the gyro jumps with the stick."""
 GYRO_CHANNELS = 3
 JITTER_REACH, LARGE_JUMP = 3.0, 0.03
-"""Standard deviations of a stamp, and the least jump of a stick that matters so far away."""
+"""Standard deviations of a stamp, and the least jump of a stick that matters at that distance."""
 
 
 @dataclass(frozen=True)
 class Perturbation:
-    """One change of a belief."""
+    """One change of the filter parameters."""
 
     name: str
     kind: Kind
     entry: int = 0
-    """Of the parameters, the sensor's vector, ``FORCES`` or ``CHANNELS``."""
+    """Index into the parameters, the sensor's vector, ``FORCES`` or ``CHANNELS``."""
     step: float = 1e-3
-    """Size of the change that the difference is taken over."""
+    """Step of the finite difference."""
     signal: str = ""
     """Name of the signal that is injected."""
     unit: float | None = None
-    """The trace is that of the whole step, divided by this; by default by the step."""
+    """Divisor of the finite difference; by default the step."""
 
 
 LATE_SHARE = 3.0 * LATE_SPREAD
@@ -60,7 +60,7 @@ _READ_BY = {
 
 
 def parameter_perturbation(name: str, step: float) -> Perturbation:
-    """The direction of a parameter of the equations or of an instrument."""
+    """Return the perturbation of a parameter of the equations, of an instrument or of the camera."""
     if name in PARAMETERS:
         return Perturbation(name, "parameters", PARAMETERS.index(name), step)
     if name in CAMERA:
@@ -74,7 +74,7 @@ def perturbation_arrays(
     perturbations: Sequence[Perturbation],
     signals: dict[str, Signal],
 ) -> tuple[PerturbationArrays, CommandArrays]:
-    """The directions over one flight as the kernels take them, with the sticks that they obey."""
+    """Return the perturbations of one flight as arrays, with the commands of all their variants."""
     m = len(perturbations)
     variants: list[tuple[float, float]] = [(setting.latency_s, setting.drift)]
     names = sorted({d.signal for d in perturbations if d.signal})
@@ -108,7 +108,7 @@ def perturbation_arrays(
 def _command(
     record: Record, setting: FilterParameters, variants: Sequence[tuple[float, float]]
 ) -> CommandArrays:
-    """The sticks of each variant, a latency and a clock's drift."""
+    """Return the commands of each variant, which is a latency and a clock's drift."""
     over_steps, at_events = zip(*(_obeyed(record, *variant) for variant in variants), strict=True)
     return CommandArrays(
         np.array(over_steps), np.array(at_events), _stick_jumps(record, setting), setting.late_std_s**2,
@@ -117,7 +117,7 @@ def _command(
 
 
 def _obeyed(record: Record, latency_s: float, drift: float) -> tuple[Array, Array]:
-    """Means over the steps and values at the events of the stick, on the vehicle's clock."""
+    """Return the stick's means over the steps and values at the events, on the vehicle's clock."""
     begin = record.step_begin_s / (1 + drift)
     end = (record.step_begin_s + record.step_s) / (1 + drift)
     return (
@@ -137,15 +137,15 @@ def _stick_jumps(record: Record, setting: FilterParameters) -> Array:
 def _spoilt_channels(record: Record, setting: FilterParameters) -> Ints:
     size = np.abs(np.diff(record.stick.values, axis=0)).max(axis=1, initial=0.0)
     at = (record.stick.stamps_s[1:] + setting.latency_s) * (1 + setting.drift)
-    beside = _apart(record.times_s, at[size > 0]) < JUMP_S + LATE_SHARE * setting.latency_s
-    spoilt = np.where(beside, GYRO_CHANNELS, 0)
-    # With stamps that are off by themselves the climb's own jump, smaller, is in doubt as well.
+    near_jump = _apart(record.times_s, at[size > 0]) < JUMP_S + LATE_SHARE * setting.latency_s
+    spoilt = np.where(near_jump, GYRO_CHANNELS, 0)
+    # With jittering stamps the smaller jump of the climb is uncertain as well.
     spoilt[_apart(record.times_s, at[size > LARGE_JUMP]) < JITTER_REACH * setting.jitter_s] = WIDTH[IMU]
     return np.asarray(spoilt, dtype=np.int64)
 
 
 def _apart(times_s: Array, moments_s: Array) -> Array:
-    """Time from each to the nearest moment."""
+    """Return the time from each entry to the nearest moment; infinite without moments."""
     if len(moments_s) == 0:
         return np.full(len(times_s), np.inf)
     after = np.searchsorted(moments_s, times_s)

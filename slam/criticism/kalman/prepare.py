@@ -9,8 +9,8 @@ import numpy as np
 from slam.criticism.kalman.arrays import (
     Array,
     EventArrays,
-    FilterInputs,
-    FilterState,
+    KalmanInputs,
+    KalmanState,
     ModelArrays,
     NoiseArrays,
     PerturbationBuffers,
@@ -37,7 +37,7 @@ def filter_inputs(
     signals: dict[str, Signal],
     variance: Array,
     states: int,
-) -> FilterInputs:
+) -> KalmanInputs:
     """Return the kernels' inputs; ``variance`` (channels,) is that of one reading."""
     events = EventArrays(
         record.times_s, record.kinds, record.values, record.elapsed, record.landing, record.first_step,
@@ -46,18 +46,18 @@ def filter_inputs(
     table, command = perturbation_arrays(record, setting, perturbations, signals)
     diffusion = np.diag(_process_noise(setting.hold, SHORT_S, states)) / SHORT_S
     noise = NoiseArrays(variance, record.range_limits, setting.jitter_s, diffusion)
-    return FilterInputs(
+    return KalmanInputs(
         events, command, ModelArrays(setting.parameters, setting.sensor, setting.hold), noise, table
     )
 
 
-def initial_state(record: Record, setting: FilterParameters, states: int, perturbations: int) -> FilterState:
+def initial_state(record: Record, setting: FilterParameters, states: int, perturbations: int) -> KalmanState:
     """Return the estimate before the first reading: the record's initial guess and stationary noises."""
     state, p = np.zeros(states), np.zeros((states, states))
     state[:MOVING] = record.start
     p[np.arange(MOVING), np.arange(MOVING)] = record.start_std**2
     p[TARGET:, TARGET:] = _process_noise(setting.hold, ENDLESS_S, states)[TARGET:, TARGET:]
-    return FilterState(state, p, np.zeros(len(CHANNELS)), np.zeros((states, perturbations)))
+    return KalmanState(state, p, np.zeros(len(CHANNELS)), np.zeros((states, perturbations)))
 
 
 def _process_noise(hold: Array, h: float, n: int) -> Array:

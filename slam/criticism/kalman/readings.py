@@ -1,7 +1,7 @@
-"""What each instrument reads in a state of the filter, compiled: the simulator's instruments without noise.
+"""Compiled measurement functions of the filter: the simulator's instruments without noise.
 
-The filter's state is that of the equations of motion (place to yaw rate), then the hold noise: what is added
-to the targets, the velocity noise before its pole (o) and behind it (w), and the wind of gusts.
+The filter's state is that of the equations of motion (position to yaw rate), then the hold noise: noise on
+the targets, the velocity noise before its pole (o) and after it (w), and the wind of gusts.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 MOVING = 10
 """Entries of the state that the equations of motion drive."""
 TARGET, BEFORE, BEHIND, GUST = 10, 13, 16, 19
-"""First entry of: noise on the targets (3), o (3), w (3), gusts (2)."""
+"""First entries of the noise on the targets (3), o (3), w (3) and gusts (2)."""
 STATES, STATES_WITH_GUSTS = 19, 21
 
 IMU, ATTITUDE, VELOCITY, SONAR = range(4)
@@ -31,7 +31,7 @@ CHANNELS = (
     "gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z",
     "roll", "pitch", "yaw", "velocity_x", "velocity_y", "range",
 )  # fmt: skip
-"""Names of the scalar channels; those of an event's kind begin at ``FIRST_CHANNEL``."""
+"""Names of the scalar channels; those of kind k begin at ``FIRST_CHANNEL[k]``."""
 CHANNEL_UNITS = ("rad/s",) * 3 + ("m/s^2",) * 3 + ("rad",) * 3 + ("m/s",) * 2 + ("m",)
 WIDTH = (6, 3, 2, 1)
 """Channels of each kind."""
@@ -42,29 +42,29 @@ CHANNEL_AT = np.array(
         for first, width in zip(FIRST_CHANNEL, WIDTH, strict=True)
     ]
 )
-"""(kinds, 6) channel in each column of an event's values; ``NO_CHANNEL`` where it has no such column."""
+"""(kinds, 6) channel in each column of an event's values; ``NO_CHANNEL`` for unused columns."""
 INSTRUMENTS = ("gyro", "accel", "attitude", "velocity", "sonar")
 INSTRUMENT_CHANNELS = (range(3), range(3, 6), range(6, 9), range(9, 11), range(11, 12))
-"""Of each instrument: their noise is of one sort."""
+"""Channels of each instrument, which share a kind of noise."""
 INSTRUMENT_OF = tuple(k for k, channels in enumerate(INSTRUMENT_CHANNELS) for _ in channels)
-"""Of each channel."""
+"""Instrument of each channel."""
 RANGE = FIRST_CHANNEL[SONAR]
 BEYOND_IMU = range(FIRST_CHANNEL[ATTITUDE], len(CHANNELS))
 
 
 def channels_of(kind: int) -> range:
-    """The channels that events of a kind read."""
+    """Return the channels that events of a kind read."""
     return range(FIRST_CHANNEL[kind], FIRST_CHANNEL[kind] + WIDTH[kind])
 
 
 def by_channel(*figures: float | Sequence[float]) -> Array:
-    """(channels,) of a figure for each of ``INSTRUMENTS``: one for all its channels, or one for each."""
+    """Return (channels,) from figures for each of ``INSTRUMENTS``: one for all channels, or one for each."""
     of_each = zip(figures, INSTRUMENT_CHANNELS, strict=True)
     return np.concatenate([np.broadcast_to(figure, len(channels)) for figure, channels in of_each])
 
 
 def place_of(channel: int) -> tuple[int, int]:
-    """Kind of the events that read a channel, and its column there."""
+    """Return the kind of the events that read a channel, and its column there."""
     kind, column = np.argwhere(channel == CHANNEL_AT)[0]
     return int(kind), int(column)
 
@@ -79,7 +79,7 @@ SENSOR = (
     "floor_slope.x", "floor_slope.y",
     "attitude.delay_s", "velocity.delay_s",
 )  # fmt: skip
-"""Entries of the instruments' parameter vector; the last two belong to no term but to the dictionary."""
+"""Entries of the instruments' parameter vector; the last two belong to residual patterns, not to terms."""
 
 (
     FLOW_SCALE, DEROTATION, SLANT, TILT_X, TILT_Y, RANGE_SCALE, RANGE_BIAS, WARMING, RANGE_LAG, DATUM,
@@ -88,12 +88,12 @@ SENSOR = (
 ) = range(len(SENSOR))  # fmt: skip
 
 ASSUMED_SOUND_M_S, SOUND_M_S_K = 331.3 + 0.606 * 20.0, 0.606
-"""Speed of sound that the sonar reckons with, and its change a degree."""
+"""Speed of sound in m/s that the sonar assumes, and its change per kelvin."""
 
 
 @kernel
 def _turned(x: float, y: float, z: float, sensor: Array, out: Array, first: int) -> None:
-    """A vector in the axes of a unit turned by a small rotation vector m: v - m x v + m x (m x v) / 2."""
+    """Write a vector in axes turned by a small rotation vector m: v - m x v + m x (m x v) / 2."""
     a, b, c = sensor[TURN_X], sensor[TURN_Y], sensor[TURN_Z]
     u, v, w = b * z - c * y, c * x - a * z, a * y - b * x
     out[first] = x - u + 0.5 * (b * w - c * v)
@@ -127,7 +127,7 @@ def _imu(state: Array, rate: Array, sensor: Array, pole_s: float, share: float, 
 
 @kernel
 def _range(state: Array, rate: Array, sensor: Array, elapsed: float) -> float:
-    """Range along the beam to the floor, to first order in the beam's tilt and to second in the lag."""
+    """Return the range along the beam, to first order in the beam's tilt and to second in the lag."""
     late = sensor[RANGE_LAG]
     z = state[Z] - late * rate[Z] + 0.5 * late * late * rate[VZ]
     roll, pitch = state[ROLL] - late * rate[ROLL], state[PITCH] - late * rate[PITCH]
@@ -160,7 +160,7 @@ def reading(
     elapsed: float,
     out: Array,
 ) -> None:
-    """Write what an instrument reads into ``out`` (6,).
+    """Write the reading of an instrument into ``out`` (6,).
 
     ``rate`` (>= 10,) is the state's rate from the equations, ``sensor`` (``SENSOR``,), ``elapsed`` the share
     of the flight's duration that is over.

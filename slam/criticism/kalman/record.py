@@ -1,6 +1,6 @@
-"""A flight as the filter takes it: readings of all instruments in one order of time, and steps between them.
+"""A flight as the filter takes it: readings of all instruments in order of time, and the steps between them.
 
-Readings are turned into body axes first; a missing stream is no event, a missing value is NaN.
+Readings are in body axes. A missing stream has no events, and a missing value is NaN.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LONGEST_STEP_S = 0.005
-"""Of the filter between two events: a tenth of the vehicle's fastest lag."""
+"""Longest step of the filter between two events: a tenth of the vehicle's fastest lag."""
 HIGH_UP_M = 20.0
 FIRST_RANGES, HEIGHT_STD_M = 5, 0.05
 MOVING_TILT_RAD, MOVING_TURN_RAD_S, MOVING_M_S = 0.5, 1.5, 2.0
-"""How far a vehicle in motion may be from level and at rest."""
+"""Initial standard deviations of tilt, turn rate and velocity of a vehicle in motion."""
 LONGEST_GAP_S = 5.0
-"""A flight whose readings pause longer is judged up to there only."""
+"""A flight is used only up to the first longer gap between readings."""
 
 
 @dataclass(frozen=True)
@@ -63,34 +63,34 @@ class Record:
     """(steps,) lengths."""
     stick: Stick
     noise_std: Array
-    """(channels,) of one reading, as the flight's own description has it."""
+    """(channels,) standard deviation of one reading, by the flight's own figures."""
     range_limits: Array
     """(2,) least and greatest range that the sonar reports."""
     start: Array
-    """(10,) a first guess of the moving state, and ``start_std`` (10,) how good it is."""
+    """(10,) initial guess of the moving state, and ``start_std`` (10,) its standard deviation."""
     start_std: Array
     landing: NDArray[np.bool_]
-    """(events,) on the floor and just after: what feels the gear is not judged."""
+    """(events,) true on the floor and shortly after, where the landing gear spoils readings."""
     usual_log_variance: Array
-    """(channels,) of a healthy vehicle's innovations. Both are 0 until ``reference.referred``."""
+    """(channels,) log variance of healthy innovations. Both are 0 until ``reference.referred``."""
     matches: FeatureMatches | None = None
-    """What its pictures show."""
+    """Feature matches between its pictures."""
 
     @property
     def duration_s(self) -> float:
-        """From second 0 to the last event."""
+        """Time from second 0 to the last event, in seconds."""
         return float(self.times_s[-1])
 
     def has(self, channel: int) -> bool:
-        """Whether the flight has readings of a channel."""
+        """Return whether the flight has readings of a channel."""
         kind, column = place_of(channel)
         return bool(np.isfinite(self.values[self.kinds == kind, column]).any())
 
 
 def record_of(flight: Flight) -> Record:
-    """The flight's readings for the filter.
+    """Return the flight's readings for the filter.
 
-    Raises ``ValueError`` with the reason where there is nothing to read, or only once.
+    Raises ``ValueError`` with the reason if the flight has no readings, or none after the first moment.
     """
     streams = _streams(flight)
     if not streams:
@@ -124,36 +124,37 @@ def record_of(flight: Flight) -> Record:
     )  # fmt: skip
 
 
-HELD_SHARE = 0.5
-"""Share of its readings at which a stick that a controller moves is elsewhere than before."""
+CONTROLLER_SHARE = 0.5
+"""Least share of log entries at which a stick that a controller moves has changed."""
 
 
 LEAST_STICK = 0.01
-"""What is less is a stick at rest."""
+"""Deflections below this count as a stick at rest."""
 
 
 def any_turns(records: Sequence[Record]) -> bool:
-    """Whether the turn stick was moved in any of them."""
+    """Return whether the turn stick moved in any of the records."""
     return any(bool((np.abs(record.stick.values[:, TURN]) >= LEAST_STICK).any()) for record in records)
 
 
 def any_holds_heading(records: Sequence[Record]) -> bool:
-    """Whether a controller moves the turn stick of any of them."""
+    """Return whether a controller moves the turn stick of any of the records."""
     return any(holds_heading(record.stick) for record in records)
 
 
 def holds_heading(stick: Stick) -> bool:
-    """Whether a controller moves the turn stick, rather than a hand or a script.
+    """Return whether a controller moves the turn stick, rather than a hand or a script.
 
-    What it knows of the heading beyond the instruments, it tells by the stick: that looks like an effect of
-    the stick on the rate of turn. A pilot who follows way points of the simulator knows the truth.
+    A controller that knows more of the heading than the instruments puts that knowledge into the stick. It
+    then looks like an effect of the stick on the rate of turn. The simulator's waypoint pilot knows the
+    truth.
     """
     turn = stick.values[:, TURN]
-    return len(turn) > 1 and float(np.mean(np.diff(turn) != 0)) > HELD_SHARE
+    return len(turn) > 1 and float(np.mean(np.diff(turn) != 0)) > CONTROLLER_SHARE
 
 
 def has_commands(flight: Flight) -> bool:
-    """Whether the flight has a command log."""
+    """Return whether the flight has a command log."""
     return flight.command is not None and len(flight.command.stamps_s) > 0
 
 
@@ -183,7 +184,7 @@ def _finite(values: Array) -> Array:
 
 
 def steps_between(times: Array) -> tuple[Ints, Array, Array]:
-    """Steps between events at ``times`` (events,): each event's first, their beginnings and lengths."""
+    """Return the steps between events at ``times`` (events,): first of each event, beginnings, lengths."""
     gaps = np.diff(times, prepend=times[0])
     counts = np.ceil(gaps / LONGEST_STEP_S - 1e-9).astype(np.int64)
     first_step = np.concatenate([[0], np.cumsum(counts)])
@@ -195,7 +196,7 @@ def steps_between(times: Array) -> tuple[Ints, Array, Array]:
 def in_order(
     record: Record, times_s: Array, kinds: Ints, values: Array, landing: NDArray[np.bool_]
 ) -> Record:
-    """The record with other events (events,), in whatever order they are given; none is before second 0."""
+    """Return the record with other events (events,), given in any order; none is before second 0."""
     order = np.argsort(times_s, kind="stable")
     times_s = np.maximum(times_s[order], 0.0)
     first_step, begin_s, lengths_s = steps_between(times_s)
@@ -207,7 +208,7 @@ def in_order(
 
 
 def with_events(record: Record, own: NDArray[np.bool_]) -> Record:
-    """The record with some of its events (events,), that follow each other."""
+    """Return the record with some successive events; the mask ``own`` is (events,)."""
     first_step, step_begin_s, step_s = steps_between(record.times_s[own])
     return replace(
         record, times_s=record.times_s[own], kinds=record.kinds[own], values=record.values[own],
@@ -217,7 +218,7 @@ def with_events(record: Record, own: NDArray[np.bool_]) -> Record:
 
 
 def moving_from(record: Record, begin_s: float, end_s: float) -> Record:
-    """The record's events of a time at whose begin the vehicle moves already, nobody knows how."""
+    """Return the record's events of an interval at whose beginning the vehicle moves in an unknown way."""
     flown = with_events(record, (record.times_s >= begin_s) & (record.times_s <= end_s))
     start, start_std = _start(flown.kinds, flown.values)
     start_std[[ROLL, PITCH]], start_std[YAW_RATE] = MOVING_TILT_RAD, MOVING_TURN_RAD_S
@@ -226,7 +227,7 @@ def moving_from(record: Record, begin_s: float, end_s: float) -> Record:
 
 
 def _noise_std(flight: Flight) -> Array:
-    """(channels,) of one reading, as the flight's own figures have it; 1 where there is no instrument."""
+    """Return (channels,) the noise of one reading by the flight's own figures; 1 without the instrument."""
     imu, gyro, accel = flight.imu, 1.0, 1.0
     if imu is not None and len(imu.stamps_s) > 1:
         root = float(np.median(np.diff(imu.stamps_s))) ** -0.5
@@ -242,16 +243,16 @@ def _noise_std(flight: Flight) -> Array:
 
 
 def _start(kinds: Ints, values: Array) -> tuple[Array, Array]:
-    """From the first readings, so that the equations are linearised where the vehicle is."""
+    """Return the initial guess and its deviation from the first readings, as linearisation point."""
     start, std = np.zeros(10), np.zeros(10)
     std[[VX, VY, VZ]], std[[ROLL, PITCH]], std[YAW_RATE] = (0.3, 0.3, 0.1), 0.05, 0.1
     if (k := np.flatnonzero((kinds == ATTITUDE) & np.isfinite(values[:, 2]))).size:
-        # Only the heading: level and at rest is known otherwise.
+        # Only the heading: the vehicle is known to be level and at rest.
         start[YAW], std[YAW] = values[k[0], 2], 0.05
-    # Without a sonar the height is anybody's guess: then far from the floor, where it does nothing.
+    # Without a sonar the height is unknown: assume one far from the floor, where it has no effect.
     start[Z], std[Z] = HIGH_UP_M, 0.5
     if (k := np.flatnonzero(kinds == SONAR)).size:
-        # The middle of some: one by itself may be a second echo, and must not pass for the height either.
+        # The median of some: a single one may be a second echo and must not pass for the height.
         some = values[k[:FIRST_RANGES], 0]
         start[Z] = np.median(some)
         std[Z] = HEIGHT_STD_M + 1.5 * np.median(np.abs(some - start[Z]))

@@ -1,8 +1,8 @@
-"""Tangents through the filter, compiled: what a perturbation does within a step, and to a reading.
+"""Compiled sensitivities of the filter: the effect of a perturbation within a step and on a reading.
 
 A perturbation is another value of a parameter of the equations or of an instrument, an early or late command,
-or a signal injected into a force, a target or a channel. Its tangent is how the filter's state changes with
-it while the gains stay; each costs one more evaluation of the equations, not one more filter.
+or a signal injected into a force, a target or a channel. The sensitivity is the derivative of the filter's
+state at fixed gains. Each costs one more evaluation of the equations, not one more filter.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import math
 
 from slam.criticism.kalman.arrays import (
     Array,
-    FilterInputs,
+    KalmanInputs,
     PerturbationArrays,
     PerturbationBuffers,
     PredictedReading,
@@ -38,7 +38,7 @@ STICKS = len(COMMAND)
 
 CLIMB, AHEAD, ASIDE = NOISES, NOISES + 1, NOISES + 2
 ENTRIES = NOISES + 3
-"""Places that a force may go in at: the noises, the climb stick, wind ahead and wind to the left."""
+"""Entries of forces: the noises, the climb stick, wind ahead and wind to the left."""
 _INJECTED = 1e-3
 ON_CHANNEL = 100
 """Entries from here on are channels of instruments, not forces."""
@@ -70,9 +70,9 @@ def _rate_change(
     changes: PerturbationBuffers,
     scratch: Scratch,
 ) -> None:
-    """Change of the state's rate with a unit injected at each entry that is used: ``changes.felt``.
+    """Write the change of the state's rate by a unit at each used entry to ``changes.rate_change``.
 
-    ``rate`` (12,) is written as well: the rate with none.
+    Also write the unperturbed rate to ``rate`` (12,).
     """
     c, s = math.cos(state[YAW]), math.sin(state[YAW])
     ahead, aside = thrust(state[ROLL], state[PITCH], parameters)
@@ -97,7 +97,7 @@ def _rate_change(
 
 @kernel
 def _change_over_step(h: float, slopes: Array, change: Array, moved: Array) -> None:
-    """``moved`` (10,): how far a ``change`` (10,) of the rate takes the state within a step."""
+    """Write the change of the state over a step by a ``change`` (10,) of the rate to ``moved`` (10,)."""
     for i in range(MOVING):
         total = change[i]
         for k in range(MOVING):
@@ -108,13 +108,13 @@ def _change_over_step(h: float, slopes: Array, change: Array, moved: Array) -> N
 @kernel
 def force(
     s: int,
-    given: FilterInputs,
+    given: KalmanInputs,
     sensitivity: Array,
     step: StepBuffers,
     changes: PerturbationBuffers,
     scratch: Scratch,
 ) -> None:
-    """Add to the tangents (n, m) what their perturbation does within step ``s``."""
+    """Add the direct effects of the perturbations within step ``s`` to the sensitivities (n, m)."""
     command, belief, perturbations = given.command, given.belief, given.perturbations
     h = given.events.step_s[s]
     slopes, middle, noise = step.slopes, step.middle, step.middle_noise
@@ -147,7 +147,7 @@ def force(
 
 @kernel
 def _read_by_imu(by_rate: Array, change: Array, read: Array) -> None:
-    """``read`` (6,): what an IMU reads of a ``change`` (10,) of the rate, in which it is linear."""
+    """Write the linear change of an IMU's readings by a ``change`` (10,) of the rate to ``read`` (6,)."""
     for c in range(WIDTH[IMU]):
         total = 0.0
         for i in range(VX, YAW + 1):
@@ -158,13 +158,13 @@ def _read_by_imu(by_rate: Array, change: Array, read: Array) -> None:
 @kernel
 def direct_change(
     event: int,
-    given: FilterInputs,
+    given: KalmanInputs,
     state: Array,
     expected: PredictedReading,
     changes: PerturbationBuffers,
     scratch: Scratch,
 ) -> None:
-    """What each perturbation changes in a reading by itself, the state left alone: ``changes.direct``."""
+    """Write the direct change of a reading by each perturbation to ``changes.direct``."""
     events, command, belief, perturbations = given.events, given.command, given.belief, given.perturbations
     kind, rate, pole_s = events.kinds[event], expected.rate, belief.hold[POLE]
     direct, full, noise, other = changes.direct, scratch.full, scratch.noise, scratch.other
@@ -208,7 +208,7 @@ def direct_change(
 
 @kernel
 def carry(matrix: Array, sensitivity: Array, moved: Array) -> None:
-    """Tangents (n, m) over a step by its transition matrix, in place; ``moved`` (10, m) is room to work."""
+    """Propagate sensitivities (n, m) over a step in place; ``moved`` (10, m) is a buffer."""
     n, m = sensitivity.shape
     for i in range(MOVING):
         for d in range(m):
@@ -221,7 +221,7 @@ def carry(matrix: Array, sensitivity: Array, moved: Array) -> None:
     for i in range(MOVING):
         for d in range(m):
             sensitivity[i, d] = moved[i, d]
-    # Of the noises, w follows o, and all others only themselves.
+    # Among the noises, w depends on o, and the others on themselves alone.
     for i in range(n - 1, MOVING - 1, -1):
         x = matrix[i, i]
         for d in range(m):
@@ -236,8 +236,9 @@ def carry(matrix: Array, sensitivity: Array, moved: Array) -> None:
 def correct_sensitivity(
     h: Array, direct: Array, ph: Array, s_var: float, sensitivity: Array, told: Array
 ) -> None:
-    """``told`` (m,): how each tangent changes the prediction of a reading with row ``h`` (n,); the tangents
-    are then corrected by the reading as the state is."""
+    """Write the change of the prediction of a reading with row ``h`` (n,) to ``told`` (m,).
+
+    Then correct the sensitivities by the reading, with the gain of the state."""
     for d in range(len(told)):
         told[d] = direct[d]
     for k in range(len(h)):

@@ -1,8 +1,8 @@
-"""Where the vehicle was at given moments, from all readings before and after, and how well that is known.
+"""Smoothed path of the vehicle at given moments, with its covariance.
 
-A Kalman filter over the simulator's equations, then Rauch's smoother backwards. The error of the smoothed
-path is independent of the filter's innovations, so what another instrument (a camera) says about the path
-multiplies the likelihood of the readings. Going back in time that error is a Markov chain,
+A Kalman filter over the simulator's equations runs forward, then Rauch's smoother backward. The error of the
+smoothed path is independent of the filter's innovations. The likelihood of another instrument (a camera)
+therefore multiplies that of the readings. Backward in time the error is a Markov chain,
 e_i = A_i e_(i+1) + white, which gives the covariance between any two moments.
 Source: Rauch, Tung and Striebel 1965.
 """
@@ -18,9 +18,9 @@ import numpy as np
 
 from slam.criticism.kalman.arrays import (
     Array,
-    FilterInputs,
-    FilterState,
     Ints,
+    KalmanInputs,
+    KalmanState,
     PerturbationBuffers,
     PredictedReading,
     Workspace,
@@ -52,16 +52,16 @@ from slam.criticism.kalman.transition import POLE, jacobian
 from slam.simulation.dynamics import PITCH, ROLL, YAW, X, Y, Z
 
 POSE = (X, Y, Z, ROLL, PITCH, YAW)
-"""Entries of the state that place a camera."""
+"""Entries of the state that make the pose."""
 LEAST_HALF_S = 0.004
 _TINY = 1e-13
-"""Variance added before an inverse: the start is known exactly in some axes."""
+"""Variance added before an inverse, since the start is known exactly in some axes."""
 
 
 class PathErrors:
-    """How poses of a smoothed path are uncertain together: those of any part of it.
+    """Joint covariance of the poses of any segment of a smoothed path.
 
-    All of a long flight are never asked for at once: they go with the square of its length.
+    It is never computed for the whole of a long flight, since its size is the square of the length.
     """
 
     def __init__(self, chain: Array, spreads: Array) -> None:
@@ -71,14 +71,14 @@ class PathErrors:
         self._known: dict[tuple[int, int], Array] = {}
 
     def among(self, begin: int, end: int) -> Array:
-        """(6 m, 6 m) covariance of the poses ``begin`` to ``end``, the last not among them."""
+        """Return the (6 m, 6 m) covariance of the poses ``begin`` to ``end``, ``end`` excluded."""
         if (begin, end) not in self._known:
             self._known[begin, end] = _joint(self._chain[begin : end - 1], self._spreads[begin:end])
         return self._known[begin, end]
 
 
 @dataclass(frozen=True)
-class Path:
+class SmoothedPath:
     """The smoothed path at some moments of a flight."""
 
     times_s: Array
@@ -86,36 +86,37 @@ class Path:
     poses: Array
     """(n, 6) x, y, z, roll, pitch, yaw."""
     rates: Array
-    """(n, 6) of these."""
-    bends: Array
-    """(n, 6) of the rates."""
+    """(n, 6) rates of the poses."""
+    accelerations: Array
+    """(n, 6) second derivatives of the poses."""
     errors: PathErrors
-    """Of the whole path."""
+    """Errors of the whole path."""
     sensitivity: Array
-    """(6 n, directions): change of the smoothed poses with each direction."""
+    """(6 n, perturbations) derivatives of the smoothed poses."""
     span_s: tuple[float, float]
     """First and last moment of the whole path."""
     first: int = 0
-    """Where the first pose stands in the whole path."""
+    """Index of the first pose in the whole path."""
 
     @property
     def covariance(self) -> Array:
-        """(6 n, 6 n) of all poses together."""
+        """(6 n, 6 n) joint covariance of all poses."""
         return self.errors.among(self.first, self.first + len(self.times_s))
 
     @property
     def elapsed(self) -> Array:
-        """(n,) share of the whole path that is over, less a half."""
+        """(n,) elapsed share of the whole path, minus one half."""
         begin_s, end_s = self.span_s
         return np.asarray((self.times_s - begin_s) / max(end_s - begin_s, 1e-9) - 0.5)
 
-    def part(self, begin: int, end: int) -> Path:
-        """The poses ``begin`` to ``end``, the last not among them."""
+    def part(self, begin: int, end: int) -> SmoothedPath:
+        """Return the poses ``begin`` to ``end``, ``end`` excluded."""
         of_pose = slice(len(POSE) * begin, len(POSE) * end)
         own = slice(begin, end)
         return replace(
             self, times_s=self.times_s[own], poses=self.poses[own], rates=self.rates[own],
-            bends=self.bends[own], sensitivity=self.sensitivity[of_pose], first=self.first + begin,
+            accelerations=self.accelerations[own], sensitivity=self.sensitivity[of_pose],
+            first=self.first + begin,
         )  # fmt: skip
 
 
@@ -125,14 +126,14 @@ def smoothed(
     times_s: Array,
     perturbations: Sequence[Perturbation] = (),
     half_s: float = 0.0,
-) -> Path:
-    """The path at ``times_s`` within the record's time, with the traces of directions of the instruments.
+) -> SmoothedPath:
+    """Return the path at ``times_s`` within the record's time, with sensitivities to instrument parameters.
 
-    Rates and bends make a parabola through where the vehicle was ``half_s`` before and after each moment.
+    Rates and accelerations are those of a parabola through the poses ``half_s`` around each moment.
     """
     half_s = max(half_s, LEAST_HALF_S)
     record = _with_moments(record, (times_s[:, None] + half_s * np.array([-1.0, 0.0, 1.0])).ravel())
-    # Coloured noise counts as the white noise that averages out as slowly.
+    # AR(1) noise counts as the white noise that averages out as slowly.
     colour = setting.noise_correlation[list(INSTRUMENT_OF)]
     noise_var = (record.noise_std * setting.noise_factor) ** 2 * (1.0 + colour) / (1.0 - colour)
     m = len(perturbations)
@@ -147,7 +148,7 @@ def smoothed(
     states, chain, spreads, sensitivity = _backward(passed, at)
     before, poses, after = (states[k::3, POSE] for k in range(3))
     between = chain[1:-2:3] @ chain[2:-1:3] @ chain[3::3]
-    return Path(
+    return SmoothedPath(
         times_s,
         poses,
         (after - before) / (2 * half_s),
@@ -159,11 +160,11 @@ def smoothed(
 
 
 _MOMENT = ATTITUDE + 100
-"""Kind of an event at which nothing is read."""
+"""Kind of an event without a reading."""
 
 
 def _with_moments(record: Record, times_s: Array) -> Record:
-    """The record with events at which nothing is read."""
+    """Return the record with additional events without readings."""
     return in_order(
         record,
         np.concatenate([record.times_s, times_s]),
@@ -174,12 +175,12 @@ def _with_moments(record: Record, times_s: Array) -> Record:
 
 
 class _Passed(NamedTuple):
-    """What the pass forward leaves for the pass back."""
+    """Results of the forward pass for the backward pass."""
 
     x_before: Array
     """(events, n) state before each event, ..."""
     x_after: Array
-    """... and behind it."""
+    """... and after it."""
     p_before: Array
     """(events, n, n) covariance."""
     p_after: Array
@@ -196,8 +197,8 @@ def _nothing_passed(events: int, n: int, m: int) -> _Passed:
 
 
 @allocating_kernel
-def _forward(given: FilterInputs, estimate: FilterState, room: Workspace, passed: _Passed) -> None:
-    """Through all events, in place; what is before and after each is ``passed`` on."""
+def _forward(given: KalmanInputs, estimate: KalmanState, room: Workspace, passed: _Passed) -> None:
+    """Filter all events in place and write the estimates around each event to ``passed``."""
     events, command, belief = given.events, given.command, given.belief
     step, expected, changes, scratch = room
     state, p, sensitivity = estimate.state, estimate.p, estimate.sensitivity
@@ -221,12 +222,12 @@ def _forward(given: FilterInputs, estimate: FilterState, room: Workspace, passed
 @kernel
 def _take(
     event: int,
-    given: FilterInputs,
-    estimate: FilterState,
+    given: KalmanInputs,
+    estimate: KalmanState,
     expected: PredictedReading,
     changes: PerturbationBuffers,
 ) -> None:
-    """Take the channels of one event, one after the other, into the estimate."""
+    """Update the estimate with the channels of one event, one after the other."""
     events = given.events
     kind = events.kinds[event]
     expected.correction[:] = 0.0
@@ -246,9 +247,9 @@ def _take(
 
 @kernel
 def _direct(
-    event: int, given: FilterInputs, state: Array, expected: PredictedReading, direct: Array, out: Array
+    event: int, given: KalmanInputs, state: Array, expected: PredictedReading, direct: Array, out: Array
 ) -> None:
-    """What each direction changes in what an instrument reads, the state left alone: (6, m)."""
+    """Compute the direct change (6, m) of an instrument's readings by each perturbation, at a fixed state."""
     kind, elapsed = given.events.kinds[event], given.events.elapsed[event]
     belief, perturbations = given.belief, given.perturbations
     rate, parameters, pole_s = expected.rate, belief.parameters, belief.hold[POLE]
@@ -262,7 +263,7 @@ def _direct(
 
 @allocating_kernel
 def _backward(passed: _Passed, at: Ints) -> tuple[Array, Array, Array, Array]:
-    """At the events ``at``: states (k, n), A to the next (k, n, n), covariances, tangents (k, n, m)."""
+    """Return states (k, n), A to the next (k, n, n), covariances and sensitivities at the events ``at``."""
     events, n, m = passed.t_before.shape
     count = len(at)
     states, sensitivity = np.empty((count, n)), np.empty((count, n, m))
@@ -286,7 +287,7 @@ def _backward(passed: _Passed, at: Ints) -> tuple[Array, Array, Array, Array]:
 
 
 def _joint(chain: Array, spreads: Array) -> Array:
-    """(6 n, 6 n) covariance of the poses from the backward chain of the whole state."""
+    """Return the (6 n, 6 n) covariance of the poses from the backward chain of the whole state."""
     n = len(spreads)
     joint = np.empty((n, 6, n, 6))
     for j in range(n):

@@ -1,6 +1,6 @@
-"""What filter and smoother do alike, compiled: one step ahead, and what to make of one reading.
+"""Compiled steps that filter and smoother share: prediction, and update by one reading.
 
-Readings are scalars, taken one after the other: P h' is (n,), the innovation's variance a number.
+Readings are scalars, processed one after the other: P h' is (n,), the innovation's variance a number.
 """
 
 from __future__ import annotations
@@ -9,8 +9,8 @@ import math
 
 from slam.criticism.kalman.arrays import (
     Array,
-    FilterInputs,
-    FilterState,
+    KalmanInputs,
+    KalmanState,
     ModelArrays,
     PredictedReading,
     Scratch,
@@ -55,16 +55,16 @@ from slam.simulation.dynamics import (
 )
 
 GATE = 6.0
-"""An innovation beyond so many standard deviations is an outlier: it is kept out of the state."""
+"""An innovation beyond so many standard deviations is an outlier and does not update the state."""
 STREAK = 2
-"""So many outliers of a channel in a row are none: then the model is wrong, not the reading."""
+"""Number of successive outliers of a channel after which readings are used again: the model is wrong then."""
 CONTACT_M = 0.03
 CONTACT_NOISE = 0.3
 """Process noise of the velocity while the gear settles, m/s/sqrt(s): its bounce differs between vehicles."""
 STANDS_M_S = 0.05
-"""Who stands on the floor is no faster up or down."""
+"""Greatest vertical speed of a vehicle that stands on the floor, in m/s."""
 SONAR_MARGIN = 4.0
-"""Ranges due so many standard deviations from the limits, and beyond, are not judged: half are missing."""
+"""Ranges predicted within so many standard deviations of the limits are ignored: half of them are missing."""
 
 
 _NUDGE = 1e-6
@@ -83,16 +83,16 @@ STATES_READ = (
 
 @kernel
 def settling(state: Array, p: Array, stick: Array, parameters: Array) -> bool:
-    """Whether the gear may hit the floor, or just did. Who stands there, or is told to climb, is not shaken
-    by it: there the height is known."""
+    """Return whether the gear may be hitting the floor. A vehicle that stands, or is commanded to climb, is
+    excluded: its height is known."""
     if stick[UP] > 0.0 or abs(state[VZ]) < STANDS_M_S:
         return False
     return bool(state[Z] - parameters[GEAR] < CONTACT_M + 3.0 * math.sqrt(p[Z, Z]))
 
 
 @kernel
-def predict(s: int, given: FilterInputs, estimate: FilterState, step: StepBuffers, scratch: Scratch) -> None:
-    """State and covariance ahead over step ``s``, in place; what the step was is left in ``step``."""
+def predict(s: int, given: KalmanInputs, estimate: KalmanState, step: StepBuffers, scratch: Scratch) -> None:
+    """Predict state and covariance over step ``s``, in place, and keep the step's matrices in ``step``."""
     state, p, belief = estimate.state, estimate.p, given.belief
     h, stick, late_var_s2 = given.events.step_s[s], given.command.over_steps[0, s], given.command.late_var_s2
     jacobian(state, stick, belief.parameters, step.rate, step.slopes, scratch)
@@ -120,7 +120,7 @@ def _add_latency_noise(
     step: StepBuffers,
     scratch: Scratch,
 ) -> None:
-    """A jump ``jolt`` of the stick that comes t late: the state is off by t times the jump of its rate."""
+    """Add the variance of a stick's jump ``jolt`` that is t late: t times the jump of the state's rate."""
     if not jolt[:5].any():
         return
     rate, noise = step.rate, step.middle_noise
@@ -147,8 +147,9 @@ def measurement(
     expected: PredictedReading,
     scratch: Scratch,
 ) -> None:
-    """What an event should read, and its Jacobians in the state's rate and in the state: by itself and
-    through its rate, whose own Jacobian is ``slopes`` (10, n)."""
+    """Predict the reading of an event and its Jacobians in the rate and in the state.
+
+    The Jacobian in the state includes the path through the rate, whose Jacobian is ``slopes`` (10, n)."""
     sensor, parameters, pole_s = belief.sensor, belief.parameters, belief.hold[POLE]
     rate, told, rows, by_rate = expected.rate, expected.reading, expected.rows, expected.by_rate
     reading(kind, state, rate, sensor, parameters, pole_s, elapsed, told)
@@ -180,7 +181,7 @@ def measurement(
         for c in range(width):
             rows[c, j] += (beside[c] - told[c]) / _NUDGE
     if kind == IMU:
-        # The acceleration of the noise is read as any other is.
+        # The IMU reads the acceleration of the noise like any other.
         fast = noise_share(state[Z], parameters) / pole_s
         for c in range(3, 6):
             for i in range(3):
@@ -189,12 +190,12 @@ def measurement(
 
 
 @kernel
-def judged(event: int, c: int, given: FilterInputs, expected: PredictedReading) -> bool:
-    """Whether channel c of an event says anything: not a missing reading, none but ranges while landing, what
-    a jump of the stick near it may spoil, or a range that may be cut.
+def judged(event: int, c: int, given: KalmanInputs, expected: PredictedReading) -> bool:
+    """Return whether channel c of an event is used.
 
-    The floor turns what meets it level, and holds it. Believed to the moment, or of a vehicle that a cushion
-    of air keeps just above it, that outweighs all that the rest of a flight says of an effect.
+    It is not if it is missing, may be spoilt by a jump of the stick, or is a range near the sonar's limits.
+    During a landing only ranges are used: the floor levels and holds the vehicle. A small error of the
+    contact time would otherwise outweigh the rest of the flight.
     """
     events, noise = given.events, given.noise
     kind = events.kinds[event]
@@ -231,7 +232,7 @@ def innovation_variance(p: Array, row: Array, ph: Array) -> float:
 
 @kernel
 def innovation_of(kind: int, c: int, value: float, expected: PredictedReading) -> float:
-    """Reading less prediction, with what earlier channels of the event did; a heading turned."""
+    """Return reading minus prediction, updated by the event's earlier channels; headings are wrapped."""
     miss = value - expected.reading[c]
     for i in range(expected.rows.shape[1]):
         miss -= expected.rows[c, i] * expected.correction[i]
@@ -241,18 +242,18 @@ def innovation_of(kind: int, c: int, value: float, expected: PredictedReading) -
 
 
 @kernel
-def is_outlier(miss: float, std: float, channel: int, memory: Array) -> bool:
-    """Whether a reading is kept out; ``memory[channel]`` counts how many were in a row."""
-    if abs(miss) > GATE * std and memory[channel] < STREAK:
-        memory[channel] += 1.0
+def is_outlier(miss: float, std: float, channel: int, streak: Array) -> bool:
+    """Return whether a reading is an outlier; ``streak[channel]`` counts successive ones."""
+    if abs(miss) > GATE * std and streak[channel] < STREAK:
+        streak[channel] += 1.0
         return True
-    memory[channel] = 0.0
+    streak[channel] = 0.0
     return False
 
 
 @kernel
-def correct(miss: float, s_var: float, estimate: FilterState, expected: PredictedReading) -> None:
-    """Take a reading's miss, of variance ``s_var``, into state and covariance."""
+def correct(miss: float, s_var: float, estimate: KalmanState, expected: PredictedReading) -> None:
+    """Update state and covariance by an innovation ``miss`` of variance ``s_var``."""
     state, p, ph = estimate.state, estimate.p, expected.ph
     n = state.shape[0]
     for i in range(n):

@@ -1,4 +1,4 @@
-"""What a sonar reads beside a height that is predicted without it."""
+"""Residuals of a sonar's heights against heights predicted without the sonar."""
 
 from __future__ import annotations
 
@@ -18,57 +18,57 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LOWEST_M = 0.3
-"""Nearer to the floor the gear and the sonar's own limit make edges."""
+"""Nearer to the floor the gear and the sonar's own limit cause edges."""
 LONGEST_GAP_S, LONGEST_GAP = 0.2, 2.5
-"""Between readings of one stretch, in seconds, or in times of what lies between most."""
+"""Longest gap within a segment, in seconds and in median intervals."""
 APART = 10
-"""Readings apart whose differences tell what goes with the motion."""
+"""Distance in readings of the differences from which the effects of the motion are fitted."""
 FEWEST_READINGS = 20
 REJECTED, ROUNDS = 4.7, 5
-"""Of a robust standard deviation (Tukey's biweight)."""
+"""Rejection limit in robust standard deviations (Tukey's biweight), and rounds of the fit."""
 TINY = 1e-12
 
 
 @dataclass(frozen=True)
-class Beside:
-    """Of one flight: what its sonar reads beside a height predicted without it."""
+class RangeResiduals:
+    """Residuals of one flight's sonar against a height predicted without it."""
 
     rows: Ints
-    """(readings,) events, in the air."""
+    """(readings,) events of readings in the air."""
     times_s: Array
     begins: tuple[int, ...]
-    """Where stretches without a gap begin among them."""
+    """Indices at which segments without a gap begin."""
     off_m: Array
-    """(readings,) height read less height predicted."""
+    """(readings,) measured minus predicted height, in metres."""
     motion: Array
-    """(readings, signals) what errors of instruments and vehicle go with."""
+    """(readings, signals) regressors for the errors of instruments and vehicle."""
     upright: Array
-    """(readings,) height over range."""
+    """(readings,) ratio of height to range."""
 
     @property
-    def stretches(self) -> list[slice]:
-        """Those that are long enough."""
+    def segments(self) -> list[slice]:
+        """Segments with at least ``FEWEST_READINGS`` readings."""
         ends = (*self.begins[1:], len(self.rows))
         every = (slice(begin, end) for begin, end in zip(self.begins, ends, strict=False))
         return [s for s in every if s.stop - s.start >= FEWEST_READINGS]
 
     def without_motion(self, over_m: Array) -> Array:
-        """(readings,) ``off_m`` without what goes with the motion; ``over_m`` is known of it."""
+        """Return (readings,) ``off_m`` without the effects of the motion; ``over_m`` is a known part of it."""
         later = [self._later(x, APART) for x in (self.motion, self.off_m - over_m)]
         return np.asarray(self.off_m - self.motion @ _robust_fit(*later))
 
     def jumps_m(self, height_m: Array) -> Array:
-        """From one reading to the next within a stretch, of (readings,)."""
+        """Return the changes of (readings,) from one reading to the next within a segment."""
         return self._later(height_m, 1)
 
     def _later(self, x: Array, count: int) -> Array:
-        """Changes over so many readings, within stretches."""
-        changes = [x[s][count:] - x[s][:-count] for s in self.stretches]
+        """Return the changes over ``count`` readings within segments."""
+        changes = [x[s][count:] - x[s][:-count] for s in self.segments]
         return np.concatenate([np.zeros((0, *x.shape[1:])), *changes])
 
 
-def beside(record: Record, setting: FilterParameters) -> Beside:
-    """What the flight's sonar reads beside a filter that does not hear it."""
+def range_residuals(record: Record, setting: FilterParameters) -> RangeResiduals:
+    """Return the residuals of the flight's sonar against a filter without sonar readings."""
     sonar = record.kinds == SONAR
     rows = np.flatnonzero(sonar & np.isfinite(record.values[:, 0]) & (record.values[:, 0] > LOWEST_M))
     blind = record.values.copy()
@@ -87,11 +87,11 @@ def beside(record: Record, setting: FilterParameters) -> Beside:
         ]
     )  # fmt: skip
     off_m = record.values[rows, 0] * upright - states[:, Z]
-    return Beside(rows, times_s, begins, off_m, motion, upright)
+    return RangeResiduals(rows, times_s, begins, off_m, motion, upright)
 
 
 def _robust_fit(table: Array, values: Array) -> Array:
-    """Coefficients of the columns, whatever a part of the values is (iterated least squares)."""
+    """Return the coefficients of the columns by robust, iterated least squares."""
     found, weight = np.zeros(table.shape[1]), np.ones(len(values))
     if len(values) < 2 * table.shape[1]:
         return found

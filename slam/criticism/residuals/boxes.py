@@ -1,8 +1,8 @@
-"""Steps in the floor: boxes of any height under the way, or pits in it.
+"""Steps in the floor: boxes of any height below the path, or pits.
 
-The height is predicted without the sonar. What the sonar reads beside it drifts slowly over a level floor,
-and is less as long as a box is below. Spikes come back at once; what a lag, a scale, a tilt or a slope makes
-goes with height, climb, tilt or place, and is taken out before.
+The height is predicted without the sonar. The sonar's residual drifts slowly over a level floor and is lower
+over a box. A spike returns at once. The effects of a lag, a scale, a tilt or a slope depend on height, climb,
+tilt or place, and are removed first.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from frontend.robust import robust_std
 from slam.criticism.cause import Interval
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.record import Record
-from slam.criticism.residuals.blind_height import Beside, beside
-from slam.criticism.residuals.box_filter import Heights, Noise, likeliest
+from slam.criticism.residuals.blind_height import RangeResiduals, range_residuals
+from slam.criticism.residuals.box_filter import BoxHeights, BoxNoise, likeliest_boxes
 from slam.criticism.residuals.reading_anomalies import ReadingAnomaly, predicted_by_others
 from slam.criticism.threads import in_threads
 
@@ -28,26 +28,26 @@ Ints = NDArray[np.int64]
 
 LEAST_NOISE_M = 1e-4
 DRIFTS_M = (1e-3, 2e-3, 4e-3, 8e-3)
-"""From reading to reading, as the likelihood has it."""
+"""Candidate drifts from reading to reading; the likelihood chooses one."""
 FEWEST_EDGES, FEWEST_BOXES = 4, 2
 LEAST_NATS = 25.0
 SHARP = 0.6
-"""Share of an edge that lies between two readings in a row, in the mean over all."""
+"""Least mean share of an edge's height between two successive readings."""
 SHORTEST_S = 0.22
-"""Over a box, in the median: spikes are shorter."""
+"""Least median time over a box; spikes are shorter."""
 LEAST_SPREAD_M = 0.02
-"""Of the heights of boxes, so few tell it."""
+"""Least spread of the heights of boxes, since few boxes hardly show it."""
 ROUNDS = 2
-"""What goes with the motion is fitted anew once the boxes are known."""
+"""Rounds in which the effects of the motion are fitted again with the boxes known."""
 
 
 @dataclass(frozen=True)
 class _Boxes:
-    """The likeliest boxes of one flight."""
+    """Likeliest boxes of one flight."""
 
-    seen: Beside
+    seen: RangeResiduals
     height_m: Array
-    """(readings,) what the sonar reads beside its prediction, without what goes with the motion."""
+    """(readings,) residual height without the effects of the motion."""
     over_m: Array
     """(readings,) height of the box below; 0 over the floor."""
     edges: Ints
@@ -56,27 +56,27 @@ class _Boxes:
     """Log likelihood, ..."""
     level_nats: float
     """... and that of a level floor."""
-    noise: Noise
+    noise: BoxNoise
 
     @property
     def gain_nats(self) -> float:
-        """What the boxes explain."""
+        """Gain of the boxes over a level floor."""
         return self.nats - self.level_nats
 
     @property
     def rise_m(self) -> Array:
-        """(edges,) change of ``over_m``."""
+        """(edges,) change of ``over_m`` at each edge."""
         return np.asarray(self.over_m[self.edges] - self.over_m[self.edges - 1])
 
     @property
     def heights_m(self) -> Array:
-        """(boxes,) of those that are come to."""
+        """(boxes,) height of each box that is entered."""
         over = self.over_m[self.edges]
         return np.asarray(over[over > 0.0])
 
     @property
     def stays_s(self) -> Array:
-        """(boxes,) time over each."""
+        """(boxes,) time over each box."""
         if not len(self.edges):
             return np.zeros(0)
         ends = np.append(self.edges, len(self.over_m) - 1)
@@ -86,21 +86,21 @@ class _Boxes:
 def without_boxes(
     records: Sequence[Record], setting: FilterParameters
 ) -> tuple[list[Record], list[ReadingAnomaly]]:
-    """The records with ranges as over a level floor, and the steps where there are some."""
-    seen = in_threads(lambda record: beside(record, setting), records)
+    """Return the records with ranges corrected to a level floor, and the steps if there are any."""
+    seen = in_threads(lambda record: range_residuals(record, setting), records)
     sign, boxes = 1.0, _found(seen, 1.0)
     if _share(boxes) > 0.5:
-        # What most readings of all flights are over is the floor, and there are pits in it.
+        # The level below most readings is the floor, so the others are pits.
         sign, boxes = -1.0, _found(seen, -1.0)
     if not _are_boxes(boxes, sign):
         return list(records), []
 
     def by_others(own: _Boxes, others: Sequence[_Boxes]) -> float:
-        """Nats of the flight's boxes, with such heights as the others' have."""
+        """Return the nats of the flight's boxes with the heights of the others' as prior."""
         known = np.concatenate([found.heights_m for found in others])
         if len(known) == 0 or len(own.edges) == 0:
             return 0.0
-        usual = Heights(float(known.mean()), math.hypot(float(known.std()), LEAST_SPREAD_M))
+        usual = BoxHeights(float(known.mean()), math.hypot(float(known.std()), LEAST_SPREAD_M))
         return _boxes(own.seen, own.height_m, own.noise, sign, usual).nats - own.level_nats
 
     parameters = _parameters(boxes)
@@ -121,7 +121,7 @@ def _parameters(boxes: Sequence[_Boxes]) -> dict[str, Interval]:
 
 
 def _are_boxes(boxes: Sequence[_Boxes], sign: float) -> bool:
-    """Whether what was found is enough, sharp, and no spikes."""
+    """Return whether the boxes are enough, have sharp edges and are no spikes."""
     rises = np.concatenate([found.rise_m for found in boxes])
     stays = np.concatenate([found.stays_s for found in boxes])
     heights = np.concatenate([found.heights_m for found in boxes])
@@ -140,15 +140,15 @@ def _share(boxes: Sequence[_Boxes]) -> float:
     return float(np.mean(over > 0.0)) if len(over) else 0.0
 
 
-def _found(seen: Sequence[Beside], sign: float) -> list[_Boxes]:
-    """The likeliest boxes (``sign`` 1) or pits (-1), whatever the drift; a level floor may have another."""
+def _found(seen: Sequence[RangeResiduals], sign: float) -> list[_Boxes]:
+    """Return the likeliest boxes (``sign`` 1) or pits (-1) over all drifts; a level floor may have another."""
     over, levels = [np.zeros(len(flight.rows)) for flight in seen], []
     for _ in range(ROUNDS):
         heights = [flight.without_motion(-sign * o) for flight, o in zip(seen, over, strict=True)]
         flown = list(zip(seen, heights, strict=True))
         jumps = np.concatenate([flight.jumps_m(height) for flight, height in flown])
         std_m = max(robust_std(jumps) / math.sqrt(2.0), LEAST_NOISE_M) if len(jumps) else LEAST_NOISE_M
-        tried = [[_boxes(*of, Noise(std_m, drift_m), sign) for of in flown] for drift_m in DRIFTS_M]
+        tried = [[_boxes(*of, BoxNoise(std_m, drift_m), sign) for of in flown] for drift_m in DRIFTS_M]
         found = max(tried, key=lambda boxes: sum(f.nats for f in boxes))
         levels.append(max(tried, key=_level_nats))
         over = [boxes.over_m for boxes in found]
@@ -162,14 +162,16 @@ def _level_nats(boxes: Sequence[_Boxes]) -> float:
     return sum(found.level_nats for found in boxes)
 
 
-def _boxes(seen: Beside, height_m: Array, noise: Noise, sign: float, heights: Heights = Heights()) -> _Boxes:
+def _boxes(
+    seen: RangeResiduals, height_m: Array, noise: BoxNoise, sign: float, heights: BoxHeights = BoxHeights()
+) -> _Boxes:
     over, nats, level_nats = np.zeros(len(height_m)), 0.0, 0.0
     edges: list[int] = []
-    for stretch in seen.stretches:
-        ways = likeliest(sign * height_m[stretch], noise, heights)
-        over[stretch] = ways.over_m
-        edges += [stretch.start + k for k in ways.edges]
-        nats, level_nats = nats + ways.nats, level_nats + ways.level_nats
+    for segment in seen.segments:
+        fit = likeliest_boxes(sign * height_m[segment], noise, heights)
+        over[segment] = fit.over_m
+        edges += [segment.start + k for k in fit.edges]
+        nats, level_nats = nats + fit.nats, level_nats + fit.level_nats
     return _Boxes(seen, height_m, over, np.array(edges, dtype=np.int64), nats, level_nats, noise)
 
 

@@ -1,4 +1,4 @@
-"""Readings that the filter did not take: few are a fault of an instrument, many are the effect itself."""
+"""Readings that the filter rejected: few are a fault of an instrument, many are the effect itself."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from slam.criticism.kalman.readings import CHANNELS, SONAR, place_of
 from slam.criticism.kalman.record import Record
 
 LARGEST_SHARE, FEWEST = 0.05, 5
-"""Of a channel's readings. Noise with tails as heavy as Student's t of four degrees leaves 0.4 % outside."""
+"""Share and number of a channel's outliers above which they are reported. Noise with the tails of Student's t
+of four degrees of freedom has 0.4 %."""
 
 
 def outliers_of(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[str]:
-    """For each channel of which more is left out than noise explains, one phrase: a sonar's are spikes."""
+    """Return one phrase for each channel with more outliers than noise explains; a sonar's are spikes."""
     found = []
     for channel, name in enumerate(CHANNELS):
         kind, column = place_of(channel)

@@ -1,4 +1,4 @@
-"""A comb in the readings of a sonar: they are whole multiples of a step, up to the last digit written."""
+"""Quantisation of a sonar: its readings are whole multiples of a step, up to the last digit written."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ Array = NDArray[np.float64]
 STEPS_M = np.arange(0.002, 0.0601, 0.0001)
 STEP_STD_M = 1e-4
 MOST_READINGS = 5000
-"""So many show it."""
+"""Number of readings that suffice."""
 LEAST_NATS = 20.0
-"""n |mean exp(2 pi i r / step)|^2 that a comb must have; a smooth spread of readings has about 1."""
+"""Least n |mean exp(2 pi i r / step)|^2 of quantised readings; a smooth distribution has about 1."""
 
 
 @dataclass(frozen=True)
@@ -29,46 +29,46 @@ class Quantisation:
     strength: float
     """1 if all of them are."""
     nats: float
-    """Of the readings that it was found in."""
+    """Evidence in the readings."""
 
 
 def quantisation_of(records: Sequence[Record]) -> Quantisation | None:
-    """What the ranges are multiples of; None where they spread."""
+    """Return the quantisation of the ranges, or None."""
     found = _strongest(ranges_of(records))
     if found is None:
         return None
-    # Readings that hardly spread look like a coarse comb.
+    # Readings with little spread look like a coarse quantisation.
     spread = float(np.median([r.noise_std[RANGE] for r in records]))
     smooth = np.exp(-2.0 * (np.pi * 0.8 * spread / found.step_m) ** 2)
     return found if found.nats >= LEAST_NATS and found.strength >= 0.5 + 0.5 * smooth else None
 
 
 def nats_by_others(own: Record, others: Sequence[Record]) -> float:
-    """Nats of a flight's readings for the step that the others' have."""
-    ranges, comb = ranges_of([own]), _strongest(ranges_of(others))
-    if len(ranges) == 0 or comb is None:
+    """Return the nats of a flight's readings for the step of the others."""
+    ranges, quantisation = ranges_of([own]), _strongest(ranges_of(others))
+    if len(ranges) == 0 or quantisation is None:
         return 0.0
-    return len(ranges) * float(np.abs(_teeth(ranges, comb.step_m))) ** 2
+    return len(ranges) * float(np.abs(_phase_mean(ranges, quantisation.step_m))) ** 2
 
 
 def ranges_of(records: Sequence[Record]) -> Array:
-    """(n,) what the sonars read."""
+    """Return (n,) the ranges of all sonars, in metres."""
     every = np.concatenate([r.values[r.kinds == SONAR, 0] for r in records])
     return np.asarray(every[np.isfinite(every)])
 
 
-def _teeth(ranges: Array, step_m: float | Array) -> Array:
-    """Mean of exp(2 pi i r / step) for each step."""
+def _phase_mean(ranges: Array, step_m: float | Array) -> Array:
+    """Return the mean of exp(2 pi i r / step) for each step."""
     return np.asarray(np.exp(2j * np.pi * ranges / np.asarray(step_m)[..., None]).mean(axis=-1))
 
 
 def _strongest(ranges: Array) -> Quantisation | None:
-    """The step that ranges lie nearest to multiples of; None of few, or of all alike."""
+    """Return the step whose multiples fit the ranges best; None for few ranges or equal ones."""
     if len(ranges) < 50 or np.ptp(ranges) < 0.02:
         return None
     ranges = ranges[:: 1 + len(ranges) // MOST_READINGS]
-    strength = np.abs(_teeth(ranges, STEPS_M))
-    # All divisors of the step comb as well; the step is the longest.
+    strength = np.abs(_phase_mean(ranges, STEPS_M))
+    # All divisors of the step fit as well; the step is the longest.
     best = int(np.flatnonzero(strength > 0.9 * strength.max())[-1])
     while best > 0 and strength[best - 1] > strength[best]:
         best -= 1

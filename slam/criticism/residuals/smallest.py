@@ -1,4 +1,4 @@
-"""The smallest of what single readings show that these flights would have shown, in nine of ten cases."""
+"""Smallest detectable size of the effects on single readings, for a power of nine in ten."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from slam.simulation.terms import CATALOGUE
 
 CERTAIN = 0.9
 MOST_LOST = 50
-"""Pictures: more that tell nothing are not looked for."""
+"""Greatest number of lost pictures that is tried."""
 
 
 def smallest_in_readings(records: Sequence[Record]) -> dict[str, tuple[float, str]]:
-    """Name -> size and unit: second echoes and a dead zone of the sonar, and pictures lost.
+    """Return name -> size and unit of a sonar's second echoes and dead zone, and of lost pictures.
 
-    A dead zone shows where readings lie below it for long enough; echoes and losses are Poisson numbers.
+    A dead zone shows where readings lie below it for long enough; echoes and losses are Poisson counts.
     """
     found = {
         "sonar_spikes": _share(FEWEST_SPIKES, len(ranges_of(records))),
@@ -32,12 +32,12 @@ def smallest_in_readings(records: Sequence[Record]) -> dict[str, tuple[float, st
 
 
 def _share(count: int, among: int) -> float:
-    """Of so many that is so common that there are ``count`` at least in nine of ten cases."""
+    """Return the share that gives at least ``count`` of ``among`` in nine of ten cases."""
     return float(gamma.ppf(CERTAIN, count)) / among if among else np.inf
 
 
 def _lowest_run(records: Sequence[Record]) -> float:
-    """What the highest of so many readings on end is at its least."""
+    """Return the least maximum of ``RUN`` successive readings."""
     lowest = np.inf
     for record in records:
         ranges = record.values[record.kinds == SONAR, 0]

@@ -1,9 +1,8 @@
-"""Stamps that scatter about the even clock of a stream: which of the two times readings were taken at.
+"""Timestamp jitter: whether readings were taken at their stamps or at the even clock of their stream.
 
-An instrument samples evenly; a recorder's stamps may not show it. How far each stamp is off the even clock
-is known then, and need not be taken for noise: the readings fit the motion at the one time or at the other.
-Where they fit the even clock, ``timestamp_jitter`` is named by its own scatter, and flights are judged
-without it.
+An instrument samples evenly, but a recorder's stamps may scatter. The offset of each stamp from the even clock
+is then known and need not count as noise: the readings fit the motion at one of the two times. Where they fit
+the even clock, ``timestamp_jitter`` is reported with its scatter, and flights are judged without it.
 """
 
 from __future__ import annotations
@@ -28,37 +27,38 @@ Array = NDArray[np.float64]
 
 FEWEST_READINGS = 50
 LONG_GAP = 10.0
-"""Periods: what is farther apart is two stretches, each with a clock of its own."""
+"""Gap in periods that separates two segments with a clock each."""
 LEAST_SCATTER_S = 1e-4
-"""What is less moves no reading by its noise."""
+"""A smaller scatter moves no reading by its noise."""
 BLOCK = 25
 MOST_WANDER = 0.6
-"""Scatter of the means of blocks over that of single stamps: lost readings and a clock that wanders have 1,
-stamps that are off by themselves, even in the order of arrival, at most 0.4."""
+"""Greatest ratio of the scatter of block means to that of single stamps. Lost readings and a wandering clock have
+1; independent jitter has at most 0.4, even in order of arrival."""
 SLOW = 3.0
-"""Periods so many times the scatter: stamps of a faster stream overtake one another, and in order are off by
-less than they were."""
+"""Least period in scatters. Stamps of a faster stream overtake one another, and their offsets in sorted order
+are smaller than the jitter."""
 
 
 @dataclass(frozen=True)
 class _Stamps:
-    """One stream of one flight."""
+    """Stamps of one stream of one flight."""
 
     period_s: float
     off_s: Array
-    """(readings,) stamp less even clock; NaN where there is none."""
+    """(readings,) stamp minus even clock; NaN without an even clock."""
 
     @property
     def scatter_s(self) -> float:
-        """Standard deviation of it."""
+        """Standard deviation of ``off_s``."""
         return float(np.nanstd(self.off_s))
 
 
 def without_jitter(
     records: Sequence[Record], setting: FilterParameters
 ) -> tuple[list[Record], list[ReadingAnomaly]]:
-    """The records at the even times of their streams and how far stamps were off, where the readings say that
-    these were the times; the records as they are where not. A stream without an even clock keeps its stamps.
+    """Return the records at the even times of their streams, and the jitter, if the readings fit these times.
+
+    Otherwise return the records unchanged. A stream without an even clock keeps its stamps.
     """
     streams = [_streams(record) for record in records]
     scattered = [s for flight in streams for s in flight.values() if s.scatter_s > LEAST_SCATTER_S]
@@ -73,13 +73,13 @@ def without_jitter(
 
 
 def _nats(records: Sequence[Record], setting: FilterParameters) -> Array:
-    """(flights,) log likelihoods of a healthy vehicle's readings."""
+    """Return (flights,) the log likelihoods of the readings of a healthy vehicle."""
     fitted = fit_nuisances(records, setting)
     return np.array(in_threads(lambda record: whole(record, fitted).log_likelihood, records))
 
 
 def _streams(record: Record) -> dict[int, _Stamps]:
-    """The streams that have an even clock, by kind."""
+    """Return the streams with an even clock, by kind."""
     found = {}
     for kind in np.unique(record.kinds).tolist():
         times_s = record.times_s[record.kinds == kind]
@@ -92,7 +92,7 @@ def _streams(record: Record) -> dict[int, _Stamps]:
 
 
 def _off(times_s: Array) -> Array:
-    """(n,) how far stamps without a gap are off an even clock; NaN where they have none."""
+    """Return (n,) the offsets of stamps without a gap from an even clock; NaN without one."""
     if len(times_s) < FEWEST_READINGS:
         return np.full(len(times_s), np.nan)
     count = np.arange(len(times_s))
@@ -104,7 +104,7 @@ def _off(times_s: Array) -> Array:
 
 
 def _evened(record: Record, streams: dict[int, _Stamps]) -> Record:
-    """The record at the even times of its streams."""
+    """Return the record at the even times of its streams."""
     times_s = record.times_s.copy()
     for kind, stamps in streams.items():
         times_s[record.kinds == kind] -= np.nan_to_num(stamps.off_s)
@@ -112,7 +112,7 @@ def _evened(record: Record, streams: dict[int, _Stamps]) -> Record:
 
 
 def _scatter(streams: Sequence[_Stamps]) -> Interval:
-    """Standard deviation of the stamps of streams that are slow beside it; of the slowest where none is."""
+    """Return the jitter's standard deviation from streams with long periods, or from the slowest stream."""
     slow = [s for s in streams if s.period_s > SLOW * s.scatter_s]
     slow = slow or [max(streams, key=lambda s: s.period_s)]
     off_s = np.concatenate([s.off_s[np.isfinite(s.off_s)] for s in slow])

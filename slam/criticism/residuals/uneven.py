@@ -1,4 +1,4 @@
-"""Pictures whose light changes within them: nothing that is said of brightness can be held to them."""
+"""Pictures with light that changes within them: their brightness is no evidence for other terms."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from slam.criticism.kalman.record import Record
 
 
 def uneven_of(records: Sequence[Record]) -> str | None:
-    """The flights' worst, in words."""
+    """Return a phrase for the worst flight, or None."""
     uneven = [r.matches.flicker for r in records if r.matches is not None and r.matches.uneven]
     if not uneven:
         return None

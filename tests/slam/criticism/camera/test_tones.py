@@ -20,7 +20,7 @@ from slam.criticism.camera.photometric import (
 )
 from slam.criticism.kalman.camera_parameters import CAMERA, GAIN, GAMMA, STEPS, VIGNETTING
 from slam.criticism.kalman.perturbations import Perturbation
-from slam.criticism.kalman.smoothing import Path, PathErrors
+from slam.criticism.kalman.smoothing import PathErrors, SmoothedPath
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ def made(
     gamma: Array | None = None,
     spot: float = 0.0,
     focus: Array | None = None,
-) -> tuple[FeatureMatches, Path]:
+) -> tuple[FeatureMatches, SmoothedPath]:
     """Pictures that show each other's points, one and two before."""
     rng = np.random.default_rng(seed)
     gain = np.ones(PICTURES) if gain is None else gain
@@ -82,7 +82,7 @@ def made(
     rates[:, 0] = np.abs(np.sin(0.7 * stamps))
     certain = PathErrors(np.zeros((PICTURES - 1, 12, 12)), np.zeros((PICTURES, 12, 12)))
     traces = np.zeros((6 * PICTURES, 0))
-    return matches, Path(stamps, poses, rates, 0 * rates, certain, traces, (stamps[0], stamps[-1]))
+    return matches, SmoothedPath(stamps, poses, rates, 0 * rates, certain, traces, (stamps[0], stamps[-1]))
 
 
 def walk(seed: int) -> Array:
@@ -94,7 +94,7 @@ def walk(seed: int) -> Array:
     return walked
 
 
-def judged(matches: FeatureMatches, path: Path) -> tuple[Array, PhotometricScore]:
+def judged(matches: FeatureMatches, path: SmoothedPath) -> tuple[Array, PhotometricScore]:
     """z of every direction alone."""
     found = photometric_score(matches, np.zeros(len(CAMERA)), path, np.full(PICTURES, True), DIRECTIONS)
     return found.score / np.sqrt(np.maximum(np.diag(found.information), 1e-12)), found
