@@ -53,7 +53,7 @@ class RangeResiduals:
         return [s for s in every if s.stop - s.start >= FEWEST_READINGS]
 
     def without_motion(self, over_m: Array) -> Array:
-        """Return (readings,) ``off_m`` without the effects of the motion; ``over_m`` is a known part of it."""
+        """Return (readings,) ``off_m`` without the effects of the motion; ``over_m`` is a known part."""
         later = [self._later(x, APART) for x in (self.motion, self.off_m - over_m)]
         return np.asarray(self.off_m - self.motion @ _robust_fit(*later))
 

@@ -1,7 +1,7 @@
-"""The likeliest_boxes boxes below a hypothesis: b + e is read over the floor, b - H + e over a box of height H.
+"""Likeliest boxes below the vehicle's path, by a multiple-hypothesis filter.
 
-b is a random walk, e has Student's tails, and H is each box's own. Several hypotheses of coming and going are
-followed at once, each with its own filter of b and H.
+The residual is b + e over the floor and b - H + e over a box of height H. b is a random walk, e has Student's
+tails, and each box has its own H. Several hypotheses of edges are followed, each with a filter of b and H.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ SELDOM_NATS = 1.0
 """Cost of a beginning over a box, in nats."""
 TINY_M = 1e-6
 TAIL, MOST_ODD = 4.0, 12.0
-"""Degrees of freedom of a reading's error, and its greatest cost in nats. It is less than that of two edges, so
-that a false echo is no box."""
+"""Degrees of freedom of a reading's error, and its greatest cost in nats. It is less than that of two edges,
+so that a false echo is no box."""
 ODD = 4.0
 """Standard deviations beyond which a reading does not update the filter, except at a new box."""
 KEPT, KEPT_ENDS = 6, 2
-"""BoxFit that are followed, and those of them whose box may end at a reading."""
+"""Number of hypotheses kept, and number of those whose box may end at a reading."""
 FIRST = 4
 """Number of readings that give the initial b of a segment."""
 
@@ -51,7 +51,7 @@ class BoxHeights:
 
 @dataclass(frozen=True)
 class BoxFit:
-    """The likeliest_boxes boxes of a stretch."""
+    """Likeliest boxes of a segment."""
 
     over_m: Array
     """(readings,) height of the box below, estimated at its end; 0 over the floor."""

@@ -141,7 +141,7 @@ def _share(boxes: Sequence[_Boxes]) -> float:
 
 
 def _found(seen: Sequence[RangeResiduals], sign: float) -> list[_Boxes]:
-    """Return the likeliest boxes (``sign`` 1) or pits (-1) over all drifts; a level floor may have another."""
+    """Return the likeliest boxes (``sign`` 1) or pits (-1) over all drifts; a level floor has its own."""
     over, levels = [np.zeros(len(flight.rows)) for flight in seen], []
     for _ in range(ROUNDS):
         heights = [flight.without_motion(-sign * o) for flight, o in zip(seen, over, strict=True)]

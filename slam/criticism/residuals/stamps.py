@@ -1,8 +1,8 @@
 """Timestamp jitter: whether readings were taken at their stamps or at the even clock of their stream.
 
-An instrument samples evenly, but a recorder's stamps may scatter. The offset of each stamp from the even clock
-is then known and need not count as noise: the readings fit the motion at one of the two times. Where they fit
-the even clock, ``timestamp_jitter`` is reported with its scatter, and flights are judged without it.
+An instrument samples evenly, but a recorder's stamps may scatter. The offset of each stamp from the even
+clock is then known and need not count as noise: the readings fit the motion at one of the two times. Where
+they fit the even clock, ``timestamp_jitter`` is reported with its scatter, and flights are judged without it.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ LEAST_SCATTER_S = 1e-4
 """A smaller scatter moves no reading by its noise."""
 BLOCK = 25
 MOST_WANDER = 0.6
-"""Greatest ratio of the scatter of block means to that of single stamps. Lost readings and a wandering clock have
-1; independent jitter has at most 0.4, even in order of arrival."""
+"""Greatest ratio of the scatter of block means to that of single stamps. Lost readings and a wandering clock
+have 1; independent jitter has at most 0.4, even in order of arrival."""
 SLOW = 3.0
 """Least period in scatters. Stamps of a faster stream overtake one another, and their offsets in sorted order
 are smaller than the jitter."""
