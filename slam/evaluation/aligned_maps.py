@@ -53,5 +53,5 @@ def _map(w_T_b: Array, floor_z_m: float, association: Association) -> AlignedMap
     if association.w_T_b is None or len(placed) == 0:
         return AlignedMap(poses, floor_z_m)
     G = gauge(poses[placed[0]], association.w_T_b[placed[0]])
-    # A turn about z and a shift leave the floor level.
+    # A rotation about z and a translation keep the floor level.
     return AlignedMap(G @ poses, floor_z_m + float(G[2, 3]))

@@ -77,10 +77,10 @@ def seeing_camera(estimate: Estimate, flight: Flight) -> Camera | None:
 
     The estimate's own camera is returned where the flight has none; None where neither has one.
     """
-    told, found = flight.camera, estimate.camera
-    if told is None or found is None:
-        return told or found
-    return replace(told, b_T_c=found.b_T_c) if found.mount_std_rad > 0 else told
+    nominal, estimated = flight.camera, estimate.camera
+    if nominal is None or estimated is None:
+        return nominal or estimated
+    return replace(nominal, b_T_c=estimated.b_T_c) if estimated.mount_std_rad > 0 else nominal
 
 
 def _refuse_other_pictures(estimate: Estimate, flight: Flight) -> None:
@@ -211,7 +211,7 @@ def _missed_between_rows(
     rates = np.hstack([turned, np.diff(poses[:, :3, 3], axis=0)]) / steps
     bent = np.diff(rates, axis=0) / (0.5 * (steps[1:] + steps[:-1]))
     bent = np.linalg.norm(bent.reshape(-1, 2, 3), axis=2)
-    # Of the rows at both ends of an interval; the first and the last row have none of their own.
+    # Take the rows at both ends of an interval; the first and the last row use their neighbour's.
     at_row = np.vstack([bent[:1], bent, bent[-1:]])
     share, span_s = _share(times_s, at_s, left, right), times_s[right] - times_s[left]
     return np.asarray(

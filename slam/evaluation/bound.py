@@ -94,12 +94,12 @@ class Bound:
         toward = flight.landmarks[b] - flight.landmarks[a]
         toward = toward / np.linalg.norm(toward)
         gradient = sum(
-            sign * np.einsum("c,mca->ma", toward, self._of_place(flight, name))
+            sign * np.einsum("c,mca->ma", toward, self._place_gradient(flight, name))
             for sign, name in ((-1, a), (1, b))
         )
         return float(np.sqrt(self.information.covariance(np.asarray(gradient)[None])[0, 0]))
 
-    def _of_place(self, flight: Flight, name: str) -> Array:
+    def _place_gradient(self, flight: Flight, name: str) -> Array:
         """Gradient (n, 3, 6) of a landmark's mean position by the keyframes that see it. Source: derived."""
         assert flight.camera is not None
         w_p = flight.landmarks[name]
@@ -149,7 +149,7 @@ def at_the_truth(
     for _ in range(config.rounds):
         pixel = _on_the_floor(tracks, camera, w_T_b)
         off = (tracks.pixel - pixel) / tracks.std_px[:, None]
-        # Of the residuals only the points' places were fitted: two numbers each.
+        # The residuals lose two degrees of freedom a point: its fitted position.
         fitted = np.sqrt(len(off) / (len(off) - len(np.unique(tracks.track))))
         spread = huber_std(off, config.huber_sigmas) * float(fitted)
         tracks = _near(tracks, off, config.drop_sigmas * max(1.0, spread))

@@ -162,7 +162,7 @@ def seen_at(camera: Camera, w_T_b: Array, w_p: Array) -> tuple[Array, NDArray[np
     width, height = camera.size_px
     with np.errstate(invalid="ignore"):
         inside = (pixel >= -0.5).all(axis=1) & (pixel[:, 0] < width - 0.5) & (pixel[:, 1] < height - 0.5)
-    # A distortion polynomial folds back far outside the picture: such a pixel does not undistort to the ray.
+    # A distortion polynomial folds back far outside the picture; such a pixel does not undistort to the ray.
     ray = c_p[inside, :2] / c_p[inside, 2:]
     inside[inside] = np.linalg.norm(camera.rays(camera.undistort(pixel[inside]))[:, :2] - ray, axis=1) < 1e-2
     return pixel, inside

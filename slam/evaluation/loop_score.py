@@ -106,7 +106,7 @@ def pair_overlaps(footprints_m: Array, stamps_s: Array) -> dict[tuple[int, int],
 
 def overlap_share(one_m: Array, other_m: Array) -> float:
     """Return the common area of two convex quadrilaterals (4, 2) over the area of the smaller one."""
-    # cv2 computes in float32: metres from the pair's own middle keep the digits.
+    # cv2 computes in float32: metres relative to the pair's centre keep the digits.
     origin = 0.5 * (one_m.mean(axis=0) + other_m.mean(axis=0))
     p, q = (one_m - origin).astype(np.float32), (other_m - origin).astype(np.float32)
     smaller = min(float(cv2.contourArea(p)), float(cv2.contourArea(q)))

@@ -76,16 +76,18 @@ def _top_view(axes: Axes, evaluation: Evaluation) -> None:
     tracks = evaluation.tracks
     reference = "truth" if evaluation.reference == "truth" else "GPS"
     factor = _error_factor(tracks)
-    told = f", error drawn {factor:g} x" if factor > 1 else ""
+    factor_note = f", error drawn {factor:g} x" if factor > 1 else ""
     odometry, loops = (
         tracks.reference_m + factor * (track - tracks.reference_m)
         for track in (tracks.odometry_m, tracks.loops_m)
     )
-    # The widest first: what lies on another is seen on both sides of it.
+    # The widest line is first, so that it is visible on both sides of a line above it.
     axes.plot(*tracks.chain_m[:, :2].T, color=PALE_GREY, lw=5, label=evaluation.trajectory_names[0])
     axes.plot(*tracks.reference_m[:, :2].T, color=_REFERENCE, lw=3.2, label=reference)
-    axes.plot(*odometry[:, :2].T, color=_ODOMETRY, lw=1.9, label=evaluation.trajectory_names[1] + told)
-    axes.plot(*loops[:, :2].T, ".-", color=_LOOPS, lw=0.9, ms=3, label=evaluation.trajectory_names[2] + told)
+    axes.plot(*odometry[:, :2].T, color=_ODOMETRY, lw=1.9, label=evaluation.trajectory_names[1] + factor_note)
+    axes.plot(
+        *loops[:, :2].T, ".-", color=_LOOPS, lw=0.9, ms=3, label=evaluation.trajectory_names[2] + factor_note
+    )
     for name, point in tracks.landmarks_m.items():
         axes.plot(point[0], point[1], "+", color=_REFERENCE, ms=8)
         axes.annotate(escape_math(name), (point[0], point[1]), xytext=(4, 4), textcoords="offset points")
@@ -98,7 +100,7 @@ def _top_view(axes: Axes, evaluation: Evaluation) -> None:
         else f"{length(evaluation.ate_sim3_m.rmse)} RMS, aligned with scale"
     )
     axes.set_title(f"{escape_math(evaluation.name)}: position error {errors}")
-    panel_legend_below(axes, 2 if told else 4)
+    panel_legend_below(axes, 2 if factor_note else 4)
 
 
 def _error_factor(tracks: Tracks) -> float:

@@ -68,12 +68,12 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
 
 
 EXPERIMENT = Experiment(
-    "arithmetic",
-    "What the paper's own numbers say",
-    "tables 1, 2 and 5, sections 3.1 and 4",
-    _trial,
-    _conclude,
-    _draw,
-    (13.0, 5.2),
+    name="arithmetic",
+    title="What the paper's own numbers say",
+    source="tables 1, 2 and 5, sections 3.1 and 4",
+    trial=_trial,
+    conclude=_conclude,
+    draw=_draw,
+    size_inches=(13.0, 5.2),
     random=False,
 )

@@ -77,7 +77,7 @@ def _put(canvas: Image, picture: Image | None, canvas_H_image: Array) -> None:
     if picture is None:
         return
     size = canvas.shape[1::-1]
-    # Beyond its edge a picture goes on: black from there would be mixed into its last pixels.
+    # The border is replicated: black would be mixed into the picture's last pixels.
     warped = cv2.warpPerspective(
         picture, canvas_H_image, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )

@@ -101,7 +101,7 @@ def _matches(flight: Flight) -> _Matches:
         assert picture is not None
         now, floor_H_now = extractor(picture, camera), camera.floor_H_image(poses[frame.index])
         if before is not None and len(before) and len(now):
-            # Unit descriptors: the nearest is the one of the largest product.
+            # For unit descriptors the nearest has the largest inner product.
             likeness = now.descriptor @ before.descriptor.T
             nearest = likeness.argmax(axis=1)
             cosine = likeness[np.arange(len(now)), nearest].astype(float)
@@ -206,11 +206,11 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
 
 
 EXPERIMENT = Experiment(
-    "feature_distance",
-    "Mean distance of matched features",
-    "section 4.1",
-    _trial,
-    _conclude,
-    _draw,
-    (11.0, 4.6),
+    name="feature_distance",
+    title="Mean distance of matched features",
+    source="section 4.1",
+    trial=_trial,
+    conclude=_conclude,
+    draw=_draw,
+    size_inches=(11.0, 4.6),
 )

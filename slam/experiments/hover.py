@@ -124,4 +124,12 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
     right.legend(frameon=False, fontsize=8)
 
 
-EXPERIMENT = Experiment("hover", "Hovering", "section 4.2.1", _trial, _conclude, _draw, (10.0, 4.6))
+EXPERIMENT = Experiment(
+    name="hover",
+    title="Hovering",
+    source="section 4.2.1",
+    trial=_trial,
+    conclude=_conclude,
+    draw=_draw,
+    size_inches=(10.0, 4.6),
+)

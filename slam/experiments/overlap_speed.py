@@ -164,11 +164,11 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
 
 
 EXPERIMENT = Experiment(
-    "overlap_speed",
-    "Speed at which pictures still overlap by half",
-    "section 3.1",
-    _trial,
-    _conclude,
-    _draw,
-    (10.5, 4.4),
+    name="overlap_speed",
+    title="Speed at which pictures still overlap by half",
+    source="section 3.1",
+    trial=_trial,
+    conclude=_conclude,
+    draw=_draw,
+    size_inches=(10.5, 4.4),
 )

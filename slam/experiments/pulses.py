@@ -114,7 +114,7 @@ def _conclude(trials: tuple[Trial, ...]) -> Conclusion:
     first = Row("slowing down, slope over the braking drone's", "1", {}, {SIMULATED: down})
     second = Row("speeding up, slope over the braking drone's", "1", {}, {SIMULATED: up})
     alike = abs(up.median - 1) < _SAME and down.median < 1 - _SAME
-    # In part at best: what the real drone did is a curve without figures.
+    # It agrees in part at best: the paper shows the real drone as a curve without figures.
     return Conclusion((first, second, *rows), verdict(False, partly=alike), reason)
 
 
@@ -141,11 +141,11 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
 
 
 EXPERIMENT = Experiment(
-    "pulses",
-    "Response to pulses: speeding up and slowing down",
-    "section 4.2.2, figures 9 and 10",
-    _trial,
-    _conclude,
-    _draw,
-    (10.0, 8.5),
+    name="pulses",
+    title="Response to pulses: speeding up and slowing down",
+    source="section 4.2.2, figures 9 and 10",
+    trial=_trial,
+    conclude=_conclude,
+    draw=_draw,
+    size_inches=(10.0, 8.5),
 )

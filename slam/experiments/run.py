@@ -39,12 +39,12 @@ def conclude(names: Sequence[str], trials: dict[str, tuple[Trial, ...]]) -> dict
 def _done(tasks: Sequence[tuple[str, int]], jobs: int) -> Iterator[tuple[str, Trial]]:
     """Yield trials as they are finished."""
     if jobs <= 1:
-        with _one_core():
+        with _one_thread():
             for name, seed in tasks:
                 yield name, _fly(name, seed)
         return
-    # Fresh processes: a fork would share locks of OpenCV's and BLAS's threads.
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_alone) as pool:
+    # Processes are spawned: a fork would share the locks of OpenCV's and BLAS's threads.
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_limit_worker) as pool:
         coming: dict[Future[Trial], str] = {pool.submit(_fly, name, seed): name for name, seed in tasks}
         try:
             for done in as_completed(coming):
@@ -55,7 +55,7 @@ def _done(tasks: Sequence[tuple[str, int]], jobs: int) -> Iterator[tuple[str, Tr
                 f"--jobs than {jobs}"
             ) from None
         except BaseException:
-            # Nobody waits for flights that nobody wants any more.
+            # Do not wait for the remaining flights.
             pool.shutdown(wait=False, cancel_futures=True)
             for worker in active_children():
                 worker.terminate()
@@ -67,7 +67,7 @@ def _fly(name: str, seed: int) -> Trial:
 
 
 @contextmanager
-def _one_core() -> Iterator[None]:
+def _one_thread() -> Iterator[None]:
     """Limit OpenCV to one thread until the block ends."""
     import cv2
 
@@ -79,7 +79,7 @@ def _one_core() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-def _alone() -> None:
+def _limit_worker() -> None:
     """Limit a worker to one thread and ignore Ctrl-C, which the parent process handles."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     import cv2

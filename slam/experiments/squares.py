@@ -81,11 +81,11 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
 
 
 EXPERIMENT = Experiment(
-    "squares",
-    "Small squares flown by timed commands",
-    "section 4.2",
-    _trial,
-    _conclude,
-    _draw,
-    (10.0, 4.8),
+    name="squares",
+    title="Small squares flown by timed commands",
+    source="section 4.2",
+    trial=_trial,
+    conclude=_conclude,
+    draw=_draw,
+    size_inches=(10.0, 4.8),
 )

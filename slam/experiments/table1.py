@@ -36,11 +36,11 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
 
 
 EXPERIMENT = Experiment(
-    "table1",
-    "The square: error of the map",
-    "section 4.1, table 1, figures 4 and 5",
-    _trial,
-    _conclude,
-    _draw,
-    (11.0, 5.8),
+    name="table1",
+    title="The square: error of the map",
+    source="section 4.1, table 1, figures 4 and 5",
+    trial=_trial,
+    conclude=_conclude,
+    draw=_draw,
+    size_inches=(11.0, 5.8),
 )

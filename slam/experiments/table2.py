@@ -77,11 +77,11 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
 
 
 EXPERIMENT = Experiment(
-    "table2",
-    "The square with white balance that varies: error of the map",
-    "section 4.1, table 2, figure 6",
-    _trial,
-    _conclude,
-    _draw,
-    (11.0, 5.8),
+    name="table2",
+    title="The square with white balance that varies: error of the map",
+    source="section 4.1, table 2, figure 6",
+    trial=_trial,
+    conclude=_conclude,
+    draw=_draw,
+    size_inches=(11.0, 5.8),
 )

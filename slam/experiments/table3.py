@@ -101,11 +101,11 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
 
 
 EXPERIMENT = Experiment(
-    "table3",
-    "The figure eight: chain, Kalman filter, pose graph",
-    "section 4.1, tables 3 and 4, figures 7 and 8",
-    _trial,
-    _conclude,
-    _draw,
-    (11.0, 10.5),
+    name="table3",
+    title="The figure eight: chain, Kalman filter, pose graph",
+    source="section 4.1, tables 3 and 4, figures 7 and 8",
+    trial=_trial,
+    conclude=_conclude,
+    draw=_draw,
+    size_inches=(11.0, 10.5),
 )

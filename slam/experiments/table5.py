@@ -208,11 +208,11 @@ def _draw(figure: Figure, trials: tuple[Trial, ...]) -> None:
 
 
 EXPERIMENT = Experiment(
-    "table5",
-    "Speed and pitch at the end of a pulse",
-    "section 4.2.2, table 5, equation 4",
-    _trial,
-    _conclude,
-    _draw,
-    (11.0, 4.8),
+    name="table5",
+    title="Speed and pitch at the end of a pulse",
+    source="section 4.2.2, table 5, equation 4",
+    trial=_trial,
+    conclude=_conclude,
+    draw=_draw,
+    size_inches=(11.0, 4.8),
 )

@@ -143,8 +143,9 @@ def _worst(
     k = int(np.argmax(error))
     part = slice(k, int(end[k]))
     return _Misfit(
-        float(error[k]), flight, channel, unit, stamps_s[part], measured[part], before[part], after[part]
-    )
+        size=float(error[k]), flight=flight, channel=channel, unit=unit, stamps_s=stamps_s[part],
+        measured=measured[part], before=before[part], after=after[part],
+    )  # fmt: skip
 
 
 def _ranges(flight: Flight) -> tuple[Array, Array]:

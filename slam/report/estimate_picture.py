@@ -161,7 +161,7 @@ def _innovations(axes: Axes, name: str, channel: InstrumentInnovations, begin_s:
     labels = _LABELS.get(name, ("",))
     whitened = (channel.innovation / channel.std)[::every, : len(labels)]
     sizes = np.abs(whitened[np.isfinite(whitened)])
-    # All but the one in two hundred that is furthest off.
+    # The limits exclude the largest half percent.
     edge = float(np.clip(1.2 * np.quantile(sizes, 0.995) if len(sizes) else 0.0, _NARROWEST, _WIDEST))
     stamps_s = np.repeat(channel.stamps_s[::every] - begin_s, whitened.shape[1])
     colors = np.tile(_COLORS[: whitened.shape[1]], len(whitened))

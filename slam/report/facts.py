@@ -213,5 +213,5 @@ def _scale_source(estimate: Estimate, flight: Flight | None) -> str:
     sources += ["GPS"] if estimate.origin is not None else []
     accelerometer = estimate.instruments.accelerometer
     sources += ["accelerometer"] if accelerometer is not None and accelerometer.used else []
-    # A map that could not be refined has its metres by the heights that the pose graph started from.
+    # Without refinement the scale comes from the heights that initialised the pose graph.
     return " and ".join(sources) or "height sensor"

@@ -80,7 +80,7 @@ def altitude_picture(estimate: Estimate) -> bytes:
     before = estimate.odometry_w_T_b[:, 2, 3] - estimate.floor_z_m
     if np.isfinite(before).any():
         axes.plot(time, before, color=GREY, linewidth=1.0, label="without loops")
-    # Often narrower than a line can be drawn: its size stands in the legend.
+    # The band is often narrower than a line, so the legend gives its size.
     known = sigma[np.isfinite(sigma)]
     size = f" (median ± {length(2 * float(np.median(known)), estimate.metric)})" if len(known) else ""
     band = height - 2 * sigma, height + 2 * sigma

@@ -142,14 +142,16 @@ def evaluate_loops(
         score_method(name, likeness[name], inliers, pairs, labels, neighbours)
         for name in (OURS, HISTOGRAM, WORDS)
     ]
-    told = list(estimate.warnings)
+    warnings = list(estimate.warnings)
     if len(chosen) < len(known):
-        told.append(f"{len(chosen)} of {len(known)} keyframes, evenly spread, are compared with one another")
+        warnings.append(
+            f"{len(chosen)} of {len(known)} keyframes, evenly spread, are compared with one another"
+        )
     if len(known) < len(estimate.stamps_s):
-        told.append(f"{len(estimate.stamps_s) - len(known)} keyframes have no {reference.kind}: left out")
+        warnings.append(f"{len(estimate.stamps_s) - len(known)} keyframes have no {reference.kind}: left out")
     if reference.position_std_m > 0:
-        told.append(
-            f"GPS knows places to {reference.position_std_m:.1f} m: pairs that this leaves open do not count"
+        warnings.append(
+            f"GPS positions are known to {reference.position_std_m:.1f} m: undecided pairs do not count"
         )
     return LoopEvaluation(
         name=flight.name,
@@ -165,7 +167,7 @@ def evaluate_loops(
         kept=tuple((v.i, v.j) for v in estimate.loops if v.verdict == "kept"),
         all_true_pairs=int((reference.labels(list(reference.overlap)) == TRUE).sum()),
         timing_s=clock.seconds,
-        warnings=tuple(told),
+        warnings=tuple(warnings),
     )
 
 

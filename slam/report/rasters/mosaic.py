@@ -184,7 +184,7 @@ def _planned(
             exposure = measure_exposure(plan, pictures, progress)
             if not pictures.unusable:
                 return _Planned(plan, pictures, exposure, estimate.origin, estimate.metric, progress)
-            # What the unusable pictures owned goes to others, perhaps to some not read so far.
+            # The area of unusable pictures goes to others, perhaps to some that were not read yet.
             leave_out = leave_out | pictures.unusable
             plan = plan_mosaic(camera, w_T_b, estimate.floor_z_m, gsd_m, MAX_MOSAIC_PIXELS, leave_out)
     except MosaicError as error:

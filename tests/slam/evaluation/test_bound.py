@@ -98,7 +98,7 @@ def test_a_landmarks_place_moves_as_its_gradient_says():
     assert flight.camera is not None
     # The gradient of the mean place by one body's pose, against differences of where its ray meets z = 0.
     flight = replace(flight, landmarks={"A": np.array([0.3, 0.1, 0.0])})
-    gradient = bound_of(made)._of_place(flight, "A")
+    gradient = bound_of(made)._place_gradient(flight, "A")
     seen = np.flatnonzero(np.abs(gradient).max(axis=(1, 2)))
     assert len(seen) > 2
     pose, k = made.w_T_b[seen[0]], seen[0]
