@@ -5,16 +5,24 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from slam.core.errors import InputError, explain
+from slam.core.version import VERSION
 from slam.experiments.registry import NAMES as EXPERIMENTS
-from slam.io.atomic import atomic_folder, partial_path
+from slam.io.atomic import atomic_folder, is_working_folder
+from slam.io.files import read_bytes
+
+MARKER_NAME = ".slam-output"
+"""Hidden file of every output: the version of slam, and the names of the files that it wrote."""
 
 OPTIMIZE_NAMES = (
+    MARKER_NAME,
     "trajectory.tum",
     "graph.g2o",
     "estimate.npz",
@@ -35,29 +43,30 @@ OPTIMIZE_NAMES = (
 MODEL_NAME = "model.toml"
 """Model of the instruments from ``--model``; the commands that read the map need it too."""
 
-ESTIMATE_NAMES = ("trajectory.tum", "estimate.npz", "estimate.png", "summary.json")
+ESTIMATE_NAMES = (MARKER_NAME, "trajectory.tum", "estimate.npz", "estimate.png", "summary.json")
 """Files that ``slam estimate`` writes."""
 
 EVALUATE_NAMES = ("evaluation.json", "evaluation_trajectory.png", "evaluation_error.png")
 """Files that ``slam evaluate`` adds."""
 
-LOCATE_NAMES = ("locations.csv", "summary.json")
+LOCATE_NAMES = (MARKER_NAME, "locations.csv", "summary.json")
 """Files that ``slam locate`` writes."""
 
-LOOPS_NAMES = ("loops.json", "loops.png", "summary.json")
+LOOPS_NAMES = (MARKER_NAME, "loops.json", "loops.png", "summary.json")
 """Files that ``slam loops`` writes."""
 
-REPLAY_NAMES = ("replay.png", "summary.json")
+REPLAY_NAMES = (MARKER_NAME, "replay.png", "summary.json")
 """Files that ``slam replay`` writes."""
 
 REPRODUCE_NAMES = (
+    MARKER_NAME,
     "reproduce.html",
     "summary.json",
     *(f"{name}{suffix}" for name in EXPERIMENTS for suffix in (".json", ".png")),
 )
 """Files that ``slam reproduce`` writes."""
 
-CRITICISE_NAMES = ("verdict.json", "extended.toml", "report.html", "summary.json")
+CRITICISE_NAMES = (MARKER_NAME, "verdict.json", "extended.toml", "report.html", "summary.json")
 """Files that ``slam criticise`` writes."""
 
 _SIGNS = {
@@ -81,11 +90,31 @@ _VIEWER_FILES = (
 )
 """Files that viewers create beside pictures; they may be deleted with them."""
 
-_LEFTOVERS = tuple(partial_path(Path(name)).name for name in EVALUATE_NAMES)
-"""Files that ``slam evaluate`` leaves if it is killed."""
+_MAP_KEYS = ("status", "frames", "keyframes", "edges", "timing_s", "peak_rss_mb", "warnings")
+_FIRST_VERSION = (
+    (
+        ("graph.g2o", "trajectory.tum", "estimate.npz", "loops.csv", "report.html"),
+        (*_MAP_KEYS, "landmarks"),
+        (*OPTIMIZE_NAMES, MODEL_NAME),
+    ),
+    (("estimate.png", "trajectory.tum", "estimate.npz"), (*_MAP_KEYS, "channels"), ESTIMATE_NAMES),
+    (("locations.csv",), ("status", "pictures", "found", "rejected"), LOCATE_NAMES),
+    (("loops.json", "loops.png"), ("status", "name", "reference", "frames", "keyframes"), LOOPS_NAMES),
+    (("replay.png",), ("flight", "model", "begin_s", "end_s", "started_from", "rollouts"), REPLAY_NAMES),
+    (("reproduce.html",), ("seeds", "elapsed_s", "experiments"), REPRODUCE_NAMES),
+    (
+        ("verdict.json", "report.html"),
+        ("status", "sentence", "flights", "dropped", "causes"),
+        CRITICISE_NAMES,
+    ),
+)
+"""Outputs of version 0.1.0, which wrote no marker: files that each has, keys of its summary.json, and all
+names that it may have."""
 
 _MARK = "summary.json"
-"""File of every finished output; a folder without it is not replaced."""
+"""File of every finished output."""
+
+_MAX_JSON_BYTES = 16 << 20
 
 
 @contextmanager
@@ -97,9 +126,10 @@ def output_folder(target: str | Path) -> Iterator[Path]:
     be written.
     """
     target = _checked(Path(target))
-    _refuse_foreign(target)
-    with atomic_folder(target, replace=True) as folder:
+    _refuse_foreign(target, target)
+    with atomic_folder(target, may_replace=lambda folder: _refuse_foreign(folder, target)) as folder:
         yield folder
+        _write_marker(folder)
 
 
 def is_output(folder: Path) -> bool:
@@ -127,23 +157,58 @@ def _checked(target: Path) -> Path:
     return target
 
 
-def _refuse_foreign(target: Path) -> None:
+def _refuse_foreign(folder: Path, target: Path) -> None:
+    """Raise ``InputError`` about ``target`` where ``folder`` holds anything that slam did not write."""
     try:
-        entries = sorted(os.scandir(target), key=lambda entry: entry.name)
+        entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
     except FileNotFoundError:
         return
     except OSError as error:
         raise InputError(f"{target}: {explain(error)}") from None
-    ours = {
-        *OPTIMIZE_NAMES, MODEL_NAME, *ESTIMATE_NAMES, *EVALUATE_NAMES, *LOCATE_NAMES, *LOOPS_NAMES,
-        *REPLAY_NAMES, *REPRODUCE_NAMES, *CRITICISE_NAMES, *_VIEWER_FILES, *_LEFTOVERS,
-    }  # fmt: skip
-    foreign = [
-        entry.name for entry in entries if entry.name not in ours or entry.is_dir(follow_symlinks=False)
-    ]
-    if not is_output(target):
-        foreign = foreign or [entry.name for entry in entries]
-    if foreign:
-        raise InputError(
-            f"{target}: holds {foreign[0]!r}, which slam did not write; choose another --out or move it away"
-        )
+    ours = _marked_names(folder)
+    if ours is None:
+        ours = _names_of_first_version(folder)
+    ours |= {*EVALUATE_NAMES, *_VIEWER_FILES} if ours else set()
+    for entry in entries:
+        if entry.is_dir(follow_symlinks=False):
+            written = bool(ours) and is_working_folder(Path(entry.path))  # a killed `slam evaluate`
+        else:
+            written = entry.name in ours and not entry.is_symlink()
+        if not written:
+            raise InputError(
+                f"{target}: holds {entry.name!r}, which slam did not write, or not surely; "
+                "choose another --out, or move it away or delete it yourself"
+            )
+
+
+def _write_marker(folder: Path) -> None:
+    names = sorted({MARKER_NAME, *os.listdir(folder)})
+    content = {"written_by": "slam", "version": VERSION, "files": names}
+    (folder / MARKER_NAME).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _marked_names(folder: Path) -> set[str] | None:
+    """Return the names of the files that slam wrote into the folder; None where it holds no marker."""
+    content = _json_object(folder / MARKER_NAME)
+    names = content.get("files")
+    if content.get("written_by") != "slam" or not isinstance(names, list):
+        return None
+    return {name for name in names if isinstance(name, str)}
+
+
+def _names_of_first_version(folder: Path) -> set[str]:
+    """Return the names that version 0.1.0 may have written, if the folder is surely its output."""
+    summary = _json_object(folder / _MARK)
+    for files, keys, names in _FIRST_VERSION:
+        if {*keys} <= summary.keys() and all((folder / name).is_file() for name in files):
+            return {*names}
+    return set()
+
+
+def _json_object(path: Path) -> dict[str, Any]:
+    """Return a small JSON object from a file; empty where the file is missing or holds something else."""
+    try:
+        content = json.loads(read_bytes(path, path.parent, _MAX_JSON_BYTES))
+    except (InputError, ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}

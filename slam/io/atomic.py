@@ -1,7 +1,9 @@
-"""Atomic outputs. They are built under a temporary name beside the target and then renamed.
+"""Outputs appear whole or not at all: built in a working folder beside the target, then renamed.
 
-The temporary name is fixed (``.NAME.partial``) and locked until the process ends. A killed run leaves it
-unlocked, and the next run removes it. A second run on the same target finds it locked and is refused.
+The working folder has a fixed name (``.NAME.partial``) and holds a marker file, and a lock that dies with the
+process. What a killed run leaves behind is unlocked and marked, and the next run clears it. A second run on
+the same target finds the lock and is refused. A folder of that name without the marker belongs to somebody
+else: it is refused and stays as it is.
 """
 
 from __future__ import annotations
@@ -10,23 +12,48 @@ import errno
 import fcntl
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from slam.core.errors import DISK_FULL, explain
 from slam.io.files import refusal
 
+_MARKER = "slam-working-folder.txt"
+_MARKER_TEXT = b"Working folder of slam. It may be deleted if no slam runs.\n"
+_NEW = "new"
+"""Subfolder of the working folder: what is being built."""
+_OLD = "old"
+"""Subfolder of the working folder: the earlier folder, moved aside and not yet checked again."""
+_REPLACED = "replaced"
+"""Subfolder of the working folder: the earlier folder, checked; it goes when its successor is in place."""
+
 
 def partial_path(target: Path) -> Path:
-    """Return the hidden path beside ``target`` where it is built; it keeps the suffix."""
-    return target.with_name(f".{target.stem}.partial{target.suffix}")
+    """Return the hidden working folder beside ``target`` in which it is built."""
+    return target.with_name(f".{target.name}.partial")
+
+
+def is_working_folder(folder: Path) -> bool:
+    """Return whether a folder was made here for building, and not by somebody else."""
+    marker = folder / _MARKER
+    try:
+        if folder.is_symlink() or marker.is_symlink() or not marker.is_file():
+            return False
+        return marker.read_bytes() == _MARKER_TEXT and {*os.listdir(folder)} <= {
+            _MARKER,
+            _NEW,
+            _OLD,
+            _REPLACED,
+        }
+    except OSError:
+        return False
 
 
 def write_whole(path: Path | str, content: bytes) -> None:
-    """Write ``content`` to ``path`` in one step. An earlier file stays unchanged until then.
+    """Put ``content`` at ``path`` in one step; until then an earlier file stays as it was.
 
-    Raises ``InputError`` if the place cannot be written or another run is writing there.
+    Raises ``InputError`` where the place cannot be written or another run is writing there.
     """
     with atomic_file(path) as partial:
         partial.write_bytes(content)
@@ -34,18 +61,19 @@ def write_whole(path: Path | str, content: bytes) -> None:
 
 @contextmanager
 def atomic_file(path: Path | str) -> Iterator[Path]:
-    """Yield a temporary path beside ``path`` with its suffix. On success it replaces ``path`` in one step.
+    """Give a temporary path of the same name; on success it replaces ``path`` in one step.
 
-    On an exception the old file stays unchanged and nothing new remains. Missing parent folders are created.
-    Raises ``InputError`` if the place cannot be written or another run is writing there.
+    On any exception the old file stays as it was and nothing new is left. Missing parent folders are made.
+    Raises ``InputError`` where the place cannot be written or another run is writing there.
     """
     target = Path(path)
-    with _locked_partial(target, as_folder=False) as temporary:
+    with _working_folder(target) as work:
         with _as_input_error(target):
             if target.is_dir():
                 raise IsADirectoryError(errno.EISDIR, "is a folder", str(target))
-            os.truncate(temporary, 0)
-        with _as_input_error(target, written=temporary):
+            temporary = work / _NEW / target.name
+            temporary.touch()
+        with _as_input_error(target, written=work):
             yield temporary
         with _as_input_error(target):
             _sync(temporary)
@@ -54,115 +82,143 @@ def atomic_file(path: Path | str) -> Iterator[Path]:
 
 
 @contextmanager
-def atomic_folder(path: Path | str, replace: bool = False) -> Iterator[Path]:
-    """Yield an empty temporary folder beside ``path``. On success it becomes ``path`` in one step.
+def atomic_folder(path: Path | str, may_replace: Callable[[Path], None] | None = None) -> Iterator[Path]:
+    """Give an empty temporary folder beside ``path``; on success it becomes ``path`` in one step.
 
-    A target that is not empty is refused, unless ``replace`` is set; then it stays unchanged until the new
-    folder is complete. Raises ``InputError`` if the target is refused, cannot be written, or another run is
-    writing there.
+    A target that already holds something is refused, unless ``may_replace`` is given: it raises
+    ``InputError`` for a folder that may not be replaced. It is asked at the start and again at the end, after
+    the old folder was moved aside; until then the old folder stays as it is. Raises ``InputError`` where the
+    target is refused, cannot be written, or another run is writing there.
     """
     target = Path(path)
-    with _locked_partial(target, as_folder=True) as temporary:
-        old = temporary.with_name(f".{target.name}.old")
+    with _working_folder(target) as work:
+        new, old = work / _NEW, work / _OLD
         with _as_input_error(target):
-            _recover(target, old)
-            if target.exists() and not (target.is_dir() and (replace or not any(target.iterdir()))):
-                raise refusal(target, "exists already and is not empty", "name another place or remove it")
-            _clear(temporary)
-        with _as_input_error(target, written=temporary):
-            yield temporary
+            _check_free(target, may_replace)
+        with _as_input_error(target, written=work):
+            yield new
         with _as_input_error(target):
-            _sync_tree(temporary)
+            _sync_tree(new)
             if target.exists() and any(target.iterdir()):
                 os.rename(target, old)
-            os.rename(temporary, target)
+                _check_free(old, may_replace)
+                os.rename(old, work / _REPLACED)
+            os.rename(new, target)
             _sync(target.parent)
-        shutil.rmtree(old, ignore_errors=True)
 
 
 @contextmanager
 def locked(path: Path | str) -> Iterator[None]:
     """Keep other runs from replacing the folder ``path`` while files are added to it.
 
-    Raises ``InputError`` if another run is writing it, or if nothing can be written beside it.
+    Raises ``InputError`` where another run is writing it, or where nothing can be written beside it.
     """
-    with _locked_partial(Path(path), as_folder=True) as temporary:
+    with _working_folder(Path(path)):
         yield
-        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _check_free(target: Path, may_replace: Callable[[Path], None] | None) -> None:
+    if not target.exists() or (target.is_dir() and not any(target.iterdir())):
+        return
+    if may_replace is None or not target.is_dir():
+        raise refusal(target, "exists already and is not empty", "name another place or remove it")
+    may_replace(target)
 
 
 @contextmanager
-def _locked_partial(target: Path, as_folder: bool) -> Iterator[Path]:
-    """Create and lock the temporary file or folder of ``target``.
+def _working_folder(target: Path) -> Iterator[Path]:
+    """Make and lock the working folder of ``target``, with an empty folder for what is built.
 
-    If the block fails, it is removed, together with parent folders that were created for it.
+    It is removed at the end. Where the block fails, parents that were made for it are removed too.
     """
     if not target.name:  # "." and "/"
         raise refusal(target, "has no name of its own", "name a file or folder to write")
-    temporary = partial_path(target)
-    created: list[Path] = []
-    lock = -1
+    work = partial_path(target)
+    made: list[Path] = []
     try:
         with _as_input_error(target):
-            created = [parent for parent in target.parents if not parent.exists()]
+            made = [parent for parent in target.parents if not parent.exists()]
             target.parent.mkdir(parents=True, exist_ok=True)
-            if as_folder:
-                temporary.mkdir(exist_ok=True)
-            lock = _lock(temporary, target, os.O_RDONLY if as_folder else os.O_RDWR | os.O_CREAT)
+            lock = _lock(work, target)
         try:
-            yield temporary
-        except BaseException:
-            # Only here: after the rename, the name may already belong to another run.
-            _remove(temporary)
-            raise
+            with _as_input_error(target):
+                _recover(target, work)
+                (work / _NEW).mkdir()
+            yield work
         finally:
+            _remove(work, target)
             os.close(lock)
     except BaseException:
-        for parent in created:
-            with suppress(OSError):  # a folder that another run uses by now stays
+        for parent in made:
+            with suppress(OSError):  # another run's by now: stays
                 parent.rmdir()
         raise
 
 
-def _lock(temporary: Path, target: Path, flags: int) -> int:
+def _lock(work: Path, target: Path) -> int:
+    """Return the locked descriptor of the working folder, which is made and marked where it is missing."""
+    try:
+        work.mkdir()
+        is_new = True
+    except FileExistsError:
+        is_new = False
     descriptor = -1
     try:
-        descriptor = os.open(temporary, flags | os.O_NOFOLLOW, 0o666)
+        descriptor = os.open(work, os.O_RDONLY | os.O_NOFOLLOW | os.O_DIRECTORY)
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        # The other run may have renamed the opened file just before this run got the lock.
-        if not os.path.samestat(os.fstat(descriptor), temporary.stat()):
+        # The other run may have removed what we opened just before we got the lock.
+        if not os.path.samestat(os.fstat(descriptor), work.stat()):
             raise BlockingIOError
-    except (BlockingIOError, FileNotFoundError):
+        if is_new:
+            (work / _MARKER).write_bytes(_MARKER_TEXT)
+        elif not is_working_folder(work):
+            raise NotADirectoryError
+    except OSError as error:
         if descriptor >= 0:
             os.close(descriptor)
-        raise refusal(target, "another run is writing it", "wait for it or name another place") from None
+        if isinstance(error, BlockingIOError | FileNotFoundError):
+            raise refusal(target, "another run is writing it", "wait for it or name another place") from None
+        if not is_new and (isinstance(error, NotADirectoryError) or error.errno == errno.ELOOP):
+            raise refusal(
+                work,
+                "slam needs this name to write beside it, and did not write what is there",
+                f"move it away, or name another place than {target.name}",
+            ) from None
+        if is_new:
+            with suppress(OSError):
+                (work / _MARKER).unlink(missing_ok=True)
+                work.rmdir()
+        raise
     return descriptor
 
 
-def _recover(target: Path, old: Path) -> None:
-    """Restore or remove the old folder that a run left when it was killed between its two renames."""
-    if not old.exists():
-        return
+def _recover(target: Path, work: Path) -> None:
+    """Clear what a killed run left; killed between its two renames, it left the old folder: put it back."""
+    _put_back(target, work)
+    if (work / _OLD).exists():
+        raise refusal(work / _OLD, "was moved aside by a run that was killed", "move it out of there")
+    for name in (_NEW, _REPLACED):
+        if (work / name).exists():
+            shutil.rmtree(work / name)
+
+
+def _put_back(target: Path, work: Path) -> None:
+    for aside in (work / _REPLACED, work / _OLD):
+        if aside.exists() and not target.exists():
+            os.rename(aside, target)
+
+
+def _remove(work: Path, target: Path) -> None:
+    """Remove the working folder, but neither an unchecked old folder nor what somebody else put into it."""
+    with suppress(OSError):
+        _put_back(target, work)
     if target.exists():
-        shutil.rmtree(old, ignore_errors=True)
-    else:
-        os.rename(old, target)
-
-
-def _clear(folder: Path) -> None:
-    for entry in folder.iterdir():
-        if entry.is_dir() and not entry.is_symlink():
-            shutil.rmtree(entry)
-        else:
-            entry.unlink()
-
-
-def _remove(temporary: Path) -> None:
-    if temporary.is_dir():
-        shutil.rmtree(temporary, ignore_errors=True)
-    else:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+        shutil.rmtree(work / _REPLACED, ignore_errors=True)
+    shutil.rmtree(work / _NEW, ignore_errors=True)
+    with suppress(OSError):
+        if os.listdir(work) == [_MARKER]:
+            (work / _MARKER).unlink()
+            work.rmdir()
 
 
 def _sync(path: Path) -> None:
@@ -182,10 +238,10 @@ def _sync_tree(folder: Path) -> None:
 
 @contextmanager
 def _as_input_error(target: Path, written: Path | None = None) -> Iterator[None]:
-    """Turn an error of the operating system into one line about the target.
+    """Turn what the system refuses into one line about the target.
 
-    With ``written`` the block is the caller's, who may also read other files. Then only a full or read-only
-    disk, and errors that name the temporary file or folder, are the target's; others pass unchanged.
+    With ``written`` the block is the caller's, who may also be reading: then only a disk that is full or
+    read-only and what names the temporary file or folder is the target's fault; the rest passes.
     """
     try:
         yield
@@ -196,8 +252,8 @@ def _as_input_error(target: Path, written: Path | None = None) -> Iterator[None]
 
 
 def _is_about(error: OSError, written: Path) -> bool:
-    if error.errno in (*DISK_FULL, errno.EROFS):
-        return True
-    paths = (error.filename, error.filename2)
-    names = [Path(os.fsdecode(name)) for name in paths if isinstance(name, str | bytes)]
+    told = (error.filename, error.filename2)
+    names = [Path(os.fsdecode(name)) for name in told if isinstance(name, str | bytes)]
+    if not names:  # a write into an open file does not name it
+        return error.errno in (*DISK_FULL, errno.EROFS)
     return any(name == written or written in name.parents for name in names)

@@ -115,7 +115,7 @@ def write_geotiff(path: Path, grid: Grid, blocks: Iterator[Block]) -> None:
         "compress": "deflate", "zlevel": 1,
         "SPARSE_OK": True, **_RGBA,
     }  # fmt: skip
-    with _gdal(path), atomic_file(path) as partial, _scratch(path) as plain:
+    with _gdal(path), atomic_file(path) as partial, _scratch(partial) as plain:
         total, fingerprints = np.zeros(4, np.uint64), {}
         with rasterio.open(plain, "w", **profile) as raster:
             for block in blocks:
@@ -175,7 +175,7 @@ def write_bands(path: Path, grid: Grid, bands: Mapping[str, NDArray[np.float32]]
         "driver": "GTiff", "width": grid.width, "height": grid.height, "crs": grid.crs,
         "transform": grid.affine, "count": len(bands), "dtype": "float32", "nodata": float("nan"),
     }  # fmt: skip
-    with _gdal(path), atomic_file(path) as partial, _scratch(path) as plain:
+    with _gdal(path), atomic_file(path) as partial, _scratch(partial) as plain:
         with rasterio.open(plain, "w", **profile) as raster:
             for number, (description, values) in enumerate(bands.items(), start=1):
                 raster.write(values, number)
@@ -197,7 +197,7 @@ def write_png(geotiff: Path, path: Path, max_pixels: int, world_file: bool = Tru
 
     Raises ``InputError`` if it cannot be written.
     """
-    with _gdal(path), atomic_file(path) as partial, _scratch(path) as plain:
+    with _gdal(path), atomic_file(path) as partial, _scratch(partial) as plain:
         with _reduced(geotiff, max_pixels) as raster:
             affine, total = raster.transform, np.zeros(4, np.uint64)
             profile = {"driver": "GTiff", "width": raster.width, "height": raster.height, "transform": affine}

@@ -18,9 +18,12 @@ from typer.testing import CliRunner
 import slam.__main__
 import slam.cli.graph
 from slam.cli import app
+from slam.cli.output_folder import MARKER_NAME
 from slam.io.estimate import read_estimate
 
-GRAPH_FILES = {"trajectory.tum", "graph.g2o", "estimate.npz", "loops.csv", "summary.json", "report.html"}
+GRAPH_FILES = {
+    MARKER_NAME, "trajectory.tum", "graph.g2o", "estimate.npz", "loops.csv", "summary.json", "report.html",
+}  # fmt: skip
 SQUARE = """VERTEX_SE2 0 0 0 0
 VERTEX_SE2 1 1.1 0 1.5708
 VERTEX_SE2 2 1 1.2 3.1416

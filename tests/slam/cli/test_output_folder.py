@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import signal
 import subprocess
@@ -11,7 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from slam.cli.output_folder import EVALUATE_NAMES, OPTIMIZE_NAMES, is_output, output_folder
+from slam.cli.output_folder import (
+    EVALUATE_NAMES,
+    MARKER_NAME,
+    OPTIMIZE_NAMES,
+    is_output,
+    output_folder,
+)
 from slam.core.errors import InputError, explain
 from slam.io.atomic import locked, partial_path
 
@@ -23,7 +30,7 @@ def write_output(target: Path, text: str) -> None:
 
 
 def contents(folder: Path) -> dict[str, str]:
-    return {path.name: path.read_text() for path in folder.iterdir()}
+    return {path.name: path.read_text() for path in folder.iterdir() if path.name != MARKER_NAME}
 
 
 @pytest.fixture
@@ -126,7 +133,7 @@ from slam.cli.output_folder import output_folder
 target, moment = Path(sys.argv[1]), sys.argv[2]
 rename = os.rename
 def killing(old, new):
-    if moment == "between the renames" and Path(new) == target:
+    if moment == "between the renames" and Path(new) == target and Path(old).name == "new":
         os.kill(os.getpid(), signal.SIGKILL)
     rename(old, new)
 os.rename = killing
@@ -182,20 +189,100 @@ def test_files_can_be_added_to_an_output_by_one_run_at_a_time(target):
 
 def test_leftovers_of_a_killed_run_lock_nothing(target):
     write_output(target, "old")
-    left = partial_path(target)
-    left.mkdir()
-    (left / "mosaic.tif").write_text("half")
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(target), "while writing"], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert partial_path(target).is_dir()
     with locked(target):
         pass
     assert os.listdir(target.parent) == ["out"]
 
 
+KILLED_FILE = """
+import os, signal, sys
+from slam.io.atomic import atomic_file
+with atomic_file(sys.argv[1]) as partial:
+    partial.write_text("half")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
 def test_leftovers_of_a_killed_evaluation_are_replaced(target):
     write_output(target, "old")
-    for name in EVALUATE_NAMES:
-        partial_path(target / name).write_text("half")
+    subprocess.run([sys.executable, "-c", KILLED_FILE, str(target / EVALUATE_NAMES[0])], check=False)
+    assert partial_path(target / EVALUATE_NAMES[0]).is_dir()
     write_output(target, "new")
     assert contents(target) == {"summary.json": "new", "loops.csv": "new"}
+
+
+def test_a_foreign_summary_and_report_are_not_replaced(target):
+    target.mkdir(parents=True)
+    (target / "summary.json").write_text('{"status": "theirs"}')
+    (target / "report.html").write_text("theirs")
+    with pytest.raises(InputError, match="did not write"), output_folder(target):
+        pytest.fail("the block must not run")
+    assert contents(target) == {"summary.json": '{"status": "theirs"}', "report.html": "theirs"}
+
+
+def test_a_name_that_this_output_did_not_write_is_foreign(target):
+    """A map without a mosaic into which the user put a picture of that name."""
+    write_output(target, "old")
+    (target / "mosaic.png").write_text("theirs")
+    with pytest.raises(InputError, match=r"mosaic\.png"), output_folder(target):
+        pytest.fail("the block must not run")
+    assert (target / "mosaic.png").read_text() == "theirs"
+
+
+def test_what_came_in_during_the_run_is_kept(target):
+    write_output(target, "old")
+    with pytest.raises(InputError, match=r"out: holds 'notes\.txt'"), output_folder(target) as folder:  # noqa: PT012
+        (folder / "summary.json").write_text("new")
+        (target / "notes.txt").write_text("theirs")
+    assert contents(target) == {"summary.json": "old", "loops.csv": "old", "notes.txt": "theirs"}
+    assert os.listdir(target.parent) == ["out"]
+
+
+def first_version(target: Path) -> None:
+    """The files of a map of version 0.1.0: no marker."""
+    target.mkdir(parents=True)
+    for name in ("graph.g2o", "trajectory.tum", "estimate.npz", "loops.csv", "report.html"):
+        (target / name).write_text("old")
+    keys = "status frames keyframes edges landmarks timing_s peak_rss_mb warnings"
+    (target / "summary.json").write_text(json.dumps(dict.fromkeys(keys.split(), 0)))
+
+
+def test_an_output_of_the_first_version_is_replaced(target):
+    first_version(target)
+    write_output(target, "new")
+    assert contents(target) == {"summary.json": "new", "loops.csv": "new"}
+
+
+@pytest.mark.parametrize("lacking", ["graph.g2o", "estimate.npz", "summary.json"])
+def test_what_only_resembles_the_first_version_is_kept(target, lacking):
+    first_version(target)
+    (target / lacking).unlink()
+    before = contents(target)
+    with pytest.raises(InputError, match="delete it yourself"), output_folder(target):
+        pytest.fail("the block must not run")
+    assert contents(target) == before
+
+
+@pytest.mark.parametrize("content", [[], ["new"]])
+def test_folders_of_somebody_beside_the_output_stay(target, content):
+    def somebodys(name: str) -> Path:
+        theirs = target.with_name(name)
+        theirs.mkdir(parents=True)
+        for entry in content:
+            (theirs / entry).touch()
+        return theirs
+
+    aside = somebodys(".out.old")
+    write_output(target, "new")
+    assert os.listdir(aside) == content
+    working = somebodys(".out.partial")
+    with pytest.raises(InputError, match=r"\.out\.partial.* did not write") as refusal, output_folder(target):
+        pytest.fail("the block must not run")
+    assert "\n" not in str(refusal.value)
+    assert os.listdir(working) == content
 
 
 @pytest.mark.parametrize(

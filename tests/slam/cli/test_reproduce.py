@@ -37,7 +37,8 @@ def out(tmp_path_factory):
 
 def test_the_files_are_those_of_the_list(out):
     names = {path.name for path in out.iterdir()}
-    assert names == {"reproduce.html", "summary.json", *(f"{n}.{k}" for n in NAMES for k in ("json", "png"))}
+    figures = {f"{n}.{k}" for n in NAMES for k in ("json", "png")}
+    assert names == {".slam-output", "reproduce.html", "summary.json", *figures}
     assert names <= set(REPRODUCE_NAMES)
     for name in NAMES:
         with Image.open(out / f"{name}.png") as picture:

@@ -165,7 +165,7 @@ def test_command_writes_all_and_evaluate_reads_it(flight, tmp_path):
     done = CliRunner().invoke(app, ["estimate", str(tmp_path / "flight"), "--out", str(tmp_path / "out")])
     assert done.exit_code == 0, done.output
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"trajectory.tum", "estimate.npz", "estimate.png", "summary.json"}
+    assert names == {".slam-output", "trajectory.tum", "estimate.npz", "estimate.png", "summary.json"}
     assert read_estimate(tmp_path / "out").trajectory_names[2] == "smoothed"
     compared = CliRunner().invoke(
         app, ["evaluate", str(tmp_path / "out"), "--truth", str(tmp_path / "flight")]

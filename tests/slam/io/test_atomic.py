@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from slam.core.errors import InputError
-from slam.io.atomic import atomic_file, atomic_folder, write_whole
+from slam.io.atomic import atomic_file, atomic_folder, partial_path, write_whole
 
 ROOT = Path(__file__).parents[3]
 
@@ -25,7 +25,7 @@ def test_file_appears_only_when_complete(tmp_path):
     target = tmp_path / "deep" / "a.tif"
     with atomic_file(target) as temporary:
         assert temporary.suffix == ".tif"
-        assert temporary.parent == target.parent
+        assert partial_path(target) in temporary.parents
         temporary.write_text("new")
         assert not target.exists()
     assert target.read_text() == "new"
@@ -98,14 +98,14 @@ def test_replacing_keeps_the_old_folder_until_complete(tmp_path):
     (target / "old").touch()
 
     def failing():
-        with atomic_folder(target, replace=True) as temporary:
+        with atomic_folder(target, may_replace=lambda _: None) as temporary:
             (temporary / "new").touch()
             raise RuntimeError
 
     with pytest.raises(RuntimeError):
         failing()
     assert names(target) == ["old"]
-    with atomic_folder(target, replace=True) as temporary:
+    with atomic_folder(target, may_replace=lambda _: None) as temporary:
         (temporary / "new").touch()
         assert names(target) == ["old"]
     assert names(target) == ["new"]
@@ -130,7 +130,7 @@ CHILD = """
 import sys, time
 sys.path.insert(0, sys.argv[1])
 from slam.io.atomic import atomic_folder
-with atomic_folder(sys.argv[2], replace=True) as folder:
+with atomic_folder(sys.argv[2], may_replace=lambda _: None) as folder:
     (folder / "half").write_text("x")
     print("ready", flush=True)
     time.sleep(60)
@@ -149,21 +149,71 @@ def test_run_after_a_kill_starts_clean(tmp_path, old):
     child.wait()
     child.stdout.close()
     assert target.exists() == old
-    with atomic_folder(target, replace=True) as folder:
+    with atomic_folder(target, may_replace=lambda _: None) as folder:
         assert names(folder) == []
         (folder / "whole").touch()
     assert names(target) == ["whole"]
     assert names(tmp_path) == ["out"]
 
 
-def test_run_killed_between_the_renames_is_recovered(tmp_path):
+KILLED_BETWEEN = """
+import os, signal, sys
+sys.path.insert(0, sys.argv[1])
+from slam.io.atomic import atomic_folder
+rename = os.rename
+def killing(old, new):
+    rename(old, new)
+    if new.name == sys.argv[3]:
+        os.kill(os.getpid(), signal.SIGKILL)
+os.rename = killing
+with atomic_folder(sys.argv[2], may_replace=lambda _: None) as folder:
+    (folder / "b").touch()
+"""
+
+
+@pytest.mark.parametrize("moment", ["old", "replaced"])
+def test_run_killed_between_the_renames_is_recovered(tmp_path, moment):
     """The old folder stands aside and the new one has not come: the old one comes back."""
-    (tmp_path / ".out.old").mkdir()
-    (tmp_path / ".out.old/a").touch()
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/a").touch()
+    command = [sys.executable, "-c", KILLED_BETWEEN, ROOT, tmp_path / "out", moment]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    assert names(tmp_path) == [".out.partial"]
     with pytest.raises(InputError, match="exists already"), atomic_folder(tmp_path / "out"):
         pytest.fail("must not start")
     assert names(tmp_path / "out") == ["a"]
     assert names(tmp_path) == ["out"]
+
+
+def test_an_unchecked_old_folder_is_never_removed(tmp_path):
+    """A run was killed when it had moved the folder aside, and the user made another of that name."""
+    test_dir = tmp_path / "out"
+    test_dir.mkdir()
+    (test_dir / "a").touch()
+    command = [sys.executable, "-c", KILLED_BETWEEN, ROOT, test_dir, "old"]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    test_dir.mkdir()
+    with pytest.raises(InputError, match="moved aside"), atomic_folder(test_dir):
+        pytest.fail("must not start")
+    assert names(tmp_path / ".out.partial/old") == ["a"]
+
+
+@pytest.mark.parametrize("building", [atomic_file, atomic_folder])
+@pytest.mark.parametrize("kind", ["file", "folder", "link"])
+def test_a_foreign_working_folder_is_refused_and_kept(tmp_path, building, kind):
+    theirs = tmp_path / ".out.partial"
+    (tmp_path / "real").mkdir()
+    (tmp_path / "real/new").touch()
+    if kind == "file":
+        theirs.touch()
+    elif kind == "folder":
+        (tmp_path / "real").rename(theirs)
+    else:
+        theirs.symlink_to("real")
+    before = sorted(str(p) for p in tmp_path.rglob("*"))
+    with pytest.raises(InputError, match="did not write"), building(tmp_path / "out"):
+        pytest.fail("must not start")
+    assert sorted(str(p) for p in tmp_path.rglob("*")) == before
 
 
 def failing(error):
@@ -240,7 +290,7 @@ from slam.core.errors import InputError
 from slam.io.atomic import atomic_folder
 for k in range(15):
     try:
-        with atomic_folder(sys.argv[2], replace=True) as folder:
+        with atomic_folder(sys.argv[2], may_replace=lambda _: None) as folder:
             (folder / "a").write_text(sys.argv[3])
             (folder / "b").write_text(sys.argv[3])
     except InputError:
