@@ -12,7 +12,7 @@ from slam.mapping.pipeline import optimize
 from tests.slam.small_flight import flown
 
 
-def test_the_filters_chain_stands_where_the_flight_was():
+def test_filter_chain_matches_the_true_poses():
     """The paper's map with inertia: from the instruments alone, each pose from what was read until then."""
     flight = flown(0)
     estimate = optimize(flight)

@@ -1,4 +1,4 @@
-"""What the filter is given of a flight, and what is refused."""
+"""Inputs of the filter from a flight, and errors for insufficient recordings."""
 
 from __future__ import annotations
 
@@ -41,29 +41,29 @@ def velocity(columns):
         (Flight("f", imu=Imu(np.zeros(1), np.zeros((1, 3)), np.zeros((1, 3)))), "imu0 has 1 row"),
     ],
 )
-def test_too_little_is_refused_in_one_line_that_says_what_there_is(flight, said):
+def test_insufficient_recording_raises_one_line_with_available_streams(flight, said):
     with pytest.raises(InputError, match=r"too little to tell how it moved .* give it imu0, or") as refused:
         filter_input(flight)
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
 
 
-def test_without_imu_attitude_and_velocity_are_enough():
-    given = filter_input(without(made_flight(0), "imu"))
-    assert given.readings.gyro_rad_s is None
-    assert given.start_s == pytest.approx(0.0, abs=0.05)
-    assert given.end_s == pytest.approx(20.0, abs=0.05)
+def test_attitude_and_velocity_suffice_without_imu():
+    inputs = filter_input(without(made_flight(0), "imu"))
+    assert inputs.readings.gyro_rad_s is None
+    assert inputs.start_s == pytest.approx(0.0, abs=0.05)
+    assert inputs.end_s == pytest.approx(20.0, abs=0.05)
 
 
-def test_readings_before_the_motion_was_recorded_are_left_out():
+def test_readings_before_recorded_motion_are_removed():
     flight = made_flight(0)
     early = Scalar(np.arange(-100.0, 20.0), np.zeros(120), 0.2)
-    given = filter_input(replace(flight, barometer=early))
-    assert given.readings.barometer_m is not None
-    assert given.readings.barometer_m.stamps_s[0] >= given.start_s
+    inputs = filter_input(replace(flight, barometer=early))
+    assert inputs.readings.barometer_m is not None
+    assert inputs.readings.barometer_m.stamps_s[0] >= inputs.start_s
 
 
-def test_adjustments_shift_and_widen():
+def test_adjustments_shift_stamps_and_scale_noise():
     flight = made_flight(0)
     plain = filter_input(flight).readings.velocity_m_s
     changed = filter_input(
@@ -76,7 +76,7 @@ def test_adjustments_shift_and_widen():
     np.testing.assert_allclose(plain.stamps_s[-shared:] - changed.stamps_s[-shared:], 0.1, atol=1e-9)
 
 
-def test_mounted_imu_reads_in_body_axes():
+def test_mounted_imu_is_rotated_to_body_axes():
     flight = made_flight(0)
     mount = np.eye(4)
     mount[:3, :3] = Rotation.from_euler("x", 90, degrees=True).as_matrix()
@@ -92,7 +92,7 @@ def test_mounted_imu_reads_in_body_axes():
         np.testing.assert_allclose(one.values, other.values, atol=1e-12)
 
 
-def test_level_is_felt_where_no_attitude_tells():
+def test_initial_tilt_comes_from_specific_force_without_attitude():
     """An IMU that lies on its side, as EuRoC's does: its x axis is up."""
     n = 200
     imu = Imu(np.arange(n) / 100, np.zeros((n, 3)), np.tile([9.80665, 0.0, 0.0], (n, 1)))
@@ -100,20 +100,20 @@ def test_level_is_felt_where_no_attitude_tells():
     np.testing.assert_allclose(start.w_R_b @ [1, 0, 0], [0, 0, 1], atol=1e-9)
 
 
-def test_positions_make_it_absolute_and_scales_are_held():
+def test_gps_gives_absolute_positions_and_scales_are_fixed():
     flight = made_flight(0)
     assert flight.velocity is not None
     gps = Gps(np.arange(0.5, 20, 1.0), np.full(20, 47.0), np.full(20, 8.0), np.full(20, NAN))
     rough = replace(flight, velocity=replace(flight.velocity, scale_std=0.1))
     relative, absolute = filter_input(rough), filter_input(replace(rough, gps=gps))
-    for given in (relative, absolute):
-        assert (given.velocity_scale_std, given.model.velocity_scale) == (0.1, 0.0)
+    for inputs in (relative, absolute):
+        assert (inputs.velocity_scale_std, inputs.model.velocity_scale) == (0.1, 0.0)
     assert relative.start.place_std_m == relative.start.yaw_std_rad == 0
     assert absolute.start.place_std_m > 0
     assert absolute.start.yaw_std_rad > 0
 
 
-def test_standing_is_told_from_flying():
+def test_zero_velocity_times_end_at_take_off():
     rng = np.random.default_rng(0)
     t = np.arange(600) / 200
     gyro, accel = rng.normal(0, 1e-3, (600, 3)), rng.normal(0, 0.01, (600, 3)) + [0, 0, 9.8]
@@ -127,7 +127,7 @@ def test_standing_is_told_from_flying():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_variogram_tells_noise_from_wandering(seed):
+def test_variogram_separates_noise_and_random_walk(seed):
     rng = np.random.default_rng(seed)
     walk = np.cumsum(rng.normal(0, np.sqrt(0.5 * 0.01), (20_000, 3)), axis=0)
     white, power = noise_and_power(walk + rng.normal(0, 0.2, walk.shape), 0.01, 0.01)
@@ -137,7 +137,7 @@ def test_variogram_tells_noise_from_wandering(seed):
     assert trusted == 0.19
 
 
-def test_a_still_signal_may_still_move():
+def test_constant_signal_keeps_least_power():
     white, power = noise_and_power(np.zeros((500, 3)), 0.01, 0.1)
     assert white == 0.1
     assert power > 0

@@ -1,4 +1,4 @@
-"""``slam estimate``: the motion of made flights, what trials find, what is told."""
+"""``slam estimate``: motion of synthetic flights, noise identification and reported warnings."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def navigation(flight):
     return navigate(flight)
 
 
-def test_where_the_filter_has_to_be_compiled_first_the_wait_is_shown(flight, monkeypatch):
+def test_compilation_of_the_filter_is_shown_as_progress(flight, monkeypatch):
     def compiles(*_: object):
         numba.njit(lambda x: x + 1)(1)
         raise InputError("far enough")
@@ -44,7 +44,7 @@ def test_where_the_filter_has_to_be_compiled_first_the_wait_is_shown(flight, mon
     shown: list[tuple[str, int, int]] = []
     monkeypatch.setattr("slam.inertial.navigate.identify_noise", compiles)
     with pytest.raises(InputError, match="far enough"):
-        navigate(flight, progress=lambda *told: shown.append(told))
+        navigate(flight, progress=lambda *report: shown.append(report))
     assert shown == [(COMPILING, 0, 1), (COMPILING, 1, 1)]
 
 
@@ -53,7 +53,7 @@ def truth_at(flight, at_s):
     return flight.truth.w_T_b[np.round(at_s * 100).astype(int)]
 
 
-def test_a_made_flight_is_followed(flight, navigation):
+def test_synthetic_flight_is_estimated(flight, navigation):
     evaluation = evaluate(navigation.estimate, flight)
     assert evaluation.ate_m.rmse < 0.06
     assert navigation.estimate.status == "ok"
@@ -65,7 +65,7 @@ def test_a_made_flight_is_followed(flight, navigation):
     )
 
 
-def test_smoothed_is_better_than_filtered_and_both_better_than_dead_reckoning():
+def test_smoothed_beats_filtered_beats_dead_reckoning():
     off = []
     for seed in range(3):
         flight = made_flight(seed)
@@ -79,7 +79,7 @@ def test_smoothed_is_better_than_filtered_and_both_better_than_dead_reckoning():
     assert smoothed < reckoned
 
 
-def test_covariances_are_honest_over_flights():
+def test_covariances_are_consistent_over_flights():
     """The last pose against the first, one flight one sample, on instruments as made."""
     scores = []
     for seed in range(20, 24):
@@ -100,13 +100,13 @@ def interpolated(flight, t):
     return flight.truth.w_T_b[before] @ se3.exp(step * (t * 100 - before))[0]
 
 
-def test_a_delay_is_found():
+def test_delay_is_identified():
     late = identify_noise(made_flight(2, late_s=0.1)).adjustments.delay_s
     assert late["velocity"] == pytest.approx(0.1, abs=0.031)
     assert set(identify_noise(made_flight(2)).adjustments.delay_s) == set()
 
 
-def test_instruments_without_lasting_errors_are_taken_as_made():
+def test_instruments_without_correlated_errors_are_modelled_ideal():
     inputs = identify_noise(made_flight(3))
     assert inputs.model.tilt_error_rad == 0
     assert inputs.model.velocity_error_m_s == 0
@@ -116,20 +116,20 @@ def test_instruments_without_lasting_errors_are_taken_as_made():
     )
 
 
-def test_noise_beyond_what_is_told_is_found(flight):
-    told = replace(flight.sonar, noise_std_m=0.001)
-    factor = identify_noise(replace(flight, sonar=told)).adjustments.noise_factor["range"]
+def test_noise_above_nominal_is_identified(flight):
+    optimistic = replace(flight.sonar, noise_std_m=0.001)
+    factor = identify_noise(replace(flight, sonar=optimistic)).adjustments.noise_factor["range"]
     assert factor * 0.005 == pytest.approx(0.01, rel=0.3), "the floor, widened to the true noise"
 
 
-def test_a_speed_in_another_unit_is_no_noise_and_the_status_says_so(flight):
+def test_velocity_in_another_unit_is_reported_in_the_status(flight):
     velocity = replace(flight.velocity, v_m_s=100.0 * flight.velocity.v_m_s)
     estimate = navigate(replace(flight, velocity=velocity)).estimate
     assert "velocity and the other instruments contradict each other" in estimate.status
     assert not any("lags by" in line for line in estimate.warnings)
 
 
-def test_a_held_scale_is_in_the_covariances(flight, navigation):
+def test_fixed_scale_enters_the_covariances(flight, navigation):
     rough = navigate(replace(flight, velocity=replace(flight.velocity, scale_std=0.1))).estimate
     np.testing.assert_allclose(rough.w_T_b, navigation.estimate.w_T_b, atol=1e-9)
     away = np.linalg.norm(rough.w_T_b[:, :2, 3] - rough.w_T_b[0, :2, 3], axis=1)
@@ -139,7 +139,7 @@ def test_a_held_scale_is_in_the_covariances(flight, navigation):
     assert any("scale of velocities cannot be determined" in warning for warning in rough.warnings)
 
 
-def test_what_nothing_measures_is_told(flight):
+def test_unmeasured_quantities_are_reported(flight):
     alone = navigate(without(flight, "velocity", "sonar")).estimate
     assert "neither velocity nor position was measured" in alone.status
     assert "heights are relative to the start" in alone.status
@@ -147,7 +147,7 @@ def test_what_nothing_measures_is_told(flight):
     assert np.isfinite(alone.w_T_b).all()
 
 
-def test_dead_reckoning_adds_up_velocity_along_yaw(flight, navigation):
+def test_dead_reckoning_integrates_velocity_along_yaw(flight, navigation):
     t = navigation.estimate.stamps_s
     reckoned = dead_reckoning(flight, navigation.estimate.w_T_b, t)
     true = np.column_stack([np.interp(t, flight.truth.stamps_s, flight.truth.w_T_b[:, k, 3]) for k in (0, 1)])
@@ -175,25 +175,25 @@ def test_command_writes_all_and_evaluate_reads_it(flight, tmp_path):
     assert again.exit_code == 0, "an earlier output is replaced"
 
 
-def test_what_only_weighs_less_is_not_said_to_be_left_out(flight, navigation):
-    heard = navigation.track.channels["range"]
-    marked = heard.status.copy()
+def test_downweighted_readings_are_not_reported_as_rejected(flight, navigation):
+    ranges = navigation.track.channels["range"]
+    marked = ranges.status.copy()
     marked[:5, 0], marked[5:7, 0] = status.INFLATED, status.REJECTED
-    channels = {**navigation.track.channels, "range": replace(heard, status=marked)}
+    channels = {**navigation.track.channels, "range": replace(ranges, status=marked)}
     rows = dict(figures(replace(navigation, track=replace(navigation.track, channels=channels))).rows)
     assert "5 x range: off, taken with less weight" in rows["weighed less"]
     assert "2 x range: far from what was foreseen" in rows["left out"]
     assert "weight" not in rows["left out"]
 
 
-def test_of_many_warnings_the_first_are_shown_and_the_others_counted(navigation):
+def test_long_list_of_warnings_is_truncated_with_a_count(navigation):
     many = replace(navigation.estimate, warnings=tuple(f"w{k}" for k in range(12)))
     rows = figures(replace(navigation, estimate=many)).rows
     assert [text for name, text in rows if name == "warning"] == [f"w{k}" for k in range(8)]
     assert rows[-1] == ("", "and 4 more warnings in summary.json")
 
 
-def test_command_refuses_in_one_line(flight, tmp_path):
+def test_command_reports_errors_in_one_line(flight, tmp_path):
     write_flight(without(flight, "imu", "velocity"), tmp_path / "flight")
     for more, said in (([], "too little to tell"), (["--without", "sonar7"], "no such stream")):
         done = CliRunner().invoke(
@@ -205,7 +205,7 @@ def test_command_refuses_in_one_line(flight, tmp_path):
 
 
 @pytest.mark.slow
-def test_consistent_over_fifty_simulated_flights():
+def test_estimates_are_consistent_over_fifty_simulated_flights():
     """The vehicle and the instruments of another hand, whose makers tell their noise right."""
     middle, means = [], []
     for seed in range(50):
@@ -224,7 +224,7 @@ def test_consistent_over_fifty_simulated_flights():
     assert low < np.mean(means) < high
 
 
-def test_an_error_that_lasts_is_found_where_single_readings_do_not_show_it(flight):
+def test_correlated_error_is_identified_from_summed_innovations(flight):
     assert identify_noise(flight).adjustments.noise_factor.get("range", 1.0) < 1.5
     rng = np.random.default_rng(0)
     sonar = flight.sonar

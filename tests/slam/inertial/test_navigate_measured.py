@@ -29,7 +29,7 @@ def measured(name: str) -> Flight:
     return read_flight(Path(str(DATA)) / "flights" / name)
 
 
-def test_a_drone_in_the_wind_against_motion_capture():
+def test_drone_in_wind_agrees_with_motion_capture():
     flight = measured("ardrone2-optitrack")
     found = navigate(flight)
     evaluation = evaluate(found.estimate, flight)
@@ -48,7 +48,7 @@ def test_a_drone_in_the_wind_against_motion_capture():
     assert any("own roll and pitch are off" in warning for warning in found.estimate.warnings)
 
 
-def test_a_piece_that_begins_in_the_wind_does_not_take_the_lean_for_an_offset():
+def test_segment_that_begins_in_wind_does_not_explain_tilt_as_bias():
     """Its own attitude says level, the accelerometer that it leans by 9 degrees; both may be off."""
     flight = measured("ardrone2-optitrack")
     imu, truth = flight.imu, flight.truth
@@ -72,13 +72,13 @@ def test_a_piece_that_begins_in_the_wind_does_not_take_the_lean_for_an_offset():
     assert nees.mean() < 15
 
 
-def test_with_gps_far_better_than_dead_reckoning_on_board():
+def test_gps_improves_on_board_dead_reckoning():
     flight = measured("px4flow-quad")
     tracks = evaluate(navigate(flight).estimate, flight).tracks
     assert off_m(tracks, tracks.loops_m) < min(2.5, 0.5 * off_m(tracks, tracks.chain_m))
 
 
-def test_gps_that_was_not_used_is_met_no_worse_than_by_dead_reckoning():
+def test_withheld_gps_agrees_at_least_as_well_as_dead_reckoning():
     """Fixes of the first five minutes are used; behind them the way to the rest is compared."""
     tracks = with_early_gps(measured("px4flow-quad"))
     assert drift_m(tracks, tracks.loops_m) < drift_m(tracks, tracks.chain_m)
@@ -87,7 +87,7 @@ def test_gps_that_was_not_used_is_met_no_worse_than_by_dead_reckoning():
 @pytest.mark.parametrize(
     ("name", "said"), [("ardrone-pulses/run-01", "pitch"), ("ardrone2-steps/forward-1", "no velocity0")]
 )
-def test_too_little_is_refused(name, said):
+def test_insufficient_recording_raises(name, said):
     with pytest.raises(InputError, match="too little to tell how it moved") as refused:
         navigate(measured(name))
     assert said in str(refused.value)

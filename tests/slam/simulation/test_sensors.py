@@ -250,8 +250,8 @@ def test_clocks_drift_and_jitter_but_stamps_increase(motion):
 def test_the_sonar_hears_boxes_and_slopes(motion):
     x, y = motion.states[-1, :2]
     box = replace(WORLD, boxes=(Box((x, y), (0.6, 0.6, 0.3)),))
-    heard = clean("sonar", motion, world=box).range_m
-    assert heard[-1] < clean("sonar", motion).range_m[-1] - 0.2
+    range_m = clean("sonar", motion, world=box).range_m
+    assert range_m[-1] < clean("sonar", motion).range_m[-1] - 0.2
     slope = replace(WORLD, slope=(0.05, 0.0))
     assert np.abs(clean("sonar", motion, world=slope).range_m - clean("sonar", motion).range_m).max() > 0.05
 

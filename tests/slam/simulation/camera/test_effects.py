@@ -49,7 +49,7 @@ def film_of(effects=CameraEffects(), world=PUZZLE, marks=(), model=MODEL, seed=0
     ],
 )
 def test_marks_are_seen_where_the_true_camera_projects_them(effects):
-    """To a tenth of a pixel; the told camera would have them elsewhere."""
+    """To a tenth of a pixel; the nominal camera would have them elsewhere."""
     model = CameraModel((704, 576), noise_std=0.0, distortion=(0.02, -0.01, 0.001, 0.002))
     film = film_of(effects, PLAIN, MARKS, model)
     assert film.nominal_camera.distortion == model.distortion
@@ -203,9 +203,9 @@ def test_a_reflection_travels_with_the_camera():
 
 def test_things_move_straight_and_stay_on_the_floor():
     extent = (-1.0, 0.0, 2.0, 4.0)
-    movers = MovingObjects(20, extent, np.random.default_rng(0))
+    moving = MovingObjects(20, extent, np.random.default_rng(0))
     times = np.linspace(0, 120, 4001)
-    tracks = np.array([movers.at(t)[:, [X, Y]] for t in times])
+    tracks = np.array([moving.at(t)[:, [X, Y]] for t in times])
     assert (tracks >= extent[:2]).all()
     assert (tracks <= extent[2:]).all()
     speed = np.linalg.norm(np.diff(tracks, axis=0), axis=2) / 0.03
@@ -214,7 +214,7 @@ def test_things_move_straight_and_stay_on_the_floor():
     assert (np.abs(speed - usual) > 1e-9).mean() < 0.02
     # Each covers more than a tenth of the picture from 0.8 m.
     footprint = (176 * 144) * (0.8 / MODEL.camera().focal_px[0]) ** 2
-    assert (np.pi * movers.prisms[:, HALF_LENGTH] ** 2 / footprint).min() > 0.09
+    assert (np.pi * moving.prisms[:, HALF_LENGTH] ** 2 / footprint).min() > 0.09
 
 
 def test_things_that_move_are_seen_to():

@@ -1,4 +1,4 @@
-"""What the simulator's terms do to readings is undone: beside the same flight flown without them."""
+"""Correction of readings: compared with the same flight simulated without the terms."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ TERMS = {
 }
 """Those of the instruments without pictures, in a size that is easily seen."""
 LEFT = 0.15
-"""Of what a term does to readings, at most this share stays: gyro and sonar take their own samples."""
+"""Largest remaining share of a term's effect on readings, because gyro and sonar sample at their own
+times."""
 MOVED = {
     "maneuver": {"cruise_m_s": 0.8, "heading": "along_path"},
     "camera": {"rate_hz": 1.0},
@@ -54,8 +55,9 @@ def readings(flight):
     }
 
 
-def apart(a, b):
-    """How far readings of two flights with the same stamps are apart, summed over all instruments' units:
+def difference(a, b):
+    """Return the difference of the readings of two flights with the same stamps, summed over all instruments'
+    units:
     only one of them differs."""
     off = 0.0
     for name, (stamps_s, values) in readings(a).items():
@@ -72,49 +74,49 @@ def healthy():
 
 @pytest.mark.parametrize("term", TERMS)
 def test_readings_are_those_of_healthy_instruments(term, healthy):
-    sick = flown(2, terms={term: TERMS[term]}, **MOVED)
-    mended = correct_flight(sick, recipe(terms={term: TERMS[term]}, **MOVED).model)
-    assert [line.split()[0] for line in mended.corrected_terms] == [term]
-    assert mended.uncorrected == ()
+    faulty = flown(2, terms={term: TERMS[term]}, **MOVED)
+    fixed = correct_flight(faulty, recipe(terms={term: TERMS[term]}, **MOVED).model)
+    assert [line.split()[0] for line in fixed.corrected_terms] == [term]
+    assert fixed.uncorrected == ()
     if term in ("clock_drift", "sonar_lag"):
         stream = "imu" if term == "clock_drift" else "sonar"
         late_s = TERMS[term].get("T", 0.0)
         true_s = getattr(healthy, stream).stamps_s - late_s
-        np.testing.assert_allclose(getattr(mended.flight, stream).stamps_s, true_s, atol=2e-9)
+        np.testing.assert_allclose(getattr(fixed.flight, stream).stamps_s, true_s, atol=2e-9)
         return
-    assert apart(mended.flight, healthy) < LEFT * apart(sick, healthy)
+    assert difference(fixed.flight, healthy) < LEFT * difference(faulty, healthy)
 
 
-def test_a_drift_of_the_vehicles_clock_leaves_no_stream_of_its_own_behind():
+def test_clock_drift_is_corrected_in_all_streams_of_the_vehicle():
     flight, model = made_flight(), recipe(terms={"clock_drift": {"ppm": 500.0}}).model
-    mended = correct_flight(flight, model).flight
+    fixed = correct_flight(flight, model).flight
     for name in ("imu", "attitude", "velocity", "sonar", "battery", "motor", "gps", "barometer"):
-        as_stamped = getattr(mended, name).stamps_s * (1 + 500e-6)
+        as_stamped = getattr(fixed, name).stamps_s * (1 + 500e-6)
         np.testing.assert_allclose(as_stamped, getattr(flight, name).stamps_s, rtol=1e-12)
     for name in ("command", "frames", "truth"):
-        assert getattr(mended, name) is getattr(flight, name)
+        assert getattr(fixed, name) is getattr(flight, name)
 
 
-def test_what_a_sonar_reads_in_its_dead_zone_is_no_range(healthy):
+def test_ranges_in_the_dead_zone_become_missing(healthy):
     limit = float(np.nanquantile(healthy.sonar.range_m, 0.4))
     terms = {"sonar_dead_zone": {"limit": limit}}
-    sick = flown(2, terms=terms, **MOVED)
-    stuck = sick.sonar.range_m == limit
+    faulty = flown(2, terms=terms, **MOVED)
+    stuck = faulty.sonar.range_m == limit
     assert 0.3 < stuck.mean() < 0.5
-    range_m = correct_flight(sick, recipe(terms=terms, **MOVED).model).flight.sonar.range_m
+    range_m = correct_flight(faulty, recipe(terms=terms, **MOVED).model).flight.sonar.range_m
     assert np.isnan(range_m[stuck]).all()
     far = healthy.sonar.range_m > limit + 1e-3
     np.testing.assert_array_equal(range_m[far], healthy.sonar.range_m[far])
 
 
-def test_rounding_counts_as_noise(healthy):
+def test_quantisation_increases_the_noise(healthy):
     model = recipe(terms={"sonar_quantisation": {"step": 0.06}}).model
     noise_std_m = correct_flight(healthy, model).flight.sonar.noise_std_m
     assert noise_std_m == pytest.approx(0.06 / np.sqrt(12), rel=1e-3)
 
 
 @pytest.mark.parametrize(
-    ("term", "told"),
+    ("term", "change"),
     [
         ({"focal_length": {"eps": 0.05}}, "focal"),
         ({"radial_distortion": {"k1": -0.12}}, "distortion"),
@@ -122,38 +124,38 @@ def test_rounding_counts_as_noise(healthy):
         ({"camera_time_offset": {"offset": 0.06}}, "clock"),
     ],
 )
-def test_pictures_are_those_of_the_camera_that_is_told_then(term, told):
+def test_pictures_match_the_corrected_camera(term, change):
     quiet = {"rate_hz": 2.0, "noise_std": 0.0}
-    sick = flown(2, terms=term, camera=quiet)
-    mended = correct_flight(sick, recipe(terms=term).model).flight
-    if told == "clock":
-        np.testing.assert_allclose(mended.frames.stamps_s, sick.frames.stamps_s - 0.06, atol=1e-12)
+    faulty = flown(2, terms=term, camera=quiet)
+    fixed = correct_flight(faulty, recipe(terms=term).model).flight
+    if change == "clock":
+        np.testing.assert_allclose(fixed.frames.stamps_s, faulty.frames.stamps_s - 0.06, atol=1e-12)
         return
-    if told == "focal":
-        (focal, _), (width, _) = mended.camera.focal_px, mended.camera.size_px
+    if change == "focal":
+        (focal, _), (width, _) = fixed.camera.focal_px, fixed.camera.size_px
         quiet["horizontal_fov_deg"] = float(np.degrees(2 * np.arctan(width / 2 / focal)))
-    if told == "distortion":
-        quiet["distortion"] = list(mended.camera.distortion)
+    if change == "distortion":
+        quiet["distortion"] = list(fixed.camera.distortion)
     same = flown(2, camera=quiet)
     for k in (3, 9):
-        np.testing.assert_allclose(mended.camera.focal_px, same.camera.focal_px)
-        off = np.abs(mended.frames.load(k).astype(int) - same.frames.load(k))
+        np.testing.assert_allclose(fixed.camera.focal_px, same.camera.focal_px)
+        off = np.abs(fixed.frames.load(k).astype(int) - same.frames.load(k))
         assert np.percentile(off, 99) <= 2
-        assert told != "light" or np.abs(sick.frames.load(k).astype(int) - same.frames.load(k)).max() > 20
+        assert change != "light" or np.abs(faulty.frames.load(k).astype(int) - same.frames.load(k)).max() > 20
 
 
-def test_every_term_of_an_instrument_is_undone_or_told_as_left():
+def test_every_instrument_term_is_corrected_or_reported_as_uncorrected():
     every = {
         n: {p.name: p.low if p.high == p.neutral else p.high for p in t.parameters}
         for n, t in CATALOGUE.items()
     }
     model = recipe_from({**_plain(), "terms": every}, "test").model
     flight = flown(2, camera={"rate_hz": 1.0})
-    mended = correct_flight(flight, model)
+    fixed = correct_flight(flight, model)
     of_instruments = {name for name in CATALOGUE if changes_readings(name)}
-    assert {line.split()[0] for line in mended.corrected_terms} | set(mended.uncorrected) == of_instruments
+    assert {line.split()[0] for line in fixed.corrected_terms} | set(fixed.uncorrected) == of_instruments
     assert set(INVERSES) <= of_instruments
-    assert "motion_blur" in mended.uncorrected
+    assert "motion_blur" in fixed.uncorrected
     alone = correct_flight(
         replace(flight, sonar=None, imu=None, velocity=None, camera=None, frames=None), model
     )
@@ -165,25 +167,25 @@ def test_a_healthy_model_changes_nothing():
     assert correct_flight(flight, recipe().model).flight is flight
 
 
-def test_the_back_end_is_told_how_surely_the_model_knows():
+def test_standard_deviations_of_the_model_reach_the_flight():
     terms = {"sonar_scale": {"eps": 0.05}, "focal_length": {"eps": 0.01}, "sonar_bias": {"b": 0.01}}
     model = recipe(terms=terms).model
     flight = flown(2, camera={"rate_hz": 1.0})
     plain = correct_flight(flight, model).flight
     assert (plain.sonar.scale_std, plain.camera.focal_std_ratio) == (0.0, 0.0)
     sure = model.with_std("sonar_scale", eps=0.004).with_std("focal_length", eps=0.002)
-    told = correct_flight(flight, sure.with_std("sonar_bias", b=0.003)).flight
-    assert (told.sonar.scale_std, told.sonar.datum_std_m) == (0.004, 0.003)
-    assert told.camera.focal_std_ratio == 0.002
+    known = correct_flight(flight, sure.with_std("sonar_bias", b=0.003)).flight
+    assert (known.sonar.scale_std, known.sonar.datum_std_m) == (0.004, 0.003)
+    assert known.camera.focal_std_ratio == 0.002
 
 
 @pytest.mark.slow
-def test_the_map_of_askew_instruments_is_as_good_as_that_of_healthy_ones():
+def test_map_from_corrected_readings_matches_that_of_healthy_instruments():
     terms = {"sonar_scale": {"eps": 0.08}, "focal_length": {"eps": -0.03}, "camera_tilt": {"x": 0.05}}
-    sick = flown(2, terms=terms)
-    assert can_be_compared(sick)
-    mended = correct_flight(sick, recipe(terms=terms).model).flight
-    gain = map_gain(sick, mended)
+    faulty = flown(2, terms=terms)
+    assert can_be_compared(faulty)
+    fixed = correct_flight(faulty, recipe(terms=terms).model).flight
+    gain = map_gain(faulty, fixed)
     assert gain.after.position_m < 0.1 * gain.before.position_m
     assert abs(gain.after.scale - 1) < 0.005 < abs(gain.before.scale - 1)
     assert gain.after.nees < 20 < gain.before.nees
@@ -192,15 +194,15 @@ def test_the_map_of_askew_instruments_is_as_good_as_that_of_healthy_ones():
 
 
 @pytest.mark.slow
-def test_a_shutter_that_rolls_is_put_right():
+def test_rolling_shutter_is_corrected():
     terms = {"rolling_shutter": {"readout": 0.04}}
-    sick = flown(2, terms=terms, maneuver={"cruise_m_s": 0.8})
-    gain = map_gain(sick, correct_flight(sick, recipe(terms=terms).model).flight)
+    faulty = flown(2, terms=terms, maneuver={"cruise_m_s": 0.8})
+    gain = map_gain(faulty, correct_flight(faulty, recipe(terms=terms).model).flight)
     assert gain.after.position_m < 0.25 * gain.before.position_m
     assert gain.after.position_m < 0.004
 
 
-def test_a_map_that_cannot_be_made_has_no_errors():
+def test_failed_map_has_no_errors():
     flight = flown(2, camera={"rate_hz": 1.0})
     dark = replace(flight, frames=replace(flight.frames, load=lambda k: None))
     gain = map_gain(dark, dark)

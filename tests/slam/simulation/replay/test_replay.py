@@ -50,7 +50,7 @@ def without_truth(flight):
 
 
 EXACT = {"attitude": 1.5e-3, "velocity": 1e-2, "sonar": 8e-3, "imu.gyro": 4e-3, "imu.accel": 4e-2}
-"""What straight lines through a window cost at the beginnings: a third of the instruments' noise or less."""
+"""Error of the initial states from straight-line fits: a third of the instruments' noise or less."""
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_a_flight_that_cannot_be_replayed_is_refused_in_one_line(flight, said):
 
 
 def test_a_heading_that_passes_half_a_turn_is_the_same_heading():
-    """Written between -pi and pi; measured and simulated are told on one turn, so that they can be drawn."""
+    """Written between -pi and pi; measured and simulated differ by less than a turn, for plots."""
     flight, model = flown(3)
     angles = flight.attitude.roll_pitch_yaw_rad.copy()
     middle = np.median(angles[:, 2])
