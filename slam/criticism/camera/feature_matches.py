@@ -1,4 +1,4 @@
-"""What a flight's pictures show, before anyone asks why: the same points of the floor, picture to picture."""
+"""Feature matches between a flight's pictures: the same points of the floor, from picture to picture."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SHORTEST_S = 0.2
-"""Pictures are taken at most so often: between nearer ones nothing moves far enough to be worth it."""
+"""Least interval between pictures: between nearer ones the motion is too small."""
 WORKERS = 2
 STEPS = (1, 2, 4, 8)
 """Each picture is compared with those so many before it."""
@@ -50,7 +50,7 @@ _Shot = tuple[float, Features, Array]
 
 @dataclass(frozen=True, eq=False)
 class FeatureMatches:
-    """Points of the floor that two pictures of a flight show; what is worked out of them is kept by them."""
+    """Points of the floor that two pictures of a flight share, with the results computed from them."""
 
     camera: Camera
     stamps_s: Array
@@ -74,9 +74,9 @@ class FeatureMatches:
     taken: int
     """... and those that are, looked at or not."""
     lens_distortion: LensDistortionMap
-    """Where the lens bends light, of some places alone."""
+    """Local distortions of the lens."""
     cells: Cells
-    """What whole pictures, laid over each other, show of the lens and the light."""
+    """Brightness ratios of overlaid pictures."""
     flicker: float = 0.0
     """How much brightness changes along rows or columns in most pairs of pictures."""
     moving_s: Array = field(default_factory=lambda: np.zeros(0))
@@ -86,7 +86,7 @@ class FeatureMatches:
     it, how many go otherwise, and the strength of the former."""
 
     def some(self, kept: NDArray[np.bool_]) -> FeatureMatches:
-        """With some of the matches (m,) alone."""
+        """Return a copy with some of the matches (m,) alone."""
         return replace(
             self,
             earlier=self.earlier[kept], later=self.later[kept],
@@ -107,12 +107,12 @@ class FeatureMatches:
 
 
 def match_pictures(flight: Flight, progress: Progress = silent) -> FeatureMatches | None:
-    """Register the flight's pictures to each other; None where there are none that can be."""
+    """Register the flight's pictures to each other; return None if that fails for all."""
     return match_all_pictures([flight], progress)[0]
 
 
 def match_all_pictures(flights: Sequence[Flight], progress: Progress = silent) -> list[FeatureMatches | None]:
-    """``look`` at several flights, two at a time."""
+    """Match the pictures of several flights, two flights at a time."""
     pictures = Tally(progress, "pictures", sum(len(f.frames) for f in flights if f.frames is not None))
     pairs = Tally(progress, "pairs of pictures")
     before = cv2.getNumThreads()

@@ -28,8 +28,7 @@ exposures or lamps in the floor had at most 0.003; bands of 0.2 had 0.06."""
 
 
 def flicker_of(camera: Camera, cells: Cells) -> float:
-    """Of a flight: how much brightness changes along rows or columns in most pairs of pictures; 0 where
-    pairs are too few."""
+    """Return the change of brightness along rows or columns in most pairs; 0 for too few pairs."""
     outward = radius2(camera, cells.pixel_i) - radius2(camera, cells.pixel_j)
     columns = np.column_stack([np.ones(len(outward)), outward])
     lines = np.minimum((cells.pixel_i / camera.size_px * LINES).astype(np.int64), LINES - 1)
@@ -43,7 +42,7 @@ def flicker_of(camera: Camera, cells: Cells) -> float:
 
 
 def _left(columns: Array, y: Array) -> Array:
-    """What is left of a fit that minds outliers little."""
+    """Return the residuals of a robust fit."""
     weight = np.ones(len(y))
     left = y
     for _ in range(ROUNDS):

@@ -1,4 +1,4 @@
-"""Where the light of some places of the picture is bent and that of others is not: drops and scratches.
+"""Map of local distortions of the lens, such as drops and scratches.
 
 A homography leads from picture to picture, whatever the scale, the tilt or the stretch of a lens. What it
 does not explain, and what stays where it is in the picture while the floor goes by, is a map of the lens.
@@ -82,7 +82,7 @@ class PairMatches:
 
 
 def lens_distortion_map(camera: Camera, pictures: int, matches: PairMatches) -> LensDistortionMap:
-    """The map of a flight's lens, by halves."""
+    """Return the distortion map of a flight's lens, separately for both halves of the pictures."""
     block, other = (_block(at, pictures) for at in (matches.earlier, matches.later))
     sides = [(block == other) & (block % 2 == side) for side in (0, 1)]
     halves = np.stack([_gauged(camera, _fitted(camera, matches[side])) for side in sides])

@@ -1,4 +1,4 @@
-"""What stays where it is in the picture: dust and drops on the lens, an uneven sensor.
+"""Map of the brightness that stays fixed in the picture: dust and drops on the lens, an uneven sensor.
 
 The floor goes by underneath, so that the same point is seen through different places of the lens; how much
 brighter it is in the one than in the other makes a map of the lens. What goes with the distance from the
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 PRIOR_STD = 0.1
-"""Of the logarithm of the light that a node lets through."""
+"""Prior deviation of the logarithm of a node's transmission."""
 CLIP, ROUNDS = 4.0, 10
 """Residuals are clipped at so many deviations, at first of all and then ever nearer to those of most: what a
 stain makes of a few cells is far beyond the noise of the others."""
@@ -48,7 +48,7 @@ class LensShadingMap:
 
 
 def lens_shading_map(camera: Camera, cells: Cells) -> LensShadingMap:
-    """The map of a flight's lens."""
+    """Return the shading map of a flight's lens."""
     rows = bilinear_weights(camera, cells.pixel_i) - bilinear_weights(camera, cells.pixel_j)
     count = [run.stop - run.start for run in cells.runs]
     pair = np.repeat(np.arange(len(count)), count)

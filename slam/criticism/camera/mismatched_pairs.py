@@ -1,4 +1,4 @@
-"""Pairs of pictures that are taken for another place of the floor than the flight can have been at.
+"""Pairs of pictures that are matched to a place of the floor where the flight cannot have been.
 
 On a floor that repeats, matches with the wrong copy all agree, and pairs may agree with each other. The other
 instruments know where the vehicle went between two pictures; no camera of the catalogue is a quarter of a
@@ -16,14 +16,14 @@ from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.record import Record
 
 FAR = 0.25
-"""Of a picture's width, beside what the path leaves open."""
+"""Least error in picture widths, beyond the uncertainty of the path."""
 SURE = 5.0
 MOST = 0.1
-"""Of the pairs: more, and it is the path that is wrong, or the camera in a way that nobody foresaw."""
+"""Greatest share of the pairs; with more of them the path or the camera model is wrong."""
 
 
 def without_mismatched_pairs(record: Record, setting: FilterParameters) -> tuple[Record, str]:
-    """The record without such pairs, and what to say of them; empty where there are none."""
+    """Return the record without such pairs, and a message about them; empty if there are none."""
     matches = record.matches
     if matches is None:
         return record, ""

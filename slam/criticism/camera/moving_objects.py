@@ -1,4 +1,4 @@
-"""Things that move over the floor: what of a picture comes from elsewhere than the floor's motion says.
+"""Objects that move over the floor: parts of a picture that do not follow the floor's motion.
 
 The earlier picture is laid over the later one, and dense optical flow (Kroeger et al., ECCV 2016) finds
 where each of its pixels went. Noise, light and a lens that bends leave no flow of several pixels that leads
@@ -32,7 +32,7 @@ things as large as a third of the picture had it in two pairs of three."""
 
 
 def has_moving_object(small_i: Image, laid: Overlaid, camera: Camera) -> bool:
-    """Whether something moves by itself between a reduced picture (h, w) and the one laid over it."""
+    """Return whether an object moves between a reduced picture (h, w) and the one laid over it."""
     kernel = np.ones((2 * BORDER_PX + 1, 2 * BORDER_PX + 1), np.uint8)
     seen = cv2.erode(laid.seen.astype(np.uint8), kernel, borderValue=0) > 0
     if seen.mean() < LEAST_SEEN:
@@ -51,7 +51,7 @@ def has_moving_object(small_i: Image, laid: Overlaid, camera: Camera) -> bool:
 
 
 def _flow(a: Light, b: Light) -> Light:
-    """(h, w, 2) to where in b each pixel of a went."""
+    """Return the optical flow (h, w, 2) of each pixel from a to b."""
     solver = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     levels = [np.clip(np.rint(x), 0, 255).astype(np.uint8) for x in (a, b)]
     flow = np.zeros((*a.shape, 2), np.float32)
@@ -59,7 +59,7 @@ def _flow(a: Light, b: Light) -> Light:
 
 
 def _odd(flow: Light, laid: Overlaid, scale: float) -> NDArray[np.bool_]:
-    """Where the flow is neither small, nor a share of the floor's, nor along it and no more than that."""
+    """Return where the flow is large, no share of the floor's, and not along it at a smaller size."""
     floor = (laid.is_px - laid.was_px) / scale
     size, speed = np.linalg.norm(flow, axis=2), np.linalg.norm(floor, axis=2)
     along = np.abs((flow * floor).sum(axis=2)) > ALONG * size * speed
@@ -68,7 +68,7 @@ def _odd(flow: Light, laid: Overlaid, scale: float) -> NDArray[np.bool_]:
 
 
 def _taken(image: Light, flow: Light) -> Light:
-    """What stands at the end of each pixel's flow."""
+    """Return the image at the end of each pixel's flow."""
     columns, rows = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in flow.shape[1::-1]))
     x, y = columns + flow[..., 0], rows + flow[..., 1]
     taken = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -76,6 +76,6 @@ def _taken(image: Light, flow: Light) -> Light:
 
 
 def _largest(where: NDArray[np.bool_]) -> int:
-    """Pixels of the largest connected piece."""
+    """Return the number of pixels of the largest connected piece."""
     count, _, stats, _ = cv2.connectedComponentsWithStats(where.astype(np.uint8))
     return int(stats[1:, cv2.CC_STAT_AREA].max()) if count > 1 else 0

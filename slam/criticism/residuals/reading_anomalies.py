@@ -1,7 +1,7 @@
-"""Terms that change single readings, not their mean: spikes, quantisation and a dead zone of the sonar,
-pictures that are lost, and such in which something moves or shines.
+"""Terms that change single readings, not their mean.
 
-They are mixtures: each odd reading adds what it tells for the term against a healthy instrument, in nats.
+These are spikes, quantisation and a dead zone of the sonar, lost pictures, moving objects and highlights.
+They are mixtures: each anomalous reading adds its log likelihood ratio against a healthy instrument, in nats.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ Array = NDArray[np.float64]
 _Seen = TypeVar("_Seen")
 
 SECOND_ECHO = (1.6, 2.4)
-"""A spike is a reading of so many times the range that was due."""
+"""Limits of a spike: its ratio to the predicted range."""
 FEWEST_SPIKES, NATS_A_SPIKE = 2, 9.0
 """Of a reading ten deviations off and more, even with Student's tails, less what its rarity costs."""
 ENTAILS = {
     "sonar_quantisation": ("sonar_noise out of range",),
     "sonar_spikes": ("sonar_noise out of range",),
 }
-"""What an oddity makes of the nuisances."""
+"""Nuisance findings that an anomaly explains."""
 LIMIT_STD_M = 0.01
 RUN = 8
 """The same reading, to the last digit, so many times in a row is no noise."""
@@ -52,7 +52,7 @@ SATURATED = 1.5
 
 @dataclass(frozen=True)
 class ReadingAnomaly:
-    """A term seen in single readings."""
+    """A term that shows in single readings."""
 
     name: str
     parameters: dict[str, Interval]
@@ -62,7 +62,7 @@ class ReadingAnomaly:
     """For each flight, with the size that the others have; empty where none enters or there are no others."""
 
     def cause(self) -> Cause:
-        """As the verdict tells it."""
+        """Return the anomaly as a cause for the verdict."""
         total = sum(self.nats)
         lead = total - parameter_cost(1) - ONE_OF_ALL
         parts, by = (self.predicted_by_others, "flight") if self.predicted_by_others else (self.nats, None)
@@ -74,9 +74,9 @@ class ReadingAnomaly:
 
 
 def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[ReadingAnomaly]]:
-    """The records without readings that a dead zone made, and the dead zone where there is one.
+    """Return the records without the readings of a dead zone, and the dead zone if there is one.
 
-    A comb of readings repeats itself without one.
+    Quantised readings repeat themselves without one.
     """
     if quantisation_of(records) is not None:
         return list(records), []
@@ -107,14 +107,14 @@ def without_dead_zone(records: Sequence[Record]) -> tuple[list[Record], list[Rea
 def predicted_by_others(
     flights: Sequence[_Seen], nats: Callable[[_Seen, Sequence[_Seen]], float]
 ) -> tuple[float, ...]:
-    """``nats`` of each flight by what was seen in all others; none where there are no others."""
+    """Return ``nats`` of each flight with the size of all others; empty without others."""
     if len(flights) < 2:
         return ()
     return tuple(nats(own, [*flights[:k], *flights[k + 1 :]]) for k, own in enumerate(flights))
 
 
 def _stuck(ranges: Array) -> NDArray[np.bool_]:
-    """Readings within long runs of the same value, which is the least of all."""
+    """Return the readings within long runs of the least value."""
     least = np.nanmin(ranges) if np.isfinite(ranges).any() else np.nan
     same = ranges == least
     stuck = np.zeros(len(ranges), dtype=bool)
@@ -128,7 +128,7 @@ def _stuck(ranges: Array) -> NDArray[np.bool_]:
 
 
 def reading_anomalies(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[ReadingAnomaly]:
-    """All but the dead zone, from the readings and a filter run."""
+    """Return all anomalies but the dead zone, from the readings and a filter run."""
     return [
         *_spikes(records, passes), *_quantised(records), *_dropped(records), *_moving_objects(records),
         *_highlights(records),
@@ -136,7 +136,7 @@ def reading_anomalies(records: Sequence[Record], passes: Sequence[FilterPass]) -
 
 
 def _dropped(records: Sequence[Record]) -> list[ReadingAnomaly]:
-    """Pictures that gaps between stamps would have held: a Poisson number."""
+    """Return the lost pictures, a Poisson number estimated from gaps between stamps."""
     matches = [r.matches for r in records]
     lost = np.array([s.missing if s is not None else 0 for s in matches], dtype=float)
     taken = np.array([s.taken if s is not None else 0 for s in matches], dtype=float)
@@ -171,7 +171,7 @@ class Lost:
 
 
 def _highlights(records: Sequence[Record]) -> list[ReadingAnomaly]:
-    """Lamps mirrored in the floor."""
+    """Return the highlights: lamps mirrored in the floor."""
     seen = [
         np.zeros((0, 3)) if r.matches is None or r.matches.lens_distortion.notable else r.matches.spots
         for r in records
@@ -187,7 +187,7 @@ def _highlights(records: Sequence[Record]) -> list[ReadingAnomaly]:
 
 
 def _moving_objects(records: Sequence[Record]) -> list[ReadingAnomaly]:
-    """Things that go through the pictures."""
+    """Return the objects that move through the pictures."""
     passes = []
     for record in records:
         seen = record.matches
@@ -223,7 +223,7 @@ def _spikes(records: Sequence[Record], passes: Sequence[FilterPass]) -> list[Rea
 
 
 def _quantised(records: Sequence[Record]) -> list[ReadingAnomaly]:
-    """Ranges that are whole multiples of a step, up to the last digit written."""
+    """Return the quantisation of the ranges."""
     comb = quantisation_of(records)
     if comb is None:
         return []
