@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 _NOT_RIGID = 1e-3
 _ZERO_EIGENVALUE = 1e-9
 """Eigenvalue of the information (scaled to unit diagonal) below which it counts as zero: files round."""
+_NO_INFORMATION = 1e-10
+"""Information (rad^-2, m^-2) that counts as zero."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class PoseGraph:
     def is_rank_deficient(self) -> NDArray[np.bool_]:
         """(m,) True if the information of an edge is only positive semi-definite."""
         size = np.sqrt(np.maximum(np.diagonal(self.information, axis1=1, axis2=2), 0))
-        size[size == 0] = 1
+        size[size**2 < _NO_INFORMATION] = 1
         # Radians and metres differ in size.
         unit = self.information / size[:, :, None] / size[:, None]
         return np.asarray(np.linalg.eigvalsh(unit)[:, 0] < _ZERO_EIGENVALUE)
@@ -59,7 +61,8 @@ class PoseGraph:
 
 def rank_deficient_warning(graph: PoseGraph) -> list[str]:
     """Return one warning about edges with singular information; an empty list if there is none."""
-    blind = np.flatnonzero(graph.is_rank_deficient)
+    told = np.diagonal(graph.information, axis1=1, axis2=2).max(axis=1, initial=0) > _NO_INFORMATION
+    blind = np.flatnonzero(graph.is_rank_deficient & told)
     if len(blind) == 0:
         return []
     i, j = graph.ids[graph.i[blind[0]]], graph.ids[graph.j[blind[0]]]

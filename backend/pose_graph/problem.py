@@ -17,6 +17,9 @@ from backend.pose_graph.unary_factors import UnaryFactor, fixed, gtsam_poses
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
+MIN_INFORMATION = 1e-10
+"""Information (rad^-2, m^-2) that counts as none: a standard deviation of 100 km, or of 100 000 rad."""
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -170,6 +173,11 @@ def square_roots(information: Array) -> Array:
                 f" {bad.sum()} such edges); drop it"
             ) from None
         return np.asarray(np.sqrt(np.maximum(values, 0))[:, :, None] * np.swapaxes(vectors, 1, 2))
+
+
+def informative(problem: Problem) -> NDArray[np.bool_]:
+    """Return (m,) whether an edge carries information about any direction, above rounding errors."""
+    return np.asarray((problem.sqrt_information**2).sum(axis=1).max(axis=1) > MIN_INFORMATION)
 
 
 def from_pose_graph(graph: PoseGraph) -> Problem:

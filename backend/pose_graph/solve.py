@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +22,14 @@ from backend.pose_graph.from_measurements import components, from_measurements
 from backend.pose_graph.gauge_fixed_problem import Options
 from backend.pose_graph.graph import PoseGraph, rank_deficient_warning
 from backend.pose_graph.minimise import OnStep
-from backend.pose_graph.problem import Problem, from_pose_graph
+from backend.pose_graph.problem import Problem, from_pose_graph, informative
+from backend.pose_graph.redundancy import small_residuals_warning, unchecked_components
 from backend.pose_graph.solution import Solution
 
 Array = NDArray[np.float64]
 
+NO_INFORMATION = "carries no information"
+"""Reason of an edge that was left out before the solve."""
 _LOG = logging.getLogger(__name__)
 
 
@@ -58,14 +62,42 @@ def solve_pose_graph(
     on_step: OnStep | None = None,
     time_limit_s: float | None = None,
 ) -> Solution:
-    """Solve a g2o graph, planar or spatial. Without fixed vertices the first of each component is fixed."""
+    """Solve a g2o graph, planar or spatial. Without fixed vertices the first of each component is fixed.
+
+    Edges without information are rejected. The status names components whose accepted edges form a tree.
+    """
     deadline = math.inf if time_limit_s is None else time.monotonic() + time_limit_s
     options = Options(loops_robust, covariances, on_step, deadline)
     problem = from_pose_graph(graph)
-    return _solve(problem, options, rank_deficient_warning(graph))
+    solution = _solve(problem, options, rank_deficient_warning(graph))
+    unchecked = unchecked_components(problem, solution)
+    said = [*([] if solution.status == "ok" else [solution.status]), *unchecked]
+    return replace(
+        solution,
+        status="; ".join(said) or "ok",
+        warnings=(*solution.warnings, *small_residuals_warning(problem, solution)),
+    )
 
 
 def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
+    """Solve from the edges that carry information; the others are rejected with that reason."""
+    told = informative(problem)
+    if told.all():
+        return _solve_informative(problem, options, warnings)
+    e = int(np.argmin(told))
+    warnings.append(
+        f"{(~told).sum()} of {len(told)} edges carry no information (the first is"
+        f" {problem.name(problem.i[e])} to {problem.name(problem.j[e])}): left out"
+    )
+    solution = _solve_informative(problem.with_edges(told), options, warnings)
+    residual, reasons = np.full(len(told), np.nan), np.full(len(told), NO_INFORMATION, dtype=object)
+    residual[told], reasons[told] = solution.edge_residual, solution.edge_reason
+    kept = told.copy()
+    kept[told] = solution.edge_kept
+    return replace(solution, edge_kept=kept, edge_residual=residual, edge_reason=tuple(reasons.tolist()))
+
+
+def _solve_informative(problem: Problem, options: Options, warnings: list[str]) -> Solution:
     """Solve each connected component and assemble the solution."""
     n, m = problem.count, len(problem.i)
     label = components(problem)

@@ -1,0 +1,99 @@
+"""A graph that nothing checks is not ``ok``; covariances that are far too large are questioned."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from backend import se3
+from backend.pose_graph.graph import PoseGraph
+from backend.pose_graph.solve import solve_pose_graph
+from tests.backend.synthetic import graph
+
+
+def walk(loops: list[tuple[int, int]], wrong: bool = False, n: int = 12) -> PoseGraph:
+    """A planar chain with loops, of a standard deviation of 0.1 m and 0.1 rad, and noise of that size."""
+    rng = np.random.default_rng(2)
+    truth = se3.from_planar(np.column_stack([np.arange(n), np.zeros(n), np.zeros(n)]))
+    pairs = np.array([(k, k + 1) for k in range(n - 1)] + loops)
+    off = 0.1 * rng.normal(size=(len(pairs), 3))
+    if wrong:
+        off[n - 1 :] += rng.uniform(3, 9, size=(len(loops), 3))
+    ij_T = se3.inverse(truth[pairs[:, 0]]) @ truth[pairs[:, 1]] @ se3.from_planar(off)
+    information = np.tile(100.0 * np.eye(3), (len(pairs), 1, 1))
+    fixed = np.zeros(n, dtype=bool)
+    return PoseGraph(2, np.arange(n), truth, pairs[:, 0], pairs[:, 1], ij_T, information, fixed)
+
+
+def test_a_chain_is_not_ok():
+    (made, expected) = walk([]), "vertices 0-11 rest on odometry alone, and no loop is left that checks it"
+    assert solve_pose_graph(made).status == expected
+    held = replace(made, fixed=made.ids == 0)
+    assert solve_pose_graph(held).status == expected
+    assert solve_pose_graph(replace(made, fixed=(made.ids == 0) | (made.ids == 11))).status == "ok"
+
+
+def test_odometry_that_is_left_after_rejections_is_not_ok():
+    solved = solve_pose_graph(walk([(0, 5), (2, 9), (1, 11), (3, 7)], wrong=True))
+    assert solved.edge_kept.sum() == 11
+    assert solved.status == (
+        "vertices 0-11 rest on odometry alone: 4 edges were rejected, and no loop is left that checks it"
+    )
+
+
+def test_a_tree_is_not_ok_and_parallel_edges_are_no_loop():
+    made = walk([(0, 5)])
+    keep = np.arange(12) != 4
+    tree = replace(
+        made, i=made.i[keep], j=made.j[keep], ij_T=made.ij_T[keep], information=made.information[keep]
+    )
+    expected = "vertices 0-11 rest on a tree of edges alone, and no loop is left that checks it"
+    assert solve_pose_graph(tree).status == expected
+    assert "rest on odometry alone" in solve_pose_graph(walk([(0, 1), (1, 2)])).status
+
+
+def test_a_loop_is_ok():
+    assert solve_pose_graph(walk([(0, 11)])).status == "ok"
+
+
+@pytest.mark.parametrize(("factor", "warned"), [(1.0, False), (10.0, True), (0.0, True)])
+def test_residuals_far_below_the_stated_noise_are_reported_once(factor: float, warned: bool):
+    made = graph(3, 2, noise=0.0 if factor == 0 else 1.0)
+    made = replace(made, information=made.information / max(factor, 1.0) ** 2)
+    told = [w for w in solve_pose_graph(made).warnings if "far better than their covariances" in w]
+    assert len(told) == warned
+    if warned:
+        assert "for 60 degrees of freedom" in told[0]
+
+
+@pytest.mark.parametrize("information", [1e-300, 1e-30, 1e-11])
+def test_an_edge_without_information_is_left_out_and_reported(information: float):
+    made = walk([(0, 11)])
+    made.information[-1] = information * np.eye(3)
+    solved = solve_pose_graph(made)
+    assert solved.edge_reason[-1] == "carries no information"
+    assert not solved.edge_kept[-1]
+    assert (
+        "1 of 12 edges carry no information (the first is vertex 0 to vertex 11): left out" in solved.warnings
+    )
+    assert "rest on odometry alone" in solved.status
+
+
+def test_a_graph_without_any_information_places_nothing():
+    made = walk([(0, 11)])
+    solved = solve_pose_graph(replace(made, information=1e-300 * made.information))
+    assert solved.status == "12 poses could not be placed"
+    assert solved.covariances is not None
+    assert np.isnan(solved.covariances).all()
+
+
+def test_one_direction_without_information_counts_as_none():
+    made = walk([])
+    made.information[3] = np.diag([1e-300, 100.0, 100.0])
+    solved = solve_pose_graph(made)
+    assert any("1 of 11 edges tell nothing about some direction" in w for w in solved.warnings)
+    assert "not observed" in solved.status
+    assert solved.covariances is not None
+    assert np.isnan(solved.covariances[5]).all()
