@@ -149,9 +149,9 @@ def _integer(field: str, name: str, line: int) -> int:
         number = int(field)
     except ValueError:
         number = -1
-    if not 0 <= number < 2**62:
+    if not 0 <= number < 2**63:
         raise BackendError(
-            f"{name}:{line}: vertex {field[:40]!r} is not a whole number from 0 on; mend the line"
+            f"{name}:{line}: vertex {field[:40]!r} is not a whole number from 0 to 2^63 - 1; mend the line"
         )
     return number
 

@@ -19,11 +19,15 @@ if TYPE_CHECKING:
     from backend.pose_graph.solution import Solution
     from slam.core.figure_table import FigureTable
 
+_MAX_STAMP_S = 9_000_000_000
+"""Largest number that is a stamp in seconds: its nanoseconds fit 64 bits."""
+
 
 def solve_graph(path: Path, progress: Progress) -> tuple[Estimate, PoseGraph]:
     """Read and solve a g2o graph; return the estimate and the solved graph with its kept edges.
 
-    The stamps are the numbers of the vertices. Raises ``BackendError``.
+    The stamps are the numbers of the vertices, or 0, 1, 2 and so on where these are too large for a stamp.
+    Raises ``BackendError``.
     """
     from backend.g2o import read_g2o
     from backend.pose_graph.certificate import certify
@@ -89,6 +93,8 @@ def graph_table(record: Mapping[str, Any]) -> FigureTable:
 
 
 def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[str, float]) -> Estimate:
+    from backend.pose_graph.solve import NO_INFORMATION
+
     count = len(graph.ids)
     unknown = np.full((count, 6, 6), np.nan)
     is_loop = np.abs(graph.i - graph.j) != 1
@@ -97,12 +103,17 @@ def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[st
     verdicts = zip(
         graph.i.tolist(), graph.j.tolist(), solution.edge_kept.tolist(), solution.edge_reason, strict=True
     )
-    rejected = int((~solution.edge_kept).sum())
+    empty = solution.edge_reason.count(NO_INFORMATION)
+    rejected = {
+        "edge without information": empty,
+        "edge disagrees with the rest of the graph": int((~solution.edge_kept).sum()) - empty,
+    }
+    stamps_s, stamp_warning = _stamps(graph)
     return Estimate(
         name=name,
         status=solution.status,
         epoch_ns=0,
-        stamps_s=graph.ids.astype(np.float64),
+        stamps_s=stamps_s,
         frame_names=tuple(str(number) for number in graph.ids.tolist()),
         frame_index=np.arange(count),
         w_T_b=solution.w_T_b,
@@ -125,13 +136,24 @@ def _estimate(name: str, graph: PoseGraph, solution: Solution, timing_s: dict[st
         chain_w_T_b=graph.poses,
         odometry_w_T_b=np.full((count, 4, 4), np.nan),
         frames=count,
-        rejected=graph.dropped
-        | ({"edge disagrees with the rest of the graph": rejected} if rejected else {}),
+        rejected=graph.dropped | {why: count for why, count in rejected.items() if count},
         timing_s=timing_s,
-        warnings=(*graph.warnings, *solution.warnings, *solution.unobserved),
+        warnings=(*graph.warnings, *stamp_warning, *solution.warnings, *solution.unobserved),
         graph_error=solution.error,
         iterations=solution.iterations,
     )
+
+
+def _stamps(graph: PoseGraph) -> tuple[np.ndarray, list[str]]:
+    """Return a stamp for each vertex, and a warning if it is not the vertex's number."""
+    largest = int(graph.ids.max(initial=0))
+    if largest <= _MAX_STAMP_S:
+        return graph.ids.astype(np.float64), []
+    warning = (
+        f"vertex numbers up to {largest} are too large for stamps: the stamps count the vertices from 0 on, "
+        "in order of their numbers"
+    )
+    return np.arange(len(graph.ids), dtype=np.float64), [warning]
 
 
 def _covariances(graph: PoseGraph) -> np.ndarray:

@@ -150,6 +150,25 @@ def test_a_graph_is_solved_and_every_file_is_there(graph, tmp_path):
     np.testing.assert_allclose(estimate.w_T_b[2, :2, 3], [1, 1], atol=1e-6)
 
 
+@pytest.mark.parametrize("first", [9_300_000_000, ord("a") << 56, ord("x") << 56, 2**63 - 4])
+def test_vertex_numbers_may_have_63_bits(graph, tmp_path, first):
+    """Stamps in nanoseconds cannot hold such numbers, so that stamps count the vertices."""
+    lines = [line.split() for line in SQUARE.splitlines()]
+    for fields in lines:
+        for k in range(1, 3 if fields[0].startswith("EDGE") else 2):
+            fields[k] = str(first + int(fields[k]))
+    graph.write_text("\n".join(" ".join(fields) for fields in lines))
+    result = run("optimize", graph, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert (summary["status"], summary["error"] < 1e-9) == ("ok", True)
+    assert any("too large for stamps" in warning for warning in summary["warnings"])
+    np.testing.assert_array_equal(np.loadtxt(tmp_path / "out" / "trajectory.tum")[:, 0], [0, 1, 2, 3])
+    estimate = read_estimate(tmp_path / "out")
+    assert estimate.frame_names == tuple(str(first + k) for k in range(4))
+    assert f"VERTEX_SE2 {first + 3} " in (tmp_path / "out" / "graph.g2o").read_text()
+
+
 def test_the_written_graph_is_at_its_minimum(graph, tmp_path):
     """Solving what was written changes nothing: vertices are the solution, edges are those given."""
     assert run("optimize", graph, "--out", tmp_path / "a").exit_code == 0
