@@ -65,6 +65,8 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
     main = np.flatnonzero(known & (estimate.component == 0))
     position = estimate.w_T_b[main, :3, 3]
     sigma = position_sigma_m(estimate.covariances[known])
+    # An unknown standard deviation has no upper limit: the median counts it as the largest.
+    sigma = np.append(sigma, np.full(int(known.sum()) - len(sigma), np.inf))
     verdicts = [loop.verdict for loop in estimate.loops]
     sizes = (
         np.bincount(estimate.component[estimate.component >= 0]) if len(estimate.component) else np.zeros(0)
@@ -83,8 +85,8 @@ def gather(estimate: Estimate, flight: Flight | None) -> Facts:
         duration_s=float(np.ptp(estimate.stamps_s)) if flight is not None and len(known) else float("nan"),
         loops_kept=kinds.count("loop") if flight is None else verdicts.count("kept"),
         loops_rejected=verdicts.count("rejected"),
-        sigma_median_m=float(np.median(sigma)) if len(sigma) else float("nan"),
-        sigma_max_m=float(sigma.max()) if len(sigma) else float("nan"),
+        sigma_median_m=_or_nan(np.median(sigma)) if len(sigma) else float("nan"),
+        sigma_max_m=_or_nan(sigma.max()) if len(sigma) else float("nan"),
         scale_std=scale_std,
         mostly_scale=_is_mostly_scale(estimate, main, scale_std),
         relative_to=_relative_to(estimate, flight),
@@ -108,6 +110,10 @@ def position_sigma_m(covariances: Array) -> Array:
     return np.asarray(np.sqrt(variance[np.isfinite(variance) & (variance >= 0)]))
 
 
+def _or_nan(value: float) -> float:
+    return float(value) if np.isfinite(value) else float("nan")
+
+
 def sentence(facts: Facts) -> str:
     """Summarise the result and its accuracy in words for a pilot."""
     thing = "poses" if facts.is_graph else "keyframes"
@@ -124,8 +130,9 @@ def sentence(facts: Facts) -> str:
     text = f"{whole} {thing} lie on {maps}"
     if np.isfinite(facts.sigma_median_m):
         median, worst = facts.length(facts.sigma_median_m), facts.length(facts.sigma_max_m)
+        worst = f"±{SPACE}{worst} at worst" if np.isfinite(facts.sigma_max_m) else "others are not known"
         relative = f"relative to {facts.relative_to} " if facts.relative_to else ""
-        text += f"; {relative}a position is known to ±{SPACE}{median} (median), ±{SPACE}{worst} at worst"
+        text += f"; {relative}a position is known to ±{SPACE}{median} (median), {worst}"
         if facts.mostly_scale:
             text += f", mostly because the scale of all lengths is known to {percent(facts.scale_std)} only"
     text += "."

@@ -321,3 +321,16 @@ def test_the_chain_is_laid_on_the_first_keyframe():
     perfect = replace(estimate, chain_w_T_b=yaw @ estimate.w_T_b)
     np.testing.assert_allclose(chain_on_result(perfect), estimate.w_T_b, atol=1e-12)
     np.testing.assert_allclose(chain_on_result(estimate), estimate.chain_w_T_b, atol=1e-12)
+
+
+def test_an_unknown_uncertainty_is_no_small_one():
+    estimate = made_estimate(sigma_m=0.006)
+    for unknown in (59, 1):
+        covariances = estimate.covariances.copy()
+        covariances[60 - unknown :] = np.nan
+        covariances[0] = 0.0
+        facts = gather(replace(estimate, covariances=covariances), None)
+        assert np.isnan(facts.sigma_max_m)
+        assert np.isnan(facts.sigma_median_m) == (unknown > 30)
+        assert ("others are not known" in sentence(facts)) == (unknown < 30)
+        assert "0.00" not in sentence(facts)
