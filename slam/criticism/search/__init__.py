@@ -1,1 +1,1 @@
-"""The search for causes: the catalogue as directions, score tests, fits, and steps from belief to belief."""
+"""Search: hypotheses, likelihood expansions, score tests, fits, and the sequence of filter parameters."""

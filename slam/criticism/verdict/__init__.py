@@ -1,1 +1,1 @@
-"""From what a search found to a verdict: posteriors, held-out gain, roll-outs, and the product of it all."""
+"""Verdict: posterior, held-out gain, roll-outs and the result of a criticism."""

@@ -43,7 +43,7 @@ class HeldOut:
     by: str
     """``flight`` or ``segment``."""
     before: tuple[FilterParameters, ...]
-    """For each flight, the parameters without the terms, fitted on the other parts."""
+    """Parameters without the terms for each flight, fitted on the other parts."""
     after: tuple[FilterParameters, ...]
 
     @property

@@ -63,7 +63,7 @@ class RolloutFit:
     std: dict[str, float]
     """Column -> jackknife standard deviation of its size."""
     left_out: tuple[FilterParameters, ...]
-    """For each flight, the parameters fitted on the others."""
+    """Parameters for each flight, fitted on the others."""
     nats: dict[str, tuple[float, ...]]
     """Term -> gain in each flight, predicted from the others."""
     unhealthy: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""Whether what was found is of one size all the time: what changes is no constant error of an instrument."""
+"""Consistency of a size over time: a size that varies is no constant error of an instrument."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from slam.simulation.terms import CATALOGUE
 
 FEWEST_STRETCHES = 5
 BEYOND_CHANCE = 4.0
-"""Mean square of the stretches' deviations, in variances of white rows."""
+"""Mean square of the segments' deviations, in variances of white rows, beyond which a size varies."""
 TELLING = 0.5
-"""A stretch tells of a size if its own error is smaller than this share of the size."""
+"""Greatest standard error of a segment's size, as a share of the size, for the segment to count."""
 LARGE = 0.5
-"""Share of the size by which it scatters beyond chance where it is none."""
+"""Least scatter beyond chance, as a share of the size."""
 LEVEL = ("accel_bias.x", "accel_bias.y")
-"""Along these weight is felt as soon as the attitude is wrong."""
+"""Columns along which an attitude error acts like an error of the accelerometer."""
 
 
 def disagreements(data: Regression, chosen: Sequence[str]) -> list[str]:
-    """Parameters of the chosen terms that differ from stretch to stretch by half of themselves, in words."""
+    """Describe parameters of the chosen terms that vary between segments by half of themselves."""
     return [told for effect in chosen if effect in CATALOGUE for told in _disagreements(data, chosen, effect)]
 
 
 def _disagreements(data: Regression, chosen: Sequence[str], effect: str) -> list[str]:
-    """Of one term: by stretches, all others at their common sizes."""
+    """Describe the variation of one term between segments, with all others at their common sizes."""
     size, _ = data.fit(chosen)
     own = data.columns_of(chosen, effect)
     rest = np.delete(np.arange(len(size)), own)
@@ -40,7 +40,7 @@ def _disagreements(data: Regression, chosen: Sequence[str], effect: str) -> list
     told = []
     for k, name in enumerate(data.of(effect)):
         if is_square(name):
-            continue  # a variance differs by nature from one stretch to the next
+            continue  # a variance naturally differs from segment to segment
         common = abs(float(size[own[k]]))
         sure = errors[:, k] < TELLING * max(common, TOLERANCE[effect])
         if sure.sum() < FEWEST_STRETCHES:

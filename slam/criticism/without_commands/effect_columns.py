@@ -1,4 +1,4 @@
-"""Columns of what may be wrong with pictures and instruments, named for terms and their parameters."""
+"""Names of the columns of errors of pictures and instruments: terms and their parameters."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from slam.criticism.search import effects
 from slam.simulation.terms import CATALOGUE
 
 LATE = {f"{name}.s": parameter for name, (_, parameter) in effects.LATE.items()}
-"""Columns of what no term is, and their parameters."""
+"""Columns of delays, which are no terms, and their parameters."""
 PATTERNS = (*PICTURE_SHAPES, *WARPS)
-"""What no term is, either."""
+"""Patterns of pictures, which are no terms either."""
 SIZE = ".size"
-"""Behind a shape's name: its column."""
+"""Suffix of a pattern's column."""
 UNMEASURED = ("sonar_temperature.rise", "floor_slope.x", "floor_slope.y", "exposure_variation.gamma")
-"""A drifting scale, of which a stretch has little; what healthy places differ by; and a variance that looks
-much like another: brightness that wanders is told as that of the gain."""
+"""Errors that pictures do not measure: a drifting scale, of which a segment has little; differences between
+healthy places; and a variance that resembles another. Varying brightness is reported as that of the gain."""
 
 
 def seen_by_pictures() -> list[str]:
-    """Every error that pictures may tell of."""
+    """Return every error that pictures may show."""
     terms = [n for n in (*CAMERA, *SENSOR) if n.partition(".")[0] in CATALOGUE and n not in UNMEASURED]
     return [*terms, *LATE, *(name + SIZE for name in PATTERNS)]
 
 
 def in_catalogue(column: str, size: float) -> float:
-    """A column's size in the catalogue's unit: of a variance, the deviation."""
+    """Return a column's size in the catalogue's unit: for a variance, the standard deviation."""
     if column in CAMERA:
         return catalogued(CAMERA.index(column), size)
     effect, _, parameter = column.rpartition(".")

@@ -1,7 +1,8 @@
-"""A vehicle that may move in any way, for flights of which nobody knows what drove them.
+"""Filter for unknown inputs: the filter's equations with inflated process noise, for flights without
+commands.
 
-The filter's equations stay, with so much unrest in them that they tell nothing: what is left is the motion
-that all instruments agree on, and by how much each reading is off it.
+With so much process noise the equations constrain nothing. The filter gives the motion that all instruments
+agree on, and the residual of each reading.
 """
 
 from __future__ import annotations
@@ -16,26 +17,29 @@ from slam.criticism.kalman.record import Record, moving_from, record_of
 from slam.criticism.kalman.transition import HOLD
 from slam.criticism.without_commands.inertial_consistency import near_floor
 
-UNREST = {
+PROCESS_NOISE = {
     "tilt_std_rad": 0.3, "tilt_time_s": 0.2, "yaw_rate_std_rad_s": 1.5, "yaw_rate_time_s": 0.2,
     "velocity_std_m_s": 1.0, "velocity_time_s": 0.2, "velocity_up_std_m_s": 1.0,
 }  # fmt: skip
-"""Entries of ``HOLD``: a hand shakes by that."""
+"""Entries of ``HOLD``: the motion of a hand."""
 CLEAR_S = 0.3
-"""From a reading near the floor."""
+"""Least time from a reading near the floor."""
 SHORTEST_S = 5.0
 
 
 def with_free_motion(setting: FilterParameters) -> FilterParameters:
-    """The belief about the instruments alone."""
+    """Return the parameters with inflated process noise, which describe the instruments alone."""
     hold = setting.hold.copy()
-    hold[[HOLD.index(name) for name in UNREST]] = list(UNREST.values())
+    hold[[HOLD.index(name) for name in PROCESS_NOISE]] = list(PROCESS_NOISE.values())
     return replace(setting, hold=hold)
 
 
 def airborne_record(flight: Flight) -> Record | None:
-    """The longest stretch between readings near the floor; None where there is no sonar to tell, where it is
-    short, or where fewer than two of imu, attitude and velocity say what the vehicle does in it."""
+    """Return the longest segment between readings near the floor.
+
+    It is None where there is no sonar, where the segment is short, or where fewer than two of imu, attitude
+    and velocity measure the motion.
+    """
     if flight.sonar is None or [flight.imu, flight.attitude, flight.velocity].count(None) > 1:
         return None
     try:

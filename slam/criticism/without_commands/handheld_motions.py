@@ -1,7 +1,7 @@
-"""Motions without a pilot: the vehicle in the hands of a person, over a floor that its flow can see.
+"""Handheld motions, without a pilot: a person carries the vehicle over a floor that its flow can see.
 
-Each is a list of places to be at, level or tilted, with a rest at each: (seconds on the way; roll, pitch, yaw
-in degrees; x, y, height in m). None is lower than half a metre: nearer the floor no instrument is judged.
+Each is a list of places, level or tilted, with a rest at each: (seconds on the way; roll, pitch, yaw in
+degrees; x, y, height in m). None is lower than half a metre: nearer the floor no instrument is judged.
 """
 
 from __future__ import annotations
@@ -50,19 +50,19 @@ HANDHELD_MOTIONS: dict[str, tuple[Place, ...]] = {
         _at(1.0, 0.0, 1.5, 1.8), _at(1.0, 0.0, 0.0, 1.8),
     ),
 }  # fmt: skip
-"""What a person is asked to do -> places."""
+"""Instruction to a person -> places."""
 
 
 @dataclass(frozen=True)
 class HandheldMotion:
-    """One of these motions, once or several times over; smooth to the acceleration."""
+    """One of these motions, once or several times over, with continuous acceleration."""
 
     path: BPoly
-    """Of (roll, pitch, yaw, x, y, z) in rad and m."""
+    """Polynomial of (roll, pitch, yaw, x, y, z) in rad and m."""
     duration_s: float
 
     def at(self, stamps_s: Array) -> State:
-        """The state at any times (n,)."""
+        """Return the state at any times (n,)."""
         t = np.clip(stamps_s, 0.0, self.duration_s)
         (angles, place), (rates, speed) = (np.split(self.path(t, order), [3], axis=1) for order in range(2))
         (sr, cr), (sp, cp) = ((np.sin(a), np.cos(a)) for a in angles[:, :2].T)
@@ -72,7 +72,7 @@ class HandheldMotion:
 
 
 def handheld_motion(name: str, times: int = 1) -> HandheldMotion:
-    """The motion of a name, ``times`` over, with a rest before."""
+    """Return the motion of a name, ``times`` over, with a rest before."""
     table = np.array([_LEVEL, *HANDHELD_MOTIONS[name] * times])
     table[:, 1:4] = np.radians(table[:, 1:4])
     arrived = np.cumsum(table[:, 0] + REST_S)

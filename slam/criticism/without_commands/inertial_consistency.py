@@ -1,9 +1,10 @@
-"""What two instruments tell of the same motion, and how each effect parts them.
+"""Inertial consistency: comparison of instruments with the integrals of the imu, and the effect of each
+error.
 
-Whatever moves a vehicle, its tilt is the integral of its gyro, its speed that of its accelerometer and its
-height the second one. The difference of what is read and what is integrated is averaged about moments half a
-second apart; between these it may change (twice, for the height) by noise alone, or by an effect. No equation
-of motion of the vehicle is in it, so that no pilot and no wind matter.
+For any motion, tilt is the integral of the gyro, speed that of the accelerometer, and height the second
+integral. The difference of reading and integral is averaged about moments half a second apart. Between these
+it may change (twice, for the height) by noise alone, or by an effect. No equation of motion of the vehicle is
+involved, so that pilot and wind do not matter.
 """
 
 from __future__ import annotations
@@ -24,62 +25,62 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 NODE_S, ABOUT_S = 0.5, 0.1
-"""Moments, and half the time about each over which differences are averaged."""
+"""Spacing of the moments, and half the time about each over which differences are averaged."""
 LONGEST_GAP_S = 0.15
 LOWEST_M = 0.35
-"""Nearer to the floor the vehicle may touch it, which shakes all instruments."""
+"""Least height: nearer to the floor the vehicle may touch it, which shakes all instruments."""
 FEWEST = 20
 INTEGRATED = " as integrated"
-"""Marks the second way to know what a scale multiplies."""
+"""Suffix of the second estimate of the quantity that a scale multiplies."""
 CHANNELS = {
     "attitude": [(f"{angle} from the gyro", "rad") for angle in ("roll", "pitch", "yaw")],
     "velocity": [(f"velocity {way} from the accelerometer", "m/s") for way in ("east", "north")],
     "height": [("height from the accelerometer", "m")],
 }
-"""Name and unit of each component of a balance."""
+"""Name and unit of each component of a comparison."""
 LEAST_SHARE = 0.05
 BETWEEN_SAMPLES = "gyro between samples"
-"""Column of what jumps of the rate are worth from one sample to the next: nobody knows when in between they
-came. Where sticks jump at even times it is always the same moment."""
+"""Column of the effect of jumps of the rate between samples. The moment between the samples is unknown. Where
+sticks jump at even times it is always the same."""
 JUMP = 6.0
-"""Standard deviations by which a rate must jump from one sample to the next, beside its neighbours."""
+"""Least jump of a rate between samples, beside its neighbours, in standard deviations."""
 FAR_OFF = 5.0
 
 
 @dataclass(frozen=True)
 class Averages:
-    """One component of a balance as it is, at moments ``NODE_S`` apart."""
+    """One component of a comparison, at moments ``NODE_S`` apart."""
 
     channel: str
     unit: str
     order: int
-    """How often the imu was integrated for it."""
+    """Number of integrations of the imu."""
     times_s: Array
     """(n,)."""
     whole: NDArray[np.bool_]
     """(n,) whether there are readings about a moment, none of them near the floor."""
     pause: Ints
-    """(n,) number of gaps before."""
+    """(n,) number of gaps before the moment."""
     names: list[str]
-    """Columns of the table after its first."""
+    """Names of the table's columns after its first."""
     table: Array
-    """(n, 1 + columns) what is read less what is integrated, and what each effect's unit makes of it."""
+    """(n, 1 + columns) reading less integral, and its derivative by each effect."""
 
     def knows(self, name: str) -> bool:
-        """Whether a column of an effect moves it."""
+        """Whether a column of an effect changes it."""
         return name in self.names
 
     def column(self, name: str) -> int:
-        """Where a column stands in the table: of a scale, what is integrated times it."""
+        """Return the index of a column in the table; of a scale, that of the integrated quantity."""
         return 1 + self.names.index(name + INTEGRATED if name + INTEGRATED in self.names else name)
 
 
 @dataclass(frozen=True)
 class WhitenedRows:
-    """Differences of unit variance, and what each effect's unit makes of them."""
+    """Differences of unit variance, and their derivatives by each effect."""
 
     kind: str
-    """``attitude``, ``velocity`` or ``height``, held against the imu; or ``pictures``, held against all."""
+    """``attitude``, ``velocity`` or ``height``, compared with the imu; or ``pictures``, compared with all."""
     times_s: Array
     """(n,)."""
     off: Array
@@ -87,15 +88,15 @@ class WhitenedRows:
     traces: dict[str, Array]
     """Column -> (n,)."""
     noise: float
-    """Standard deviation of one difference before it was divided by it; rad, m/s or m; of pictures in that of
+    """Standard deviation by which a difference was divided; rad, m/s or m. For pictures it is in units of
     their own noise."""
     averages: Averages | None
-    """What they are differences of; none of pictures."""
+    """Averages that they are differences of; None for pictures."""
 
 
 @dataclass(frozen=True)
 class _Imu:
-    """The imu of a flight with the attitude at its stamps."""
+    """The imu of a flight, with the attitude at its stamps."""
 
     stamps_s: Array
     gyro: Array
@@ -104,17 +105,17 @@ class _Imu:
     """(n, 3) roll, pitch, yaw."""
 
     def integral(self, rate: Array) -> Array:
-        """(n, k) of a rate (n, k)."""
+        """Return the integral (n, k) of a rate (n, k)."""
         step = np.diff(self.stamps_s)[:, None] * 0.5 * (rate[1:] + rate[:-1])
         return np.vstack([np.zeros(rate.shape[1]), np.cumsum(step, axis=0)])
 
     def at(self, times_s: Array, signal: Array) -> Array:
-        """(m, k) of a signal (n, k)."""
+        """Return a signal (n, k) at other times, (m, k)."""
         return np.column_stack([np.interp(times_s, self.stamps_s, column) for column in signal.T])
 
 
 def inertial_residuals(flight: Flight) -> list[WhitenedRows]:
-    """Every comparison that the flight's streams allow."""
+    """Return the rows of every comparison that the flight's streams allow."""
     if flight.imu is None or flight.attitude is None:
         return []
     angles = flight.attitude.roll_pitch_yaw_rad
@@ -155,7 +156,7 @@ def _attitude(imu: _Imu, stamps: Array, angles: Array, near_floor: Array) -> lis
 
 
 def _jumps(imu: _Imu, rate: Array) -> Array:
-    """(n, k) sum of the jumps of a rate (n, k) so far, each times the time in which it came."""
+    """Return (n, k) the sum of the jumps of a rate (n, k) so far, each times its sampling interval."""
     change = np.diff(rate, axis=0)
     apart = change - median_filter(change, (5, 1))
     apart[np.abs(apart) < JUMP * np.array([robust_std(a) for a in apart.T])] = 0.0
@@ -210,13 +211,13 @@ def _height(imu: _Imu, flight: Flight, near_floor: Array) -> list[WhitenedRows]:
 
 
 def _as_read(traces: dict[str, Array], name: str, off: Array) -> None:
-    """Let a scale of what is integrated be known from what is read too."""
+    """Add the estimate from the reading for a scale of the integral."""
     traces[name + INTEGRATED] = traces[name]
     traces[name] = traces[name] - off
 
 
 def _of_accel(imu: _Imu) -> dict[str, Array]:
-    """Columns of the accelerometer in the integrated speed, (n, 3) each."""
+    """Return columns of the accelerometer in the integrated speed, (n, 3) each."""
     R, eye = rotation_of(imu.angles), np.eye(3)
     found = {f"accel_bias.{a}": -imu.integral(R[:, :, j]) for j, a in enumerate("xyz")}
     found["accel_scale.eps"] = -imu.integral(np.einsum("nij,nj->ni", R, imu.accel))
@@ -227,14 +228,14 @@ def _of_accel(imu: _Imu) -> dict[str, Array]:
 
 
 def _acceleration(imu: _Imu) -> Array:
-    """(n, 3) acceleration in the world."""
+    """Return (n, 3) acceleration in the world."""
     return np.asarray(np.einsum("nij,nj->ni", rotation_of(imu.angles), imu.accel) - [0.0, 0.0, GRAVITY_M_S2])
 
 
 def _rows(
     kind: str, stamps: Array, off: Array, traces: dict[str, Array], near_floor: Array, order: int
 ) -> list[WhitenedRows]:
-    """One set of white rows a component of ``off`` (n, components)."""
+    """Return one set of whitened rows for each component of ``off`` (n, components)."""
     nodes = np.arange(stamps[0] + ABOUT_S, stamps[-1] - ABOUT_S, NODE_S)
     begin = np.searchsorted(stamps, nodes - ABOUT_S)
     end = np.searchsorted(stamps, nodes + ABOUT_S)
@@ -250,7 +251,7 @@ def _rows(
         table = np.column_stack([off[:, c], *(t[:, c] for t in traces.values())])
         total = np.vstack([np.zeros(table.shape[1]), np.cumsum(table - table.mean(axis=0), axis=0)])
         means = (total[end] - total[begin]) / count[:, None]
-        # What is integrated twice runs away: a reading a little late would show that, and not the motion.
+        # A double integral drifts: a delayed reading would show the drift, and not the motion.
         means -= late[:, None] * np.gradient(means, nodes + late, axis=0)
         pause = gaps[np.minimum(begin, len(stamps) - 1)]
         averages = Averages(*CHANNELS[kind][c], order, nodes, whole, pause, list(traces), means)
@@ -263,15 +264,15 @@ def _rows(
 
 
 def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Averages) -> WhitenedRows:
-    """Rows whitened by what their own scatter is: that of the averages, and that of the integral."""
+    """Whiten the rows by their own scatter, which is that of the averages and that of the integral."""
     names = averages.names
     left = np.clip(table[:, 0], *np.quantile(table[:, 0], [0.02, 0.98]))
     near = np.diff(place) == 1
     variance, next_one = float(np.mean(left**2)), float(np.mean((left[1:] * left[:-1])[near]))
     shape = np.array([2.0, -1.0]) if averages.order == 1 else np.array([6.0, -4.0, 1.0])
     of_ends = float(np.clip(next_one / shape[1], 0.0, (1 - LEAST_SHARE) * variance / shape[0]))
-    # The noise of either side is in what is explained: in their mean by weight it is not. Where there is
-    # little else in them, they tell nothing of a scale.
+    # Reading and integral both contain noise that is in the difference too; their weighted mean does not.
+    # Where there is little else in them, they say nothing about a scale.
     read = shape[0] * of_ends / variance
     for k in [k for k, name in enumerate(names) if name + INTEGRATED in names]:
         beside = names.index(names[k] + INTEGRATED)
@@ -285,7 +286,7 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
         between = table[:, 1 + names.index(BETWEEN_SAMPLES)]
         banded += np.outer(between, between) / 12.0
     white = solve_triangular(np.linalg.cholesky(banded), table, lower=True)
-    # What effects make of them is no scatter, and no reason to leave rows out.
+    # Effects are no scatter, and no reason to leave rows out.
     mixed = [n for n in names if n + INTEGRATED in names or n.endswith(INTEGRATED)]
     own = [1 + k for k, n in enumerate(names) if n not in (*mixed, BETWEEN_SAMPLES)]
     size = np.linalg.lstsq(white[:, own], white[:, 0], rcond=1e-6)[0]
@@ -301,7 +302,7 @@ def _white(kind: str, times_s: Array, place: Ints, table: Array, averages: Avera
 
 
 def near_floor(flight: Flight) -> Array:
-    """Stamps of ranges that are so small that the vehicle may stand, or missing."""
+    """Return stamps of ranges that are missing, or so small that the vehicle may stand."""
     if flight.sonar is None:
         return np.zeros(0)
     near = ~(flight.sonar.range_m > LOWEST_M)
@@ -309,14 +310,14 @@ def near_floor(flight: Flight) -> Array:
 
 
 def _into_world(yaw: Array, ahead_left: Array) -> Array:
-    """(n, 2) east and north of what is told ahead and to the left."""
+    """Return (n, 2) east and north of a velocity ahead and to the left."""
     c, s = np.cos(yaw), np.sin(yaw)
     x, y = ahead_left.T
     return np.column_stack([c * x - s * y, s * x + c * y])
 
 
 def _angle_rates(angles: Array) -> Array:
-    """(n, 3, 3) body rates to rates of roll, pitch and yaw."""
+    """Return (n, 3, 3) matrices from body rates to rates of roll, pitch and yaw."""
     (sr, cr), pitch = (np.sin(angles[:, 0]), np.cos(angles[:, 0])), angles[:, 1]
     zero, one = np.zeros(len(pitch)), np.ones(len(pitch))
     rows = [

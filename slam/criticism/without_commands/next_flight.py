@@ -1,7 +1,7 @@
-"""The motion that would settle what instruments leave open: flown or carried in simulation.
+"""Choice of the next motion without commands, manoeuvre or handheld, by simulation of each.
 
-As with commands two effects are told apart by what is left of the first one's trace once the other's is taken
-out; here the traces are those of balances and pictures, and their noise is that of the flights at hand.
+The separation of two effects is what is left of the first one's column once the other's is projected out. The
+columns are those of the inertial comparisons and of pictures, with the noise of the flights at hand.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from slam.simulation.model import Model
 Array = NDArray[np.float64]
 
 SHORTEST_S = 14.0
-"""What is shorter is done several times on end: balances need some rows."""
+"""Least duration: a shorter motion is repeated, as comparisons need some rows."""
 
 
 def next_motion(
@@ -43,15 +43,16 @@ def next_motion(
     seen: FeatureMatches | None = None,
     progress: Progress = silent,
 ) -> str:
-    """A sentence: which motion tells two rivals apart best for the time that it takes.
+    """Return a sentence naming the motion that separates two rivals best for the time that it takes.
 
     ``rows`` are those of the flights at hand; the first rival is one of the ``chosen``. A camera is on board
-    as in what it has ``seen``.
+    as in ``seen``.
     """
     first, second = rivals
     data = regression_of(rows)
     if not any(column in CAMERA for rival in rivals for column in data.of(rival)):
-        # What pictures would add costs a path for each motion, and the balances tell instruments apart.
+        # Pictures would cost a path for each motion, and the other comparisons separate errors of
+        # instruments.
         seen = None
     size, error = data.covariance(chosen)
     own = data.columns_of(chosen, first)
@@ -76,7 +77,7 @@ def next_motion(
 
 
 def _rows(flight: Flight, model: Model, seen: FeatureMatches | None) -> list[WhitenedRows]:
-    """Balances of a planned motion, and its pictures, as they would be."""
+    """Return the rows of a planned motion, and of its pictures, as predicted."""
     rows, record = inertial_residuals(flight), airborne_record(flight)
     if seen is None or record is None:
         return rows
@@ -88,7 +89,8 @@ def _rows(flight: Flight, model: Model, seen: FeatureMatches | None) -> list[Whi
 
 
 def _apart(data: Regression, weight: Array, size: Array, first: str, beside: Sequence[str]) -> float:
-    """Sigmas of what is left of an effect's trace; ``weight`` (n,) is how much finer these rows are."""
+    """Return the separation in sigmas by what is left of an effect's column; ``weight`` (n,) is the ratio of
+    precision of these rows."""
     if not data.of(first):
         return 0.0
     trace = weight * (data.table([first]) @ size)
@@ -97,7 +99,7 @@ def _apart(data: Regression, weight: Array, size: Array, first: str, beside: Seq
 
 
 def _noise(rows: Sequence[Sequence[WhitenedRows]]) -> dict[str, float]:
-    """Kind of balance -> root mean square noise of its differences."""
+    """Return kind of comparison -> root mean square noise of its differences."""
     squares: dict[str, list[float]] = {}
     for found in (r for flight in rows for r in flight):
         squares.setdefault(found.kind, []).append(found.noise**2)
@@ -105,7 +107,7 @@ def _noise(rows: Sequence[Sequence[WhitenedRows]]) -> dict[str, float]:
 
 
 def _flight(model: Model, name: str) -> Flight:
-    """What a healthy vehicle's instruments read of a motion, done several times on end where it is short."""
+    """Simulate a healthy vehicle's readings of a motion, repeated where it is short."""
     if name in MANOEUVRES:
         return simulate_flight(model, stick_for([name] * _times(name)), 1)
     moved = handheld_motion(name, _times(name))
@@ -113,7 +115,7 @@ def _flight(model: Model, name: str) -> Flight:
 
 
 def _took_s(name: str) -> float:
-    """Duration of a motion, done once."""
+    """Return the duration of a motion, done once."""
     return stick_for([name]).duration_s if name in MANOEUVRES else handheld_motion(name).duration_s
 
 

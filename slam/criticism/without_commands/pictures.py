@@ -1,8 +1,8 @@
-"""Pictures held against the path that all other instruments agree on, as rows beside those of the balances.
+"""Comparison of pictures with the path on which all other instruments agree, as rows of the regression.
 
-Of each ten seconds the pictures give a score g and an information H of every error that moves points of the
-floor in them, or changes their tones. With H = R'R these are rows R x = R'^-1 g of unit variance; R holds the
-eigenvectors of H that tell anything.
+The pictures of each ten seconds give a score g and an information H of every error that moves points of the
+floor in them, or changes their tones. With H = R'R the rows are R x = R'^-1 g, of unit variance. R holds the
+eigenvectors of H with significant eigenvalues.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ Array = NDArray[np.float64]
 
 KIND = "pictures"
 HEALTHY = {"sonar.datum_m": 0.01, "floor_slope.x": 5e-3, "floor_slope.y": 5e-3}
-"""What healthy flights differ by, one standard deviation."""
+"""Standard deviations of quantities that differ between healthy flights."""
 _PRECISION = [std**-2.0 for std in HEALTHY.values()]
 _STEP = 1e-3
 _FAINT = 1e-9
-"""Information on what nothing in a stretch shows."""
+"""Information added on errors that nothing in a segment shows."""
 TELLING = 1e-9
-"""Share of the information: what combines errors so that there is less tells nothing."""
+"""Least share of the information: a combination of errors with less is dropped."""
 CONTRADICTED = 2.0
-"""Times the noise; of healthy flights 1."""
+"""Ratio of residuals to their noise beyond which pictures contradict the path; 1 for healthy flights."""
 FEWEST = 6
-"""Pictures of a stretch."""
+"""Least number of pictures of a segment."""
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class _Stretch:
 
 
 def picture_rows(record: Record, setting: FilterParameters, sizes: Sizes) -> list[WhitenedRows]:
-    """The rows of a flight's pictures, linear about such ``sizes`` of columns as can be believed.
+    """Return the rows of a flight's pictures, linear about such ``sizes`` as the parameters can hold.
 
-    ``setting`` is a free vehicle's, without these errors.
+    ``setting`` has inflated process noise and lacks these errors.
     """
     names = seen_by_pictures()
     directions = [_direction(name) for name in (*names, *HEALTHY)]
@@ -75,14 +75,15 @@ def picture_rows(record: Record, setting: FilterParameters, sizes: Sizes) -> lis
 
 
 def _without_healthy(information: Array, score: Array, count: int) -> tuple[Array, Array]:
-    """Information and score of the first ``count`` errors, whatever healthy flights differ by."""
+    """Return information and score of the first ``count`` errors, with the healthy differences
+    marginalised."""
     own, rest = slice(0, count), slice(count, None)
     taken_out = np.linalg.solve(information[rest, rest], information[rest, own]).T
     return information[own, own] - taken_out @ information[rest, own], score[own] - taken_out @ score[rest]
 
 
 def _roots(information: Array, score: Array) -> tuple[Array, Array]:
-    """R with R'R = H, and R'^-1 g."""
+    """Return R with R'R = H, and R'^-1 g."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
     known, turned = np.linalg.eigh(information / scale[:, None] / scale)
     told = known > TELLING
@@ -91,7 +92,7 @@ def _roots(information: Array, score: Array) -> tuple[Array, Array]:
 
 
 def contradiction(rows: Sequence[Sequence[WhitenedRows]]) -> str:
-    """Whether pictures and path disagree by more than all errors together explain, in words."""
+    """Describe whether pictures and path disagree by more than all errors together explain."""
     over = [r.noise for flight in rows for r in flight if r.kind == KIND]
     if not over or float(np.median(over)) < CONTRADICTED:
         return ""
@@ -105,8 +106,8 @@ def picture_errors(
     records: Sequence[Record | None], setting: FilterParameters, parts: Sequence[Mapping[float, int]],
     sizes: Mapping[int, Sizes],
 ) -> tuple[ChannelError, ...]:  # fmt: skip
-    """Pixels that points are off by where the path carries them, root mean square, without the errors and
-    with such ``sizes`` as the other parts of the flights have; empty where there are no pictures."""
+    """Return root mean square reprojection errors in pixels, without the errors and with such ``sizes`` as
+    the other parts of the flights have; empty where there are no pictures."""
     squares, rows = [], []
     for record, of in zip(records, parts, strict=True):
         if record is None or record.matches is None:
@@ -127,13 +128,13 @@ def picture_errors(
 
 
 def _point(sizes: Sizes) -> Sizes:
-    """Of some sizes those that a setting can hold: of no shape, and no variance below 0."""
+    """Return the sizes that filter parameters can hold: those of no pattern, and no variance below 0."""
     compare_sensors = [n for n in seen_by_pictures() if n in sizes and not n.endswith(SIZE)]
     return {n: max(sizes[n], 0.0) if is_square(n) else sizes[n] for n in compare_sensors}
 
 
 def believed(setting: FilterParameters, sizes: Sizes) -> FilterParameters:
-    """The setting with errors of some sizes."""
+    """Return the filter parameters with errors of some sizes."""
     camera, sensor = setting.camera.copy(), setting.sensor.copy()
     for name, size in sizes.items():
         where, entry = slot(LATE.get(name, name))
@@ -142,8 +143,8 @@ def believed(setting: FilterParameters, sizes: Sizes) -> FilterParameters:
 
 
 def _misfit(seen: ReprojectionScore, information: Array) -> float:
-    """How much larger residuals are than their own noise, squared, once all that moves points is fitted: then
-    pictures and path disagree by more than they say."""
+    """Return the ratio of squared residuals to their noise, once all that moves points is fitted. Above 1,
+    pictures and path disagree."""
     tones = [*CAMERA[POINTS:], *(name + SIZE for name in PICTURE_SHAPES)]
     points = np.array([k for k, name in enumerate((*seen_by_pictures(), *HEALTHY)) if name not in tones])
     score = seen.score[points]
@@ -161,7 +162,7 @@ def _direction(name: str) -> Perturbation:
 def _stretches(
     record: Record, setting: FilterParameters, directions: Sequence[Perturbation]
 ) -> Iterator[_Stretch]:
-    """What the pictures of each ten seconds say by themselves."""
+    """Yield the score of the pictures of each ten seconds."""
     matches = record.matches
     assert matches is not None
     path, inside = camera_path(record, matches, setting)

@@ -1,10 +1,10 @@
-"""How probable each instrument's error is, with "nothing" and "something else" among the hypotheses.
+"""Posterior of each instrument's error, with "nothing" and "something else" among the hypotheses.
 
-As with commands (``slam.criticism.verdict.posterior``): the chosen set, the set without one of its effects,
-the set with one of them replaced, and any single one in place of none or of several; each weighs what it
-explains, what its numbers cost and its prior. What is no term is an attitude or a speed that comes late, and
-an instrument's error that changes as time goes. What one explains more than another counts as far as
-stretches of ten seconds agree.
+Hypotheses are as with commands (``slam.criticism.verdict.posterior``): the chosen set, the set without one of
+its effects, the set with one of them replaced, and any single one in place of none or of several. Each weighs
+what it explains, the cost of its parameters and its prior. Effects that are no term are a delayed attitude or
+speed, and an instrument's error that grows with time. A lead counts as far as segments of ten seconds agree
+on it.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from slam.criticism.without_commands.regression import Regression
 from slam.simulation.terms import CATALOGUE
 
 IN_TIME = " ~ time"
-"""Marks an error that grows with time."""
+"""Suffix of an error that grows with time."""
 
 
 @dataclass(frozen=True)
 class InPlace:
-    """What may stand in for a chosen effect."""
+    """Alternatives to a chosen effect."""
 
     near: tuple[str, ...]
-    """Terms that explain as much but for 4 nats, the nearest first."""
+    """Terms that explain as much within 4 nats, the nearest first."""
     lead_nats: float
-    """Over the best other term, with what their numbers cost."""
+    """Lead over the best other term, with the cost of the parameters."""
     rival: str
-    """The other term that is likeliest; empty where there is none."""
+    """The most probable other term; empty where there is none."""
 
 
 def in_place_of(data: Regression, chosen: Sequence[str], effect: str) -> InPlace:
-    """The terms that may stand in for one of the chosen."""
+    """Return the alternatives to one of the chosen terms."""
     behind = {
         e: _behind(data, chosen, effect, e) for e in data.effects() if e in CATALOGUE and e not in chosen
     }
@@ -47,7 +47,7 @@ def in_place_of(data: Regression, chosen: Sequence[str], effect: str) -> InPlace
 
 
 def posterior_of(data: Regression, chosen: Sequence[str]) -> dict[str, float]:
-    """Probability of every term that the streams can show, of ``nothing`` and of ``unknown``."""
+    """Return the probability of every term that the streams can show, of ``nothing`` and of ``unknown``."""
     data = _with_changes(data)
     weights = {frozenset(chosen): _prior(data, chosen)}
     for effect in chosen:
@@ -71,10 +71,12 @@ def posterior_of(data: Regression, chosen: Sequence[str]) -> dict[str, float]:
 
 
 def _behind(data: Regression, chosen: Sequence[str], effect: str, other: str) -> tuple[float, float]:
-    """Nats by which the chosen set leads with another in an effect's place: explained, and saved in numbers.
+    """Return the nats by which the chosen set leads over another effect in one's place: explained, and saved
+    in parameters.
 
-    Explained is what the effect explains beside the other: what explains something else is no rival. Of two
-    terms that explain the same the one with fewer numbers is chosen; the other may be it all the same.
+    The first is what the effect explains beside the other: an effect that explains something else is no
+    rival. Of two terms that explain the same the one with fewer parameters is chosen; the other remains an
+    alternative.
     """
     rest = [e for e in chosen if e != effect]
     lead = data.lead([*chosen, other], [*rest, other])
@@ -83,14 +85,14 @@ def _behind(data: Regression, chosen: Sequence[str], effect: str, other: str) ->
 
 
 def _evidence(data: Regression, chosen: Sequence[str], others: Sequence[str]) -> float:
-    """Nats of a set against the chosen one, with its prior."""
+    """Return the nats of a set against the chosen one, with its prior."""
     return _prior(data, others) + _saved(data, chosen, others) - data.lead(chosen, others)
 
 
 def _evidence_alone(data: Regression, chosen: Sequence[str], other: str) -> float:
-    """The same of a single one, which takes the place of one first, and then of the rest.
+    """Return the nats of a single effect, which replaces one effect first, and then the rest.
 
-    Where one of many steps is in doubt from stretch to stretch, the others still count in full.
+    Where segments disagree on one of many steps, the others still count in full.
     """
     if not chosen:
         return _evidence(data, chosen, [other])
@@ -100,19 +102,19 @@ def _evidence_alone(data: Regression, chosen: Sequence[str], other: str) -> floa
 
 
 def _saved(data: Regression, chosen: Sequence[str], others: Sequence[str]) -> float:
-    """Nats that the numbers of others cost less."""
+    """Return the nats that the parameters of others cost less."""
     return sum(data.cost(e) for e in chosen) - sum(data.cost(e) for e in others)
 
 
 def _prior(data: Regression, effects: Sequence[str]) -> float:
-    """Log of a set's share: terms and all else divide theirs evenly."""
+    """Return the log prior of a set: terms and all else divide their shares evenly."""
     kinds = sum(e in CATALOGUE for e in data.effects())
     others = len(data.effects()) - kinds
     return sum(float(np.log(KNOWN / kinds if e in CATALOGUE else UNKNOWN / others)) for e in effects)
 
 
 def _with_changes(data: Regression) -> Regression:
-    """With each term's error once more, growing with time."""
+    """Add each term's error once more, growing with time."""
     changing = {
         f"{effect}{IN_TIME}.{name.rpartition('.')[2]}": data.columns[name] * data.minutes
         for effect in data.effects() if effect in CATALOGUE for name in data.of(effect)

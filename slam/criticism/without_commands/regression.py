@@ -1,4 +1,4 @@
-"""Least squares over the whitened rows of all balances: what the columns of effects explain of them."""
+"""Least squares over the whitened rows of all comparisons, with the columns of effects."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ TOLERANCE = {
     "picture sharpness ~ time": 0.2, "picture brightness ~ height": 5e-2,
     **dict(zip(WARPS, WARP_TOLERANCE.tolist(), strict=True)),
 }  # fmt: skip
-"""What integrals over half a second leave of each in healthy flights, and what features on pictures bear of
-the camera: sizes below are none."""
+"""Size of each effect below which there is none: what integrals over half a second leave in healthy flights,
+and the accuracy of features in pictures."""
 
 
 @dataclass(frozen=True)
@@ -43,40 +43,41 @@ class Regression:
     """All n rows of all flights."""
 
     off: Array
-    """(n,) by how much two instruments disagree, over the standard deviation."""
+    """(n,) difference of two instruments over its standard deviation."""
     columns: dict[str, Array]
     """Effect and parameter (``gyro_bias.x``) -> (n,) change of ``off`` with it."""
     kind: NDArray[np.str_]
-    """(n,) which instrument is compared with the IMU."""
+    """(n,) instrument that is compared with the imu."""
     part: Ints
-    """(n,) which held-out part a row belongs to."""
+    """(n,) held-out part of a row."""
     cluster: Ints
-    """(n,) which stretch of ten seconds: errors within one may last."""
+    """(n,) segment of ten seconds: errors within one may be correlated."""
     minutes: Array
     """(n,) time within a flight, 0 in its middle."""
     by: str
-    """What is held out: ``flight`` or ``segment``."""
+    """Kind of held-out part: ``flight`` or ``segment``."""
 
     @property
     def wide(self) -> float:
-        """Half of a 95 % interval in standard errors: these are known from so many stretches only."""
+        """Half of a 95 % interval in standard errors, by Student's distribution over the number of
+        segments."""
         return float(student.ppf(0.975, max(int(self.cluster.max()), 1)))
 
     def table(self, effects: Sequence[str]) -> Array:
-        """(n, columns) of some effects."""
+        """Return the columns (n, columns) of some effects."""
         names = [n for e in effects for n in self.of(e)]
         return np.column_stack([self.columns[n] for n in names]) if names else np.zeros((len(self.off), 0))
 
     def of(self, effect: str) -> list[str]:
-        """Columns of an effect."""
+        """Return the names of an effect's columns."""
         return [n for n in self.columns if n.rpartition(".")[0] == effect]
 
     def effects(self) -> list[str]:
-        """All that the streams can show."""
+        """Return all effects that the streams can show."""
         return list(dict.fromkeys(n.rpartition(".")[0] for n in self.columns))
 
     def fit(self, effects: Sequence[str], rows: NDArray[np.bool_] | None = None) -> tuple[Array, Array]:
-        """Sizes (p,) and information (p, p)."""
+        """Return sizes (p,) and information (p, p)."""
         own = slice(None) if rows is None else rows
         table = self.table(effects)[own]
         information = table.T @ table
@@ -85,31 +86,31 @@ class Regression:
         return np.asarray(np.linalg.solve(information, table.T @ self.off[own])), information
 
     def sizes(self, effects: Sequence[str], rows: NDArray[np.bool_] | None = None) -> Sizes:
-        """The same by column."""
+        """Return the sizes by column."""
         names = [n for e in effects for n in self.of(e)]
         return dict(zip(names, self.fit(effects, rows)[0].tolist(), strict=True))
 
     def sizes_by_others(self, effects: Sequence[str]) -> dict[int, Sizes]:
-        """For each part the sizes that all others have."""
+        """Return for each part the sizes fitted on all others."""
         return {part: self.sizes(effects, self.part != part) for part in np.unique(self.part).tolist()}
 
     def nats(self, effects: Sequence[str]) -> float:
-        """What effects explain, less what their numbers cost."""
+        """Return the nats that effects explain, less the cost of their parameters."""
         size, _ = self.fit(effects)
         explained = float(size @ self.table(effects).T @ self.off)
         return 0.5 * explained - sum(self.cost(e) for e in effects)
 
     def cost(self, effect: str) -> float:
-        """Nats that an effect must gain for its parameters to pay."""
+        """Return the nats that an effect must gain to pay for its parameters."""
         return parameter_cost(len(self.of(effect)))
 
     def columns_of(self, effects: Sequence[str], effect: str) -> Ints:
-        """Where an effect stands in the ``table`` of several."""
+        """Return the indices of an effect's columns in the ``table`` of several."""
         begin = sum(len(self.of(e)) for e in effects[: list(effects).index(effect)])
         return np.arange(begin, begin + len(self.of(effect)))
 
     def covariance(self, effects: Sequence[str]) -> tuple[Array, Array]:
-        """Sizes and their covariance, by how the stretches differ, and no less than white rows have it."""
+        """Return sizes and their cluster-robust covariance over segments, no less than that of white rows."""
         size, information = self.fit(effects)
         table = self.table(effects)
         left = self.off - table @ size
@@ -122,11 +123,12 @@ class Regression:
         return size, np.asarray(plain * wider[:, None] * wider)
 
     def z(self, chosen: Sequence[str], effect: str) -> float:
-        """How far an effect stands out beside others: the root of its chi-square, less what is tolerated."""
+        """Return the z of an effect beside others: the root of its chi-square, with its tolerance added to
+        the variance."""
         effects = [*(e for e in chosen if e != effect), effect]
         size, covariance = self.covariance(effects)
         if all(map(is_square, self.of(effect))):
-            # What stretches differ by is what a variance is made of: there is none where there is nothing.
+            # The differences between segments are what a variance consists of: none means no variance.
             covariance = np.asarray(np.linalg.inv(self.fit(effects)[1]))
         own = self.columns_of(effects, effect)
         spread = covariance[np.ix_(own, own)] + TOLERANCE.get(effect, 0.0) ** 2 * np.eye(len(own))
@@ -134,7 +136,7 @@ class Regression:
         return float(np.sqrt(max(square - (len(own) - 1), 0.0)))
 
     def held_out(self, rest: Sequence[str], effect: str) -> Array:
-        """Nats that an effect gains on each part, fitted on the others."""
+        """Return the nats that an effect gains on each part, fitted on the others."""
         gains = []
         for part in np.unique(self.part):
             own = self.part == part
@@ -146,11 +148,12 @@ class Regression:
         return np.array(gains)
 
     def lead(self, effects: Sequence[str], others: Sequence[str]) -> float:
-        """Nats by which some effects explain more than others do, as far as stretches of ten seconds agree.
+        """Return the nats by which some effects explain more than others, weighted by the agreement of
+        segments.
 
-        Of white rows the log likelihoods differ by m with a variance of 2 m. Where stretches scatter by more,
-        errors last, and the lead counts as much less: else minutes of one lasting error decide between two
-        effects that leave the same trace.
+        For white rows the log likelihoods differ by m with a variance of 2 m. Where segments scatter by more,
+        errors are correlated, and the lead counts proportionally less. Otherwise minutes of one lasting error
+        would decide between two effects with the same sensitivity.
         """
         left = [self.off - self.table(e) @ self.fit(e)[0] for e in (effects, others)]
         nats = np.bincount(self.cluster, 0.5 * (left[1] ** 2 - left[0] ** 2))
@@ -159,7 +162,7 @@ class Regression:
 
 
 def regression_of(rows: Sequence[Sequence[WhitenedRows]]) -> Regression:
-    """The rows of each flight's balances together; held out by flight where there are three, else by part."""
+    """Join the rows of each flight's comparisons; held out by flight where there are three, else by part."""
     names = list(dict.fromkeys(n for flight in rows for r in flight for n in r.traces))
     off = np.concatenate([r.off for flight in rows for r in flight])
     columns = {
@@ -180,7 +183,7 @@ def regression_of(rows: Sequence[Sequence[WhitenedRows]]) -> Regression:
 
 
 def parts_of(rows: Sequence[Sequence[WhitenedRows]], data: Regression) -> list[dict[float, int]]:
-    """For each flight of the ``rows`` that ``data`` is of: number of a stretch -> the part that it is in."""
+    """Return for each flight of the ``rows`` of ``data``: number of a segment -> its part."""
     parts, begin = [], 0
     for flight in rows:
         count = sum(len(r.off) for r in flight)

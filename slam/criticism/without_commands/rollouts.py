@@ -1,8 +1,8 @@
-"""How far off what the inertial unit integrates to is after a while, before and after what was found.
+"""Errors of the integrals of the inertial unit after a while, before and after what was found.
 
-This is what roll-outs are with commands, in the same units: from a moment at which an instrument is believed
-its reading is foretold by the gyro or the accelerometer alone. A height is foretold from two moments, the
-begin and the middle: no instrument tells how fast it changes at first.
+They correspond to roll-outs with commands, in the same units. From a moment at which an instrument is
+trusted, the gyro or the accelerometer alone predicts its reading. A height is predicted from two moments, the
+begin and the middle: no instrument measures its initial rate.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ Array = NDArray[np.float64]
 def channel_errors(
     rows: Sequence[Sequence[WhitenedRows]], data: Regression, sizes: Mapping[int, Sizes]
 ) -> tuple[ChannelError, ...]:
-    """Root mean square errors over each horizon, before and after each part's ``sizes`` are taken out.
+    """Return root mean square errors over each horizon, before and after each part's ``sizes`` are removed.
 
-    ``data`` is of these ``rows``.
+    ``data`` belongs to these ``rows``.
     """
     squares: dict[tuple[str, str, float], list[Array]] = {}
     for flight, parts in zip(rows, parts_of(rows, data), strict=True):
@@ -49,7 +49,7 @@ def _misses(
     sizes: Mapping[int, Sizes],
     whole_flight: bool,
 ) -> Array:
-    """(n, 2) before and after, from every moment whose horizon lies within one part."""
+    """Return errors (n, 2) before and after, from every moment whose horizon lies within one part."""
     ahead = round(horizon_s / NODE_S)
     last = len(averages.times_s) - ahead
     if last < 1 or ahead % averages.order:

@@ -1,4 +1,4 @@
-"""What the instruments of some flights say against each other: balances, pictures, and single readings."""
+"""Comparison of the instruments of flights: inertial consistency, pictures, and single readings."""
 
 from __future__ import annotations
 
@@ -23,26 +23,27 @@ from slam.simulation.model import Model
 
 @dataclass(frozen=True)
 class SensorComparison:
-    """Flights whose instruments are held against each other."""
+    """Flights with the comparisons of their instruments."""
 
     balances: tuple[list[WhitenedRows], ...]
     records: tuple[Record | None, ...]
-    """Of each flight what it read in the air, with its pictures; None where nobody can tell that it flew."""
+    """Readings of each flight in the air, with its pictures; None where it is not known to fly."""
     setting: FilterParameters
-    """A free vehicle's."""
+    """Filter parameters with inflated process noise."""
     anomalies: tuple[ReadingAnomaly, ...]
-    """What single readings show."""
+    """Anomalies of single readings."""
     dropped: tuple[str, ...]
-    """What was left out, in words."""
+    """Descriptions of what was left out."""
 
     @property
     def matches(self) -> FeatureMatches | None:
-        """Of the first flight that has any."""
+        """Feature matches of the first flight that has any."""
         every = (record.matches for record in self.records if record is not None)
         return next((matches for matches in every if matches is not None), None)
 
     def rows(self, sizes: Sizes) -> list[list[WhitenedRows]]:
-        """Of each flight, those of the pictures linear about such ``sizes`` of columns as can be believed."""
+        """Return the rows of each flight; those of pictures are linear about such ``sizes`` as the parameters
+        can hold."""
 
         def of_pictures(record: Record | None) -> list[WhitenedRows]:
             if record is None or record.matches is None:
@@ -54,7 +55,7 @@ class SensorComparison:
 
 
 def compare_sensors(flights: Sequence[Flight], model: Model, progress: Progress = silent) -> SensorComparison:
-    """Hold each instrument of the flights against the others."""
+    """Compare each instrument of the flights with the others."""
     balances = [
         inertial_residuals(flight) for flight in Tally(progress, "instruments", len(flights)).each(flights)
     ]

@@ -1,7 +1,8 @@
-"""The verdict on flights without a command log: which instrument's error parts them from the others.
+"""Verdict on flights without a command log: the instrument errors that explain the differences between
+instruments.
 
-Each effect is a column of the white rows of all balances. The one that explains most is taken as long as it
-stands out, with an error that holds what stretches of ten seconds scatter by, and predicts held-out parts.
+Each effect is a column of the whitened rows of all comparisons. The one that explains most is chosen as long
+as it is significant by cluster-robust errors over segments of ten seconds, and predicts held-out parts.
 """
 
 from __future__ import annotations
@@ -51,13 +52,14 @@ STANDS_OUT = (
 MOST = 5
 ROUNDS = 2
 UNTOLD = 10.0
-"""Times the largest value that a term bears: of what shows from there on only, the flights tell nothing."""
+"""Factor on the largest value of a term: an effect that shows from there on only is not listed as
+detectable."""
 
 
 def criticise_without_commands(
     flights: Sequence[Flight], model: Model, dropped: Sequence[str] = (), progress: Progress = silent
 ) -> Criticism | None:
-    """Hold the instruments against each other; None where the flights have no two that can be."""
+    """Compare the instruments with each other; None where the flights have no two that can be compared."""
     found = compare_sensors(flights, model, progress)
     rows = found.rows({})
     if not any(rows):
@@ -101,8 +103,8 @@ def criticise_without_commands(
 def _fitted(
     found: SensorComparison, rows: list[list[WhitenedRows]]
 ) -> tuple[Regression, list[list[WhitenedRows]], list[str]]:
-    """The regression, its rows and the effects that stand out: pictures are linear near the truth only, so
-    theirs are made anew about what was found."""
+    """Return the regression, its rows and the significant effects. Pictures are linear only near the truth,
+    so their rows are computed anew about what was found."""
     data = regression_of(rows)
     chosen = _chosen(data)
     for _ in range(ROUNDS if found.matches is not None and chosen else 0):
@@ -115,7 +117,7 @@ def _fitted(
 def _left_over(
     data: Regression, rows: Sequence[Sequence[WhitenedRows]], chosen: Sequence[str], causes: Sequence[Cause]
 ) -> list[str]:
-    """What no cause explains, in words."""
+    """Describe what no cause explains."""
     strange = [_strange(data, chosen, e) for e in chosen if e not in CATALOGUE]
     apart = contradiction(rows)
     unsure = [c.name for c in causes if c.probability < SURE and len(c.alternatives) < 2]
@@ -128,7 +130,7 @@ def _left_over(
 
 
 def _strange(data: Regression, chosen: Sequence[str], effect: str) -> str:
-    """What no term is, in words."""
+    """Describe an effect that is no term."""
     if (late := f"{effect}.s") in LATE:
         return f"{effect} by {1e3 * data.sizes(chosen)[late]:.0f} ms"
     return f"{effect} (z = {data.z(chosen, effect):.1f})"
@@ -137,7 +139,8 @@ def _strange(data: Regression, chosen: Sequence[str], effect: str) -> str:
 def _errors(
     found: SensorComparison, rows: Sequence[Sequence[WhitenedRows]], data: Regression, chosen: Sequence[str]
 ) -> tuple[ChannelError, ...]:
-    """Of what an extended model holds, on each part as the others have it."""
+    """Return the errors on each part, with the sizes that the other parts give to an extended model's
+    terms."""
     every = data.sizes_by_others(chosen)
     sizes = {
         part: {n: x for n, x in of.items() if n.rpartition(".")[0] in CATALOGUE} for part, of in every.items()
@@ -147,7 +150,7 @@ def _errors(
 
 
 def _chosen(data: Regression) -> list[str]:
-    """The effects that stand out, the greatest first."""
+    """Return the significant effects, the greatest first."""
     chosen: list[str] = []
     while len(chosen) < MOST:
         open_ = [e for e in data.effects() if e not in chosen and is_plausible(data, chosen, e)]
@@ -158,7 +161,7 @@ def _chosen(data: Regression) -> list[str]:
             break
         chosen.append(best)
     for effect in list(chosen):
-        # What led alone may stand behind another beside the rest.
+        # A term that led alone may lag behind another beside the rest.
         rest = [e for e in chosen if e != effect]
         open_ = [e for e in data.effects() if e not in rest and is_plausible(data, rest, e)]
         best = max(open_, key=lambda e: data.nats([*rest, e]), default=effect)
@@ -167,7 +170,7 @@ def _chosen(data: Regression) -> list[str]:
 
 
 def _extended(model: Model, causes: Sequence[Cause]) -> Model:
-    """The model with the causes, each within what its equation bears."""
+    """Return the model with the causes, each within its equation's limits."""
     extended = model
     for cause in causes:
         extended = with_sizes(extended, cause.name, {n: p.value for n, p in cause.parameters.items()})
@@ -175,7 +178,7 @@ def _extended(model: Model, causes: Sequence[Cause]) -> Model:
 
 
 def is_plausible(data: Regression, chosen: Sequence[str], effect: str) -> bool:
-    """Whether an effect's sizes beside the chosen are what it may have at all."""
+    """Whether an effect's sizes beside the chosen ones are plausible."""
     size, covariance = data.covariance([*chosen, effect])
     for k, column in zip(data.columns_of([*chosen, effect], effect), data.of(effect), strict=True):
         std = float(np.sqrt(covariance[k, k]))
@@ -201,7 +204,7 @@ def _cause(
     parameters = {}
     for k, column in zip(data.columns_of(chosen, effect), data.of(effect), strict=True):
         parameter = CATALOGUE[effect].parameter(column.rpartition(".")[2])
-        # What integrals leave of it, and the equation's own misfit, are in it beside chance.
+        # The tolerance for integrals and the equation's own misfit are added to chance.
         std = float(np.hypot(np.sqrt(covariance[k, k]), TOLERANCE[effect]))
         half = float(np.hypot(data.wide * std, MISFIT * size[k]))
         value, low, high = (in_catalogue(column, float(size[k]) + x) for x in (0.0, -half, half))
@@ -216,7 +219,7 @@ def _cause(
 
 
 def _covariate(data: Regression, chosen: Sequence[str], lead: Cause) -> Covariate:
-    """What the leading cause and its rival make of what parts the instruments."""
+    """Return the covariates of the leading cause and its rival in the differences between instruments."""
     cause, rival = lead.name, lead.rival
     rest = [e for e in chosen if e != cause]
     models = {"": rest, cause: [*rest, cause]} | ({rival: [*rest, rival]} if rival else {})
