@@ -138,8 +138,8 @@ def _noise(model: Model, setting: FilterParameters, records: Sequence[Record]) -
 def with_certainty(model: Model, causes: Sequence[Cause]) -> Model:
     """The model with the standard deviations of what the causes' intervals tell."""
     for cause in causes:
-        held = model.terms.get(cause.name, {})
-        std = {n: (p.high - p.low) / _WIDTH for n, p in cause.parameters.items() if n in held}
+        current = model.terms.get(cause.name, {})
+        std = {n: (p.high - p.low) / _WIDTH for n, p in cause.parameters.items() if n in current}
         known = {n: float(s) for n, s in std.items() if np.isfinite(s) and s > 0.0}
         model = model.with_std(cause.name, **known) if known else model
     return model

@@ -71,12 +71,16 @@ def usable_records(flights: Sequence[Flight], progress: Progress = silent) -> tu
     records, dropped = [], []
     # A hover shows errors of the instruments and lasting effects; beside flights with stick motion it shows
     # the motion too.
-    steered = any(_is_steered(flight) for flight in flights)
+    any_moved = any(_has_stick_motion(flight) for flight in flights)
     for flight in flights:
         clean, reasons = _without_dead_streams(flight)
         dropped += [f"{flight.name}: {reason}" for reason in reasons]
         reason = _unusable(clean)
-        if not reason and not _is_steered(clean) and not (_is_calm(clean) and (steered or _is_aloft(clean))):
+        if (
+            not reason
+            and not _has_stick_motion(clean)
+            and not (_is_calm(clean) and (any_moved or _is_aloft(clean)))
+        ):
             reason = UNSTEERED
         if reason:
             dropped.append(f"{flight.name}: {reason}")
@@ -203,7 +207,7 @@ def _unusable(flight: Flight) -> str:
     return ""
 
 
-def _is_steered(flight: Flight) -> bool:
+def _has_stick_motion(flight: Flight) -> bool:
     """Whether the stick moves while there are readings."""
     streams = [s for s in (flight.imu, flight.attitude, flight.velocity, flight.sonar) if s is not None]
     stamped = [s.stamps_s for s in streams if len(s.stamps_s)]
@@ -222,8 +226,8 @@ def _is_calm(flight: Flight) -> bool:
         (flight.attitude.roll_pitch_yaw_rad[:, :2], CALM_RAD) if flight.attitude is not None else None,
         (flight.velocity.v_m_s[:, :2], CALM_M_S) if flight.velocity is not None else None,
     ]
-    held = next((known for known in level if known is not None), None)
-    if held is None or _spread(held[0]) >= held[1]:
+    steady = next((known for known in level if known is not None), None)
+    if steady is None or _spread(steady[0]) >= steady[1]:
         return False
     return flight.sonar is None or not _spread(flight.sonar.range_m[:, None], ECHOES) >= CALM_M
 

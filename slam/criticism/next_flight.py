@@ -22,7 +22,7 @@ from slam.criticism.kalman.record import Record, record_of
 from slam.criticism.kalman.reference import referred
 from slam.criticism.manoeuvres import MANOEUVRES, stick_for
 from slam.criticism.search.effects import Effect
-from slam.criticism.search.nuisances import MEAN_NUISANCES, direction_of, prior_precision, value_of
+from slam.criticism.search.nuisances import MEAN_NUISANCES, perturbation_of, prior_precision, value_of
 from slam.criticism.search.screening import project
 from slam.criticism.search.search import SearchResult
 from slam.criticism.simulated_flights import at_lower_rates, simulate_flight
@@ -48,10 +48,10 @@ def next_flight(
     other = next(e for e in found.last.effects if e.name == names[1] and is_term(e))
     expansion = found.last
     step, _ = expansion.quadratic.maximise(found.chosen).of(expansion.quadratic.index(effect.columns))
-    held = np.array([_held(found, column) for column in effect.columns])
+    current = np.array([_current_value(found, column) for column in effect.columns])
     kinds = {int(kind) for record in records for kind in np.unique(record.kinds)}
     seen = next((record.matches for record in records if record.matches is not None), None)
-    return telling_flight(model, effect, other, step + held, kinds, seen, progress)
+    return telling_flight(model, effect, other, step + current, kinds, seen, progress)
 
 
 def telling_flight(
@@ -69,7 +69,7 @@ def telling_flight(
     It is the best for the time that it takes, with these ``kinds`` of instruments and a camera as in
     ``seen``. The sentence is empty for a term that moves no mean.
     """
-    every = [direction_of(n) for n in MEAN_NUISANCES] + [*first.directions, *second.directions]
+    every = [perturbation_of(n) for n in MEAN_NUISANCES] + [*first.perturbations, *second.perturbations]
     names = [n.name for n in MEAN_NUISANCES] + [d.name for d in every[len(MEAN_NUISANCES) :]]
     own = np.array([names.index(column) for column in first.columns if column in names], dtype=np.int64)
     if len(own) == 0:
@@ -121,7 +121,7 @@ def _precision(name: str, other: Effect, setting: FilterParameters) -> float:
     return prior_precision(nuisance, setting)
 
 
-def _held(found: SearchResult, column: str) -> float:
+def _current_value(found: SearchResult, column: str) -> float:
     """Return the current value of a column; of a nuisance, its difference from the healthy vehicle's own."""
     nuisance = next((n for n in MEAN_NUISANCES if n.name == column), None)
     if nuisance is None:

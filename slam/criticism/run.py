@@ -62,10 +62,8 @@ from slam.criticism.verdict.tables import checks, fitted_nuisances, ranking
 from slam.criticism.without_commands.verdict import NOTHING_TO_COMPARE, criticise_without_commands
 from slam.simulation.model import Model, load_model
 
-SHOWN_PATTERNS = 8
-FEWEST_SHOWN = 5
-"""Least number of effects that flights must be able to show for the verdict ``nothing_wrong``: a tenth of the
-catalogue."""
+SHOWN_PATTERNS, FEWEST_SHOWN = 8, 5
+"""Number of patterns shown, and least number of effects that flights must be able to show: a tenth."""
 CLOSED_LOOP = 1.5
 """Factor on the thresholds where a controller flies: its sticks contain more information than the
 instruments."""
@@ -83,12 +81,12 @@ def criticise(
     """
     from threadpoolctl import threadpool_limits
 
-    believed = model if isinstance(model, Model) else load_model(model)
+    nominal = model if isinstance(model, Model) else load_model(model)
     flights, repeated = without_duplicates(with_unique_names(flight_tuple(flights)))
     flights = [ranges_at_body(flight) for flight in flights]
-    steered = not flights or any(has_commands(flight) for flight in flights)
+    with_commands = not flights or any(has_commands(flight) for flight in flights)
     with threadpool_limits(1), show_compilation(progress):
-        found = (_with_commands if steered else _without_commands)(flights, believed, progress)
+        found = (_with_commands if with_commands else _without_commands)(flights, nominal, progress)
     found = replace(found, dropped=(*repeated, *found.dropped))
     if found.extended is None:
         return found
@@ -247,7 +245,9 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         threshold_means=limits.meaning,
         model=model,
         extended=extended_with_causes(causes, anomalies, model, parameters, records),
-        unseen={} if together is None else _unseen(records, model, together, best, causes, anomalies),
+        unseen={}
+        if together is None
+        else _models_of_others(records, model, together, best, causes, anomalies),
     )
 
 
@@ -334,7 +334,7 @@ def _fitted_parameters(found: SearchResult) -> FilterParameters:
     return with_step(found.last, found.last.quadratic.maximise(found.chosen).whole, found.chosen)
 
 
-def _unseen(
+def _models_of_others(
     records: Sequence[Record], model: Model, together: HeldOut, best: RolloutFit | None,
     causes: Sequence[Cause], anomalies: Sequence[ReadingAnomaly],
 ) -> dict[str, Model]:  # fmt: skip

@@ -40,7 +40,7 @@ def covariate_picture(found: Covariate) -> bytes:
 
 
 def _draw_misses(axes: Axes, misses: ChannelResiduals, found: Covariate) -> None:
-    x, plain = misses.explained, misses.missed[""]
+    x, plain = misses.explained, misses.residuals[""]
     some = np.unique(np.linspace(0, len(x) - 1, MOST_DOTS).astype(np.int64))
     axes.plot(x[some], plain[some], ".", color=GREY, markersize=3, alpha=0.5)
     low, high = np.quantile(x, [SHOWN_SHARE, 1.0 - SHOWN_SHARE])
@@ -52,8 +52,8 @@ def _draw_misses(axes: Axes, misses: ChannelResiduals, found: Covariate) -> None
     ways = (("", "without either", VERMILLION), (found.cause, f"with {_words(found.cause)}", BLUE),
             (found.rival, f"with {_words(found.rival)} instead", ORANGE))  # fmt: skip
     for name, label, colour in ways:
-        if name in misses.missed and (name or colour == VERMILLION):
-            means = [float(np.mean(misses.missed[name][bins == k])) for k in full]
+        if name in misses.residuals and (name or colour == VERMILLION):
+            means = [float(np.mean(misses.residuals[name][bins == k])) for k in full]
             shown += means
             axes.plot(middle, means, "o-", color=colour, markersize=4, linewidth=1.4, label=label)
     axes.plot([low, high], [low, high], "--", color=GREY, linewidth=1, label="all of it explained")

@@ -62,10 +62,10 @@ def with_ar1_noise(
     if np.nansum(deviate[[c for n in seen for c in _channels(n)]] ** 2) < most_nats:
         return None
     while seen:
-        shaded = fit_nuisances(records, model, setting, [*chosen, *(_effect(n) for n in seen)])
-        shaded = without_small_ar1(shaded)
-        gained = _gained(records, passes, shaded)
-        kept = [n for n in seen if value_of(n, shaded) > 0.0 and _everywhere(gained[:, _channels(n)])]
+        correlated = fit_nuisances(records, model, setting, [*chosen, *(_effect(n) for n in seen)])
+        correlated = without_small_ar1(correlated)
+        gained = _gained(records, passes, correlated)
+        kept = [n for n in seen if value_of(n, correlated) > 0.0 and _everywhere(gained[:, _channels(n)])]
         if kept == seen:
             break
         seen = kept
@@ -73,7 +73,7 @@ def with_ar1_noise(
     own = [channel for n in seen for channel in _channels(n)]
     if not seen or min(gained[:, own].sum(), gained.sum()) < most_nats + LEAD_NATS:
         return None
-    return without_small_ar1(fit_nuisances(records, model, shaded, [*chosen, *ar1_effects(shaded)]))
+    return without_small_ar1(fit_nuisances(records, model, correlated, [*chosen, *ar1_effects(correlated)]))
 
 
 def without_small_ar1(setting: FilterParameters) -> FilterParameters:
@@ -123,9 +123,9 @@ def _effect(nuisance: Nuisance) -> Effect:
     return Effect(nuisance.name, (), (NoiseChange(nuisance.name, apply, STEP),), (), True)
 
 
-def _gained(records: Sequence[Record], before: Sequence[FilterPass], shaded: FilterParameters) -> Array:
+def _gained(records: Sequence[Record], before: Sequence[FilterPass], correlated: FilterParameters) -> Array:
     """Return (flights, channels) gains in nats over the runs before, from the readings that both use."""
-    after = in_threads(lambda record: whole(record, shaded), records)
+    after = in_threads(lambda record: whole(record, correlated), records)
     nats = np.zeros((len(records), len(CHANNELS)))
     for flight, (record, old, new) in enumerate(zip(records, before, after, strict=True)):
         events, c = np.nonzero((old.status == USED) & (new.status == USED))

@@ -30,7 +30,7 @@ class Effect:
     """A term of the catalogue that the streams at hand can show, or another effect that is tried as well."""
 
     name: str
-    directions: tuple[Perturbation, ...] = ()
+    perturbations: tuple[Perturbation, ...] = ()
     changes: tuple[NoiseChange, ...] = ()
     parameters: tuple[str, ...] = ()
     """Parameters of the term, one for each column."""
@@ -42,7 +42,7 @@ class Effect:
     @property
     def columns(self) -> tuple[str, ...]:
         """Names of its columns."""
-        return (*(d.name for d in self.directions), *(c.name for c in self.changes), *self.relaxes)
+        return (*(d.name for d in self.perturbations), *(c.name for c in self.changes), *self.relaxes)
 
     @property
     def label(self) -> str:
@@ -155,16 +155,16 @@ def plausible_range(name: str, parameter: str) -> tuple[float, float]:
 
 
 def catalogue_value(
-    effect: Effect, column: int, step: float, setting: FilterParameters, held: float
+    effect: Effect, column: int, step: float, setting: FilterParameters, current: float
 ) -> float:
     """Return a column's value in the catalogue's units: its current value ``held`` plus a step."""
-    return fitted_parameter(effect.columns[column]).in_catalogue_units(held + step, setting)
+    return fitted_parameter(effect.columns[column]).in_catalogue_units(current + step, setting)
 
 
 def _plain(name: str, steps: tuple[tuple[str, float], ...]) -> Effect:
-    directions = tuple(parameter_perturbation(f"{name}.{parameter}", step) for parameter, step in steps)
+    perturbations = tuple(parameter_perturbation(f"{name}.{parameter}", step) for parameter, step in steps)
     positive = len(steps) == 1 and CATALOGUE[name].parameter(steps[0][0]).least == 0.0
-    return Effect(name, directions, (), tuple(parameter for parameter, _ in steps), positive)
+    return Effect(name, perturbations, (), tuple(parameter for parameter, _ in steps), positive)
 
 
 def _of_camera() -> list[Effect]:
@@ -180,10 +180,10 @@ def _of_camera() -> list[Effect]:
 def _ground_effect(setting: FilterParameters) -> Effect:
     entry = PARAMETERS.index("ground_effect.radius")
     radius = setting.parameters[entry]
-    direction = Perturbation(
+    perturbation = Perturbation(
         "ground_effect.radius", "parameters", entry, RADIUS_M, unit=(radius + RADIUS_M) ** 2 - radius**2
     )
-    return Effect("ground_effect", (direction,), (), ("radius",), True)
+    return Effect("ground_effect", (perturbation,), (), ("radius",), True)
 
 
 def _tilt_limits(records: Sequence[Record], setting: FilterParameters) -> list[Effect]:
@@ -207,20 +207,20 @@ def _latencies(setting: FilterParameters) -> list[Effect]:
     """Return the latency itself, and for a vehicle without one the values of a grid, whose sensitivities
     differ."""
     tries = LATENCIES_S if setting.latency_s == 0.0 else ()
-    directions = [Perturbation("control_latency.T", "latency", 0, LATENCY_STEP_S)]
-    directions += [Perturbation(f"control_latency@{t:g}", "latency", 0, t, unit=1.0) for t in tries]
-    return [Effect("control_latency", (d,), (), ("T",), True) for d in directions]
+    perturbations = [Perturbation("control_latency.T", "latency", 0, LATENCY_STEP_S)]
+    perturbations += [Perturbation(f"control_latency@{t:g}", "latency", 0, t, unit=1.0) for t in tries]
+    return [Effect("control_latency", (d,), (), ("T",), True) for d in perturbations]
 
 
 def _gusts(tau: float) -> Effect:
     step = 0.02**2
 
-    def blown(s: FilterParameters) -> FilterParameters:
+    def with_gusts(s: FilterParameters) -> FilterParameters:
         hold = s.hold.copy()
         hold[GUST_STD], hold[GUST_TIME] = np.sqrt(hold[GUST_STD] ** 2 + step), tau
         return replace(s, hold=hold)
 
-    return Effect("gusts", (), (NoiseChange(f"gusts@{tau:g}", blown, step),), ("sigma",), True)
+    return Effect("gusts", (), (NoiseChange(f"gusts@{tau:g}", with_gusts, step),), ("sigma",), True)
 
 
 def _jittered(s: FilterParameters) -> FilterParameters:

@@ -27,7 +27,7 @@ from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.fitting import noise_changes
 from slam.criticism.search.inclusion import is_profiled, with_free_value
 from slam.criticism.search.information import FisherInformation, fisher_information
-from slam.criticism.search.nuisances import GAIN_CORRECTED, MEAN_NUISANCES, direction_of
+from slam.criticism.search.nuisances import GAIN_CORRECTED, MEAN_NUISANCES, perturbation_of
 from slam.criticism.search.pattern_bank import pattern_directions, residual_patterns, signals_of
 from slam.criticism.search.quadratic_likelihood import Maximum, QuadraticLikelihood, quadratic_likelihood
 from slam.criticism.search.screening import deviate
@@ -97,15 +97,15 @@ def expand(
     plain = in_threads(lambda record: whole(record, setting), records)
     both = zip(records, plain, strict=True)
     signals = [signals_of(record, run.states, k, len(records)) for k, (record, run) in enumerate(both)]
-    held = [with_free_value(effect) for effect in chosen if not effect.relaxes]
-    labels = {effect.label for effect in held}
-    effects = [e for e in effects_for(records, setting) if e.label not in labels] + held
+    current = [with_free_value(effect) for effect in chosen if not effect.relaxes]
+    labels = {effect.label for effect in current}
+    effects = [e for e in effects_for(records, setting) if e.label not in labels] + current
     patterns = pattern_directions(records)
     late = delayed_readings(records) if model.out_of_model else []
-    moved = [d for e in (*effects, *late) for d in e.directions]
-    directions = [direction_of(n) for n in MEAN_NUISANCES] + moved + patterns
+    moved = [d for e in (*effects, *late) for d in e.perturbations]
+    perturbations = [perturbation_of(n) for n in MEAN_NUISANCES] + moved + patterns
     changes = noise_changes() + [c for e in effects for c in e.changes]
-    fisher = fisher_information(records, setting, directions, changes, signals, plain, GAIN_CORRECTED)
+    fisher = fisher_information(records, setting, perturbations, changes, signals, plain, GAIN_CORRECTED)
     values = {
         c: fitted_parameter(c).value_in(setting) for e in effects for c in e.columns if c not in e.relaxes
     }
@@ -122,16 +122,16 @@ def expand(
 def backwards(effect: Effect, expansion: LikelihoodExpansion, maximum: Maximum) -> bool:
     """Whether a non-negative size would be negative, or a size lies far beyond its plausible range."""
     step, covariance = maximum.of(expansion.quadratic.index(effect.columns))
-    held = np.array([expansion.quadratic.current.get(column, 0.0) for column in effect.columns])
-    if effect.positive and step[0] + held[0] < 0:
+    current = np.array([expansion.quadratic.current.get(column, 0.0) for column in effect.columns])
+    if effect.positive and step[0] + current[0] < 0:
         return True
-    if is_profiled(effect) or not effect.directions or not effect.parameters:
+    if is_profiled(effect) or not effect.perturbations or not effect.parameters:
         return False
     std = 2.0 * np.sqrt(np.diag(covariance))
     for k, name in enumerate(effect.parameters):
         least, most = plausible_range(effect.name, name)
-        low = catalogue_value(effect, k, float(step[k] - std[k]), expansion.setting, float(held[k]))
-        high = catalogue_value(effect, k, float(step[k] + std[k]), expansion.setting, float(held[k]))
+        low = catalogue_value(effect, k, float(step[k] - std[k]), expansion.setting, float(current[k]))
+        high = catalogue_value(effect, k, float(step[k] + std[k]), expansion.setting, float(current[k]))
         if min(low, high) > most or max(low, high) < least:
             return True
     return False

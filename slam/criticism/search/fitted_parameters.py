@@ -53,9 +53,9 @@ class FittedParameter:
         hold."""
         return inf
 
-    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
+    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
         """Return a value in the catalogue's unit."""
-        return held
+        return current
 
 
 @dataclass(frozen=True)
@@ -76,10 +76,10 @@ class _Entry(FittedParameter):
     def longest_step(self, setting: FilterParameters) -> float:
         return self.limits.high - self.limits.low
 
-    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
+    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
         if self.where == "camera" and self.entry in SQUARES:
-            return catalogued(self.entry, held)
-        return self.limits.neutral + held
+            return catalogued(self.entry, current)
+        return self.limits.neutral + current
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,8 @@ class _Squared(_Entry):
     def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
         return _with(setting, self.where, self.entry, _root(self.value_in(setting) + step))
 
-    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
-        return _root(held)
+    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
+        return _root(current)
 
 
 @dataclass(frozen=True)
@@ -111,8 +111,8 @@ class _Latency(FittedParameter):
     def longest_step(self, setting: FilterParameters) -> float:
         return self.limits.high - self.limits.low
 
-    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
-        return max(held, 0.0)
+    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
+        return max(current, 0.0)
 
 
 @dataclass(frozen=True)
@@ -151,11 +151,11 @@ class _Gusts(FittedParameter):
         return float(setting.hold[GUST_STD] ** 2) if setting.hold[GUST_TIME] == self.time_s else 0.0
 
     def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
-        blown = _with(setting, "hold", GUST_STD, _root(float(setting.hold[GUST_STD]) ** 2 + step))
-        return _with(blown, "hold", GUST_TIME, self.time_s)
+        with_gusts = _with(setting, "hold", GUST_STD, _root(float(setting.hold[GUST_STD]) ** 2 + step))
+        return _with(with_gusts, "hold", GUST_TIME, self.time_s)
 
-    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
-        return _root(held)
+    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
+        return _root(current)
 
 
 class _ClockDrift(FittedParameter):
@@ -172,8 +172,8 @@ class _ClockDrift(FittedParameter):
         limits = CATALOGUE["clock_drift"].parameter("ppm")
         return 1e-6 * (limits.high - limits.low)
 
-    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
-        return 1e6 * held
+    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
+        return 1e6 * current
 
 
 class _Jitter(FittedParameter):
@@ -185,8 +185,8 @@ class _Jitter(FittedParameter):
     def stepped(self, setting: FilterParameters, step: float) -> FilterParameters:
         return replace(setting, jitter_s=_root(setting.jitter_s**2 + 1e-6 * step))
 
-    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
-        return 1e-3 * _root(held)
+    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
+        return 1e-3 * _root(current)
 
 
 @dataclass(frozen=True)
@@ -203,8 +203,8 @@ class _OfNuisance(FittedParameter):
             return LARGEST_SHARE * abs(value_of(self.nuisance, setting))
         return inf
 
-    def in_catalogue_units(self, held: float, setting: FilterParameters) -> float:
-        return value_of(self.nuisance, setting) + held
+    def in_catalogue_units(self, current: float, setting: FilterParameters) -> float:
+        return value_of(self.nuisance, setting) + current
 
 
 class _OfTheGains(FittedParameter):

@@ -17,8 +17,8 @@ from slam.criticism.search.nuisances import (
     MEAN_NUISANCES,
     NOISE_NUISANCES,
     NUISANCES,
-    direction_of,
     limits_of,
+    perturbation_of,
     value_of,
     with_value,
 )
@@ -74,10 +74,12 @@ def fit_nuisances(
     rounds = [short] * (OUT_OF_MODEL_ROUNDS if model.out_of_model else ROUNDS)
     if not model.out_of_model and sum(record.duration_s for record in records) > LONG_S:
         rounds[-1] = list(records)
-    for flown in rounds:
-        directions = [direction_of(n) for n in MEAN_NUISANCES] + [d for e in effects for d in e.directions]
+    for flights in rounds:
+        perturbations = [perturbation_of(n) for n in MEAN_NUISANCES] + [
+            d for e in effects for d in e.perturbations
+        ]
         changes = noise_changes() + [c for e in effects for c in e.changes]
-        found = fisher_information(flown, setting, directions, changes)
+        found = fisher_information(flights, setting, perturbations, changes)
         maximum = quadratic_likelihood(found, setting, model, {}, nuisances=NUISANCES).maximise(effects)
         for column, move in zip(maximum.columns, maximum.step, strict=True):
             name = found.columns[column]
@@ -99,16 +101,20 @@ def refit(
     for effect in effects:
         setting = at_profiled_value(effect, setting)
     effects = [with_free_value(e) for e in effects]
-    restless = [e for e in effects if e.changes]
+    with_changes = [e for e in effects if e.changes]
     best: tuple[float, FilterParameters] | None = None
     share, step, columns = 1.0, np.zeros(0), []
     trial = setting
     for _ in range(ITERATIONS):
-        directions = [direction_of(n) for n in MEAN_NUISANCES] + [d for e in effects for d in e.directions]
-        fisher = fisher_information(records, trial, directions, [c for e in restless for c in e.changes])
+        perturbations = [perturbation_of(n) for n in MEAN_NUISANCES] + [
+            d for e in effects for d in e.perturbations
+        ]
+        fisher = fisher_information(
+            records, trial, perturbations, [c for e in with_changes for c in e.changes]
+        )
         quadratic = quadratic_likelihood(fisher, trial, model, {}, nuisances=MEAN_NUISANCES)
         loose = [e for e in effects if all(c in fisher.columns for c in e.columns)]
-        nats = float(fisher.log_likelihood.sum()) - quadratic.penalty_at_belief(
+        nats = float(fisher.log_likelihood.sum()) - quadratic.penalty_at_current(
             [c for e in loose for c in e.relaxes]
         )
         if best is not None and nats < best[0]:

@@ -16,9 +16,13 @@ from slam.simulation.dynamics import TILT_LIMIT
 def with_free_value(effect: Effect) -> Effect:
     """Return the effect as tried about parameters that include it: a value of a grid becomes free."""
     if effect.name == "control_latency":
-        return replace(effect, directions=(Perturbation("control_latency.T", "latency", 0, LATENCY_STEP_S),))
+        return replace(
+            effect, perturbations=(Perturbation("control_latency.T", "latency", 0, LATENCY_STEP_S),)
+        )
     if effect.name == "tilt_limit":
-        return replace(effect, directions=(Perturbation("tilt_limit.limit", "parameters", TILT_LIMIT, 1e-3),))
+        return replace(
+            effect, perturbations=(Perturbation("tilt_limit.limit", "parameters", TILT_LIMIT, 1e-3),)
+        )
     return effect
 
 
@@ -52,7 +56,7 @@ def without_effect(effect: Effect, setting: FilterParameters) -> FilterParameter
     """Return the parameters without a term; a nuisance beyond its range keeps its value."""
     if is_saturation(effect):
         return without_saturation(effect, setting)
-    for name in (*(d.name for d in effect.directions), *(c.name for c in effect.changes)):
+    for name in (*(d.name for d in effect.perturbations), *(c.name for c in effect.changes)):
         column = fitted_parameter(name)
         setting = column.stepped(setting, -column.value_in(setting))
     return setting

@@ -91,11 +91,11 @@ class _VarianceWeight(NamedTuple):
 def fisher_information(
     records: Sequence[Record],
     setting: FilterParameters,
-    directions: Sequence[Perturbation],
+    perturbations: Sequence[Perturbation],
     changes: Sequence[NoiseChange],
     signals: Sequence[dict[str, Signal]] | None = None,
     plain: Sequence[FilterPass] = (),
-    weighed: Sequence[str] = (),
+    gain_corrected: Sequence[str] = (),
 ) -> FisherInformation:
     """Run the filter over the flights, once with all perturbations and once for each noise change.
 
@@ -112,19 +112,19 @@ def fisher_information(
     other = dict(zip(tried, runs, strict=True))
     weight = _variance_weight(records, plain)
     steps = np.array([c.step for c in changes])
-    apart = np.array([k for k, c in enumerate(changes) if c.name in weighed], dtype=np.int64)
+    apart = np.array([k for k, c in enumerate(changes) if c.name in gain_corrected], dtype=np.int64)
 
     def one(k: int) -> tuple[list[_Summed], FilterPass]:
         beside = [other.get((k, c), plain[k]) for c in range(len(changes))]
         changed = _difference(plain[k], beside, steps) if beside else _unchanged(records[k])
-        run = Run(records[k], setting, directions, signals[k] if signals is not None else None)
-        rows = list(_stretch_sums(records[k], run, changed, apart, weight))
-        return rows + _sighted(records[k], setting, directions, len(changes) + len(apart)), run.passed()
+        run = Run(records[k], setting, perturbations, signals[k] if signals is not None else None)
+        rows = list(_segment_terms(records[k], run, changed, apart, weight))
+        return rows + _sighted(records[k], setting, perturbations, len(changes) + len(apart)), run.passed()
 
     parts, passes = zip(*in_threads(one, range(len(records))), strict=True)
     flat = [part for flight in parts for part in flight]
     return FisherInformation(
-        (*(d.name for d in directions), *(c.name for c in changes), *map(gain_column, weighed)),
+        (*(d.name for d in perturbations), *(c.name for c in changes), *map(gain_column, gain_corrected)),
         np.repeat(np.arange(len(records)), [len(flight) for flight in parts]),
         np.array([information for information, _, _ in flat]),
         np.array([score for _, score, _ in flat]),
@@ -139,19 +139,19 @@ _Summed: TypeAlias = tuple[Array, Array, float]
 
 
 def _sighted(
-    record: Record, setting: FilterParameters, directions: Sequence[Perturbation], changes: int
+    record: Record, setting: FilterParameters, perturbations: Sequence[Perturbation], changes: int
 ) -> list[_Summed]:
     """Return the pictures as one more segment: given the readings they are independent of all innovations."""
     if record.matches is None:
         return []
-    seen, p = reprojection_score(record, record.matches, setting, directions), len(directions) + changes
+    seen, p = reprojection_score(record, record.matches, setting, perturbations), len(perturbations) + changes
     information, score = np.zeros((p, p)), np.zeros(p)
-    information[: len(directions), : len(directions)] = seen.information
-    score[: len(directions)] = seen.score
+    information[: len(perturbations), : len(perturbations)] = seen.information
+    score[: len(perturbations)] = seen.score
     return [(information, score, seen.log_likelihood)]
 
 
-def _stretch_sums(
+def _segment_terms(
     record: Record, run: Run, changed: _Changed, apart: Ints, weight: _VarianceWeight
 ) -> Iterator[_Summed]:
     """Yield information, score and log likelihood of each segment of a flight."""

@@ -74,7 +74,7 @@ GAIN_NUISANCES = tuple(Nuisance(gain_column(name), "1", "gain", (), TAILS) for n
 gain of noise with heavy tails. A wrong gain leaves residuals that resemble a target proportional to tilt."""
 
 
-def direction_of(nuisance: Nuisance) -> Perturbation:
+def perturbation_of(nuisance: Nuisance) -> Perturbation:
     """Return the perturbation of a nuisance of the mean."""
     return parameter_perturbation(nuisance.name, nuisance.step)
 
@@ -82,9 +82,9 @@ def direction_of(nuisance: Nuisance) -> Perturbation:
 def value_of(nuisance: Nuisance, setting: FilterParameters) -> float:
     """Return x in filter parameters."""
     if nuisance.kind == "mean":
-        direction = direction_of(nuisance)
-        vector = setting.parameters if direction.kind == "parameters" else setting.sensor
-        return float(vector[direction.entry])
+        perturbation = perturbation_of(nuisance)
+        vector = setting.parameters if perturbation.kind == "parameters" else setting.sensor
+        return float(vector[perturbation.entry])
     if nuisance.kind == "gain":
         return 0.0
     if nuisance.kind == "ar1":
@@ -96,9 +96,9 @@ def value_of(nuisance: Nuisance, setting: FilterParameters) -> float:
 def with_value(nuisance: Nuisance, setting: FilterParameters, x: float) -> FilterParameters:
     """Return filter parameters with another x."""
     if nuisance.kind == "mean":
-        direction = direction_of(nuisance)
-        where = "parameters" if direction.kind == "parameters" else "sensor"
-        entries: list[int] = [direction.entry]
+        perturbation = perturbation_of(nuisance)
+        where = "parameters" if perturbation.kind == "parameters" else "sensor"
+        entries: list[int] = [perturbation.entry]
         size = x
     elif nuisance.kind == "ar1":
         where, entries, size = "noise_correlation", list(nuisance.entry), min(max(x, 0.0), MAX_AR1)

@@ -42,10 +42,11 @@ def ranked_pairs(
 ) -> list[Pair]:
     """Return all pairs of terms that move the mean of readings and have a slope, best first; ``without`` is
     in none."""
-    taken = [*rest, without] if without is not None else rest
+    excluded = [*rest, without] if without is not None else rest
     known = [
         e for e in expansion.effects
-        if e.name in CATALOGUE and e.directions and not is_profiled(e) and not any(map(e.repeats, taken))
+        if e.name in CATALOGUE and e.perturbations and not is_profiled(e) and
+        not any(map(e.repeats, excluded))
     ]  # fmt: skip
     base = expansion.quadratic.maximise(rest).nats
     found = []

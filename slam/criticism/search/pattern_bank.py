@@ -81,14 +81,14 @@ def pattern_directions(records: Sequence[Record]) -> list[Perturbation]:
     return found
 
 
-def residual_patterns(directions: Sequence[Perturbation]) -> tuple[Effect, ...]:
+def residual_patterns(perturbations: Sequence[Perturbation]) -> tuple[Effect, ...]:
     """Return each perturbation as a pattern, and pairs of one kind ahead and to the left together.
 
     An isotropic error leaves half of its effect in each direction. One alone would lose against a wrong term
     that has both.
     """
-    placed = tuple(d for d in directions if d.name.startswith(YAW_AT_PLACE))
-    known = {d.name: d for d in directions if d not in placed}
+    placed = tuple(d for d in perturbations if d.name.startswith(YAW_AT_PLACE))
+    known = {d.name: d for d in perturbations if d not in placed}
     patterns = [Effect(name, (d,), positive=name in RESTLESS) for name, d in known.items()]
     if placed:
         patterns.append(Effect(YAW_AT_PLACE, placed))

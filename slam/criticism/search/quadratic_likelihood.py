@@ -116,7 +116,7 @@ class QuadraticLikelihood:
         whole[free] = step
         return Maximum(nats, free, step, covariance, whole)
 
-    def penalty_at_belief(self, relaxed: Sequence[str] = ()) -> float:
+    def penalty_at_current(self, relaxed: Sequence[str] = ()) -> float:
         """Return the prior's penalty in nats at the expansion point, to be subtracted from its log
         likelihood."""
         return self._penalty(np.zeros(len(self.names)), self._among(relaxed))
@@ -182,11 +182,11 @@ def quadratic_likelihood(
     setting: FilterParameters,
     model: FilterParameters,
     current: dict[str, float],
-    stretches: NDArray[np.bool_] | None = None,
+    segments: NDArray[np.bool_] | None = None,
     nuisances: Sequence[Nuisance] = (*NUISANCES, *GAIN_NUISANCES),
 ) -> QuadraticLikelihood:
     """Return the quadratic likelihood over some segments of the flights, by default all."""
-    share = np.ones(len(fisher.score)) if stretches is None else np.asarray(stretches, dtype=float)
+    share = np.ones(len(fisher.score)) if segments is None else np.asarray(segments, dtype=float)
     return QuadraticLikelihood(
         fisher.columns,
         tuple(n.name for n in nuisances),

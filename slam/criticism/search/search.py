@@ -108,7 +108,7 @@ def search(
     """Find terms that exceed the thresholds beside each other, best first."""
     search_state = _SequentialSearch(records, model, limits, progress)
     first = search_state.expansion
-    while (setting := search_state.next_belief()) is not None:
+    while (setting := search_state.next_parameters()) is not None:
         search_state.expand_about(setting)
     if (search_state.expansion.setting.noise_correlation != first.setting.noise_correlation).any():
         # With and without the terms noise is the same.
@@ -136,26 +136,26 @@ class _SequentialSearch:
     def __init__(
         self, records: Sequence[Record], model: FilterParameters, limits: Thresholds, progress: Progress
     ) -> None:
-        self._fits, self._looks, self._tries = (Tally(progress, stage) for stage in STAGES)
+        self._fits, self._expansions, self._tries = (Tally(progress, stage) for stage in STAGES)
         self.records, self._model, self._limits = records, model, limits
         self.chosen: list[Effect] = []
         self.rivals: dict[str, tuple[str, ...]] = {}
         self.leads: dict[tuple[str, str], float] = {}
         self._fitted, self._greatest_z = True, 0.0
-        self._far = LINEAR_Z
+        self._strong_z = LINEAR_Z
         """``LINEAR_Z``, or a smaller value in proportion where the expansion is of the first parts of the
         flights."""
         with self._fits.part():
             setting = fit_nuisances(records, model, effects=ar1_effects(model))
         self._expand(setting)
 
-    def next_belief(self) -> FilterParameters | None:
+    def next_parameters(self) -> FilterParameters | None:
         """Choose terms until a fit is needed; return the parameters with all chosen terms, or None where
         nothing more is significant."""
         while True:
             significant = self._significant()
             full = len(self.chosen) == MOST_TERMS
-            if self._far < LINEAR_Z and (full or not by_much(significant, self._far)):
+            if self._strong_z < LINEAR_Z and (full or not by_much(significant, self._strong_z)):
                 self._expand_all(self.expansion.setting)
                 continue
             if not self.chosen and (both := self._hidden(significant)):
@@ -166,9 +166,9 @@ class _SequentialSearch:
             self._greatest_z = max(self._greatest_z, significant[0].z)
             # With one term more, the leads of those before it change.
             self.leads = {}
-            if doubtful := _doubtful(significant, self._far):
+            if doubtful := _doubtful(significant, self._strong_z):
                 records = self.records
-                if in_part := significant[0].z >= self._far:
+                if in_part := significant[0].z >= self._strong_z:
                     records = [first_seconds(record, SHORT_S / len(records)) for record in records]
                 best = best_candidate(
                     records, self._model, self.expansion, self.chosen, doubtful, self._tries
@@ -190,23 +190,23 @@ class _SequentialSearch:
         enough.
         """
         long = sum(record.duration_s for record in self.records) / PART_S
-        part = long > 2.0 and by_much(self._significant(), self._far)
+        part = long > 2.0 and by_much(self._significant(), self._strong_z)
         self.chosen = [with_free_value(c) for c in self.chosen]
         if not part:
             self._expand_all(setting)
             return
         records = [first_seconds(record, PART_S / len(self.records)) for record in self.records]
         setting = self._fit(records, setting)
-        with self._looks.part():
+        with self._expansions.part():
             self.expansion = expand(records, self._model, setting, self.chosen)
         self.chosen = [self.expansion.own(c) for c in self.chosen]
-        self._far, self._fitted = max(LINEAR_Z / np.sqrt(long), CURVED_Z), True
+        self._strong_z, self._fitted = max(LINEAR_Z / np.sqrt(long), CURVED_Z), True
 
     def healthy(self, setting: FilterParameters) -> LikelihoodExpansion:
         """Expand about parameters without terms, with nuisances fitted to them."""
         with self._fits.part():
             setting = fit_nuisances(self.records, self._model, setting)
-        with self._looks.part():
+        with self._expansions.part():
             return expand(self.records, self._model, setting)
 
     def drop_superfluous(self) -> None:
@@ -230,7 +230,7 @@ class _SequentialSearch:
 
     def _expand_all(self, setting: FilterParameters) -> None:
         self._expand(self._fit(self.records, setting))
-        self._far, self._fitted = LINEAR_Z, True
+        self._strong_z, self._fitted = LINEAR_Z, True
 
     def _hidden(self, significant: Sequence[ScoreTest]) -> Sequence[Effect] | None:
         """Return two terms in place of weakly significant ones, or of none."""
@@ -243,7 +243,7 @@ class _SequentialSearch:
             return refit(self.records, self._model, start or self.expansion.setting, self.chosen)[1]
 
     def _expand(self, setting: FilterParameters) -> None:
-        with self._looks.part():
+        with self._expansions.part():
             self.records, self.expansion = _expanded(self.records, self._model, setting, self.chosen)
         self.chosen = [self.expansion.own(c) for c in self.chosen]
 
@@ -261,14 +261,14 @@ def by_much(significant: Sequence[ScoreTest], z: float) -> bool:
     return bool(significant) and significant[0].z >= z
 
 
-def _doubtful(significant: Sequence[ScoreTest], far: float) -> Sequence[ScoreTest]:
+def _doubtful(significant: Sequence[ScoreTest], strong_z: float) -> Sequence[ScoreTest]:
     """Return the candidates, best first, that must be fitted before one is chosen.
 
     These are all where the best is highly significant or has no size yet, those as good as it where its
     effect is nonlinear, and none where one expansion decides.
     """
     best = significant[0]
-    if best.z >= far or is_profiled(best.effect):
+    if best.z >= strong_z or is_profiled(best.effect):
         return significant
     alike = [s for s in significant if s.worth > best.worth - VERY_SIMILAR_NATS]
     return alike if best.z >= CURVED_Z and len({s.effect.name for s in alike}) > 1 else ()
@@ -287,11 +287,11 @@ def _expanded(
         [expansion.own(c) for c in chosen], [*expansion.effects, *expansion.patterns]
     )
     most_nats = others[0].nats if others else 0.0
-    shaded = with_ar1_noise(records, model, setting, expansion.fisher.passes, chosen, most_nats)
-    if shaded is None:
+    correlated = with_ar1_noise(records, model, setting, expansion.fisher.passes, chosen, most_nats)
+    if correlated is None:
         return records, expansion
-    records = [recoloured(record, setting, shaded) for record in records]
-    return records, expand(records, model, shaded, chosen)
+    records = [recoloured(record, setting, correlated) for record in records]
+    return records, expand(records, model, correlated, chosen)
 
 
 def _needed(

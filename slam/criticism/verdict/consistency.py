@@ -18,7 +18,7 @@ from slam.criticism.kalman.innovations import stretches
 from slam.criticism.kalman.record import Record
 from slam.criticism.search.effects import Effect
 from slam.criticism.search.inclusion import is_saturation, with_free_value
-from slam.criticism.search.nuisances import MEAN_NUISANCES, direction_of, prior_precision
+from slam.criticism.search.nuisances import MEAN_NUISANCES, perturbation_of, prior_precision
 from slam.criticism.search.screening import deviate
 from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import with_misfit
@@ -54,12 +54,14 @@ def consistencies(
 
     ``parameters`` include the effects at their sizes.
     """
-    directions = [direction_of(n) for n in MEAN_NUISANCES] + [d for e in chosen for d in e.directions]
-    precision = np.zeros(len(directions))
+    perturbations = [perturbation_of(n) for n in MEAN_NUISANCES] + [
+        d for e in chosen for d in e.perturbations
+    ]
+    precision = np.zeros(len(perturbations))
     precision[: len(MEAN_NUISANCES)] = [prior_precision(n, model) for n in MEAN_NUISANCES]
 
     def one(k: int) -> tuple[Array, Array, Ints]:
-        rows = list(stretches(records[k], parameters, directions))
+        rows = list(stretches(records[k], parameters, perturbations))
         events = np.concatenate([r.events for r in rows])
         time = (records[k].times_s[events] // STRETCH_S).astype(np.int64)
         channels = np.concatenate([r.channels for r in rows])
@@ -71,8 +73,8 @@ def consistencies(
     answers: list[tuple[Consistency, ...]] = []
     first = len(MEAN_NUISANCES)
     for effect in chosen:
-        own = np.arange(first, first + len(effect.directions))
-        first += len(effect.directions)
+        own = np.arange(first, first + len(effect.perturbations))
+        first += len(effect.perturbations)
         if len(own) == 0:
             answers.append(())
             continue
@@ -120,14 +122,14 @@ def contradictions(
     For an out-of-model vehicle every cause is inconsistent, as its equations are wrong.
     """
     chosen = [with_free_value(e) for e in found.chosen]
-    told, refuted = {}, set()
+    descriptions, refuted = {}, set()
     for effect, parts in zip(found.chosen, consistencies(records, model, parameters, chosen), strict=True):
         worst = max(parts, key=lambda a: a.z, default=None)
         rest = [e for e in found.chosen if e is not effect]
         whole = found.last.score_tests(rest, [effect])[0]
         if worst is None or worst.z < with_misfit(DISAGREE_Z, 0.0 if is_saturation(effect) else whole.z):
             continue
-        told[effect.name] = f"is not the same in every {worst.by} (z = {worst.z:.1f})"
+        descriptions[effect.name] = f"is not the same in every {worst.by} (z = {worst.z:.1f})"
         if not is_saturation(effect) and max(a.excess for a in parts) > MOST_EXCESS * 2 * whole.nats:
             refuted.add(effect.name)
-    return told, refuted
+    return descriptions, refuted

@@ -23,7 +23,7 @@ from slam.criticism.search.inclusion import is_saturation, without_effect
 from slam.criticism.search.search import LINEAR_Z, SHORT_S, SearchResult
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.held_out import with_step
-from slam.criticism.verdict.rollouts import misses_of
+from slam.criticism.verdict.rollouts import rollout_residuals
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class ChannelResiduals:
     unit: str
     explained: Array
     """(n,) error that the cause predicts for a model without it."""
-    missed: dict[str, Array]
+    residuals: dict[str, Array]
     """Cause that is in the model, or "" for none -> (n,) measured less predicted."""
 
 
@@ -70,28 +70,28 @@ def covariate(
     anew.
     """
     effect = next((e for e in found.chosen if e.name == cause), None)
-    if effect is None or not (effect.directions or effect.relaxes):
+    if effect is None or not (effect.perturbations or effect.relaxes):
         return None
     rest = [e for e in found.chosen if e is not effect]
     short = [first_seconds(record, SHORT_S / len(records)) for record in records]
     other = _as_effect(rival, found, effect, rest)
 
-    def believed(effects: list[Effect]) -> FilterParameters:
+    def refitted(effects: list[Effect]) -> FilterParameters:
         if z < LINEAR_Z and not is_saturation(effect):
             return with_step(found.last, found.last.quadratic.maximise(effects).whole, effects)
         return refit(short, found.model, without_effect(effect, parameters), effects)[1]
 
-    settings = {"": believed(rest), cause: parameters}
+    settings = {"": refitted(rest), cause: parameters}
     if other is not None:
-        settings[rival] = believed([*rest, other])
+        settings[rival] = refitted([*rest, other])
     states = in_threads(lambda record: whole(record, parameters).states, short)
-    missed = {
-        name: [misses_of(r, s, setting, AHEAD_S, 1.0) for r, s in zip(short, states, strict=True)]
+    residuals = {
+        name: [rollout_residuals(r, s, setting, AHEAD_S, 1.0) for r, s in zip(short, states, strict=True)]
         for name, setting in settings.items()
     }
     pooled = {
         name: {c: np.concatenate([flight[c] for flight in flights]) for c in BEYOND_IMU}
-        for name, flights in missed.items()
+        for name, flights in residuals.items()
     }
     against = tuple(m for name in settings if name and (m := _against(pooled, name)) is not None)
     if not against or against[0].cause != cause:
@@ -106,7 +106,7 @@ def _as_effect(rival: str, found: SearchResult, effect: Effect, rest: Sequence[E
     Only the first expansion describes the flights without a saturation.
     """
     expansion, beside = (found.first, []) if is_saturation(effect) else (found.last, list(rest))
-    ways = [e for e in expansion.effects if e.name == rival and (e.directions or e.relaxes)]
+    ways = [e for e in expansion.effects if e.name == rival and (e.perturbations or e.relaxes)]
     best = next(iter(expansion.score_tests(beside, ways)), None)
     return best.effect if best is not None else None
 

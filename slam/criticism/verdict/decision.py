@@ -23,7 +23,7 @@ from slam.criticism.verdict.held_out import HeldOut, held_out
 from slam.criticism.verdict.posterior import NOTHING, SOMETHING_ELSE, Posterior, is_term, required_nats
 from slam.criticism.verdict.reprojection import reprojection_errors
 from slam.criticism.verdict.rollout_fit import FREE, RolloutFit
-from slam.criticism.verdict.rollouts import roll_out_errors
+from slam.criticism.verdict.rollouts import rollout_errors
 from slam.simulation.terms import CATALOGUE
 
 Array = NDArray[np.float64]
@@ -90,10 +90,10 @@ def causes_of(
     """
     known = [e for e in found.chosen if is_term(e)]
     after = all_together.after if best is None else best.left_out
-    beliefs = (all_together.before, after)
-    channels = roll_out_errors(records, *beliefs)
-    if any(d.kind == "camera" and d.entry < POINTS for e in known for d in e.directions):
-        channels = (*channels, *reprojection_errors(records, *beliefs))
+    fitted_by_others = (all_together.before, after)
+    channels = rollout_errors(records, *fitted_by_others)
+    if any(d.kind == "camera" and d.entry < POINTS for e in known for d in e.perturbations):
+        channels = (*channels, *reprojection_errors(records, *fitted_by_others))
     causes = []
     for effect in known:
         rest = [e for e in found.chosen if e is not effect]
@@ -119,13 +119,13 @@ def causes_of(
         )
     if best is None:
         return tuple(causes)
-    return tuple(_as_flown(cause, effect, best) for cause, effect in zip(causes, known, strict=True))
+    return tuple(_with_rollout_size(cause, effect, best) for cause, effect in zip(causes, known, strict=True))
 
 
-def _as_flown(cause: Cause, effect: Effect, best: RolloutFit) -> Cause:
+def _with_rollout_size(cause: Cause, effect: Effect, best: RolloutFit) -> Cause:
     """Return the cause with its size by roll-outs, and with the probability by held-out roll-outs where that
     is greater."""
-    found = replace(cause, parameters=_flown_sizes(best, effect))
+    found = replace(cause, parameters=_rollout_sizes(best, effect))
     parts = np.array(best.nats.get(effect.name, ()))
     odds = float(parts.sum()) - required_nats(effect)
     probability = float(1.0 / (1.0 + np.exp(-np.clip(odds, -700.0, 700.0))))
@@ -153,10 +153,10 @@ def split_by_probability(
     odds are not shared with it.
     """
     if posterior.probability[SOMETHING_ELSE] > SURE and not found.model.out_of_model:
-        restless = {e.name for e in found.chosen if not e.directions}
+        noise_only = {e.name for e in found.chosen if not e.perturbations}
         causes = [
             replace(c, probability=0.5 * c.probability)
-            if c.name in doubted or c.name in restless or c.gain.flies_worse or c.z < left_z
+            if c.name in doubted or c.name in noise_only or c.gain.flies_worse or c.z < left_z
             else c
             for c in causes
         ]
@@ -197,16 +197,16 @@ def fitted_sizes(
     return found
 
 
-def _flown_sizes(best: RolloutFit, effect: Effect) -> dict[str, Interval]:
+def _rollout_sizes(best: RolloutFit, effect: Effect) -> dict[str, Interval]:
     """Return sizes by roll-outs with intervals; for a term that roll-outs do not fit, its current value."""
     found = {}
     for k, (name, column) in enumerate(zip(effect.parameters, effect.columns, strict=True)):
-        held = 0.0 if column in FREE else fitted_parameter(column).value_in(best.setting)
+        current = 0.0 if column in FREE else fitted_parameter(column).value_in(best.setting)
         reach = WIDE * best.std.get(column, 0.0)
         found[name] = _interval(
             effect,
             name,
-            [catalogue_value(effect, k, side * reach, best.setting, held) for side in (0, -1, 1)],
+            [catalogue_value(effect, k, side * reach, best.setting, current) for side in (0, -1, 1)],
         )
     return found
 
@@ -244,8 +244,8 @@ def decide(
     ``causes``: the leading one first. ``doubts``: descriptions of what else is left over. ``entailed``:
     nuisances out of range that a cause explains.
     """
-    odd = [e for e in found.chosen if not is_term(e) and e.name not in entailed]
-    remains = [*(_in_words(e, found) for e in odd), *doubts]
+    others_left = [e for e in found.chosen if not is_term(e) and e.name not in entailed]
+    remains = [*(_in_words(e, found) for e in others_left), *doubts]
     remains += [f"{s.effect.name} (z = {s.z:.1f})" for s in left[:1] if s.z > pattern_z]
     if not causes:
         return ("unknown" if remains else "nothing_wrong"), (), "; ".join(remains)

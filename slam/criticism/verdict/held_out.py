@@ -82,7 +82,7 @@ def held_out(
     part, by = parts_of(last.fisher.flight)
     plain_nats, known_nats = _of_the_same_readings(base, last)
     of_one_alone = (last.fisher.log_likelihood - known_nats) - (base.fisher.log_likelihood - plain_nats)
-    nats, beliefs = [], {}
+    nats, fitted_by_others = [], {}
     for k in np.unique(part):
         own, others = part == k, part != k
         if not others.any():
@@ -94,11 +94,11 @@ def held_out(
             gain = _gain_rerun(records, last, own, plain.setting, known.setting)
         nats.append(gain)
         for f in np.unique(last.fisher.flight[own]):
-            beliefs[int(f)] = plain.setting, known.setting
-    flights = sorted(beliefs)
+            fitted_by_others[int(f)] = plain.setting, known.setting
+    flights = sorted(fitted_by_others)
     return HeldOut(
         np.array(nats), by,
-        tuple(beliefs[f][0] for f in flights), tuple(beliefs[f][1] for f in flights),
+        tuple(fitted_by_others[f][0] for f in flights), tuple(fitted_by_others[f][1] for f in flights),
     )  # fmt: skip
 
 
@@ -110,11 +110,11 @@ def _prediction(
     others: NDArray[np.bool_],
 ) -> _Predicted:
     """Return the prediction of some segments (``own``) by a fit on ``others``."""
-    held = expansion.quadratic.current
-    fitted = quadratic_likelihood(expansion.fisher, expansion.setting, model, held, others).maximise(
+    current = expansion.quadratic.current
+    fitted = quadratic_likelihood(expansion.fisher, expansion.setting, model, current, others).maximise(
         effects, _prior_std(expansion, effects)
     )
-    judged = quadratic_likelihood(expansion.fisher, expansion.setting, model, held, own)
+    judged = quadratic_likelihood(expansion.fisher, expansion.setting, model, current, own)
     return _Predicted(judged.predicted(fitted), with_step(expansion, fitted.whole, effects))
 
 
@@ -136,16 +136,16 @@ def _gain_rerun(
         runs = [whole(records[k], setting) for setting in (before, after)]
         both = np.logical_and(*(run.status != IGNORED for run in runs))
         by_event = np.where(both, runs[1].nats - runs[0].nats, 0.0).sum(axis=1)
-        gain += float(_by_stretch(expansion, int(k), by_event)[own[expansion.fisher.flight == k]].sum())
+        gain += float(_by_segment(expansion, int(k), by_event)[own[expansion.fisher.flight == k]].sum())
     return gain
 
 
-def _by_stretch(expansion: LikelihoodExpansion, flight: int, by_event: Array) -> Array:
+def _by_segment(expansion: LikelihoodExpansion, flight: int, by_event: Array) -> Array:
     """Return (segments of a flight,) sums of (events,) values; 0 for its pictures."""
-    stretches = int((expansion.fisher.flight == flight).sum())
+    segments = int((expansion.fisher.flight == flight).sum())
     readings = expansion.fisher.readings[flight]
     bounds = np.linspace(0, len(by_event), readings + 1).astype(np.int64)
-    return np.pad(np.add.reduceat(by_event, bounds[:-1]), (0, stretches - readings))
+    return np.pad(np.add.reduceat(by_event, bounds[:-1]), (0, segments - readings))
 
 
 def _of_the_same_readings(one: LikelihoodExpansion, other: LikelihoodExpansion) -> tuple[Array, Array]:
@@ -162,7 +162,7 @@ def _of_the_same_readings(one: LikelihoodExpansion, other: LikelihoodExpansion) 
         for side, run in enumerate(runs):
             alone = judged[side] & ~judged[1 - side]
             by_event = np.where(alone, run.nats, 0.0).sum(axis=1)
-            nats[side][one.fisher.flight == k] -= _by_stretch(one, k, by_event)
+            nats[side][one.fisher.flight == k] -= _by_segment(one, k, by_event)
     return nats
 
 

@@ -100,9 +100,9 @@ def _in_place_of_all(found: SearchResult) -> list[tuple[float, frozenset[str]]]:
     Of the expansions about the final parameters and about the healthy vehicle, the better one counts for each
     effect. Parameters with more noise hide what would be missed without it.
     """
-    looks = [found.first] if any(e.changes for e in found.chosen) else [found.last, found.first]
-    best = {"": (_evidence(looks[0], []) + _over(found, looks[0]), _names([]))}
-    for expansion in looks:
+    expansions = [found.first] if any(e.changes for e in found.chosen) else [found.last, found.first]
+    best = {"": (_evidence(expansions[0], []) + _over(found, expansions[0]), _names([]))}
+    for expansion in expansions:
         over = _over(found, expansion)
         for effect, evidence in _beside(expansion, [], (*expansion.effects, *expansion.patterns)):
             known = best.get(effect.label)
@@ -111,7 +111,7 @@ def _in_place_of_all(found: SearchResult) -> list[tuple[float, frozenset[str]]]:
     return list(best.values())
 
 
-def _look_without(found: SearchResult, term: Effect) -> LikelihoodExpansion:
+def _expansion_without(found: SearchResult, term: Effect) -> LikelihoodExpansion:
     """Return the expansion that shows what would be missed without a term: the last one, or one without the
     term if it increases noise."""
     if not term.changes:
@@ -139,7 +139,7 @@ def _at_saturation(found: SearchResult, saturation: Effect) -> _Place:
 
 
 def _at_term(found: SearchResult, term: Effect) -> _Place:
-    expansion = _look_without(found, term)
+    expansion = _expansion_without(found, term)
     own, over = _evidence(found.last, found.chosen), _over(found, expansion)
     chosen, term = [expansion.own(e) for e in found.chosen], expansion.own(term)
     rest = [e for e in chosen if e is not term]
@@ -227,8 +227,8 @@ def _equally_good(found: SearchResult, saturation: Effect) -> tuple[str, ...]:
 def _second_to_saturation(found: SearchResult) -> str:
     """Return the term that explains most in a saturation's place. Only the first expansion describes the
     flights without it."""
-    taken = {e.name for e in found.chosen}
-    others = [e for e in found.first.effects if is_term(e) and e.name not in taken]
+    chosen_names = {e.name for e in found.chosen}
+    others = [e for e in found.first.effects if is_term(e) and e.name not in chosen_names]
     best = next(iter(found.first.score_tests([], others)), None)
     return best.effect.name if best is not None and best.nats > 0.0 else ""
 

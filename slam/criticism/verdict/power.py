@@ -49,12 +49,14 @@ def detectable(expansion: LikelihoodExpansion, threshold: float) -> dict[str, tu
         for e in expansion.effects
         if is_saturation(e) and is_profiled(e)
     ]
-    shown = [limit for e, limit in saturations if _far(expansion, e) > threshold + NINE_OF_TEN]
+    shown = [
+        limit for e, limit in saturations if _score_at_tried_size(expansion, e) > threshold + NINE_OF_TEN
+    ]
     # The highest limit that shows is the smallest effect.
     return found | ({saturations[0][0].name: (max(shown), "rad")} if shown else {})
 
 
-def _far(expansion: LikelihoodExpansion, effect: Effect) -> float:
+def _score_at_tried_size(expansion: LikelihoodExpansion, effect: Effect) -> float:
     """Return the score test of an effect of one column at the size that it is tried at."""
     _, covariance = expansion.quadratic.maximise([effect]).of(expansion.quadratic.index(effect.columns))
     return float(float(covariance[0, 0]) ** -0.5)

@@ -28,7 +28,7 @@ from slam.criticism.search.search import SearchResult
 from slam.criticism.search.thresholds import MISFIT, load_thresholds
 from slam.criticism.threads import in_threads
 from slam.criticism.verdict.posterior import is_term, required_nats
-from slam.criticism.verdict.rollouts import misses_of
+from slam.criticism.verdict.rollouts import rollout_residuals
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ class _Fit:
     left_out: tuple[FilterParameters, ...]
     steps: Array
     """(flights, columns) steps from the fit to the fit without each flight."""
-    missed: Array
+    residuals: Array
     """(flights, channels) squared errors of each, predicted from the others."""
 
     def better_than(self, other: _Fit) -> bool:
@@ -88,9 +88,9 @@ class _Fit:
         One channel must improve by more than a misfit, all together must not worsen, and most of the flights
         that show a difference must improve.
         """
-        channels, before = self.missed.sum(axis=0), other.missed.sum(axis=0)
+        channels, before = self.residuals.sum(axis=0), other.residuals.sum(axis=0)
         less = (channels < (1.0 - MISFIT) * before).any() and channels.sum() < before.sum()
-        flights, before = self.missed.sum(axis=1), other.missed.sum(axis=1)
+        flights, before = self.residuals.sum(axis=1), other.residuals.sum(axis=1)
         shows = np.abs(flights - before) > MISFIT * before
         return bool(less and shows.any() and np.mean(flights[shows] < before[shows]) > 0.5)
 
@@ -168,7 +168,7 @@ def _needed(
         ]  # fmt: skip
         if not idle or len(chosen) == 1:
             return chosen, fit, without
-        least = min(idle, key=lambda e: without[e.label].missed.sum())
+        least = min(idle, key=lambda e: without[e.label].residuals.sum())
         chosen, fit = [e for e in chosen if e is not least], without[least.label]
 
 
@@ -179,9 +179,9 @@ def _gained(
 
     The errors are Gaussian with the variance that is left, as many as there are independent ones.
     """
-    scale = 0.5 * independent / fit.missed.sum()
+    scale = 0.5 * independent / fit.residuals.sum()
     return {
-        e.name: tuple((scale * (without[e.label].missed - fit.missed).sum(axis=1)).tolist())
+        e.name: tuple((scale * (without[e.label].residuals - fit.residuals).sum(axis=1)).tolist())
         for e in chosen
         if e.label in without
     }
@@ -211,7 +211,7 @@ def _in_words(constant: Nuisance, setting: FilterParameters, model: FilterParame
 
 def _flies(effect: Effect) -> bool:
     """Whether a term has a slope in the errors of roll-outs."""
-    kinds = {d.kind for d in effect.directions}
+    kinds = {d.kind for d in effect.perturbations}
     return (
         is_term(effect)
         and bool(kinds)
@@ -234,8 +234,8 @@ class _Rollouts:
         self._records, self._model = records, model
         self._rounds = Tally(progress, "fly ahead")
         self._states = in_threads(lambda record: whole(record, parameters).states, records)
-        misses = [self._misses(k, healthy) for k in range(len(records))]
-        pooled = {c: np.concatenate([flight[c] for flight in misses]) for c in BEYOND_IMU}
+        errors = [self._rollout_errors(k, healthy) for k in range(len(records))]
+        pooled = {c: np.concatenate([flight[c] for flight in errors]) for c in BEYOND_IMU}
         seen = {c: m for c, m in pooled.items() if len(m)}
         spans = [record.duration_s // APART_S for record in records]
         self.independent = len(seen) * float(sum(spans))
@@ -243,17 +243,17 @@ class _Rollouts:
         # Each channel weighs as much as any other, whatever its unit.
         self._weight = {c: 1.0 / np.sqrt(max(float(m @ m), 1e-12) * len(seen)) for c, m in seen.items()}
 
-    def _misses(self, flight: int, setting: FilterParameters) -> dict[int, Array]:
-        return misses_of(self._records[flight], self._states[flight], setting, AHEAD_S, 1.0)
+    def _rollout_errors(self, flight: int, setting: FilterParameters) -> dict[int, Array]:
+        return rollout_residuals(self._records[flight], self._states[flight], setting, AHEAD_S, 1.0)
 
-    def _missed(self, flight: int, setting: FilterParameters) -> Array:
+    def _scaled_errors(self, flight: int, setting: FilterParameters) -> Array:
         """Return the errors of a flight's roll-outs, scaled so that the squares of all flights sum to 1 for a
         healthy vehicle."""
         return np.concatenate(self._by_channel(flight, setting))
 
     def _by_channel(self, flight: int, setting: FilterParameters) -> list[Array]:
-        missed = self._misses(flight, setting)
-        return [weight * missed[c] for c, weight in self._weight.items()]
+        residuals = self._rollout_errors(flight, setting)
+        return [weight * residuals[c] for c, weight in self._weight.items()]
 
     def _away(self, setting: FilterParameters) -> Array:
         """Return the distances of the vehicle's constants from healthy ones, weighted so that the flights
@@ -266,8 +266,8 @@ class _Rollouts:
 
     def _left(self, setting: FilterParameters) -> list[Array]:
         """Return the errors of each flight, and last the distances of the constants."""
-        missed = in_threads(lambda k: self._missed(k, setting), range(len(self._records)))
-        return [*missed, self._away(setting)]
+        residuals = in_threads(lambda k: self._scaled_errors(k, setting), range(len(self._records)))
+        return [*residuals, self._away(setting)]
 
     def _slopes(
         self, setting: FilterParameters, columns: Sequence[str], h: Array, left: list[Array]
@@ -282,17 +282,19 @@ class _Rollouts:
     def nats(self, fit: _Fit, other: _Fit) -> float:
         """Return the nats that held-out flights gain by one fit over another: Gaussian errors with the
         variance that is left."""
-        missed = float(fit.missed.sum())
-        return 0.5 * self.independent * (float(other.missed.sum()) - missed) / missed
+        residuals = float(fit.residuals.sum())
+        return 0.5 * self.independent * (float(other.residuals.sum()) - residuals) / residuals
 
     def fitted(self, start: FilterParameters, effects: Sequence[Effect]) -> _Fit:
         """Fit all flights by Levenberg-Marquardt; then make one more step for each flight left out."""
-        steps = FREE | {d.name: DELAY.get(d.name, d.step) for e in effects if _flies(e) for d in e.directions}
+        steps = FREE | {
+            d.name: DELAY.get(d.name, d.step) for e in effects if _flies(e) for d in e.perturbations
+        }
         columns, h = tuple(steps), np.array(list(steps.values()))
         setting, damping, left = start, DAMPING, self._left(start)
         slope = self._slopes(setting, columns, h, left)
         for _ in self._rounds.each(range(ROUNDS)):
-            trial = _taken(setting, columns, h * _solved(slope, left, damping))
+            trial = _stepped(setting, columns, h * _solved(slope, left, damping))
             now = self._left(trial)
             if _squares(now) < _squares(left):
                 gained = 1.0 - _squares(now) / _squares(left)
@@ -306,21 +308,22 @@ class _Rollouts:
         for k in range(len(self._records)):
             others = [j for j in range(len(left)) if j != k]
             apart.append(h * _solved([slope[j] for j in others], [left[j] for j in others], DAMPING))
-        beliefs = [_taken(setting, columns, step) for step in apart]
-        missed = [
-            [_squares([c]) for c in self._by_channel(k, parameters)] for k, parameters in enumerate(beliefs)
+        fitted_by_others = [_stepped(setting, columns, step) for step in apart]
+        residuals = [
+            [_squares([c]) for c in self._by_channel(k, parameters)]
+            for k, parameters in enumerate(fitted_by_others)
         ]
-        return _Fit(setting, columns, tuple(beliefs), np.array(apart), np.array(missed))
+        return _Fit(setting, columns, tuple(fitted_by_others), np.array(apart), np.array(residuals))
 
 
 def _solved(slope: Sequence[Array], left: Sequence[Array], damping: float) -> Array:
     """Return the remaining least-squares step."""
-    slopes, missed = np.concatenate(slope), np.concatenate(left)
-    a, b = slopes.T @ slopes, slopes.T @ missed
+    slopes, residuals = np.concatenate(slope), np.concatenate(left)
+    a, b = slopes.T @ slopes, slopes.T @ residuals
     return np.asarray(-np.linalg.solve(a + damping * np.diag(np.diag(a)) + RIDGE * np.eye(len(a)), b))
 
 
-def _taken(setting: FilterParameters, columns: Sequence[str], step: Array) -> FilterParameters:
+def _stepped(setting: FilterParameters, columns: Sequence[str], step: Array) -> FilterParameters:
     for column, size in zip(columns, step.tolist(), strict=True):
         setting = fitted_parameter(column).stepped(setting, bounded(column, size, setting))
     return setting

@@ -42,26 +42,26 @@ SETTLE_S = 1.0
 """Time after which roll-outs start: in its first second the filter does not know the vehicle yet."""
 
 
-def roll_out_errors(
+def rollout_errors(
     records: Sequence[Record], before: Sequence[FilterParameters], after: Sequence[FilterParameters]
 ) -> tuple[ChannelError, ...]:
     """Return the errors of all channels but the imu's, pooled over the flights."""
     settings = (*before, *after)
-    flown = (*records, *records)
-    states = in_threads(lambda k: whole(flown[k], settings[k]).states, range(len(flown)))
+    flights = (*records, *records)
+    states = in_threads(lambda k: whole(flights[k], settings[k]).states, range(len(flights)))
     found = []
     for horizon in HORIZONS_S:
-        misses = [misses_of(*each, horizon) for each in zip(flown, states, settings, strict=True)]
-        errors = misses[: len(records)], misses[len(records) :]
+        errors = [rollout_residuals(*each, horizon) for each in zip(flights, states, settings, strict=True)]
+        sides = errors[: len(records)], errors[len(records) :]
         for channel in BEYOND_IMU:
-            pooled = [np.concatenate([flight[channel] for flight in side]) for side in errors]
+            pooled = [np.concatenate([flight[channel] for flight in side]) for side in sides]
             if len(pooled[0]) and len(pooled[1]):
                 rms = [float(np.sqrt(np.mean(e**2))) for e in pooled]
                 found.append(ChannelError(CHANNELS[channel], CHANNEL_UNITS[channel], horizon, rms[0], rms[1]))
     return tuple(found)
 
 
-def misses_of(
+def rollout_residuals(
     record: Record, filtered: Array, setting: FilterParameters, horizon_s: float, share: float = 0.25
 ) -> dict[int, Array]:
     """Return channel -> errors over the last share of the horizon, of roll-outs started every other second.
@@ -85,14 +85,14 @@ def misses_of(
         start, command.reshape(len(begins), steps, STICKS), np.zeros((1, steps + 1, NOISES)),
         np.tile(setting.parameters, (len(begins), 1)), STEP_S,
     )  # fmt: skip
-    misses: dict[int, list[Array]] = {c: [] for c in range(len(CHANNELS))}
+    errors: dict[int, list[Array]] = {c: [] for c in range(len(CHANNELS))}
     for k, begin in enumerate(begins):
         judged = (record.times_s > begin + (1.0 - share) * horizon_s) & (record.times_s <= begin + horizon_s)
         judged &= record.kinds != IMU
         rows = np.flatnonzero(judged)
         at = np.column_stack([np.interp(record.times_s[rows], nodes[k], path[k, :, i]) for i in range(FULL)])
         commands = record.stick.at(record.times_s[rows] / fast, setting.latency_s)
-        told = _told(
+        predicted = _noise_free_readings(
             record.kinds[rows],
             at,
             commands,
@@ -104,23 +104,23 @@ def misses_of(
         for kind in np.unique(record.kinds[rows]):
             own = record.kinds[rows] == kind
             for c in range(WIDTH[kind]):
-                miss = record.values[rows[own], c] - told[own, c]
+                error = record.values[rows[own], c] - predicted[own, c]
                 if kind == ATTITUDE and c == 2:
-                    miss = np.angle(np.exp(1j * miss))
-                if np.isfinite(miss).any():
-                    misses[FIRST_CHANNEL[kind] + c].append(miss[np.isfinite(miss)])
-    return {c: np.concatenate(m) if m else np.zeros(0) for c, m in misses.items()}
+                    error = np.angle(np.exp(1j * error))
+                if np.isfinite(error).any():
+                    errors[FIRST_CHANNEL[kind] + c].append(error[np.isfinite(error)])
+    return {c: np.concatenate(m) if m else np.zeros(0) for c, m in errors.items()}
 
 
 @allocating_kernel
-def _told(
+def _noise_free_readings(
     kinds: Ints, at: Array, commands: Array, parameters: Array, sensor: Array, pole_s: float, elapsed: Array
 ) -> Array:
     """Return (events, 6) noise-free readings in the states ``at`` (events, 12)."""
-    told, rate = np.zeros((len(kinds), WIDTH[IMU])), np.zeros(FULL)
+    predicted, rate = np.zeros((len(kinds), WIDTH[IMU])), np.zeros(FULL)
     state, noise = np.zeros(STATES), np.zeros(NOISES)
     for e in range(len(kinds)):
         derivative(at[e], commands[e], noise, parameters, rate)
         state[:MOVING] = at[e, :MOVING]
-        reading(kinds[e], state, rate, sensor, parameters, pole_s, elapsed[e], told[e])
-    return told
+        reading(kinds[e], state, rate, sensor, parameters, pole_s, elapsed[e], predicted[e])
+    return predicted

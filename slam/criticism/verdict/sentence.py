@@ -53,12 +53,12 @@ def _said(
             else ""
         )
         return f"Something is wrong that no term of the catalogue explains: {remainder}{named}."
-    told = "; ".join(_told(cause) for cause in causes)
-    held = _mended(causes[0].gain)
+    described = "; ".join(_describe(cause) for cause in causes)
+    gain = _describe_gain(causes[0].gain)
     if verdict == "ambiguous":
-        text = f"The flights cannot distinguish {', '.join(equivalents)}; best: {told}; {held}"
+        text = f"The flights cannot distinguish {', '.join(equivalents)}; best: {described}; {gain}"
     else:
-        text = f"The model lacks {told}; {held}{_excluded(causes[0])}"
+        text = f"The model lacks {described}; {gain}{_excluded(causes[0])}"
     return f"{text}; left over: {remainder}." if remainder else f"{text}."
 
 
@@ -74,7 +74,7 @@ def _spaced(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
-def _mended(gain: Gain) -> str:
+def _describe_gain(gain: Gain) -> str:
     """Describe the channel that gains most two seconds ahead, in its own unit; nats where no channel is
     better."""
     most = gain.foremost
@@ -93,7 +93,7 @@ def _mended(gain: Gain) -> str:
     )
 
 
-def _told(cause: Cause) -> str:
+def _describe(cause: Cause) -> str:
     sizes = ", ".join(
         f"{name} = {p.value:.3g} ({p.low:.3g} to {p.high:.3g}){_spaced(p.unit)}"
         for name, p in cause.parameters.items()

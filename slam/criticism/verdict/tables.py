@@ -80,9 +80,9 @@ def checks(records: Sequence[Record], expansion: LikelihoodExpansion) -> tuple[C
     found = []
     for channel, name in enumerate(CHANNELS):
         kind, c = place_of(channel)
-        flown = zip(records, expansion.fisher.passes, strict=True)
+        pairs = zip(records, expansion.fisher.passes, strict=True)
         white = np.concatenate(
-            [run.white[(record.kinds == kind) & (run.status[:, c] == USED), c] for record, run in flown]
+            [run.white[(record.kinds == kind) & (run.status[:, c] == USED), c] for record, run in pairs]
         )
         if len(white) > 1:
             square, next_one = float(np.mean(white**2)), float(correlation[channel])

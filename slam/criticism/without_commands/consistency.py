@@ -25,7 +25,12 @@ LEVEL = ("accel_bias.x", "accel_bias.y")
 
 def disagreements(data: Regression, chosen: Sequence[str]) -> list[str]:
     """Describe parameters of the chosen terms that vary between segments by half of themselves."""
-    return [told for effect in chosen if effect in CATALOGUE for told in _disagreements(data, chosen, effect)]
+    return [
+        descriptions
+        for effect in chosen
+        if effect in CATALOGUE
+        for descriptions in _disagreements(data, chosen, effect)
+    ]
 
 
 def _disagreements(data: Regression, chosen: Sequence[str], effect: str) -> list[str]:
@@ -37,7 +42,7 @@ def _disagreements(data: Regression, chosen: Sequence[str], effect: str) -> list
     fits = [alone.fit([effect], data.cluster == k) for k in np.unique(data.cluster)]
     sizes = np.array([fit for fit, _ in fits])
     errors = np.sqrt([np.diag(np.linalg.inv(information)) for _, information in fits])
-    told = []
+    descriptions = []
     for k, name in enumerate(data.of(effect)):
         if is_square(name):
             continue  # a variance naturally differs from segment to segment
@@ -53,5 +58,5 @@ def _disagreements(data: Regression, chosen: Sequence[str], effect: str) -> list
             off_deg = float(np.degrees(np.arctan(np.ptp(found) / GRAVITY_M_S2)))
             like = f", like an attitude error of {off_deg:.0f} deg" if name in LEVEL else ""
             least, most = (in_catalogue(name, float(x)) for x in (found.min(), found.max()))
-            told.append(f"{name} is {least:.2g} to {most:.2g} {unit} by segments of 10 s{like}")
-    return told
+            descriptions.append(f"{name} is {least:.2g} to {most:.2g} {unit} by segments of 10 s{like}")
+    return descriptions

@@ -20,7 +20,7 @@ UNMEASURED = ("sonar_temperature.rise", "floor_slope.x", "floor_slope.y", "expos
 healthy places; and a variance that resembles another. Varying brightness is reported as that of the gain."""
 
 
-def seen_by_pictures() -> list[str]:
+def picture_effects() -> list[str]:
     """Return every error that pictures may show."""
     terms = [n for n in (*CAMERA, *SENSOR) if n.partition(".")[0] in CATALOGUE and n not in UNMEASURED]
     return [*terms, *LATE, *(name + SIZE for name in PATTERNS)]

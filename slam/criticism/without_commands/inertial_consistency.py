@@ -120,14 +120,14 @@ def inertial_residuals(flight: Flight) -> list[WhitenedRows]:
         return []
     angles = flight.attitude.roll_pitch_yaw_rad
     known = np.isfinite(angles).all(axis=1)
-    felt = np.isfinite(flight.imu.gyro_rad_s).all(axis=1) & np.isfinite(flight.imu.accel_m_s2).all(axis=1)
-    if known.sum() < FEWEST or felt.sum() < FEWEST:
+    finite = np.isfinite(flight.imu.gyro_rad_s).all(axis=1) & np.isfinite(flight.imu.accel_m_s2).all(axis=1)
+    if known.sum() < FEWEST or finite.sum() < FEWEST:
         return []
     turned, stamps = np.unwrap(angles[known], axis=0), flight.attitude.stamps_s[known]
     b_R_s = flight.imu.b_T_s[:3, :3]
-    imu_s = flight.imu.stamps_s[felt]
+    imu_s = flight.imu.stamps_s[finite]
     at_imu = np.column_stack([np.interp(imu_s, stamps, column) for column in turned.T])
-    gyro, accel = flight.imu.gyro_rad_s[felt] @ b_R_s.T, flight.imu.accel_m_s2[felt] @ b_R_s.T
+    gyro, accel = flight.imu.gyro_rad_s[finite] @ b_R_s.T, flight.imu.accel_m_s2[finite] @ b_R_s.T
     imu = _Imu(imu_s, gyro, accel, at_imu)
     low_s = near_floor(flight)
     found = _attitude(imu, stamps, turned, low_s)
@@ -167,22 +167,22 @@ def _jumps(imu: _Imu, rate: Array) -> Array:
 def _velocity(imu: _Imu, flight: Flight, near_floor: Array) -> list[WhitenedRows]:
     assert flight.velocity is not None
     good = np.isfinite(flight.velocity.v_m_s).all(axis=1)
-    stamps, seen = flight.velocity.stamps_s[good], flight.velocity.v_m_s[good]
+    stamps, read = flight.velocity.stamps_s[good], flight.velocity.v_m_s[good]
     if good.sum() < FEWEST:
         return []
     yaw = imu.at(stamps, imu.angles[:, 2:])[:, 0]
-    speed = _into_world(yaw, seen)
+    speed = _into_world(yaw, read)
     columns = _of_accel(imu)
     columns["velocity late.s"] = -np.einsum("nij,nj->ni", rotation_of(imu.angles), imu.accel)
     traces = {name: imu.at(stamps, column)[:, :2] for name, column in columns.items()}
-    lifted = imu.integral(_acceleration(imu))
-    traces["flow_scale.eps"], traces["flow_scale.eps" + INTEGRATED] = speed, imu.at(stamps, lifted)[:, :2]
+    integrated = imu.integral(_acceleration(imu))
+    traces["flow_scale.eps"], traces["flow_scale.eps" + INTEGRATED] = speed, imu.at(stamps, integrated)[:, :2]
     if flight.sonar is not None and np.isfinite(flight.sonar.range_m).sum() >= FEWEST:
         known = np.isfinite(flight.sonar.range_m)
         height = np.interp(stamps, flight.sonar.stamps_s[known], flight.sonar.range_m[known])
         gyro = imu.at(stamps, imu.gyro)
         traces["flow_derotation.kappa"] = _into_world(yaw, height[:, None] * gyro[:, [1, 0]] * [1.0, -1.0])
-    off = speed - imu.at(stamps, lifted)[:, :2]
+    off = speed - imu.at(stamps, integrated)[:, :2]
     _as_read(traces, "accel_scale.eps", off)
     return _rows("velocity", stamps, off, traces, near_floor, 1)
 
@@ -190,12 +190,12 @@ def _velocity(imu: _Imu, flight: Flight, near_floor: Array) -> list[WhitenedRows
 def _height(imu: _Imu, flight: Flight, near_floor: Array) -> list[WhitenedRows]:
     assert flight.sonar is not None
     good = np.isfinite(flight.sonar.range_m)
-    stamps, seen = flight.sonar.stamps_s[good], flight.sonar.range_m[good]
+    stamps, read = flight.sonar.stamps_s[good], flight.sonar.range_m[good]
     if good.sum() < FEWEST:
         return []
     roll, pitch, _ = imu.at(stamps, imu.angles).T
     level = np.cos(roll) * np.cos(pitch)
-    height = seen * level
+    height = read * level
     columns = {name: imu.integral(column) for name, column in _of_accel(imu).items()}
     traces = {name: imu.at(stamps, column)[:, 2:] for name, column in columns.items()}
     climb = imu.integral(_acceleration(imu))[:, 2:]

@@ -67,7 +67,7 @@ def next_motion(
         finer = _noise([found])
         known = regression_of([found])
         weight = np.array([finer[kind] / noise[kind] for kind in known.kind])
-        return _apart(known, weight, size[own], first, beside) / wider / float(np.sqrt(_times(name)))
+        return _separation(known, weight, size[own], first, beside) / wider / float(np.sqrt(_times(name)))
 
     names = [*MANOEUVRES, *HANDHELD_MOTIONS]
     found = np.array(in_threads(Tally(progress, "next flight", len(names)).counting(separation), names))
@@ -88,14 +88,14 @@ def _rows(flight: Flight, model: Model, seen: FeatureMatches | None) -> list[Whi
     ]
 
 
-def _apart(data: Regression, weight: Array, size: Array, first: str, beside: Sequence[str]) -> float:
+def _separation(data: Regression, weight: Array, size: Array, first: str, beside: Sequence[str]) -> float:
     """Return the separation in sigmas by what is left of an effect's column; ``weight`` (n,) is the ratio of
     precision of these rows."""
     if not data.of(first):
         return 0.0
-    trace = weight * (data.table([first]) @ size)
+    column = weight * (data.table([first]) @ size)
     others = weight[:, None] * data.table([e for e in beside if data.of(e)])
-    return float(np.linalg.norm(trace - others @ np.linalg.lstsq(others, trace, rcond=1e-9)[0]))
+    return float(np.linalg.norm(column - others @ np.linalg.lstsq(others, column, rcond=1e-9)[0]))
 
 
 def _noise(rows: Sequence[Sequence[WhitenedRows]]) -> dict[str, float]:

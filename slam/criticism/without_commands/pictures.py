@@ -25,7 +25,7 @@ from slam.criticism.kalman.camera_parameters import CAMERA, POINTS, STEPS
 from slam.criticism.kalman.filter_parameters import FilterParameters, slot
 from slam.criticism.kalman.perturbations import Perturbation, parameter_perturbation
 from slam.criticism.kalman.record import Record
-from slam.criticism.without_commands.effect_columns import LATE, PATTERNS, SIZE, is_square, seen_by_pictures
+from slam.criticism.without_commands.effect_columns import LATE, PATTERNS, SIZE, is_square, picture_effects
 from slam.criticism.without_commands.inertial_consistency import WhitenedRows
 from slam.criticism.without_commands.regression import STRETCH_S, Sizes
 
@@ -47,7 +47,7 @@ FEWEST = 6
 
 
 @dataclass(frozen=True)
-class _Stretch:
+class _Segment:
     """Ten seconds of a flight with pictures."""
 
     middle_s: float
@@ -59,18 +59,18 @@ def picture_rows(record: Record, setting: FilterParameters, sizes: Sizes) -> lis
 
     ``setting`` has inflated process noise and lacks these errors.
     """
-    names = seen_by_pictures()
-    directions = [_direction(name) for name in (*names, *HEALTHY)]
+    names = picture_effects()
+    perturbations = [_direction(name) for name in (*names, *HEALTHY)]
     point = _point(sizes)
     at = np.array([point.get(name, 0.0) for name in names])
     made = []
-    for stretch in _stretches(record, believed(setting, point), directions):
-        information = stretch.seen.information + np.diag([_FAINT] * len(names) + _PRECISION)
-        over = np.sqrt(_misfit(stretch.seen, information))
-        root, white = _roots(*_without_healthy(information, stretch.seen.score, len(names)))
+    for segment in _segments(record, with_errors(setting, point), perturbations):
+        information = segment.seen.information + np.diag([_FAINT] * len(names) + _PRECISION)
+        over = np.sqrt(_misfit(segment.seen, information))
+        root, white = _roots(*_without_healthy(information, segment.seen.score, len(names)))
         off = (white + root @ at) / over
         traces = dict(zip(names, root.T / over, strict=True))
-        made.append(WhitenedRows(KIND, np.full(len(off), stretch.middle_s), off, traces, float(over), None))
+        made.append(WhitenedRows(KIND, np.full(len(off), segment.middle_s), off, traces, float(over), None))
     return made
 
 
@@ -78,8 +78,8 @@ def _without_healthy(information: Array, score: Array, count: int) -> tuple[Arra
     """Return information and score of the first ``count`` errors, with the healthy differences
     marginalised."""
     own, rest = slice(0, count), slice(count, None)
-    taken_out = np.linalg.solve(information[rest, rest], information[rest, own]).T
-    return information[own, own] - taken_out @ information[rest, own], score[own] - taken_out @ score[rest]
+    projected = np.linalg.solve(information[rest, rest], information[rest, own]).T
+    return information[own, own] - projected @ information[rest, own], score[own] - projected @ score[rest]
 
 
 def _roots(information: Array, score: Array) -> tuple[Array, Array]:
@@ -113,10 +113,10 @@ def picture_errors(
         if record is None or record.matches is None:
             continue
         noise = float(np.mean(record.matches.std_px**2))
-        before = {s.middle_s: s.seen for s in _stretches(record, setting, ())}
+        before = {s.middle_s: s.seen for s in _segments(record, setting, ())}
         for part in sorted(set(of.values())):
-            for stretch in _stretches(record, believed(setting, _point(sizes[part])), ()):
-                middle_s, after = stretch.middle_s, stretch.seen
+            for segment in _segments(record, with_errors(setting, _point(sizes[part])), ()):
+                middle_s, after = segment.middle_s, segment.seen
                 if of.get(middle_s // STRETCH_S) == part and middle_s in before:
                     both = before[middle_s], after
                     squares.append([noise * s.chi_square / s.rows for s in both])
@@ -129,11 +129,11 @@ def picture_errors(
 
 def _point(sizes: Sizes) -> Sizes:
     """Return the sizes that filter parameters can hold: those of no pattern, and no variance below 0."""
-    compare_sensors = [n for n in seen_by_pictures() if n in sizes and not n.endswith(SIZE)]
+    compare_sensors = [n for n in picture_effects() if n in sizes and not n.endswith(SIZE)]
     return {n: max(sizes[n], 0.0) if is_square(n) else sizes[n] for n in compare_sensors}
 
 
-def believed(setting: FilterParameters, sizes: Sizes) -> FilterParameters:
+def with_errors(setting: FilterParameters, sizes: Sizes) -> FilterParameters:
     """Return the filter parameters with errors of some sizes."""
     camera, sensor = setting.camera.copy(), setting.sensor.copy()
     for name, size in sizes.items():
@@ -146,7 +146,7 @@ def _misfit(seen: ReprojectionScore, information: Array) -> float:
     """Return the ratio of squared residuals to their noise, once all that moves points is fitted. Above 1,
     pictures and path disagree."""
     tones = [*CAMERA[POINTS:], *(name + SIZE for name in PICTURE_SHAPES)]
-    points = np.array([k for k, name in enumerate((*seen_by_pictures(), *HEALTHY)) if name not in tones])
+    points = np.array([k for k, name in enumerate((*picture_effects(), *HEALTHY)) if name not in tones])
     score = seen.score[points]
     explained = float(score @ np.linalg.solve(information[np.ix_(points, points)], score))
     return max((seen.chi_square - explained) / seen.rows, 1.0)
@@ -159,9 +159,9 @@ def _direction(name: str) -> Perturbation:
     return parameter_perturbation(LATE.get(name, name), step)
 
 
-def _stretches(
-    record: Record, setting: FilterParameters, directions: Sequence[Perturbation]
-) -> Iterator[_Stretch]:
+def _segments(
+    record: Record, setting: FilterParameters, perturbations: Sequence[Perturbation]
+) -> Iterator[_Segment]:
     """Yield the score of the pictures of each ten seconds."""
     matches = record.matches
     assert matches is not None
@@ -171,6 +171,8 @@ def _stretches(
         begin, end = np.searchsorted(number, [k, k + 1]).tolist()
         if end - begin < FEWEST:
             continue
-        seen = reprojection_score_along(matches, setting, *path_segment(path, inside, begin, end), directions)
+        seen = reprojection_score_along(
+            matches, setting, *path_segment(path, inside, begin, end), perturbations
+        )
         if seen.rows:
-            yield _Stretch((k + 0.5) * STRETCH_S, seen)
+            yield _Segment((k + 0.5) * STRETCH_S, seen)

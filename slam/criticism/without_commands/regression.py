@@ -140,11 +140,11 @@ class Regression:
         gains = []
         for part in np.unique(self.part):
             own = self.part == part
-            miss = []
+            residual = []
             for effects in (list(rest), [*rest, effect]):
                 size, _ = self.fit(effects, ~own)
-                miss.append(self.off[own] - self.table(effects)[own] @ size)
-            gains.append(0.5 * float(np.sum(miss[0] ** 2) - np.sum(miss[1] ** 2)))
+                residual.append(self.off[own] - self.table(effects)[own] @ size)
+            gains.append(0.5 * float(np.sum(residual[0] ** 2) - np.sum(residual[1] ** 2)))
         return np.array(gains)
 
     def lead(self, effects: Sequence[str], others: Sequence[str]) -> float:
@@ -171,12 +171,12 @@ def regression_of(rows: Sequence[Sequence[WhitenedRows]]) -> Regression:
     }
     kind = np.concatenate([np.full(len(r.off), r.kind) for flight in rows for r in flight])
     flight = np.concatenate([np.full(len(r.off), k) for k, found in enumerate(rows) for r in found])
-    stretch = np.concatenate([(r.times_s // STRETCH_S).astype(np.int64) for found in rows for r in found])
+    segment = np.concatenate([(r.times_s // STRETCH_S).astype(np.int64) for found in rows for r in found])
     middle_s = [np.mean([r.times_s[[0, -1]] for r in found]) if found else 0.0 for found in rows]
     minutes = np.concatenate(
         [(r.times_s - at) / 60.0 for found, at in zip(rows, middle_s, strict=True) for r in found]
     )
-    _, cluster = np.unique(np.column_stack([flight, stretch]), axis=0, return_inverse=True)
+    _, cluster = np.unique(np.column_stack([flight, segment]), axis=0, return_inverse=True)
     if sum(bool(found) for found in rows) >= FEWEST_FLIGHTS:
         return Regression(off, columns, kind, flight, cluster, minutes, "flight")
     return Regression(off, columns, kind, cluster % SEGMENTS, cluster, minutes, "segment")
@@ -187,7 +187,7 @@ def parts_of(rows: Sequence[Sequence[WhitenedRows]], data: Regression) -> list[d
     parts, begin = [], 0
     for flight in rows:
         count = sum(len(r.off) for r in flight)
-        stretch = np.concatenate([r.times_s // STRETCH_S for r in flight]) if flight else np.zeros(0)
-        parts.append(dict(zip(stretch.tolist(), data.part[begin : begin + count].tolist(), strict=True)))
+        segment = np.concatenate([r.times_s // STRETCH_S for r in flight]) if flight else np.zeros(0)
+        parts.append(dict(zip(segment.tolist(), data.part[begin : begin + count].tolist(), strict=True)))
         begin += count
     return parts

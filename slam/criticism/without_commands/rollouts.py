@@ -31,7 +31,7 @@ def channel_errors(
     for flight, parts in zip(rows, parts_of(rows, data), strict=True):
         for averages in (r.averages for r in flight if r.averages is not None):
             for horizon in HORIZONS_S:
-                found = _misses(averages, horizon, parts, sizes, data.by == "flight")
+                found = _errors_of(averages, horizon, parts, sizes, data.by == "flight")
                 squares.setdefault((averages.channel, averages.unit, horizon), []).append(found**2)
     errors = []
     for (channel, unit, horizon), of in squares.items():
@@ -42,7 +42,7 @@ def channel_errors(
     return tuple(sorted(errors, key=lambda e: e.horizon_s))
 
 
-def _misses(
+def _errors_of(
     averages: Averages,
     horizon_s: float,
     parts: dict[float, int],
@@ -54,11 +54,11 @@ def _misses(
     last = len(averages.times_s) - ahead
     if last < 1 or ahead % averages.order:
         return np.zeros((0, 2))
-    stretch = averages.times_s // STRETCH_S
-    part = np.array([parts.get(s, -1) for s in stretch[:last].tolist()])
+    segment = averages.times_s // STRETCH_S
+    part = np.array([parts.get(s, -1) for s in segment[:last].tolist()])
     lost = np.concatenate([[0], np.cumsum(~averages.whole)])
     kept = (lost[ahead + 1 :] == lost[:last]) & (averages.pause[ahead:] == averages.pause[:last])
-    kept &= whole_flight | (stretch[ahead:] == stretch[:last])
+    kept &= whole_flight | (segment[ahead:] == segment[:last])
     kept &= part >= 0
     apart = averages.table[ahead:] - averages.table[:last]
     if averages.order == 2:

@@ -25,7 +25,7 @@ from slam.simulation.model import Model
 class SensorComparison:
     """Flights with the comparisons of their instruments."""
 
-    balances: tuple[list[WhitenedRows], ...]
+    comparisons: tuple[list[WhitenedRows], ...]
     records: tuple[Record | None, ...]
     """Readings of each flight in the air, with its pictures; None where it is not known to fly."""
     setting: FilterParameters
@@ -51,12 +51,12 @@ class SensorComparison:
             return picture_rows(record, self.setting, sizes)
 
         pictures = in_threads(of_pictures, self.records)
-        return [[*known, *more] for known, more in zip(self.balances, pictures, strict=True)]
+        return [[*known, *more] for known, more in zip(self.comparisons, pictures, strict=True)]
 
 
 def compare_sensors(flights: Sequence[Flight], model: Model, progress: Progress = silent) -> SensorComparison:
     """Compare each instrument of the flights with the others."""
-    balances = [
+    comparisons = [
         inertial_residuals(flight) for flight in Tally(progress, "instruments", len(flights)).each(flights)
     ]
     setting = with_free_motion(filter_parameters_of(model))
@@ -71,7 +71,7 @@ def compare_sensors(flights: Sequence[Flight], model: Model, progress: Progress 
         records.append(known)
         dropped += [told] if told else []
     return SensorComparison(
-        tuple(balances), tuple(records), setting, tuple(_anomalies(records, setting)), tuple(dropped)
+        tuple(comparisons), tuple(records), setting, tuple(_anomalies(records, setting)), tuple(dropped)
     )
 
 
@@ -79,6 +79,6 @@ def _anomalies(records: Sequence[Record | None], setting: FilterParameters) -> l
     known = [record for record in records if record is not None]
     if not known:
         return []
-    flown, found = without_dead_zone(known)
-    passes = in_threads(lambda record: whole(record, setting), flown)
-    return [*found, *reading_anomalies(flown, passes)]
+    clean, found = without_dead_zone(known)
+    passes = in_threads(lambda record: whole(record, setting), clean)
+    return [*found, *reading_anomalies(clean, passes)]

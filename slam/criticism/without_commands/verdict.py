@@ -223,14 +223,18 @@ def _covariate(data: Regression, chosen: Sequence[str], lead: Cause) -> Covariat
     cause, rival = lead.name, lead.rival
     rest = [e for e in chosen if e != cause]
     models = {"": rest, cause: [*rest, cause]} | ({rival: [*rest, rival]} if rival else {})
-    missed = {name: data.off - data.table(effects) @ data.fit(effects)[0] for name, effects in models.items()}
+    residuals = {
+        name: data.off - data.table(effects) @ data.fit(effects)[0] for name, effects in models.items()
+    }
     against = []
     for name in [n for n in models if n]:
-        explained = missed[""] - missed[name]
+        explained = residuals[""] - residuals[name]
         kind = max(np.unique(data.kind), key=lambda k: float(np.sum(explained[data.kind == k] ** 2)))
         own = data.kind == kind
         against.append(
-            ChannelResiduals(name, str(kind), "sigma", explained[own], {n: m[own] for n, m in missed.items()})
+            ChannelResiduals(
+                name, str(kind), "sigma", explained[own], {n: m[own] for n, m in residuals.items()}
+            )
         )
     return Covariate(cause, rival, tuple(against))
 

@@ -107,9 +107,9 @@ def test_what_is_missed_follows_the_guilty_covariate_until_the_cause_is_in_the_m
     def slope(missed):
         return float(own.explained @ missed / (own.explained @ own.explained))
 
-    assert 0.8 < slope(own.missed[""]) < 1.2
-    assert abs(slope(own.missed["quadratic_drag"])) < 0.2
-    assert slope(own.missed[found.covariate.rival]) > slope(own.missed["quadratic_drag"])
+    assert 0.8 < slope(own.residuals[""]) < 1.2
+    assert abs(slope(own.residuals["quadratic_drag"])) < 0.2
+    assert slope(own.residuals[found.covariate.rival]) > slope(own.residuals["quadratic_drag"])
 
 
 @pytest.mark.slow

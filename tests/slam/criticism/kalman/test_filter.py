@@ -18,7 +18,7 @@ from slam.criticism.kalman.record import record_of
 from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search import effects as effects_module
 from slam.criticism.search.effects import _STEPS, RADIUS_M, effects_for
-from slam.criticism.search.nuisances import MEAN_NUISANCES, direction_of
+from slam.criticism.search.nuisances import MEAN_NUISANCES, perturbation_of
 from slam.criticism.simulated_flights import at_lower_rates, draw_vehicle, simulate_flight
 from slam.simulation.model import load_model
 
@@ -169,7 +169,7 @@ def term_with(name, **parameters):
 )
 def test_the_trace_of_what_may_differ_is_what_the_simulator_does(name, ill, times):
     nuisance = next(n for n in MEAN_NUISANCES if n.name == name)
-    assert miss_of(ill, direction_of(nuisance), times) < 0.02
+    assert miss_of(ill, perturbation_of(nuisance), times) < 0.02
 
 
 def test_the_trace_of_a_limit_of_the_tilt_is_what_the_simulator_does(monkeypatch):

@@ -30,10 +30,10 @@ def test_yaw_is_not_laid_to_a_place_that_nothing_measured():
 
 def test_each_direction_has_its_shape_and_level_ones_one_together():
     flight = simulate_flight(load_model("nominal"), stick_for(["yaw on the spot while climbing"]), 1)
-    directions = pattern_directions([record_of(flight)])
-    assert len({d.name for d in directions}) == len(directions)
-    patterns = residual_patterns(directions)
-    names = {d.name for d in directions if not d.name.startswith(YAW_AT_PLACE)}
+    perturbations = pattern_directions([record_of(flight)])
+    assert len({d.name for d in perturbations}) == len(perturbations)
+    patterns = residual_patterns(perturbations)
+    names = {d.name for d in perturbations if not d.name.startswith(YAW_AT_PLACE)}
     alone = [s for s in patterns if len(s.columns) == 1]
     together = [s for s in patterns if len(s.columns) == 2]
     assert {s.name for s in alone} == names
@@ -64,7 +64,7 @@ def test_place_is_each_flights_own_and_counts_from_where_it_begins():
     np.testing.assert_allclose(signals["r2 of flight 1"][1], moved**2)
     assert not signals["x of flight 0"][1].any()
     (placed,) = [s for s in residual_patterns(pattern_directions([record, record])) if s.name == YAW_AT_PLACE]
-    assert sorted(d.signal for d in placed.directions) == sorted(s for s in signals if "of flight" in s)
+    assert sorted(d.signal for d in placed.perturbations) == sorted(s for s in signals if "of flight" in s)
 
 
 def test_what_happens_when_fast_is_nothing_at_half_the_highest_speed_and_goes_where_it_goes():

@@ -12,7 +12,7 @@ from slam.criticism.manoeuvres import stick_for
 from slam.criticism.search.fitted_parameters import fitted_parameter
 from slam.criticism.search.fitting import noise_changes
 from slam.criticism.search.information import fisher_information, gain_column
-from slam.criticism.search.nuisances import GAIN_CORRECTED, MEAN_NUISANCES, direction_of
+from slam.criticism.search.nuisances import GAIN_CORRECTED, MEAN_NUISANCES, perturbation_of
 from slam.criticism.search.pattern_bank import pattern_directions, signals_of
 from slam.criticism.search.quadratic_likelihood import quadratic_likelihood
 from slam.criticism.search.screening import project
@@ -31,10 +31,10 @@ def seen():
     setting = filter_parameters_of(model)
     plain = whole(record, setting)
     patterns = [d for d in pattern_directions([record]) if d.name in BEHIND_TILT]
-    directions = [*map(direction_of, MEAN_NUISANCES), *patterns]
+    perturbations = [*map(perturbation_of, MEAN_NUISANCES), *patterns]
     signals = [signals_of(record, plain.states)]
     return fisher_information(
-        [record], setting, directions, noise_changes(), signals, [plain], GAIN_CORRECTED
+        [record], setting, perturbations, noise_changes(), signals, [plain], GAIN_CORRECTED
     ), setting
 
 

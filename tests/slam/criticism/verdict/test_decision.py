@@ -34,8 +34,8 @@ def cause(name: str, probability: float = 1.0) -> Cause:
 
 def told(*causes: Cause, unknown: float, doubted: tuple[str, ...] = (), out_of_model: bool = False):
     """Verdict, and the probabilities of the causes that are told and of those that are not."""
-    odd = SimpleNamespace(name="vehicle.drag_1_s out of range", directions=())
-    terms = [SimpleNamespace(name=c.name, directions=() if c.name == "gusts" else ("x",)) for c in causes]
+    odd = SimpleNamespace(name="vehicle.drag_1_s out of range", perturbations=())
+    terms = [SimpleNamespace(name=c.name, perturbations=() if c.name == "gusts" else ("x",)) for c in causes]
     posterior = Posterior({SOMETHING_ELSE: unknown, NOTHING: 0.0}, (), ())
     chosen = (*terms, odd) if unknown > 0.5 else tuple(terms)
     found = SimpleNamespace(model=SimpleNamespace(out_of_model=out_of_model), chosen=chosen)
@@ -70,7 +70,7 @@ def test_what_flies_worse_than_nothing_is_not_claimed_beside_something_unknown()
 
 
 def test_what_stands_out_by_less_than_what_is_left_beside_it_is_doubted():
-    odd = SimpleNamespace(name="vehicle.drag_1_s out of range", directions=())
+    odd = SimpleNamespace(name="vehicle.drag_1_s out of range", perturbations=())
     found = SimpleNamespace(model=SimpleNamespace(out_of_model=False), chosen=(odd,))
     posterior = Posterior({SOMETHING_ELSE: 1.0, NOTHING: 0.0}, (), ())
     for left_z, probability in ((17.4, 1.0), (25.0, 0.5)):

@@ -50,13 +50,13 @@ def test_sizes_are_found_from_far_off_and_left_out_flights_say_how_well(braking)
     lean = lean_of(records, nominal)
     with_it, without = (course.fitted(nominal, effects) for effects in ([lean], []))
     found = dict(zip(with_it.columns, with_it.steps.T, strict=True))
-    size = with_it.setting.parameters[lean.directions[0].entry]
+    size = with_it.setting.parameters[lean.perturbations[0].entry]
     tau = with_it.setting.parameters[ATTITUDE_TIME]
     assert size == pytest.approx(LEAN, rel=0.15)
     assert tau == pytest.approx(0.2, rel=0.15)
     assert 0.0 < np.abs(found[lean.columns[0]]).max() < 0.3 * LEAN
     # Every flight is predicted better from the others with it than without.
-    assert (with_it.missed.sum(axis=1) < 0.75 * without.missed.sum(axis=1)).all()
+    assert (with_it.residuals.sum(axis=1) < 0.75 * without.residuals.sum(axis=1)).all()
     assert with_it.better_than(without)
     assert not without.better_than(with_it)
 
@@ -93,16 +93,18 @@ def test_of_what_no_chance_makes_flights_say_whether_it_enters(braking):
     helps = {"active_braking": 0.5, "battery_sag": 0.2}
 
     def fitted(_, effects):
-        missed = 1.0 - sum(helps.get(e.name, 0.0) for e in effects)
-        return SimpleNamespace(setting=nominal, missed=missed, better_than=lambda o: missed < o.missed)
+        residuals = 1.0 - sum(helps.get(e.name, 0.0) for e in effects)
+        return SimpleNamespace(
+            setting=nominal, residuals=residuals, better_than=lambda o: residuals < o.residuals
+        )
 
     def enters(independent):
         def nats(fit, other):
-            return independent * (other.missed - fit.missed)
+            return independent * (other.residuals - fit.residuals)
 
         course = SimpleNamespace(fitted=fitted, nats=nats)
         chosen, fit = _extended(course, found, fitted(nominal, []))
-        assert fit.missed == fitted(nominal, chosen).missed
+        assert fit.residuals == fitted(nominal, chosen).residuals
         return [e.name for e in chosen]
 
     z = {"quadratic_drag": 9.0, "active_braking": 4.2, "battery_sag": 3.0}
