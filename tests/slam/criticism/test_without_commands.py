@@ -240,7 +240,7 @@ def test_pictures_that_nothing_agrees_with_are_told_and_name_no_cause():
     wild = replace(flight.velocity, v_m_s=100.0 * flight.velocity.v_m_s)
     found = criticise([replace(flight, velocity=wild)])
     assert (found.verdict, found.causes) == ("unknown", ())
-    assert "pictures are off" in found.remainder
+    assert "pictures disagree" in found.remainder
     # A height alone makes no path.
     assert criticise([replace(flight, imu=None, attitude=None, velocity=None)]).verdict == "unusable"
 
