@@ -18,12 +18,12 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CELL_SHARE = 1 / 15
-"""Of the picture's width: brightness is averaged over so much, so that the floor's detail counts little."""
+"""Cell size as a share of the picture's width: averaging over a cell suppresses the floor's detail."""
 DARKEST, BRIGHTEST = 12.0, 240.0
 CELL_STEPS = (1, 4)
 """Pictures whose cells are compared are so many apart: near ones overlap by most, others have moved on."""
 MOST_PAIRS = 1000
-"""Of a flight, chosen evenly: a lens is the same all the time."""
+"""Number of pairs of a flight, evenly spaced: the lens does not change."""
 
 
 @dataclass(frozen=True)

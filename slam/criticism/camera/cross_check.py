@@ -18,11 +18,12 @@ Array = NDArray[np.float64]
 Pair = tuple[int, int]
 
 APART = 0.06
-"""Of a picture's width: right ones differ by up to 0.02, and by 0.04 where rows are read out over 30 ms."""
+"""Largest difference as a share of the picture's width: correct ones differ by up to 0.02, and by 0.04 with
+a read-out of 30 ms."""
 
 
 def confirmed(i_H_j: Mapping[Pair, Array], camera: Camera) -> set[Pair]:
-    """Of homographies of picture j in picture i, keyed (i, j), those that may be believed.
+    """Return the homographies of picture j in picture i, keyed (i, j), that a second route confirms.
 
     The way round goes by the picture in the middle, whose halves overlap by more than the whole: where both
     are believed, they decide. On a floor that repeats, wholes that are wrong by the same piece of floor agree

@@ -35,7 +35,7 @@ STEPS = (1, 2, 4, 8)
 """Each picture is compared with those so many before it."""
 FEATURES = FeatureConfig(max_features=300)
 MATCHES = 24
-"""Of a pair, chosen evenly; more say the same about the path between two pictures."""
+"""Number of matches of a pair, evenly spaced; more add nothing about the path between two pictures."""
 BEYOND = 3.5
 """A match farther from the pair's homography than so many standard deviations is none."""
 PATCH = (7, 7)

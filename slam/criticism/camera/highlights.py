@@ -26,18 +26,18 @@ WIDTH_PX = 88
 """Pictures are looked at this small: a spot is no detail."""
 SMOOTH_PX = 3
 LEAST_LEVELS, DEVIATIONS = 25.0, 6.0
-"""By which a spot is brighter than the floor beneath, at least; and far beyond what pictures differ by."""
+"""Smallest excess of a spot over the floor, in grey levels and in deviations of what pictures differ by."""
 LEAST_SEEN = 0.3
 MOST_TURN = 0.1
 """Radians that a pair of pictures may be turned against each other: all that is seen turns alike."""
 LEAST_AREA = 1e-3
-"""Of the picture."""
+"""Smallest area, as a share of the picture."""
 MOST_FLOW, LEAST_FLOW = 0.5, 0.015
-"""Of the picture's width that the floor goes between two pictures in which a spot may be followed."""
+"""Range of the floor's flow between two pictures, in picture widths, in which a spot can be tracked."""
 LEAST_LAG = 0.15
 """Share of the floor's flow that a spot stays behind by; more than 1 where one hides the other's middle."""
 ACROSS = 0.5
-"""Of what it stays behind by, across the flow."""
+"""Largest motion across the flow, as a share of the motion along it."""
 FEWEST_PAIRS, MOSTLY = 6, 0.6
 """Pairs of pictures with spots that lag behind the floor: so many, and so many for each with a spot that goes
 otherwise. Boxes and moving things made 0.2 to 0.3, lamps 0.9 and more; healthy pictures have no spots."""
@@ -66,7 +66,8 @@ def dimmed(image: Image) -> Image:
 
 
 def spots(dim_i: Image, dim_j: Image, i_H_j: Array, camera: Camera) -> Spots:
-    """Of two dimmed pictures of one camera, with the floor's homography between undistorted pixels."""
+    """Find bright spots in two dimmed pictures of one camera, given the floor's homography between
+    undistorted pixels."""
     nothing = Spots(0, 0, np.nan)
     j_H_i = np.asarray(np.linalg.inv(i_H_j), dtype=np.float64)
     middle = np.array([camera.center_px])

@@ -38,7 +38,7 @@ GAUGE_ROUNDS = 30
 
 @dataclass(frozen=True)
 class LensDistortionMap:
-    """Where each half of a flight's pictures shows points, less where a lens of the catalogue would."""
+    """Displacement of points in each half of a flight's pictures, relative to a lens of the catalogue."""
 
     camera: Camera
     pictures: int

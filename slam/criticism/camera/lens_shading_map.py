@@ -27,7 +27,8 @@ CLIP, ROUNDS = 4.0, 10
 """Residuals are clipped at so many deviations, at first of all and then ever nearer to those of most: what a
 stain makes of a few cells is far beyond the noise of the others."""
 LEAST_STD = 1e-3
-"""Of the logarithm of brightness, of a cell and of a pair: pictures are rounded."""
+"""Smallest standard deviation of the logarithm of brightness, of a cell and of a pair: pictures are rounded.
+"""
 BLOCK = 10
 """Pictures in a row that others foretell: those nearer show the same points with the same noise."""
 

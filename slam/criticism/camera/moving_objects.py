@@ -17,7 +17,7 @@ from slam.criticism.camera.overlaid import Image, Overlaid
 Light = NDArray[np.float32]
 
 OFF, BACK = 0.017, 0.006
-"""Of the picture's width: flow of so much is motion, if its way back ends so near to where it began."""
+"""Flow of a moving object in picture widths, and largest closure error of its backward flow."""
 LEAST_SHARE, ALONG, ON_LENS = 0.35, 0.9, 1.15
 """A bent or rolling picture is off by less than the first share of the flow; along it, by this cosine, is
 high, or on the lens, which is off by the whole of it."""
@@ -27,8 +27,8 @@ PATCH = (5, 5)
 BORDER_PX = 4
 LEAST_SEEN = 0.2
 LEAST_AREA = 0.005
-"""Of the picture, in one piece. Over floors of two generators no healthy pair of 900 had anything at all, and
-things as large as a third of the picture had it in two pairs of three."""
+"""Smallest area of a moving object, as a share of the picture. Over floors of two generators none of 900
+healthy pairs exceeded it; objects as large as a third of the picture exceeded it in two pairs of three."""
 
 
 def has_moving_object(small_i: Image, laid: Overlaid, camera: Camera) -> bool:

@@ -23,7 +23,7 @@ class Overlaid:
     """Picture j as i would show it if there were nothing but floor; (h, w) of i, which may be small."""
 
     seen: NDArray[np.bool_]
-    """Where both pictures show the floor."""
+    """Pixels at which both pictures show the floor."""
     other: NDArray[np.float32]
     """Levels of j, brought to those of i by one factor."""
     was_px: Array

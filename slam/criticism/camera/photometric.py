@@ -1,4 +1,4 @@
-"""What the tones of the pictures say about the camera's terms, and about shapes that no term has."""
+"""Photometric score: evidence of the pictures' tones on the camera's terms and on patterns without a term."""
 
 from __future__ import annotations
 
@@ -24,22 +24,23 @@ PICTURE_SHAPES = (
     "picture sharpness ~ time", "picture brightness ~ height", STAINED, *RESTLESS,
 )  # fmt: skip
 MEMORY_S = 1.0
-"""Of the automatics that exposure_variation stands for."""
+"""Time constant of the automatic exposure that exposure_variation models."""
 BLUR_DETAIL, BLUR_CONTRAST = 0.02, 0.01
 """Loss of the logarithm of local detail, and of contrast, for each square pixel of a small smear: known to
 its own size, as floors have it."""
 LARGE_SMEAR_PX2 = 2.0
-"""Beyond this a smear takes ever less of what is left."""
+"""Smear above which each further smear removes less of the remaining detail."""
 BORDER = 0.35
 """r^2 in half diagonals where a picture's matches lie, in the mean."""
 SHADING_TOLERANCE, STAIN_TOLERANCE = 0.01, 0.005
-"""Of the corners' darkness, and root mean square of the lens's map: so uneven a sound lens may be."""
+"""Tolerated shading of a healthy lens: darkness of the corners, and root mean square of the shading map."""
 OUTWARD_TOLERANCE = 0.02
 """Brightness that corners may lack: what lies farther out in one of two pictures tells nothing by that."""
 HEALTHY_STD = {CONTRAST: 0.02, SHARPNESS: 0.08}
-"""Of the logarithm, from place to place: one floor has more detail than another to lose, at each height."""
+"""Standard deviation of the logarithm from place to place: floors differ in detail, at each height."""
 LAMPS_STD = 0.01
-"""Of the logarithm of brightness, where lamps are mirrored in the floor: points lie in their light, too."""
+"""Standard deviation of the logarithm of brightness where the floor mirrors lamps, which light the points
+too."""
 SLOW_SHARPNESS = 0.3
 """Change of the logarithm of local detail over a flight that a floor's other places may make."""
 TOLERANCE = {0: 0.03, 1: 0.03, 2: 0.03, CONTRAST: 0.2, SHARPNESS: 0.6}

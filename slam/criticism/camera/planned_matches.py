@@ -1,4 +1,4 @@
-"""What pictures would show of a flight that is only planned: points of a bare floor, where they would lie.
+"""Predicted matches of a planned flight: points of a bare floor at their predicted positions.
 
 Nothing is rendered. Points lie on a grid of the later picture and are carried along the path into the earlier
 one; tones are drawn. What the pictures would tell of an error is in where points lie and in how well they are
@@ -25,9 +25,9 @@ Array = NDArray[np.float64]
 
 GRID = round(np.sqrt(MATCHES))
 BORDER_SHARE = 0.05
-"""Of a picture's width: no feature lies nearer to its edge."""
+"""Smallest distance of a feature to the edge, as a share of the picture's width."""
 LEVELS, DETAIL = (60.0, 180.0), (5.0, 20.0)
-"""Of a floor: grey levels, and how much they vary about a point."""
+"""Grey levels of a floor, and their variation about a point."""
 TONE_NOISE, CELL_NOISE = 0.02, 0.02
 """Share that a point's tones, or a cell's, differ by from picture to picture."""
 

@@ -44,12 +44,12 @@ _SAME_SHARE, _SAME_S = 3e-3, 1e-3
 
 
 TOLERANCE = np.concatenate([[2e-3, 3e-3, 3e-4, 3e-4, 3e-4, 1e-4, 3e-5], WARP_TOLERANCE])
-"""What features on small pictures bear: so far a healthy camera may seem off in a flight; then its clock, and
+"""Largest apparent error of a healthy camera from features on small pictures; then of its clock, and of
 warps."""
 _PIXEL_NUDGE = 0.1
 """Pixels to either side, for a derivative."""
 MOST_PICTURES = 450
-"""Of a flight, that are held together; ..."""
+"""Largest number of pictures of a flight that are evaluated together."""
 BURST_S = 10.0
 """... where there are more, they are taken by so many seconds on end."""
 MARGIN_S = 0.3
@@ -58,7 +58,7 @@ MARGIN_S = 0.3
 
 @dataclass(frozen=True)
 class ReprojectionScore:
-    """What the pictures of one flight say about some directions, at one belief."""
+    """Score of the matches of one flight along some directions, at one set of parameters."""
 
     information: Array
     """(p, p)."""
@@ -66,7 +66,7 @@ class ReprojectionScore:
     """(p,)."""
     log_likelihood: float
     chi_square: float = 0.0
-    """Of the residuals, with the poses free within the path's covariance, ..."""
+    """Squared whitened residuals, with the poses free within the path's covariance."""
     rows: int = 0
     """... and how many residuals there are."""
 
@@ -99,7 +99,8 @@ def camera_path(
 
 
 def spread(stamps_s: Array, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Of more than ``MOST_PICTURES`` those of some seconds on end, evenly over the flight (n,).
+    """Choose segments of consecutive pictures, evenly over the flight (n,), if there are more than
+    ``MOST_PICTURES``.
 
     The errors of all poses together go with the square of their number. And what every pair of a long chain
     is off by adds up: over a minute and more, to a focal length that is off by hundredths.
@@ -164,7 +165,7 @@ def _points(
     inside: NDArray[np.bool_],
     directions: Sequence[Perturbation],
 ) -> ReprojectionScore:
-    """What the places of points say."""
+    """Return the score of the positions of points."""
     scene = _Scene.of(matches, setting, setting.camera, path, inside)
     if not len(scene.i):
         return ReprojectionScore(np.zeros((len(directions), len(directions))), np.zeros(len(directions)), 0.0)

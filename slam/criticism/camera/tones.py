@@ -33,8 +33,8 @@ FEWEST = 8
 LEAST_STD = np.array([0.002, 0.002, 0.002, 0.004, 0.008, 0.004, 0.004])
 """No figure of a pair is known better: pictures are rounded and compressed."""
 WANDER = np.array([0.006, 0.006, 0.006, 0.004, 0.03, 0.003, 0.003])
-"""What a healthy picture's own property differs by: other points of the floor are seen, and what moves covers
-some of them."""
+"""Standard deviation of a healthy picture's properties: other floor points are visible, and moving objects
+cover some."""
 CLIP = 4.0
 UNTOLD = 0.0, np.inf
 """A figure that a pair does not tell, and its standard deviation."""
@@ -162,7 +162,7 @@ def _figures(matches: FeatureMatches, own: Ints, share: tuple[float, float]) -> 
 
 
 def _shares(matches: FeatureMatches, stain: LensShadingMap) -> dict[tuple[int, int], tuple[float, float]]:
-    """Of each pair of pictures whose cells are compared."""
+    """Compute the shares of each pair of pictures whose cells are compared."""
     cells = matches.cells
     outward = radius2(matches.camera, cells.pixel_i) - radius2(matches.camera, cells.pixel_j)
     return {
@@ -175,7 +175,7 @@ def _shares(matches: FeatureMatches, stain: LensShadingMap) -> dict[tuple[int, i
 
 
 def _share(predicted_by_others: Array, ratio: Array, outward: Array) -> tuple[float, float]:
-    """Of what is foretold, how much there is, beside a vignette; and its standard deviation."""
+    """Return the amplitude of the predicted pattern beside a vignette, and its standard deviation."""
     free = np.column_stack([np.ones_like(outward), outward])
     both = np.column_stack([predicted_by_others, ratio])
     away, left = (both - free @ np.linalg.lstsq(free, both, rcond=None)[0]).T

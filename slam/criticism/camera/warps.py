@@ -27,7 +27,8 @@ _KINDS = (
 )
 WARPS = tuple(name for name, _ in _KINDS)
 TOLERANCE = np.array([std for _, std in _KINDS])
-"""What features on small pictures bear, as of the camera's own terms: so far a healthy one may seem off."""
+"""Largest apparent error of a healthy camera from features on small pictures, as for the camera's own terms.
+"""
 PAIRS = (("picture shifted ~ time: columns", "picture shifted ~ time: rows"),)
 """Those that are one warp along columns and rows."""
 

@@ -1,1 +1,1 @@
-"""What shows in what is left over and changes no equation: odd readings, steps in the floor, vibration."""
+"""Residual patterns that change no equation: anomalous readings, steps in the floor, vibration."""

@@ -29,7 +29,8 @@ _Seen = TypeVar("_Seen")
 SECOND_ECHO = (1.6, 2.4)
 """Limits of a spike: its ratio to the predicted range."""
 FEWEST_SPIKES, NATS_A_SPIKE = 2, 9.0
-"""Of a reading ten deviations off and more, even with Student's tails, less what its rarity costs."""
+"""Evidence of a reading that is ten deviations off or more, even with Student's tails, less the cost of its
+rarity."""
 ENTAILS = {
     "sonar_quantisation": ("sonar_noise out of range",),
     "sonar_spikes": ("sonar_noise out of range",),
