@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from slam.criticism.camera.reprojection import camera_path, residuals
+from slam.criticism.camera.camera_path import camera_path
+from slam.criticism.camera.reprojection import residuals
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.record import Record
 

@@ -119,13 +119,18 @@ def photometric_score(
         table = np.column_stack(list(shapes.values()))
         held += sum(share * camera[entry] for (kind, entry), share in restless.items() if kind == "camera")
         found = weigh(tones, figure, table, ours, healthy, held, memory, slow)
-        # The last column is a variance that these entries make together, each with its share.
-        parts = np.zeros((len(shapes) + 1, len(shapes) + len(restless)))
-        parts[: len(shapes), : len(shapes)] = np.eye(len(shapes))
-        parts[-1, len(shapes) :] = list(restless.values())
+        parts = _variance_shares(len(shapes), list(restless.values()))
         keys = [*shapes, *restless]
         total.add(keys, parts.T @ found.information @ parts, found.score @ parts, found.log_likelihood)
     return total.shades()
+
+
+def _variance_shares(patterns: int, shares: list[float]) -> Array:
+    """Map all entries to the columns of a fit: the patterns, and one variance that several entries share."""
+    parts = np.zeros((patterns + 1, patterns + len(shares)))
+    parts[:patterns, :patterns] = np.eye(patterns)
+    parts[-1, patterns:] = shares
+    return parts
 
 
 def _blurred(

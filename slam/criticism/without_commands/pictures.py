@@ -13,13 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.criticism.camera.camera_path import camera_path
 from slam.criticism.camera.photometric import PICTURE_SHAPES
-from slam.criticism.camera.reprojection import (
-    ReprojectionScore,
-    camera_path,
-    path_segment,
-    reprojection_score_along,
-)
+from slam.criticism.camera.reprojection import ReprojectionScore, path_segment, reprojection_score_along
 from slam.criticism.cause import NOT_AHEAD_S, ChannelError
 from slam.criticism.kalman.camera_parameters import CAMERA, POINTS, STEPS
 from slam.criticism.kalman.filter_parameters import FilterParameters, slot

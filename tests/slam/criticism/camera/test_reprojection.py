@@ -9,18 +9,11 @@ import pytest
 from scipy.stats import chi2
 
 from frontend.camera import Camera
+from slam.criticism.camera.camera_path import MOST_PICTURES, camera_path, spread
 from slam.criticism.camera.feature_matches import FeatureMatches, match_pictures
 from slam.criticism.camera.lens import floor_of, pixels_of
 from slam.criticism.camera.photometric import PICTURE_SHAPES
-from slam.criticism.camera.reprojection import (
-    MOST_PICTURES,
-    TOLERANCE,
-    ReprojectionScore,
-    camera_path,
-    path_segment,
-    reprojection_score,
-    spread,
-)
+from slam.criticism.camera.reprojection import TOLERANCE, ReprojectionScore, path_segment, reprojection_score
 from slam.criticism.camera.warps import BENT, WARPS, warp
 from slam.criticism.kalman.camera_parameters import (
     BLUR,

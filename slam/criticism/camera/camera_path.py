@@ -1,0 +1,82 @@
+"""The smoothed path of the camera at the pictures of a flight."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.criticism.camera.feature_matches import SHORTEST_S, FeatureMatches
+from slam.criticism.kalman.camera_parameters import OFFSET, READOUT
+from slam.criticism.kalman.filter_parameters import FilterParameters
+from slam.criticism.kalman.perturbations import parameter_perturbation
+from slam.criticism.kalman.readings import SENSOR
+from slam.criticism.kalman.record import Record
+from slam.criticism.kalman.smoothing import LEAST_HALF_S, SmoothedPath, smoothed
+
+Array = NDArray[np.float64]
+
+_SENSOR_NUDGE = 1e-3
+_KEPT_PATHS = 2
+_PATHS: WeakKeyDictionary[FeatureMatches, dict[bytes, tuple[Array, SmoothedPath]]] = WeakKeyDictionary()
+"""Smoothed paths at the pictures that were worked out last, as long as these are there."""
+_SAME_SHARE, _SAME_S = 3e-3, 1e-3
+"""Beliefs whose numbers differ by less make the same path."""
+MOST_PICTURES = 450
+"""Largest number of pictures of a flight that are evaluated together."""
+BURST_S = 10.0
+"""... where there are more, they are taken by so many seconds on end."""
+MARGIN_S = 0.3
+"""Pictures so near to the ends of the readings are left out, so that a late camera loses none."""
+
+
+def camera_path(
+    record: Record, matches: FeatureMatches, setting: FilterParameters
+) -> tuple[SmoothedPath, NDArray[np.bool_]]:
+    """The path at the pictures, and which lie within it and off the floor; kept for beliefs nearly alike."""
+    camera = setting.camera
+    inside = matches.stamps_s > record.times_s[0] + MARGIN_S
+    inside &= matches.stamps_s < record.times_s[-1] - MARGIN_S
+    # On the floor a picture is a few centimetres away: its scale is that of the landing gear, which differs.
+    inside &= ~record.landing[
+        np.searchsorted(record.times_s, matches.stamps_s).clip(max=len(record.times_s) - 1)
+    ]
+    inside = spread(matches.stamps_s, inside)
+    paths = _PATHS.setdefault(matches, {})
+    key = _key(setting, record.duration_s)
+    half_s = max(min(0.5 * float(camera[READOUT]), 0.4 * SHORTEST_S), LEAST_HALF_S)
+    if key not in paths:
+        shown = matches.stamps_s[inside] * (1.0 + setting.drift) - camera[OFFSET]
+        shown = np.clip(shown, record.times_s[0] + half_s, record.times_s[-1] - half_s)
+        while len(paths) >= _KEPT_PATHS:
+            paths.pop(next(iter(paths)))
+        directions = [parameter_perturbation(name, _SENSOR_NUDGE) for name in SENSOR]
+        paths[key] = setting.sensor, smoothed(record, setting, shown, directions, half_s)
+    sensor, path = paths[key]
+    moved = (path.sensitivity @ (setting.sensor - sensor)).reshape(path.poses.shape)
+    return replace(path, poses=path.poses + moved), inside
+
+
+def spread(stamps_s: Array, inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Choose segments of consecutive pictures, evenly over the flight (n,), if there are more than
+    ``MOST_PICTURES``.
+
+    The errors of all poses together go with the square of their number. And what every pair of a long chain
+    is off by adds up: over a minute and more, to a focal length that is off by hundredths.
+    """
+    share = MOST_PICTURES / max(int(inside.sum()), 1)
+    if share >= 1.0:
+        return inside
+    burst = np.floor(stamps_s / BURST_S)
+    return inside & (np.floor((burst + 1.0) * share) > np.floor(burst * share))
+
+
+def _key(setting: FilterParameters, duration_s: float) -> bytes:
+    """Equal for beliefs under which the readings tell nearly the same path."""
+    parts = [setting.parameters, setting.hold, setting.noise_factor, setting.noise_correlation]
+    numbers = np.concatenate(parts)
+    coarse = np.round(np.sign(numbers) * np.log1p(np.abs(numbers) / 0.01) / _SAME_SHARE)
+    clocks = [setting.latency_s, setting.drift * 100, setting.jitter_s, *setting.camera[[OFFSET, READOUT]]]
+    return coarse.tobytes() + np.round(np.array([*clocks, duration_s]) / _SAME_S).tobytes()
