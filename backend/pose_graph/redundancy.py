@@ -1,4 +1,4 @@
-"""What checks a solved pose graph: cycles of accepted edges, and the size of their residuals."""
+"""Redundancy of a solved pose graph: cycles of accepted edges, and the size of their residuals."""
 
 from __future__ import annotations
 

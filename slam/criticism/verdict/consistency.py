@@ -36,7 +36,7 @@ WEAK = 1e-6
 
 
 @dataclass(frozen=True)
-class Consistency:
+class PartConsistency:
     """Consistency of a cause between parts of the flights."""
 
     by: str
@@ -49,7 +49,7 @@ class Consistency:
 
 def consistencies(
     records: Sequence[Record], model: FilterParameters, parameters: FilterParameters, chosen: Sequence[Effect]
-) -> list[tuple[Consistency, ...]]:
+) -> list[tuple[PartConsistency, ...]]:
     """Return consistencies for each chosen effect that moves the mean of the readings; none for the others.
 
     ``parameters`` include the effects at their sizes.
@@ -70,7 +70,7 @@ def consistencies(
 
     found = in_threads(one, range(len(records)))
     traces, white, part = (np.concatenate([f[i] for f in found]) for i in range(3))
-    answers: list[tuple[Consistency, ...]] = []
+    answers: list[tuple[PartConsistency, ...]] = []
     first = len(MEAN_NUISANCES)
     for effect in chosen:
         own = np.arange(first, first + len(effect.perturbations))
@@ -89,7 +89,7 @@ def consistencies(
 
 def _consistency(
     by: str, traces: Array, white: Array, part: Ints, own: Ints, precision: Array
-) -> Consistency:
+) -> PartConsistency:
     total = traces.T @ traces + np.diag(precision + 1e-9)
     score = white @ traces
     step = np.linalg.solve(total, score)
@@ -110,7 +110,7 @@ def _consistency(
     along = vectors[:, strong].T @ (scale * right)
     chi2 = float(np.sum(along**2 / values[strong]))
     degrees = int(strong.sum())
-    return Consistency(by, deviate(chi2, degrees) if chi2 > degrees else 0.0, chi2 - degrees)
+    return PartConsistency(by, deviate(chi2, degrees) if chi2 > degrees else 0.0, chi2 - degrees)
 
 
 def contradictions(
