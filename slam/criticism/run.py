@@ -192,13 +192,11 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     with rolled_out.part():
         together = held_out(records, found, prepared.setting) if any(map(is_term, found.chosen)) else None
         fitted = causes_of(records, prepared.setting, found, posterior, together, best) if together else ()
-    left = found.last.score_tests(found.chosen, found.last.patterns)
-    left = sorted(left, key=lambda s: -s.z)
+    left = sorted(found.last.score_tests(found.chosen, found.last.patterns), key=lambda s: -s.z)
     pattern_z = with_misfit(limits.patterns, max((c.z for c in fitted), default=0.0))
     left_z = max((s.z for s in left[:1] if s.z > pattern_z), default=0.0)
     likely, faint = split_by_probability(fitted, found, posterior, doubts, left_z)
-    # An anomaly of the readings may leave a part of its term in streams that it cannot mend: that is the same
-    # cause.
+    # An anomaly that cannot be removed from every stream leaves a part of its term: it is the same cause.
     likely = tuple(cause for cause in likely if cause.name not in {o.name for o in anomalies})
     causes = by_importance([*likely, *(o.cause() for o in anomalies)])
     pattern_z = with_misfit(limits.patterns, max((c.z for c in causes), default=0.0))
