@@ -68,7 +68,10 @@ def _rectifier(
     distortion: tuple[float, ...],
     size_px: tuple[int, int],
 ) -> Rectifier:
-    camera, scale = Camera(focal_px, center_px, full_px, distortion), np.array(full_px) / np.array(size_px)
+    camera, scale = (
+        Camera(focal_px=focal_px, center_px=center_px, size_px=full_px, distortion=distortion),
+        np.array(full_px) / np.array(size_px),
+    )
     first = -np.ceil(_MARGIN_RATIO * np.array(size_px))
     count = np.ceil((np.array(size_px) - 2 * first) / _COARSE_STEP).astype(int)
     ideal = first + _COARSE_STEP * np.stack(np.meshgrid(*map(np.arange, count)), axis=-1)

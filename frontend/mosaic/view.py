@@ -75,7 +75,13 @@ def mosaic_view(camera: Camera, k: int, w_T_b: Array, floor_z_m: float) -> Mosai
     gsd = float(np.sqrt(depth**3 / abs(np.linalg.det(pixel_H_floor))))
     bounds: Array = np.concatenate([edge.min(axis=0), edge.max(axis=0)])
     return MosaicView(
-        k, np.asarray(pixel_H_floor, float), w_T_c[:3, 3], height, bounds, gsd, float(off_axis_cos.min())
+        k=k,
+        pixel_H_floor=np.asarray(pixel_H_floor, float),
+        w_p_c_m=w_T_c[:3, 3],
+        height_m=height,
+        bounds_m=bounds,
+        gsd_m=gsd,
+        max_off_axis_cos=float(off_axis_cos.min()),
     )
 
 

@@ -220,12 +220,12 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
         n: x for n, x in zip(INSTRUMENTS, parameters.noise_correlation.tolist(), strict=True) if x > 0.0
     }
     return Criticism(
-        verdict,
-        sentence_of(verdict, causes, equivalents, remainder, everything, correlation),
-        causes,
-        equivalents,
-        remainder,
-        next_flight(records, model, found, posterior, progress),
+        verdict=verdict,
+        sentence=sentence_of(verdict, causes, equivalents, remainder, everything, correlation),
+        causes=causes,
+        equivalence_set=equivalents,
+        remainder=remainder,
+        next_flight=next_flight(records, model, found, posterior, progress),
         detectable=everything,
         ranking=ranking(
             found,

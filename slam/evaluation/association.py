@@ -153,7 +153,14 @@ def _with_truth(
     keyframe = np.flatnonzero(comparable & inside & covered)
     w_T_b = _interpolated(times_s, poses, at_s[keyframe], left[keyframe], right[keyframe])
     missed = _missed_between_rows(times_s, poses, at_s[keyframe], left[keyframe], right[keyframe])
-    return Association("truth", keyframe, w_T_b[:, :3, 3].copy(), w_T_b, left_out, between_rows=missed)
+    return Association(
+        reference="truth",
+        keyframe=keyframe,
+        position_m=w_T_b[:, :3, 3].copy(),
+        w_T_b=w_T_b,
+        left_out=left_out,
+        between_rows=missed,
+    )
 
 
 def poses_at(truth: Truth, stamps_s: Array) -> Array:
@@ -244,4 +251,11 @@ def _with_gps(
     _count(left_out, "without a GPS fix at their time", comparable & ~matched)
     keyframe = np.flatnonzero(comparable & matched)
     position_m = fixes_m[nearest[keyframe]]
-    return Association("gps", keyframe, position_m, None, left_out, dimensions=2 if flat else 3)
+    return Association(
+        reference="gps",
+        keyframe=keyframe,
+        position_m=position_m,
+        w_T_b=None,
+        left_out=left_out,
+        dimensions=2 if flat else 3,
+    )

@@ -105,14 +105,14 @@ def filter_input(
     scale = flight.sonar.scale_std if flight.sonar and readings.range_m else 0.0
     velocity_scale = flight.velocity.scale_std if flight.velocity and readings.velocity_m_s else 0.0
     return FilterInput(
-        readings,
-        _model(flight, trust, rate, acceleration),
-        _start(flight, readings, trust, start_s),
-        start_s,
-        end_s,
-        scale,
-        velocity_scale,
-        adjustments,
+        readings=readings,
+        model=_model(flight, trust, rate, acceleration),
+        start=_start(flight, readings, trust, start_s),
+        start_s=start_s,
+        end_s=end_s,
+        range_scale_std=scale,
+        velocity_scale_std=velocity_scale,
+        adjustments=adjustments,
     )
 
 

@@ -81,15 +81,15 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
             "not beyond"
         )
     return Camera(
-        (fu, fv),
-        (cu, cv),
-        (int(width), int(height)),
-        distortion,
-        sensor.transform() if sensor.has("T_BS") else NADIR_B_T_C.copy(),
-        sensor.number("focal_std_ratio", 0.0),
-        sensor.number("radial_std", 0.0),
-        sensor.number("mount_std", 0.0),
-        readout_s,
+        focal_px=(fu, fv),
+        center_px=(cu, cv),
+        size_px=(int(width), int(height)),
+        distortion=distortion,
+        b_T_c=sensor.transform() if sensor.has("T_BS") else NADIR_B_T_C.copy(),
+        focal_std_ratio=sensor.number("focal_std_ratio", 0.0),
+        radial_std=sensor.number("radial_std", 0.0),
+        mount_std_rad=sensor.number("mount_std", 0.0),
+        readout_s=readout_s,
     )
 
 

@@ -50,7 +50,13 @@ class CsvTable:
         """Return the rows ``keep`` in that order, with the given stamps."""
         names = tuple(self.names[k] for k in keep) if self.names else ()
         return CsvTable(
-            self.path, stamps_ns, self.values[keep], names, self.lines[keep], self.notes, self.truncated
+            path=self.path,
+            stamps_ns=stamps_ns,
+            values=self.values[keep],
+            names=names,
+            lines=self.lines[keep],
+            notes=self.notes,
+            truncated=self.truncated,
         )
 
 
@@ -78,7 +84,15 @@ def read_numbers(path: Path, root: Path, columns: tuple[CsvColumn, ...]) -> CsvT
         cut = True
     if not text.lines:
         empty = np.empty((0, len(columns)))
-        return CsvTable(path, np.empty(0, np.int64), empty, (), np.empty(0, np.int64), tuple(notes), cut)
+        return CsvTable(
+            path=path,
+            stamps_ns=np.empty(0, np.int64),
+            values=empty,
+            names=(),
+            lines=np.empty(0, np.int64),
+            notes=tuple(notes),
+            truncated=cut,
+        )
     try:
         stamps, values = _parse_in_bulk(text.lines, width, indices)
         lines = np.array(text.numbers)
@@ -87,7 +101,18 @@ def read_numbers(path: Path, root: Path, columns: tuple[CsvColumn, ...]) -> CsvT
         notes += [f"{count} {what}" for what, count in found.items()]
     if extra := extra_columns(text.header, columns):
         notes.append(f"columns not of this stream ignored: {brief(', '.join(extra), 120)}")
-    return _check_limits(CsvTable(path, stamps, values, (), lines, tuple(notes), cut), columns)
+    return _check_limits(
+        CsvTable(
+            path=path,
+            stamps_ns=stamps,
+            values=values,
+            names=(),
+            lines=lines,
+            notes=tuple(notes),
+            truncated=cut,
+        ),
+        columns,
+    )
 
 
 def read_names(path: Path, root: Path, title: str) -> CsvTable:
@@ -129,7 +154,13 @@ def read_names(path: Path, root: Path, title: str) -> CsvTable:
     notes = (*text.notes, *(f"{n} {what}" for what, n in lost.items()))
     none = np.empty((len(stamps), 0))
     return CsvTable(
-        path, np.array(stamps, np.int64), none, tuple(names), np.array(lines, np.int64), notes, cut
+        path=path,
+        stamps_ns=np.array(stamps, np.int64),
+        values=none,
+        names=tuple(names),
+        lines=np.array(lines, np.int64),
+        notes=notes,
+        truncated=cut,
     )
 
 
@@ -281,4 +312,12 @@ def _check_limits(table: CsvTable, columns: tuple[CsvColumn, ...]) -> CsvTable:
         table.values[too_large, k] = np.nan
         what = f"{column.name} beyond {column.most}"
         notes.append(f"{count} values of {what} treated as missing (first: line {line})")
-    return CsvTable(table.path, table.stamps_ns, table.values, (), table.lines, tuple(notes), table.truncated)
+    return CsvTable(
+        path=table.path,
+        stamps_ns=table.stamps_ns,
+        values=table.values,
+        names=(),
+        lines=table.lines,
+        notes=tuple(notes),
+        truncated=table.truncated,
+    )

@@ -48,9 +48,9 @@ def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[str, ...]]:
     tags = photos[focals.index(median)]
     width, height = tags.size_px
     camera = Camera(
-        (median.px, median.px),
-        ((width - 1) / 2, (height - 1) / 2),
-        tags.size_px,
+        focal_px=(median.px, median.px),
+        center_px=((width - 1) / 2, (height - 1) / 2),
+        size_px=tags.size_px,
         focal_std_ratio=_FOCAL_STD_RATIO[best],
         radial_std=0.01 if best == "dewarp" else 0.1,
     )

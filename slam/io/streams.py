@@ -139,9 +139,9 @@ def _imu(source: Source) -> Imu:
     source = source.keep_rows(np.isfinite(source.table.values).all(axis=1), "a value is missing")
     values = source.table.values
     return Imu(
-        source.stamps_s,
-        values[:, :3],
-        values[:, 3:],
+        stamps_s=source.stamps_s,
+        gyro_rad_s=values[:, :3],
+        accel_m_s2=values[:, 3:],
         **{
             name: source.sensor.number(key, getattr(Imu, name), positive=key.endswith("density"))
             for key, name in IMU_DENSITIES.items()
@@ -174,12 +174,12 @@ def _sonar(source: Source) -> Sonar:
     source.set_missing(values[:, 0] <= 0, 0, "a range of zero or less")
     source.set_missing(values[:, 0] >= SATURATION_RATIO * high, 0, f"at or beyond max_range {high:g} m")
     return Sonar(
-        source.stamps_s,
-        values[:, 0],
-        source.noise(1, (Sonar.noise_std_m,))[0],
-        low,
-        high,
-        beam_rad,
+        stamps_s=source.stamps_s,
+        range_m=values[:, 0],
+        noise_std_m=source.noise(1, (Sonar.noise_std_m,))[0],
+        min_range_m=low,
+        max_range_m=high,
+        beam_width_rad=beam_rad,
         scale_std=scale_std,
         datum_std_m=datum_std_m,
         b_T_s=sensor.transform(),

@@ -176,7 +176,15 @@ def simulate_motion(
     command = stick.mean(nodes[:-1], nodes[1:], latency)
     parameters = model.parameters()
     states = integrate(start[None], command[None], noise.values[None], parameters[None], STEP_S)[0]
-    return Motion(states, noise, stick, parameters, latency, duration_s, begin_s)
+    return Motion(
+        states=states,
+        noise=noise,
+        stick=stick,
+        parameters=parameters,
+        latency_s=latency,
+        duration_s=duration_s,
+        begin_s=begin_s,
+    )
 
 
 def _body_rates(state: Array, rate: Array) -> Array:

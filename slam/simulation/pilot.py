@@ -103,7 +103,14 @@ def fly(path: FlightPath, model: Model, noise: NoisePath) -> Motion:
             states[None, first], command[None], noise.values[None, first : last + 1], parameters, STEP_S
         )[0]
     stick = Stick(stamps, sticks, path.duration_s)
-    return Motion(states, noise, stick, parameters[0], latency, path.duration_s)
+    return Motion(
+        states=states,
+        noise=noise,
+        stick=stick,
+        parameters=parameters[0],
+        latency_s=latency,
+        duration_s=path.duration_s,
+    )
 
 
 def _delay(latency_s: float) -> tuple[int, Array]:

@@ -124,13 +124,13 @@ def read_imu(motion: Trajectory, model: Model, seed: int) -> Imu:
     accel = accel + autoregressive(accel_noise, imu.accel_noise_correlation)
     walks = generator(seed, "imu bias").standard_normal((2, *gyro.shape)).cumsum(axis=1) / per_sample
     return Imu(
-        clock_stamps(times, model, generator(seed, "imu clock")),
-        gyro + imu.gyro_random_walk * walks[0],
-        accel + imu.accel_random_walk * walks[1],
-        imu.gyro_noise_density,
-        imu.accel_noise_density,
-        imu.gyro_random_walk,
-        imu.accel_random_walk,
+        stamps_s=clock_stamps(times, model, generator(seed, "imu clock")),
+        gyro_rad_s=gyro + imu.gyro_random_walk * walks[0],
+        accel_m_s2=accel + imu.accel_random_walk * walks[1],
+        gyro_noise_density=imu.gyro_noise_density,
+        accel_noise_density=imu.accel_noise_density,
+        gyro_random_walk=imu.gyro_random_walk,
+        accel_random_walk=imu.accel_random_walk,
     )
 
 
@@ -169,12 +169,12 @@ def read_sonar(motion: Trajectory, model: Model, world: World, seed: int) -> Son
     range_m = np.where(twice, range_m * (2 + SECOND_ECHO_STD * spikes.standard_normal(len(times))), range_m)
     # The scale is exact, and the flight states so.
     return Sonar(
-        clock_stamps(times, model, generator(seed, "sonar clock")),
-        in_limits(range_m, model),
-        sonar.noise_std_m,
-        sonar.min_range_m,
-        sonar.max_range_m,
-        sonar.beam_width_rad,
+        stamps_s=clock_stamps(times, model, generator(seed, "sonar clock")),
+        range_m=in_limits(range_m, model),
+        noise_std_m=sonar.noise_std_m,
+        min_range_m=sonar.min_range_m,
+        max_range_m=sonar.max_range_m,
+        beam_width_rad=sonar.beam_width_rad,
         scale_std=0.0,
         datum_std_m=sonar.datum_std_m,
     )

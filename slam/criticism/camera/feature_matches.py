@@ -161,7 +161,15 @@ def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> FeatureMatches 
         found.append((index, std, *_picked(pair, good, shots[i], shots[j])))
     index, std, a, b, tone_a, tone_b = (np.concatenate(part) for part in zip(*found, strict=True))
     pair_of, earlier, later = index.T
-    matches = PairMatches(pair_of, earlier, later, a, b, std, np.stack(list(i_H_j.values())))
+    matches = PairMatches(
+        pair=pair_of,
+        earlier=earlier,
+        later=later,
+        pixel_i=a,
+        pixel_j=b,
+        std_px=std,
+        i_H_j=np.stack(list(i_H_j.values())),
+    )
     lens_distortion = lens_distortion_map(camera, len(shots), matches)
     stamps_s = np.array([shot[0] for shot in shots])
     moving, cells = _laid_over(greys, i_H_j, camera)
@@ -169,10 +177,24 @@ def _looked_at(flight: Flight, pictures: Tally, pairs: Tally) -> FeatureMatches 
     bright = [(s.lagging, s.others, s.strength) for s in seen if s.lagging or s.others]
     successive = sum(j == i + 1 for i, j in kept) / max(len(shots) - 1, 1)
     return FeatureMatches(
-        camera, stamps_s, earlier, later, a, b, std, tone_a, tone_b,
-        successive, _missing(frames.stamps_s), len(frames), lens_distortion, cells, flicker_of(camera, cells),
-        stamps_s[moving], np.array(bright).reshape(-1, 3),
-    )  # fmt: skip
+        camera=camera,
+        stamps_s=stamps_s,
+        earlier=earlier,
+        later=later,
+        pixel_i=a,
+        pixel_j=b,
+        std_px=std,
+        tone_i=tone_a,
+        tone_j=tone_b,
+        registered=successive,
+        missing=_missing(frames.stamps_s),
+        taken=len(frames),
+        lens_distortion=lens_distortion,
+        cells=cells,
+        flicker=flicker_of(camera, cells),
+        moving_s=stamps_s[moving],
+        spots=np.array(bright).reshape(-1, 3),
+    )
 
 
 def _laid_over(

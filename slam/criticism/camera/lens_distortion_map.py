@@ -76,9 +76,14 @@ class PairMatches:
     def __getitem__(self, which: NDArray[np.bool_]) -> PairMatches:
         kept, pair = np.unique(self.pair[which], return_inverse=True)
         return PairMatches(
-            pair, self.earlier[which], self.later[which], self.pixel_i[which], self.pixel_j[which],
-            self.std_px[which], self.i_H_j[kept],
-        )  # fmt: skip
+            pair=pair,
+            earlier=self.earlier[which],
+            later=self.later[which],
+            pixel_i=self.pixel_i[which],
+            pixel_j=self.pixel_j[which],
+            std_px=self.std_px[which],
+            i_H_j=self.i_H_j[kept],
+        )
 
 
 def lens_distortion_map(camera: Camera, pictures: int, matches: PairMatches) -> LensDistortionMap:

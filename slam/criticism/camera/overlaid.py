@@ -76,7 +76,10 @@ def _pixels(
     size_px: tuple[int, int],
     distortion: tuple[float, ...],
 ) -> Array:
-    camera, scale = Camera(focal_px, center_px, size_px, distortion), size_px[0] / shape[1]
+    camera, scale = (
+        Camera(focal_px=focal_px, center_px=center_px, size_px=size_px, distortion=distortion),
+        size_px[0] / shape[1],
+    )
     columns, rows = np.meshgrid(np.arange(shape[1]), np.arange(shape[0]))
     grid = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64) + 0.5
     return camera.undistort(grid * scale - 0.5)

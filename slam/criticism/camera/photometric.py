@@ -165,8 +165,8 @@ def _within(tones: Tones, inside: NDArray[np.bool_]) -> Tones:
     kept = inside[tones.i] & inside[tones.j]
     place = np.cumsum(inside) - 1
     return Tones(
-        place[tones.i[kept]], place[tones.j[kept]], tones.figures[kept], tones.std[kept],
-        tones.outward[kept], tones.zoom[kept], tones.depth[kept], tones.stained,
+        i=place[tones.i[kept]], j=place[tones.j[kept]], figures=tones.figures[kept], std=tones.std[kept],
+        outward=tones.outward[kept], zoom=tones.zoom[kept], depth=tones.depth[kept], stained=tones.stained,
     )  # fmt: skip
 
 

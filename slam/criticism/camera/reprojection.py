@@ -237,7 +237,16 @@ class _Scene:
             both[:, 1::2] = both[::-1, 1::2].copy()
         (i, j), (seen, other) = picture, pixel
         return _Scene(
-            matches, setting, camera, path, i, j, seen, other, matches.std_px[kept], matches.earlier[kept]
+            matches=matches,
+            setting=setting,
+            camera=camera,
+            path=path,
+            i=i,
+            j=j,
+            seen=seen,
+            other=other,
+            std=matches.std_px[kept],
+            earlier=matches.earlier[kept],
         )
 
     def carried(

@@ -76,7 +76,16 @@ def tones_of(matches: FeatureMatches) -> Tones:
 def _nothing() -> Tones:
     nothing = np.zeros(0, dtype=np.int64)
     none = np.zeros((0, FIGURES))
-    return Tones(nothing, nothing, none, none, np.zeros(0), np.zeros(0), np.zeros((0, 3)), 0.0)
+    return Tones(
+        i=nothing,
+        j=nothing,
+        figures=none,
+        std=none,
+        outward=np.zeros(0),
+        zoom=np.zeros(0),
+        depth=np.zeros((0, 3)),
+        stained=0.0,
+    )
 
 
 def _worked_out(matches: FeatureMatches) -> Tones:

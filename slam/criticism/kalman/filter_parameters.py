@@ -70,13 +70,13 @@ def filter_parameters_of(model: Model) -> FilterParameters:
     )  # fmt: skip
     assert len(hold) == len(HOLD)
     return FilterParameters(
-        model.parameters(),
-        sensor,
-        hold,
-        np.ones(len(CHANNELS)),
-        model.value("control_latency", "T"),
-        1e-6 * model.value("clock_drift", "ppm"),
-        model.value("timestamp_jitter", "sigma"),
+        parameters=model.parameters(),
+        sensor=sensor,
+        hold=hold,
+        noise_factor=np.ones(len(CHANNELS)),
+        latency_s=model.value("control_latency", "T"),
+        drift=1e-6 * model.value("clock_drift", "ppm"),
+        jitter_s=model.value("timestamp_jitter", "sigma"),
         noise_correlation=np.array(
             [
                 model.imu.gyro_noise_correlation,

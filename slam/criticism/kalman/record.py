@@ -118,10 +118,22 @@ def record_of(flight: Flight) -> Record:
     start, start_std = _start(kinds, values)
     limits = (flight.sonar.min_range_m, flight.sonar.max_range_m) if flight.sonar else (0.0, np.inf)
     return Record(
-        flight.name, times, kinds, values, np.clip(times / times[-1], 0.0, 1.0), first_step, begin, lengths,
-        stick, _noise_std(flight), np.array(limits, dtype=float), start, start_std,
-        np.zeros(len(times), dtype=bool), np.zeros(len(CHANNELS)),
-    )  # fmt: skip
+        name=flight.name,
+        times_s=times,
+        kinds=kinds,
+        values=values,
+        elapsed=np.clip(times / times[-1], 0.0, 1.0),
+        first_step=first_step,
+        step_begin_s=begin,
+        step_s=lengths,
+        stick=stick,
+        noise_std=_noise_std(flight),
+        range_limits=np.array(limits, dtype=float),
+        start=start,
+        start_std=start_std,
+        landing=np.zeros(len(times), dtype=bool),
+        usual_log_variance=np.zeros(len(CHANNELS)),
+    )
 
 
 CONTROLLER_SHARE = 0.5

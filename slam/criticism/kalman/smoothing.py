@@ -149,13 +149,13 @@ def smoothed(
     before, poses, after = (states[k::3, POSE] for k in range(3))
     between = chain[1:-2:3] @ chain[2:-1:3] @ chain[3::3]
     return SmoothedPath(
-        times_s,
-        poses,
-        (after - before) / (2 * half_s),
-        (after + before - 2 * poses) / half_s**2,
-        PathErrors(between, spreads[1::3]),
-        sensitivity[1::3, POSE].reshape(len(times_s) * 6, len(perturbations)),
-        (float(times_s[0]), float(times_s[-1])) if len(times_s) else (0.0, 0.0),
+        times_s=times_s,
+        poses=poses,
+        rates=(after - before) / (2 * half_s),
+        accelerations=(after + before - 2 * poses) / half_s**2,
+        errors=PathErrors(between, spreads[1::3]),
+        sensitivity=sensitivity[1::3, POSE].reshape(len(times_s) * 6, len(perturbations)),
+        span_s=(float(times_s[0]), float(times_s[-1])) if len(times_s) else (0.0, 0.0),
     )
 
 

@@ -172,7 +172,15 @@ def _boxes(
         over[segment] = fit.over_m
         edges += [segment.start + k for k in fit.edges]
         nats, level_nats = nats + fit.nats, level_nats + fit.level_nats
-    return _Boxes(seen, height_m, over, np.array(edges, dtype=np.int64), nats, level_nats, noise)
+    return _Boxes(
+        seen=seen,
+        height_m=height_m,
+        over_m=over,
+        edges=np.array(edges, dtype=np.int64),
+        nats=nats,
+        level_nats=level_nats,
+        noise=noise,
+    )
 
 
 def _levelled(record: Record, found: _Boxes, sign: float) -> Record:

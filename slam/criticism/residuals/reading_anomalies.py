@@ -70,7 +70,12 @@ class ReadingAnomaly:
         gain = Gain(sum(parts), bootstrap_interval(np.array(parts)), by, parts, ())
         probability = float(1.0 / (1.0 + np.exp(-min(lead, 700.0))))
         return Cause(
-            self.name, probability, self.parameters, gain, float(np.sqrt(2 * max(total, 0.0))), float(lead)
+            name=self.name,
+            probability=probability,
+            parameters=self.parameters,
+            gain=gain,
+            z=float(np.sqrt(2 * max(total, 0.0))),
+            lead_nats=float(lead),
         )
 
 

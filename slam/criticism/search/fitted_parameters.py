@@ -29,7 +29,7 @@ from slam.simulation.terms import CATALOGUE, Parameter
 LARGEST_SHARE = 0.4
 """Greatest change of a constant of the vehicle in one step, as a share of it."""
 LARGEST_LATENCY_S = 2.0
-DELAY = Parameter("delay_s", "s", 0.0, -0.15, 0.15, -0.5, 0.5)
+DELAY = Parameter(name="delay_s", unit="s", neutral=0.0, low=-0.15, high=0.15, least=-0.5, most=0.5)
 """Delay of readings that come late or early, which belongs to no term."""
 AT = "@"
 """Separator of a term's name and the value that it is tried at."""

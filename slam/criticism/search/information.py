@@ -124,13 +124,19 @@ def fisher_information(
     parts, passes = zip(*in_threads(one, range(len(records))), strict=True)
     flat = [part for flight in parts for part in flight]
     return FisherInformation(
-        (*(d.name for d in perturbations), *(c.name for c in changes), *map(gain_column, gain_corrected)),
-        np.repeat(np.arange(len(records)), [len(flight) for flight in parts]),
-        np.array([information for information, _, _ in flat]),
-        np.array([score for _, score, _ in flat]),
-        np.array([nats for _, _, nats in flat]),
-        passes,
-        tuple(len(flight) - (r.matches is not None) for flight, r in zip(parts, records, strict=True)),
+        columns=(
+            *(d.name for d in perturbations),
+            *(c.name for c in changes),
+            *map(gain_column, gain_corrected),
+        ),
+        flight=np.repeat(np.arange(len(records)), [len(flight) for flight in parts]),
+        information=np.array([information for information, _, _ in flat]),
+        score=np.array([score for _, score, _ in flat]),
+        log_likelihood=np.array([nats for _, _, nats in flat]),
+        passes=passes,
+        readings=tuple(
+            len(flight) - (r.matches is not None) for flight, r in zip(parts, records, strict=True)
+        ),
     )
 
 

@@ -43,24 +43,47 @@ FIFTH = 0.225
 """Reach of a factor of 20 % either way: a logarithm reaches further down than up."""
 MAX_AR1 = 0.95
 NUISANCES = (
-    Nuisance("vehicle.gain", "1", "mean", (), 0.05, True, 1e-3),
-    Nuisance("vehicle.drag_1_s", "1/s", "mean", (), 0.10, True, 1e-3),
-    Nuisance("vehicle.attitude_time_s", "s", "mean", (), 0.10, True, 1e-4),
-    Nuisance("sonar.datum_m", "m", "mean", (), 0.01, False, 1e-3),
-    Nuisance("tilt_std_rad", "rad", "hold", (HOLD.index("tilt_std_rad"),), FIFTH),
-    Nuisance("tilt_time_s", "s", "hold", (HOLD.index("tilt_time_s"),), 0.5),
-    Nuisance("yaw_rate_std_rad_s", "rad/s", "hold", (HOLD.index("yaw_rate_std_rad_s"),), FIFTH),
-    Nuisance("yaw_rate_time_s", "s", "hold", (HOLD.index("yaw_rate_time_s"),), 0.56),
-    Nuisance("velocity_std_m_s", "m/s", "hold", (HOLD.index("velocity_std_m_s"),), FIFTH),
-    Nuisance("velocity_time_s", "s", "hold", (HOLD.index("velocity_time_s"),), 0.85),
-    Nuisance("velocity_up_std_m_s", "m/s", "hold", (HOLD.index("velocity_up_std_m_s"),), FIFTH),
+    Nuisance(name="vehicle.gain", unit="1", kind="mean", entry=(), reach=0.05, relative=True, step=1e-3),
+    Nuisance(
+        name="vehicle.drag_1_s", unit="1/s", kind="mean", entry=(), reach=0.10, relative=True, step=1e-3
+    ),
+    Nuisance(
+        name="vehicle.attitude_time_s", unit="s", kind="mean", entry=(), reach=0.10, relative=True, step=1e-4
+    ),
+    Nuisance(name="sonar.datum_m", unit="m", kind="mean", entry=(), reach=0.01, relative=False, step=1e-3),
+    Nuisance(name="tilt_std_rad", unit="rad", kind="hold", entry=(HOLD.index("tilt_std_rad"),), reach=FIFTH),
+    Nuisance(name="tilt_time_s", unit="s", kind="hold", entry=(HOLD.index("tilt_time_s"),), reach=0.5),
+    Nuisance(
+        name="yaw_rate_std_rad_s",
+        unit="rad/s",
+        kind="hold",
+        entry=(HOLD.index("yaw_rate_std_rad_s"),),
+        reach=FIFTH,
+    ),
+    Nuisance(
+        name="yaw_rate_time_s", unit="s", kind="hold", entry=(HOLD.index("yaw_rate_time_s"),), reach=0.56
+    ),
+    Nuisance(
+        name="velocity_std_m_s", unit="m/s", kind="hold", entry=(HOLD.index("velocity_std_m_s"),), reach=FIFTH
+    ),
+    Nuisance(
+        name="velocity_time_s", unit="s", kind="hold", entry=(HOLD.index("velocity_time_s"),), reach=0.85
+    ),
+    Nuisance(
+        name="velocity_up_std_m_s",
+        unit="m/s",
+        kind="hold",
+        entry=(HOLD.index("velocity_up_std_m_s"),),
+        reach=FIFTH,
+    ),
     *(
-        Nuisance(f"{name}_noise", "1", "noise", tuple(channels), 0.2)
+        Nuisance(name=f"{name}_noise", unit="1", kind="noise", entry=tuple(channels), reach=0.2)
         for name, channels in zip(INSTRUMENTS, INSTRUMENT_CHANNELS, strict=True)
     ),
 )
 AR1_COEFFICIENTS = tuple(
-    Nuisance(f"{name}_ar1", "1", "ar1", (k,), MAX_AR1) for k, name in enumerate(INSTRUMENTS)
+    Nuisance(name=f"{name}_ar1", unit="1", kind="ar1", entry=(k,), reach=MAX_AR1)
+    for k, name in enumerate(INSTRUMENTS)
 )
 """AR(1) coefficients of the instruments, which are fitted only where noise is not white."""
 TAILS = 0.16
@@ -69,7 +92,9 @@ OUT_OF_MODEL_NOISE = 4.0
 MEAN_NUISANCES = tuple(n for n in NUISANCES if n.kind == "mean")
 NOISE_NUISANCES = tuple(n for n in NUISANCES if n.kind != "mean")
 GAIN_CORRECTED = tuple(n.name for n in NOISE_NUISANCES)
-GAIN_NUISANCES = tuple(Nuisance(gain_column(name), "1", "gain", (), TAILS) for name in GAIN_CORRECTED)
+GAIN_NUISANCES = tuple(
+    Nuisance(name=gain_column(name), unit="1", kind="gain", entry=(), reach=TAILS) for name in GAIN_CORRECTED
+)
 """Errors of the filter's gains. One Gaussian standard deviation cannot give both the scatter and the best
 gain of noise with heavy tails. A wrong gain leaves residuals that resemble a target proportional to tilt."""
 

@@ -188,12 +188,12 @@ def quadratic_likelihood(
     """Return the quadratic likelihood over some segments of the flights, by default all."""
     share = np.ones(len(fisher.score)) if segments is None else np.asarray(segments, dtype=float)
     return QuadraticLikelihood(
-        fisher.columns,
-        tuple(n.name for n in nuisances),
-        np.tensordot(share, fisher.information, 1),
-        share @ fisher.score,
-        np.array([value_of(n, setting) for n in nuisances]),
-        np.array([limits_of(n, model) for n in nuisances]),
-        np.array([prior_precision(n, model) for n in nuisances]),
-        current,
+        columns=fisher.columns,
+        names=tuple(n.name for n in nuisances),
+        information=np.tensordot(share, fisher.information, 1),
+        score=share @ fisher.score,
+        at=np.array([value_of(n, setting) for n in nuisances]),
+        limits=np.array([limits_of(n, model) for n in nuisances]),
+        precision=np.array([prior_precision(n, model) for n in nuisances]),
+        current=current,
     )

@@ -120,13 +120,13 @@ def search(
     # The leads hold beside the same terms only.
     leads = search_state.leads if len(search_state.chosen) == most else {}
     return SearchResult(
-        model,
-        first,
-        search_state.expansion,
-        tuple(search_state.chosen),
-        search_state.rivals,
-        leads,
-        tuple(search_state.records),
+        model=model,
+        first=first,
+        last=search_state.expansion,
+        chosen=tuple(search_state.chosen),
+        rivals=search_state.rivals,
+        leads=leads,
+        records=tuple(search_state.records),
     )
 
 

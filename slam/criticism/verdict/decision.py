@@ -107,14 +107,14 @@ def causes_of(
         )
         causes.append(
             Cause(
-                effect.name,
-                posterior.probability.get(effect.name, 0.0),
-                fitted_sizes(found.last, effect, found.chosen),
-                Gain(own.total, own.ci95, own.by, tuple(own.nats.tolist()), channels),
-                z,
-                posterior.lead_nats[place],
-                posterior.alternatives[place],
-                posterior.rivals[place],
+                name=effect.name,
+                probability=posterior.probability.get(effect.name, 0.0),
+                parameters=fitted_sizes(found.last, effect, found.chosen),
+                gain=Gain(own.total, own.ci95, own.by, tuple(own.nats.tolist()), channels),
+                z=z,
+                lead_nats=posterior.lead_nats[place],
+                alternatives=posterior.alternatives[place],
+                rival=posterior.rivals[place],
             )
         )
     if best is None:

@@ -178,8 +178,18 @@ def regression_of(rows: Sequence[Sequence[WhitenedRows]]) -> Regression:
     )
     _, cluster = np.unique(np.column_stack([flight, segment]), axis=0, return_inverse=True)
     if sum(bool(found) for found in rows) >= FEWEST_FLIGHTS:
-        return Regression(off, columns, kind, flight, cluster, minutes, "flight")
-    return Regression(off, columns, kind, cluster % SEGMENTS, cluster, minutes, "segment")
+        return Regression(
+            off=off, columns=columns, kind=kind, part=flight, cluster=cluster, minutes=minutes, by="flight"
+        )
+    return Regression(
+        off=off,
+        columns=columns,
+        kind=kind,
+        part=cluster % SEGMENTS,
+        cluster=cluster,
+        minutes=minutes,
+        by="segment",
+    )
 
 
 def parts_of(rows: Sequence[Sequence[WhitenedRows]], data: Regression) -> list[dict[float, int]]:

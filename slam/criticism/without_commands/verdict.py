@@ -82,12 +82,14 @@ def criticise_without_commands(
     sentence = sentence_of(verdict, causes, equivalents, remainder, seen)  # type: ignore[arg-type]
     shown = {e: data.z([], e) for e in data.effects() if e in CATALOGUE}
     return Criticism(
-        verdict,  # type: ignore[arg-type]
-        f"{sentence} ({REASON[0].upper()}{REASON[1:]}.)",
-        causes,
-        equivalents or tuple(c.name for c in causes[:1]),
-        remainder,
-        next_motion(model, rows, chosen, equivalents[:2], found.matches, progress) if equivalents else "",
+        verdict=verdict,  # type: ignore[arg-type]
+        sentence=f"{sentence} ({REASON[0].upper()}{REASON[1:]}.)",
+        causes=causes,
+        equivalence_set=equivalents or tuple(c.name for c in causes[:1]),
+        remainder=remainder,
+        next_flight=next_motion(model, rows, chosen, equivalents[:2], found.matches, progress)
+        if equivalents
+        else "",
         detectable=seen,
         ranking=ranked(shown, posterior | {c.name: c.probability for c in anomalies}, anomalies),
         covariate=_covariate(data, chosen, causes[0]) if causes and causes[0].name in chosen else None,
@@ -214,8 +216,15 @@ def _cause(
     place = in_place_of(data, chosen, effect)
     z = data.z(chosen, effect)
     return Cause(
-        effect, probability, parameters, gain, z, place.lead_nats, (effect, *place.near), place.rival
-    )  # fmt: skip
+        name=effect,
+        probability=probability,
+        parameters=parameters,
+        gain=gain,
+        z=z,
+        lead_nats=place.lead_nats,
+        alternatives=(effect, *place.near),
+        rival=place.rival,
+    )
 
 
 def _covariate(data: Regression, chosen: Sequence[str], lead: Cause) -> Covariate:

@@ -121,4 +121,14 @@ def film_flight(
     kept[0] |= not kept.any()
     times_s = shutter.moments(stamps_s[kept], effects, duration_s)
     w_T_b = pose_at(times_s.ravel()).reshape(*times_s.shape, 4, 4)
-    return Film(world, marks, model, effects, np.flatnonzero(kept), stamps_s[kept], w_T_b, tones[kept], seed)
+    return Film(
+        world=world,
+        marks=marks,
+        model=model,
+        effects=effects,
+        numbers=np.flatnonzero(kept),
+        stamps_s=stamps_s[kept],
+        w_T_b=w_T_b,
+        tones=tones[kept],
+        seed=seed,
+    )

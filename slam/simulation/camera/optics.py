@@ -65,7 +65,9 @@ class CameraModel:
         width, height = self.size_px
         focal = width / 2 / np.tan(np.radians(self.horizontal_fov_deg) / 2)
         center = ((width - 1) / 2, (height - 1) / 2)
-        return Camera((focal, focal), center, self.size_px, self.distortion)
+        return Camera(
+            focal_px=(focal, focal), center_px=center, size_px=self.size_px, distortion=self.distortion
+        )
 
 
 def expose(scene: Scene, camera: Camera, w_T_b: Array, time_s: float = 0.0) -> Image:
@@ -120,7 +122,7 @@ def _grid(
     size_px: tuple[int, int],
     distortion: tuple[float, ...],
 ) -> _Grid:
-    camera = Camera(focal_px, center_px, size_px, distortion)
+    camera = Camera(focal_px=focal_px, center_px=center_px, size_px=size_px, distortion=distortion)
     width, height = size_px
     u, v = ((np.arange(size * SUPERSAMPLING) + 0.5) / SUPERSAMPLING - 0.5 for size in (width, height))
     pixel = np.stack(np.meshgrid(u, v), -1).reshape(-1, 2)

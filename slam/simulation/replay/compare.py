@@ -111,23 +111,32 @@ def replay(flight: Flight, model: Model, horizons_s: Sequence[float] = HORIZONS_
         for k, channel in enumerate(stream.channels):
             channels.append(
                 Comparison(
-                    channel.name,
-                    channel.unit,
-                    channel.noise_std,
-                    stream.times_s,
-                    stream.values[:, k],
-                    _predictions([whole], n, k, len(stream.times_s)),
-                    _predictions(consecutive, n, k, len(stream.times_s)),
-                    {horizon: _rms(rolls, n, k) for horizon, rolls in rolled.items()},
-                    _rms([whole], n, k),
+                    name=channel.name,
+                    unit=channel.unit,
+                    noise_std=channel.noise_std,
+                    stamps_s=stream.times_s,
+                    measured=stream.values[:, k],
+                    simulated=_predictions([whole], n, k, len(stream.times_s)),
+                    restarted=_predictions(consecutive, n, k, len(stream.times_s)),
+                    rms={horizon: _rms(rolls, n, k) for horizon, rolls in rolled.items()},
+                    flight_rms=_rms([whole], n, k),
                 )
             )
     counts = {horizon: len(rolls) for horizon, rolls in rolled.items()}
     skipped = {h: len(_begins(begin_s, end_s, h)) - count for h, count in counts.items()}
     return Replay(
-        flight.name, model.name, whole.begin_s, end_s, tilt, starts.source, tuple(channels), counts, skipped,
-        shown_s, (*notes, *starts.warnings),
-    )  # fmt: skip
+        flight=flight.name,
+        model=model.name,
+        begin_s=whole.begin_s,
+        end_s=end_s,
+        max_tilt_rad=tilt,
+        started_from=starts.source,
+        channels=tuple(channels),
+        rollouts=counts,
+        skipped=skipped,
+        shown_s=shown_s,
+        warnings=(*notes, *starts.warnings),
+    )
 
 
 def _commanded(flight: Flight) -> tuple[Stick, tuple[float, float], float]:

@@ -58,9 +58,9 @@ class Term:
 
 def size(name: str, unit: str, low: float, high: float, most: float) -> Parameter:
     """Return a parameter that is neutral at 0 and never negative."""
-    return Parameter(name, unit, 0.0, low, high, 0.0, most)
+    return Parameter(name=name, unit=unit, neutral=0.0, low=low, high=high, least=0.0, most=most)
 
 
 def signed(name: str, unit: str, reach: float, most: float) -> Parameter:
     """Return a parameter of either sign that is neutral at 0."""
-    return Parameter(name, unit, 0.0, -reach, reach, -most, most)
+    return Parameter(name=name, unit=unit, neutral=0.0, low=-reach, high=reach, least=-most, most=most)
