@@ -54,7 +54,7 @@ def optimize_with_observations(
     flight: Flight, config: PipelineConfig = PipelineConfig(), progress: Progress = silent
 ) -> tuple[Estimate, Observations]:
     """Return the estimate and the front end's observations: features, and registrations of keyframes."""
-    check_flight(flight, "optimize")
+    check_flight(flight)
     camera = _camera(flight)
     flight, job = without_horizon_frames(flight, camera), Job(camera, config, progress, Stopwatch())
     # Threads of BLAS and of OpenCV would compete for the same cores.

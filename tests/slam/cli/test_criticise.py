@@ -48,7 +48,7 @@ def test_one_flight_is_held_out_by_segments(home, verdict):
     assert gain["nats"] > 0
     assert "on held-out segments" in verdict["sentence"]
     assert "held-out flights" not in verdict["sentence"]
-    assert "each segment in turn held out" in (home / "said" / "report.html").read_text()
+    assert "Each segment in turn is held out" in (home / "said" / "report.html").read_text()
 
 
 def test_the_model_that_criticism_writes_simulates_and_replays(home, verdict, tmp_path):

@@ -193,7 +193,7 @@ def test_what_reading_raises_comes_through():
 
 def test_a_detector_that_the_build_lacks_is_an_error_of_the_input() -> None:
     flight = flown(0)
-    with pytest.raises(InputError, match="SURF out") as refused:
+    with pytest.raises(InputError, match="lacks SURF") as refused:
         FrontEnd(flight, flight.camera, replace(CONFIG, features=FeatureConfig("surf")), silent)
     assert "\n" not in str(refused.value)
 

@@ -46,7 +46,8 @@ def filmed():
 
 def test_a_plan_foretells_how_well_each_term_would_be_known(filmed):
     record, matches, setting = filmed
-    directions = [d for e in effects_for([record], setting) for d in e.directions if d.name in PLACED + TONED]
+    perturbations = [p for e in effects_for([record], setting) for p in e.perturbations]
+    directions = [p for p in perturbations if p.name in PLACED + TONED]
     real, predicted_by_others = (
         np.sqrt(np.diag(reprojection_score(record, s, setting, directions).information))
         for s in (matches, planned_matches(record, setting, matches))

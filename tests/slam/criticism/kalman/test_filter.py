@@ -140,7 +140,7 @@ def test_the_trace_of_a_term_is_what_the_simulator_does(term, parameter, step):
     ill = model.with_term(term, **{parameter: (1.0 if term == "sonar_slant" else 0.0) + size})
     record = record_of(simulate_flight(silent(model), stick_for(PLAN), 5, told=model))
     column = f"{term}.{parameter}"
-    known = [d for e in effects_for([record], filter_parameters_of(model)) for d in e.directions]
+    known = [d for e in effects_for([record], filter_parameters_of(model)) for d in e.perturbations]
     direction = next(d for d in known if d.name == column)
     times = size**2 if term == "ground_effect" else size
     miss = miss_of(ill, direction, times, SMOOTH.get(term, PLAN), near_jumps=term not in LOOSE)
@@ -181,7 +181,7 @@ def test_the_trace_of_a_limit_of_the_tilt_is_what_the_simulator_does(monkeypatch
         d
         for e in effects_for([record], filter_parameters_of(model))
         if e.name == "tilt_limit"
-        for d in e.directions
+        for d in e.perturbations
     ]
     (limit,) = known
     ill = term_with("tilt_limit", limit=float(limit.name.partition("@")[2]))
@@ -190,7 +190,7 @@ def test_the_trace_of_a_limit_of_the_tilt_is_what_the_simulator_does(monkeypatch
 
 def test_the_trace_of_a_clock_that_drifts_is_what_the_simulator_does():
     record = record_of(simulate_flight(vehicle_with(), stick_for(TILTS[:1]), 5))
-    known = [d for e in effects_for([record], filter_parameters_of(vehicle_with())) for d in e.directions]
+    known = [d for e in effects_for([record], filter_parameters_of(vehicle_with())) for d in e.perturbations]
     drift = next(d for d in known if d.name == "clock_drift.ppm")
     assert miss_of(term_with("clock_drift", ppm=20.0), drift, 20e-6, near_jumps=False) < 0.06
 
