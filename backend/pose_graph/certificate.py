@@ -68,11 +68,11 @@ class Certificate:
         """Return the result as a sentence; ``error`` is that of the solution."""
         if not self.certified:
             return f"not certified as the global optimum: {self.reason}"
-        told = "certified for the accepted edges, right or wrong"
+        scope = "certified for the accepted edges, right or wrong"
         if self.error_bound >= (1 - _TIGHT_BOUND) * error:
-            return f"{told}: no poses have an error below {self.error_bound:.6g}"
+            return f"{scope}: no poses have an error below {self.error_bound:.6g}"
         return (
-            f"{told}, with each covariance made isotropic (gap {self.gap:.1g});"
+            f"{scope}, with each covariance made isotropic (gap {self.gap:.1g});"
             f" with the graph's own no poses have an error below {self.error_bound:.3g}"
         )
 

@@ -91,8 +91,8 @@ def solve_component(problem: Problem, options: Options) -> SolvedComponent:
 def _is_ill_scaled(problem: Problem) -> bool:
     """Return whether a normal matrix would lose the least accurate edge beside the most accurate one."""
     information = (problem.sqrt_information**2).sum(axis=1)
-    told = information[information > 0]
-    return bool(len(told) and told.max() > _MAX_RATIO * told.min())
+    positive = information[information > 0]
+    return bool(len(positive) and positive.max() > _MAX_RATIO * positive.min())
 
 
 def _reasons(problem: Problem, kept: Mask, w_T: Array, sigma: Array) -> tuple[str, ...]:

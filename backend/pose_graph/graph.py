@@ -61,8 +61,10 @@ class PoseGraph:
 
 def rank_deficient_warning(graph: PoseGraph) -> list[str]:
     """Return one warning about edges with singular information; an empty list if there is none."""
-    told = np.diagonal(graph.information, axis1=1, axis2=2).max(axis=1, initial=0) > _NO_INFORMATION
-    blind = np.flatnonzero(graph.is_rank_deficient & told)
+    has_information = (
+        np.diagonal(graph.information, axis1=1, axis2=2).max(axis=1, initial=0) > _NO_INFORMATION
+    )
+    blind = np.flatnonzero(graph.is_rank_deficient & has_information)
     if len(blind) == 0:
         return []
     i, j = graph.ids[graph.i[blind[0]]], graph.ids[graph.j[blind[0]]]

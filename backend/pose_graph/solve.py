@@ -81,19 +81,22 @@ def solve_pose_graph(
 
 def _solve(problem: Problem, options: Options, warnings: list[str]) -> Solution:
     """Solve from the edges that carry information; the others are rejected with that reason."""
-    told = informative(problem)
-    if told.all():
+    has_information = informative(problem)
+    if has_information.all():
         return _solve_informative(problem, options, warnings)
-    e = int(np.argmin(told))
+    e = int(np.argmin(has_information))
     warnings.append(
-        f"{(~told).sum()} of {len(told)} edges carry no information (the first is"
+        f"{(~has_information).sum()} of {len(has_information)} edges carry no information (the first is"
         f" {problem.name(problem.i[e])} to {problem.name(problem.j[e])}): left out"
     )
-    solution = _solve_informative(problem.with_edges(told), options, warnings)
-    residual, reasons = np.full(len(told), np.nan), np.full(len(told), NO_INFORMATION, dtype=object)
-    residual[told], reasons[told] = solution.edge_residual, solution.edge_reason
-    kept = told.copy()
-    kept[told] = solution.edge_kept
+    solution = _solve_informative(problem.with_edges(has_information), options, warnings)
+    residual, reasons = (
+        np.full(len(has_information), np.nan),
+        np.full(len(has_information), NO_INFORMATION, dtype=object),
+    )
+    residual[has_information], reasons[has_information] = solution.edge_residual, solution.edge_reason
+    kept = has_information.copy()
+    kept[has_information] = solution.edge_kept
     return replace(solution, edge_kept=kept, edge_residual=residual, edge_reason=tuple(reasons.tolist()))
 
 
