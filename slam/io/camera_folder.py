@@ -12,10 +12,10 @@ from frontend.camera import NADIR_B_T_C, Camera
 from slam.core.flight import Frames
 from slam.io.csv_stream import CsvTable
 from slam.io.files import brief, check_inside, refusal
-from slam.io.images import PictureFiles, UnreadableImageError, bit_depth_of, image_size, max_value
+from slam.io.images import PictureFiles, UnreadableImageError, common_levels, image_size
 from slam.io.sensor_yaml import YamlFile
 
-PICTURES = (".png", ".jpg", ".jpeg")
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 RADTAN = ("radial-tangential", "radtan", "plumb_bob", "none", "")
 _MAX_READOUT_S = 0.2
 """Largest readout time of a rolling shutter, as in the catalogue of effects."""
@@ -25,8 +25,6 @@ pinhole camera and lead to numerical errors.
 """
 SIZES_CHECKED = 32
 """Number of picture headers that are checked on reading. Every picture is checked again when it is loaded."""
-DEPTHS_CHECKED = 8
-"""Number of 16-bit pictures that are decoded on reading. One with a bright spot is enough."""
 
 
 def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
@@ -150,7 +148,7 @@ def frames_of(table: CsvTable, camera: Camera, epoch_ns: int, root: Path, notes:
         notes.append(f"{unlisted} files in data/ are not listed in data.csv and are ignored")
     _check_sizes(paths, camera, notes)
     stamps_s = ((table.stamps_ns - epoch_ns) * 1e-9).astype(float)
-    files = PictureFiles(paths, camera.size_px, _depth_bits(paths, notes))
+    files = PictureFiles(paths, camera.size_px, common_levels(paths, notes))
     return Frames(stamps_s, table.names, files, files.failures)
 
 
@@ -198,22 +196,3 @@ def _check_sizes(paths: tuple[Path, ...], camera: Camera, notes: list[str]) -> N
     if matching == 0:
         raise refusal(path, what, "correct resolution and intrinsics in cam0/sensor.yaml")
     notes.append(f"pictures change their size: {path.name} {what}; those are left out")
-
-
-def _depth_bits(paths: tuple[Path, ...], notes: list[str]) -> int | None:
-    """Return the bit depth that the camera uses in its 16-bit pictures, or None for 8-bit pictures."""
-    values = []
-    for k in np.unique(np.linspace(0, len(paths) - 1, DEPTHS_CHECKED).astype(int)):
-        try:
-            values.append(max_value(paths[k]))
-        except UnreadableImageError:
-            continue  # it is counted when it is loaded
-    values_16_bit = [value for value in values if value is not None]
-    if not values_16_bit:
-        return None
-    bits = bit_depth_of(max(values_16_bit))
-    notes.append(
-        f"pictures are 16-bit, the brightest value in {len(values_16_bit)} of them is {max(values_16_bit)}: "
-        f"{bits} bits per pixel are assumed, of which the upper 8 are read"
-    )
-    return bits

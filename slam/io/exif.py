@@ -21,7 +21,11 @@ from PIL.ExifTags import GPS, IFD, Base
 
 from slam.core.errors import InputError
 from slam.io.images import MAX_PIXELS
+from slam.io.tiff import MAGIC as TIFF_MAGIC
+from slam.io.tiff import tiff_header
 from slam.io.xmp import Xmp, parse_xmp
+
+_XMP_TAG = 700
 
 Angles = tuple[float, float, float]
 """Yaw, pitch, roll in degrees."""
@@ -86,13 +90,9 @@ def read_tags(path: Path) -> PhotoTags:
             raise InputError("empty file")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns of damaged tags, which count as absent
-            with Image.open(path, formats=("JPEG", "PNG", "TIFF")) as image:
-                complete = _is_complete(path, image)
-                exif = image.getexif()
-                tags = {**exif, **exif.get_ifd(IFD.Exif)}
-                gps = dict(exif.get_ifd(IFD.GPSInfo))
-                packet = image.info.get("xmp", b"")
-                size = image.size
+            size, exif, packet, complete = _header(path)
+            tags = {**exif, **exif.get_ifd(IFD.Exif)}
+            gps = dict(exif.get_ifd(IFD.GPSInfo))
     except InputError:
         raise
     except PermissionError as error:
@@ -111,29 +111,36 @@ def read_tags(path: Path) -> PhotoTags:
     )
 
 
-def _is_complete(path: Path, image: Image.Image) -> bool:
-    """Return whether the container of the picture is complete."""
+def _header(path: Path) -> tuple[tuple[int, int], Image.Exif, str | bytes, bool]:
+    """Return size [px], Exif tags, XMP packet, and whether the container is complete."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        if image.format == "PNG":
-            return data.rfind(b"IEND") > 0
-        if image.format == "TIFF":
-            tiff: Any = image
-            tag_pairs = ((273, 279), (324, 325))  # strips, tiles: offsets and byte counts
-            ends = [
-                int(offset) + int(count)
-                for offsets, counts in tag_pairs
-                for offset, count in zip(
-                    tiff.tag_v2.get(offsets, ()), tiff.tag_v2.get(counts, ()), strict=True
-                )
-            ]
-            return bool(ends) and max(ends) <= len(data)
-        at = 2
-        while at + 4 <= len(data) and data[at] == 0xFF:
-            marker = data[at + 1]
-            if marker == 0xDA:
-                # Only the end-of-image marker after the scan counts, as thumbnails before it have their own.
-                return data.rfind(b"\xff\xd9", at) > 0
-            at += 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
+        if data[:4] in TIFF_MAGIC:  # Pillow's own reader refuses many kinds of pixels
+            header = tiff_header(file)
+            exif = header.exif
+            exif.get_ifd(IFD.Exif), exif.get_ifd(IFD.GPSInfo)  # these are read from the open file
+            packet = exif.get(_XMP_TAG, b"")
+            return (
+                header.size_px,
+                exif,
+                bytes(packet) if isinstance(packet, (bytes, tuple)) else b"",
+                header.end <= len(data),
+            )
+        with Image.open(file, formats=("JPEG", "PNG")) as image:
+            exif = image.getexif()
+            exif.get_ifd(IFD.Exif), exif.get_ifd(IFD.GPSInfo)
+            complete = data.rfind(b"IEND") > 0 if image.format == "PNG" else _has_end_of_image(data)
+            return image.size, exif, image.info.get("xmp", b""), complete
+
+
+def _has_end_of_image(data: mmap.mmap) -> bool:
+    """Return whether a JPEG is complete."""
+    at = 2
+    while at + 4 <= len(data) and data[at] == 0xFF:
+        marker = data[at + 1]
+        if marker == 0xDA:
+            # Only the end-of-image marker after the scan counts, as thumbnails before it have their own.
+            return data.rfind(b"\xff\xd9", at) > 0
+        at += 1 if marker == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], "big")
     return False
 
 

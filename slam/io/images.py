@@ -1,23 +1,29 @@
-"""Reading of one picture from an untrusted file. The header is checked before any pixel is decoded.
+"""Reading of one picture (PNG, JPEG or TIFF) from an untrusted file, as 8 bits. The header is checked first.
 
-Pillow decodes, because it refuses a truncated picture, where OpenCV fills the rest with grey. EXIF
+Pillow decodes, because it refuses a truncated picture, where OpenCV fills the rest with grey. Pixels of more
+than 8 bits are decoded by OpenCV (PNG) and GDAL (TIFF), and converted as ``slam.io.levels`` describes. EXIF
 orientation is not applied, as the intrinsics belong to the pixels in sensor order.
 """
 
 from __future__ import annotations
 
+import contextlib
 import io
 import re
 import struct
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image as Pillow
 
 from slam.core.flight import Image
+from slam.io.levels import Levels, Raw, levels_of, range_of
+from slam.io.tiff import MAGIC as TIFF_MAGIC
+from slam.io.tiff import deep_pixels, tiff_header
 
 MAX_PIXELS = 89_000_000
 """Largest number of pixels, just below the limit at which Pillow reports a decompression bomb."""
@@ -29,11 +35,9 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG_SIZE_MARKERS = set(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _TAG_BLOCKS = re.compile(rb"(\xff[\xe1\xe2]..)(Exif|MPF\0)", re.DOTALL)
 """Start of a JPEG's Exif and multi-picture blocks."""
-_OTHER_FORMATS = {b"II*\0": "a TIFF", b"MM\0*": "a TIFF", b"GIF8": "a GIF", b"RIFF": "a WebP", b"BM": "a BMP"}
-
-
-_DEPTHS = (8, 10, 12, 14, 16)
-"""Bit depths of cameras whose files have 16 bits per pixel."""
+_OTHER_FORMATS = {b"GIF8": "a GIF", b"RIFF": "a WebP", b"BM": "a BMP"}
+_PICTURES_FOR_LEVELS = 8
+"""Number of pictures from which the levels are taken. One with a bright spot is enough."""
 
 
 class UnreadableImageError(Exception):
@@ -47,76 +51,111 @@ class PictureFiles:
     paths: tuple[Path, ...]
     size_px: tuple[int, int] | None
     """(width, height) that every picture must have; None allows any size."""
-    depth_bits: int | None = None
-    """Common bit depth of 16-bit files, so that none is brighter than its neighbours; None: each file has
-    its own."""
+    levels: Levels | None = None
+    """Common range of files with more than 8 bits, so that none is brighter than its neighbours; None: each
+    file has its own."""
     failures: dict[int, str] = field(default_factory=dict)
     """Reason for each picture k that was requested and could not be read."""
 
     def __call__(self, k: int) -> Image | None:
         """Return picture k, or None with the reason in ``failures``."""
         try:
-            return read_image(self.paths[k], self.size_px, self.depth_bits)
+            return read_image(self.paths[k], self.size_px, self.levels)
         except UnreadableImageError as reason:
             self.failures[k] = str(reason)
             return None
 
 
-def read_image(path: Path, size_px: tuple[int, int] | None = None, depth_bits: int | None = None) -> Image:
-    """Return a PNG or JPEG as (h, w, 3) BGR or (h, w) grey, 8 bit.
+def read_image(path: Path, size_px: tuple[int, int] | None = None, levels: Levels | None = None) -> Image:
+    """Return a PNG, JPEG or TIFF as (h, w, 3) BGR or (h, w) grey, 8 bit.
 
-    In 16-bit files the lowest ``depth_bits`` are used, or as many as the brightest value needs if it is None;
-    the upper 8 of them are returned. 1-bit pixels become 0 and 255, palettes are resolved, and alpha is
-    dropped. Raises ``UnreadableImageError`` if the file is missing, damaged, too large, or not of
-    ``size_px``.
+    Deeper pixels are converted with ``levels``, or with those of this picture if it is None. 1-bit pixels
+    become 0 and 255, palettes are resolved, and alpha is dropped. Raises ``UnreadableImageError`` if the file
+    is missing, damaged, too large, or not of ``size_px``.
     """
     size = image_size(path)
     if size_px is not None and size != size_px:
         raise UnreadableImageError(f"is {size[0]} x {size[1]} px, not {size_px[0]} x {size_px[1]}")
-    data = _bytes(path, MAX_BYTES)
-    try:
-        if data.startswith(_PNG):
-            # Pillow checks no CRC while decoding, so a flipped bit would be undetected.
-            Pillow.open(io.BytesIO(data), formats=["PNG"]).verify()
-        else:
-            # The tags are removed, as they are not needed and Pillow warns of damaged ones.
-            data = _TAG_BLOCKS.sub(rb"\1none", data[:HEADER_BYTES]) + data[HEADER_BYTES:]
-        with Pillow.open(io.BytesIO(data), formats=["PNG", "JPEG"]) as picture:
-            pixels = _pixels(picture)
-        if _is_16_bit(data):
-            pixels_16_bit = _sixteen_bit(data, grey=pixels.ndim == 2)
-            return _eight_bit(pixels_16_bit, depth_bits or bit_depth_of(int(pixels_16_bit.max())))
-        return pixels
-    except UnreadableImageError:
-        raise
-    except (
-        OSError,
-        ValueError,
-        SyntaxError,
-        EOFError,
-        struct.error,
-        OverflowError,
-        IndexError,
-        TypeError,
-    ) as e:
-        reason = "truncated" if "truncated" in str(e).lower() else "damaged"
-        raise UnreadableImageError(reason) from e
+    pixels, is_integer = _decoded(path)
+    if pixels.dtype == np.uint8:
+        return np.asarray(pixels, dtype=np.uint8)
+    if levels is None:
+        ranges = [limits] if (limits := range_of(pixels)) is not None else []
+        levels = levels_of(ranges or [(0.0, 0.0)], is_integer)
+    return levels.eight_bit(pixels)
+
+
+def common_levels(paths: Sequence[Path], notes: list[str]) -> Levels | None:
+    """Return the levels for all pictures, from a sample of them, and add a note about them.
+
+    The result is None if no picture of the sample has more than 8 bits. Unreadable pictures are ignored, as
+    they are counted when they are loaded.
+    """
+    ranges, integer = [], True
+    for k in np.unique(np.linspace(0, len(paths) - 1, _PICTURES_FOR_LEVELS).astype(int)):
+        with contextlib.suppress(UnreadableImageError):
+            if not _header(paths[k]).is_deep:
+                continue
+            pixels, is_integer = _decoded(paths[k])
+            if (limits := range_of(pixels)) is not None:
+                ranges.append(limits)
+                integer &= is_integer
+    if not ranges:
+        return None
+    levels = levels_of(ranges, integer)
+    notes.append(
+        f"pictures have more than 8 bits per pixel: the values {levels} are read as 8 bits, from the range "
+        f"in {len(ranges)} of them"
+    )
+    return levels
 
 
 def image_size(path: Path) -> tuple[int, int]:
     """Return (width, height) from the header alone. Raises ``UnreadableImageError``."""
+    return _header(path).size_px
+
+
+@dataclass(frozen=True)
+class _Header:
+    size_px: tuple[int, int]
+    is_deep: bool = False
+    """Whether a sample has more than 8 bits."""
+
+
+def _header(path: Path) -> _Header:
     head = _bytes(path, HEADER_BYTES, whole=False)
-    if head.startswith(_PNG) and head[12:16] == b"IHDR" and len(head) >= 24:
-        width, height = struct.unpack(">II", head[16:24])
+    if head.startswith(_PNG) and head[12:16] == b"IHDR" and len(head) >= 25:
+        header = _Header(struct.unpack(">II", head[16:24]), head[24] == 16)
     elif head.startswith(b"\xff\xd8"):
-        width, height = _jpeg_size(head)
+        header = _Header(_jpeg_size(head))
+    elif head.startswith(TIFF_MAGIC):
+        header = _tiff_header(path)
     else:
         raise UnreadableImageError(_format_reason(head))
+    width, height = header.size_px
     if width <= 0 or height <= 0:
         raise UnreadableImageError("damaged")
     if width * height > MAX_PIXELS:
         raise UnreadableImageError(f"is {width} x {height} px, more than {MAX_PIXELS // 10**6} million")
-    return width, height
+    return header
+
+
+def _tiff_header(path: Path) -> _Header:
+    try:
+        with path.open("rb") as file:
+            header = tiff_header(file)
+        complete = header.end <= path.stat().st_size
+    except OSError as error:
+        raise UnreadableImageError(
+            f"unreadable ({error.strerror})" if error.strerror else "damaged"
+        ) from error
+    except Exception as error:  # Pillow raises any exception for a damaged file
+        raise UnreadableImageError("damaged") from error
+    if not complete:
+        raise UnreadableImageError("truncated")
+    if header.decoded_bytes > MAX_BYTES:
+        raise UnreadableImageError(f"needs more than {MAX_BYTES >> 20} MB")
+    return _Header(header.size_px, header.bits > 8)
 
 
 def _jpeg_size(head: bytes) -> tuple[int, int]:
@@ -138,26 +177,34 @@ def _jpeg_size(head: bytes) -> tuple[int, int]:
     raise UnreadableImageError("truncated" if len(head) < HEADER_BYTES else "damaged")
 
 
-def max_value(path: Path) -> int | None:
-    """Return the largest value of a 16-bit PNG, or None for 8 bits. Raises ``UnreadableImageError``."""
-    if not _is_16_bit(_bytes(path, 32, whole=False)):
-        return None
-    read_image(path)  # this raises for a damaged picture
-    return int(_sixteen_bit(_bytes(path, MAX_BYTES), grey=False).max())
+def _decoded(path: Path) -> tuple[Raw, bool]:
+    """Return all bits of a picture, (h, w) grey or (h, w, 3) BGR, and whether they are integers."""
+    is_deep = _header(path).is_deep
+    data = _bytes(path, MAX_BYTES)
+    try:
+        if data.startswith(TIFF_MAGIC) and is_deep:
+            pixels, is_integer = deep_pixels(data)
+            return (np.ascontiguousarray(pixels[..., ::-1]) if pixels.ndim == 3 else pixels), is_integer
+        if data.startswith(_PNG):
+            # Pillow checks no CRC while decoding, so a flipped bit would be undetected.
+            Pillow.open(io.BytesIO(data), formats=["PNG"]).verify()
+        elif not data.startswith(TIFF_MAGIC):
+            # The tags are removed, as they are not needed and Pillow warns of damaged ones.
+            data = _TAG_BLOCKS.sub(rb"\1none", data[:HEADER_BYTES]) + data[HEADER_BYTES:]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow warns of a TIFF's damaged tags
+            with Pillow.open(io.BytesIO(data), formats=["PNG", "JPEG", "TIFF"]) as picture:
+                pixels = _pixels(picture)
+        return (_sixteen_bit(data, grey=pixels.ndim == 2) if is_deep else pixels), True
+    except UnreadableImageError:
+        raise
+    except Exception as e:  # Pillow and GDAL raise any exception for a damaged file
+        reason = "truncated" if "truncated" in str(e).lower() else "damaged"
+        raise UnreadableImageError(reason) from e
 
 
-def bit_depth_of(value: int) -> int:
-    """Return the bit depth of a camera from its brightest value."""
-    return next(bits for bits in _DEPTHS if value < 1 << bits)
-
-
-def _is_16_bit(head: bytes) -> bool:
-    """Return whether the header is that of a PNG with 16 bits."""
-    return head.startswith(_PNG) and head[24:25] == b"\x10"
-
-
-def _sixteen_bit(data: bytes, grey: bool) -> NDArray[np.uint16]:
-    """Return all bits of a picture that Pillow has verified. Pillow itself keeps only the upper byte of
+def _sixteen_bit(data: bytes, grey: bool) -> Raw:
+    """Return all bits of a PNG that Pillow has verified. Pillow itself keeps only the upper byte of
     colours.
     """
     channels = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR
@@ -167,17 +214,9 @@ def _sixteen_bit(data: bytes, grey: bool) -> NDArray[np.uint16]:
     return np.asarray(pixels, dtype=np.uint16)
 
 
-def _eight_bit(pixels: NDArray[np.uint16], depth_bits: int) -> Image:
-    return np.asarray(np.minimum(pixels >> (depth_bits - 8), 255), dtype=np.uint8)
-
-
 def _pixels(picture: Pillow.Image) -> Image:
     mode = picture.mode
-    if mode.startswith("I;16"):
-        return (np.asarray(picture).astype(np.uint16) >> 8).astype(np.uint8)
-    if mode in ("I", "F"):
-        raise UnreadableImageError("has 32-bit or float pixels; convert to 8 bit")
-    if mode in ("1", "L", "LA", "La"):
+    if mode in ("1", "L", "LA", "La") or mode.startswith("I;16"):
         return np.array(picture.convert("L"))
     return np.ascontiguousarray(np.asarray(picture.convert("RGB"))[..., ::-1])
 
@@ -200,5 +239,5 @@ def _format_reason(head: bytes) -> str:
         return "empty" if not head else "zeroed"
     if _PNG.startswith(head[:8]) or head.startswith(_PNG):
         return "truncated"
-    format_name = next((name for magic, name in _OTHER_FORMATS.items() if head.startswith(magic)), "neither")
-    return "neither a PNG nor a JPEG" if format_name == "neither" else f"is {format_name}, not a PNG or JPEG"
+    name = next((name for magic, name in _OTHER_FORMATS.items() if head.startswith(magic)), None)
+    return "no PNG, JPEG or TIFF" if name is None else f"is {name}, no PNG, JPEG or TIFF"

@@ -10,19 +10,17 @@ satellites', else from the order of the names.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image as Pillow
 
-from slam.core.flight import AttitudeSeries, Flight, Frames, Gps, Image, Scalar
+from slam.core.flight import AttitudeSeries, Flight, Frames, Gps, Scalar
 from slam.core.progress import Progress, silent
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.exif import PhotoTags
-from slam.io.images import PictureFiles
+from slam.io.images import PictureFiles, common_levels
 from slam.io.photo_camera import photo_camera
 from slam.io.photo_set import AttitudeSource, Photo, select_photos
 
@@ -30,7 +28,6 @@ Array = NDArray[np.float64]
 
 _BAROMETER_STD_M = 1.0
 _SECOND_NS = 10**9
-_TIFF = (".tif", ".tiff")
 
 
 def import_photos(folder: str | Path, progress: Progress = silent) -> Flight:
@@ -47,6 +44,7 @@ def import_photos(folder: str | Path, progress: Progress = silent) -> Flight:
     tags = [photo.tags for photo in photos]
     camera, camera_remarks = photo_camera(tags)
     gps, gps_remarks = _gps(tags, stamps_s)
+    frames, frame_remarks = _frames(photos, stamps_s)
     vehicle = tags[0].model if tags[0].model.startswith(tags[0].make) else f"{tags[0].make} {tags[0].model}"
     date = datetime.fromtimestamp(epoch_ns // _SECOND_NS, UTC).date().isoformat() if epoch_ns else ""
     notes = {"vehicle": vehicle.strip(), "date": date}
@@ -54,7 +52,7 @@ def import_photos(folder: str | Path, progress: Progress = silent) -> Flight:
         name=folder.resolve().name or "photos",
         epoch_ns=epoch_ns,
         camera=camera,
-        frames=_frames(photos, stamps_s),
+        frames=frames,
         attitude=_attitude(photos, selection.attitude, stamps_s),
         barometer=_heights_above_takeoff(tags, stamps_s),
         gps=gps,
@@ -64,6 +62,7 @@ def import_photos(folder: str | Path, progress: Progress = silent) -> Flight:
             *time_remarks,
             *camera_remarks,
             *gps_remarks,
+            *frame_remarks,
             *_damaged_tags(tags),
         ),
         all_keyframes=True,
@@ -172,31 +171,11 @@ def _heights_above_takeoff(tags: Sequence[PhotoTags], stamps_s: Array) -> Scalar
     return Scalar(stamps_s[known], height_m, _BAROMETER_STD_M) if known else None
 
 
-def _frames(photos: Sequence[Photo], stamps_s: Array) -> Frames:
-    files = PictureFiles(tuple(photo.path for photo in photos), photos[0].tags.size_px)
-    has_tiff = any(photo.path.suffix.casefold() in _TIFF for photo in photos)
-    load = _TiffLoader(files) if has_tiff else files
-    return Frames(stamps_s, tuple(photo.name for photo in photos), load, files.failures)
-
-
-@dataclass(frozen=True)
-class _TiffLoader:
-    """Loader that also reads TIFF, which a folder of photographs may contain but a flight folder may not."""
-
-    files: PictureFiles
-
-    def __call__(self, k: int) -> Image | None:
-        path = self.files.paths[k]
-        if path.suffix.casefold() not in _TIFF:
-            return self.files(k)
-        try:
-            with Pillow.open(path, formats=("TIFF",)) as picture:
-                if picture.mode.startswith("I;16"):
-                    return (np.asarray(picture).astype(np.uint16) >> 8).astype(np.uint8)
-                return np.ascontiguousarray(np.asarray(picture.convert("RGB"))[..., ::-1])
-        except Exception:  # noqa: BLE001 - Pillow lets any exception out of a damaged file
-            self.files.failures[k] = "damaged"
-            return None
+def _frames(photos: Sequence[Photo], stamps_s: Array) -> tuple[Frames, tuple[str, ...]]:
+    paths = tuple(photo.path for photo in photos)
+    notes: list[str] = []
+    files = PictureFiles(paths, photos[0].tags.size_px, common_levels(paths, notes))
+    return Frames(stamps_s, tuple(photo.name for photo in photos), files, files.failures), tuple(notes)
 
 
 def _damaged_tags(tags: Sequence[PhotoTags]) -> tuple[str, ...]:
