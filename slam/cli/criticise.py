@@ -65,6 +65,8 @@ def criticise(
     screen.line(result.sentence)
     if result.causes:
         screen.print(_table(result))
+    for line in result.details:
+        screen.line(line)
     if gains:
         screen.table(map_gain_table(gains))
     for line in result.dropped:
@@ -93,6 +95,7 @@ def write_criticism(result: Criticism, folder: Path, gains: Sequence[MapGain] = 
     summary = {
         "status": result.verdict,
         "sentence": result.sentence,
+        "details": list(result.details),
         "flights": list(result.flights),
         "dropped": list(result.dropped),
         "causes": {cause.name: cause.probability for cause in result.causes},

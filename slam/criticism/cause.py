@@ -13,6 +13,10 @@ Array = NDArray[np.float64]
 
 SURE = 0.95
 """Probability from which a cause is reported as certain."""
+LIKELY = 0.5
+"""Probability above which a cause is more probable than not."""
+FAINT = 0.05
+"""Probability below which a cause, with its alternatives, is reported as left over."""
 JUDGED_HORIZON_S = 2.0
 NOT_AHEAD_S = 0.0
 """Horizon of errors that no roll-out makes: those from one picture to another."""

@@ -117,8 +117,8 @@ def without_dead_streams(flights: Sequence[Flight]) -> tuple[list[Flight], list[
     return clean, dropped
 
 
-def untested_reason(records: Sequence[Record], shown: Sequence[str]) -> str:
-    """Explain why flights could show next to nothing. ``shown`` are the effects that they could have
+def untested_reasons(records: Sequence[Record], shown: Sequence[str]) -> list[str]:
+    """Return reasons why flights could show next to nothing. ``shown`` are the effects that they could have
     shown."""
     some = f"no more than {', '.join(shown)}" if shown else "none"
     reasons = [f"of {len(CATALOGUE)} effects {some} would have shown at a usual size"]
@@ -131,7 +131,7 @@ def untested_reason(records: Sequence[Record], shown: Sequence[str]) -> str:
         rate_hz = count / max(sum(r.duration_s for r in records), 1e-9)
         if 0 < rate_hz < SLOW_HZ:
             reasons.append(f"the {name} was read {rate_hz:.1f} times a second; {SLOW_HZ:g} are few")
-    return f"These data cannot be judged: {'; '.join(reasons)}. Fly longer, or record more."
+    return reasons
 
 
 def is_out_of_model(records: Sequence[Record], model: Model) -> bool:

@@ -16,7 +16,7 @@ from slam.criticism.cause import Cause
 from slam.criticism.extended import extended_with_causes, with_certainty
 from slam.criticism.flight_checks import (
     is_out_of_model,
-    untested_reason,
+    untested_reasons,
     usable_records,
     with_coarser_noise,
     without_dead_streams,
@@ -57,7 +57,7 @@ from slam.criticism.verdict.held_out import HeldOut, held_out, with_step
 from slam.criticism.verdict.posterior import Posterior, is_term, likelier_pairs, likelier_term, posterior_of
 from slam.criticism.verdict.power import confusable, detectable, within_reach
 from slam.criticism.verdict.rollout_fit import RolloutFit, fit_rollouts
-from slam.criticism.verdict.sentence import sentence_of
+from slam.criticism.verdict.sentence import Finding, details, headline, unusable
 from slam.criticism.verdict.tables import checks, fitted_nuisances, ranking
 from slam.criticism.without_commands.verdict import NOTHING_TO_COMPARE, criticise_without_commands
 from slam.simulation.model import Model, load_model
@@ -98,8 +98,7 @@ def _with_commands(flights: Sequence[Flight], model: Model, progress: Progress) 
     records, dropped = usable_records(flights, progress)
     names = tuple(record.name for record in records)
     if not records:
-        reason = "; ".join(dropped) if dropped else "no flights"
-        return Criticism("unusable", f"These data cannot be judged: {reason}.", dropped=tuple(dropped))
+        return unusable(dropped or ["no flights"], dropped)
     found = _judged(records, model, progress)
     return replace(found, flights=names, dropped=(*dropped, *found.dropped))
 
@@ -109,8 +108,7 @@ def _without_commands(flights: Sequence[Flight], model: Model, progress: Progres
     clean, dropped = without_dead_streams(flights)
     found = criticise_without_commands(clean, model, dropped, progress)
     if found is None:
-        reason = "; ".join([NOTHING_TO_COMPARE, *dropped])
-        return Criticism("unusable", f"These data cannot be judged: {reason}.", dropped=tuple(dropped))
+        return unusable([NOTHING_TO_COMPARE, *dropped], dropped)
     return found
 
 
@@ -207,10 +205,10 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     seen = detectable(found.first, limits.effects)
     everything = seen | smallest_in_readings(records)
     if verdict == "nothing_wrong" and len(within_reach(seen)) < FEWEST_SHOWN:
-        reason = untested_reason(records, list(within_reach(seen)))
-        return Criticism(
-            "unusable", reason, dropped=tuple(prepared.mismatched), detectable=seen, threshold=limits.effects,
-            threshold_means=limits.meaning, model=model,
+        reasons = untested_reasons(records, list(within_reach(seen)))
+        return replace(
+            unusable(reasons, prepared.mismatched, "Fly longer, or record more."),
+            detectable=seen, threshold=limits.effects, threshold_means=limits.meaning, model=model,
         )  # fmt: skip
     if verdict == "unknown" and not causes:
         remainder = "; ".join(part for part in (remainder, *_nearest(found, limits.effects)) if part)
@@ -219,19 +217,21 @@ def _judged(records: Sequence[Record], model: Model, progress: Progress) -> Crit
     correlation = {
         n: x for n, x in zip(INSTRUMENTS, parameters.noise_correlation.tolist(), strict=True) if x > 0.0
     }
+    probability = posterior.probability | {c.name: c.probability for c in causes}
+    finding = Finding(
+        verdict=verdict, causes=causes, equivalents=equivalents, remainder=remainder, detectable=everything,
+        noise_correlation=correlation, probability=probability,
+    )  # fmt: skip
     return Criticism(
         verdict=verdict,
-        sentence=sentence_of(verdict, causes, equivalents, remainder, everything, correlation),
+        sentence=headline(finding),
+        details=details(finding),
         causes=causes,
         equivalence_set=equivalents,
         remainder=remainder,
         next_flight=next_flight(records, model, found, posterior, progress),
         detectable=everything,
-        ranking=ranking(
-            found,
-            posterior.probability | {c.name: c.probability for c in causes},
-            [o.cause() for o in anomalies],
-        ),
+        ranking=ranking(found, probability, [o.cause() for o in anomalies]),
         confusable=confusable(found.first),
         patterns=tuple((s.effect.name, s.z) for s in left[:SHOWN_PATTERNS]),
         nuisances=fitted_nuisances(found, best),

@@ -1,4 +1,4 @@
-"""The page ``report.html`` of a criticism: the verdict in one sentence, then the evidence."""
+"""The page ``report.html`` of a criticism: the verdict's headline and details, then the evidence."""
 
 from __future__ import annotations
 

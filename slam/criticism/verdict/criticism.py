@@ -46,6 +46,7 @@ class Criticism:
 
     verdict: Verdict
     sentence: str
+    """Headline: at most three short sentences."""
     causes: tuple[Cause, ...] = ()
     equivalence_set: tuple[str, ...] = ()
     remainder: str = ""
@@ -78,6 +79,8 @@ class Criticism:
     unseen: dict[str, Model] = field(default_factory=dict)
     """Flight -> the extended model fitted on all other flights."""
     flights: tuple[str, ...] = ()
+    details: tuple[str, ...] = ()
+    """Further sentences on the causes, what is unexplained, the noise and the detectable sizes."""
     dropped: tuple[str, ...] = ()
     """Flights and streams that were not judged, with the reason, one line each."""
 
@@ -90,6 +93,7 @@ class Criticism:
         return {
             "verdict": self.verdict,
             "sentence": self.sentence,
+            "details": list(self.details),
             "causes": [_cause(cause) for cause in self.causes],
             "equivalence_set": list(self.equivalence_set),
             "remainder": self.remainder or None,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.criticism.cause import SURE, Cause, Gain, Interval, bootstrap_interval
+from slam.criticism.cause import FAINT, LIKELY, SURE, Cause, Gain, Interval, bootstrap_interval
 from slam.criticism.kalman.camera_parameters import POINTS
 from slam.criticism.kalman.filter_parameters import FilterParameters
 from slam.criticism.kalman.record import Record
@@ -29,9 +29,6 @@ from slam.simulation.terms import CATALOGUE
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LIKELY = 0.5
-FAINT = 0.05
-"""Probability below which a cause, with its alternatives, is reported as left over."""
 CONFIRMED_NATS = 2.0
 """Least gain on held-out flights that confirms a term."""
 PLAIN_Z = 8.0
@@ -171,7 +168,7 @@ def _with_alternatives(cause: Cause, posterior: Posterior) -> float:
 
 def by_importance(causes: Sequence[Cause]) -> tuple[Cause, ...]:
     """Sort causes, the leading one first: of the probable ones that which explains most."""
-    return tuple(sorted(causes, key=lambda c: (c.probability < LIKELY, -c.gain.nats)))
+    return tuple(sorted(causes, key=lambda c: (c.probability <= LIKELY, -c.gain.nats)))
 
 
 def fitted_sizes(
@@ -250,7 +247,7 @@ def decide(
     if not causes:
         return ("unknown" if remains else "nothing_wrong"), (), "; ".join(remains)
     lead, others = causes[0], causes[1:]
-    if posterior.probability[SOMETHING_ELSE] > LIKELY >= lead.probability:
+    if is_unknown(causes, posterior.probability):
         return "unknown", (), "; ".join(remains) or _strongest(left)
     for cause in others:
         if len(cause.alternatives) > 1:
@@ -264,6 +261,11 @@ def decide(
     if lead.gain.nats < CONFIRMED_NATS:
         remains.append("held-out flights do not confirm it")
     return ("named_with_remainder" if remains else "named"), (lead.name,), "; ".join(remains)
+
+
+def is_unknown(causes: Sequence[Cause], probability: Mapping[str, float]) -> bool:
+    """Whether something else than a term is more probable than not, and no cause is."""
+    return probability[SOMETHING_ELSE] > LIKELY and all(c.probability <= LIKELY for c in causes)
 
 
 def _in_words(effect: Effect, found: SearchResult) -> str:

@@ -7,21 +7,21 @@ as it is significant by cluster-robust errors over segments of ten seconds, and 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slam.core.flight import Flight
 from slam.core.progress import Progress, silent
-from slam.criticism.cause import SURE, Cause, ChannelError, Gain, Interval, bootstrap_interval
+from slam.criticism.cause import LIKELY, SURE, Cause, ChannelError, Gain, Interval, bootstrap_interval
 from slam.criticism.extended import with_sizes
 from slam.criticism.search.effects import plausible_range
 from slam.criticism.search.thresholds import MISFIT
 from slam.criticism.verdict.covariate import ChannelResiduals, Covariate
-from slam.criticism.verdict.criticism import Criticism
-from slam.criticism.verdict.decision import CONFIRMED_NATS
-from slam.criticism.verdict.sentence import sentence_of
+from slam.criticism.verdict.criticism import Criticism, Verdict
+from slam.criticism.verdict.decision import CONFIRMED_NATS, is_unknown
+from slam.criticism.verdict.sentence import Finding, details, headline
 from slam.criticism.verdict.tables import ranked
 from slam.criticism.without_commands.consistency import disagreements
 from slam.criticism.without_commands.effect_columns import LATE, in_catalogue, is_square
@@ -42,6 +42,7 @@ REASON = (
     "no command log: the inputs of the vehicle are not known; its instruments are compared with each other "
     "and its motion is not judged"
 )
+LIMITS = "No command log: the vehicle's motion is not judged."
 NOTHING_TO_COMPARE = "no command log, and too little of imu and attitude to compare other instruments with"
 STANDS_OUT_Z = 5.0
 STANDS_OUT = (
@@ -70,20 +71,20 @@ def criticise_without_commands(
     errors = _errors(found, rows, data, chosen) if named else ()
     anomalies = [anomaly.cause() for anomaly in found.anomalies]
     causes = (*(_cause(data, chosen, e, posterior[e], errors) for e in named), *anomalies)
+    causes = tuple(sorted(causes, key=lambda c: c.probability <= LIKELY))
     remainder = "; ".join(_left_over(data, rows, chosen, causes))
-    equivalents = causes[0].alternatives if causes and len(causes[0].alternatives) > 1 else ()
-    if not causes:
-        verdict = "unknown" if remainder else "nothing_wrong"
-    elif equivalents:
-        verdict = "ambiguous"
-    else:
-        verdict = "named_with_remainder" if remainder else "named"
+    verdict, equivalents = _decide(causes, posterior, remainder)
     seen = _detectable(data)
-    sentence = sentence_of(verdict, causes, equivalents, remainder, seen)  # type: ignore[arg-type]
+    probability = posterior | {c.name: c.probability for c in anomalies}
+    finding = Finding(
+        verdict=verdict, causes=causes, equivalents=equivalents, remainder=remainder, detectable=seen,
+        probability=probability, limits=LIMITS,
+    )  # fmt: skip
     shown = {e: data.z([], e) for e in data.effects() if e in CATALOGUE}
     return Criticism(
-        verdict=verdict,  # type: ignore[arg-type]
-        sentence=f"{sentence} ({REASON[0].upper()}{REASON[1:]}.)",
+        verdict=verdict,
+        sentence=headline(finding),
+        details=details(finding),
         causes=causes,
         equivalence_set=equivalents or tuple(c.name for c in causes[:1]),
         remainder=remainder,
@@ -91,7 +92,7 @@ def criticise_without_commands(
         if equivalents
         else "",
         detectable=seen,
-        ranking=ranked(shown, posterior | {c.name: c.probability for c in anomalies}, anomalies),
+        ranking=ranked(shown, probability, anomalies),
         covariate=_covariate(data, chosen, causes[0]) if causes and causes[0].name in chosen else None,
         threshold=STANDS_OUT_Z,
         threshold_means=STANDS_OUT,
@@ -100,6 +101,21 @@ def criticise_without_commands(
         flights=tuple(f.name for f, known in zip(flights, rows, strict=True) if known),
         dropped=(*dropped, *found.dropped, REASON),
     )
+
+
+def _decide(
+    causes: Sequence[Cause], posterior: Mapping[str, float], remainder: str
+) -> tuple[Verdict, tuple[str, ...]]:
+    """Return the verdict and the equivalence set. ``causes``: the leading one first."""
+    if not causes:
+        return ("unknown" if remainder else "nothing_wrong"), ()
+    equivalents = causes[0].alternatives if len(causes[0].alternatives) > 1 else ()
+    together = sum(posterior.get(name, 0.0) for name in equivalents)
+    if is_unknown(causes, posterior) and together <= LIKELY:
+        return "unknown", ()
+    if equivalents:
+        return "ambiguous", equivalents
+    return ("named_with_remainder" if remainder else "named"), ()
 
 
 def _fitted(

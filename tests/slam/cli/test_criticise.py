@@ -46,8 +46,8 @@ def test_one_flight_is_held_out_by_segments(home, verdict):
     gain = verdict["causes"][0]["gain"]
     assert gain["held_out_by"] == "segment"
     assert gain["nats"] > 0
-    assert "on held-out segments" in verdict["sentence"]
-    assert "held-out flights" not in verdict["sentence"]
+    assert "On held-out segments" in verdict["sentence"]
+    assert "held-out flights" not in " ".join([verdict["sentence"], *verdict["details"]])
     assert "Each segment in turn is held out" in (home / "said" / "report.html").read_text()
 
 

@@ -77,7 +77,7 @@ def test_coloured_noise_is_healthy_and_told():
     assert found.noise_correlation["gyro"] == pytest.approx(0.5, abs=0.06)
     for name in ("accel", "attitude", "velocity", "sonar"):
         assert found.noise_correlation[name] == pytest.approx(0.4, abs=0.1), name
-    assert "gyro (0.5" in found.sentence
+    assert any("gyro (0.5" in line for line in found.details)
     assert found.to_json()["noise_correlation"]["gyro"] == pytest.approx(0.5, abs=0.06)
     assert found.extended.imu.gyro_noise_correlation == found.noise_correlation["gyro"]
 

@@ -28,7 +28,7 @@ def unusable(flight):
     assert found.verdict == "unusable"
     assert found.causes == ()
     assert "\n" not in found.sentence
-    return found.sentence
+    return " ".join([found.sentence, *found.details])
 
 
 def test_a_flight_that_never_moves(flight):

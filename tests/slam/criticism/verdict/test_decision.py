@@ -13,7 +13,7 @@ from slam.criticism.search.effects import Effect
 from slam.criticism.search.search import SearchResult
 from slam.criticism.verdict import decision
 from slam.criticism.verdict.criticism import Criticism
-from slam.criticism.verdict.decision import confirmed_terms, decide, split_by_probability
+from slam.criticism.verdict.decision import by_importance, confirmed_terms, decide, split_by_probability
 from slam.criticism.verdict.posterior import (
     NOTHING,
     SOMETHING_ELSE,
@@ -54,6 +54,18 @@ def test_one_that_is_the_same_everywhere_is_claimed_with_a_remainder():
     verdict, probabilities, _ = told(cause("flow_scale"), cause("gusts"), unknown=1.0)
     assert verdict == "named_with_remainder"
     assert probabilities == [1.0, 0.5]
+
+
+def test_a_certain_cause_leads_whatever_a_doubtful_one_gains():
+    """Process noise keeps half of its odds beside something unknown, and may gain more than the cause."""
+    gusts = replace(cause("gusts", 0.5), gain=replace(GAIN, nats=90.0))
+    causes = by_importance([gusts, cause("flow_scale")])
+    assert [c.name for c in causes] == ["flow_scale", "gusts"]
+    posterior = Posterior({SOMETHING_ELSE: 1.0, NOTHING: 0.0}, (), ())
+    found = SimpleNamespace(model=SimpleNamespace(out_of_model=False), chosen=())
+    for order in (causes, causes[::-1]):
+        assert decide(order, found, posterior, [], ["odd"], 4.5)[0] == "named_with_remainder"
+    assert decide([gusts], found, posterior, [], ["odd"], 4.5)[0] == "unknown"
 
 
 def test_what_flies_worse_than_nothing_is_not_claimed_beside_something_unknown():
