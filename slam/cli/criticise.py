@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slam.cli.options import JSON, OUT, QUIET
+from slam.cli.options import JSON, OUT, QUIET, TOPICS, topics_of
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -37,6 +37,7 @@ def criticise(
     out: Annotated[Path, OUT],
     model: Annotated[str, _MODEL] = "nominal",
     maps: Annotated[bool | None, _MAPS] = None,
+    topic: Annotated[list[str] | None, TOPICS] = None,
     quiet: Annotated[bool, QUIET] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
@@ -44,6 +45,7 @@ def criticise(
     from slam.cli.console import Screen
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
+    from slam.cli.tables import show_sources
     from slam.core.flight import with_unique_names
     from slam.core.progress import Tally
     from slam.criticism import criticise as run
@@ -54,7 +56,10 @@ def criticise(
     screen = Screen(quiet, as_json)
     nominal = load_model(model)
     with output_folder(out) as folder, screen.progress() as progress:
-        opened = with_unique_names([open_flight(path, progress)[0] for path in flights])
+        topics = topics_of(topic)
+        opened = with_unique_names([open_flight(path, progress, topics)[0] for path in flights])
+        for flight in opened:
+            show_sources(flight, screen)
         result = run(opened, nominal, progress)
         max_pictures = {True: None, False: 0, None: MAX_PICTURES_BY_DEFAULT}[maps]
         gains = gains_in_maps(opened, result, max_pictures, progress)

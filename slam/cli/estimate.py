@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from slam.cli.options import JSON, MODEL, OUT, QUIET, pipeline_config
+from slam.cli.options import JSON, MODEL, OUT, QUIET, TOPICS, pipeline_config, topics_of
 
 if TYPE_CHECKING:
     from slam.core.figure_table import FigureTable
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 _SOURCE = typer.Argument(
     metavar="FLIGHT",
-    help="A flight folder or a EuRoC recording, with imu0, or velocity0 and attitude0.",
+    help="A flight folder or a recording, with imu0, or velocity0 and attitude0.",
     show_default=False,
 )
 _RATE = typer.Option("--rate", metavar="HZ", min=0.01, max=2000, help="Poses per second.")
@@ -38,6 +38,7 @@ def estimate(
     without: Annotated[list[str] | None, _WITHOUT] = None,
     config: Annotated[Path | None, _CONFIG] = None,
     model: Annotated[str | None, MODEL] = None,
+    topic: Annotated[list[str] | None, TOPICS] = None,
     quiet: Annotated[bool, QUIET] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
@@ -45,6 +46,7 @@ def estimate(
     from slam.cli.console import Screen
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
+    from slam.cli.tables import show_sources
     from slam.inertial.navigate import navigate
     from slam.simulation.inverse import correct_flight
     from slam.simulation.model import load_model
@@ -53,7 +55,9 @@ def estimate(
     settings = pipeline_config(config, None)
     instruments = load_model(model) if model is not None else None
     with output_folder(out) as folder, screen.progress() as progress:
-        flight = _without(open_flight(source, progress)[0], without or [])
+        opened, _ = open_flight(source, progress, topics_of(topic))
+        show_sources(opened, screen)
+        flight = _without(opened, without or [])
         if instruments is not None:
             result = correct_flight(flight, instruments)
             flight = result.flight.with_warning(result.summary(instruments))

@@ -8,18 +8,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slam.cli.options import FLIGHT_OUT, JSON, QUIET
+from slam.cli.options import FLIGHT_OUT, JSON, QUIET, TOPICS, topics_of
 
 if TYPE_CHECKING:
     from slam.cli.console import Screen
     from slam.core.flight import Flight
 
 _IMPORTED = typer.Argument(
-    metavar="SOURCE", help="A folder of geotagged photos, or a EuRoC recording.", show_default=False
+    metavar="SOURCE",
+    help="A recording (log, bag or video), a EuRoC folder, or a folder of geotagged photos.",
+    show_default=False,
 )
 _SHOWN = typer.Argument(
     metavar="FLIGHT",
-    help="A flight folder, a EuRoC recording, a folder of photos, or a .g2o pose graph.",
+    help="A flight folder, a recording, a folder of photos, or a .g2o pose graph.",
     show_default=False,
 )
 
@@ -27,22 +29,27 @@ _SHOWN = typer.Argument(
 def import_flight(
     source: Annotated[Path, _IMPORTED],
     out: Annotated[Path, FLIGHT_OUT],
+    topic: Annotated[list[str] | None, TOPICS] = None,
     quiet: Annotated[bool, QUIET] = False,
 ) -> None:
-    """Convert photos or a EuRoC recording into a flight folder; pictures keep their names."""
+    """Convert a recording or photos into a flight folder; pictures keep their names."""
     from slam.cli.console import Screen
     from slam.cli.source import import_source
     from slam.io.flight_folder import write_flight
 
     screen = Screen(quiet)
     with screen.progress() as progress:
-        flight = import_source(source, progress)
+        flight = import_source(source, progress, topics_of(topic))
         write_flight(flight, out, progress)
     show(flight, screen)
     screen.files([out])
 
 
-def info(source: Annotated[Path, _SHOWN], as_json: Annotated[bool, JSON] = False) -> None:
+def info(
+    source: Annotated[Path, _SHOWN],
+    topic: Annotated[list[str] | None, TOPICS] = None,
+    as_json: Annotated[bool, JSON] = False,
+) -> None:
     """Show what a flight holds: sensors, rates, gaps, missing streams and anomalies."""
     from slam.cli.console import Screen
     from slam.cli.source import kind_of, open_flight
@@ -58,7 +65,7 @@ def info(source: Annotated[Path, _SHOWN], as_json: Annotated[bool, JSON] = False
         screen.json(json_text(record))
         screen.table(graph_table(record))
         return
-    flight, _ = open_flight(source, silent)
+    flight, _ = open_flight(source, silent, topics_of(topic))
     screen.json(json_text(asdict(describe(flight))))
     show(flight, screen)
 
@@ -67,7 +74,9 @@ def show(flight: Flight, screen: Screen) -> None:
     """Print what a flight holds."""
     from slam.cli.console import console
     from slam.cli.flight_tables import print_info
+    from slam.cli.tables import show_sources
     from slam.core.flight_info import describe
 
     if screen.shows_tables:
         print_info(describe(flight), console())
+        show_sources(flight, screen)

@@ -8,11 +8,11 @@ from typing import Annotated
 import typer
 
 from frontend.feature_kinds import FeatureKind
-from slam.cli.options import CONFIG, FEATURES, JSON, OUT, QUIET, pipeline_config
+from slam.cli.options import CONFIG, FEATURES, JSON, OUT, QUIET, TOPICS, pipeline_config, topics_of
 
 _FLIGHT = typer.Argument(
     metavar="FLIGHT",
-    help="A flight folder, a EuRoC recording or a folder of photos, with truth or GPS.",
+    help="A flight folder, a recording or a folder of photos, with truth or GPS.",
     show_default=False,
 )
 
@@ -22,6 +22,7 @@ def loops(
     out: Annotated[Path, OUT],
     config: Annotated[Path | None, CONFIG] = None,
     features: Annotated[FeatureKind | None, FEATURES] = None,
+    topic: Annotated[list[str] | None, TOPICS] = None,
     quiet: Annotated[bool, QUIET] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
@@ -29,6 +30,7 @@ def loops(
     from slam.cli.console import Screen
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
+    from slam.cli.tables import show_sources
     from slam.core.summary import json_text
     from slam.evaluation.loops import evaluate_loops
     from slam.evaluation.loops.figure import draw
@@ -37,7 +39,8 @@ def loops(
     screen = Screen(quiet, as_json)
     settings = pipeline_config(config, features)
     with output_folder(out) as folder, screen.progress() as progress:
-        flight, _ = open_flight(source, progress)
+        flight, _ = open_flight(source, progress, topics_of(topic))
+        show_sources(flight, screen)
         result = evaluate_loops(flight, settings, progress)
         (folder / "loops.json").write_text(json_text(full_record(result)), encoding="utf-8")
         (folder / "loops.png").write_bytes(draw(result))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from frontend.feature_kinds import FeatureKind
-from slam.cli.options import CONFIG, FEATURES, JSON, MODEL, OUT, QUIET, pipeline_config
+from slam.cli.options import CONFIG, FEATURES, JSON, MODEL, OUT, QUIET, TOPICS, pipeline_config, topics_of
 
 if TYPE_CHECKING:
     from slam.cli.console import Screen
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 _SOURCE = typer.Argument(
     metavar="FLIGHT",
-    help="A flight folder, a EuRoC recording, a folder of photos, or a .g2o pose graph. Several flights of "
+    help="A flight folder, a recording, a folder of photos, or a .g2o pose graph. Several flights of "
     "one camera over the same ground make one map.",
     show_default=False,
 )
@@ -40,6 +40,7 @@ def optimize(
     config: Annotated[Path | None, CONFIG] = None,
     features: Annotated[FeatureKind | None, FEATURES] = None,
     model: Annotated[str | None, MODEL] = None,
+    topic: Annotated[list[str] | None, TOPICS] = None,
     quiet: Annotated[bool, QUIET] = False,
     as_json: Annotated[bool, JSON] = False,
 ) -> None:
@@ -57,7 +58,8 @@ def optimize(
         results = _graph(sources[0], out, screen)
     else:
         options = MosaicOptions(mosaic, gsd, out)
-        results = _flights(sources, out, options, pipeline_config(config, features), model, screen)
+        settings = pipeline_config(config, features)
+        results = _flights(sources, topics_of(topic), out, options, settings, model, screen)
     screen.json_file(out / "summary.json")
     screen.print(outcome_table(results.facts, results.summary))
     for table in results.accuracy:
@@ -68,6 +70,7 @@ def optimize(
 
 def _flights(
     sources: list[Path],
+    topics: dict[str, str],
     out: Path,
     mosaic: MosaicOptions,
     settings: PipelineConfig,
@@ -77,6 +80,7 @@ def _flights(
     from slam.cli.output_folder import output_folder
     from slam.cli.results import write_results
     from slam.cli.source import open_flight
+    from slam.cli.tables import show_sources
     from slam.core.join_flights import join_flights
     from slam.mapping.pipeline import optimize as run
     from slam.simulation.model import load_model
@@ -85,10 +89,11 @@ def _flights(
     with output_folder(out) as folder, screen.progress() as progress:
         flights = []
         for source in sources:
-            flight, kind = open_flight(source, progress)
+            flight, kind = open_flight(source, progress, topics)
             flights.append(flight)
             if kind != "flight":
                 screen.line(f"{source}: {kind}, imported on the fly")
+            show_sources(flight, screen)
         if instruments is not None:
             return _corrected(instruments, flights, folder, mosaic, settings, progress)
         flight = join_flights(flights)

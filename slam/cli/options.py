@@ -27,6 +27,12 @@ QUIET = typer.Option(
     "--quiet", "-q", help="Print neither progress nor tables; errors are printed all the same."
 )
 JSON = typer.Option("--json", help="Print the summary as JSON instead of tables.")
+TOPICS = typer.Option(
+    "--topic",
+    metavar="STREAM=CHANNEL",
+    help="The channel of a recording to take as a stream, such as cam0=/camera/image_raw; STREAM= leaves "
+    "the stream out. Can be repeated.",
+)
 SEED = typer.Option(min=0, help="Seed of all random numbers.")
 
 
@@ -40,3 +46,17 @@ def pipeline_config(path: Path | None, features: FeatureKind | None) -> Pipeline
 
     config = PipelineConfig() if path is None else load_config(PipelineConfig, read_toml(path), str(path))
     return config if features is None else replace(config, features=replace(config.features, kind=features))
+
+
+def topics_of(given: list[str] | None) -> dict[str, str]:
+    """Return the folder of a stream -> the channel to take, of all ``--topic``. Raises ``InputError``."""
+    from slam.core.errors import InputError
+
+    topics: dict[str, str] = {}
+    for text in given or []:
+        stream, equals, channel = text.partition("=")
+        if not equals or not stream or stream in topics:
+            what = "is given twice" if stream in topics else "is not of the form STREAM=CHANNEL"
+            raise InputError(f"--topic {text}: {what}; write, for example, cam0=/camera/image_raw")
+        topics[stream] = channel
+    return topics

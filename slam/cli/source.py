@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -11,27 +12,19 @@ if TYPE_CHECKING:
     from slam.core.flight import Flight
     from slam.core.progress import Progress
 
-Kind = Literal["flight", "euroc", "photos", "graph"]
+Kind = Literal["flight", "euroc", "photos", "recording", "graph"]
 
 _GRAPH_WORDS = (b"VERTEX_", b"EDGE_", b"FIX ")
-_GIVE = "give a flight folder, a folder of photos or a .g2o graph"
+_GIVE = "give a flight folder, a folder of photos, a recording (docs/recordings.md) or a .g2o graph"
 _ALSO = {
     "optimize": "; to slam optimize and info its graph can be given, {path}/graph.g2o",
     "criticise": "; as --model give its {path}/extended.toml",
 }
 """Files of an output that other commands accept: command -> advice."""
-_NOT_READ = {
-    ".bag": "a ROS 1 bag",
-    ".db3": "a ROS 2 bag",
-    ".mcap": "an MCAP recording",
-    ".ulg": "a PX4 log",
-    ".mp4": "a video",
-    ".zip": "an archive",
-}
 
 
 def kind_of(path: Path) -> Kind:
-    """Return whether a path is a flight folder, a EuRoC folder, a folder of photos or a g2o graph.
+    """Return whether a path is a flight folder, a EuRoC folder, photos, a recording or a g2o graph.
 
     Raises ``InputError`` that names what was found instead.
     """
@@ -39,33 +32,43 @@ def kind_of(path: Path) -> Kind:
         raise InputError(f"{path}: does not exist; {_GIVE}")
     if path.is_dir():
         _refuse_output(path)
-        return _kind_of_folder(path)
+        return "recording" if _is_recording(path) else _kind_of_folder(path)
     if not path.is_file():
         raise InputError(f"{path}: neither a file nor a folder; {_GIVE}")
     if path.suffix.lower() == ".g2o" or _reads_like_graph(path):
         return "graph"
-    if found := _NOT_READ.get(path.suffix.lower()):
-        raise InputError(
-            f"{path}: {found}, which slam does not read; make a flight folder of it (docs/flight-format.md)"
-        )
+    if _is_recording(path):
+        return "recording"
     raise InputError(f"{path}: a file of another kind; {_GIVE}")
 
 
-def open_flight(path: Path, progress: Progress) -> tuple[Flight, Kind]:
-    """Read the flight at ``path``; import photos and EuRoC recordings. Raises ``InputError``."""
+def open_flight(
+    path: Path, progress: Progress, topics: Mapping[str, str] | None = None
+) -> tuple[Flight, Kind]:
+    """Read the flight at ``path``; import photos, EuRoC and other recordings.
+
+    ``topics`` maps the folder of a stream to the channel of a recording. Raises ``InputError``.
+    """
     kind = kind_of(path)
-    if kind == "flight":
+    if kind == "flight" and not topics:
         from slam.io.flight_folder import read_flight
 
         return read_flight(path), kind
-    return import_source(path, progress), kind
+    return import_source(path, progress, topics), kind
 
 
-def import_source(path: Path, progress: Progress) -> Flight:
-    """Import photos or a EuRoC recording as a flight. Raises ``InputError``."""
+def import_source(path: Path, progress: Progress, topics: Mapping[str, str] | None = None) -> Flight:
+    """Import photos, a EuRoC recording or another one as a flight. Raises ``InputError``."""
     kind = kind_of(path)
     if kind == "graph":
         raise InputError(f"{path}: a pose graph holds no flight; give a flight folder or a folder of photos")
+    if kind == "recording":
+        from slam.io.recordings.assemble import flight_of
+        from slam.io.recordings.formats import open_recording
+
+        return flight_of(open_recording(path), topics, progress)
+    if topics:
+        raise InputError(f"--topic: {path} is no recording with channels to choose from; leave --topic out")
     if kind == "photos":
         from slam.io.photos import import_photos
 
@@ -75,6 +78,12 @@ def import_source(path: Path, progress: Progress) -> Flight:
     from slam.io.euroc import import_euroc
 
     return import_euroc(path)
+
+
+def _is_recording(path: Path) -> bool:
+    from slam.io.recordings.formats import format_of
+
+    return format_of(path) is not None
 
 
 def _refuse_output(path: Path) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from frontend.camera import Camera
 from slam.core.notebook import table_html
+from slam.core.stream_source import StreamSource
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -239,6 +240,8 @@ class Flight:
     """One line for everything that was dropped, repaired or assumed when the flight was read."""
     all_keyframes: bool = False
     """Whether every picture is a keyframe, as in a set of photographs."""
+    sources: tuple[StreamSource, ...] = ()
+    """Channels of the recording that the flight was read from, taken and left; empty for a flight folder."""
     parts: tuple[Flight, ...] = ()
     """The flights that were joined into this one (`slam.core.join_flights`); empty for a single flight."""
 

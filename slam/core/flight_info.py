@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from backend.measurements import GRAVITY_M_S2
 from slam.core.errors import NO_CAMERA
 from slam.core.flight import STREAMS, AttitudeSeries, Flight, Imu, Sonar
+from slam.core.stream_source import StreamSource
 
 Array = NDArray[np.float64]
 
@@ -79,6 +80,8 @@ class FlightInfo:
     """Anomalies of the readings, one line each."""
     warnings: tuple[str, ...]
     """One line for everything that was dropped, repaired or assumed on reading."""
+    sources: tuple[StreamSource, ...] = ()
+    """Channels of the recording, taken and left; empty for a flight folder."""
 
 
 def describe(flight: Flight) -> FlightInfo:
@@ -100,6 +103,7 @@ def describe(flight: Flight) -> FlightInfo:
         missing=tuple(_missing(flight)),
         anomalies=tuple(_anomalies(flight, streams)),
         warnings=flight.warnings,
+        sources=flight.sources,
     )
 
 

@@ -161,7 +161,7 @@ def _unjumped(name: str, table: CsvTable, jumps: list[_Jump], remarks: list[str]
         stamps[jump.row :] -= jump.ahead_ns
         way = "ahead" if jump.ahead_ns > 0 else "back"
         remarks.append(
-            f"{name}: the clock jumps {way} by {abs(jump.ahead_ns) * 1e-9:.3f} s at line "
+            f"{name}: the clock jumps {way} by {abs(jump.ahead_ns) * 1e-9:.3f} s at {table.row_word} "
             f"{table.lines[jump.row]}; later stamps were moved to continue, assuming that no time was lost"
         )
     return table.rows(np.arange(len(stamps)), stamps)

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from slam.core.errors import InputError
 from slam.io.csv_header import CsvColumn, column_indices, extra_columns, header_of, parse_header
 from slam.io.files import brief, read_bytes, refusal
 
@@ -45,6 +46,12 @@ class CsvTable:
     """One line for each loss of data, without the name of the file."""
     truncated: bool = False
     """Whether the file ends as after a power loss of the recorder."""
+    row_word: str = "line"
+    """Name of a row in messages: a line of a file, or a message of a recording."""
+
+    def refuse(self, row: int, what: str, do: str) -> InputError:
+        """Return the error to raise about one row."""
+        return refusal(self.path, what, do, int(self.lines[row]), self.row_word)
 
     def rows(self, keep: NDArray[np.int64], stamps_ns: Stamps) -> CsvTable:
         """Return the rows ``keep`` in that order, with the given stamps."""
@@ -57,6 +64,7 @@ class CsvTable:
             lines=self.lines[keep],
             notes=self.notes,
             truncated=self.truncated,
+            row_word=self.row_word,
         )
 
 

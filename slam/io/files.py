@@ -15,9 +15,11 @@ def brief(text: object, limit: int = 200) -> str:
     return shown if len(shown) <= limit else shown[: limit - 3] + "..."
 
 
-def refusal(path: Path | str, what: str, do: str, line: int | None = None) -> InputError:
+def refusal(
+    path: Path | str, what: str, do: str, line: int | None = None, row_word: str = "line"
+) -> InputError:
     """Return the error to raise: where (file and line), what is wrong, what to do."""
-    where = brief(path, 400) + ("" if line is None else f", line {line}")
+    where = brief(path, 400) + ("" if line is None else f", {row_word} {line}")
     return InputError(f"{where}: {brief(what, 600)}; {brief(do, 400)}")
 
 

@@ -11,16 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from frontend.camera import Camera
-from slam.core.flight import FIELD_BY_FOLDER, Flight
+from slam.core.flight import Flight
 from slam.io.camera_folder import camera_of, frames_of
 from slam.io.clock import sort_by_time
 from slam.io.csv_stream import CsvTable, read_names, read_numbers
 from slam.io.files import brief, check_inside, refusal
 from slam.io.flight_writer import write_flight
 from slam.io.landmarks import check_pairs, read_landmarks
-from slam.io.plausibility import check_imu_units, check_stamp_unit, check_stamps_agree
+from slam.io.plausibility import check_stamp_unit, check_stamps_agree
 from slam.io.sensor_yaml import YamlFile, read_yaml
-from slam.io.streams import COLUMNS, KNOWN_KEYS, Source, build_series
+from slam.io.series_fields import build_fields
+from slam.io.streams import COLUMNS, KNOWN_KEYS
 
 __all__ = ["read_flight", "write_flight"]
 
@@ -160,21 +161,13 @@ def _read_stream(recording: _Recording, folder: Path) -> None:
 
 def _build(recording: _Recording, epoch_ns: int) -> dict[str, Any]:
     """Return the fields of ``Flight`` built from the sorted tables."""
-    parts: dict[str, Any] = {}
-    for name, table in recording.tables.items():
+    parts = build_fields(recording.tables, recording.sensors, epoch_ns, recording.note)
+    if (table := recording.tables.get("cam0")) is not None:
         notes: list[str] = []
-        if name == "cam0":
-            camera: Camera = camera_of(recording.sensors[name], notes)
-            parts["camera"] = camera
-            parts["frames"] = frames_of(table, camera, epoch_ns, recording.root, notes)
-        else:
-            series = build_series(name, Source(table, recording.sensors[name], epoch_ns, notes))
-            if series is None and len(table.stamps_ns):
-                notes.append("no row is left; treated as not recorded")
-            parts[FIELD_BY_FOLDER[name]] = series
-        recording.note(name, notes)
-    if parts.get("imu") is not None:
-        check_imu_units(parts["imu"], parts.get("attitude"), recording.tables["imu0"].path)
+        camera: Camera = camera_of(recording.sensors["cam0"], notes)
+        parts["camera"] = camera
+        parts["frames"] = frames_of(table, camera, epoch_ns, recording.root, notes)
+        recording.note("cam0", notes)
     return parts
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import math
 import shutil
 from collections import deque
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from frontend.camera import Camera
+from slam.core.errors import one_line
 from slam.core.flight import (
     FIELD_BY_FOLDER,
     AttitudeSeries,
@@ -35,8 +37,9 @@ from slam.core.flight import (
 from slam.core.progress import Progress, silent
 from slam.io.atomic import atomic_folder
 from slam.io.csv_header import header_of
-from slam.io.images import PictureFiles, UnreadableImageError, image_size
+from slam.io.images import PictureFiles, UnreadableImageError, image_size, suffix_of
 from slam.io.landmarks import HEADER
+from slam.io.recorded_pictures import RecordedPictures
 from slam.io.streams import COLUMNS, IMU_DENSITIES, METRES_PER_DEGREE, Series, metres_per_degree_east
 
 Array = NDArray[np.float64]
@@ -63,7 +66,8 @@ def write_flight(
     """Write ``flight`` as the new folder ``path``, which appears complete or not at all.
 
     Pictures that are files are copied unchanged. Others are encoded as ``image_format`` ("png" or "jpg")
-    under their own name with that suffix. An unreadable picture is listed without a file. Raises
+    under their own name with that suffix; encoded pictures of a recording are written as they are. An
+    unreadable picture is listed without a file. Raises
     ``InputError`` if the target is not empty or cannot be written, ``ValueError`` for another format.
     """
     if image_format not in _SUFFIXES:
@@ -74,15 +78,16 @@ def write_flight(
             _write_landmarks(flight.landmarks, folder / "landmarks.csv")
         mav0 = folder / "mav0"
         mav0.mkdir()
+        comments = {source.stream: source.line() for source in flight.sources}
         if flight.camera is not None:
             (mav0 / "cam0" / "data").mkdir(parents=True)
-            _write_camera(flight.camera, flight.frames, mav0 / "cam0")
+            _write_camera(flight.camera, flight.frames, mav0 / "cam0", comments.get("cam0"))
         if flight.frames is not None:
             _write_frames(flight.frames, mav0 / "cam0", flight.epoch_ns, progress, image_format)
         for name in COLUMNS:
             series: Series | None = getattr(flight, FIELD_BY_FOLDER[name])
             if series is not None:
-                _write_series(series, name, mav0 / name, flight.epoch_ns)
+                _write_series(series, name, mav0 / name, flight.epoch_ns, comments.get(name))
 
 
 def _stamps_ns(stamps_s: Array, epoch_ns: int) -> list[int]:
@@ -110,7 +115,7 @@ def _write_landmarks(landmarks: dict[str, Array], path: Path) -> None:
         rows.writerows([name, *map(repr, np.asarray(p, float).tolist())] for name, p in landmarks.items())
 
 
-def _write_series(series: Series, name: str, folder: Path, epoch_ns: int) -> None:
+def _write_series(series: Series, name: str, folder: Path, epoch_ns: int, comment: str | None) -> None:
     folder.mkdir()
     values = _values(series, len(COLUMNS[name])).tolist()
     with open(folder / "data.csv", "w", encoding="ascii", newline="") as file:
@@ -118,7 +123,8 @@ def _write_series(series: Series, name: str, folder: Path, epoch_ns: int) -> Non
         for stamp, row in zip(_stamps_ns(series.stamps_s, epoch_ns), values, strict=True):
             file.write(f"{stamp},{','.join(repr(v) if math.isfinite(v) else '' for v in row)}\n")
     mount = series.b_T_s if isinstance(series, Imu | Sonar) else np.eye(4)
-    _write_sensor(folder, name[:-1], mount, series.stamps_s, _sensor_entries(series))
+    entries = _commented(_sensor_entries(series), comment)
+    _write_sensor(folder, name[:-1], mount, series.stamps_s, entries)
 
 
 def _values(series: Series, width: int) -> Array:
@@ -185,7 +191,7 @@ def _sensor_entries(series: Series) -> dict[str, object]:
     assert_never(series)
 
 
-def _write_camera(camera: Camera, frames: Frames | None, folder: Path) -> None:
+def _write_camera(camera: Camera, frames: Frames | None, folder: Path, comment: str | None) -> None:
     nominal: dict[str, object] = {
         "resolution": list(camera.size_px),
         "camera_model": "pinhole",
@@ -201,7 +207,7 @@ def _write_camera(camera: Camera, frames: Frames | None, folder: Path) -> None:
     }
     nominal.update({key: value for key, value in other.items() if value})
     stamps = frames.stamps_s if frames is not None else np.empty(0)
-    _write_sensor(folder, "camera", camera.b_T_c, stamps, nominal)
+    _write_sensor(folder, "camera", camera.b_T_c, stamps, _commented(nominal, comment))
     (folder / "data.csv").write_text("#timestamp [ns],filename\n")
 
 
@@ -221,7 +227,13 @@ def _write_sensor(folder: Path, kind: str, mount: Array, stamps_s: Array, nomina
             lines.append(f"{key}: [{', '.join(repr(_python_number(v)) for v in value)}]")
         else:
             lines.append(f"{key}: {value if isinstance(value, str) else repr(_python_number(value))}")
-    (folder / "sensor.yaml").write_text("\n".join(lines) + "\n")
+    (folder / "sensor.yaml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _commented(nominal: dict[str, object], comment: str | None) -> dict[str, object]:
+    """Return the entries with the origin of the stream as quoted YAML text, if it is known."""
+    quoted = None if comment is None else json.dumps(one_line(comment), ensure_ascii=False)
+    return nominal if quoted is None else {"comment": quoted, **nominal}
 
 
 def _python_number(value: object) -> object:
@@ -240,26 +252,43 @@ def _write_frames(frames: Frames, folder: Path, epoch_ns: int, progress: Progres
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(["#timestamp [ns]", "filename"])
         for k, stamp in enumerate(_stamps_ns(frames.stamps_s, epoch_ns)):
-            source = frames.load.paths[k] if isinstance(frames.load, PictureFiles) else None
-            name = _file_name(frames.names[k], k, source, image_format, used)
+            picture = _picture(frames, k)
+            suffixes = _suffixes(picture, frames.load, image_format)
+            name = _file_name(frames.names[k], k, suffixes, used)
             target = folder / "data" / name
             target.parent.mkdir(parents=True, exist_ok=True)
-            if source is not None:
-                _copy(source, target)
-            elif (image := frames.load(k)) is not None:
-                pending.append(encoder.submit(_encode, image, target, image_format))
+            if isinstance(picture, Path):
+                _copy(picture, target)
+            elif isinstance(picture, bytes):
+                target.write_bytes(picture)
+            elif picture is not None:
+                pending.append(encoder.submit(_encode, picture, target, suffixes[0]))
             rows.writerow([stamp, name])
             if len(pending) > MAX_PENDING:
                 pending.popleft().result()
             progress("writing pictures", k + 1, len(frames))
-        for picture in pending:
-            picture.result()
+        for encoded in pending:
+            encoded.result()
 
 
-def _file_name(name: str, k: int, source: Path | None, image_format: str, used: set[str]) -> str:
+def _picture(frames: Frames, k: int) -> Path | bytes | Image | None:
+    """Return picture k as it is stored (a file, or the bytes of one), else its pixels; None if unreadable."""
+    if isinstance(frames.load, PictureFiles):
+        return frames.load.paths[k]
+    return frames.load.stored(k) if isinstance(frames.load, RecordedPictures) else frames.load(k)
+
+
+def _suffixes(picture: Path | bytes | Image | None, load: object, image_format: str) -> tuple[str, ...]:
+    if isinstance(picture, Path):
+        return (picture.suffix.lower(),)
+    if isinstance(picture, bytes):
+        return (suffix_of(picture),)
+    return _SUFFIXES[load.picture_format if isinstance(load, RecordedPictures) else image_format]
+
+
+def _file_name(name: str, k: int, suffixes: tuple[str, ...], used: set[str]) -> str:
     """Return the frame's name if it is a valid file name, with the suffix of its content, else its number."""
     path = PurePosixPath(name.strip())
-    suffixes = _SUFFIXES[image_format] if source is None else (source.suffix.lower(),)
     if path.suffix.lower() not in suffixes:
         path = path.with_name(path.name + suffixes[0]) if path.name else path
     if (
@@ -284,9 +313,8 @@ def _copy(source: Path, target: Path) -> None:
     shutil.copyfile(source, target)
 
 
-def _encode(image: Image, target: Path, image_format: str) -> None:
-    options = _PNG if image_format == "png" else _JPEG
-    done, content = cv2.imencode(_SUFFIXES[image_format][0], image, options)
+def _encode(image: Image, target: Path, suffix: str) -> None:
+    done, content = cv2.imencode(suffix, image, _PNG if suffix == ".png" else _JPEG)
     if not done:
         raise OSError(f"{target}: the picture cannot be encoded")
     target.write_bytes(content.tobytes())

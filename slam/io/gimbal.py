@@ -14,29 +14,26 @@ from numpy.typing import NDArray
 
 from frontend.camera import NADIR_B_T_C
 from slam.core.rotations import rotation_of
+from slam.io.body_axes import FRD_R_B, W_R_N
 
 Array = NDArray[np.float64]
 
-_W_R_N = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
-"""Rotation from north-east-down to east-north-up."""
 _GIMBAL_R_C = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 """Rotation from camera axes to a gimbal at rest. The camera looks along x, with its right along y and down
 along z.
 """
-_FRD_R_FLU = np.diag([1.0, -1, -1])
-"""Rotation from forward-left-up to forward-right-down."""
 
 
 def body_from_gimbal(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:
     """Return w_R_b (3, 3) from gimbal angles, where pitch 0 looks at the horizon and -90 straight down
     (DJI)."""
-    w_R_c = _W_R_N @ _n_R(yaw_deg, pitch_deg, roll_deg) @ _GIMBAL_R_C
+    w_R_c = W_R_N @ _n_R(yaw_deg, pitch_deg, roll_deg) @ _GIMBAL_R_C
     return np.asarray(w_R_c @ NADIR_B_T_C[:3, :3].T)
 
 
 def body_from_mount(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:
     """Return w_R_b (3, 3) from the attitude of a vehicle whose camera looks straight down at 0, 0 (Pix4D)."""
-    return _W_R_N @ _n_R(yaw_deg, pitch_deg, roll_deg) @ _FRD_R_FLU
+    return W_R_N @ _n_R(yaw_deg, pitch_deg, roll_deg) @ FRD_R_B
 
 
 def tilt_deg(w_R_b: Array) -> float:

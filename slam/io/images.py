@@ -73,10 +73,40 @@ def read_image(path: Path, size_px: tuple[int, int] | None = None, levels: Level
     become 0 and 255, palettes are resolved, and alpha is dropped. Raises ``UnreadableImageError`` if the file
     is missing, damaged, too large, or not of ``size_px``.
     """
-    size = image_size(path)
+    header = _header(path)
+    check_size(header.size_px, size_px)
+    return _eight_bit(*_decoded(_bytes(path, MAX_BYTES), header.is_deep), levels)
+
+
+def decode_image(data: bytes, size_px: tuple[int, int] | None = None) -> Image:
+    """Return the content of a PNG or JPEG file as ``read_image`` does; each deep picture has its own levels.
+
+    Raises ``UnreadableImageError``.
+    """
+    header = _png_or_jpeg_header(data[:HEADER_BYTES])
+    check_size(header.size_px, size_px)
+    return _eight_bit(*_decoded(data, header.is_deep), None)
+
+
+def check_encoded(data: bytes, size_px: tuple[int, int]) -> None:
+    """Raise ``UnreadableImageError`` where data are no PNG or JPEG of that size (width, height), by their
+    header.
+    """
+    check_size(_png_or_jpeg_header(data[:HEADER_BYTES]).size_px, size_px)
+
+
+def check_size(size: tuple[int, int], size_px: tuple[int, int] | None) -> None:
+    """Raise ``UnreadableImageError`` where a size (width, height) differs from the one that is expected."""
     if size_px is not None and size != size_px:
         raise UnreadableImageError(f"is {size[0]} x {size[1]} px, not {size_px[0]} x {size_px[1]}")
-    pixels, is_integer = _decoded(path)
+
+
+def suffix_of(data: bytes) -> str:
+    """Return the suffix of a picture's file, by its content."""
+    return ".png" if data.startswith(_PNG) else ".jpg"
+
+
+def _eight_bit(pixels: Raw, is_integer: bool, levels: Levels | None) -> Image:
     if pixels.dtype == np.uint8:
         return np.asarray(pixels, dtype=np.uint8)
     if levels is None:
@@ -96,7 +126,7 @@ def common_levels(paths: Sequence[Path], notes: list[str]) -> Levels | None:
         with contextlib.suppress(UnreadableImageError):
             if not _header(paths[k]).is_deep:
                 continue
-            pixels, is_integer = _decoded(paths[k])
+            pixels, is_integer = _decoded(_bytes(paths[k], MAX_BYTES), is_deep=True)
             if (limits := range_of(pixels)) is not None:
                 ranges.append(limits)
                 integer &= is_integer
@@ -124,14 +154,21 @@ class _Header:
 
 def _header(path: Path) -> _Header:
     head = _bytes(path, HEADER_BYTES, whole=False)
+    return _checked(_tiff_header(path)) if head.startswith(TIFF_MAGIC) else _png_or_jpeg_header(head)
+
+
+def _png_or_jpeg_header(head: bytes) -> _Header:
     if head.startswith(_PNG) and head[12:16] == b"IHDR" and len(head) >= 25:
         header = _Header(struct.unpack(">II", head[16:24]), head[24] == 16)
     elif head.startswith(b"\xff\xd8"):
         header = _Header(_jpeg_size(head))
-    elif head.startswith(TIFF_MAGIC):
-        header = _tiff_header(path)
     else:
         raise UnreadableImageError(_format_reason(head))
+    return _checked(header)
+
+
+def _checked(header: _Header) -> _Header:
+    """Return the header, or raise ``UnreadableImageError`` for an impossible size."""
     width, height = header.size_px
     if width <= 0 or height <= 0:
         raise UnreadableImageError("damaged")
@@ -177,10 +214,8 @@ def _jpeg_size(head: bytes) -> tuple[int, int]:
     raise UnreadableImageError("truncated" if len(head) < HEADER_BYTES else "damaged")
 
 
-def _decoded(path: Path) -> tuple[Raw, bool]:
+def _decoded(data: bytes, is_deep: bool) -> tuple[Raw, bool]:
     """Return all bits of a picture, (h, w) grey or (h, w, 3) BGR, and whether they are integers."""
-    is_deep = _header(path).is_deep
-    data = _bytes(path, MAX_BYTES)
     try:
         if data.startswith(TIFF_MAGIC) and is_deep:
             pixels, is_integer = deep_pixels(data)

@@ -37,11 +37,15 @@ def check_stamp_unit(table: CsvTable, sensor: YamlFile, notes: list[str]) -> Non
     for factor, unit in _TIME_UNITS.items():
         if nominal_hz > 0 and 1 / 1.5 < rate_hz / nominal_hz / factor < 1.5:
             what = f"stamps step by {np.median(steps):g}, which at rate_hz {nominal_hz:g} are {unit}"
-            raise refusal(table.path, what, "convert them to nanoseconds", int(table.lines[0]))
+            raise refusal(
+                table.path, what, "convert them to nanoseconds", int(table.lines[0]), table.row_word
+            )
     if 1e9 / rate_hz < MIN_INTERVAL_NS:
         unit = "microseconds" if rate_hz < 1e9 / 500 else "milliseconds or seconds"
         what = f"stamps step by {np.median(steps):g} ns, faster than any sensor"
-        raise refusal(table.path, what, f"convert them to nanoseconds ({unit}?)", int(table.lines[0]))
+        raise refusal(
+            table.path, what, f"convert them to nanoseconds ({unit}?)", int(table.lines[0]), table.row_word
+        )
     mean_hz = len(steps) * 1e9 / float(steps.sum())
     if nominal_hz > 0 and (
         min(rate_hz, mean_hz) > 1.5 * nominal_hz or max(rate_hz, mean_hz) < nominal_hz / 1.5
@@ -62,7 +66,9 @@ def check_stamps_agree(tables: dict[str, CsvTable]) -> None:
             if stamp > 0 and abs(stamp * factor / first[latest] - 1) < 1e-3:
                 table = tables[name]
                 what = f"stamps are those of {latest} in {unit}"
-                raise refusal(table.path, what, "convert them to nanoseconds", int(table.lines[0]))
+                raise refusal(
+                    table.path, what, "convert them to nanoseconds", int(table.lines[0]), table.row_word
+                )
 
 
 def check_imu_units(imu: Imu, attitude: AttitudeSeries | None, path: Path) -> None:

@@ -15,7 +15,6 @@ from scipy.spatial.transform import Rotation
 from slam.core.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
 from slam.io.csv_header import CsvColumn
 from slam.io.csv_stream import CsvTable
-from slam.io.files import refusal
 from slam.io.sensor_yaml import YamlFile
 
 Array = NDArray[np.float64]
@@ -106,7 +105,7 @@ class Source:
 
     def row_error(self, row: int, what: str, do: str) -> Exception:
         """Return the error to raise about one row."""
-        return refusal(self.table.path, what, do, int(self.table.lines[row]))
+        return self.table.refuse(row, what, do)
 
     def noise(self, count: int, default: tuple[float, ...]) -> tuple[float, ...]:
         """Return ``noise_std``, one value per column, or the default if absent. Raises ``InputError``."""

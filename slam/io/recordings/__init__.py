@@ -1,0 +1,1 @@
+"""Recordings that are no flight folders: logs, bags and videos, one file for each format."""

@@ -1,0 +1,138 @@
+"""A flight from a recording: the chosen channels, sorted on one clock and checked as a flight folder is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from slam.core.flight import Flight, Frames
+from slam.core.progress import Progress, silent
+from slam.core.stream_source import StreamSource
+from slam.io.clock import sort_by_time
+from slam.io.csv_stream import CsvTable
+from slam.io.files import brief
+from slam.io.plausibility import check_stamp_unit, check_stamps_agree
+from slam.io.recorded_pictures import RecordedPictures
+from slam.io.recordings.choice import choose
+from slam.io.recordings.recording import Content, Offer, PictureChannel, StreamReadings, Recording
+from slam.io.sensor_yaml import YamlFile
+from slam.io.series_fields import build_fields
+
+
+def flight_of(
+    recording: Recording, topics: Mapping[str, str] | None = None, progress: Progress = silent
+) -> Flight:
+    """Return the flight of a recording; its pictures stay there until they are requested.
+
+    ``topics`` maps the folder of a stream to the channel to take. Raises ``InputError`` where no stream is
+    found, or where the meaning of the readings is uncertain.
+    """
+    chosen = choose(recording, topics or {})
+    content = recording.read(chosen, progress)
+    warnings = list(content.warnings)
+
+    def note(folder: str, notes: list[str] | tuple[str, ...]) -> None:
+        warnings.extend(f"{folder}: {line}" for line in notes)
+
+    tables = _tables(recording, chosen, content)
+    sensors = {name: _sensor(recording, name, content) for name in tables}
+    for name, table in tables.items():
+        notes = list(table.notes)
+        check_stamp_unit(table, sensors[name], notes)
+        note(name, notes)
+    check_stamps_agree(tables)
+    recorded = tables
+    tables, remarks = sort_by_time(recorded)
+    warnings += remarks
+    epoch_ns = min((int(t.stamps_ns[0]) for t in tables.values() if len(t.stamps_ns)), default=0)
+    fields = build_fields(tables, sensors, epoch_ns, note)
+    if content.pictures is not None and len(tables["cam0"].stamps_ns):
+        fields["camera"] = content.pictures.camera
+        fields["frames"] = _frames(content.pictures, tables["cam0"], epoch_ns)
+    return Flight(
+        name=brief(recording.name, 120),
+        epoch_ns=epoch_ns,
+        notes=dict(content.metadata),
+        warnings=tuple(brief(line, 600) for line in warnings),
+        sources=(*_taken(chosen, recorded), *_left(recording, chosen)),
+        **fields,
+    )
+
+
+def _tables(recording: Recording, chosen: tuple[Offer, ...], content: Content) -> dict[str, CsvTable]:
+    tables = {}
+    for offer in chosen:
+        if offer.stream == "cam0" and content.pictures is not None:
+            pictures = content.pictures
+            readings = StreamReadings(
+                pictures.stamps_ns, np.empty((len(pictures.names), 0)), notes=pictures.notes
+            )
+            names = pictures.names
+        elif offer.stream in content.readings:
+            readings, names = content.readings[offer.stream], ()
+        else:
+            continue
+        tables[offer.stream] = CsvTable(
+            path=Path(f"{recording.path}: {brief(offer.channel, 80)}"),
+            stamps_ns=readings.stamps_ns,
+            values=readings.values,
+            names=names,
+            lines=np.arange(1, len(readings.stamps_ns) + 1),
+            notes=readings.notes,
+            row_word="message",
+        )
+    return tables
+
+
+def _sensor(recording: Recording, name: str, content: Content) -> YamlFile:
+    readings = content.readings.get(name)
+    return YamlFile(recording.path, dict(readings.nominal) if readings is not None else {})
+
+
+def _frames(pictures: PictureChannel, table: CsvTable, epoch_ns: int) -> Frames:
+    """Return the pictures in the order of the sorted table."""
+    load = RecordedPictures(pictures.fetch, table.lines - 1, pictures.camera.size_px, pictures.picture_format)
+    stamps_s = ((table.stamps_ns - epoch_ns) * 1e-9).astype(float)
+    return Frames(stamps_s, table.names, load, load.failures)
+
+
+def _rate_hz(table: CsvTable) -> float:
+    stamps = table.stamps_ns
+    span_s = float(stamps.max() - stamps.min()) * 1e-9 if len(stamps) else 0.0
+    return (len(stamps) - 1) / span_s if span_s > 0 else math.nan
+
+
+def _taken(chosen: tuple[Offer, ...], tables: Mapping[str, CsvTable]) -> list[StreamSource]:
+    return [
+        StreamSource(
+            stream=offer.stream,
+            channel=offer.channel,
+            kind=offer.kind,
+            rows=len(tables[offer.stream].stamps_ns),
+            rate_hz=_rate_hz(tables[offer.stream]),
+            reading=offer.reading,
+        )
+        for offer in chosen
+        if offer.stream in tables
+    ]
+
+
+def _left(recording: Recording, chosen: tuple[Offer, ...]) -> list[StreamSource]:
+    """Return the channels that were not taken, each once, with the reason."""
+    taken = {offer.channel: offer for offer in chosen}
+    rivals = {offer.stream: offer.channel for offer in chosen}
+    left: dict[str, tuple[str, int, str]] = {}
+    for offer in recording.offers:
+        if offer.channel not in taken and offer.channel not in left:
+            rival = rivals.get(offer.stream)
+            reason = f"{rival} taken as {offer.stream}; take it by --topic {offer.stream}={offer.channel}"
+            left[offer.channel] = (offer.kind, offer.rows, reason if rival and offer.rows else "no rows")
+    for channel, kind, rows in recording.others:
+        left.setdefault(channel, (kind, rows, "no stream of a flight"))
+    return [
+        StreamSource(stream="", channel=channel, kind=kind, rows=rows, rate_hz=math.nan, reading=reason)
+        for channel, (kind, rows, reason) in left.items()
+    ]

@@ -1,0 +1,63 @@
+"""Choice of the channel that fills each stream of a flight."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+
+from slam.core.errors import InputError
+from slam.core.flight import FIELD_BY_FOLDER
+from slam.io.files import brief, refusal
+from slam.io.recordings.recording import Offer, Recording
+
+_MAX_LISTED = 8
+
+
+def choose(recording: Recording, topics: Mapping[str, str]) -> tuple[Offer, ...]:
+    """Return the chosen offers, at most one for each stream.
+
+    ``topics`` maps the folder of a stream to the channel that a user named; other streams take the offer of
+    the smallest rank, and of equal ones the first. An empty channel name leaves the stream out. Raises
+    ``InputError`` for an unknown stream or channel, and where nothing can be chosen.
+    """
+    for stream, channel in topics.items():
+        _check(recording, stream, channel)
+    chosen = []
+    for stream in FIELD_BY_FOLDER:
+        offers = [offer for offer in recording.offers if offer.stream == stream and offer.rows]
+        if stream in topics:
+            offers = [offer for offer in offers if offer.channel == topics[stream]]
+        if offers:
+            chosen.append(min(offers, key=lambda offer: offer.rank))
+    if not chosen:
+        raise refusal(
+            recording.path,
+            f"is {recording.description} without a stream of a flight (found: {_found(recording)})",
+            "record pictures or instruments, or convert them to a flight folder (docs/flight-format.md)",
+        )
+    return tuple(chosen)
+
+
+def _check(recording: Recording, stream: str, channel: str) -> None:
+    if stream not in FIELD_BY_FOLDER:
+        near = difflib.get_close_matches(stream, FIELD_BY_FOLDER, n=1, cutoff=0.6)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise InputError(
+            f"--topic {brief(stream, 40)}={brief(channel, 80)}: no such stream; {hint}there are "
+            f"{', '.join(FIELD_BY_FOLDER)}"
+        )
+    offered = [offer.channel for offer in recording.offers if offer.stream == stream]
+    if channel and channel not in offered:
+        have = ", ".join(offered[:_MAX_LISTED]) or "none"
+        raise refusal(
+            recording.path,
+            f"has no channel {brief(channel, 80)} that can be {stream}",
+            f"channels that can: {have}",
+        )
+
+
+def _found(recording: Recording) -> str:
+    kinds = [f"{name} ({kind})" for name, kind, rows in recording.others if rows]
+    more = len(kinds) - _MAX_LISTED
+    listed = ", ".join(kinds[:_MAX_LISTED]) or "nothing"
+    return listed + (f" and {more} more" if more > 0 else "")

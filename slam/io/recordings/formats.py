@@ -1,0 +1,66 @@
+"""The known formats of recordings. Each is one module with ``open_recording``, and one row of ``FORMATS``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+from slam.core.errors import explain
+from slam.io.files import refusal
+from slam.io.recordings.recording import Recording
+
+_HEAD_BYTES = 64
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format, and how its files are recognised."""
+
+    description: str
+    """With its article: "a PX4 log"."""
+    module: str
+    """Module whose ``open_recording(path)`` returns a ``Recording``."""
+    suffixes: tuple[str, ...]
+    """Usual suffixes, in small letters."""
+    starts: tuple[bytes, ...]
+    """The first bytes of a file of this format."""
+
+    def begins(self, head: bytes) -> bool:
+        """Return whether a file with these first bytes is of this format."""
+        return head.startswith(self.starts)
+
+
+FORMATS: tuple[Format, ...] = (
+    Format("a PX4 log", "slam.io.recordings.ulog", (".ulg", ".ulog"), (b"ULog\x01\x12\x35",)),
+)
+
+
+def format_of(path: Path) -> Format | None:
+    """Return the format of a file or folder by its content, or None where it is no recording.
+
+    Raises ``InputError`` for a file with the suffix of a format and other content.
+    """
+    if path.is_dir():
+        return None
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError as error:
+        raise refusal(path, "cannot be read", explain(error)) from None
+    found = next((known for known in FORMATS if known.begins(head)), None)
+    named = next((known for known in FORMATS if path.suffix.lower() in known.suffixes), None)
+    if found is None and named is not None:
+        what = "is empty" if not head else f"has the name of {named.description}, but begins otherwise"
+        raise refusal(path, what, "copy it again from the recorder, or correct its name")
+    return found
+
+
+def open_recording(path: Path) -> Recording:
+    """Open a recording. Raises ``InputError`` where it is of no known format or damaged."""
+    found = format_of(path)
+    if found is None:
+        raise refusal(path, "is no recording of a known format", "docs/recordings.md lists the formats")
+    opener: Callable[[Path], Recording] = import_module(found.module).open_recording
+    return opener(path)

@@ -1,0 +1,99 @@
+"""The common form of all recordings: what they offer, and readings in the columns of a flight folder.
+
+A format lists its channels as ``Offer`` objects: each can fill one stream of a flight. After the choice it
+reads the chosen channels in one pass and returns ``StreamReadings`` in the units, axes and columns of the flight
+format (`slam.io.streams.COLUMNS`). Everything after that is common to all formats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontend.camera import Camera
+from slam.core.flight import Image
+from slam.core.progress import Progress
+from slam.io.sensor_yaml import Value
+
+Array = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Offer:
+    """A channel of a recording that can fill one stream of a flight."""
+
+    stream: str
+    """Folder of the stream, for example ``imu0``."""
+    channel: str
+    """Name of the channel in the recording, for example ``/imu/data``."""
+    kind: str
+    """Type of its messages, for example ``sensor_msgs/msg/Imu``."""
+    rows: int
+    reading: str
+    """Units and axes of the recording, and how they are converted."""
+    rank: int = 0
+    """Offers of a smaller rank are preferred."""
+
+
+@dataclass(frozen=True)
+class StreamReadings:
+    """Readings of one stream in the columns, units and axes of the flight format."""
+
+    stamps_ns: Stamps
+    """(n,) in the order of the recording."""
+    values: Array
+    """(n, c) in the order of ``COLUMNS``; NaN where missing."""
+    nominal: Mapping[str, Value] = field(default_factory=dict)
+    """Keys of ``sensor.yaml`` that the recording states."""
+    notes: tuple[str, ...] = ()
+    """One line for everything that was dropped or assumed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PictureChannel:
+    """Pictures of the chosen camera; they stay in the recording until they are requested."""
+
+    stamps_ns: Stamps
+    names: tuple[str, ...]
+    fetch: Callable[[int], Image | bytes]
+    """Return picture k: its pixels, or the PNG or JPEG that the recording holds.
+
+    It raises ``UnreadableImageError`` with the reason.
+    """
+    camera: Camera
+    picture_format: str = "png"
+    """Format in which pixels are written into a flight folder: "png" or "jpg"."""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Content:
+    """The content of the chosen channels."""
+
+    readings: Mapping[str, StreamReadings] = field(default_factory=dict)
+    """Folder of the stream -> its readings."""
+    pictures: PictureChannel | None = None
+    warnings: tuple[str, ...] = ()
+    """Damage and assumptions that concern more than one stream."""
+    metadata: Mapping[str, str] = field(default_factory=dict)
+    """Notes of ``flight.yaml``: vehicle, date and the like."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """An opened recording."""
+
+    path: Path
+    name: str
+    description: str
+    """Kind of the file, with its article: "a PX4 log"."""
+    offers: tuple[Offer, ...]
+    others: tuple[tuple[str, str, int], ...] = ()
+    """Channels that no stream of a flight can take: name, type and number of rows."""
+    read: Callable[[Sequence[Offer], Progress], Content]
+    """Read the chosen channels. Raises ``InputError`` for damage that leaves nothing."""

@@ -1,0 +1,38 @@
+"""Fields of a flight from tables in the columns of the flight format, whatever file they were read from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from slam.core.flight import FIELD_BY_FOLDER
+from slam.io.csv_stream import CsvTable
+from slam.io.plausibility import check_imu_units
+from slam.io.sensor_yaml import YamlFile
+from slam.io.streams import Source, build_series
+
+
+def build_fields(
+    tables: Mapping[str, CsvTable],
+    sensors: Mapping[str, YamlFile],
+    epoch_ns: int,
+    note: Callable[[str, list[str]], None],
+) -> dict[str, Any]:
+    """Return the fields of ``Flight`` that hold series, from sorted tables; pictures are left out.
+
+    ``note`` takes the folder of a stream and one line for each loss. Raises ``InputError`` where a value
+    contradicts its unit.
+    """
+    fields: dict[str, Any] = {}
+    for name, table in tables.items():
+        if name == "cam0":
+            continue
+        notes: list[str] = []
+        series = build_series(name, Source(table, sensors[name], epoch_ns, notes))
+        if series is None and len(table.stamps_ns):
+            notes.append("no row is left; treated as not recorded")
+        fields[FIELD_BY_FOLDER[name]] = series
+        note(name, notes)
+    if fields.get("imu") is not None:
+        check_imu_units(fields["imu"], fields.get("attitude"), tables["imu0"].path)
+    return fields
