@@ -17,7 +17,7 @@ from slam.io.files import brief
 from slam.io.plausibility import check_stamp_unit, check_stamps_agree
 from slam.io.recorded_pictures import RecordedPictures
 from slam.io.recordings.choice import choose
-from slam.io.recordings.recording import Content, Offer, PictureChannel, StreamReadings, Recording
+from slam.io.recordings.recording import Content, Offer, PictureChannel, Recording, StreamReadings
 from slam.io.sensor_yaml import YamlFile
 from slam.io.series_fields import build_fields
 

@@ -1,8 +1,8 @@
 """The common form of all recordings: what they offer, and readings in the columns of a flight folder.
 
 A format lists its channels as ``Offer`` objects: each can fill one stream of a flight. After the choice it
-reads the chosen channels in one pass and returns ``StreamReadings`` in the units, axes and columns of the flight
-format (`slam.io.streams.COLUMNS`). Everything after that is common to all formats.
+reads the chosen channels in one pass and returns ``StreamReadings`` in the units, axes and columns of the
+flight format (`slam.io.streams.COLUMNS`). Everything after that is common to all formats.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from slam.core.progress import Progress
 from slam.io.body_axes import angles_from_ned_quaternion, body_from_frd
 from slam.io.recordings.readers import damage_reported, optional_reader
-from slam.io.recordings.recording import Content, Offer, StreamReadings, Recording
+from slam.io.recordings.recording import Content, Offer, Recording, StreamReadings
 from slam.io.sensor_yaml import Value
 
 if TYPE_CHECKING:
