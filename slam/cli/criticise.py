@@ -45,7 +45,7 @@ def criticise(
     from slam.cli.console import Screen
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
-    from slam.cli.tables import show_sources
+    from slam.cli.sources_table import show_sources
     from slam.core.flight import with_unique_names
     from slam.core.progress import Tally
     from slam.criticism import criticise as run

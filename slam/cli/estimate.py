@@ -46,7 +46,7 @@ def estimate(
     from slam.cli.console import Screen
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
-    from slam.cli.tables import show_sources
+    from slam.cli.sources_table import show_sources
     from slam.inertial.navigate import navigate
     from slam.simulation.inverse import correct_flight
     from slam.simulation.model import load_model

@@ -74,7 +74,7 @@ def show(flight: Flight, screen: Screen) -> None:
     """Print what a flight holds."""
     from slam.cli.console import console
     from slam.cli.flight_tables import print_info
-    from slam.cli.tables import show_sources
+    from slam.cli.sources_table import show_sources
     from slam.core.flight_info import describe
 
     if screen.shows_tables:

@@ -30,7 +30,7 @@ def loops(
     from slam.cli.console import Screen
     from slam.cli.output_folder import output_folder
     from slam.cli.source import open_flight
-    from slam.cli.tables import show_sources
+    from slam.cli.sources_table import show_sources
     from slam.core.summary import json_text
     from slam.evaluation.loops import evaluate_loops
     from slam.evaluation.loops.figure import draw

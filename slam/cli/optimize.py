@@ -80,7 +80,7 @@ def _flights(
     from slam.cli.output_folder import output_folder
     from slam.cli.results import write_results
     from slam.cli.source import open_flight
-    from slam.cli.tables import show_sources
+    from slam.cli.sources_table import show_sources
     from slam.core.join_flights import join_flights
     from slam.mapping.pipeline import optimize as run
     from slam.simulation.model import load_model
