@@ -14,10 +14,10 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 ALLOWED = {
-    "backend": ("backend", "numpy", "gtsam", "scipy", "networkx", "numba"),
+    "backend": ("backend", "numpy", "gtsam", "gtsam_unstable", "scipy", "networkx", "numba"),
     "frontend": ("frontend", "numpy", "cv2", "scipy", "networkx", "backend.measurements"),
 }
-HEAVY = ("gtsam", "cv2", "scipy.optimize", "matplotlib", "rasterio", "numba")
+HEAVY = ("gtsam", "gtsam_unstable", "cv2", "scipy.optimize", "matplotlib", "rasterio", "numba")
 
 
 def imported(source: str, package: str) -> Iterator[tuple[int, str]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import gtsam
+import gtsam_unstable
 import numpy as np
 from gtsam.symbol_shorthand import K as CALIBRATION
 from gtsam.symbol_shorthand import L as POINT
@@ -30,6 +31,9 @@ from backend.measurements import FloorTracks, Measurements, PinholeModel
 
 Array = NDArray[np.float64]
 WORLD = gtsam.symbol("w", 0)
+IDENTITY = gtsam.symbol("i", 0)
+"""Mount that the projection factor with a free calibration requires. It is held at the identity, as the poses
+are those of the camera."""
 
 
 @dataclass(frozen=True)
@@ -144,21 +148,46 @@ def _add_observations(
         if sigma not in models:
             models[sigma] = gtsam.noiseModel.Robust.Create(kernel, gtsam.noiseModel.Isotropic.Sigma(2, sigma))
         keys = POSE(int(tracks.keyframe[m])), POINT(int(tracks.track[m]))
+        # No exception (the last two arguments): a point behind the camera has a cost. GeneralSFMFactor2 would
+        # accept it at no cost, and print a line.
         if problem.self_calibrates:
-            factor: gtsam.NonlinearFactor = gtsam.GeneralSFMFactor2Cal3Bundler(
-                tracks.pixel[m], models[sigma], *keys, CALIBRATION(0)
+            pose, point = keys
+            factor: gtsam.NonlinearFactor = gtsam_unstable.ProjectionFactorPPPCCal3DS2(
+                tracks.pixel[m], models[sigma], pose, IDENTITY, point, CALIBRATION(0), False, False
             )
         else:
-            # No exception: a point behind the camera must have a cost.
             factor = gtsam.GenericProjectionFactorCal3_S2(
                 tracks.pixel[m], models[sigma], *keys, fixed, False, False
             )
         graph.push_back(factor)
     if problem.self_calibrates:
-        start = gtsam.Cal3Bundler(camera.focal_px[0], 0, 0, *camera.center_px)
-        sigmas = np.array([camera.focal_px[0] * camera.focal_std_ratio, camera.radial_std, camera.radial_std])
-        model = gtsam.noiseModel.Diagonal.Sigmas(np.maximum(sigmas, 1e-6))
-        graph.push_back(gtsam.PriorFactorCal3Bundler(CALIBRATION(0), start, model))
+        _add_calibration(graph, camera)
+
+
+def start_calibration(values: gtsam.Values, camera: PinholeModel) -> None:
+    """Insert the initial calibration into the values."""
+    values.insert(CALIBRATION(0), _nominal(camera))
+    values.insert(IDENTITY, gtsam.Pose3())
+
+
+def _nominal(camera: PinholeModel) -> gtsam.Cal3DS2:
+    return gtsam.Cal3DS2(*camera.focal_px, 0.0, *camera.center_px, 0.0, 0.0, 0.0, 0.0)
+
+
+def _add_calibration(graph: gtsam.NonlinearFactorGraph, camera: PinholeModel) -> None:
+    """Add the priors on the calibration. The ratio of the focal lengths, the principal point, skew and
+    tangential distortion are held.
+    """
+    held = 1e-5
+    fx, fy = camera.focal_px
+    sigmas = np.full(9, held)
+    sigmas[5:7] = max(camera.radial_std, held)
+    covariance = np.diag(sigmas**2)
+    covariance[:2, :2] += camera.focal_std_ratio**2 * np.outer([fx, fy], [fx, fy])
+    model = gtsam.noiseModel.Gaussian.Covariance(covariance)
+    graph.push_back(gtsam.PriorFactorCal3DS2(CALIBRATION(0), _nominal(camera), model))
+    fixed = gtsam.noiseModel.Isotropic.Sigma(6, held)
+    graph.push_back(gtsam.PriorFactorPose3(IDENTITY, gtsam.Pose3(), fixed))
 
 
 def _add_sensors(graph: gtsam.NonlinearFactorGraph, problem: BundleProblem, noise: NoiseLevels) -> None:

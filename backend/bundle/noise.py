@@ -73,8 +73,8 @@ def _linearise(
     point = np.array([values.atPoint3(POINT(t)) for t in range(points)])
     focal, centre, k1, k2 = np.array(problem.camera.focal_px), np.array(problem.camera.center_px), 0.0, 0.0
     if problem.self_calibrates:
-        found = values.atCal3Bundler(CALIBRATION(0))
-        focal, k1, k2 = np.full(2, found.fx()), found.k1(), found.k2()
+        found = values.atCal3DS2(CALIBRATION(0))
+        focal, (k1, k2) = np.array([found.fx(), found.fy()]), found.k()[:2]
     c_p = np.einsum("mba,mb->ma", pose[:, :3, :3], point[tracks.track] - pose[:, :3, 3])
     xy = c_p[:, :2] / c_p[:, 2:]
     r2 = np.sum(xy**2, axis=1, keepdims=True)

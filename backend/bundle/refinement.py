@@ -42,6 +42,7 @@ from backend.bundle.graph import (
     ScalePrior,
     build_graph,
     metric_poses,
+    start_calibration,
     start_values,
 )
 from backend.bundle.noise import estimate_noise, same_noise, start_noise
@@ -126,10 +127,9 @@ def refine(
     settled = False
     for number in range(config.rounds):
         if number == 1 and camera.focal_std_ratio > 0:
-            # Only now: gtsam's factors with a free calibration accept points behind the camera, which a poor
-            # initial guess would exploit.
+            # Only now, as the lens is less certain than the poses of a poor initial guess.
             problem = replace(problem, self_calibrates=True)
-            values.insert(CALIBRATION(0), gtsam.Cal3Bundler(camera.focal_px[0], 0, 0, *camera.center_px))
+            start_calibration(values, camera)
         graph = build_graph(problem, noise, used, start)
         last = settled or number + 1 == config.rounds
         tolerance = 1e-5 if last else 1e-3
@@ -207,8 +207,8 @@ def _result(
         raise BackendError("bundle adjustment: a camera went below the floor; the pose graph's result stands")
     focal, radial = problem.camera.focal_px, (0.0, 0.0)
     if problem.self_calibrates:
-        found = values.atCal3Bundler(CALIBRATION(0))
-        focal, radial = (found.fx(), found.fx()), (found.k1(), found.k2())
+        found = values.atCal3DS2(CALIBRATION(0))
+        focal, radial = (found.fx(), found.fy()), (float(found.k()[0]), float(found.k()[1]))
     world = values.atVector(WORLD)
     poses = [POSE(k) for k in range(problem.measurements.count)]
     joint = joint_covariances(graph, values, poses, WORLD)
