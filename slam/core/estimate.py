@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from backend.measurements import RelativePose
 from frontend.camera import Camera
 from frontend.elevation import Elevation
-from slam.core.flight import GeoOrigin
+from slam.core.geodesy import GeoOrigin
 from slam.core.notebook import table_html, trajectory_svg
 from slam.core.units import length
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontend.camera import Camera
+from slam.core.geodesy import GeoOrigin
 from slam.core.notebook import table_html
 from slam.core.stream_source import StreamSource
 
@@ -157,15 +158,6 @@ class Gps:
     """(n,); NaN where only the horizontal position is known."""
     noise_std_m: tuple[float, float, float] = (5.0, 5.0, 10.0)
     """Nominal standard deviations east, north, up; the back end estimates its own."""
-
-
-@dataclass(frozen=True)
-class GeoOrigin:
-    """Geodetic position (WGS 84) of the origin of a flight's local east-north-up world."""
-
-    latitude_deg: float
-    longitude_deg: float
-    altitude_m: float
 
 
 @dataclass(frozen=True)

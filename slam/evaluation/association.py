@@ -14,7 +14,7 @@ from frontend.camera import Camera
 from slam.core.errors import InputError, one_line
 from slam.core.estimate import Estimate
 from slam.core.flight import Flight, Truth
-from slam.io.geodesy import enu_from_geodetic
+from slam.core.geodesy import enu_from_geodetic
 
 Array = NDArray[np.float64]
 

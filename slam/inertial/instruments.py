@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from backend.ekf.inputs import Series
+from slam.core.geodesy import enu_from_geodetic
 from slam.core.rotations import rotation_of
 from slam.inertial.variogram import CorrelatedProcess, correlated_process, noise_and_power
-from slam.io.geodesy import enu_from_geodetic
 
 if TYPE_CHECKING:
     from slam.core.flight import Flight

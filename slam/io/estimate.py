@@ -40,7 +40,7 @@ from backend.pose_graph.solution import RangeErrors
 from frontend.camera import Camera
 from slam.core.errors import InputError
 from slam.core.estimate import MAP_TRAJECTORIES, Estimate, LoopVerdict
-from slam.core.flight import GeoOrigin
+from slam.core.geodesy import GeoOrigin
 from slam.core.units import unit
 from slam.io.atomic import write_whole
 from slam.io.files import brief

@@ -10,17 +10,18 @@ from __future__ import annotations
 import mmap
 import re
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from PIL import Image
 from PIL.ExifTags import GPS, IFD, Base
 
 from slam.core.errors import InputError
 from slam.io.images import MAX_PIXELS
+from slam.io.photo_position import PhotoPosition, read_position
+from slam.io.tag_values import number, numbers, positive, text
 from slam.io.tiff import MAGIC as TIFF_MAGIC
 from slam.io.tiff import tiff_header
 from slam.io.xmp import Xmp, parse_xmp
@@ -63,14 +64,7 @@ class PhotoTags:
     """Offset to subtract from the time for UTC."""
     gps_time_ns: int | None = None
     """Time of the satellites since 1970, UTC."""
-    latitude_deg: float | None = None
-    longitude_deg: float | None = None
-    altitude_m: float | None = None
-    exif_altitude_m: float | None = None
-    """Exif altitude; ``altitude_m`` may come from the maker's own tag."""
-    position_std_m: Angles | None = None
-    """Standard deviations of east, north, up."""
-    height_above_takeoff_m: float | None = None
+    position: PhotoPosition = field(default_factory=PhotoPosition)
     gimbal: Angles | None = None
     """Angles of DJI and Parrot: pitch 0 is the horizon, -90 straight down."""
     mount: Angles | None = None
@@ -107,7 +101,11 @@ def read_tags(path: Path) -> PhotoTags:
         raise InputError("cut short or damaged")
     xmp = parse_xmp(packet.encode() if isinstance(packet, str) else bytes(packet or b""))
     return PhotoTags(
-        size, **_camera(tags, xmp), **_time(tags, gps), **_position(gps, xmp), **_attitude_angles(xmp)
+        size,
+        **_camera(tags, xmp),
+        **_time(tags, gps),
+        position=read_position(gps, xmp),
+        **_attitude_angles(xmp),
     )
 
 
@@ -145,21 +143,21 @@ def _has_end_of_image(data: mmap.mmap) -> bool:
 
 
 def _camera(tags: dict[int, Any], xmp: Xmp) -> dict[str, Any]:
-    unit_mm = _MM_PER_UNIT.get(int(_number(tags.get(Base.FocalPlaneResolutionUnit)) or 2))
-    per_unit = _positive(tags.get(Base.FocalPlaneXResolution))
-    dewarp = [_number(v) for v in re.split(r"[,;\s]+", xmp.text("drone", "DewarpData"))[1:]]
-    width, height = _positive(tags.get(Base.ExifImageWidth)), _positive(tags.get(Base.ExifImageHeight))
+    unit_mm = _MM_PER_UNIT.get(int(number(tags.get(Base.FocalPlaneResolutionUnit)) or 2))
+    per_unit = positive(tags.get(Base.FocalPlaneXResolution))
+    dewarp = [number(v) for v in re.split(r"[,;\s]+", xmp.text("drone", "DewarpData"))[1:]]
+    width, height = positive(tags.get(Base.ExifImageWidth)), positive(tags.get(Base.ExifImageHeight))
     known = len(dewarp) >= 9 and all(v is not None for v in dewarp[:9])
     return {
-        "make": _text(tags.get(Base.Make)),
-        "model": _text(tags.get(Base.Model)),
+        "make": text(tags.get(Base.Make)),
+        "model": text(tags.get(Base.Model)),
         "original_size_px": (width, height) if width and height else None,
-        "focal_mm": _positive(tags.get(Base.FocalLength)),
-        "focal_35mm": _positive(tags.get(Base.FocalLengthIn35mmFilm)),
+        "focal_mm": positive(tags.get(Base.FocalLength)),
+        "focal_35mm": positive(tags.get(Base.FocalLengthIn35mmFilm)),
         "sensor_px_per_mm": per_unit / unit_mm if per_unit and unit_mm else None,
-        "calibrated_focal_px": _positive(xmp.text("drone", "CalibratedFocalLength")),
+        "calibrated_focal_px": positive(xmp.text("drone", "CalibratedFocalLength")),
         "dewarp": tuple(v for v in dewarp[:9] if v is not None) if known else None,
-        "dewarped": bool(_number(xmp.text("drone", "DewarpFlag"))),
+        "dewarped": bool(number(xmp.text("drone", "DewarpFlag"))),
         "xmp_damaged": xmp.damaged,
     }
 
@@ -170,50 +168,18 @@ def _time(tags: dict[int, Any], gps: dict[int, Any]) -> dict[str, Any]:
         (Base.DateTimeOriginal, Base.SubsecTimeOriginal, Base.OffsetTimeOriginal),
         (Base.DateTimeDigitized, Base.SubsecTimeDigitized, Base.OffsetTimeDigitized),
     ):
-        camera = _calendar_ns(_text(tags.get(date)))
+        camera = _calendar_ns(text(tags.get(date)))
         if camera is not None:
-            digits = re.match(r"\d{1,9}", _text(tags.get(fraction)))
+            digits = re.match(r"\d{1,9}", text(tags.get(fraction)))
             camera += int(digits[0].ljust(9, "0")) if digits else 0
-            offset = _utc_offset_ns(_text(tags.get(zone)))
+            offset = _utc_offset_ns(text(tags.get(zone)))
             break
-    clock = _numbers(gps.get(GPS.GPSTimeStamp), 3)
-    midnight = _calendar_ns(_text(gps.get(GPS.GPSDateStamp)) + " 00:00:00")
+    clock = numbers(gps.get(GPS.GPSTimeStamp), 3)
+    midnight = _calendar_ns(text(gps.get(GPS.GPSDateStamp)) + " 00:00:00")
     satellite = None
     if clock is not None and midnight is not None and 0 <= clock @ [3600, 60, 1] <= 86401:
         satellite = midnight + round(float(clock @ [3600, 60, 1]) * 1e9)
     return {"camera_time_ns": camera, "utc_offset_ns": offset, "gps_time_ns": satellite}
-
-
-def _position(gps: dict[int, Any], xmp: Xmp) -> dict[str, Any]:
-    """Return the position from the maker's own tags before Exif's. They have more digits and the RTK
-    altitude.
-    """
-    lat, lon = (
-        _number(xmp.text("drone", "GpsLatitude", "GPSLatitude")),
-        # Older DJI cameras write the second name.
-        _number(xmp.text("drone", "GpsLongitude", "GpsLongtitude", "GPSLongitude")),
-    )
-    if not _is_position(lat, lon):
-        lat = _sexagesimal(gps.get(GPS.GPSLatitude), _text(gps.get(GPS.GPSLatitudeRef)), "NS")
-        lon = _sexagesimal(gps.get(GPS.GPSLongitude), _text(gps.get(GPS.GPSLongitudeRef)), "EW")
-        if not _is_position(lat, lon) or _text(gps.get(GPS.GPSStatus)) == "V":
-            lat = lon = None
-    exif_altitude = _number(gps.get(GPS.GPSAltitude))
-    if exif_altitude is not None and _below_sea(gps.get(GPS.GPSAltitudeRef)):
-        exif_altitude = -exif_altitude
-    altitude = _number(xmp.text("drone", "AbsoluteAltitude"))
-    std = [_positive(xmp.text("drone", f"RtkStd{axis}")) for axis in ("Lon", "Lat", "Hgt")]
-    if None in std:
-        across = _positive(xmp.text("camera", "GPSXYAccuracy"))
-        std = [across, across, _positive(xmp.text("camera", "GPSZAccuracy"))]
-    return {
-        "latitude_deg": lat,
-        "longitude_deg": lon,
-        "altitude_m": exif_altitude if altitude is None else altitude,
-        "exif_altitude_m": exif_altitude,
-        "position_std_m": None if None in std else tuple(std),
-        "height_above_takeoff_m": _number(xmp.text("drone", "RelativeAltitude")),
-    }
 
 
 def _attitude_angles(xmp: Xmp) -> dict[str, Any]:
@@ -227,68 +193,10 @@ def _attitude_angles(xmp: Xmp) -> dict[str, Any]:
 
 
 def _angles(xmp: Xmp, family: Any, *names: str) -> Angles | None:
-    yaw, pitch, roll = (_number(xmp.text(family, name)) for name in names)
+    yaw, pitch, roll = (number(xmp.text(family, name)) for name in names)
     if yaw is None or pitch is None or abs(yaw) > 360 or abs(pitch) > 180:
         return None
     return yaw, pitch, roll if roll is not None and abs(roll) <= 180 else 0.0
-
-
-def _number(value: Any) -> float | None:
-    """Return a finite float from a rational, a one-tuple, "+1.5" or "3/2"; None for other values."""
-    if isinstance(value, (tuple, list)):
-        value = value[0] if len(value) == 1 else None
-    if isinstance(value, bytes):
-        value = value.decode("ascii", "replace")
-    try:
-        if isinstance(value, str) and "/" in value:
-            above, below = value.split("/", 1)
-            value = float(above) / float(below)
-        number = float(value)
-    except (TypeError, ValueError, ArithmeticError):
-        return None
-    return number if np.isfinite(number) else None
-
-
-def _numbers(value: Any, count: int) -> np.ndarray | None:
-    if not isinstance(value, (tuple, list)) or len(value) != count:
-        return None
-    numbers = [_number(v) for v in value]
-    return None if None in numbers else np.array(numbers, dtype=float)
-
-
-def _positive(value: Any) -> float | None:
-    number = _number(value)
-    return number if number is not None and number > 0 else None
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, bytes):
-        value = value.decode("utf-8", "replace")
-    text = value.split("\0")[0] if isinstance(value, str) else ""
-    return "".join(c for c in text if c.isprintable()).strip()
-
-
-def _sexagesimal(value: Any, reference: str, signs: str) -> float | None:
-    """Return degrees from degrees, minutes, seconds with N/S or E/W; None without the letter, as the sign is
-    unknown.
-    """
-    parts = _numbers(value, 3)
-    letter = reference[:1].upper()
-    if parts is None or letter not in tuple(signs):
-        return None
-    degrees = float(parts @ [1, 1 / 60, 1 / 3600])
-    return -degrees if letter == signs[1] else degrees
-
-
-def _is_position(lat: float | None, lon: float | None) -> bool:
-    """Return whether both are valid. A receiver without a fix writes (0, 0)."""
-    return lat is not None and lon is not None and abs(lat) <= 90 and abs(lon) <= 180 and (lat, lon) != (0, 0)
-
-
-def _below_sea(reference: Any) -> bool:
-    """Return whether GPSAltitudeRef is 1 (below sea level), or 3 of Exif 3.0 (below the ellipsoid)."""
-    code = reference[0] if isinstance(reference, bytes) and len(reference) == 1 else _number(reference)
-    return code in (1, 3)
 
 
 def _calendar_ns(text: str) -> int | None:

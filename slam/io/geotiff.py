@@ -28,7 +28,7 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
 
 from slam.core.errors import InputError
-from slam.core.flight import GeoOrigin
+from slam.core.geodesy import GeoOrigin
 from slam.io.atomic import atomic_file
 
 BLOCK_PX = 512

@@ -79,7 +79,7 @@ def select_photos(folder: Path, progress: Progress) -> PhotoSet:
     photos = _down_looking([_with_attitude(photo, source) for photo in photos], left_out)
     photos = _of_one_camera(photos, left_out)
     lines = tuple(
-        f"{len(names)} of {len(found)} photographs left out: {reason} ({_listed(names)})"
+        f"{len(names)} of {len(found)} photographs left out: {reason} ({listed(names)})"
         for reason, names in sorted(left_out.items())
     )
     if not photos:
@@ -195,6 +195,7 @@ def _of_one_camera(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> l
     return kept
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Return the first names and the number of the others."""
     more = len(names) - _MAX_LISTED
     return ", ".join(names[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")

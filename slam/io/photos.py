@@ -16,12 +16,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slam.core.flight import AttitudeSeries, Flight, Frames, Gps, Scalar
+from slam.core.flight import AttitudeSeries, Flight, Frames, Scalar
 from slam.core.progress import Progress, silent
 from slam.core.rotations import roll_pitch_yaw_of
 from slam.io.exif import PhotoTags
 from slam.io.images import PictureFiles, common_levels
 from slam.io.photo_camera import photo_camera
+from slam.io.photo_gps import photo_gps
 from slam.io.photo_set import AttitudeSource, Photo, select_photos
 
 Array = NDArray[np.float64]
@@ -43,7 +44,7 @@ def import_photos(folder: str | Path, progress: Progress = silent) -> Flight:
     stamps_s = (stamps_ns - epoch_ns) / _SECOND_NS
     tags = [photo.tags for photo in photos]
     camera, camera_remarks = photo_camera(tags)
-    gps, gps_remarks = _gps(tags, stamps_s)
+    gps, gps_remarks = photo_gps(photos, stamps_s)
     frames, frame_remarks = _frames(photos, stamps_s)
     vehicle = tags[0].model if tags[0].model.startswith(tags[0].make) else f"{tags[0].make} {tags[0].model}"
     date = datetime.fromtimestamp(epoch_ns // _SECOND_NS, UTC).date().isoformat() if epoch_ns else ""
@@ -115,45 +116,6 @@ def _make_increasing(stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.int64], i
     return np.maximum.accumulate(increasing - index) + index, int((count - 1).sum())
 
 
-def _gps(tags: Sequence[PhotoTags], stamps_s: Array) -> tuple[Gps | None, tuple[str, ...]]:
-    known = [k for k, t in enumerate(tags) if t.latitude_deg is not None]
-    if not known:
-        return None, ("no photograph has a GPS position: the map has no metric scale and no place on Earth",)
-    fixes = [tags[k] for k in known]
-    altitude = np.array([t.altitude_m if t.altitude_m is not None else np.nan for t in fixes])
-    gaps = [
-        abs(t.altitude_m - t.exif_altitude_m)
-        for t in fixes
-        if t.altitude_m is not None and t.exif_altitude_m is not None
-    ]
-    remarks = []
-    if len(known) < len(tags):
-        remarks.append(f"{len(tags) - len(known)} of {len(tags)} photographs have no GPS position")
-    if np.isnan(altitude).any():
-        remarks.append(f"{int(np.isnan(altitude).sum())} of {len(known)} GPS positions have no altitude")
-    if gaps and max(gaps) > 1:
-        remarks.append(f"altitude from the maker's tag; Exif's differs by up to {max(gaps):.0f} m")
-    stds = [t.position_std_m for t in fixes if t.position_std_m is not None]
-    gps = Gps(
-        stamps_s[known],
-        np.array([t.latitude_deg for t in fixes], dtype=float),
-        np.array([t.longitude_deg for t in fixes], dtype=float),
-        altitude,
-    )
-    if len(stds) == len(known):
-        east, north, up = np.sqrt(np.mean(np.square(stds), axis=0))
-        gps = Gps(
-            gps.stamps_s,
-            gps.latitude_deg,
-            gps.longitude_deg,
-            altitude,
-            (float(east), float(north), float(up)),
-        )
-    else:
-        remarks.append("accuracy of the GPS assumed: {:g}, {:g}, {:g} m".format(*gps.noise_std_m))
-    return gps, tuple(remarks)
-
-
 def _attitude(
     photos: Sequence[Photo], source: AttitudeSource | None, stamps_s: Array
 ) -> AttitudeSeries | None:
@@ -166,8 +128,8 @@ def _attitude(
 
 
 def _heights_above_takeoff(tags: Sequence[PhotoTags], stamps_s: Array) -> Scalar | None:
-    known = [k for k, t in enumerate(tags) if t.height_above_takeoff_m is not None]
-    height_m = np.array([tags[k].height_above_takeoff_m for k in known], dtype=float)
+    known = [k for k, t in enumerate(tags) if t.position.height_above_takeoff_m is not None]
+    height_m = np.array([tags[k].position.height_above_takeoff_m for k in known], dtype=float)
     return Scalar(stamps_s[known], height_m, _BAROMETER_STD_M) if known else None
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from slam.core.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, Sonar, Truth, Velocity
+from slam.core.geodesy import MAX_ALTITUDE_M
 from slam.io.csv_header import CsvColumn
 from slam.io.csv_stream import CsvTable
 from slam.io.sensor_yaml import YamlFile
@@ -43,9 +44,9 @@ COLUMNS: dict[str, tuple[CsvColumn, ...]] = {
     "gps0": (
         CsvColumn("latitude", "deg", 1e10),
         CsvColumn("longitude", "deg", 1e10),
-        CsvColumn("altitude", "m", 5e4),
+        CsvColumn("altitude", "m", MAX_ALTITUDE_M),
     ),
-    "barometer0": (CsvColumn("altitude", "m", 5e4),),
+    "barometer0": (CsvColumn("altitude", "m", MAX_ALTITUDE_M),),
     "motor0": tuple(CsvColumn(f"m{k}", "1", 1e6) for k in range(1, 5)),
     "state_groundtruth_estimate0": (
         *_axes("p_RS_R", "xyz", "m", 1e8),

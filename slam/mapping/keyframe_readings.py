@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from backend.inertial_scale.preintegration import InertialReadings
 from backend.measurements import Attitude, Position, SlantRange
-from slam.core.flight import AttitudeSeries, Flight, GeoOrigin, Imu, Sonar
-from slam.io.geodesy import enu_from_geodetic
+from slam.core.flight import AttitudeSeries, Flight, Imu, Sonar
+from slam.core.geodesy import GeoOrigin, enu_from_geodetic
 from slam.mapping.config import PipelineConfig
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ import numpy as np
 
 from slam import simulate
 from slam.core.flight import Flight, Frames, GeoOrigin, Gps, Image
-from slam.io.geodesy import geodetic_from_enu
+from slam.core.geodesy import geodetic_from_enu
 from slam.simulation.recipe import Recipe, recipe_from
 
 ORIGIN = GeoOrigin(47.0, 8.0, 400.0)

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slam.core.geodesy import geodetic_from_enu
 from slam.evaluation import evaluate
-from slam.io.geodesy import geodetic_from_enu
 from slam.mapping.pipeline import optimize
 from slam.report.facts import gather
 from tests.slam.small_flight import ORIGIN, flown, gps_of

@@ -19,7 +19,8 @@ from frontend.mosaic.plan import MosaicPlan, plan_mosaic
 from frontend.mosaic.render import Pictures, measure_exposure, render_tiles
 from slam.core.errors import NO_CAMERA, InputError
 from slam.core.estimate import Estimate
-from slam.core.flight import Flight, GeoOrigin, Image
+from slam.core.flight import Flight, Image
+from slam.core.geodesy import GeoOrigin
 from slam.core.progress import Progress, silent
 from slam.io.geotiff import Block, EarlierBlock, Grid, earlier_blocks, write_geotiff, write_png
 from slam.report.rasters.quality import write_quality

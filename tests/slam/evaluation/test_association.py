@@ -10,9 +10,9 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from slam.core.errors import InputError
 from slam.core.flight import Flight, Frames, GeoOrigin, Gps, Truth
+from slam.core.geodesy import geodetic_from_enu
 from slam.evaluation import evaluate
 from slam.evaluation.association import associate
-from slam.io.geodesy import geodetic_from_enu
 from tests.slam.evaluation.scene import estimate_of, flight_of, smooth_poses
 
 ORIGIN = GeoOrigin(48.1, 11.5, 520.0)

@@ -16,7 +16,7 @@ from rasterio.warp import transform
 
 from slam.core.errors import InputError
 from slam.core.flight import GeoOrigin
-from slam.io.geodesy import geodetic_from_enu
+from slam.core.geodesy import geodetic_from_enu
 from slam.io.geotiff import Block, Grid, write_geotiff, write_png
 
 ORIGIN = GeoOrigin(30.1712345678, -98.0897654321, 300.0)

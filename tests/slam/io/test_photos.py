@@ -15,7 +15,7 @@ from PIL.TiffImagePlugin import IFDRational
 
 from slam.core.errors import InputError
 from slam.core.flight import Flight
-from slam.io.geodesy import enu_from_geodetic
+from slam.core.geodesy import enu_from_geodetic
 from slam.io.photos import import_photos
 from tests.slam.io.photo_files import NADIR, SIZE, fill, jpeg, strip, with_xmp
 

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slam.core.flight import AttitudeSeries, Flight, GeoOrigin, Gps, Sonar
-from slam.io.geodesy import geodetic_from_enu
+from slam.core.geodesy import geodetic_from_enu
 from slam.mapping.keyframe_readings import MAX_GAP_S, attitudes_at, local_value, positions_at, ranges_at
 
 ORIGIN = GeoOrigin(47.0, 8.0, 400.0)

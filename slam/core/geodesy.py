@@ -11,10 +11,10 @@ spatial to geographical coordinates", Survey Review 181 (1976).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from slam.core.flight import GeoOrigin
 
 Array = NDArray[np.float64]
 
@@ -22,10 +22,22 @@ EQUATOR_M = 6378137.0
 FLATTENING = 1 / 298.257223563
 ECCENTRICITY_2 = FLATTENING * (2 - FLATTENING)
 
+MAX_ALTITUDE_M = 5e4
+"""Altitudes beyond are no altitudes of an aircraft: a wrong unit or a damaged value."""
+
 _BOWRING_STEPS = 5
 """Number of iterations. Each gains about three digits near Earth, so that five reach the last bit from any
 altitude in use.
 """
+
+
+@dataclass(frozen=True)
+class GeoOrigin:
+    """Geodetic position (WGS 84) of the origin of a flight's local east-north-up world."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
 
 
 def ecef_from_geodetic(latitude_deg: ArrayLike, longitude_deg: ArrayLike, altitude_m: ArrayLike) -> Array:

@@ -1,0 +1,114 @@
+"""The GPS series of a set of photographs, and remarks on every position that is not used or assumed."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam.core.flight import Gps
+from slam.io.photo_position import UNSIGNED, PhotoPosition
+from slam.io.photo_set import Photo, listed
+
+Array = NDArray[np.float64]
+
+_NO_PLACE = "the map has no metric scale and no place on Earth"
+
+
+def photo_gps(photos: Sequence[Photo], stamps_s: Array) -> tuple[Gps | None, tuple[str, ...]]:
+    """Return the positions of photographs, in their order, at ``stamps_s`` (n,), and the remarks."""
+    names = [photo.name for photo in photos]
+    positions, remarks = _with_letters_of_others([photo.tags.position for photo in photos], names)
+    remarks += _faults(positions, names)
+    known = [k for k, p in enumerate(positions) if p.is_known]
+    if not known:
+        what = "can be used" if remarks else "is recorded"
+        return None, (*remarks, f"no GPS position of any photograph {what}: {_NO_PLACE}")
+    if len(known) < len(positions):
+        remarks.append(
+            f"{len(positions) - len(known)} of {len(positions)} photographs have no GPS position to use"
+        )
+    fixes = [positions[k] for k in known]
+    altitude_m = _column(fixes, "altitude_m")
+    if np.isnan(altitude_m).any():
+        remarks.append(f"{int(np.isnan(altitude_m).sum())} of {len(known)} GPS positions have no altitude")
+    gap_m = np.abs(altitude_m - _column(fixes, "exif_altitude_m"))
+    if (gap_m > 1).any():
+        remarks.append(f"altitude from the maker's tag; Exif's differs by up to {np.nanmax(gap_m):.0f} m")
+    std_m, accuracy = _accuracy(fixes)
+    gps = Gps(
+        stamps_s[known], _column(fixes, "latitude_deg"), _column(fixes, "longitude_deg"), altitude_m, std_m
+    )
+    return gps, (*remarks, *accuracy)
+
+
+def _column(fixes: Sequence[PhotoPosition], name: str) -> Array:
+    return np.array([np.nan if getattr(p, name) is None else getattr(p, name) for p in fixes], dtype=float)
+
+
+def _accuracy(fixes: Sequence[PhotoPosition]) -> tuple[tuple[float, float, float], list[str]]:
+    """Return the standard deviations of the set, the medians of those stated, and a remark if assumed."""
+    stated = [p.std_m for p in fixes if p.std_m is not None]
+    if not stated:
+        return Gps.noise_std_m, ["accuracy of the GPS assumed: {:g}, {:g}, {:g} m".format(*Gps.noise_std_m)]
+    east, north, up = np.median(stated, axis=0).tolist()
+    lacking = len(fixes) - len(stated)
+    line = f"{lacking} of {len(fixes)} GPS positions state no accuracy: that of the others is assumed"
+    return (east, north, up), [line] if lacking else []
+
+
+def _faults(positions: Sequence[PhotoPosition], names: Sequence[str]) -> list[str]:
+    """Return one line for each kind of tag that is present but not used, with its photographs."""
+    found: dict[str, list[tuple[str, str]]] = defaultdict(list)
+    for name, position in zip(names, positions, strict=True):
+        for fault in position.faults:
+            found[re.sub(r"[-+\d.]+(e[-+]?\d+)?", "#", fault)].append((name, fault))
+    lines = []
+    for those in found.values():
+        example = those[0][1] + (" (the first)" if len({fault for _, fault in those}) > 1 else "")
+        line = f"position tags not used in {_photographs(len(those))}: {example}"
+        line += f" ({listed([name for name, _ in those])})"
+        if UNSIGNED in example:
+            line += "; write the letters, for example with exiftool -GPSLatitudeRef=N -GPSLongitudeRef=E"
+        lines.append(line)
+    return lines
+
+
+def _with_letters_of_others(
+    positions: Sequence[PhotoPosition], names: Sequence[str]
+) -> tuple[list[PhotoPosition], list[str]]:
+    """Return the positions with missing letters N, S, E, W taken from the others, if all others agree."""
+    signs = {
+        (np.sign(p.latitude_deg), np.sign(p.longitude_deg))
+        for p in positions
+        if p.latitude_deg is not None and p.longitude_deg is not None
+    }
+    if len(signs) != 1:
+        return list(positions), []
+    north, east = next(iter(signs))
+    there = ("N" if north >= 0 else "S") + ("E" if east >= 0 else "W")
+    lacking = [
+        k for k, p in enumerate(positions) if p.unsigned_deg is not None and set(p.letters) <= set(there)
+    ]
+    complete = list(positions)
+    for k in lacking:
+        lat, lon = positions[k].unsigned_deg or (0.0, 0.0)
+        complete[k] = replace(
+            positions[k],
+            latitude_deg=float(north * lat),
+            longitude_deg=float(east * lon),
+            faults=tuple(fault for fault in positions[k].faults if UNSIGNED not in fault),
+        )
+    line = (
+        f"{_photographs(len(lacking))} without the letters N or S, E or W: those of the others, "
+        f"{there[0]} and {there[1]}, assumed ({listed([names[k] for k in lacking])})"
+    )
+    return complete, [line] if lacking else []
+
+
+def _photographs(count: int) -> str:
+    return f"{count} photograph{'s' if count > 1 else ''}"

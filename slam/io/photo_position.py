@@ -1,0 +1,171 @@
+"""Reading of the position tags of one photograph, with the reason for each tag that is not used.
+
+The maker's own tags come before Exif's: they have more digits and the altitude of an RTK receiver. Sources:
+CIPA DC-008-2019 (Exif 2.32), section 4.6.6; DJI's and Pix4D's XMP names as cameras write them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from PIL.ExifTags import GPS
+
+from slam.core.geodesy import MAX_ALTITUDE_M
+from slam.io.tag_values import number, numbers, positive, text
+from slam.io.xmp import Xmp
+
+UNSIGNED = "so the sign is unknown"
+"""Words that mark a fault of a missing letter N, S, E or W."""
+
+
+@dataclass(frozen=True)
+class PhotoPosition:
+    """Position tags of one photograph."""
+
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    altitude_m: float | None = None
+    exif_altitude_m: float | None = None
+    """Exif altitude; ``altitude_m`` may come from the maker's own tag."""
+    std_m: tuple[float, float, float] | None = None
+    """Standard deviations of east, north, up that the camera states."""
+    height_above_takeoff_m: float | None = None
+    unsigned_deg: tuple[float, float] | None = None
+    """Latitude and longitude without their signs, where only letters are missing."""
+    letters: str = ""
+    """The letters that Exif has of N, S, E, W."""
+    faults: tuple[str, ...] = ()
+    """Tags that are not used, each with the reason."""
+
+    @property
+    def is_known(self) -> bool:
+        """Whether latitude and longitude are known."""
+        return self.latitude_deg is not None
+
+
+def read_position(gps: dict[int, Any], xmp: Xmp) -> PhotoPosition:
+    """Return the position in Exif's GPS directory ``gps`` and the XMP packet."""
+    faults: list[str] = []
+    lat, lon = (
+        number(xmp.text("drone", "GpsLatitude", "GPSLatitude")),
+        # Older DJI cameras write the second name.
+        number(xmp.text("drone", "GpsLongitude", "GpsLongtitude", "GPSLongitude")),
+    )
+    unsigned, letters = None, ""
+    if lat is None or lon is None or (reason := _unusable(lat, lon)):
+        if lat is not None and lon is not None and any((lat, lon)):
+            faults.append(f"XMP: {reason}")
+        lat, lon, unsigned, letters = _exif_place(gps, faults)
+    exif_altitude = number(gps.get(GPS.GPSAltitude))
+    if exif_altitude is not None and _below_sea(gps.get(GPS.GPSAltitudeRef)):
+        exif_altitude = -exif_altitude
+    exif_altitude = _plausible("Exif's GPSAltitude", exif_altitude, faults)
+    altitude = _plausible("AbsoluteAltitude", number(xmp.text("drone", "AbsoluteAltitude")), faults)
+    takeoff = _plausible("RelativeAltitude", number(xmp.text("drone", "RelativeAltitude")), faults)
+    return PhotoPosition(
+        latitude_deg=lat,
+        longitude_deg=lon,
+        altitude_m=exif_altitude if altitude is None else altitude,
+        exif_altitude_m=exif_altitude,
+        std_m=_stated_std(gps, xmp),
+        height_above_takeoff_m=takeoff,
+        unsigned_deg=unsigned,
+        letters=letters,
+        faults=tuple(faults),
+    )
+
+
+def _exif_place(
+    gps: dict[int, Any], faults: list[str]
+) -> tuple[float | None, float | None, tuple[float, float] | None, str]:
+    """Return latitude, longitude, both without signs if only letters are missing, and the letters."""
+    if GPS.GPSLatitude not in gps and GPS.GPSLongitude not in gps:
+        return None, None, None, ""
+    lat = _sexagesimal("GPSLatitude", gps.get(GPS.GPSLatitude), faults)
+    lon = _sexagesimal("GPSLongitude", gps.get(GPS.GPSLongitude), faults)
+    if text(gps.get(GPS.GPSStatus)).upper() == "V":
+        faults.append("GPSStatus is V (the receiver had no valid fix)")
+        return None, None, None, ""
+    if lat is None or lon is None:
+        return None, None, None, ""
+    if reason := _unusable(lat, lon):
+        faults.append(reason)
+        return None, None, None, ""
+    north = text(gps.get(GPS.GPSLatitudeRef))[:1].upper()
+    east = text(gps.get(GPS.GPSLongitudeRef))[:1].upper()
+    letters = (north if north in "NS" else "") + (east if east in "EW" else "")
+    if len(letters) < 2:
+        missing = [
+            f"{name} ({meant})"
+            for name, letter, meant in (
+                ("GPSLatitudeRef", north, "N or S"),
+                ("GPSLongitudeRef", east, "E or W"),
+            )
+            if letter not in letters or not letter
+        ]
+        faults.append(f"{' and '.join(missing)} is missing, {UNSIGNED}")
+        return None, None, (lat, lon), letters
+    return -lat if north == "S" else lat, -lon if east == "W" else lon, None, letters
+
+
+def _sexagesimal(name: str, value: Any, faults: list[str]) -> float | None:
+    """Return degrees from degrees, minutes, seconds; None with a fault if they are not known to a second."""
+    parts = list(value) if isinstance(value, (tuple, list)) else []
+    if len(parts) == 3 and number(parts[2]) is None and (minutes := number(parts[1])) is not None:
+        if minutes == int(minutes):
+            faults.append(f"{name} has no valid seconds: it is known to 1 minute (1.9 km) only")
+            return None
+        parts[2] = 0.0  # minutes with decimals hold the seconds
+    angle = numbers(parts, 3)
+    if angle is None or (angle < 0).any() or (angle[1:] > 60).any():
+        faults.append(f"{name} is not in degrees, minutes and seconds")
+        return None
+    return float(angle @ [1, 1 / 60, 1 / 3600])
+
+
+def _unusable(lat: float, lon: float) -> str:
+    """Return why the numbers are no position; empty if they are one."""
+    if abs(lat) > 90:
+        return f"latitude {lat:g} degrees is beyond 90"
+    if abs(lon) > 180:
+        return f"longitude {lon:g} degrees is beyond 180"
+    if (lat, lon) == (0, 0):
+        return "latitude and longitude are both 0 (no fix)"
+    return ""
+
+
+def _plausible(name: str, altitude_m: float | None, faults: list[str]) -> float | None:
+    if altitude_m is None or abs(altitude_m) <= MAX_ALTITUDE_M:
+        return altitude_m
+    faults.append(f"{name} {altitude_m:g} m is beyond {MAX_ALTITUDE_M / 1e3:g} km")
+    return None
+
+
+def _stated_std(gps: dict[int, Any], xmp: Xmp) -> tuple[float, float, float] | None:
+    """Return the standard deviations that the camera states: RTK's, Pix4D's, or Exif's horizontal error."""
+    east, north, up = (_std(xmp.text("drone", f"RtkStd{axis}")) for axis in ("Lon", "Lat", "Hgt"))
+    if east is None or north is None or up is None:
+        east = north = _std(xmp.text("camera", "GPSXYAccuracy"))
+        up = _std(xmp.text("camera", "GPSZAccuracy"))
+    if east is None or north is None or up is None:
+        radius = _std(gps.get(GPS.GPSHPositioningError))
+        if radius is None:
+            return None
+        # A radius that holds 63 % is the root of the sum of both variances. The vertical error of satellite
+        # positions is about twice the horizontal one.
+        east = north = radius / float(np.sqrt(2))
+        up = 2 * east
+    return east, north, up
+
+
+def _std(value: Any) -> float | None:
+    found = positive(value)
+    return found if found is not None and found <= MAX_ALTITUDE_M else None
+
+
+def _below_sea(reference: Any) -> bool:
+    """Return whether GPSAltitudeRef is 1 (below sea level), or 3 of Exif 3.0 (below the ellipsoid)."""
+    code = reference[0] if isinstance(reference, bytes) and len(reference) == 1 else number(reference)
+    return code in (1, 3)

@@ -1,0 +1,107 @@
+"""Position tags that cannot be used as they are: what is said about them, and what is used instead."""
+
+import numpy as np
+import pytest
+from PIL.ExifTags import GPS
+from PIL.TiffImagePlugin import IFDRational
+
+from slam.io.photos import import_photos
+from tests.slam.io.photo_files import fill, jpeg, strip
+
+
+def said(flight, *parts):
+    """The one warning that has all parts."""
+    (line,) = [line for line in flight.warnings if all(part in line for part in parts)]
+    return line
+
+
+@pytest.mark.parametrize(
+    ("gps", "reason"),
+    [
+        ({GPS.GPSStatus: "V"}, "GPSStatus is V"),
+        ({GPS.GPSLatitudeRef: ""}, "GPSLatitudeRef (N or S) is missing"),
+        ({GPS.GPSLongitudeRef: "?"}, "GPSLongitudeRef (E or W) is missing"),
+        ({GPS.GPSLatitude: (IFDRational(95), IFDRational(0), IFDRational(0))}, "latitude 95 degrees"),
+        ({GPS.GPSLongitude: (IFDRational(181), IFDRational(0), IFDRational(0))}, "longitude 181 degrees"),
+        ({GPS.GPSLatitude: (IFDRational(30), IFDRational(7), IFDRational(0, 0))}, "no valid seconds"),
+        ({GPS.GPSLatitude: (IFDRational(30), IFDRational(75), IFDRational(0))}, "GPSLatitude is not in"),
+        ({GPS.GPSLongitude: (IFDRational(1), IFDRational(0))}, "GPSLongitude is not in degrees"),
+    ],
+)
+def test_a_position_that_is_not_used_is_told_with_its_reason_and_photographs(tmp_path, gps, reason):
+    flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(gps=gps), "b.jpg": jpeg(gps=gps, time=None)}))
+    assert flight.gps is None
+    assert "not used in 2 photographs" in said(flight, reason, "(a.jpg, b.jpg)")
+    assert said(flight, "no GPS position of any photograph can be used")
+
+
+def test_photographs_without_position_tags_are_not_told_as_faulty(tmp_path):
+    flight = import_photos(fill(tmp_path, strip(2, place=None)))
+    assert said(flight, "no GPS position of any photograph is recorded")
+    assert not any("not used" in line for line in flight.warnings)
+
+
+def test_missing_letters_are_taken_from_the_other_photographs(tmp_path):
+    files = strip(4, gps=None) | {"P2.jpg": strip(4, gps={GPS.GPSLongitudeRef: ""})["P2.jpg"]}
+    flight = import_photos(fill(tmp_path, files))
+    assert flight.gps.longitude_deg.tolist() == [-98.0] * 4
+    assert flight.gps.latitude_deg[2] == pytest.approx(30.0002)
+    assert "N and W, assumed (P2.jpg)" in said(flight, "1 photograph without the letters")
+
+
+def test_a_letter_that_contradicts_the_others_is_not_replaced(tmp_path):
+    files = strip(3) | {
+        "P1.jpg": jpeg(gps={GPS.GPSLatitudeRef: "S", GPS.GPSLongitudeRef: ""}, time="2024:05:06 07:08:02")
+    }
+    flight = import_photos(fill(tmp_path, files))
+    assert len(flight.gps.stamps_s) == 2
+    assert said(flight, "GPSLongitudeRef (E or W) is missing", "(P1.jpg)")
+
+
+def test_minutes_with_decimals_need_no_seconds(tmp_path):
+    minutes = (IFDRational(30), IFDRational(10_2300, 10_000), IFDRational(0, 0))
+    gps = import_photos(fill(tmp_path, {"a.jpg": jpeg(gps={GPS.GPSLatitude: minutes})})).gps
+    assert gps.latitude_deg[0] == pytest.approx(30 + 10.23 / 60)
+
+
+@pytest.mark.parametrize(
+    ("tags", "left"),
+    [
+        ({"drone": {"AbsoluteAltitude": "1e308"}}, 320.5),
+        ({"drone": {"RelativeAltitude": "-1e300"}}, 320.5),
+        ({"gps": {GPS.GPSAltitude: IFDRational(4_000_000_000, 1)}}, np.nan),
+    ],
+)
+def test_absurd_altitudes_are_refused_by_name(tmp_path, tags, left):
+    flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(**tags), "b.jpg": jpeg(time="2024:05:06 07:08:10")}))
+    np.testing.assert_array_equal(flight.gps.altitude_m, [left, 320.5])
+    assert said(flight, "is beyond 50 km", "(a.jpg)")
+    assert flight.barometer is None
+
+
+def test_an_absurd_xmp_latitude_gives_way_to_exif(tmp_path):
+    drone = {"GpsLatitude": "95.0", "GpsLongitude": "-98.0"}
+    flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(drone=drone)}))
+    assert flight.gps.latitude_deg[0] == pytest.approx(30.1705)
+    assert said(flight, "XMP: latitude 95 degrees is beyond 90", "(a.jpg)")
+
+
+def test_the_horizontal_error_of_exif_is_read(tmp_path):
+    error = {GPS.GPSHPositioningError: IFDRational(3, 2)}
+    flight = import_photos(fill(tmp_path, {"a.jpg": jpeg(gps=error)}))
+    east, north, up = flight.gps.noise_std_m
+    assert np.hypot(east, north) == pytest.approx(1.5)
+    assert up == pytest.approx(2 * east)
+    assert not any("accuracy of the GPS assumed" in line for line in flight.warnings)
+
+
+def test_the_stated_accuracy_of_a_set_is_its_median_and_gaps_are_told(tmp_path):
+    """One photograph of five without RTK, and one that states nothing, change nothing."""
+    std = {f"RtkStd{axis}": "0.01" for axis in ("Lon", "Lat", "Hgt")}
+    files = {
+        f"{k}.jpg": jpeg(time=f"2024:05:06 07:08:0{k}", drone=drone)
+        for k, drone in enumerate([std, std, {name: "5.0" for name in std}, std, None])
+    }
+    flight = import_photos(fill(tmp_path, files))
+    assert flight.gps.noise_std_m == (0.01, 0.01, 0.01)
+    assert said(flight, "1 of 5 GPS positions state no accuracy")
