@@ -7,7 +7,7 @@ the files of the kernels that are inlined: after a change there it would silentl
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -21,17 +21,25 @@ GROUPS: list[frozenset[Path]] = []
 
 
 def njit(**options: Any) -> Callable[[Function], Function]:
-    """Return numba's ``njit``, without the cache where no cache folder is writable.
+    """Return numba's ``njit``, without the cache where no cache folder is writable or its disk is full.
 
-    This happens in a container where the project is read-only and the user has no home folder. The
+    The first happens in a container where the project is read-only and the user has no home folder. The
     environment variable ``NUMBA_CACHE_DIR`` can then name a folder.
     """
 
     def compiled(function: Function) -> Function:
         try:
-            return cast(Function, numba.njit(**options)(function))
+            kernel = numba.njit(**options)(function)
         except RuntimeError:  # "no locator available"
-            return cast(Function, numba.njit(**{**options, "cache": False})(function))
+            kernel = numba.njit(**{**options, "cache": False})(function)
+        save = kernel._cache.save_overload
+
+        def save_if_possible(*overload: Any) -> None:
+            with suppress(OSError):
+                save(*overload)
+
+        kernel._cache.save_overload = save_if_possible
+        return cast(Function, kernel)
 
     return compiled
 

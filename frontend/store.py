@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -18,10 +20,14 @@ _POINT_BYTES = 24
 
 
 class FeatureStore:
-    """Append-only temporary file with the points, then the descriptors, of each keyframe."""
+    """Append-only temporary file with the points, then the descriptors, of each keyframe.
+
+    Where the file cannot be written or read, the ``OSError`` names the folder of temporary files.
+    """
 
     def __init__(self) -> None:
-        self._file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  it lives as long as the store
+        with _named_errors():
+            self._file = tempfile.TemporaryFile(buffering=0)  # noqa: SIM115  it lives as long as the store
         self._offset: list[int] = []
         self._shape: list[tuple[int, int]] = []
         self._dtype: np.dtype[Any] = np.dtype(np.float32)
@@ -39,8 +45,9 @@ class FeatureStore:
         self._dtype = descriptor.dtype
         self._offset.append(self._end)
         written, raw = 0, memoryview(points.pixel.tobytes() + points.spread.tobytes() + descriptor.tobytes())
-        while written < len(raw):  # the system may write only a part
-            written += os.pwrite(self._file.fileno(), raw[written:], self._end + written)
+        with _named_errors():
+            while written < len(raw):  # the system may write only a part
+                written += os.pwrite(self._file.fileno(), raw[written:], self._end + written)
         self._shape.append((descriptor.shape[0], descriptor.shape[1]))
         self._end += len(raw)
 
@@ -62,7 +69,20 @@ class FeatureStore:
         return _points(self._read(k, self.count(k) * _POINT_BYTES), self.count(k))
 
     def _read(self, k: int, size: int) -> bytes:
-        return os.pread(self._file.fileno(), size, self._offset[k])
+        with _named_errors():
+            return os.pread(self._file.fileno(), size, self._offset[k])
+
+
+@contextmanager
+def _named_errors() -> Iterator[None]:
+    """Give the system's errors the name of the folder: they come from an open file and have none."""
+    try:
+        yield
+    except FileNotFoundError:  # of tempfile, which found no folder to write in
+        folder = os.environ.get("TMPDIR", "/tmp")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), folder) from None
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, tempfile.gettempdir()) from None
 
 
 def _points(data: bytes, rows: int) -> Points:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import io
+import faulthandler
 import logging
 import os
 import signal
@@ -17,13 +17,15 @@ from slam.cli.demo import demo
 from slam.cli.estimate import estimate
 from slam.cli.evaluate import evaluate
 from slam.cli.flights import import_flight, info
-from slam.cli.guard import guarded, show_traceback
+from slam.cli.guard import guarded, print_error, show_traceback
 from slam.cli.locate import locate
 from slam.cli.loops import loops
 from slam.cli.optimize import optimize
 from slam.cli.replay import replay
 from slam.cli.reproduce import reproduce
 from slam.cli.simulate import simulate
+from slam.cli.standard_streams import name_streams
+from slam.cli.supervisor import continue_in_child
 from slam.core.version import VERSION
 
 app = typer.Typer(
@@ -85,19 +87,28 @@ def options(
 ) -> None:
     """Set the options that all commands share."""
     show_traceback.set(debug)
+    if debug and sys.__stderr__ is not None:
+        faulthandler.enable(sys.__stderr__)  # a crash in a library shows where it was
     _show_log(verbose)
 
 
 def main() -> None:
     """Run the command line; called by ``slam.__main__``."""
+    continue_in_child()
     # Damaged pictures are counted and reported by us.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a letter that the terminal lacks is printed as ?
-            stream.reconfigure(errors="replace")
+    name_streams()
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # a missing cache of fonts is no error
     if not sys.warnoptions:
         warnings.simplefilter("ignore")
     # SystemExit lets output folders be cleaned up.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
-    app()
+    try:
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
+    except OSError as error:  # --version and --help print outside of a command
+        if not isinstance(error, BrokenPipeError):  # a reader that has seen enough, such as `head`
+            print_error(error)
+        sys.exit(1)

@@ -6,24 +6,25 @@
 from __future__ import annotations
 
 import errno
-import resource
+import os
 import sys
+import tempfile
 import traceback
 from collections.abc import Callable
 from contextvars import ContextVar
 from functools import wraps
-from typing import NoReturn, ParamSpec
+from typing import ParamSpec
 
 import typer
 
-from slam.core.errors import InputError, explain, one_line
+from slam.cli.limits import check_limits
+from slam.cli.supervisor import LESS_MEMORY
+from slam.core.errors import MORE_PROCESSES, InputError, explain, one_line
 
 P = ParamSpec("P")
 
 show_traceback: ContextVar[bool] = ContextVar("show_traceback", default=False)
 """Set by ``slam --debug``."""
-LEAST_MEMORY_BYTES = 1 << 30
-"""With a lower limit of the address space OpenBLAS ends the process or hangs when it is loaded."""
 
 
 def guarded(command: Callable[P, None]) -> Callable[P, None]:
@@ -32,42 +33,50 @@ def guarded(command: Callable[P, None]) -> Callable[P, None]:
     @wraps(command)
     def run(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
-            _check_memory_limit()
+            check_limits()
             command(*args, **kwargs)
         except KeyboardInterrupt:
-            _leave("interrupted; nothing was written", 130)
+            print("slam: interrupted; nothing was written", file=sys.stderr)
+            raise typer.Exit(130) from None
         except (typer.Exit, BrokenPipeError):
             raise
         except Exception as error:  # noqa: BLE001  the last place to catch an exception
             if show_traceback.get():
                 traceback.print_exc()
-            _leave(_message(error), 1)
+            print_error(error)
+            raise typer.Exit(1) from None
 
     return run
 
 
-def _check_memory_limit() -> None:
-    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if limit != resource.RLIM_INFINITY and limit < LEAST_MEMORY_BYTES:
-        raise MemoryError
+def print_error(error: Exception) -> None:
+    """Print one line on standard error: what went wrong, where, and what to do."""
+    print(f"slam: {one_line(_message(error))}", file=sys.stderr)
 
 
 def _message(error: Exception) -> str:
     if _is_out_of_memory(error):
-        return (
-            "not enough memory; close other programs or raise the limit (ulimit -v), choose a coarser mosaic "
-            "(a larger --gsd) or none (--no-mosaic)"
-        )
+        return f"not enough memory; {LESS_MEMORY}"
     # The module is looked up, not imported: without memory an import would fail too.
     backend = sys.modules.get("backend.errors")
     if isinstance(error, InputError) or (backend is not None and isinstance(error, backend.BackendError)):
         return str(error)
     if isinstance(error, OSError):
-        return f"{error.filename}: {explain(error)}" if error.filename is not None else explain(error)
+        return _system_message(error)
+    if "can't start new thread" in str(error):  # CPython's only sign of it
+        return f"no thread can be started; {MORE_PROCESSES}"
     return (
         f"internal error: {type(error).__name__}: {error}; a fault of slam, not of the input: run again as "
         "`slam --debug ...` and report what it prints"
     )
+
+
+def _system_message(error: OSError) -> str:
+    if error.filename is None:
+        return explain(error)
+    temporary = (os.environ.get("TMPDIR", "/tmp"), tempfile.tempdir)
+    other = "; or set TMPDIR to another folder" if error.filename in temporary else ""
+    return f"{error.filename}: {explain(error)}{other}"
 
 
 def _is_out_of_memory(error: Exception) -> bool:
@@ -79,8 +88,3 @@ def _is_out_of_memory(error: Exception) -> bool:
     if type(error).__module__.startswith("cv2"):
         return getattr(error, "code", 0) == -4
     return isinstance(error, MemoryError)
-
-
-def _leave(line: str, code: int) -> NoReturn:
-    print(f"slam: {one_line(line)}", file=sys.stderr)
-    raise typer.Exit(code)

@@ -28,6 +28,8 @@ def explain(error: OSError) -> str:
     return message or f"{error.strerror or error}; check the path and the disk"
 
 
+MORE_PROCESSES = "end other programs, or raise the limit of processes and threads (ulimit -u, pids.max)"
+"""Advice where the system starts no further process or thread."""
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _REFUSALS = {
     **dict.fromkeys(DISK_FULL, "the disk is full or a limit is reached; free some space"),
@@ -39,5 +41,6 @@ _REFUSALS = {
     errno.EISDIR: "there is a folder where a file is needed; choose another name",
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
     errno.ENOENT: "does not exist; check the path",
+    errno.EAGAIN: f"the system has no process or thread left; {MORE_PROCESSES}",
     errno.EIO: "the disk reports a fault; check it",
 }

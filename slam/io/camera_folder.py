@@ -84,9 +84,9 @@ def camera_of(sensor: YamlFile, notes: list[str]) -> Camera:
         size_px=(int(width), int(height)),
         distortion=distortion,
         b_T_c=sensor.transform() if sensor.has("T_BS") else NADIR_B_T_C.copy(),
-        focal_std_ratio=sensor.number("focal_std_ratio", 0.0),
-        radial_std=sensor.number("radial_std", 0.0),
-        mount_std_rad=sensor.number("mount_std", 0.0),
+        focal_std_ratio=sensor.std("focal_std_ratio", 0.0, 1.0),
+        radial_std=sensor.std("radial_std", 0.0, 1.0),
+        mount_std_rad=sensor.std("mount_std", 0.0, math.pi),
         readout_s=readout_s,
     )
 

@@ -60,6 +60,22 @@ class YamlFile:
             raise self.refuse(key, f"is {value:g}", "write a positive number")
         return value
 
+    def std(self, key: str, default: float, largest: float) -> float:
+        """Return a standard deviation >= 0. Raises ``InputError`` above ``largest``, the range of what it
+        describes: such a value tells nothing, and no covariance can be computed with it.
+        """
+        value = self.number(key, default)
+        self.check_std(key, value, largest)
+        return value
+
+    def check_std(self, key: str, value: float, largest: float) -> None:
+        """Raise ``InputError`` for a standard deviation below 0 or above ``largest``."""
+        if value < 0:
+            raise self.refuse(key, f"is {value:g}", "write a positive number")
+        if value > largest:
+            what = f"is {value:g}, beyond the {largest:.3g} that are possible"
+            raise self.refuse(key, what, "write the sensor's own, in the unit of the data")
+
     def numbers(self, key: str, count: tuple[int, ...]) -> tuple[float, ...]:
         """Return finite numbers, as many as one of ``count``. Raises ``InputError``, also if missing."""
         wanted = " or ".join(map(str, count))

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +16,16 @@ from slam.core.flight import AttitudeSeries, Command, Gps, Imu, Motor, Scalar, S
 from slam.core.geodesy import MAX_ALTITUDE_M
 from slam.io.csv_header import CsvColumn
 from slam.io.csv_stream import CsvTable
+from slam.io.plausibility import GYRO_LIMIT_RAD_S
 from slam.io.sensor_yaml import YamlFile
 
 Array = NDArray[np.float64]
 Series = Imu | Sonar | AttitudeSeries | Velocity | Command | Scalar | Motor | Gps | Truth
 
-MAX_NOISE_STD, MAX_SCALE_STD = 1e9, 1.0
-"""Larger deviations carry no information, and their covariance cannot be computed with."""
+MAX_SHARE_STD = 1.0
+"""Largest standard deviation of a scale or of another share of a value: the whole value."""
+ACCEL_LIMIT_M_S2 = 4000.0
+"""Largest plausible specific force: 400 g, the widest range of any MEMS accelerometer."""
 SATURATION_RATIO = 0.999
 """Share of max_range above which a range is treated as the sonar's value for no echo."""
 METRES_PER_DEGREE = 111_319.49
@@ -108,23 +111,26 @@ class Source:
         """Return the error to raise about one row."""
         return self.table.refuse(row, what, do)
 
-    def noise(self, count: int, default: tuple[float, ...]) -> tuple[float, ...]:
-        """Return ``noise_std``, one value per column, or the default if absent. Raises ``InputError``."""
+    def noise(self, default: tuple[float, ...], largest: Sequence[float]) -> tuple[float, ...]:
+        """Return ``noise_std``, one value per column, or the default if absent.
+
+        ``largest``: the range of each column. Raises ``InputError`` for a value beyond it.
+        """
         if not self.sensor.has("noise_std"):
             return default
-        noise = self.sensor.numbers("noise_std", (count,))
-        if min(noise) < 0:
-            raise self.sensor.refuse("noise_std", "is negative", "write one standard deviation a column")
-        if max(noise) > MAX_NOISE_STD:
-            raise self.sensor.refuse(
-                "noise_std", f"is {max(noise):g}", "write the sensor's own, or remove the stream"
-            )
+        noise = self.sensor.numbers("noise_std", (len(default),))
+        for value, limit in zip(noise, largest, strict=True):
+            self.sensor.check_std("noise_std", value, limit)
         return noise
 
     def check_identity_mount(self) -> None:
         """Check T_BS of a stream that does not use it, and note a value other than the identity."""
         if not np.array_equal(self.sensor.transform(), np.eye(4)):
             self.notes.append("T_BS in sensor.yaml is not the identity; body axes assumed for the values")
+
+
+def _limits(folder: str) -> tuple[float, ...]:
+    return tuple(column.limit for column in COLUMNS[folder])
 
 
 def build_series(folder: str, source: Source) -> Series | None:
@@ -142,12 +148,27 @@ def _imu(source: Source) -> Imu:
         stamps_s=source.stamps_s,
         gyro_rad_s=values[:, :3],
         accel_m_s2=values[:, 3:],
-        **{
-            name: source.sensor.number(key, getattr(Imu, name), positive=key.endswith("density"))
-            for key, name in IMU_DENSITIES.items()
-        },
+        **_imu_densities(source),
         b_T_s=source.sensor.transform(),
     )
+
+
+def _imu_densities(source: Source) -> dict[str, float]:
+    """Return the noise densities of an IMU. Raises ``InputError`` where the noise would exceed its range.
+
+    White noise of density n has the standard deviation n sqrt(rate) in each reading. A random walk of density
+    n has n sqrt(duration) at the end.
+    """
+    stamps_s = source.stamps_s
+    duration_s = float(stamps_s[-1] - stamps_s[0]) if len(stamps_s) > 1 else 1.0
+    rate_hz = 1 / float(np.median(np.diff(stamps_s))) if len(stamps_s) > 1 else 1.0
+    densities = {}
+    for key, name in IMU_DENSITIES.items():
+        largest = GYRO_LIMIT_RAD_S if key.startswith("gyro") else ACCEL_LIMIT_M_S2
+        largest /= math.sqrt(rate_hz if key.endswith("density") else duration_s)
+        densities[name] = source.sensor.number(key, getattr(Imu, name), positive=key.endswith("density"))
+        source.sensor.check_std(key, densities[name], largest)
+    return densities
 
 
 def _sonar(source: Source) -> Sonar:
@@ -158,12 +179,8 @@ def _sonar(source: Source) -> Sonar:
         raise sensor.refuse(
             "max_range", f"is {high:g} where min_range is {low:g}", "write min_range < max_range"
         )
-    scale_std = sensor.number("scale_std", Sonar.scale_std)
-    if not 0 <= scale_std <= MAX_SCALE_STD:
-        raise sensor.refuse("scale_std", f"is {scale_std:g}", "write a share between 0 and 1")
-    datum_std_m = sensor.number("datum_std", Sonar.datum_std_m)
-    if datum_std_m > high:
-        raise sensor.refuse("datum_std", f"is {datum_std_m:g}", f"write metres between 0 and {high:g}")
+    scale_std = sensor.std("scale_std", Sonar.scale_std, MAX_SHARE_STD)
+    datum_std_m = sensor.std("datum_std", Sonar.datum_std_m, high)
     beam_rad = sensor.number("beam_width", Sonar.beam_width_rad)
     if beam_rad >= math.pi:
         raise sensor.refuse("beam_width", f"is {beam_rad:g}", "write radians below pi (degrees?)")
@@ -176,7 +193,7 @@ def _sonar(source: Source) -> Sonar:
     return Sonar(
         stamps_s=source.stamps_s,
         range_m=values[:, 0],
-        noise_std_m=source.noise(1, (Sonar.noise_std_m,))[0],
+        noise_std_m=source.noise((Sonar.noise_std_m,), (high,))[0],
         min_range_m=low,
         max_range_m=high,
         beam_width_rad=beam_rad,
@@ -195,39 +212,46 @@ def _attitude(source: Source) -> AttitudeSeries:
         raise source.row_error(row, "has roll or pitch beyond pi", "convert to radians (degrees?)")
     for column, name in enumerate(("roll", "pitch")):
         source.set_missing(too_large[:, column], column, f"{name} beyond pi")
-    noise = source.noise(3, AttitudeSeries.noise_std_rad)
+    noise = source.noise(AttitudeSeries.noise_std_rad, (math.pi,) * 3)
     return AttitudeSeries(source.stamps_s, source.table.values, (noise[0], noise[1], noise[2]))
 
 
 def _velocity(source: Source) -> Velocity:
     source.check_identity_mount()
-    noise = source.noise(2, Velocity.noise_std_m_s)
-    scale_std = source.sensor.number("scale_std", Velocity.scale_std)
+    noise = source.noise(Velocity.noise_std_m_s, _limits("velocity0"))
+    scale_std = source.sensor.std("scale_std", Velocity.scale_std, MAX_SHARE_STD)
     return Velocity(source.stamps_s, source.table.values, (noise[0], noise[1]), scale_std)
 
 
 def _command(source: Source) -> Command:
-    source.noise(4, (0.0,) * 4)
+    source.noise((0.0,) * 4, _limits("command0"))
     too_large = (np.abs(source.table.values) > 1 + 1e-9).any(axis=1)
     if too_large.any():
         row = int(np.argmax(too_large))
         value = source.table.values[row][np.nanargmax(np.abs(source.table.values[row]))]
         guess = " (percent?)" if np.nanmax(np.abs(source.table.values)) > 20 else ""
         raise source.row_error(row, f"has the command {value:g}", f"scale the stick to -1..1{guess}")
-    return Command(
-        source.stamps_s,
-        source.table.values,
-        source.sensor.number("max_tilt", Command.max_tilt_rad, positive=True),
-    )
+    max_tilt_rad = source.sensor.number("max_tilt", Command.max_tilt_rad, positive=True)
+    if max_tilt_rad >= math.pi / 2:
+        raise source.sensor.refuse("max_tilt", f"is {max_tilt_rad:g}", "write radians below pi/2 (degrees?)")
+    return Command(source.stamps_s, source.table.values, max_tilt_rad)
 
 
-def _scalar(source: Source) -> Scalar:
+def _barometer(source: Source) -> Scalar:
+    return _scalar(source, _limits("barometer0"))
+
+
+def _battery(source: Source) -> Scalar:
+    return _scalar(source, _limits("battery0"))
+
+
+def _scalar(source: Source, largest: Sequence[float]) -> Scalar:
     source.check_identity_mount()
-    return Scalar(source.stamps_s, source.table.values[:, 0], source.noise(1, (Scalar.noise_std,))[0])
+    return Scalar(source.stamps_s, source.table.values[:, 0], source.noise((Scalar.noise_std,), largest)[0])
 
 
 def _motor(source: Source) -> Motor:
-    source.noise(4, (0.0,) * 4)
+    source.noise((0.0,) * 4, _limits("motor0"))
     return Motor(source.stamps_s, source.table.values)
 
 
@@ -252,7 +276,7 @@ def _gps_noise(source: Source, latitude_deg: Array) -> tuple[float, float, float
     """Return east, north, up in metres from ``noise_std`` in the units of the columns (deg, deg, m)."""
     if not source.sensor.has("noise_std") or not len(latitude_deg):
         return Gps.noise_std_m
-    north, east, up = source.noise(3, ())
+    north, east, up = source.noise(Gps.noise_std_m, (MAX_ALTITUDE_M,) * 3)
     if max(north, east) > 0.1:
         source.notes.append("noise_std of latitude and longitude is beyond 0.1 deg: metres assumed")
         return east, north, up
@@ -290,9 +314,9 @@ _BUILDERS: dict[str, Callable[[Source], Series]] = {
     "attitude0": _attitude,
     "velocity0": _velocity,
     "command0": _command,
-    "battery0": _scalar,
+    "battery0": _battery,
     "gps0": _gps,
-    "barometer0": _scalar,
+    "barometer0": _barometer,
     "motor0": _motor,
     "state_groundtruth_estimate0": _truth,
 }

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -44,6 +45,19 @@ def test_where_nothing_can_be_cached_kernels_work_all_the_same(monkeypatch):
 
     assert twice(4) == 8
     assert twice.targetoptions["nogil"]
+
+
+def test_a_full_disk_of_the_cache_costs_no_result(monkeypatch):
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(numba.core.caching.IndexDataCacheFile, "save", full)
+
+    @njit(cache=True)
+    def thrice(x):
+        return 3 * x
+
+    assert thrice(4) == 12
 
 
 def test_sources_that_were_never_compiled_are_no_trouble(tmp_path):

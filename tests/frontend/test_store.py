@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
+import tempfile
 import tracemalloc
 import warnings
 from concurrent.futures import ThreadPoolExecutor
@@ -94,3 +96,25 @@ def test_features_take_no_memory_and_the_file_goes_with_the_store() -> None:
         gc.collect()
     with pytest.raises(OSError, match="Bad file descriptor"):
         os.fstat(descriptor)
+
+
+@pytest.mark.parametrize("call", ["pwrite", "pread"])
+def test_errors_of_the_system_name_the_folder_of_temporary_files(monkeypatch, call: str) -> None:
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    store, features = FeatureStore(), made(np.random.default_rng(0), 5, True)
+    store.append(features)
+    monkeypatch.setattr(os, call, full)
+    with pytest.raises(OSError, match="No space") as caught:
+        store.append(features) if call == "pwrite" else store[0]
+    assert caught.value.filename == tempfile.gettempdir()
+
+
+def test_a_machine_without_room_for_temporary_files_is_told(monkeypatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setattr(tempfile, "_candidate_tempdir_list", list)
+    monkeypatch.setenv("TMPDIR", "/full")
+    with pytest.raises(OSError, match="No space") as caught:
+        FeatureStore()
+    assert caught.value.filename == "/full"

@@ -9,6 +9,7 @@ import resource
 import signal
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -287,6 +288,9 @@ def test_foreign_files_stay(graph, tmp_path):
         (OSError(12, "Cannot allocate memory", "/out"), "--no-mosaic", 1),
         (ImportError("libopenblas.so: failed to map segment from shared object"), "--no-mosaic", 1),
         (OSError(28, "No space left on device", "/out/mosaic.tif"), "disk is full", 1),
+        (OSError(28, "No space left on device", tempfile.gettempdir()), "TMPDIR", 1),
+        (BlockingIOError(11, "Resource temporarily unavailable"), "ulimit -u", 1),
+        (RuntimeError("can't start new thread"), "ulimit -u", 1),
         (OSError(30, "Read-only file system", "/out/mosaic.tif"), "read-only", 1),
         (ZeroDivisionError("a\nb"), "internal error: ZeroDivisionError", 1),
     ],

@@ -120,7 +120,7 @@ def test_an_interrupt_or_a_killed_worker_leaves_one_line_and_no_files(tmp_path, 
     )
     assert running.stderr is not None
     assert "table5" in running.stderr.readline(), "a first flight is done"
-    workers = _workers(running.pid)
+    workers = [worker for job in _children(running.pid) for worker in _children(job)]
     assert len(workers) == 2
     if what == "interrupt":
         os.killpg(running.pid, signal.SIGINT)
@@ -135,8 +135,8 @@ def test_an_interrupt_or_a_killed_worker_leaves_one_line_and_no_files(tmp_path, 
     assert not any(Path(f"/proc/{worker}").exists() for worker in workers)
 
 
-def _workers(parent: int) -> list[int]:
-    """Processes that fly: children of ``parent`` but for the one that keeps account of shared resources."""
+def _children(parent: int) -> list[int]:
+    """Child processes but for the one that keeps account of shared resources."""
     found = []
     for path in Path("/proc").glob("[0-9]*"):
         try:

@@ -1,0 +1,67 @@
+"""Standard output and error of the command line: a failed write names its stream."""
+
+from __future__ import annotations
+
+import io
+import select
+import sys
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
+
+STANDARD_OUTPUT = "standard output"
+"""The name of standard output in error messages."""
+
+
+def name_streams() -> None:
+    """Replace standard output and error, where they are files, by streams that report failed writes.
+
+    A letter that the terminal lacks is printed as ``?``. A failed write to standard output raises an
+    ``OSError`` whose file name is ``STANDARD_OUTPUT``, so that no other file is blamed. A failed write to
+    standard error is ignored: it holds progress and messages, and nobody reads them there.
+    """
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout = _reopened(sys.stdout, _Output)
+    if isinstance(sys.stderr, io.TextIOWrapper):
+        sys.stderr = _reopened(sys.stderr, _Messages)
+
+
+def _reopened(stream: io.TextIOWrapper, kind: type[io.FileIO]) -> io.TextIOWrapper:
+    stream.flush()
+    raw = kind(stream.fileno(), "w", closefd=False)
+    return io.TextIOWrapper(
+        io.BufferedWriter(raw),
+        encoding=stream.encoding,
+        errors="replace",
+        line_buffering=stream.line_buffering,
+        write_through=stream.write_through,
+    )
+
+
+class _Output(io.FileIO):
+    """Standard output without buffer; what a failed write left in a buffer above is dropped."""
+
+    _failed = False
+
+    def write(self, data: Buffer, /) -> int:
+        if self._failed:  # the interpreter flushes once more at its end
+            return len(memoryview(data))
+        try:
+            while (written := super().write(data)) is None:  # the other end set it to non-blocking
+                select.select((), (self,), ())
+            return written
+        except OSError as error:
+            self._failed = True
+            error.filename = STANDARD_OUTPUT
+            raise
+
+
+class _Messages(io.FileIO):
+    """Standard error without buffer; failed writes are ignored."""
+
+    def write(self, data: Buffer, /) -> int:
+        try:
+            return super().write(data)
+        except OSError:
+            return len(memoryview(data))
