@@ -43,6 +43,9 @@ def flight_of(
         notes = list(table.notes)
         check_stamp_unit(table, sensors[name], notes)
         note(name, notes)
+    for name in [name for name, table in tables.items() if _is_empty(table)]:
+        note(name, ["no message has a value; treated as not recorded"])
+        del tables[name]
     check_stamps_agree(tables)
     recorded = tables
     tables, remarks = sort_by_time(recorded)
@@ -60,6 +63,10 @@ def flight_of(
         sources=(*_taken(chosen, recorded), *_left(recording, chosen)),
         **fields,
     )
+
+
+def _is_empty(table: CsvTable) -> bool:
+    return not table.names and not np.isfinite(table.values).any()
 
 
 def _tables(recording: Recording, chosen: tuple[Offer, ...], content: Content) -> dict[str, CsvTable]:
@@ -120,6 +127,11 @@ def _taken(chosen: tuple[Offer, ...], tables: Mapping[str, CsvTable]) -> list[St
     ]
 
 
+def _reason(offer: Offer, rival: str | None) -> str:
+    why = offer.doubt or (f"{rival} taken as {offer.stream}" if rival else "left out on request")
+    return f"{why}; take it by --topic {offer.stream}={offer.channel}"
+
+
 def _left(recording: Recording, chosen: tuple[Offer, ...]) -> list[StreamSource]:
     """Return the channels that were not taken, each once, with the reason."""
     taken = {offer.channel: offer for offer in chosen}
@@ -127,9 +139,8 @@ def _left(recording: Recording, chosen: tuple[Offer, ...]) -> list[StreamSource]
     left: dict[str, tuple[str, int, str]] = {}
     for offer in recording.offers:
         if offer.channel not in taken and offer.channel not in left:
-            rival = rivals.get(offer.stream)
-            reason = f"{rival} taken as {offer.stream}; take it by --topic {offer.stream}={offer.channel}"
-            left[offer.channel] = (offer.kind, offer.rows, reason if rival and offer.rows else "no rows")
+            reason = _reason(offer, rivals.get(offer.stream)) if offer.rows else "no rows"
+            left[offer.channel] = (offer.kind, offer.rows, reason)
     for channel, kind, rows in recording.others:
         left.setdefault(channel, (kind, rows, "no stream of a flight"))
     return [

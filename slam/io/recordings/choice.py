@@ -27,6 +27,8 @@ def choose(recording: Recording, topics: Mapping[str, str]) -> tuple[Offer, ...]
         offers = [offer for offer in recording.offers if offer.stream == stream and offer.rows]
         if stream in topics:
             offers = [offer for offer in offers if offer.channel == topics[stream]]
+        else:
+            offers = [offer for offer in offers if not offer.doubt]
         if offers:
             chosen.append(min(offers, key=lambda offer: offer.rank))
     if not chosen:

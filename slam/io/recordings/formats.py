@@ -34,7 +34,17 @@ class Format:
 
 FORMATS: tuple[Format, ...] = (
     Format("a PX4 log", "slam.io.recordings.ulog", (".ulg", ".ulog"), (b"ULog\x01\x12\x35",)),
+    Format("a ROS 1 bag", "slam.io.recordings.rosbag", (".bag",), (b"#ROSBAG V2.0\n",)),
+    Format("a ROS 2 bag", "slam.io.recordings.rosbag", (".db3",), (b"SQLite format 3\0",)),
+    Format("an MCAP recording", "slam.io.recordings.rosbag", (".mcap",), (b"\x89MCAP0\r\n",)),
 )
+
+ROS2_FOLDER = Format("a ROS 2 bag", "slam.io.recordings.rosbag", (), ())
+"""A folder with ``metadata.yaml``, as ``ros2 bag record`` writes it."""
+
+
+def _holds_bag(folder: Path) -> bool:
+    return any(path.name.endswith((".db3", ".mcap", ".zstd")) for path in folder.iterdir())
 
 
 def format_of(path: Path) -> Format | None:
@@ -43,7 +53,7 @@ def format_of(path: Path) -> Format | None:
     Raises ``InputError`` for a file with the suffix of a format and other content.
     """
     if path.is_dir():
-        return None
+        return ROS2_FOLDER if (path / "metadata.yaml").is_file() and _holds_bag(path) else None
     try:
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES)

@@ -38,6 +38,8 @@ class Offer:
     """Units and axes of the recording, and how they are converted."""
     rank: int = 0
     """Offers of a smaller rank are preferred."""
+    doubt: str = ""
+    """Reason not to take the channel without a request; empty for none."""
 
 
 @dataclass(frozen=True)

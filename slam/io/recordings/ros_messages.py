@@ -1,0 +1,203 @@
+"""ROS messages and the streams of a flight that they become.
+
+ROS uses SI units, a world with z up and body axes forward-left-up (REP 103), as a flight does. A sensor's own
+axes are related to the body by ``/tf_static``. Source: the message definitions of ``common_interfaces``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from slam.core.rotations import roll_pitch_yaw_of, rotation_of
+from slam.io.body_axes import angles_from_quaternion
+from slam.io.sensor_yaml import Value
+
+Array = NDArray[np.float64]
+Message = Any
+"""A deserialised message: its fields are attributes."""
+
+RANGE_T_SONAR: Array = np.array([[0.0, 0, -1, 0], [0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]])
+"""Transform from a flight's sonar, which looks along -z, to a ``Range`` sensor, which looks along x."""
+_REFERENCE_WORDS = ("truth", "vicon", "mocap", "optitrack", "vrpn", "qualisys", "groundtruth")
+"""Words in the topic of a reference. Other poses may be estimates."""
+
+
+@dataclass(frozen=True)
+class RosRule:
+    """One message type that can fill one stream."""
+
+    stream: str
+    kind: str
+    row: Callable[[Message], tuple[float, ...]]
+    """Return the numbers of one message."""
+    values: Callable[[Array, Array | None], Array]
+    """Return values (n, c) of the flight format from all rows and ``b_T_s``, the sensor's mount if known."""
+    reading: str
+    nominal: Callable[[Message], dict[str, Value]] = lambda message: {}
+    """Return keys of ``sensor.yaml`` from the first message."""
+    is_mounted: bool = False
+    """Whether ``sensor.yaml`` has the mount."""
+    is_certain: Callable[[str], bool] = lambda topic: True
+    """Whether a topic may be taken without a request, by its name."""
+
+
+def _same(rows: Array, b_T_s: Array | None) -> Array:
+    return rows
+
+
+def _vector(v: Message) -> tuple[float, float, float]:
+    return v.x, v.y, v.z
+
+
+def _quaternion(q: Message) -> tuple[float, float, float, float]:
+    return q.w, q.x, q.y, q.z
+
+
+_MISSING_3 = (np.nan,) * 3
+_MISSING_4 = (np.nan,) * 4
+
+
+def _imu(m: Message) -> tuple[float, ...]:
+    gyro = _MISSING_3 if m.angular_velocity_covariance[0] == -1 else _vector(m.angular_velocity)
+    accel = _MISSING_3 if m.linear_acceleration_covariance[0] == -1 else _vector(m.linear_acceleration)
+    return *gyro, *accel
+
+
+def _imu_attitude(m: Message) -> tuple[float, ...]:
+    return _MISSING_4 if m.orientation_covariance[0] == -1 else _quaternion(m.orientation)
+
+
+def _angles(rows: Array, b_T_s: Array | None) -> Array:
+    """Return the body's angles from quaternions of the sensor."""
+    angles = angles_from_quaternion(rows)
+    if b_T_s is None or np.allclose(b_T_s[:3, :3], np.eye(3)):
+        return angles
+    known = np.isfinite(angles).all(axis=1, keepdims=True)
+    w_R_b = rotation_of(np.where(known, angles, 0.0)) @ b_T_s[:3, :3].T
+    return np.where(known, roll_pitch_yaw_of(w_R_b), np.nan)
+
+
+def _range(m: Message) -> tuple[float, ...]:
+    return (m.range if m.min_range <= m.range <= m.max_range else np.nan,)
+
+
+def _range_limits(m: Message) -> dict[str, Value]:
+    limits: dict[str, Value] = {"min_range": repr(float(m.min_range)), "max_range": repr(float(m.max_range))}
+    if 0 < m.field_of_view < np.pi:
+        limits["beam_width"] = repr(float(m.field_of_view))
+    return limits
+
+
+def _position(m: Message) -> tuple[float, ...]:
+    return _MISSING_3 if m.status.status < 0 else (m.latitude, m.longitude, m.altitude)
+
+
+def _twist(m: Message) -> tuple[float, ...]:
+    linear = m.twist.twist.linear if hasattr(m.twist, "twist") else m.twist.linear
+    return linear.x, linear.y
+
+
+def _odometry(m: Message) -> tuple[float, ...]:
+    return *_quaternion(m.pose.pose.orientation), *_vector(m.twist.twist.linear)
+
+
+def _heading_velocity(rows: Array, b_T_s: Array | None) -> Array:
+    """Return level velocities, without yaw, from attitude quaternions and velocities in body axes."""
+    angles = angles_from_quaternion(rows[:, :4])
+    angles[:, 2] = 0.0
+    level_R_b = rotation_of(np.nan_to_num(angles))
+    velocity = np.einsum("nij,nj->ni", level_R_b, rows[:, 4:])[:, :2]
+    return np.where(np.isfinite(angles).all(axis=1, keepdims=True), velocity, np.nan)
+
+
+def _pose(m: Message) -> tuple[float, ...]:
+    pose = getattr(m.pose, "pose", m.pose)
+    return *_vector(pose.position), *_quaternion(pose.orientation)
+
+
+def _transform(m: Message) -> tuple[float, ...]:
+    return *_vector(m.transform.translation), *_quaternion(m.transform.rotation)
+
+
+def _reference(rows: Array, b_T_s: Array | None) -> Array:
+    """Return poses in the columns of the truth; velocity and biases are not there."""
+    w_q, position = rows[:, 3:7], rows[:, :3]
+    if b_T_s is not None:
+        w_R_s = Rotation.from_quat(w_q, scalar_first=True)
+        b_T = np.linalg.inv(b_T_s)
+        position = position + w_R_s.apply(b_T[:3, 3])
+        w_q = (w_R_s * Rotation.from_matrix(b_T[:3, :3])).as_quat(scalar_first=True)
+    return np.hstack([position, w_q, np.full((len(rows), 9), np.nan)])
+
+
+def _is_reference(topic: str) -> bool:
+    return any(word in topic.lower().replace("_", "") for word in _REFERENCE_WORDS)
+
+
+def _driver_angles(rows: Array, b_T_s: Array | None) -> Array:
+    return np.radians(rows)
+
+
+def _quaternion_of_odometry(m: Message) -> tuple[float, ...]:
+    return _quaternion(m.pose.pose.orientation)
+
+
+def _stamped(m: Message) -> tuple[float, ...]:
+    return _quaternion(m.quaternion)
+
+
+def _stick(m: Message) -> tuple[float, ...]:
+    return *_vector(m.linear), m.angular.z
+
+
+def _from_millimetres(rows: Array, b_T_s: Array | None) -> Array:
+    return rows * 1e-3
+
+
+def _never(topic: str) -> bool:
+    return False
+
+
+_TRUTH = "state_groundtruth_estimate0"
+_POSE = "m, quaternion; body in the world"
+_LEVEL = "m/s forward and left, taken as level"
+_LEVELLED = "m/s in body axes, levelled by the attitude"
+_IMU, _ODOMETRY = "sensor_msgs/msg/Imu", "nav_msgs/msg/Odometry"
+_NAVDATA = "ardrone_autonomy/msg/Navdata"
+_GEOMETRY = "geometry_msgs/msg/"
+RULES: tuple[RosRule, ...] = (
+    RosRule("imu0", _IMU, _imu, _same, "rad/s, m/s²", is_mounted=True),
+    RosRule("sonar0", "sensor_msgs/msg/Range", _range, _same, "m along x", _range_limits, is_mounted=True),
+    RosRule("sonar0", _NAVDATA, lambda m: (m.altd,), _from_millimetres, "mm to m"),
+    RosRule("attitude0", f"{_GEOMETRY}QuaternionStamped", _stamped, _angles, "quaternion"),
+    RosRule("attitude0", _IMU, _imu_attitude, _angles, "quaternion"),
+    RosRule("attitude0", _ODOMETRY, _quaternion_of_odometry, _angles, "quaternion"),
+    RosRule("attitude0", _NAVDATA, lambda m: (m.rotX, m.rotY, m.rotZ), _driver_angles, "deg to rad"),
+    RosRule("velocity0", f"{_GEOMETRY}TwistStamped", _twist, _same, _LEVEL),
+    RosRule("velocity0", f"{_GEOMETRY}TwistWithCovarianceStamped", _twist, _same, _LEVEL),
+    RosRule("velocity0", _ODOMETRY, _odometry, _heading_velocity, _LEVELLED),
+    RosRule("velocity0", _NAVDATA, lambda m: (m.vx, m.vy), _from_millimetres, "mm/s to m/s"),
+    RosRule("command0", f"{_GEOMETRY}Twist", _stick, _same, "1; forward, left, up, yaw", is_certain=_never),
+    RosRule("battery0", "sensor_msgs/msg/BatteryState", lambda m: (m.voltage,), _same, "V"),
+    RosRule("gps0", "sensor_msgs/msg/NavSatFix", _position, _same, "deg, m above the ellipsoid"),
+    *(
+        RosRule(_TRUTH, kind, row, _reference, _POSE, is_certain=_is_reference)
+        for kind, row in (
+            (f"{_GEOMETRY}PoseStamped", _pose),
+            (f"{_GEOMETRY}PoseWithCovarianceStamped", _pose),
+            (f"{_GEOMETRY}TransformStamped", _transform),
+            (_ODOMETRY, _pose),
+        )
+    ),
+)
+"""The message types and what they become, in the order of preference."""
+
+IMAGE_KINDS = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+TRANSFORM_KINDS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
