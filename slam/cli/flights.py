@@ -24,12 +24,18 @@ _SHOWN = typer.Argument(
     help="A flight folder, a recording, a folder of photos, or a .g2o pose graph.",
     show_default=False,
 )
+_BAND = typer.Option(
+    metavar="NAME",
+    help="Band of a multispectral camera, such as green or nir; default: colour, else the largest.",
+    show_default=False,
+)
 
 
 def import_flight(
     source: Annotated[Path, _IMPORTED],
     out: Annotated[Path, FLIGHT_OUT],
     topic: Annotated[list[str] | None, TOPICS] = None,
+    band: Annotated[str | None, _BAND] = None,
     quiet: Annotated[bool, QUIET] = False,
 ) -> None:
     """Convert a recording or photos into a flight folder; pictures keep their names."""
@@ -39,7 +45,7 @@ def import_flight(
 
     screen = Screen(quiet)
     with screen.progress() as progress:
-        flight = import_source(source, progress, topics_of(topic))
+        flight = import_source(source, progress, topics_of(topic), band)
         write_flight(flight, out, progress)
     show(flight, screen)
     screen.files([out])

@@ -16,9 +16,9 @@ from slam.core.errors import InputError, explain
 from slam.core.version import VERSION
 from slam.experiments.registry import NAMES as EXPERIMENTS
 from slam.io.atomic import atomic_folder, is_working_folder
-from slam.io.files import read_bytes
+from slam.io.files import OUTPUT_MARKER, read_bytes
 
-MARKER_NAME = ".slam-output"
+MARKER_NAME = OUTPUT_MARKER
 """Hidden file of every output: the version of slam, and the names of the files that it wrote."""
 
 OPTIMIZE_NAMES = (

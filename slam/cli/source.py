@@ -57,11 +57,18 @@ def open_flight(
     return import_source(path, progress, topics), kind
 
 
-def import_source(path: Path, progress: Progress, topics: Mapping[str, str] | None = None) -> Flight:
-    """Import photos, a EuRoC recording or another one as a flight. Raises ``InputError``."""
+def import_source(
+    path: Path, progress: Progress, topics: Mapping[str, str] | None = None, band: str | None = None
+) -> Flight:
+    """Import photos, a EuRoC recording or another one as a flight.
+
+    ``band`` selects the photographs of a multispectral camera. Raises ``InputError``.
+    """
     kind = kind_of(path)
     if kind == "graph":
         raise InputError(f"{path}: a pose graph holds no flight; give a flight folder or a folder of photos")
+    if band is not None and kind != "photos":
+        raise InputError(f"--band: {path} is no folder of photographs; leave --band out")
     if kind == "recording":
         from slam.io.recordings.assemble import flight_of
         from slam.io.recordings.formats import open_recording
@@ -72,7 +79,7 @@ def import_source(path: Path, progress: Progress, topics: Mapping[str, str] | No
     if kind == "photos":
         from slam.io.photos import import_photos
 
-        return import_photos(path, progress)
+        return import_photos(path, progress, band)
     if (path / "flight.yaml").exists():
         raise InputError(f"{path}: is a flight folder already; use it as it is")
     from slam.io.euroc import import_euroc
@@ -99,7 +106,7 @@ def _refuse_output(path: Path) -> None:
 
 def _kind_of_folder(path: Path) -> Kind:
     from slam.io.euroc import is_euroc
-    from slam.io.photo_set import holds_photos
+    from slam.io.photo_search import holds_photos
 
     root = path.resolve().parent if path.resolve().name == "mav0" else path
     if (root / "mav0").is_dir():

@@ -20,6 +20,7 @@ from PIL.ExifTags import GPS, IFD, Base
 
 from slam.core.errors import InputError
 from slam.io.images import MAX_PIXELS
+from slam.io.lens_tags import LensTags, read_lens
 from slam.io.photo_position import PhotoPosition, read_position
 from slam.io.tag_values import number, numbers, positive, text
 from slam.io.tiff import MAGIC as TIFF_MAGIC
@@ -56,6 +57,12 @@ class PhotoTags:
     """Calibrated focal length at the original size."""
     dewarp: tuple[float, ...] | None = None
     """fx, fy, cx, cy (relative to the centre), k1, k2, p1, p2, k3 at the original size."""
+    lens: LensTags | None = None
+    """Calibration by Pix4D's names."""
+    lens_name: str = ""
+    """Which lens of the camera, if it has several."""
+    band: str = ""
+    """Part of the spectrum; empty if the tags do not contain it."""
     dewarped: bool = False
     """Whether the camera has already removed the distortion."""
     camera_time_ns: int | None = None
@@ -66,9 +73,10 @@ class PhotoTags:
     """Time of the satellites since 1970, UTC."""
     position: PhotoPosition = field(default_factory=PhotoPosition)
     gimbal: Angles | None = None
-    """Angles of DJI and Parrot: pitch 0 is the horizon, -90 straight down."""
+    """Angles of DJI, Parrot and Skydio: pitch 0 is the horizon, -90 straight down."""
     mount: Angles | None = None
-    """Angles of Pix4D: pitch 0 is straight down, +90 the horizon ahead."""
+    """Angles of Pix4D's names. By its definition pitch 0 is straight down and +90 the horizon ahead, but some
+    makers store the angles of the gimbal."""
     airframe: Angles | None = None
     """Attitude of the vehicle."""
     xmp_damaged: bool = False
@@ -147,6 +155,7 @@ def _camera(tags: dict[int, Any], xmp: Xmp) -> dict[str, Any]:
     per_unit = positive(tags.get(Base.FocalPlaneXResolution))
     dewarp = [number(v) for v in re.split(r"[,;\s]+", xmp.text("drone", "DewarpData"))[1:]]
     width, height = positive(tags.get(Base.ExifImageWidth)), positive(tags.get(Base.ExifImageHeight))
+    px_per_mm = per_unit / unit_mm if per_unit and unit_mm else None
     known = len(dewarp) >= 9 and all(v is not None for v in dewarp[:9])
     return {
         "make": text(tags.get(Base.Make)),
@@ -154,8 +163,13 @@ def _camera(tags: dict[int, Any], xmp: Xmp) -> dict[str, Any]:
         "original_size_px": (width, height) if width and height else None,
         "focal_mm": positive(tags.get(Base.FocalLength)),
         "focal_35mm": positive(tags.get(Base.FocalLengthIn35mmFilm)),
-        "sensor_px_per_mm": per_unit / unit_mm if per_unit and unit_mm else None,
-        "calibrated_focal_px": positive(xmp.text("drone", "CalibratedFocalLength")),
+        "sensor_px_per_mm": px_per_mm,
+        "calibrated_focal_px": positive(
+            xmp.text("drone", "CalibratedFocalLength", "CalibratedFocalLength.X")
+        ),
+        "lens": read_lens(xmp, px_per_mm),
+        "lens_name": text(xmp.text("drone", "CameraSensorModule") or xmp.text("camera", "RigCameraIndex")),
+        "band": text(xmp.text("camera", "BandName")),
         "dewarp": tuple(v for v in dewarp[:9] if v is not None) if known else None,
         "dewarped": bool(number(xmp.text("drone", "DewarpFlag"))),
         "xmp_damaged": xmp.damaged,
@@ -184,11 +198,13 @@ def _time(tags: dict[int, Any], gps: dict[int, Any]) -> dict[str, Any]:
 
 def _attitude_angles(xmp: Xmp) -> dict[str, Any]:
     return {
-        # Parrot has DJI's convention under other names.
+        # Parrot and Skydio have DJI's convention under other names.
         "gimbal": _angles(xmp, "drone", "GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree")
-        or _angles(xmp, "drone", "CameraYawDegree", "CameraPitchDegree", "CameraRollDegree"),
+        or _angles(xmp, "drone", "CameraYawDegree", "CameraPitchDegree", "CameraRollDegree")
+        or _angles(xmp, "drone", *(f"CameraOrientationNED.{name}" for name in ("Yaw", "Pitch", "Roll"))),
         "mount": _angles(xmp, "camera", "Yaw", "Pitch", "Roll"),
-        "airframe": _angles(xmp, "drone", "FlightYawDegree", "FlightPitchDegree", "FlightRollDegree"),
+        "airframe": _angles(xmp, "drone", "FlightYawDegree", "FlightPitchDegree", "FlightRollDegree")
+        or _angles(xmp, "drone", *(f"VehicleOrientationNED.{name}" for name in ("Yaw", "Pitch", "Roll"))),
     }
 
 

@@ -8,6 +8,14 @@ from pathlib import Path
 
 from slam.core.errors import InputError, one_line
 
+OUTPUT_MARKER = ".slam-output"
+"""Name of the file that marks a folder as an output of slam."""
+
+
+def shown(name: str) -> str:
+    r"""Return a file name as text that can be written and printed: bytes that are not UTF-8 become \xNN."""
+    return os.fsencode(name).decode("utf-8", "backslashreplace")
+
 
 def brief(text: object, limit: int = 200) -> str:
     """Return external text for a message: on one line, at most ``limit`` characters."""
@@ -23,9 +31,14 @@ def refusal(
     return InputError(f"{where}: {brief(what, 600)}; {brief(do, 400)}")
 
 
+def is_inside(path: Path, root: Path) -> bool:
+    """Return whether a path stays in ``root``, symbolic links and ``..`` resolved."""
+    return os.path.realpath(path).startswith(os.path.join(os.path.realpath(root), ""))
+
+
 def check_inside(path: Path, root: Path) -> None:
     """Refuse a path that leads out of ``root``, by a symbolic link or by ``..``. Raises ``InputError``."""
-    if not os.path.realpath(path).startswith(os.path.join(os.path.realpath(root), "")):
+    if not is_inside(path, root):
         raise refusal(path, f"leads out of the folder {root}", "copy the file into the folder")
 
 

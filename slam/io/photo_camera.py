@@ -1,10 +1,10 @@
 """Camera of a set of photographs, from their tags about lens and sensor.
 
-The sources in the order of their accuracy are the maker's calibration (``DewarpData``,
-``CalibratedFocalLength``), the focal length with the sensor's resolution, the focal length on 35 mm film, and
-an assumed field of view. Photographs are often scaled down after the flight without a change of these tags,
-so pixel counts refer to the original size. An orientation tag turns the view but not the intrinsics, which
-belong to the stored pixels.
+The sources in the order of their accuracy are the maker's calibration (``DewarpData``, the lens tags of
+Pix4D, ``CalibratedFocalLength``), the focal length with the sensor's resolution, the focal length on 35 mm
+film, and an assumed field of view. Photographs are often scaled down after the flight without a change of
+these tags, so pixel counts refer to the original size. An orientation tag turns the view but not the
+intrinsics, which belong to the stored pixels.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ import numpy as np
 
 from frontend.camera import Camera
 from slam.io.exif import PhotoTags
+from slam.io.lens_tags import radial_of_fisheye
 
 ASSUMED_VIEW_DEG = 65.0
 """Assumed field of view along the longer side without tags: that of a 28 mm lens on 35 mm film."""
 
 _FILM_DIAGONAL_MM = float(np.hypot(36, 24))
-_FOCAL_STD_RATIO = {"dewarp": 0.005, "calibrated": 0.01, "tags": 0.03, "assumed": 0.1}
+_FOCAL_STD_RATIO = {"dewarp": 0.005, "lens": 0.005, "calibrated": 0.01, "tags": 0.03, "assumed": 0.1}
 """Relative standard deviation of the focal length by source. CalibratedFocalLength is often the nominal value
 of the model, so it is less accurate than DewarpData.
 """
@@ -52,11 +53,13 @@ def photo_camera(photos: Sequence[PhotoTags]) -> tuple[Camera, tuple[str, ...]]:
         center_px=((width - 1) / 2, (height - 1) / 2),
         size_px=tags.size_px,
         focal_std_ratio=_FOCAL_STD_RATIO[best],
-        radial_std=0.01 if best == "dewarp" else 0.1,
+        radial_std=0.01 if best in ("dewarp", "lens") else 0.1,
     )
+    distortion = "; no lens distortion assumed"
     if best == "dewarp":
-        camera = _dewarped(camera, tags)
-    distortion = "" if best == "dewarp" else "; no lens distortion assumed"
+        camera, distortion = _dewarped(camera, tags), ""
+    elif best == "lens":
+        camera, distortion = _with_lens(camera, tags)
     return camera, (f"focal length {median.px:.1f} px {median.remark}{distortion}",)
 
 
@@ -70,6 +73,9 @@ def _focal(tags: PhotoTags) -> _Focal:
             candidates.append(
                 _Focal(fx * scale, "dewarp", f"from the maker's calibration (DewarpData){scaled}")
             )
+    if tags.lens is not None:
+        px = tags.lens.focal_px[0] * scale
+        candidates.append(_Focal(px, "lens", f"from the calibration of the lens in the tags{scaled}"))
     if tags.calibrated_focal_px:
         px = tags.calibrated_focal_px * scale
         candidates.append(_Focal(px, "calibrated", f"from the maker's CalibratedFocalLength{scaled}"))
@@ -129,4 +135,29 @@ def _dewarped(camera: Camera, tags: PhotoTags) -> Camera:
         focal_px=(fx * scale, fy * scale),
         center_px=(u + cx * scale, v + cy * scale),
         distortion=(0.0, 0.0, 0.0, 0.0) if tags.dewarped else tuple(distortion),
+    )
+
+
+def _with_lens(camera: Camera, tags: PhotoTags) -> tuple[Camera, str]:
+    """Return the camera with the calibration of ``LensTags``, and a remark about its distortion."""
+    assert tags.lens is not None
+    lens, (scale, _) = tags.lens, _scale(tags)
+    (fx, fy), center_px = lens.focal_px, camera.center_px
+    if lens.center_px is not None:
+        u, v = (c * scale - 0.5 for c in lens.center_px)
+        # A principal point outside the middle half is that of another size.
+        if all(0.25 < c / size < 0.75 for c, size in zip((u, v), camera.size_px, strict=True)):
+            center_px = u, v
+    camera = replace(camera, focal_px=(fx * scale, fy * scale), center_px=center_px)
+    if not lens.polynomial:
+        return replace(camera, distortion=lens.distortion), ""
+    radius_px = float(np.linalg.norm(camera.corners_px - center_px, axis=1).max())
+    found = radial_of_fisheye(lens, radius_px / scale)
+    if found is None:
+        remark = "; its fisheye is too wide for a pinhole camera: no distortion assumed"
+        return replace(camera, radial_std=0.1), remark
+    ratio, distortion, error_px = found
+    return (
+        replace(camera, focal_px=(fx * scale * ratio, fy * scale * ratio), distortion=distortion),
+        f"; its fisheye is described by radial distortion, with errors of up to {error_px * scale:.2f} px",
     )

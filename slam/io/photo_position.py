@@ -49,9 +49,9 @@ def read_position(gps: dict[int, Any], xmp: Xmp) -> PhotoPosition:
     """Return the position in Exif's GPS directory ``gps`` and the XMP packet."""
     faults: list[str] = []
     lat, lon = (
-        number(xmp.text("drone", "GpsLatitude", "GPSLatitude")),
+        number(xmp.text("drone", "GpsLatitude", "GPSLatitude", "Latitude")),
         # Older DJI cameras write the second name.
-        number(xmp.text("drone", "GpsLongitude", "GpsLongtitude", "GPSLongitude")),
+        number(xmp.text("drone", "GpsLongitude", "GpsLongtitude", "GPSLongitude", "Longitude")),
     )
     unsigned, letters = None, ""
     if lat is None or lon is None or (reason := _unusable(lat, lon)):
@@ -147,8 +147,9 @@ def _stated_std(gps: dict[int, Any], xmp: Xmp) -> tuple[float, float, float] | N
     """Return the standard deviations that the camera states: RTK's, Pix4D's, or Exif's horizontal error."""
     east, north, up = (_std(xmp.text("drone", f"RtkStd{axis}")) for axis in ("Lon", "Lat", "Hgt"))
     if east is None or north is None or up is None:
-        east = north = _std(xmp.text("camera", "GPSXYAccuracy"))
-        up = _std(xmp.text("camera", "GPSZAccuracy"))
+        # Skydio has the second names.
+        east = north = _std(xmp.text("camera", "GPSXYAccuracy") or xmp.text("drone", "GpsHorizontalAccuracy"))
+        up = _std(xmp.text("camera", "GPSZAccuracy") or xmp.text("drone", "GpsVerticalAccuracy"))
     if east is None or north is None or up is None:
         radius = _std(gps.get(GPS.GPSHPositioningError))
         if radius is None:

@@ -1,8 +1,7 @@
-"""Selection of the photographs of a flight: readable, of one camera, and looking down."""
+"""Selection of the photographs of a flight: readable, of one camera and band, and looking down."""
 
 from __future__ import annotations
 
-import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,10 +15,11 @@ from slam.core.progress import Progress
 from slam.io.exif import Angles, PhotoTags, read_tags
 from slam.io.files import refusal
 from slam.io.gimbal import body_from_gimbal, body_from_mount, tilt_deg
+from slam.io.photo_bands import band_of, chosen_band
+from slam.io.photo_search import find_photos
 
 Array = NDArray[np.float64]
 
-SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff"})
 MAX_TILT_DEG = 30.0
 """Largest angle between the optical axis and straight down. Photographs with a larger angle are left out."""
 
@@ -56,30 +56,24 @@ class PhotoSet:
     photos: tuple[Photo, ...]
     attitude: AttitudeSource | None
     remarks: tuple[str, ...]
-    """One line for each photograph left out and each assumption."""
+    """One line for each reason to leave photographs out, and for each assumption."""
 
 
-def holds_photos(folder: Path) -> bool:
-    """Return whether a folder or its subfolders contain a file with the suffix of a photograph."""
-    try:
-        return any(_is_photo(path) for path in folder.rglob("*"))
-    except OSError as error:
-        raise refusal(folder, f"cannot be read ({error.strerror})", "check its permissions") from None
+def select_photos(folder: Path, progress: Progress, band: str | None = None) -> PhotoSet:
+    """Return the usable photographs of a folder, of one band of a multispectral camera.
 
-
-def select_photos(folder: Path, progress: Progress) -> PhotoSet:
-    """Return the usable photographs of a folder.
-
-    Raises ``InputError`` if there is no folder, no photograph in it, or no usable one.
+    Raises ``InputError`` if there is no folder, no photograph in it, no usable one, or none of the ``band``.
     """
-    found, remarks = _find(folder)
-    left_out: dict[str, list[str]] = defaultdict(list)
-    photos = _read(found, left_out, progress)
-    source = next((s for s in _SOURCES if any(any(s.angles(p.tags) or ()) for p in photos)), None)
+    found = find_photos(folder)
+    left_out: dict[str, list[str]] = defaultdict(list, found.left_out)
+    photos = _read(found.photos, left_out, progress)
+    photos, band_remarks = _of_one_band(photos, band, left_out)
+    source = _attitude_source([photo.tags for photo in photos])
     photos = _down_looking([_with_attitude(photo, source) for photo in photos], left_out)
     photos = _of_one_camera(photos, left_out)
+    total = len(found.photos) + sum(map(len, found.left_out.values()))
     lines = tuple(
-        f"{len(names)} of {len(found)} photographs left out: {reason} ({listed(names)})"
+        f"{len(names)} of {total} photographs left out: {reason} ({listed(names)})"
         for reason, names in sorted(left_out.items())
     )
     if not photos:
@@ -92,37 +86,7 @@ def select_photos(folder: Path, progress: Progress) -> PhotoSet:
     else:
         attitude = f"attitude from {source.description}, good to {max(source.std_deg):g} degrees assumed"
         attitude += f"; {without} photographs without it" if without else ""
-    return PhotoSet(tuple(photos), source, (*remarks, *lines, attitude))
-
-
-def _find(folder: Path) -> tuple[list[tuple[str, Path]], tuple[str, ...]]:
-    """Return name and path of each photograph in natural order, and remarks about the search."""
-    if not folder.exists():
-        raise refusal(folder, "no such folder", "give the folder that holds the photographs")
-    if not folder.is_dir():
-        raise refusal(folder, "a file, not a folder of photographs", "unpack it if it is an archive")
-    try:
-        here = [path for path in folder.iterdir() if _is_photo(path)]
-        in_subfolders = [] if here else [path for path in folder.rglob("*") if _is_photo(path)]
-    except OSError as error:
-        raise refusal(folder, f"cannot be read ({error.strerror})", "check its permissions") from None
-    if not here and not in_subfolders:
-        kinds = ", ".join(sorted(SUFFIXES))
-        raise refusal(folder, "no photographs in it", f"give a folder that holds {kinds} files")
-    paths = sorted(here or in_subfolders, key=lambda path: _natural(str(path.relative_to(folder))))
-    same = Counter(path.name for path in paths)
-    named = [(p.name if same[p.name] == 1 else "_".join(p.relative_to(folder).parts), p) for p in paths]
-    remark = f"no photographs in the folder itself: the {len(in_subfolders)} in its subfolders are used"
-    return named, (remark,) if in_subfolders else ()
-
-
-def _is_photo(path: Path) -> bool:
-    return path.suffix.casefold() in SUFFIXES and not path.name.startswith(".") and not path.is_dir()
-
-
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Return a sort key that places IMG_9 before IMG_10."""
-    return [(int(part) if part.isdecimal() else -1, part.casefold()) for part in re.split(r"(\d+)", name)]
+    return PhotoSet(tuple(photos), source, (*found.remarks, *lines, *band_remarks, attitude))
 
 
 def _read(
@@ -133,7 +97,7 @@ def _read(
         progress("tags", k, len(found))
         try:
             if not name.isprintable():
-                name = name.encode("unicode_escape").decode()
+                name = name.encode("unicode_escape").decode()  # for the message
                 raise InputError("a control character in the file's name")
             if not path.is_file():
                 raise InputError("not a regular file")
@@ -144,20 +108,49 @@ def _read(
     return photos
 
 
-def _body_from_camera_tags(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Array:
-    # Some writers of Pix4D's names store the gimbal's pitch; no mapping camera looks straight back.
-    body = body_from_gimbal if pitch_deg < -60 else body_from_mount
-    return body(yaw_deg, pitch_deg, roll_deg)
+def _of_one_band(
+    photos: Sequence[Photo], wanted: str | None, left_out: dict[str, list[str]]
+) -> tuple[list[Photo], tuple[str, ...]]:
+    """Return the photographs of one band, and a remark if there are several."""
+    if not photos:
+        return [], ()
+    bands = [band_of(photo.name, photo.tags) for photo in photos]
+    chosen = chosen_band(bands, wanted)
+    for photo, band in zip(photos, bands, strict=True):
+        if band != chosen:
+            left_out[f"another band, {band}"].append(photo.name)
+    others = sorted(set(bands) - {chosen})
+    remark = f"band {chosen} is used; slam import --band reads another: {', '.join(others)}"
+    return [p for p, b in zip(photos, bands, strict=True) if b == chosen], (remark,) * bool(others)
 
 
+_GIMBAL = AttitudeSource("the gimbal's angles", lambda tags: tags.gimbal, body_from_gimbal, (2, 2, 5))
+_CAMERA = AttitudeSource("the camera's angles", lambda tags: tags.mount, body_from_mount, (2, 2, 5))
 _SOURCES = (
-    AttitudeSource("the gimbal's angles", lambda tags: tags.gimbal, body_from_gimbal, (2, 2, 5)),
-    AttitudeSource("the camera's angles", lambda tags: tags.mount, _body_from_camera_tags, (2, 2, 5)),
+    _GIMBAL,
+    _CAMERA,
     AttitudeSource(
         "the airframe's angles with a fixed camera", lambda tags: tags.airframe, body_from_mount, (5, 5, 10)
     ),
 )
 """Sources in the order of their accuracy. A kind that is zero in every photograph was not recorded."""
+
+
+def _attitude_source(tags: Sequence[PhotoTags]) -> AttitudeSource | None:
+    """Return the most accurate source that was recorded."""
+    source = next((s for s in _SOURCES if any(any(s.angles(t) or ()) for t in tags)), None)
+    if source is not _CAMERA:
+        return source
+    # Some makers store the gimbal's angles under Pix4D's names. All photographs of a set have one convention,
+    # the one by which more of them look down.
+    as_gimbal = replace(_CAMERA, w_R_b=body_from_gimbal)
+    down = {s: sum(_looks_down(s, t) for t in tags) for s in (as_gimbal, _CAMERA)}
+    return as_gimbal if down[as_gimbal] > down[_CAMERA] else _CAMERA
+
+
+def _looks_down(source: AttitudeSource, tags: PhotoTags) -> bool:
+    angles = source.angles(tags)
+    return angles is not None and tilt_deg(source.w_R_b(*angles)) <= MAX_TILT_DEG
 
 
 def _with_attitude(photo: Photo, source: AttitudeSource | None) -> Photo:
@@ -179,17 +172,19 @@ def _down_looking(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> li
 
 def _of_one_camera(photos: Sequence[Photo], left_out: dict[str, list[str]]) -> list[Photo]:
     """Return the largest group with one model, size and focal length; of equal groups the first by name."""
-    kinds = [((p.tags.make, p.tags.model), p.tags.size_px, p.tags.focal_mm) for p in photos]
+    kinds = [((p.tags.make, p.tags.model), p.tags.size_px, p.tags.focal_mm, p.tags.lens_name) for p in photos]
     most = Counter(kinds).most_common(1)
     kept = []
     for photo, kind in zip(photos, kinds, strict=True):
-        (_, model), size, focal_mm = most[0][0]
+        (_, model), size, focal_mm, _ = most[0][0]
         if kind == most[0][0]:
             kept.append(photo)
         elif kind[1] != size:
             left_out[f"another size than the {size[0]} x {size[1]} px of most"].append(photo.name)
         elif kind[0] != most[0][0][0]:
             left_out[f"another camera than the {model or 'nameless one'} of most"].append(photo.name)
+        elif kind[2] == focal_mm:
+            left_out["another lens of the camera than that of most"].append(photo.name)
         else:
             left_out[f"another focal length than the {focal_mm or '(unknown)'} mm of most"].append(photo.name)
     return kept

@@ -31,14 +31,15 @@ _BAROMETER_STD_M = 1.0
 _SECOND_NS = 10**9
 
 
-def import_photos(folder: str | Path, progress: Progress = silent) -> Flight:
-    """Read a folder of photographs; the pictures stay on disk until they are requested.
+def import_photos(folder: str | Path, progress: Progress = silent, band: str | None = None) -> Flight:
+    """Read the photographs in a folder and its subfolders.
 
-    Subfolders are searched only if the folder itself contains no photographs. Raises ``InputError`` if there
-    is no folder, no photograph in it, or no usable one.
+    The pictures stay on disk until they are requested. Of a multispectral camera one band is read: ``band``,
+    or colour, or the one with the most photographs.
+    Raises ``InputError`` if there is no folder, no photograph in it, or no usable one.
     """
     folder = Path(folder)
-    selection = select_photos(folder, progress)
+    selection = select_photos(folder, progress, band)
     photos, stamps_ns, time_remarks = _sort_by_time(selection.photos)
     epoch_ns = int(stamps_ns[0])
     stamps_s = (stamps_ns - epoch_ns) / _SECOND_NS

@@ -2,8 +2,8 @@
 
 ``drone`` is DJI's names (``drone-dji:GimbalYawDegree``) and those of makers that copy them under their own
 namespace. ``camera`` is Pix4D's names (``Camera:Yaw``), used by Parrot, senseFly, Autel, MicaSense and
-others. Values are attributes or elements; both are read. Source: Adobe, XMP Specification Part 1 (2012),
-section 7; Pix4D, "Specifications of xmp.camera tags".
+others. Values are attributes, elements, lists or members of structures; all are read. Source: Adobe, XMP
+Specification Part 1 (2012), section 7; Pix4D, "Specifications of xmp.camera tags".
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from defusedxml.ElementTree import fromstring
 Family = Literal["drone", "camera"]
 
 _LARGEST_BYTES = 1 << 20
+_LARGEST_DEPTH = 20
+_LIST_ITEM = "{http://www.w3.org/1999/02/22-rdf-syntax-ns#}li"
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,8 @@ class Xmp:
     """Values of one packet as text, by family and name."""
 
     values: dict[tuple[Family, str], str] = field(default_factory=dict)
+    """A member of a structure has the structure's name before its own: ``CameraOrientationNED.Yaw``. Items of
+    a list are joined by commas."""
     damaged: bool = False
     """Whether a packet was present but could not be read."""
 
@@ -47,16 +51,27 @@ def parse_xmp(packet: bytes) -> Xmp:
         root = fromstring(document, forbid_dtd=True)
     except (ParseError, DefusedXmlException, ValueError, LookupError):
         return Xmp(damaged=True)
-    return Xmp({(family, name): value for family, name, value in _named_values(root)})
+    return Xmp({(family, name): value for family, name, value in _named_values(root, "", 0)})
 
 
-def _named_values(root: Element) -> Iterator[tuple[Family, str, str]]:
-    for element in root.iter():
-        for tag, value in ((str(element.tag), element.text or ""), *element.attrib.items()):
-            uri, _, name = tag.removeprefix("{").rpartition("}")
-            family = _family(uri)
-            if family is not None and value.strip():
-                yield family, name, value
+def _named_values(element: Element, structure: str, depth: int) -> Iterator[tuple[Family, str, str]]:
+    """Yield the values inside an element; ``structure`` is the beginning of their names."""
+    for tag, value in element.attrib.items():
+        family, name = _split(tag)
+        if family is not None and value.strip():
+            yield family, structure + name, value
+    for child in element if depth < _LARGEST_DEPTH else ():
+        family, name = _split(str(child.tag))
+        items = [item.text or "" for item in child.iter(_LIST_ITEM)]
+        value = ",".join(items) if items else child.text or ""
+        if family is not None and value.strip():
+            yield family, structure + name, value
+        yield from _named_values(child, structure if family is None else f"{structure}{name}.", depth + 1)
+
+
+def _split(tag: str) -> tuple[Family | None, str]:
+    uri, _, name = tag.removeprefix("{").rpartition("}")
+    return _family(uri), name
 
 
 def _family(uri: str) -> Family | None:

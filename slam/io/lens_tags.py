@@ -1,0 +1,106 @@
+"""Calibration of a lens from Pix4D's tags, as Parrot's Sequoia and MicaSense's cameras write them.
+
+Source: Pix4D, "Specifications of xmp.camera tags" and "How are the internal camera parameters defined".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial.polynomial import polyval
+from numpy.typing import NDArray
+
+from slam.io.xmp import Xmp
+
+Array = NDArray[np.float64]
+
+_MAX_DISTORTION = 100.0
+_MAX_ANGLE = 0.8
+"""Largest angle from the axis, as a share of a right angle, for a pinhole with radial distortion."""
+_SAMPLES = 4000
+
+
+@dataclass(frozen=True)
+class LensTags:
+    """Calibration of a lens, in pixels of the original size."""
+
+    focal_px: tuple[float, float]
+    center_px: tuple[float, float] | None
+    """Position of the principal point from the outer corner of the first pixel; None if it is unknown."""
+    distortion: tuple[float, ...] = ()
+    """OpenCV's k1, k2, p1, p2, k3; empty for a fisheye lens."""
+    polynomial: tuple[float, ...] = ()
+    """Coefficients of a fisheye lens: radius in ``focal_px`` by powers of the angle from the axis [rad]."""
+
+
+def read_lens(xmp: Xmp, px_per_mm: float | None) -> LensTags | None:
+    """Return the calibration in the tags of a sensor with ``px_per_mm``; None if a part is missing."""
+    principal_mm = _numbers(xmp.text("camera", "PrincipalPoint"), 2)
+    center_px = None
+    if principal_mm is not None and px_per_mm is not None:
+        center_px = principal_mm[0] * px_per_mm, principal_mm[1] * px_per_mm
+    if xmp.text("camera", "ModelType").casefold() == "fisheye":
+        return _fisheye(xmp, center_px)
+    focal = _numbers(xmp.text("camera", "PerspectiveFocalLength"), 1)
+    radtan = _numbers(xmp.text("camera", "PerspectiveDistortion"), 5)
+    in_pixels = xmp.text("camera", "PerspectiveFocalLengthUnits").casefold() in ("px", "pixel", "pixels")
+    scale = 1.0 if in_pixels else px_per_mm
+    if focal is None or radtan is None or scale is None or focal[0] <= 0:
+        return None
+    if max(map(abs, radtan)) > _MAX_DISTORTION:
+        return None
+    k1, k2, k3, p1, p2 = radtan
+    return LensTags((focal[0] * scale, focal[0] * scale), center_px, (k1, k2, p1, p2, k3))
+
+
+def _fisheye(xmp: Xmp, center_px: tuple[float, float] | None) -> LensTags | None:
+    """Return a fisheye lens.
+
+    Pix4D's radius is a polynomial of the angle as a share of a right angle, and its affine matrix C, D, E, F
+    is in pixels. C and F are the scales; the shear D, E of a real lens is zero.
+    """
+    polynomial = _numbers(xmp.text("camera", "FisheyePolynomial"), 4)
+    affine = _numbers(xmp.text("camera", "FisheyeAffineMatrix"), 4)
+    if polynomial is None or affine is None or polynomial[1] <= 0 or min(affine[0], affine[3]) <= 0:
+        return None
+    if max(map(abs, polynomial)) > _MAX_DISTORTION:
+        return None
+    share_per_rad = 2 / np.pi
+    focal_px = affine[0] * polynomial[1] * share_per_rad, affine[3] * polynomial[1] * share_per_rad
+    by_angle = np.array(polynomial) * share_per_rad ** np.arange(4) / (polynomial[1] * share_per_rad)
+    return LensTags(focal_px, center_px, polynomial=tuple(by_angle.tolist()))
+
+
+def radial_of_fisheye(lens: LensTags, radius_px: float) -> tuple[float, tuple[float, ...], float] | None:
+    """Return a pinhole camera's description of a fisheye lens, up to ``radius_px`` from the principal point.
+
+    It consists of the factor on the focal length, OpenCV's distortion (k1, k2, p1, p2, k3) and the largest
+    error in pixels. Lengths refer to the original size. The result is None if the view is too wide.
+    """
+    focal_px = float(np.mean(lens.focal_px))
+    angle = np.linspace(0, _MAX_ANGLE * np.pi / 2, _SAMPLES)[1:]
+    recorded = polyval(angle, lens.polynomial)
+    within = recorded * focal_px < radius_px
+    if within.all() or (np.diff(recorded) <= 0)[within[1:]].any():
+        return None
+    inside = slice(int(np.argmin(within)) + 1)
+    powers = np.tan(angle[inside])[:, None] ** np.array([1, 3, 5, 7])
+    (ratio, *k), *_ = np.linalg.lstsq(powers, recorded[inside], rcond=None)
+    error_px = float(np.abs(powers @ [ratio, *k] - recorded[inside]).max()) * focal_px
+    k1, k2, k3 = (float(value / ratio) for value in k)
+    return float(ratio), (k1, k2, 0.0, 0.0, k3), error_px
+
+
+def _numbers(text: str, count: int) -> tuple[float, ...] | None:
+    """Return the first ``count`` numbers of a list such as "1.5,527/100"; None if one is not finite."""
+    try:
+        numbers = tuple(_number(part) for part in text.split(",")[:count])
+    except (ValueError, ZeroDivisionError):
+        return None
+    return numbers if len(numbers) == count and np.isfinite(numbers).all() else None
+
+
+def _number(text: str) -> float:
+    above, _, below = text.partition("/")
+    return float(above) / float(below or 1)

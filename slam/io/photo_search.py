@@ -1,0 +1,125 @@
+"""Search for the photographs in a folder and its subfolders."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from hashlib import blake2b
+from pathlib import Path
+
+from slam.io.files import OUTPUT_MARKER, is_inside, refusal, shown
+
+SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff"})
+NOT_READ = {
+    **dict.fromkeys((".heic", ".heif", ".avif", ".webp"), "convert them to JPEG with their tags"),
+    **dict.fromkeys(
+        (".dng", ".arw", ".cr2", ".cr3", ".nef", ".orf", ".raf", ".rw2", ".raw"),
+        "develop them to JPEG or TIFF with their tags",
+    ),
+}
+"""Suffixes of pictures of cameras that are not read, and what to do."""
+
+
+@dataclass(frozen=True)
+class FoundPhotos:
+    """Photographs of a folder."""
+
+    photos: tuple[tuple[str, Path], ...]
+    """Name and path of each, in the natural order of the names."""
+    left_out: dict[str, list[str]]
+    """Reason -> names of files that are not used."""
+    remarks: tuple[str, ...]
+
+
+def holds_photos(folder: Path) -> bool:
+    """Return whether a folder or its subfolders contain a photograph, of a kind that is read or not."""
+    return any(_suffix(path) in SUFFIXES | NOT_READ.keys() for path in _files(folder))
+
+
+def find_photos(folder: Path) -> FoundPhotos:
+    """Return the photographs in a folder and its subfolders, without hidden files, outputs of slam, links out
+    of the folder, and copies.
+
+    Raises ``InputError`` if there is no folder or no photograph in it.
+    """
+    if not folder.exists():
+        raise refusal(folder, "no such folder", "give the folder that holds the photographs")
+    if not folder.is_dir():
+        raise refusal(folder, "a file, not a folder of photographs", "unpack it if it is an archive")
+    files = sorted(_files(folder), key=lambda path: _natural(str(path.relative_to(folder))))
+    paths = [path for path in files if _suffix(path) in SUFFIXES]
+    others = [path for path in files if _suffix(path) in NOT_READ]
+    if not paths:
+        raise _no_photos(folder, others)
+    left_out: dict[str, list[str]] = defaultdict(list)
+    for path in others:
+        left_out[f"{_kind(path)} pictures are not read; {NOT_READ[_suffix(path)]}"].append(shown(path.name))
+    same = Counter(path.name for path in paths)
+    known: set[object] = set()
+    photos, below = [], 0
+    for path in paths:
+        inner = path.relative_to(folder)
+        name = shown(path.name if same[path.name] == 1 else "_".join(inner.parts))
+        if not is_inside(path, folder):
+            left_out["a link that leads out of the folder; copy the file into it"].append(name)
+        elif known & (marks := _marks(path, same[path.name] > 1)):
+            left_out["the same file as another photograph"].append(name)
+        else:
+            known |= marks
+            photos.append((name, path))
+            below += len(inner.parts) > 1
+    remarks = (f"{below} of {len(photos)} photographs are in subfolders",) if below else ()
+    return FoundPhotos(tuple(photos), left_out, remarks)
+
+
+def _files(folder: Path) -> Iterator[Path]:
+    """Yield all files that are not hidden; links to folders are not followed."""
+
+    def refuse(error: OSError) -> None:
+        raise refusal(error.filename or folder, f"cannot be read ({error.strerror})", "check its permissions")
+
+    for root, folders, names in os.walk(folder, onerror=refuse):
+        if OUTPUT_MARKER in names:
+            folders.clear()
+            continue
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        yield from (Path(root, name) for name in names if not name.startswith("."))
+
+
+def _marks(path: Path, compares_content: bool) -> set[object]:
+    """Return what two entries for one photograph have in common: the file itself, or equal content."""
+    try:
+        status = path.stat()
+        marks: set[object] = {(status.st_dev, status.st_ino)}
+        if compares_content and path.is_file():
+            marks.add(blake2b(path.read_bytes()).digest())
+    except OSError:
+        return set()  # the reader names the reason
+    return marks
+
+
+def _no_photos(folder: Path, others: list[Path]) -> Exception:
+    if not others:
+        return refusal(
+            folder, "no photographs in it", f"give a folder that holds {', '.join(sorted(SUFFIXES))} files"
+        )
+    kinds = Counter(_kind(path) for path in others)
+    what = ", ".join(f"{count} {kind}" for kind, count in sorted(kinds.items()))
+    do = " and ".join(dict.fromkeys(NOT_READ[_suffix(path)] for path in others))
+    return refusal(folder, f"its photographs are of kinds that are not read ({what})", do)
+
+
+def _kind(path: Path) -> str:
+    return _suffix(path)[1:].upper()
+
+
+def _suffix(path: Path) -> str:
+    return path.suffix.casefold()
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Return a sort key that places IMG_9 before IMG_10."""
+    return [(int(part) if part.isdecimal() else -1, part.casefold()) for part in re.split(r"(\d+)", name)]
