@@ -104,6 +104,18 @@ class BundleProblem:
         return np.asarray(self.camera.b_T_c @ rotation)
 
 
+@dataclass(frozen=True)
+class BundleOptimum:
+    """The solved graph of the last round."""
+
+    problem: BundleProblem
+    graph: gtsam.NonlinearFactorGraph
+    values: gtsam.Values
+    noise: NoiseLevels
+    used: NDArray[np.bool_]
+    """(m,) observations in the graph."""
+
+
 def start_values(problem: BundleProblem, w_T_b: Array, floor_z_m: float) -> gtsam.Values:
     """Return initial values: poses in units of the mean height, points at the mean intersections of rays."""
     tracks, camera = problem.tracks, problem.camera

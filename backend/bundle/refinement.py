@@ -37,6 +37,7 @@ from backend.bundle.factors import (
 from backend.bundle.graph import (
     WORLD,
     BundleConfig,
+    BundleOptimum,
     BundleProblem,
     NoiseLevels,
     ScalePrior,
@@ -88,6 +89,8 @@ class Bundle:
     dropped_observations: int
     error: float
     iterations: int
+    optimum: BundleOptimum
+    """The solved graph, for further tests of the solution."""
 
 
 def refine(
@@ -231,6 +234,7 @@ def _result(
         dropped_observations=int((~used).sum()),
         error=error,
         iterations=iterations,
+        optimum=BundleOptimum(problem, graph, values, noise, used),
     )
 
 

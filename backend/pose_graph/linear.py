@@ -20,15 +20,25 @@ def jacobian(
 
     Columns are sorted by key, or permuted to ``order`` (dimensions,).
     """
+    return linear_system(graph, values, order)[0]
+
+
+def linear_system(
+    graph: gtsam.NonlinearFactorGraph, values: gtsam.Values, order: Index | None = None
+) -> tuple[csc_array, NDArray[np.float64]]:
+    """Return the Jacobian, as `jacobian` does, and the right-hand side (rows,): minus the whitened errors."""
     row, column, value = np.asarray(graph.linearize(values).sparseJacobian_())
-    size = values.dim()
+    size, count = values.dim(), int(row.max())
     left = column <= size  # the last column is the right-hand side
+    right = np.zeros(count)
+    right[row[~left].astype(np.int64) - 1] = value[~left]
     at = column[left].astype(np.int64) - 1
     if order is not None:
         place = np.empty(size, dtype=np.int64)
         place[order] = np.arange(size)
         at = place[at]
-    return csc_array((value[left], (row[left].astype(np.int64) - 1, at)), shape=(int(row.max()), size))
+    matrix = csc_array((value[left], (row[left].astype(np.int64) - 1, at)), shape=(count, size))
+    return matrix, right
 
 
 def elimination_order(graph: gtsam.NonlinearFactorGraph, d: int) -> Index:

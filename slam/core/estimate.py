@@ -17,6 +17,7 @@ from slam.core.notebook import table_html, trajectory_svg
 from slam.core.units import length
 
 if TYPE_CHECKING:
+    from backend.bundle.systematic_errors import SystematicErrors
     from backend.pose_graph.certificate import Certificate
     from backend.pose_graph.solution import RangeErrors
 
@@ -100,6 +101,8 @@ class InstrumentErrors:
     accelerometer: AccelerometerErrors | None
     mount: MountTilt | None = None
     """None where the camera's mount was held at its nominal value."""
+    systematic: SystematicErrors | None = None
+    """Errors that all pictures or all positions share; None without any beyond chance."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

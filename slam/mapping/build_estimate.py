@@ -7,6 +7,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
+from backend.bundle.systematic_errors import SystematicErrors, systematic_errors
 from backend.measurements import RelativePose
 from backend.pose_graph.solution import Solution
 from slam.core.estimate import Estimate, InstrumentErrors, LoopVerdict, MountTilt
@@ -24,6 +25,7 @@ from slam.mapping.instrument_errors import accelerometer_errors, attitude_errors
 from slam.mapping.lift_edges import Edges
 from slam.mapping.map import Map
 from slam.mapping.refine import comparable
+from slam.mapping.systematic_warning import is_outside_covariances, systematic_warning
 
 Array = NDArray[np.float64]
 
@@ -48,10 +50,14 @@ def _loop_verdicts(
     return tuple(sorted(verdicts, key=lambda v: (v.i, v.j)))
 
 
-def _status(flight: Flight, stamps_s: Array, map_: Map, metric: bool) -> tuple[str, list[str]]:
+def _status(
+    flight: Flight, stamps_s: Array, map_: Map, metric: bool, shared: SystematicErrors | None
+) -> tuple[str, list[str]]:
     by_metres = metric or map_.georeferenced
     main = map_.of_main(map_.w_T_b)
-    warnings = [*map_.warnings, *contradictions(flight, stamps_s, main, by_metres)]
+    # First, because instruments contradict a map that a lens has bent.
+    bent = [_systematic_warning(map_, shared)] if is_outside_covariances(shared) else []
+    warnings = [*bent, *map_.warnings, *contradictions(flight, stamps_s, main, by_metres)]
     parts = int(map_.component.max(initial=-1)) + 1
     lost = int((map_.component < 0).sum())
     if parts > 1:
@@ -90,7 +96,8 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
     odometry = map_.odometry or map_
     assert flight.frames is not None
     metric = bool(edges.heights.metric[map_.component >= 0].all())
-    status, warnings = _status(flight, observations.stamps_s, map_, metric)
+    shared = systematic_errors(map_.bundle) if map_.bundle is not None else None
+    status, warnings = _status(flight, observations.stamps_s, map_, metric, shared)
     loops = _loop_verdicts(setup.config, observations, edges, solution)
     mount = mount_tilt(flight.camera, map_.bundle)
     chained = chain(
@@ -124,8 +131,8 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
             *flight.warnings,
             *describe(flight).anomalies,
             *missing_for_map(flight),
-            *_moving(observations),
-            *_instrument_warnings(context, map_, mount),
+            *_moving(observations, shared),
+            *_instrument_warnings(context, map_, mount, shared),
             *warnings,
             *solution.warnings,
         ),
@@ -134,6 +141,7 @@ def build_estimate(context: Context, map_: Map) -> Estimate:
             attitude_errors(flight, observations.stamps_s, map_.of_main(map_.w_T_b), not flight.parts),
             accelerometer_errors(map_.inertial, context.picture_delay_s),
             mount,
+            shared,
         ),
         scale_std=map_.bundle.scale_std if map_.bundle else None,
         range_errors=map_.bundle.range_errors if map_.bundle else None,
@@ -158,24 +166,39 @@ def _kept_edges(map_: Map) -> tuple[RelativePose, ...]:
     return (*kept, *map_.bridges)
 
 
-def _moving(observations: Observations) -> list[str]:
+def _moving(observations: Observations, shared: SystematicErrors | None) -> list[str]:
     """Report objects that move by themselves, if there are more than by chance."""
     if observations.moving <= MOVING_SHARE * observations.frames:
         return []
+    pictures = f"in {observations.moving} of {observations.frames} pictures"
+    if shared is not None and is_outside_covariances(shared) and "radial" in shared.coefficients:
+        return [
+            f"{pictures} some features do not move as the others do, which a lens distortion explains as "
+            "well as moving things; they are left out of the map"
+        ]
     return [
-        f"in {observations.moving} of {observations.frames} pictures something moves by itself, or the "
-        "pattern of the floor repeats; features on it are left out of the map"
+        f"{pictures} something moves by itself, or the pattern of the floor repeats; features on it are left "
+        "out of the map"
     ]
 
 
-def _instrument_warnings(context: Context, map_: Map, mount: MountTilt | None) -> list[str]:
+def _instrument_warnings(
+    context: Context, map_: Map, mount: MountTilt | None, shared: SystematicErrors | None
+) -> list[str]:
     lines = [mount_warning(mount), delay_warning(map_.inertial, context.picture_delay_s)]
     if not map_.georeferenced and not context.flight.parts:
         # Positions would have determined the slope of the ground.
         poses = map_.of_main(map_.w_T_b)
         tilt = attitude_floor_tilt(context.flight, map_.observations.stamps_s, poses)
         lines.insert(0, attitude_floor_tilt_warning(tilt))
+    if not is_outside_covariances(shared):
+        lines.append(_systematic_warning(map_, shared))
     return [line for line in lines if line]
+
+
+def _systematic_warning(map_: Map, shared: SystematicErrors | None) -> str:
+    height_m = float(np.nanmedian(map_.height_m[map_.component == 0]))
+    return systematic_warning(shared, map_.camera, height_m, map_.metric)
 
 
 def reason_kind(reason: str) -> str:

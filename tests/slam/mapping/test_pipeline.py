@@ -22,6 +22,7 @@ def test_a_normal_flight(seed):
     found = evaluate(estimate, flight)
     assert_whole(estimate)
     assert estimate.status == "ok"
+    assert estimate.instruments.systematic is None
     assert estimate.frames == len(flight.frames)
     assert 20 < len(estimate.stamps_s) < 45
     assert 2e-4 < found.ate_sim3_m.rmse < 1.5e-3

@@ -1,0 +1,210 @@
+"""Test of a refinement for errors that all pictures, or all positions, share: the lens, and an offset.
+
+Such an error leaves residuals that depend on the place in the picture alike in all pictures. Each kind is
+tested by its score: the gradient by its coefficients, with poses, points and world eliminated. A kind counts
+if its score is larger than noise explains, and if it moves the poses by more than their covariances state.
+
+Noise is not independent within a picture. The variance of the score is therefore the larger of the model's
+and of the spread between pictures, corrected for the correlation of successive pictures.
+
+Source: Rao 1948 (score test); Rao and Scott 1984, and Thomas and Rao 1987 (design effect and its F test).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from gtsam.symbol_shorthand import X as POSE
+from numpy.typing import NDArray
+from scipy.sparse import csc_array
+from scipy.stats import f as fisher
+
+from backend.bundle.factors import WORLD_SIZE
+from backend.bundle.noise import autocorrelated_std
+from backend.bundle.refinement import Bundle, metric_jacobians
+from backend.bundle.systematic_terms import Kind, added_columns
+from backend.pose_graph.linear import cholesky, linear_system
+
+Array = NDArray[np.float64]
+
+FALSE_ALARMS = 1e-3
+"""Probability that a map without such an error fails one of the tests."""
+_ROUNDING = 1e-9
+"""Share of a column's squares that elimination must leave: less is rounding, and the column is unobserved."""
+
+_DRAWS = 16
+"""Draws of noise that measure how much of it the fit absorbs: to 6 % with 16 pictures."""
+
+
+@dataclass(frozen=True)
+class SystematicErrors:
+    """Errors that the residuals of all pictures, or of all positions, share."""
+
+    coefficients: Mapping[Kind, tuple[float, ...]]
+    """The coefficients of each kind, the strongest evidence first: of the lens as in
+    `systematic_terms.lens_displacement`; of an offset, metres forward and left. One step of Gauss and Newton
+    finds them, so that large ones are rough."""
+    stds: Mapping[Kind, tuple[float, ...]]
+    """Their standard deviations."""
+    alternatives: tuple[Kind, ...]
+    """Other kinds that explain the residuals as well as the first."""
+    p_value: float
+    """Probability of the first kind's score without the error."""
+    excess: float
+    """Mean square by which the errors displace poses, over their covariances and six degrees of freedom. With
+    1, the squared errors of the poses are twice those that the covariances state."""
+    shift_m: float
+    """Root mean square by which they displace positions."""
+    tilt_rad: float
+    """The same for attitudes."""
+
+
+def systematic_errors(bundle: Bundle) -> SystematicErrors | None:
+    """Return the errors that the residuals show beyond chance; None without any or without covariances."""
+    known = np.isfinite(bundle.covariances).all(axis=(1, 2))
+    if not known.any():
+        return None
+    try:
+        scores, moved = _eliminate(bundle)
+    except RuntimeError:  # singular by rounding: nothing can be told of what is left
+        return None
+    evidence = scores.search()
+    if evidence is None:
+        return None
+    found = evidence.kinds
+    fit = scores.test(found, ())
+    by_pose = np.concatenate([moved[kind] for kind in found], axis=2)[known]
+    excess, shift, tilt = (
+        _mean_square(fit, by_pose, weight)
+        for weight in (np.linalg.pinv(bundle.covariances[known], hermitian=True) / 6, _POSITION, _ATTITUDE)
+    )
+    coefficients, stds = (
+        {kind: tuple(pair) for kind, pair in zip(found, values.reshape(-1, 2).tolist(), strict=True)}
+        for values in (fit.coefficients, np.sqrt(np.diag(fit.covariance)))
+    )
+    return SystematicErrors(
+        coefficients=coefficients,
+        stds=stds,
+        alternatives=evidence.alternatives,
+        p_value=evidence.p_value,
+        excess=excess,
+        shift_m=float(np.sqrt(shift)),
+        tilt_rad=float(np.sqrt(tilt)),
+    )
+
+
+@dataclass(frozen=True)
+class _Evidence:
+    """Kinds of errors that the tests have found."""
+
+    kinds: tuple[Kind, ...]
+    """The strongest first."""
+    alternatives: tuple[Kind, ...]
+    p_value: float
+
+
+@dataclass(frozen=True)
+class _Test:
+    p_value: float
+    coefficients: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class _Scores:
+    """Columns of each kind, with poses, points and world eliminated."""
+
+    columns: Mapping[Kind, Array]
+    """(rows, c)."""
+    left: Array
+    """(rows,) whitened residuals."""
+    white: Array
+    """(rows, d) the residuals of ``d`` draws of independent noise."""
+    picture: NDArray[np.int64]
+    """(rows,) number of the picture, 0..n-1."""
+
+    def test(self, kinds: Sequence[Kind], given: Sequence[Kind]) -> _Test:
+        """Test kinds together, after the elimination of those that are ``given``."""
+        column = np.hstack([self.columns[kind] for kind in kinds])
+        left = np.column_stack([self.left, self.white])
+        if given:
+            known = np.hstack([self.columns[kind] for kind in given])
+            both = np.hstack([column, left])
+            both -= known @ np.linalg.lstsq(known, both, rcond=None)[0]
+            column, left = both[:, : column.shape[1]], both[:, column.shape[1] :]
+        value, vector = np.linalg.eigh(column.T @ column)
+        observed = value > _ROUNDING * value[-1]
+        whiten = vector[:, observed] / np.sqrt(value[observed])
+        count = int(self.picture.max()) + 1
+        by_picture = csc_array((np.ones(len(left)), (self.picture, np.arange(len(left)))), (count, len(left)))
+        each = np.stack([by_picture @ (left * c[:, None]) for c in (column @ whiten).T], axis=2)
+        total = each[:, 0].sum(axis=0)
+        each -= each.mean(axis=0)
+        real, white = each[:, 0], each[:, 1:]
+        variance = float(np.mean(real**2) / np.mean(white**2))
+        # Successive pictures that err alike count as fewer.
+        alike = float(autocorrelated_std(real) ** 2 / max(np.mean(real**2), np.finfo(float).tiny))
+        effect, freedom = variance * alike, len(total) * (count - 1) / alike
+        statistic = float(total @ total) / (len(total) * effect)
+        p_value = float(fisher.sf(statistic, len(total), max(freedom, 1.0)))
+        return _Test(p_value, whiten @ total, whiten @ whiten.T * effect)
+
+    def search(self) -> _Evidence | None:
+        """Add one kind after the other, each tested with those before it; None if none is beyond chance."""
+        limit, found = FALSE_ALARMS / max(len(self.columns), 1), _Evidence((), (), 1.0)
+        while True:
+            left = [kind for kind in self.columns if kind not in found.kinds]
+            p_values = {kind: self.test([kind], found.kinds).p_value for kind in left}
+            best = min(p_values, key=p_values.__getitem__, default=None)
+            if best is None or p_values[best] >= limit:
+                return found if found.kinds else None
+            if not found.kinds:
+                others = tuple(
+                    kind
+                    for kind in left
+                    if kind != best and p_values[kind] < limit and self._equivalent(best, kind) >= limit
+                )
+                found = _Evidence((), others, p_values[best])
+            found = replace(found, kinds=(*found.kinds, best))
+
+    def _equivalent(self, one: Kind, other: Kind) -> float:
+        """Return the probability of what the better of two kinds leaves for the other to explain."""
+        return min(self.test([one], [other]).p_value, self.test([other], [one]).p_value)
+
+
+def _eliminate(bundle: Bundle) -> tuple[_Scores, Mapping[Kind, Array]]:
+    """Return the scores, and the displacements (n, 6, c) of metric poses by a unit of each coefficient."""
+    optimum = bundle.optimum
+    problem, values = optimum.problem, optimum.values
+    jacobian, left = linear_system(optimum.graph, values)
+    added = added_columns(optimum, jacobian, left)
+    factor = cholesky(csc_array(jacobian.T @ jacobian))
+    origin = np.zeros(3) if problem.measurements.positions else values.atPose3(POSE(0)).translation()
+    to_metres = metric_jacobians(problem, values, origin)
+    n = len(to_metres)
+    columns: dict[Kind, Array] = {}
+    moved: dict[Kind, Array] = {}
+    for kind, column in added.columns.items():
+        absorbed = factor.solve(np.asarray(jacobian.T @ column))
+        rest = column - jacobian @ absorbed
+        if (np.sum(rest**2, axis=0) <= _ROUNDING * np.sum(column**2, axis=0)).all():
+            continue
+        # By key: points, world, poses.
+        poses, world = absorbed[-6 * n :].reshape(n, 6, -1), absorbed[-6 * n - WORLD_SIZE : -6 * n]
+        columns[kind] = rest
+        moved[kind] = -to_metres @ np.concatenate([poses, np.repeat(world[None], n, axis=0)], axis=1)
+    white = np.random.default_rng(0).standard_normal((len(left), _DRAWS))
+    white -= jacobian @ factor.solve(np.asarray(jacobian.T @ white))
+    return _Scores(columns, left, white, added.keyframe), moved
+
+
+_ATTITUDE, _POSITION = np.diag([1.0, 1, 1, 0, 0, 0]), np.diag([0.0, 0, 0, 1, 1, 1])
+
+
+def _mean_square(fit: _Test, moved: Array, weight: Array) -> float:
+    """Return the mean of d' W d over poses displaced by d (n, 6, c), without the part that is noise."""
+    square = np.mean(np.swapaxes(moved, 1, 2) @ weight @ moved, axis=0)
+    by_noise = float(np.trace(square @ fit.covariance))
+    return max(float(fit.coefficients @ square @ fit.coefficients) - by_noise, 0.0)

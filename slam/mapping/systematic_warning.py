@@ -1,0 +1,82 @@
+"""Errors that all pictures or all positions share, in one sentence with their size and likely cause."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from backend.bundle.systematic_errors import SystematicErrors
+from backend.bundle.systematic_terms import Kind, lens_displacement
+from frontend.camera import Camera
+from slam.core.units import length
+
+_CERTAIN = 3.0
+"""Standard deviations from zero of a component that is told."""
+_PATTERN: Mapping[Kind, str] = {
+    "radial": "cam0: the residuals grow with the radius in the same way in all pictures",
+    "decentring": "cam0: the residuals depend on the place in the picture in the same way in all pictures",
+    "principal point": "cam0: the residuals are constant in the camera's axes in all pictures",
+    "position offset": "gps0: the positions differ from the pictures by a constant in the body's axes",
+}
+_CAUSE: Mapping[Kind, str] = {
+    "radial": "a lens distortion that is not declared",
+    "decentring": "a tangential distortion that is not declared",
+    "principal point": "a wrong principal point",
+    "position offset": "an antenna away from the camera, late positions, or a wrong principal point",
+}
+_ADVICE: Mapping[Kind, str] = {
+    "radial": "calibrate the camera and declare distortion_coefficients in cam0/sensor.yaml",
+    "decentring": "calibrate the camera and declare distortion_coefficients in cam0/sensor.yaml",
+    "principal point": "calibrate the camera and correct intrinsics in cam0/sensor.yaml",
+    "position offset": "calibrate the camera, and refer the positions to its place and its clock",
+}
+
+
+def is_outside_covariances(found: SystematicErrors | None) -> bool:
+    """Return whether the errors displace the poses by more than the map's covariances state."""
+    return found is not None and found.excess > 1.0
+
+
+def systematic_warning(found: SystematicErrors | None, camera: Camera, height_m: float, metric: bool) -> str:
+    """Return the errors in words; empty where they concern no position and the covariances include them.
+
+    ``camera`` is the one whose residuals were tested, ``height_m`` its typical height over the floor. Lengths
+    are metres if ``metric``.
+    """
+    if found is None:
+        return ""
+    outside = is_outside_covariances(found)
+    if not outside and "position offset" not in (*found.coefficients, *found.alternatives):
+        return ""
+    first = next(iter(found.coefficients))
+    terms = ", ".join(_term(kind, found, camera, height_m) for kind in found.coefficients)
+    causes = " or ".join(_CAUSE[kind] for kind in (first, *found.alternatives))
+    moved = f"about {length(found.shift_m, metric)} and {np.degrees(found.tilt_rad):.2g}°"
+    effect = (
+        f"it displaces poses by {moved}, more than their standard deviations state, and may cause the other "
+        "warnings"
+        if outside
+        else "the standard deviations include its effect"
+    )
+    return f"{_PATTERN[first]} ({terms}), likely by {causes}; {effect}; {_ADVICE[first]}"
+
+
+def _term(kind: Kind, found: SystematicErrors, camera: Camera, height_m: float) -> str:
+    """Return the term with its size: at the corner that it displaces most, or by component."""
+    coefficients = np.array(found.coefficients[kind])
+    if kind == "position offset":
+        each = zip(("forward", "left"), coefficients, found.stds[kind], strict=True)
+        sure = [f"{axis} {at:+.2f} ± {std:.1g} m" for axis, at, std in each if abs(at) > _CERTAIN * std]
+        alike_px = float(np.linalg.norm(coefficients)) / height_m * camera.focal_px[0]
+        return ", ".join([*sure, f"as much as {alike_px:.2g} px of the principal point"])
+    if kind == "principal point":
+        u, v = coefficients * camera.focal_px
+        return f"principal point off by {u:+.2g}, {v:+.2g} px"
+    corners = camera.rays(camera.undistort(camera.corners_px))[:, :2]
+    displaced = lens_displacement(kind, coefficients, corners) * camera.focal_px
+    largest = float(np.linalg.norm(displaced, axis=1).max())
+    if kind == "decentring":
+        return f"tangential terms: {largest:.2g} px at the corners"
+    inward = np.sum(displaced * corners) < 0
+    return f"radial terms r³ and r⁵: {largest:.2g} px {'inward' if inward else 'outward'} at the corners"

@@ -1,0 +1,144 @@
+"""Errors that all pictures or positions share: found with their size, and not found where there are none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import binom
+
+from backend.bundle.refinement import Bundle, refine
+from backend.bundle.systematic_errors import _eliminate, systematic_errors
+from backend.bundle.systematic_terms import LENS_KINDS, lens_displacement
+from tests.backend.made_floor import CAMERA, Made, Scene, aligned, make
+
+SONAR = Scene()
+SURVEY = Scene(
+    keyframes=20,
+    height_m=50.0,
+    relief=0.01,
+    tilt_std_rad=0.05,
+    pixel_std=0.03,
+    told_pixel_std=0.03,
+    attitude_std_rad=None,
+    range_std_m=None,
+    position_std_m=(0.02, 0.04),
+)
+SCENES = {
+    "sonar": SONAR,
+    "correlated pixels": replace(SONAR, pixel_colour=0.8),
+    "walls and relief": replace(SONAR, relief=0.02, walls=0.05),
+    "few pictures": replace(SONAR, keyframes=6),
+    "gps": replace(SURVEY, pixel_std=0.3, told_pixel_std=0.3, position_std_m=(1.0, 2.0)),
+}
+
+
+def solved(made: Made, **camera: object) -> Bundle:
+    measurements = replace(made.measurements, camera=replace(made.measurements.camera, **camera))
+    return refine(measurements, made.start, made.floor_z_m)
+
+
+@pytest.mark.parametrize(
+    ("name", "seeds"),
+    [
+        ("sonar", 12),
+        ("few pictures", 8),
+        *(pytest.param(name, 20, marks=pytest.mark.slow) for name in SCENES),
+    ],
+)
+def test_no_error_is_found_where_there_is_none(name: str, seeds: int) -> None:
+    """The tests fail as often as their level states, and none fails at the level that is used."""
+    p_values = []
+    for seed in range(seeds):
+        bundle = solved(make(SCENES[name], seed))
+        assert systematic_errors(bundle) is None
+        scores, _ = _eliminate(bundle)
+        p_values += [scores.test([kind], []).p_value for kind in LENS_KINDS]
+    low = np.sum(np.array(p_values) < 0.05)
+    assert low <= binom.ppf(0.999, len(p_values), 0.05)
+    assert np.median(p_values) > 0.2
+
+
+@pytest.mark.parametrize("k1", [-0.03, -0.1])
+def test_an_undeclared_distortion_is_found_with_its_size(k1: float) -> None:
+    bundle = solved(make(replace(SONAR, radial=k1), 0))
+    found = systematic_errors(bundle)
+    assert found is not None
+    assert list(found.coefficients) == ["radial"]
+    assert found.alternatives == ()
+    corner = np.array([CAMERA.center_px]) / CAMERA.focal_px
+    seen = lens_displacement("radial", np.array(found.coefficients["radial"]), corner)
+    true = lens_displacement("radial", np.array([k1, 0.0]), corner)
+    np.testing.assert_allclose(seen, true, rtol=0.2)
+    assert found.excess > 1.0
+
+
+def test_the_displacement_of_the_poses_is_that_of_the_map() -> None:
+    """The distortion alone makes the map's error: noise is small."""
+    scene = replace(SONAR, pixel_std=0.02, told_pixel_std=0.02, radial=-0.03, attitude_std_rad=None)
+    made = make(scene, 1)
+    found = systematic_errors(solved(made))
+    assert found is not None
+    off = aligned(solved(made).w_T_b, made.w_T_b)[:, :3, 3] - made.w_T_b[:, :3, 3]
+    assert found.shift_m == pytest.approx(np.sqrt(np.mean(np.sum(off**2, axis=1))), rel=0.5)
+
+
+def test_a_strong_distortion_is_found() -> None:
+    """Linearisation fails for its size, not for its presence."""
+    for seed in range(2):
+        found = systematic_errors(solved(make(replace(SONAR, radial=-0.3), seed)))
+        assert found is not None
+        assert next(iter(found.coefficients)) == "radial"
+        assert found.excess > 1.0
+
+
+def both_ways(made: Made) -> Made:
+    """The second half is flown backwards: an error in body axes is then none of the world."""
+    n = made.measurements.count
+    turn = np.tile(np.eye(4), (n, 1, 1))
+    turn[(n + 1) // 2 :, :3, :3] = Rotation.from_euler("z", np.pi).as_matrix()
+    b_T_c = made.measurements.camera.b_T_c
+    tracks = made.measurements.tracks
+    back = tracks.keyframe >= (n + 1) // 2
+    pixel = tracks.pixel.copy()
+    pixel[back] = 2 * np.array(CAMERA.center_px) - pixel[back]
+    assert np.allclose(b_T_c[:3, 3], 0.0)
+    measurements = replace(made.measurements, tracks=replace(tracks, pixel=pixel))
+    return replace(made, measurements=measurements, start=made.start @ turn, w_T_b=made.w_T_b @ turn)
+
+
+def test_an_antenna_away_from_the_body_is_found() -> None:
+    arm_m = np.array([0.33, 0.55, 0.0])
+    for seed in (0, 1):
+        made = both_ways(make(SURVEY, seed))
+        assert systematic_errors(solved(made)) is None
+        moved = tuple(
+            replace(p, w_p_b_m=p.w_p_b_m + made.w_T_b[p.k, :3, :3] @ arm_m)
+            for p in made.measurements.positions
+        )
+        found = systematic_errors(
+            solved(replace(made, measurements=replace(made.measurements, positions=moved)))
+        )
+        assert found is not None
+        assert next(iter(found.coefficients)) == "position offset"
+        off, std = (np.array(which["position offset"]) for which in (found.coefficients, found.stds))
+        assert (np.abs(off - arm_m[:2]) < 4 * std).all()
+        assert (std < 0.3).all()
+
+
+def test_a_wrong_principal_point_is_found() -> None:
+    shift_px = np.array([1.7, -1.2])
+    made = both_ways(make(SURVEY, 0))
+    found = systematic_errors(solved(made, center_px=tuple(CAMERA.center_px + shift_px)))
+    assert found is not None
+    assert next(iter(found.coefficients)) == "principal point"
+    off_px = np.array(found.coefficients["principal point"]) * CAMERA.focal_px
+    np.testing.assert_allclose(off_px, -shift_px, atol=0.3)
+    assert found.excess > 1.0
+
+
+def test_covariances_that_are_not_known_leave_nothing_to_compare() -> None:
+    bundle = solved(make(replace(SONAR, radial=-0.1), 0))
+    assert systematic_errors(replace(bundle, covariances=np.full_like(bundle.covariances, np.nan))) is None

@@ -1,0 +1,70 @@
+"""One sentence for the errors that all pictures share: pattern, size, likely cause, effect, next step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from backend.bundle.systematic_errors import SystematicErrors
+from frontend.camera import Camera
+from slam.mapping.systematic_warning import is_outside_covariances, systematic_warning
+
+CAMERA = Camera((1000.0, 1000.0), (499.5, 399.5), (1000, 800))
+RADIAL = SystematicErrors(
+    coefficients={"radial": (-0.1, 0.0)},
+    stds={"radial": (0.01, 0.01)},
+    alternatives=(),
+    p_value=1e-9,
+    excess=9.0,
+    shift_m=0.5,
+    tilt_rad=0.02,
+)
+OFFSET = replace(
+    RADIAL,
+    coefficients={"position offset": (0.3, -0.4), "principal point": (0.002, -0.001)},
+    stds={"position offset": (0.02, 0.2), "principal point": (1e-4, 1e-4)},
+    alternatives=("radial",),
+)
+
+
+def warning(found: SystematicErrors | None) -> str:
+    return systematic_warning(found, CAMERA, 50.0, True)
+
+
+def test_a_lens_is_told_with_its_size_at_the_corners() -> None:
+    """The corner lies at 0.64 focal lengths: 1000 px times 0.1 times its cube is 26 px."""
+    line = warning(RADIAL)
+    assert "cam0: the residuals grow with the radius in the same way in all pictures" in line
+    assert "26 px inward at the corners" in line
+    assert "0.50\N{NO-BREAK SPACE}m and 1.1°, more than their standard deviations state" in line
+    assert "distortion_coefficients in cam0/sensor.yaml" in line
+    assert "outward" in warning(replace(RADIAL, coefficients={"radial": (0.1, 0.0)}))
+
+
+def test_an_offset_is_told_with_all_its_causes() -> None:
+    line = warning(OFFSET)
+    assert line.startswith("gps0: the positions differ from the pictures by a constant in the body's axes")
+    assert "forward +0.30 ± 0.02 m" in line
+    assert "left" not in line
+    assert "as much as 10 px of the principal point" in line
+    assert "principal point off by +2, -1 px" in line
+    assert "an antenna away from the camera" in line
+    assert "or a lens distortion that is not declared" in line
+
+
+def test_an_error_inside_the_covariances_is_told_of_positions_alone() -> None:
+    assert is_outside_covariances(RADIAL)
+    small = replace(RADIAL, excess=0.9)
+    assert not is_outside_covariances(small)
+    assert not is_outside_covariances(None)
+    assert warning(small) == warning(None) == ""
+    assert "the standard deviations include its effect" in warning(replace(OFFSET, excess=0.9))
+
+
+@pytest.mark.parametrize("kind", ["decentring", "principal point"])
+def test_other_errors_of_the_lens_have_their_own_words(kind: str) -> None:
+    line = warning(replace(RADIAL, coefficients={kind: (0.001, 0.0)}, stds={kind: (1e-4, 1e-4)}))
+    assert line.startswith("cam0: ")
+    assert "in all pictures" in line
+    assert "px" in line

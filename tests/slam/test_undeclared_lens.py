@@ -1,0 +1,95 @@
+"""Flights and photographs whose lens is not the declared one: told with its cause, and never with "ok"."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from slam.cli.source import open_flight
+from slam.core.flight import Flight
+from slam.core.progress import silent
+from slam.mapping.pipeline import optimize
+from tests.slam.small_flight import flown, seeing
+from tests.slam.whole_job import normal
+
+WIDTH, HEIGHT = SIZE_PX = 176, 144
+RADIAL = "cam0: the residuals grow with the radius in the same way in all pictures"
+
+
+def undeclared(k1: float, seed: int = 0) -> Flight:
+    """The small flight through a lens with radial distortion, without a word of it."""
+    flight = flown(seed, camera={"distortion": [k1, 0.0, 0.0, 0.0]})
+    assert flight.camera is not None
+    return replace(flight, camera=replace(flight.camera, distortion=(0.0, 0.0, 0.0, 0.0)))
+
+
+def fisheye(view_deg: float, seed: int) -> Flight:
+    """The small flight through an equidistant fisheye, declared as a pinhole with that horizontal view."""
+    focal_px = WIDTH / 2 / np.tan(np.radians(view_deg) / 2)
+    wide_deg = 2 * np.degrees(np.hypot(WIDTH, HEIGHT) / 2 / focal_px)
+    flight = flown(seed, camera={"size_px": [700, 560], "horizontal_fov_deg": min(wide_deg, 119.0)})
+    camera, frames = flight.camera, flight.frames
+    assert camera is not None
+    assert frames is not None
+    center = np.array([WIDTH - 1, HEIGHT - 1]) / 2
+    offset = np.stack(np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT)), axis=-1) - center
+    radius = np.maximum(np.linalg.norm(offset, axis=-1, keepdims=True), 1e-9)
+    at = offset / radius * np.tan(radius / focal_px) * camera.focal_px[0] + camera.center_px
+    x, y = np.moveaxis(at.astype(np.float32), -1, 0)
+    told = replace(camera, focal_px=(focal_px, focal_px), center_px=tuple(center), size_px=SIZE_PX)
+    pictures = seeing(flight, lambda k: cv2.remap(frames.load(k), x, y, cv2.INTER_LINEAR))
+    return replace(pictures, camera=told)
+
+
+def test_an_undeclared_distortion_is_told_first() -> None:
+    estimate = optimize(undeclared(-0.3))
+    assert estimate.status.startswith(RADIAL)
+    assert "px inward at the corners), likely by a lens distortion that is not declared" in estimate.status
+    assert any(line.startswith(RADIAL) for line in estimate.warnings)
+    assert not any("something moves by itself" in line for line in estimate.warnings)
+    found = estimate.instruments.systematic
+    assert found is not None
+    assert found.excess > 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_a_moderate_distortion_is_told(seed: int) -> None:
+    assert RADIAL in optimize(undeclared(-0.1, seed)).status
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("view_deg", [64.0, 90.0, 110.0])
+def test_a_fisheye_that_is_declared_as_a_pinhole_is_told(view_deg: float) -> None:
+    estimate = optimize(fisheye(view_deg, 0))
+    assert RADIAL in estimate.status
+
+
+@pytest.mark.slow
+def test_a_lens_that_is_declared_is_no_error() -> None:
+    declared = optimize(flown(0, camera={"distortion": [-0.3, 0.0, 0.0, 0.0]}))
+    assert declared.status == "ok"
+    assert declared.instruments.systematic is None
+
+
+@pytest.mark.slow
+def test_no_false_alarm_over_twenty_flights() -> None:
+    assert [normal(seed)[1].instruments.systematic for seed in range(20)] == [None] * 20
+
+
+@pytest.mark.slow
+def test_positions_that_differ_by_a_constant_in_body_axes_are_told() -> None:
+    if "SLAM_DATA" not in os.environ:
+        pytest.skip("SLAM_DATA is not set: no measured photographs")
+    folder = Path(os.environ["SLAM_DATA"]) / "photos" / "isfm"
+    flight, _ = open_flight(folder, silent)
+    estimate = optimize(flight)
+    assert "more than their standard deviations state" in estimate.status
+    found = estimate.instruments.systematic
+    assert found is not None
+    assert found.excess > 1.0
